@@ -1,3 +1,7 @@
-//! Physical model, inference, link and simulated rig of the needle guide.
+//! Physical model, inference, session files, link and simulated rig of the needle guide.
+//!
+//! Dependencies point one way: the program `guide` calls workflows, workflows call inference, inference calls the
+//! forward [`model`]; everything else is a leaf. Inside the library every quantity is in SI units; names at the
+//! surfaces (files, options, results) carry their unit.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]

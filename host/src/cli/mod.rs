@@ -1,0 +1,51 @@
+//! The command line: one file per sub-command, and the conventions they share.
+//!
+//! * Results go to standard output (with `--json` exactly one JSON document), remarks and progress to standard error.
+//! * Exit code 0: done; 1: failed, with one line `error: ...` on standard error; 2: wrong use.
+//! * A reader that goes away (`guide ... | head`) ends the program without a word.
+//!
+//! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`]
+//! and one line in [`main`].
+
+mod identify;
+mod output;
+
+use clap::{Parser, Subcommand};
+use output::{Output, StdoutClosed};
+use std::process::ExitCode;
+
+/// Actuated needle guide: operate the rig, identify the tissue, predict the needle.
+#[derive(Parser)]
+#[command(name = "guide", version, subcommand_required = true, arg_required_else_help = true)]
+#[command(after_help = "Example:\n  guide identify phantom-a --json")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+
+    /// Print one JSON document instead of text
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+/// What `guide` can do.
+#[derive(Subcommand)]
+enum Command {
+    Identify(identify::Args),
+}
+
+/// Runs the sub-command named on the command line and turns its outcome into an exit code.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let mut out = Output::new(cli.json);
+    let outcome = match &cli.command {
+        Command::Identify(args) => identify::run(args, &mut out),
+    };
+    match outcome.and_then(|()| out.finish()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if error.is::<StdoutClosed>() => ExitCode::SUCCESS,
+        Err(error) => {
+            output::report(&error);
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Where a sub-command's words go: results to standard output, remarks to standard error.
+
+use serde::Serialize;
+use std::fmt::Display;
+use std::io::{self, BufWriter, ErrorKind, Stdout, Write};
+
+/// Standard output was closed by its reader, as `guide ... | head` does: no reason for a message.
+#[derive(Debug, thiserror::Error)]
+#[error("standard output is closed")]
+pub struct StdoutClosed;
+
+/// The two streams of a sub-command.
+pub struct Output {
+    json: bool,
+    stdout: BufWriter<Stdout>,
+}
+
+impl Output {
+    /// Streams of this process; `json` is the user's choice of form.
+    pub fn new(json: bool) -> Self {
+        Self { json, stdout: BufWriter::new(io::stdout()) }
+    }
+
+    /// Prints the result in the form the user asked for.
+    pub fn result(&mut self, result: &impl Serialize, text: impl Display) -> anyhow::Result<()> {
+        let written = if self.json {
+            serde_json::to_writer_pretty(&mut self.stdout, result)
+                .map_err(io::Error::from)
+                .and_then(|()| writeln!(self.stdout))
+        } else {
+            write!(self.stdout, "{text}")
+        };
+        written.map_err(closed)
+    }
+
+    /// Says something beside the result; a closed standard error is ignored.
+    pub fn note(&self, text: impl Display) {
+        let _ = writeln!(io::stderr(), "{text}");
+    }
+
+    /// Writes out what is still buffered.
+    pub fn finish(&mut self) -> anyhow::Result<()> {
+        self.stdout.flush().map_err(closed)
+    }
+}
+
+/// Prints an error and its causes as one line on standard error.
+pub fn report(error: &anyhow::Error) {
+    let line = format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ");
+    let _ = writeln!(io::stderr(), "error: {line}");
+}
+
+fn closed(error: io::Error) -> anyhow::Error {
+    if error.kind() == ErrorKind::BrokenPipe {
+        StdoutClosed.into()
+    } else {
+        anyhow::Error::new(error).context("cannot write to standard output")
+    }
+}
