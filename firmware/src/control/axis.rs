@@ -1,0 +1,175 @@
+//! The position loop of one axis: a lead-screw actuator with a potentiometer.
+//!
+//! The setpoint's speed is fed forward, the position error is fed back (proportional and integral). A brushed gear motor does
+//! not turn below a certain duty, so every wanted speed is mapped to a duty beyond that dead band. Once the setpoint stands
+//! still and the error is within [`SETTLE_UM`], the drive brakes and stays off until the error exceeds [`WAKE_UM`]: the
+//! screw holds by itself, and a drive that keeps chasing potentiometer noise only wears it out.
+
+use super::PERIOD_S;
+
+/// No-load speed at full duty, micrometres per second (Actuonix L16, 63:1).
+pub const FULL_SPEED_UM_S: f32 = 20_000.0;
+/// Duty below which the motor does not turn.
+pub const DEAD_BAND: f32 = 0.18;
+/// Error within which the axis counts as arrived, micrometres.
+pub const SETTLE_UM: f32 = 15.0;
+/// Error beyond which a resting axis drives again, micrometres: twice the noise of the filtered reading beyond [`SETTLE_UM`].
+pub const WAKE_UM: f32 = 45.0;
+/// Time within [`WAKE_UM`] after braking before the axis counts as settled, periods.
+const SETTLE_PERIODS: u16 = 100;
+
+/// Share of the new reading in the filtered position: a time constant of 8 periods.
+const FILTER_SHARE: f32 = 0.125;
+const PROPORTIONAL_PER_S: f32 = 12.0;
+const INTEGRAL_PER_S2: f32 = 20.0;
+/// Most that the integral may ask for, micrometres per second: enough for a dead band that is larger than assumed.
+const INTEGRAL_LIMIT_UM_S: f32 = 3_000.0;
+
+/// Where an axis should be and how fast its setpoint moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setpoint {
+    /// Position, micrometres.
+    pub position_um: f32,
+    /// Speed, micrometres per second; 0 once the target is reached.
+    pub speed_um_s: f32,
+}
+
+/// State of one axis.
+#[derive(Debug, Clone)]
+pub struct Axis {
+    filtered_um: Option<f32>,
+    integral_um_s: f32,
+    resting: bool,
+    quiet_periods: u16,
+}
+
+impl Axis {
+    /// An axis at rest.
+    #[expect(clippy::new_without_default, reason = "`Axis::new()` says more at its only use")]
+    pub fn new() -> Self {
+        Self { filtered_um: None, integral_um_s: 0.0, resting: false, quiet_periods: 0 }
+    }
+
+    /// Takes the position of this period, micrometres.
+    pub fn measure(&mut self, position_um: f32) {
+        let filtered = self.filtered_um.get_or_insert(position_um);
+        *filtered += FILTER_SHARE * (position_um - *filtered);
+    }
+
+    /// Filtered position, micrometres.
+    pub fn position_um(&self) -> f32 {
+        self.filtered_um.unwrap_or(0.0)
+    }
+
+    /// The drive has been off long enough at the setpoint.
+    pub fn is_settled(&self) -> bool {
+        self.quiet_periods >= SETTLE_PERIODS
+    }
+
+    /// Forgets the loop's history: no program drives the axis.
+    pub fn rest(&mut self) {
+        self.integral_um_s = 0.0;
+        self.resting = false;
+        self.quiet_periods = 0;
+    }
+
+    /// Duty for this period, -1 to 1; 0 brakes.
+    pub fn duty(&mut self, setpoint: Setpoint) -> f32 {
+        let error_um = setpoint.position_um - self.position_um();
+        if setpoint.speed_um_s != 0.0 {
+            self.resting = false;
+        } else if error_um.abs() < SETTLE_UM {
+            self.resting = true;
+        } else if error_um.abs() > WAKE_UM {
+            self.resting = false;
+        }
+        if self.resting {
+            self.integral_um_s = 0.0;
+            self.quiet_periods = self.quiet_periods.saturating_add(1);
+            return 0.0;
+        }
+        self.quiet_periods = 0;
+        let wanted_um_s = setpoint.speed_um_s + PROPORTIONAL_PER_S * error_um + self.integral_um_s;
+        let duty = duty_for_speed(wanted_um_s);
+        // Anti-wind-up: integrate only while the actuator can follow.
+        if duty.abs() < 1.0 {
+            self.integral_um_s = (self.integral_um_s + INTEGRAL_PER_S2 * error_um * PERIOD_S)
+                .clamp(-INTEGRAL_LIMIT_UM_S, INTEGRAL_LIMIT_UM_S);
+        }
+        duty
+    }
+}
+
+/// Duty that gives a speed, beyond the dead band, limited to -1..1.
+fn duty_for_speed(speed_um_s: f32) -> f32 {
+    if speed_um_s == 0.0 {
+        return 0.0;
+    }
+    let share = (speed_um_s.abs() / FULL_SPEED_UM_S).min(1.0);
+    (DEAD_BAND + (1.0 - DEAD_BAND) * share).copysign(speed_um_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// An actuator whose dead band and speed differ from what the loop assumes.
+    struct Actuator {
+        position_um: f32,
+        dead_band: f32,
+        full_speed_um_s: f32,
+    }
+
+    impl Actuator {
+        fn step(&mut self, duty: f32) {
+            let share = ((duty.abs() - self.dead_band) / (1.0 - self.dead_band)).max(0.0);
+            self.position_um += share.copysign(duty) * self.full_speed_um_s * PERIOD_S;
+        }
+    }
+
+    fn arrive(mut actuator: Actuator, target_um: f32, noise_um: f32) -> (f32, usize, usize) {
+        let mut axis = Axis::new();
+        let (mut periods, mut drives_after_settling) = (0, 0);
+        for period in 0..5_000_u32 {
+            let noise = noise_um * ((period.wrapping_mul(2_654_435_761) >> 16) as f32 / 32_768.0 - 1.0);
+            axis.measure(actuator.position_um + noise);
+            let duty = axis.duty(Setpoint { position_um: target_um, speed_um_s: 0.0 });
+            actuator.step(duty);
+            if !axis.is_settled() {
+                periods = period as usize;
+            } else if duty != 0.0 {
+                drives_after_settling += 1;
+            }
+        }
+        (actuator.position_um, periods, drives_after_settling)
+    }
+
+    #[test]
+    fn arrives_with_an_actuator_unlike_the_assumed_one_and_does_not_hunt() {
+        for (dead_band, full_speed_um_s) in [(0.05, 25_000.0), (0.18, 20_000.0), (0.30, 12_000.0)] {
+            for target_um in [-6_000.0, -200.0, 50.0, 1_200.0, 6_000.0] {
+                let actuator = Actuator { position_um: 0.0, dead_band, full_speed_um_s };
+                let (position_um, periods, drives) = arrive(actuator, target_um, 20.0);
+                assert!((position_um - target_um).abs() < WAKE_UM, "{position_um} for {target_um}");
+                assert!(periods < 2_500, "{periods} periods for {target_um}");
+                assert_eq!(drives, 0, "hunts at {target_um}");
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn duty_stays_within_its_limits(
+            positions in prop::collection::vec(-1e9_f32..1e9, 1..200),
+            target_um in -1e9_f32..1e9, speed_um_s in -1e9_f32..1e9,
+        ) {
+            let mut axis = Axis::new();
+            for position_um in positions {
+                axis.measure(position_um);
+                let duty = axis.duty(Setpoint { position_um: target_um, speed_um_s });
+                prop_assert!((-1.0..=1.0).contains(&duty));
+            }
+        }
+    }
+}

@@ -1,0 +1,299 @@
+//! Motion programs: a list of steps that the device runs by itself, so that timing does not depend on the host or the link.
+//!
+//! A move's setpoint travels in a straight line at constant speed, both axes arriving together; the step ends when both axes
+//! have settled. Each later move starts from the target before it, not from where noise says the guide is.
+
+use super::PERIOD_US;
+use super::axis::Setpoint;
+use protocol::{MAX_STEPS, Refusal, Step};
+
+/// Fastest path that a step may ask for, micrometres per second: the actuator's speed with some left for the loop.
+pub const SPEED_LIMIT_UM_S: u32 = 10_000;
+/// Longest hold or tare, milliseconds.
+pub const DURATION_LIMIT_MS: u32 = 3_600_000;
+/// Time beyond one and a half times the path's own that a move may take to settle, microseconds.
+const SETTLE_LIMIT_US: u64 = 3_000_000;
+
+/// What the executor is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Nothing.
+    Idle,
+    /// Waiting for the start time.
+    Pending,
+    /// Running a move.
+    Moving,
+    /// Running a hold.
+    Holding,
+    /// Running a tare.
+    Taring,
+}
+
+/// What happened in one period.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// This step ended.
+    pub ended: Option<u8>,
+    /// This step started.
+    pub started: Option<u8>,
+    /// The step that ended was a tare.
+    pub tare_finished: bool,
+    /// The last step ended.
+    pub completed: bool,
+    /// A move has not settled in time.
+    pub timed_out: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Path {
+    from_um: [f32; 2],
+    to_um: [f32; 2],
+    duration_us: f32,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Activity {
+    Idle,
+    Pending { start_us: u64 },
+    Running { index: u8, step: Step, since_us: u64 },
+}
+
+/// Holds the loaded program and runs it.
+#[derive(Debug)]
+pub struct Executor {
+    steps: [Step; MAX_STEPS],
+    count: u8,
+    activity: Activity,
+    path: Option<Path>,
+    setpoint: Option<[Setpoint; 2]>,
+}
+
+impl Executor {
+    /// No program.
+    #[expect(clippy::new_without_default, reason = "`Executor::new()` says more at its only use")]
+    pub fn new() -> Self {
+        Self {
+            steps: [Step::Hold { duration_ms: 0 }; MAX_STEPS],
+            count: 0,
+            activity: Activity::Idle,
+            path: None,
+            setpoint: None,
+        }
+    }
+
+    /// Stores one step.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] while a program waits or runs; [`Refusal::OutOfTravel`], [`Refusal::OutOfRange`] for a step that could
+    /// not be run.
+    pub fn load(&mut self, index: u8, step: Step, travel_um: i32) -> Result<(), Refusal> {
+        if !matches!(self.activity, Activity::Idle) {
+            return Err(Refusal::Busy);
+        }
+        let within = |value: u32, limit: u32| if (1..=limit).contains(&value) { Ok(()) } else { Err(Refusal::OutOfRange) };
+        match step {
+            Step::Move { x_um, y_um, speed_um_s } => {
+                let travel = -travel_um..=travel_um;
+                if !travel.contains(&x_um) || !travel.contains(&y_um) {
+                    return Err(Refusal::OutOfTravel);
+                }
+                within(speed_um_s, SPEED_LIMIT_UM_S)?;
+            }
+            Step::Hold { duration_ms } | Step::Tare { duration_ms } => within(duration_ms, DURATION_LIMIT_MS)?,
+        }
+        *self.steps.get_mut(usize::from(index)).ok_or(Refusal::OutOfRange)? = step;
+        Ok(())
+    }
+
+    /// Starts the first `count` loaded steps at `start_us` (0: now).
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`], [`Refusal::OutOfRange`], [`Refusal::ProgramMismatch`], [`Refusal::TooLate`].
+    pub fn run(&mut self, count: u8, crc: u32, start_us: u64, now_us: u64) -> Result<(), Refusal> {
+        if !matches!(self.activity, Activity::Idle) {
+            return Err(Refusal::Busy);
+        }
+        let steps = self.steps.get(..usize::from(count)).filter(|steps| !steps.is_empty());
+        let steps = steps.ok_or(Refusal::OutOfRange)?;
+        if protocol::program_crc(steps) != crc {
+            return Err(Refusal::ProgramMismatch);
+        }
+        if start_us != 0 && start_us <= now_us {
+            return Err(Refusal::TooLate);
+        }
+        self.count = count;
+        self.activity = Activity::Pending { start_us };
+        Ok(())
+    }
+
+    /// Ends whatever waits or runs; true if there was something.
+    pub fn abort(&mut self) -> bool {
+        let active = !matches!(self.activity, Activity::Idle);
+        self.activity = Activity::Idle;
+        self.path = None;
+        self.setpoint = None;
+        active
+    }
+
+    /// Index of the step that runs.
+    pub fn index(&self) -> Option<u8> {
+        match self.activity {
+            Activity::Running { index, .. } => Some(index),
+            _ => None,
+        }
+    }
+
+    /// What the executor is doing.
+    pub fn phase(&self) -> Phase {
+        match self.activity {
+            Activity::Idle => Phase::Idle,
+            Activity::Pending { .. } => Phase::Pending,
+            Activity::Running { step: Step::Move { .. }, .. } => Phase::Moving,
+            Activity::Running { step: Step::Hold { .. }, .. } => Phase::Holding,
+            Activity::Running { step: Step::Tare { .. }, .. } => Phase::Taring,
+        }
+    }
+
+    /// Where the axes should be; `None` while nothing has to be driven.
+    pub fn setpoint(&self) -> Option<[Setpoint; 2]> {
+        self.setpoint
+    }
+
+    /// Goes on by one period. `settled`: both axes rest at their setpoints.
+    pub fn advance(&mut self, now_us: u64, settled: bool, position_um: [f32; 2]) -> Progress {
+        let mut progress = Progress::default();
+        match self.activity {
+            Activity::Idle => {}
+            Activity::Pending { start_us } if now_us >= start_us => {
+                self.begin(0, now_us, position_um);
+                progress.started = Some(0);
+            }
+            Activity::Pending { .. } => {}
+            Activity::Running { index, step, since_us } => {
+                let elapsed_us = now_us.saturating_sub(since_us);
+                let done = match step {
+                    Step::Move { .. } => self.follow(elapsed_us, settled, &mut progress),
+                    Step::Hold { duration_ms } | Step::Tare { duration_ms } => {
+                        elapsed_us >= u64::from(duration_ms) * 1_000
+                    }
+                };
+                if done {
+                    self.finish(index, step, now_us, position_um, &mut progress);
+                }
+            }
+        }
+        progress
+    }
+
+    /// Moves the setpoint along the path; true when the axes have settled at its end.
+    fn follow(&mut self, elapsed_us: u64, settled: bool, progress: &mut Progress) -> bool {
+        let Some(path) = self.path else { return true };
+        let elapsed = elapsed_us as f32;
+        let arrived = elapsed >= path.duration_us;
+        let share = if arrived { 1.0 } else { elapsed / path.duration_us };
+        self.setpoint = Some([0, 1].map(|axis| {
+            let (from, to) = (path.from_um[axis], path.to_um[axis]);
+            let speed_um_s = if arrived { 0.0 } else { (to - from) / (path.duration_us * 1e-6) };
+            Setpoint { position_um: from + share * (to - from), speed_um_s }
+        }));
+        progress.timed_out = elapsed_us > (1.5 * path.duration_us) as u64 + SETTLE_LIMIT_US;
+        // The axes' own state lags by a period: a path that is over at once must not pass for settled.
+        arrived && settled && elapsed_us >= 2 * u64::from(PERIOD_US)
+    }
+
+    fn finish(&mut self, index: u8, step: Step, now_us: u64, position_um: [f32; 2], progress: &mut Progress) {
+        progress.ended = Some(index);
+        progress.tare_finished = matches!(step, Step::Tare { .. });
+        let next = index + 1;
+        if next < self.count {
+            self.begin(next, now_us, position_um);
+            progress.started = Some(next);
+        } else {
+            self.abort();
+            progress.completed = true;
+        }
+    }
+
+    fn begin(&mut self, index: u8, now_us: u64, position_um: [f32; 2]) {
+        let step = self.steps[usize::from(index)];
+        if let Step::Move { x_um, y_um, speed_um_s } = step {
+            let from_um = self.setpoint.map_or(position_um, |axes| axes.map(|axis| axis.position_um));
+            let to_um = [x_um as f32, y_um as f32];
+            let length_um = libm::hypotf(to_um[0] - from_um[0], to_um[1] - from_um[1]);
+            self.path = Some(Path { from_um, to_um, duration_us: length_um / speed_um_s as f32 * 1e6 });
+            // The first setpoint is the start itself, standing: the path begins with the next period.
+            self.setpoint = Some(from_um.map(|position_um| Setpoint { position_um, speed_um_s: 0.0 }));
+        }
+        self.activity = Activity::Running { index, step, since_us: now_us };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TRAVEL_UM: i32 = 10_000;
+
+    fn loaded(steps: &[Step]) -> Executor {
+        let mut executor = Executor::new();
+        for (index, step) in steps.iter().enumerate() {
+            executor.load(index as u8, *step, TRAVEL_UM).unwrap();
+        }
+        executor.run(steps.len() as u8, protocol::program_crc(steps), 0, 0).unwrap();
+        executor
+    }
+
+    #[test]
+    fn both_axes_arrive_together_at_the_asked_speed() {
+        let mut executor = loaded(&[Step::Move { x_um: 3_000, y_um: 4_000, speed_um_s: 1_000 }]);
+        executor.advance(0, false, [0.0; 2]);
+        executor.advance(2_500_000, false, [0.0; 2]);
+        let [x, y] = executor.setpoint().unwrap();
+        assert!((x.position_um - 1_500.0).abs() < 1.0 && (y.position_um - 2_000.0).abs() < 1.0);
+        assert!((x.speed_um_s - 600.0).abs() < 0.1 && (y.speed_um_s - 800.0).abs() < 0.1);
+        executor.advance(5_000_000, false, [0.0; 2]);
+        assert_eq!(executor.setpoint().unwrap()[1], Setpoint { position_um: 4_000.0, speed_um_s: 0.0 });
+        assert!(executor.advance(5_001_000, true, [0.0; 2]).completed);
+        assert_eq!(executor.phase(), Phase::Idle);
+    }
+
+    #[test]
+    fn a_move_that_never_settles_times_out() {
+        let mut executor = loaded(&[Step::Move { x_um: 0, y_um: 1_000, speed_um_s: 1_000 }]);
+        executor.advance(0, false, [0.0; 2]);
+        assert!(!executor.advance(4_400_000, false, [0.0; 2]).timed_out);
+        assert!(executor.advance(4_600_000, false, [0.0; 2]).timed_out);
+    }
+
+    #[test]
+    fn steps_follow_each_other_without_a_period_lost() {
+        let mut executor = loaded(&[Step::Hold { duration_ms: 2 }, Step::Tare { duration_ms: 1 }]);
+        assert_eq!(executor.advance(10_000, false, [0.0; 2]).started, Some(0));
+        assert_eq!(executor.advance(11_000, false, [0.0; 2]), Progress::default());
+        let change = executor.advance(12_000, false, [0.0; 2]);
+        assert_eq!((change.ended, change.started, change.tare_finished), (Some(0), Some(1), false));
+        let end = executor.advance(13_000, false, [0.0; 2]);
+        assert_eq!((end.ended, end.completed, end.tare_finished), (Some(1), true, true));
+    }
+
+    #[test]
+    fn refuses_what_cannot_be_run() {
+        let mut executor = Executor::new();
+        let hold = Step::Hold { duration_ms: 5 };
+        let far = Step::Move { x_um: 0, y_um: TRAVEL_UM + 1, speed_um_s: 100 };
+        let still = Step::Move { x_um: 0, y_um: 0, speed_um_s: 0 };
+        assert_eq!(executor.load(0, far, TRAVEL_UM), Err(Refusal::OutOfTravel));
+        assert_eq!(executor.load(0, still, TRAVEL_UM), Err(Refusal::OutOfRange));
+        assert_eq!(executor.load(0, Step::Tare { duration_ms: 0 }, TRAVEL_UM), Err(Refusal::OutOfRange));
+        assert_eq!(executor.load(MAX_STEPS as u8, hold, TRAVEL_UM), Err(Refusal::OutOfRange));
+        assert_eq!(executor.load(0, hold, TRAVEL_UM), Ok(()));
+        let crc = protocol::program_crc(&[hold]);
+        assert_eq!(executor.run(0, protocol::program_crc(&[]), 0, 0), Err(Refusal::OutOfRange));
+        assert_eq!(executor.run(1, crc ^ 1, 0, 0), Err(Refusal::ProgramMismatch));
+        assert_eq!(executor.run(1, crc, 500, 500), Err(Refusal::TooLate));
+        assert_eq!(executor.run(1, crc, 501, 500), Ok(()));
+        assert_eq!(executor.phase(), Phase::Pending);
+        assert_eq!(executor.run(1, crc, 0, 500), Err(Refusal::Busy));
+        assert_eq!(executor.load(0, hold, TRAVEL_UM), Err(Refusal::Busy));
+    }
+}

@@ -1,0 +1,95 @@
+//! Serial ports: which there are, and opening one with an explanation where it fails.
+
+use serialport::{ClearBuffer, ErrorKind, SerialPort, SerialPortType};
+use std::time::Duration;
+
+/// Line rate of the firmware, bits per second. A virtual port (USB CDC, a pty) ignores it.
+pub const BAUD: u32 = 460_800;
+/// How long one read waits; short, so that a closing link is noticed soon.
+pub(super) const READ_TIMEOUT: Duration = Duration::from_millis(20);
+
+/// Why a port cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum PortError {
+    /// No such device.
+    #[error("{port}: no such port (is the board plugged in? `guide ports` lists what is there)")]
+    NotThere {
+        /// The port's name.
+        port: String,
+    },
+    /// Another program has it.
+    #[error("{port}: in use by another program (close it, or see who has it with `lsof {port}`)")]
+    InUse {
+        /// The port's name.
+        port: String,
+    },
+    /// The user may not open it.
+    #[error("{port}: permission denied (on Linux add yourself to the group `dialout` and log in again)")]
+    Permission {
+        /// The port's name.
+        port: String,
+    },
+    /// It exists but is no serial port, or the system says something else.
+    #[error("{port}: cannot be opened as a serial port: {source}")]
+    Other {
+        /// The port's name.
+        port: String,
+        /// What the system says.
+        source: serialport::Error,
+    },
+}
+
+/// A port that the system knows of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Listed {
+    /// Name to open it by.
+    pub name: String,
+    /// What the system says of it: product and serial number of a USB device.
+    pub description: String,
+}
+
+/// Ports that the system lists, by name.
+///
+/// # Errors
+/// The system's own error where the list cannot be had.
+pub fn list() -> Result<Vec<Listed>, serialport::Error> {
+    let mut ports: Vec<Listed> = serialport::available_ports()?
+        .into_iter()
+        .map(|port| Listed { description: describe(&port.port_type), name: port.port_name })
+        .collect();
+    ports.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(ports)
+}
+
+fn describe(kind: &SerialPortType) -> String {
+    match kind {
+        SerialPortType::UsbPort(usb) => {
+            let parts = [&usb.manufacturer, &usb.product, &usb.serial_number];
+            let parts: Vec<&str> = parts.into_iter().filter_map(|part| part.as_deref()).collect();
+            format!("USB {:04x}:{:04x} {}", usb.vid, usb.pid, parts.join(" ")).trim_end().to_owned()
+        }
+        SerialPortType::PciPort => "PCI".to_owned(),
+        SerialPortType::BluetoothPort => "Bluetooth".to_owned(),
+        SerialPortType::Unknown => String::new(),
+    }
+}
+
+/// Opens a port for this program alone and empties its buffers.
+pub(super) fn open(name: &str) -> Result<Box<dyn SerialPort>, PortError> {
+    let port = || name.to_owned();
+    let serial = serialport::new(name, BAUD).timeout(READ_TIMEOUT).open();
+    let serial = serial.map_err(|source| match source.kind() {
+        // On Unix this kind means that the port is locked; a port that is not there is an I/O error.
+        ErrorKind::NoDevice if cfg!(unix) => PortError::InUse { port: port() },
+        ErrorKind::NoDevice | ErrorKind::Io(std::io::ErrorKind::NotFound) => {
+            PortError::NotThere { port: port() }
+        }
+        ErrorKind::Io(std::io::ErrorKind::PermissionDenied) if cfg!(windows) => {
+            PortError::InUse { port: port() }
+        }
+        ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => PortError::Permission { port: port() },
+        _ => PortError::Other { port: port(), source },
+    })?;
+    serial.clear(ClearBuffer::All).map_err(|source| PortError::Other { port: port(), source })?;
+    Ok(serial)
+}

@@ -1,0 +1,214 @@
+//! The constants of a simulated rig.
+
+use crate::session::{Needle, RigGeometry};
+use serde::Deserialize;
+use std::path::Path;
+
+/// A range from which a value is drawn uniformly.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Range {
+    /// Smallest value.
+    pub low: f64,
+    /// Largest value.
+    pub high: f64,
+}
+
+/// Everything about a rig that is not drawn from the seed, and the ranges of what is.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RigConfig {
+    /// The needle.
+    pub needle: Needle,
+    /// Where the guide and the tissue are.
+    pub rig: RigGeometry,
+    /// How far the needle is in the tissue, millimetres.
+    pub depth_mm: f64,
+    /// Foundation modulus of the tissue, kilopascals.
+    pub modulus_kpa: Range,
+    /// Both actuators.
+    pub actuator: ActuatorConfig,
+    /// Force sensor and its converter.
+    pub force: ForceConfig,
+    /// Ultrasound.
+    pub ultrasound: UltrasoundConfig,
+}
+
+impl Default for RigConfig {
+    fn default() -> Self {
+        Self {
+            needle: Needle {
+                youngs_modulus_gpa: 200.0,
+                outer_diameter_mm: 1.27,
+                inner_diameter_mm: 1.0,
+                bevel_angle_deg: Some(20.0),
+                length_mm: 200.0,
+            },
+            rig: RigGeometry { guide2_mm: 60.0, entry_mm: 70.0 },
+            depth_mm: 30.0,
+            modulus_kpa: Range { low: 8.0, high: 24.0 },
+            actuator: ActuatorConfig::default(),
+            force: ForceConfig::default(),
+            ultrasound: UltrasoundConfig::default(),
+        }
+    }
+}
+
+/// An Actuonix L16-50-63-12-P.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ActuatorConfig {
+    /// Stroke, which is also the potentiometer's track, millimetres.
+    pub stroke_mm: f64,
+    /// Duty below which the motor does not turn, 0 to 1.
+    pub dead_band: Range,
+    /// Speed at full duty, millimetres per second.
+    pub full_speed_mm_s: Range,
+    /// Time constant of the speed, seconds.
+    pub lag_s: f64,
+    /// How far from the middle the rod may be at the start, millimetres.
+    pub start_spread_mm: f64,
+    /// Standard deviation of one potentiometer reading, converter codes.
+    pub potentiometer_noise_codes: f64,
+}
+
+impl Default for ActuatorConfig {
+    fn default() -> Self {
+        Self {
+            stroke_mm: 50.0,
+            dead_band: Range { low: 0.12, high: 0.24 },
+            full_speed_mm_s: Range { low: 18.0, high: 22.0 },
+            lag_s: 0.012,
+            start_spread_mm: 1.5,
+            potentiometer_noise_codes: 1.2,
+        }
+    }
+}
+
+/// A 5 N two-axis cell of 2 mV/V at 3.0 V on a 24-bit converter with 9.375 mV full scale.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ForceConfig {
+    /// Rated range, newtons.
+    pub range_n: f64,
+    /// Output at the rated range as a share of the converter's full scale.
+    pub share_of_full_scale: f64,
+    /// Standard deviation of one reading, newtons.
+    pub noise_n: f64,
+    /// Offset of the unloaded bridge, newtons.
+    pub offset_n: Range,
+}
+
+impl Default for ForceConfig {
+    fn default() -> Self {
+        Self {
+            range_n: 5.0,
+            share_of_full_scale: 6.0 / 9.375,
+            noise_n: 0.005,
+            offset_n: Range { low: -0.3, high: 0.3 },
+        }
+    }
+}
+
+/// A linear probe swept along the needle.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct UltrasoundConfig {
+    /// Distance between samples along the needle, millimetres.
+    pub spacing_mm: f64,
+    /// Pixel size, millimetres.
+    pub pixel_mm: f64,
+    /// Standard deviation of one deflection before it falls on a pixel, millimetres.
+    pub noise_mm: f64,
+}
+
+impl Default for UltrasoundConfig {
+    fn default() -> Self {
+        Self { spacing_mm: 1.0, pixel_mm: 0.051, noise_mm: 0.02 }
+    }
+}
+
+/// Why a configuration cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{path}: {source}")]
+    Read {
+        /// The file.
+        path: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is not a rig configuration.
+    #[error("{path}: {source}")]
+    Parse {
+        /// The file.
+        path: String,
+        /// Where and why.
+        source: Box<toml::de::Error>,
+    },
+    /// A value is out of its range.
+    #[error("rig configuration: {field} is {value}, expected {expected}")]
+    Value {
+        /// Name as in the file.
+        field: &'static str,
+        /// What was given.
+        value: f64,
+        /// What is possible.
+        expected: &'static str,
+    },
+}
+
+impl RigConfig {
+    /// Reads a TOML file; what it leaves out is as in the default rig.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming the file and the place or field.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let name = || path.display().to_string();
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: name(), source })?;
+        let config: Self = toml::from_str(&text)
+            .map_err(|source| ConfigError::Parse { path: name(), source: Box::new(source) })?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Checks what the types cannot.
+    ///
+    /// # Errors
+    /// [`ConfigError::Value`] for the first value out of its range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let positive = "a positive number";
+        let checks = [
+            ("depth_mm", self.depth_mm, self.depth_mm > 0.0 && self.depth_mm < 1_000.0, "0 to 1000"),
+            ("modulus_kpa.low", self.modulus_kpa.low, self.modulus_kpa.low > 0.0, positive),
+            (
+                "modulus_kpa.high",
+                self.modulus_kpa.high,
+                self.modulus_kpa.high >= self.modulus_kpa.low,
+                "at least modulus_kpa.low",
+            ),
+            ("actuator.stroke_mm", self.actuator.stroke_mm, self.actuator.stroke_mm > 0.0, positive),
+            ("actuator.lag_s", self.actuator.lag_s, self.actuator.lag_s > 0.0, positive),
+            (
+                "actuator.dead_band.high",
+                self.actuator.dead_band.high,
+                (0.0..1.0).contains(&self.actuator.dead_band.high),
+                "0 to below 1",
+            ),
+            ("force.range_n", self.force.range_n, self.force.range_n > 0.0, positive),
+            (
+                "ultrasound.spacing_mm",
+                self.ultrasound.spacing_mm,
+                self.ultrasound.spacing_mm >= 0.01,
+                "at least 0.01",
+            ),
+            ("ultrasound.pixel_mm", self.ultrasound.pixel_mm, self.ultrasound.pixel_mm > 0.0, positive),
+        ];
+        match checks.into_iter().find(|(_, _, sound, _)| !sound) {
+            Some((field, value, _, expected)) => Err(ConfigError::Value { field, value, expected }),
+            None => Ok(()),
+        }
+    }
+}

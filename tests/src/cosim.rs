@@ -1,0 +1,256 @@
+//! The simulated rig on the far side of the firmware's drivers, in lockstep with its control period.
+//!
+//! Once per millisecond of device time the firmware in QEMU writes one record into a named pipe (what the PWM outputs are) and
+//! waits for one (what the converters read): device time passes exactly as the rig does, however fast the machine is. The
+//! ultrasound probe of the rig is served on a socket, one sweep per connection, as text that `guide acquire` takes.
+
+use anyhow::{Context, Result, bail};
+use firmware::plant::{PlantReply, PlantRequest, RECORD_BYTES};
+use host::rig::SimulatedRig;
+use rustix::fs::{Mode, OFlags};
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// Length of one lockstep period, seconds.
+const PERIOD_S: f64 = 1e-3;
+/// How long the firmware may take to open the pipes.
+const START_LIMIT: Duration = Duration::from_secs(20);
+/// The rig runs in bursts of this many periods and sleeps between them: a sleep per period would mostly be overhead.
+const BURST_PERIODS: u64 = 5;
+
+/// What tests inject into the electronics between rig and firmware.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Injection {
+    /// The emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// The converter's frames fail their checksum.
+    pub corrupt_force: bool,
+    /// The firmware gets no answer: time stands still.
+    pub freeze: bool,
+}
+
+#[derive(Debug)]
+struct State {
+    rig: SimulatedRig,
+    injection: Injection,
+    steps: u64,
+    bridges_driven: bool,
+}
+
+/// The running rig.
+#[derive(Debug)]
+pub struct Cosim {
+    state: Arc<Mutex<State>>,
+    stop: Arc<AtomicBool>,
+    folder: PathBuf,
+    worker: Option<JoinHandle<Result<()>>>,
+}
+
+impl Cosim {
+    /// Makes the pipes and the socket in a folder and waits there for the firmware. `speed`: how many times faster than the
+    /// wall clock the rig may run; infinite for as fast as it can.
+    ///
+    /// # Errors
+    /// Where pipes or socket cannot be made.
+    pub fn start(rig: SimulatedRig, folder: &Path, speed: f64) -> Result<Self> {
+        for name in ["plant.req", "plant.rsp"] {
+            let path = folder.join(name);
+            rustix::fs::mknodat(
+                rustix::fs::CWD,
+                &path,
+                rustix::fs::FileType::Fifo,
+                Mode::RUSR | Mode::WUSR,
+                0,
+            )
+            .with_context(|| format!("cannot make the pipe {}", path.display()))?;
+        }
+        let state =
+            State { rig, injection: Injection::default(), steps: 0, bridges_driven: false };
+        let state = Arc::new(Mutex::new(state));
+        let stop = Arc::new(AtomicBool::new(false));
+        serve_sweeps(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;
+        let worker = thread::Builder::new().name("rig".into()).spawn({
+            let (state, stop, folder) = (Arc::clone(&state), Arc::clone(&stop), folder.to_owned());
+            move || serve(&state, &stop, &folder, speed)
+        })?;
+        Ok(Self { state, stop, folder: folder.to_owned(), worker: Some(worker) })
+    }
+
+    /// Looks at the rig.
+    pub fn rig<T>(&self, look: impl FnOnce(&mut SimulatedRig) -> T) -> T {
+        look(&mut lock(&self.state).rig)
+    }
+
+    /// Changes what is injected.
+    pub fn inject(&self, injection: Injection) {
+        lock(&self.state).injection = injection;
+    }
+
+    /// Periods since the firmware started.
+    pub fn steps(&self) -> u64 {
+        lock(&self.state).steps
+    }
+
+    /// Whether a bridge drove its motor in the last period.
+    pub fn bridges_driven(&self) -> bool {
+        lock(&self.state).bridges_driven
+    }
+
+    /// Where sweeps are served.
+    pub fn ultrasound(&self) -> PathBuf {
+        self.folder.join("ultrasound")
+    }
+
+    /// Has the firmware powered off and waits for the end.
+    ///
+    /// # Errors
+    /// What went wrong in the lockstep.
+    pub fn stop(mut self) -> Result<()> {
+        self.shut_down()
+    }
+
+    fn shut_down(&mut self) -> Result<()> {
+        self.stop.store(true, Ordering::Release);
+        // The sweep server waits for a connection; this one tells it to look at the flag.
+        let _ = UnixStream::connect(self.ultrasound());
+        match self.worker.take().map(JoinHandle::join) {
+            Some(Ok(outcome)) => outcome,
+            Some(Err(_)) => bail!("the rig's thread panicked"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Drop for Cosim {
+    fn drop(&mut self) {
+        let _ = self.shut_down();
+    }
+}
+
+fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn serve(state: &Mutex<State>, stop: &AtomicBool, folder: &Path, speed: f64) -> Result<()> {
+    let deadline = Instant::now() + START_LIMIT;
+    let Some((mut requests, mut replies)) = open_pipes(folder, stop, deadline)? else { return Ok(()) };
+    let mut record = [0; RECORD_BYTES];
+    let began = Instant::now();
+    while read_record(&mut requests, &mut record, stop)? {
+        let request = PlantRequest::from_bytes(&record).context("the firmware sent no plant record")?;
+        while lock(state).injection.freeze && !stop.load(Ordering::Acquire) {
+            thread::sleep(Duration::from_millis(5));
+        }
+        let reply = step(&mut lock(state), &request, stop.load(Ordering::Acquire));
+        if replies.write_all(&reply.to_bytes()).is_err() {
+            break;
+        }
+        pace(u64::from(request.step), began, speed);
+    }
+    Ok(())
+}
+
+fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> PlantReply {
+    let inputs = request.bridge_inputs();
+    state.bridges_driven = inputs.iter().any(|[in1, in2]| in1 != in2);
+    let codes = state.rig.step(inputs, PERIOD_S);
+    state.steps += 1;
+    PlantReply {
+        step: request.step,
+        potentiometer_codes: codes.potentiometer,
+        bridge_codes: codes.bridge,
+        emergency_stop: state.injection.emergency_stop,
+        data_ready: true,
+        corrupt_crc: state.injection.corrupt_force,
+        adc_reset: false,
+        power_off,
+    }
+}
+
+/// Sleeps so that rig time does not run ahead of the wall clock times `speed`.
+fn pace(step: u64, began: Instant, speed: f64) {
+    if speed.is_finite() && step.is_multiple_of(BURST_PERIODS) {
+        let due = Duration::from_secs_f64(step as f64 * PERIOD_S / speed);
+        if let Some(ahead) = due.checked_sub(began.elapsed()) {
+            thread::sleep(ahead);
+        }
+    }
+}
+
+/// Opens both pipes without ever hanging on a firmware that does not come. `None` when asked to stop meanwhile.
+fn open_pipes(folder: &Path, stop: &AtomicBool, deadline: Instant) -> Result<Option<(File, File)>> {
+    let flags = OFlags::NONBLOCK.bits() as i32;
+    let requests = OpenOptions::new().read(true).custom_flags(flags).open(folder.join("plant.req"))?;
+    loop {
+        // Opening for writing succeeds once the firmware has the other end.
+        match OpenOptions::new().write(true).custom_flags(flags).open(folder.join("plant.rsp")) {
+            Ok(replies) => {
+                for pipe in [&requests, &replies] {
+                    let flags = rustix::fs::fcntl_getfl(pipe)?;
+                    rustix::fs::fcntl_setfl(pipe, flags - OFlags::NONBLOCK)?;
+                }
+                return Ok(Some((requests, replies)));
+            }
+            Err(_) if stop.load(Ordering::Acquire) => return Ok(None),
+            Err(_) if Instant::now() < deadline => thread::sleep(Duration::from_millis(2)),
+            Err(error) => bail!("the firmware did not open the plant pipes in {START_LIMIT:?}: {error}"),
+        }
+    }
+}
+
+/// Reads one record; false at the end of the pipe.
+fn read_record(pipe: &mut File, record: &mut [u8], stop: &AtomicBool) -> Result<bool> {
+    match pipe.read_exact(record) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => Ok(false),
+        Err(_) if stop.load(Ordering::Acquire) => Ok(false),
+        Err(error) => Err(error).context("the plant pipe broke"),
+    }
+}
+
+fn serve_sweeps(path: &Path, state: Arc<Mutex<State>>, stop: Arc<AtomicBool>) -> Result<()> {
+    let listener = UnixListener::bind(path)
+        .with_context(|| format!("cannot serve ultrasound sweeps at {}", path.display()))?;
+    thread::Builder::new().name("ultrasound".into()).spawn(move || {
+        for stream in listener.incoming() {
+            if stop.load(Ordering::Acquire) {
+                return;
+            }
+            if let Ok(mut stream) = stream {
+                let text = sweep_csv(&mut lock(&state).rig);
+                // A client that has gone away takes no sweep; the next one will.
+                let _ = stream.write_all(text.as_bytes());
+            }
+        }
+    })?;
+    Ok(())
+}
+
+fn sweep_csv(rig: &mut SimulatedRig) -> String {
+    let mut text = String::from("z_mm,deflection_x_mm,deflection_y_mm\n");
+    for sample in rig.sweep() {
+        let [x, y] = sample.deflection_m.map(|metres| metres * 1e3);
+        text += &format!("{:.3},{x:.4},{y:.4}\n", sample.z_m * 1e3);
+    }
+    text
+}
+
+/// Takes one sweep from a rig that serves them: what `xtask sweep` prints.
+///
+/// # Errors
+/// Where nobody serves there.
+pub fn take_sweep(socket: &Path) -> Result<String> {
+    let mut stream = UnixStream::connect(socket)
+        .with_context(|| format!("no simulated ultrasound at {}", socket.display()))?;
+    stream.set_read_timeout(Some(Duration::from_secs(5)))?;
+    let mut text = String::new();
+    stream.read_to_string(&mut text).context("the simulated ultrasound broke off")?;
+    Ok(text)
+}

@@ -1,0 +1,89 @@
+//! Building the programs under test: the firmware's images and `guide`.
+
+use crate::setup::TARGET;
+use anyhow::{Context, Result, bail};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Cargo profile of the firmware's images.
+const PROFILE: &str = "firmware";
+
+/// A firmware image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Image {
+    /// What is flashed to the board.
+    Flash,
+    /// The same with the trap-and-emulate layer, for QEMU.
+    Qemu,
+    /// The protocol's tests, for QEMU.
+    Conformance,
+}
+
+impl Image {
+    const fn binary(self) -> &'static str {
+        match self {
+            Self::Flash | Self::Qemu => "firmware",
+            Self::Conformance => "conformance",
+        }
+    }
+
+    const fn features(self) -> &'static str {
+        match self {
+            Self::Flash => "flash",
+            Self::Qemu => "qemu",
+            Self::Conformance => "qemu,conformance",
+        }
+    }
+}
+
+/// Root of the workspace.
+pub fn root() -> &'static Path {
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR"));
+    tests.parent().unwrap_or(tests)
+}
+
+fn target_dir() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+}
+
+/// Builds an image and returns its ELF file. Images of different features have folders of their own, so that building one does
+/// not rebuild the other.
+///
+/// # Errors
+/// Where the build fails; its messages have gone to standard error.
+pub fn build(image: Image) -> Result<PathBuf> {
+    let folder = target_dir().join(format!("image-{}", image.features().replace(',', "-")));
+    let status = cargo()
+        .args(["build", "--quiet", "--package", "firmware", "--bin", image.binary()])
+        .args(["--target", TARGET, "--profile", PROFILE, "--features", image.features()])
+        .arg("--target-dir")
+        .arg(&folder)
+        .status()
+        .context("cannot run cargo")?;
+    if !status.success() {
+        bail!("the firmware does not build ({image:?})");
+    }
+    Ok(folder.join(TARGET).join(PROFILE).join(image.binary()))
+}
+
+/// Builds `guide` and returns the program.
+///
+/// # Errors
+/// Where the build fails; its messages have gone to standard error.
+pub fn build_guide() -> Result<PathBuf> {
+    let status = cargo()
+        .args(["build", "--quiet", "--release", "--package", "host", "--bin", "guide"])
+        .status()
+        .context("cannot run cargo")?;
+    if !status.success() {
+        bail!("guide does not build");
+    }
+    Ok(target_dir().join("release").join(format!("guide{}", std::env::consts::EXE_SUFFIX)))
+}
+
+/// Cargo as it was called, in the workspace.
+pub fn cargo() -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.current_dir(root());
+    command
+}
