@@ -5,3 +5,5 @@
 //! surfaces (files, options, results) carry their unit.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
+
+pub mod model;

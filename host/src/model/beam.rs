@@ -1,0 +1,334 @@
+//! The needle as a beam on an elastic foundation, solved exactly.
+//!
+//! `EI u'''' + K(z) u = F delta(z - c2)`, clamped at guide 1 (`u = 0`, and `u' = 0` or `u' = compliance EI u''`), free
+//! at the tip (`u'' = 0`, `EI u''' = -F_t`); see Paper A (Lehmann et al.), section II, for the problem.
+//!
+//! Within a piece of constant K the solution is the entire function `sum b_n x^n` with
+//! `b_(n+4) = -(K/EI) b_n / ((n+1)(n+2)(n+3)(n+4))`. Pieces are kept shorter than the characteristic length
+//! `(4 EI/K)^(1/4)`, where the series converges to the last digit within 24 terms without cancellation, for any K from
+//! zero upwards. The unknowns are value and three derivatives at the start of every piece; continuity and boundary
+//! conditions give a banded system, solved with partial pivoting. A layer is a few more pieces.
+
+use super::{Foundation, ModelError, Rig, check};
+
+/// Terms of the series; the last ones are below 1e-15 of the first for pieces up to the characteristic length.
+const TERMS: usize = 24;
+/// More pieces than this mean a modulus that no needle bends in.
+const MAX_PIECES: f64 = 2000.0;
+
+/// What is solved: geometry, stiffness and supports of the needle in the tissue.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BeamProblem {
+    /// Bending stiffness of the needle.
+    pub bending_stiffness_n_m2: f64,
+    /// Position of guide 2, where the lateral force acts.
+    pub guide2_m: f64,
+    /// Position of the tissue surface.
+    pub entry_m: f64,
+    /// Length of the needle inside the tissue.
+    pub depth_m: f64,
+    /// Rotation of the needle in guide 1 per moment; 0 is a perfect clamp.
+    pub clamp_compliance_rad_per_n_m: f64,
+    /// The tissue.
+    pub foundation: Foundation,
+}
+
+/// The needle's response to unit forces at guide 2 and at the tip.
+#[derive(Debug, Clone)]
+pub struct Beam {
+    bending_stiffness_n_m2: f64,
+    length_m: f64,
+    /// Where each piece starts.
+    starts_m: Vec<f64>,
+    /// Series of each piece in `(z - start) / length_m`, for 1 N at guide 2 and 1 N at the tip.
+    series: [Vec<[f64; TERMS]>; 2],
+    guide2_m_per_n: f64,
+}
+
+impl BeamProblem {
+    /// The needle of `rig`, inserted to `depth_m`, perfectly clamped in guide 1.
+    pub fn new(rig: &Rig, foundation: Foundation, depth_m: f64) -> Self {
+        Self {
+            bending_stiffness_n_m2: rig.needle.bending_stiffness_n_m2(),
+            guide2_m: rig.guide2_m,
+            entry_m: rig.entry_m,
+            depth_m,
+            clamp_compliance_rad_per_n_m: 0.0,
+            foundation,
+        }
+    }
+
+    /// Solves for unit forces at guide 2 and at the tip.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where a length, stiffness or compliance is out of range.
+    pub fn solve(&self) -> Result<Beam, ModelError> {
+        let pieces = self.pieces()?;
+        let length_m = self.entry_m + self.depth_m;
+        let stiffness = self.bending_stiffness_n_m2;
+        let cubed = length_m.powi(3) / stiffness;
+
+        let n = pieces.len();
+        let mut system = Banded::new(4 * n);
+        system.set(0, 0, 1.0);
+        system.set(1, 1, -1.0);
+        system.set(1, 2, self.clamp_compliance_rad_per_n_m * stiffness / length_m);
+        for (i, piece) in pieces.iter().enumerate() {
+            let kappa = piece.modulus_pa * length_m.powi(4) / stiffness;
+            let reach = piece.length_m / length_m;
+            let last = i + 1 == n;
+            for column in 0..4 {
+                let mut start = [0.0; 4];
+                start[column] = 1.0;
+                let series = expand(start, kappa);
+                for order in if last { 2..4 } else { 0..4 } {
+                    let row = 4 * i + if last { order } else { order + 2 };
+                    system.set(row, 4 * i + column, derivative(&series, order, reach));
+                }
+            }
+            if !last {
+                for order in 0..4 {
+                    system.set(4 * i + 2 + order, 4 * (i + 1) + order, -1.0);
+                }
+                if piece.ends_at_guide2 {
+                    system.right[4 * i + 5][0] = -cubed;
+                }
+            } else if piece.ends_at_guide2 {
+                system.right[4 * i + 3][0] = -cubed;
+            }
+        }
+        system.right[4 * n - 1][1] = -cubed;
+        let states = system.solve().ok_or(ModelError::Singular)?;
+
+        let series_of = |load: usize| -> Vec<[f64; TERMS]> {
+            pieces
+                .iter()
+                .zip(states.chunks_exact(4))
+                .map(|(piece, state)| {
+                    let kappa = piece.modulus_pa * length_m.powi(4) / stiffness;
+                    expand([state[0][load], state[1][load], state[2][load], state[3][load]], kappa)
+                })
+                .collect()
+        };
+        let mut beam = Beam {
+            bending_stiffness_n_m2: stiffness,
+            length_m,
+            starts_m: pieces.iter().map(|piece| piece.start_m).collect(),
+            series: [series_of(0), series_of(1)],
+            guide2_m_per_n: 0.0,
+        };
+        beam.guide2_m_per_n = beam.guide2_force().deflection_m(self.guide2_m);
+        let positive = beam.guide2_m_per_n.is_finite() && beam.guide2_m_per_n > 0.0;
+        if positive { Ok(beam) } else { Err(ModelError::Singular) }
+    }
+
+    /// The needle cut into pieces of constant foundation modulus, none longer than the characteristic length.
+    fn pieces(&self) -> Result<Vec<Piece>, ModelError> {
+        let stiffness = self.bending_stiffness_n_m2;
+        let compliance = self.clamp_compliance_rad_per_n_m;
+        check("bending_stiffness_n_m2", stiffness, "more than 0", stiffness > 0.0)?;
+        check("guide2_m", self.guide2_m, "more than 0", self.guide2_m > 0.0)?;
+        check("entry_m", self.entry_m, "guide2_m or more", self.entry_m >= self.guide2_m)?;
+        check("depth_m", self.depth_m, "0 or more", self.depth_m >= 0.0)?;
+        check("clamp_compliance_rad_per_n_m", compliance, "0 or more", compliance >= 0.0)?;
+
+        let mut pieces =
+            vec![Piece { start_m: 0.0, length_m: self.guide2_m, modulus_pa: 0.0, ends_at_guide2: true }];
+        let mut start_m = self.guide2_m;
+        let outside = (self.entry_m - self.guide2_m, 0.0);
+        for (thickness_m, modulus_pa) in [outside].into_iter().chain(self.foundation.parts(self.depth_m)) {
+            if thickness_m <= 0.0 {
+                continue;
+            }
+            let count = (thickness_m * (modulus_pa / (4.0 * stiffness)).powf(0.25)).ceil().max(1.0);
+            check("modulus_pa", modulus_pa, "a modulus that lets the needle bend", count <= MAX_PIECES)?;
+            let length_m = thickness_m / count;
+            for i in 0..count as usize {
+                let start_m = start_m + i as f64 * length_m;
+                pieces.push(Piece { start_m, length_m, modulus_pa, ends_at_guide2: false });
+            }
+            start_m += thickness_m;
+        }
+        Ok(pieces)
+    }
+}
+
+impl Beam {
+    /// Solves the needle of `rig` in `foundation` at `depth_m`; short for [`BeamProblem::new`] and
+    /// [`BeamProblem::solve`].
+    ///
+    /// # Errors
+    /// As [`BeamProblem::solve`].
+    pub fn solve(rig: &Rig, foundation: &Foundation, depth_m: f64) -> Result<Self, ModelError> {
+        BeamProblem::new(rig, foundation.clone(), depth_m).solve()
+    }
+
+    /// Response to 1 N at guide 2.
+    pub fn guide2_force(&self) -> Response<'_> {
+        Response { beam: self, series: &self.series[0] }
+    }
+
+    /// Response to 1 N at the tip, guide 2 free.
+    pub fn tip_force(&self) -> Response<'_> {
+        Response { beam: self, series: &self.series[1] }
+    }
+
+    /// Length of the beam from guide 1 to the tip.
+    pub fn length_m(&self) -> f64 {
+        self.length_m
+    }
+
+    /// Lateral stiffness at guide 2: force per displacement.
+    pub fn lateral_stiffness_n_per_m(&self) -> f64 {
+        1.0 / self.guide2_m_per_n
+    }
+
+    /// Force of guide 2 that holds it at `displacement_m`.
+    pub fn force_n(&self, displacement_m: f64) -> f64 {
+        displacement_m / self.guide2_m_per_n
+    }
+
+    /// Deflection at `z_m` while guide 2 is held at `displacement_m`.
+    pub fn deflection_m(&self, displacement_m: f64, z_m: f64) -> f64 {
+        self.force_n(displacement_m) * self.guide2_force().deflection_m(z_m)
+    }
+}
+
+/// The needle under one unit force: deflection, slope, moment and shear at any `z`.
+///
+/// Before guide 1 and beyond the tip the needle's tangent continues.
+#[derive(Debug, Clone, Copy)]
+pub struct Response<'a> {
+    beam: &'a Beam,
+    series: &'a [[f64; TERMS]],
+}
+
+impl Response<'_> {
+    /// Deflection `u`, in m per N.
+    pub fn deflection_m(&self, z_m: f64) -> f64 {
+        let inside_m = z_m.clamp(0.0, self.beam.length_m);
+        let straight_m = z_m - inside_m;
+        self.derivative(inside_m, 0) + if straight_m == 0.0 { 0.0 } else { straight_m * self.slope(inside_m) }
+    }
+
+    /// Slope `u'`, in 1 per N.
+    pub fn slope(&self, z_m: f64) -> f64 {
+        self.derivative(z_m.clamp(0.0, self.beam.length_m), 1)
+    }
+
+    /// Bending moment `EI u''`, in N m per N.
+    pub fn moment_n_m(&self, z_m: f64) -> f64 {
+        self.beam.bending_stiffness_n_m2 * self.derivative(z_m, 2)
+    }
+
+    /// `EI u'''`, in N per N: the derivative of the moment. It jumps by the force at guide 2, where this is the value
+    /// beyond the guide.
+    pub fn shear_n(&self, z_m: f64) -> f64 {
+        self.beam.bending_stiffness_n_m2 * self.derivative(z_m, 3)
+    }
+
+    fn derivative(&self, z_m: f64, order: usize) -> f64 {
+        let beam = self.beam;
+        let piece = beam.starts_m.partition_point(|start_m| *start_m <= z_m).saturating_sub(1);
+        let (Some(start_m), Some(series)) = (beam.starts_m.get(piece), self.series.get(piece)) else {
+            return f64::NAN;
+        };
+        derivative(series, order, (z_m - start_m) / beam.length_m) / beam.length_m.powi(order as i32)
+    }
+}
+
+/// A stretch of constant foundation modulus.
+struct Piece {
+    start_m: f64,
+    length_m: f64,
+    modulus_pa: f64,
+    ends_at_guide2: bool,
+}
+
+/// Coefficients of the solution that starts with the given value and derivatives; `kappa = K length^4 / EI`.
+fn expand(start: [f64; 4], kappa: f64) -> [f64; TERMS] {
+    let mut series = [0.0; TERMS];
+    series[..4].copy_from_slice(&[start[0], start[1], start[2] / 2.0, start[3] / 6.0]);
+    for n in 0..TERMS - 4 {
+        let m = n as f64;
+        series[n + 4] = -kappa * series[n] / ((m + 1.0) * (m + 2.0) * (m + 3.0) * (m + 4.0));
+    }
+    series
+}
+
+/// Derivative of the series at `x`, by Horner's rule.
+fn derivative(series: &[f64; TERMS], order: usize, x: f64) -> f64 {
+    series.iter().enumerate().skip(order).rev().fold(0.0, |sum, (n, coefficient)| {
+        let falling = (n + 1 - order..=n).map(|factor| factor as f64).product::<f64>();
+        sum * x + falling * coefficient
+    })
+}
+
+/// Sub- and super-diagonals of the beam system; pivoting fills as many more super-diagonals as there are sub-diagonals.
+const LOWER: usize = 5;
+const UPPER: usize = 2;
+const WIDTH: usize = 2 * LOWER + UPPER + 1;
+
+/// A banded linear system with two right-hand sides.
+struct Banded {
+    /// Row i, column j at `rows[i][j + LOWER - i]`.
+    rows: Vec<[f64; WIDTH]>,
+    right: Vec<[f64; 2]>,
+}
+
+impl Banded {
+    fn new(size: usize) -> Self {
+        Self { rows: vec![[0.0; WIDTH]; size], right: vec![[0.0; 2]; size] }
+    }
+
+    fn set(&mut self, row: usize, column: usize, value: f64) {
+        self.rows[row][column + LOWER - row] = value;
+    }
+
+    /// Gaussian elimination with partial pivoting; nothing where a pivot vanishes.
+    fn solve(mut self) -> Option<Vec<[f64; 2]>> {
+        let size = self.rows.len();
+        for k in 0..size {
+            let below = (k + LOWER).min(size - 1);
+            let right_end = (k + LOWER + UPPER).min(size - 1);
+            let at = |row: usize| self.rows[row][k + LOWER - row].abs();
+            let pivot = (k..=below).max_by(|a, b| at(*a).total_cmp(&at(*b)))?;
+            if at(pivot) == 0.0 || !at(pivot).is_finite() {
+                return None;
+            }
+            if pivot != k {
+                for j in k..=right_end {
+                    let (mine, other) = (self.rows[k][j + LOWER - k], self.rows[pivot][j + LOWER - pivot]);
+                    self.rows[k][j + LOWER - k] = other;
+                    self.rows[pivot][j + LOWER - pivot] = mine;
+                }
+                self.right.swap(k, pivot);
+            }
+            for row in k + 1..=below {
+                let factor = self.rows[row][k + LOWER - row] / self.rows[k][LOWER];
+                if factor == 0.0 {
+                    continue;
+                }
+                for j in k..=right_end {
+                    self.rows[row][j + LOWER - row] -= factor * self.rows[k][j + LOWER - k];
+                }
+                for load in 0..2 {
+                    self.right[row][load] -= factor * self.right[k][load];
+                }
+            }
+        }
+        for k in (0..size).rev() {
+            let right_end = (k + LOWER + UPPER).min(size - 1);
+            for load in 0..2 {
+                let known: f64 =
+                    (k + 1..=right_end).map(|j| self.rows[k][j + LOWER - k] * self.right[j][load]).sum();
+                self.right[k][load] = (self.right[k][load] - known) / self.rows[k][LOWER];
+            }
+        }
+        Some(self.right)
+    }
+}
+
+#[cfg(test)]
+#[path = "beam_tests.rs"]
+mod tests;

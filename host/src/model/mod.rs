@@ -1,0 +1,44 @@
+//! The forward model: what every sensor should read, given what is believed and what was done.
+//!
+//! [`predict`] is the one entry: identification, simulation and diagnosis all call it. It is pure: no clock, no
+//! randomness, no input or output. Underneath, [`BeamProblem`] is the needle as a beam on an elastic foundation and
+//! [`Beam`] its exact solution per unit load; the model is linear, so displacement levels are multiples of one
+//! [`Beam`].
+
+mod beam;
+mod foundation;
+#[cfg(test)]
+pub(crate) mod peer;
+mod predict;
+mod rig;
+
+pub use beam::{Beam, BeamProblem, Response};
+pub use foundation::{Foundation, Layer};
+pub use predict::{Channels, DriveSample, Experiment, Lateral, Model, Series, ShapePoint, predict};
+pub use rig::{Needle, Rig};
+
+/// Why the model could not be evaluated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ModelError {
+    /// A parameter lies outside what the model is defined for.
+    #[error("{name}: {value} is out of range, expected {expected}")]
+    OutOfRange {
+        /// Name with unit.
+        name: &'static str,
+        /// Offending value.
+        value: f64,
+        /// What is accepted.
+        expected: &'static str,
+    },
+    /// An experiment without a drive sample says nothing about where guide 2 was.
+    #[error("a lateral experiment needs at least one drive sample")]
+    NoDrive,
+    /// The equations have no unique solution in floating point.
+    #[error("the beam equations are singular in floating point")]
+    Singular,
+}
+
+/// Accepts a value for which `good` holds; NaN never passes.
+fn check(name: &'static str, value: f64, expected: &'static str, good: bool) -> Result<(), ModelError> {
+    if good && value.is_finite() { Ok(()) } else { Err(ModelError::OutOfRange { name, value, expected }) }
+}

@@ -1,0 +1,167 @@
+//! From what is believed and what was done to what every sensor should have read.
+
+use super::{Beam, BeamProblem, Foundation, ModelError, Rig};
+
+/// What is believed: the hardware and the tissue.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Needle, guides and tissue surface.
+    pub rig: Rig,
+    /// The tissue.
+    pub foundation: Foundation,
+    /// Rotation of the needle in guide 1 per moment; 0 is a perfect clamp.
+    pub clamp_compliance_rad_per_n_m: f64,
+}
+
+impl Model {
+    /// Uniform tissue and a perfect clamp.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the modulus is negative or not finite.
+    pub fn uniform(rig: Rig, modulus_pa: f64) -> Result<Self, ModelError> {
+        Ok(Self { rig, foundation: Foundation::uniform(modulus_pa)?, clamp_compliance_rad_per_n_m: 0.0 })
+    }
+
+    /// The needle inserted to `depth_m`, solved for unit loads.
+    ///
+    /// # Errors
+    /// As [`BeamProblem::solve`].
+    pub fn beam(&self, depth_m: f64) -> Result<Beam, ModelError> {
+        let mut problem = BeamProblem::new(&self.rig, self.foundation.clone(), depth_m);
+        problem.clamp_compliance_rad_per_n_m = self.clamp_compliance_rad_per_n_m;
+        problem.solve()
+    }
+}
+
+/// What was done, without any measured answer in it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Experiment {
+    /// Guide 2 moved sideways at a fixed depth.
+    Lateral(Lateral),
+}
+
+/// A lateral run: where guide 2 was, and where and when the shape was looked at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lateral {
+    /// Length of the needle inside the tissue.
+    pub depth_m: f64,
+    /// Displacement of guide 2 against time, in increasing time.
+    pub drive: Vec<DriveSample>,
+    /// Points at which the shape was seen.
+    pub shape: Vec<ShapePoint>,
+}
+
+/// Displacement of guide 2 at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveSample {
+    /// Time.
+    pub time_s: f64,
+    /// Vertical displacement.
+    pub y_m: f64,
+    /// Horizontal displacement.
+    pub x_m: f64,
+}
+
+/// A point of the needle looked at at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShapePoint {
+    /// Time.
+    pub time_s: f64,
+    /// Position along the needle from guide 1.
+    pub z_m: f64,
+}
+
+/// One sensor's values in the vertical and, where there is one, the horizontal plane.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Series {
+    /// Vertical.
+    pub y: Vec<f64>,
+    /// Horizontal; nothing in a one-plane experiment.
+    pub x: Option<Vec<f64>>,
+}
+
+/// What the sensors read, predicted or measured: one value per drive sample or shape point.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Channels {
+    /// Displacement of guide 2 at every drive sample.
+    pub displacement_m: Series,
+    /// Lateral force at guide 2 at every drive sample.
+    pub force_n: Series,
+    /// Deflection at every shape point.
+    pub shape_m: Series,
+}
+
+/// What every sensor should read in `experiment` if `model` is right. Linear in the displacements.
+///
+/// # Errors
+/// As [`BeamProblem::solve`], and [`ModelError::NoDrive`] where there are shape points but no drive sample.
+pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, ModelError> {
+    let Experiment::Lateral(lateral) = experiment;
+    let beam = model.beam(lateral.depth_m)?;
+    let plane = |of: fn(&DriveSample) -> f64| -> Result<[Vec<f64>; 3], ModelError> {
+        let displacement_m: Vec<f64> = lateral.drive.iter().map(of).collect();
+        let force_n = displacement_m.iter().map(|u_m| beam.force_n(*u_m)).collect();
+        let shape_m = lateral
+            .shape
+            .iter()
+            .map(|point| Ok(beam.deflection_m(drive_at(&lateral.drive, point.time_s, of)?, point.z_m)))
+            .collect::<Result<_, _>>()?;
+        Ok([displacement_m, force_n, shape_m])
+    };
+    let [displacement_y, force_y, shape_y] = plane(|sample| sample.y_m)?;
+    let [displacement_x, force_x, shape_x] = plane(|sample| sample.x_m)?;
+    Ok(Channels {
+        displacement_m: Series { y: displacement_y, x: Some(displacement_x) },
+        force_n: Series { y: force_y, x: Some(force_x) },
+        shape_m: Series { y: shape_y, x: Some(shape_x) },
+    })
+}
+
+/// Displacement at a time: linear between samples, constant before the first and after the last.
+fn drive_at(drive: &[DriveSample], time_s: f64, of: fn(&DriveSample) -> f64) -> Result<f64, ModelError> {
+    let next = drive.partition_point(|sample| sample.time_s <= time_s);
+    match (next.checked_sub(1).and_then(|previous| drive.get(previous)), drive.get(next)) {
+        (Some(a), Some(b)) => {
+            let part = (time_s - a.time_s) / (b.time_s - a.time_s);
+            Ok(of(a) + part * (of(b) - of(a)))
+        }
+        (Some(only), None) | (None, Some(only)) => Ok(of(only)),
+        (None, None) => Err(ModelError::NoDrive),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Needle;
+
+    fn model() -> Model {
+        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        Model::uniform(rig, 16e3).expect("valid")
+    }
+
+    fn drive() -> Vec<DriveSample> {
+        vec![
+            DriveSample { time_s: 0.0, y_m: 0.0, x_m: 0.0 },
+            DriveSample { time_s: 1.0, y_m: 1.2e-3, x_m: -0.6e-3 },
+        ]
+    }
+
+    #[test]
+    fn planes_are_multiples_of_one_response() {
+        let shape = vec![ShapePoint { time_s: 1.0, z_m: 0.09 }, ShapePoint { time_s: 0.5, z_m: 0.09 }];
+        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape };
+        let channels = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
+        // 1.2 mm at 16 kPa and 30 mm takes 1.309563697895257 N.
+        assert!((channels.force_n.y[1] / 1.309_563_697_895_257 - 1.0).abs() < 1e-10);
+        assert_eq!(channels.force_n.x.as_ref().expect("two planes")[1], -0.5 * channels.force_n.y[1]);
+        assert!((channels.shape_m.y[1] - 0.5 * channels.shape_m.y[0]).abs() < 1e-18);
+    }
+
+    #[test]
+    fn shape_without_drive_is_an_error() {
+        let shape = vec![ShapePoint { time_s: 1.0, z_m: 0.09 }];
+        let experiment = Experiment::Lateral(Lateral { depth_m: 0.03, drive: vec![], shape });
+        assert_eq!(predict(&model(), &experiment), Err(ModelError::NoDrive));
+    }
+}
