@@ -1,181 +1,258 @@
-//! The device as the host sees it: commands that are answered, and a stream whose losses are counted.
+//! The device as the host sees it: commands that are answered, and a stream of what it says on its own.
 //!
-//! A reader thread owns the receiving side of the port and turns bytes into frames; everything else happens in the thread that
-//! owns the [`Client`]. A command is sent again when no answer comes, a bounded number of times; the device carries it out
-//! once. What arrives while an answer is awaited is kept in order and handed out by [`Client::next`].
+//! A command is sent again when no answer comes, a bounded number of times; the device carries it out once. What arrives
+//! while an answer is awaited is kept in order and handed out by [`Client::next`].
 
-use super::port::{self, PortError};
+use super::error::LinkError;
+use super::wire::{LinkLosses, Received, Wire};
 use protocol::{
-    Command, Counters, Envelope, Fault, Hello, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, Message, Receiver,
-    Refusal, Request, SequenceTracker, Status, encode_command,
+    Command, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample, Samples, State, Status, encode_command,
 };
-use serialport::SerialPort;
 use std::collections::VecDeque;
-use std::io::{self, Read, Write};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// How often a command is sent before its answer is given up.
 pub const TRIES: u32 = 5;
-/// How long one answer is awaited: the longest command and its answer at the slowest link the firmware runs on, ten times.
+/// How long one answer is awaited: several times the longest command and answer at the slowest link the firmware has.
 pub const ANSWER_TIMEOUT: Duration = Duration::from_millis(600);
 /// How long the device may say nothing while it streams before it counts as gone.
 pub const SILENCE_LIMIT: Duration = Duration::from_secs(3);
 
-/// What went wrong with a link.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// The port cannot be opened.
-    #[error(transparent)]
-    Port(#[from] PortError),
-    /// Nobody answered the hello.
-    #[error(
-        "{port}: no answer to {TRIES} hellos ({bytes} bytes received, none of them a valid frame): \
-         is this the needle guide, is its firmware flashed, is the rate {rate} baud?",
-        rate = port::BAUD
-    )]
-    NoAnswer {
-        /// The port's name.
-        port: String,
-        /// Bytes that arrived meanwhile.
-        bytes: u64,
-    },
-    /// The device speaks another version of the protocol.
-    #[error(
-        "{port}: the device speaks protocol version {theirs}, this program speaks {ours}: \
-         flash the matching firmware or use the matching `guide`"
-    )]
-    OtherVersion {
-        /// The port's name.
-        port: String,
-        /// The device's version.
-        theirs: u16,
-        /// This program's version.
-        ours: u16,
-    },
-    /// The version is the same but the message types differ.
-    #[error(
-        "{port}: the device's message types differ from this program's though both say protocol version {version} \
-         (firmware commit {commit}): build both from the same source"
-    )]
-    OtherSchema {
-        /// The port's name.
-        port: String,
-        /// The version both claim.
-        version: u16,
-        /// Commit of the firmware.
-        commit: String,
-    },
-    /// A command was not answered.
-    #[error("{port}: the device did not answer `{command}` in {TRIES} tries of {ANSWER_TIMEOUT:?}")]
-    Unanswered {
-        /// The port's name.
-        port: String,
-        /// The command.
-        command: &'static str,
-    },
-    /// A command was refused.
-    #[error("the device refused `{command}`: {}", explain_refusal(*refusal))]
-    Refused {
-        /// The command.
-        command: &'static str,
-        /// Why.
-        refusal: Refusal,
-    },
-    /// The port went away.
-    #[error("{port}: the port went away ({source}): was the cable pulled or the board switched off?")]
-    Gone {
-        /// The port's name.
-        port: String,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// The device stopped talking while it streamed.
-    #[error("{port}: the device has said nothing for {SILENCE_LIMIT:?} while streaming")]
-    Silent {
-        /// The port's name.
-        port: String,
-    },
-    /// The device restarted in the middle of something.
-    #[error("{port}: the device restarted in mid-run: check its supply, then see `guide status`")]
-    Restarted {
-        /// The port's name.
-        port: String,
-    },
-    /// A program ended before its last step.
-    #[error("the motion program was ended by {}", .fault.map_or("a stop".to_owned(), explain_fault))]
-    ProgramEnded {
-        /// The fault that ended it; `None` for a stop.
-        fault: Option<Fault>,
-    },
-    /// The user asked to stop.
-    #[error("interrupted: the guide was stopped")]
-    Interrupted,
-    /// A message that this program built cannot be encoded.
-    #[error("a command cannot be encoded: {0}")]
-    Encode(#[from] protocol::EncodeError),
+/// What the device says on its own.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Telemetry {
+    /// Samples in SI units.
+    Samples(Batch),
+    /// Something happened.
+    Event(protocol::Event),
 }
 
-/// A refusal in words, with what to do about it.
-pub fn explain_refusal(refusal: Refusal) -> String {
-    match refusal {
-        Refusal::OtherBoot => "it has restarted since the hello; connect again".to_owned(),
-        Refusal::Faulted { fault } => format!("{}; then `guide clear`", explain_fault(fault)),
-        Refusal::Busy => "a motion program waits or runs; `guide stop` ends it".to_owned(),
-        Refusal::OutOfTravel => "the target lies beyond the travel of the guide".to_owned(),
-        Refusal::OutOfRange => "a speed, a duration or the number of steps is zero or too large".to_owned(),
-        Refusal::ProgramMismatch => "the steps it holds are not the ones that were meant; load them again".to_owned(),
-        Refusal::TooLate => "the start time has passed on its clock; see `guide status`".to_owned(),
-        Refusal::CauseRemains => "the cause of the fault is still there; see `guide status`".to_owned(),
-        Refusal::Unreadable => "it cannot read the command; firmware and program differ".to_owned(),
-    }
+/// Consecutive samples of one state and step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Batch {
+    /// What the controller was doing.
+    pub state: State,
+    /// Program step; `None` outside a program.
+    pub step: Option<u8>,
+    /// Samples that went missing between the batch before and this one.
+    pub lost_before: u32,
+    /// The samples, in order.
+    pub points: Vec<Point>,
 }
 
-/// A fault in words: number, cause, remedy.
-pub fn explain_fault(fault: Fault) -> String {
-    let (cause, remedy) = match fault {
-        Fault::EmergencyStop => ("the emergency stop is pressed or its wire is open", "release it"),
-        Fault::ForceSensor => ("the force converter gives no valid readings", "check its cable and supply"),
-        Fault::ForceRange => ("the force is beyond the sensor's range", "unload the needle"),
-        Fault::Potentiometer => ("a potentiometer reads beyond its track", "check its wires"),
-        Fault::MoveTimeout => ("an axis did not reach its target in time", "check for a jam and the motor supply"),
-    };
-    format!("fault {} ({cause}: {remedy})", fault as u8)
-}
-
-/// What the reader thread found.
-enum Incoming {
-    Frame(Box<Envelope>),
-    OtherVersion(u16),
-    Closed(io::Error),
-}
-
-/// What has been lost on the way from the device.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
-pub struct LinkLosses {
-    /// Frames that the sequence numbers say were sent and that did not arrive.
-    pub frames_missing: u64,
-    /// Frames that arrived with a wrong checksum or wrong byte stuffing.
-    pub frames_corrupt: u64,
-    /// Frames that arrived over-long or could not be decoded.
-    pub frames_unreadable: u64,
-    /// Samples that are missing for any reason, the device's own drops included.
-    pub samples_missing: u64,
+/// One sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Device time, seconds since its start.
+    pub time_s: f64,
+    /// Displacement of guide 2 along x and y, metres.
+    pub displacement_m: [f64; 2],
+    /// Force along x and y relative to the tare, newtons.
+    pub force_n: [f64; 2],
 }
 
 /// A connected device.
 pub struct Client {
-    name: String,
-    writer: Box<dyn SerialPort>,
-    incoming: mpsc::Receiver<Incoming>,
-    inbox: VecDeque<Message>,
-    reader: Option<JoinHandle<()>>,
-    shared: Arc<Shared>,
-    tracker: SequenceTracker,
+    wire: Wire,
+    inbox: VecDeque<Telemetry>,
     boot_id: u32,
     next_id: u16,
     hello: Hello,
+}
+
+impl Client {
+    /// Opens a port and says hello.
+    ///
+    /// # Errors
+    /// Where the port cannot be opened, nobody answers, or who answers speaks another protocol.
+    pub fn connect(port: &str) -> Result<Self, LinkError> {
+        Self::connect_within(port, TRIES)
+    }
+
+    /// As [`Self::connect`], giving up after `tries` hellos: for looking through ports.
+    ///
+    /// # Errors
+    /// As [`Self::connect`].
+    pub fn connect_within(port: &str, tries: u32) -> Result<Self, LinkError> {
+        let mut wire = Wire::open(port)?;
+        for id in 0..tries.max(1) {
+            send(&mut wire, &Command { id: id as u16, boot_id: 0, request: Request::Hello })?;
+            let deadline = Instant::now() + ANSWER_TIMEOUT;
+            while let Some(left) = deadline.checked_duration_since(Instant::now()) {
+                match wire.receive(left)? {
+                    Received::Message { boot_id, message: Message::Hello(hello), .. } => {
+                        check_protocol(port, &hello)?;
+                        let next_id = tries as u16;
+                        return Ok(Self { wire, inbox: VecDeque::new(), boot_id, next_id, hello });
+                    }
+                    Received::HelloOfVersion(theirs) => return Err(other_version(port, theirs)),
+                    Received::Message { .. } | Received::Nothing => {}
+                }
+            }
+        }
+        Err(LinkError::NoAnswer { port: port.to_owned(), tries, bytes: wire.bytes() })
+    }
+
+    /// Who the device said it is.
+    pub fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// Name of the port.
+    pub fn port(&self) -> &str {
+        self.wire.name()
+    }
+
+    /// Which start of the device this is.
+    pub fn boot_id(&self) -> u32 {
+        self.boot_id
+    }
+
+    /// What has been lost so far.
+    pub fn losses(&self) -> LinkLosses {
+        self.wire.losses()
+    }
+
+    /// Has a request carried out.
+    ///
+    /// # Errors
+    /// [`LinkError::Refused`], [`LinkError::Unanswered`], [`LinkError::Restarted`], [`LinkError::Gone`].
+    pub fn request(&mut self, request: Request) -> Result<(), LinkError> {
+        self.ask(request).map(|_| ())
+    }
+
+    /// State, fault and counters of the device, now.
+    ///
+    /// # Errors
+    /// As [`Self::request`].
+    pub fn status(&mut self) -> Result<Status, LinkError> {
+        let port = self.wire.name().to_owned();
+        self.ask(Request::Status)?.ok_or(LinkError::Unanswered { port, command: "status", tries: TRIES })
+    }
+
+    /// What the device says next on its own; `None` where it says nothing in time.
+    ///
+    /// # Errors
+    /// [`LinkError::Gone`], [`LinkError::Restarted`].
+    pub fn next(&mut self, timeout: Duration) -> Result<Option<Telemetry>, LinkError> {
+        if let Some(telemetry) = self.inbox.pop_front() {
+            return Ok(Some(telemetry));
+        }
+        let deadline = Instant::now() + timeout;
+        while let Some(left) = deadline.checked_duration_since(Instant::now()) {
+            self.receive(left)?;
+            if let Some(telemetry) = self.inbox.pop_front() {
+                return Ok(Some(telemetry));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Displacement in SI units of what a status or a batch says in counts.
+    pub fn displacement_m(&self, counts: [i32; 2]) -> [f64; 2] {
+        counts.map(|count| f64::from(count) * f64::from(self.hello.scales.position_nm_per_count) * 1e-9)
+    }
+
+    /// Force in SI units of what a status, an event or a batch says in counts.
+    pub fn force_n(&self, counts: [i32; 2]) -> [f64; 2] {
+        counts.map(|count| f64::from(count) * f64::from(self.hello.scales.force_nn_per_count) * 1e-9)
+    }
+
+    /// Sends a command until it is answered; a status that comes before the answer is returned with it.
+    fn ask(&mut self, request: Request) -> Result<Option<Status>, LinkError> {
+        let id = self.next_id;
+        self.next_id = self.next_id.wrapping_add(1);
+        let command = Command { id, boot_id: self.boot_id, request };
+        let mut status = None;
+        for _ in 0..TRIES {
+            send(&mut self.wire, &command)?;
+            let deadline = Instant::now() + ANSWER_TIMEOUT;
+            while let Some(left) = deadline.checked_duration_since(Instant::now()) {
+                match self.receive(left)? {
+                    Some(Message::Ack { id: answered }) if answered == id => return Ok(status),
+                    Some(Message::Refused { id: answered, refusal }) if answered == id => {
+                        return Err(LinkError::Refused { command: name(&request), refusal });
+                    }
+                    Some(Message::Status(said)) => status = Some(said),
+                    _ => {}
+                }
+            }
+        }
+        let port = self.wire.name().to_owned();
+        Err(LinkError::Unanswered { port, command: name(&request), tries: TRIES })
+    }
+
+    /// Takes one frame: telemetry goes to the inbox, answers are returned.
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Message>, LinkError> {
+        let port = || self.wire.name().to_owned();
+        let (boot_id, message, lost_before) = match self.wire.receive(timeout)? {
+            Received::Message { boot_id, message, lost_before } => (boot_id, message, lost_before),
+            Received::HelloOfVersion(_) => return Err(LinkError::Restarted { port: port() }),
+            Received::Nothing => return Ok(None),
+        };
+        if boot_id != self.boot_id {
+            return Err(LinkError::Restarted { port: port() });
+        }
+        match message {
+            Message::Samples(samples) => {
+                let batch = self.batch(&samples, lost_before).ok_or(LinkError::Garbled { port: port() })?;
+                self.inbox.push_back(Telemetry::Samples(batch));
+                Ok(None)
+            }
+            Message::Event(event) => {
+                self.inbox.push_back(Telemetry::Event(event));
+                Ok(None)
+            }
+            answer => Ok(Some(answer)),
+        }
+    }
+
+    fn batch(&self, samples: &Samples, lost_before: u32) -> Option<Batch> {
+        let point = |(t_us, sample): (u64, Sample)| Point {
+            time_s: t_us as f64 * 1e-6,
+            displacement_m: self.displacement_m(sample.position_counts),
+            force_n: self.force_n(sample.force_counts),
+        };
+        let unpacked = samples.iter(self.hello.sample_period_us);
+        let points = unpacked.map(|sample| sample.map(point)).collect::<Result<Vec<_>, _>>().ok()?;
+        let step = (samples.step != u8::MAX).then_some(samples.step);
+        Some(Batch { state: samples.state, step, lost_before, points })
+    }
+}
+
+fn send(wire: &mut Wire, command: &Command) -> Result<(), LinkError> {
+    let mut buffer = [0; MAX_FRAME_TO_DEVICE];
+    let frame = encode_command(command, &mut buffer)?;
+    wire.send(frame)
+}
+
+fn check_protocol(port: &str, hello: &Hello) -> Result<(), LinkError> {
+    if hello.protocol_version != protocol::VERSION {
+        return Err(other_version(port, hello.protocol_version));
+    }
+    if hello.schema_hash != protocol::schema_hash() {
+        return Err(LinkError::OtherSchema {
+            port: port.to_owned(),
+            version: hello.protocol_version,
+            commit: hello.commit.as_str().to_owned(),
+        });
+    }
+    Ok(())
+}
+
+fn other_version(port: &str, theirs: u16) -> LinkError {
+    LinkError::OtherVersion { port: port.to_owned(), theirs, ours: protocol::VERSION }
+}
+
+/// A request as the user knows it.
+fn name(request: &Request) -> &'static str {
+    match request {
+        Request::Hello => "hello",
+        Request::Status => "status",
+        Request::Stream { .. } => "stream",
+        Request::LoadStep { .. } => "load step",
+        Request::Run { .. } => "run",
+        Request::Stop => "stop",
+        Request::ClearFault => "clear",
+    }
 }

@@ -1,6 +1,6 @@
 //! The constants of a simulated rig.
 
-use crate::session::{Needle, RigGeometry};
+use crate::model::{Needle, Rig, RigError};
 use serde::Deserialize;
 use std::path::Path;
 

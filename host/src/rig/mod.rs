@@ -13,12 +13,12 @@
 pub mod actuator;
 pub mod config;
 
-use crate::model::{LateralResponse, Rig};
+use crate::model::{Beam, Model, ModelError};
 use actuator::Actuator;
-use config::{Range, RigConfig};
+use config::{ConfigError, Range, RigConfig};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, Normal};
+use rand_distr::{Distribution, StandardNormal};
 
 /// Largest code of the 24-bit bridge converter.
 const BRIDGE_CODE_MAX: f64 = 8_388_607.0;
@@ -55,50 +55,151 @@ pub struct Truth {
     pub stiffness_n_per_m: f64,
 }
 
+/// Why a rig cannot be simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum RigError {
+    /// Its configuration makes no sense.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The forward model refuses it.
+    #[error("rig configuration: {0}")]
+    Model(#[from] ModelError),
+}
+
 /// The rig.
 #[derive(Debug)]
 pub struct SimulatedRig {
     config: RigConfig,
     truth: Truth,
-    response: LateralResponse,
+    beam: Beam,
     actuators: [Actuator; 2],
     bridge_offset_n: [f64; 2],
     force_noise: Noise,
     sweep_noise: Noise,
 }
 
-#[derive(Debug)]
-struct Noise {
-    random: ChaCha8Rng,
-    normal: Normal<f64>,
+impl SimulatedRig {
+    /// The rig that this seed makes of a configuration.
+    ///
+    /// # Errors
+    /// [`RigError`] where the configuration or the forward model refuses a value.
+    pub fn new(config: RigConfig, seed: u64) -> Result<Self, RigError> {
+        config.check()?;
+        let mut random = stream(seed, Stream::Truth);
+        let modulus_pa = within(&mut random, config.modulus_kpa) * 1e3;
+        let bridge_offset_n = [(); 2].map(|()| within(&mut random, config.force.offset_n));
+        let actuators = [Stream::PotentiometerX, Stream::PotentiometerY]
+            .map(|noise| Actuator::new(&config.actuator, &mut random, Noise::new(seed, noise)));
+        let depth_m = config.depth_mm * 1e-3;
+        let beam = Model::uniform(config.model_rig()?, modulus_pa)?.beam(depth_m)?;
+        let truth =
+            Truth { modulus_pa, depth_m, stiffness_n_per_m: beam.lateral_stiffness_n_per_m() };
+        Ok(Self {
+            truth,
+            beam,
+            actuators,
+            bridge_offset_n,
+            force_noise: Noise::new(seed, Stream::Force),
+            sweep_noise: Noise::new(seed, Stream::Sweep),
+            config,
+        })
+    }
+
+    /// One control period with these bridge inputs; returns what the converters read at its end.
+    pub fn step(&mut self, inputs: BridgeInputs, period_s: f64) -> Codes {
+        for (actuator, inputs) in self.actuators.iter_mut().zip(inputs) {
+            actuator.step(inputs, period_s);
+        }
+        let [force_x, force_y] = self.force_n();
+        let [offset_x, offset_y] = self.bridge_offset_n;
+        Codes {
+            potentiometer: self.actuators.each_mut().map(Actuator::potentiometer_code),
+            bridge: [force_x + offset_x, force_y + offset_y].map(|force_n| self.bridge_code(force_n)),
+        }
+    }
+
+    /// Takes an ultrasound sweep along the needle inside the tissue, as it lies now.
+    pub fn sweep(&mut self) -> Vec<ShapeSample> {
+        let ultrasound = &self.config.ultrasound;
+        let (spacing_m, pixel_m) = (ultrasound.spacing_mm * 1e-3, ultrasound.pixel_mm * 1e-3);
+        let position_m = self.position_m();
+        let count = (self.truth.depth_m / spacing_m + 1e-9) as usize;
+        let entry_m = self.config.rig.entry_mm * 1e-3;
+        (1..=count)
+            .map(|index| {
+                let z_m = entry_m + index as f64 * spacing_m;
+                let deflection_m = position_m.map(|displacement_m| {
+                    let noise_m = ultrasound.noise_mm * 1e-3 * self.sweep_noise.draw();
+                    let seen_m = self.beam.deflection_m(displacement_m, z_m) + noise_m;
+                    (seen_m / pixel_m).round() * pixel_m
+                });
+                ShapeSample { z_m, deflection_m }
+            })
+            .collect()
+    }
+
+    /// Position of guide 2 along x and y, metres.
+    pub fn position_m(&self) -> [f64; 2] {
+        self.actuators.each_ref().map(Actuator::position_m)
+    }
+
+    /// Force on guide 2 along x and y, newtons.
+    pub fn force_n(&self) -> [f64; 2] {
+        self.position_m().map(|displacement_m| self.beam.force_n(displacement_m))
+    }
+
+    /// What the rig really is.
+    pub fn truth(&self) -> Truth {
+        self.truth
+    }
+
+    /// Its configuration.
+    pub fn config(&self) -> &RigConfig {
+        &self.config
+    }
+
+    fn bridge_code(&mut self, force_n: f64) -> i32 {
+        let force = &self.config.force;
+        let seen_n = force_n + force.noise_n * self.force_noise.draw();
+        let share = seen_n / force.range_n * force.share_of_full_scale;
+        // The cast saturates at nothing: the clamp keeps it within the converter's 24 bits.
+        (share * BRIDGE_CODE_MAX).round().clamp(-BRIDGE_CODE_MAX - 1.0, BRIDGE_CODE_MAX) as i32
+    }
 }
 
+/// One source of unit normal noise.
+#[derive(Debug)]
+struct Noise(ChaCha8Rng);
+
 impl Noise {
-    fn new(random: ChaCha8Rng) -> Self {
-        // A unit normal: its parameters are constants, so it always exists.
-        Self { random, normal: Normal::new(0.0, 1.0).unwrap_or_else(|_| unreachable!()) }
+    fn new(seed: u64, part: Stream) -> Self {
+        Self(stream(seed, part))
     }
 
     fn draw(&mut self) -> f64 {
-        self.normal.sample(&mut self.random)
+        StandardNormal.sample(&mut self.0)
     }
 }
 
 /// Independent streams of one seed.
 #[derive(Clone, Copy)]
 enum Stream {
-    Truth = 0,
-    Actuator = 1,
-    Force = 3,
-    Sweep = 4,
+    Truth,
+    PotentiometerX,
+    PotentiometerY,
+    Force,
+    Sweep,
 }
 
-fn stream(seed: u64, stream: u64) -> ChaCha8Rng {
+fn stream(seed: u64, part: Stream) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    random.set_stream(stream);
+    random.set_stream(part as u64);
     random
 }
 
 fn within(random: &mut impl Rng, range: Range) -> f64 {
     range.low + (range.high - range.low) * random.random::<f64>()
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,137 @@
+//! What can go wrong between this program and the device, each with its cause and its remedy in one line.
+
+use super::client::{ANSWER_TIMEOUT, SILENCE_LIMIT};
+use super::port::{self, PortError};
+use protocol::{Fault, Refusal};
+use std::io;
+
+/// What went wrong with a link.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// The port cannot be opened.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// Nobody answered the hello.
+    #[error(
+        "{port}: no answer to {tries} hellos ({bytes} bytes received, none of them a valid frame): \
+         is this the needle guide, is its firmware flashed, is the rate {rate} baud?",
+        rate = port::BAUD
+    )]
+    NoAnswer {
+        /// The port's name.
+        port: String,
+        /// Hellos sent.
+        tries: u32,
+        /// Bytes that arrived meanwhile.
+        bytes: u64,
+    },
+    /// The device speaks another version of the protocol.
+    #[error(
+        "{port}: the device speaks protocol version {theirs}, this program speaks {ours}: \
+         flash the matching firmware or use the matching `guide`"
+    )]
+    OtherVersion {
+        /// The port's name.
+        port: String,
+        /// The device's version.
+        theirs: u16,
+        /// This program's version.
+        ours: u16,
+    },
+    /// The version is the same but the message types differ.
+    #[error(
+        "{port}: the device's message types differ from this program's though both say protocol version {version} \
+         (firmware commit {commit}): build both from the same source"
+    )]
+    OtherSchema {
+        /// The port's name.
+        port: String,
+        /// The version both claim.
+        version: u16,
+        /// Commit of the firmware.
+        commit: String,
+    },
+    /// A command was not answered.
+    #[error("{port}: the device did not answer `{command}` in {tries} tries of {ANSWER_TIMEOUT:?}")]
+    Unanswered {
+        /// The port's name.
+        port: String,
+        /// The command.
+        command: &'static str,
+        /// How often it was sent.
+        tries: u32,
+    },
+    /// A command was refused.
+    #[error("the device refused `{command}`: {}", explain_refusal(*refusal))]
+    Refused {
+        /// The command.
+        command: &'static str,
+        /// Why.
+        refusal: Refusal,
+    },
+    /// The port went away.
+    #[error("{port}: the port went away ({source}): was the cable pulled or the board switched off?")]
+    Gone {
+        /// The port's name.
+        port: String,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The device stopped talking while it streamed.
+    #[error("{port}: the device has said nothing for {SILENCE_LIMIT:?} while streaming")]
+    Silent {
+        /// The port's name.
+        port: String,
+    },
+    /// The device restarted in the middle of something.
+    #[error("{port}: the device restarted in mid-run: check its supply, then see `guide status`")]
+    Restarted {
+        /// The port's name.
+        port: String,
+    },
+    /// A batch was intact but its samples are not what it says.
+    #[error("{port}: a batch of samples does not unpack: firmware and program differ")]
+    Garbled {
+        /// The port's name.
+        port: String,
+    },
+    /// A program ended before its last step.
+    #[error("the motion program was ended by {}", .fault.map_or("a stop".to_owned(), explain_fault))]
+    ProgramEnded {
+        /// The fault that ended it; `None` for a stop.
+        fault: Option<Fault>,
+    },
+    /// The user asked to stop.
+    #[error("interrupted: the guide was stopped")]
+    Interrupted,
+    /// A message that this program built cannot be encoded.
+    #[error("a command cannot be encoded: {0}")]
+    Encode(#[from] protocol::EncodeError),
+}
+
+/// A refusal in words, with what to do about it.
+pub fn explain_refusal(refusal: Refusal) -> String {
+    match refusal {
+        Refusal::OtherBoot => "it has restarted since the hello; connect again".to_owned(),
+        Refusal::Faulted { fault } => format!("{}; then `guide clear`", explain_fault(fault)),
+        Refusal::Busy => "a motion program waits or runs; `guide stop` ends it".to_owned(),
+        Refusal::OutOfTravel => "the target lies beyond the travel of the guide".to_owned(),
+        Refusal::OutOfRange => "a speed, a duration or the number of steps is zero or too large".to_owned(),
+        Refusal::ProgramMismatch => "the steps it holds are not the ones that were meant; load them again".to_owned(),
+        Refusal::TooLate => "the start time has passed on its clock; see `guide status`".to_owned(),
+        Refusal::CauseRemains => "the cause of the fault is still there; see `guide status`".to_owned(),
+        Refusal::Unreadable => "it cannot read the command; firmware and program differ".to_owned(),
+    }
+}
+
+/// A fault in words: number, cause, remedy.
+pub fn explain_fault(fault: Fault) -> String {
+    let (cause, remedy) = match fault {
+        Fault::EmergencyStop => ("the emergency stop is pressed or its wire is open", "release it"),
+        Fault::ForceSensor => ("the force converter gives no valid readings", "check its cable and supply"),
+        Fault::ForceRange => ("the force is beyond the sensor's range", "unload the needle"),
+        Fault::Potentiometer => ("a potentiometer reads beyond its track", "check its wires"),
+        Fault::MoveTimeout => ("an axis did not reach its target in time", "check for a jam and the motor supply"),
+    };
+    format!("fault {} ({cause}: {remedy})", fault as u8)
+}

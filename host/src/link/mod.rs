@@ -1,0 +1,14 @@
+//! The link to the device: port, frames, commands, motion programs.
+
+pub mod client;
+pub mod error;
+pub mod port;
+pub mod program;
+pub mod run;
+mod wire;
+
+pub use client::{Batch, Client, Point, Telemetry};
+pub use error::LinkError;
+pub use program::Program;
+pub use run::{RunOptions, run};
+pub use wire::LinkLosses;

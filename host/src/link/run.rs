@@ -1,0 +1,176 @@
+//! Running a motion program on the device and following it to its end.
+//!
+//! The device runs the program by itself; the host follows. Events can be lost, so the end is recognised by whatever says so
+//! first: the event, the state in a batch, or the answer to a status that is asked for every second.
+
+use super::client::{Client, SILENCE_LIMIT, Telemetry};
+use super::error::LinkError;
+use super::program::Program;
+use protocol::{Event, EventKind, Fault, Outcome, Request, State};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How often the state is asked for while nothing says that the program has ended.
+const STATUS_INTERVAL: Duration = Duration::from_secs(1);
+/// How long one look for telemetry waits: short, so that an interrupt is obeyed soon.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// How to run a program.
+#[derive(Debug, Clone, Copy)]
+pub struct RunOptions<'a> {
+    /// Device time at which to start, microseconds; `None`: at once.
+    pub start_us: Option<u64>,
+    /// Have every sample sent.
+    pub stream: bool,
+    /// Set by the user's interrupt.
+    pub interrupted: &'a AtomicBool,
+}
+
+/// Loads a program, starts it and follows it. `observe` sees everything the device says, in order, up to the program's end.
+///
+/// # Errors
+/// What the link, the device or `observe` says. Unless the link itself is gone, the guide has been stopped.
+pub fn run<E: From<LinkError>>(
+    client: &mut Client,
+    program: &Program,
+    options: RunOptions,
+    mut observe: impl FnMut(&Client, &Telemetry) -> Result<(), E>,
+) -> Result<(), E> {
+    let outcome = start(client, program, options)
+        .map_err(E::from)
+        .and_then(|()| follow(client, options, &mut observe));
+    if outcome.is_err() {
+        // Where the link is gone the stop cannot arrive; the device ends the program by itself and holds.
+        let _ = client.request(Request::Stop);
+    }
+    if options.stream {
+        let stopped = client.request(Request::Stream { enable: false });
+        outcome.and_then(|()| stopped.map_err(E::from))
+    } else {
+        outcome
+    }
+}
+
+fn start(client: &mut Client, program: &Program, options: RunOptions) -> Result<(), LinkError> {
+    let steps = program.device_steps();
+    for (index, step) in (0u8..).zip(&steps) {
+        client.request(Request::LoadStep { index, step: *step })?;
+    }
+    client.request(Request::Stream { enable: options.stream })?;
+    let start_us = options.start_us.unwrap_or(0);
+    client.request(Request::Run { steps: steps.len() as u8, crc: protocol::program_crc(&steps), start_us })
+}
+
+fn follow<E: From<LinkError>>(
+    client: &mut Client,
+    options: RunOptions,
+    observe: &mut impl FnMut(&Client, &Telemetry) -> Result<(), E>,
+) -> Result<(), E> {
+    let mut end = EndWatch::default();
+    let mut last_heard = Instant::now();
+    let mut last_asked = Instant::now();
+    loop {
+        if options.interrupted.load(Ordering::Acquire) {
+            return Err(LinkError::Interrupted.into());
+        }
+        if let Some(telemetry) = client.next(LOOK)? {
+            last_heard = Instant::now();
+            observe(client, &telemetry)?;
+            end.see(&telemetry);
+        } else if options.stream && last_heard.elapsed() > SILENCE_LIMIT {
+            return Err(LinkError::Silent { port: client.port().to_owned() }.into());
+        }
+        if end.outcome.is_none() && last_asked.elapsed() > STATUS_INTERVAL {
+            let status = client.status()?;
+            last_asked = Instant::now();
+            end.ask(status.state, status.fault);
+        }
+        match end.outcome {
+            None => {}
+            Some(Outcome::Completed) => return Ok(()),
+            Some(Outcome::Stopped) => return Err(LinkError::ProgramEnded { fault: None }.into()),
+            Some(Outcome::Faulted) => {
+                let fault = match end.fault {
+                    Some(fault) => Some(fault),
+                    None => client.status()?.fault,
+                };
+                return Err(LinkError::ProgramEnded { fault }.into());
+            }
+        }
+    }
+}
+
+/// Recognises the end of a program that has been accepted.
+#[derive(Default)]
+struct EndWatch {
+    seen_active: bool,
+    fault: Option<Fault>,
+    outcome: Option<Outcome>,
+}
+
+impl EndWatch {
+    fn see(&mut self, telemetry: &Telemetry) {
+        match telemetry {
+            Telemetry::Event(Event { kind, .. }) => match kind {
+                EventKind::ProgramEnded { outcome } => self.outcome = Some(*outcome),
+                EventKind::Faulted { fault } => self.fault = Some(*fault),
+                EventKind::StepStarted { .. } => self.seen_active = true,
+                EventKind::StepEnded { .. } | EventKind::Tared { .. } => {}
+            },
+            // Batches of the time before the start may still be on their way: only a change to rest is an end.
+            Telemetry::Samples(batch) => match batch.state {
+                State::Idle if self.seen_active => self.end(Outcome::Completed),
+                State::Faulted if self.seen_active => self.end(Outcome::Faulted),
+                State::Idle | State::Faulted => {}
+                State::Pending | State::Moving | State::Holding | State::Taring => self.seen_active = true,
+            },
+        }
+    }
+
+    /// An answer comes after the acceptance of the program, so rest in it is an end.
+    fn ask(&mut self, state: State, fault: Option<Fault>) {
+        match state {
+            State::Idle => self.end(Outcome::Completed),
+            State::Faulted => {
+                self.fault = fault;
+                self.end(Outcome::Faulted);
+            }
+            State::Pending | State::Moving | State::Holding | State::Taring => self.seen_active = true,
+        }
+    }
+
+    fn end(&mut self, outcome: Outcome) {
+        self.outcome.get_or_insert(outcome);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::client::Batch;
+
+    fn batch(state: State) -> Telemetry {
+        Telemetry::Samples(Batch { state, step: None, lost_before: 0, points: Vec::new() })
+    }
+
+    #[test]
+    fn rest_from_before_the_start_is_no_end() {
+        let mut end = EndWatch::default();
+        end.see(&batch(State::Idle));
+        assert_eq!(end.outcome, None);
+        end.see(&batch(State::Pending));
+        end.see(&batch(State::Moving));
+        assert_eq!(end.outcome, None);
+        end.see(&batch(State::Idle));
+        assert_eq!(end.outcome, Some(Outcome::Completed));
+    }
+
+    #[test]
+    fn an_end_whose_event_was_lost_is_found_by_asking() {
+        let mut end = EndWatch::default();
+        end.ask(State::Holding, None);
+        assert_eq!(end.outcome, None);
+        end.ask(State::Faulted, Some(Fault::ForceRange));
+        assert_eq!((end.outcome, end.fault), (Some(Outcome::Faulted), Some(Fault::ForceRange)));
+    }
+}

@@ -1,0 +1,184 @@
+//! The serial port as a stream of frames: a reader thread on one side, counted losses on the other.
+
+use super::error::LinkError;
+use super::port;
+use protocol::{Envelope, Event, MAX_FRAME_TO_HOST, Message, Receiver, SequenceTracker};
+use serialport::SerialPort;
+use std::io::{self, ErrorKind, Read, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// What has been lost on the way from the device.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+pub struct LinkLosses {
+    /// Frames that the sequence numbers say were sent and that did not arrive.
+    pub frames_missing: u64,
+    /// Frames that arrived damaged: checksum or byte stuffing wrong.
+    pub frames_corrupt: u64,
+    /// Frames that arrived over-long, or intact but unreadable.
+    pub frames_unreadable: u64,
+    /// Samples that are missing for any reason, the device's own drops included.
+    pub samples_missing: u64,
+}
+
+/// What the reader thread hands over.
+enum Incoming {
+    Frame(Box<Envelope>),
+    HelloOfVersion(u16),
+    Closed(io::Error),
+}
+
+/// What a caller gets from [`Wire::receive`].
+#[derive(Debug)]
+pub enum Received {
+    /// A frame, with the boot it belongs to.
+    Message {
+        /// Boot id of the frame.
+        boot_id: u32,
+        /// Its content.
+        message: Message,
+        /// Samples that went missing directly before it.
+        lost_before: u32,
+    },
+    /// A hello of a device that speaks this other version of the protocol.
+    HelloOfVersion(u16),
+    /// Nothing came in time.
+    Nothing,
+}
+
+#[derive(Default)]
+struct Counters {
+    stop: AtomicBool,
+    bytes: AtomicU64,
+    corrupt: AtomicU64,
+    unreadable: AtomicU64,
+}
+
+/// An open port.
+pub struct Wire {
+    name: String,
+    writer: Box<dyn SerialPort>,
+    incoming: mpsc::Receiver<Incoming>,
+    reader: Option<JoinHandle<()>>,
+    counters: Arc<Counters>,
+    tracker: SequenceTracker,
+}
+
+impl Wire {
+    /// Opens a port and starts reading it.
+    pub fn open(name: &str) -> Result<Self, LinkError> {
+        let writer = port::open(name)?;
+        let gone = |source: io::Error| LinkError::Gone { port: name.to_owned(), source };
+        let reading = writer.try_clone().map_err(|error| gone(error.into()))?;
+        let counters = Arc::new(Counters::default());
+        let (sender, incoming) = mpsc::channel();
+        let reader = std::thread::Builder::new()
+            .name("serial reader".into())
+            .spawn({
+                let counters = Arc::clone(&counters);
+                move || read_frames(reading, &sender, &counters)
+            })
+            .map_err(gone)?;
+        Ok(Self {
+            name: name.to_owned(),
+            writer,
+            incoming,
+            reader: Some(reader),
+            counters,
+            tracker: SequenceTracker::new(),
+        })
+    }
+
+    /// Name of the port.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Sends bytes.
+    pub fn send(&mut self, frame: &[u8]) -> Result<(), LinkError> {
+        self.writer
+            .write_all(frame)
+            .map_err(|source| LinkError::Gone { port: self.name.clone(), source })
+    }
+
+    /// Waits for a frame.
+    pub fn receive(&mut self, timeout: Duration) -> Result<Received, LinkError> {
+        match self.incoming.recv_timeout(timeout) {
+            Ok(Incoming::Frame(frame)) => {
+                let lost_before = self.tracker.accept(&frame).samples_missing;
+                let Envelope { boot_id, message, .. } = *frame;
+                Ok(Received::Message { boot_id, message, lost_before })
+            }
+            Ok(Incoming::HelloOfVersion(version)) => Ok(Received::HelloOfVersion(version)),
+            Ok(Incoming::Closed(source)) => Err(LinkError::Gone { port: self.name.clone(), source }),
+            Err(RecvTimeoutError::Timeout) => Ok(Received::Nothing),
+            Err(RecvTimeoutError::Disconnected) => {
+                let source = io::Error::from(ErrorKind::BrokenPipe);
+                Err(LinkError::Gone { port: self.name.clone(), source })
+            }
+        }
+    }
+
+    /// Bytes that have arrived.
+    pub fn bytes(&self) -> u64 {
+        self.counters.bytes.load(Ordering::Relaxed)
+    }
+
+    /// What has been lost so far.
+    pub fn losses(&self) -> LinkLosses {
+        let totals = self.tracker.totals();
+        LinkLosses {
+            frames_missing: totals.frames_missing,
+            frames_corrupt: self.counters.corrupt.load(Ordering::Relaxed),
+            frames_unreadable: self.counters.unreadable.load(Ordering::Relaxed),
+            samples_missing: totals.samples_missing,
+        }
+    }
+}
+
+impl Drop for Wire {
+    fn drop(&mut self) {
+        self.counters.stop.store(true, Ordering::Release);
+        if let Some(reader) = self.reader.take() {
+            let _ = reader.join();
+        }
+    }
+}
+
+fn read_frames(mut port: Box<dyn SerialPort>, sender: &mpsc::Sender<Incoming>, counters: &Counters) {
+    let mut receiver = Receiver::<Envelope, MAX_FRAME_TO_HOST>::new();
+    let mut buffer = [0; 4096];
+    while !counters.stop.load(Ordering::Acquire) {
+        let bytes = match port.read(&mut buffer) {
+            Ok(0) => &[],
+            Ok(length) => buffer.get(..length).unwrap_or_default(),
+            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => &[],
+            Err(error) => {
+                let _ = sender.send(Incoming::Closed(error));
+                return;
+            }
+        };
+        counters.bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        for &byte in bytes {
+            let incoming = match receiver.push(byte) {
+                None => continue,
+                Some(Event::Frame(frame)) => Incoming::Frame(Box::new(frame)),
+                Some(Event::Unreadable { hello_version: Some(version) }) => Incoming::HelloOfVersion(version),
+                Some(Event::Corrupt) => {
+                    counters.corrupt.fetch_add(1, Ordering::Relaxed);
+                    continue;
+                }
+                Some(Event::Overlong | Event::Unreadable { hello_version: None }) => {
+                    counters.unreadable.fetch_add(1, Ordering::Relaxed);
+                    continue;
+                }
+            };
+            if sender.send(incoming).is_err() {
+                return;
+            }
+        }
+    }
+}
