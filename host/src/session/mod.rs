@@ -1,0 +1,162 @@
+//! Session files, format 1: a folder with `session.toml` and CSV files, readable with any tool.
+//!
+//! Files carry millimetres and newtons in the names of their fields; here everything is SI. Comments and column order
+//! are free, unknown columns and fields are left alone, and every error names file, line, column, field and what was
+//! expected.
+
+mod error;
+mod fields;
+mod read;
+mod table;
+mod write;
+
+pub use error::{Place, Problem, SessionError};
+pub use write::{ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow};
+
+use crate::model::Rig;
+use std::path::PathBuf;
+
+/// Everything recorded with one needle, one rig and one piece of tissue.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Session {
+    /// Folder it was read from.
+    pub dir: PathBuf,
+    /// Its name, where it has one.
+    pub name: Option<String>,
+    /// Needle, guides and tissue surface.
+    pub rig: Rig,
+    /// Standard deviations of the sensors, where they are stated.
+    pub noise: Noise,
+    /// Lateral runs.
+    pub lateral: Vec<LateralRun>,
+    /// Insertions.
+    pub insertion: Vec<InsertionRun>,
+    /// Independent indentation measurements.
+    pub indentation: Vec<IndentationRun>,
+    /// Dynamic runs.
+    pub steering: Vec<SteeringRun>,
+}
+
+/// Stated standard deviation of a single reading of each sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Noise {
+    /// Lateral force.
+    pub force_n: Option<f64>,
+    /// Displacement of guide 2.
+    pub displacement_m: Option<f64>,
+    /// Deflection of the needle in the tissue.
+    pub shape_m: Option<f64>,
+    /// Position of the tip.
+    pub tip_m: Option<f64>,
+}
+
+/// A lateral run at one depth: guide 2 pushed sideways, force and shape measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LateralRun {
+    /// Its name.
+    pub id: String,
+    /// Length of the needle inside the tissue.
+    pub depth_m: f64,
+    /// File of the force series, for messages.
+    pub force_path: PathBuf,
+    /// File of the shape, for messages.
+    pub shape_path: PathBuf,
+    /// Displacement and force against time.
+    pub force: ForceSeries,
+    /// Shape sweeps.
+    pub shape: ShapeSeries,
+}
+
+/// Displacement of guide 2 and lateral force against increasing time; columns of equal length.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ForceSeries {
+    /// Time.
+    pub time_s: Vec<f64>,
+    /// Vertical displacement of guide 2.
+    pub displacement_y_m: Vec<f64>,
+    /// Vertical force.
+    pub force_y_n: Vec<f64>,
+    /// Horizontal displacement; there together with the horizontal force.
+    pub displacement_x_m: Option<Vec<f64>>,
+    /// Horizontal force.
+    pub force_x_n: Option<Vec<f64>>,
+    /// Samples lost just before each row, where the recorder counted them.
+    pub lost_before: Option<Vec<f64>>,
+}
+
+/// Deflection of the needle at points of the shape sweeps; columns of equal length.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ShapeSeries {
+    /// Time of each point; without it the shape belongs to the last hold.
+    pub time_s: Option<Vec<f64>>,
+    /// Position along the needle from guide 1.
+    pub z_m: Vec<f64>,
+    /// Vertical deflection.
+    pub y_m: Vec<f64>,
+    /// Horizontal deflection.
+    pub x_m: Option<Vec<f64>>,
+}
+
+/// An insertion: where the tip was at each depth; columns of equal length.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InsertionRun {
+    /// Its name.
+    pub id: String,
+    /// Its file, for messages.
+    pub path: PathBuf,
+    /// Insertion depth, in the order of recording.
+    pub depth_m: Vec<f64>,
+    /// Vertical tip position.
+    pub tip_y_m: Vec<f64>,
+    /// Horizontal tip position.
+    pub tip_x_m: Option<Vec<f64>>,
+    /// Time.
+    pub time_s: Option<Vec<f64>>,
+    /// Axial rotation of the needle.
+    pub rotation_rad: Option<Vec<f64>>,
+    /// Vertical displacement of guide 2.
+    pub guide2_y_m: Option<Vec<f64>>,
+    /// Horizontal displacement of guide 2.
+    pub guide2_x_m: Option<Vec<f64>>,
+    /// Vertical force at the base.
+    pub base_force_y_n: Option<Vec<f64>>,
+}
+
+/// An indentation with a flat cylindrical punch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IndentationRun {
+    /// Its name.
+    pub id: String,
+    /// Its file, for messages.
+    pub path: PathBuf,
+    /// Radius of the punch.
+    pub indenter_radius_m: f64,
+    /// Poisson's ratio of the tissue.
+    pub poisson: f64,
+    /// Indentation depth.
+    pub depth_m: Vec<f64>,
+    /// Axial force.
+    pub force_n: Vec<f64>,
+}
+
+/// A dynamic run of the online estimator; columns of equal length.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SteeringRun {
+    /// Its name.
+    pub id: String,
+    /// Its file, for messages.
+    pub path: PathBuf,
+    /// Increasing time.
+    pub time_s: Vec<f64>,
+    /// Insertion depth.
+    pub depth_m: Vec<f64>,
+    /// Lateral position of the base.
+    pub base_y_m: Vec<f64>,
+    /// Lateral force at the base.
+    pub base_force_y_n: Vec<f64>,
+    /// Lateral position of the tip.
+    pub tip_y_m: Vec<f64>,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,206 @@
+//! Reading a session.
+
+use super::error::{Problem, SessionError, read_text};
+use super::fields::Fields;
+use super::table::{Column, Table};
+use super::{
+    ForceSeries, IndentationRun, InsertionRun, LateralRun, Noise, Session, ShapeSeries, SteeringRun,
+};
+use crate::model::{Needle, Rig};
+use std::collections::HashSet;
+use std::path::Path;
+
+const MM: f64 = 1e-3;
+const TIME_S: [f64; 2] = [-1e10, 1e10];
+/// Insertion depths; the least is for files: a recorded insertion may start a little outside.
+const DEPTH_MM: [f64; 2] = [0.0, 500.0];
+const LATERAL_MM: [f64; 2] = [-200.0, 200.0];
+const FORCE_N: [f64; 2] = [-200.0, 200.0];
+const SD_MM: [f64; 2] = [1e-9, 50.0];
+
+const FORCE_COLUMNS: [Column; 6] = [
+    Column::required("time_s", 1.0, TIME_S).increasing(),
+    Column::required("displacement_y_mm", MM, [-50.0, 50.0]),
+    Column::required("force_y_n", 1.0, FORCE_N),
+    Column::optional("displacement_x_mm", MM, [-50.0, 50.0]),
+    Column::optional("force_x_n", 1.0, FORCE_N),
+    Column::optional("lost_before", 1.0, [0.0, 1e12]),
+];
+const SHAPE_COLUMNS: [Column; 4] = [
+    Column::optional("time_s", 1.0, TIME_S),
+    Column::required("z_mm", MM, [0.0, 2000.0]),
+    Column::required("deflection_y_mm", MM, LATERAL_MM),
+    Column::optional("deflection_x_mm", MM, LATERAL_MM),
+];
+const INSERTION_COLUMNS: [Column; 8] = [
+    Column::required("depth_mm", MM, [-50.0, 500.0]),
+    Column::required("tip_y_mm", MM, LATERAL_MM),
+    Column::optional("tip_x_mm", MM, LATERAL_MM),
+    Column::optional("time_s", 1.0, TIME_S),
+    Column::optional("rotation_deg", std::f64::consts::PI / 180.0, [-1e6, 1e6]),
+    Column::optional("guide2_y_mm", MM, [-50.0, 50.0]),
+    Column::optional("guide2_x_mm", MM, [-50.0, 50.0]),
+    Column::optional("base_force_y_n", 1.0, FORCE_N),
+];
+const INDENTATION_COLUMNS: [Column; 2] =
+    [Column::required("depth_mm", MM, [-50.0, 100.0]), Column::required("force_n", 1.0, FORCE_N)];
+const STEERING_COLUMNS: [Column; 5] = [
+    Column::required("time_s", 1.0, TIME_S).increasing(),
+    Column::required("depth_mm", MM, DEPTH_MM),
+    Column::required("base_y_mm", MM, LATERAL_MM),
+    Column::required("base_force_y_n", 1.0, FORCE_N),
+    Column::required("tip_y_mm", MM, LATERAL_MM),
+];
+
+impl Session {
+    /// Reads `session.toml` in `dir` and all files it names.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn read(dir: &Path) -> Result<Self, SessionError> {
+        let path = dir.join("session.toml");
+        let text = read_text(&path)?;
+        Fields::parse(&path, &text, |file| {
+            let session = file.table("session")?;
+            session.number("format", [1.0, 1.0])?;
+            Ok(Self {
+                dir: dir.to_owned(),
+                name: session.optional_text("name")?,
+                rig: rig(file)?,
+                noise: noise(file)?,
+                lateral: runs(file, "lateral", |fields, id| lateral(dir, fields, id))?,
+                insertion: runs(file, "insertion", |fields, id| insertion(dir, fields, id))?,
+                indentation: runs(file, "indentation", |fields, id| indentation(dir, fields, id))?,
+                steering: runs(file, "steering", |fields, id| steering(dir, fields, id))?,
+            })
+        })
+    }
+}
+
+fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
+    let needle = file.table("needle")?;
+    let outer_mm = needle.number("outer_diameter_mm", [0.05, 10.0])?;
+    let inner_mm = needle.number("inner_diameter_mm", [0.0, 10.0])?;
+    if inner_mm >= outer_mm {
+        let expected = format!("less than the outer diameter of {outer_mm} mm");
+        return Err(needle.field_fault("inner_diameter_mm", Problem::OutOfRange(inner_mm), expected));
+    }
+    let rig = file.table("rig")?;
+    let guide2_mm = rig.number("guide2_mm", [1.0, 1000.0])?;
+    let entry_mm = rig.number("entry_mm", [1.0, 1000.0])?;
+    if entry_mm < guide2_mm {
+        let expected = format!("at least guide2_mm, {guide2_mm}");
+        return Err(rig.field_fault("entry_mm", Problem::OutOfRange(entry_mm), expected));
+    }
+    Ok(Rig {
+        needle: Needle {
+            youngs_modulus_pa: 1e9 * needle.number("youngs_modulus_gpa", [0.1, 1000.0])?,
+            outer_diameter_m: MM * outer_mm,
+            inner_diameter_m: MM * inner_mm,
+            bevel_angle_rad: needle.optional_number("bevel_angle_deg", [0.0, 90.0])?.map(f64::to_radians),
+            length_m: needle.optional_number("length_mm", [10.0, 2000.0])?.map(|length_mm| MM * length_mm),
+        },
+        guide2_m: MM * guide2_mm,
+        entry_m: MM * entry_mm,
+    })
+}
+
+fn noise(file: &Fields<'_>) -> Result<Noise, SessionError> {
+    let Some(noise) = file.optional_table("noise")? else { return Ok(Noise::default()) };
+    let sd_m = |field| Ok::<_, SessionError>(noise.optional_number(field, SD_MM)?.map(|sd_mm| MM * sd_mm));
+    Ok(Noise {
+        force_n: noise.optional_number("force_n", [1e-9, 100.0])?,
+        displacement_m: sd_m("displacement_mm")?,
+        shape_m: sd_m("shape_mm")?,
+        tip_m: sd_m("tip_mm")?,
+    })
+}
+
+/// The runs of one kind; their ids are unique.
+fn runs<T>(
+    file: &Fields<'_>,
+    kind: &'static str,
+    read: impl Fn(&Fields<'_>, String) -> Result<T, SessionError>,
+) -> Result<Vec<T>, SessionError> {
+    let mut seen = HashSet::new();
+    let mut runs = Vec::new();
+    for fields in file.tables(kind)? {
+        let id = fields.text("id")?;
+        if !seen.insert(id.clone()) {
+            return Err(fields.field_fault("id", Problem::Duplicate(id), "one run per id"));
+        }
+        runs.push(read(&fields, id)?);
+    }
+    Ok(runs)
+}
+
+fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, SessionError> {
+    let depth_m = MM * fields.number("depth_mm", [0.5, 500.0])?;
+    let force_path = dir.join(fields.text("force")?);
+    let shape_path = dir.join(fields.text("shape")?);
+    let mut force = Table::read(&force_path, &FORCE_COLUMNS)?;
+    let mut shape = Table::read(&shape_path, &SHAPE_COLUMNS)?;
+    let force = ForceSeries {
+        time_s: force.take_required("time_s"),
+        displacement_y_m: force.take_required("displacement_y_mm"),
+        force_y_n: force.take_required("force_y_n"),
+        displacement_x_m: force.take("displacement_x_mm"),
+        force_x_n: force.take("force_x_n"),
+        lost_before: force.take("lost_before"),
+    };
+    if force.displacement_x_m.is_some() != force.force_x_n.is_some() {
+        return Err(SessionError::Field {
+            place: super::Place { path: force_path, line: 1, column: 1 },
+            field: "displacement_x_mm, force_x_n".to_owned(),
+            problem: Problem::Missing,
+            expected: "both columns or none".to_owned(),
+        });
+    }
+    let shape = ShapeSeries {
+        time_s: shape.take("time_s"),
+        z_m: shape.take_required("z_mm"),
+        y_m: shape.take_required("deflection_y_mm"),
+        x_m: shape.take("deflection_x_mm"),
+    };
+    Ok(LateralRun { id, depth_m, force_path, shape_path, force, shape })
+}
+
+fn insertion(dir: &Path, fields: &Fields<'_>, id: String) -> Result<InsertionRun, SessionError> {
+    let path = dir.join(fields.text("path")?);
+    let mut table = Table::read(&path, &INSERTION_COLUMNS)?;
+    Ok(InsertionRun {
+        id,
+        path,
+        depth_m: table.take_required("depth_mm"),
+        tip_y_m: table.take_required("tip_y_mm"),
+        tip_x_m: table.take("tip_x_mm"),
+        time_s: table.take("time_s"),
+        rotation_rad: table.take("rotation_deg"),
+        guide2_y_m: table.take("guide2_y_mm"),
+        guide2_x_m: table.take("guide2_x_mm"),
+        base_force_y_n: table.take("base_force_y_n"),
+    })
+}
+
+fn indentation(dir: &Path, fields: &Fields<'_>, id: String) -> Result<IndentationRun, SessionError> {
+    let indenter_radius_m = MM * fields.number("indenter_radius_mm", [0.05, 100.0])?;
+    let poisson = fields.number("poisson", [0.0, 0.5])?;
+    let path = dir.join(fields.text("data")?);
+    let mut table = Table::read(&path, &INDENTATION_COLUMNS)?;
+    let (depth_m, force_n) = (table.take_required("depth_mm"), table.take_required("force_n"));
+    Ok(IndentationRun { id, path, indenter_radius_m, poisson, depth_m, force_n })
+}
+
+fn steering(dir: &Path, fields: &Fields<'_>, id: String) -> Result<SteeringRun, SessionError> {
+    let path = dir.join(fields.text("data")?);
+    let mut table = Table::read(&path, &STEERING_COLUMNS)?;
+    Ok(SteeringRun {
+        id,
+        path,
+        time_s: table.take_required("time_s"),
+        depth_m: table.take_required("depth_mm"),
+        base_y_m: table.take_required("base_y_mm"),
+        base_force_y_n: table.take_required("base_force_y_n"),
+        tip_y_m: table.take_required("tip_y_mm"),
+    })
+}

@@ -1,0 +1,237 @@
+//! Numeric CSV tables: named columns in any order, `#` comments, every fault with its place.
+
+use super::error::{Place, Problem, SessionError, read_text};
+use std::path::Path;
+
+/// A column the format knows: its name in the file, the factor to SI and the values that can be right, in the file's
+/// unit.
+#[derive(Debug, Clone, Copy)]
+pub struct Column {
+    /// Name in the header, with unit.
+    pub name: &'static str,
+    /// Whether a file without it is refused.
+    pub required: bool,
+    /// Factor from the file's unit to SI.
+    pub to_si: f64,
+    /// Least and greatest value that can be right.
+    pub range: [f64; 2],
+    /// Whether every value must exceed the one before.
+    pub increasing: bool,
+}
+
+impl Column {
+    /// A column that must be there.
+    pub const fn required(name: &'static str, to_si: f64, range: [f64; 2]) -> Self {
+        Self { name, required: true, to_si, range, increasing: false }
+    }
+
+    /// A column that may be there.
+    pub const fn optional(name: &'static str, to_si: f64, range: [f64; 2]) -> Self {
+        Self { name, required: false, to_si, range, increasing: false }
+    }
+
+    /// The same, with values that must increase.
+    pub const fn increasing(mut self) -> Self {
+        self.increasing = true;
+        self
+    }
+}
+
+/// The known columns of a table, in SI.
+#[derive(Debug)]
+pub struct Table {
+    columns: Vec<(&'static str, Vec<f64>)>,
+}
+
+impl Table {
+    /// Reads the known columns of a CSV file with at least one row; others are ignored.
+    ///
+    /// # Errors
+    /// [`SessionError`] with file, line, column and field.
+    pub fn read(path: &Path, known: &[Column]) -> Result<Self, SessionError> {
+        Self::parse(path, &read_text(path)?, known)
+    }
+
+    /// Moves a column out; nothing where the file does not have it.
+    pub fn take(&mut self, name: &str) -> Option<Vec<f64>> {
+        let index = self.columns.iter().position(|(column, _)| *column == name)?;
+        Some(self.columns.swap_remove(index).1)
+    }
+
+    /// Moves a required column out.
+    pub fn take_required(&mut self, name: &str) -> Vec<f64> {
+        self.take(name).unwrap_or_default()
+    }
+
+    fn parse(path: &Path, text: &str, known: &[Column]) -> Result<Self, SessionError> {
+        let mut reader = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .comment(Some(b'#'))
+            .trim(csv::Trim::All)
+            .from_reader(text.as_bytes());
+        let mut record = csv::StringRecord::new();
+        let fault = |record: &csv::StringRecord, index: usize, field: &str, problem, expected: String| {
+            let start = record.position().map_or(0, csv::Position::byte) as usize;
+            let place = Place::at(path, text, cell_offset(text, start, index));
+            SessionError::Field { place, field: field.to_owned(), problem, expected }
+        };
+        let mut next = |record: &mut csv::StringRecord| {
+            reader.read_record(record).map_err(|error| {
+                let offset = error.position().map_or(0, csv::Position::byte) as usize;
+                SessionError::Field {
+                    place: Place::at(path, text, offset),
+                    field: "row".to_owned(),
+                    problem: Problem::Syntax(error.to_string()),
+                    expected: "comma-separated values".to_owned(),
+                }
+            })
+        };
+
+        next(&mut record)?;
+        let header = record.clone();
+        let mut found = Vec::new();
+        for column in known {
+            let mut places =
+                header.iter().enumerate().filter(|(_, name)| *name == column.name).map(|(i, _)| i);
+            match (places.next(), places.next()) {
+                (Some(_), Some(again)) => {
+                    let problem = Problem::Duplicate(column.name.to_owned());
+                    return Err(fault(&header, again, "header", problem, "each column once".to_owned()));
+                }
+                (Some(index), None) => found.push((index, *column, Vec::new())),
+                (None, _) if column.required => {
+                    let names: Vec<_> = known.iter().filter(|c| c.required).map(|c| c.name).collect();
+                    let expected = format!("a header with {}", names.join(", "));
+                    return Err(fault(&header, 0, column.name, Problem::Missing, expected));
+                }
+                (None, _) => {}
+            }
+        }
+        let mut rows = 0;
+        while next(&mut record)? {
+            rows += 1;
+            for (index, column, values) in &mut found {
+                let value = cell(record.get(*index), column, values.last().copied()).map_err(|problem| {
+                    let [least, most] = column.range;
+                    let expected = match problem {
+                        Problem::NotIncreasing(_) => "increasing values".to_owned(),
+                        _ => format!("a number from {least} to {most}"),
+                    };
+                    fault(&record, *index, column.name, problem, expected)
+                })?;
+                values.push(value);
+            }
+        }
+        if rows == 0 {
+            return Err(fault(
+                &header,
+                0,
+                "rows",
+                Problem::NoRows,
+                "at least one row below the header".to_owned(),
+            ));
+        }
+        let columns = found
+            .into_iter()
+            .map(|(_, c, values)| (c.name, values.iter().map(|v| v * c.to_si).collect()))
+            .collect();
+        Ok(Self { columns })
+    }
+}
+
+/// The value of one cell, in the file's unit.
+fn cell(text: Option<&str>, column: &Column, before: Option<f64>) -> Result<f64, Problem> {
+    let text = text.filter(|text| !text.is_empty()).ok_or(Problem::Empty)?;
+    let value: f64 = text.parse().map_err(|_| Problem::NotANumber(text.chars().take(40).collect()))?;
+    let [least, most] = column.range;
+    if !value.is_finite() {
+        Err(Problem::NotFinite)
+    } else if !(least..=most).contains(&value) {
+        Err(Problem::OutOfRange(value))
+    } else if column.increasing && before.is_some_and(|before| value <= before) {
+        Err(Problem::NotIncreasing(value))
+    } else {
+        Ok(value)
+    }
+}
+
+/// Byte offset of the cell `index` of the record that starts at or after `start` (comments may come first).
+fn cell_offset(text: &str, start: usize, index: usize) -> usize {
+    let mut line_start = start.min(text.len());
+    for line in text.get(line_start..).unwrap_or_default().split_inclusive('\n') {
+        if !line.starts_with('#') && !line.trim().is_empty() {
+            let mut quoted = false;
+            let comma = |(_, c): &(usize, char)| {
+                quoted ^= *c == '"';
+                *c == ',' && !quoted
+            };
+            let cell = index.checked_sub(1).map(|commas| line.char_indices().filter(comma).nth(commas));
+            return line_start
+                + match cell {
+                    None => 0,
+                    Some(Some((comma, _))) => comma + 1,
+                    Some(None) => line.trim_end().len(),
+                };
+        }
+        line_start += line.len();
+    }
+    line_start
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KNOWN: [Column; 3] = [
+        Column::required("time_s", 1.0, [0.0, 1e9]).increasing(),
+        Column::required("force_y_n", 1.0, [-200.0, 200.0]),
+        Column::optional("displacement_x_mm", 1e-3, [-50.0, 50.0]),
+    ];
+
+    fn parse(text: &str) -> Result<Table, String> {
+        Table::parse(Path::new("a.csv"), text, &KNOWN).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn order_comments_and_unknown_columns_are_free() {
+        let text = "# a comment\r\nnote, force_y_n ,time_s\r\n# another\r\nx,0.5,0\r\n\"a,b\",-1e-1,0.1\r\n";
+        let mut table = parse(text).expect("reads");
+        assert_eq!(table.take_required("force_y_n"), [0.5, -0.1]);
+        assert_eq!(table.take_required("time_s"), [0.0, 0.1]);
+        assert_eq!(table.take("displacement_x_mm"), None);
+    }
+
+    #[test]
+    fn faults_name_place_field_and_what_was_expected() {
+        for (text, message) in [
+            ("", "a.csv:1:1: time_s: missing, expected a header with time_s, force_y_n"),
+            ("time_s\n1\n", "a.csv:1:1: force_y_n: missing, expected a header with time_s, force_y_n"),
+            ("time_s,force_y_n\n", "a.csv:1:1: rows: no rows, expected at least one row below the header"),
+            (
+                "time_s,force_y_n,time_s\n",
+                "a.csv:1:18: header: \"time_s\" is there twice, expected each column once",
+            ),
+            (
+                "time_s,force_y_n\n0,1\n# c\n\n1, oops\n",
+                "a.csv:5:3: force_y_n: \"oops\" is not a number, expected a number from -200 to 200",
+            ),
+            (
+                "time_s,force_y_n\n0,NaN\n",
+                "a.csv:2:3: force_y_n: not a finite number, expected a number from -200 to 200",
+            ),
+            ("time_s,force_y_n\n0,\n", "a.csv:2:3: force_y_n: empty, expected a number from -200 to 200"),
+            ("time_s,force_y_n\n0\n", "a.csv:2:2: force_y_n: empty, expected a number from -200 to 200"),
+            (
+                "time_s,force_y_n\n0,1000\n",
+                "a.csv:2:3: force_y_n: 1000 is out of range, expected a number from -200 to 200",
+            ),
+            (
+                "time_s,force_y_n\n0,1\n0,1\n",
+                "a.csv:3:1: time_s: 0 does not exceed the value before it, expected increasing values",
+            ),
+        ] {
+            assert_eq!(parse(text).err().as_deref(), Some(message));
+        }
+    }
+}

@@ -1,0 +1,302 @@
+//! Writing a session: a new folder, or one more run into an existing one.
+//!
+//! Rows go to the run's CSV files as they come; the run is entered in `session.toml` when it is finished. What others
+//! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
+
+use super::{Noise, Session, SessionError};
+use crate::model::Rig;
+use std::fmt::Write as _;
+use std::fs::{self, File, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// What a new session says about itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Setup {
+    /// Name of the session.
+    pub name: String,
+    /// Needle, guides and tissue surface.
+    pub rig: Rig,
+    /// Standard deviations of the sensors, where they are known.
+    pub noise: Noise,
+}
+
+/// A session folder that takes runs.
+#[derive(Debug)]
+pub struct SessionWriter {
+    dir: PathBuf,
+    lateral_ids: Vec<String>,
+}
+
+/// One row of a force series.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ForceRow {
+    /// Time; must increase from row to row.
+    pub time_s: f64,
+    /// Vertical displacement of guide 2.
+    pub displacement_y_m: f64,
+    /// Vertical force.
+    pub force_y_n: f64,
+    /// Horizontal displacement of guide 2.
+    pub displacement_x_m: f64,
+    /// Horizontal force.
+    pub force_x_n: f64,
+    /// Step of the motion program, where one is running.
+    pub step: Option<u32>,
+    /// Samples lost between the row before and this one.
+    pub lost_before: u64,
+}
+
+/// One point of a shape sweep.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ShapeRow {
+    /// Time.
+    pub time_s: f64,
+    /// Position along the needle from guide 1.
+    pub z_m: f64,
+    /// Vertical deflection.
+    pub deflection_y_m: f64,
+    /// Horizontal deflection.
+    pub deflection_x_m: f64,
+}
+
+impl SessionWriter {
+    /// Creates the session, or opens an existing one recorded with the same needle and rig.
+    ///
+    /// # Errors
+    /// [`SessionError::OtherRig`] where an existing session has another needle or rig; otherwise as
+    /// [`Session::read`], or what the operating system says.
+    pub fn open(dir: &Path, setup: &Setup) -> Result<Self, SessionError> {
+        let path = dir.join("session.toml");
+        if path.exists() {
+            let session = Session::read(dir)?;
+            same_rig(&path, &session.rig, &setup.rig)?;
+            let lateral_ids = session.lateral.into_iter().map(|run| run.id).collect();
+            return Ok(Self { dir: dir.to_owned(), lateral_ids });
+        }
+        let text = header(&path, setup)?;
+        fs::create_dir_all(dir).map_err(io(dir, "create"))?;
+        replace(&path, &text)?;
+        Ok(Self { dir: dir.to_owned(), lateral_ids: Vec::new() })
+    }
+
+    /// Ids of the lateral runs the session has.
+    pub fn lateral_ids(&self) -> &[String] {
+        &self.lateral_ids
+    }
+
+    /// Starts a lateral run: creates `<id>.force.csv` and `<id>.shape.csv`.
+    ///
+    /// # Errors
+    /// [`SessionError::Id`] where the id is taken or cannot be part of a file name; an existing file is never
+    /// overwritten.
+    pub fn lateral(&mut self, id: &str, depth_m: f64) -> Result<LateralWriter<'_>, SessionError> {
+        let fault = |problem, expected| {
+            let path = self.dir.join("session.toml");
+            Err(SessionError::Id { path, id: id.to_owned(), problem, expected })
+        };
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+        if id.is_empty() || id.starts_with('.') || id.len() > 100 || !id.chars().all(plain) {
+            return fault("cannot be part of a file name", "up to 100 of letters, digits, - _ .");
+        }
+        if self.lateral_ids.iter().any(|taken| taken == id) {
+            return fault("is taken", "an id the session does not have");
+        }
+        let force = CsvFile::create(
+            self.dir.join(format!("{id}.force.csv")),
+            "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n,step,lost_before",
+        )?;
+        let shape = CsvFile::create(
+            self.dir.join(format!("{id}.shape.csv")),
+            "time_s,z_mm,deflection_y_mm,deflection_x_mm",
+        )?;
+        Ok(LateralWriter { session: self, id: id.to_owned(), depth_m, force, shape })
+    }
+}
+
+/// A lateral run being written. Without [`LateralWriter::finish`] its files stay, but the session does not name them.
+#[derive(Debug)]
+pub struct LateralWriter<'a> {
+    session: &'a mut SessionWriter,
+    id: String,
+    depth_m: f64,
+    force: CsvFile,
+    shape: CsvFile,
+}
+
+impl LateralWriter<'_> {
+    /// Adds a row to the force series.
+    ///
+    /// # Errors
+    /// [`SessionError::NotFinite`], or what the operating system says.
+    pub fn force(&mut self, row: &ForceRow) -> Result<(), SessionError> {
+        let mut line = self.force.numbers(&[
+            ("time_s", row.time_s),
+            ("displacement_y_mm", 1e3 * row.displacement_y_m),
+            ("force_y_n", row.force_y_n),
+            ("displacement_x_mm", 1e3 * row.displacement_x_m),
+            ("force_x_n", row.force_x_n),
+        ])?;
+        let step = row.step.map(|step| step.to_string()).unwrap_or_default();
+        let _ = write!(line, ",{step},{}", row.lost_before);
+        self.force.line(&line)
+    }
+
+    /// Adds a point to the shape.
+    ///
+    /// # Errors
+    /// As [`LateralWriter::force`].
+    pub fn shape(&mut self, row: &ShapeRow) -> Result<(), SessionError> {
+        let line = self.shape.numbers(&[
+            ("time_s", row.time_s),
+            ("z_mm", 1e3 * row.z_m),
+            ("deflection_y_mm", 1e3 * row.deflection_y_m),
+            ("deflection_x_mm", 1e3 * row.deflection_x_m),
+        ])?;
+        self.shape.line(&line)
+    }
+
+    /// Hands all rows so far to the operating system, so that a crash of this program loses none of them.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn flush(&mut self) -> Result<(), SessionError> {
+        self.force.flush()?;
+        self.shape.flush()
+    }
+
+    /// Completes the files and enters the run in `session.toml`.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn finish(mut self) -> Result<(), SessionError> {
+        self.flush()?;
+        let path = self.session.dir.join("session.toml");
+        let mut text = fs::read_to_string(&path).map_err(io(&path, "read"))?;
+        if !text.ends_with('\n') {
+            text.push('\n');
+        }
+        let depth_mm = number(&path, "depth_mm", 1e3 * self.depth_m)?;
+        let id = &self.id;
+        let _ = write!(
+            text,
+            "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
+        );
+        replace(&path, &text)?;
+        self.session.lateral_ids.push(self.id);
+        Ok(())
+    }
+}
+
+/// A CSV file being written.
+#[derive(Debug)]
+struct CsvFile {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl CsvFile {
+    fn create(path: PathBuf, header: &str) -> Result<Self, SessionError> {
+        let file =
+            OpenOptions::new().write(true).create_new(true).open(&path).map_err(io(&path, "create"))?;
+        let mut csv = Self { path, file: BufWriter::new(file) };
+        csv.line(header)?;
+        Ok(csv)
+    }
+
+    fn numbers(&self, cells: &[(&'static str, f64)]) -> Result<String, SessionError> {
+        let cells: Result<Vec<_>, _> =
+            cells.iter().map(|(name, value)| number(&self.path, name, *value)).collect();
+        Ok(cells?.join(","))
+    }
+
+    fn line(&mut self, line: &str) -> Result<(), SessionError> {
+        writeln!(self.file, "{line}").map_err(io(&self.path, "write"))
+    }
+
+    fn flush(&mut self) -> Result<(), SessionError> {
+        self.file.flush().map_err(io(&self.path, "write"))
+    }
+}
+
+fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
+    let Setup { name, rig, noise } = setup;
+    let mut text = format!("[session]\nformat = 1\nname = {}\n", toml::Value::from(name.as_str()));
+    let mut table = |name: &str, fields: &[(&'static str, Option<f64>)]| {
+        if fields.iter().any(|(_, value)| value.is_some()) {
+            let _ = write!(text, "\n[{name}]\n");
+        }
+        for (field, value) in fields {
+            if let Some(value) = value {
+                let _ = writeln!(text, "{field} = {}", number(path, field, *value)?);
+            }
+        }
+        Ok::<(), SessionError>(())
+    };
+    let needle = &rig.needle;
+    table(
+        "needle",
+        &[
+            ("youngs_modulus_gpa", Some(1e-9 * needle.youngs_modulus_pa)),
+            ("outer_diameter_mm", Some(1e3 * needle.outer_diameter_m)),
+            ("inner_diameter_mm", Some(1e3 * needle.inner_diameter_m)),
+            ("bevel_angle_deg", needle.bevel_angle_rad.map(f64::to_degrees)),
+            ("length_mm", needle.length_m.map(|length_m| 1e3 * length_m)),
+        ],
+    )?;
+    table("rig", &[("guide2_mm", Some(1e3 * rig.guide2_m)), ("entry_mm", Some(1e3 * rig.entry_m))])?;
+    table(
+        "noise",
+        &[
+            ("force_n", noise.force_n),
+            ("displacement_mm", noise.displacement_m.map(|sd_m| 1e3 * sd_m)),
+            ("shape_mm", noise.shape_m.map(|sd_m| 1e3 * sd_m)),
+            ("tip_mm", noise.tip_m.map(|sd_m| 1e3 * sd_m)),
+        ],
+    )?;
+    Ok(text)
+}
+
+/// A number with nine decimals at most, as TOML and CSV both read it.
+fn number(path: &Path, field: &'static str, value: f64) -> Result<String, SessionError> {
+    if !value.is_finite() {
+        return Err(SessionError::NotFinite { path: path.to_owned(), field });
+    }
+    let text = format!("{value:.9}");
+    let text = text.trim_end_matches('0');
+    let text = if text.ends_with('.') { format!("{text}0") } else { text.to_owned() };
+    Ok(if text == "-0.0" { "0.0".to_owned() } else { text })
+}
+
+/// Refuses another needle or rig; differences below a part in a million are rounding.
+fn same_rig(path: &Path, there: &Rig, new: &Rig) -> Result<(), SessionError> {
+    let (a, b) = (&there.needle, &new.needle);
+    for (field, there, new) in [
+        ("youngs_modulus_gpa", 1e-9 * a.youngs_modulus_pa, 1e-9 * b.youngs_modulus_pa),
+        ("outer_diameter_mm", 1e3 * a.outer_diameter_m, 1e3 * b.outer_diameter_m),
+        ("inner_diameter_mm", 1e3 * a.inner_diameter_m, 1e3 * b.inner_diameter_m),
+        ("guide2_mm", 1e3 * there.guide2_m, 1e3 * new.guide2_m),
+        ("entry_mm", 1e3 * there.entry_m, 1e3 * new.entry_m),
+    ] {
+        if (there - new).abs() > 1e-6 * there.abs().max(new.abs()) {
+            return Err(SessionError::OtherRig { path: path.to_owned(), field, there, new });
+        }
+    }
+    Ok(())
+}
+
+/// Writes a file so that at any moment either the old or the new content is there.
+fn replace(path: &Path, text: &str) -> Result<(), SessionError> {
+    let temporary = path.with_extension("toml.new");
+    let write = || {
+        let mut file = File::create(&temporary)?;
+        file.write_all(text.as_bytes())?;
+        file.sync_all()?;
+        fs::rename(&temporary, path)
+    };
+    write().map_err(io(path, "write"))
+}
+
+fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> SessionError {
+    move |cause| SessionError::Io { path: path.to_owned(), action, cause }
+}
