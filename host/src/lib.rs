@@ -7,4 +7,5 @@
 #![deny(missing_docs)]
 
 pub mod model;
+pub mod rig;
 pub mod session;

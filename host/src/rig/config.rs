@@ -1,6 +1,7 @@
 //! The constants of a simulated rig.
 
-use crate::model::{Needle, Rig, RigError};
+use crate::model::{Needle, Rig};
+use crate::session::{SessionError, Setup};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -15,13 +16,18 @@ pub struct Range {
 }
 
 /// Everything about a rig that is not drawn from the seed, and the ranges of what is.
+#[derive(Debug, Clone)]
+pub struct RigConfig {
+    /// Needle, guides and tissue surface: what the user of the rig knows too.
+    pub rig: Rig,
+    /// The rest.
+    pub simulation: Simulation,
+}
+
+/// The table `[simulation]` of a rig's file: tissue, depth and electronics.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct RigConfig {
-    /// The needle.
-    pub needle: Needle,
-    /// Where the guide and the tissue are.
-    pub rig: RigGeometry,
+pub struct Simulation {
     /// How far the needle is in the tissue, millimetres.
     pub depth_mm: f64,
     /// Foundation modulus of the tissue, kilopascals.
@@ -36,15 +42,14 @@ pub struct RigConfig {
 
 impl Default for RigConfig {
     fn default() -> Self {
+        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        Self { rig, simulation: Simulation::default() }
+    }
+}
+
+impl Default for Simulation {
+    fn default() -> Self {
         Self {
-            needle: Needle {
-                youngs_modulus_gpa: 200.0,
-                outer_diameter_mm: 1.27,
-                inner_diameter_mm: 1.0,
-                bevel_angle_deg: Some(20.0),
-                length_mm: 200.0,
-            },
-            rig: RigGeometry { guide2_mm: 60.0, entry_mm: 70.0 },
             depth_mm: 30.0,
             modulus_kpa: Range { low: 8.0, high: 24.0 },
             actuator: ActuatorConfig::default(),
@@ -131,15 +136,10 @@ impl Default for UltrasoundConfig {
 /// Why a configuration cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// The file cannot be read.
-    #[error("{path}: {source}")]
-    Read {
-        /// The file.
-        path: String,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// The file is not a rig configuration.
+    /// The file cannot be read, or its `[needle]` and `[rig]` make no sense.
+    #[error(transparent)]
+    Setup(#[from] SessionError),
+    /// Its `[simulation]` makes no sense.
     #[error("{path}: {source}")]
     Parse {
         /// The file.
@@ -148,7 +148,7 @@ pub enum ConfigError {
         source: Box<toml::de::Error>,
     },
     /// A value is out of its range.
-    #[error("rig configuration: {field} is {value}, expected {expected}")]
+    #[error("[simulation] {field} is {value}, expected {expected}")]
     Value {
         /// Name as in the file.
         field: &'static str,
@@ -160,51 +160,61 @@ pub enum ConfigError {
 }
 
 impl RigConfig {
-    /// Reads a TOML file; what it leaves out is as in the default rig.
+    /// Reads a TOML file with the session format's `[needle]` and `[rig]` and an optional `[simulation]`; what the latter leaves
+    /// out is as in the default rig.
     ///
     /// # Errors
     /// [`ConfigError`] naming the file and the place or field.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        #[derive(Deserialize)]
+        struct File {
+            #[serde(default)]
+            simulation: Simulation,
+        }
+        let Setup { rig, .. } = Setup::read(path)?;
         let name = || path.display().to_string();
-        let text =
-            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: name(), source })?;
-        let config: Self = toml::from_str(&text)
+        let text = std::fs::read_to_string(path)
+            .map_err(|cause| SessionError::Io { path: path.to_owned(), action: "read", cause })?;
+        let File { simulation } = toml::from_str(&text)
             .map_err(|source| ConfigError::Parse { path: name(), source: Box::new(source) })?;
-        config.check()?;
-        Ok(config)
+        simulation.check()?;
+        Ok(Self { rig, simulation })
     }
+}
 
+impl Simulation {
     /// Checks what the types cannot.
     ///
     /// # Errors
     /// [`ConfigError::Value`] for the first value out of its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = "a positive number";
+        let Self { depth_mm, modulus_kpa, actuator, force, ultrasound } = self;
         let checks = [
-            ("depth_mm", self.depth_mm, self.depth_mm > 0.0 && self.depth_mm < 1_000.0, "0 to 1000"),
-            ("modulus_kpa.low", self.modulus_kpa.low, self.modulus_kpa.low > 0.0, positive),
+            ("depth_mm", *depth_mm, *depth_mm > 0.0 && *depth_mm <= 500.0, "more than 0, at most 500"),
+            ("modulus_kpa.low", modulus_kpa.low, modulus_kpa.low > 0.0, positive),
             (
                 "modulus_kpa.high",
-                self.modulus_kpa.high,
-                self.modulus_kpa.high >= self.modulus_kpa.low,
+                modulus_kpa.high,
+                modulus_kpa.high >= modulus_kpa.low,
                 "at least modulus_kpa.low",
             ),
-            ("actuator.stroke_mm", self.actuator.stroke_mm, self.actuator.stroke_mm > 0.0, positive),
-            ("actuator.lag_s", self.actuator.lag_s, self.actuator.lag_s > 0.0, positive),
+            ("actuator.stroke_mm", actuator.stroke_mm, actuator.stroke_mm > 0.0, positive),
+            ("actuator.lag_s", actuator.lag_s, actuator.lag_s > 0.0, positive),
             (
                 "actuator.dead_band.high",
-                self.actuator.dead_band.high,
-                (0.0..1.0).contains(&self.actuator.dead_band.high),
+                actuator.dead_band.high,
+                (0.0..1.0).contains(&actuator.dead_band.high),
                 "0 to below 1",
             ),
-            ("force.range_n", self.force.range_n, self.force.range_n > 0.0, positive),
+            ("force.range_n", force.range_n, force.range_n > 0.0, positive),
             (
                 "ultrasound.spacing_mm",
-                self.ultrasound.spacing_mm,
-                self.ultrasound.spacing_mm >= 0.01,
+                ultrasound.spacing_mm,
+                ultrasound.spacing_mm >= 0.01,
                 "at least 0.01",
             ),
-            ("ultrasound.pixel_mm", self.ultrasound.pixel_mm, self.ultrasound.pixel_mm > 0.0, positive),
+            ("ultrasound.pixel_mm", ultrasound.pixel_mm, ultrasound.pixel_mm > 0.0, positive),
         ];
         match checks.into_iter().find(|(_, _, sound, _)| !sound) {
             Some((field, value, _, expected)) => Err(ConfigError::Value { field, value, expected }),

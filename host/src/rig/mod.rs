@@ -15,7 +15,7 @@ pub mod config;
 
 use crate::model::{Beam, Model, ModelError};
 use actuator::Actuator;
-use config::{ConfigError, Range, RigConfig};
+use config::{ConfigError, Range, RigConfig, Simulation};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -62,14 +62,15 @@ pub enum RigError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// The forward model refuses it.
-    #[error("rig configuration: {0}")]
+    #[error("the rig cannot be modelled: {0}")]
     Model(#[from] ModelError),
 }
 
 /// The rig.
 #[derive(Debug)]
 pub struct SimulatedRig {
-    config: RigConfig,
+    simulation: Simulation,
+    entry_m: f64,
     truth: Truth,
     beam: Beam,
     actuators: [Actuator; 2],
@@ -84,14 +85,16 @@ impl SimulatedRig {
     /// # Errors
     /// [`RigError`] where the configuration or the forward model refuses a value.
     pub fn new(config: RigConfig, seed: u64) -> Result<Self, RigError> {
-        config.check()?;
+        let RigConfig { rig, simulation } = config;
+        simulation.check()?;
         let mut random = stream(seed, Stream::Truth);
-        let modulus_pa = within(&mut random, config.modulus_kpa) * 1e3;
-        let bridge_offset_n = [(); 2].map(|()| within(&mut random, config.force.offset_n));
+        let modulus_pa = within(&mut random, simulation.modulus_kpa) * 1e3;
+        let bridge_offset_n = [(); 2].map(|()| within(&mut random, simulation.force.offset_n));
         let actuators = [Stream::PotentiometerX, Stream::PotentiometerY]
-            .map(|noise| Actuator::new(&config.actuator, &mut random, Noise::new(seed, noise)));
-        let depth_m = config.depth_mm * 1e-3;
-        let beam = Model::uniform(config.model_rig()?, modulus_pa)?.beam(depth_m)?;
+            .map(|noise| Actuator::new(&simulation.actuator, &mut random, Noise::new(seed, noise)));
+        let depth_m = simulation.depth_mm * 1e-3;
+        let entry_m = rig.entry_m;
+        let beam = Model::uniform(rig, modulus_pa)?.beam(depth_m)?;
         let truth =
             Truth { modulus_pa, depth_m, stiffness_n_per_m: beam.lateral_stiffness_n_per_m() };
         Ok(Self {
@@ -101,7 +104,8 @@ impl SimulatedRig {
             bridge_offset_n,
             force_noise: Noise::new(seed, Stream::Force),
             sweep_noise: Noise::new(seed, Stream::Sweep),
-            config,
+            entry_m,
+            simulation,
         })
     }
 
@@ -120,14 +124,13 @@ impl SimulatedRig {
 
     /// Takes an ultrasound sweep along the needle inside the tissue, as it lies now.
     pub fn sweep(&mut self) -> Vec<ShapeSample> {
-        let ultrasound = &self.config.ultrasound;
+        let ultrasound = &self.simulation.ultrasound;
         let (spacing_m, pixel_m) = (ultrasound.spacing_mm * 1e-3, ultrasound.pixel_mm * 1e-3);
         let position_m = self.position_m();
         let count = (self.truth.depth_m / spacing_m + 1e-9) as usize;
-        let entry_m = self.config.rig.entry_mm * 1e-3;
         (1..=count)
             .map(|index| {
-                let z_m = entry_m + index as f64 * spacing_m;
+                let z_m = self.entry_m + index as f64 * spacing_m;
                 let deflection_m = position_m.map(|displacement_m| {
                     let noise_m = ultrasound.noise_mm * 1e-3 * self.sweep_noise.draw();
                     let seen_m = self.beam.deflection_m(displacement_m, z_m) + noise_m;
@@ -153,13 +156,8 @@ impl SimulatedRig {
         self.truth
     }
 
-    /// Its configuration.
-    pub fn config(&self) -> &RigConfig {
-        &self.config
-    }
-
     fn bridge_code(&mut self, force_n: f64) -> i32 {
-        let force = &self.config.force;
+        let force = &self.simulation.force;
         let seen_n = force_n + force.noise_n * self.force_noise.draw();
         let share = seen_n / force.range_n * force.share_of_full_scale;
         // The cast saturates at nothing: the clamp keeps it within the converter's 24 bits.

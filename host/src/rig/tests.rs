@@ -41,7 +41,8 @@ fn the_motor_stands_within_its_dead_band_and_stops_at_the_ends() {
 
 #[test]
 fn converters_saturate_instead_of_wrapping() {
-    let config = RigConfig { modulus_kpa: Range { low: 900.0, high: 900.0 }, ..RigConfig::default() };
+    let mut config = RigConfig::default();
+    config.simulation.modulus_kpa = Range { low: 900.0, high: 900.0 };
     let mut rig = SimulatedRig::new(config, 3).expect("stiff tissue is sound");
     let mut codes = rig.step(REST, PERIOD_S);
     for _ in 0..5_000 {
@@ -72,8 +73,8 @@ fn readings_scatter_about_the_truth_as_configured() {
 #[test]
 fn a_sweep_sees_the_needle_of_the_forward_model() {
     let mut config = RigConfig::default();
-    config.ultrasound.noise_mm = 0.0;
-    config.ultrasound.pixel_mm = 1e-6;
+    config.simulation.ultrasound.noise_mm = 0.0;
+    config.simulation.ultrasound.pixel_mm = 1e-6;
     let mut rig = SimulatedRig::new(config, 7).expect("sound");
     let [x_m, y_m] = rig.position_m();
     let sweep = rig.sweep();
@@ -88,7 +89,8 @@ fn a_sweep_sees_the_needle_of_the_forward_model() {
 
 #[test]
 fn unsound_configurations_are_refused_by_name() {
-    let config = RigConfig { depth_mm: -1.0, ..RigConfig::default() };
+    let mut config = RigConfig::default();
+    config.simulation.depth_mm = -1.0;
     let message = SimulatedRig::new(config, 0).expect_err("negative depth").to_string();
     assert!(message.contains("depth_mm is -1"), "{message}");
 }

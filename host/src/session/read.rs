@@ -4,7 +4,7 @@ use super::error::{Problem, SessionError, read_text};
 use super::fields::Fields;
 use super::table::{Column, Table};
 use super::{
-    ForceSeries, IndentationRun, InsertionRun, LateralRun, Noise, Session, ShapeSeries, SteeringRun,
+    ForceSeries, IndentationRun, InsertionRun, LateralRun, Noise, Session, Setup, ShapeSeries, SteeringRun,
 };
 use crate::model::{Needle, Rig};
 use std::collections::HashSet;
@@ -73,6 +73,24 @@ impl Session {
                 indentation: runs(file, "indentation", |fields, id| indentation(dir, fields, id))?,
                 steering: runs(file, "steering", |fields, id| steering(dir, fields, id))?,
             })
+        })
+    }
+}
+
+impl Setup {
+    /// Reads the tables `[needle]`, `[rig]` and `[noise]` of a file in the session's format, and its name where it has one:
+    /// what is known of a rig before anything is recorded with it. Other tables are left alone.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn read(path: &Path) -> Result<Self, SessionError> {
+        let text = read_text(path)?;
+        Fields::parse(path, &text, |file| {
+            let name = match file.optional_table("session")? {
+                Some(session) => session.optional_text("name")?,
+                None => None,
+            };
+            Ok(Self { name: name.unwrap_or_default(), rig: rig(file)?, noise: noise(file)? })
         })
     }
 }

@@ -1,0 +1,181 @@
+//! `guide acquire` and `guide record`: measuring into a session.
+
+use super::output::Output;
+use super::rig_args::{PortArgs, StartArgs, interrupted};
+use anyhow::{Context, bail};
+use host::link::{Client, Program, RunOptions, Telemetry};
+use host::record::{Recorded, Recorder, acquire};
+use host::session::{SessionWriter, Setup};
+use indicatif::{ProgressBar, ProgressStyle};
+use protocol::Request;
+use serde::Serialize;
+use std::fmt::{self, Display};
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// Where a recording goes.
+#[derive(clap::Args)]
+struct SessionArgs {
+    /// Session folder; a new run is added to one that exists
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// How far the needle is in the tissue, millimetres
+    #[arg(long, value_name = "MM")]
+    depth_mm: f64,
+    /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session (needed for a new session)
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// Name of the run (default: made of the depth and a number)
+    #[arg(long, value_name = "ID")]
+    id: Option<String>,
+}
+
+/// Run a motion program on the rig and record it
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  guide acquire --port /dev/ttyACM0 --out phantom-a --rig rig.toml --depth-mm 30 \\\n      \
+                        --program staircase --sweep-command 'probe-export --csv'")]
+pub struct AcquireArgs {
+    #[command(flatten)]
+    port: PortArgs,
+    #[command(flatten)]
+    session: SessionArgs,
+    #[command(flatten)]
+    start: StartArgs,
+    /// Motion program: a TOML file, or `displace` or `staircase`
+    #[arg(long, value_name = "FILE")]
+    program: String,
+    /// Command that prints one ultrasound sweep as CSV (z_mm, deflection_y_mm[, deflection_x_mm, time_s]); run in every hold
+    /// that asks for a sweep
+    #[arg(long, value_name = "COMMAND")]
+    sweep_command: Option<String>,
+}
+
+/// Record what the device streams, without moving anything
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  guide record --port /dev/ttyACM0 --out phantom-a --depth-mm 30 --duration-s 10")]
+pub struct RecordArgs {
+    #[command(flatten)]
+    port: PortArgs,
+    #[command(flatten)]
+    session: SessionArgs,
+    /// How long, seconds (default: until interrupted)
+    #[arg(long, value_name = "SECONDS")]
+    duration_s: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: &'static str,
+    session: &'a str,
+    run: &'a str,
+    #[serde(flatten)]
+    recorded: Recorded,
+}
+
+impl Display for Report<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Recorded { samples, duration_s, sweeps, samples_missing, link } = self.recorded;
+        writeln!(
+            f,
+            "recorded   {} in {}: {samples} samples in {duration_s:.3} s, {sweeps} sweeps",
+            self.run, self.session
+        )?;
+        if samples_missing == 0 && link == Default::default() {
+            writeln!(f, "lost       nothing")
+        } else {
+            writeln!(
+                f,
+                "lost       {samples_missing} samples ({} frames missing, {} corrupt, {} unreadable)",
+                link.frames_missing, link.frames_corrupt, link.frames_unreadable
+            )
+        }
+    }
+}
+
+/// Runs `guide acquire`.
+pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
+    let program = Program::load(&args.program)?;
+    let (mut session, id) = open_session(&args.session)?;
+    let mut client = Client::connect(&args.port.port)?;
+    let options = args.start.options(true)?;
+    let bar = ProgressBar::new(program.steps.len() as u64).with_style(
+        ProgressStyle::with_template("{msg} {wide_bar} step {pos}/{len} {elapsed}")
+            .context("the progress bar's template")?,
+    );
+    bar.set_message(program.name.clone());
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let outcome = measure(&mut session, &id, args.session.depth_mm, |recorder| {
+        let sweep = args.sweep_command.as_deref();
+        Ok(acquire(&mut client, &program, options, sweep, recorder, |step| bar.set_position(step as u64))?)
+    });
+    bar.finish_and_clear();
+    print("guide.acquire/1", &args.session, &id, outcome?, out)
+}
+
+/// Runs `guide record`.
+pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
+    let (mut session, id) = open_session(&args.session)?;
+    let mut client = Client::connect(&args.port.port)?;
+    let interrupted = interrupted()?;
+    let outcome = measure(&mut session, &id, args.session.depth_mm, |recorder| {
+        client.request(Request::Stream { enable: true })?;
+        while !interrupted.load(Ordering::Acquire)
+            && args.duration_s.is_none_or(|limit_s| recorder.recorded().duration_s < limit_s)
+        {
+            match client.next(host::link::client::SILENCE_LIMIT)? {
+                Some(Telemetry::Samples(batch)) => recorder.batch(&batch)?,
+                Some(Telemetry::Event(_)) => {}
+                None => bail!(host::link::LinkError::Silent { port: args.port.port.clone() }),
+            }
+        }
+        client.request(Request::Stream { enable: false })?;
+        Ok(Recorded { link: client.losses(), ..recorder.recorded() })
+    });
+    print("guide.record/1", &args.session, &id, outcome?, out)
+}
+
+/// Opens or creates the session and chooses the run's name.
+fn open_session(args: &SessionArgs) -> anyhow::Result<(SessionWriter, String)> {
+    let existing = args.out.join("session.toml");
+    let setup = match &args.rig {
+        Some(rig) => Setup::read(rig)?,
+        None if existing.exists() => Setup::read(&existing)?,
+        None => bail!(
+            "{}: no such session yet, so needle and rig are not known: give them with --rig FILE",
+            args.out.display()
+        ),
+    };
+    let session = SessionWriter::open(&args.out, &setup)?;
+    let id = args.id.clone().unwrap_or_else(|| {
+        let taken = session.lateral_ids();
+        let name = |number: usize| format!("d{}-{number}", args.depth_mm);
+        (1..).map(name).find(|name| !taken.contains(name)).unwrap_or_default()
+    });
+    Ok((session, id))
+}
+
+/// Records one run and enters it in the session whatever happens: what was recorded before a failure is kept.
+fn measure(
+    session: &mut SessionWriter,
+    id: &str,
+    depth_mm: f64,
+    record: impl FnOnce(&mut Recorder) -> anyhow::Result<Recorded>,
+) -> anyhow::Result<Recorded> {
+    let mut writer = session.lateral(id, depth_mm * 1e-3)?;
+    let outcome = record(&mut Recorder::new(&mut writer));
+    writer.finish()?;
+    outcome
+}
+
+fn print(
+    schema: &'static str,
+    args: &SessionArgs,
+    id: &str,
+    recorded: Recorded,
+    out: &mut Output,
+) -> anyhow::Result<()> {
+    let session = args.out.to_string_lossy();
+    let report = Report { schema, session: &session, run: id, recorded };
+    out.result(&report, &report)
+}
