@@ -1,0 +1,213 @@
+//! Frames: how a message becomes bytes on the line, and how the receiver finds it again.
+
+use crate::{Command, Envelope};
+use core::marker::PhantomData;
+use crc::{CRC_32_ISO_HDLC, Crc};
+use postcard::experimental::max_size::MaxSize;
+use serde::{Serialize, de::DeserializeOwned};
+
+/// The checksum of every frame, CRC-32/ISO-HDLC: the one of zlib, Ethernet and PNG, so that a recording can be checked with
+/// any language's standard library. At these frame lengths (below 2974 bits) it finds every error of up to 4 bits and every
+/// burst of up to 32. One table of 1 KiB, in flash.
+pub(crate) static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+const CRC_BYTES: usize = 4;
+
+/// Bytes between the delimiters for a message that encodes to `payload` bytes at most.
+const fn body_bytes(payload: usize) -> usize {
+    cobs::max_encoding_length(payload + CRC_BYTES)
+}
+
+/// Most bytes between the delimiters of a frame from the device.
+pub const MAX_BODY_TO_HOST: usize = body_bytes(Envelope::POSTCARD_MAX_SIZE);
+/// Most bytes between the delimiters of a frame from the host.
+pub const MAX_BODY_TO_DEVICE: usize = body_bytes(Command::POSTCARD_MAX_SIZE);
+/// Most bytes of a frame from the device, both delimiters included.
+pub const MAX_FRAME_TO_HOST: usize = MAX_BODY_TO_HOST + 2;
+/// Most bytes of a frame from the host, both delimiters included.
+pub const MAX_FRAME_TO_DEVICE: usize = MAX_BODY_TO_DEVICE + 2;
+
+/// Most bytes before stuffing, both ways. Below 254, stuffing costs one byte and is one-to-one: no two bodies decode to the
+/// same bytes, so that a changed body cannot be taken for the original.
+const MAX_PLAIN: usize = 253;
+const _: () = assert!(Envelope::POSTCARD_MAX_SIZE + CRC_BYTES <= MAX_PLAIN);
+const _: () = assert!(Command::POSTCARD_MAX_SIZE + CRC_BYTES <= MAX_PLAIN);
+
+/// Why a message did not become a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum EncodeError {
+    /// The output is shorter than the frame: [`MAX_FRAME_TO_HOST`] or [`MAX_FRAME_TO_DEVICE`] bytes always suffice.
+    #[error("the output buffer is too short for the frame")]
+    OutputTooShort,
+}
+
+/// Writes the frame of a message to the host and returns its bytes.
+pub fn encode_envelope<'a>(envelope: &Envelope, output: &'a mut [u8]) -> Result<&'a [u8], EncodeError> {
+    encode(envelope, output)
+}
+
+/// Writes the frame of a command to the device and returns its bytes.
+pub fn encode_command<'a>(command: &Command, output: &'a mut [u8]) -> Result<&'a [u8], EncodeError> {
+    encode(command, output)
+}
+
+fn encode<'a>(message: &impl Serialize, output: &'a mut [u8]) -> Result<&'a [u8], EncodeError> {
+    let mut plain = [0; MAX_PLAIN];
+    let payload = postcard::to_slice(message, &mut plain).map_err(|_| EncodeError::OutputTooShort)?.len();
+    seal(&mut plain, payload, output)
+}
+
+/// Adds the checksum to the first `payload` bytes of `plain`, stuffs and delimits them.
+pub(crate) fn seal<'a>(
+    plain: &mut [u8; MAX_PLAIN],
+    payload: usize,
+    output: &'a mut [u8],
+) -> Result<&'a [u8], EncodeError> {
+    let plain = plain.get_mut(..payload + CRC_BYTES).ok_or(EncodeError::OutputTooShort)?;
+    let (head, tail) = plain.split_at_mut(payload);
+    tail.copy_from_slice(&CRC.checksum(head).to_le_bytes());
+
+    let (first, rest) = output.split_first_mut().ok_or(EncodeError::OutputTooShort)?;
+    *first = 0;
+    let body = cobs::try_encode(plain, rest).map_err(|_| EncodeError::OutputTooShort)?;
+    *rest.get_mut(body).ok_or(EncodeError::OutputTooShort)? = 0;
+    output.get(..body + 2).ok_or(EncodeError::OutputTooShort)
+}
+
+/// A message that a [`Receiver`] can receive, and what can be saved of it where its types are not ours.
+pub trait Incoming: DeserializeOwned {
+    /// What can be read of a message that does not decode.
+    type Salvage;
+
+    /// Reads that from an intact payload. The parts it reads stay where they are in every version of the protocol.
+    fn salvage(payload: &[u8]) -> Option<Self::Salvage>;
+}
+
+impl Incoming for Envelope {
+    /// The `protocol_version` of a `Hello`.
+    type Salvage = u16;
+
+    fn salvage(payload: &[u8]) -> Option<u16> {
+        peek_hello_version(payload)
+    }
+}
+
+impl Incoming for Command {
+    /// The `id`, with which to refuse the command as unreadable.
+    type Salvage = u16;
+
+    fn salvage(payload: &[u8]) -> Option<u16> {
+        postcard::take_from_bytes::<u16>(payload).ok().map(|(id, _)| id)
+    }
+}
+
+/// The protocol version in the payload of an `Envelope` that holds a `Hello`, whatever follows it.
+pub fn peek_hello_version(payload: &[u8]) -> Option<u16> {
+    const HELLO: u32 = 0;
+    match postcard::take_from_bytes::<(u32, u32, u32, u16)>(payload) {
+        Ok(((_boot_id, _sequence, HELLO, version), _)) => Some(version),
+        _ => None,
+    }
+}
+
+/// What a [`Receiver`] found in the bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Received<T: Incoming> {
+    /// An intact message.
+    Frame(T),
+    /// A body that failed its byte stuffing or its checksum.
+    Corrupt,
+    /// A body longer than any message; everything up to the next delimiter is dropped.
+    Overlong,
+    /// An intact body whose payload is not, or not exactly, a message of ours: the other side has other types.
+    Unreadable(Option<T::Salvage>),
+}
+
+/// What a [`Receiver`] could not use, counted; the counters stop at their largest value.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Losses {
+    /// Bodies that failed their byte stuffing or their checksum.
+    pub corrupt: u32,
+    /// Bodies longer than any message.
+    pub overlong: u32,
+    /// Intact bodies that did not decode.
+    pub unreadable: u32,
+}
+
+/// Finds messages in a stream of bytes: bytes in, events out, the same however the stream is cut into chunks.
+///
+/// It holds one body of at most `N` bytes. Work per byte is bounded: a push, or at a delimiter one pass over that body.
+#[derive(Debug)]
+pub struct Receiver<T, const N: usize> {
+    body: heapless::Vec<u8, N>,
+    dropping: bool,
+    losses: Losses,
+    message: PhantomData<fn() -> T>,
+}
+
+/// The device's receiver.
+pub type CommandReceiver = Receiver<Command, MAX_BODY_TO_DEVICE>;
+/// The host's receiver.
+pub type EnvelopeReceiver = Receiver<Envelope, MAX_BODY_TO_HOST>;
+
+impl<T: Incoming, const N: usize> Default for Receiver<T, N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<T: Incoming, const N: usize> Receiver<T, N> {
+    /// Starts as after a delimiter.
+    pub const fn new() -> Self {
+        let losses = Losses { corrupt: 0, overlong: 0, unreadable: 0 };
+        Self { body: heapless::Vec::new(), dropping: false, losses, message: PhantomData }
+    }
+
+    /// Takes one byte. Delimiters with nothing between them are no event.
+    pub fn push(&mut self, byte: u8) -> Option<Received<T>> {
+        if byte != 0 {
+            if self.dropping || self.body.push(byte).is_ok() {
+                return None;
+            }
+            self.dropping = true;
+            self.losses.overlong = self.losses.overlong.saturating_add(1);
+            return Some(Received::Overlong);
+        }
+        let event = if self.dropping || self.body.is_empty() { None } else { Some(open(&mut self.body)) };
+        self.dropping = false;
+        self.body.clear();
+        match event {
+            Some(Received::Corrupt) => self.losses.corrupt = self.losses.corrupt.saturating_add(1),
+            Some(Received::Unreadable(_)) => {
+                self.losses.unreadable = self.losses.unreadable.saturating_add(1)
+            }
+            _ => {}
+        }
+        event
+    }
+
+    /// Takes a chunk and yields its events. Bytes beyond the last event asked for are not taken: exhaust it.
+    pub fn feed<'a>(&'a mut self, chunk: &'a [u8]) -> impl Iterator<Item = Received<T>> + 'a {
+        chunk.iter().filter_map(|&byte| self.push(byte))
+    }
+
+    /// What could not be used so far.
+    pub const fn losses(&self) -> Losses {
+        self.losses
+    }
+}
+
+/// Reads a complete body: checksum first, then the message, of which nothing may be left over.
+fn open<T: Incoming>(body: &mut [u8]) -> Received<T> {
+    let plain = cobs::decode_in_place(body).ok().and_then(|length| body.get(..length));
+    let Some((payload, crc)) = plain.and_then(|plain| plain.split_last_chunk::<CRC_BYTES>()) else {
+        return Received::Corrupt;
+    };
+    if CRC.checksum(payload) != u32::from_le_bytes(*crc) {
+        return Received::Corrupt;
+    }
+    match postcard::take_from_bytes(payload) {
+        Ok((message, [])) => Received::Frame(message),
+        _ => Received::Unreadable(T::salvage(payload)),
+    }
+}

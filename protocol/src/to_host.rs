@@ -1,0 +1,269 @@
+//! Messages: what the device tells the host.
+//!
+//! Answers (`Hello`, `Ack`, `Refused`, `Status`) follow a command; `Samples`, `Event` come on their own. None is ever sent
+//! again: what may go missing is repeated in later state (`Status`, the state and step of every batch, the running count of
+//! dropped samples). The order of the variants is the wire format: append, never insert.
+
+use crate::{Packed, Text};
+use postcard::experimental::max_size::MaxSize;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// What every frame from the device starts with.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Envelope {
+    /// Differs from one start of the device to the next.
+    pub boot_id: u32,
+    /// Number of this frame since that start, from 0, wrapping. A jump is a loss.
+    pub sequence: u32,
+    /// The content.
+    pub message: Message,
+}
+
+/// What the device can say.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum Message {
+    /// Answer to `Request::Hello`.
+    Hello(Hello),
+    /// The command was carried out, or had been already.
+    Ack {
+        /// Id of the command.
+        id: u16,
+    },
+    /// The command was not carried out.
+    Refused {
+        /// Id of the command.
+        id: u16,
+        /// Why not.
+        refusal: Refusal,
+    },
+    /// A batch of consecutive samples.
+    Samples(Samples),
+    /// Something happened.
+    Event(Event),
+    /// Answer to `Request::Status`.
+    Status(Status),
+}
+
+/// Who the device is and how to read what it sends.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Hello {
+    /// [`crate::VERSION`] of the firmware. First, so that it can be read whatever follows.
+    pub protocol_version: u16,
+    /// [`crate::schema_hash`] of the firmware's message types.
+    pub schema_hash: [u8; 8],
+    /// Firmware version, such as `0.1.0`.
+    pub firmware_version: Text<16>,
+    /// Commit the firmware was built from, with `-dirty` where it had local changes.
+    pub commit: Text<20>,
+    /// Board name.
+    pub board: Text<24>,
+    /// Why the device last started.
+    pub reset_reason: ResetReason,
+    /// Ticks per second of every `_us` time in these messages, 1,000,000.
+    pub tick_hz: u32,
+    /// Device time when this was sent, microseconds since start.
+    pub now_us: u64,
+    /// Time between samples, which is the control period, microseconds.
+    pub sample_period_us: u32,
+    /// How to read the channels.
+    pub scales: Scales,
+}
+
+/// Value of one count of each channel, and the channels' ranges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Scales {
+    /// Nanometres per position count.
+    pub position_nm_per_count: u32,
+    /// Nanonewtons per force count.
+    pub force_nn_per_count: u32,
+    /// Guide 2 can be sent this far from its straight-needle position along each axis, micrometres.
+    pub travel_um: u32,
+    /// Rated range of each force channel, millinewtons.
+    pub force_range_mn: u32,
+}
+
+/// Why a device started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum ResetReason {
+    /// Power came on.
+    PowerOn,
+    /// The reset pin or button.
+    Pin,
+    /// The watchdog was not fed.
+    Watchdog,
+    /// The firmware asked for it.
+    Software,
+    /// The supply voltage sagged.
+    BrownOut,
+    /// None of the above.
+    Other,
+}
+
+/// Why a command was not carried out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum Refusal {
+    /// The device has restarted since the host said hello.
+    OtherBoot,
+    /// A fault is latched: read the status, remove the cause, clear it.
+    Faulted {
+        /// Which.
+        fault: Fault,
+    },
+    /// A program is pending or running.
+    Busy,
+    /// A step's target lies beyond the travel.
+    OutOfTravel,
+    /// A speed or a duration is zero or beyond its limit, or a step index is.
+    OutOfRange,
+    /// The loaded steps are not the ones the host meant (checksum).
+    ProgramMismatch,
+    /// The start time has passed.
+    TooLate,
+    /// The fault's cause is still there.
+    CauseRemains,
+    /// The command could not be decoded, though its frame was intact: versions differ.
+    Unreadable,
+}
+
+/// A latched fault. The number is what logs and the host show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+#[repr(u8)]
+pub enum Fault {
+    /// 0: the emergency stop was pressed or its wire is open.
+    EmergencyStop,
+    /// 1: the force converter gave no valid reading for too long.
+    ForceSensor,
+    /// 2: a force channel is at the end of its range.
+    ForceRange,
+    /// 3: a potentiometer reads beyond its track: wire open or shorted.
+    Potentiometer,
+    /// 4: an axis did not reach its target in time.
+    MoveTimeout,
+}
+
+/// What the controller is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum State {
+    /// At rest, bridges off.
+    Idle,
+    /// A program waits for its start time.
+    Pending,
+    /// A `Move` step runs.
+    Moving,
+    /// A `Hold` step runs.
+    Holding,
+    /// A `Tare` step runs.
+    Taring,
+    /// A fault is latched, bridges off.
+    Faulted,
+}
+
+/// A batch of consecutive samples, all taken in the same state and step.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Samples {
+    /// Device time of the first sample, microseconds; the others follow at `Hello::sample_period_us`.
+    pub t_us: u64,
+    /// Samples that the device has dropped since its start (link too slow), up to this batch. They lie before this batch.
+    pub dropped: u32,
+    /// State in which all of these were taken.
+    pub state: State,
+    /// Program step in which all of these were taken; 255 outside a program.
+    pub step: u8,
+    /// Number of samples, at least 1.
+    pub count: u8,
+    /// The samples, delta-coded: see [`crate::pack`].
+    pub packed: Packed,
+}
+
+/// Something that happened, with its device time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Event {
+    /// Device time, microseconds.
+    pub t_us: u64,
+    /// What.
+    pub kind: EventKind,
+}
+
+/// What can happen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum EventKind {
+    /// The step with this index began.
+    StepStarted {
+        /// Index in the program.
+        index: u8,
+    },
+    /// The step with this index was completed.
+    StepEnded {
+        /// Index in the program.
+        index: u8,
+    },
+    /// A tare was completed: the readings that are zero from now on.
+    Tared {
+        /// Mean of x and y before, in force counts from the converter's own zero.
+        zero_counts: [i32; 2],
+        /// Standard deviation of a single reading of x and y, in force counts.
+        sd_counts: [u32; 2],
+    },
+    /// The program has ended; the bridges are off.
+    ProgramEnded {
+        /// How.
+        outcome: Outcome,
+    },
+    /// A fault was latched.
+    Faulted {
+        /// Which.
+        fault: Fault,
+    },
+}
+
+/// How a program ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum Outcome {
+    /// Every step was completed.
+    Completed,
+    /// `Request::Stop` ended it.
+    Stopped,
+    /// A fault ended it.
+    Faulted,
+}
+
+/// State and counters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Status {
+    /// Device time, microseconds.
+    pub t_us: u64,
+    /// What the controller is doing.
+    pub state: State,
+    /// Program step; 255 outside a program.
+    pub step: u8,
+    /// The latched fault.
+    pub fault: Option<Fault>,
+    /// Position of guide 2 along x and y, in position counts.
+    pub position_counts: [i32; 2],
+    /// Force along x and y relative to the tare, in force counts.
+    pub force_counts: [i32; 2],
+    /// Telemetry is on.
+    pub streaming: bool,
+    /// Counters since start.
+    pub counters: Counters,
+}
+
+/// What has gone wrong since start, counted; none wraps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Counters {
+    /// Samples dropped because the link was too slow.
+    pub samples_dropped: u32,
+    /// Answers or events dropped for the same reason.
+    pub messages_dropped: u32,
+    /// Command frames that failed their checksum or their byte stuffing.
+    pub frames_corrupt: u32,
+    /// Command frames that were over-long.
+    pub frames_overlong: u32,
+    /// Command frames that were intact but could not be decoded.
+    pub frames_unreadable: u32,
+    /// Force readings that were missing, stale or corrupt.
+    pub force_readings_bad: u32,
+    /// Control periods that began late by more than half a period.
+    pub control_overruns: u32,
+}
