@@ -6,6 +6,9 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+pub mod link;
 pub mod model;
+pub mod record;
 pub mod rig;
 pub mod session;
+pub mod sweep;

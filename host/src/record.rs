@@ -82,7 +82,7 @@ impl<'w, 's> Recorder<'w, 's> {
     pub fn batch(&mut self, batch: &Batch) -> Result<(), SessionError> {
         // What was lost before the first row lies outside the run.
         let mut lost_before = if self.first_s.is_some() { batch.lost_before } else { 0 };
-        self.recorded.samples_missing += u64::from(lost_before);
+        self.recorded.samples_missing += lost_before;
         for point in &batch.points {
             let first_s = *self.first_s.get_or_insert(point.time_s);
             let [displacement_x_m, displacement_y_m] = point.displacement_m;
@@ -94,7 +94,7 @@ impl<'w, 's> Recorder<'w, 's> {
                 displacement_x_m,
                 force_x_n,
                 step: batch.step.map(u32::from),
-                lost_before: std::mem::take(&mut lost_before).into(),
+                lost_before: std::mem::take(&mut lost_before),
             })?;
             self.recorded.samples += 1;
             self.recorded.duration_s = point.time_s - first_s;

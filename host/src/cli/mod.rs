@@ -8,7 +8,12 @@
 //! and one line in [`main`].
 
 mod identify;
+mod operate;
 mod output;
+mod ports;
+mod record;
+mod rig_args;
+mod tare;
 
 use clap::{Parser, Subcommand};
 use output::{Output, StdoutClosed};
@@ -30,6 +35,15 @@ struct Cli {
 /// What `guide` can do.
 #[derive(Subcommand)]
 enum Command {
+    Ports(ports::Args),
+    Status(operate::StatusArgs),
+    Home(operate::HomeArgs),
+    Tare(tare::Args),
+    Move(operate::MoveArgs),
+    Stop(operate::StopArgs),
+    Clear(operate::ClearArgs),
+    Record(record::RecordArgs),
+    Acquire(record::AcquireArgs),
     Identify(identify::Args),
 }
 
@@ -38,6 +52,15 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let mut out = Output::new(cli.json);
     let outcome = match &cli.command {
+        Command::Ports(args) => ports::run(args, &mut out),
+        Command::Status(args) => operate::status(args, &mut out),
+        Command::Home(args) => operate::home(args, &mut out),
+        Command::Tare(args) => tare::run(args, &mut out),
+        Command::Move(args) => operate::move_guide(args, &mut out),
+        Command::Stop(args) => operate::stop(args, &mut out),
+        Command::Clear(args) => operate::clear(args, &mut out),
+        Command::Record(args) => record::run_record(args, &mut out),
+        Command::Acquire(args) => record::run_acquire(args, &mut out),
         Command::Identify(args) => identify::run(args, &mut out),
     };
     match outcome.and_then(|()| out.finish()) {

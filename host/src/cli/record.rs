@@ -3,7 +3,7 @@
 use super::output::Output;
 use super::rig_args::{PortArgs, StartArgs, interrupted};
 use anyhow::{Context, bail};
-use host::link::{Client, Program, RunOptions, Telemetry};
+use host::link::{Client, Program, Telemetry};
 use host::record::{Recorded, Recorder, acquire};
 use host::session::{SessionWriter, Setup};
 use indicatif::{ProgressBar, ProgressStyle};

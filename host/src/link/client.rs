@@ -6,7 +6,7 @@
 use super::error::LinkError;
 use super::wire::{LinkLosses, Received, Wire};
 use protocol::{
-    Command, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample, Samples, State, Status, encode_command,
+    Command, Envelope, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample, Samples, State, Status, encode_command,
 };
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -35,7 +35,7 @@ pub struct Batch {
     /// Program step; `None` outside a program.
     pub step: Option<u8>,
     /// Samples that went missing between the batch before and this one.
-    pub lost_before: u32,
+    pub lost_before: u64,
     /// The samples, in order.
     pub points: Vec<Point>,
 }
@@ -80,13 +80,15 @@ impl Client {
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
                 match wire.receive(left)? {
-                    Received::Message { boot_id, message: Message::Hello(hello), .. } => {
-                        check_protocol(port, &hello)?;
-                        let next_id = tries as u16;
-                        return Ok(Self { wire, inbox: VecDeque::new(), boot_id, next_id, hello });
+                    Received::Frame { frame, .. } => {
+                        if let Envelope { boot_id, message: Message::Hello(hello), .. } = *frame {
+                            check_protocol(port, &hello)?;
+                            let next_id = tries as u16;
+                            return Ok(Self { wire, inbox: VecDeque::new(), boot_id, next_id, hello });
+                        }
                     }
                     Received::HelloOfVersion(theirs) => return Err(other_version(port, theirs)),
-                    Received::Message { .. } | Received::Nothing => {}
+                    Received::Nothing => {}
                 }
             }
         }
@@ -118,6 +120,9 @@ impl Client {
     /// # Errors
     /// [`LinkError::Refused`], [`LinkError::Unanswered`], [`LinkError::Restarted`], [`LinkError::Gone`].
     pub fn request(&mut self, request: Request) -> Result<(), LinkError> {
+        if matches!(request, Request::Stream { enable: true }) {
+            self.wire.stream_begins();
+        }
         self.ask(request).map(|_| ())
     }
 
@@ -184,15 +189,17 @@ impl Client {
 
     /// Takes one frame: telemetry goes to the inbox, answers are returned.
     fn receive(&mut self, timeout: Duration) -> Result<Option<Message>, LinkError> {
+        let received = self.wire.receive(timeout)?;
         let port = || self.wire.name().to_owned();
-        let (boot_id, message, lost_before) = match self.wire.receive(timeout)? {
-            Received::Message { boot_id, message, lost_before } => (boot_id, message, lost_before),
-            Received::HelloOfVersion(_) => return Err(LinkError::Restarted { port: port() }),
+        let (message, lost_before) = match received {
+            Received::Frame { frame, lost_before } if frame.boot_id == self.boot_id => {
+                (frame.message, lost_before)
+            }
             Received::Nothing => return Ok(None),
+            Received::Frame { .. } | Received::HelloOfVersion(_) => {
+                return Err(LinkError::Restarted { port: port() });
+            }
         };
-        if boot_id != self.boot_id {
-            return Err(LinkError::Restarted { port: port() });
-        }
         match message {
             Message::Samples(samples) => {
                 let batch = self.batch(&samples, lost_before).ok_or(LinkError::Garbled { port: port() })?;
@@ -207,14 +214,14 @@ impl Client {
         }
     }
 
-    fn batch(&self, samples: &Samples, lost_before: u32) -> Option<Batch> {
+    fn batch(&self, samples: &Samples, lost_before: u64) -> Option<Batch> {
         let point = |(t_us, sample): (u64, Sample)| Point {
             time_s: t_us as f64 * 1e-6,
             displacement_m: self.displacement_m(sample.position_counts),
             force_n: self.force_n(sample.force_counts),
         };
-        let unpacked = samples.iter(self.hello.sample_period_us);
-        let points = unpacked.map(|sample| sample.map(point)).collect::<Result<Vec<_>, _>>().ok()?;
+        let unpacked = samples.unpack(self.hello.sample_period_us).ok()?;
+        let points = unpacked.map(point).collect();
         let step = (samples.step != u8::MAX).then_some(samples.step);
         Some(Batch { state: samples.state, step, lost_before, points })
     }

@@ -176,7 +176,7 @@ pub fn move_to(target_mm: [f64; 2], speed_mm_s: f64) -> Result<Step, &'static st
     if !target_mm.iter().all(|target| target.abs() <= 1_000.0) {
         return Err("the target must be a number of millimetres within 1000");
     }
-    if !(speed_mm_s >= 0.001 && speed_mm_s <= 1_000.0) {
+    if !(0.001..=1_000.0).contains(&speed_mm_s) {
         return Err("`speed_mm_s` must lie between 0.001 and 1000");
     }
     let [x_um, y_um] = target_mm.map(|target| (target * 1e3).round() as i32);
@@ -188,7 +188,7 @@ pub fn move_to(target_mm: [f64; 2], speed_mm_s: f64) -> Result<Step, &'static st
 /// # Errors
 /// Says what was expected of a value that is no duration.
 pub fn milliseconds(duration_s: f64) -> Result<u32, &'static str> {
-    if duration_s >= 0.001 && duration_s <= 86_400.0 {
+    if (0.001..=86_400.0).contains(&duration_s) {
         Ok((duration_s * 1e3).round() as u32)
     } else {
         Err("a duration must lie between 0.001 s and a day")

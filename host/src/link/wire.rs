@@ -2,7 +2,7 @@
 
 use super::error::LinkError;
 use super::port;
-use protocol::{Envelope, Event, MAX_FRAME_TO_HOST, Message, Receiver, SequenceTracker};
+use protocol::{Envelope, EnvelopeReceiver, Order, Received as Frame, SequenceTracker};
 use serialport::SerialPort;
 use std::io::{self, ErrorKind, Read, Write};
 use std::sync::Arc;
@@ -34,14 +34,12 @@ enum Incoming {
 /// What a caller gets from [`Wire::receive`].
 #[derive(Debug)]
 pub enum Received {
-    /// A frame, with the boot it belongs to.
-    Message {
-        /// Boot id of the frame.
-        boot_id: u32,
-        /// Its content.
-        message: Message,
+    /// A frame.
+    Frame {
+        /// Its boot and content.
+        frame: Box<Envelope>,
         /// Samples that went missing directly before it.
-        lost_before: u32,
+        lost_before: u64,
     },
     /// A hello of a device that speaks this other version of the protocol.
     HelloOfVersion(u16),
@@ -108,9 +106,11 @@ impl Wire {
     pub fn receive(&mut self, timeout: Duration) -> Result<Received, LinkError> {
         match self.incoming.recv_timeout(timeout) {
             Ok(Incoming::Frame(frame)) => {
-                let lost_before = self.tracker.accept(&frame).samples_missing;
-                let Envelope { boot_id, message, .. } = *frame;
-                Ok(Received::Message { boot_id, message, lost_before })
+                let arrival = self.tracker.observe(&frame);
+                if matches!(arrival.order, Order::Duplicate | Order::Late) {
+                    return Ok(Received::Nothing);
+                }
+                Ok(Received::Frame { frame, lost_before: arrival.samples_missing })
             }
             Ok(Incoming::HelloOfVersion(version)) => Ok(Received::HelloOfVersion(version)),
             Ok(Incoming::Closed(source)) => Err(LinkError::Gone { port: self.name.clone(), source }),
@@ -120,6 +120,11 @@ impl Wire {
                 Err(LinkError::Gone { port: self.name.clone(), source })
             }
         }
+    }
+
+    /// Telemetry is about to be switched on: the time without it is no loss.
+    pub fn stream_begins(&mut self) {
+        self.tracker.stream_begins();
     }
 
     /// Bytes that have arrived.
@@ -149,11 +154,10 @@ impl Drop for Wire {
 }
 
 fn read_frames(mut port: Box<dyn SerialPort>, sender: &mpsc::Sender<Incoming>, counters: &Counters) {
-    let mut receiver = Receiver::<Envelope, MAX_FRAME_TO_HOST>::new();
+    let mut receiver = EnvelopeReceiver::new();
     let mut buffer = [0; 4096];
     while !counters.stop.load(Ordering::Acquire) {
         let bytes = match port.read(&mut buffer) {
-            Ok(0) => &[],
             Ok(length) => buffer.get(..length).unwrap_or_default(),
             Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => &[],
             Err(error) => {
@@ -162,23 +166,18 @@ fn read_frames(mut port: Box<dyn SerialPort>, sender: &mpsc::Sender<Incoming>, c
             }
         };
         counters.bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
-        for &byte in bytes {
-            let incoming = match receiver.push(byte) {
-                None => continue,
-                Some(Event::Frame(frame)) => Incoming::Frame(Box::new(frame)),
-                Some(Event::Unreadable { hello_version: Some(version) }) => Incoming::HelloOfVersion(version),
-                Some(Event::Corrupt) => {
-                    counters.corrupt.fetch_add(1, Ordering::Relaxed);
-                    continue;
-                }
-                Some(Event::Overlong | Event::Unreadable { hello_version: None }) => {
-                    counters.unreadable.fetch_add(1, Ordering::Relaxed);
-                    continue;
-                }
+        for frame in receiver.feed(bytes) {
+            let incoming = match frame {
+                Frame::Frame(frame) => Incoming::Frame(Box::new(frame)),
+                Frame::Unreadable(Some(version)) => Incoming::HelloOfVersion(version),
+                Frame::Corrupt | Frame::Overlong | Frame::Unreadable(None) => continue,
             };
             if sender.send(incoming).is_err() {
                 return;
             }
         }
+        let losses = receiver.losses();
+        counters.corrupt.store(losses.corrupt.into(), Ordering::Relaxed);
+        counters.unreadable.store((losses.overlong.saturating_add(losses.unreadable)).into(), Ordering::Relaxed);
     }
 }

@@ -81,8 +81,8 @@ fn a_sweep_sees_the_needle_of_the_forward_model() {
     assert_eq!(sweep.len(), 30);
     for sample in sweep {
         let expected = [x_m, y_m].map(|m| rig.beam.deflection_m(m, sample.z_m));
-        for axis in 0..2 {
-            assert!((sample.deflection_m[axis] - expected[axis]).abs() < 1e-9);
+        for (seen_m, expected_m) in sample.deflection_m.iter().zip(expected) {
+            assert!((seen_m - expected_m).abs() < 1e-9);
         }
     }
 }
