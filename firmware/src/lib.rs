@@ -1,3 +1,11 @@
-//! Hardware-independent control of the needle guide.
+//! Firmware of the needle guide: what does not depend on the hardware, tested on the host, and, for the microcontroller,
+//! the board and its stand-in for QEMU.
 #![cfg_attr(not(test), no_std)]
 #![deny(missing_docs)]
+
+pub mod ads131m02;
+#[cfg(any(test, feature = "qemu"))]
+pub mod ads131m02_model;
+pub mod hal;
+pub mod plant;
+pub mod thumb;

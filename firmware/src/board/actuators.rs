@@ -1,0 +1,94 @@
+//! The two H-bridges on timer outputs.
+//!
+//! Slow decay: one input stays high while the other carries the complement of the duty, so the motor alternates between
+//! drive and brake, which keeps speed proportional to duty down to small duties. Both inputs low is coast, and after a
+//! moment sleep in the usual bridge drivers.
+
+use super::pins::PWM_FREQUENCY;
+use crate::hal::Actuators;
+use embassy_stm32::Peri;
+use embassy_stm32::gpio::OutputType;
+use embassy_stm32::peripherals::{PA2, PA15, PB0, PB1, TIM2, TIM3};
+use embassy_stm32::timer::GeneralInstance4Channel;
+use embassy_stm32::timer::low_level::CountingMode;
+use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm, SimplePwmChannel};
+
+/// The two inputs of one bridge.
+struct Bridge<T: GeneralInstance4Channel> {
+    in1: SimplePwmChannel<'static, T>,
+    in2: SimplePwmChannel<'static, T>,
+    /// Counts of a whole period, read once: the register is behind a bus.
+    full: u32,
+    enabled: bool,
+}
+
+impl<T: GeneralInstance4Channel> Bridge<T> {
+    /// A released bridge.
+    fn new(in1: SimplePwmChannel<'static, T>, in2: SimplePwmChannel<'static, T>) -> Self {
+        let full = in1.max_duty_cycle();
+        let mut bridge = Self { in1, in2, full, enabled: true };
+        bridge.release();
+        bridge
+    }
+
+    fn drive(&mut self, duty: f32) {
+        // A duty that is not a number brakes, as zero does: the comparison is false and the cast gives 0.
+        let brake = self.full - ((duty.abs().min(1.0) * self.full as f32) as u32).min(self.full);
+        let (in1, in2) = if duty > 0.0 { (self.full, brake) } else { (brake, self.full) };
+        self.in1.set_duty_cycle(in1);
+        self.in2.set_duty_cycle(in2);
+        if !self.enabled {
+            self.in1.enable();
+            self.in2.enable();
+            self.enabled = true;
+        }
+    }
+
+    fn release(&mut self) {
+        if self.enabled {
+            self.in1.set_duty_cycle_fully_off();
+            self.in2.set_duty_cycle_fully_off();
+            self.in1.disable();
+            self.in2.disable();
+            self.enabled = false;
+        }
+    }
+}
+
+/// Both bridges.
+pub struct BoardActuators {
+    x: Bridge<TIM3>,
+    y: Bridge<TIM2>,
+}
+
+impl BoardActuators {
+    pub(super) fn new(
+        tim_x: Peri<'static, TIM3>,
+        x_in1: Peri<'static, PB0>,
+        x_in2: Peri<'static, PB1>,
+        tim_y: Peri<'static, TIM2>,
+        y_in1: Peri<'static, PA15>,
+        y_in2: Peri<'static, PA2>,
+    ) -> Self {
+        let mode = CountingMode::EdgeAlignedUp;
+        let x_in1 = PwmPin::new(x_in1, OutputType::PushPull);
+        let x_in2 = PwmPin::new(x_in2, OutputType::PushPull);
+        let x = SimplePwm::new(tim_x, None, None, Some(x_in1), Some(x_in2), PWM_FREQUENCY, mode).split();
+        let y_in1 = PwmPin::new(y_in1, OutputType::PushPull);
+        let y_in2 = PwmPin::new(y_in2, OutputType::PushPull);
+        let y = SimplePwm::new(tim_y, Some(y_in1), None, Some(y_in2), None, PWM_FREQUENCY, mode).split();
+        Self { x: Bridge::new(x.ch3, x.ch4), y: Bridge::new(y.ch1, y.ch3) }
+    }
+}
+
+impl Actuators for BoardActuators {
+    fn drive(&mut self, duty: [f32; 2]) {
+        self.x.drive(duty[0]);
+        self.y.drive(duty[1]);
+    }
+
+    fn release(&mut self) {
+        self.x.release();
+        self.y.release();
+    }
+}

@@ -1,0 +1,116 @@
+//! The B-L475E-IOT01A: clocks, drivers and start-up.
+//!
+//! [`take`] does all of it once and returns the pieces; the drivers are those of `embassy-stm32` and are the same on the
+//! board and in QEMU. The two images differ in what happens before and beneath: in QEMU a trap layer stands in for the
+//! peripherals that QEMU lacks, and time comes from SysTick instead of TIM5.
+
+mod actuators;
+mod boot;
+mod fault;
+mod panel;
+pub mod pins;
+mod sensors;
+
+pub use actuators::BoardActuators;
+pub use boot::{BootInfo, ResetReason};
+pub use panel::BoardPanel;
+pub use sensors::BoardSensors;
+
+use embassy_executor::{InterruptExecutor, SendSpawner};
+use embassy_stm32::interrupt::{self, InterruptExt};
+use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::{Config, bind_interrupts, peripherals, rcc};
+use static_cell::StaticCell;
+
+/// The serial port to the host.
+pub type Serial = BufferedUart<'static>;
+
+/// Everything the program gets from the board.
+pub struct Board {
+    /// Potentiometers, force converter, emergency stop.
+    pub sensors: BoardSensors,
+    /// The two bridges, released.
+    pub actuators: BoardActuators,
+    /// LED and watchdog; the watchdog runs.
+    pub panel: BoardPanel,
+    /// Serial port to the host.
+    pub serial: Serial,
+    /// Which boot this is and why it happened.
+    pub boot: BootInfo,
+    /// Runs tasks at control priority.
+    pub control: SendSpawner,
+}
+
+bind_interrupts!(struct Interrupts {
+    USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
+});
+
+/// Runs the control task in the interrupt of UART5, which is otherwise unused.
+static CONTROL: InterruptExecutor = InterruptExecutor::new();
+
+#[cortex_m_rt::interrupt]
+fn UART5() {
+    // SAFETY: this is the executor's interrupt, enabled by `CONTROL.start` only.
+    unsafe { CONTROL.on_interrupt() }
+}
+
+use embassy_stm32::interrupt as _interrupt_names;
+use _interrupt_names::typelevel as _;
+
+/// Clocks: the 16 MHz oscillator, multiplied to 80 MHz for everything; the converter runs from the system clock.
+fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.hsi = true;
+    config.rcc.pll = Some(rcc::Pll {
+        source: rcc::PllSource::HSI,
+        prediv: rcc::PllPreDiv::DIV1,
+        mul: rcc::PllMul::MUL10,
+        divp: None,
+        divq: None,
+        divr: Some(rcc::PllRDiv::DIV2),
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_R;
+    config.rcc.mux.adcsel = rcc::mux::Adcsel::SYS;
+    config
+}
+
+/// Starts the board; call it once.
+pub fn take() -> Board {
+    #[cfg(feature = "qemu")]
+    crate::qemu::install();
+    let boot = boot::read();
+    let p = embassy_stm32::init(clocks());
+    #[cfg(feature = "qemu")]
+    crate::qemu::start_time();
+
+    let actuators = BoardActuators::new(p.TIM3, p.PB0, p.PB1, p.TIM2, p.PA15, p.PA2);
+    let sensors = BoardSensors::new(
+        sensors::Potentiometers::new(p.ADC1, p.PC5, p.PC4),
+        sensors::converter(p.SPI1, p.PA5, p.PA7, p.PA6, p.PB2),
+        p.PD14,
+        p.PC2,
+    );
+
+    static SEND: StaticCell<[u8; pins::SERIAL_SEND_BYTES]> = StaticCell::new();
+    static RECEIVE: StaticCell<[u8; pins::SERIAL_RECEIVE_BYTES]> = StaticCell::new();
+    let mut serial_config = usart::Config::default();
+    serial_config.baudrate = pins::SERIAL_BAUD;
+    // Wake the reader at every byte: QEMU never reports an idle line, and commands are short.
+    serial_config.eager_reads = Some(1);
+    interrupt::USART1.set_priority(pins::SERIAL_PRIORITY);
+    let serial = BufferedUart::new(
+        p.USART1,
+        p.PB7,
+        p.PB6,
+        SEND.init([0; pins::SERIAL_SEND_BYTES]),
+        RECEIVE.init([0; pins::SERIAL_RECEIVE_BYTES]),
+        Interrupts,
+        serial_config,
+    )
+    .expect("the serial port's rate is reachable");
+
+    interrupt::UART5.set_priority(pins::CONTROL_PRIORITY);
+    let control = CONTROL.start(interrupt::UART5);
+    let panel = BoardPanel::new(p.PB14, p.IWDG);
+    Board { sensors, actuators, panel, serial, boot, control }
+}

@@ -1,0 +1,33 @@
+//! Status LED and independent watchdog.
+
+use super::pins::WATCHDOG_TIMEOUT_US;
+use crate::hal::Panel;
+use embassy_stm32::Peri;
+use embassy_stm32::gpio::{Level, Output, Speed};
+use embassy_stm32::peripherals::{IWDG, PB14};
+use embassy_stm32::wdg::IndependentWatchdog;
+
+/// LED and watchdog.
+pub struct BoardPanel {
+    led: Output<'static>,
+    watchdog: IndependentWatchdog<'static, IWDG>,
+}
+
+impl BoardPanel {
+    /// Starts the watchdog: from here on it must be fed.
+    pub(super) fn new(led: Peri<'static, PB14>, watchdog: Peri<'static, IWDG>) -> Self {
+        let mut watchdog = IndependentWatchdog::new(watchdog, WATCHDOG_TIMEOUT_US);
+        watchdog.unleash();
+        Self { led: Output::new(led, Level::Low, Speed::Low), watchdog }
+    }
+}
+
+impl Panel for BoardPanel {
+    fn led(&mut self, on: bool) {
+        self.led.set_level(on.into());
+    }
+
+    fn feed_watchdog(&mut self) {
+        self.watchdog.pet();
+    }
+}

@@ -1,0 +1,117 @@
+//! Potentiometers on the internal converter, force sensor on the ADS131M02, emergency stop.
+
+use super::pins::SPI_FREQUENCY;
+use crate::ads131m02::{Ads131m02, ForceFault, InitError};
+use crate::hal::{Readings, Sensors};
+use embassy_stm32::Peri;
+use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, AnyAdcChannel, Averaging, SampleTime};
+use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::peripherals::{ADC1, PA5, PA6, PA7, PB2, PC2, PC4, PC5, PD14, SPI1};
+use embassy_stm32::spi::mode::Master;
+use embassy_stm32::spi::{self, Spi};
+use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
+
+/// Time to charge the sampling capacitor through a potentiometer of up to 16 kOhm (4 kOhm at mid travel).
+const SAMPLE_TIME: SampleTime = SampleTime::CYCLES92_5;
+/// Conversions averaged in hardware per reading.
+const AVERAGING: Averaging = Averaging::Samples8;
+
+/// The two potentiometers.
+pub(super) struct Potentiometers {
+    adc: Adc<'static, ADC1>,
+    channels: [AnyAdcChannel<'static, ADC1>; 2],
+}
+
+impl Potentiometers {
+    pub(super) fn new(adc: Peri<'static, ADC1>, x: Peri<'static, PC5>, y: Peri<'static, PC4>) -> Self {
+        let mut config = AdcConfig::default();
+        config.averaging = Some(AVERAGING);
+        Self { adc: Adc::new_with_config(adc, config), channels: [x.degrade_adc(), y.degrade_adc()] }
+    }
+
+    fn read(&mut self) -> [u16; 2] {
+        self.channels.each_mut().map(|channel| self.adc.blocking_read(channel, SAMPLE_TIME))
+    }
+}
+
+/// The converter on its bus with its chip select.
+pub(super) type Converter =
+    Ads131m02<ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, NoDelay>>;
+
+/// The force converter's driver; not yet set up.
+pub(super) fn converter(
+    spi: Peri<'static, SPI1>,
+    sck: Peri<'static, PA5>,
+    mosi: Peri<'static, PA7>,
+    miso: Peri<'static, PA6>,
+    cs: Peri<'static, PB2>,
+) -> Converter {
+    let mut config = spi::Config::default();
+    config.mode = spi::MODE_1;
+    config.frequency = SPI_FREQUENCY;
+    let bus = Spi::new_blocking(spi, sck, mosi, miso, config);
+    let cs = Output::new(cs, Level::High, Speed::High);
+    let Ok(device) = ExclusiveDevice::new_no_delay(bus, cs);
+    Ads131m02::new(device)
+}
+
+/// All sensors.
+pub struct BoardSensors {
+    potentiometers: Potentiometers,
+    converter: Converter,
+    data_ready: Input<'static>,
+    emergency_stop: Input<'static>,
+    /// Why the converter is not set up, if it is not.
+    converter_error: Option<InitError>,
+}
+
+impl BoardSensors {
+    pub(super) fn new(
+        potentiometers: Potentiometers,
+        mut converter: Converter,
+        data_ready: Peri<'static, PD14>,
+        emergency_stop: Peri<'static, PC2>,
+    ) -> Self {
+        let converter_error = converter.init(&mut embassy_time::Delay).err();
+        if let Some(error) = converter_error {
+            defmt::error!("force converter: {}", error);
+        }
+        Self {
+            potentiometers,
+            converter,
+            // Pulled up: an absent converter is one without data.
+            data_ready: Input::new(data_ready, Pull::Up),
+            emergency_stop: Input::new(emergency_stop, Pull::Up),
+            converter_error,
+        }
+    }
+
+    /// Why the force converter could not be set up at the start, if it could not.
+    pub fn converter_error(&self) -> Option<InitError> {
+        self.converter_error
+    }
+
+    /// One force sample. A converter that has reset is configured again, so that the fault passes when its cause does;
+    /// the period in which that happens still reports it.
+    fn read_force(&mut self) -> Result<[i32; 2], ForceFault> {
+        if self.data_ready.is_high() {
+            return Err(ForceFault::NotReady);
+        }
+        let sample = self.converter.read();
+        if sample == Err(ForceFault::DeviceReset) {
+            self.converter_error = self.converter.configure().err();
+        }
+        sample
+    }
+}
+
+impl Sensors for BoardSensors {
+    fn read(&mut self) -> Readings {
+        Readings {
+            potentiometer_codes: self.potentiometers.read(),
+            force_codes: self.read_force(),
+            emergency_stop: self.emergency_stop.is_high(),
+        }
+    }
+}
