@@ -6,6 +6,8 @@
 pub mod ads131m02;
 #[cfg(any(test, feature = "qemu"))]
 pub mod ads131m02_model;
+pub mod calibration;
+pub mod control;
 pub mod hal;
 pub mod plant;
 pub mod thumb;

@@ -21,7 +21,7 @@ const SETTLE_PERIODS: u16 = 100;
 /// Share of the new reading in the filtered position: a time constant of 8 periods.
 const FILTER_SHARE: f32 = 0.125;
 const PROPORTIONAL_PER_S: f32 = 12.0;
-const INTEGRAL_PER_S2: f32 = 20.0;
+const INTEGRAL_PER_S2: f32 = 60.0;
 /// Most that the integral may ask for, micrometres per second: enough for a dead band that is larger than assumed.
 const INTEGRAL_LIMIT_UM_S: f32 = 3_000.0;
 

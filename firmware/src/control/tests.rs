@@ -1,0 +1,300 @@
+//! The controller against a small plant, and over arbitrary inputs.
+
+use super::axis::WAKE_UM;
+use super::*;
+use crate::ads131m02::ForceFault;
+use proptest::prelude::*;
+use protocol::{Step, program_crc};
+
+const BOOT: u32 = 42;
+
+/// Two actuators that follow the duty with a dead band, and a spring of 1 N/mm on each axis.
+struct Bench {
+    controller: Controller,
+    calibration: Calibration,
+    position_um: [f32; 2],
+    now_us: u64,
+    emergency_stop: bool,
+    force_fault: Option<ForceFault>,
+    next_id: u16,
+    notes: std::vec::Vec<Note>,
+    last: Option<Outputs>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let calibration = Calibration::nominal();
+        Self {
+            controller: Controller::new(calibration.clone(), BOOT),
+            calibration,
+            position_um: [300.0, -800.0],
+            now_us: 0,
+            emergency_stop: false,
+            force_fault: None,
+            next_id: 1,
+            notes: vec![],
+            last: None,
+        }
+    }
+
+    fn period(&mut self, command: Option<Command>) -> Outputs {
+        self.now_us += u64::from(PERIOD_US);
+        let code = |axis: usize| {
+            (self.position_um[axis] / self.calibration.um_per_code[axis] + self.calibration.zero_codes[axis])
+                .round() as u16
+        };
+        let per_count = self.calibration.force_counts_per_code[0][0];
+        // 1 N/mm is 20 counts per micrometre.
+        let force = self.position_um.map(|um| (um * 20.0 / per_count) as i32);
+        let readings = Readings {
+            potentiometer_codes: [code(0), code(1)],
+            force_codes: self.force_fault.map_or(Ok(force), Err),
+            emergency_stop: self.emergency_stop,
+        };
+        let inputs = Inputs { now_us: self.now_us, readings, command, counters: Counters::default() };
+        let outputs = self.controller.step(&inputs);
+        if let Drive::Duty(duty) = outputs.drive {
+            for (position_um, duty) in self.position_um.iter_mut().zip(duty) {
+                let share = ((duty.abs() - 0.2) / 0.8).max(0.0).copysign(duty);
+                *position_um += share * 20_000.0 * PERIOD_S;
+            }
+        }
+        self.notes.extend(outputs.notes.iter().copied());
+        self.last = Some(outputs.clone());
+        outputs
+    }
+
+    fn periods(&mut self, count: u32) -> Outputs {
+        (0..count).map(|_| self.period(None)).last().expect("at least one period")
+    }
+
+    fn command(&mut self, request: Request) -> Result<(), Refusal> {
+        let id = self.next_id;
+        self.next_id += 1;
+        self.answer(Command { id, boot_id: BOOT, request })
+    }
+
+    fn answer(&mut self, command: Command) -> Result<(), Refusal> {
+        let outputs = self.period(Some(command));
+        let answer = outputs.notes.iter().find_map(|note| match *note {
+            Note::Ack(id) if id == command.id => Some(Ok(())),
+            Note::Refused(id, refusal) if id == command.id => Some(Err(refusal)),
+            _ => None,
+        });
+        answer.expect("every command is answered in its period")
+    }
+
+    fn run(&mut self, steps: &[Step]) {
+        for (index, step) in steps.iter().enumerate() {
+            self.command(Request::LoadStep { index: index as u8, step: *step }).expect("loads");
+        }
+        let run = Request::Run { steps: steps.len() as u8, crc: program_crc(steps), start_us: 0 };
+        self.command(run).expect("runs");
+    }
+
+    fn finish(&mut self) -> Outcome {
+        for _ in 0..60_000 {
+            self.period(None);
+            let ended = self.notes.iter().find_map(|note| match note {
+                Note::Event(Event { kind: EventKind::ProgramEnded { outcome }, .. }) => Some(*outcome),
+                _ => None,
+            });
+            if let Some(outcome) = ended {
+                return outcome;
+            }
+        }
+        panic!("the program does not end");
+    }
+}
+
+#[test]
+fn homes_tares_displaces_and_holds() {
+    let mut bench = Bench::new();
+    bench.run(&[
+        Step::Move { x_um: 0, y_um: 0, speed_um_s: 2_000 },
+        Step::Tare { duration_ms: 200 },
+        Step::Move { x_um: 0, y_um: 1_200, speed_um_s: 1_000 },
+        Step::Hold { duration_ms: 500 },
+    ]);
+    assert_eq!(bench.finish(), Outcome::Completed);
+    assert!(bench.position_um[0].abs() < WAKE_UM, "{:?}", bench.position_um);
+    assert!((bench.position_um[1] - 1_200.0).abs() < WAKE_UM, "{:?}", bench.position_um);
+    let outputs = bench.periods(1);
+    assert_eq!((outputs.state, outputs.step, outputs.drive), (State::Idle, NO_STEP, Drive::Release));
+    // After the tare at home the force is that of the displacement alone: 20 counts per micrometre.
+    let [_, force] = outputs.sample.force_counts;
+    assert!((force as f32 - 24_000.0).abs() < 20.0 * 2.0 * WAKE_UM, "{force}");
+    let order: std::vec::Vec<u8> = bench
+        .notes
+        .iter()
+        .filter_map(|note| match note {
+            Note::Event(Event { kind: EventKind::StepEnded { index }, .. }) => Some(*index),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(order, [0, 1, 2, 3]);
+}
+
+#[test]
+fn a_program_waits_for_its_time() {
+    let mut bench = Bench::new();
+    let steps = [Step::Hold { duration_ms: 10 }];
+    bench.command(Request::LoadStep { index: 0, step: steps[0] }).expect("loads");
+    let run = Request::Run { steps: 1, crc: program_crc(&steps), start_us: 500_000 };
+    bench.command(run).expect("accepted");
+    while bench.now_us < 499_000 {
+        assert_eq!(bench.period(None).state, State::Pending);
+    }
+    assert_eq!(bench.period(None).state, State::Holding);
+    assert_eq!(bench.now_us, 500_000);
+}
+
+#[test]
+fn the_emergency_stop_releases_at_once_and_latches() {
+    let mut bench = Bench::new();
+    bench.run(&[Step::Move { x_um: 0, y_um: 5_000, speed_um_s: 2_000 }]);
+    assert!(matches!(bench.periods(200).drive, Drive::Duty(_)));
+    bench.emergency_stop = true;
+    let outputs = bench.periods(1);
+    assert_eq!((outputs.drive, outputs.state), (Drive::Release, State::Faulted));
+    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
+    bench.emergency_stop = false;
+    assert_eq!(bench.periods(100).state, State::Faulted);
+    let run = Request::Run { steps: 1, crc: 0, start_us: 0 };
+    assert_eq!(bench.command(run), Err(Refusal::Faulted { fault: Fault::EmergencyStop }));
+    bench.command(Request::ClearFault).expect("the cause is gone");
+    assert_eq!(bench.periods(1).state, State::Idle);
+    assert_eq!(bench.finish(), Outcome::Faulted);
+}
+
+#[test]
+fn a_force_sensor_that_falls_silent_stops_the_guide_in_time() {
+    let mut bench = Bench::new();
+    bench.run(&[Step::Hold { duration_ms: 60_000 }]);
+    bench.force_fault = Some(ForceFault::Crc);
+    let before = bench.periods(u32::from(interlock::STALE_LIMIT_PERIODS) - 1);
+    assert_eq!(before.state, State::Holding);
+    assert_eq!(bench.periods(1).state, State::Faulted);
+    bench.force_fault = None;
+    bench.periods(1);
+    bench.command(Request::ClearFault).expect("readings are back");
+}
+
+#[test]
+fn a_saturated_converter_is_a_range_fault() {
+    let mut bench = Bench::new();
+    bench.force_fault = Some(ForceFault::Saturated { channel: 1 });
+    bench.periods(interlock::PERSISTENCE_PERIODS.into());
+    assert_eq!(bench.controller.interlock.latched(), Some(Fault::ForceRange));
+}
+
+#[test]
+fn a_jammed_axis_times_out() {
+    let mut bench = Bench::new();
+    bench.run(&[Step::Move { x_um: 0, y_um: 1_000, speed_um_s: 1_000 }]);
+    for _ in 0..10_000 {
+        bench.position_um = [0.0; 2];
+        bench.period(None);
+    }
+    assert_eq!(bench.controller.interlock.latched(), Some(Fault::MoveTimeout));
+    assert_eq!(bench.last.as_ref().map(|last| last.drive), Some(Drive::Release));
+}
+
+#[test]
+fn a_repeated_command_is_carried_out_once() {
+    let mut bench = Bench::new();
+    let steps = [Step::Hold { duration_ms: 5 }];
+    bench.command(Request::LoadStep { index: 0, step: steps[0] }).expect("loads");
+    let request = Request::Run { steps: 1, crc: program_crc(&steps), start_us: 0 };
+    let run = Command { id: 900, boot_id: BOOT, request };
+    assert_eq!(bench.answer(run), Ok(()));
+    bench.periods(50);
+    assert_eq!(bench.answer(run), Ok(()));
+    bench.periods(50);
+    let starts = |note: &&Note| {
+        matches!(note, Note::Event(Event { kind: EventKind::StepStarted { .. }, .. }))
+    };
+    assert_eq!(bench.notes.iter().filter(starts).count(), 1);
+}
+
+#[test]
+fn stop_ends_a_program_even_from_a_host_that_knows_an_earlier_boot() {
+    let mut bench = Bench::new();
+    bench.run(&[Step::Move { x_um: 0, y_um: 5_000, speed_um_s: 1_000 }]);
+    bench.periods(100);
+    assert_eq!(bench.answer(Command { id: 800, boot_id: BOOT - 1, request: Request::Stop }), Ok(()));
+    assert_eq!(bench.last.as_ref().map(|last| last.drive), Some(Drive::Release));
+    assert_eq!(bench.finish(), Outcome::Stopped);
+}
+
+#[test]
+fn a_status_is_told_again_when_it_is_asked_again() {
+    let mut bench = Bench::new();
+    let status = Command { id: 5, boot_id: BOOT, request: Request::Status };
+    for _ in 0..2 {
+        let outputs = bench.period(Some(status));
+        assert!(matches!(outputs.notes.as_slice(), [Note::Status(_), Note::Ack(5)]), "{:?}", outputs.notes);
+    }
+}
+
+fn any_step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        (any::<i32>(), any::<i32>(), any::<u32>())
+            .prop_map(|(x_um, y_um, speed_um_s)| Step::Move { x_um, y_um, speed_um_s }),
+        (-9_000..9_000, -9_000..9_000, 1_u32..9_000)
+            .prop_map(|(x_um, y_um, speed_um_s)| Step::Move { x_um, y_um, speed_um_s }),
+        (0_u32..20).prop_map(|duration_ms| Step::Hold { duration_ms }),
+        (0_u32..20).prop_map(|duration_ms| Step::Tare { duration_ms }),
+    ]
+}
+
+fn any_request() -> impl Strategy<Value = Request> {
+    prop_oneof![
+        Just(Request::Hello),
+        Just(Request::Status),
+        any::<bool>().prop_map(|enable| Request::Stream { enable }),
+        any_step().prop_map(|step| Request::LoadStep { index: 0, step }),
+        any_step().prop_map(|step| Request::Run { steps: 1, crc: program_crc(&[step]), start_us: 0 }),
+        Just(Request::Stop),
+        Just(Request::ClearFault),
+    ]
+}
+
+fn any_readings() -> impl Strategy<Value = Readings> {
+    let force = prop_oneof![
+        any::<[i32; 2]>().prop_map(Ok),
+        (-100_i32..100, -100_i32..100).prop_map(|(x, y)| Ok([x, y])),
+        Just(Err(ForceFault::NotReady)),
+        Just(Err(ForceFault::Saturated { channel: 0 })),
+    ];
+    (any::<[u16; 2]>(), force, proptest::bool::weighted(0.05)).prop_map(
+        |(potentiometer_codes, force_codes, emergency_stop)| Readings {
+            potentiometer_codes,
+            force_codes,
+            emergency_stop,
+        },
+    )
+}
+
+proptest! {
+    #[test]
+    fn no_input_panics_and_a_fault_never_drives(
+        periods in prop::collection::vec((any_readings(), prop::option::of(any_request())), 1..120),
+    ) {
+        let mut controller = Controller::new(Calibration::nominal(), BOOT);
+        for (index, (readings, request)) in periods.into_iter().enumerate() {
+            let now_us = index as u64 * u64::from(PERIOD_US);
+            let command = request.map(|request| Command { id: index as u16, boot_id: BOOT, request });
+            let counters = Counters::default();
+            let outputs = controller.step(&Inputs { now_us, readings, command, counters });
+            match outputs.drive {
+                Drive::Release => {}
+                Drive::Duty(duty) => {
+                    prop_assert!(duty.iter().all(|duty| (-1.0..=1.0).contains(duty)));
+                    prop_assert!(!readings.emergency_stop);
+                    prop_assert!(outputs.state != State::Faulted);
+                }
+            }
+        }
+    }
+}
