@@ -24,7 +24,8 @@ fn describe(workspace: &Path) -> String {
     let Some(commit) = git(workspace, &["rev-parse", "--short=9", "HEAD"]) else {
         return "unknown".to_owned();
     };
-    let clean = git(workspace, &["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| s.is_empty());
+    let clean =
+        git(workspace, &["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| s.is_empty());
     if clean { commit } else { format!("{commit}-dirty") }
 }
 

@@ -213,7 +213,9 @@ impl PlantReply {
             return Err(RecordError::PotentiometerCode(code));
         }
         let force_codes = core::array::from_fn(|i| i32::from_le_bytes(word(bytes, 12 + 4 * i)));
-        if let Some(&code) = force_codes.iter().find(|code| !(-FORCE_CODE_MAX - 1..=FORCE_CODE_MAX).contains(*code)) {
+        if let Some(&code) =
+            force_codes.iter().find(|code| !(-FORCE_CODE_MAX - 1..=FORCE_CODE_MAX).contains(*code))
+        {
             return Err(RecordError::ForceCode(code));
         }
         Ok(Self {
@@ -257,9 +259,8 @@ mod tests {
     #[test]
     fn request_has_the_documented_bytes() {
         let mut expected = [0; RECORD_BYTES];
-        expected[..16].copy_from_slice(&[
-            b'p', b'q', 1, 0b101, 4, 3, 2, 1, 0, 0, 1, 0, 0x00, 0x80, 0xFF, 0xFF,
-        ]);
+        expected[..16]
+            .copy_from_slice(&[b'p', b'q', 1, 0b101, 4, 3, 2, 1, 0, 0, 1, 0, 0x00, 0x80, 0xFF, 0xFF]);
         assert_eq!(request().to_bytes(), expected);
         assert_eq!(PlantRequest::from_bytes(&expected), Ok(request()));
     }

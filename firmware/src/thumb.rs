@@ -88,7 +88,8 @@ pub enum Refused {
 
 /// Decodes the instruction `first` (and, if it is a 32-bit one, `second`) executed with the given registers.
 pub fn decode(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
-    let access = if first >> 11 >= 0b11101 { wide(first, second, registers)? } else { narrow(first, registers)? };
+    let access =
+        if first >> 11 >= 0b11101 { wide(first, second, registers)? } else { narrow(first, registers)? };
     let unsafe_target = |register: u8| register == SP || register == PC;
     if unsafe_target(access.register)
         || access.second_register.is_some_and(unsafe_target)

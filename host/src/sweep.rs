@@ -55,10 +55,8 @@ impl Sweep {
     /// [`SweepError::Output`] with the line.
     pub fn parse(text: &str) -> Result<Self, SweepError> {
         let fault = |line: u64, problem: String| SweepError::Output { line, problem };
-        let mut reader = csv::ReaderBuilder::new()
-            .comment(Some(b'#'))
-            .trim(csv::Trim::All)
-            .from_reader(text.as_bytes());
+        let mut reader =
+            csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
         let headers = reader.headers().map_err(|error| fault(1, error.to_string()))?.clone();
         let column = |name: &str| headers.iter().position(|header| header == name);
         let required =
@@ -67,9 +65,8 @@ impl Sweep {
         let (x, time) = (column("deflection_x_mm"), column("time_s"));
         let mut rows = Vec::new();
         for record in reader.records() {
-            let record = record.map_err(|error| {
-                fault(error.position().map_or(1, csv::Position::line), error.to_string())
-            })?;
+            let record = record
+                .map_err(|error| fault(error.position().map_or(1, csv::Position::line), error.to_string()))?;
             let line = record.position().map_or(1, csv::Position::line);
             let number = |column: usize| {
                 let cell = record.get(column).unwrap_or_default();
@@ -106,10 +103,10 @@ impl SweepTask {
     /// # Errors
     /// [`SweepError::Start`].
     pub fn start(command: &str) -> Result<Self, SweepError> {
-        let cannot =
-            |cause: String| SweepError::Start { command: command.to_owned(), cause };
+        let cannot = |cause: String| SweepError::Start { command: command.to_owned(), cause };
         let words = shlex::split(command).filter(|words| !words.is_empty());
-        let words = words.ok_or_else(|| cannot("a quotation mark is not closed, or it is empty".to_owned()))?;
+        let words =
+            words.ok_or_else(|| cannot("a quotation mark is not closed, or it is empty".to_owned()))?;
         let (program, arguments) = words.split_first().ok_or_else(|| cannot("it is empty".to_owned()))?;
         let mut child = Command::new(program)
             .args(arguments)
@@ -129,7 +126,11 @@ impl SweepTask {
                 (_, Ok(output)) => Err(SweepError::Failed {
                     command,
                     status: output.status.to_string(),
-                    said: String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default().to_owned(),
+                    said: String::from_utf8_lossy(&output.stderr)
+                        .lines()
+                        .last()
+                        .unwrap_or_default()
+                        .to_owned(),
                 }),
                 (_, Err(error)) => Err(SweepError::Start { command, cause: error.to_string() }),
             };

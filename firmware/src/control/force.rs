@@ -12,14 +12,37 @@ pub struct ForceChannel {
     stale_periods: u16,
     saturated_periods: u16,
     bad_readings: u32,
-    tare: Tare,
+    tare: [Tare; 2],
 }
 
-#[derive(Debug, Default)]
+/// Running mean and variance of one channel, taken about the first reading: the squares stay small and exact.
+#[derive(Debug, Default, Clone, Copy)]
 struct Tare {
+    first: i64,
     readings: i64,
-    sum: [i64; 2],
-    sum_squares: [i64; 2],
+    sum: i64,
+    sum_squares: i64,
+}
+
+impl Tare {
+    fn add(&mut self, counts: i32) {
+        let counts = i64::from(counts);
+        if self.readings == 0 {
+            self.first = counts;
+        }
+        let deviation = counts - self.first;
+        self.readings += 1;
+        self.sum += deviation;
+        self.sum_squares = self.sum_squares.saturating_add(deviation * deviation);
+    }
+
+    /// Mean and standard deviation of a single reading, in counts; nothing without readings.
+    fn result(&self) -> Option<(i32, u32)> {
+        let readings = (self.readings > 0).then_some(self.readings as f32)?;
+        let mean = self.sum as f32 / readings;
+        let variance = self.sum_squares as f32 / readings - mean * mean;
+        Some((self.first as i32 + round(mean), round(libm::sqrtf(variance.max(0.0))) as u32))
+    }
 }
 
 impl ForceChannel {
@@ -32,7 +55,7 @@ impl ForceChannel {
             stale_periods: 0,
             saturated_periods: 0,
             bad_readings: 0,
-            tare: Tare::default(),
+            tare: [Tare::default(); 2],
         }
     }
 
@@ -83,11 +106,8 @@ impl ForceChannel {
         if self.stale_periods > 0 {
             return;
         }
-        self.tare.readings += 1;
-        for axis in 0..2 {
-            let value = i64::from(relative_counts[axis]);
-            self.tare.sum[axis] += value;
-            self.tare.sum_squares[axis] += value * value;
+        for (tare, counts) in self.tare.iter_mut().zip(relative_counts) {
+            tare.add(counts);
         }
     }
 
@@ -96,12 +116,10 @@ impl ForceChannel {
     pub fn finish_tare(&mut self) -> ([i32; 2], [u32; 2]) {
         let tare = core::mem::take(&mut self.tare);
         let mut sd_counts = [0; 2];
-        if tare.readings > 0 {
-            for axis in 0..2 {
-                let mean = tare.sum[axis] as f32 / tare.readings as f32;
-                let variance = tare.sum_squares[axis] as f32 / tare.readings as f32 - mean * mean;
-                self.zero_counts[axis] += round(mean);
-                sd_counts[axis] = round(libm::sqrtf(variance.max(0.0))) as u32;
+        for ((zero, sd), tare) in self.zero_counts.iter_mut().zip(&mut sd_counts).zip(tare) {
+            if let Some((mean, deviation)) = tare.result() {
+                *zero += mean;
+                *sd = deviation;
             }
         }
         (self.zero_counts, sd_counts)
@@ -109,6 +127,38 @@ impl ForceChannel {
 
     /// Drops a tare that was not completed.
     pub fn abandon_tare(&mut self) {
-        self.tare = Tare::default();
+        self.tare = Default::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tare_finds_mean_and_scatter_of_a_far_off_zero() {
+        let calibration =
+            Calibration { force_counts_per_code: [[1.0, 0.0], [0.0, 1.0]], ..Calibration::nominal() };
+        let mut force = ForceChannel::new();
+        for index in 0..1_000 {
+            let swing = if index % 2 == 0 { 100 } else { -100 };
+            let relative = force.update(&calibration, &Ok([90_000 + swing, -7 + swing]));
+            force.tare_with(relative);
+        }
+        assert_eq!(force.finish_tare(), ([90_000, -7], [100, 100]));
+        assert_eq!(force.update(&calibration, &Ok([90_050, -7])), [50, 0]);
+        // A second tare starts from the first.
+        force.tare_with([50, 0]);
+        assert_eq!(force.finish_tare(), ([90_050, -7], [0, 0]));
+    }
+
+    #[test]
+    fn a_tare_without_valid_readings_keeps_the_zero() {
+        let calibration = Calibration::nominal();
+        let mut force = ForceChannel::new();
+        let relative = force.update(&calibration, &Err(ForceFault::NotReady));
+        force.tare_with(relative);
+        assert_eq!(force.finish_tare(), ([0, 0], [0, 0]));
+        assert_eq!(force.bad_readings(), 1);
     }
 }

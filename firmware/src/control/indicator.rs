@@ -4,7 +4,7 @@
 //! that is measured or driven may depend on it.
 
 use super::{PERIOD_S, PERIOD_US};
-use micromath::F32Ext;
+use micromath::F32;
 use protocol::State;
 
 const BREATH_S: f32 = 4.0;
@@ -41,7 +41,7 @@ impl Indicator {
         if self.phase >= 1.0 {
             self.phase -= 1.0;
         }
-        let swell = 0.5 - 0.5 * (self.phase * core::f32::consts::TAU).cos();
+        let swell = 0.5 - 0.5 * F32(self.phase * core::f32::consts::TAU).cos().0;
         self.owed += swell * swell;
         if self.owed >= 1.0 {
             self.owed -= 1.0;

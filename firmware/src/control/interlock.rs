@@ -49,10 +49,8 @@ impl Interlock {
     ) -> Option<Fault> {
         let over_range =
             force.absolute_counts().iter().any(|counts| counts.abs() > calibration.force_range_counts());
-        let off_track = readings
-            .potentiometer_codes
-            .iter()
-            .any(|code| !calibration.potentiometer_track.contains(code));
+        let off_track =
+            readings.potentiometer_codes.iter().any(|code| !calibration.potentiometer_track.contains(code));
         self.over_range_periods = persist(self.over_range_periods, over_range);
         self.off_track_periods = persist(self.off_track_periods, off_track);
         let saturated = force.saturated_periods() >= PERSISTENCE_PERIODS;

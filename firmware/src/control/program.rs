@@ -90,7 +90,9 @@ impl Executor {
         if !matches!(self.activity, Activity::Idle) {
             return Err(Refusal::Busy);
         }
-        let within = |value: u32, limit: u32| if (1..=limit).contains(&value) { Ok(()) } else { Err(Refusal::OutOfRange) };
+        let within = |value: u32, limit: u32| {
+            if (1..=limit).contains(&value) { Ok(()) } else { Err(Refusal::OutOfRange) }
+        };
         match step {
             Step::Move { x_um, y_um, speed_um_s } => {
                 let travel = -travel_um..=travel_um;
@@ -99,7 +101,9 @@ impl Executor {
                 }
                 within(speed_um_s, SPEED_LIMIT_UM_S)?;
             }
-            Step::Hold { duration_ms } | Step::Tare { duration_ms } => within(duration_ms, DURATION_LIMIT_MS)?,
+            Step::Hold { duration_ms } | Step::Tare { duration_ms } => {
+                within(duration_ms, DURATION_LIMIT_MS)?
+            }
         }
         *self.steps.get_mut(usize::from(index)).ok_or(Refusal::OutOfRange)? = step;
         Ok(())

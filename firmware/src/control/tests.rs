@@ -211,9 +211,8 @@ fn a_repeated_command_is_carried_out_once() {
     bench.periods(50);
     assert_eq!(bench.answer(run), Ok(()));
     bench.periods(50);
-    let starts = |note: &&Note| {
-        matches!(note, Note::Event(Event { kind: EventKind::StepStarted { .. }, .. }))
-    };
+    let starts =
+        |note: &&Note| matches!(note, Note::Event(Event { kind: EventKind::StepStarted { .. }, .. }));
     assert_eq!(bench.notes.iter().filter(starts).count(), 1);
 }
 
@@ -239,10 +238,16 @@ fn a_status_is_told_again_when_it_is_asked_again() {
 
 fn any_step() -> impl Strategy<Value = Step> {
     prop_oneof![
-        (any::<i32>(), any::<i32>(), any::<u32>())
-            .prop_map(|(x_um, y_um, speed_um_s)| Step::Move { x_um, y_um, speed_um_s }),
-        (-9_000..9_000, -9_000..9_000, 1_u32..9_000)
-            .prop_map(|(x_um, y_um, speed_um_s)| Step::Move { x_um, y_um, speed_um_s }),
+        (any::<i32>(), any::<i32>(), any::<u32>()).prop_map(|(x_um, y_um, speed_um_s)| Step::Move {
+            x_um,
+            y_um,
+            speed_um_s
+        }),
+        (-9_000..9_000, -9_000..9_000, 1_u32..9_000).prop_map(|(x_um, y_um, speed_um_s)| Step::Move {
+            x_um,
+            y_um,
+            speed_um_s
+        }),
         (0_u32..20).prop_map(|duration_ms| Step::Hold { duration_ms }),
         (0_u32..20).prop_map(|duration_ms| Step::Tare { duration_ms }),
     ]

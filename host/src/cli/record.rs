@@ -33,8 +33,10 @@ struct SessionArgs {
 
 /// Run a motion program on the rig and record it
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  guide acquire --port /dev/ttyACM0 --out phantom-a --rig rig.toml --depth-mm 30 \\\n      \
-                        --program staircase --sweep-command 'probe-export --csv'")]
+#[command(
+    after_help = "Example:\n  guide acquire --port /dev/ttyACM0 --out phantom-a --rig rig.toml --depth-mm 30 \\\n      \
+                        --program staircase --sweep-command 'probe-export --csv'"
+)]
 pub struct AcquireArgs {
     #[command(flatten)]
     port: PortArgs,
@@ -53,7 +55,9 @@ pub struct AcquireArgs {
 
 /// Record what the device streams, without moving anything
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  guide record --port /dev/ttyACM0 --out phantom-a --depth-mm 30 --duration-s 10")]
+#[command(
+    after_help = "Example:\n  guide record --port /dev/ttyACM0 --out phantom-a --depth-mm 30 --duration-s 10"
+)]
 pub struct RecordArgs {
     #[command(flatten)]
     port: PortArgs,

@@ -6,7 +6,8 @@
 use super::error::LinkError;
 use super::wire::{LinkLosses, Received, Wire};
 use protocol::{
-    Command, Envelope, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample, Samples, State, Status, encode_command,
+    Command, Envelope, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample, Samples, State, Status,
+    encode_command,
 };
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};

@@ -117,7 +117,9 @@ pub fn explain_refusal(refusal: Refusal) -> String {
         Refusal::Busy => "a motion program waits or runs; `guide stop` ends it".to_owned(),
         Refusal::OutOfTravel => "the target lies beyond the travel of the guide".to_owned(),
         Refusal::OutOfRange => "a speed, a duration or the number of steps is zero or too large".to_owned(),
-        Refusal::ProgramMismatch => "the steps it holds are not the ones that were meant; load them again".to_owned(),
+        Refusal::ProgramMismatch => {
+            "the steps it holds are not the ones that were meant; load them again".to_owned()
+        }
         Refusal::TooLate => "the start time has passed on its clock; see `guide status`".to_owned(),
         Refusal::CauseRemains => "the cause of the fault is still there; see `guide status`".to_owned(),
         Refusal::Unreadable => "it cannot read the command; firmware and program differ".to_owned(),
@@ -131,7 +133,9 @@ pub fn explain_fault(fault: Fault) -> String {
         Fault::ForceSensor => ("the force converter gives no valid readings", "check its cable and supply"),
         Fault::ForceRange => ("the force is beyond the sensor's range", "unload the needle"),
         Fault::Potentiometer => ("a potentiometer reads beyond its track", "check its wires"),
-        Fault::MoveTimeout => ("an axis did not reach its target in time", "check for a jam and the motor supply"),
+        Fault::MoveTimeout => {
+            ("an axis did not reach its target in time", "check for a jam and the motor supply")
+        }
     };
     format!("fault {} ({cause}: {remedy})", fault as u8)
 }

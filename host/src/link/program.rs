@@ -204,7 +204,10 @@ mod tests {
         for (name, _) in BUILT_IN {
             let program = Program::load(name).unwrap();
             assert!(program.steps.iter().any(|step| step.sweep), "{name} takes no sweep");
-            assert!(matches!(program.steps.last().unwrap().step, Step::Move { x_um: 0, y_um: 0, .. }), "{name}");
+            assert!(
+                matches!(program.steps.last().unwrap().step, Step::Move { x_um: 0, y_um: 0, .. }),
+                "{name}"
+            );
         }
     }
 

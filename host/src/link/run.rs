@@ -36,9 +36,8 @@ pub fn run<E: From<LinkError>>(
     options: RunOptions,
     mut observe: impl FnMut(&Client, &Telemetry) -> Result<(), E>,
 ) -> Result<(), E> {
-    let outcome = start(client, program, options)
-        .map_err(E::from)
-        .and_then(|()| follow(client, options, &mut observe));
+    let outcome =
+        start(client, program, options).map_err(E::from).and_then(|()| follow(client, options, &mut observe));
     if outcome.is_err() {
         // Where the link is gone the stop cannot arrive; the device ends the program by itself and holds.
         let _ = client.request(Request::Stop);

@@ -97,9 +97,7 @@ impl Wire {
 
     /// Sends bytes.
     pub fn send(&mut self, frame: &[u8]) -> Result<(), LinkError> {
-        self.writer
-            .write_all(frame)
-            .map_err(|source| LinkError::Gone { port: self.name.clone(), source })
+        self.writer.write_all(frame).map_err(|source| LinkError::Gone { port: self.name.clone(), source })
     }
 
     /// Waits for a frame.
@@ -178,6 +176,8 @@ fn read_frames(mut port: Box<dyn SerialPort>, sender: &mpsc::Sender<Incoming>, c
         }
         let losses = receiver.losses();
         counters.corrupt.store(losses.corrupt.into(), Ordering::Relaxed);
-        counters.unreadable.store((losses.overlong.saturating_add(losses.unreadable)).into(), Ordering::Relaxed);
+        counters
+            .unreadable
+            .store((losses.overlong.saturating_add(losses.unreadable)).into(), Ordering::Relaxed);
     }
 }

@@ -173,8 +173,11 @@ impl RigConfig {
         }
         let Setup { rig, .. } = Setup::read(path)?;
         let name = || path.display().to_string();
-        let text = std::fs::read_to_string(path)
-            .map_err(|cause| SessionError::Io { path: path.to_owned(), action: "read", cause })?;
+        let text = std::fs::read_to_string(path).map_err(|cause| SessionError::Io {
+            path: path.to_owned(),
+            action: "read",
+            cause,
+        })?;
         let File { simulation } = toml::from_str(&text)
             .map_err(|source| ConfigError::Parse { path: name(), source: Box::new(source) })?;
         simulation.check()?;
@@ -208,12 +211,7 @@ impl Simulation {
                 "0 to below 1",
             ),
             ("force.range_n", force.range_n, force.range_n > 0.0, positive),
-            (
-                "ultrasound.spacing_mm",
-                ultrasound.spacing_mm,
-                ultrasound.spacing_mm >= 0.01,
-                "at least 0.01",
-            ),
+            ("ultrasound.spacing_mm", ultrasound.spacing_mm, ultrasound.spacing_mm >= 0.01, "at least 0.01"),
             ("ultrasound.pixel_mm", ultrasound.pixel_mm, ultrasound.pixel_mm > 0.0, positive),
         ];
         match checks.into_iter().find(|(_, _, sound, _)| !sound) {

@@ -95,8 +95,7 @@ impl SimulatedRig {
         let depth_m = simulation.depth_mm * 1e-3;
         let entry_m = rig.entry_m;
         let beam = Model::uniform(rig, modulus_pa)?.beam(depth_m)?;
-        let truth =
-            Truth { modulus_pa, depth_m, stiffness_n_per_m: beam.lateral_stiffness_n_per_m() };
+        let truth = Truth { modulus_pa, depth_m, stiffness_n_per_m: beam.lateral_stiffness_n_per_m() };
         Ok(Self {
             truth,
             beam,
