@@ -6,5 +6,8 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+pub mod levels;
 pub mod model;
 pub mod session;
+#[cfg(test)]
+mod testing;
