@@ -6,9 +6,12 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+pub mod levels;
 pub mod link;
 pub mod model;
 pub mod record;
 pub mod rig;
 pub mod session;
+#[cfg(test)]
+mod testing;
 pub mod sweep;

@@ -1,2 +1,59 @@
 //! `cargo xtask`: sets up what is missing, builds, tests and demonstrates the whole system.
-fn main() {}
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use tests::{cosim, demo, setup, size, suite};
+
+/// Set up, build, test and demonstrate the needle guide
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Cli {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Run the whole procedure on the firmware in QEMU with a simulated rig
+    Demo(demo::Args),
+    /// Run every test: host, protocol on the host and in QEMU, firmware end to end
+    Test,
+    /// Install what is missing: the microcontroller's Rust target, QEMU
+    Setup,
+    /// Build the image for the board and compare its flash and RAM use with the committed figures
+    Size(size::Args),
+    /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
+    Rig(demo::RigArgs),
+    /// Print one ultrasound sweep of a simulated rig as CSV
+    Sweep {
+        /// Where the rig serves its sweeps
+        #[arg(long, value_name = "SOCKET")]
+        socket: PathBuf,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(Cli::parse().task) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(task: Task) -> Result<()> {
+    match task {
+        Task::Demo(args) => demo::run(&args),
+        Task::Test => suite::run(),
+        Task::Setup => setup::ensure_all(),
+        Task::Size(args) => size::run(&args),
+        Task::Rig(args) => demo::rig(&args),
+        Task::Sweep { socket } => {
+            print!("{}", cosim::take_sweep(&socket)?);
+            Ok(())
+        }
+    }
+}

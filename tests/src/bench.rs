@@ -1,0 +1,88 @@
+//! The whole bench: firmware in QEMU, simulated rig, serial port, in a folder of its own.
+
+use crate::cosim::Cosim;
+use crate::images::{self, Image};
+use crate::qemu::Qemu;
+use anyhow::Result;
+use host::rig::SimulatedRig;
+use host::rig::config::RigConfig;
+use std::path::Path;
+use std::time::Duration;
+use tempfile::TempDir;
+
+/// A running bench. Dropping it ends everything.
+#[derive(Debug)]
+pub struct Bench {
+    qemu: Option<Qemu>,
+    cosim: Option<Cosim>,
+    folder: TempDir,
+}
+
+impl Bench {
+    /// Builds the image if need be and starts it with a rig. Everything is ended when the time limit is over, whatever hangs.
+    ///
+    /// # Errors
+    /// Where anything of it cannot be had.
+    pub fn start(config: RigConfig, seed: u64, speed: f64, limit: Duration) -> Result<Self> {
+        let elf = images::build(Image::Qemu)?;
+        let folder = tempfile::Builder::new().prefix("needle-guide-").tempdir()?;
+        let rig = SimulatedRig::new(config, seed)?;
+        let cosim = Cosim::start(rig, folder.path(), speed)?;
+        let qemu = Qemu::start(&elf, folder.path(), limit)?;
+        Ok(Self { qemu: Some(qemu), cosim: Some(cosim), folder })
+    }
+
+    /// The serial port, as `guide` takes it.
+    pub fn port(&self) -> String {
+        self.folder.path().join("serial").display().to_string()
+    }
+
+    /// Folder for files of this run.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The rig.
+    ///
+    /// # Panics
+    /// After [`Self::stop`].
+    pub fn rig(&self) -> &Cosim {
+        self.cosim.as_ref().expect("the bench runs")
+    }
+
+    /// The firmware's log so far.
+    pub fn log(&self) -> Vec<String> {
+        self.qemu.as_ref().map(Qemu::log).unwrap_or_default()
+    }
+
+    /// Ends the firmware as a power switch would, at once.
+    pub fn pull_the_plug(&mut self) {
+        self.qemu = None;
+    }
+
+    /// Powers the firmware off and waits for its end.
+    ///
+    /// # Errors
+    /// Where the lockstep failed, or the firmware does not end or ends with another code than 0.
+    pub fn stop(mut self) -> Result<Vec<String>> {
+        if let Some(cosim) = self.cosim.take() {
+            cosim.stop()?;
+        }
+        match self.qemu.take() {
+            Some(qemu) => {
+                let (code, log) = qemu.wait(Duration::from_secs(10))?;
+                anyhow::ensure!(code == 0, "the firmware ended with code {code}; its log: {log:#?}");
+                Ok(log)
+            }
+            None => Ok(Vec::new()),
+        }
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        // QEMU first: the rig's thread then sees the end of its pipe.
+        self.qemu = None;
+        self.cosim = None;
+    }
+}
