@@ -6,8 +6,19 @@
 pub mod ads131m02;
 #[cfg(any(test, feature = "qemu"))]
 pub mod ads131m02_model;
+#[cfg(feature = "target")]
+pub mod app;
+#[cfg(feature = "target")]
+pub mod board;
 pub mod calibration;
 pub mod control;
 pub mod hal;
 pub mod plant;
+#[cfg(feature = "qemu")]
+pub mod qemu;
 pub mod thumb;
+
+#[cfg(feature = "flash")]
+use defmt_rtt as _;
+#[cfg(feature = "qemu")]
+use defmt_semihosting as _;

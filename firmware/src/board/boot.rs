@@ -2,7 +2,7 @@
 
 use core::mem::MaybeUninit;
 use core::ptr;
-use embassy_stm32::pac::RCC;
+use embassy_stm32::pac::{RCC, UID};
 
 /// Why the microcontroller started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
@@ -47,7 +47,7 @@ pub(super) fn read() -> BootInfo {
         ResetReason::Software
     } else if flags.borrstf() {
         ResetReason::PowerOn
-    } else if flags.lpwrstf() || flags.oblrstf() || flags.firewallrstf() {
+    } else if flags.lpwrrstf() || flags.oblrstf() || flags.fwrstf() {
         ResetReason::Other
     } else if flags.pinrstf() {
         ResetReason::Pin
@@ -69,8 +69,8 @@ fn next_boot_id() -> u32 {
         boots
     };
     let mut id = boots;
-    for bytes in embassy_stm32::uid::uid().chunks_exact(4) {
-        id = mix(id ^ u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
+    for word in 0..3 {
+        id = mix(id ^ UID.uid(word).read());
     }
     id
 }

@@ -54,9 +54,6 @@ fn UART5() {
     unsafe { CONTROL.on_interrupt() }
 }
 
-use embassy_stm32::interrupt as _interrupt_names;
-use _interrupt_names::typelevel as _;
-
 /// Clocks: the 16 MHz oscillator, multiplied to 80 MHz for everything; the converter runs from the system clock.
 fn clocks() -> Config {
     let mut config = Config::default();

@@ -1,0 +1,101 @@
+//! The pipes to the plant and the way out of QEMU, both through semihosting.
+//!
+//! The only text that may go to QEMU's console is the log's binary stream, so nothing here prints.
+
+use super::trap;
+use crate::plant::{PlantReply, PlantRequest, RECORD_BYTES};
+use semihosting::fd::{AsFd, OwnedFd};
+use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig, sys_write_orig};
+
+/// How a run ended: QEMU's exit code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExitCode {
+    /// The plant asked for power-off.
+    PowerOff = 0,
+    /// The plant closed its pipes, or they cannot be opened.
+    PlantGone = 3,
+    /// The plant sent something that is no reply to the request.
+    PlantRecord = 4,
+    /// The program touched something that is not modelled, or faulted.
+    Fault = 5,
+    /// The program panicked.
+    Panic = 101,
+}
+
+/// Ends QEMU.
+pub fn exit(code: ExitCode) -> ! {
+    semihosting::process::exit(code as i32)
+}
+
+/// Both pipes.
+pub(super) struct Link {
+    requests: OwnedFd,
+    replies: OwnedFd,
+}
+
+impl Link {
+    /// Opens the pipes; waits for the plant to open its ends.
+    pub(super) fn open() -> Self {
+        let requests = sys_open(c"plant.req", OpenMode::WRONLY_TRUNC_BINARY);
+        let replies = sys_open(c"plant.rsp", OpenMode::RDONLY_BINARY);
+        match (requests, replies) {
+            (Ok(requests), Ok(replies)) => Self { requests, replies },
+            _ => {
+                defmt::error!("no plant: the pipes plant.req and plant.rsp cannot be opened");
+                exit(ExitCode::PlantGone)
+            }
+        }
+    }
+
+    /// One exchange; does not return where the plant ends the run.
+    pub(super) fn exchange(&mut self, request: &PlantRequest) -> PlantReply {
+        let mut bytes = [0; RECORD_BYTES];
+        if !self.write(&request.to_bytes()) || !self.read(&mut bytes) {
+            defmt::error!("the plant is gone at step {=u32}", request.step);
+            exit(ExitCode::PlantGone)
+        }
+        match PlantReply::from_bytes(&bytes) {
+            Ok(reply) if reply.step == request.step => {
+                if reply.power_off {
+                    defmt::info!("power off at step {=u32}, {=u32} accesses emulated", request.step, trap::count());
+                    exit(ExitCode::PowerOff)
+                }
+                reply
+            }
+            Ok(reply) => {
+                defmt::error!("the plant answers step {=u32} to step {=u32}", reply.step, request.step);
+                exit(ExitCode::PlantRecord)
+            }
+            Err(error) => {
+                defmt::error!("bad plant reply: {}", defmt::Display2Format(&error));
+                exit(ExitCode::PlantRecord)
+            }
+        }
+    }
+
+    /// Writes all bytes; false if the pipe is closed.
+    fn write(&self, mut bytes: &[u8]) -> bool {
+        while !bytes.is_empty() {
+            match sys_write_orig(self.requests.as_fd(), bytes) {
+                // The call returns the number of bytes not written.
+                Ok(left) if left < bytes.len() => bytes = &bytes[bytes.len() - left..],
+                _ => return false,
+            }
+        }
+        true
+    }
+
+    /// Fills the buffer; false if the pipe is closed.
+    fn read(&self, bytes: &mut [u8]) -> bool {
+        let mut missing = bytes.len();
+        while missing > 0 {
+            let filled = bytes.len() - missing;
+            match sys_read_orig(self.replies.as_fd(), &mut bytes[filled..]) {
+                // The call returns the number of bytes not read.
+                Ok(left) if left < missing => missing = left,
+                _ => return false,
+            }
+        }
+        true
+    }
+}

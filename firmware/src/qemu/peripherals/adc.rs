@@ -1,0 +1,125 @@
+//! The converter ADC1: single conversions of the two potentiometer channels.
+//!
+//! Regulator, calibration, enable and conversion follow the chip's order and are immediate. A conversion takes the
+//! plant's code of the channel in the first rank; averaging in hardware leaves a constant as it is, so its settings are
+//! only kept. Sequences of more than one rank, other channels, injected conversions, DMA and interrupts are refused.
+
+use crate::qemu::{Registers, Unmodelled};
+use crate::thumb::Width;
+
+const ISR: u32 = 0x00;
+const CR: u32 = 0x08;
+const CFGR: u32 = 0x0C;
+const CFGR2: u32 = 0x10;
+const SMPR1: u32 = 0x14;
+const SMPR2: u32 = 0x18;
+const SQR1: u32 = 0x30;
+const DR: u32 = 0x40;
+
+const ISR_ADRDY: u32 = 1 << 0;
+const ISR_EOC: u32 = 1 << 2;
+const ISR_EOS: u32 = 1 << 3;
+
+const CR_ADEN: u32 = 1 << 0;
+const CR_ADSTART: u32 = 1 << 2;
+const CR_ADVREGEN: u32 = 1 << 28;
+const CR_DEEPPWD: u32 = 1 << 29;
+const CR_ADCAL: u32 = 1 << 31;
+/// CFGR: DMA and continuous conversion.
+const CFGR_REFUSED: u32 = 1 << 0 | 1 << 13;
+
+/// Channel of the X potentiometer (PC5).
+const CHANNEL_X: u32 = 14;
+/// Channel of the Y potentiometer (PC4).
+const CHANNEL_Y: u32 = 13;
+
+/// The converter.
+pub(crate) struct Adc {
+    /// What the potentiometers stand at.
+    pub(crate) potentiometer_codes: [u16; 2],
+    isr: u32,
+    cr: u32,
+    cfgr: u32,
+    cfgr2: u32,
+    smpr: [u32; 2],
+    sqr1: u32,
+    dr: u16,
+}
+
+impl Adc {
+    pub(crate) const fn new() -> Self {
+        Self {
+            potentiometer_codes: [0; 2],
+            isr: 0,
+            cr: CR_DEEPPWD,
+            cfgr: 0x8000_0000,
+            cfgr2: 0,
+            smpr: [0; 2],
+            sqr1: 0,
+            dr: 0,
+        }
+    }
+
+    /// A write to the control register: its command bits act and are done at once.
+    fn control(&mut self, value: u32) -> Result<(), Unmodelled> {
+        let known = CR_ADEN | CR_ADSTART | CR_ADVREGEN | CR_DEEPPWD | CR_ADCAL;
+        let regulated = value & (CR_ADVREGEN | CR_DEEPPWD) == CR_ADVREGEN;
+        let acts = value & (CR_ADEN | CR_ADSTART | CR_ADCAL) != 0;
+        if value & !known != 0 || acts && !regulated {
+            return Err(Unmodelled);
+        }
+        if value & CR_ADEN != 0 && self.cr & CR_ADEN == 0 {
+            self.isr |= ISR_ADRDY;
+        }
+        self.cr = value & !(CR_ADSTART | CR_ADCAL);
+        if value & CR_ADSTART != 0 {
+            self.convert()?;
+        }
+        Ok(())
+    }
+
+    fn convert(&mut self) -> Result<(), Unmodelled> {
+        let (further_ranks, channel) = (self.sqr1 & 0xF, self.sqr1 >> 6 & 0x1F);
+        if self.cr & CR_ADEN == 0 || further_ranks != 0 {
+            return Err(Unmodelled);
+        }
+        self.dr = match channel {
+            CHANNEL_X => self.potentiometer_codes[0],
+            CHANNEL_Y => self.potentiometer_codes[1],
+            _ => return Err(Unmodelled),
+        };
+        self.isr |= ISR_EOC | ISR_EOS;
+        Ok(())
+    }
+}
+
+impl Registers for Adc {
+    fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
+        match (width, offset) {
+            (Width::Word, ISR) => Ok(self.isr),
+            (Width::Word, CR) => Ok(self.cr),
+            (Width::Word, CFGR) => Ok(self.cfgr),
+            (Width::Word, CFGR2) => Ok(self.cfgr2),
+            (Width::Word, SMPR1 | SMPR2) => Ok(self.smpr[(offset - SMPR1) as usize / 4]),
+            (Width::Word, SQR1) => Ok(self.sqr1),
+            (Width::Word | Width::Half, DR) => {
+                self.isr &= !ISR_EOC;
+                Ok(u32::from(self.dr))
+            }
+            _ => Err(Unmodelled),
+        }
+    }
+
+    fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled> {
+        match (width, offset) {
+            (Width::Word, ISR) => self.isr &= !value,
+            (Width::Word, CR) => self.control(value)?,
+            (Width::Word, CFGR) if value & CFGR_REFUSED == 0 => self.cfgr = value,
+            (Width::Word, CFGR2) => self.cfgr2 = value,
+            (Width::Word, SMPR1 | SMPR2) => self.smpr[(offset - SMPR1) as usize / 4] = value,
+            (Width::Word, SQR1) => self.sqr1 = value,
+            _ => return Err(Unmodelled),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,83 @@
+//! GPIO: port B watched for the chip select and the LED, and the plant's levels put on two inputs.
+//!
+//! QEMU models GPIO, so accesses to port B are passed on and only looked at. The inputs need no trap: QEMU gives an input
+//! that nothing drives the level of its pull resistor, so turning the pull of the pin is the switch in the plant.
+
+use crate::qemu::{Registers, Unmodelled};
+use crate::thumb::Width;
+use embassy_stm32::pac::gpio::vals::Pupdr;
+use embassy_stm32::pac::{GPIOB, GPIOC, GPIOD, gpio};
+
+/// Registers of a port: MODER to ASCR.
+const LAST: u32 = 0x2C;
+/// Chip select of the force converter: PB2.
+const CHIP_SELECT: u32 = 1 << 2;
+/// Status LED: PB14.
+const LED: u32 = 1 << 14;
+
+/// Port B.
+pub(crate) struct Gpio {
+    /// Output data register as last seen.
+    output: u32,
+    /// Level of the chip select after its last change, until taken.
+    edge: Option<bool>,
+}
+
+impl Gpio {
+    pub(crate) const fn new() -> Self {
+        Self { output: 0, edge: None }
+    }
+
+    /// The LED's pin is high.
+    pub(crate) fn led(&self) -> bool {
+        self.output & LED != 0
+    }
+
+    /// The level to which the chip select has changed, once.
+    pub(crate) fn take_chip_select_edge(&mut self) -> Option<bool> {
+        self.edge.take()
+    }
+}
+
+/// A register of port B in QEMU's model.
+fn port_b(offset: u32) -> *mut u32 {
+    GPIOB.as_ptr().cast::<u32>().wrapping_add(offset as usize / 4)
+}
+
+impl Registers for Gpio {
+    fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
+        if width != Width::Word || offset > LAST {
+            return Err(Unmodelled);
+        }
+        // SAFETY: a register of port B; reading one has no effect.
+        Ok(unsafe { port_b(offset).read_volatile() })
+    }
+
+    fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled> {
+        if width != Width::Word || offset > LAST {
+            return Err(Unmodelled);
+        }
+        // SAFETY: the program wants to write this register of port B; it is done in its stead.
+        unsafe { port_b(offset).write_volatile(value) };
+        let output = GPIOB.odr().read().0;
+        if (output ^ self.output) & CHIP_SELECT != 0 {
+            self.edge = Some(output & CHIP_SELECT != 0);
+        }
+        self.output = output;
+        Ok(())
+    }
+}
+
+/// Puts the levels on the emergency-stop line (PC2) and the data-ready line (PD14).
+pub(crate) fn drive_inputs(emergency_stop_high: bool, data_ready_high: bool) {
+    pull(GPIOC, 2, emergency_stop_high);
+    pull(GPIOD, 14, data_ready_high);
+}
+
+/// Pulls a pin.
+fn pull(port: gpio::Gpio, pin: usize, high: bool) {
+    let pull = if high { Pupdr::PULL_UP } else { Pupdr::PULL_DOWN };
+    if port.pupdr().read().pupdr(pin) != pull {
+        port.pupdr().modify(|w| w.set_pupdr(pin, pull));
+    }
+}

@@ -1,0 +1,20 @@
+//! Software models of the peripherals that QEMU lacks, or models differently from the chip.
+//!
+//! Each models what the drivers of this project need, says so in its head, and refuses the rest, so that a driver that
+//! starts to use more fails loudly instead of reading zeros.
+
+mod adc;
+mod gpio;
+mod iwdg;
+mod plain;
+mod pwm_timer;
+mod spi;
+mod usart;
+
+pub(super) use adc::Adc;
+pub(super) use gpio::{Gpio, drive_inputs};
+pub(super) use iwdg::{Iwdg, restore_reset_flags, watchdog_reset};
+pub(super) use plain::{Flash, Pwr, UniqueId};
+pub(super) use pwm_timer::PwmTimer;
+pub(super) use spi::Spi;
+pub(super) use usart::Usart;

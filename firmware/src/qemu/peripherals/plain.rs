@@ -1,0 +1,83 @@
+//! Registers that only have to keep what is written, or hold a constant: power control, flash interface, unique number.
+//!
+//! The drivers set the write permission of the backup domain, the supply of the second I/O group and the flash's wait
+//! states, and read them back. Nothing here acts.
+
+use crate::qemu::{Registers, Unmodelled};
+use crate::thumb::Width;
+
+/// Power control: CR1 to CR4.
+pub(crate) struct Pwr {
+    control: [u32; 4],
+}
+
+impl Pwr {
+    pub(crate) const fn new() -> Self {
+        // Range 1 is the voltage scale after reset.
+        Self { control: [0x0200, 0, 0x8000, 0] }
+    }
+}
+
+impl Registers for Pwr {
+    fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
+        match (width, offset) {
+            (Width::Word, 0x00..=0x0C) => Ok(self.control[offset as usize / 4]),
+            _ => Err(Unmodelled),
+        }
+    }
+
+    fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled> {
+        match (width, offset) {
+            (Width::Word, 0x00..=0x0C) => self.control[offset as usize / 4] = value,
+            _ => return Err(Unmodelled),
+        }
+        Ok(())
+    }
+}
+
+/// Flash interface: the access control register.
+pub(crate) struct Flash {
+    access_control: u32,
+}
+
+impl Flash {
+    pub(crate) const fn new() -> Self {
+        Self { access_control: 0x0600 }
+    }
+}
+
+impl Registers for Flash {
+    fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
+        match (width, offset) {
+            (Width::Word, 0) => Ok(self.access_control),
+            _ => Err(Unmodelled),
+        }
+    }
+
+    fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled> {
+        match (width, offset) {
+            (Width::Word, 0) => self.access_control = value,
+            _ => return Err(Unmodelled),
+        }
+        Ok(())
+    }
+}
+
+/// The chip's unique number, which QEMU does not map at all: the same for every simulated board.
+pub(crate) struct UniqueId;
+
+/// Offset of the number in its page.
+const UNIQUE_ID: u32 = 0x190;
+
+impl Registers for UniqueId {
+    fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
+        match (width, offset.wrapping_sub(UNIQUE_ID)) {
+            (Width::Word, 0x00 | 0x04 | 0x08) => Ok(u32::from_le_bytes(*b"QEMU") + offset),
+            _ => Err(Unmodelled),
+        }
+    }
+
+    fn write(&mut self, _: u32, _: Width, _: u32) -> Result<(), Unmodelled> {
+        Err(Unmodelled)
+    }
+}

@@ -1,0 +1,213 @@
+//! Trap and emulate: makes accesses to the modelled peripherals fault, and performs them in the fault handler.
+//!
+//! The memory protection unit covers the pages without access rights and is off inside the fault handler, which may
+//! therefore touch the real device (the serial port's registers, which QEMU accepts as words only, and GPIO). The memory
+//! fault is left disabled, so it escalates to a hard fault, which preempts everything, critical sections included.
+//!
+//! Accesses are costly (about 200 instructions), so regions are as tight as the hardware allows: of the serial port
+//! only the block with ICR, RDR and TDR, of GPIO only port B.
+
+use super::link::{ExitCode, exit};
+use super::with_machine;
+use crate::thumb::{self, Access, Direction};
+use core::arch::naked_asm;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+/// One region without access: base, log2 of its size, and a bit for each eighth that is left accessible.
+struct Region {
+    base: u32,
+    size_log2: u32,
+    open_eighths: u32,
+}
+
+const REGIONS: [Region; 7] = [
+    // TIM2 and TIM3 in the first eighth (2 KiB), IWDG in the seventh.
+    Region { base: 0x4000_0000, size_log2: 14, open_eighths: 0b1011_1110 },
+    // PWR.
+    Region { base: 0x4000_7000, size_log2: 10, open_eighths: 0 },
+    // SPI1.
+    Region { base: 0x4001_3000, size_log2: 10, open_eighths: 0 },
+    // USART1: ICR, RDR, TDR.
+    Region { base: 0x4001_3820, size_log2: 5, open_eighths: 0 },
+    // Flash interface.
+    Region { base: 0x4002_2000, size_log2: 10, open_eighths: 0 },
+    // GPIOB.
+    Region { base: 0x4800_0400, size_log2: 10, open_eighths: 0 },
+    // ADC1 with the common registers.
+    Region { base: 0x5004_0000, size_log2: 10, open_eighths: 0 },
+];
+
+/// Execute never, no access, shareable device memory.
+const RASR_ATTRIBUTES: u32 = 1 << 28 | 1 << 16;
+/// MPU on, default map for privileged code elsewhere, off in the hard fault.
+const CTRL_ENABLE: u32 = 0b101;
+
+/// Accesses emulated since start-up.
+static TRAPS: AtomicU32 = AtomicU32::new(0);
+
+/// Accesses emulated since start-up.
+pub(super) fn count() -> u32 {
+    TRAPS.load(Ordering::Relaxed)
+}
+
+/// Closes the regions.
+pub(super) fn protect() {
+    // SAFETY: the MPU is used here only, at start-up; the regions cover peripherals, no memory.
+    unsafe {
+        let mpu = &*cortex_m::peripheral::MPU::PTR;
+        for (number, region) in (0..).zip(&REGIONS) {
+            mpu.rnr.write(number);
+            mpu.rbar.write(region.base);
+            mpu.rasr.write(RASR_ATTRIBUTES | region.open_eighths << 8 | (region.size_log2 - 1) << 1 | 1);
+        }
+        mpu.ctrl.write(CTRL_ENABLE);
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+}
+
+/// What the core stacks on an exception.
+#[repr(C)]
+struct Frame {
+    r0_to_r3: [u32; 4],
+    r12: u32,
+    lr: u32,
+    pc: u32,
+    xpsr: u32,
+}
+
+/// The hard fault: stacks the registers that the core has not and calls [`emulate`].
+///
+/// # Safety
+/// Entered by the core only.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn HardFault() {
+    naked_asm!(
+        "tst lr, #4",
+        "ite eq",
+        "mrseq r0, msp",
+        "mrsne r0, psp",
+        "push {{r4-r11}}",
+        "mov r1, sp",
+        "mov r2, lr",
+        // With r3 as padding: the stack stays aligned to 8 bytes.
+        "push {{r3, lr}}",
+        "bl {emulate}",
+        "pop {{r3, lr}}",
+        "pop {{r4-r11}}",
+        "bx lr",
+        emulate = sym emulate,
+    )
+}
+
+/// Performs the faulting access and steps past it.
+///
+/// # Safety
+/// `frame` and `saved` (r4 to r11) are the stacked registers of the interrupted code.
+unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return: u32) {
+    // SAFETY: the entry code passes two disjoint blocks of the stack that nothing else refers to.
+    let (frame, saved) = unsafe { (&mut *frame, &mut *saved) };
+    let fault_address = take_fault_address(frame);
+    let registers = gather(frame, saved, exc_return);
+    // SAFETY: the core has just executed this instruction, so its halfwords can be read; where it has 16 bits, what
+    // follows it is still code or the flash behind it.
+    let (first, second) =
+        unsafe { ((frame.pc as *const u16).read(), (frame.pc as *const u16).add(1).read()) };
+    let access = match thumb::decode(first, second, &registers) {
+        Ok(access) => access,
+        Err(refused) => {
+            defmt::error!(
+                "access to {=u32:#010x} at {=u32:#010x} by an instruction that is not emulated ({}): {=u16:#06x} {=u16:#06x}",
+                fault_address, frame.pc, defmt::Debug2Format(&refused), first, second
+            );
+            exit(ExitCode::Fault)
+        }
+    };
+    let mut results = [None; 3];
+    for (index, register) in [Some(access.register), access.second_register].into_iter().enumerate() {
+        let Some(register) = register else { continue };
+        let address = access.address.wrapping_add(4 * index as u32);
+        let value = perform(&access, address, registers[usize::from(register)], frame.pc);
+        results[index] = value.map(|value| (register, value));
+    }
+    results[2] = access.write_back;
+    for (register, value) in results.into_iter().flatten() {
+        match register {
+            0..=3 => frame.r0_to_r3[usize::from(register)] = value,
+            4..=11 => saved[usize::from(register) - 4] = value,
+            12 => frame.r12 = value,
+            // The decoder refuses the stack pointer and the program counter.
+            _ => frame.lr = value,
+        }
+    }
+    frame.pc += access.length;
+    frame.xpsr = thumb::advance_it_state(frame.xpsr);
+    TRAPS.store(TRAPS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+}
+
+/// The address whose access faulted; ends the run if the fault is another one.
+fn take_fault_address(frame: &Frame) -> u32 {
+    // Memory fault: DACCVIOL and MMARVALID. Bus fault: PRECISERR and BFARVALID.
+    const MEMORY: u32 = 1 << 1 | 1 << 7;
+    const BUS: u32 = 1 << 9 | 1 << 15;
+    // SAFETY: fault status registers, used by the fault handler only.
+    let (cfsr, mmfar, bfar) = unsafe {
+        let scb = &*cortex_m::peripheral::SCB::PTR;
+        let status = (scb.cfsr.read(), scb.mmfar.read(), scb.bfar.read());
+        // Written ones clear.
+        scb.cfsr.write(status.0);
+        scb.hfsr.write(1 << 30);
+        status
+    };
+    if cfsr & MEMORY == MEMORY {
+        mmfar
+    } else if cfsr & BUS == BUS {
+        bfar
+    } else {
+        defmt::error!("hard fault at {=u32:#010x}, CFSR {=u32:#010x}, LR {=u32:#010x}", frame.pc, cfsr, frame.lr);
+        exit(ExitCode::Fault)
+    }
+}
+
+/// The registers of the interrupted code.
+fn gather(frame: &Frame, saved: &[u32; 8], exc_return: u32) -> [u32; 16] {
+    let mut registers = [0; 16];
+    registers[..4].copy_from_slice(&frame.r0_to_r3);
+    registers[4..12].copy_from_slice(saved);
+    registers[12] = frame.r12;
+    // Bit 4 of EXC_RETURN is clear where the core stacked (or left room for) the floating-point registers; bit 9 of the
+    // stacked status tells a padding word.
+    let stacked = if exc_return & 0x10 == 0 { 0x68 } else { 0x20 };
+    registers[13] = (frame as *const Frame as u32) + stacked + ((frame.xpsr >> 9) & 1) * 4;
+    registers[14] = frame.lr;
+    registers[15] = frame.pc;
+    registers
+}
+
+/// One transfer on the models; the loaded value if it is a load.
+fn perform(access: &Access, address: u32, stored: u32, pc: u32) -> Option<u32> {
+    // SAFETY: this is the fault handler, and the MPU is off in it: the models trap nothing.
+    let result = unsafe {
+        with_machine(|machine| match access.direction {
+            Direction::Load => machine.read(address, access.width).map(|raw| Some(access.extend(raw))),
+            Direction::Store => {
+                machine.write(address, access.width, stored & access.width.mask()).map(|()| None)
+            }
+        })
+    };
+    match result {
+        Ok(value) => value,
+        Err(super::Unmodelled) => {
+            defmt::error!(
+                "not modelled: {} of {} at register {=u32:#010x}, value {=u32:#010x}, by {=u32:#010x}",
+                defmt::Debug2Format(&access.direction),
+                defmt::Debug2Format(&access.width),
+                address,
+                stored,
+                pc
+            );
+            exit(ExitCode::Fault)
+        }
+    }
+}
