@@ -17,7 +17,7 @@ use crate::control::{Controller, Drive, Inputs, Note, PERIOD_US};
 use crate::hal::{Actuators, Panel, Sensors};
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
-use defmt::{error, info, warn};
+use defmt::{Debug2Format, error, info, warn};
 use embassy_executor::Spawner;
 use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
 use embassy_sync::blocking_mutex::Mutex;
@@ -61,7 +61,13 @@ static THREAD_RUNS: AtomicBool = AtomicBool::new(false);
 /// Starts the tasks.
 pub fn start(spawner: Spawner, board: Board) {
     let Board { sensors, actuators, panel, serial, boot, control: control_spawner } = board;
-    info!("needle guide {} ({}), {}", env!("CARGO_PKG_VERSION"), env!("FIRMWARE_GIT"), boot);
+    info!(
+        "needle guide {=str} ({=str}), boot {=u32:08x} after {}",
+        env!("CARGO_PKG_VERSION"),
+        env!("FIRMWARE_GIT"),
+        boot.boot_id,
+        Debug2Format(&boot.reset_reason)
+    );
     let (sending, receiving) = serial.split();
     let once = "each task is spawned once";
     control_spawner.spawn(control(sensors, actuators, panel, boot.boot_id).expect(once));

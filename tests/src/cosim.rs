@@ -5,7 +5,7 @@
 //! ultrasound probe of the rig is served on a socket, one sweep per connection, as text that `guide acquire` takes.
 
 use anyhow::{Context, Result, bail};
-use firmware::plant::{PlantReply, PlantRequest, RECORD_BYTES};
+use firmware::plant::{FULL_SCALE, PlantReply, PlantRequest, RECORD_BYTES, REPLY_PIPE, REQUEST_PIPE};
 use host::rig::SimulatedRig;
 use rustix::fs::{Mode, OFlags};
 use std::fs::{File, OpenOptions};
@@ -60,7 +60,7 @@ impl Cosim {
     /// # Errors
     /// Where pipes or socket cannot be made.
     pub fn start(rig: SimulatedRig, folder: &Path, speed: f64) -> Result<Self> {
-        for name in ["plant.req", "plant.rsp"] {
+        for name in [REQUEST_PIPE, REPLY_PIPE] {
             let path = folder.join(name);
             rustix::fs::mknodat(
                 rustix::fs::CWD,
@@ -158,18 +158,19 @@ fn serve(state: &Mutex<State>, stop: &AtomicBool, folder: &Path, speed: f64) -> 
 }
 
 fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> PlantReply {
-    let inputs = request.bridge_inputs();
-    state.bridges_driven = inputs.iter().any(|[in1, in2]| in1 != in2);
+    let [x1, x2, y1, y2] = request.compare.map(|share| f64::from(share) / f64::from(FULL_SCALE));
+    let inputs = [[x1, x2], [y1, y2]];
+    state.bridges_driven = x1 != x2 || y1 != y2;
     let codes = state.rig.step(inputs, PERIOD_S);
     state.steps += 1;
     PlantReply {
         step: request.step,
         potentiometer_codes: codes.potentiometer,
-        bridge_codes: codes.bridge,
+        force_codes: codes.bridge,
         emergency_stop: state.injection.emergency_stop,
-        data_ready: true,
-        corrupt_crc: state.injection.corrupt_force,
-        adc_reset: false,
+        force_ready: true,
+        corrupt_force_crc: state.injection.corrupt_force,
+        reset_force_converter: false,
         power_off,
     }
 }
@@ -187,10 +188,10 @@ fn pace(step: u64, began: Instant, speed: f64) {
 /// Opens both pipes without ever hanging on a firmware that does not come. `None` when asked to stop meanwhile.
 fn open_pipes(folder: &Path, stop: &AtomicBool, deadline: Instant) -> Result<Option<(File, File)>> {
     let flags = OFlags::NONBLOCK.bits() as i32;
-    let requests = OpenOptions::new().read(true).custom_flags(flags).open(folder.join("plant.req"))?;
+    let requests = OpenOptions::new().read(true).custom_flags(flags).open(folder.join(REQUEST_PIPE))?;
     loop {
         // Opening for writing succeeds once the firmware has the other end.
-        match OpenOptions::new().write(true).custom_flags(flags).open(folder.join("plant.rsp")) {
+        match OpenOptions::new().write(true).custom_flags(flags).open(folder.join(REPLY_PIPE)) {
             Ok(replies) => {
                 for pipe in [&requests, &replies] {
                     let flags = rustix::fs::fcntl_getfl(pipe)?;

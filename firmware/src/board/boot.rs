@@ -4,23 +4,8 @@ use core::mem::MaybeUninit;
 use core::ptr;
 use embassy_stm32::pac::{RCC, UID};
 
-/// Why the microcontroller started.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
-pub enum ResetReason {
-    /// Power came on, or dipped below the brown-out threshold: the chip reports both alike.
-    PowerOn,
-    /// The reset pin.
-    Pin,
-    /// The independent or the window watchdog.
-    Watchdog,
-    /// The program asked for it.
-    Software,
-    /// Low-power entry, option bytes, firewall, or no flag at all.
-    Other,
-}
-
 /// What is known of this boot.
-#[derive(Clone, Copy, Debug, defmt::Format)]
+#[derive(Clone, Copy, Debug)]
 pub struct BootInfo {
     /// Differs from boot to boot and from chip to chip.
     pub boot_id: u32,
@@ -46,6 +31,7 @@ pub(super) fn read() -> BootInfo {
     } else if flags.sftrstf() {
         ResetReason::Software
     } else if flags.borrstf() {
+        // Power coming on and power sagging below the threshold set the same flag.
         ResetReason::PowerOn
     } else if flags.lpwrrstf() || flags.oblrstf() || flags.fwrstf() {
         ResetReason::Other

@@ -12,7 +12,7 @@ pub mod pins;
 mod sensors;
 
 pub use actuators::BoardActuators;
-pub use boot::{BootInfo, ResetReason};
+pub use boot::BootInfo;
 pub use panel::BoardPanel;
 pub use sensors::BoardSensors;
 

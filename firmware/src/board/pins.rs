@@ -20,8 +20,8 @@ use embassy_stm32::time::Hertz;
 
 /// Core, AHB and APB clock.
 pub const CORE_CLOCK: Hertz = Hertz(80_000_000);
-/// Control period.
-pub const CONTROL_PERIOD_US: u64 = 1000;
+/// The board's name, as the hello tells it.
+pub const BOARD_NAME: &str = "B-L475E-IOT01A";
 /// Speed of the serial port, 8N1.
 pub const SERIAL_BAUD: u32 = 460_800;
 /// Frequency of the bridges' PWM: above hearing, below the limit of the usual bridges.
