@@ -38,7 +38,7 @@ pub(super) fn packed_bytes_are_golden() -> Verdict {
 fn round_trip(count: u64, reading: impl Fn(u64) -> Sample) -> Result<u64, &'static str> {
     let mut packer = Packer::new(PERIOD_US);
     let (mut came_out, mut batches) = (0, 0);
-    let mut take = |batch: Option<Samples>| {
+    let mut take = |batch: Option<Samples>| -> Verdict {
         let Some(batch) = batch else { return Ok(()) };
         batches += 1;
         check(batch.packed.len() <= PACKED_BYTES, "a batch is too long")?;
