@@ -11,7 +11,7 @@ use serde::{Serialize, de::DeserializeOwned};
 /// burst of up to 32. One table of 1 KiB, in flash.
 pub(crate) static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-const CRC_BYTES: usize = 4;
+pub(crate) const CRC_BYTES: usize = 4;
 
 /// Bytes between the delimiters for a message that encodes to `payload` bytes at most.
 const fn body_bytes(payload: usize) -> usize {
@@ -29,7 +29,7 @@ pub const MAX_FRAME_TO_DEVICE: usize = MAX_BODY_TO_DEVICE + 2;
 
 /// Most bytes before stuffing, both ways. Below 254, stuffing costs one byte and is one-to-one: no two bodies decode to the
 /// same bytes, so that a changed body cannot be taken for the original.
-const MAX_PLAIN: usize = 253;
+pub(crate) const MAX_PLAIN: usize = 253;
 const _: () = assert!(Envelope::POSTCARD_MAX_SIZE + CRC_BYTES <= MAX_PLAIN);
 const _: () = assert!(Command::POSTCARD_MAX_SIZE + CRC_BYTES <= MAX_PLAIN);
 

@@ -17,8 +17,15 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+#[cfg(test)]
+extern crate std;
+
+#[cfg(any(test, feature = "conformance"))]
+pub mod conformance;
 pub mod frame;
 pub mod pack;
+#[cfg(test)]
+mod properties;
 mod text;
 mod to_device;
 mod to_host;

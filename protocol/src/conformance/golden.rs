@@ -1,0 +1,162 @@
+//! The wire format is pinned: these bytes for these messages, both ways.
+
+use super::{
+    BUFFER, Golden, Verdict, bytes, check, gives, golden_commands::COMMANDS, golden_envelopes::ENVELOPES,
+};
+use crate::{
+    Command, CommandReceiver, EncodeError, Envelope, EnvelopeReceiver, EventKind, Fault, Incoming,
+    MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, Message, Outcome, Receiver, Refusal, Request, ResetReason, State,
+    Step, encode_command, encode_envelope, program_crc, schema_hash,
+};
+
+type Encode<T> = for<'a> fn(&T, &'a mut [u8]) -> Result<&'a [u8], EncodeError>;
+
+fn encodes<T>(golden: &[Golden<T>], encode: Encode<T>) -> Verdict {
+    golden.iter().try_for_each(|Golden { message, frame }| {
+        let (mut expected, mut buffer) = (BUFFER, BUFFER);
+        let expected = bytes(frame, &mut expected)?;
+        let encoded = encode(&message(), &mut buffer).map_err(|_| "a message was not encoded")?;
+        check(encoded == expected, "a message has other bytes than its golden ones")
+    })
+}
+
+fn decodes<T: Incoming + PartialEq, const N: usize>(
+    golden: &[Golden<T>],
+    mut receiver: Receiver<T, N>,
+) -> Verdict {
+    golden.iter().try_for_each(|Golden { message, frame }| {
+        let mut buffer = BUFFER;
+        gives(&mut receiver, bytes(frame, &mut buffer)?, &message())
+    })
+}
+
+pub(super) fn commands_encode_to_their_golden_bytes() -> Verdict {
+    encodes(COMMANDS, encode_command)
+}
+
+pub(super) fn commands_decode_from_their_golden_bytes() -> Verdict {
+    decodes(COMMANDS, CommandReceiver::new())
+}
+
+pub(super) fn envelopes_encode_to_their_golden_bytes() -> Verdict {
+    encodes(ENVELOPES, encode_envelope)
+}
+
+pub(super) fn envelopes_decode_from_their_golden_bytes() -> Verdict {
+    decodes(ENVELOPES, EnvelopeReceiver::new())
+}
+
+/// The variants of an enum seen so far. A variant that is not listed does not compile.
+macro_rules! seen {
+    ($name:ident: $type:ident { $($variant:ident)* }) => {
+        #[derive(Default)]
+        struct $name(u32);
+
+        impl $name {
+            const ALL: u32 = (1 << [$(stringify!($variant)),*].len()) - 1;
+
+            fn add(&mut self, value: &$type) {
+                match value { $($type::$variant { .. } => {})* }
+                let mut bit = 1;
+                $(if matches!(value, $type::$variant { .. }) { self.0 |= bit; } bit <<= 1;)*
+                let _ = bit;
+            }
+
+            fn check(&self) -> Verdict {
+                check(self.0 == Self::ALL, concat!(stringify!($type), ": a variant has no golden bytes"))
+            }
+        }
+    };
+}
+
+seen!(Requests: Request { Hello Status Stream LoadStep Run Stop ClearFault });
+seen!(Steps: Step { Move Hold Tare });
+seen!(Messages: Message { Hello Ack Refused Samples Event Status });
+seen!(ResetReasons: ResetReason { PowerOn Pin Watchdog Software BrownOut Other });
+seen!(Refusals: Refusal {
+    OtherBoot Faulted Busy OutOfTravel OutOfRange ProgramMismatch TooLate CauseRemains Unreadable
+});
+seen!(Faults: Fault { EmergencyStop ForceSensor ForceRange Potentiometer MoveTimeout });
+seen!(States: State { Idle Pending Moving Holding Taring Faulted });
+seen!(EventKinds: EventKind { StepStarted StepEnded Tared ProgramEnded Faulted });
+seen!(Outcomes: Outcome { Completed Stopped Faulted });
+
+pub(super) fn every_variant_has_golden_bytes() -> Verdict {
+    let (mut requests, mut steps) = (Requests::default(), Steps::default());
+    for Golden { message, .. } in COMMANDS {
+        let Command { request, .. } = message();
+        requests.add(&request);
+        if let Request::LoadStep { step, .. } = request {
+            steps.add(&step);
+        }
+    }
+    requests.check()?;
+    steps.check()?;
+
+    let (mut messages, mut reasons, mut refusals) =
+        (Messages::default(), ResetReasons::default(), Refusals::default());
+    let (mut states, mut kinds, mut outcomes) =
+        (States::default(), EventKinds::default(), Outcomes::default());
+    let (mut refused_faults, mut event_faults) = (Faults::default(), Faults::default());
+    for Golden { message, .. } in ENVELOPES {
+        let Envelope { message, .. } = message();
+        messages.add(&message);
+        match message {
+            Message::Hello(hello) => reasons.add(&hello.reset_reason),
+            Message::Refused { refusal, .. } => {
+                refusals.add(&refusal);
+                if let Refusal::Faulted { fault } = refusal {
+                    refused_faults.add(&fault);
+                }
+            }
+            Message::Samples(samples) => states.add(&samples.state),
+            Message::Event(event) => {
+                kinds.add(&event.kind);
+                match event.kind {
+                    EventKind::ProgramEnded { outcome } => outcomes.add(&outcome),
+                    EventKind::Faulted { fault } => event_faults.add(&fault),
+                    _ => {}
+                }
+            }
+            Message::Ack { .. } | Message::Status(_) => {}
+        }
+    }
+    messages.check()?;
+    reasons.check()?;
+    refusals.check()?;
+    refused_faults.check()?;
+    states.check()?;
+    kinds.check()?;
+    outcomes.check()?;
+    event_faults.check()
+}
+
+/// If this fails, a type has changed: raise [`crate::VERSION`] unless a variant was only appended, then pin the new hash.
+pub(super) fn schema_hash_is_pinned() -> Verdict {
+    let pinned = [0xA3, 0x16, 0x93, 0x8F, 0xF4, 0x69, 0xE6, 0x16];
+    check(schema_hash() == pinned, "the message types have changed")
+}
+
+pub(super) fn program_checksum_is_pinned() -> Verdict {
+    let steps = [
+        Step::Move { x_um: -1500, y_um: 1000, speed_um_s: 500 },
+        Step::Hold { duration_ms: 5000 },
+        Step::Tare { duration_ms: 1000 },
+    ];
+    check(program_crc(&steps) == 0x3EC6_E04C, "the checksum of a program has changed")?;
+    check(program_crc(&[]) == 0, "the checksum of no steps is not 0")
+}
+
+pub(super) fn largest_messages_fill_the_frame_bound() -> Verdict {
+    let mut buffer = BUFFER;
+    let largest = ENVELOPES.last().map(|golden| bytes(golden.frame, &mut buffer)).transpose()?;
+    check(
+        largest.map(<[u8]>::len) == Some(MAX_FRAME_TO_HOST),
+        "the bound of frames to the host is not tight",
+    )?;
+    let largest = COMMANDS.last().map(|golden| bytes(golden.frame, &mut buffer)).transpose()?;
+    check(
+        largest.map(<[u8]>::len) == Some(MAX_FRAME_TO_DEVICE),
+        "the bound of frames to the device is not tight",
+    )
+}

@@ -1,0 +1,53 @@
+//! Golden bytes of every command. Once released, entries are added and never changed.
+
+use super::{Golden, command};
+use crate::{Command, Request, Step};
+
+pub(super) const COMMANDS: &[Golden<Command>] = &[
+    Golden { message: || command(Request::Hello), frame: "0008ac02d487cb8d0a056607783700" },
+    Golden { message: || command(Request::Status), frame: "000dac02d487cb8d0a01f0377f4000" },
+    Golden {
+        message: || command(Request::Stream { enable: false }),
+        frame: "0009ac02d487cb8d0a02056531d24400",
+    },
+    Golden {
+        message: || command(Request::Stream { enable: true }),
+        frame: "000eac02d487cb8d0a0201f301d53300",
+    },
+    Golden {
+        message: || {
+            let step = Step::Move { x_um: -1500, y_um: 1000, speed_um_s: 500 };
+            command(Request::LoadStep { index: 0, step })
+        },
+        frame: "0009ac02d487cb8d0a03010bb717d00ff403dc7c226a00",
+    },
+    Golden {
+        message: || command(Request::LoadStep { index: 1, step: Step::Hold { duration_ms: 5000 } }),
+        frame: "0011ac02d487cb8d0a03010188271de793cd00",
+    },
+    Golden {
+        message: || command(Request::LoadStep { index: 63, step: Step::Tare { duration_ms: 1000 } }),
+        frame: "0011ac02d487cb8d0a033f02e807b99db28100",
+    },
+    Golden {
+        message: || command(Request::Run { steps: 3, crc: 0xCBF4_3926, start_us: 12_345_678 }),
+        frame: "0017ac02d487cb8d0a0403a6f2d0df0ccec2f10577ff52cc00",
+    },
+    Golden { message: || command(Request::Stop), frame: "000dac02d487cb8d0a05e9f3124700" },
+    Golden { message: || command(Request::ClearFault), frame: "000dac02d487cb8d0a0653a21bde00" },
+    Golden {
+        message: || Command { id: 0, boot_id: 0, request: Request::Hello },
+        frame: "000101010512d941ff00",
+    },
+    Golden {
+        message: || Command {
+            id: u16::MAX,
+            boot_id: u32::MAX,
+            request: Request::LoadStep {
+                index: u8::MAX,
+                step: Step::Move { x_um: i32::MIN, y_um: i32::MAX, speed_um_s: u32::MAX },
+            },
+        },
+        frame: "000bffff03ffffffff0f03ff14ffffffff0ffeffffff0fffffffff0f1c5c4ef900",
+    },
+];

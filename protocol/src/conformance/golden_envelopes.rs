@@ -1,0 +1,237 @@
+//! Golden bytes of every message from the device. Once released, entries are added and never changed.
+
+use super::{Golden, envelope};
+use crate::{
+    Counters, Envelope, Event, EventKind, Fault, Hello, Message, Outcome, PACKED_BYTES, Packed, Refusal,
+    ResetReason, Samples, Scales, State, Status, Text,
+};
+
+fn hello(reset_reason: ResetReason) -> Envelope {
+    envelope(Message::Hello(Hello {
+        protocol_version: 1,
+        schema_hash: [0x10, 0x32, 0x54, 0x76, 0x98, 0xBA, 0xDC, 0xFE],
+        firmware_version: Text::new("0.1.0"),
+        commit: Text::new("0123456789ab-dirty"),
+        board: Text::new("B-L475E-IOT01A"),
+        reset_reason,
+        tick_hz: 1_000_000,
+        now_us: 2_500_000,
+        sample_period_us: 2_000,
+        scales: Scales {
+            position_nm_per_count: 100,
+            force_nn_per_count: 1_000,
+            travel_um: 5_000,
+            force_range_mn: 5_000,
+        },
+    }))
+}
+
+fn refused(refusal: Refusal) -> Envelope {
+    envelope(Message::Refused { id: 300, refusal })
+}
+
+fn happened(kind: EventKind) -> Envelope {
+    envelope(Message::Event(Event { t_us: 4_294_967_296, kind }))
+}
+
+/// The batch that `batches::packed_bytes_are_golden` packs.
+pub(super) fn samples(state: State) -> Samples {
+    let packed = [
+        0xE8, 0x07, 0xE7, 0x07, 0x00, 0xC0, 0x9A, 0x0C, 0x01, 0x02, 0x80, 0x01, 0x7F, 0x00, 0x00, 0x00, 0x00,
+    ];
+    Samples {
+        t_us: 10_000_000,
+        dropped: 200,
+        state,
+        step: 2,
+        count: 3,
+        packed: Packed::from_slice(&packed).unwrap_or_default(),
+    }
+}
+
+fn batch(state: State) -> Envelope {
+    envelope(Message::Samples(samples(state)))
+}
+
+fn status(fault: Option<Fault>) -> Envelope {
+    envelope(Message::Status(Status {
+        t_us: 10_000_000,
+        state: State::Idle,
+        step: 255,
+        fault,
+        position_counts: [-15_000, 10_000],
+        force_counts: [100_000, -250],
+        streaming: true,
+        counters: Counters {
+            samples_dropped: 1,
+            messages_dropped: 2,
+            frames_corrupt: 3,
+            frames_overlong: 4,
+            frames_unreadable: 5,
+            force_readings_bad: 6,
+            control_overruns: 300,
+        },
+    }))
+}
+
+pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
+    Golden {
+        message: || hello(ResetReason::PowerOn),
+        frame: "0009d487cb8d0af0a20432011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314115c0843da0cb9801d00f64e807882788272549a51c00",
+    },
+    Golden {
+        message: || hello(ResetReason::Pin),
+        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314101c0843da0cb9801d00f64e807882788276682039b00",
+    },
+    Golden {
+        message: || hello(ResetReason::Watchdog),
+        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314102c0843da0cb9801d00f64e80788278827e2d999c800",
+    },
+    Golden {
+        message: || hello(ResetReason::Software),
+        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314103c0843da0cb9801d00f64e80788278827a1123f4f00",
+    },
+    Golden {
+        message: || hello(ResetReason::BrownOut),
+        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314104c0843da0cb9801d00f64e80788278827ea6ead6f00",
+    },
+    Golden {
+        message: || hello(ResetReason::Other),
+        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314105c0843da0cb9801d00f64e80788278827a9a50be800",
+    },
+    Golden { message: || envelope(Message::Ack { id: 300 }), frame: "0010d487cb8d0af0a20401ac023bd06dfb00" },
+    Golden { message: || refused(Refusal::OtherBoot), frame: "000cd487cb8d0af0a20402ac020597c4477100" },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::EmergencyStop }),
+        frame: "000dd487cb8d0af0a20402ac020105ef9f03a500",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::ForceSensor }),
+        frame: "0012d487cb8d0af0a20402ac02010179af04d200",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::ForceRange }),
+        frame: "0012d487cb8d0af0a20402ac020102c3fe0d4b00",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::Potentiometer }),
+        frame: "0012d487cb8d0af0a20402ac02010355ce0a3c00",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::MoveTimeout }),
+        frame: "0012d487cb8d0af0a20402ac020104f65b6ea200",
+    },
+    Golden { message: || refused(Refusal::Busy), frame: "0011d487cb8d0af0a20402ac0202bba5499f00" },
+    Golden { message: || refused(Refusal::OutOfTravel), frame: "0011d487cb8d0af0a20402ac02032d954ee800" },
+    Golden { message: || refused(Refusal::OutOfRange), frame: "000ed487cb8d0af0a20402ac02048e032a7600" },
+    Golden { message: || refused(Refusal::ProgramMismatch), frame: "0011d487cb8d0af0a20402ac020518302d0100" },
+    Golden { message: || refused(Refusal::TooLate), frame: "0011d487cb8d0af0a20402ac0206a261249800" },
+    Golden { message: || refused(Refusal::CauseRemains), frame: "0011d487cb8d0af0a20402ac0207345123ef00" },
+    Golden { message: || refused(Refusal::Unreadable), frame: "0011d487cb8d0af0a20402ac0208a54c9c7f00" },
+    Golden {
+        message: || batch(State::Idle),
+        frame: "0010d487cb8d0af0a2040380ade204c80108020311e807e70709c09a0c010280017f01010105039c402a00",
+    },
+    Golden {
+        message: || batch(State::Pending),
+        frame: "0018d487cb8d0af0a2040380ade204c80101020311e807e70709c09a0c010280017f010101059d1f9ab500",
+    },
+    Golden {
+        message: || batch(State::Moving),
+        frame: "0018d487cb8d0af0a2040380ade204c80102020311e807e70709c09a0c010280017f010101057e9d84ce00",
+    },
+    Golden {
+        message: || batch(State::Holding),
+        frame: "0018d487cb8d0af0a2040380ade204c80103020311e807e70709c09a0c010280017f01010105e01e5e5100",
+    },
+    Golden {
+        message: || batch(State::Taring),
+        frame: "0018d487cb8d0af0a2040380ade204c80104020311e807e70709c09a0c010280017f01010105b898b93800",
+    },
+    Golden {
+        message: || batch(State::Faulted),
+        frame: "0018d487cb8d0af0a2040380ade204c80105020311e807e70709c09a0c010280017f01010105261b63a700",
+    },
+    Golden {
+        message: || happened(EventKind::StepStarted { index: 0 }),
+        frame: "000fd487cb8d0af0a204048080808010010590eadcd200",
+    },
+    Golden {
+        message: || happened(EventKind::StepEnded { index: 63 }),
+        frame: "0015d487cb8d0af0a204048080808010013fecf6a17d00",
+    },
+    Golden {
+        message: || happened(EventKind::Tared { zero_counts: [-70_000, 35], sd_counts: [100, 0] }),
+        frame: "0015d487cb8d0af0a20404808080801002dfc508466405deb54b7c00",
+    },
+    Golden {
+        message: || happened(EventKind::ProgramEnded { outcome: Outcome::Completed }),
+        frame: "0010d487cb8d0af0a204048080808010030553b9f1f900",
+    },
+    Golden {
+        message: || happened(EventKind::ProgramEnded { outcome: Outcome::Stopped }),
+        frame: "0015d487cb8d0af0a2040480808080100301c589f68e00",
+    },
+    Golden {
+        message: || happened(EventKind::ProgramEnded { outcome: Outcome::Faulted }),
+        frame: "0015d487cb8d0af0a20404808080801003027fd8ff1700",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::EmergencyStop }),
+        frame: "0010d487cb8d0af0a2040480808080100405942fb0b600",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::ForceSensor }),
+        frame: "0015d487cb8d0af0a2040480808080100401021fb7c100",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::ForceRange }),
+        frame: "0015d487cb8d0af0a2040480808080100402b84ebe5800",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::Potentiometer }),
+        frame: "0015d487cb8d0af0a20404808080801004032e7eb92f00",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::MoveTimeout }),
+        frame: "0015d487cb8d0af0a20404808080801004048debddb100",
+    },
+    Golden {
+        message: || status(None),
+        frame: "000ed487cb8d0af0a2040580ade20402ff19afea01a09c01c09a0cf30301010203040506ac0238b97d7600",
+    },
+    Golden {
+        message: || status(Some(Fault::MoveTimeout)),
+        frame: "000ed487cb8d0af0a2040580ade2041cff0104afea01a09c01c09a0cf30301010203040506ac023827858700",
+    },
+    Golden {
+        message: || Envelope { boot_id: 0, sequence: 0, message: Message::Ack { id: 0 } },
+        frame: "0001010201055dee5f3800",
+    },
+    Golden {
+        message: || Envelope {
+            boot_id: u32::MAX,
+            sequence: u32::MAX,
+            message: Message::Samples(Samples {
+                t_us: u64::MAX,
+                dropped: u32::MAX,
+                state: State::Faulted,
+                step: u8::MAX,
+                count: u8::MAX,
+                packed: Packed::from_slice(&[0xFF; PACKED_BYTES]).unwrap_or_default(),
+            }),
+        },
+        frame: "00fcffffffff0fffffffff0f03ffffffffffffffffff01ffffffff0f05ffffd801ffffffffffffffffffffffffffffff\
+            ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff\
+            ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff\
+            ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff\
+            ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff\
+            ffffffffffffffffff6750cffb00",
+    },
+];

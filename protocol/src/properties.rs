@@ -1,0 +1,288 @@
+//! Properties of random messages, random streams and random damage. Host only.
+
+use crate::{
+    Command, CommandReceiver, Counters, Envelope, EnvelopeReceiver, Event, EventKind, Fault, Hello, Incoming,
+    Losses, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, Message, Outcome, PACKED_BYTES, Packed, Packer, Received,
+    Receiver, Refusal, Request, ResetReason, Sample, Samples, Scales, SequenceTracker, State, Status, Step,
+    Text, encode_command, encode_envelope, peek_hello_version,
+};
+use proptest::{collection::vec, prelude::*, sample::select};
+use std::{vec, vec::Vec};
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        any::<(i32, i32, u32)>().prop_map(|(x_um, y_um, speed_um_s)| Step::Move { x_um, y_um, speed_um_s }),
+        any::<u32>().prop_map(|duration_ms| Step::Hold { duration_ms }),
+        any::<u32>().prop_map(|duration_ms| Step::Tare { duration_ms }),
+    ]
+}
+
+fn command() -> impl Strategy<Value = Command> {
+    let request = prop_oneof![
+        select(vec![Request::Hello, Request::Status, Request::Stop, Request::ClearFault]),
+        any::<bool>().prop_map(|enable| Request::Stream { enable }),
+        (any::<u8>(), step()).prop_map(|(index, step)| Request::LoadStep { index, step }),
+        any::<(u8, u32, u64)>().prop_map(|(steps, crc, start_us)| Request::Run { steps, crc, start_us }),
+    ];
+    (any::<u16>(), any::<u32>(), request).prop_map(|(id, boot_id, request)| Command { id, boot_id, request })
+}
+
+const FAULTS: [Fault; 5] =
+    [Fault::EmergencyStop, Fault::ForceSensor, Fault::ForceRange, Fault::Potentiometer, Fault::MoveTimeout];
+const STATES: [State; 6] =
+    [State::Idle, State::Pending, State::Moving, State::Holding, State::Taring, State::Faulted];
+
+fn hello() -> impl Strategy<Value = Hello> {
+    use ResetReason::{BrownOut, Other, Pin, PowerOn, Software, Watchdog};
+    let reasons = select(vec![PowerOn, Pin, Watchdog, Software, BrownOut, Other]);
+    let texts = (".{0,20}", ".{0,24}", ".{0,30}");
+    let scales = any::<[u32; 4]>().prop_map(|[position, force, travel_um, force_range_mn]| Scales {
+        position_nm_per_count: position,
+        force_nn_per_count: force,
+        travel_um,
+        force_range_mn,
+    });
+    (any::<(u16, [u8; 8], u32, u64, u32)>(), texts, reasons, scales).prop_map(
+        |(numbers, texts, reset_reason, scales)| Hello {
+            protocol_version: numbers.0,
+            schema_hash: numbers.1,
+            firmware_version: Text::new(&texts.0),
+            commit: Text::new(&texts.1),
+            board: Text::new(&texts.2),
+            reset_reason,
+            tick_hz: numbers.2,
+            now_us: numbers.3,
+            sample_period_us: numbers.4,
+            scales,
+        },
+    )
+}
+
+fn samples() -> impl Strategy<Value = Samples> {
+    (any::<(u64, u32, u8, u8)>(), select(&STATES[..]), vec(any::<u8>(), 0..=PACKED_BYTES)).prop_map(
+        |((t_us, dropped, step, count), state, bytes)| Samples {
+            t_us,
+            dropped,
+            state,
+            step,
+            count,
+            packed: Packed::from_slice(&bytes).expect("as many as fit"),
+        },
+    )
+}
+
+fn status() -> impl Strategy<Value = Status> {
+    let fault = prop::option::of(select(&FAULTS[..]));
+    (any::<(u64, u8, [i32; 2], [i32; 2], bool, [u32; 7])>(), select(&STATES[..]), fault).prop_map(
+        |((t_us, step, position_counts, force_counts, streaming, counts), state, fault)| {
+            let [
+                samples_dropped,
+                messages_dropped,
+                frames_corrupt,
+                frames_overlong,
+                frames_unreadable,
+                force_readings_bad,
+                control_overruns,
+            ] = counts;
+            let counters = Counters {
+                samples_dropped,
+                messages_dropped,
+                frames_corrupt,
+                frames_overlong,
+                frames_unreadable,
+                force_readings_bad,
+                control_overruns,
+            };
+            Status { t_us, state, step, fault, position_counts, force_counts, streaming, counters }
+        },
+    )
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let kind = prop_oneof![
+        any::<u8>().prop_map(|index| EventKind::StepStarted { index }),
+        any::<u8>().prop_map(|index| EventKind::StepEnded { index }),
+        any::<([i32; 2], [u32; 2])>()
+            .prop_map(|(zero_counts, sd_counts)| EventKind::Tared { zero_counts, sd_counts }),
+        select(vec![Outcome::Completed, Outcome::Stopped, Outcome::Faulted])
+            .prop_map(|outcome| EventKind::ProgramEnded { outcome }),
+        select(&FAULTS[..]).prop_map(|fault| EventKind::Faulted { fault }),
+    ];
+    (any::<u64>(), kind).prop_map(|(t_us, kind)| Event { t_us, kind })
+}
+
+fn envelope() -> impl Strategy<Value = Envelope> {
+    use Refusal::{
+        Busy, CauseRemains, OtherBoot, OutOfRange, OutOfTravel, ProgramMismatch, TooLate, Unreadable,
+    };
+    let plain =
+        [OtherBoot, Busy, OutOfTravel, OutOfRange, ProgramMismatch, TooLate, CauseRemains, Unreadable];
+    let refusal = prop_oneof![
+        select(plain.to_vec()),
+        select(&FAULTS[..]).prop_map(|fault| Refusal::Faulted { fault }),
+    ];
+    let message = prop_oneof![
+        hello().prop_map(Message::Hello),
+        any::<u16>().prop_map(|id| Message::Ack { id }),
+        (any::<u16>(), refusal).prop_map(|(id, refusal)| Message::Refused { id, refusal }),
+        samples().prop_map(Message::Samples),
+        event().prop_map(Message::Event),
+        status().prop_map(Message::Status),
+    ];
+    (any::<u32>(), any::<u32>(), message).prop_map(|(boot_id, sequence, message)| Envelope {
+        boot_id,
+        sequence,
+        message,
+    })
+}
+
+fn frame_of(envelope: &Envelope) -> Vec<u8> {
+    let mut buffer = [0; MAX_FRAME_TO_HOST];
+    encode_envelope(envelope, &mut buffer).expect("the bound suffices").to_vec()
+}
+
+/// Everything that comes out of a stream cut at these places.
+fn events<T: Incoming, const N: usize>(stream: &[u8], chunk: usize) -> (Vec<Received<T>>, Losses) {
+    let mut receiver = Receiver::<T, N>::new();
+    let mut events = Vec::new();
+    for chunk in stream.chunks(chunk) {
+        events.extend(receiver.feed(chunk));
+    }
+    (events, receiver.losses())
+}
+
+/// Bytes as a line brings them: anything, or, often enough to matter, delimiters and whole frames.
+fn stream() -> impl Strategy<Value = Vec<u8>> {
+    let part = prop_oneof![
+        vec(any::<u8>(), 0..400),
+        vec(select(vec![0, 1, 2, 0xFF]), 0..400),
+        envelope().prop_map(|envelope| frame_of(&envelope)),
+    ];
+    vec(part, 0..8).prop_map(|parts| parts.concat())
+}
+
+proptest! {
+    #[test]
+    fn every_command_survives(command in command()) {
+        let mut buffer = [0; MAX_FRAME_TO_DEVICE];
+        let frame = encode_command(&command, &mut buffer).expect("the bound suffices");
+        let received: Vec<_> = CommandReceiver::new().feed(frame).collect();
+        prop_assert_eq!(received, [Received::Frame(command)]);
+    }
+
+    #[test]
+    fn every_envelope_survives(envelope in envelope()) {
+        let received: Vec<_> = EnvelopeReceiver::new().feed(&frame_of(&envelope)).collect();
+        prop_assert_eq!(received, [Received::Frame(envelope)]);
+    }
+
+    #[test]
+    fn every_hello_gives_its_version(hello in hello(), boot_id: u32, sequence: u32) {
+        let version = hello.protocol_version;
+        let envelope = Envelope { boot_id, sequence, message: Message::Hello(hello) };
+        let payload = postcard::to_slice(&envelope, &mut [0; MAX_FRAME_TO_HOST]).map(|bytes| peek_hello_version(bytes));
+        prop_assert_eq!(payload, Ok(Some(version)));
+    }
+
+    #[test]
+    fn any_bytes_are_survived_and_chunks_do_not_matter(stream in stream(), chunk in 1_usize..300) {
+        let whole = events::<Envelope, { crate::frame::MAX_BODY_TO_HOST }>(&stream, usize::MAX);
+        let parts = events::<Envelope, { crate::frame::MAX_BODY_TO_HOST }>(&stream, chunk);
+        prop_assert_eq!(whole, parts);
+        let whole = events::<Command, { crate::frame::MAX_BODY_TO_DEVICE }>(&stream, usize::MAX);
+        let parts = events::<Command, { crate::frame::MAX_BODY_TO_DEVICE }>(&stream, chunk);
+        prop_assert_eq!(whole, parts);
+    }
+
+    #[test]
+    fn any_batch_unpacks_to_its_count_or_not_at_all(samples in samples(), period_us: u32) {
+        if let Ok(unpacked) = samples.unpack(period_us) {
+            prop_assert_eq!(unpacked.count(), usize::from(samples.count));
+        }
+    }
+
+    #[test]
+    fn the_packer_loses_and_reorders_nothing(
+        readings in vec((any::<[i32; 4]>(), 0_u32..16, 0_u8..24, 0_u64..40), 1..300),
+        small: bool,
+    ) {
+        const PERIOD_US: u32 = 1_000;
+        let mut t_us = 0;
+        let (mut state, mut dropped) = (State::Idle, 0);
+        let mut packer = Packer::new(PERIOD_US);
+        let (mut put, mut got, mut heads) = (Vec::new(), Vec::new(), Vec::new());
+        let mut take = |batch: Option<Samples>| if let Some(batch) = batch {
+            for (t_us, sample) in batch.unpack(PERIOD_US).expect("what was packed can be unpacked") {
+                got.push((t_us, sample));
+                heads.push((batch.state, batch.step, batch.dropped));
+            }
+        };
+        let mut tags = Vec::new();
+        for ([px, py, fx, fy], dropping, index, gap) in readings {
+            let shift = if small { 24 } else { 0 };
+            let sample = Sample { position_counts: [px >> shift, py >> shift], force_counts: [fx >> shift, fy >> shift] };
+            t_us += u64::from(PERIOD_US) + if gap == 0 { 17 } else { 0 };
+            state = STATES.get(usize::from(index)).copied().unwrap_or(state);
+            dropped += u32::from(dropping == 0);
+            put.push((t_us, sample));
+            tags.push((state, 7, dropped));
+            take(packer.push(t_us, state, 7, dropped, sample));
+        }
+        take(packer.flush());
+        prop_assert_eq!(put, got);
+        prop_assert_eq!(tags, heads);
+    }
+
+    #[test]
+    fn damage_costs_the_touched_frames_and_no_other(
+        envelopes in vec(envelope(), 1..12),
+        damage in vec((any::<prop::sample::Index>(), 1_u8..), 1..5),
+    ) {
+        let mut line = Vec::new();
+        let mut ends = Vec::new();
+        for envelope in &envelopes {
+            line.extend(frame_of(envelope));
+            ends.push(line.len());
+        }
+        let mut touched = vec![false; envelopes.len()];
+        for (at, flip) in damage {
+            let at = at.index(line.len());
+            line[at] ^= flip;
+            touched[ends.partition_point(|&end| end <= at)] = true;
+        }
+        line.push(0);
+        let mut receiver = EnvelopeReceiver::new();
+        let received: Vec<_> = receiver
+            .feed(&line)
+            .filter_map(|event| match event {
+                Received::Frame(envelope) => Some(envelope),
+                _ => None,
+            })
+            .collect();
+        let sure = envelopes.iter().zip(&touched).filter(|(_, touched)| !**touched).map(|(envelope, _)| envelope);
+        // Everything untouched arrives, in order; a touched frame arrives only unchanged (its damage undone by another).
+        let mut rest = received.iter();
+        for envelope in sure {
+            prop_assert!(rest.any(|other| other == envelope), "an untouched frame was lost");
+        }
+        let mut sent = envelopes.iter();
+        for envelope in &received {
+            prop_assert!(sent.any(|other| other == envelope), "a message came out that was never sent");
+        }
+    }
+
+    #[test]
+    fn the_tracker_counts_every_lost_frame(kept in vec(any::<bool>(), 2..200), start: u32) {
+        let mut tracker = SequenceTracker::new();
+        let mut counted = 0;
+        for (offset, _) in (0_u32..).zip(&kept).filter(|(offset, kept)| *offset == 0 || **kept) {
+            let sequence = start.wrapping_add(offset);
+            let arrival = tracker.observe(&Envelope { boot_id: 1, sequence, message: Message::Ack { id: 0 } });
+            counted += u64::from(arrival.frames_missing);
+        }
+        let last = kept.iter().rposition(|kept| *kept).unwrap_or(0);
+        let lost = kept.iter().take(last).skip(1).filter(|kept| !**kept).count();
+        prop_assert_eq!(counted, lost as u64);
+        prop_assert_eq!(tracker.totals().frames_missing, lost as u64);
+    }
+}
