@@ -6,6 +6,8 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+pub mod identify;
+pub mod inference;
 pub mod levels;
 pub mod link;
 pub mod model;

@@ -1,0 +1,238 @@
+//! The result of an identification, as `guide identify --json` prints it. Additive only: fields may be added, never
+//! removed or changed in meaning.
+
+use crate::inference::ChannelFit;
+use crate::session::LateralRun;
+use serde::Serialize;
+
+/// Name and version of this form.
+pub(super) const SCHEMA: &str = "guide.identify/1";
+
+/// Everything identified from a session.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Identification {
+    /// Name and version of this form.
+    pub schema: &'static str,
+    /// Name of the session.
+    pub session: Option<String>,
+    /// The lateral runs, in the session's order.
+    pub runs: Vec<RunResult>,
+    /// K of all runs together.
+    pub pooled: Pooled,
+    /// Young's modulus of the tissue, by a named relation.
+    pub youngs_modulus_kpa: YoungsModulus,
+    /// Comparison with indentation; nothing without such a measurement.
+    pub reference: Option<Reference>,
+    /// What to know before trusting the numbers.
+    pub warnings: Vec<String>,
+}
+
+/// One lateral run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunResult {
+    /// Its name.
+    pub id: String,
+    /// Insertion depth.
+    pub depth_mm: f64,
+    /// Every method's result.
+    pub methods: Methods,
+    /// Holds found.
+    pub holds: Vec<HoldResult>,
+    /// Standard deviations used.
+    pub noise: Option<NoiseResult>,
+    /// How well the likelihood's model meets each channel.
+    pub fit: Vec<ChannelResult>,
+    /// Sum of squared residuals of the likelihood.
+    pub chi_square: Option<f64>,
+    /// Number of values minus number of unknowns.
+    pub degrees_of_freedom: Option<usize>,
+    /// What to know before trusting the numbers.
+    pub warnings: Vec<String>,
+    /// Why there are no numbers.
+    pub error: Option<String>,
+}
+
+impl RunResult {
+    /// A run without numbers.
+    pub(super) fn failed(run: &LateralRun, why: String) -> Self {
+        Self {
+            id: run.id.clone(),
+            depth_mm: 1e3 * run.depth_m,
+            methods: Methods::default(),
+            holds: Vec::new(),
+            noise: None,
+            fit: Vec::new(),
+            chi_square: None,
+            degrees_of_freedom: None,
+            warnings: Vec::new(),
+            error: Some(why),
+        }
+    }
+}
+
+/// The methods side by side.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Methods {
+    /// Energy balance as printed in Paper A (work `2 F u`): for comparison with published numbers only.
+    pub energy_as_printed: EnergyAsPrinted,
+    /// Energy balance with the right work `F u`; biased by its shape polynomials.
+    pub energy: Energy,
+    /// Likelihood of the exact beam: the recommended one.
+    pub likelihood: Likelihood,
+}
+
+/// Energy balance as printed.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct EnergyAsPrinted {
+    /// Foundation modulus.
+    pub k_kpa: Option<f64>,
+}
+
+/// Energy balance, corrected.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Energy {
+    /// Foundation modulus.
+    pub k_kpa: Option<f64>,
+    /// Standard deviation from noise alone, without the bias.
+    pub sd_kpa: Option<f64>,
+}
+
+/// Likelihood of the exact beam.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Likelihood {
+    /// Foundation modulus.
+    pub k_kpa: Option<f64>,
+    /// Standard deviation.
+    pub sd_kpa: Option<f64>,
+    /// 95 % interval, from ln K.
+    pub ci95_kpa: Option<[f64; 2]>,
+}
+
+/// A hold of guide 2.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct HoldResult {
+    /// First time.
+    pub from_s: f64,
+    /// Last time.
+    pub to_s: f64,
+    /// `zero`, `loading` or `unloading`.
+    pub path: &'static str,
+    /// Mean vertical displacement.
+    pub displacement_y_mm: f64,
+    /// Mean vertical force.
+    pub force_y_n: f64,
+    /// Mean horizontal displacement.
+    pub displacement_x_mm: Option<f64>,
+    /// Mean horizontal force.
+    pub force_x_n: Option<f64>,
+    /// Standard error of the vertical force.
+    pub force_y_se_n: Option<f64>,
+    /// Number of samples.
+    pub samples: usize,
+    /// Shape points seen.
+    pub shape_points: usize,
+    /// Whether the hold was used; a hold with lost samples is not.
+    pub used: bool,
+}
+
+/// Standard deviations of single readings, and where they come from: `stated` in the session or `estimated` from the
+/// scatter within holds (force, displacement) and from the fit's residuals (shape).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NoiseResult {
+    /// Force.
+    pub force_n: f64,
+    /// Where it comes from.
+    pub force_source: &'static str,
+    /// Displacement.
+    pub displacement_mm: f64,
+    /// Where it comes from.
+    pub displacement_source: &'static str,
+    /// Shape.
+    pub shape_mm: f64,
+    /// Where it comes from.
+    pub shape_source: &'static str,
+}
+
+/// How well one channel is met.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ChannelResult {
+    /// `displacement`, `force` or `shape`.
+    pub channel: &'static str,
+    /// Sum of squared residuals.
+    pub chi_square: f64,
+    /// Number of values.
+    pub count: usize,
+}
+
+impl From<(&'static str, ChannelFit)> for ChannelResult {
+    fn from((channel, fit): (&'static str, ChannelFit)) -> Self {
+        Self { channel, chi_square: fit.chi_square, count: fit.count }
+    }
+}
+
+/// K of all runs together.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Pooled {
+    /// Foundation modulus.
+    pub k_kpa: f64,
+    /// Standard deviation.
+    pub sd_kpa: f64,
+    /// 95 % interval, from ln K.
+    pub ci95_kpa: [f64; 2],
+    /// Number of runs in it.
+    pub runs: usize,
+    /// Whether the runs agree (Cochran's Q); nothing for one run.
+    pub heterogeneity: Option<Heterogeneity>,
+}
+
+/// Cochran's test of a shared ln K.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Heterogeneity {
+    /// Sum of squared deviations of the runs over their variances.
+    pub q: f64,
+    /// Number of runs minus 1.
+    pub degrees_of_freedom: usize,
+    /// Probability of a larger Q where all runs share one K.
+    pub p: f64,
+}
+
+/// Young's modulus by a named relation.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct YoungsModulus {
+    /// The modulus.
+    pub value: f64,
+    /// K's 95 % interval through the relation; the choice of relation is not in it.
+    pub ci95: [f64; 2],
+    /// The relation.
+    pub relation: &'static str,
+    /// Poisson's ratio in it.
+    pub poisson: f64,
+    /// Least and greatest value by the known relations.
+    pub range_kpa: [f64; 2],
+    /// The value by each known relation.
+    pub relations: Vec<RelationResult>,
+}
+
+/// Young's modulus by one relation.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RelationResult {
+    /// Its name.
+    pub relation: &'static str,
+    /// The modulus.
+    pub youngs_modulus_kpa: f64,
+}
+
+/// Comparison with indentation by a flat punch.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Reference {
+    /// Mean modulus of the indentations by Paper A (21), which is a Young's modulus; Paper A compares it with K.
+    pub k_kpa: f64,
+    /// Standard deviation over the indentations; nothing for a single one.
+    pub sd_kpa: Option<f64>,
+    /// Welch's test against K of the runs, as in Paper A, Table I; nothing where a sample has fewer than two values.
+    pub t_test_p: Option<f64>,
+    /// Welch's test against Young's modulus of the runs by the named relation: like with like.
+    pub t_test_p_youngs: Option<f64>,
+    /// Number of indentations.
+    pub runs: usize,
+}

@@ -1,0 +1,138 @@
+//! A lateral run as data for [`fit`](super::fit): shared `ln K`, own true displacement of every level and, where there
+//! is a hold at zero displacement, the force sensor's offset.
+//!
+//! The measured displacement of a level is data like any other, not the truth: the true one is an unknown, so its
+//! uncertainty is in the interval of K. Force and displacement at zero displacement are a level too; together with the
+//! offset they are the zero of the run, with the uncertainty of their own.
+
+use super::{Block, Fit, Parameter};
+use crate::model::{Channels, DriveSample, Experiment, Lateral, Model, ModelError, Rig, ShapePoint, predict};
+
+/// A measured value and its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// The value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sd: f64,
+}
+
+/// A point of the measured shape, `[y, x]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShapeDatum {
+    /// Position along the needle from guide 1.
+    pub z_m: f64,
+    /// Deflection in each plane; the second is not used in a one-plane run.
+    pub deflection_m: [f64; 2],
+}
+
+/// What was measured at one level; one entry per plane, `[y]` or `[y, x]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LevelData {
+    /// Displacement of guide 2.
+    pub displacement_m: Vec<Measured>,
+    /// Force of guide 2.
+    pub force_n: Vec<Measured>,
+    /// Shape points.
+    pub shape: Vec<ShapeDatum>,
+}
+
+/// A lateral run ready for the fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LateralData {
+    /// Needle, guides and tissue surface.
+    pub rig: Rig,
+    /// Length of the needle inside the tissue.
+    pub depth_m: f64,
+    /// Number of planes with data: 1 or 2.
+    pub planes: usize,
+    /// Its levels; the zero holds among them.
+    pub levels: Vec<LevelData>,
+    /// Standard deviation of a deflection.
+    pub shape_sd_m: f64,
+    /// Whether the force sensor's offset is unknown (a zero hold determines it); otherwise it is taken as zero.
+    pub force_offset: bool,
+}
+
+impl LateralData {
+    fn offsets(&self) -> usize {
+        if self.force_offset { self.planes } else { 0 }
+    }
+
+    /// What the sensors should read for a foundation modulus and true displacements, level by level and plane by plane.
+    fn predicted(&self, modulus_pa: f64, displacements_m: &[f64]) -> Result<Channels, ModelError> {
+        let time_s = |level: usize| level as f64;
+        let drive = displacements_m.chunks(self.planes).enumerate().map(|(level, of_level)| DriveSample {
+            time_s: time_s(level),
+            y_m: of_level.first().copied().unwrap_or_default(),
+            x_m: of_level.get(1).copied().unwrap_or_default(),
+        });
+        let points = self.levels.iter().enumerate();
+        let shape = points.flat_map(|(level, data)| {
+            data.shape.iter().map(move |point| ShapePoint { time_s: time_s(level), z_m: point.z_m })
+        });
+        let lateral = Lateral { depth_m: self.depth_m, drive: drive.collect(), shape: shape.collect() };
+        predict(&Model::uniform(self.rig.clone(), modulus_pa)?, &Experiment::Lateral(lateral))
+    }
+}
+
+impl Block for LateralData {
+    fn nuisances(&self) -> Vec<Parameter> {
+        let offsets = (0..self.offsets()).map(|_| Parameter::free(0.0, 1e-3));
+        let true_m = self.levels.iter().flat_map(|level| &level.displacement_m);
+        offsets.chain(true_m.map(|measured| Parameter::free(measured.value, 1e-6))).collect()
+    }
+
+    /// Plane by plane: displacements, forces, shape points.
+    fn residuals(&self, shared: &[f64], nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
+        let modulus_pa = shared.first().copied().unwrap_or(f64::NAN).exp();
+        let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
+        let predicted = self.predicted(modulus_pa, displacements_m)?;
+        let mut residuals = Vec::new();
+        for plane in 0..self.planes {
+            let of = |series: &crate::model::Series| -> Vec<f64> {
+                if plane == 0 { series.y.clone() } else { series.x.clone().unwrap_or_default() }
+            };
+            let offset_n = offsets_n.get(plane).copied().unwrap_or_default();
+            let against = |predicted: f64, measured: Option<&Measured>| {
+                measured.map_or(f64::NAN, |measured| (measured.value - predicted) / measured.sd)
+            };
+            for (predicted, level) in of(&predicted.displacement_m).iter().zip(&self.levels) {
+                residuals.push(against(*predicted, level.displacement_m.get(plane)));
+            }
+            for (predicted, level) in of(&predicted.force_n).iter().zip(&self.levels) {
+                residuals.push(against(predicted + offset_n, level.force_n.get(plane)));
+            }
+            let points = self.levels.iter().flat_map(|level| &level.shape);
+            for (predicted, point) in of(&predicted.shape_m).iter().zip(points) {
+                let measured = point.deflection_m.get(plane).copied().unwrap_or(f64::NAN);
+                residuals.push((measured - predicted) / self.shape_sd_m);
+            }
+        }
+        Ok(residuals)
+    }
+}
+
+/// How well one channel of a run is met.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChannelFit {
+    /// Sum of squared residuals.
+    pub chi_square: f64,
+    /// Number of values.
+    pub count: usize,
+}
+
+/// Chi-square of displacement, force and shape of block `block` of a fit.
+pub fn channel_fits(data: &LateralData, fit: &Fit, block: usize) -> [ChannelFit; 3] {
+    let levels = data.levels.len();
+    let points: usize = data.levels.iter().map(|level| level.shape.len()).sum();
+    let mut channels = [ChannelFit { chi_square: 0.0, count: 0 }; 3];
+    let mut residuals = fit.residuals.get(block).into_iter().flatten();
+    for _ in 0..data.planes {
+        for (channel, count) in channels.iter_mut().zip([levels, levels, points]) {
+            channel.chi_square += residuals.by_ref().take(count).map(|r| r * r).sum::<f64>();
+            channel.count += count;
+        }
+    }
+    channels
+}

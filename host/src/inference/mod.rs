@@ -1,0 +1,15 @@
+//! From measurements to parameters with uncertainty.
+//!
+//! [`fit`] is weighted least squares over parameters shared by all runs and nuisances of each run; [`LateralData`] is a
+//! lateral run as one of its blocks. [`energy`] is the energy balance of Paper A (Lehmann et al.), for comparison.
+//! [`modulus`] relates the foundation modulus to Young's modulus and to indentation.
+
+pub mod energy;
+mod fit;
+mod lateral;
+pub mod modulus;
+#[cfg(test)]
+mod monte_carlo;
+
+pub use fit::{Block, Fit, FitError, Parameter, fit};
+pub use lateral::{ChannelFit, LateralData, LevelData, Measured, ShapeDatum, channel_fits};

@@ -1,0 +1,118 @@
+//! The methods against simulated truth and against the Cramer-Rao bound. Truth comes from finite elements, not from the
+//! model under test.
+
+use super::energy::{Balance, energy_modulus};
+use super::{LateralData, LevelData, Measured, Parameter, ShapeDatum, fit};
+use crate::model::{Needle, Rig, peer};
+use crate::testing::Noise;
+
+const K_PA: f64 = 16e3;
+const LN_K: Parameter = Parameter { start: 9.0, step: 1e-4, least: 2.0, most: 16.0 };
+
+fn rig() -> Rig {
+    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+}
+
+/// Force and shape at 1.2 mm and K = 16 kPa; shape points at the centres of 1 mm cells.
+fn truth(depth_m: f64) -> (f64, Vec<(f64, f64)>) {
+    let cells = (1e3 * depth_m).round() as usize;
+    let ei = rig().needle.bending_stiffness_n_m2();
+    let unit = peer::unit_shape(ei, 0.06, 0.07, depth_m, K_PA, 2 * cells);
+    let at = |z_m: f64| unit.iter().find(|(z, _)| (z - z_m).abs() < 1e-9).expect("a node").1;
+    let force_n = 1.2e-3 / at(0.06);
+    let shape = (0..cells).map(|cell| 0.07 + 1e-3 * (cell as f64 + 0.5)).map(|z_m| (z_m, force_n * at(z_m)));
+    (force_n, shape.collect())
+}
+
+fn data(
+    depth_m: f64,
+    displacement: Measured,
+    force: Measured,
+    shape: &[(f64, f64)],
+    shape_sd_m: f64,
+) -> LateralData {
+    let point = |(z_m, u_m): &(f64, f64)| ShapeDatum { z_m: *z_m, deflection_m: [*u_m, 0.0] };
+    let level = LevelData {
+        displacement_m: vec![displacement],
+        force_n: vec![force],
+        shape: shape.iter().map(point).collect(),
+    };
+    LateralData { rig: rig(), depth_m, planes: 1, levels: vec![level], shape_sd_m, force_offset: false }
+}
+
+#[test]
+fn stated_uncertainty_is_the_cramer_rao_bound() {
+    // Depth, force sd, relative sd of K; displacement 0.015 mm, shape 0.025 mm at each mm.
+    for (depth_m, force_sd_n, bound) in [
+        (0.02, 0.1, 0.05517608893544766),
+        (0.03, 0.1, 0.02335154058660031),
+        (0.04, 0.1, 0.013981029964844035),
+        (0.02, 0.02, 0.024402163737917808),
+        (0.02, 0.005, 0.007943455016637726),
+        (0.03, 0.005, 0.005901345195172581),
+        (0.04, 0.005, 0.00544163115855892),
+        // Without force.
+        (0.03, 1e6, 0.024135396536026293),
+    ] {
+        let (force_n, shape) = truth(depth_m);
+        let displacement = Measured { value: 1.2e-3, sd: 15e-6 };
+        let run = data(depth_m, displacement, Measured { value: force_n, sd: force_sd_n }, &shape, 25e-6);
+        let fit = fit(&[LN_K], &[run]).expect("fits");
+        assert!((fit.shared[0] - K_PA.ln()).abs() < 1e-5);
+        assert!((fit.covariance[(0, 0)].sqrt() / bound - 1.0).abs() < 1e-4, "{depth_m} {force_sd_n}");
+    }
+}
+
+/// The paper's sensors: 0.1 N, 0.02 mm on the displacement, 0.02 mm and 0.05 mm pixels on the shape, at 30 mm.
+#[test]
+fn likelihood_is_unbiased_at_the_bound_and_covers() {
+    const RUNS: usize = 400;
+    let (force_n, exact) = truth(0.03);
+    let shape_sd_m = (0.02e-3f64.powi(2) + 0.05e-3f64.powi(2) / 12.0).sqrt();
+    let mut noise = Noise::new(2024);
+    let (mut moduli, mut energies, mut covered) = (Vec::new(), Vec::new(), 0);
+    for _ in 0..RUNS {
+        let displacement = Measured { value: 1.2e-3 + 0.02e-3 * noise.normal(), sd: 0.02e-3 };
+        let force = Measured { value: force_n + 0.1 * noise.normal(), sd: 0.1 };
+        let pixel_m = 0.05e-3;
+        let seen = exact.iter().map(|(z_m, u_m)| {
+            let noisy_m = u_m + 0.02e-3 * noise.normal();
+            (*z_m, (noisy_m / pixel_m).round() * pixel_m)
+        });
+        let shape: Vec<_> = seen.collect();
+        let fit = fit(&[LN_K], &[data(0.03, displacement, force, &shape, shape_sd_m)]).expect("fits");
+        moduli.push(1e-3 * fit.shared[0].exp());
+        covered += usize::from((fit.shared[0] - K_PA.ln()).abs() < 1.96 * fit.covariance[(0, 0)].sqrt());
+        let balance = Balance { displacement_m: displacement, force_n: force, shape_m: shape, shape_sd_m };
+        energies.push(1e-3 * energy_modulus(&rig(), 0.03, &balance).expect("a modulus").corrected_pa);
+    }
+    let (mean_kpa, sd_kpa) = super::modulus::mean_and_sd(&moduli).expect("runs");
+    let coverage = covered as f64 / RUNS as f64;
+    let (energy_kpa, energy_sd_kpa) = super::modulus::mean_and_sd(&energies).expect("runs");
+    println!("likelihood {mean_kpa:.3} +/- {sd_kpa:.3} kPa, coverage {coverage:.3}");
+    println!("energy {energy_kpa:.2} +/- {energy_sd_kpa:.2} kPa");
+    assert!((mean_kpa - 16.0).abs() < 0.08, "{mean_kpa}");
+    assert!(sd_kpa < 1.15 * 0.39, "{sd_kpa}");
+    assert!((0.91..=0.98).contains(&coverage), "{coverage}");
+    assert!((14.2..15.3).contains(&energy_kpa) && (2.3..3.3).contains(&energy_sd_kpa));
+}
+
+#[test]
+fn stated_energy_scatter_is_the_real_one() {
+    let (force_n, exact) = truth(0.03);
+    let mut noise = Noise::new(5);
+    let (mut moduli, mut stated) = (Vec::new(), 0.0);
+    for _ in 0..400 {
+        let balance = Balance {
+            displacement_m: Measured { value: 1.2e-3 + 0.02e-3 * noise.normal(), sd: 0.02e-3 },
+            force_n: Measured { value: force_n + 0.05 * noise.normal(), sd: 0.05 },
+            shape_m: exact.iter().map(|(z_m, u_m)| (*z_m, u_m + 0.025e-3 * noise.normal())).collect(),
+            shape_sd_m: 0.025e-3,
+        };
+        let modulus = energy_modulus(&rig(), 0.03, &balance).expect("a modulus");
+        moduli.push(modulus.corrected_pa);
+        stated += modulus.corrected_sd_pa / 400.0;
+    }
+    let (_, sd_pa) = super::modulus::mean_and_sd(&moduli).expect("runs");
+    assert!((stated / sd_pa - 1.0).abs() < 0.12, "stated {stated}, real {sd_pa}");
+}
