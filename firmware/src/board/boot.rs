@@ -3,6 +3,7 @@
 use core::mem::MaybeUninit;
 use core::ptr;
 use embassy_stm32::pac::{RCC, UID};
+use protocol::ResetReason;
 
 /// What is known of this boot.
 #[derive(Clone, Copy, Debug)]
