@@ -55,6 +55,14 @@ impl Bench {
         self.qemu.as_ref().map(Qemu::log).unwrap_or_default()
     }
 
+    /// Whether the firmware runs.
+    ///
+    /// # Errors
+    /// Where the system does not say.
+    pub fn runs(&self) -> Result<bool> {
+        self.qemu.as_ref().map_or(Ok(false), |qemu| Ok(qemu.exited()?.is_none()))
+    }
+
     /// Ends the firmware as a power switch would, at once.
     pub fn pull_the_plug(&mut self) {
         self.qemu = None;

@@ -101,7 +101,11 @@ impl Qemu {
         }
     }
 
-    fn exited(&self) -> Result<Option<ExitStatus>> {
+    /// How it ended; `None` while it runs.
+    ///
+    /// # Errors
+    /// Where the system does not say.
+    pub fn exited(&self) -> Result<Option<ExitStatus>> {
         self.child.lock().unwrap_or_else(PoisonError::into_inner).try_wait().context("cannot look after QEMU")
     }
 
@@ -131,8 +135,8 @@ impl Drop for Qemu {
 fn kill_after(child: Arc<Mutex<Child>>, limit: Duration) -> Result<()> {
     let child = Arc::downgrade(&child);
     thread::Builder::new().name("qemu time limit".into()).spawn(move || {
-        let deadline = Instant::now() + limit;
-        while Instant::now() < deadline {
+        let began = Instant::now();
+        while began.elapsed() < limit {
             thread::sleep(POLL);
             if child.strong_count() == 0 {
                 return;

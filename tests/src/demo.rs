@@ -1,0 +1,240 @@
+//! `cargo xtask demo` and `cargo xtask rig`: the whole system at work on a machine without a board.
+//!
+//! The demonstration types the commands a user would type and shows what they say. Its motions start at fixed times of the
+//! device's clock, and the rig advances with that clock, so the same seed gives the same numbers on any machine.
+
+use crate::bench::Bench;
+use crate::images;
+use crate::setup;
+use anyhow::{Context, Result, ensure};
+use host::model::Rig;
+use host::rig::Truth;
+use host::rig::config::RigConfig;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Everything is ended after this long, whatever hangs.
+const LIMIT: Duration = Duration::from_secs(120);
+/// When home, tare and the measurement start, seconds of the device's clock. The times between leave every command twice the
+/// time it needs on a slow machine: a command that comes too late is refused, not carried out at another time.
+const HOME_AT: &str = "4";
+const TARE_AT: &str = "10";
+const ACQUIRE_AT: &str = "15";
+/// Rig seconds per second.
+const SPEED: f64 = 2.0;
+
+/// Options of `cargo xtask demo`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// What tissue, actuators and noise are drawn from
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where rig file and session are kept
+    #[arg(long, value_name = "DIR", default_value = "target/demo")]
+    out: PathBuf,
+}
+
+/// Options of `cargo xtask rig`.
+#[derive(clap::Args)]
+pub struct RigArgs {
+    /// What tissue, actuators and noise are drawn from
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Rig file with an optional table `[simulation]` (default: the demonstration's rig)
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+/// What the demonstration found, against what was true.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// `guide identify --json`.
+    pub identified: Value,
+    /// `guide acquire --json`.
+    pub recorded: Value,
+    /// What the rig really was.
+    pub truth: Truth,
+    /// From the start of QEMU to the result.
+    pub elapsed: Duration,
+}
+
+impl Outcome {
+    /// A number of the first run's result of a method, kilopascals.
+    ///
+    /// # Errors
+    /// Where the result has no such number.
+    pub fn number(&self, method: &str, field: &str) -> Result<f64> {
+        let value = self.identified.pointer(&format!("/runs/0/methods/{method}/{field}"));
+        value.and_then(Value::as_f64).with_context(|| format!("identify gave no {field} by {method}"))
+    }
+
+    /// The likelihood's 95 % interval, kilopascals.
+    ///
+    /// # Errors
+    /// Where the result has none.
+    pub fn interval_kpa(&self) -> Result<[f64; 2]> {
+        Ok([self.number("likelihood", "ci95_kpa/0")?, self.number("likelihood", "ci95_kpa/1")?])
+    }
+}
+
+/// Runs the demonstration and judges it.
+///
+/// # Errors
+/// Where a command fails, samples were lost, or the modulus is off by more than a tenth.
+pub fn run(args: &Args) -> Result<()> {
+    setup::ensure_all()?;
+    let outcome = procedure(args.seed, &args.out, &mut |text| print!("{text}"))?;
+    let true_kpa = outcome.truth.modulus_pa * 1e-3;
+    let found_kpa = outcome.number("likelihood", "k_kpa")?;
+    let [low_kpa, high_kpa] = outcome.interval_kpa()?;
+    let error = found_kpa / true_kpa - 1.0;
+    let inside = (low_kpa..=high_kpa).contains(&true_kpa);
+    println!("what nobody told the estimator (seed {}):", args.seed);
+    println!("  true K           {true_kpa:.2} kPa");
+    println!("  identified K     {found_kpa:.2} kPa, off by {:+.1} %", 100.0 * error);
+    let verdict = if inside { "contains" } else { "misses" };
+    println!("  95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K");
+    println!("  start of QEMU to result: {:.1} s", outcome.elapsed.as_secs_f64());
+    println!("the session is in {}", args.out.join(SESSION).display());
+    let lost = outcome.recorded.get("samples_missing").and_then(Value::as_u64);
+    ensure!(lost == Some(0), "samples were lost on the way: {}", outcome.recorded);
+    ensure!(error.abs() < 0.1, "the identified modulus is off by {:.0} %", 100.0 * error);
+    Ok(())
+}
+
+const SESSION: &str = "phantom";
+
+/// Homes, tares, displaces, holds, records and identifies with the program `guide`; `say` gets what a user would see.
+///
+/// # Errors
+/// Where a command fails.
+pub fn procedure(seed: u64, out: &Path, say: &mut dyn FnMut(&str)) -> Result<Outcome> {
+    let guide = images::build_guide()?;
+    let config = RigConfig::default();
+    let session = out.join(SESSION);
+    if session.exists() {
+        fs::remove_dir_all(&session).with_context(|| format!("cannot clear {}", session.display()))?;
+    }
+    fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let rig_file = out.join("rig.toml");
+    fs::write(&rig_file, rig_toml(&config.rig))?;
+    let depth_mm = config.simulation.depth_mm.to_string();
+    images::build(images::Image::Qemu)?;
+
+    let began = Instant::now();
+    let bench = Bench::start(config, seed, SPEED, LIMIT)?;
+    let port = bench.port();
+    let sweep = sweep_command(&bench)?;
+    let (session, rig_file) = (path(&session)?, path(&rig_file)?);
+    let mut guide = Typist { program: guide, say };
+    guide.shown(&["home", "--port", &port, "--at-s", HOME_AT])?;
+    guide.shown(&["tare", "--port", &port, "--at-s", TARE_AT])?;
+    let acquire = ["acquire", "--port", &port, "--at-s", ACQUIRE_AT, "--program", "displace", "--rig", rig_file];
+    let recording = ["--depth-mm", &depth_mm, "--out", session, "--sweep-command", &sweep];
+    let recorded = guide.result(&[&acquire[..], &recording].concat())?;
+    let truth = bench.rig().rig(|rig| rig.truth());
+    bench.stop()?;
+    guide.shown(&["identify", session])?;
+    let elapsed = began.elapsed();
+    let identified = serde_json::from_str(&guide.output(&["identify", session, "--json"])?)
+        .context("guide identify --json printed no JSON")?;
+    Ok(Outcome { identified, recorded, truth, elapsed })
+}
+
+/// The rig's file, as its user would write it.
+fn rig_toml(rig: &Rig) -> String {
+    let needle = &rig.needle;
+    format!(
+        "[needle]\nyoungs_modulus_gpa = {:.1}\nouter_diameter_mm = {:.3}\ninner_diameter_mm = {:.3}\n\n\
+         [rig]\nguide2_mm = {:.2}\nentry_mm = {:.2}\n",
+        needle.youngs_modulus_pa * 1e-9,
+        needle.outer_diameter_m * 1e3,
+        needle.inner_diameter_m * 1e3,
+        rig.guide2_m * 1e3,
+        rig.entry_m * 1e3,
+    )
+}
+
+/// The command by which `guide acquire` takes a sweep: this program.
+fn sweep_command(bench: &Bench) -> Result<String> {
+    let this = std::env::current_exe().context("cannot find this program")?;
+    Ok(format!("'{}' sweep --socket '{}'", this.display(), bench.rig().ultrasound().display()))
+}
+
+fn path(path: &Path) -> Result<&str> {
+    path.to_str().with_context(|| format!("{} is not UTF-8", path.display()))
+}
+
+/// Types commands and shows what they say.
+struct Typist<'a> {
+    program: PathBuf,
+    say: &'a mut dyn FnMut(&str),
+}
+
+impl Typist<'_> {
+    fn shown(&mut self, arguments: &[&str]) -> Result<()> {
+        self.echo(arguments);
+        let said = self.output(arguments)?;
+        (self.say)(&said);
+        (self.say)("\n");
+        Ok(())
+    }
+
+    /// Runs a command for its JSON and shows its sample count and losses.
+    fn result(&mut self, arguments: &[&str]) -> Result<Value> {
+        self.echo(arguments);
+        let said = self.output(&[arguments, &["--json"]].concat())?;
+        let result: Value = serde_json::from_str(&said).context("guide acquire --json printed no JSON")?;
+        (self.say)(&format!(
+            "recorded   {} samples in {} s, {} sweeps, {} samples missing\n\n",
+            result["samples"], result["duration_s"], result["sweeps"], result["samples_missing"]
+        ));
+        Ok(result)
+    }
+
+    fn echo(&mut self, arguments: &[&str]) {
+        (self.say)(&format!("$ guide {}\n", arguments.join(" ")));
+    }
+
+    fn output(&self, arguments: &[&str]) -> Result<String> {
+        let output = Command::new(&self.program).args(arguments).stdin(Stdio::null()).output()?;
+        let said = String::from_utf8_lossy(&output.stderr);
+        ensure!(output.status.success(), "guide {}: {}", arguments.join(" "), said.trim());
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+}
+
+/// Starts firmware and rig and leaves them to the user until interrupted.
+///
+/// # Errors
+/// Where they cannot be started or the firmware ends.
+pub fn rig(args: &RigArgs) -> Result<()> {
+    setup::ensure_all()?;
+    let config = args.config.as_deref().map_or_else(|| Ok(RigConfig::default()), RigConfig::read)?;
+    let bench = Bench::start(config, args.seed, 1.0, Duration::MAX)?;
+    println!("port            {}", bench.port());
+    println!("sweep command   {}", sweep_command(&bench)?);
+    println!("the firmware's log follows; Ctrl-C ends it");
+    let ended = Arc::new(AtomicBool::new(false));
+    ctrlc::set_handler({
+        let ended = Arc::clone(&ended);
+        move || ended.store(true, Ordering::Release)
+    })?;
+    let mut shown = 0;
+    while bench.runs()? && !ended.load(Ordering::Acquire) {
+        let log = bench.log();
+        for line in log.iter().skip(shown) {
+            println!("{line}");
+        }
+        shown = log.len();
+        thread::sleep(Duration::from_millis(100));
+    }
+    ensure!(ended.load(Ordering::Acquire), "the firmware ended");
+    Ok(())
+}
