@@ -3,12 +3,12 @@
 //! | task | priority | owns | does |
 //! |---|---|---|---|
 //! | control | interrupt | sensors, actuators, panel, controller | one control period every millisecond |
-//! | receive | thread | receiving half of the serial port | bytes to commands |
-//! | send | thread | sending half of the serial port, packer | what the control task has to say to frames |
+//! | receive | background | receiving half of the serial port | bytes to commands |
+//! | send | background | sending half of the serial port, packer | what the control task has to say to frames |
 //!
 //! Commands go to the control task through [`COMMANDS`], everything it has to say goes to the send task through [`OUTBOX`], in
 //! order. The control task never waits for either: when the link is slow, samples are dropped and counted, the last places
-//! of the outbox being kept for answers and events. The watchdog is fed by the control task, and only while the thread
+//! of the outbox being kept for answers and events. The watchdog is fed by the control task, and only while the background
 //! tasks have shown that they run, so that neither side can hang unnoticed.
 
 use crate::board::{Board, BoardActuators, BoardPanel, BoardSensors, BootInfo, pins};
@@ -18,7 +18,6 @@ use crate::hal::{Actuators, Panel, Sensors};
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
 use defmt::{Debug2Format, error, info, warn};
-use embassy_executor::Spawner;
 use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -39,28 +38,27 @@ enum Item {
 /// Places of the outbox that samples may not take.
 const RESERVED_FOR_NOTES: usize = 16;
 const PERIOD: Duration = Duration::from_micros(PERIOD_US as u64);
-/// How often the thread tasks must have run for the watchdog to be fed, control periods.
+/// How often the background tasks must have run for the watchdog to be fed, control periods.
 const CHECK_IN_PERIODS: u32 = 100;
 
 static COMMANDS: Channel<CriticalSectionRawMutex, Command, 4> = Channel::new();
 static OUTBOX: Channel<CriticalSectionRawMutex, Item, 112> = Channel::new();
 /// What the receive task counts.
-static RECEIVE_COUNTERS: Mutex<CriticalSectionRawMutex, Cell<Counters>> =
-    Mutex::new(Cell::new(Counters {
-        samples_dropped: 0,
-        messages_dropped: 0,
-        frames_corrupt: 0,
-        frames_overlong: 0,
-        frames_unreadable: 0,
-        force_readings_bad: 0,
-        control_overruns: 0,
-    }));
-/// Set by the thread executor, taken by the control task.
-static THREAD_RUNS: AtomicBool = AtomicBool::new(false);
+static RECEIVE_COUNTERS: Mutex<CriticalSectionRawMutex, Cell<Counters>> = Mutex::new(Cell::new(Counters {
+    samples_dropped: 0,
+    messages_dropped: 0,
+    frames_corrupt: 0,
+    frames_overlong: 0,
+    frames_unreadable: 0,
+    force_readings_bad: 0,
+    control_overruns: 0,
+}));
+/// Set by the background executor, taken by the control task.
+static BACKGROUND_RUNS: AtomicBool = AtomicBool::new(false);
 
 /// Starts the tasks.
-pub fn start(spawner: Spawner, board: Board) {
-    let Board { sensors, actuators, panel, serial, boot, control: control_spawner } = board;
+pub fn start(board: Board) {
+    let Board { sensors, actuators, panel, serial, boot, control: control_spawner, background } = board;
     info!(
         "needle guide {=str} ({=str}), boot {=u32:08x} after {}",
         env!("CARGO_PKG_VERSION"),
@@ -71,16 +69,16 @@ pub fn start(spawner: Spawner, board: Board) {
     let (sending, receiving) = serial.split();
     let once = "each task is spawned once";
     control_spawner.spawn(control(sensors, actuators, panel, boot.boot_id).expect(once));
-    spawner.spawn(receive(receiving).expect(once));
-    spawner.spawn(send(sending, boot).expect(once));
-    spawner.spawn(check_in().expect(once));
+    background.spawn(receive(receiving).expect(once));
+    background.spawn(send(sending, boot).expect(once));
+    background.spawn(check_in().expect(once));
 }
 
-/// Shows that the thread executor runs.
+/// Shows that the background executor runs.
 #[embassy_executor::task]
 async fn check_in() {
     loop {
-        THREAD_RUNS.store(true, Ordering::Relaxed);
+        BACKGROUND_RUNS.store(true, Ordering::Relaxed);
         Timer::after(PERIOD * (CHECK_IN_PERIODS / 4)).await;
     }
 }
@@ -97,6 +95,7 @@ async fn control(
     let mut streaming = false;
     let mut led = false;
     let mut periods = 0_u32;
+
     // Whole periods since start, so that sample times are multiples of the period.
     let mut due = Instant::from_micros(Instant::now().as_micros().next_multiple_of(PERIOD_US.into()));
     loop {
@@ -130,7 +129,7 @@ async fn control(
             led = outputs.led;
             panel.led(led);
         }
-        if periods.is_multiple_of(CHECK_IN_PERIODS) && THREAD_RUNS.swap(false, Ordering::Relaxed) {
+        if periods.is_multiple_of(CHECK_IN_PERIODS) && BACKGROUND_RUNS.swap(false, Ordering::Relaxed) {
             panel.feed_watchdog();
         }
 

@@ -3,10 +3,12 @@
 #![no_std]
 #![no_main]
 
-use embassy_executor::Spawner;
 use firmware::{app, board};
 
-#[embassy_executor::main]
-async fn main(spawner: Spawner) {
-    app::start(spawner, board::take());
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    app::start(board::take());
+    loop {
+        cortex_m::asm::wfi();
+    }
 }

@@ -14,6 +14,6 @@ pub mod model;
 pub mod record;
 pub mod rig;
 pub mod session;
+pub mod sweep;
 #[cfg(test)]
 mod testing;
-pub mod sweep;

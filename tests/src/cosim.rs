@@ -71,8 +71,7 @@ impl Cosim {
             )
             .with_context(|| format!("cannot make the pipe {}", path.display()))?;
         }
-        let state =
-            State { rig, injection: Injection::default(), steps: 0, bridges_driven: false };
+        let state = State { rig, injection: Injection::default(), steps: 0, bridges_driven: false };
         let state = Arc::new(Mutex::new(state));
         let stop = Arc::new(AtomicBool::new(false));
         serve_sweeps(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;

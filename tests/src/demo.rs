@@ -135,7 +135,8 @@ pub fn procedure(seed: u64, out: &Path, say: &mut dyn FnMut(&str)) -> Result<Out
     let mut guide = Typist { program: guide, say };
     guide.shown(&["home", "--port", &port, "--at-s", HOME_AT])?;
     guide.shown(&["tare", "--port", &port, "--at-s", TARE_AT])?;
-    let acquire = ["acquire", "--port", &port, "--at-s", ACQUIRE_AT, "--program", "displace", "--rig", rig_file];
+    let acquire =
+        ["acquire", "--port", &port, "--at-s", ACQUIRE_AT, "--program", "displace", "--rig", rig_file];
     let recording = ["--depth-mm", &depth_mm, "--out", session, "--sweep-command", &sweep];
     let recorded = guide.result(&[&acquire[..], &recording].concat())?;
     let truth = bench.rig().rig(|rig| rig.truth());

@@ -9,4 +9,3 @@ pub mod images;
 pub mod qemu;
 pub mod setup;
 pub mod size;
-

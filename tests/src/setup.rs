@@ -108,7 +108,8 @@ fn add_backports() -> Result<Option<String>> {
     }
     let suite = format!("{codename}-backports");
     if !Path::new(BACKPORTS_FILE).exists() {
-        let (address, key) = configured_archive(&codename).context("no source of this Debian release is configured")?;
+        let (address, key) =
+            configured_archive(&codename).context("no source of this Debian release is configured")?;
         let signed = key.map_or(String::new(), |key| format!("Signed-By: {key}\n"));
         let source = format!("Types: deb\nURIs: {address}\nSuites: {suite}\nComponents: main\n{signed}");
         say(format_args!("adding {suite} to the apt sources ({BACKPORTS_FILE})"));
@@ -137,8 +138,7 @@ fn archive_in(text: &str, codename: &str) -> Option<(String, Option<String>)> {
     });
     one_line.or_else(|| {
         text.split("\n\n").find_map(|stanza| {
-            let field =
-                |name: &str| stanza.lines().find_map(|line| line.strip_prefix(name)).map(str::trim);
+            let field = |name: &str| stanza.lines().find_map(|line| line.strip_prefix(name)).map(str::trim);
             let suites = field("Suites:")?;
             let address = field("URIs:")?.split_whitespace().next()?.to_owned();
             let serves = suites.split_whitespace().any(|suite| suite == codename);
@@ -192,7 +192,8 @@ mod tests {
 
     #[test]
     fn the_archive_is_found_in_both_forms_of_source_files() {
-        let one_line = "# comment\ndeb [arch=amd64 signed-by=/k.gpg] http://mirror.example/debian trixie main\n";
+        let one_line =
+            "# comment\ndeb [arch=amd64 signed-by=/k.gpg] http://mirror.example/debian trixie main\n";
         let found = archive_in(one_line, "trixie");
         assert_eq!(found, Some(("http://mirror.example/debian".into(), Some("/k.gpg".into()))));
         assert_eq!(archive_in(one_line, "bookworm"), None);

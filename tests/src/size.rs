@@ -82,7 +82,8 @@ pub fn run(args: &Args) -> Result<()> {
         return Ok(());
     }
     let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let before: Size = serde_json::from_str(&text).with_context(|| format!("{} is not a size", path.display()))?;
+    let before: Size =
+        serde_json::from_str(&text).with_context(|| format!("{} is not a size", path.display()))?;
     for (what, now, before) in
         [("flash", flash_bytes, before.flash_bytes), ("RAM", ram_bytes, before.ram_bytes)]
     {

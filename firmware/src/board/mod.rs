@@ -39,6 +39,8 @@ pub struct Board {
     pub boot: BootInfo,
     /// Runs tasks at control priority.
     pub control: SendSpawner,
+    /// Runs tasks at the lowest priority.
+    pub background: SendSpawner,
 }
 
 bind_interrupts!(struct Interrupts {
@@ -52,6 +54,16 @@ static CONTROL: InterruptExecutor = InterruptExecutor::new();
 fn UART5() {
     // SAFETY: this is the executor's interrupt, enabled by `CONTROL.start` only.
     unsafe { CONTROL.on_interrupt() }
+}
+
+/// Runs everything else in the interrupt of UART4, which is unused too: thread mode only sleeps, by an instruction that
+/// sleeps in QEMU as well (QEMU takes the executor's wait-for-event as "go on at once").
+static BACKGROUND: InterruptExecutor = InterruptExecutor::new();
+
+#[cortex_m_rt::interrupt]
+fn UART4() {
+    // SAFETY: this is the executor's interrupt, enabled by `BACKGROUND.start` only.
+    unsafe { BACKGROUND.on_interrupt() }
 }
 
 /// Clocks: the 16 MHz oscillator, multiplied to 80 MHz for everything; the converter runs from the system clock.
@@ -108,6 +120,8 @@ pub fn take() -> Board {
 
     interrupt::UART5.set_priority(pins::CONTROL_PRIORITY);
     let control = CONTROL.start(interrupt::UART5);
+    interrupt::UART4.set_priority(pins::BACKGROUND_PRIORITY);
+    let background = BACKGROUND.start(interrupt::UART4);
     let panel = BoardPanel::new(p.PB14, p.IWDG);
-    Board { sensors, actuators, panel, serial, boot, control }
+    Board { sensors, actuators, panel, serial, boot, control, background }
 }

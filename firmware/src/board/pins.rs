@@ -33,8 +33,10 @@ pub const WATCHDOG_TIMEOUT_US: u32 = 500_000;
 
 /// Priority of the serial port. It is above control: at this speed a byte comes every 22 us and the receiver holds one.
 pub const SERIAL_PRIORITY: Priority = Priority::P2;
-/// Priority of the control task, below time and serial port, above everything in thread mode.
+/// Priority of the control task, below time and serial port.
 pub const CONTROL_PRIORITY: Priority = Priority::P4;
+/// Priority of the tasks around it.
+pub const BACKGROUND_PRIORITY: Priority = Priority::P6;
 
 /// Room for bytes to be sent.
 pub const SERIAL_SEND_BYTES: usize = 2048;

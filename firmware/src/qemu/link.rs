@@ -57,7 +57,11 @@ impl Link {
         match PlantReply::from_bytes(&bytes) {
             Ok(reply) if reply.step == request.step => {
                 if reply.power_off {
-                    defmt::info!("power off at step {=u32}, {=u32} accesses emulated", request.step, trap::count());
+                    defmt::info!(
+                        "power off at step {=u32}, {=u32} accesses emulated",
+                        request.step,
+                        trap::count()
+                    );
                     exit(ExitCode::PowerOff)
                 }
                 reply

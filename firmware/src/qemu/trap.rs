@@ -119,7 +119,11 @@ unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return
         Err(refused) => {
             defmt::error!(
                 "access to {=u32:#010x} at {=u32:#010x} by an instruction that is not emulated ({}): {=u16:#06x} {=u16:#06x}",
-                fault_address, frame.pc, defmt::Debug2Format(&refused), first, second
+                fault_address,
+                frame.pc,
+                defmt::Debug2Format(&refused),
+                first,
+                second
             );
             exit(ExitCode::Fault)
         }
@@ -165,7 +169,12 @@ fn take_fault_address(frame: &Frame) -> u32 {
     } else if cfsr & BUS == BUS {
         bfar
     } else {
-        defmt::error!("hard fault at {=u32:#010x}, CFSR {=u32:#010x}, LR {=u32:#010x}", frame.pc, cfsr, frame.lr);
+        defmt::error!(
+            "hard fault at {=u32:#010x}, CFSR {=u32:#010x}, LR {=u32:#010x}",
+            frame.pc,
+            cfsr,
+            frame.lr
+        );
         exit(ExitCode::Fault)
     }
 }
