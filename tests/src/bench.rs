@@ -3,11 +3,12 @@
 use crate::cosim::Cosim;
 use crate::images::{self, Image};
 use crate::qemu::Qemu;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use host::rig::SimulatedRig;
 use host::rig::config::RigConfig;
 use std::path::Path;
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// A running bench. Dropping it ends everything.
@@ -29,7 +30,20 @@ impl Bench {
         let rig = SimulatedRig::new(config, seed)?;
         let cosim = Cosim::start(rig, folder.path(), speed)?;
         let qemu = Qemu::start(&elf, folder.path(), limit)?;
-        Ok(Self { qemu: Some(qemu), cosim: Some(cosim), folder })
+        let bench = Self { qemu: Some(qemu), cosim: Some(cosim), folder };
+        bench.await_first_steps(limit)?;
+        Ok(bench)
+    }
+
+    /// Waits until the firmware's clock runs.
+    fn await_first_steps(&self, limit: Duration) -> Result<()> {
+        let began = Instant::now();
+        while self.rig().steps() < 10 {
+            ensure!(self.runs()?, "the firmware ended at once: {:#?}", self.log());
+            ensure!(began.elapsed() < limit, "the firmware did not start in {limit:?}: {:#?}", self.log());
+            thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
     }
 
     /// The serial port, as `guide` takes it.
@@ -79,7 +93,7 @@ impl Bench {
         match self.qemu.take() {
             Some(qemu) => {
                 let (code, log) = qemu.wait(Duration::from_secs(10))?;
-                anyhow::ensure!(code == 0, "the firmware ended with code {code}; its log: {log:#?}");
+                ensure!(code == 0, "the firmware ended with code {code}; its log: {log:#?}");
                 Ok(log)
             }
             None => Ok(Vec::new()),

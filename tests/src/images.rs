@@ -3,7 +3,7 @@
 use crate::setup::TARGET;
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 /// Cargo profile of the firmware's images.
 const PROFILE: &str = "firmware";
@@ -27,11 +27,19 @@ impl Image {
         }
     }
 
+    /// Folder of its build; images with the same dependencies share one.
+    const fn folder(self) -> &'static str {
+        match self {
+            Self::Flash => "image-flash",
+            Self::Qemu | Self::Conformance => "image-qemu",
+        }
+    }
+
     const fn features(self) -> &'static str {
         match self {
             Self::Flash => "flash",
             Self::Qemu => "qemu",
-            Self::Conformance => "qemu,conformance",
+            Self::Conformance => "conformance",
         }
     }
 }
@@ -46,22 +54,27 @@ fn target_dir() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
 
-/// Builds an image and returns its ELF file. Images of different features have folders of their own, so that building one does
-/// not rebuild the other.
+/// Builds an image and returns its ELF file.
 ///
 /// # Errors
-/// Where the build fails; its messages have gone to standard error.
+/// Where the build fails or warns; its messages have gone to standard error.
 pub fn build(image: Image) -> Result<PathBuf> {
-    let folder = target_dir().join(format!("image-{}", image.features().replace(',', "-")));
-    let status = cargo()
+    let folder = target_dir().join(image.folder());
+    let output = cargo()
         .args(["build", "--quiet", "--package", "firmware", "--bin", image.binary()])
         .args(["--target", TARGET, "--profile", PROFILE, "--features", image.features()])
         .arg("--target-dir")
         .arg(&folder)
-        .status()
+        .stdin(Stdio::null())
+        .output()
         .context("cannot run cargo")?;
-    if !status.success() {
+    let said = String::from_utf8_lossy(&output.stderr);
+    eprint!("{said}");
+    if !output.status.success() {
         bail!("the firmware does not build ({image:?})");
+    }
+    if said.contains("warning") {
+        bail!("the firmware builds with warnings ({image:?})");
     }
     Ok(folder.join(TARGET).join(PROFILE).join(image.binary()))
 }
@@ -72,13 +85,14 @@ pub fn build(image: Image) -> Result<PathBuf> {
 /// Where the build fails; its messages have gone to standard error.
 pub fn build_guide() -> Result<PathBuf> {
     let status = cargo()
-        .args(["build", "--quiet", "--release", "--package", "host", "--bin", "guide"])
+        .args(["build", "--quiet", "--package", "host", "--bin", "guide"])
+        .stdin(Stdio::null())
         .status()
         .context("cannot run cargo")?;
     if !status.success() {
         bail!("guide does not build");
     }
-    Ok(target_dir().join("release").join(format!("guide{}", std::env::consts::EXE_SUFFIX)))
+    Ok(target_dir().join("debug").join(format!("guide{}", std::env::consts::EXE_SUFFIX)))
 }
 
 /// Cargo as it was called, in the workspace.

@@ -9,3 +9,4 @@ pub mod images;
 pub mod qemu;
 pub mod setup;
 pub mod size;
+pub mod suite;

@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{cosim, demo, setup, size};
+use tests::{cosim, demo, setup, size, suite};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -18,6 +18,8 @@ struct Cli {
 enum Task {
     /// Run the whole procedure on the firmware in QEMU with a simulated rig
     Demo(demo::Args),
+    /// Run every test: host, protocol on the host and in QEMU, firmware end to end
+    Test,
     /// Install what is missing: the microcontroller's Rust target, QEMU
     Setup,
     /// Build the image for the board and compare its flash and RAM use with the committed figures
@@ -45,6 +47,7 @@ fn main() -> ExitCode {
 fn run(task: Task) -> Result<()> {
     match task {
         Task::Demo(args) => demo::run(&args),
+        Task::Test => suite::run(),
         Task::Setup => setup::ensure_all(),
         Task::Size(args) => size::run(&args),
         Task::Rig(args) => demo::rig(&args),

@@ -13,7 +13,7 @@ const FLASH_BYTES: u64 = 1 << 20;
 const RAM_BYTES: u64 = 96 << 10;
 
 /// Options of `cargo xtask size`.
-#[derive(clap::Args)]
+#[derive(Default, clap::Args)]
 pub struct Args {
     /// Write the figures instead of comparing with them
     #[arg(long)]

@@ -2,8 +2,8 @@
 //!
 //! The setpoint's speed is fed forward, the position error is fed back (proportional and integral). A brushed gear motor does
 //! not turn below a certain duty, so every wanted speed is mapped to a duty beyond that dead band. Once the setpoint stands
-//! still and the error is within [`SETTLE_UM`], the drive brakes and stays off until the error exceeds [`WAKE_UM`]: the
-//! screw holds by itself, and a drive that keeps chasing potentiometer noise only wears it out.
+//! still and the error is within [`SETTLE_UM`], the drive brakes; where the axis then comes to rest further off, it is sent on a
+//! few times. From then on the drive stays off until the error exceeds [`WAKE_UM`]: the screw holds by itself, and a drive that keeps chasing potentiometer noise only wears it out.
 
 use super::PERIOD_S;
 
@@ -15,8 +15,10 @@ pub const DEAD_BAND: f32 = 0.18;
 pub const SETTLE_UM: f32 = 15.0;
 /// Error beyond which a resting axis drives again, micrometres: twice the noise of the filtered reading beyond [`SETTLE_UM`].
 pub const WAKE_UM: f32 = 45.0;
-/// Time within [`WAKE_UM`] after braking before the axis counts as settled, periods.
+/// Time of rest before the axis counts as settled, periods: it has stopped and the filter has caught up long before.
 const SETTLE_PERIODS: u16 = 100;
+/// How often an axis that came to rest beyond [`SETTLE_UM`] is sent on. After that within [`WAKE_UM`] has to do.
+const APPROACHES: u8 = 4;
 
 /// Share of the new reading in the filtered position: a time constant of 8 periods.
 const FILTER_SHARE: f32 = 0.125;
@@ -41,13 +43,14 @@ pub struct Axis {
     integral_um_s: f32,
     resting: bool,
     quiet_periods: u16,
+    approaches: u8,
 }
 
 impl Axis {
     /// An axis at rest.
     #[expect(clippy::new_without_default, reason = "`Axis::new()` says more at its only use")]
     pub fn new() -> Self {
-        Self { filtered_um: None, integral_um_s: 0.0, resting: false, quiet_periods: 0 }
+        Self { filtered_um: None, integral_um_s: 0.0, resting: false, quiet_periods: 0, approaches: 0 }
     }
 
     /// Takes the position of this period, micrometres.
@@ -66,11 +69,17 @@ impl Axis {
         self.quiet_periods >= SETTLE_PERIODS
     }
 
+    /// The axis has rolled on after braking and stands where the error is not within [`SETTLE_UM`].
+    fn stopped_off_target(&self) -> bool {
+        self.quiet_periods == SETTLE_PERIODS - 1 && self.approaches < APPROACHES
+    }
+
     /// Forgets the loop's history: no program drives the axis.
     pub fn rest(&mut self) {
         self.integral_um_s = 0.0;
         self.resting = false;
         self.quiet_periods = 0;
+        self.approaches = 0;
     }
 
     /// Duty for this period, -1 to 1; 0 brakes.
@@ -78,9 +87,10 @@ impl Axis {
         let error_um = setpoint.position_um - self.position_um();
         if setpoint.speed_um_s != 0.0 {
             self.resting = false;
+            self.approaches = 0;
         } else if error_um.abs() < SETTLE_UM {
             self.resting = true;
-        } else if error_um.abs() > WAKE_UM {
+        } else if error_um.abs() > WAKE_UM || self.stopped_off_target() {
             self.resting = false;
         }
         if self.resting {
@@ -88,7 +98,10 @@ impl Axis {
             self.quiet_periods = self.quiet_periods.saturating_add(1);
             return 0.0;
         }
-        self.quiet_periods = 0;
+        if self.quiet_periods > 0 {
+            self.approaches = self.approaches.saturating_add(1);
+            self.quiet_periods = 0;
+        }
         let wanted_um_s = setpoint.speed_um_s + PROPORTIONAL_PER_S * error_um + self.integral_um_s;
         let duty = duty_for_speed(wanted_um_s);
         // Anti-wind-up: integrate only while the actuator can follow.

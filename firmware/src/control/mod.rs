@@ -19,7 +19,8 @@ pub mod commands;
 pub mod force;
 pub mod indicator;
 pub mod interlock;
-pub mod program;
+pub mod profile;
+mod program;
 
 use crate::calibration::Calibration;
 use crate::hal::Readings;

@@ -1,10 +1,11 @@
 //! Motion programs: a list of steps that the device runs by itself, so that timing does not depend on the host or the link.
 //!
-//! A move's setpoint travels in a straight line at constant speed, both axes arriving together; the step ends when both axes
-//! have settled. Each later move starts from the target before it, not from where noise says the guide is.
+//! A move's setpoint travels in a straight line, both axes arriving together ([`Profile`]); the step ends when both axes have
+//! settled. Each later move starts from the target before it, not from where noise says the guide is.
 
 use super::PERIOD_US;
 use super::axis::Setpoint;
+use super::profile::Profile;
 use protocol::{MAX_STEPS, Refusal, Step};
 
 /// Fastest path that a step may ask for, micrometres per second: the actuator's speed with some left for the loop.
@@ -48,7 +49,15 @@ pub struct Progress {
 struct Path {
     from_um: [f32; 2],
     to_um: [f32; 2],
-    duration_us: f32,
+    length_um: f32,
+    profile: Profile,
+}
+
+impl Path {
+    fn new(from_um: [f32; 2], to_um: [f32; 2], speed_um_s: f32) -> Self {
+        let length_um = libm::hypotf(to_um[0] - from_um[0], to_um[1] - from_um[1]);
+        Self { from_um, to_um, length_um, profile: Profile::new(length_um, speed_um_s) }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -192,15 +201,15 @@ impl Executor {
     /// Moves the setpoint along the path; true when the axes have settled at its end.
     fn follow(&mut self, elapsed_us: u64, settled: bool, progress: &mut Progress) -> bool {
         let Some(path) = self.path else { return true };
-        let elapsed = elapsed_us as f32;
-        let arrived = elapsed >= path.duration_us;
-        let share = if arrived { 1.0 } else { elapsed / path.duration_us };
+        let (share, speed_um_s) = path.profile.at(elapsed_us as f32 * 1e-6);
+        let duration_us = path.profile.duration_s() * 1e6;
         self.setpoint = Some([0, 1].map(|axis| {
             let (from, to) = (path.from_um[axis], path.to_um[axis]);
-            let speed_um_s = if arrived { 0.0 } else { (to - from) / (path.duration_us * 1e-6) };
-            Setpoint { position_um: from + share * (to - from), speed_um_s }
+            let along = if path.length_um > 0.0 { (to - from) / path.length_um } else { 0.0 };
+            Setpoint { position_um: from + share * (to - from), speed_um_s: speed_um_s * along }
         }));
-        progress.timed_out = elapsed_us > (1.5 * path.duration_us) as u64 + SETTLE_LIMIT_US;
+        let arrived = elapsed_us as f32 >= duration_us;
+        progress.timed_out = elapsed_us > (1.5 * duration_us) as u64 + SETTLE_LIMIT_US;
         // The axes' own state lags by a period: a path that is over at once must not pass for settled.
         arrived && settled && elapsed_us >= 2 * u64::from(PERIOD_US)
     }
@@ -223,8 +232,7 @@ impl Executor {
         if let Step::Move { x_um, y_um, speed_um_s } = step {
             let from_um = self.setpoint.map_or(position_um, |axes| axes.map(|axis| axis.position_um));
             let to_um = [x_um as f32, y_um as f32];
-            let length_um = libm::hypotf(to_um[0] - from_um[0], to_um[1] - from_um[1]);
-            self.path = Some(Path { from_um, to_um, duration_us: length_um / speed_um_s as f32 * 1e6 });
+            self.path = Some(Path::new(from_um, to_um, speed_um_s as f32));
             // The first setpoint is the start itself, standing: the path begins with the next period.
             self.setpoint = Some(from_um.map(|position_um| Setpoint { position_um, speed_um_s: 0.0 }));
         }
@@ -251,13 +259,13 @@ mod tests {
     fn both_axes_arrive_together_at_the_asked_speed() {
         let mut executor = loaded(&[Step::Move { x_um: 3_000, y_um: 4_000, speed_um_s: 1_000 }]);
         executor.advance(0, false, [0.0; 2]);
-        executor.advance(2_500_000, false, [0.0; 2]);
+        executor.advance(2_525_000, false, [0.0; 2]);
         let [x, y] = executor.setpoint().unwrap();
         assert!((x.position_um - 1_500.0).abs() < 1.0 && (y.position_um - 2_000.0).abs() < 1.0);
         assert!((x.speed_um_s - 600.0).abs() < 0.1 && (y.speed_um_s - 800.0).abs() < 0.1);
-        executor.advance(5_000_000, false, [0.0; 2]);
+        executor.advance(5_050_000, false, [0.0; 2]);
         assert_eq!(executor.setpoint().unwrap()[1], Setpoint { position_um: 4_000.0, speed_um_s: 0.0 });
-        assert!(executor.advance(5_001_000, true, [0.0; 2]).completed);
+        assert!(executor.advance(5_051_000, true, [0.0; 2]).completed);
         assert_eq!(executor.phase(), Phase::Idle);
     }
 
@@ -266,7 +274,7 @@ mod tests {
         let mut executor = loaded(&[Step::Move { x_um: 0, y_um: 1_000, speed_um_s: 1_000 }]);
         executor.advance(0, false, [0.0; 2]);
         assert!(!executor.advance(4_400_000, false, [0.0; 2]).timed_out);
-        assert!(executor.advance(4_600_000, false, [0.0; 2]).timed_out);
+        assert!(executor.advance(4_700_000, false, [0.0; 2]).timed_out);
     }
 
     #[test]

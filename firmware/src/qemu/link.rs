@@ -10,8 +10,10 @@ use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig, sys_write_
 /// How a run ended: QEMU's exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExitCode {
-    /// The plant asked for power-off.
+    /// The plant asked for power-off, or all tests passed.
     PowerOff = 0,
+    /// A test failed.
+    TestsFailed = 1,
     /// The plant closed its pipes, or they cannot be opened.
     PlantGone = 3,
     /// The plant sent something that is no reply to the request.

@@ -221,7 +221,10 @@ impl CsvFile {
 
 fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
     let Setup { name, rig, noise } = setup;
-    let mut text = format!("[session]\nformat = 1\nname = {}\n", toml::Value::from(name.as_str()));
+    let mut text = "[session]\nformat = 1\n".to_owned();
+    if !name.is_empty() {
+        let _ = writeln!(text, "name = {}", toml::Value::from(name.as_str()));
+    }
     let mut table = |name: &str, fields: &[(&'static str, Option<f64>)]| {
         if fields.iter().any(|(_, value)| value.is_some()) {
             let _ = write!(text, "\n[{name}]\n");

@@ -1,0 +1,105 @@
+//! The program `guide` on the firmware: the whole procedure, its repeatability, and a pulled plug.
+
+use host::rig::config::RigConfig;
+use host::session::Session;
+use serde_json::Value;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+use tests::bench::Bench;
+use tests::demo::{Outcome, procedure};
+use tests::images::build_guide;
+
+fn run_procedure(seed: u64) -> (Outcome, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let outcome = procedure(seed, folder.path(), &mut |_| {}).unwrap();
+    let force = std::fs::read_to_string(folder.path().join("phantom/d30-1.force.csv")).unwrap();
+    (outcome, force)
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn the_procedure_finds_the_modulus_that_nobody_told_it_and_repeats_exactly() {
+    let (outcome, force) = run_procedure(2);
+    let true_kpa = outcome.truth.modulus_pa * 1e-3;
+    let [low_kpa, high_kpa] = outcome.interval_kpa().unwrap();
+    assert!((low_kpa..=high_kpa).contains(&true_kpa), "{true_kpa} kPa is not in {low_kpa} to {high_kpa} kPa");
+    let found_kpa = outcome.number("likelihood", "k_kpa").unwrap();
+    assert!((found_kpa / true_kpa - 1.0).abs() < 0.1, "{found_kpa} kPa instead of {true_kpa} kPa");
+    assert!(outcome.number("energy", "k_kpa").unwrap() > 0.0);
+    assert_eq!(outcome.recorded["samples_missing"], 0);
+    assert_eq!(outcome.recorded["sweeps"], 2);
+
+    let (again, force_again) = run_procedure(2);
+    assert!(force == force_again, "the same seed gave another recording");
+    assert_eq!(outcome.identified["pooled"], again.identified["pooled"]);
+    assert_eq!(outcome.identified["runs"], again.identified["runs"]);
+    let (other, _) = run_procedure(4);
+    assert_ne!(other.truth, outcome.truth);
+    assert_ne!(other.identified["pooled"], outcome.identified["pooled"]);
+}
+
+/// Without a schedule, as by hand: move there, and the status says so.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_move_by_hand_arrives() {
+    let bench = Bench::start(RigConfig::default(), 21, 4.0, Duration::from_secs(60)).unwrap();
+    let guide = build_guide().unwrap();
+    let output = Command::new(guide)
+        .args(["move", "--port", &bench.port(), "--x-mm", "-0.5", "--y-mm", "0.7", "--json"])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    for (field, target_mm) in [("position_x_mm", -0.5), ("position_y_mm", 0.7)] {
+        let off_mm = report[field].as_f64().unwrap() - target_mm;
+        assert!(off_mm.abs() < 0.06, "{field} is {off_mm} mm off");
+    }
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_plug_pulled_in_mid_run_is_told_in_one_line_and_costs_nothing_recorded() {
+    let mut bench = Bench::start(RigConfig::default(), 22, 4.0, Duration::from_secs(60)).unwrap();
+    let guide = build_guide().unwrap();
+    let session = bench.folder().join("session");
+    let rig_file = bench.folder().join("rig.toml");
+    std::fs::write(
+        &rig_file,
+        "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
+         [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n",
+    )
+    .unwrap();
+    let child = Command::new(guide)
+        .args(["acquire", "--port", &bench.port(), "--program", "staircase", "--depth-mm", "30"])
+        .arg("--rig")
+        .arg(&rig_file)
+        .arg("--out")
+        .arg(&session)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let force_file = session.join("d30-1.force.csv");
+    let rows = || std::fs::read_to_string(&force_file).map_or(0, |text| text.lines().count());
+    let began = Instant::now();
+    while rows() < 2_000 {
+        assert!(began.elapsed() < Duration::from_secs(20), "nothing is recorded");
+        thread::sleep(Duration::from_millis(20));
+    }
+    let before = rows();
+    bench.pull_the_plug();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(said.starts_with("error: ") && said.contains("went away"), "{said}");
+
+    let read = Session::read(&session).unwrap();
+    let times_s = &read.lateral[0].force.time_s;
+    assert!(times_s.len() + 1 >= before, "{} of {before} rows are left", times_s.len());
+    let gaps = times_s.windows(2).filter(|pair| (pair[1] - pair[0] - 1e-3).abs() > 1e-6).count();
+    assert_eq!(gaps, 0, "every sample up to the end is there");
+}
