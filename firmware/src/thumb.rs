@@ -139,7 +139,7 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
             Ok(plain(direction, width, signed, low, address))
         }
         // Immediate offset, scaled by the width; bit 11 tells loads from stores.
-        0b0110 | 0b0111 | 0b1000 | 0b1001 => {
+        0b0110..=0b1001 => {
             let direction = if code & 0x0800 == 0 { Store } else { Load };
             let (width, register, address) = match code >> 12 {
                 0b0110 => (Word, low, base.wrapping_add(immediate * 4)),

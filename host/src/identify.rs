@@ -330,9 +330,12 @@ fn energy(session: &Session, prepared: &mut Prepared) -> (EnergyAsPrinted, Energ
         prepared.warnings.push("the energy balance gives no positive modulus".to_owned());
         return (EnergyAsPrinted { k_kpa: (printed > 0.0).then(|| kpa(printed)) }, Energy::default());
     }
+    let (k_kpa, sd_kpa) = (kpa(corrected), kpa(variance.sqrt()));
+    let half_kpa = NORMAL_975 * sd_kpa;
+    let ci95_kpa = Some([(k_kpa - half_kpa).max(0.0), k_kpa + half_kpa]);
     (
         EnergyAsPrinted { k_kpa: Some(kpa(printed)) },
-        Energy { k_kpa: Some(kpa(corrected)), sd_kpa: Some(kpa(variance.sqrt())) },
+        Energy { k_kpa: Some(k_kpa), sd_kpa: Some(sd_kpa), ci95_kpa },
     )
 }
 

@@ -79,7 +79,6 @@ pub struct Executor {
 
 impl Executor {
     /// No program.
-    #[expect(clippy::new_without_default, reason = "`Executor::new()` says more at its only use")]
     pub fn new() -> Self {
         Self {
             steps: [Step::Hold { duration_ms: 0 }; MAX_STEPS],

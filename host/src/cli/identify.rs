@@ -1,6 +1,14 @@
-//! `guide identify`: the tissue's modulus from the lateral runs of a session.
+//! `guide identify`: the tissue's modulus from the lateral runs of a session, every method side by side.
 
 use super::output::Output;
+use anyhow::Context;
+use clap::builder::PossibleValuesParser;
+use clap::builder::TypedValueParser;
+use host::identify::{Identification, Options, RunResult, identify};
+use host::inference::modulus::Relation;
+use host::levels::HoldCriteria;
+use host::session::Session;
+use std::fmt::{self, Display};
 use std::path::PathBuf;
 
 /// Identify the tissue's modulus from the lateral runs of a session
@@ -11,10 +19,102 @@ use std::path::PathBuf;
 pub struct Args {
     /// Session folder (holds session.toml)
     dir: PathBuf,
+    /// Relation that turns the foundation modulus K into Young's modulus E
+    #[arg(long, default_value = Relation::Vesic.name(), value_parser = relation())]
+    relation: Relation,
+    /// Poisson's ratio of the tissue in that relation, 0 to 0.5
+    #[arg(long, default_value_t = 0.5, value_name = "RATIO", value_parser = poisson)]
+    poisson: f64,
+}
+
+fn relation() -> impl TypedValueParser<Value = Relation> {
+    PossibleValuesParser::new(Relation::ALL.map(Relation::name)).map(|name| {
+        // The parser before lets nothing else pass.
+        Relation::ALL.into_iter().find(|relation| relation.name() == name).unwrap_or(Relation::Vesic)
+    })
+}
+
+fn poisson(text: &str) -> Result<f64, String> {
+    let ratio: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
+    if (0.0..=0.5).contains(&ratio) { Ok(ratio) } else { Err("expected 0 to 0.5".to_owned()) }
 }
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    out.note(format_args!("reading {}", args.dir.display()));
-    out.result(&args.dir, "")
+    let session = Session::read(&args.dir)?;
+    let options =
+        Options { relation: args.relation, poisson: args.poisson, criteria: HoldCriteria::default() };
+    let result =
+        identify(&session, &options).with_context(|| format!("cannot identify {}", args.dir.display()))?;
+    out.result(&result, Text(&result))?;
+    if !result.runs.iter().all(|run| run.error.is_none()) {
+        out.note("some runs are left out; see the warnings");
+    }
+    Ok(())
+}
+
+/// An identification for the eye.
+struct Text<'a>(&'a Identification);
+
+impl Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Identification { runs, pooled, youngs_modulus_kpa: youngs, reference, warnings, .. } = self.0;
+        writeln!(f, "foundation modulus K, kPa (95 % interval)")?;
+        let width = runs.iter().map(|run| run.id.chars().count()).fold(3, usize::max);
+        writeln!(
+            f,
+            "  {:<width$}  depth      beam likelihood         energy, corrected       energy, as printed",
+            "run"
+        )?;
+        for run in runs {
+            write_run(f, run, width)?;
+        }
+        let pooled_text = estimate(Some(pooled.k_kpa), Some(pooled.ci95_kpa));
+        let plural = if pooled.runs == 1 { "run" } else { "runs" };
+        writeln!(
+            f,
+            "pooled       K {pooled_text} kPa, sd {:.2} kPa, {} {plural}",
+            pooled.sd_kpa, pooled.runs
+        )?;
+        let youngs_text = estimate(Some(youngs.value), Some(youngs.ci95));
+        let [least, most] = youngs.range_kpa;
+        writeln!(
+            f,
+            "Young's      E {youngs_text} kPa by the relation `{}`, Poisson's ratio {}; {least:.1} to {most:.1} kPa by all relations",
+            youngs.relation, youngs.poisson
+        )?;
+        if let Some(reference) = reference {
+            let sd = reference.sd_kpa.map_or(String::new(), |sd| format!(" (sd {sd:.2})"));
+            let p = |p: Option<f64>| p.map_or("-".to_owned(), |p| format!("{p:.3}"));
+            writeln!(
+                f,
+                "reference    {:.2} kPa{sd} from {} indentations; t-test against K: p = {}, against E: p = {}",
+                reference.k_kpa,
+                reference.runs,
+                p(reference.t_test_p),
+                p(reference.t_test_p_youngs)
+            )?;
+        }
+        for warning in warnings {
+            writeln!(f, "note         {warning}")?;
+        }
+        Ok(())
+    }
+}
+
+fn write_run(f: &mut fmt::Formatter<'_>, run: &RunResult, width: usize) -> fmt::Result {
+    let methods = &run.methods;
+    let likelihood = estimate(methods.likelihood.k_kpa, methods.likelihood.ci95_kpa);
+    let energy = estimate(methods.energy.k_kpa, methods.energy.ci95_kpa);
+    let printed = estimate(methods.energy_as_printed.k_kpa, None);
+    writeln!(f, "  {:<width$}  {:>5.1} mm   {likelihood:<22}  {energy:<22}  {printed}", run.id, run.depth_mm)
+}
+
+/// A value with its interval, `-` where there is none.
+fn estimate(k_kpa: Option<f64>, ci95_kpa: Option<[f64; 2]>) -> String {
+    match (k_kpa, ci95_kpa) {
+        (Some(k_kpa), Some([low, high])) => format!("{k_kpa:.2} ({low:.2} to {high:.2})"),
+        (Some(k_kpa), None) => format!("{k_kpa:.2}"),
+        (None, _) => "-".to_owned(),
+    }
 }

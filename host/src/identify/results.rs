@@ -95,6 +95,8 @@ pub struct Energy {
     pub k_kpa: Option<f64>,
     /// Standard deviation from noise alone, without the bias.
     pub sd_kpa: Option<f64>,
+    /// 95 % interval from noise alone: it says how far a repeat would scatter, not how far the method is off.
+    pub ci95_kpa: Option<[f64; 2]>,
 }
 
 /// Likelihood of the exact beam.
