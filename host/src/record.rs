@@ -97,7 +97,8 @@ impl<'w, 's> Recorder<'w, 's> {
                 lost_before: std::mem::take(&mut lost_before),
             })?;
             self.recorded.samples += 1;
-            self.recorded.duration_s = point.time_s - first_s;
+            // Sample times are whole microseconds.
+            self.recorded.duration_s = ((point.time_s - first_s) * 1e6).round() / 1e6;
         }
         if self.last_flush.elapsed() > FLUSH_INTERVAL {
             self.writer.flush()?;
@@ -182,19 +183,19 @@ impl<'a> Sweeps<'a> {
                 Err(_) => return Err(RecordError::HoldTooShort { number: usize::from(step) + 1 }),
             }
         }
-        let (Some(step), Some(first), Some(last)) = (batch.step, batch.points.first(), batch.points.last())
-        else {
+        let (Some(step), Some(first)) = (batch.step, batch.points.first()) else {
             return Ok(());
         };
-        if self.entered.is_none_or(|(entered, _)| entered != step) {
-            self.entered = Some((step, first.time_s));
-        }
-        let held_s = self.entered.map_or(0.0, |(_, since_s)| last.time_s - since_s);
-        if let Some(command) = self.command
-            && held_s >= SWEEP_DELAY_S
+        let (_, since_s) = *match &mut self.entered {
+            Some(entered) if entered.0 == step => entered,
+            entered => entered.insert((step, first.time_s)),
+        };
+        // The sample is chosen by its own time: where batches begin and end differs from run to run.
+        let due = batch.points.iter().find(|point| point.time_s >= since_s + SWEEP_DELAY_S);
+        if let (Some(command), Some(due)) = (self.command, due)
             && self.wanted.remove(&step)
         {
-            self.under_way = Some((SweepTask::start(command)?, step, last.time_s));
+            self.under_way = Some((SweepTask::start(command)?, step, due.time_s));
         }
         Ok(())
     }

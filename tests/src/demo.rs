@@ -10,6 +10,7 @@ use anyhow::{Context, Result, ensure};
 use host::model::Rig;
 use host::rig::Truth;
 use host::rig::config::RigConfig;
+use host::session::Session;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -56,8 +57,8 @@ pub struct RigArgs {
 pub struct Outcome {
     /// `guide identify --json`.
     pub identified: Value,
-    /// `guide acquire --json`.
-    pub recorded: Value,
+    /// The session it recorded.
+    pub session: Session,
     /// What the rig really was.
     pub truth: Truth,
     /// From the start of QEMU to the result.
@@ -72,6 +73,11 @@ impl Outcome {
     pub fn number(&self, method: &str, field: &str) -> Result<f64> {
         let value = self.identified.pointer(&format!("/runs/0/methods/{method}/{field}"));
         value.and_then(Value::as_f64).with_context(|| format!("identify gave no {field} by {method}"))
+    }
+
+    /// Samples that the session says were lost between the first and the last.
+    pub fn lost_samples(&self) -> f64 {
+        self.session.lateral.iter().flat_map(|run| run.force.lost_before.iter().flatten()).sum()
     }
 
     /// The likelihood's 95 % interval, kilopascals.
@@ -89,7 +95,7 @@ impl Outcome {
 /// Where a command fails, samples were lost, or the modulus is off by more than a tenth.
 pub fn run(args: &Args) -> Result<()> {
     setup::ensure_all()?;
-    let outcome = procedure(args.seed, &args.out, &mut |text| print!("{text}"))?;
+    let outcome = procedure(&this_program()?, args.seed, &args.out, &mut |text| print!("{text}"))?;
     let true_kpa = outcome.truth.modulus_pa * 1e-3;
     let found_kpa = outcome.number("likelihood", "k_kpa")?;
     let [low_kpa, high_kpa] = outcome.interval_kpa()?;
@@ -102,19 +108,20 @@ pub fn run(args: &Args) -> Result<()> {
     println!("  95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K");
     println!("  start of QEMU to result: {:.1} s", outcome.elapsed.as_secs_f64());
     println!("the session is in {}", args.out.join(SESSION).display());
-    let lost = outcome.recorded.get("samples_missing").and_then(Value::as_u64);
-    ensure!(lost == Some(0), "samples were lost on the way: {}", outcome.recorded);
+    let lost = outcome.lost_samples();
+    ensure!(lost == 0.0, "{lost} samples were lost on the way");
     ensure!(error.abs() < 0.1, "the identified modulus is off by {:.0} %", 100.0 * error);
     Ok(())
 }
 
 const SESSION: &str = "phantom";
 
-/// Homes, tares, displaces, holds, records and identifies with the program `guide`; `say` gets what a user would see.
+/// Homes, tares, displaces, holds, records and identifies with the program `guide`; `say` gets what a user would see. `xtask` is
+/// the program that takes sweeps from the rig.
 ///
 /// # Errors
 /// Where a command fails.
-pub fn procedure(seed: u64, out: &Path, say: &mut dyn FnMut(&str)) -> Result<Outcome> {
+pub fn procedure(xtask: &Path, seed: u64, out: &Path, say: &mut dyn FnMut(&str)) -> Result<Outcome> {
     let guide = images::build_guide()?;
     let config = RigConfig::default();
     let session = out.join(SESSION);
@@ -130,7 +137,7 @@ pub fn procedure(seed: u64, out: &Path, say: &mut dyn FnMut(&str)) -> Result<Out
     let began = Instant::now();
     let bench = Bench::start(config, seed, SPEED, LIMIT)?;
     let port = bench.port();
-    let sweep = sweep_command(&bench)?;
+    let sweep = sweep_command(xtask, &bench);
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let mut guide = Typist { program: guide, say };
     guide.shown(&["home", "--port", &port, "--at-s", HOME_AT])?;
@@ -138,14 +145,14 @@ pub fn procedure(seed: u64, out: &Path, say: &mut dyn FnMut(&str)) -> Result<Out
     let acquire =
         ["acquire", "--port", &port, "--at-s", ACQUIRE_AT, "--program", "displace", "--rig", rig_file];
     let recording = ["--depth-mm", &depth_mm, "--out", session, "--sweep-command", &sweep];
-    let recorded = guide.result(&[&acquire[..], &recording].concat())?;
+    guide.shown(&[&acquire[..], &recording].concat())?;
     let truth = bench.rig().rig(|rig| rig.truth());
     bench.stop()?;
     guide.shown(&["identify", session])?;
     let elapsed = began.elapsed();
     let identified = serde_json::from_str(&guide.output(&["identify", session, "--json"])?)
         .context("guide identify --json printed no JSON")?;
-    Ok(Outcome { identified, recorded, truth, elapsed })
+    Ok(Outcome { identified, session: Session::read(Path::new(session))?, truth, elapsed })
 }
 
 /// The rig's file, as its user would write it.
@@ -162,10 +169,13 @@ fn rig_toml(rig: &Rig) -> String {
     )
 }
 
-/// The command by which `guide acquire` takes a sweep: this program.
-fn sweep_command(bench: &Bench) -> Result<String> {
-    let this = std::env::current_exe().context("cannot find this program")?;
-    Ok(format!("'{}' sweep --socket '{}'", this.display(), bench.rig().ultrasound().display()))
+/// The command by which `guide acquire` takes a sweep.
+fn sweep_command(xtask: &Path, bench: &Bench) -> String {
+    format!("'{}' sweep --socket '{}'", xtask.display(), bench.rig().ultrasound().display())
+}
+
+fn this_program() -> Result<PathBuf> {
+    std::env::current_exe().context("cannot find this program")
 }
 
 fn path(path: &Path) -> Result<&str> {
@@ -185,18 +195,6 @@ impl Typist<'_> {
         (self.say)(&said);
         (self.say)("\n");
         Ok(())
-    }
-
-    /// Runs a command for its JSON and shows its sample count and losses.
-    fn result(&mut self, arguments: &[&str]) -> Result<Value> {
-        self.echo(arguments);
-        let said = self.output(&[arguments, &["--json"]].concat())?;
-        let result: Value = serde_json::from_str(&said).context("guide acquire --json printed no JSON")?;
-        (self.say)(&format!(
-            "recorded   {} samples in {} s, {} sweeps, {} samples missing\n\n",
-            result["samples"], result["duration_s"], result["sweeps"], result["samples_missing"]
-        ));
-        Ok(result)
     }
 
     fn echo(&mut self, arguments: &[&str]) {
@@ -220,7 +218,7 @@ pub fn rig(args: &RigArgs) -> Result<()> {
     let config = args.config.as_deref().map_or_else(|| Ok(RigConfig::default()), RigConfig::read)?;
     let bench = Bench::start(config, args.seed, 1.0, Duration::MAX)?;
     println!("port            {}", bench.port());
-    println!("sweep command   {}", sweep_command(&bench)?);
+    println!("sweep command   {}", sweep_command(&this_program()?, &bench));
     println!("the firmware's log follows; Ctrl-C ends it");
     let ended = Arc::new(AtomicBool::new(false));
     ctrlc::set_handler({

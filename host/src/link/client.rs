@@ -154,6 +154,11 @@ impl Client {
         Ok(None)
     }
 
+    /// What the device has said on its own and nobody has taken yet.
+    pub fn waiting(&mut self) -> Option<Telemetry> {
+        self.inbox.pop_front()
+    }
+
     /// Displacement in SI units of what a status or a batch says in counts.
     pub fn displacement_m(&self, counts: [i32; 2]) -> [f64; 2] {
         counts.map(|count| f64::from(count) * f64::from(self.hello.scales.position_nm_per_count) * 1e-9)

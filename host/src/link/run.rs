@@ -82,6 +82,11 @@ fn follow<E: From<LinkError>>(
         if end.outcome.is_none() && last_asked.elapsed() > STATUS_INTERVAL {
             let status = client.status()?;
             last_asked = Instant::now();
+            // What was said before the answer may still wait here, samples of the program among it.
+            while let Some(telemetry) = client.waiting() {
+                observe(client, &telemetry)?;
+                end.see(&telemetry);
+            }
             end.ask(status.state, status.fault);
         }
         match end.outcome {

@@ -156,8 +156,8 @@ fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, Se
     let depth_m = MM * fields.number("depth_mm", [0.5, 500.0])?;
     let force_path = dir.join(fields.text("force")?);
     let shape_path = dir.join(fields.text("shape")?);
-    let mut force = Table::read(&force_path, &FORCE_COLUMNS)?;
-    let mut shape = Table::read(&shape_path, &SHAPE_COLUMNS)?;
+    let mut force = Table::read_recording(&force_path, &FORCE_COLUMNS)?;
+    let mut shape = Table::read_recording(&shape_path, &SHAPE_COLUMNS)?;
     let force = ForceSeries {
         time_s: force.take_required("time_s"),
         displacement_y_m: force.take_required("displacement_y_mm"),

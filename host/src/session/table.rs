@@ -49,7 +49,15 @@ impl Table {
     /// # Errors
     /// [`SessionError`] with file, line, column and field.
     pub fn read(path: &Path, known: &[Column]) -> Result<Self, SessionError> {
-        Self::parse(path, &read_text(path)?, known)
+        Self::parse(path, &read_text(path)?, known, 1)
+    }
+
+    /// As [`Self::read`], but a recording that ended before its first row is a table too.
+    ///
+    /// # Errors
+    /// [`SessionError`] with file, line, column and field.
+    pub fn read_recording(path: &Path, known: &[Column]) -> Result<Self, SessionError> {
+        Self::parse(path, &read_text(path)?, known, 0)
     }
 
     /// Moves a column out; nothing where the file does not have it.
@@ -63,7 +71,7 @@ impl Table {
         self.take(name).unwrap_or_default()
     }
 
-    fn parse(path: &Path, text: &str, known: &[Column]) -> Result<Self, SessionError> {
+    fn parse(path: &Path, text: &str, known: &[Column], least_rows: usize) -> Result<Self, SessionError> {
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
             .flexible(true)
@@ -123,7 +131,7 @@ impl Table {
                 values.push(value);
             }
         }
-        if rows == 0 {
+        if rows < least_rows {
             return Err(fault(
                 &header,
                 0,
@@ -190,7 +198,7 @@ mod tests {
     ];
 
     fn parse(text: &str) -> Result<Table, String> {
-        Table::parse(Path::new("a.csv"), text, &KNOWN).map_err(|error| error.to_string())
+        Table::parse(Path::new("a.csv"), text, &KNOWN, 1).map_err(|error| error.to_string())
     }
 
     #[test]

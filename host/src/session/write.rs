@@ -7,7 +7,7 @@ use super::{Noise, Session, SessionError};
 use crate::model::Rig;
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// What a new session says about itself.
@@ -85,7 +85,8 @@ impl SessionWriter {
         &self.lateral_ids
     }
 
-    /// Starts a lateral run: creates `<id>.force.csv` and `<id>.shape.csv`.
+    /// Starts a lateral run. Its files `<id>.force.csv` and `<id>.shape.csv` and its entry in `session.toml` are made with the
+    /// first rows, so that a run of which nothing was recorded leaves nothing behind.
     ///
     /// # Errors
     /// [`SessionError::Id`] where the id is taken or cannot be part of a file name; an existing file is never
@@ -102,19 +103,19 @@ impl SessionWriter {
         if self.lateral_ids.iter().any(|taken| taken == id) {
             return fault("is taken", "an id the session does not have");
         }
-        let force = CsvFile::create(
-            self.dir.join(format!("{id}.force.csv")),
-            "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n,step,lost_before",
-        )?;
-        let shape = CsvFile::create(
-            self.dir.join(format!("{id}.shape.csv")),
-            "time_s,z_mm,deflection_y_mm,deflection_x_mm",
-        )?;
-        Ok(LateralWriter { session: self, id: id.to_owned(), depth_m, force, shape })
+        let csv = |kind: &str, header: &str| CsvFile {
+            path: self.dir.join(format!("{id}.{kind}.csv")),
+            rows: format!("{header}\n"),
+            file: None,
+        };
+        let force =
+            csv("force", "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n,step,lost_before");
+        let shape = csv("shape", "time_s,z_mm,deflection_y_mm,deflection_x_mm");
+        Ok(LateralWriter { session: self, id: id.to_owned(), depth_m, force, shape, has_rows: false })
     }
 }
 
-/// A lateral run being written. Without [`LateralWriter::finish`] its files stay, but the session does not name them.
+/// A lateral run being written. What has been flushed is a part of the session, whatever becomes of this program.
 #[derive(Debug)]
 pub struct LateralWriter<'a> {
     session: &'a mut SessionWriter,
@@ -122,6 +123,7 @@ pub struct LateralWriter<'a> {
     depth_m: f64,
     force: CsvFile,
     shape: CsvFile,
+    has_rows: bool,
 }
 
 impl LateralWriter<'_> {
@@ -139,7 +141,7 @@ impl LateralWriter<'_> {
         ])?;
         let step = row.step.map(|step| step.to_string()).unwrap_or_default();
         let _ = write!(line, ",{step},{}", row.lost_before);
-        self.force.line(&line)
+        self.add(|run| &mut run.force, &line)
     }
 
     /// Adds a point to the shape.
@@ -153,24 +155,41 @@ impl LateralWriter<'_> {
             ("deflection_y_mm", 1e3 * row.deflection_y_m),
             ("deflection_x_mm", 1e3 * row.deflection_x_m),
         ])?;
-        self.shape.line(&line)
+        self.add(|run| &mut run.shape, &line)
     }
 
-    /// Hands all rows so far to the operating system, so that a crash of this program loses none of them.
+    fn add(&mut self, file: impl Fn(&mut Self) -> &mut CsvFile, line: &str) -> Result<(), SessionError> {
+        self.has_rows = true;
+        let rows = &mut file(self).rows;
+        rows.push_str(line);
+        rows.push('\n');
+        if rows.len() > MOST_PENDING_BYTES { self.flush() } else { Ok(()) }
+    }
+
+    /// Hands all rows so far to the operating system, whole rows only, so that a crash of this program loses none of them.
     ///
     /// # Errors
     /// What the operating system says.
     pub fn flush(&mut self) -> Result<(), SessionError> {
+        if !self.has_rows {
+            return Ok(());
+        }
+        let is_new = self.force.file.is_none();
         self.force.flush()?;
-        self.shape.flush()
+        self.shape.flush()?;
+        if is_new { self.enter() } else { Ok(()) }
     }
 
-    /// Completes the files and enters the run in `session.toml`.
+    /// Writes what is left.
     ///
     /// # Errors
     /// What the operating system says.
     pub fn finish(mut self) -> Result<(), SessionError> {
-        self.flush()?;
+        self.flush()
+    }
+
+    /// Enters the run in `session.toml`.
+    fn enter(&mut self) -> Result<(), SessionError> {
         let path = self.session.dir.join("session.toml");
         let mut text = fs::read_to_string(&path).map_err(io(&path, "read"))?;
         if !text.ends_with('\n') {
@@ -183,39 +202,40 @@ impl LateralWriter<'_> {
             "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
         );
         replace(&path, &text)?;
-        self.session.lateral_ids.push(self.id);
+        self.session.lateral_ids.push(self.id.clone());
         Ok(())
     }
 }
 
-/// A CSV file being written.
+/// Rows are handed to the operating system when they are as long as this, even if nobody asks.
+const MOST_PENDING_BYTES: usize = 1 << 20;
+
+/// A CSV file being written: created with its first rows, which wait here until they are flushed.
 #[derive(Debug)]
 struct CsvFile {
     path: PathBuf,
-    file: BufWriter<File>,
+    rows: String,
+    file: Option<File>,
 }
 
 impl CsvFile {
-    fn create(path: PathBuf, header: &str) -> Result<Self, SessionError> {
-        let file =
-            OpenOptions::new().write(true).create_new(true).open(&path).map_err(io(&path, "create"))?;
-        let mut csv = Self { path, file: BufWriter::new(file) };
-        csv.line(header)?;
-        Ok(csv)
-    }
-
     fn numbers(&self, cells: &[(&'static str, f64)]) -> Result<String, SessionError> {
         let cells: Result<Vec<_>, _> =
             cells.iter().map(|(name, value)| number(&self.path, name, *value)).collect();
         Ok(cells?.join(","))
     }
 
-    fn line(&mut self, line: &str) -> Result<(), SessionError> {
-        writeln!(self.file, "{line}").map_err(io(&self.path, "write"))
-    }
-
     fn flush(&mut self) -> Result<(), SessionError> {
-        self.file.flush().map_err(io(&self.path, "write"))
+        let file = match &mut self.file {
+            Some(file) => file,
+            None => {
+                let new = OpenOptions::new().write(true).create_new(true).open(&self.path);
+                self.file.insert(new.map_err(io(&self.path, "create"))?)
+            }
+        };
+        file.write_all(self.rows.as_bytes()).map_err(io(&self.path, "write"))?;
+        self.rows.clear();
+        Ok(())
     }
 }
 

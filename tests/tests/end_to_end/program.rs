@@ -3,6 +3,7 @@
 use host::rig::config::RigConfig;
 use host::session::Session;
 use serde_json::Value;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -12,7 +13,8 @@ use tests::images::build_guide;
 
 fn run_procedure(seed: u64) -> (Outcome, String) {
     let folder = tempfile::tempdir().unwrap();
-    let outcome = procedure(seed, folder.path(), &mut |_| {}).unwrap();
+    let xtask = Path::new(env!("CARGO_BIN_EXE_xtask"));
+    let outcome = procedure(xtask, seed, folder.path(), &mut |_| {}).unwrap();
     let force = std::fs::read_to_string(folder.path().join("phantom/d30-1.force.csv")).unwrap();
     (outcome, force)
 }
@@ -27,8 +29,14 @@ fn the_procedure_finds_the_modulus_that_nobody_told_it_and_repeats_exactly() {
     let found_kpa = outcome.number("likelihood", "k_kpa").unwrap();
     assert!((found_kpa / true_kpa - 1.0).abs() < 0.1, "{found_kpa} kPa instead of {true_kpa} kPa");
     assert!(outcome.number("energy", "k_kpa").unwrap() > 0.0);
-    assert_eq!(outcome.recorded["samples_missing"], 0);
-    assert_eq!(outcome.recorded["sweeps"], 2);
+    assert_eq!(outcome.lost_samples(), 0.0);
+    let run = &outcome.session.lateral[0];
+    let times_s = &run.force.time_s;
+    let gaps = times_s.windows(2).filter(|pair| (pair[1] - pair[0] - 1e-3).abs() > 1e-6).count();
+    assert_eq!((run.force.lost_before.is_some(), gaps), (true, 0), "a sample every millisecond");
+    let mut sweeps_s = run.shape.time_s.clone().unwrap();
+    sweeps_s.dedup();
+    assert_eq!(sweeps_s.len(), 2, "one sweep at rest, one at the push");
 
     let (again, force_again) = run_procedure(2);
     assert!(force == force_again, "the same seed gave another recording");
