@@ -174,8 +174,11 @@ fn sweep_command(xtask: &Path, bench: &Bench) -> String {
     format!("'{}' sweep --socket '{}'", xtask.display(), bench.rig().ultrasound().display())
 }
 
+/// Path of this program, from the working folder where it lies in it.
 fn this_program() -> Result<PathBuf> {
-    std::env::current_exe().context("cannot find this program")
+    let path = std::env::current_exe().context("cannot find this program")?;
+    let folder = std::env::current_dir().context("cannot find the working folder")?;
+    Ok(path.strip_prefix(folder).map(Path::to_owned).unwrap_or(path))
 }
 
 fn path(path: &Path) -> Result<&str> {
@@ -198,7 +201,11 @@ impl Typist<'_> {
     }
 
     fn echo(&mut self, arguments: &[&str]) {
-        (self.say)(&format!("$ guide {}\n", arguments.join(" ")));
+        let quoted = arguments.iter().map(|argument| match argument.contains(' ') {
+            true => format!("\"{argument}\""),
+            false => (*argument).to_owned(),
+        });
+        (self.say)(&format!("$ guide {}\n", quoted.collect::<Vec<_>>().join(" ")));
     }
 
     fn output(&self, arguments: &[&str]) -> Result<String> {

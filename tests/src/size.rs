@@ -75,6 +75,7 @@ pub fn run(args: &Args) -> Result<()> {
         percent(flash_bytes, FLASH_BYTES),
         percent(ram_bytes, RAM_BYTES)
     );
+    println!("{}", elf.strip_prefix(images::root()).unwrap_or(&elf).display());
     let path = committed();
     if args.save {
         std::fs::write(&path, serde_json::to_string_pretty(&size)? + "\n")?;

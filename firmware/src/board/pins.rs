@@ -13,7 +13,8 @@
 //! | status LED | PB14 | LD2 | GPIO | on the board, high lights |
 //!
 //! The bridges' inputs need pull-downs (integrated in the usual drivers): they hold the bridges off while the
-//! microcontroller is in reset. Control runs in the interrupt of a peripheral that is not used, UART5.
+//! microcontroller is in reset. Control runs in the interrupt of a peripheral that is not used, UART5, the tasks around it in
+//! that of UART4.
 
 use embassy_stm32::interrupt::Priority;
 use embassy_stm32::time::Hertz;

@@ -142,7 +142,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
 /// Opens or creates the session and chooses the run's name.
 fn open_session(args: &SessionArgs) -> anyhow::Result<(SessionWriter, String)> {
     let existing = args.out.join("session.toml");
-    let setup = match &args.rig {
+    let mut setup = match &args.rig {
         Some(rig) => Setup::read(rig)?,
         None if existing.exists() => Setup::read(&existing)?,
         None => bail!(
@@ -150,6 +150,11 @@ fn open_session(args: &SessionArgs) -> anyhow::Result<(SessionWriter, String)> {
             args.out.display()
         ),
     };
+    if setup.name.is_empty()
+        && let Some(folder) = args.out.file_name()
+    {
+        setup.name = folder.to_string_lossy().into_owned();
+    }
     let session = SessionWriter::open(&args.out, &setup)?;
     let id = args.id.clone().unwrap_or_else(|| {
         let taken = session.lateral_ids();
