@@ -1,7 +1,7 @@
 //! `guide status`, `home`, `move`, `stop`, `clear`: operating the rig by hand. Each ends by telling where the guide is.
 
 use super::output::Output;
-use super::rig_args::{PortArgs, StartArgs, report_status, run_step};
+use super::rig_args::{PortArgs, Rest, StartArgs, report_status, run_step};
 use anyhow::anyhow;
 use host::link::Client;
 use host::link::program::move_to;
@@ -17,7 +17,7 @@ pub struct StatusArgs {
 
 /// Runs `guide status`.
 pub fn status(args: &StatusArgs, out: &mut Output) -> anyhow::Result<()> {
-    report_status("guide.status/1", &mut Client::connect(&args.port.port)?, out)
+    report_status("guide.status/1", &mut Client::connect(&args.port.port)?, None, out)
 }
 
 /// Bring guide 2 to where the needle is straight
@@ -36,8 +36,8 @@ pub struct HomeArgs {
 /// Runs `guide home`.
 pub fn home(args: &HomeArgs, out: &mut Output) -> anyhow::Result<()> {
     let step = move_to([0.0, 0.0], args.speed_mm_s).map_err(|problem| anyhow!("{problem}"))?;
-    let (mut client, _) = run_step(&args.port, args.start, "home", step)?;
-    report_status("guide.home/1", &mut client, out)
+    let (mut client, said) = run_step(&args.port, args.start, "home", step)?;
+    report_status("guide.home/1", &mut client, Rest::of(&said), out)
 }
 
 /// Move guide 2 to a position and stay there
@@ -62,8 +62,8 @@ pub struct MoveArgs {
 /// Runs `guide move`.
 pub fn move_guide(args: &MoveArgs, out: &mut Output) -> anyhow::Result<()> {
     let step = move_to([args.x_mm, args.y_mm], args.speed_mm_s).map_err(|problem| anyhow!("{problem}"))?;
-    let (mut client, _) = run_step(&args.port, args.start, "move", step)?;
-    report_status("guide.move/1", &mut client, out)
+    let (mut client, said) = run_step(&args.port, args.start, "move", step)?;
+    report_status("guide.move/1", &mut client, Rest::of(&said), out)
 }
 
 /// Stop the guide where it is; its lead screws hold it
@@ -78,7 +78,7 @@ pub struct StopArgs {
 pub fn stop(args: &StopArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
     client.request(Request::Stop)?;
-    report_status("guide.stop/1", &mut client, out)
+    report_status("guide.stop/1", &mut client, None, out)
 }
 
 /// Leave the fault state once the fault's cause is gone
@@ -93,5 +93,5 @@ pub struct ClearArgs {
 pub fn clear(args: &ClearArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
     client.request(Request::ClearFault)?;
-    report_status("guide.clear/1", &mut client, out)
+    report_status("guide.clear/1", &mut client, None, out)
 }

@@ -3,7 +3,7 @@
 use super::output::Output;
 use clap::Args;
 use host::link::error::explain_fault;
-use host::link::{Client, LinkError, Program, RunOptions, Telemetry, run};
+use host::link::{Client, LinkError, Point, Program, RunOptions, Telemetry, run};
 use protocol::{State, Status, Step};
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -45,6 +45,40 @@ impl StartArgs {
     }
 }
 
+/// Where the guide has come to rest: means over the last readings of a motion, which ends when the guide has settled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rest {
+    time_s: f64,
+    displacement_m: [f64; 2],
+    force_n: [f64; 2],
+}
+
+/// Readings of [`Rest`]: as many as the device itself waits before a motion counts as settled.
+const REST_SAMPLES: usize = 100;
+
+impl Rest {
+    /// The end of what was streamed; nothing where nothing was.
+    pub fn of(said: &[Telemetry]) -> Option<Self> {
+        let points = said.iter().rev().flat_map(|telemetry| {
+            match telemetry {
+                Telemetry::Samples(batch) if batch.step.is_some() => batch.points.as_slice(),
+                _ => &[],
+            }
+            .iter()
+            .rev()
+        });
+        let points: Vec<_> = points.take(REST_SAMPLES).collect();
+        let count = points.len() as f64;
+        let mean =
+            |value: &dyn Fn(&Point) -> f64| points.iter().map(|point| value(point)).sum::<f64>() / count;
+        Some(Self {
+            time_s: points.first()?.time_s,
+            displacement_m: [0, 1].map(|axis| mean(&|point| point.displacement_m[axis])),
+            force_n: [0, 1].map(|axis| mean(&|point| point.force_n[axis])),
+        })
+    }
+}
+
 /// Runs one step on the device and returns all that it said meanwhile.
 pub fn run_step(
     port: &PortArgs,
@@ -55,7 +89,7 @@ pub fn run_step(
     let mut client = Client::connect(&port.port)?;
     let program = Program::single(name, step);
     let mut said = Vec::new();
-    run(&mut client, &program, start.options(false)?, |_, telemetry| {
+    run(&mut client, &program, start.options(true)?, |_, telemetry| {
         said.push(telemetry.clone());
         Ok::<(), LinkError>(())
     })?;
@@ -83,13 +117,18 @@ pub struct Report {
 }
 
 impl Report {
-    fn new(schema: &'static str, client: &Client, status: &Status) -> Self {
-        let [position_x_mm, position_y_mm] = client.displacement_m(status.position_counts).map(|m| m * 1e3);
-        let [force_x_n, force_y_n] = client.force_n(status.force_counts);
+    fn new(schema: &'static str, client: &Client, status: &Status, rest: Option<Rest>) -> Self {
+        let now = Rest {
+            time_s: status.t_us as f64 * 1e-6,
+            displacement_m: client.displacement_m(status.position_counts),
+            force_n: client.force_n(status.force_counts),
+        };
+        let Rest { time_s, displacement_m, force_n: [force_x_n, force_y_n] } = rest.unwrap_or(now);
+        let [position_x_mm, position_y_mm] = displacement_m.map(|metres| metres * 1e3);
         let counters = status.counters;
         Self {
             schema,
-            time_s: status.t_us as f64 * 1e-6,
+            time_s,
             state: state_name(status.state),
             fault: status.fault.map(explain_fault),
             position_x_mm,
@@ -132,10 +171,15 @@ impl Display for Report {
     }
 }
 
-/// Asks the device for its state and prints it.
-pub fn report_status(schema: &'static str, client: &mut Client, out: &mut Output) -> anyhow::Result<()> {
+/// Asks the device for its state and prints it; position and force are those of `rest` where there is one.
+pub fn report_status(
+    schema: &'static str,
+    client: &mut Client,
+    rest: Option<Rest>,
+    out: &mut Output,
+) -> anyhow::Result<()> {
     let status = client.status()?;
-    let report = Report::new(schema, client, &status);
+    let report = Report::new(schema, client, &status, rest);
     out.result(&report, &report)
 }
 

@@ -70,12 +70,12 @@ pub enum LinkError {
         refusal: Refusal,
     },
     /// The port went away.
-    #[error("{port}: the port went away ({source}): was the cable pulled or the board switched off?")]
+    #[error("{port}: the port went away ({cause}): was the cable pulled or the board switched off?")]
     Gone {
         /// The port's name.
         port: String,
         /// What the system says.
-        source: io::Error,
+        cause: io::Error,
     },
     /// The device stopped talking while it streamed.
     #[error("{port}: the device has said nothing for {SILENCE_LIMIT:?} while streaming")]

@@ -2,6 +2,8 @@
 
 pub mod client;
 pub mod error;
+#[cfg(test)]
+pub(crate) mod fake;
 pub mod port;
 pub mod program;
 pub mod run;
@@ -12,3 +14,6 @@ pub use error::LinkError;
 pub use program::Program;
 pub use run::{RunOptions, run};
 pub use wire::LinkLosses;
+
+#[cfg(test)]
+mod tests;

@@ -30,12 +30,12 @@ pub enum PortError {
         port: String,
     },
     /// It exists but is no serial port, or the system says something else.
-    #[error("{port}: cannot be opened as a serial port: {source}")]
+    #[error("{port}: cannot be opened as a serial port: {cause}")]
     Other {
         /// The port's name.
         port: String,
         /// What the system says.
-        source: serialport::Error,
+        cause: serialport::Error,
     },
 }
 
@@ -78,7 +78,7 @@ fn describe(kind: &SerialPortType) -> String {
 pub(super) fn open(name: &str) -> Result<Box<dyn SerialPort>, PortError> {
     let port = || name.to_owned();
     let serial = serialport::new(name, BAUD).timeout(READ_TIMEOUT).open();
-    let serial = serial.map_err(|source| match source.kind() {
+    let serial = serial.map_err(|cause| match cause.kind() {
         // On Unix this kind means that the port is locked; a port that is not there is an I/O error.
         ErrorKind::NoDevice if cfg!(unix) => PortError::InUse { port: port() },
         ErrorKind::NoDevice | ErrorKind::Io(std::io::ErrorKind::NotFound) => {
@@ -88,8 +88,8 @@ pub(super) fn open(name: &str) -> Result<Box<dyn SerialPort>, PortError> {
             PortError::InUse { port: port() }
         }
         ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => PortError::Permission { port: port() },
-        _ => PortError::Other { port: port(), source },
+        _ => PortError::Other { port: port(), cause },
     })?;
-    serial.clear(ClearBuffer::All).map_err(|source| PortError::Other { port: port(), source })?;
+    serial.clear(ClearBuffer::All).map_err(|cause| PortError::Other { port: port(), cause })?;
     Ok(serial)
 }

@@ -44,20 +44,20 @@ pub struct Program {
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramError {
     /// The file cannot be read, and no built-in program has that name.
-    #[error("{name}: {source}; it is no built-in program either ({known})", known = known())]
+    #[error("{name}: {cause}; it is no built-in program either ({known})", known = known())]
     Read {
         /// File or name.
         name: String,
         /// Why.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The file is not a program.
-    #[error("{name}: {source}")]
+    #[error("{name}: {cause}")]
     Parse {
         /// File or name.
         name: String,
         /// Where and why.
-        source: Box<toml::de::Error>,
+        cause: Box<toml::de::Error>,
     },
     /// A step makes no sense.
     #[error("{name}: step {number}: {problem}")]
@@ -113,7 +113,7 @@ impl Program {
             Some((_, text)) => Self::parse(name, text),
             None => {
                 let text = std::fs::read_to_string(Path::new(name))
-                    .map_err(|source| ProgramError::Read { name: name.to_owned(), source })?;
+                    .map_err(|cause| ProgramError::Read { name: name.to_owned(), cause })?;
                 Self::parse(name, &text)
             }
         }
@@ -131,7 +131,7 @@ impl Program {
 
     fn parse(name: &str, text: &str) -> Result<Self, ProgramError> {
         let file: File = toml::from_str(text)
-            .map_err(|source| ProgramError::Parse { name: name.to_owned(), source: Box::new(source) })?;
+            .map_err(|cause| ProgramError::Parse { name: name.to_owned(), cause: Box::new(cause) })?;
         if !(1..=MAX_STEPS).contains(&file.step.len()) {
             return Err(ProgramError::Length { name: name.to_owned(), count: file.step.len() });
         }

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// How often the state is asked for while nothing says that the program has ended.
-const STATUS_INTERVAL: Duration = Duration::from_secs(1);
+pub(super) const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 /// How long one look for telemetry waits: short, so that an interrupt is obeyed soon.
 const LOOK: Duration = Duration::from_millis(50);
 

@@ -69,7 +69,7 @@ impl Wire {
     /// Opens a port and starts reading it.
     pub fn open(name: &str) -> Result<Self, LinkError> {
         let writer = port::open(name)?;
-        let gone = |source: io::Error| LinkError::Gone { port: name.to_owned(), source };
+        let gone = |cause: io::Error| LinkError::Gone { port: name.to_owned(), cause };
         let reading = writer.try_clone().map_err(|error| gone(error.into()))?;
         let counters = Arc::new(Counters::default());
         let (sender, incoming) = mpsc::channel();
@@ -95,9 +95,14 @@ impl Wire {
         &self.name
     }
 
-    /// Sends bytes.
+    /// Sends a frame. One that the port does not take in time is lost like any other: it will not be answered.
     pub fn send(&mut self, frame: &[u8]) -> Result<(), LinkError> {
-        self.writer.write_all(frame).map_err(|source| LinkError::Gone { port: self.name.clone(), source })
+        match self.writer.write_all(frame) {
+            Err(cause) if cause.kind() != ErrorKind::TimedOut => {
+                Err(LinkError::Gone { port: self.name.clone(), cause })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Waits for a frame.
@@ -111,11 +116,11 @@ impl Wire {
                 Ok(Received::Frame { frame, lost_before: arrival.samples_missing })
             }
             Ok(Incoming::HelloOfVersion(version)) => Ok(Received::HelloOfVersion(version)),
-            Ok(Incoming::Closed(source)) => Err(LinkError::Gone { port: self.name.clone(), source }),
+            Ok(Incoming::Closed(cause)) => Err(LinkError::Gone { port: self.name.clone(), cause }),
             Err(RecvTimeoutError::Timeout) => Ok(Received::Nothing),
             Err(RecvTimeoutError::Disconnected) => {
-                let source = io::Error::from(ErrorKind::BrokenPipe);
-                Err(LinkError::Gone { port: self.name.clone(), source })
+                let cause = io::Error::from(ErrorKind::BrokenPipe);
+                Err(LinkError::Gone { port: self.name.clone(), cause })
             }
         }
     }

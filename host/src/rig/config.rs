@@ -140,12 +140,12 @@ pub enum ConfigError {
     #[error(transparent)]
     Setup(#[from] SessionError),
     /// Its `[simulation]` makes no sense.
-    #[error("{path}: {source}")]
+    #[error("{path}: {cause}")]
     Parse {
         /// The file.
         path: String,
         /// Where and why.
-        source: Box<toml::de::Error>,
+        cause: Box<toml::de::Error>,
     },
     /// A value is out of its range.
     #[error("[simulation] {field} is {value}, expected {expected}")]
@@ -179,7 +179,7 @@ impl RigConfig {
             cause,
         })?;
         let File { simulation } = toml::from_str(&text)
-            .map_err(|source| ConfigError::Parse { path: name(), source: Box::new(source) })?;
+            .map_err(|cause| ConfigError::Parse { path: name(), cause: Box::new(cause) })?;
         simulation.check()?;
         Ok(Self { rig, simulation })
     }

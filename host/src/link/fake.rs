@@ -1,0 +1,322 @@
+//! A device for tests: speaks the protocol at the far end of a pseudo terminal, and misbehaves as told.
+
+use protocol::{
+    Command, CommandReceiver, Counters, Envelope, Event, EventKind, Fault, Hello, MAX_FRAME_TO_HOST, Message,
+    Outcome, Packer, Received, Refusal, Request, ResetReason, Sample, Scales, State, Status, Text,
+    encode_envelope,
+};
+use serialport::{SerialPort, TTYPort};
+use std::io::{Read, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+const PERIOD_US: u32 = 1_000;
+/// The boot that a new fake claims.
+pub const BOOT_ID: u32 = 77;
+
+/// What the device does when a program is started, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Act {
+    /// A batch of this many samples.
+    Batch(usize),
+    /// A batch that is damaged on the way.
+    Corrupt(usize),
+    /// A batch that does not arrive.
+    Lost(usize),
+    /// Samples that the device itself had to drop.
+    Dropped(u64),
+    /// The program ends well.
+    Complete,
+    /// As `Complete`, but the event that says so is lost.
+    CompleteUnheard,
+    /// A fault ends the program.
+    Fail(Fault),
+    /// The device restarts and says so by its next event.
+    Restart,
+    /// The port goes away.
+    Vanish,
+}
+
+/// How the device behaves.
+#[derive(Debug, Clone)]
+pub struct Script {
+    /// Protocol version it claims.
+    pub version: u16,
+    /// Schema hash it claims.
+    pub schema_hash: [u8; 8],
+    /// Answers nothing at all.
+    pub mute: bool,
+    /// Number of answers (after the hello's) that get lost.
+    pub lost_answers: usize,
+    /// Refuses every command but the hello.
+    pub refusal: Option<Refusal>,
+    /// What running a program does.
+    pub program: Vec<Act>,
+}
+
+impl Default for Script {
+    fn default() -> Self {
+        Self {
+            version: protocol::VERSION,
+            schema_hash: protocol::schema_hash(),
+            mute: false,
+            lost_answers: 0,
+            refusal: None,
+            program: vec![Act::Batch(32), Act::Complete],
+        }
+    }
+}
+
+/// The running device. Dropping it ends it.
+pub struct FakeDevice {
+    /// Name of the port that leads to it.
+    pub port: String,
+    executed: Arc<Mutex<Vec<Request>>>,
+    stop: Arc<AtomicBool>,
+    worker: Option<JoinHandle<()>>,
+}
+
+impl FakeDevice {
+    /// Starts a device.
+    pub fn start(script: Script) -> Self {
+        let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
+        let port = near.name().expect("the port has a name");
+        // Opened again by its name; kept open here it would be in use.
+        drop(near);
+        far.set_timeout(Duration::from_millis(5)).expect("a timeout");
+        let (executed, stop) = (Arc::default(), Arc::new(AtomicBool::new(false)));
+        let worker = std::thread::spawn({
+            let device = Device {
+                script,
+                sequence: 0,
+                boot_id: BOOT_ID,
+                answered: None,
+                executed: Arc::clone(&executed),
+                packer: Packer::new(PERIOD_US),
+                t_us: 1_000_000,
+                dropped: 0,
+                state: State::Idle,
+                fault: None,
+            };
+            let stop = Arc::clone(&stop);
+            move || device.serve(far, &stop)
+        });
+        Self { port, executed, stop, worker: Some(worker) }
+    }
+
+    /// The commands carried out so far, hellos and status left out.
+    pub fn executed(&self) -> Vec<Request> {
+        self.executed.lock().expect("the device runs").clone()
+    }
+}
+
+impl Drop for FakeDevice {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(worker) = self.worker.take() {
+            let _ = worker.join();
+        }
+    }
+}
+
+struct Device {
+    script: Script,
+    sequence: u32,
+    boot_id: u32,
+    answered: Option<(u16, Message)>,
+    executed: Arc<Mutex<Vec<Request>>>,
+    packer: Packer,
+    t_us: u64,
+    dropped: u32,
+    state: State,
+    fault: Option<Fault>,
+}
+
+impl Device {
+    fn serve(mut self, mut far: TTYPort, stop: &AtomicBool) {
+        let mut receiver = CommandReceiver::new();
+        let mut bytes = [0; 256];
+        while !stop.load(Ordering::Acquire) {
+            let Ok(length) = far.read(&mut bytes) else {
+                // Nobody has opened the near end yet, or nothing came.
+                std::thread::sleep(Duration::from_millis(1));
+                continue;
+            };
+            let commands: Vec<Command> = receiver
+                .feed(&bytes[..length])
+                .filter_map(|received| match received {
+                    Received::Frame(command) => Some(command),
+                    _ => None,
+                })
+                .collect();
+            for command in commands {
+                if self.script.mute {
+                    continue;
+                }
+                self.obey(&command, &mut far);
+                if self.vanishes(&command) {
+                    return;
+                }
+            }
+        }
+    }
+
+    fn vanishes(&self, command: &Command) -> bool {
+        matches!(command.request, Request::Run { .. }) && self.script.program.contains(&Act::Vanish)
+    }
+
+    fn obey(&mut self, command: &Command, far: &mut TTYPort) {
+        match command.request {
+            Request::Hello => {
+                let hello = self.hello();
+                self.send(far, Message::Hello(hello));
+                return self.send(far, Message::Ack { id: command.id });
+            }
+            Request::Status => {
+                let status = self.status();
+                self.send(far, Message::Status(status));
+            }
+            _ => {}
+        }
+        let answer = match &self.answered {
+            Some((id, answer)) if *id == command.id => answer.clone(),
+            _ => self.execute(command),
+        };
+        self.answered = Some((command.id, answer.clone()));
+        if self.script.lost_answers > 0 {
+            self.script.lost_answers -= 1;
+            self.sequence += 1;
+            return;
+        }
+        let accepted = matches!(answer, Message::Ack { .. });
+        self.send(far, answer);
+        if accepted && matches!(command.request, Request::Run { .. }) {
+            for act in self.script.program.clone() {
+                self.act(act, far);
+            }
+        }
+    }
+
+    fn execute(&mut self, command: &Command) -> Message {
+        if let Some(refusal) = self.script.refusal {
+            return Message::Refused { id: command.id, refusal };
+        }
+        if command.request != Request::Status {
+            self.executed.lock().expect("the test runs").push(command.request);
+        }
+        Message::Ack { id: command.id }
+    }
+
+    fn act(&mut self, act: Act, far: &mut TTYPort) {
+        match act {
+            Act::Batch(count) => {
+                let batch = self.batch(count);
+                self.send(far, batch);
+            }
+            Act::Corrupt(count) => {
+                let batch = self.batch(count);
+                let mut buffer = [0; MAX_FRAME_TO_HOST];
+                let frame = self.encode(&mut buffer, batch);
+                let middle = frame.len() / 2;
+                // Never a delimiter, whatever it was.
+                frame[middle] = if frame[middle] == 0x55 { 0x56 } else { 0x55 };
+                far.write_all(frame).expect("the far end writes");
+            }
+            Act::Lost(count) => {
+                let batch = self.batch(count);
+                let mut buffer = [0; MAX_FRAME_TO_HOST];
+                self.encode(&mut buffer, batch);
+            }
+            Act::Dropped(count) => {
+                self.t_us += count * u64::from(PERIOD_US);
+                self.dropped += u32::try_from(count).expect("few");
+            }
+            Act::Complete => {
+                self.state = State::Idle;
+                self.event(far, EventKind::ProgramEnded { outcome: Outcome::Completed });
+            }
+            Act::CompleteUnheard => {
+                self.state = State::Idle;
+                self.sequence += 1;
+            }
+            Act::Fail(fault) => {
+                (self.state, self.fault) = (State::Faulted, Some(fault));
+                self.event(far, EventKind::Faulted { fault });
+                self.event(far, EventKind::ProgramEnded { outcome: Outcome::Faulted });
+            }
+            Act::Restart => {
+                (self.boot_id, self.sequence) = (self.boot_id + 1, 0);
+                self.event(far, EventKind::StepStarted { index: 0 });
+            }
+            Act::Vanish => {}
+        }
+    }
+
+    fn event(&mut self, far: &mut TTYPort, kind: EventKind) {
+        let event = Event { t_us: self.t_us, kind };
+        self.send(far, Message::Event(event));
+    }
+
+    /// Samples of a hold; the position counts up by one per sample, so that a test can tell which is which.
+    fn batch(&mut self, count: usize) -> Message {
+        self.state = State::Holding;
+        let mut closed = None;
+        for _ in 0..count {
+            assert!(closed.is_none(), "more samples than a batch holds");
+            self.t_us += u64::from(PERIOD_US);
+            let at = i32::try_from(self.t_us / 1_000).expect("a short test");
+            let sample = Sample { position_counts: [0, at], force_counts: [0, 10 * at] };
+            closed = self.packer.push(self.t_us, State::Holding, 0, self.dropped, sample);
+        }
+        Message::Samples(closed.or_else(|| self.packer.flush()).expect("a batch of at least one sample"))
+    }
+
+    fn send(&mut self, far: &mut TTYPort, message: Message) {
+        let mut buffer = [0; MAX_FRAME_TO_HOST];
+        let frame = self.encode(&mut buffer, message);
+        // The host may have gone; then nobody misses the frame.
+        let _ = far.write_all(frame);
+    }
+
+    fn encode<'b>(&mut self, buffer: &'b mut [u8], message: Message) -> &'b mut [u8] {
+        let envelope = Envelope { boot_id: self.boot_id, sequence: self.sequence, message };
+        self.sequence += 1;
+        let length = encode_envelope(&envelope, buffer).expect("fits").len();
+        &mut buffer[..length]
+    }
+
+    fn hello(&self) -> Hello {
+        Hello {
+            protocol_version: self.script.version,
+            schema_hash: self.script.schema_hash,
+            firmware_version: Text::new("0.0.0"),
+            commit: Text::new("fake"),
+            board: Text::new("fake"),
+            reset_reason: ResetReason::PowerOn,
+            tick_hz: 1_000_000,
+            now_us: self.t_us,
+            sample_period_us: PERIOD_US,
+            scales: Scales {
+                position_nm_per_count: 1_000,
+                force_nn_per_count: 50_000,
+                travel_um: 10_000,
+                force_range_mn: 5_000,
+            },
+        }
+    }
+
+    fn status(&self) -> Status {
+        Status {
+            t_us: self.t_us,
+            state: self.state,
+            step: u8::MAX,
+            fault: self.fault,
+            position_counts: [1, 2],
+            force_counts: [3, 4],
+            streaming: true,
+            counters: Counters::default(),
+        }
+    }
+}
