@@ -211,3 +211,6 @@ impl<'a> Sweeps<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -79,6 +79,25 @@ pub fn build(image: Image) -> Result<PathBuf> {
     Ok(folder.join(TARGET).join(PROFILE).join(image.binary()))
 }
 
+/// Lints an image's code as it is for the microcontroller.
+///
+/// # Errors
+/// Where there is anything to say.
+pub fn lint(image: Image) -> Result<()> {
+    let status = cargo()
+        .args(["clippy", "--quiet", "--package", "firmware"])
+        .args(["--target", TARGET, "--profile", PROFILE, "--features", image.features()])
+        .arg("--target-dir")
+        .arg(target_dir().join(image.folder()))
+        .args(["--", "-D", "warnings"])
+        .status()
+        .context("cannot run cargo")?;
+    if !status.success() {
+        bail!("clippy complains about the firmware ({image:?})");
+    }
+    Ok(())
+}
+
 /// Builds `guide` and returns the program.
 ///
 /// # Errors

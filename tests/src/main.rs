@@ -20,6 +20,8 @@ enum Task {
     Demo(demo::Args),
     /// Run every test: host, protocol on the host and in QEMU, firmware end to end
     Test,
+    /// Check format and lints, for the host and for the microcontroller
+    Lint,
     /// Install what is missing: the microcontroller's Rust target, QEMU
     Setup,
     /// Build the image for the board and compare its flash and RAM use with the committed figures
@@ -48,6 +50,7 @@ fn run(task: Task) -> Result<()> {
     match task {
         Task::Demo(args) => demo::run(&args),
         Task::Test => suite::run(),
+        Task::Lint => suite::lint(),
         Task::Setup => setup::ensure_all(),
         Task::Size(args) => size::run(&args),
         Task::Rig(args) => demo::rig(&args),

@@ -68,6 +68,25 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
+/// `cargo xtask lint`: format and lints, for the host and for the microcontroller.
+///
+/// # Errors
+/// Where there is anything to say.
+pub fn lint() -> Result<()> {
+    setup::ensure_target()?;
+    for arguments in [
+        &["fmt", "--all", "--check"][..],
+        &["clippy", "--quiet", "--workspace", "--all-targets", "--", "-D", "warnings"],
+    ] {
+        let status = images::cargo().args(arguments).status().context("cannot run cargo")?;
+        if !status.success() {
+            bail!("cargo {} complains", arguments.join(" "));
+        }
+    }
+    images::lint(Image::Flash)?;
+    images::lint(Image::Conformance)
+}
+
 /// Runs `cargo test` and counts.
 fn host() -> Result<Counts> {
     let mut child = images::cargo()

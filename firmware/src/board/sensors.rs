@@ -25,8 +25,7 @@ pub(super) struct Potentiometers {
 
 impl Potentiometers {
     pub(super) fn new(adc: Peri<'static, ADC1>, x: Peri<'static, PC5>, y: Peri<'static, PC4>) -> Self {
-        let mut config = AdcConfig::default();
-        config.averaging = Some(AVERAGING);
+        let config = AdcConfig { averaging: Some(AVERAGING), ..AdcConfig::default() };
         Self { adc: Adc::new_with_config(adc, config), channels: [x.degrade_adc(), y.degrade_adc()] }
     }
 

@@ -27,6 +27,8 @@ pub enum Act {
     Lost(usize),
     /// Samples that the device itself had to drop.
     Dropped(u64),
+    /// Nothing for so many milliseconds.
+    Wait(u64),
     /// The program ends well.
     Complete,
     /// As `Complete`, but the event that says so is lost.
@@ -35,7 +37,7 @@ pub enum Act {
     Fail(Fault),
     /// The device restarts and says so by its next event.
     Restart,
-    /// The port goes away.
+    /// The port goes away, and with it what the host has not read yet: let it wait before.
     Vanish,
 }
 
@@ -233,6 +235,7 @@ impl Device {
                 self.t_us += count * u64::from(PERIOD_US);
                 self.dropped += u32::try_from(count).expect("few");
             }
+            Act::Wait(pause_ms) => std::thread::sleep(Duration::from_millis(pause_ms)),
             Act::Complete => {
                 self.state = State::Idle;
                 self.event(far, EventKind::ProgramEnded { outcome: Outcome::Completed });

@@ -140,7 +140,7 @@ fn a_port_that_is_not_there_and_one_in_use_are_told_apart() {
 
 #[test]
 fn a_port_that_goes_away_gives_what_came_before() {
-    let (_device, mut client) = with_program(&[Act::Batch(32), Act::Batch(8), Act::Vanish]);
+    let (_device, mut client) = with_program(&[Act::Batch(32), Act::Batch(8), Act::Wait(200), Act::Vanish]);
     let (batches, ended) = run_program(&mut client);
     assert_eq!(account(&batches).0, 40);
     let error = ended.expect_err("gone");

@@ -52,7 +52,7 @@ impl PwmTimer {
 
 /// Whether an access covers a register: as a word, or as the lower half of one, which is all of a 16-bit register.
 fn covers(offset: u32, width: Width) -> bool {
-    offset % 4 == 0 && width != Width::Byte
+    offset.is_multiple_of(4) && width != Width::Byte
 }
 
 impl Registers for PwmTimer {

@@ -20,7 +20,7 @@ pub(crate) struct Usart;
 impl Registers for Usart {
     fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
         match offset {
-            RDR => Ok(u32::from(USART1.rdr().read().0) & width.mask()),
+            RDR => Ok(USART1.rdr().read().0 & width.mask()),
             _ => Err(Unmodelled),
         }
     }
