@@ -1,1 +1,327 @@
+//! The workflow on sessions made from the forward model: truth, scatter, coverage, and every way it can fail.
 
+use super::*;
+use crate::inference::modulus::{mean_and_sd, punch_modulus_pa};
+use crate::model::{Beam, Foundation, Needle, Rig};
+use crate::session::{ForceSeries, IndentationRun, Noise as StatedNoise, ShapeSeries};
+use crate::testing::Noise;
+
+const RATE_HZ: f64 = 50.0;
+const HOLD_S: f64 = 3.0;
+const K_KPA: f64 = 16.0;
+
+/// How a run is made; millimetres, newtons, kilopascals.
+#[derive(Clone)]
+struct Recipe {
+    k_kpa: f64,
+    depth_mm: f64,
+    /// Displacement of each hold along the plane's direction.
+    levels_mm: Vec<f64>,
+    /// Direction of the displacement, `[y, x]`; one plane where x is 0.
+    direction: [f64; 2],
+    force_sd_n: f64,
+    displacement_sd_mm: f64,
+    shape_sd_mm: f64,
+    /// Offset of the force sensor.
+    offset_n: f64,
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self {
+            k_kpa: K_KPA,
+            depth_mm: 30.0,
+            levels_mm: vec![0.0, 1.2, 0.0],
+            direction: [1.0, 0.0],
+            force_sd_n: 0.05,
+            displacement_sd_mm: 0.02,
+            shape_sd_mm: 0.03,
+            offset_n: 0.2,
+        }
+    }
+}
+
+fn rig() -> Rig {
+    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+}
+
+impl Recipe {
+    /// Holds at the levels with quick ramps between, and a sweep in the middle of every hold.
+    fn run(&self, id: &str, noise: &mut Noise) -> LateralRun {
+        let depth_m = 1e-3 * self.depth_mm;
+        let foundation = Foundation::uniform(1e3 * self.k_kpa).expect("a modulus");
+        let beam = Beam::solve(&rig(), &foundation, depth_m).expect("solves");
+        let two_planes = self.direction[1] != 0.0;
+        let (mut force, mut shape) = (ForceSeries::default(), ShapeSeries::default());
+        let (mut time_s, mut at_mm) = (0.0, 0.0);
+        let (mut force_x, mut displacement_x, mut shape_x, mut shape_t) = (vec![], vec![], vec![], vec![]);
+        let mut sample = |time_s: f64, at_mm: f64, noise: &mut Noise| {
+            let mut seen = |part: f64| {
+                let displacement_m = 1e-3 * at_mm * part;
+                let seen_m = displacement_m + 1e-3 * self.displacement_sd_mm * noise.normal();
+                (seen_m, beam.force_n(displacement_m) + self.offset_n + self.force_sd_n * noise.normal())
+            };
+            let (y_m, y_n) = seen(self.direction[0]);
+            let (x_m, x_n) = seen(self.direction[1]);
+            force.time_s.push(time_s);
+            force.displacement_y_m.push(y_m);
+            force.force_y_n.push(y_n);
+            displacement_x.push(x_m);
+            force_x.push(x_n);
+        };
+        for level_mm in &self.levels_mm {
+            while (level_mm - at_mm).abs() > 1e-9 {
+                at_mm += (level_mm - at_mm).clamp(-2.0 / RATE_HZ, 2.0 / RATE_HZ);
+                sample(time_s, at_mm, noise);
+                time_s += 1.0 / RATE_HZ;
+            }
+            for _ in 0..(HOLD_S * RATE_HZ) as usize {
+                sample(time_s, at_mm, noise);
+                time_s += 1.0 / RATE_HZ;
+            }
+            for point in 0..self.depth_mm as usize {
+                let z_m = 0.07 + 1e-3 * (point as f64 + 0.5);
+                let mut seen = |part: f64| {
+                    beam.deflection_m(1e-3 * at_mm * part, z_m) + 1e-3 * self.shape_sd_mm * noise.normal()
+                };
+                shape_t.push(time_s - 0.5 * HOLD_S);
+                shape.z_m.push(z_m);
+                shape.y_m.push(seen(self.direction[0]));
+                shape_x.push(seen(self.direction[1]));
+            }
+        }
+        shape.time_s = Some(shape_t);
+        if two_planes {
+            (force.displacement_x_m, force.force_x_n) = (Some(displacement_x), Some(force_x));
+            shape.x_m = Some(shape_x);
+        }
+        let (force_path, shape_path) = (format!("{id}.force.csv").into(), format!("{id}.shape.csv").into());
+        LateralRun { id: id.to_owned(), depth_m, force_path, shape_path, force, shape }
+    }
+
+    fn stated(&self) -> StatedNoise {
+        StatedNoise {
+            force_n: Some(self.force_sd_n),
+            displacement_m: Some(1e-3 * self.displacement_sd_mm),
+            shape_m: Some(1e-3 * self.shape_sd_mm),
+            tip_m: None,
+        }
+    }
+}
+
+fn session(lateral: Vec<LateralRun>) -> Session {
+    Session {
+        dir: "phantom".into(),
+        name: Some("phantom".to_owned()),
+        rig: rig(),
+        noise: StatedNoise::default(),
+        lateral,
+        insertion: Vec::new(),
+        indentation: Vec::new(),
+        steering: Vec::new(),
+    }
+}
+
+fn identified(session: &Session) -> Identification {
+    identify(session, &Options::default()).expect("identifies")
+}
+
+fn only_error(run: LateralRun) -> RunError {
+    match identify(&session(vec![run]), &Options::default()) {
+        Err(IdentifyError::AllFailed { mut reasons }) => reasons.remove(0).1,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Bias, scatter against what is stated, and coverage, with noise that the session does not state.
+#[test]
+fn estimates_are_unbiased_scatter_as_stated_and_cover() {
+    const SESSIONS: usize = 150;
+    let mut noise = Noise::new(11);
+    let (mut found, mut stated, mut covered) = (Vec::new(), 0.0, 0);
+    for _ in 0..SESSIONS {
+        let result = identified(&session(vec![Recipe::default().run("a", &mut noise)]));
+        let [low, high] = result.pooled.ci95_kpa;
+        covered += usize::from((low..=high).contains(&K_KPA));
+        stated += result.pooled.sd_kpa / SESSIONS as f64;
+        found.push(result.pooled.k_kpa);
+    }
+    let (mean, sd) = mean_and_sd(&found).expect("many");
+    println!("{mean:.3} kPa, scatter {sd:.3}, stated {stated:.3}, {covered} of {SESSIONS} covered");
+    assert!((mean - K_KPA).abs() < 3.5 * sd / (SESSIONS as f64).sqrt(), "{mean} +- {sd}");
+    assert!((stated / sd - 1.0).abs() < 0.2, "stated {stated}, real {sd}");
+    // 95 % of 150 is 142.5; the binomial's standard deviation is 2.7.
+    assert!((134..=149).contains(&covered), "{covered} of {SESSIONS}");
+}
+
+#[test]
+fn pooling_runs_narrows_the_interval_as_their_number_says() {
+    let mut noise = Noise::new(5);
+    let mut recipe = Recipe::default();
+    let runs: Vec<_> = (0..4).map(|i| recipe.run(&format!("r{i}"), &mut noise)).collect();
+    let mut session = session(runs);
+    session.noise = recipe.stated();
+    let result = identified(&session);
+    let single: f64 = result.runs.iter().filter_map(|run| run.methods.likelihood.sd_kpa).sum::<f64>() / 4.0;
+    assert!((2.0 * result.pooled.sd_kpa / single - 1.0).abs() < 0.05, "{result:?}");
+    assert!((result.pooled.k_kpa - K_KPA).abs() < 3.0 * result.pooled.sd_kpa);
+    let agreement = result.pooled.heterogeneity.expect("four runs");
+    assert!(agreement.p > 0.01 && agreement.degrees_of_freedom == 3, "{agreement:?}");
+
+    // A fifth run in tissue of twice the modulus: the runs disagree, and the interval says so.
+    recipe.k_kpa = 2.0 * K_KPA;
+    session.lateral.push(recipe.run("other", &mut noise));
+    let mixed = identified(&session);
+    assert!(mixed.pooled.heterogeneity.expect("five runs").p < 1e-6);
+    assert!(mixed.pooled.sd_kpa > 5.0 * result.pooled.sd_kpa);
+    assert!(mixed.warnings.iter().any(|warning| warning.contains("disagree")), "{:?}", mixed.warnings);
+}
+
+#[test]
+fn both_planes_count() {
+    let oblique = Recipe { direction: [0.8, -0.6], ..Recipe::default() };
+    let result = identified(&session(vec![oblique.run("xy", &mut Noise::new(3))]));
+    let [low, high] = result.pooled.ci95_kpa;
+    assert!((low..=high).contains(&K_KPA), "{low} to {high}");
+    // Displacement, force and shape of three levels in two planes.
+    let counts: Vec<usize> = result.runs[0].fit.iter().map(|channel| channel.count).collect();
+    assert_eq!(counts, [6, 6, 180]);
+    let energy = &result.runs[0].methods.energy;
+    let (k_kpa, [low, high]) = (energy.k_kpa.expect("a modulus"), energy.ci95_kpa.expect("an interval"));
+    // The energy balance with an exact shape gives 15.0 kPa here: biased, scattered around that.
+    assert!(low < 15.0 && 15.0 < high && low < k_kpa && k_kpa < high, "{energy:?}");
+    assert!(result.runs[0].methods.energy_as_printed.k_kpa.expect("a modulus") > 2.0 * K_KPA);
+}
+
+#[test]
+fn noise_that_is_not_stated_is_found() {
+    let recipe = Recipe::default();
+    let result = identified(&session(vec![recipe.run("a", &mut Noise::new(8))]));
+    let noise = result.runs[0].noise.clone().expect("noise");
+    assert!((noise.force_n / recipe.force_sd_n - 1.0).abs() < 0.15, "{noise:?}");
+    assert!((noise.displacement_mm / recipe.displacement_sd_mm - 1.0).abs() < 0.15, "{noise:?}");
+    assert!((noise.shape_mm / recipe.shape_sd_mm - 1.0).abs() < 0.25, "{noise:?}");
+    assert_eq!((noise.force_source, noise.shape_source), ("estimated", "estimated"));
+}
+
+/// Noise stated much too small: the residuals show it, and the interval is widened by as much.
+#[test]
+fn residuals_beyond_the_stated_noise_widen_the_interval() {
+    let recipe = Recipe::default();
+    let mut session = session(vec![recipe.run("a", &mut Noise::new(8))]);
+    session.noise = recipe.stated();
+    let honest = identified(&session).pooled.sd_kpa;
+    session.noise.shape_m = Some(1e-3 * recipe.shape_sd_mm / 5.0);
+    let result = identified(&session);
+    assert!(result.warnings.iter().any(|w| w.contains("times the stated noise")), "{:?}", result.warnings);
+    let ratio = result.pooled.sd_kpa / honest;
+    assert!((1.0..5.0).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn a_hold_with_lost_samples_is_not_used() {
+    let levels_mm = vec![0.0, 0.8, 1.2];
+    let mut run = Recipe { levels_mm, ..Recipe::default() }.run("a", &mut Noise::new(2));
+    let mut lost = vec![0.0; run.force.time_s.len()];
+    lost[250] = 4.0;
+    run.force.lost_before = Some(lost);
+    let result = identified(&session(vec![run]));
+    let used: Vec<bool> = result.runs[0].holds.iter().map(|hold| hold.used).collect();
+    assert_eq!(used, [true, false, true]);
+    assert!(result.warnings.iter().any(|warning| warning.contains("lost 4 samples")));
+}
+
+#[test]
+fn every_reason_why_a_run_cannot_be_identified_is_named() {
+    let make = |recipe: Recipe| recipe.run("a", &mut Noise::new(4));
+    let mut empty = make(Recipe::default());
+    (empty.force, empty.shape) = Default::default();
+    assert!(matches!(only_error(empty), RunError::NoHold { duration_s: 0.0, .. }));
+
+    let mut lossy = make(Recipe::default());
+    lossy.force.lost_before = Some(vec![1.0; lossy.force.time_s.len()]);
+    assert!(matches!(only_error(lossy), RunError::AllLost { holds: 3, .. }));
+
+    let still = make(Recipe { levels_mm: vec![0.0], ..Recipe::default() });
+    let why = only_error(still);
+    assert!(matches!(why, RunError::NoDisplacement { .. }), "{why}");
+
+    let mut unseen = make(Recipe::default());
+    unseen.shape = ShapeSeries::default();
+    assert!(matches!(only_error(unseen), RunError::TooFewPoints { found: 0, .. }));
+
+    let mut pulled = make(Recipe::default());
+    pulled.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= -1.0);
+    assert!(matches!(only_error(pulled), RunError::ForceSign { .. }));
+
+    // A hundredth of the needle's own stiffness: no tissue is soft enough.
+    let mut limp = make(Recipe { shape_sd_mm: 0.001, ..Recipe::default() });
+    limp.shape.y_m.iter_mut().zip(&limp.shape.z_m).for_each(|(y_m, z_m)| *y_m = (z_m - 0.04) * 0.1);
+    limp.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= 1e-3);
+    assert!(matches!(only_error(limp), RunError::AtBound { .. } | RunError::Fit { .. }));
+
+    let none = identify(&session(Vec::new()), &Options::default());
+    assert!(matches!(none, Err(IdentifyError::NoRuns { .. })));
+}
+
+#[test]
+fn a_run_that_fails_is_left_out_and_said_so() {
+    let mut noise = Noise::new(9);
+    let good = Recipe::default().run("good", &mut noise);
+    let mut bad = Recipe::default().run("bad", &mut noise);
+    bad.shape = ShapeSeries::default();
+    let alone = identified(&session(vec![good.clone()]));
+    let both = identified(&session(vec![good, bad]));
+    assert_eq!(both.pooled, alone.pooled);
+    assert!(both.runs[1].error.as_ref().expect("a reason").contains("bad.shape.csv"));
+    assert_eq!(both.runs[1].methods.likelihood.k_kpa, None);
+    assert!(both.warnings.iter().any(|warning| warning.starts_with("run bad is left out")));
+}
+
+#[test]
+fn indentation_is_compared_by_welch() {
+    let mut noise = Noise::new(6);
+    let runs: Vec<_> = (0..3).map(|i| Recipe::default().run(&format!("r{i}"), &mut noise)).collect();
+    let mut session = session(runs);
+    let punch = |id: &str, modulus_pa: f64| {
+        let depth_m = vec![1e-3, 2e-3, 3e-3];
+        let unit_n = 1.0 / punch_modulus_pa(2.1e-3, 0.5, 1.0, 1.0);
+        let force_n = depth_m.iter().map(|depth_m| modulus_pa * unit_n * depth_m).collect();
+        let (id, path) = (id.to_owned(), "ref.csv".into());
+        IndentationRun { id, path, indenter_radius_m: 2.1e-3, poisson: 0.5, depth_m, force_n }
+    };
+    session.indentation = vec![punch("1", 15e3), punch("2", 17e3), punch("3", 18e3)];
+    let result = identified(&session);
+    let reference = result.reference.expect("a reference");
+    assert!((reference.k_kpa - 50.0 / 3.0).abs() < 1e-9 && reference.runs == 3);
+    assert!((reference.sd_kpa.expect("three") - (7.0f64 / 3.0).sqrt()).abs() < 1e-9);
+    assert!(reference.t_test_p.expect("a p-value") > 0.05, "16 against 16.7 +- 1.5");
+    // Young's modulus of this K is three times as large by the default relation.
+    assert!(reference.t_test_p_youngs.expect("a p-value") < 0.05);
+    assert!(result.youngs_modulus_kpa.value > 2.5 * K_KPA);
+}
+
+#[test]
+fn the_json_form_has_what_was_promised() {
+    let result = identified(&session(vec![Recipe::default().run("a", &mut Noise::new(1))]));
+    let json = serde_json::to_value(&result).expect("serialises");
+    assert_eq!(json["schema"], "guide.identify/1");
+    for pointer in [
+        "/runs/0/depth_mm",
+        "/runs/0/methods/energy_as_printed/k_kpa",
+        "/runs/0/methods/energy/k_kpa",
+        "/runs/0/methods/energy/sd_kpa",
+        "/runs/0/methods/likelihood/k_kpa",
+        "/runs/0/methods/likelihood/sd_kpa",
+        "/runs/0/methods/likelihood/ci95_kpa/1",
+        "/pooled/k_kpa",
+        "/pooled/sd_kpa",
+        "/pooled/ci95_kpa/0",
+        "/youngs_modulus_kpa/value",
+        "/youngs_modulus_kpa/ci95/0",
+    ] {
+        assert!(json.pointer(pointer).is_some_and(serde_json::Value::is_number), "{pointer} in {json}");
+    }
+    assert_eq!((&json["runs"][0]["id"], &json["reference"]), (&"a".into(), &serde_json::Value::Null));
+    assert_eq!(json["youngs_modulus_kpa"]["relation"], "vesic");
+}

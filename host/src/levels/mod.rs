@@ -83,20 +83,22 @@ pub fn levels(run: &LateralRun, criteria: &HoldCriteria) -> Vec<Level> {
             }
         })
         .collect();
-    name_paths(&mut levels, criteria.zero_m);
+    name_paths(&mut levels, criteria);
     assign_shape(&mut levels, &run.shape);
     levels
 }
 
-/// Zero is what is close to zero in itself and beside the largest level; the rest is loading or unloading.
-fn name_paths(levels: &mut [Level], zero_m: f64) {
+/// Zero is what is close to zero in itself and beside the largest level, or too close to be told from it; the rest is
+/// loading or unloading.
+fn name_paths(levels: &mut [Level], criteria: &HoldCriteria) {
     let largest_m = levels.iter().map(Level::distance_m).fold(0.0, f64::max);
+    let zero_m = criteria.zero_m.min(0.1 * largest_m).max(criteria.still_m);
     let mut before = [0.0; 2];
     for level in levels {
         let [y, x] = level.displacement_m();
         // Further out along the present direction: a reversal through zero is loading again.
         let along = y * before[0] + x * before[1];
-        level.path = if level.distance_m() <= zero_m.min(0.1 * largest_m) {
+        level.path = if level.distance_m() <= zero_m {
             Path::Zero
         } else if along <= 0.0 || level.distance_m() >= before[0].hypot(before[1]) {
             Path::Loading
