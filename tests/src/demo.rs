@@ -50,6 +50,9 @@ pub struct RigArgs {
     /// Rig file with an optional table `[simulation]` (default: the demonstration's rig)
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Rig seconds per second; a large number for as fast as this machine can
+    #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
+    speed: f64,
 }
 
 /// What the demonstration found, against what was true.
@@ -222,8 +225,9 @@ impl Typist<'_> {
 /// Where they cannot be started or the firmware ends.
 pub fn rig(args: &RigArgs) -> Result<()> {
     setup::ensure_all()?;
+    ensure!(args.speed > 0.0, "--speed is {}, expected a positive number", args.speed);
     let config = args.config.as_deref().map_or_else(|| Ok(RigConfig::default()), RigConfig::read)?;
-    let bench = Bench::start(config, args.seed, 1.0, Duration::MAX)?;
+    let bench = Bench::start(config, args.seed, args.speed, Duration::MAX)?;
     println!("port            {}", bench.port());
     println!("sweep command   {}", sweep_command(&this_program()?, &bench));
     println!("the firmware's log follows; Ctrl-C ends it");
