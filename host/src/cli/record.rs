@@ -5,7 +5,7 @@ use super::rig_args::{PortArgs, StartArgs, interrupted};
 use anyhow::{Context, bail};
 use host::link::{Client, Program, Telemetry};
 use host::record::{Recorded, Recorder, acquire};
-use host::session::{SessionWriter, Setup};
+use host::session::{DEPTH_RANGE_MM, SessionWriter, Setup};
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::Request;
 use serde::Serialize;
@@ -21,7 +21,7 @@ struct SessionArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// How far the needle is in the tissue, millimetres
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = depth_mm)]
     depth_mm: f64,
     /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session (needed for a new session)
     #[arg(long, value_name = "FILE")]
@@ -29,6 +29,19 @@ struct SessionArgs {
     /// Name of the run (default: made of the depth and a number)
     #[arg(long, value_name = "ID")]
     id: Option<String>,
+}
+
+fn depth_mm(text: &str) -> Result<f64, String> {
+    number_between(text, DEPTH_RANGE_MM)
+}
+
+fn duration_s(text: &str) -> Result<f64, String> {
+    number_between(text, [0.001, 1e6])
+}
+
+fn number_between(text: &str, [least, most]: [f64; 2]) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number| (least..=most).contains(number));
+    number.ok_or_else(|| format!("expected a number from {least} to {most}"))
 }
 
 /// Run a motion program on the rig and record it
@@ -64,7 +77,7 @@ pub struct RecordArgs {
     #[command(flatten)]
     session: SessionArgs,
     /// How long, seconds (default: until interrupted)
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = duration_s)]
     duration_s: Option<f64>,
 }
 

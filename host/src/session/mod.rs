@@ -16,6 +16,9 @@ pub use write::{ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow};
 use crate::model::Rig;
 use std::path::PathBuf;
 
+/// Insertion depths that a lateral run can have, least and greatest, millimetres.
+pub const DEPTH_RANGE_MM: [f64; 2] = [0.5, 500.0];
+
 /// Everything recorded with one needle, one rig and one piece of tissue.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Session {

@@ -4,7 +4,8 @@ use super::error::{Problem, SessionError, read_text};
 use super::fields::Fields;
 use super::table::{Column, Table};
 use super::{
-    ForceSeries, IndentationRun, InsertionRun, LateralRun, Noise, Session, Setup, ShapeSeries, SteeringRun,
+    DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Noise, Session, Setup,
+    ShapeSeries, SteeringRun,
 };
 use crate::model::{Needle, Rig};
 use std::collections::HashSet;
@@ -153,7 +154,7 @@ fn runs<T>(
 }
 
 fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, SessionError> {
-    let depth_m = MM * fields.number("depth_mm", [0.5, 500.0])?;
+    let depth_m = MM * fields.number("depth_mm", DEPTH_RANGE_MM)?;
     let force_path = dir.join(fields.text("force")?);
     let shape_path = dir.join(fields.text("shape")?);
     let mut force = Table::read_recording(&force_path, &FORCE_COLUMNS)?;
