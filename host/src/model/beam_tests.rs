@@ -1,6 +1,7 @@
 //! The exact beam against 50-digit reference values, closed forms, a finite-element peer and its own invariants.
 
 use super::*;
+use crate::model::quadrature::integrate;
 use crate::model::{Layer, Needle, peer};
 use proptest::prelude::*;
 
@@ -17,30 +18,11 @@ fn assert_close(value: f64, expected: f64, relative: f64) {
     assert!((value / expected - 1.0).abs() < relative, "{value} is not {expected} within {relative:e}");
 }
 
-/// Integral over the beam by ten-point Gauss-Legendre quadrature in pieces of at most a millimetre.
-fn integrate(from_m: f64, to_m: f64, of: impl Fn(f64) -> f64) -> f64 {
-    const NODES: [(f64, f64); 5] = [
-        (0.148_874_338_981_631_2, 0.295_524_224_714_752_87),
-        (0.433_395_394_129_247_2, 0.269_266_719_309_996_35),
-        (0.679_409_568_299_024_4, 0.219_086_362_515_982_04),
-        (0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
-        (0.973_906_528_517_171_7, 0.066_671_344_308_688_14),
-    ];
-    let count = ((to_m - from_m) / 1e-3).ceil().max(1.0);
-    let half = 0.5 * (to_m - from_m) / count;
-    (0..count as usize)
-        .map(|i| from_m + (2.0 * i as f64 + 1.0) * half)
-        .map(|mid| {
-            NODES.iter().map(|(x, w)| w * (of(mid - x * half) + of(mid + x * half))).sum::<f64>() * half
-        })
-        .sum()
-}
-
 fn strain_energy(problem: &BeamProblem, beam: &Beam) -> f64 {
     let unit = beam.guide2_force();
     let density = |z: f64| unit.moment_n_m(z).powi(2) / (2.0 * problem.bending_stiffness_n_m2);
     let edges = [0.0, problem.guide2_m, problem.entry_m, beam.length_m()];
-    edges.windows(2).map(|edge| integrate(edge[0], edge[1], density)).sum()
+    edges.windows(2).map(|edge| integrate(edge[0], edge[1], 1e-3, density)).sum()
 }
 
 /// guide 2, entry, depth, K; then for 1 N: u at guide 2, u at five points inside, slope at the tip, moments at the clamp
@@ -208,7 +190,7 @@ fn uniform_tissue_matches_reference() {
         assert_close(unit.moment_n_m(0.0), clamp, 1e-10);
         assert_close(unit.moment_n_m(entry), at_entry, 1e-10);
         assert_close(strain_energy(&problem, &beam), strain, 1e-10);
-        let squares = integrate(entry, entry + depth, |z| unit.deflection_m(z).powi(2));
+        let squares = integrate(entry, entry + depth, 1e-3, |z| unit.deflection_m(z).powi(2));
         assert_close(0.5 * k * squares, tissue, 1e-10);
         let k_printed = (2.0 * at_guide2 - 2.0 * strain) / squares;
         assert_close(k_printed, printed, 1e-10);
@@ -326,7 +308,7 @@ proptest! {
         let k = problem.foundation.modulus_pa(0.0);
         let work = unit.deflection_m(problem.guide2_m);
         let clamp = problem.clamp_compliance_rad_per_n_m * unit.moment_n_m(0.0).powi(2);
-        let squares = integrate(problem.entry_m, beam.length_m(), |z| unit.deflection_m(z).powi(2));
+        let squares = integrate(problem.entry_m, beam.length_m(), 1e-3, |z| unit.deflection_m(z).powi(2));
         let residual = work - 2.0 * strain_energy(&problem, &beam) - clamp - k * squares;
         prop_assert!(residual.abs() < 1e-10 * work, "{residual:e} of {work:e}");
     }
@@ -338,9 +320,9 @@ proptest! {
         let unit = beam.guide2_force();
         let k = problem.foundation.modulus_pa(0.0);
         let (entry, end) = (problem.entry_m, beam.length_m());
-        let tissue = integrate(entry, end, |z| k * unit.deflection_m(z));
-        let tissue_moment = integrate(entry, end, |z| k * unit.deflection_m(z) * z);
-        let scale = integrate(entry, end, |z| k * unit.deflection_m(z).abs()).max(1.0);
+        let tissue = integrate(entry, end, 1e-3, |z| k * unit.deflection_m(z));
+        let tissue_moment = integrate(entry, end, 1e-3, |z| k * unit.deflection_m(z) * z);
+        let scale = integrate(entry, end, 1e-3, |z| k * unit.deflection_m(z).abs()).max(1.0);
         prop_assert!((unit.shear_n(0.0) - tissue + 1.0).abs() < 1e-9 * scale);
         prop_assert!((unit.moment_n_m(0.0) + tissue_moment - problem.guide2_m).abs() < 1e-9 * scale * end);
         prop_assert!(unit.moment_n_m(end).abs() < 1e-9 * end * scale && unit.shear_n(end).abs() < 1e-9 * scale);

@@ -7,9 +7,11 @@
 
 mod beam;
 mod foundation;
+pub mod modes;
 #[cfg(test)]
 pub(crate) mod peer;
 mod predict;
+mod quadrature;
 mod rig;
 
 pub use beam::{Beam, BeamProblem, Response};
