@@ -122,16 +122,21 @@ impl BeamProblem {
         if positive { Ok(beam) } else { Err(ModelError::Singular) }
     }
 
-    /// The needle cut into pieces of constant foundation modulus, none longer than the characteristic length.
-    fn pieces(&self) -> Result<Vec<Piece>, ModelError> {
+    /// Refuses what no needle can be.
+    pub(super) fn check(&self) -> Result<(), ModelError> {
         let stiffness = self.bending_stiffness_n_m2;
         let compliance = self.clamp_compliance_rad_per_n_m;
         check("bending_stiffness_n_m2", stiffness, "more than 0", stiffness > 0.0)?;
         check("guide2_m", self.guide2_m, "more than 0", self.guide2_m > 0.0)?;
         check("entry_m", self.entry_m, "guide2_m or more", self.entry_m >= self.guide2_m)?;
         check("depth_m", self.depth_m, "0 or more", self.depth_m >= 0.0)?;
-        check("clamp_compliance_rad_per_n_m", compliance, "0 or more", compliance >= 0.0)?;
+        check("clamp_compliance_rad_per_n_m", compliance, "0 or more", compliance >= 0.0)
+    }
 
+    /// The needle cut into pieces of constant foundation modulus, none longer than the characteristic length.
+    fn pieces(&self) -> Result<Vec<Piece>, ModelError> {
+        self.check()?;
+        let stiffness = self.bending_stiffness_n_m2;
         let mut pieces =
             vec![Piece { start_m: 0.0, length_m: self.guide2_m, modulus_pa: 0.0, ends_at_guide2: true }];
         let mut start_m = self.guide2_m;

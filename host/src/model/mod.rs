@@ -6,6 +6,7 @@
 //! [`Beam`].
 
 mod beam;
+pub mod elements;
 mod foundation;
 pub mod modes;
 #[cfg(test)]
@@ -35,6 +36,9 @@ pub enum ModelError {
     /// An experiment without a drive sample says nothing about where guide 2 was.
     #[error("a lateral experiment needs at least one drive sample")]
     NoDrive,
+    /// Newton's method does not come to an end.
+    #[error("the equilibrium of the needle is not found")]
+    NotConverged,
     /// The equations have no unique solution in floating point.
     #[error("the beam equations are singular in floating point")]
     Singular,
