@@ -54,6 +54,11 @@ impl Foundation {
         })
     }
 
+    /// The layers that end above a depth.
+    pub(super) fn layers_above(&self, depth_m: f64) -> Vec<Layer> {
+        self.upper.iter().filter(|layer| layer.bottom_m < depth_m).copied().collect()
+    }
+
     /// Foundation modulus at a depth below the surface.
     pub fn modulus_pa(&self, depth_m: f64) -> f64 {
         self.upper

@@ -6,6 +6,7 @@
 //! [`Beam`].
 
 mod beam;
+pub mod effects;
 pub mod elements;
 mod foundation;
 pub mod modes;

@@ -241,8 +241,10 @@ mod tests {
         }
     }
 
+    type Row = (usize, f64, f64, f64);
+
     /// Guide 2, entry, depth, K; then modes, relative error at guide 2 and at the tip, rms error over the largest deflection.
-    const CONVERGENCE: [([f64; 4], [(usize, f64, f64, f64); 4]); 5] = [
+    const CONVERGENCE: [([f64; 4], [Row; 4]); 5] = [
         (
             [0.06, 0.07, 0.02, 16e3],
             [

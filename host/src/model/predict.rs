@@ -1,25 +1,35 @@
 //! From what is believed and what was done to what every sensor should have read.
 
+use super::effects::Effect;
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig};
 
 /// What is believed: the hardware and the tissue.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Model {
     /// Needle, guides and tissue surface.
     pub rig: Rig,
     /// The tissue.
     pub foundation: Foundation,
-    /// Rotation of the needle in guide 1 per moment; 0 is a perfect clamp.
-    pub clamp_compliance_rad_per_n_m: f64,
+    /// Effects with the values of their parameters, applied in this order.
+    pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
+}
+
+impl PartialEq for Model {
+    fn eq(&self, other: &Self) -> bool {
+        let named = |model: &Self| -> Vec<_> {
+            model.effects.iter().map(|(effect, values)| (effect.id(), values.clone())).collect()
+        };
+        self.rig == other.rig && self.foundation == other.foundation && named(self) == named(other)
+    }
 }
 
 impl Model {
-    /// Uniform tissue and a perfect clamp.
+    /// Uniform tissue and no effects.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] where the modulus is negative or not finite.
     pub fn uniform(rig: Rig, modulus_pa: f64) -> Result<Self, ModelError> {
-        Ok(Self { rig, foundation: Foundation::uniform(modulus_pa)?, clamp_compliance_rad_per_n_m: 0.0 })
+        Ok(Self { rig, foundation: Foundation::uniform(modulus_pa)?, effects: Vec::new() })
     }
 
     /// The needle inserted to `depth_m`, solved for unit loads.
@@ -28,7 +38,9 @@ impl Model {
     /// As [`BeamProblem::solve`].
     pub fn beam(&self, depth_m: f64) -> Result<Beam, ModelError> {
         let mut problem = BeamProblem::new(&self.rig, self.foundation.clone(), depth_m);
-        problem.clamp_compliance_rad_per_n_m = self.clamp_compliance_rad_per_n_m;
+        for (effect, values) in &self.effects {
+            effect.beam(values, &mut problem)?;
+        }
         problem.solve()
     }
 }
@@ -80,6 +92,13 @@ pub struct Series {
     pub x: Option<Vec<f64>>,
 }
 
+impl Series {
+    fn push(&mut self, y: f64, x: f64) {
+        self.y.push(y);
+        self.x.get_or_insert_default().push(x);
+    }
+}
+
 /// What the sensors read, predicted or measured: one value per drive sample or shape point.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channels {
@@ -91,41 +110,46 @@ pub struct Channels {
     pub shape_m: Series,
 }
 
-/// What every sensor should read in `experiment` if `model` is right. Linear in the displacements.
+impl Channels {
+    fn two_planes() -> Self {
+        let empty = || Series { y: Vec::new(), x: Some(Vec::new()) };
+        Self { displacement_m: empty(), force_n: empty(), shape_m: empty() }
+    }
+}
+
+/// What every sensor should read in `experiment` if `model` is right.
 ///
 /// # Errors
 /// As [`BeamProblem::solve`], and [`ModelError::NoDrive`] where there are shape points but no drive sample.
 pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, ModelError> {
     let Experiment::Lateral(lateral) = experiment;
     let beam = model.beam(lateral.depth_m)?;
-    let plane = |of: fn(&DriveSample) -> f64| -> Result<[Vec<f64>; 3], ModelError> {
-        let displacement_m: Vec<f64> = lateral.drive.iter().map(of).collect();
-        let force_n = displacement_m.iter().map(|u_m| beam.force_n(*u_m)).collect();
-        let shape_m = lateral
-            .shape
-            .iter()
-            .map(|point| Ok(beam.deflection_m(drive_at(&lateral.drive, point.time_s, of)?, point.z_m)))
-            .collect::<Result<_, _>>()?;
-        Ok([displacement_m, force_n, shape_m])
-    };
-    let [displacement_y, force_y, shape_y] = plane(|sample| sample.y_m)?;
-    let [displacement_x, force_x, shape_x] = plane(|sample| sample.x_m)?;
-    Ok(Channels {
-        displacement_m: Series { y: displacement_y, x: Some(displacement_x) },
-        force_n: Series { y: force_y, x: Some(force_x) },
-        shape_m: Series { y: shape_y, x: Some(shape_x) },
-    })
+    let unit = beam.guide2_force();
+    let mut channels = Channels::two_planes();
+    for sample in &lateral.drive {
+        channels.displacement_m.push(sample.y_m, sample.x_m);
+        channels.force_n.push(beam.force_n(sample.y_m), beam.force_n(sample.x_m));
+    }
+    for point in &lateral.shape {
+        let mut seen = *point;
+        model.effects.iter().for_each(|(effect, values)| effect.look(values, &mut seen));
+        let per_newton = unit.deflection_m(seen.z_m);
+        let [y_m, x_m] = drive_at(&lateral.drive, point.time_s)?;
+        channels.shape_m.push(per_newton * beam.force_n(y_m), per_newton * beam.force_n(x_m));
+    }
+    model.effects.iter().for_each(|(effect, values)| effect.observe(values, &mut channels));
+    Ok(channels)
 }
 
 /// Displacement at a time: linear between samples, constant before the first and after the last.
-fn drive_at(drive: &[DriveSample], time_s: f64, of: fn(&DriveSample) -> f64) -> Result<f64, ModelError> {
+fn drive_at(drive: &[DriveSample], time_s: f64) -> Result<[f64; 2], ModelError> {
     let next = drive.partition_point(|sample| sample.time_s <= time_s);
     match (next.checked_sub(1).and_then(|previous| drive.get(previous)), drive.get(next)) {
         (Some(a), Some(b)) => {
             let part = (time_s - a.time_s) / (b.time_s - a.time_s);
-            Ok(of(a) + part * (of(b) - of(a)))
+            Ok([a.y_m + part * (b.y_m - a.y_m), a.x_m + part * (b.x_m - a.x_m)])
         }
-        (Some(only), None) | (None, Some(only)) => Ok(of(only)),
+        (Some(only), None) | (None, Some(only)) => Ok([only.y_m, only.x_m]),
         (None, None) => Err(ModelError::NoDrive),
     }
 }
