@@ -4,26 +4,30 @@
 //! beam, which is the recommended one. Pooled: one likelihood fit of all runs with a shared K. A run that cannot be
 //! identified is reported with its reason and left out of the pool; it never contributes a number.
 
+mod fitting;
+mod pool;
 mod prepare;
 mod reference;
 mod results;
 
 pub use results::{
-    ChannelResult, Energy, EnergyAsPrinted, Heterogeneity, HoldResult, Identification, Likelihood, Methods,
-    NoiseResult, Pooled, Reference, RelationResult, RunResult, YoungsModulus,
+    ChannelResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult, Identification,
+    Likelihood, Methods, NoiseResult, NuisanceResult, Pooled, Reference, RelationResult, RunResult,
+    YoungsModulus,
 };
 
 use crate::inference::energy::energy_modulus;
 use crate::inference::modulus::Relation;
-use crate::inference::{Block, Fit, FitError, LateralData, Parameter, channel_fits, fit};
+use crate::inference::{FitError, LateralData, channel_fits};
 use crate::levels::HoldCriteria;
+use crate::model::effects::Effect;
 use crate::session::{LateralRun, Session};
+use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};
 use prepare::{Prepared, prepare};
-use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 use std::path::PathBuf;
 
 /// What the user may choose.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Options {
     /// Relation that turns K into Young's modulus.
     pub relation: Relation,
@@ -31,11 +35,18 @@ pub struct Options {
     pub poisson: f64,
     /// What counts as a hold.
     pub criteria: HoldCriteria,
+    /// Effects whose parameters are unknown too, with their priors: the interval of K then includes them.
+    pub nuisances: Vec<&'static dyn Effect>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { relation: Relation::Vesic, poisson: 0.5, criteria: HoldCriteria::default() }
+        Self {
+            relation: Relation::Vesic,
+            poisson: 0.5,
+            criteria: HoldCriteria::default(),
+            nuisances: Vec::new(),
+        }
     }
 }
 
@@ -121,12 +132,6 @@ pub enum IdentifyError {
     },
 }
 
-/// Range of K: softer than any tissue, stiffer than any.
-const K_RANGE_PA: [f64; 2] = [10.0, 1e7];
-/// Below this probability residuals are larger than the noise explains.
-const IMPROBABLE: f64 = 1e-3;
-const LN_STEP: f64 = 1e-4;
-
 /// Identifies all lateral runs of a session.
 ///
 /// # Errors
@@ -156,7 +161,8 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     if fitted.is_empty() {
         return Err(IdentifyError::AllFailed { reasons });
     }
-    let pooled = pool(&fitted, &mut warnings);
+    let pooled = pool::pool(&fitted, &mut warnings);
+    let directions = pool::directions(&fitted, options.criteria.zero_m);
     let depths_m: f64 = fitted.iter().map(|run| run.data.depth_m).sum();
     let depth_m = depths_m / fitted.len() as f64;
     let youngs = reference::youngs_modulus(session, &pooled, depth_m, options);
@@ -170,6 +176,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         session: session.name.clone(),
         runs,
         pooled,
+        directions,
         youngs_modulus_kpa: youngs,
         reference,
         warnings,
@@ -189,8 +196,8 @@ fn identify_run(
     run: &LateralRun,
     options: &Options,
 ) -> Result<(RunResult, Fitted), RunError> {
-    let mut prepared = prepare(session, run, &options.criteria)?;
-    let best = fit_run(&mut prepared, run, session.noise.shape_m)?;
+    let mut prepared = prepare(session, run, options)?;
+    let best = fit_run(&mut prepared, run)?;
     let estimate = Estimate::of(&best, prepared.known_noise);
     if let Some(widened) = estimate.widened {
         prepared.warnings.push(format!(
@@ -199,14 +206,21 @@ fn identify_run(
         ));
     }
     let (as_printed, energy) = energy(session, &mut prepared);
+    let without_force = without_force(&prepared);
     let channels = channel_fits(&prepared.data, &best, 0);
     let result = RunResult {
         id: run.id.clone(),
         depth_mm: 1e3 * run.depth_m,
-        methods: Methods { energy_as_printed: as_printed, energy, likelihood: estimate.likelihood() },
+        methods: Methods {
+            energy_as_printed: as_printed,
+            energy,
+            likelihood: estimate.likelihood(),
+            likelihood_without_force: without_force,
+        },
         holds: prepared.holds,
         noise: Some(NoiseResult { shape_mm: 1e3 * prepared.data.shape_sd_m, ..prepared.noise }),
         fit: ["displacement", "force", "shape"].into_iter().zip(channels).map(ChannelResult::from).collect(),
+        nuisances: nuisance_results(&prepared.data.effects, &best),
         chi_square: Some(best.chi_square),
         degrees_of_freedom: Some(best.degrees_of_freedom),
         warnings: prepared.warnings,
@@ -221,92 +235,12 @@ fn identify_run(
     Ok((result, fitted))
 }
 
-/// Fits one run; where the noise of the shape is not stated it is taken from the fit's residuals.
-fn fit_run(prepared: &mut Prepared, run: &LateralRun, stated_shape_m: Option<f64>) -> Result<Fit, RunError> {
-    let failed = |cause: FitError| RunError::Fit { path: run.force_path.clone(), cause };
-    let mut best = fit(&[start(&prepared.data)], std::slice::from_ref(&prepared.data)).map_err(failed)?;
-    if stated_shape_m.is_none() {
-        for _ in 0..4 {
-            let [_, _, shape] = channel_fits(&prepared.data, &best, 0);
-            // K is an unknown that the shape determines most of.
-            let freedom = (shape.count as f64 - 1.0).max(1.0);
-            let scale = (shape.chi_square / freedom).sqrt();
-            prepared.data.shape_sd_m = (prepared.data.shape_sd_m * scale).max(prepare::LEAST_SHAPE_SD_M);
-            let near =
-                Parameter { start: best.shared.first().copied().unwrap_or_default(), ..ln_k_parameter() };
-            best = fit(&[near], std::slice::from_ref(&prepared.data)).map_err(failed)?;
-        }
-    }
-    if best.at_bound.contains(&true) {
-        let modulus_kpa = 1e-3 * best.shared.first().copied().unwrap_or(f64::NAN).exp();
-        let bound_kpa = (1e3 * modulus_kpa).round() / 1e3;
-        return Err(RunError::AtBound { path: run.force_path.clone(), bound_kpa });
-    }
-    Ok(best)
-}
-
-fn ln_k_parameter() -> Parameter {
-    let [least, most] = K_RANGE_PA;
-    Parameter { start: 1e4f64.ln(), step: LN_STEP, least: least.ln(), most: most.ln() }
-}
-
-/// Starts where the measured displacements, taken as true, fit best: a scan over the whole range of K.
-fn start(data: &LateralData) -> Parameter {
-    let parameter = ln_k_parameter();
-    let nuisances: Vec<f64> = data.nuisances().iter().map(|p| p.start).collect();
-    let chi_square = |ln_k: f64| {
-        let residuals = data.residuals(&[ln_k], &nuisances).unwrap_or_else(|_| vec![f64::INFINITY]);
-        residuals.iter().map(|r| r * r).sum::<f64>()
-    };
-    let grid = (1..28).map(|i| parameter.least + (parameter.most - parameter.least) * f64::from(i) / 28.0);
-    let best = grid.map(|ln_k| (chi_square(ln_k), ln_k)).min_by(|a, b| a.0.total_cmp(&b.0));
-    Parameter { start: best.map_or(parameter.start, |(_, ln_k)| ln_k), ..parameter }
-}
-
-/// ln K with what is known about it.
-struct Estimate {
-    ln_k: f64,
-    sd_ln: f64,
-    quantile: f64,
-    /// Factor on the variance because residuals exceed the stated noise.
-    widened: Option<f64>,
-}
-
-impl Estimate {
-    fn of(fit: &Fit, known_noise: bool) -> Self {
-        let freedom = fit.degrees_of_freedom as f64;
-        let probability = ChiSquared::new(freedom).map_or(1.0, |chi| chi.sf(fit.chi_square));
-        let widened = (probability < IMPROBABLE).then_some(fit.chi_square / freedom);
-        let variance = fit.covariance.get((0, 0)).copied().unwrap_or(f64::NAN) * widened.unwrap_or(1.0);
-        let quantile = if known_noise && widened.is_none() { NORMAL_975 } else { student_975(freedom) };
-        Self {
-            ln_k: fit.shared.first().copied().unwrap_or(f64::NAN),
-            sd_ln: variance.sqrt(),
-            quantile,
-            widened,
-        }
-    }
-
-    fn k_kpa(&self) -> f64 {
-        1e-3 * self.ln_k.exp()
-    }
-
-    fn ci95_kpa(&self) -> [f64; 2] {
-        let half = self.quantile * self.sd_ln;
-        [1e-3 * (self.ln_k - half).exp(), 1e-3 * (self.ln_k + half).exp()]
-    }
-
-    fn likelihood(&self) -> Likelihood {
-        let k_kpa = self.k_kpa();
-        Likelihood { k_kpa: Some(k_kpa), sd_kpa: Some(k_kpa * self.sd_ln), ci95_kpa: Some(self.ci95_kpa()) }
-    }
-}
-
-/// 97.5 % quantile of the normal distribution.
-const NORMAL_975: f64 = 1.959_963_984_540_054;
-
-fn student_975(freedom: f64) -> f64 {
-    StudentsT::new(0.0, 1.0, freedom.max(1.0)).map_or(NORMAL_975, |t| t.inverse_cdf(0.975))
+/// K from displacement and shape alone; nothing where they do not determine it.
+fn without_force(prepared: &Prepared) -> Likelihood {
+    let mut data = prepared.data.without_force();
+    let found = fit_alone(&mut data, prepared.known_shape_noise).ok();
+    let found = found.filter(|fit| fit.at_bound.first() == Some(&false));
+    found.map_or_else(Likelihood::default, |fit| Estimate::of(&fit, prepared.known_noise).likelihood())
 }
 
 /// The energy balance over the displaced levels with enough shape, weighted by the square of the displacement.
@@ -337,48 +271,6 @@ fn energy(session: &Session, prepared: &mut Prepared) -> (EnergyAsPrinted, Energ
         EnergyAsPrinted { k_kpa: Some(kpa(printed)) },
         Energy { k_kpa: Some(k_kpa), sd_kpa: Some(sd_kpa), ci95_kpa },
     )
-}
-
-/// One fit of all runs with a shared K, and whether the runs agree on it.
-fn pool(runs: &[Fitted], warnings: &mut Vec<String>) -> Pooled {
-    let weight: f64 = runs.iter().map(|run| 1.0 / run.variance).sum();
-    let mean = runs.iter().map(|run| run.ln_k / run.variance).sum::<f64>() / weight;
-    let q: f64 = runs.iter().map(|run| (run.ln_k - mean).powi(2) / run.variance).sum();
-    let freedom = runs.len() as f64 - 1.0;
-    let p = ChiSquared::new(freedom).ok().map(|chi| chi.sf(q));
-    let differ = p.is_some_and(|p| p < 0.05);
-
-    // Where the joint fit fails the weighted mean of ln K, which is its first-order form, stands in for it.
-    let blocks: Vec<LateralData> = runs.iter().map(|run| run.data.clone()).collect();
-    let joint = fit(&[Parameter { start: mean, ..ln_k_parameter() }], &blocks);
-    let known_noise = runs.iter().all(|run| run.known_noise);
-    let mut estimate = match &joint {
-        Ok(joint) => Estimate::of(joint, known_noise),
-        Err(why) => {
-            warnings.push(format!(
-                "joint fit of all runs: {why}; the weighted mean of the runs is pooled instead"
-            ));
-            let quantile = student_975(freedom);
-            Estimate { ln_k: mean, sd_ln: weight.recip().sqrt(), quantile, widened: None }
-        }
-    };
-    if differ {
-        // Runs that differ more than their noise tell how well a shared K is known.
-        estimate.sd_ln = estimate.sd_ln.max((q / freedom / weight).sqrt());
-        estimate.quantile = student_975(freedom);
-        warnings.push(format!(
-            "the runs disagree on K beyond their noise (p = {:.2e}): the pooled interval is widened, and one K may not describe this tissue",
-            p.unwrap_or_default()
-        ));
-    }
-    let k_kpa = estimate.k_kpa();
-    Pooled {
-        k_kpa,
-        sd_kpa: k_kpa * estimate.sd_ln,
-        ci95_kpa: estimate.ci95_kpa(),
-        runs: runs.len(),
-        heterogeneity: p.map(|p| Heterogeneity { q, degrees_of_freedom: runs.len() - 1, p }),
-    }
 }
 
 #[cfg(test)]

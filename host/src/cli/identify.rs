@@ -4,9 +4,10 @@ use super::output::Output;
 use anyhow::Context;
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
-use host::identify::{Identification, Options, RunResult, identify};
+use host::identify::{Directions, Identification, NuisanceResult, Options, RunResult, identify};
 use host::inference::modulus::Relation;
 use host::levels::HoldCriteria;
+use host::model::effects::{EFFECTS, Effect, effect};
 use host::session::Session;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
@@ -25,6 +26,13 @@ pub struct Args {
     /// Poisson's ratio of the tissue in that relation, 0 to 0.5
     #[arg(long, default_value_t = 0.5, value_name = "RATIO", value_parser = poisson)]
     poisson: f64,
+    /// Take an effect's parameters as unknown, so that the interval of K includes them: may be given more than once
+    #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
+    nuisance: Vec<&'static dyn Effect>,
+}
+
+fn nuisance() -> impl TypedValueParser<Value = &'static dyn Effect> {
+    PossibleValuesParser::new(EFFECTS.map(Effect::id)).map(|id| effect(&id).unwrap_or(EFFECTS[0]))
 }
 
 fn relation() -> impl TypedValueParser<Value = Relation> {
@@ -42,8 +50,15 @@ fn poisson(text: &str) -> Result<f64, String> {
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let session = Session::read(&args.dir)?;
-    let options =
-        Options { relation: args.relation, poisson: args.poisson, criteria: HoldCriteria::default() };
+    let mut nuisances = args.nuisance.clone();
+    nuisances.sort_by_key(|effect| effect.id());
+    nuisances.dedup_by_key(|effect| effect.id());
+    let options = Options {
+        relation: args.relation,
+        poisson: args.poisson,
+        criteria: HoldCriteria::default(),
+        nuisances,
+    };
     let result =
         identify(&session, &options).with_context(|| format!("cannot identify {}", args.dir.display()))?;
     out.result(&result, Text(&result))?;
@@ -58,12 +73,14 @@ struct Text<'a>(&'a Identification);
 
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Identification { runs, pooled, youngs_modulus_kpa: youngs, reference, warnings, .. } = self.0;
+        let Identification {
+            runs, pooled, directions, youngs_modulus_kpa: youngs, reference, warnings, ..
+        } = self.0;
         writeln!(f, "foundation modulus K, kPa (95 % interval)")?;
         let width = runs.iter().map(|run| run.id.chars().count()).fold(3, usize::max);
         writeln!(
             f,
-            "  {:<width$}  depth      beam likelihood         energy, corrected       energy, as printed",
+            "  {:<width$}  depth      beam likelihood         without force           energy, corrected       energy, as printed",
             "run"
         )?;
         for run in runs {
@@ -76,6 +93,17 @@ impl Display for Text<'_> {
             "pooled       K {pooled_text} kPa, sd {:.2} kPa, {} {plural}",
             pooled.sd_kpa, pooled.runs
         )?;
+        if let Some(Directions { y, x, ratio_x_to_y, ratio_ci95: [low, high] }) = directions {
+            let (y, x) = (estimate(y.k_kpa, y.ci95_kpa), estimate(x.k_kpa, x.ci95_kpa));
+            writeln!(
+                f,
+                "directions   K_y {y} kPa, K_x {x} kPa, ratio {ratio_x_to_y:.3} ({low:.3} to {high:.3})"
+            )?;
+        }
+        for found in &pooled.nuisances {
+            let NuisanceResult { effect, parameter, value, sd, prior_sd } = found;
+            writeln!(f, "nuisance     {effect}: {parameter} {value:.4}, sd {sd:.4} (prior sd {prior_sd})")?;
+        }
         let youngs_text = estimate(Some(youngs.value), Some(youngs.ci95));
         let [least, most] = youngs.range_kpa;
         writeln!(
@@ -105,9 +133,15 @@ impl Display for Text<'_> {
 fn write_run(f: &mut fmt::Formatter<'_>, run: &RunResult, width: usize) -> fmt::Result {
     let methods = &run.methods;
     let likelihood = estimate(methods.likelihood.k_kpa, methods.likelihood.ci95_kpa);
+    let shape = &methods.likelihood_without_force;
+    let without_force = estimate(shape.k_kpa, shape.ci95_kpa);
     let energy = estimate(methods.energy.k_kpa, methods.energy.ci95_kpa);
     let printed = estimate(methods.energy_as_printed.k_kpa, None);
-    writeln!(f, "  {:<width$}  {:>5.1} mm   {likelihood:<22}  {energy:<22}  {printed}", run.id, run.depth_mm)
+    writeln!(
+        f,
+        "  {:<width$}  {:>5.1} mm   {likelihood:<22}  {without_force:<22}  {energy:<22}  {printed}",
+        run.id, run.depth_mm
+    )
 }
 
 /// A value with its interval, `-` where there is none.

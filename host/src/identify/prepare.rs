@@ -1,6 +1,6 @@
 //! From a run's recording to data for the fit: levels, noise, checks.
 
-use super::{HoldResult, NoiseResult, RunError};
+use super::{HoldResult, NoiseResult, Options, RunError};
 use crate::inference::energy::{Balance, LEAST_POINTS};
 use crate::inference::{LateralData, LevelData, Measured, ShapeDatum};
 use crate::levels::{HoldCriteria, Level, Mean, Path, levels};
@@ -25,14 +25,13 @@ pub(super) struct Prepared {
     pub noise: NoiseResult,
     /// Whether all standard deviations are stated.
     pub known_noise: bool,
+    /// Whether that of the shape is.
+    pub known_shape_noise: bool,
     pub warnings: Vec<String>,
 }
 
-pub(super) fn prepare(
-    session: &Session,
-    run: &LateralRun,
-    criteria: &HoldCriteria,
-) -> Result<Prepared, RunError> {
+pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) -> Result<Prepared, RunError> {
+    let criteria = &options.criteria;
     let found = levels(run, criteria);
     let mut warnings = Vec::new();
     let used: Vec<&Level> = found.iter().filter(|level| level.lost_samples == 0).collect();
@@ -72,6 +71,8 @@ pub(super) fn prepare(
         levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
         shape_sd_m,
         force_offset: used.len() > displaced.len(),
+        uses_force: true,
+        effects: options.nuisances.clone(),
     };
     if !data.force_offset {
         warnings.push("no hold at zero displacement: the force sensor's zero is taken as right".to_owned());
@@ -93,6 +94,7 @@ pub(super) fn prepare(
             shape_mm: 1e3 * shape_sd_m,
             shape_source: source(stated.shape_m),
         },
+        known_shape_noise: stated.shape_m.is_some(),
         known_noise: stated.force_n.is_some() && stated.displacement_m.is_some() && stated.shape_m.is_some(),
         warnings,
     })

@@ -19,6 +19,8 @@ pub struct Identification {
     pub runs: Vec<RunResult>,
     /// K of all runs together.
     pub pooled: Pooled,
+    /// K of each plane; nothing where guide 2 was displaced in one plane only.
+    pub directions: Option<Directions>,
     /// Young's modulus of the tissue, by a named relation.
     pub youngs_modulus_kpa: YoungsModulus,
     /// Comparison with indentation; nothing without such a measurement.
@@ -42,6 +44,8 @@ pub struct RunResult {
     pub noise: Option<NoiseResult>,
     /// How well the likelihood's model meets each channel.
     pub fit: Vec<ChannelResult>,
+    /// What was found of the nuisance effects' parameters.
+    pub nuisances: Vec<NuisanceResult>,
     /// Sum of squared residuals of the likelihood.
     pub chi_square: Option<f64>,
     /// Number of values minus number of unknowns.
@@ -62,6 +66,7 @@ impl RunResult {
             holds: Vec::new(),
             noise: None,
             fit: Vec::new(),
+            nuisances: Vec::new(),
             chi_square: None,
             degrees_of_freedom: None,
             warnings: Vec::new(),
@@ -79,6 +84,8 @@ pub struct Methods {
     pub energy: Energy,
     /// Likelihood of the exact beam: the recommended one.
     pub likelihood: Likelihood,
+    /// The same from displacement and shape alone: for a rig without a force sensor, or one that is not trusted.
+    pub likelihood_without_force: Likelihood,
 }
 
 /// Energy balance as printed.
@@ -108,6 +115,21 @@ pub struct Likelihood {
     pub sd_kpa: Option<f64>,
     /// 95 % interval, from ln K.
     pub ci95_kpa: Option<[f64; 2]>,
+}
+
+/// A parameter of an effect that was taken as unknown.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NuisanceResult {
+    /// Id of the effect.
+    pub effect: &'static str,
+    /// Name of the parameter, with unit.
+    pub parameter: &'static str,
+    /// Its value, prior and data together.
+    pub value: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// Standard deviation of the prior: where `sd` is not smaller the data say nothing of it.
+    pub prior_sd: f64,
 }
 
 /// A hold of guide 2.
@@ -181,10 +203,25 @@ pub struct Pooled {
     pub sd_kpa: f64,
     /// 95 % interval, from ln K.
     pub ci95_kpa: [f64; 2],
+    /// What was found of the nuisance effects' parameters, shared by the runs.
+    pub nuisances: Vec<NuisanceResult>,
     /// Number of runs in it.
     pub runs: usize,
     /// Whether the runs agree (Cochran's Q); nothing for one run.
     pub heterogeneity: Option<Heterogeneity>,
+}
+
+/// K of the two planes by themselves.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Directions {
+    /// Vertical plane.
+    pub y: Likelihood,
+    /// Horizontal plane.
+    pub x: Likelihood,
+    /// K of the horizontal plane over K of the vertical one.
+    pub ratio_x_to_y: f64,
+    /// 95 % interval of the ratio; 1 outside it means that the tissue is not the same both ways.
+    pub ratio_ci95: [f64; 2],
 }
 
 /// Cochran's test of a shared ln K.

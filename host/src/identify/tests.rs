@@ -2,125 +2,13 @@
 
 use super::*;
 use crate::inference::modulus::{mean_and_sd, punch_modulus_pa};
-use crate::model::{Beam, Foundation, Needle, Rig};
-use crate::session::{ForceSeries, IndentationRun, Noise as StatedNoise, ShapeSeries};
+use crate::model::effects::effect;
+use crate::session::{IndentationRun, ShapeSeries};
 use crate::testing::Noise;
 
-const RATE_HZ: f64 = 50.0;
-const HOLD_S: f64 = 3.0;
-const K_KPA: f64 = 16.0;
+mod recipe;
 
-/// How a run is made; millimetres, newtons, kilopascals.
-#[derive(Clone)]
-struct Recipe {
-    k_kpa: f64,
-    depth_mm: f64,
-    /// Displacement of each hold along the plane's direction.
-    levels_mm: Vec<f64>,
-    /// Direction of the displacement, `[y, x]`; one plane where x is 0.
-    direction: [f64; 2],
-    force_sd_n: f64,
-    displacement_sd_mm: f64,
-    shape_sd_mm: f64,
-    /// Offset of the force sensor.
-    offset_n: f64,
-}
-
-impl Default for Recipe {
-    fn default() -> Self {
-        Self {
-            k_kpa: K_KPA,
-            depth_mm: 30.0,
-            levels_mm: vec![0.0, 1.2, 0.0],
-            direction: [1.0, 0.0],
-            force_sd_n: 0.05,
-            displacement_sd_mm: 0.02,
-            shape_sd_mm: 0.03,
-            offset_n: 0.2,
-        }
-    }
-}
-
-fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
-}
-
-impl Recipe {
-    /// Holds at the levels with quick ramps between, and a sweep in the middle of every hold.
-    fn run(&self, id: &str, noise: &mut Noise) -> LateralRun {
-        let depth_m = 1e-3 * self.depth_mm;
-        let foundation = Foundation::uniform(1e3 * self.k_kpa).expect("a modulus");
-        let beam = Beam::solve(&rig(), &foundation, depth_m).expect("solves");
-        let two_planes = self.direction[1] != 0.0;
-        let (mut force, mut shape) = (ForceSeries::default(), ShapeSeries::default());
-        let (mut time_s, mut at_mm) = (0.0, 0.0);
-        let (mut force_x, mut displacement_x, mut shape_x, mut shape_t) = (vec![], vec![], vec![], vec![]);
-        let mut sample = |time_s: f64, at_mm: f64, noise: &mut Noise| {
-            let mut seen = |part: f64| {
-                let displacement_m = 1e-3 * at_mm * part;
-                let seen_m = displacement_m + 1e-3 * self.displacement_sd_mm * noise.normal();
-                (seen_m, beam.force_n(displacement_m) + self.offset_n + self.force_sd_n * noise.normal())
-            };
-            let (y_m, y_n) = seen(self.direction[0]);
-            let (x_m, x_n) = seen(self.direction[1]);
-            force.time_s.push(time_s);
-            force.displacement_y_m.push(y_m);
-            force.force_y_n.push(y_n);
-            displacement_x.push(x_m);
-            force_x.push(x_n);
-        };
-        for level_mm in &self.levels_mm {
-            while (level_mm - at_mm).abs() > 1e-9 {
-                at_mm += (level_mm - at_mm).clamp(-2.0 / RATE_HZ, 2.0 / RATE_HZ);
-                sample(time_s, at_mm, noise);
-                time_s += 1.0 / RATE_HZ;
-            }
-            for _ in 0..(HOLD_S * RATE_HZ) as usize {
-                sample(time_s, at_mm, noise);
-                time_s += 1.0 / RATE_HZ;
-            }
-            for point in 0..self.depth_mm as usize {
-                let z_m = 0.07 + 1e-3 * (point as f64 + 0.5);
-                let mut seen = |part: f64| {
-                    beam.deflection_m(1e-3 * at_mm * part, z_m) + 1e-3 * self.shape_sd_mm * noise.normal()
-                };
-                shape_t.push(time_s - 0.5 * HOLD_S);
-                shape.z_m.push(z_m);
-                shape.y_m.push(seen(self.direction[0]));
-                shape_x.push(seen(self.direction[1]));
-            }
-        }
-        shape.time_s = Some(shape_t);
-        if two_planes {
-            (force.displacement_x_m, force.force_x_n) = (Some(displacement_x), Some(force_x));
-            shape.x_m = Some(shape_x);
-        }
-        let (force_path, shape_path) = (format!("{id}.force.csv").into(), format!("{id}.shape.csv").into());
-        LateralRun { id: id.to_owned(), depth_m, force_path, shape_path, force, shape }
-    }
-
-    fn stated(&self) -> StatedNoise {
-        StatedNoise {
-            force_n: Some(self.force_sd_n),
-            displacement_m: Some(1e-3 * self.displacement_sd_mm),
-            shape_m: Some(1e-3 * self.shape_sd_mm),
-            tip_m: None,
-        }
-    }
-}
-
-fn session(lateral: Vec<LateralRun>) -> Session {
-    Session {
-        dir: "phantom".into(),
-        name: Some("phantom".to_owned()),
-        rig: rig(),
-        noise: StatedNoise::default(),
-        lateral,
-        insertion: Vec::new(),
-        indentation: Vec::new(),
-        steering: Vec::new(),
-    }
-}
+use recipe::{K_KPA, Recipe, session};
 
 fn identified(session: &Session) -> Identification {
     identify(session, &Options::default()).expect("identifies")
@@ -152,6 +40,77 @@ fn estimates_are_unbiased_scatter_as_stated_and_cover() {
     assert!((stated / sd - 1.0).abs() < 0.2, "stated {stated}, real {sd}");
     // 95 % of 150 is 142.5; the binomial's standard deviation is 2.7.
     assert!((134..=149).contains(&covered), "{covered} of {SESSIONS}");
+}
+
+/// Rigs that differ as the priors say: with the nuisances modelled the intervals cover, without them they do not.
+#[test]
+fn nuisances_in_the_truth_are_covered_when_they_are_modelled() {
+    const SESSIONS: usize = 100;
+    let ids = ["rig.clamp_compliance", "sensor.shape_offset", "sensor.depth_shift"];
+    let modelled = Options {
+        nuisances: ids.iter().map(|id| effect(id).expect("an effect")).collect(),
+        ..Options::default()
+    };
+    let mut noise = Noise::new(21);
+    let (mut covered, mut covered_plain, mut clamp_pulls) = (0, 0, Vec::new());
+    for _ in 0..SESSIONS {
+        let recipe = Recipe {
+            clamp_rad_per_n_m: (0.1 * noise.normal()).abs(),
+            shape_offset_mm: 0.5 * noise.normal(),
+            shape_shift_mm: 0.5 * noise.normal(),
+            ..Recipe::default()
+        };
+        let mut session = session(vec![recipe.run("a", &mut noise)]);
+        session.noise = recipe.stated();
+        let result = identify(&session, &modelled).expect("identifies").pooled;
+        let covers = |pooled: &Pooled| (pooled.ci95_kpa[0]..=pooled.ci95_kpa[1]).contains(&K_KPA);
+        covered += usize::from(covers(&result));
+        covered_plain += usize::from(covers(&identified(&session).pooled));
+        let clamp = &result.nuisances[0];
+        assert_eq!((clamp.effect, clamp.parameter), (ids[0], "compliance_rad_per_n_m"));
+        assert!(clamp.sd <= 1.001 * clamp.prior_sd);
+        clamp_pulls.push((clamp.value - recipe.clamp_rad_per_n_m) / clamp.sd);
+    }
+    println!("{covered} of {SESSIONS} covered, {covered_plain} without the nuisances");
+    assert!((89..=100).contains(&covered), "{covered}");
+    assert!(covered_plain < 80, "{covered_plain}");
+    let (_, spread) = mean_and_sd(&clamp_pulls).expect("many");
+    assert!((0.6..1.3).contains(&spread), "{spread}");
+}
+
+#[test]
+fn without_force_the_modulus_is_found_with_a_wider_interval_that_covers() {
+    const SESSIONS: usize = 100;
+    let mut noise = Noise::new(31);
+    let mut covered = 0;
+    for _ in 0..SESSIONS {
+        // The force cell is off by a factor: without force that does not matter.
+        let recipe = Recipe { force_sd_n: 0.005, ..Recipe::default() };
+        let mut run = recipe.run("a", &mut noise);
+        run.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= 3.0);
+        let methods = identified(&session(vec![run])).runs.remove(0).methods;
+        let [low, high] = methods.likelihood_without_force.ci95_kpa.expect("an interval");
+        covered += usize::from((low..=high).contains(&K_KPA));
+    }
+    assert!((89..=99).contains(&covered), "{covered} of {SESSIONS}");
+    let methods = identified(&session(vec![Recipe::default().run("a", &mut noise)])).runs.remove(0).methods;
+    assert!(methods.likelihood_without_force.sd_kpa > methods.likelihood.sd_kpa);
+}
+
+#[test]
+fn directions_are_told_apart() {
+    let mut noise = Noise::new(41);
+    let oblique = Recipe { direction: [0.8, 0.6], ..Recipe::default() };
+    let same = identified(&session(vec![oblique.run("xy", &mut noise)])).directions.expect("both planes");
+    let [low, high] = same.ratio_ci95;
+    assert!(low < 1.0 && 1.0 < high && high < 1.3, "{same:?}");
+
+    let stiff_x = Recipe { k_kpa: 1.5 * K_KPA, direction: [0.0, 1.0], ..Recipe::default() };
+    let runs = vec![Recipe::default().run("y", &mut noise), stiff_x.run("x", &mut noise)];
+    let apart = identified(&session(runs)).directions.expect("both planes");
+    let [low, high] = apart.ratio_ci95;
+    assert!(low > 1.2 && (low..=high).contains(&1.5), "{apart:?}");
+    assert_eq!(identified(&session(vec![Recipe::default().run("y", &mut noise)])).directions, None);
 }
 
 #[test]

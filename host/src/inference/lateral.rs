@@ -5,7 +5,8 @@
 //! uncertainty is in the interval of K. Force and displacement at zero displacement are a level too; together with the
 //! offset they are the zero of the run, with the uncertainty of their own.
 
-use super::{Block, Fit, Parameter};
+use super::{Block, Fit, Parameter, Prior};
+use crate::model::effects::{Effect, ParameterInfo};
 use crate::model::{Channels, DriveSample, Experiment, Lateral, Model, ModelError, Rig, ShapePoint, predict};
 
 /// A measured value and its standard deviation.
@@ -38,7 +39,7 @@ pub struct LevelData {
 }
 
 /// A lateral run ready for the fit.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct LateralData {
     /// Needle, guides and tissue surface.
     pub rig: Rig,
@@ -52,15 +53,69 @@ pub struct LateralData {
     pub shape_sd_m: f64,
     /// Whether the force sensor's offset is unknown (a zero hold determines it); otherwise it is taken as zero.
     pub force_offset: bool,
+    /// Whether the force is used; displacement and shape alone determine K as well.
+    pub uses_force: bool,
+    /// Effects whose parameters are unknown too, shared by all runs: after `ln K`, in this order.
+    pub effects: Vec<&'static dyn Effect>,
+}
+
+/// Unknowns that effects bring: in the order of [`LateralData::effects`], with the priors of the effects.
+pub fn effect_parameters(effects: &[&'static dyn Effect]) -> Vec<Parameter> {
+    let parameters = effects.iter().flat_map(|effect| effect.parameters());
+    let unknown = |info: &ParameterInfo| {
+        let [least, most] = info.range;
+        let prior = Some(Prior { mean: info.neutral, sd: info.prior_sd });
+        // Off a bound, so that both differences of the derivative exist.
+        let start = (info.neutral + 0.1 * info.prior_sd).clamp(least, most);
+        Parameter { start, step: 1e-4 * info.prior_sd, least, most, prior }
+    };
+    parameters.map(unknown).collect()
 }
 
 impl LateralData {
-    fn offsets(&self) -> usize {
-        if self.force_offset { self.planes } else { 0 }
+    /// The same run without its force.
+    pub fn without_force(&self) -> Self {
+        Self { uses_force: false, ..self.clone() }
     }
 
-    /// What the sensors should read for a foundation modulus and true displacements, level by level and plane by plane.
-    fn predicted(&self, modulus_pa: f64, displacements_m: &[f64]) -> Result<Channels, ModelError> {
+    /// One plane of the run alone, 0 for y and 1 for x; nothing where guide 2 was not displaced in it by more than `least_m`.
+    pub fn in_plane(&self, plane: usize, least_m: f64) -> Option<Self> {
+        let one = |values: &[Measured]| values.get(plane).copied().into_iter().collect::<Vec<_>>();
+        let levels: Vec<LevelData> = self
+            .levels
+            .iter()
+            .map(|level| LevelData {
+                displacement_m: one(&level.displacement_m),
+                force_n: one(&level.force_n),
+                shape: level
+                    .shape
+                    .iter()
+                    .map(|point| ShapeDatum {
+                        z_m: point.z_m,
+                        deflection_m: [point.deflection_m.get(plane).copied().unwrap_or(f64::NAN), 0.0],
+                    })
+                    .collect(),
+            })
+            .collect();
+        let displaced =
+            levels.iter().flat_map(|level| &level.displacement_m).any(|u| u.value.abs() > least_m);
+        displaced.then(|| Self { planes: 1, levels, ..self.clone() })
+    }
+
+    fn offsets(&self) -> usize {
+        if self.force_offset && self.uses_force { self.planes } else { 0 }
+    }
+
+    /// What the sensors should read for shared parameters and true displacements, level by level and plane by plane.
+    fn predicted(&self, shared: &[f64], displacements_m: &[f64]) -> Result<Channels, ModelError> {
+        let (ln_k, mut values) =
+            shared.split_first().map_or((f64::NAN, shared), |(ln_k, rest)| (*ln_k, rest));
+        let mut model = Model::uniform(self.rig.clone(), ln_k.exp())?;
+        for effect in &self.effects {
+            let (own, rest) = values.split_at(effect.parameters().len().min(values.len()));
+            model.effects.push((*effect, own.to_vec()));
+            values = rest;
+        }
         let time_s = |level: usize| level as f64;
         let drive = displacements_m.chunks(self.planes).enumerate().map(|(level, of_level)| DriveSample {
             time_s: time_s(level),
@@ -72,7 +127,7 @@ impl LateralData {
             data.shape.iter().map(move |point| ShapePoint { time_s: time_s(level), z_m: point.z_m })
         });
         let lateral = Lateral { depth_m: self.depth_m, drive: drive.collect(), shape: shape.collect() };
-        predict(&Model::uniform(self.rig.clone(), modulus_pa)?, &Experiment::Lateral(lateral))
+        predict(&model, &Experiment::Lateral(lateral))
     }
 }
 
@@ -85,9 +140,8 @@ impl Block for LateralData {
 
     /// Plane by plane: displacements, forces, shape points.
     fn residuals(&self, shared: &[f64], nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
-        let modulus_pa = shared.first().copied().unwrap_or(f64::NAN).exp();
         let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
-        let predicted = self.predicted(modulus_pa, displacements_m)?;
+        let predicted = self.predicted(shared, displacements_m)?;
         let mut residuals = Vec::new();
         for plane in 0..self.planes {
             let of = |series: &crate::model::Series| -> Vec<f64> {
@@ -100,7 +154,8 @@ impl Block for LateralData {
             for (predicted, level) in of(&predicted.displacement_m).iter().zip(&self.levels) {
                 residuals.push(against(*predicted, level.displacement_m.get(plane)));
             }
-            for (predicted, level) in of(&predicted.force_n).iter().zip(&self.levels) {
+            let forces = of(&predicted.force_n);
+            for (predicted, level) in forces.iter().zip(&self.levels).filter(|_| self.uses_force) {
                 residuals.push(against(predicted + offset_n, level.force_n.get(plane)));
             }
             let points = self.levels.iter().flat_map(|level| &level.shape);
@@ -129,7 +184,8 @@ pub fn channel_fits(data: &LateralData, fit: &Fit, block: usize) -> [ChannelFit;
     let mut channels = [ChannelFit { chi_square: 0.0, count: 0 }; 3];
     let mut residuals = fit.residuals.get(block).into_iter().flatten();
     for _ in 0..data.planes {
-        for (channel, count) in channels.iter_mut().zip([levels, levels, points]) {
+        let forces = if data.uses_force { levels } else { 0 };
+        for (channel, count) in channels.iter_mut().zip([levels, forces, points]) {
             channel.chi_square += residuals.by_ref().take(count).map(|r| r * r).sum::<f64>();
             channel.count += count;
         }

@@ -11,5 +11,7 @@ pub mod modulus;
 #[cfg(test)]
 mod monte_carlo;
 
-pub use fit::{Block, Fit, FitError, Parameter, fit};
-pub use lateral::{ChannelFit, LateralData, LevelData, Measured, ShapeDatum, channel_fits};
+pub use fit::{Block, Fit, FitError, Parameter, Prior, fit};
+pub use lateral::{
+    ChannelFit, LateralData, LevelData, Measured, ShapeDatum, channel_fits, effect_parameters,
+};

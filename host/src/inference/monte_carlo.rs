@@ -7,7 +7,7 @@ use crate::model::{Needle, Rig, peer};
 use crate::testing::Noise;
 
 const K_PA: f64 = 16e3;
-const LN_K: Parameter = Parameter { start: 9.0, step: 1e-4, least: 2.0, most: 16.0 };
+const LN_K: Parameter = Parameter { start: 9.0, step: 1e-4, least: 2.0, most: 16.0, prior: None };
 
 fn rig() -> Rig {
     Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
@@ -37,7 +37,16 @@ fn data(
         force_n: vec![force],
         shape: shape.iter().map(point).collect(),
     };
-    LateralData { rig: rig(), depth_m, planes: 1, levels: vec![level], shape_sd_m, force_offset: false }
+    LateralData {
+        rig: rig(),
+        depth_m,
+        planes: 1,
+        levels: vec![level],
+        shape_sd_m,
+        force_offset: false,
+        uses_force: true,
+        effects: vec![],
+    }
 }
 
 #[test]

@@ -1,0 +1,71 @@
+//! K of all runs together, and of each direction.
+
+use super::fitting::{Estimate, ln_k_parameter, nuisance_results, start, student_975, unknowns};
+use super::{Directions, Fitted, Heterogeneity, Pooled};
+use crate::inference::{LateralData, Parameter, fit};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+/// One fit of all runs with a shared K, and whether the runs agree on it.
+pub(super) fn pool(runs: &[Fitted], warnings: &mut Vec<String>) -> Pooled {
+    let weight: f64 = runs.iter().map(|run| 1.0 / run.variance).sum();
+    let mean = runs.iter().map(|run| run.ln_k / run.variance).sum::<f64>() / weight;
+    let q: f64 = runs.iter().map(|run| (run.ln_k - mean).powi(2) / run.variance).sum();
+    let freedom = runs.len() as f64 - 1.0;
+    let p = ChiSquared::new(freedom).ok().map(|chi| chi.sf(q));
+    let differ = p.is_some_and(|p| p < 0.05);
+
+    // Where the joint fit fails the weighted mean of ln K, which is its first-order form, stands in for it.
+    let blocks: Vec<LateralData> = runs.iter().map(|run| run.data.clone()).collect();
+    let effects = runs.first().map(|run| run.data.effects.clone()).unwrap_or_default();
+    let joint = fit(&unknowns(Parameter { start: mean, ..ln_k_parameter() }, &effects), &blocks);
+    let known_noise = runs.iter().all(|run| run.known_noise);
+    let mut estimate = match &joint {
+        Ok(joint) => Estimate::of(joint, known_noise),
+        Err(why) => {
+            warnings.push(format!(
+                "joint fit of all runs: {why}; the weighted mean of the runs is pooled instead"
+            ));
+            let quantile = student_975(freedom);
+            Estimate { ln_k: mean, sd_ln: weight.recip().sqrt(), quantile, widened: None }
+        }
+    };
+    if differ {
+        // Runs that differ more than their noise tell how well a shared K is known.
+        estimate.sd_ln = estimate.sd_ln.max((q / freedom / weight).sqrt());
+        estimate.quantile = student_975(freedom);
+        warnings.push(format!(
+            "the runs disagree on K beyond their noise (p = {:.2e}): the pooled interval is widened, and one K may not describe this tissue",
+            p.unwrap_or_default()
+        ));
+    }
+    let k_kpa = estimate.k_kpa();
+    Pooled {
+        k_kpa,
+        sd_kpa: k_kpa * estimate.sd_ln,
+        ci95_kpa: estimate.ci95_kpa(),
+        nuisances: joint.as_ref().map(|joint| nuisance_results(&effects, joint)).unwrap_or_default(),
+        runs: runs.len(),
+        heterogeneity: p.map(|p| Heterogeneity { q, degrees_of_freedom: runs.len() - 1, p }),
+    }
+}
+
+/// K of each plane by itself, and their ratio; nothing where guide 2 was displaced in one plane only.
+pub(super) fn directions(runs: &[Fitted], least_m: f64) -> Option<Directions> {
+    let known_noise = runs.iter().all(|run| run.known_noise);
+    let of_plane = |plane: usize| -> Option<Estimate> {
+        let blocks: Vec<LateralData> =
+            runs.iter().filter_map(|run| run.data.in_plane(plane, least_m)).collect();
+        let first = blocks.first()?;
+        let fit = fit(&unknowns(start(first), &first.effects), &blocks).ok()?;
+        Some(Estimate::of(&fit, known_noise))
+    };
+    let (y, x) = (of_plane(0)?, of_plane(1)?);
+    let (ln_ratio, sd_ln) = (x.ln_k - y.ln_k, x.sd_ln.hypot(y.sd_ln));
+    let half = x.quantile.max(y.quantile) * sd_ln;
+    Some(Directions {
+        y: y.likelihood(),
+        x: x.likelihood(),
+        ratio_x_to_y: ln_ratio.exp(),
+        ratio_ci95: [(ln_ratio - half).exp(), (ln_ratio + half).exp()],
+    })
+}
