@@ -11,14 +11,14 @@ mod reference;
 mod results;
 
 pub use results::{
-    ChannelResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult, Identification,
-    Likelihood, Methods, NoiseResult, NuisanceResult, Pooled, Reference, RelationResult, RunResult,
-    YoungsModulus,
+    Bootstrap, ChannelResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult, Identification,
+    Likelihood, Methods, NoiseResult, NuisanceResult, Pooled, Profile, Reference, RelationResult, RunResult,
+    ShapeResult, YoungsModulus,
 };
 
 use crate::inference::energy::energy_modulus;
 use crate::inference::modulus::Relation;
-use crate::inference::{FitError, LateralData, channel_fits};
+use crate::inference::{FitError, LateralData, channel_fits, shape_fits};
 use crate::levels::HoldCriteria;
 use crate::model::effects::Effect;
 use crate::session::{LateralRun, Session};
@@ -37,6 +37,12 @@ pub struct Options {
     pub criteria: HoldCriteria,
     /// Effects whose parameters are unknown too, with their priors: the interval of K then includes them.
     pub nuisances: Vec<&'static dyn Effect>,
+    /// Profile the likelihood of the pooled K.
+    pub profile: bool,
+    /// Bootstrap the pooled K with so many draws; 0 for none.
+    pub bootstrap: usize,
+    /// Seed of the draws.
+    pub seed: u64,
 }
 
 impl Default for Options {
@@ -46,6 +52,9 @@ impl Default for Options {
             poisson: 0.5,
             criteria: HoldCriteria::default(),
             nuisances: Vec::new(),
+            profile: false,
+            bootstrap: 0,
+            seed: 1,
         }
     }
 }
@@ -161,7 +170,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     if fitted.is_empty() {
         return Err(IdentifyError::AllFailed { reasons });
     }
-    let pooled = pool::pool(&fitted, &mut warnings);
+    let pooled = pool::pool(&fitted, options, &mut warnings);
     let directions = pool::directions(&fitted, options.criteria.zero_m);
     let depths_m: f64 = fitted.iter().map(|run| run.data.depth_m).sum();
     let depth_m = depths_m / fitted.len() as f64;
@@ -220,6 +229,7 @@ fn identify_run(
         holds: prepared.holds,
         noise: Some(NoiseResult { shape_mm: 1e3 * prepared.data.shape_sd_m, ..prepared.noise }),
         fit: ["displacement", "force", "shape"].into_iter().zip(channels).map(ChannelResult::from).collect(),
+        shape: ShapeResult::gather(&shape_fits(&prepared.data, &best, 0)),
         nuisances: nuisance_results(&prepared.data.effects, &best),
         chi_square: Some(best.chi_square),
         degrees_of_freedom: Some(best.degrees_of_freedom),

@@ -4,13 +4,15 @@ use super::output::Output;
 use anyhow::Context;
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
-use host::identify::{Directions, Identification, NuisanceResult, Options, RunResult, identify};
+use host::figures;
+use host::identify::{Bootstrap, Directions, Identification, NuisanceResult, Options, RunResult, identify};
 use host::inference::modulus::Relation;
 use host::levels::HoldCriteria;
 use host::model::effects::{EFFECTS, Effect, effect};
 use host::session::Session;
 use std::fmt::{self, Display};
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 /// Identify the tissue's modulus from the lateral runs of a session
 #[derive(clap::Args)]
@@ -29,6 +31,18 @@ pub struct Args {
     /// Take an effect's parameters as unknown, so that the interval of K includes them: may be given more than once
     #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
     nuisance: Vec<&'static dyn Effect>,
+    /// Give the interval of the profile likelihood too
+    #[arg(long)]
+    profile: bool,
+    /// Give the interval of a parametric bootstrap with so many draws too
+    #[arg(long, value_name = "DRAWS", value_parser = clap::value_parser!(u32).range(20..=100_000))]
+    bootstrap: Option<u32>,
+    /// Seed of the bootstrap's draws
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Draw figures (shape measured and fitted, residuals, profile likelihood) as SVG files into this folder
+    #[arg(long, value_name = "FOLDER")]
+    plots: Option<PathBuf>,
 }
 
 fn nuisance() -> impl TypedValueParser<Value = &'static dyn Effect> {
@@ -58,14 +72,40 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         poisson: args.poisson,
         criteria: HoldCriteria::default(),
         nuisances,
+        profile: args.profile || args.plots.is_some(),
+        bootstrap: args.bootstrap.unwrap_or(0) as usize,
+        seed: args.seed,
     };
     let result =
         identify(&session, &options).with_context(|| format!("cannot identify {}", args.dir.display()))?;
+    if let Some(folder) = &args.plots {
+        draw(&result, folder, out)?;
+    }
     out.result(&result, Text(&result))?;
     if !result.runs.iter().all(|run| run.error.is_none()) {
         out.note("some runs are left out; see the warnings");
     }
     Ok(())
+}
+
+/// Draws the figures and says where they are.
+fn draw(result: &Identification, folder: &Path, out: &Output) -> anyhow::Result<()> {
+    fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
+    let write = |name: &str, svg: String| {
+        let path = folder.join(name);
+        out.note(format_args!("drawing {}", path.display()));
+        fs::write(&path, svg).with_context(|| format!("{}: cannot write", path.display()))
+    };
+    for run in result.runs.iter().filter(|run| run.error.is_none()) {
+        // An id may hold anything; a file name may not.
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+        let name: String = run.id.chars().map(|c| if plain(c) { c } else { '_' }).collect();
+        write(&format!("{name}.shape.svg"), figures::shape(run)?)?;
+    }
+    match figures::likelihood(&result.pooled)? {
+        Some(svg) => write("likelihood.svg", svg),
+        None => Ok(()),
+    }
 }
 
 /// An identification for the eye.
@@ -103,6 +143,14 @@ impl Display for Text<'_> {
         for found in &pooled.nuisances {
             let NuisanceResult { effect, parameter, value, sd, prior_sd } = found;
             writeln!(f, "nuisance     {effect}: {parameter} {value:.4}, sd {sd:.4} (prior sd {prior_sd})")?;
+        }
+        if let Some(profile) = &pooled.profile {
+            let [low, high] =
+                profile.ci95_kpa.map(|end| end.map_or("open".to_owned(), |k| format!("{k:.2}")));
+            writeln!(f, "profile      K {low} to {high} kPa")?;
+        }
+        if let Some(Bootstrap { ci95_kpa: [low, high], count, seed }) = &pooled.bootstrap {
+            writeln!(f, "bootstrap    K {low:.2} to {high:.2} kPa, {count} draws, seed {seed}")?;
         }
         let youngs_text = estimate(Some(youngs.value), Some(youngs.ci95));
         let [least, most] = youngs.range_kpa;

@@ -1,12 +1,12 @@
 //! K of all runs together, and of each direction.
 
-use super::fitting::{Estimate, ln_k_parameter, nuisance_results, start, student_975, unknowns};
-use super::{Directions, Fitted, Heterogeneity, Pooled};
-use crate::inference::{LateralData, Parameter, fit};
+use super::fitting::{Estimate, NORMAL_975, ln_k_parameter, nuisance_results, start, student_975, unknowns};
+use super::{Bootstrap, Directions, Fitted, Heterogeneity, Options, Pooled, Profile};
+use crate::inference::{Fit, FitError, LateralData, Parameter, fit, intervals};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// One fit of all runs with a shared K, and whether the runs agree on it.
-pub(super) fn pool(runs: &[Fitted], warnings: &mut Vec<String>) -> Pooled {
+pub(super) fn pool(runs: &[Fitted], options: &Options, warnings: &mut Vec<String>) -> Pooled {
     let weight: f64 = runs.iter().map(|run| 1.0 / run.variance).sum();
     let mean = runs.iter().map(|run| run.ln_k / run.variance).sum::<f64>() / weight;
     let q: f64 = runs.iter().map(|run| (run.ln_k - mean).powi(2) / run.variance).sum();
@@ -17,7 +17,8 @@ pub(super) fn pool(runs: &[Fitted], warnings: &mut Vec<String>) -> Pooled {
     // Where the joint fit fails the weighted mean of ln K, which is its first-order form, stands in for it.
     let blocks: Vec<LateralData> = runs.iter().map(|run| run.data.clone()).collect();
     let effects = runs.first().map(|run| run.data.effects.clone()).unwrap_or_default();
-    let joint = fit(&unknowns(Parameter { start: mean, ..ln_k_parameter() }, &effects), &blocks);
+    let unknowns = unknowns(Parameter { start: mean, ..ln_k_parameter() }, &effects);
+    let joint = fit(&unknowns, &blocks);
     let known_noise = runs.iter().all(|run| run.known_noise);
     let mut estimate = match &joint {
         Ok(joint) => Estimate::of(joint, known_noise),
@@ -43,10 +44,44 @@ pub(super) fn pool(runs: &[Fitted], warnings: &mut Vec<String>) -> Pooled {
         k_kpa,
         sd_kpa: k_kpa * estimate.sd_ln,
         ci95_kpa: estimate.ci95_kpa(),
+        profile: joint
+            .as_ref()
+            .ok()
+            .filter(|_| options.profile)
+            .and_then(|best| profile(&unknowns, &blocks, best)),
+        bootstrap: joint.as_ref().ok().and_then(|best| bootstrap(&unknowns, &blocks, best, options)),
         nuisances: joint.as_ref().map(|joint| nuisance_results(&effects, joint)).unwrap_or_default(),
         runs: runs.len(),
         heterogeneity: p.map(|p| Heterogeneity { q, degrees_of_freedom: runs.len() - 1, p }),
     }
+}
+
+/// Points of a profile, and how many standard deviations it reaches to either side.
+const PROFILE_POINTS: i32 = 41;
+const PROFILE_REACH_SD: f64 = 4.0;
+
+fn profile(unknowns: &[Parameter], blocks: &[LateralData], best: &Fit) -> Option<Profile> {
+    let centre = best.shared.first()?;
+    let sd = best.covariance.get((0, 0))?.sqrt();
+    let [low, high] = intervals::profile_interval(unknowns, blocks, best, NORMAL_975.powi(2)).ok()?;
+    let kpa = |ln_k: f64| 1e-3 * ln_k.exp();
+    let finite = |ln_k: f64| ln_k.is_finite().then(|| kpa(ln_k));
+    let half = f64::from(PROFILE_POINTS / 2);
+    let ln_k = (0..PROFILE_POINTS).map(|i| centre + PROFILE_REACH_SD * sd * (f64::from(i) / half - 1.0));
+    let curve = ln_k.map(|ln_k| Ok((kpa(ln_k), intervals::profile(unknowns, blocks, best, ln_k)?)));
+    let (k_kpa, delta_chi_square) = curve.collect::<Result<_, FitError>>().ok()?;
+    Some(Profile { ci95_kpa: [finite(low), finite(high)], k_kpa, delta_chi_square })
+}
+
+fn bootstrap(
+    unknowns: &[Parameter],
+    blocks: &[LateralData],
+    best: &Fit,
+    options: &Options,
+) -> Option<Bootstrap> {
+    let drawn = intervals::bootstrap(unknowns, blocks, best, options.bootstrap, options.seed);
+    let kpa = |share: f64| intervals::quantile(&drawn, share).map(|ln_k| 1e-3 * ln_k.exp());
+    Some(Bootstrap { ci95_kpa: [kpa(0.025)?, kpa(0.975)?], count: drawn.len(), seed: options.seed })
 }
 
 /// K of each plane by itself, and their ratio; nothing where guide 2 was displaced in one plane only.

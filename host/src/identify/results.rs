@@ -1,7 +1,7 @@
 //! The result of an identification, as `guide identify --json` prints it. Additive only: fields may be added, never
 //! removed or changed in meaning.
 
-use crate::inference::ChannelFit;
+use crate::inference::{ChannelFit, ShapeFit};
 use crate::session::LateralRun;
 use serde::Serialize;
 
@@ -44,6 +44,8 @@ pub struct RunResult {
     pub noise: Option<NoiseResult>,
     /// How well the likelihood's model meets each channel.
     pub fit: Vec<ChannelResult>,
+    /// The shape as measured and as fitted, hold by hold.
+    pub shape: Vec<ShapeResult>,
     /// What was found of the nuisance effects' parameters.
     pub nuisances: Vec<NuisanceResult>,
     /// Sum of squared residuals of the likelihood.
@@ -66,6 +68,7 @@ impl RunResult {
             holds: Vec::new(),
             noise: None,
             fit: Vec::new(),
+            shape: Vec::new(),
             nuisances: Vec::new(),
             chi_square: None,
             degrees_of_freedom: None,
@@ -115,6 +118,40 @@ pub struct Likelihood {
     pub sd_kpa: Option<f64>,
     /// 95 % interval, from ln K.
     pub ci95_kpa: Option<[f64; 2]>,
+}
+
+/// The shape of one hold in one plane; lists of equal length.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct ShapeResult {
+    /// Number of the hold among those used, from 0.
+    pub hold: usize,
+    /// `y` or `x`.
+    pub plane: &'static str,
+    /// Position along the needle.
+    pub z_mm: Vec<f64>,
+    /// Deflection as measured.
+    pub measured_mm: Vec<f64>,
+    /// Deflection of the fitted beam.
+    pub fitted_mm: Vec<f64>,
+}
+
+impl ShapeResult {
+    /// Gathers the points of a fit.
+    pub(super) fn gather(points: &[ShapeFit]) -> Vec<Self> {
+        let mut results: Vec<Self> = Vec::new();
+        for point in points {
+            let plane = if point.plane == 0 { "y" } else { "x" };
+            if results.last().is_none_or(|last| (last.hold, last.plane) != (point.level, plane)) {
+                results.push(Self { hold: point.level, plane, ..Self::default() });
+            }
+            if let Some(last) = results.last_mut() {
+                last.z_mm.push(1e3 * point.z_m);
+                last.measured_mm.push(1e3 * point.measured_m);
+                last.fitted_mm.push(1e3 * point.fitted_m);
+            }
+        }
+        results
+    }
 }
 
 /// A parameter of an effect that was taken as unknown.
@@ -203,12 +240,38 @@ pub struct Pooled {
     pub sd_kpa: f64,
     /// 95 % interval, from ln K.
     pub ci95_kpa: [f64; 2],
+    /// Profile likelihood; nothing where it was not asked for.
+    pub profile: Option<Profile>,
+    /// Parametric bootstrap; nothing where it was not asked for.
+    pub bootstrap: Option<Bootstrap>,
     /// What was found of the nuisance effects' parameters, shared by the runs.
     pub nuisances: Vec<NuisanceResult>,
     /// Number of runs in it.
     pub runs: usize,
     /// Whether the runs agree (Cochran's Q); nothing for one run.
     pub heterogeneity: Option<Heterogeneity>,
+}
+
+/// Profile likelihood of K: all other unknowns fitted anew at every K.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Profile {
+    /// 95 % interval, where chi-square has risen by 3.84; an end that the data do not give is `null`.
+    pub ci95_kpa: [Option<f64>; 2],
+    /// Foundation moduli.
+    pub k_kpa: Vec<f64>,
+    /// Rise of chi-square at each.
+    pub delta_chi_square: Vec<f64>,
+}
+
+/// Parametric bootstrap of K: data drawn from the fit and fitted again.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Bootstrap {
+    /// 95 % interval.
+    pub ci95_kpa: [f64; 2],
+    /// Number of draws.
+    pub count: usize,
+    /// Seed of the draws.
+    pub seed: u64,
 }
 
 /// K of the two planes by themselves.

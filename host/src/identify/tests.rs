@@ -261,6 +261,33 @@ fn indentation_is_compared_by_welch() {
 }
 
 #[test]
+fn profile_bootstrap_and_figures_come_on_request() {
+    let session = session(vec![Recipe::default().run("a & b", &mut Noise::new(51))]);
+    assert_eq!(identified(&session).pooled.profile, None);
+    let asked = Options { profile: true, bootstrap: 100, seed: 7, ..Options::default() };
+    let result = identify(&session, &asked).expect("identifies");
+    let pooled = &result.pooled;
+    let half = 0.5 * (pooled.ci95_kpa[1] - pooled.ci95_kpa[0]);
+    let profile = pooled.profile.as_ref().expect("a profile");
+    let bootstrap = pooled.bootstrap.as_ref().expect("a bootstrap");
+    assert_eq!((bootstrap.count, bootstrap.seed), (100, 7));
+    for (end, stated) in pooled.ci95_kpa.iter().enumerate() {
+        assert!((profile.ci95_kpa[end].expect("an end") - stated).abs() < 0.15 * half, "{pooled:?}");
+        assert!((bootstrap.ci95_kpa[end] - stated).abs() < 0.5 * half, "{pooled:?}");
+    }
+    let lowest = profile.delta_chi_square.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(lowest > -1e-6 && lowest < 0.05, "{lowest}");
+
+    let figure = crate::figures::shape(&result.runs[0]).expect("a figure");
+    assert!(figure.contains("<svg") && figure.contains("a &amp; b"), "text is escaped");
+    // 30 points of three holds, twice, and one in the legend of each hold.
+    assert_eq!(figure.matches("<circle").count(), 2 * 90 + 3);
+    let curve = crate::figures::likelihood(pooled).expect("a figure").expect("a profile");
+    assert!(curve.contains("<polyline"));
+    assert_eq!(crate::figures::likelihood(&identified(&session).pooled).expect("no figure"), None);
+}
+
+#[test]
 fn the_json_form_has_what_was_promised() {
     let result = identified(&session(vec![Recipe::default().run("a", &mut Noise::new(1))]));
     let json = serde_json::to_value(&result).expect("serialises");

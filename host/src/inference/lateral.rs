@@ -168,6 +168,39 @@ impl Block for LateralData {
     }
 }
 
+/// One deflection as measured and as fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShapeFit {
+    /// Index of its level.
+    pub level: usize,
+    /// 0 for the vertical plane, 1 for the horizontal one.
+    pub plane: usize,
+    /// Position along the needle.
+    pub z_m: f64,
+    /// As measured.
+    pub measured_m: f64,
+    /// As fitted.
+    pub fitted_m: f64,
+}
+
+/// Every deflection of block `block` of a fit.
+pub fn shape_fits(data: &LateralData, fit: &Fit, block: usize) -> Vec<ShapeFit> {
+    let residuals = fit.residuals.get(block).map(Vec::as_slice).unwrap_or_default();
+    let points =
+        || data.levels.iter().enumerate().flat_map(|(level, of)| of.shape.iter().map(move |p| (level, p)));
+    let scalars = data.levels.len() * if data.uses_force { 2 } else { 1 };
+    let per_plane = scalars + points().count();
+    let of_plane = |plane: usize| {
+        let residuals = residuals.iter().skip(plane * per_plane + scalars);
+        points().zip(residuals).map(move |((level, point), residual)| {
+            let measured_m = point.deflection_m.get(plane).copied().unwrap_or(f64::NAN);
+            let fitted_m = measured_m - residual * data.shape_sd_m;
+            ShapeFit { level, plane, z_m: point.z_m, measured_m, fitted_m }
+        })
+    };
+    (0..data.planes).flat_map(of_plane).collect()
+}
+
 /// How well one channel of a run is met.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChannelFit {

@@ -6,6 +6,7 @@
 
 pub mod energy;
 mod fit;
+pub mod intervals;
 mod lateral;
 pub mod modulus;
 #[cfg(test)]
@@ -13,5 +14,6 @@ mod monte_carlo;
 
 pub use fit::{Block, Fit, FitError, Parameter, Prior, fit};
 pub use lateral::{
-    ChannelFit, LateralData, LevelData, Measured, ShapeDatum, channel_fits, effect_parameters,
+    ChannelFit, LateralData, LevelData, Measured, ShapeDatum, ShapeFit, channel_fits, effect_parameters,
+    shape_fits,
 };

@@ -1,0 +1,170 @@
+//! Figures of an identification, as SVG text.
+
+use crate::identify::{Pooled, RunResult, ShapeResult};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use std::ops::Range;
+
+const FONT: &str = "sans-serif";
+const WIDTH: u32 = 900;
+const GREY: RGBColor = RGBColor(110, 110, 110);
+
+/// Why a figure could not be drawn.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot draw the figure: {0}")]
+pub struct FigureError(String);
+
+fn failed(error: impl std::fmt::Display) -> FigureError {
+    FigureError(error.to_string())
+}
+
+/// Shape as measured (dots) and as fitted (lines), hold by hold, and below it what is left over.
+///
+/// # Errors
+/// [`FigureError`] where the drawing fails.
+pub fn shape(run: &RunResult) -> Result<String, FigureError> {
+    let mut svg = String::new();
+    {
+        let area = SVGBackend::with_string(&mut svg, (WIDTH, 760)).into_drawing_area();
+        area.fill(&WHITE).map_err(failed)?;
+        let title = format!("{}: needle shape at {:.1} mm", run.id, run.depth_mm);
+        let area = area.titled(&title, (FONT, 22)).map_err(failed)?;
+        let (above, below) = area.split_vertically(430);
+        let z_mm = range(run.shape.iter().flat_map(|shape| &shape.z_mm).copied());
+        let seen = run.shape.iter().flat_map(|shape| shape.measured_mm.iter().chain(&shape.fitted_mm));
+        let mut chart = axes(&above, z_mm.clone(), range(seen.copied()), "deflection, mm", "")?;
+        for (index, shape) in run.shape.iter().enumerate() {
+            let colour = Palette99::pick(index).to_rgba();
+            chart
+                .draw_series(
+                    pairs(shape, |s, i| s.measured_mm.get(i).copied())
+                        .map(|at| Circle::new(at, 3, colour.filled())),
+                )
+                .map_err(failed)?
+                .label(format!("hold {}, {}", shape.hold + 1, shape.plane))
+                .legend(move |(x, y)| Circle::new((x + 8, y), 4, colour.filled()));
+            let mut line: Vec<(f64, f64)> = pairs(shape, |s, i| s.fitted_mm.get(i).copied()).collect();
+            line.sort_by(|a, b| a.0.total_cmp(&b.0));
+            chart.draw_series(LineSeries::new(line, colour.stroke_width(2))).map_err(failed)?;
+        }
+        legend(&mut chart)?;
+        let rest = |shape: &ShapeResult, i: usize| Some(shape.measured_mm.get(i)? - shape.fitted_mm.get(i)?);
+        let left = run.shape.iter().flat_map(|shape| pairs(shape, rest).map(|(_, rest)| rest));
+        let mut chart =
+            axes(&below, z_mm, range(left), "measured - fitted, mm", "position along the needle, mm")?;
+        for (index, shape) in run.shape.iter().enumerate() {
+            let colour = Palette99::pick(index).to_rgba();
+            chart
+                .draw_series(pairs(shape, rest).map(|at| Circle::new(at, 3, colour.filled())))
+                .map_err(failed)?;
+        }
+        area.present().map_err(failed)?;
+    }
+    Ok(svg)
+}
+
+/// Rise of chi-square over K; nothing where the profile was not asked for.
+///
+/// # Errors
+/// [`FigureError`] where the drawing fails.
+pub fn likelihood(pooled: &Pooled) -> Result<Option<String>, FigureError> {
+    let Some(profile) = &pooled.profile else { return Ok(None) };
+    let mut svg = String::new();
+    {
+        let area = SVGBackend::with_string(&mut svg, (WIDTH, 480)).into_drawing_area();
+        area.fill(&WHITE).map_err(failed)?;
+        let area = area.titled("profile likelihood of K", (FONT, 22)).map_err(failed)?;
+        let k_kpa = range(profile.k_kpa.iter().copied());
+        let top = profile.delta_chi_square.iter().copied().fold(4.0, f64::max);
+        let mut chart = axes(&area, k_kpa.clone(), 0.0..top, "rise of chi-square", "K, kPa")?;
+        let curve = profile.k_kpa.iter().copied().zip(profile.delta_chi_square.iter().copied());
+        chart.draw_series(LineSeries::new(curve, BLUE.stroke_width(2))).map_err(failed)?;
+        let level = [(k_kpa.start, 3.84), (k_kpa.end, 3.84)];
+        chart.draw_series(LineSeries::new(level, GREY)).map_err(failed)?;
+        for end in profile.ci95_kpa.into_iter().flatten() {
+            chart.draw_series(LineSeries::new([(end, 0.0), (end, 3.84)], GREY)).map_err(failed)?;
+        }
+        chart
+            .draw_series(LineSeries::new([(pooled.k_kpa, 0.0), (pooled.k_kpa, top)], RED))
+            .map_err(failed)?;
+        area.present().map_err(failed)?;
+    }
+    Ok(Some(svg))
+}
+
+type Area<'s> = DrawingArea<SVGBackend<'s>, Shift>;
+type Chart<'a, 's> = ChartContext<
+    'a,
+    SVGBackend<'s>,
+    Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
+>;
+
+fn axes<'a, 's>(
+    area: &'a Area<'s>,
+    x: Range<f64>,
+    y: Range<f64>,
+    y_name: &str,
+    x_name: &str,
+) -> Result<Chart<'a, 's>, FigureError> {
+    let mut chart = ChartBuilder::on(area)
+        .margin(12)
+        .x_label_area_size(if x_name.is_empty() { 28 } else { 46 })
+        .y_label_area_size(70)
+        .build_cartesian_2d(x, y)
+        .map_err(failed)?;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .label_style((FONT, 14))
+        .axis_desc_style((FONT, 16))
+        .x_desc(x_name)
+        .y_desc(y_name)
+        .draw()
+        .map_err(failed)?;
+    Ok(chart)
+}
+
+fn legend<'a, 's: 'a>(chart: &mut Chart<'a, 's>) -> Result<(), FigureError> {
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperLeft)
+        .background_style(WHITE.mix(0.8))
+        .border_style(GREY)
+        .label_font((FONT, 14))
+        .draw()
+        .map_err(failed)
+}
+
+/// Points of a shape that have both coordinates.
+fn pairs(
+    shape: &ShapeResult,
+    value: impl Fn(&ShapeResult, usize) -> Option<f64>,
+) -> impl Iterator<Item = (f64, f64)> {
+    let points = shape.z_mm.iter().enumerate().filter_map(move |(i, z_mm)| Some((*z_mm, value(shape, i)?)));
+    points.filter(|(z_mm, value)| z_mm.is_finite() && value.is_finite())
+}
+
+/// From the least to the greatest finite value and a little more; never empty.
+fn range(values: impl Iterator<Item = f64>) -> Range<f64> {
+    let (least, most) = values
+        .filter(|value| value.is_finite())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| (least.min(value), most.max(value)));
+    if least > most {
+        return 0.0..1.0;
+    }
+    let margin = (0.05 * (most - least)).max(1e-3);
+    least - margin..most + margin
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_never_empty() {
+        assert_eq!(range([].into_iter()), 0.0..1.0);
+        assert_eq!(range([f64::NAN].into_iter()), 0.0..1.0);
+        let single = range([2.0].into_iter());
+        assert!(single.start < 2.0 && 2.0 < single.end);
+    }
+}
