@@ -72,38 +72,59 @@ fn stated_uncertainty_is_the_cramer_rao_bound() {
     }
 }
 
-/// The paper's sensors: 0.1 N, 0.02 mm on the displacement, 0.02 mm and 0.05 mm pixels on the shape, at 30 mm.
+/// The sensors of Paper A: 0.02 mm on the displacement, 0.02 mm and pixels of 0.05 mm on the shape; a coarse and a fine force
+/// cell. At every depth the likelihood is unbiased, scatters by the Cramer-Rao bound, and its intervals cover; beside it the
+/// energy balance, whose scatter with the coarse cell is the 16 to 25 % that the paper reports.
 #[test]
 fn likelihood_is_unbiased_at_the_bound_and_covers() {
-    const RUNS: usize = 400;
-    let (force_n, exact) = truth(0.03);
-    let shape_sd_m = (0.02e-3f64.powi(2) + 0.05e-3f64.powi(2) / 12.0).sqrt();
+    const RUNS: usize = 500;
+    const PIXEL_M: f64 = 0.05e-3;
+    let shape_sd_m = (0.02e-3f64.powi(2) + PIXEL_M.powi(2) / 12.0).sqrt();
     let mut noise = Noise::new(2024);
-    let (mut moduli, mut energies, mut covered) = (Vec::new(), Vec::new(), 0);
-    for _ in 0..RUNS {
-        let displacement = Measured { value: 1.2e-3 + 0.02e-3 * noise.normal(), sd: 0.02e-3 };
-        let force = Measured { value: force_n + 0.1 * noise.normal(), sd: 0.1 };
-        let pixel_m = 0.05e-3;
-        let seen = exact.iter().map(|(z_m, u_m)| {
-            let noisy_m = u_m + 0.02e-3 * noise.normal();
-            (*z_m, (noisy_m / pixel_m).round() * pixel_m)
-        });
-        let shape: Vec<_> = seen.collect();
-        let fit = fit(&[LN_K], &[data(0.03, displacement, force, &shape, shape_sd_m)]).expect("fits");
-        moduli.push(1e-3 * fit.shared[0].exp());
-        covered += usize::from((fit.shared[0] - K_PA.ln()).abs() < 1.96 * fit.covariance[(0, 0)].sqrt());
-        let balance = Balance { displacement_m: displacement, force_n: force, shape_m: shape, shape_sd_m };
-        energies.push(1e-3 * energy_modulus(&rig(), 0.03, &balance).expect("a modulus").corrected_pa);
+    for (depth_m, force_sd_n, energy_percent) in [
+        (0.02, 0.1, 20.0..30.0),
+        (0.03, 0.1, 14.0..24.0),
+        (0.04, 0.1, 18.0..28.0),
+        (0.02, 0.005, 14.0..24.0),
+        (0.03, 0.005, 6.0..16.0),
+        (0.04, 0.005, 8.0..18.0),
+    ] {
+        let (force_n, exact) = truth(depth_m);
+        let displacement = |value| Measured { value, sd: 0.02e-3 };
+        let force = |value| Measured { value, sd: force_sd_n };
+        let at_truth = data(depth_m, displacement(1.2e-3), force(force_n), &exact, shape_sd_m);
+        let bound_kpa = 16.0 * fit(&[LN_K], &[at_truth]).expect("fits").covariance[(0, 0)].sqrt();
+        let (mut moduli, mut energies, mut covered) = (Vec::new(), Vec::new(), 0);
+        for _ in 0..RUNS {
+            let displacement_m = displacement(1.2e-3 + 0.02e-3 * noise.normal());
+            let force_n = force(force_n + force_sd_n * noise.normal());
+            let seen = exact.iter().map(|(z_m, u_m)| {
+                let noisy_m = u_m + 0.02e-3 * noise.normal();
+                (*z_m, (noisy_m / PIXEL_M).round() * PIXEL_M)
+            });
+            let shape_m: Vec<_> = seen.collect();
+            let run = data(depth_m, displacement_m, force_n, &shape_m, shape_sd_m);
+            let fit = fit(&[LN_K], &[run]).expect("fits");
+            moduli.push(1e-3 * fit.shared[0].exp());
+            let off = (fit.shared[0] - K_PA.ln()).abs();
+            covered += usize::from(off < 1.96 * fit.covariance[(0, 0)].sqrt());
+            let balance = Balance { displacement_m, force_n, shape_m, shape_sd_m };
+            energies.push(1e-3 * energy_modulus(&rig(), depth_m, &balance).expect("a modulus").corrected_pa);
+        }
+        let (mean_kpa, sd_kpa) = super::modulus::mean_and_sd(&moduli).expect("runs");
+        let (energy_kpa, energy_sd_kpa) = super::modulus::mean_and_sd(&energies).expect("runs");
+        let coverage = 100.0 * covered as f64 / RUNS as f64;
+        println!(
+            "{:.0} mm, {force_sd_n} N: likelihood {mean_kpa:.2} +- {sd_kpa:.3} kPa (bound {bound_kpa:.3}), covers \
+             {coverage:.1} %; energy balance {energy_kpa:.1} +- {energy_sd_kpa:.2} kPa",
+            1e3 * depth_m
+        );
+        assert!((mean_kpa - 16.0).abs() < 0.2 * bound_kpa, "{depth_m} {force_sd_n}: {mean_kpa}");
+        assert!((0.9..1.1).contains(&(sd_kpa / bound_kpa)), "{depth_m} {force_sd_n}: {sd_kpa} {bound_kpa}");
+        assert!((92.0..=98.0).contains(&coverage), "{depth_m} {force_sd_n}: {coverage}");
+        let percent = 100.0 * energy_sd_kpa / energy_kpa;
+        assert!(energy_percent.contains(&percent), "{depth_m} {force_sd_n}: {percent}");
     }
-    let (mean_kpa, sd_kpa) = super::modulus::mean_and_sd(&moduli).expect("runs");
-    let coverage = covered as f64 / RUNS as f64;
-    let (energy_kpa, energy_sd_kpa) = super::modulus::mean_and_sd(&energies).expect("runs");
-    println!("likelihood {mean_kpa:.3} +/- {sd_kpa:.3} kPa, coverage {coverage:.3}");
-    println!("energy {energy_kpa:.2} +/- {energy_sd_kpa:.2} kPa");
-    assert!((mean_kpa - 16.0).abs() < 0.08, "{mean_kpa}");
-    assert!(sd_kpa < 1.15 * 0.39, "{sd_kpa}");
-    assert!((0.91..=0.98).contains(&coverage), "{coverage}");
-    assert!((14.2..15.3).contains(&energy_kpa) && (2.3..3.3).contains(&energy_sd_kpa));
 }
 
 #[test]
