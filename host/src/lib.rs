@@ -12,6 +12,7 @@ pub mod inference;
 pub mod levels;
 pub mod link;
 pub mod model;
+pub mod plan;
 pub mod record;
 pub mod rig;
 pub mod session;

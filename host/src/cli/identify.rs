@@ -45,7 +45,8 @@ pub struct Args {
     plots: Option<PathBuf>,
 }
 
-fn nuisance() -> impl TypedValueParser<Value = &'static dyn Effect> {
+/// An effect by its id.
+pub(super) fn nuisance() -> impl TypedValueParser<Value = &'static dyn Effect> {
     PossibleValuesParser::new(EFFECTS.map(Effect::id)).map(|id| effect(&id).unwrap_or(EFFECTS[0]))
 }
 

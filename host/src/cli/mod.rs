@@ -10,6 +10,7 @@
 mod identify;
 mod operate;
 mod output;
+mod plan;
 mod ports;
 mod record;
 mod rig_args;
@@ -44,6 +45,7 @@ enum Command {
     Clear(operate::ClearArgs),
     Record(record::RecordArgs),
     Acquire(record::AcquireArgs),
+    Plan(plan::Args),
     Identify(identify::Args),
 }
 
@@ -61,6 +63,7 @@ pub fn main() -> ExitCode {
         Command::Clear(args) => operate::clear(args, &mut out),
         Command::Record(args) => record::run_record(args, &mut out),
         Command::Acquire(args) => record::run_acquire(args, &mut out),
+        Command::Plan(args) => plan::run(args, &mut out),
         Command::Identify(args) => identify::run(args, &mut out),
     };
     match outcome.and_then(|()| out.finish()) {

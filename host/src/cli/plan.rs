@@ -1,0 +1,129 @@
+//! `guide plan`: which lateral run to make, before it is made.
+
+use super::identify::nuisance;
+use super::output::Output;
+use anyhow::{Context, ensure};
+use host::model::effects::Effect;
+use host::plan::{Choice, Limits, Plan, Question, plan};
+use host::session::Setup;
+use std::fmt::{self, Display};
+use std::path::PathBuf;
+
+/// Say what interval a lateral run will give, over depth, displacement and position of guide 2
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide plan --rig rig.toml --k-kpa 5 30\n  guide plan --rig rig.toml --k-kpa 5 30 \
+                        --guide2-mm 40 50 60 --force-limit-n 2"
+)]
+pub struct Args {
+    /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session
+    #[arg(long, value_name = "FILE")]
+    rig: PathBuf,
+    /// Least and greatest foundation modulus that the tissue may have, kilopascals
+    #[arg(long, num_args = 2, value_names = ["LEAST", "GREATEST"], required = true)]
+    k_kpa: Vec<f64>,
+    /// Insertion depths to choose from, millimetres
+    #[arg(long, num_args = 1.., value_name = "MM", default_values_t = [10.0, 20.0, 30.0, 40.0, 60.0, 80.0])]
+    depth_mm: Vec<f64>,
+    /// Displacements of guide 2 to choose from, millimetres
+    #[arg(long, num_args = 1.., value_name = "MM", default_values_t = [0.4, 0.8, 1.2, 2.0])]
+    displacement_mm: Vec<f64>,
+    /// Positions of guide 2 to choose from, millimetres from guide 1 (default: that of the rig)
+    #[arg(long, num_args = 1.., value_name = "MM")]
+    guide2_mm: Vec<f64>,
+    /// Distance between points of the shape, millimetres
+    #[arg(long, default_value_t = 1.0, value_name = "MM")]
+    spacing_mm: f64,
+    /// Largest lateral force, newtons
+    #[arg(long, default_value_t = 4.0, value_name = "N")]
+    force_limit_n: f64,
+    /// Largest strain of the needle, percent; steel stays bent beyond about 0.2
+    #[arg(long, default_value_t = 0.2, value_name = "PERCENT")]
+    strain_limit_percent: f64,
+    /// Largest deflection inside the tissue, millimetres
+    #[arg(long, default_value_t = 2.5, value_name = "MM")]
+    deflection_limit_mm: f64,
+    /// Take an effect's parameters as unknown too; may be given more than once
+    #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
+    nuisance: Vec<&'static dyn Effect>,
+}
+
+/// Noise where the rig file does not state it.
+const FORCE_SD_N: f64 = 0.05;
+const DISPLACEMENT_SD_M: f64 = 0.02e-3;
+const SHAPE_SD_M: f64 = 0.03e-3;
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let positive = |name: &str, values: &[f64]| {
+        let wrong = values.iter().find(|value| !(value.is_finite() && **value > 0.0));
+        wrong.map_or(Ok(()), |value| Err(anyhow::anyhow!("{name}: {value}, expected positive numbers")))
+    };
+    positive("--k-kpa", &args.k_kpa)?;
+    positive("--depth-mm", &args.depth_mm)?;
+    positive("--displacement-mm", &args.displacement_mm)?;
+    positive("--guide2-mm", &args.guide2_mm)?;
+    positive("--spacing-mm", &[args.spacing_mm])?;
+    let range = [args.k_kpa.first(), args.k_kpa.get(1)].map(|k| 1e3 * k.copied().unwrap_or_default());
+    ensure!(range[0] <= range[1], "--k-kpa: the greatest modulus is below the least");
+    let Setup { rig, noise, .. } = Setup::read(&args.rig)?;
+    let metres = |mm: &[f64]| mm.iter().map(|mm| 1e-3 * mm).collect::<Vec<_>>();
+    let guide2_m = if args.guide2_mm.is_empty() { vec![rig.guide2_m] } else { metres(&args.guide2_mm) };
+    if noise.force_n.is_none() || noise.displacement_m.is_none() || noise.shape_m.is_none() {
+        out.note("what [noise] does not state is taken as 0.05 N, 0.02 mm, 0.03 mm");
+    }
+    let question = Question {
+        modulus_range_pa: range,
+        force_sd_n: noise.force_n.unwrap_or(FORCE_SD_N),
+        displacement_sd_m: noise.displacement_m.unwrap_or(DISPLACEMENT_SD_M),
+        shape_sd_m: noise.shape_m.unwrap_or(SHAPE_SD_M),
+        shape_spacing_m: 1e-3 * args.spacing_mm,
+        nuisances: args.nuisance.clone(),
+        depths_m: metres(&args.depth_mm),
+        displacements_m: metres(&args.displacement_mm),
+        guide2_m,
+        limits: Limits {
+            force_n: args.force_limit_n,
+            needle_strain: 1e-2 * args.strain_limit_percent,
+            deflection_m: 1e-3 * args.deflection_limit_mm,
+        },
+        rig,
+    };
+    let plan = plan(&question).context("cannot plan")?;
+    out.result(&plan, Text(&plan))
+}
+
+struct Text<'a>(&'a Plan);
+
+impl Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Plan { choices, best, .. } = self.0;
+        writeln!(f, "half-width of the 95 % interval of K, worst over the range; * keeps all limits")?;
+        writeln!(f, "  guide 2     depth  displacement    K +-     force   needle strain   in tissue")?;
+        for choice in choices {
+            write_choice(f, choice)?;
+        }
+        match best {
+            Some(choice) => {
+                writeln!(f, "best within the limits")?;
+                write_choice(f, choice)
+            }
+            None => writeln!(f, "no choice keeps the limits"),
+        }
+    }
+}
+
+fn write_choice(f: &mut fmt::Formatter<'_>, choice: &Choice) -> fmt::Result {
+    writeln!(
+        f,
+        "{} {:>5.1} mm  {:>5.1} mm     {:>5.2} mm   {:>5.1} %  {:>5.2} N         {:>5.3} %    {:>5.2} mm",
+        if choice.within_limits { '*' } else { ' ' },
+        choice.guide2_mm,
+        choice.depth_mm,
+        choice.displacement_mm,
+        choice.half_width_percent,
+        choice.force_n,
+        choice.needle_strain_percent,
+        choice.deflection_mm,
+    )
+}
