@@ -5,11 +5,13 @@
 //! identified is reported with its reason and left out of the pool; it never contributes a number.
 
 mod fitting;
+mod layers;
 mod pool;
 mod prepare;
 mod reference;
 mod results;
 
+pub use layers::Layers;
 pub use results::{
     Bootstrap, ChannelResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult, Identification,
     Likelihood, Methods, NoiseResult, NuisanceResult, Pooled, Profile, Reference, RelationResult, RunResult,
@@ -37,6 +39,8 @@ pub struct Options {
     pub criteria: HoldCriteria,
     /// Effects whose parameters are unknown too, with their priors: the interval of K then includes them.
     pub nuisances: Vec<&'static dyn Effect>,
+    /// Fit two layers to the runs of all depths.
+    pub layers: bool,
     /// Profile the likelihood of the pooled K.
     pub profile: bool,
     /// Bootstrap the pooled K with so many draws; 0 for none.
@@ -52,6 +56,7 @@ impl Default for Options {
             poisson: 0.5,
             criteria: HoldCriteria::default(),
             nuisances: Vec::new(),
+            layers: false,
             profile: false,
             bootstrap: 0,
             seed: 1,
@@ -172,6 +177,10 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     }
     let pooled = pool::pool(&fitted, options, &mut warnings);
     let directions = pool::directions(&fitted, options.criteria.zero_m);
+    let layers = if options.layers { layers::layers(&fitted) } else { None };
+    if options.layers && layers.is_none() {
+        warnings.push("two layers cannot be told from these runs: they need runs at several depths, beyond the boundary too".to_owned());
+    }
     let depths_m: f64 = fitted.iter().map(|run| run.data.depth_m).sum();
     let depth_m = depths_m / fitted.len() as f64;
     let youngs = reference::youngs_modulus(session, &pooled, depth_m, options);
@@ -186,6 +195,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         runs,
         pooled,
         directions,
+        layers,
         youngs_modulus_kpa: youngs,
         reference,
         warnings,

@@ -5,7 +5,9 @@ use anyhow::Context;
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host::figures;
-use host::identify::{Bootstrap, Directions, Identification, NuisanceResult, Options, RunResult, identify};
+use host::identify::{
+    Bootstrap, Directions, Identification, Layers, NuisanceResult, Options, RunResult, identify,
+};
 use host::inference::modulus::Relation;
 use host::levels::HoldCriteria;
 use host::model::effects::{EFFECTS, Effect, effect};
@@ -31,6 +33,9 @@ pub struct Args {
     /// Take an effect's parameters as unknown, so that the interval of K includes them: may be given more than once
     #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
     nuisance: Vec<&'static dyn Effect>,
+    /// Find two layers, a modulus each and the boundary, from runs at several depths
+    #[arg(long)]
+    layers: bool,
     /// Give the interval of the profile likelihood too
     #[arg(long)]
     profile: bool,
@@ -73,6 +78,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         poisson: args.poisson,
         criteria: HoldCriteria::default(),
         nuisances,
+        layers: args.layers,
         profile: args.profile || args.plots.is_some(),
         bootstrap: args.bootstrap.unwrap_or(0) as usize,
         seed: args.seed,
@@ -115,7 +121,14 @@ struct Text<'a>(&'a Identification);
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Identification {
-            runs, pooled, directions, youngs_modulus_kpa: youngs, reference, warnings, ..
+            runs,
+            pooled,
+            directions,
+            layers,
+            youngs_modulus_kpa: youngs,
+            reference,
+            warnings,
+            ..
         } = self.0;
         writeln!(f, "foundation modulus K, kPa (95 % interval)")?;
         let width = runs.iter().map(|run| run.id.chars().count()).fold(3, usize::max);
@@ -139,6 +152,17 @@ impl Display for Text<'_> {
             writeln!(
                 f,
                 "directions   K_y {y} kPa, K_x {x} kPa, ratio {ratio_x_to_y:.3} ({low:.3} to {high:.3})"
+            )?;
+        }
+        if let Some(found) = layers {
+            let Layers { upper, lower, boundary_mm, boundary_ci95_mm: [low, high], .. } = found;
+            let (upper, lower) =
+                (estimate(upper.k_kpa, upper.ci95_kpa), estimate(lower.k_kpa, lower.ci95_kpa));
+            writeln!(
+                f,
+                "layers       K {upper} kPa above, {lower} kPa below {boundary_mm:.1} mm ({low:.1} to {high:.1}); \
+                 chi-square falls by {:.1}",
+                found.chi_square_gain
             )?;
         }
         for found in &pooled.nuisances {

@@ -8,7 +8,7 @@ use crate::session::LateralRun;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 
 /// Range of K: softer than any tissue, stiffer than any.
-const K_RANGE_PA: [f64; 2] = [10.0, 1e7];
+pub(super) const K_RANGE_PA: [f64; 2] = [10.0, 1e7];
 /// Below this probability residuals are larger than the noise explains.
 const IMPROBABLE: f64 = 1e-3;
 const LN_STEP: f64 = 1e-4;

@@ -1,6 +1,7 @@
 //! The result of an identification, as `guide identify --json` prints it. Additive only: fields may be added, never
 //! removed or changed in meaning.
 
+use super::Layers;
 use crate::inference::{ChannelFit, ShapeFit};
 use crate::session::LateralRun;
 use serde::Serialize;
@@ -21,6 +22,8 @@ pub struct Identification {
     pub pooled: Pooled,
     /// K of each plane; nothing where guide 2 was displaced in one plane only.
     pub directions: Option<Directions>,
+    /// Two layers; nothing where they were not asked for or the runs do not determine them.
+    pub layers: Option<Layers>,
     /// Young's modulus of the tissue, by a named relation.
     pub youngs_modulus_kpa: YoungsModulus,
     /// Comparison with indentation; nothing without such a measurement.

@@ -261,6 +261,38 @@ fn indentation_is_compared_by_welch() {
 }
 
 #[test]
+fn two_layers_are_found_from_runs_at_four_depths() {
+    const SESSIONS: usize = 30;
+    let mut noise = Noise::new(61);
+    let asked = Options { layers: true, ..Options::default() };
+    let mut covered = [0; 3];
+    for _ in 0..SESSIONS {
+        let run = |depth_mm: f64, noise: &mut Noise| {
+            let recipe =
+                Recipe { depth_mm, k_kpa: 8.0, second_layer: Some((18.0, 24.0)), ..Recipe::default() };
+            recipe.run(&format!("d{depth_mm}"), noise)
+        };
+        let runs = [10.0, 20.0, 30.0, 40.0].map(|depth_mm| run(depth_mm, &mut noise)).to_vec();
+        let found = identify(&session(runs), &asked).expect("identifies").layers.expect("two layers");
+        assert!(found.chi_square_gain > 30.0, "{found:?}");
+        let intervals = [
+            found.upper.ci95_kpa.expect("an interval"),
+            found.lower.ci95_kpa.expect("an interval"),
+            found.boundary_ci95_mm,
+        ];
+        for ((covered, [low, high]), truth) in covered.iter_mut().zip(intervals).zip([8.0, 24.0, 18.0]) {
+            *covered += usize::from((low..=high).contains(&truth));
+        }
+    }
+    // 95 % of 30 is 28.5, with a standard deviation of 1.2.
+    assert!(covered.iter().all(|covered| *covered >= 25), "{covered:?} of {SESSIONS}");
+    let one_depth =
+        session(vec![Recipe::default().run("a", &mut noise), Recipe::default().run("b", &mut noise)]);
+    let result = identify(&one_depth, &asked).expect("identifies");
+    assert!(result.layers.is_none() && result.warnings.iter().any(|warning| warning.contains("two layers")));
+}
+
+#[test]
 fn profile_bootstrap_and_figures_come_on_request() {
     let session = session(vec![Recipe::default().run("a & b", &mut Noise::new(51))]);
     assert_eq!(identified(&session).pooled.profile, None);

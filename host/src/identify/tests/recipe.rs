@@ -1,6 +1,6 @@
 //! Sessions made from the forward model.
 
-use crate::model::{BeamProblem, Foundation, Needle, Rig};
+use crate::model::{BeamProblem, Foundation, Layer, Needle, Rig};
 use crate::session::{ForceSeries, LateralRun, Noise as StatedNoise, Session, ShapeSeries};
 use crate::testing::Noise;
 
@@ -27,6 +27,8 @@ pub struct Recipe {
     pub clamp_rad_per_n_m: f64,
     pub shape_offset_mm: f64,
     pub shape_shift_mm: f64,
+    /// Boundary of a second layer below the surface, and its modulus.
+    pub second_layer: Option<(f64, f64)>,
 }
 
 impl Default for Recipe {
@@ -43,6 +45,7 @@ impl Default for Recipe {
             clamp_rad_per_n_m: 0.0,
             shape_offset_mm: 0.0,
             shape_shift_mm: 0.0,
+            second_layer: None,
         }
     }
 }
@@ -55,7 +58,14 @@ impl Recipe {
     /// Holds at the levels with quick ramps between, and a sweep in the middle of every hold.
     pub fn run(&self, id: &str, noise: &mut Noise) -> LateralRun {
         let depth_m = 1e-3 * self.depth_mm;
-        let foundation = Foundation::uniform(1e3 * self.k_kpa).expect("a modulus");
+        let modulus_pa = 1e3 * self.k_kpa;
+        let foundation = match self.second_layer {
+            Some((boundary_mm, k_kpa)) => {
+                let upper = Layer { bottom_m: 1e-3 * boundary_mm, modulus_pa };
+                Foundation::layered(vec![upper], 1e3 * k_kpa).expect("layers")
+            }
+            None => Foundation::uniform(modulus_pa).expect("a modulus"),
+        };
         let mut problem = BeamProblem::new(&rig(), foundation, depth_m);
         problem.clamp_compliance_rad_per_n_m = self.clamp_rad_per_n_m;
         let beam = problem.solve().expect("solves");
