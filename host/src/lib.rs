@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+pub mod continuum;
 pub mod figures;
 pub mod identify;
 pub mod inference;

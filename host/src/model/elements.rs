@@ -265,7 +265,8 @@ fn hermite(x: f64, length_m: f64) -> [f64; 4] {
     [1.0 - 3.0 * x2 + 2.0 * x3, length_m * (x - 2.0 * x2 + x3), 3.0 * x2 - 2.0 * x3, length_m * (x3 - x2)]
 }
 
-fn bending_stiffness(stiffness_n_m2: f64, l: f64) -> [[f64; 4]; 4] {
+/// Stiffness of a beam element against deflection and slope at both ends.
+pub(crate) fn bending_stiffness(stiffness_n_m2: f64, l: f64) -> [[f64; 4]; 4] {
     let b = stiffness_n_m2 / (l * l * l);
     [
         [12.0 * b, 6.0 * l * b, -12.0 * b, 6.0 * l * b],

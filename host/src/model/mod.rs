@@ -46,6 +46,11 @@ pub enum ModelError {
 }
 
 /// Accepts a value for which `good` holds; NaN never passes.
-fn check(name: &'static str, value: f64, expected: &'static str, good: bool) -> Result<(), ModelError> {
+pub(crate) fn check(
+    name: &'static str,
+    value: f64,
+    expected: &'static str,
+    good: bool,
+) -> Result<(), ModelError> {
     if good && value.is_finite() { Ok(()) } else { Err(ModelError::OutOfRange { name, value, expected }) }
 }

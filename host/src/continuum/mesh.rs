@@ -1,0 +1,90 @@
+//! The mesh of the meridian plane: a tensor product of radial and axial lines, fine at the needle's wall, at the surface and at
+//! the tip, coarsening geometrically outwards.
+
+/// How fine a mesh is, and how far it reaches.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resolution {
+    /// First element at wall, surface and tip, in needle radii.
+    pub first: f64,
+    /// Each element is so much longer than the one before.
+    pub growth: f64,
+    /// Distance to the outer boundary, in insertion depths.
+    pub reach: f64,
+}
+
+impl Resolution {
+    /// Good to about half a percent. The far boundary has to be far indeed: the displacement falls off with the first power of the
+    /// distance only (at 14 depths it still stiffens the body by 3 %).
+    pub const DEFAULT: Self = Self { first: 0.5, growth: 1.5, reach: 200.0 };
+
+    /// Half the element lengths everywhere.
+    pub fn halved(self) -> Self {
+        Self { first: self.first / (1.0 + self.growth.sqrt()), growth: self.growth.sqrt(), ..self }
+    }
+}
+
+/// Lines of the mesh, and which cells the needle fills.
+#[derive(Debug, Clone)]
+pub struct Mesh {
+    /// Radii of the cell boundaries: 0, the needle's radius, and on.
+    pub radii_m: Vec<f64>,
+    /// Depths of the cell boundaries, from the top down.
+    pub depths_m: Vec<f64>,
+    /// Cells along the needle: from this depth line to that.
+    pub needle: (usize, usize),
+}
+
+impl Mesh {
+    /// Tissue around a needle of this radius from the surface to a depth; with tissue above the surface too where the body is a
+    /// full space.
+    pub fn new(radius_m: f64, depth_m: f64, resolution: Resolution, full_space: bool) -> Self {
+        let Resolution { first, growth, reach } = resolution;
+        let first_m = first * radius_m;
+        let mut radii_m = vec![0.0];
+        radii_m.extend(graded(first_m, growth, reach * depth_m).into_iter().map(|r_m| radius_m + r_m));
+        let half = graded(first_m, growth, 0.5 * depth_m);
+        let outward = graded(first_m, growth, reach * depth_m);
+        let mut depths_m = Vec::new();
+        if full_space {
+            depths_m.extend(outward.iter().rev().map(|z_m| -z_m));
+            depths_m.pop();
+        }
+        let top = depths_m.len();
+        depths_m.extend(&half);
+        depths_m.pop();
+        depths_m.extend(half.iter().rev().map(|z_m| depth_m - z_m));
+        let bottom = depths_m.len() - 1;
+        depths_m.extend(outward.iter().skip(1).map(|z_m| depth_m + z_m));
+        Self { radii_m, depths_m, needle: (top, bottom) }
+    }
+
+    /// Whether a cell is inside the needle.
+    pub fn is_needle(&self, radial: usize, axial: usize) -> bool {
+        radial == 0 && (self.needle.0..self.needle.1).contains(&axial)
+    }
+}
+
+/// From 0 to `end` in steps that grow geometrically from about `first`; both ends are in it.
+fn graded(first: f64, growth: f64, end: f64) -> Vec<f64> {
+    let sum = |count: i32| first * (growth.powi(count) - 1.0) / (growth - 1.0);
+    let count = (1..200).find(|count| sum(*count) >= end).unwrap_or(200);
+    (0..=count).map(|i| end * sum(i) / sum(count)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_rise_and_hold_wall_surface_and_tip() {
+        for full_space in [false, true] {
+            let mesh = Mesh::new(0.6e-3, 0.03, Resolution::DEFAULT, full_space);
+            assert!(mesh.radii_m.windows(2).all(|pair| pair[0] < pair[1]));
+            assert!(mesh.depths_m.windows(2).all(|pair| pair[0] < pair[1]));
+            assert_eq!(mesh.radii_m[1], 0.6e-3);
+            assert!(mesh.depths_m[mesh.needle.0].abs() < 1e-15);
+            assert!((mesh.depths_m[mesh.needle.1] - 0.03).abs() < 1e-15);
+            assert_eq!(mesh.needle.0 > 0, full_space);
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! The continuum solution against line-of-point-forces solutions of a full and a half space, and against itself.
+
+use super::*;
+
+fn solve(depth_m: f64, poisson: f64, resolution: Resolution, full_space: bool) -> Continuum {
+    let needle = Needle::gauge_18();
+    Continuum::in_body(&needle, depth_m, poisson, Contact::Bonded, resolution, full_space).expect("solves")
+}
+
+#[track_caller]
+fn assert_close(value: f64, expected: f64, relative: f64) {
+    assert!((value / expected - 1.0).abs() < relative, "{value} is not {expected} within {relative}");
+}
+
+/// Depth, Poisson's ratio, K/E of a rigid needle in a full space (Kelvin) and in a half space (Mindlin).
+const RIGID: [(f64, f64, f64, f64); 4] = [
+    (0.02, 0.45, 1.1649178064002168, 0.9347142758432666),
+    (0.04, 0.5, 0.990017835911549, 0.8113110257454564),
+    (0.1, 0.45, 0.778746055716579, 0.6678533244217549),
+    (0.14, 0.5, 0.7573516250141903, 0.648005896055505),
+];
+
+#[test]
+fn rigid_needles_agree_with_point_force_solutions() {
+    for (depth_m, poisson, full_space, half_space) in RIGID {
+        let full = solve(depth_m, poisson, Resolution::DEFAULT, true).rigid_ratio();
+        let half = solve(depth_m, poisson, Resolution::DEFAULT, false).rigid_ratio();
+        println!("{depth_m} {poisson}: {full:.4} {full_space:.4} {half:.4} {half_space:.4}");
+        assert_close(full, full_space, 0.02);
+        assert_close(half, half_space, 0.02);
+    }
+}
+
+/// `K = (4 pi / 3) E / (ln(L/D) + 0.839)` for a long cylinder in an incompressible full space, from the drag of one.
+#[test]
+fn long_rigid_cylinders_agree_with_the_drag_in_a_viscous_fluid() {
+    let ratio = solve(0.1, 0.5, Resolution::DEFAULT, true).rigid_ratio();
+    let expected = 4.0 / 3.0 * std::f64::consts::PI / ((0.1f64 / 1.27e-3).ln() + 0.839);
+    assert_close(ratio, expected, 0.02);
+}
+
+#[test]
+fn halving_the_mesh_changes_less_than_a_percent_and_nothing_locks() {
+    let coarse = solve(0.03, 0.499, Resolution::DEFAULT, false).rigid_ratio();
+    let fine = solve(0.03, 0.499, Resolution::DEFAULT.halved(), false).rigid_ratio();
+    assert_close(coarse, fine, 0.01);
+    let incompressible = solve(0.03, 0.5, Resolution::DEFAULT, false).rigid_ratio();
+    assert_close(coarse, incompressible, 0.01);
+    let far = Resolution { reach: 600.0, ..Resolution::DEFAULT };
+    assert_close(coarse, solve(0.03, 0.499, far, false).rigid_ratio(), 0.01);
+}
+
+/// Young's modulus, depth, K/E of the flexible needle from a line of point forces, coupled to the needle.
+const FLEXIBLE: [(f64, f64, f64); 6] = [
+    (5e3, 0.02, 0.9816625406503625),
+    (5e3, 0.1, 0.6716680229927066),
+    (16e3, 0.03, 0.8669260509154347),
+    (16e3, 0.14, 0.7103631285917956),
+    (30e3, 0.04, 0.7826187918283394),
+    (30e3, 0.1, 0.7495653256035734),
+];
+
+#[test]
+fn flexible_needles_agree_with_the_reference() {
+    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    for (youngs_pa, depth_m, expected) in FLEXIBLE {
+        let body = solve(depth_m, 0.5, Resolution::DEFAULT, false);
+        let ratio = body.foundation_modulus_pa(&rig, youngs_pa).expect("a modulus") / youngs_pa;
+        println!("{youngs_pa} {depth_m}: {ratio:.4} {expected:.4}");
+        assert_close(ratio, expected, 0.02);
+    }
+}
+
+#[test]
+fn the_stiffness_is_symmetric_and_one_sided_contact_is_softer() {
+    let body = solve(0.03, 0.5, Resolution::DEFAULT, false);
+    let matrix = &body.wall.matrix_m;
+    let largest = matrix.amax();
+    assert!((matrix - matrix.transpose()).amax() < 1e-6 * largest);
+    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let one_sided = Continuum { contact: Contact::OneSided, ..body.clone() };
+    let (bonded, touched) = (
+        body.foundation_modulus_pa(&rig, 16e3).expect("a modulus"),
+        one_sided.foundation_modulus_pa(&rig, 16e3).expect("a modulus"),
+    );
+    assert!((0.45..0.6).contains(&(touched / bonded)), "{touched} {bonded}");
+}
