@@ -18,6 +18,7 @@ pub use results::{
     ShapeResult, YoungsModulus,
 };
 
+use crate::continuum::Contact;
 use crate::inference::energy::energy_modulus;
 use crate::inference::modulus::Relation;
 use crate::inference::{FitError, LateralData, channel_fits, shape_fits};
@@ -28,11 +29,41 @@ use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};
 use prepare::{Prepared, prepare};
 use std::path::PathBuf;
 
+/// How Young's modulus is had from K.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum YoungsBy {
+    /// By a published formula.
+    Published(Relation),
+    /// By the needle in an elastic half space, solved for this needle, rig, depth and noise.
+    Continuum(Contact),
+}
+
+impl YoungsBy {
+    /// Every way there is.
+    pub const ALL: [Self; 6] = [
+        Self::Continuum(Contact::Bonded),
+        Self::Continuum(Contact::OneSided),
+        Self::Published(Relation::ALL[0]),
+        Self::Published(Relation::ALL[1]),
+        Self::Published(Relation::ALL[2]),
+        Self::Published(Relation::ALL[3]),
+    ];
+
+    /// Its name in results and options.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Published(relation) => relation.name(),
+            Self::Continuum(Contact::Bonded) => "continuum",
+            Self::Continuum(Contact::OneSided) => "continuum-one-sided",
+        }
+    }
+}
+
 /// What the user may choose.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Relation that turns K into Young's modulus.
-    pub relation: Relation,
+    pub relation: YoungsBy,
     /// Poisson's ratio of the tissue in that relation.
     pub poisson: f64,
     /// What counts as a hold.
@@ -52,7 +83,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            relation: Relation::Vesic,
+            relation: YoungsBy::Published(Relation::Vesic),
             poisson: 0.5,
             criteria: HoldCriteria::default(),
             nuisances: Vec::new(),
@@ -183,12 +214,13 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     }
     let depths_m: f64 = fitted.iter().map(|run| run.data.depth_m).sum();
     let depth_m = depths_m / fitted.len() as f64;
-    let youngs = reference::youngs_modulus(session, &pooled, depth_m, options);
+    let youngs_by = reference::Youngs::new(session, &fitted, depth_m, options, &mut warnings);
+    let youngs = youngs_by.of_pooled(&pooled);
     let [least, most] = youngs.range_kpa;
     warnings.push(format!(
         "Young's modulus depends on the relation: {least:.1} to {most:.1} kPa by those known; K does not"
     ));
-    let reference = reference::reference(session, &fitted, depth_m, options, &mut warnings);
+    let reference = reference::reference(session, &fitted, &youngs_by, &mut warnings);
     Ok(Identification {
         schema: results::SCHEMA,
         session: session.name.clone(),

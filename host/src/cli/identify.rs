@@ -6,9 +6,8 @@ use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host::figures;
 use host::identify::{
-    Bootstrap, Directions, Identification, Layers, NuisanceResult, Options, RunResult, identify,
+    Bootstrap, Directions, Identification, Layers, NuisanceResult, Options, RunResult, YoungsBy, identify,
 };
-use host::inference::modulus::Relation;
 use host::levels::HoldCriteria;
 use host::model::effects::{EFFECTS, Effect, effect};
 use host::session::Session;
@@ -25,8 +24,8 @@ pub struct Args {
     /// Session folder (holds session.toml)
     dir: PathBuf,
     /// Relation that turns the foundation modulus K into Young's modulus E
-    #[arg(long, default_value = Relation::Vesic.name(), value_parser = relation())]
-    relation: Relation,
+    #[arg(long, default_value = "continuum", value_parser = relation())]
+    relation: YoungsBy,
     /// Poisson's ratio of the tissue in that relation, 0 to 0.5
     #[arg(long, default_value_t = 0.5, value_name = "RATIO", value_parser = poisson)]
     poisson: f64,
@@ -55,10 +54,10 @@ pub(super) fn nuisance() -> impl TypedValueParser<Value = &'static dyn Effect> {
     PossibleValuesParser::new(EFFECTS.map(Effect::id)).map(|id| effect(&id).unwrap_or(EFFECTS[0]))
 }
 
-fn relation() -> impl TypedValueParser<Value = Relation> {
-    PossibleValuesParser::new(Relation::ALL.map(Relation::name)).map(|name| {
+fn relation() -> impl TypedValueParser<Value = YoungsBy> {
+    PossibleValuesParser::new(YoungsBy::ALL.map(YoungsBy::name)).map(|name| {
         // The parser before lets nothing else pass.
-        Relation::ALL.into_iter().find(|relation| relation.name() == name).unwrap_or(Relation::Vesic)
+        YoungsBy::ALL.into_iter().find(|relation| relation.name() == name).unwrap_or(YoungsBy::ALL[0])
     })
 }
 

@@ -1,41 +1,112 @@
 //! Young's modulus and the comparison with indentation.
 
-use super::{Fitted, Options, Pooled, Reference, RelationResult, YoungsModulus};
+use super::{Fitted, Options, Pooled, Reference, RelationResult, YoungsBy, YoungsModulus};
+use crate::continuum::{Continuum, RELATIVE_ERROR, Resolution, Run};
+use crate::inference::LateralData;
 use crate::inference::modulus::{Relation, Sample, punch_modulus_pa, welch_p};
+use crate::model::Rig;
 use crate::session::{IndentationRun, Session};
 
-pub(super) fn youngs_modulus(
-    session: &Session,
-    pooled: &Pooled,
+/// The relations between K and Young's modulus, for the needle, depth and noise of a session.
+pub(super) struct Youngs<'s> {
+    rig: &'s Rig,
     depth_m: f64,
-    options: &Options,
-) -> YoungsModulus {
-    let by = |relation: Relation, k_kpa: f64| {
-        1e-3 * relation.youngs_modulus_pa(1e3 * k_kpa, &session.rig.needle, depth_m, options.poisson)
-    };
-    let relations: Vec<RelationResult> = Relation::ALL
-        .into_iter()
-        .map(|relation| RelationResult {
-            relation: relation.name(),
-            youngs_modulus_kpa: by(relation, pooled.k_kpa),
-        })
-        .collect();
-    let values = || relations.iter().map(|result| result.youngs_modulus_kpa);
-    YoungsModulus {
-        value: by(options.relation, pooled.k_kpa),
-        ci95: pooled.ci95_kpa.map(|k_kpa| by(options.relation, k_kpa)),
-        relation: options.relation.name(),
-        poisson: options.poisson,
-        range_kpa: [values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max)],
-        relations,
+    poisson: f64,
+    relation: YoungsBy,
+    /// The needle in an elastic body, and what was measured how well; where it was asked for.
+    body: Option<(Continuum, Run)>,
+}
+
+impl<'s> Youngs<'s> {
+    pub fn new(
+        session: &'s Session,
+        runs: &[Fitted],
+        depth_m: f64,
+        options: &Options,
+        warnings: &mut Vec<String>,
+    ) -> Self {
+        let rig = &session.rig;
+        let poisson = options.poisson;
+        let mut youngs = Self { rig, depth_m, poisson, relation: options.relation, body: None };
+        if let YoungsBy::Continuum(contact) = options.relation {
+            let body = Continuum::solve(&rig.needle, depth_m, poisson, contact, Resolution::DEFAULT);
+            match (body, runs.first().and_then(|run| typical(&run.data))) {
+                (Ok(body), Some(run)) => youngs.body = Some((body, run)),
+                (Err(why), _) => warnings.push(format!("no continuum relation: {why}; Vesic's is used")),
+                (Ok(_), None) => {
+                    warnings.push("no continuum relation: no displaced hold; Vesic's is used".to_owned())
+                }
+            }
+            if youngs.body.is_none() {
+                youngs.relation = YoungsBy::Published(Relation::Vesic);
+            }
+        }
+        youngs
     }
+
+    /// Young's modulus by a relation; nothing where it has no answer.
+    fn by(&self, relation: YoungsBy, modulus_pa: f64) -> Option<f64> {
+        match (relation, &self.body) {
+            (YoungsBy::Published(relation), _) => {
+                Some(relation.youngs_modulus_pa(modulus_pa, &self.rig.needle, self.depth_m, self.poisson))
+            }
+            (YoungsBy::Continuum(contact), Some((body, run))) => {
+                body.with_contact(contact).youngs_modulus_pa(self.rig, modulus_pa, run).ok()
+            }
+            (YoungsBy::Continuum(_), None) => None,
+        }
+    }
+
+    /// By every relation there is, for the pooled K.
+    pub fn of_pooled(&self, pooled: &Pooled) -> YoungsModulus {
+        let kpa = |relation: YoungsBy, k_kpa: f64| Some(1e-3 * self.by(relation, 1e3 * k_kpa)?);
+        let relations: Vec<RelationResult> = YoungsBy::ALL
+            .into_iter()
+            .filter_map(|relation| {
+                let youngs_modulus_kpa = kpa(relation, pooled.k_kpa)?;
+                Some(RelationResult { relation: relation.name(), youngs_modulus_kpa })
+            })
+            .collect();
+        let values = || relations.iter().map(|result| result.youngs_modulus_kpa);
+        let value = kpa(self.relation, pooled.k_kpa).unwrap_or(f64::NAN);
+        let error = if self.body.is_some() { RELATIVE_ERROR } else { 0.0 };
+        // In logarithms, K's interval through the relation and the relation's own uncertainty side by side.
+        let end = |k_kpa: f64| {
+            let by_k = kpa(self.relation, k_kpa).map_or(f64::NAN, |end| (end / value).ln());
+            value * (by_k.hypot(error).copysign(by_k)).exp()
+        };
+        YoungsModulus {
+            value,
+            ci95: pooled.ci95_kpa.map(end),
+            relation: self.relation.name(),
+            poisson: self.poisson,
+            range_kpa: [values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max)],
+            relations,
+        }
+    }
+}
+
+/// The most displaced hold of a run, as the relation needs it.
+fn typical(data: &LateralData) -> Option<Run> {
+    let levels = data
+        .levels
+        .iter()
+        .flat_map(|level| level.displacement_m.iter().zip(&level.force_n).map(move |of| (level, of)));
+    let (level, (displacement, force)) =
+        levels.max_by(|a, b| a.1.0.value.abs().total_cmp(&b.1.0.value.abs()))?;
+    Some(Run {
+        displacement_m: displacement.value.abs(),
+        displacement_sd_m: displacement.sd,
+        force_sd_n: force.sd,
+        shape_sd_m: data.shape_sd_m,
+        spacing_m: data.depth_m / level.shape.len().max(3) as f64,
+    })
 }
 
 pub(super) fn reference(
     session: &Session,
     runs: &[Fitted],
-    depth_m: f64,
-    options: &Options,
+    youngs: &Youngs,
     warnings: &mut Vec<String>,
 ) -> Option<Reference> {
     let mut indentations_pa = Vec::new();
@@ -55,9 +126,8 @@ pub(super) fn reference(
     let mean_pa = indentations_pa.iter().sum::<f64>() / indentations_pa.len() as f64;
     let sample = Sample::of(&indentations_pa);
     let moduli_pa: Vec<f64> = runs.iter().map(|run| run.ln_k.exp()).collect();
-    let relation =
-        |k_pa: &f64| options.relation.youngs_modulus_pa(*k_pa, &session.rig.needle, depth_m, options.poisson);
-    let youngs_pa: Vec<f64> = moduli_pa.iter().map(relation).collect();
+    let youngs_pa: Vec<f64> =
+        moduli_pa.iter().filter_map(|modulus_pa| youngs.by(youngs.relation, *modulus_pa)).collect();
     let against = |values: &[f64]| welch_p(Sample::of(values)?, sample?);
     Some(Reference {
         k_kpa: 1e-3 * mean_pa,

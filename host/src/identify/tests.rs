@@ -293,6 +293,32 @@ fn two_layers_are_found_from_runs_at_four_depths() {
 }
 
 #[test]
+fn youngs_modulus_by_the_continuum_lies_between_the_published_ones() {
+    let asked = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
+    let mut session = session(vec![Recipe::default().run("a", &mut Noise::new(71))]);
+    let result = identify(&session, &asked).expect("identifies");
+    let youngs = &result.youngs_modulus_kpa;
+    assert_eq!(youngs.relation, "continuum");
+    // The reference's K/E of this needle at 16 kPa and 30 mm is 0.867.
+    assert!((0.75..1.0).contains(&(result.pooled.k_kpa / youngs.value)), "{youngs:?}");
+    let [low, high] = youngs.ci95;
+    let [k_low, k_high] = result.pooled.ci95_kpa;
+    assert!(high / low > k_high / k_low && high / low > 1.039, "the relation's own uncertainty is in it");
+    let by = |name: &str| {
+        let found = youngs.relations.iter().find(|relation| relation.relation == name);
+        found.expect("the relation").youngs_modulus_kpa
+    };
+    assert!((1.7..2.2).contains(&(by("continuum-one-sided") / by("continuum"))));
+    assert!(by("rigid-cylinder") < youngs.value && youngs.value < by("vesic"));
+    // Too shallow for a body to be meshed: said so, and the default instead.
+    session.lateral[0].depth_m = 4e-3;
+    if let Ok(shallow) = identify(&session, &asked) {
+        assert_eq!(shallow.youngs_modulus_kpa.relation, "vesic");
+        assert!(shallow.warnings.iter().any(|warning| warning.contains("no continuum relation")));
+    }
+}
+
+#[test]
 fn profile_bootstrap_and_figures_come_on_request() {
     let session = session(vec![Recipe::default().run("a & b", &mut Noise::new(51))]);
     assert_eq!(identified(&session).pooled.profile, None);

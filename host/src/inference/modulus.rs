@@ -23,7 +23,7 @@ pub enum Relation {
 }
 
 impl Relation {
-    /// All of them.
+    /// All published ones.
     pub const ALL: [Self; 4] = [Self::Vesic, Self::Biot, Self::Embedded, Self::RigidCylinder];
 
     /// Its name in results and options.

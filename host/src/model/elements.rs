@@ -220,6 +220,11 @@ impl Elements {
 }
 
 impl Deformed {
+    /// From nodes in increasing order, deflection and slope at each, and the force of guide 2.
+    pub(crate) fn new(nodes_m: Vec<f64>, states: Vec<[f64; 2]>, guide2_force_n: f64) -> Self {
+        Self { nodes_m, states, guide2_force_n }
+    }
+
     /// Deflection; beyond the ends the needle's tangent continues.
     pub fn deflection_m(&self, z_m: f64) -> f64 {
         let Some((x, length_m, state)) = self.element_at(z_m) else { return f64::NAN };
