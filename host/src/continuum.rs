@@ -7,6 +7,7 @@
 
 mod mesh;
 mod solve;
+pub mod study;
 
 pub use mesh::Resolution;
 pub use solve::WallStiffness;
@@ -211,6 +212,9 @@ impl Default for Run {
         }
     }
 }
+
+/// The table that comes with the tool, CSV, as [`study::table`] made it.
+pub const TABLE: &str = include_str!("continuum/relation.csv");
 
 /// Relative uncertainty of the relation as computed, at 95 %: mesh, far boundary and the rigid sections, as the comparison with
 /// other solutions shows it. How the tissue really holds the needle is not in it.

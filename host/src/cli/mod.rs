@@ -13,6 +13,7 @@ mod output;
 mod plan;
 mod ports;
 mod record;
+mod relation;
 mod rig_args;
 mod tare;
 
@@ -47,6 +48,7 @@ enum Command {
     Acquire(record::AcquireArgs),
     Plan(plan::Args),
     Identify(identify::Args),
+    Relation(relation::Args),
 }
 
 /// Runs the sub-command named on the command line and turns its outcome into an exit code.
@@ -64,6 +66,7 @@ pub fn main() -> ExitCode {
         Command::Record(args) => record::run_record(args, &mut out),
         Command::Acquire(args) => record::run_acquire(args, &mut out),
         Command::Plan(args) => plan::run(args, &mut out),
+        Command::Relation(args) => relation::run(args, &mut out),
         Command::Identify(args) => identify::run(args, &mut out),
     };
     match outcome.and_then(|()| out.finish()) {
