@@ -3,7 +3,9 @@
 //! The body is linear elastic, the needle a beam bonded to it (or touched on one side only, at half the stiffness), the surface
 //! free. The relation is the foundation modulus K that is identified in a lateral run in such a body: it depends on needle, depth,
 //! Poisson's ratio and guide positions, on Young's modulus itself, through the needle's flexibility, and a little on what is
-//! measured how well, because no springs do exactly what a body does (`model.md`, section 6).
+//! measured how well, because no springs do exactly what a body does (`model.md`, section 6). For needles deeper than about
+//! 60 mm it is more than a little: there the shape asks for softer springs than the force, and K is a number of the test as
+//! much as of the tissue. Young's modulus found through the relation for that very test is not affected.
 
 mod mesh;
 mod solve;

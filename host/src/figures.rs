@@ -1,6 +1,7 @@
-//! Figures of an identification, as SVG text.
+//! Figures of an identification and of a plan, as SVG text.
 
 use crate::identify::{Pooled, RunResult, ShapeResult};
+use crate::plan::{Choice, Plan};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::ops::Range;
@@ -90,6 +91,74 @@ pub fn likelihood(pooled: &Pooled) -> Result<Option<String>, FigureError> {
         area.present().map_err(failed)?;
     }
     Ok(Some(svg))
+}
+
+/// Half-width of the interval of K over insertion depth, one line per guide position and displacement; open circles break a limit.
+///
+/// # Errors
+/// [`FigureError`] where the drawing fails.
+pub fn plan(plan: &Plan) -> Result<String, FigureError> {
+    let mut lines: Vec<(String, Vec<&Choice>)> = Vec::new();
+    for choice in &plan.choices {
+        let name = format!("guide 2 at {} mm, {} mm", choice.guide2_mm, choice.displacement_mm);
+        match lines.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, line)) => line.push(choice),
+            None => lines.push((name, vec![choice])),
+        }
+    }
+    let mut svg = String::new();
+    {
+        let area = SVGBackend::with_string(&mut svg, (WIDTH, 560)).into_drawing_area();
+        area.fill(&WHITE).map_err(failed)?;
+        let area = area.titled("half-width of the 95 % interval of K", (FONT, 22)).map_err(failed)?;
+        let depths = range(plan.choices.iter().map(|choice| choice.depth_mm));
+        // Widths span decades: powers of ten on the axis.
+        let decades = |choice: &Choice| choice.half_width_percent.max(1e-3).log10();
+        let widths = range(plan.choices.iter().map(decades));
+        let mut chart = ChartBuilder::on(&area)
+            .margin(12)
+            .x_label_area_size(46)
+            .y_label_area_size(70)
+            .build_cartesian_2d(depths, widths)
+            .map_err(failed)?;
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .label_style((FONT, 14))
+            .axis_desc_style((FONT, 16))
+            .x_desc("insertion depth, mm")
+            .y_desc("half-width, %")
+            .y_label_formatter(&|decade| {
+                format!("{:.3}", 10f64.powf(*decade)).trim_end_matches('0').trim_end_matches('.').to_owned()
+            })
+            .draw()
+            .map_err(failed)?;
+        for (index, (name, line)) in lines.into_iter().enumerate() {
+            let colour = Palette99::pick(index).to_rgba();
+            let points: Vec<(f64, f64)> =
+                line.iter().map(|choice| (choice.depth_mm, decades(choice))).collect();
+            chart
+                .draw_series(LineSeries::new(points, colour.stroke_width(2)))
+                .map_err(failed)?
+                .label(name)
+                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], colour.stroke_width(2)));
+            let dots = line.into_iter().map(|choice| {
+                let style = if choice.within_limits { colour.filled() } else { colour.stroke_width(1) };
+                Circle::new((choice.depth_mm, decades(choice)), 4, style)
+            });
+            chart.draw_series(dots).map_err(failed)?;
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .background_style(WHITE.mix(0.8))
+            .border_style(GREY)
+            .label_font((FONT, 14))
+            .draw()
+            .map_err(failed)?;
+        area.present().map_err(failed)?;
+    }
+    Ok(svg)
 }
 
 type Area<'s> = DrawingArea<SVGBackend<'s>, Shift>;

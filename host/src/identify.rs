@@ -57,6 +57,17 @@ impl YoungsBy {
             Self::Continuum(Contact::OneSided) => "continuum-one-sided",
         }
     }
+
+    /// What it holds for.
+    pub fn validity(self) -> &'static str {
+        match self {
+            Self::Published(relation) => relation.validity(),
+            Self::Continuum(Contact::Bonded) => "this needle bonded in an elastic half space, small strains",
+            Self::Continuum(Contact::OneSided) => {
+                "this needle held on one side only, half of the bonded stiffness"
+            }
+        }
+    }
 }
 
 /// What the user may choose.
@@ -258,6 +269,12 @@ fn identify_run(
     }
     let (as_printed, energy) = energy(session, &mut prepared);
     let without_force = without_force(&prepared);
+    if let Some(warning) = disagreement(&estimate, &without_force) {
+        prepared.warnings.push(warning);
+    }
+    if let Some(warning) = loose_fit(&prepared) {
+        prepared.warnings.push(warning);
+    }
     let channels = channel_fits(&prepared.data, &best, 0);
     let result = RunResult {
         id: run.id.clone(),
@@ -294,6 +311,36 @@ fn without_force(prepared: &Prepared) -> Likelihood {
     let found = found.filter(|fit| fit.at_bound.first() == Some(&false));
     found.map_or_else(Likelihood::default, |fit| Estimate::of(&fit, prepared.known_noise).likelihood())
 }
+
+/// With and without force K should be the same; if it is not, a scale, an offset or an effect is missing.
+fn disagreement(estimate: &Estimate, without_force: &Likelihood) -> Option<String> {
+    let (k_kpa, sd_kpa) = (without_force.k_kpa?, without_force.sd_kpa?);
+    let apart = (k_kpa / estimate.k_kpa()).ln().abs();
+    (apart > 3.0 * (sd_kpa / k_kpa).hypot(estimate.sd_ln)).then(|| {
+        format!(
+            "force and shape disagree: K is {:.2} kPa with the force and {k_kpa:.2} kPa without it; a sensor's scale may be \
+             wrong, or the model lacks an effect",
+            estimate.k_kpa()
+        )
+    })
+}
+
+/// Shape noise that was estimated from the residuals hides a shape that does not fit: it must not be large beside the shape.
+fn loose_fit(prepared: &Prepared) -> Option<String> {
+    let points = prepared.data.levels.iter().flat_map(|level| &level.shape);
+    let largest_m = points.flat_map(|point| point.deflection_m).map(f64::abs).fold(0.0, f64::max);
+    let sd_m = prepared.data.shape_sd_m;
+    (!prepared.known_shape_noise && sd_m > LOOSE_SHARE * largest_m).then(|| {
+        format!(
+            "the shape is {:.3} mm (sd) off the fitted beam, beside deflections of up to {:.3} mm: this may be no noise",
+            1e3 * sd_m,
+            1e3 * largest_m
+        )
+    })
+}
+
+/// Share of the largest deflection that noise of the shape stays below in a sound run.
+const LOOSE_SHARE: f64 = 0.1;
 
 /// The energy balance over the displaced levels with enough shape, weighted by the square of the displacement.
 fn energy(session: &Session, prepared: &mut Prepared) -> (EnergyAsPrinted, Energy) {

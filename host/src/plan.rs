@@ -236,6 +236,13 @@ mod tests {
     }
 
     #[test]
+    fn the_figure_has_a_line_per_displacement() {
+        let question = Question { displacements_m: vec![0.6e-3, 1.2e-3], ..question() };
+        let figure = crate::figures::plan(&plan(&question).expect("a plan")).expect("a figure");
+        assert!(figure.contains("guide 2 at 60 mm, 0.6 mm") && figure.matches("<circle").count() == 6);
+    }
+
+    #[test]
     fn nuisances_widen() {
         let nuisances = ["rig.clamp_compliance", "sensor.depth_shift"];
         let nuisances = nuisances.iter().map(|id| effect(id).expect("an effect")).collect();

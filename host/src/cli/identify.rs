@@ -177,12 +177,18 @@ impl Display for Text<'_> {
             writeln!(f, "bootstrap    K {low:.2} to {high:.2} kPa, {count} draws, seed {seed}")?;
         }
         let youngs_text = estimate(Some(youngs.value), Some(youngs.ci95));
-        let [least, most] = youngs.range_kpa;
         writeln!(
             f,
-            "Young's      E {youngs_text} kPa by the relation `{}`, Poisson's ratio {}; {least:.1} to {most:.1} kPa by all relations",
+            "Young's      E {youngs_text} kPa by `{}`, Poisson's ratio {}; by other relations:",
             youngs.relation, youngs.poisson
         )?;
+        for other in youngs.relations.iter().filter(|other| other.relation != youngs.relation) {
+            writeln!(
+                f,
+                "             {:>6.2} kPa by `{}` ({})",
+                other.youngs_modulus_kpa, other.relation, other.validity
+            )?;
+        }
         if let Some(reference) = reference {
             let sd = reference.sd_kpa.map_or(String::new(), |sd| format!(" (sd {sd:.2})"));
             let p = |p: Option<f64>| p.map_or("-".to_owned(), |p| format!("{p:.3}"));

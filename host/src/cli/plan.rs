@@ -3,10 +3,12 @@
 use super::identify::nuisance;
 use super::output::Output;
 use anyhow::{Context, ensure};
+use host::figures;
 use host::model::effects::Effect;
 use host::plan::{Choice, Limits, Plan, Question, plan};
 use host::session::Setup;
 use std::fmt::{self, Display};
+use std::fs;
 use std::path::PathBuf;
 
 /// Say what interval a lateral run will give, over depth, displacement and position of guide 2
@@ -46,6 +48,9 @@ pub struct Args {
     /// Take an effect's parameters as unknown too; may be given more than once
     #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
     nuisance: Vec<&'static dyn Effect>,
+    /// Draw the half-width over depth as an SVG file
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
 }
 
 /// Noise where the rig file does not state it.
@@ -90,6 +95,11 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         rig,
     };
     let plan = plan(&question).context("cannot plan")?;
+    if let Some(path) = &args.plot {
+        fs::write(path, figures::plan(&plan)?)
+            .with_context(|| format!("{}: cannot write", path.display()))?;
+        out.note(format_args!("drawing {}", path.display()));
+    }
     out.result(&plan, Text(&plan))
 }
 

@@ -81,7 +81,7 @@ mod tests {
         for row in rows {
             let ratios: Vec<f64> =
                 row.split(',').skip(6).map(|cell| cell.parse().expect("a number")).collect();
-            assert!(ratios.iter().all(|ratio| (0.2..2.0).contains(ratio)) && ratios[1] < ratios[0], "{row}");
+            assert!(ratios.iter().all(|ratio| (0.1..2.0).contains(ratio)) && ratios[1] < ratios[0], "{row}");
         }
     }
 }

@@ -64,7 +64,11 @@ impl<'s> Youngs<'s> {
             .into_iter()
             .filter_map(|relation| {
                 let youngs_modulus_kpa = kpa(relation, pooled.k_kpa)?;
-                Some(RelationResult { relation: relation.name(), youngs_modulus_kpa })
+                Some(RelationResult {
+                    relation: relation.name(),
+                    youngs_modulus_kpa,
+                    validity: relation.validity(),
+                })
             })
             .collect();
         let values = || relations.iter().map(|result| result.youngs_modulus_kpa);

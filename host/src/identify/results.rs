@@ -325,6 +325,8 @@ pub struct RelationResult {
     pub relation: &'static str,
     /// The modulus.
     pub youngs_modulus_kpa: f64,
+    /// What the relation holds for.
+    pub validity: &'static str,
 }
 
 /// Comparison with indentation by a flat punch.

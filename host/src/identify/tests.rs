@@ -45,7 +45,7 @@ fn estimates_are_unbiased_scatter_as_stated_and_cover() {
 /// Rigs that differ as the priors say: with the nuisances modelled the intervals cover, without them they do not.
 #[test]
 fn nuisances_in_the_truth_are_covered_when_they_are_modelled() {
-    const SESSIONS: usize = 100;
+    const SESSIONS: usize = 500;
     let ids = ["rig.clamp_compliance", "sensor.shape_offset", "sensor.depth_shift"];
     let modelled = Options {
         nuisances: ids.iter().map(|id| effect(id).expect("an effect")).collect(),
@@ -72,8 +72,9 @@ fn nuisances_in_the_truth_are_covered_when_they_are_modelled() {
         clamp_pulls.push((clamp.value - recipe.clamp_rad_per_n_m) / clamp.sd);
     }
     println!("{covered} of {SESSIONS} covered, {covered_plain} without the nuisances");
-    assert!((89..=100).contains(&covered), "{covered}");
-    assert!(covered_plain < 80, "{covered_plain}");
+    // 92 % and more: the clamp's bound at zero makes the intervals a little too wide, never too narrow.
+    assert!(covered >= 460, "{covered} of {SESSIONS}");
+    assert!(covered_plain < 300, "{covered_plain} of {SESSIONS}");
     let (_, spread) = mean_and_sd(&clamp_pulls).expect("many");
     assert!((0.6..1.3).contains(&spread), "{spread}");
 }
@@ -175,6 +176,23 @@ fn residuals_beyond_the_stated_noise_widen_the_interval() {
     assert!(result.warnings.iter().any(|w| w.contains("times the stated noise")), "{:?}", result.warnings);
     let ratio = result.pooled.sd_kpa / honest;
     assert!((1.0..5.0).contains(&ratio), "{ratio}");
+}
+
+/// A shape in the wrong scale, and a force in the wrong scale: numbers come out, and warnings with them.
+#[test]
+fn what_does_not_fit_together_is_said() {
+    let warned = |run: LateralRun, words: &str| {
+        let warnings = identified(&session(vec![run])).warnings;
+        assert!(warnings.iter().any(|warning| warning.contains(words)), "{words}: {warnings:?}");
+    };
+    let mut small = Recipe::default().run("a", &mut Noise::new(2));
+    small.shape.y_m.iter_mut().for_each(|y_m| *y_m *= 0.3);
+    warned(small, "off the fitted beam");
+    let mut strong = Recipe { force_sd_n: 0.005, ..Recipe::default() }.run("a", &mut Noise::new(2));
+    strong.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= 1.5);
+    warned(strong, "force and shape disagree");
+    let sound = identified(&session(vec![Recipe::default().run("a", &mut Noise::new(2))])).warnings;
+    assert!(!sound.iter().any(|w| w.contains("disagree") || w.contains("off the fitted")), "{sound:?}");
 }
 
 #[test]

@@ -143,8 +143,8 @@ mod tests {
             let (rig, balance) = exact(guide2_m, entry_m, depth_m);
             assert!((balance.force_n.value / force_n - 1.0).abs() < 1e-10);
             let modulus = energy_modulus(&rig, depth_m, &balance).expect("a modulus");
-            assert!((modulus.as_printed_pa / printed_pa - 1.0).abs() < 1e-8, "{modulus:?}");
-            assert!((modulus.corrected_pa / corrected_pa - 1.0).abs() < 1e-8, "{modulus:?}");
+            assert!((modulus.as_printed_pa / printed_pa - 1.0).abs() < 1e-10, "{modulus:?}");
+            assert!((modulus.corrected_pa / corrected_pa - 1.0).abs() < 1e-10, "{modulus:?}");
             assert_eq!(modulus.corrected_sd_pa, 0.0);
         }
     }

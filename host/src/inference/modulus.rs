@@ -36,6 +36,21 @@ impl Relation {
         }
     }
 
+    /// What it holds for.
+    pub fn validity(self) -> &'static str {
+        match self {
+            Self::Vesic | Self::Biot => {
+                "long beam on the surface of an elastic half space, not embedded in it"
+            }
+            Self::Embedded => {
+                "long beam embedded in an elastic body: twice the half space's stiffness, by analogy"
+            }
+            Self::RigidCylinder => {
+                "rigid cylinder bonded in an incompressible full space: no surface, no bending"
+            }
+        }
+    }
+
     /// Young's modulus of tissue with Poisson's ratio `poisson` in which a length `depth_m` of the needle sees the
     /// foundation modulus `modulus_pa`.
     pub fn youngs_modulus_pa(self, modulus_pa: f64, needle: &Needle, depth_m: f64, poisson: f64) -> f64 {

@@ -18,7 +18,9 @@ mod rig;
 
 pub use beam::{Beam, BeamProblem, Response};
 pub use foundation::{Foundation, Layer};
-pub use predict::{Channels, DriveSample, Experiment, Lateral, Model, Series, ShapePoint, predict};
+pub use predict::{
+    Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Series, ShapePoint, predict,
+};
 pub use rig::{Needle, Rig};
 
 /// Why the model could not be evaluated.

@@ -2,6 +2,7 @@
 
 use super::effects::Effect;
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig};
+use std::borrow::Cow;
 
 /// What is believed: the hardware and the tissue.
 #[derive(Debug, Clone)]
@@ -50,6 +51,8 @@ impl Model {
 pub enum Experiment {
     /// Guide 2 moved sideways at a fixed depth.
     Lateral(Lateral),
+    /// Guide 2 pushed sideways with a given force at a fixed depth.
+    LateralForce(LateralForce),
 }
 
 /// A lateral run: where guide 2 was, and where and when the shape was looked at.
@@ -61,6 +64,28 @@ pub struct Lateral {
     pub drive: Vec<DriveSample>,
     /// Points at which the shape was seen.
     pub shape: Vec<ShapePoint>,
+}
+
+/// A lateral run that is driven by force: a weight, or an actuator under force control.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LateralForce {
+    /// Length of the needle inside the tissue.
+    pub depth_m: f64,
+    /// Force of guide 2 against time, in increasing time.
+    pub drive: Vec<ForceSample>,
+    /// Points at which the shape was seen.
+    pub shape: Vec<ShapePoint>,
+}
+
+/// Force of guide 2 at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceSample {
+    /// Time.
+    pub time_s: f64,
+    /// Vertical force.
+    pub y_n: f64,
+    /// Horizontal force.
+    pub x_n: f64,
 }
 
 /// Displacement of guide 2 at one time.
@@ -122,8 +147,20 @@ impl Channels {
 /// # Errors
 /// As [`BeamProblem::solve`], and [`ModelError::NoDrive`] where there are shape points but no drive sample.
 pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, ModelError> {
-    let Experiment::Lateral(lateral) = experiment;
-    let beam = model.beam(lateral.depth_m)?;
+    let (beam, lateral) = match experiment {
+        Experiment::Lateral(lateral) => (model.beam(lateral.depth_m)?, Cow::Borrowed(lateral)),
+        Experiment::LateralForce(forced) => {
+            let beam = model.beam(forced.depth_m)?;
+            let stiffness = beam.lateral_stiffness_n_per_m();
+            let moved = |sample: &ForceSample| DriveSample {
+                time_s: sample.time_s,
+                y_m: sample.y_n / stiffness,
+                x_m: sample.x_n / stiffness,
+            };
+            let drive = forced.drive.iter().map(moved).collect();
+            (beam, Cow::Owned(Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone() }))
+        }
+    };
     let unit = beam.guide2_force();
     let mut channels = Channels::two_planes();
     for sample in &lateral.drive {
@@ -180,6 +217,28 @@ mod tests {
         assert!((channels.force_n.y[1] / 1.309_563_697_895_257 - 1.0).abs() < 1e-10);
         assert_eq!(channels.force_n.x.as_ref().expect("two planes")[1], -0.5 * channels.force_n.y[1]);
         assert!((channels.shape_m.y[1] - 0.5 * channels.shape_m.y[0]).abs() < 1e-18);
+    }
+
+    /// Driven by the force that a displacement takes, the needle does the same.
+    #[test]
+    fn force_and_displacement_drive_alike() {
+        let shape = vec![ShapePoint { time_s: 0.7, z_m: 0.09 }];
+        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape: shape.clone() };
+        let moved = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
+        let force_x = moved.force_n.x.as_ref().expect("two planes");
+        let forces = drive()
+            .iter()
+            .enumerate()
+            .map(|(i, sample)| ForceSample {
+                time_s: sample.time_s,
+                y_n: moved.force_n.y[i],
+                x_n: force_x[i],
+            })
+            .collect();
+        let forced = LateralForce { depth_m: 0.03, drive: forces, shape };
+        let pushed = predict(&model(), &Experiment::LateralForce(forced)).expect("predicts");
+        assert!((pushed.displacement_m.y[1] / 1.2e-3 - 1.0).abs() < 1e-12);
+        assert!((pushed.shape_m.y[0] / moved.shape_m.y[0] - 1.0).abs() < 1e-12);
     }
 
     #[test]
