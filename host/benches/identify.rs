@@ -7,6 +7,7 @@ use host::inference::{LateralData, LevelData, Measured, Parameter, ShapeDatum, f
 use host::model::{Beam, Foundation, Needle, Rig};
 use std::hint::black_box;
 use std::process::Command;
+use std::time::Instant;
 
 const DEPTH_M: f64 = 0.03;
 const SAMPLES: usize = 40;
@@ -28,12 +29,14 @@ fn measured() -> (Measured, Measured, Vec<(f64, f64)>) {
     (Measured { value: 1.205e-3, sd: 15e-6 }, force, shape.collect())
 }
 
-fn likelihood(criterion: &mut Criterion) {
+const LN_K: Parameter = Parameter { start: 9.0, step: 1e-4, least: 2.0, most: 16.0, prior: None };
+
+fn data() -> [LateralData; 1] {
     let (displacement, force, shape) = measured();
     let shape = shape.iter().map(|(z_m, u_m)| ShapeDatum { z_m: *z_m, deflection_m: [*u_m, 0.0] });
     let level =
         LevelData { displacement_m: vec![displacement], force_n: vec![force], shape: shape.collect() };
-    let data = [LateralData {
+    [LateralData {
         rig: rig(),
         depth_m: DEPTH_M,
         planes: 1,
@@ -42,10 +45,13 @@ fn likelihood(criterion: &mut Criterion) {
         force_offset: false,
         uses_force: true,
         effects: Vec::new(),
-    }];
-    let ln_k = Parameter { start: 9.0, step: 1e-4, least: 2.0, most: 16.0, prior: None };
+    }]
+}
+
+fn likelihood(criterion: &mut Criterion) {
+    let data = data();
     criterion.bench_function("likelihood", |bencher| {
-        bencher.iter(|| fit(black_box(&[ln_k]), black_box(&data)).expect("fits"));
+        bencher.iter(|| fit(black_box(&[LN_K]), black_box(&data)).expect("fits"));
     });
 }
 
@@ -58,11 +64,25 @@ fn energy(criterion: &mut Criterion) {
     });
 }
 
-/// The same by SciPy's least squares, where there is one.
+/// The same by SciPy's least squares, where there is one, and the ratio.
 fn scipy() {
+    const ROUNDS: u32 = 1000;
+    let data = data();
+    let began = Instant::now();
+    for _ in 0..ROUNDS {
+        black_box(fit(black_box(&[LN_K]), black_box(&data)).expect("fits"));
+    }
+    let own_us = 1e6 * began.elapsed().as_secs_f64() / f64::from(ROUNDS);
+    let k_kpa = 1e-3 * fit(&[LN_K], &data).expect("fits").shared[0].exp();
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/identify.py");
-    match Command::new("python3").arg(script).output() {
-        Ok(output) if output.status.success() => print!("{}", String::from_utf8_lossy(&output.stdout)),
+    let output = Command::new("python3").arg(script).output().ok().filter(|output| output.status.success());
+    let text = output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
+    let numbers: Vec<f64> = text.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    match numbers[..] {
+        [scipy_us, scipy_k_kpa] => println!(
+            "scipy       {scipy_us:.0} us (K = {scipy_k_kpa:.3} kPa), here {own_us:.0} us (K = {k_kpa:.3} kPa): ratio {:.0}",
+            scipy_us / own_us
+        ),
         _ => println!("scipy: python3 with NumPy and SciPy is not there"),
     }
 }

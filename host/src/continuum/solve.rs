@@ -141,11 +141,10 @@ impl Numbering {
             }
         }
         let mut pressures = Vec::new();
-        for row in 0..mesh.depths_m.len() {
+        for _ in &mesh.depths_m {
             for column in 0..mesh.radii_m.len() {
                 pressures.push(if column == 0 { Unknown::Fixed } else { Unknown::Free(1.0, next()) });
             }
-            let _ = row;
         }
         Self { displacements, pressures, free, walls: bottom - top + 1 }
     }
