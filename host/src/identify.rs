@@ -225,8 +225,8 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     }
     let depths_m: f64 = fitted.iter().map(|run| run.data.depth_m).sum();
     let depth_m = depths_m / fitted.len() as f64;
-    let youngs_by = reference::Youngs::new(session, &fitted, depth_m, options, &mut warnings);
-    let youngs = youngs_by.of_pooled(&pooled);
+    let mut youngs_by = reference::Youngs::new(session, &fitted, depth_m, options, &mut warnings);
+    let youngs = youngs_by.of_pooled(&pooled, &mut warnings);
     let [least, most] = youngs.range_kpa;
     warnings.push(format!(
         "Young's modulus depends on the relation: {least:.1} to {most:.1} kPa by those known; K does not"

@@ -1,4 +1,123 @@
-//! Message types, framing and loss accounting shared by the firmware and the host.
+//! The interface between the needle guide's firmware and its host: this page is its control document.
+//!
+//! Two streams of bytes, one each way, over anything that carries eight-bit bytes in order (a UART, a USB serial port, a
+//! pseudo terminal). Bytes may be damaged or lost anywhere; nothing that is damaged is ever taken for a message, and what is
+//! lost is counted. The page says what is on the wire; the types say what the fields mean. Numbers on it are held to the code
+//! by the tests, most of them by [`conformance`](#conformance), which also runs on the microcontroller.
+//!
+//! # A frame
+//!
+//! | on the wire, in this order | bytes | what |
+//! |---|---|---|
+//! | delimiter | 1 | `0x00`: ends whatever noise came before |
+//! | body, byte-stuffed ([COBS]) | | holds no `0x00`; 1 byte more than what it carries |
+//! | &nbsp; payload | 3 to 247 | the message in [postcard] format |
+//! | &nbsp; checksum | 4 | CRC-32/ISO-HDLC of the payload, little-endian: the one of zlib, Ethernet and PNG |
+//! | delimiter | 1 | `0x00` |
+//!
+//! | bound, bytes | from the device | from the host |
+//! |---|---|---|
+//! | payload | 247 | 26 |
+//! | frame, both delimiters included | 254 ([`MAX_FRAME_TO_HOST`]) | 33 ([`MAX_FRAME_TO_DEVICE`]) |
+//!
+//! The bounds are reached: the largest message fills them. All is below the 254 bytes up to which stuffing costs one byte and
+//! no two bodies carry the same content. Two delimiters between frames, or one, or ten, are the same.
+//!
+//! A receiver ([`Receiver`]) drops what is longer than the bound up to the next delimiter, unstuffs, compares the checksum,
+//! and only then reads the message, which must use up the payload to its last byte. What fails is counted as
+//! over-long, corrupt or unreadable ([`Losses`]), costs no neighbour, and is never asked for again by the receiver.
+//!
+//! `Stop`, sent as command 300 to boot `0xA1B2C3D4`:
+//!
+//! ```
+//! use protocol::{Command, MAX_FRAME_TO_DEVICE, Request, encode_command};
+//!
+//! let stop = Command { id: 300, boot_id: 0xA1B2_C3D4, request: Request::Stop };
+//! let mut buffer = [0; MAX_FRAME_TO_DEVICE];
+//! assert_eq!(
+//!     encode_command(&stop, &mut buffer)?,
+//!     [
+//!         0x00, // delimiter
+//!         0x0D, // stuffing: the next zero would be 13 bytes on, which is the end
+//!         0xAC, 0x02, // id, a varint
+//!         0xD4, 0x87, 0xCB, 0x8D, 0x0A, // boot_id, a varint
+//!         0x05, // the sixth request
+//!         0xE9, 0xF3, 0x12, 0x47, // checksum of the eight bytes before it
+//!         0x00, // delimiter
+//!     ]
+//! );
+//! # Ok::<(), protocol::EncodeError>(())
+//! ```
+//!
+//! # What is said
+//!
+//! The host sends a [`Command`]: `id`, `boot_id`, [`Request`]. The device sends an [`Envelope`]: `boot_id`, `sequence`,
+//! [`Message`]. The number is the variant's place, as it stands on the wire.
+//!
+//! | | request | answers, in order | effect |
+//! |---|---|---|---|
+//! | 0 | `Hello` | `Hello`, `Ack` | a new conversation: answers to earlier ids are forgotten |
+//! | 1 | `Status` | `Status`, `Ack` | none |
+//! | 2 | `Stream { enable }` | `Ack` | telemetry batches on or off |
+//! | 3 | `LoadStep { index, step }` | `Ack` | stores one [`Step`] of the motion program |
+//! | 4 | `Run { steps, crc, start_us }` | `Ack` | starts the program at a device time if its steps are the ones meant; events follow |
+//! | 5 | `Stop` | `Ack` | ends any motion at once; telemetry goes on |
+//! | 6 | `ClearFault` | `Ack` | leaves the fault state if its cause is gone |
+//!
+//! | | message | when |
+//! |---|---|---|
+//! | 0 | [`Hello`] | asked for: version, schema hash, board, clock, sample period, value of a count |
+//! | 1 | `Ack { id }` | the command was carried out, now or when it came before |
+//! | 2 | `Refused { id, refusal }` | it was not, and why: [`Refusal`] |
+//! | 3 | [`Samples`] | a batch is full or its state ended, while telemetry is on |
+//! | 4 | [`Event`] | a step began or ended, a tare was found, the program ended, a fault was latched |
+//! | 5 | [`Status`] | asked for: state, fault, position, force, counters |
+//!
+//! # Rules
+//!
+//! * **Handshake.** The host says hello first, always; the device never assumes that it was. The version is at a place that no
+//!   version of the protocol moves, so that two versions can tell that they differ ([`peek_hello_version`]). With
+//!   equal [`VERSION`] the [`schema_hash`] of all types must be equal too, or nothing further is said.
+//! * **Commands are carried out once.** The host waits for `Ack` or `Refused` with the id of its command and sends the same
+//!   frame again when none comes; the device gives a repeat the answer it gave before and does nothing. `Stop` alone is carried
+//!   out each time. One command is under way at a time.
+//! * **Boots.** A command for another boot is refused (`Hello` and `Stop` excepted), so that nothing meant for the state before a
+//!   restart happens after it. An envelope of another boot tells the host of the restart.
+//! * **Sequence.** Envelopes are numbered from 0 at each boot, wrapping; the next one is one more. A jump forward by less than
+//!   2³¹ is that many frames lost, less one; the same number is a duplicate, one from behind is late, and neither is used
+//!   ([`SequenceTracker`]).
+//! * **Time.** Device microseconds since boot, in 64 bits. A batch has the time of its first sample; the others follow at
+//!   `Hello::sample_period_us`. A hole in the times is that many samples lost, whoever lost them; what the device itself
+//!   had to drop it says in `Samples::dropped`.
+//! * **Nothing from the device is sent again.** What may be lost is repeated in later state: every batch has state and step,
+//!   `Status` has state, fault and counters, so that a host that missed an event still finds the end of a program.
+//! * **Change.** Variants are appended, never inserted; any other change of a type raises [`VERSION`]. Either changes the
+//!   schema hash, which a test pins.
+//!
+//! # Samples are packed
+//!
+//! A sample is four numbers of 32 bits, a thousand times a second: as plain integers 16 bytes. A batch ([`Packer`], at most
+//! [`MAX_SAMPLES`]) holds the first as it is and the others as differences, each number a zigzag varint. With position noise of
+//! 3 counts and force noise of 100 counts a sample takes
+//!
+//! | | bytes |
+//! |---|---|
+//! | as plain integers | 16 |
+//! | packed | 5.4 |
+//! | packed, on the wire, with its share of the frame | 6.3 |
+//!
+//! whatever the position and the force are: differences are as small as the noise, while varints alone grow with the load. That
+//! is 6.3 kB/s of the 46 kB/s that 460,800 baud carry, so that a line disturbed for a while catches up, and a
+//! file of frames stays small. The price is that a batch is used whole or not at all, which the checksum makes true anyway.
+//! See [`pack`].
+//!
+//! # Conformance
+//!
+//! With the feature `conformance` the module of that name holds the tests of this page as a list that needs neither std nor a
+//! heap: golden bytes of every message both ways, every single-bit error, every way of cutting the stream, every kind of bad
+//! frame between good ones, every kind of loss. The firmware's image `conformance` runs it on the target.
+//!
+//! # Using it
 //!
 //! ```
 //! use protocol::{Command, CommandReceiver, MAX_FRAME_TO_DEVICE, Received, Request, encode_command};
@@ -13,6 +132,9 @@
 //! assert_eq!(events, [Received::Corrupt, Received::Frame(command)]);
 //! # Ok::<(), protocol::EncodeError>(())
 //! ```
+//!
+//! [COBS]: https://doi.org/10.1109/90.769765
+//! [postcard]: https://postcard.jamesmunns.com/wire-format
 #![no_std]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]

@@ -58,7 +58,15 @@ impl<'s> Youngs<'s> {
     }
 
     /// By every relation there is, for the pooled K.
-    pub fn of_pooled(&self, pooled: &Pooled) -> YoungsModulus {
+    pub fn of_pooled(&mut self, pooled: &Pooled, warnings: &mut Vec<String>) -> YoungsModulus {
+        let [low, high] = pooled.ci95_kpa;
+        if [pooled.k_kpa, low, high].iter().any(|k_kpa| self.by(self.relation, 1e3 * k_kpa).is_none()) {
+            warnings.push(format!(
+                "no Young's modulus by `{}` for this K; Vesic's relation is used",
+                self.relation.name()
+            ));
+            (self.relation, self.body) = (YoungsBy::Published(Relation::Vesic), None);
+        }
         let kpa = |relation: YoungsBy, k_kpa: f64| Some(1e-3 * self.by(relation, 1e3 * k_kpa)?);
         let relations: Vec<RelationResult> = YoungsBy::ALL
             .into_iter()

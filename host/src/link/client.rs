@@ -154,8 +154,17 @@ impl Client {
         Ok(None)
     }
 
-    /// What the device has said on its own and nobody has taken yet.
+    /// What the device has said on its own and nobody has taken yet, without waiting for more. What is wrong with the link does
+    /// not matter here: this is how the last words of a device that has gone are heard.
     pub fn waiting(&mut self) -> Option<Telemetry> {
+        while self.inbox.is_empty() {
+            match self.receive(Duration::ZERO) {
+                // An answer that nobody waits for any more.
+                Ok(Some(_)) => {}
+                Ok(None) if !self.inbox.is_empty() => {}
+                Ok(None) | Err(_) => return None,
+            }
+        }
         self.inbox.pop_front()
     }
 

@@ -41,6 +41,12 @@ pub fn run<E: From<LinkError>>(
     if outcome.is_err() {
         // Where the link is gone the stop cannot arrive; the device ends the program by itself and holds.
         let _ = client.request(Request::Stop);
+        // What had arrived before the failure was noticed belongs to the run; the failure itself is told already.
+        while let Some(telemetry) = client.waiting() {
+            if observe(client, &telemetry).is_err() {
+                break;
+            }
+        }
     }
     if options.stream {
         let stopped = client.request(Request::Stream { enable: false });

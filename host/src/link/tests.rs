@@ -182,3 +182,22 @@ fn an_end_found_by_asking_costs_no_sample() {
     .expect("completes");
     assert_eq!(samples, 73);
 }
+
+/// A host that is behind notices that the port has gone before it has looked at what came first.
+#[test]
+fn a_port_that_goes_away_while_the_host_is_behind_costs_no_sample() {
+    let program = [Act::Batch(32), Act::Batch(32), Act::Batch(9), Act::Wait(200), Act::Vanish];
+    let (_device, mut client) = with_program(&program);
+    let mut samples = 0;
+    let ended = run(&mut client, &hold(), OPTIONS, |_, telemetry| {
+        if let Telemetry::Samples(batch) = telemetry {
+            if samples == 0 {
+                std::thread::sleep(STATUS_INTERVAL + Duration::from_millis(50));
+            }
+            samples += batch.points.len();
+        }
+        Ok::<(), LinkError>(())
+    });
+    assert!(matches!(ended, Err(LinkError::Gone { .. })));
+    assert_eq!(samples, 73);
+}
