@@ -5,6 +5,7 @@
 //! points per element, Newton's method, banded Cholesky (half-bandwidth 3): the work grows linearly with the number of
 //! elements (`model.md`, section 2). Elements end at guide 2, at the surface and at the faces of layers.
 
+use super::banded::Banded;
 use super::{BeamProblem, Foundation, ModelError, check};
 
 /// Length of an element that brings the error below one part in a million for needles in tissue.
@@ -258,14 +259,15 @@ impl Deformed {
 }
 
 /// Points on (0, 1) and weights of the four-point Gauss rule.
-const GAUSS: [(f64, f64); 4] = [
+pub(super) const GAUSS: [(f64, f64); 4] = [
     (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
     (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
     (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
     (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
 ];
 
-fn hermite(x: f64, length_m: f64) -> [f64; 4] {
+/// Shape functions of deflection and slope at both ends of an element.
+pub(super) fn hermite(x: f64, length_m: f64) -> [f64; 4] {
     let (x2, x3) = (x * x, x * x * x);
     [1.0 - 3.0 * x2 + 2.0 * x3, length_m * (x - 2.0 * x2 + x3), 3.0 * x2 - 2.0 * x3, length_m * (x3 - x2)]
 }
@@ -289,70 +291,6 @@ fn norm(rest: &[f64], fixed: impl Fn(usize) -> bool) -> f64 {
 fn is_small(step: &[f64], unknowns: &[f64]) -> bool {
     let largest = |values: &[f64]| values.iter().step_by(2).map(|v| v.abs()).fold(0.0, f64::max);
     largest(step) <= LAST_STEP * largest(unknowns)
-}
-
-/// A symmetric matrix with three sub-diagonals, and its Cholesky factor in the same place.
-struct Banded(Vec<[f64; 4]>);
-
-impl Banded {
-    fn new(size: usize) -> Self {
-        Self(vec![[0.0; 4]; size])
-    }
-
-    /// Adds to the entry at `row`, `column`; `column` is not above `row`.
-    fn add(&mut self, row: usize, column: usize, value: f64) {
-        self.0[row][row - column] += value;
-    }
-
-    /// Makes an unknown keep its value.
-    fn fix(&mut self, index: usize) {
-        self.0[index] = [1.0, 0.0, 0.0, 0.0];
-        for below in 1..4 {
-            if let Some(row) = self.0.get_mut(index + below) {
-                row[below] = 0.0;
-            }
-        }
-    }
-
-    /// `A = L L^T`; nothing where the matrix is not positive definite.
-    fn factor(&mut self) -> Option<&Self> {
-        for row in 0..self.0.len() {
-            for back in (0..4.min(row + 1)).rev() {
-                let column = row - back;
-                let mut value = self.0[row][back];
-                for k in column.saturating_sub(3).max(row.saturating_sub(3))..column {
-                    value -= self.0[row][row - k] * self.0[column][column - k];
-                }
-                self.0[row][back] = if back == 0 {
-                    if value <= 0.0 || !value.is_finite() {
-                        return None;
-                    }
-                    value.sqrt()
-                } else {
-                    value / self.0[column][0]
-                };
-            }
-        }
-        Some(self)
-    }
-
-    /// Solves with the factor, in place.
-    fn solve(&self, right: &mut [f64]) {
-        for row in 0..right.len() {
-            for back in 1..4.min(row + 1) {
-                right[row] -= self.0[row][back] * right[row - back];
-            }
-            right[row] /= self.0[row][0];
-        }
-        for row in (0..right.len()).rev() {
-            for below in 1..4 {
-                if row + below < right.len() {
-                    right[row] -= self.0[row + below][below] * right[row + below];
-                }
-            }
-            right[row] /= self.0[row][0];
-        }
-    }
 }
 
 #[cfg(test)]

@@ -5,10 +5,13 @@
 //! [`Beam`] its exact solution per unit load; the model is linear, so displacement levels are multiples of one
 //! [`Beam`].
 
+mod banded;
 mod beam;
 pub mod effects;
 pub mod elements;
 mod foundation;
+pub mod growth;
+pub mod insertion;
 pub mod modes;
 #[cfg(test)]
 pub(crate) mod peer;
@@ -18,6 +21,7 @@ mod rig;
 
 pub use beam::{Beam, BeamProblem, Response};
 pub use foundation::{Foundation, Layer};
+pub use insertion::{Cutting, Insertion, Profile, TipLaw};
 pub use predict::{
     Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Series, ShapePoint, predict,
 };

@@ -1,6 +1,7 @@
 //! From what is believed and what was done to what every sensor should have read.
 
 use super::effects::Effect;
+use super::insertion::{self, Insertion, TipLaw};
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig};
 use std::borrow::Cow;
 
@@ -11,6 +12,8 @@ pub struct Model {
     pub rig: Rig,
     /// The tissue.
     pub foundation: Foundation,
+    /// The tip, in insertions.
+    pub tip: TipLaw,
     /// Effects with the values of their parameters, applied in this order.
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
 }
@@ -20,7 +23,10 @@ impl PartialEq for Model {
         let named = |model: &Self| -> Vec<_> {
             model.effects.iter().map(|(effect, values)| (effect.id(), values.clone())).collect()
         };
-        self.rig == other.rig && self.foundation == other.foundation && named(self) == named(other)
+        self.rig == other.rig
+            && self.foundation == other.foundation
+            && self.tip == other.tip
+            && named(self) == named(other)
     }
 }
 
@@ -30,7 +36,8 @@ impl Model {
     /// # Errors
     /// [`ModelError::OutOfRange`] where the modulus is negative or not finite.
     pub fn uniform(rig: Rig, modulus_pa: f64) -> Result<Self, ModelError> {
-        Ok(Self { rig, foundation: Foundation::uniform(modulus_pa)?, effects: Vec::new() })
+        let foundation = Foundation::uniform(modulus_pa)?;
+        Ok(Self { rig, foundation, tip: TipLaw::default(), effects: Vec::new() })
     }
 
     /// The needle inserted to `depth_m`, solved for unit loads.
@@ -38,11 +45,19 @@ impl Model {
     /// # Errors
     /// As [`BeamProblem::solve`].
     pub fn beam(&self, depth_m: f64) -> Result<Beam, ModelError> {
+        self.problem(depth_m)?.solve()
+    }
+
+    /// The needle inserted to `depth_m`, as its effects make it.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where an effect's values are impossible.
+    pub fn problem(&self, depth_m: f64) -> Result<BeamProblem, ModelError> {
         let mut problem = BeamProblem::new(&self.rig, self.foundation.clone(), depth_m);
         for (effect, values) in &self.effects {
             effect.beam(values, &mut problem)?;
         }
-        problem.solve()
+        Ok(problem)
     }
 }
 
@@ -53,6 +68,8 @@ pub enum Experiment {
     Lateral(Lateral),
     /// Guide 2 pushed sideways with a given force at a fixed depth.
     LateralForce(LateralForce),
+    /// The needle was inserted.
+    Insertion(Insertion),
 }
 
 /// A lateral run: where guide 2 was, and where and when the shape was looked at.
@@ -124,7 +141,7 @@ impl Series {
     }
 }
 
-/// What the sensors read, predicted or measured: one value per drive sample or shape point.
+/// What the sensors read, predicted or measured: one value per drive sample, shape point or depth.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channels {
     /// Displacement of guide 2 at every drive sample.
@@ -133,12 +150,14 @@ pub struct Channels {
     pub force_n: Series,
     /// Deflection at every shape point.
     pub shape_m: Series,
+    /// Position of the tip at every depth of an insertion.
+    pub tip_m: Series,
 }
 
 impl Channels {
     fn two_planes() -> Self {
         let empty = || Series { y: Vec::new(), x: Some(Vec::new()) };
-        Self { displacement_m: empty(), force_n: empty(), shape_m: empty() }
+        Self { displacement_m: empty(), force_n: empty(), shape_m: empty(), tip_m: empty() }
     }
 }
 
@@ -159,6 +178,13 @@ pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, Model
             };
             let drive = forced.drive.iter().map(moved).collect();
             (beam, Cow::Owned(Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone() }))
+        }
+        Experiment::Insertion(inserted) => {
+            let problem = model.problem(inserted.depth_m.iter().copied().fold(0.0, f64::max))?;
+            let tip_m = insertion::tip_m(&problem, &model.tip, inserted)?;
+            let mut channels = Channels { tip_m, ..Channels::two_planes() };
+            model.effects.iter().for_each(|(effect, values)| effect.observe(values, &mut channels));
+            return Ok(channels);
         }
     };
     let unit = beam.guide2_force();

@@ -1,0 +1,348 @@
+//! The needle at every depth of an insertion, per unit of what acts on it.
+//!
+//! The tissue springs act on `u - u_t`, where the cut path `u_t(z)` is the place of the tip when it passed `z` (`model.md`,
+//! section 4). At one depth the needle is linear in its tip load, the displacement of guide 2 and the cut path, so that its tip
+//! is at `u = a F + b g + sum_j w_j u_t(z_j)`. By reciprocity all `w` come from the shape under one unit load at the tip: `a` is
+//! its deflection there, `w_j` the springs' share of it. The beam grows by one element per step, and of its Cholesky factor only
+//! the last rows change: a step costs one back substitution, linear in the length. The path is linear between nodes and its
+//! newest end implicit: second order in the step.
+
+use super::banded::Banded;
+use super::elements::{GAUSS, bending_stiffness, hermite};
+use super::{BeamProblem, ModelError, check};
+
+/// Step that keeps the path within one part in ten thousand for needles in tissue.
+pub const DEFAULT_STEP_M: f64 = 0.5e-3;
+const MOST_STEPS: f64 = 20_000.0;
+
+/// What guide 2 does while the needle is inserted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Guide2Grip {
+    /// It does not touch the needle.
+    Free,
+    /// It holds the needle at a displacement.
+    Holding,
+}
+
+/// Responses of the tip at every node of an insertion.
+#[derive(Debug, Clone)]
+pub struct Growth {
+    depths_m: Vec<f64>,
+    rows: Vec<Row>,
+}
+
+/// What moves the tip at one depth.
+#[derive(Debug, Clone)]
+struct Row {
+    deflection: Response,
+    /// Slope of the needle at the tip.
+    slope: Response,
+}
+
+/// One linear functional of what acts on the needle.
+#[derive(Debug, Clone, Default)]
+struct Response {
+    /// Per newton at the tip.
+    load: f64,
+    /// Per metre of guide 2.
+    guide2: f64,
+    /// Per metre of the cut path at the start and the end of every element.
+    path: Vec<[f64; 2]>,
+}
+
+/// What acts at a node, in one plane: on arriving at its depth and on leaving it. They differ where the needle is turned or
+/// guide 2 moved at rest.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Acting {
+    /// Tip load, N.
+    pub load_n: [f64; 2],
+    /// Displacement of guide 2, m.
+    pub guide2_m: [f64; 2],
+}
+
+/// Tip at a node, on arriving and on leaving.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TipState {
+    /// Tip position, m.
+    pub tip_m: [f64; 2],
+    /// Tip load, N.
+    pub load_n: [f64; 2],
+}
+
+impl Growth {
+    /// Solves the needle of `problem` at every depth of `depths_m` (0 first, increasing).
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] for a problem or depths out of range, [`ModelError::Singular`].
+    pub fn new(problem: &BeamProblem, depths_m: Vec<f64>, grip: Guide2Grip) -> Result<Self, ModelError> {
+        problem.check()?;
+        if grip == Guide2Grip::Holding {
+            let gap_m = problem.entry_m - problem.guide2_m;
+            check(
+                "entry_m",
+                problem.entry_m,
+                "beyond guide2_m, where guide 2 holds the needle",
+                gap_m > 1e-6,
+            )?;
+        }
+        check("depth_m", depths_m.len() as f64, "up to 20000 steps", depths_m.len() as f64 <= MOST_STEPS)?;
+        let first_m = depths_m.first().copied().unwrap_or(f64::NAN);
+        check("depth_m", first_m, "0 first", first_m == 0.0)?;
+        for pair in depths_m.windows(2) {
+            check("depth_m", pair[1], "increasing depths", pair[1] > pair[0])?;
+        }
+        let mut beam = GrowingBeam::new(problem, grip);
+        let mut rows = Vec::with_capacity(depths_m.len());
+        beam.extend(problem.entry_m - beam.length_m, None);
+        rows.push(beam.row()?);
+        for pair in depths_m.windows(2) {
+            beam.extend(pair[1] - pair[0], Some(pair[0]));
+            rows.push(beam.row()?);
+        }
+        Ok(Self { depths_m, rows })
+    }
+
+    /// Depths of the nodes.
+    pub fn depths_m(&self) -> &[f64] {
+        &self.depths_m
+    }
+
+    /// The tip's way under given loads, one entry per node.
+    pub fn under_load(&self, acting: impl Fn(usize) -> Acting) -> Vec<TipState> {
+        let mut states: Vec<TipState> = Vec::with_capacity(self.rows.len());
+        for (node, row) in self.rows.iter().enumerate() {
+            let Acting { load_n, guide2_m } = acting(node);
+            let response = &row.deflection;
+            let (known_m, newest) = response.known(&states);
+            let arriving_m =
+                (known_m + response.load * load_n[0] + response.guide2 * guide2_m[0]) / (1.0 - newest);
+            let jump_m =
+                response.load * (load_n[1] - load_n[0]) + response.guide2 * (guide2_m[1] - guide2_m[0]);
+            states.push(TipState { tip_m: [arriving_m, arriving_m + jump_m], load_n });
+        }
+        states
+    }
+
+    /// The tip's way when it cuts at an angle to the needle: the slope of the path is that of the needle at its tip plus
+    /// `angle_rad` (per node, on arriving and on leaving). The path starts at 0, and the tip load is what the springs ask for.
+    pub fn at_cut_angle(
+        &self,
+        angle_rad: impl Fn(usize) -> [f64; 2],
+        guide2_m: impl Fn(usize) -> f64,
+    ) -> Vec<TipState> {
+        let mut states: Vec<TipState> = Vec::with_capacity(self.rows.len());
+        let mut slope_before = 0.0;
+        for (node, row) in self.rows.iter().enumerate() {
+            let (angle, held_m) = (angle_rad(node), guide2_m(node));
+            let (deflection, slope) = (&row.deflection, &row.slope);
+            let (known_m, newest) = deflection.known(&states);
+            let (known_slope, newest_slope) = slope.known(&states);
+            let (known_m, known_slope) =
+                (known_m + deflection.guide2 * held_m, known_slope + slope.guide2 * held_m);
+            let state =
+                match (states.last(), node.checked_sub(1).and_then(|before| self.depths_m.get(before))) {
+                    (Some(before), Some(before_m)) => {
+                        // u = known + a F + w u, and by the trapezoidal rule u = before + (slope before + slope now) h / 2
+                        // with the slope now = known slope + c F + v u + angle: two equations for u and F.
+                        let half_m = 0.5 * (self.depths_m[node] - before_m);
+                        let right = before.tip_m[1] + half_m * (slope_before + known_slope + angle[0]);
+                        let (a, c) = (deflection.load, half_m * slope.load);
+                        let (own, own_slope) = (1.0 - newest, 1.0 - half_m * newest_slope);
+                        let load_n = (right * own - known_m * own_slope) / (a * own_slope - c * own);
+                        let tip_m = (known_m + a * load_n) / own;
+                        TipState { tip_m: [tip_m; 2], load_n: [load_n; 2] }
+                    }
+                    // The path starts at 0, by a load that outweighs guide 2.
+                    _ => TipState { tip_m: [0.0; 2], load_n: [-known_m / deflection.load; 2] },
+                };
+            slope_before =
+                known_slope + slope.load * state.load_n[1] + newest_slope * state.tip_m[0] + angle[1];
+            states.push(state);
+        }
+        states
+    }
+
+    /// The tip load that each point of a given path asks for, N: the bordered system of Paper A, equation (20), solved
+    /// exactly. `path_m` and `guide2_m` have one entry per node.
+    pub fn load_of_path_n(&self, path_m: &[f64], guide2_m: &[f64]) -> Vec<f64> {
+        let states: Vec<_> = path_m.iter().map(|u| TipState { tip_m: [*u; 2], load_n: [0.0; 2] }).collect();
+        let nodes = self.rows.iter().zip(path_m.iter().zip(guide2_m)).enumerate();
+        nodes
+            .map(|(node, (row, (tip_m, held_m)))| {
+                let response = &row.deflection;
+                let (known_m, newest) = response.known(&states[..node]);
+                (tip_m * (1.0 - newest) - known_m - response.guide2 * held_m) / response.load
+            })
+            .collect()
+    }
+}
+
+impl Response {
+    /// What the path up to the node before the newest contributes, and the factor of the newest node.
+    fn known(&self, before: &[TipState]) -> (f64, f64) {
+        let mut known = 0.0;
+        let mut newest = 0.0;
+        for (element, [start, end]) in self.path.iter().enumerate() {
+            known += start * before[element].tip_m[1];
+            match before.get(element + 1) {
+                Some(state) => known += end * state.tip_m[0],
+                None => newest = *end,
+            }
+        }
+        (known, newest)
+    }
+}
+
+/// The beam from guide 1 to the tip, element by element, with its factor kept up to date.
+struct GrowingBeam<'p> {
+    problem: &'p BeamProblem,
+    /// Depths of the faces between layers.
+    faces_m: Vec<f64>,
+    length_m: f64,
+    stiffness: Banded,
+    factor: Banded,
+    factored_rows: usize,
+    /// Deflection of guide 2, where it is held.
+    held: Option<usize>,
+    /// Stiffness between guide 2 and its neighbours.
+    coupling: Vec<(usize, f64)>,
+    rows: usize,
+    /// Per tissue element: load on its four unknowns per path at its start and end.
+    path_loads: Vec<[[f64; 2]; 4]>,
+    first_tissue_row: usize,
+    shape: Vec<f64>,
+}
+
+impl<'p> GrowingBeam<'p> {
+    fn new(problem: &'p BeamProblem, grip: Guide2Grip) -> Self {
+        let mut face_m = 0.0;
+        let parts = problem.foundation.parts(f64::INFINITY);
+        let faces_m = parts
+            .map(|(thickness_m, _)| {
+                face_m += thickness_m;
+                face_m
+            })
+            .filter(|face_m| face_m.is_finite())
+            .collect();
+        let mut beam = Self {
+            problem,
+            faces_m,
+            length_m: 0.0,
+            stiffness: Banded::new(2),
+            factor: Banded::new(0),
+            factored_rows: 0,
+            held: (grip == Guide2Grip::Holding).then_some(2),
+            coupling: Vec::new(),
+            rows: 2,
+            path_loads: Vec::new(),
+            first_tissue_row: 0,
+            shape: Vec::new(),
+        };
+        if problem.clamp_compliance_rad_per_n_m > 0.0 {
+            beam.stiffness.add(1, 1, 1.0 / problem.clamp_compliance_rad_per_n_m);
+        } else {
+            beam.stiffness.add(1, 1, 1.0);
+        }
+        beam.stiffness.add(0, 0, 1.0);
+        beam.extend(problem.guide2_m, None);
+        if beam.held.is_some() {
+            beam.stiffness.add(2, 2, 1.0);
+        }
+        beam
+    }
+
+    fn is_fixed(&self, row: usize) -> bool {
+        row == 0 || (row == 1 && self.problem.clamp_compliance_rad_per_n_m == 0.0) || self.held == Some(row)
+    }
+
+    /// Adds an element; inside the tissue it starts at a depth.
+    fn extend(&mut self, length_m: f64, depth_m: Option<f64>) {
+        if length_m <= 0.0 {
+            return;
+        }
+        let at = self.rows - 2;
+        self.stiffness.grow(2);
+        self.rows += 2;
+        self.length_m += length_m;
+        self.factored_rows = self.factored_rows.min(at);
+        let mut local = bending_stiffness(self.problem.bending_stiffness_n_m2, length_m);
+        if let Some(depth_m) = depth_m {
+            if self.path_loads.is_empty() {
+                self.first_tissue_row = at;
+            }
+            let (springs, path) = self.springs(depth_m, length_m);
+            for (row, added) in local.iter_mut().zip(&springs) {
+                row.iter_mut().zip(added).for_each(|(value, add)| *value += add);
+            }
+            self.path_loads.push(path);
+        }
+        for i in 0..4 {
+            for (j, value) in local[i].iter().enumerate().take(i + 1) {
+                let (row, column) = (at + i, at + j);
+                match (self.is_fixed(row), self.is_fixed(column)) {
+                    (false, false) => self.stiffness.add(row, column, *value),
+                    (false, true) if self.held == Some(column) => self.coupling.push((row, *value)),
+                    (true, false) if self.held == Some(row) => self.coupling.push((column, *value)),
+                    _ => {}
+                }
+            }
+        }
+    }
+
+    /// Springs of an element between `depth_m` and `depth_m + length_m`, and its load per path at both ends. Integrated between
+    /// the faces of layers.
+    fn springs(&self, depth_m: f64, length_m: f64) -> ([[f64; 4]; 4], [[f64; 2]; 4]) {
+        let (mut springs, mut path) = ([[0.0; 4]; 4], [[0.0; 2]; 4]);
+        let end_m = depth_m + length_m;
+        let inside = self.faces_m.iter().copied().filter(|face_m| *face_m > depth_m && *face_m < end_m);
+        let mut start_m = depth_m;
+        for face_m in inside.chain([end_m]) {
+            for (x, weight) in GAUSS {
+                let at_m = start_m + x * (face_m - start_m);
+                let x = (at_m - depth_m) / length_m;
+                let shape = hermite(x, length_m);
+                let measure = weight * (face_m - start_m) * self.problem.foundation.modulus_pa(at_m);
+                for i in 0..4 {
+                    for j in 0..4 {
+                        springs[i][j] += measure * shape[i] * shape[j];
+                    }
+                    path[i][0] += measure * shape[i] * (1.0 - x);
+                    path[i][1] += measure * shape[i] * x;
+                }
+            }
+            start_m = face_m;
+        }
+        (springs, path)
+    }
+
+    /// Responses of the tip as far as the beam has grown.
+    fn row(&mut self) -> Result<Row, ModelError> {
+        self.factor.factor_from(&self.stiffness, self.factored_rows).ok_or(ModelError::Singular)?;
+        // The last node's rows change with the next element.
+        self.factored_rows = self.rows - 2;
+        let deflection = self.response([1.0, 0.0]);
+        let slope = self.response([0.0, 1.0]);
+        Ok(Row { deflection, slope })
+    }
+
+    /// The functional that a unit load (N or N m) at the tip measures.
+    fn response(&mut self, loads: [f64; 2]) -> Response {
+        let mut shape = std::mem::take(&mut self.shape);
+        self.factor.solve_end(loads, &mut shape);
+        let path = self.path_loads.iter().zip(shape[self.first_tissue_row..].windows(4).step_by(2));
+        let path = path
+            .map(|(load, local)| {
+                let at = |end: usize| load.iter().zip(local).map(|(row, value)| row[end] * value).sum();
+                [at(0), at(1)]
+            })
+            .collect();
+        let guide2 = -self.coupling.iter().map(|(row, value)| value * shape[*row]).sum::<f64>();
+        let response = Response { load: shape[self.rows - 2], guide2, path };
+        self.shape = shape;
+        response
+    }
+}
+
+#[cfg(test)]
+#[path = "growth_tests.rs"]
+mod tests;
