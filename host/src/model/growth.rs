@@ -276,8 +276,8 @@ impl<'p> GrowingBeam<'p> {
             }
             self.path_loads.push(path);
         }
-        for i in 0..4 {
-            for (j, value) in local[i].iter().enumerate().take(i + 1) {
+        for (i, values) in local.iter().enumerate() {
+            for (j, value) in values.iter().enumerate().take(i + 1) {
                 let (row, column) = (at + i, at + j);
                 match (self.is_fixed(row), self.is_fixed(column)) {
                     (false, false) => self.stiffness.add(row, column, *value),

@@ -164,7 +164,9 @@ fn a_turned_needle_matches_the_reference() {
 }
 
 /// K, entry, whether guide 2 (at 60 mm) holds, depth of a half turn; path and tip load for a cut angle of 0.02 rad.
-const CUT_ANGLE: [(f64, f64, bool, Option<f64>, [f64; 8], [f64; 8]); 3] = [
+type CutCase = (f64, f64, bool, Option<f64>, [f64; 8], [f64; 8]);
+
+const CUT_ANGLE: [CutCase; 3] = [
     (
         10360.0,
         0.042,
