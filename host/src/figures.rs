@@ -1,4 +1,8 @@
-//! Figures of an identification and of a plan, as SVG text.
+//! Figures of identifications, predictions and plans, as SVG text.
+
+mod insertion;
+
+pub use insertion::insertion;
 
 use crate::identify::{Pooled, RunResult, ShapeResult};
 use crate::plan::{Choice, Plan};

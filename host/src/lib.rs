@@ -14,6 +14,7 @@ pub mod levels;
 pub mod link;
 pub mod model;
 pub mod plan;
+pub mod predict;
 pub mod record;
 pub mod rig;
 pub mod session;

@@ -1,6 +1,6 @@
 //! `guide identify`: the tissue's modulus from the lateral runs of a session, every method side by side.
 
-use super::output::Output;
+use super::output::{Output, figures_file};
 use anyhow::Context;
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
@@ -12,7 +12,6 @@ use host::levels::HoldCriteria;
 use host::model::effects::{EFFECTS, Effect, effect};
 use host::session::Session;
 use std::fmt::{self, Display};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Identify the tissue's modulus from the lateral runs of a session
@@ -96,20 +95,11 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 
 /// Draws the figures and says where they are.
 fn draw(result: &Identification, folder: &Path, out: &Output) -> anyhow::Result<()> {
-    fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
-    let write = |name: &str, svg: String| {
-        let path = folder.join(name);
-        out.note(format_args!("drawing {}", path.display()));
-        fs::write(&path, svg).with_context(|| format!("{}: cannot write", path.display()))
-    };
     for run in result.runs.iter().filter(|run| run.error.is_none()) {
-        // An id may hold anything; a file name may not.
-        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-        let name: String = run.id.chars().map(|c| if plain(c) { c } else { '_' }).collect();
-        write(&format!("{name}.shape.svg"), figures::shape(run)?)?;
+        figures_file(folder, &format!("{}.shape", run.id), &figures::shape(run)?, out)?;
     }
     match figures::likelihood(&result.pooled)? {
-        Some(svg) => write("likelihood.svg", svg),
+        Some(svg) => figures_file(folder, "likelihood", &svg, out),
         None => Ok(()),
     }
 }

@@ -12,6 +12,7 @@ mod operate;
 mod output;
 mod plan;
 mod ports;
+mod predict;
 mod record;
 mod relation;
 mod rig_args;
@@ -48,6 +49,7 @@ enum Command {
     Acquire(record::AcquireArgs),
     Plan(plan::Args),
     Identify(identify::Args),
+    Predict(predict::Args),
     Relation(relation::Args),
 }
 
@@ -68,6 +70,7 @@ pub fn main() -> ExitCode {
         Command::Plan(args) => plan::run(args, &mut out),
         Command::Relation(args) => relation::run(args, &mut out),
         Command::Identify(args) => identify::run(args, &mut out),
+        Command::Predict(args) => predict::run(args, &mut out),
     };
     match outcome.and_then(|()| out.finish()) {
         Ok(()) => ExitCode::SUCCESS,

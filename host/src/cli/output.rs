@@ -1,8 +1,11 @@
 //! Where a sub-command's words go: results to standard output, remarks to standard error.
 
+use anyhow::Context;
 use serde::Serialize;
 use std::fmt::Display;
+use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Stdout, Write};
+use std::path::Path;
 
 /// Standard output was closed by its reader, as `guide ... | head` does: no reason for a message.
 #[derive(Debug, thiserror::Error)]
@@ -42,6 +45,16 @@ impl Output {
     pub fn finish(&mut self) -> anyhow::Result<()> {
         self.stdout.flush().map_err(closed)
     }
+}
+
+/// Writes a figure and says where it is. The name may hold anything; a file name may not.
+pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyhow::Result<()> {
+    fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    let name: String = name.chars().map(|c| if plain(c) { c } else { '_' }).collect();
+    let path = folder.join(format!("{name}.svg"));
+    out.note(format_args!("drawing {}", path.display()));
+    fs::write(&path, svg).with_context(|| format!("{}: cannot write", path.display()))
 }
 
 /// Prints an error and its causes as one line on standard error.

@@ -59,6 +59,16 @@ impl Foundation {
         self.upper.iter().filter(|layer| layer.bottom_m < depth_m).copied().collect()
     }
 
+    /// The same tissue with every modulus times a factor.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the factor is negative or not finite.
+    pub fn scaled(&self, factor: f64) -> Result<Self, ModelError> {
+        check("modulus factor", factor, "0 or more", factor >= 0.0)?;
+        let scaled = |layer: &Layer| Layer { modulus_pa: factor * layer.modulus_pa, ..*layer };
+        Ok(Self { upper: self.upper.iter().map(scaled).collect(), deepest_pa: factor * self.deepest_pa })
+    }
+
     /// Foundation modulus at a depth below the surface.
     pub fn modulus_pa(&self, depth_m: f64) -> f64 {
         self.upper

@@ -1,0 +1,200 @@
+//! `guide predict`: tip load from the first part of each insertion, path with its band for the rest.
+
+use super::output::{Output, figures_file};
+use anyhow::{Context, ensure};
+use host::figures;
+use host::predict::{InsertionResult, Options, Prediction, predict};
+use host::session::Session;
+use std::fmt::{self, Display};
+use std::path::{Path, PathBuf};
+
+/// Identify the tip load from the first part of each insertion and predict the path of the rest
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide predict phantom-a\n  guide predict phantom-a --until 70 --compare\n  guide predict phantom-a \
+                        --json > predicted.json"
+)]
+pub struct Args {
+    /// Session folder (holds session.toml)
+    dir: PathBuf,
+    /// Depth up to which each insertion is seen, millimetres
+    #[arg(long, default_value_t = 50.0, value_name = "MM")]
+    until: f64,
+    /// Depth to which it is predicted, millimetres (default: its last recorded depth)
+    #[arg(long, value_name = "MM")]
+    to: Option<f64>,
+    /// Foundation modulus and its standard deviation, kilopascals, instead of what the lateral runs say
+    #[arg(long, num_args = 2, value_names = ["K", "SD"])]
+    k_kpa: Option<Vec<f64>>,
+    /// Take two layers from the lateral runs
+    #[arg(long)]
+    layers: bool,
+    /// Predict each insertion by itself, without learning from the others of the session
+    #[arg(long)]
+    alone: bool,
+    /// Show what polynomials, the bicycle model, the mean of the other insertions and the published method predict from the same
+    #[arg(long)]
+    compare: bool,
+    /// Draw each insertion (path with band, tip load) as an SVG file into this folder
+    #[arg(long, value_name = "FOLDER")]
+    plots: Option<PathBuf>,
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let in_range = |name: &str, value: f64, [least, most]: [f64; 2]| {
+        ensure!((least..=most).contains(&value), "{name}: {value}, expected {least} to {most} mm");
+        Ok(())
+    };
+    in_range("--until", args.until, [5.0, 500.0])?;
+    if let Some(to) = args.to {
+        in_range("--to", to, [1.0, 500.0])?;
+    }
+    let modulus_pa = match args.k_kpa.as_deref() {
+        Some(&[k_kpa, sd_kpa]) => {
+            ensure!(
+                k_kpa > 0.0 && k_kpa <= 1e4 && sd_kpa >= 0.0 && sd_kpa <= k_kpa,
+                "--k-kpa: {k_kpa} {sd_kpa}, expected a modulus above 0 and a standard deviation of 0 up to the modulus"
+            );
+            Some([1e3 * k_kpa, 1e3 * sd_kpa])
+        }
+        _ => None,
+    };
+    let session = Session::read(&args.dir)?;
+    let options = Options {
+        until_m: 1e-3 * args.until,
+        to_m: args.to.map(|to| 1e-3 * to),
+        learn: !args.alone,
+        modulus_pa,
+        layers: args.layers,
+        ..Options::default()
+    };
+    let result =
+        predict(&session, &options).with_context(|| format!("cannot predict {}", args.dir.display()))?;
+    if let Some(folder) = &args.plots {
+        draw(&result, folder, out)?;
+    }
+    out.result(&result, Text { result: &result, compare: args.compare })
+}
+
+/// Draws every insertion and says where.
+fn draw(result: &Prediction, folder: &Path, out: &Output) -> anyhow::Result<()> {
+    for insertion in result.insertions.iter().filter(|insertion| insertion.error.is_none()) {
+        let svg = figures::insertion(insertion)?;
+        figures_file(folder, &format!("{}.path", insertion.id), &svg, out)?;
+    }
+    Ok(())
+}
+
+/// A prediction for the eye.
+struct Text<'a> {
+    result: &'a Prediction,
+    compare: bool,
+}
+
+impl Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let good: Vec<_> = self.result.insertions.iter().filter(|one| one.error.is_none()).collect();
+        let until_mm = good.first().map_or(0.0, |one| one.identified_until_mm);
+        writeln!(
+            f,
+            "tip seen to {until_mm:.0} mm, predicted beyond (95 % band); tip load there, needle not turned"
+        )?;
+        let width = good.iter().map(|one| one.id.chars().count()).fold(9, usize::max);
+        writeln!(
+            f,
+            "  {:<width$}  plane  tip load            at depth  predicted                  measured    error",
+            "insertion"
+        )?;
+        for insertion in &good {
+            write_insertion(f, insertion, width)?;
+        }
+        if let Some(learned) = good.first().and_then(|one| one.learned.as_ref()) {
+            let [k_low, k_high] = learned.k_ci95_kpa;
+            let [gap_low, gap_high] = learned.gap_ci95_mm;
+            writeln!(
+                f,
+                "rig and tissue ({}): K {:.1} ({k_low:.1} to {k_high:.1}) kPa, effective gap {:.0} ({gap_low:.0} to {gap_high:.0}) mm",
+                good.first().map_or("", |one| &one.id),
+                learned.k_kpa,
+                learned.gap_mm
+            )?;
+        }
+        if self.compare {
+            write_comparison(f, &good)?;
+        }
+        for warning in &self.result.warnings {
+            writeln!(f, "note         {warning}")?;
+        }
+        for insertion in &good {
+            for warning in &insertion.warnings {
+                writeln!(f, "note         {}: {warning}", insertion.id)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usize) -> fmt::Result {
+    let force = |n: Option<f64>, sd: Option<f64>| match (n, sd) {
+        (Some(n), Some(sd)) => format!("{n:+.3} (sd {sd:.3}) N"),
+        _ => "-".to_owned(),
+    };
+    // Where the prediction was last checked, or its end.
+    let index = one.last_measured_mm.map_or(one.depth_mm.len().saturating_sub(1), |mm| mm.round() as usize);
+    let at = |list: &[f64]| list.get(index).copied().unwrap_or(f64::NAN);
+    let plane = |f: &mut fmt::Formatter<'_>,
+                 id: &str,
+                 name: &str,
+                 force: String,
+                 tip: [f64; 3],
+                 seen: Option<f64>| {
+        let [tip, low, high] = tip;
+        let predicted = format!("{tip:.2} ({low:.2} to {high:.2}) mm");
+        let (measured, error) = match seen {
+            Some(seen) => (format!("{seen:.2} mm"), format!("{:+.2} mm", tip - seen)),
+            None => ("-".to_owned(), "-".to_owned()),
+        };
+        writeln!(
+            f,
+            "  {id:<width$}  {name}      {force:<18}  {index:>5} mm  {predicted:<25}  {measured:<10}  {error}"
+        )
+    };
+    let seen = |list: &[Option<f64>]| list.get(index).copied().flatten();
+    let tip = [at(&one.tip_y_mm), at(&one.lo95_y_mm), at(&one.hi95_y_mm)];
+    plane(f, &one.id, "y", force(one.tip_force_n, one.tip_force_sd_n), tip, seen(&one.measured_y_mm))?;
+    if let (Some(tip_x), Some(low), Some(high)) = (&one.tip_x_mm, &one.lo95_x_mm, &one.hi95_x_mm) {
+        let tip = [at(tip_x), at(low), at(high)];
+        let measured = one.measured_x_mm.as_deref().and_then(seen);
+        plane(f, "", "x", force(one.tip_force_x_n, one.tip_force_x_sd_n), tip, measured)?;
+    }
+    Ok(())
+}
+
+/// Mean over the insertions of each method's error.
+fn write_comparison(f: &mut fmt::Formatter<'_>, good: &[&InsertionResult]) -> fmt::Result {
+    let mean = |errors: Vec<Option<f64>>| {
+        let errors: Vec<f64> = errors.into_iter().flatten().collect();
+        if errors.is_empty() {
+            "-".to_owned()
+        } else {
+            format!("{:.2} mm", errors.iter().sum::<f64>() / errors.len() as f64)
+        }
+    };
+    writeln!(f, "distance from the measured tip, mean over the insertions")?;
+    writeln!(f, "  method            mean beyond what was seen   at the last depth")?;
+    let line = |f: &mut fmt::Formatter<'_>, name: &str, mae: String, last: String| {
+        writeln!(f, "  {name:<16}  {mae:<26}  {last}")
+    };
+    let of = |value: fn(&InsertionResult) -> Option<f64>| mean(good.iter().map(|one| value(one)).collect());
+    line(f, "mechanics", of(|one| one.mae_mm), of(|one| one.last_error_mm))?;
+    let methods: Vec<_> =
+        good.first().map(|one| one.compare.iter().map(|c| c.method)).into_iter().flatten().collect();
+    for method in methods {
+        let found = || good.iter().map(|one| one.compare.iter().find(|c| c.method == method));
+        let mae = mean(found().map(|c| c.and_then(|c| c.mae_mm)).collect());
+        let last = mean(found().map(|c| c.and_then(|c| c.last_error_mm)).collect());
+        line(f, method, mae, last)?;
+    }
+    Ok(())
+}

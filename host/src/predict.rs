@@ -1,0 +1,241 @@
+//! Predicting the tip's path: tip load from the first part of each insertion, path with its band for the rest.
+//!
+//! Each insertion is predicted as if it were the next one: from the other insertions of the session (leave one out), from its own
+//! first part, from the modulus of the lateral runs where there are any, and from nothing of its own beyond that.
+
+mod results;
+pub mod study;
+
+pub use results::{CompareResult, InsertionResult, LearnedResult, PlaneResult, Prediction};
+
+use crate::identify::{self, identify};
+use crate::inference::insertion::baselines::Baseline;
+use crate::inference::insertion::published::published;
+use crate::inference::insertion::{Belief, Candidates, PathError, TipPath, Tissue, learn, row_scatter_m};
+use crate::model::{Foundation, Layer, Model, ModelError};
+use crate::session::{InsertionRun, Session};
+use results::Grid;
+use std::path::PathBuf;
+
+/// What the user may choose.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Depth up to which an insertion is seen.
+    pub until_m: f64,
+    /// Depth to which it is predicted; to its last recorded depth where not given.
+    pub to_m: Option<f64>,
+    /// Learn from the other insertions of the session.
+    pub learn: bool,
+    /// Modulus and its standard deviation, Pa, instead of the one identified from the lateral runs.
+    pub modulus_pa: Option<[f64; 2]>,
+    /// Take two layers from the lateral runs.
+    pub layers: bool,
+    /// Depth from which the published method averages the tip load.
+    pub published_from_m: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            until_m: 0.05,
+            to_m: None,
+            learn: true,
+            modulus_pa: None,
+            layers: false,
+            published_from_m: 0.03,
+        }
+    }
+}
+
+/// Modulus of soft tissue where nothing is known of it, and the standard deviation of its logarithm.
+const TYPICAL_MODULUS_PA: f64 = 15e3;
+const TYPICAL_MODULUS_SD_LN: f64 = 1.0;
+/// How far the modulus felt in an insertion may be from that of a lateral run (standard deviation of the logarithm): faster
+/// motion, tissue that was cut.
+const INSERTION_SD_LN: f64 = 0.1;
+/// Least gap between guide 2 and tissue that is believed, and the standard deviation of its logarithm: needles are loose in guides
+/// and surfaces give way.
+const LEAST_GAP_M: f64 = 10e-3;
+const GAP_SD_LN: f64 = 0.7;
+
+/// Why a session cannot be predicted.
+#[derive(Debug, thiserror::Error)]
+pub enum PredictError {
+    /// It has no insertions.
+    #[error("{}: insertion: missing, expected at least one [[insertion]]", path.display())]
+    NoInsertions {
+        /// The session file.
+        path: PathBuf,
+    },
+    /// No insertion can be predicted.
+    #[error("no insertion can be predicted: {}", reasons.join("; "))]
+    AllFailed {
+        /// Reason of each insertion.
+        reasons: Vec<String>,
+    },
+    /// The model cannot be evaluated.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// Predicts every insertion of a session.
+///
+/// # Errors
+/// [`PredictError`] where not a single insertion can be predicted.
+pub fn predict(session: &Session, options: &Options) -> Result<Prediction, PredictError> {
+    if session.insertion.is_empty() {
+        return Err(PredictError::NoInsertions { path: session.dir.join("session.toml") });
+    }
+    let mut warnings = Vec::new();
+    let tissue = tissue(session, options, &mut warnings)?;
+    let runs: Vec<&InsertionRun> = session.insertion.iter().collect();
+    let reading_m = session.noise.tip_m.or_else(|| row_scatter_m(&runs)).unwrap_or(0.0);
+
+    let located = |run: &InsertionRun, why: PathError| format!("{}: {why}", run.path.display());
+    let read: Vec<Result<TipPath, String>> =
+        runs.iter().map(|run| TipPath::new(run).map_err(|why| located(run, why))).collect();
+    let paths: Vec<TipPath> = read.iter().flatten().cloned().collect();
+    let reach_m = paths.iter().map(|path| path.deepest_m).chain(options.to_m).fold(options.until_m, f64::max);
+    let candidates = Candidates::new(&tissue, &paths, reach_m)?;
+
+    let mut number = 0;
+    let mut insertions = Vec::new();
+    for (run, path) in runs.iter().zip(read) {
+        let result = path.and_then(|path| {
+            number += 1;
+            let workflow =
+                Workflow { tissue: &tissue, options, reading_m, candidates: &candidates, paths: &paths };
+            workflow.insertion(run, &path, number - 1).map_err(|why| located(run, why))
+        });
+        insertions.push(result.unwrap_or_else(|why| {
+            warnings.push(format!("insertion {} is left out: {why}", run.id));
+            InsertionResult::failed(run, options.until_m, why)
+        }));
+    }
+    let reasons: Vec<String> = insertions.iter().filter_map(|insertion| insertion.error.clone()).collect();
+    if reasons.len() == insertions.len() {
+        return Err(PredictError::AllFailed { reasons });
+    }
+    Ok(Prediction { schema: results::SCHEMA, session: session.name.clone(), insertions, warnings })
+}
+
+/// Foundation and its uncertainty: as asked for, from the lateral runs, or of any soft tissue.
+fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> Result<Tissue, PredictError> {
+    let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(LEAST_GAP_M);
+    let with = |foundation: Foundation, sd_ln: f64| {
+        let mut model = Model::uniform(session.rig.clone(), 0.0)?;
+        model.foundation = foundation;
+        Ok(Tissue { model, modulus_sd_ln: sd_ln, gap_m, gap_sd_ln: GAP_SD_LN })
+    };
+    if let Some([modulus_pa, sd_pa]) = options.modulus_pa {
+        return with(Foundation::uniform(modulus_pa)?, (sd_pa / modulus_pa).hypot(INSERTION_SD_LN));
+    }
+    if !session.lateral.is_empty() {
+        let asked = identify::Options { layers: options.layers, ..identify::Options::default() };
+        match identify(session, &asked) {
+            Ok(found) => {
+                let pooled = &found.pooled;
+                let sd_ln = (pooled.sd_kpa / pooled.k_kpa).hypot(INSERTION_SD_LN);
+                let layered = found.layers.as_ref().and_then(|layers| {
+                    let upper_pa = 1e3 * layers.upper.k_kpa?;
+                    Some((
+                        Layer { bottom_m: 1e-3 * layers.boundary_mm, modulus_pa: upper_pa },
+                        1e3 * layers.lower.k_kpa?,
+                    ))
+                });
+                let foundation = match layered {
+                    Some((upper, lower_pa)) => Foundation::layered(vec![upper], lower_pa)?,
+                    None => Foundation::uniform(1e3 * pooled.k_kpa)?,
+                };
+                if options.layers && found.layers.is_none() {
+                    warnings.push(
+                        "two layers cannot be told from the lateral runs: uniform tissue is taken".to_owned(),
+                    );
+                }
+                return with(foundation, sd_ln);
+            }
+            Err(why) => warnings.push(format!("the modulus is not known from the lateral runs: {why}")),
+        }
+    }
+    with(Foundation::uniform(TYPICAL_MODULUS_PA)?, TYPICAL_MODULUS_SD_LN)
+}
+
+/// What all insertions of a session have in common.
+struct Workflow<'a> {
+    tissue: &'a Tissue,
+    options: &'a Options,
+    reading_m: f64,
+    candidates: &'a Candidates,
+    paths: &'a [TipPath],
+}
+
+impl Workflow<'_> {
+    fn insertion(
+        &self,
+        run: &InsertionRun,
+        path: &TipPath,
+        number: usize,
+    ) -> Result<InsertionResult, PathError> {
+        let Options { until_m, to_m, learn: from_others, published_from_m, .. } = *self.options;
+        let seen = path.until(until_m)?;
+        let earlier: Vec<usize> =
+            (0..self.paths.len()).filter(|other| from_others && *other != number).collect();
+        let mut known = self.paths.to_vec();
+        known[number] = seen.clone();
+        let learned = learn(self.candidates, &known, &earlier, number, self.reading_m);
+        let mut belief = Belief::new(self.candidates, number, &learned);
+        belief.update_all(&seen);
+
+        let last_m = to_m.unwrap_or(path.deepest_m).max(0.0);
+        let grid = Grid::new(run, last_m, until_m);
+        let others: Vec<&TipPath> = earlier.iter().filter_map(|other| self.paths.get(*other)).collect();
+        let stops = TipPath { bins: grid.stops(seen.planes), ..seen.clone() };
+        let mut compare = Vec::new();
+        for baseline in Baseline::ALL {
+            if let Some(planes) = baseline.predict(&stops, &others, &grid.depth_m) {
+                compare.push(CompareResult::new(baseline.name(), &grid, planes));
+            }
+        }
+        let from_m = published_from_m.min(0.5 * until_m);
+        let offset_m = surface_m(&seen);
+        let reach_m = last_m.max(until_m);
+        let carried = published(&self.tissue.model, &seen, offset_m, [from_m, until_m, reach_m])?;
+        compare.push(CompareResult::new("published", &grid, carried.tip_m));
+
+        let mut result = grid.result(run, &belief, until_m);
+        result.learned = Some(LearnedResult::new(&belief, self.tissue, &others, self.reading_m));
+        result.compare = compare;
+        result.warnings = warnings(&seen, path);
+        Ok(result)
+    }
+}
+
+/// Tip reading of the needle at the surface: the mean over the first two millimetres.
+fn surface_m(seen: &TipPath) -> [f64; 2] {
+    let first_m = seen.bins.first().map_or(0.0, |bin| bin.depth_m);
+    let near: Vec<_> = seen.bins.iter().take_while(|bin| bin.depth_m <= first_m + 2e-3).collect();
+    [0, 1].map(|plane| near.iter().map(|bin| bin.tip_m[plane]).sum::<f64>() / near.len() as f64)
+}
+
+fn warnings(seen: &TipPath, path: &TipPath) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for [from_m, to_m] in &seen.gaps_m {
+        warnings.push(format!("no samples between {:.1} and {:.1} mm", 1e3 * from_m, 1e3 * to_m));
+    }
+    let first_mm = 1e3 * seen.bins.first().map_or(0.0, |bin| bin.depth_m);
+    if first_mm > 10.0 {
+        warnings.push(format!("the first sample in the tissue is at {first_mm:.1} mm"));
+    }
+    // Some rows always are: before the surface, and at the end.
+    let used: f64 = path.bins.iter().map(|bin| bin.rows).sum();
+    if path.rows_left_out as f64 > 0.2 * used {
+        warnings.push(format!(
+            "{} rows beside {used:.0} are left out: before the surface, drawn back, misread, or in the middle of a turn",
+            path.rows_left_out
+        ));
+    }
+    warnings
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,295 @@
+//! The result of a prediction, as `guide predict --json` prints it. Additive only: fields may be added, never removed or changed
+//! in meaning.
+
+use crate::inference::insertion::{Belief, Bin, Moments, TipPath, Tissue};
+use crate::session::InsertionRun;
+use serde::Serialize;
+
+/// Name and version of this form.
+pub(super) const SCHEMA: &str = "guide.predict/1";
+
+/// Half-width of a 95 % interval in standard deviations.
+const NORMAL_975: f64 = 1.959_963_984_540_054;
+/// A measured value is the median of the rows this close to the depth.
+const NEAR_M: f64 = 1.3e-3;
+
+/// Every insertion of a session, predicted.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Prediction {
+    /// Name and version of this form.
+    pub schema: &'static str,
+    /// Name of the session.
+    pub session: Option<String>,
+    /// In the order of the session.
+    pub insertions: Vec<InsertionResult>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// One insertion. Lists have one value per depth; the horizontal plane is `null` where it was not measured.
+#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+pub struct InsertionResult {
+    /// Its name.
+    pub id: String,
+    /// Depth up to which it was seen.
+    pub identified_until_mm: f64,
+    /// Vertical tip load at that depth, before the needle was turned.
+    pub tip_force_n: Option<f64>,
+    /// Its standard deviation.
+    pub tip_force_sd_n: Option<f64>,
+    /// Horizontal tip load at that depth.
+    pub tip_force_x_n: Option<f64>,
+    /// Its standard deviation.
+    pub tip_force_x_sd_n: Option<f64>,
+    /// Every millimetre from 0 to the last depth.
+    pub depth_mm: Vec<f64>,
+    /// Vertical tip position: smoothed up to where it was seen, predicted beyond.
+    pub tip_y_mm: Vec<f64>,
+    /// Lower end of its 95 % band.
+    pub lo95_y_mm: Vec<f64>,
+    /// Upper end of its 95 % band.
+    pub hi95_y_mm: Vec<f64>,
+    /// Median of the rows within 1.3 mm of the depth.
+    pub measured_y_mm: Vec<Option<f64>>,
+    /// Horizontal tip position.
+    pub tip_x_mm: Option<Vec<f64>>,
+    /// Lower end of its 95 % band.
+    pub lo95_x_mm: Option<Vec<f64>>,
+    /// Upper end of its 95 % band.
+    pub hi95_x_mm: Option<Vec<f64>>,
+    /// Median of the rows within 1.3 mm of the depth.
+    pub measured_x_mm: Option<Vec<Option<f64>>>,
+    /// Tip load against depth, vertical.
+    pub load_y: PlaneResult,
+    /// Tip load against depth, horizontal.
+    pub load_x: Option<PlaneResult>,
+    /// Mean distance between predicted and measured tip beyond what was seen, over the depths measured.
+    pub mae_mm: Option<f64>,
+    /// Distance at the last depth measured beyond what was seen.
+    pub last_error_mm: Option<f64>,
+    /// That depth.
+    pub last_measured_mm: Option<f64>,
+    /// What was believed of rig and tissue.
+    pub learned: Option<LearnedResult>,
+    /// What others would predict from the same.
+    pub compare: Vec<CompareResult>,
+    /// What the user should know of this insertion.
+    pub warnings: Vec<String>,
+    /// Why it was left out.
+    pub error: Option<String>,
+}
+
+/// A value with its standard deviation at every depth.
+#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+pub struct PlaneResult {
+    /// Force.
+    pub force_n: Vec<f64>,
+    /// Its standard deviation.
+    pub sd_n: Vec<f64>,
+}
+
+/// Rig and tissue, learned from the other insertions and the part that was seen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LearnedResult {
+    /// Insertions learned from.
+    pub from: Vec<String>,
+    /// Foundation modulus just below the surface.
+    pub k_kpa: f64,
+    /// Its 95 % interval.
+    pub k_ci95_kpa: [f64; 2],
+    /// Effective gap between guide 2 and the tissue.
+    pub gap_mm: f64,
+    /// Its 95 % interval.
+    pub gap_ci95_mm: [f64; 2],
+    /// Angle between the needle and the axis of depth, vertical and horizontal.
+    pub entry_angle_deg: Vec<f64>,
+    /// Their standard deviations.
+    pub entry_angle_sd_deg: Vec<f64>,
+    /// Scatter of the tip load from insertion to insertion.
+    pub load_scatter_n: f64,
+    /// Wander of the tip load over 100 mm, of this insertion alone.
+    pub wander_n: f64,
+    /// Wander of the tip load over 100 mm that all insertions share.
+    pub shared_wander_n: f64,
+    /// Scatter of the tip about a smooth path.
+    pub irregularity_mm: f64,
+    /// Noise of one reading of the tip.
+    pub reading_mm: f64,
+}
+
+impl LearnedResult {
+    pub(super) fn new(belief: &Belief<'_>, tissue: &Tissue, others: &[&TipPath], reading_m: f64) -> Self {
+        let surface_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
+        let [factor, gap] = belief.ln_modulus_factor_and_gap();
+        let interval = |ln: Moments, unit: f64| {
+            [-1.0, 1.0].map(|sign| unit * (ln.mean + sign * NORMAL_975 * ln.sd).exp())
+        };
+        let angles = belief.entry_angle_rad();
+        // Wander grows with the square root of depth.
+        let over_100_mm = 0.1f64.sqrt();
+        Self {
+            from: others.iter().map(|other| other.id.clone()).collect(),
+            k_kpa: surface_kpa * factor.mean.exp(),
+            k_ci95_kpa: interval(factor, surface_kpa),
+            gap_mm: 1e3 * gap.mean.exp(),
+            gap_ci95_mm: interval(gap, 1e3),
+            entry_angle_deg: angles.iter().map(|angle| angle.mean.to_degrees()).collect(),
+            entry_angle_sd_deg: angles.iter().map(|angle| angle.sd.to_degrees()).collect(),
+            load_scatter_n: belief.typical(|scales| scales.load_n[1]),
+            wander_n: belief.typical(|scales| scales.wander_n[1]) * over_100_mm,
+            shared_wander_n: belief.typical(|scales| scales.wander_n[0]) * over_100_mm,
+            irregularity_mm: 1e3 * belief.typical(|scales| scales.irregularity_m),
+            reading_mm: 1e3 * reading_m,
+        }
+    }
+}
+
+/// Another method's prediction.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CompareResult {
+    /// `quadratic`, `cubic`, `bicycle`, `mean-of-others` or `published`.
+    pub method: &'static str,
+    /// As in [`InsertionResult::mae_mm`].
+    pub mae_mm: Option<f64>,
+    /// As in [`InsertionResult::last_error_mm`].
+    pub last_error_mm: Option<f64>,
+    /// Vertical tip position.
+    pub tip_y_mm: Vec<f64>,
+    /// Horizontal tip position.
+    pub tip_x_mm: Option<Vec<f64>>,
+}
+
+impl CompareResult {
+    pub(super) fn new(method: &'static str, grid: &Grid, planes_m: Vec<Vec<f64>>) -> Self {
+        let on_grid = |path_m: Vec<f64>| -> Vec<f64> {
+            path_m.into_iter().take(grid.depth_m.len()).map(|u_m| 1e3 * u_m).collect()
+        };
+        let mut planes = planes_m.into_iter().map(on_grid);
+        let tip_y_mm = planes.next().unwrap_or_default();
+        let tip_x_mm = planes.next();
+        let (mae_mm, last_error_mm) = grid.errors(&tip_y_mm, tip_x_mm.as_deref());
+        Self { method, mae_mm, last_error_mm, tip_y_mm, tip_x_mm }
+    }
+}
+
+/// The depths of a result, and what was measured there.
+pub(super) struct Grid {
+    pub depth_m: Vec<f64>,
+    until_m: f64,
+    measured_y_mm: Vec<Option<f64>>,
+    measured_x_mm: Option<Vec<Option<f64>>>,
+}
+
+impl Grid {
+    /// Every millimetre down to `last_m`.
+    pub fn new(run: &InsertionRun, last_m: f64, until_m: f64) -> Self {
+        let count = (1e3 * last_m + 1e-6).floor().max(0.0) as usize;
+        let depth_m: Vec<f64> = (0..=count).map(|i| 1e-3 * i as f64).collect();
+        let medians = |values: &[f64]| -> Vec<Option<f64>> {
+            let near = |at_m: &f64| {
+                let rows = run.depth_m.iter().zip(values).filter(|(m, _)| (*m - at_m).abs() <= NEAR_M);
+                let median_m = crate::inference::insertion::median(rows.map(|(_, value)| *value).collect());
+                median_m.is_finite().then_some(1e3 * median_m)
+            };
+            depth_m.iter().map(near).collect()
+        };
+        let measured_y_mm = medians(&run.tip_y_m);
+        let measured_x_mm = run.tip_x_m.as_deref().map(medians);
+        Self { depth_m, until_m, measured_y_mm, measured_x_mm }
+    }
+
+    /// What was seen as a careful user would tabulate it: medians at every fifth millimetre, where the needle rests.
+    pub fn stops(&self, planes: usize) -> Vec<Bin> {
+        let at = |list: &[Option<f64>], i: usize| list.get(i).copied().flatten();
+        let seen = |i: &usize| self.depth_m.get(*i).is_some_and(|depth_m| *depth_m <= self.until_m + 1e-9);
+        let stop = |i: usize| {
+            let y_mm = at(&self.measured_y_mm, i)?;
+            let x_mm = if planes == 2 { at(self.measured_x_mm.as_deref()?, i)? } else { 0.0 };
+            Some(Bin {
+                depth_m: self.depth_m[i],
+                tip_m: [1e-3 * y_mm, 1e-3 * x_mm],
+                rows: 1.0,
+                leaving: false,
+            })
+        };
+        (0..).step_by(5).take_while(seen).filter_map(stop).collect()
+    }
+
+    /// Mean distance beyond what was seen, and the distance at the last depth measured.
+    fn errors(&self, tip_y_mm: &[f64], tip_x_mm: Option<&[f64]>) -> (Option<f64>, Option<f64>) {
+        let mut distances = Vec::new();
+        for (i, depth_m) in self.depth_m.iter().enumerate() {
+            let miss =
+                |tip: &[f64], seen: &[Option<f64>]| Some(tip.get(i)? - seen.get(i).copied().flatten()?);
+            let y = miss(tip_y_mm, &self.measured_y_mm);
+            let x = match (tip_x_mm, &self.measured_x_mm) {
+                (Some(tip), Some(seen)) => miss(tip, seen),
+                _ => Some(0.0),
+            };
+            if let (Some(y), Some(x)) = (y, x)
+                && *depth_m > self.until_m + 1e-9
+            {
+                distances.push(y.hypot(x));
+            }
+        }
+        let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+        ((!distances.is_empty()).then_some(mean), distances.last().copied())
+    }
+
+    fn last_measured_mm(&self) -> Option<f64> {
+        let beyond = self.depth_m.iter().zip(&self.measured_y_mm).rev();
+        let mut measured = beyond.filter(|(depth_m, seen)| seen.is_some() && **depth_m > self.until_m + 1e-9);
+        measured.next().map(|(depth_m, _)| 1e3 * depth_m)
+    }
+
+    /// Everything that follows from a belief.
+    pub fn result(self, run: &InsertionRun, belief: &Belief<'_>, until_m: f64) -> InsertionResult {
+        let two_planes = run.tip_x_m.is_some();
+        let tips: Vec<Vec<Moments>> = self.depth_m.iter().map(|depth_m| belief.tip_m(*depth_m)).collect();
+        let loads: Vec<Vec<Moments>> = self.depth_m.iter().map(|depth_m| belief.load_n(*depth_m)).collect();
+        let of = |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {
+            list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
+        };
+        let tip = |plane: usize, sds: f64| of(&tips, plane, &|m| 1e3 * (m.mean + sds * m.sd));
+        let load = |plane: usize| PlaneResult {
+            force_n: of(&loads, plane, &|m| m.mean),
+            sd_n: of(&loads, plane, &|m| m.sd),
+        };
+        let both = tips.first().is_some_and(|planes| planes.len() == 2);
+        let x = |sds: f64| (two_planes && both).then(|| tip(1, sds));
+        let tip_y_mm = tip(0, 0.0);
+        let tip_x_mm = x(0.0);
+        let at_end = belief.load_n(until_m);
+        let (mae_mm, last_error_mm) = self.errors(&tip_y_mm, tip_x_mm.as_deref());
+        InsertionResult {
+            id: run.id.clone(),
+            identified_until_mm: 1e3 * until_m,
+            tip_force_n: at_end.first().map(|m| m.mean),
+            tip_force_sd_n: at_end.first().map(|m| m.sd),
+            tip_force_x_n: at_end.get(1).map(|m| m.mean),
+            tip_force_x_sd_n: at_end.get(1).map(|m| m.sd),
+            lo95_y_mm: tip(0, -NORMAL_975),
+            hi95_y_mm: tip(0, NORMAL_975),
+            lo95_x_mm: x(-NORMAL_975),
+            hi95_x_mm: x(NORMAL_975),
+            load_y: load(0),
+            load_x: both.then(|| load(1)),
+            mae_mm,
+            last_error_mm,
+            last_measured_mm: self.last_measured_mm(),
+            tip_y_mm,
+            tip_x_mm,
+            depth_mm: (0..self.depth_m.len()).map(|i| i as f64).collect(),
+            measured_y_mm: self.measured_y_mm,
+            measured_x_mm: self.measured_x_mm,
+            ..InsertionResult::default()
+        }
+    }
+}
+
+impl InsertionResult {
+    /// An insertion that could not be predicted.
+    pub(super) fn failed(run: &InsertionRun, until_m: f64, why: String) -> Self {
+        Self { id: run.id.clone(), identified_until_mm: 1e3 * until_m, error: Some(why), ..Self::default() }
+    }
+}
