@@ -89,7 +89,6 @@ pub fn predict(session: &Session, options: &Options) -> Result<Prediction, Predi
     let mut warnings = Vec::new();
     let tissue = tissue(session, options, &mut warnings)?;
     let runs: Vec<&InsertionRun> = session.insertion.iter().collect();
-    let reading_m = session.noise.tip_m.or_else(|| row_scatter_m(&runs)).unwrap_or(0.0);
 
     let located = |run: &InsertionRun, why: PathError| format!("{}: {why}", run.path.display());
     let read: Vec<Result<TipPath, String>> =
@@ -98,13 +97,12 @@ pub fn predict(session: &Session, options: &Options) -> Result<Prediction, Predi
     let reach_m = paths.iter().map(|path| path.deepest_m).chain(options.to_m).fold(options.until_m, f64::max);
     let candidates = Candidates::new(&tissue, &paths, reach_m)?;
 
+    let workflow = Workflow { session, tissue: &tissue, options, candidates: &candidates, paths: &paths };
     let mut number = 0;
     let mut insertions = Vec::new();
     for (run, path) in runs.iter().zip(read) {
         let result = path.and_then(|path| {
             number += 1;
-            let workflow =
-                Workflow { tissue: &tissue, options, reading_m, candidates: &candidates, paths: &paths };
             workflow.insertion(run, &path, number - 1).map_err(|why| located(run, why))
         });
         insertions.push(result.unwrap_or_else(|why| {
@@ -162,9 +160,9 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
 
 /// What all insertions of a session have in common.
 struct Workflow<'a> {
+    session: &'a Session,
     tissue: &'a Tissue,
     options: &'a Options,
-    reading_m: f64,
     candidates: &'a Candidates,
     paths: &'a [TipPath],
 }
@@ -182,14 +180,15 @@ impl Workflow<'_> {
             (0..self.paths.len()).filter(|other| from_others && *other != number).collect();
         let mut known = self.paths.to_vec();
         known[number] = seen.clone();
-        let learned = learn(self.candidates, &known, &earlier, number, self.reading_m);
+        let reading_m = self.reading_m(run, !earlier.is_empty());
+        let learned = learn(self.candidates, &known, &earlier, number, reading_m);
         let mut belief = Belief::new(self.candidates, number, &learned);
         belief.update_all(&seen);
 
         let last_m = to_m.unwrap_or(path.deepest_m).max(0.0);
         let grid = Grid::new(run, last_m, until_m);
         let others: Vec<&TipPath> = earlier.iter().filter_map(|other| self.paths.get(*other)).collect();
-        let stops = TipPath { bins: grid.stops(seen.planes), ..seen.clone() };
+        let stops = seen.with_bins(grid.stops(seen.planes));
         let mut compare = Vec::new();
         for baseline in Baseline::ALL {
             if let Some(planes) = baseline.predict(&stops, &others, &grid.depth_m) {
@@ -203,10 +202,30 @@ impl Workflow<'_> {
         compare.push(CompareResult::new("published", &grid, carried.tip_m));
 
         let mut result = grid.result(run, &belief, until_m);
-        result.learned = Some(LearnedResult::new(&belief, self.tissue, &others, self.reading_m));
+        result.learned = Some(LearnedResult::new(&belief, self.tissue, &others, reading_m));
         result.compare = compare;
         result.warnings = warnings(&seen, path);
+        for (name, at_end) in ["the modulus", "the effective gap"].into_iter().zip(belief.at_end()) {
+            if at_end {
+                result.warnings.push(format!(
+                    "{name} runs to the end of its range: the path asks for something the model lacks"
+                ));
+            }
+        }
         Ok(result)
+    }
+}
+
+impl Workflow<'_> {
+    /// Noise of one tip reading: as stated, or from the rest rows of the others, or of what is seen of `run`; 0 where nothing tells,
+    /// because then it is part of the irregularity.
+    fn reading_m(&self, run: &InsertionRun, from_others: bool) -> f64 {
+        let others = self.session.insertion.iter().filter(|other| other.id != run.id);
+        let told: Vec<_> = match from_others {
+            true => others.map(|other| (other, f64::INFINITY)).collect(),
+            false => vec![(run, self.options.until_m)],
+        };
+        self.session.noise.tip_m.or_else(|| row_scatter_m(&told)).unwrap_or(0.0)
     }
 }
 

@@ -8,6 +8,7 @@
 //! and one line in [`main`].
 
 mod identify;
+mod import;
 mod operate;
 mod output;
 mod plan;
@@ -50,6 +51,7 @@ enum Command {
     Plan(plan::Args),
     Identify(identify::Args),
     Predict(predict::Args),
+    Import(import::Args),
     Relation(relation::Args),
 }
 
@@ -71,6 +73,7 @@ pub fn main() -> ExitCode {
         Command::Relation(args) => relation::run(args, &mut out),
         Command::Identify(args) => identify::run(args, &mut out),
         Command::Predict(args) => predict::run(args, &mut out),
+        Command::Import(args) => import::run(args, &mut out),
     };
     match outcome.and_then(|()| out.finish()) {
         Ok(()) => ExitCode::SUCCESS,

@@ -15,6 +15,9 @@ mod learn;
 mod path;
 pub mod published;
 
+#[cfg(test)]
+mod tests;
+
 pub use basis::{Candidate, Candidates, Layout, Tissue};
 pub use belief::{Belief, Live, Moments};
 pub use learn::{Learned, Scales, learn};

@@ -407,3 +407,13 @@ fn impossible_insertions_are_refused() {
     assert!(Profile::new(vec![[0.1, 0.0], [0.0, 0.0]]).is_err());
     assert!(Profile::new(vec![[0.0, f64::NAN]]).is_err());
 }
+
+/// What jumps at a depth is looked for at a node that is that depth to the last bit.
+#[test]
+fn grids_hold_their_fixed_depths() {
+    for depth_m in [0.03, 0.041, 0.043_21, 0.07] {
+        let nodes_m = grid_m(0.1, 1e-3, &[depth_m]);
+        assert!(nodes_m.contains(&depth_m) && nodes_m.contains(&0.1));
+        assert!(nodes_m.windows(2).all(|pair| pair[1] > pair[0] && pair[1] - pair[0] < 1.0001e-3));
+    }
+}

@@ -148,7 +148,9 @@ pub(crate) fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
     let mut start_m = 0.0;
     for end_m in fixed_m {
         let count = ((end_m - start_m) / step_m - 1e-9).ceil().max(1.0);
-        nodes_m.extend((1..=count as usize).map(|i| start_m + (end_m - start_m) * i as f64 / count));
+        // The ends themselves to the last bit: what jumps there is looked for there.
+        nodes_m.extend((1..count as usize).map(|i| start_m + (end_m - start_m) * i as f64 / count));
+        nodes_m.push(end_m);
         start_m = end_m;
     }
     nodes_m

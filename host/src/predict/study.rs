@@ -32,7 +32,7 @@ const ANGLE_SD_RAD: f64 = 2e-3;
 const WANDER_SD: f64 = 0.15;
 const MEMORY_M: f64 = 0.05;
 const STEP_M: f64 = 0.25e-3;
-const STEPS_PER_MM: usize = 4;
+pub(super) const STEPS_PER_MM: usize = 4;
 const LAST_MM: usize = 140;
 
 /// The methods compared.
@@ -171,9 +171,9 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, super::PredictError> {
     let told_pa = modulus_pa * normal(MODULUS_SD, rng).exp();
     let noise_m = uniform(0.05e-3, 0.2e-3, rng);
     let level_n = uniform(0.15, 0.25, rng);
-    let lines = influence(&effective, modulus_pa)?;
-    let (mut insertion, mut truth_m) = (Vec::new(), Vec::new());
-    for number in 0..INSERTIONS {
+    let lines = influence(&effective, modulus_pa, LAST_MM)?;
+    let (mut recorded, mut truth_m) = (Vec::new(), Vec::new());
+    for _ in 0..INSERTIONS {
         let angle_rad = shared_angle_rad + normal(ANGLE_SD_RAD, rng);
         let mean_n = level_n * (1.0 + normal(0.1, rng));
         let memory = (-STEP_M / MEMORY_M).exp();
@@ -184,42 +184,68 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, super::PredictError> {
                 mean_n * (1.0 + wander)
             })
             .collect();
-        let path_m = cut(&lines, modulus_pa, &load_n);
-        let tip_m: Vec<f64> =
-            (0..=LAST_MM).map(|mm| path_m[mm * STEPS_PER_MM] + angle_rad * 1e-3 * mm as f64).collect();
-        insertion.push(InsertionRun {
-            id: format!("i{}", number + 1),
-            path: PathBuf::from(format!("i{}.csv", number + 1)),
-            depth_m: (0..=LAST_MM).map(|mm| 1e-3 * mm as f64).collect(),
-            tip_y_m: tip_m.iter().map(|u_m| u_m + normal(noise_m, rng)).collect(),
-            tip_x_m: None,
-            time_s: None,
-            rotation_rad: None,
-            guide2_y_m: None,
-            guide2_x_m: None,
-            base_force_y_n: None,
-        });
+        let straight = (0..=LAST_MM).map(|mm| angle_rad * 1e-3 * mm as f64);
+        let cut_m = cut(&lines, modulus_pa, &load_n);
+        let tip_m: Vec<f64> = cut_m
+            .iter()
+            .step_by(STEPS_PER_MM)
+            .zip(straight)
+            .map(|(u_m, straight_m)| u_m + straight_m)
+            .collect();
+        recorded.push((tip_m.iter().map(|u_m| u_m + normal(noise_m, rng)).collect(), None, None));
         truth_m.push(tip_m);
     }
-    let session = Session {
+    Ok(Drawn { session: insertion_session(rig, Some(noise_m), recorded), told_pa, truth_m })
+}
+
+/// Tip at every millimetre under a load given at every step, by the study's own solution.
+#[cfg(test)]
+pub(super) fn truth(
+    rig: &Rig,
+    modulus_pa: f64,
+    last_mm: usize,
+    load_n: impl Fn(usize) -> f64,
+) -> Result<Vec<f64>, super::PredictError> {
+    let lines = influence(rig, modulus_pa, last_mm)?;
+    let load_n: Vec<f64> = (0..lines.len()).map(load_n).collect();
+    Ok(cut(&lines, modulus_pa, &load_n).into_iter().step_by(STEPS_PER_MM).collect())
+}
+
+/// What one insertion recorded at every millimetre: vertical and horizontal tip, rotation.
+type Recorded = (Vec<f64>, Option<Vec<f64>>, Option<Vec<f64>>);
+
+/// A session of insertions recorded at every millimetre.
+pub(super) fn insertion_session(rig: Rig, tip_sd_m: Option<f64>, recorded: Vec<Recorded>) -> Session {
+    let run = |(number, (tip_y_m, tip_x_m, rotation_rad)): (usize, Recorded)| InsertionRun {
+        id: format!("i{}", number + 1),
+        path: PathBuf::from(format!("i{}.csv", number + 1)),
+        depth_m: (0..tip_y_m.len()).map(|mm| 1e-3 * mm as f64).collect(),
+        tip_y_m,
+        tip_x_m,
+        time_s: None,
+        rotation_rad,
+        guide2_y_m: None,
+        guide2_x_m: None,
+        base_force_y_n: None,
+    };
+    Session {
         dir: PathBuf::new(),
         name: None,
         rig,
-        noise: Noise { tip_m: Some(noise_m), ..Noise::default() },
+        noise: Noise { tip_m: tip_sd_m, ..Noise::default() },
         lateral: Vec::new(),
-        insertion,
+        insertion: recorded.into_iter().enumerate().map(run).collect(),
         indentation: Vec::new(),
         steering: Vec::new(),
-    };
-    Ok(Drawn { session, told_pa, truth_m })
+    }
 }
 
 /// At every step: shape of the needle inside the tissue, from the surface to the tip, under 1 N at the tip with guide 2 at zero.
 /// By reciprocity this is also the tip's answer to a force anywhere along the needle.
-fn influence(rig: &Rig, modulus_pa: f64) -> Result<Vec<Vec<f64>>, super::PredictError> {
+fn influence(rig: &Rig, modulus_pa: f64, last_mm: usize) -> Result<Vec<Vec<f64>>, super::PredictError> {
     let foundation = Foundation::uniform(modulus_pa)?;
     let mut lines = Vec::new();
-    for step in 0..=LAST_MM * STEPS_PER_MM {
+    for step in 0..=last_mm * STEPS_PER_MM {
         let beam = Beam::solve(rig, &foundation, STEP_M * step as f64)?;
         let (tip, guide) = (beam.tip_force(), beam.guide2_force());
         let held = tip.deflection_m(rig.guide2_m) / guide.deflection_m(rig.guide2_m);

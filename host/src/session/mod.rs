@@ -6,6 +6,7 @@
 
 mod error;
 mod fields;
+pub mod import;
 mod read;
 mod table;
 mod write;

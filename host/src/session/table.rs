@@ -71,7 +71,13 @@ impl Table {
         self.take(name).unwrap_or_default()
     }
 
-    fn parse(path: &Path, text: &str, known: &[Column], least_rows: usize) -> Result<Self, SessionError> {
+    /// Reads the known columns of a text.
+    pub(super) fn parse(
+        path: &Path,
+        text: &str,
+        known: &[Column],
+        least_rows: usize,
+    ) -> Result<Self, SessionError> {
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
             .flexible(true)

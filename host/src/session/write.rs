@@ -3,7 +3,7 @@
 //! Rows go to the run's CSV files as they come; the run is entered in `session.toml` when it is finished. What others
 //! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
 
-use super::{Noise, Session, SessionError};
+use super::{InsertionRun, Noise, Session, SessionError};
 use crate::model::Rig;
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
@@ -26,6 +26,7 @@ pub struct Setup {
 pub struct SessionWriter {
     dir: PathBuf,
     lateral_ids: Vec<String>,
+    insertion_ids: Vec<String>,
 }
 
 /// One row of a force series.
@@ -72,12 +73,13 @@ impl SessionWriter {
             let session = Session::read(dir)?;
             same_rig(&path, &session.rig, &setup.rig)?;
             let lateral_ids = session.lateral.into_iter().map(|run| run.id).collect();
-            return Ok(Self { dir: dir.to_owned(), lateral_ids });
+            let insertion_ids = session.insertion.into_iter().map(|run| run.id).collect();
+            return Ok(Self { dir: dir.to_owned(), lateral_ids, insertion_ids });
         }
         let text = header(&path, setup)?;
         fs::create_dir_all(dir).map_err(io(dir, "create"))?;
         replace(&path, &text)?;
-        Ok(Self { dir: dir.to_owned(), lateral_ids: Vec::new() })
+        Ok(Self { dir: dir.to_owned(), lateral_ids: Vec::new(), insertion_ids: Vec::new() })
     }
 
     /// Ids of the lateral runs the session has.
@@ -92,17 +94,7 @@ impl SessionWriter {
     /// [`SessionError::Id`] where the id is taken or cannot be part of a file name; an existing file is never
     /// overwritten.
     pub fn lateral(&mut self, id: &str, depth_m: f64) -> Result<LateralWriter<'_>, SessionError> {
-        let fault = |problem, expected| {
-            let path = self.dir.join("session.toml");
-            Err(SessionError::Id { path, id: id.to_owned(), problem, expected })
-        };
-        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-        if id.is_empty() || id.starts_with('.') || id.len() > 100 || !id.chars().all(plain) {
-            return fault("cannot be part of a file name", "up to 100 of letters, digits, - _ .");
-        }
-        if self.lateral_ids.iter().any(|taken| taken == id) {
-            return fault("is taken", "an id the session does not have");
-        }
+        self.check_id(id, &self.lateral_ids)?;
         let csv = |kind: &str, header: &str| CsvFile {
             path: self.dir.join(format!("{id}.{kind}.csv")),
             rows: format!("{header}\n"),
@@ -112,6 +104,65 @@ impl SessionWriter {
             csv("force", "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n,step,lost_before");
         let shape = csv("shape", "time_s,z_mm,deflection_y_mm,deflection_x_mm");
         Ok(LateralWriter { session: self, id: id.to_owned(), depth_m, force, shape, has_rows: false })
+    }
+
+    /// Writes a whole insertion: `<id>.csv` with the columns it has, and its entry in `session.toml`.
+    ///
+    /// # Errors
+    /// As [`Self::lateral`]; [`SessionError::NotFinite`].
+    pub fn insertion(&mut self, run: &InsertionRun) -> Result<(), SessionError> {
+        self.check_id(&run.id, &self.insertion_ids)?;
+        let optional =
+            |name, column: &Option<Vec<f64>>, factor| column.clone().map(|values| (name, values, factor));
+        let degrees = 180.0 / std::f64::consts::PI;
+        let columns: Vec<(&'static str, Vec<f64>, f64)> = [
+            optional("time_s", &run.time_s, 1.0),
+            Some(("depth_mm", run.depth_m.clone(), 1e3)),
+            Some(("tip_y_mm", run.tip_y_m.clone(), 1e3)),
+            optional("tip_x_mm", &run.tip_x_m, 1e3),
+            optional("rotation_deg", &run.rotation_rad, degrees),
+            optional("guide2_y_mm", &run.guide2_y_m, 1e3),
+            optional("guide2_x_mm", &run.guide2_x_m, 1e3),
+            optional("base_force_y_n", &run.base_force_y_n, 1.0),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        let names: Vec<_> = columns.iter().map(|(name, ..)| *name).collect();
+        let mut csv = CsvFile {
+            path: self.dir.join(format!("{}.csv", run.id)),
+            rows: format!("{}\n", names.join(",")),
+            file: None,
+        };
+        for row in 0..run.depth_m.len() {
+            let at = |(name, values, factor): &(&'static str, Vec<f64>, f64)| {
+                (*name, factor * values.get(row).copied().unwrap_or(f64::NAN))
+            };
+            let line = csv.numbers(&columns.iter().map(at).collect::<Vec<_>>())?;
+            csv.rows.push_str(&line);
+            csv.rows.push('\n');
+        }
+        csv.flush()?;
+        let id = &run.id;
+        enter(&self.dir, &format!("\n[[insertion]]\nid = \"{id}\"\npath = \"{id}.csv\"\n"))?;
+        self.insertion_ids.push(id.clone());
+        Ok(())
+    }
+
+    /// Refuses an id that is taken or cannot be part of a file name.
+    fn check_id(&self, id: &str, taken: &[String]) -> Result<(), SessionError> {
+        let fault = |problem, expected| {
+            let path = self.dir.join("session.toml");
+            Err(SessionError::Id { path, id: id.to_owned(), problem, expected })
+        };
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+        if id.is_empty() || id.starts_with('.') || id.len() > 100 || !id.chars().all(plain) {
+            return fault("cannot be part of a file name", "up to 100 of letters, digits, - _ .");
+        }
+        if taken.iter().any(|taken| taken == id) {
+            return fault("is taken", "an id the session does not have");
+        }
+        Ok(())
     }
 }
 
@@ -191,20 +242,26 @@ impl LateralWriter<'_> {
     /// Enters the run in `session.toml`.
     fn enter(&mut self) -> Result<(), SessionError> {
         let path = self.session.dir.join("session.toml");
-        let mut text = fs::read_to_string(&path).map_err(io(&path, "read"))?;
-        if !text.ends_with('\n') {
-            text.push('\n');
-        }
         let depth_mm = number(&path, "depth_mm", 1e3 * self.depth_m)?;
         let id = &self.id;
-        let _ = write!(
-            text,
+        let entry = format!(
             "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
         );
-        replace(&path, &text)?;
+        enter(&self.session.dir, &entry)?;
         self.session.lateral_ids.push(self.id.clone());
         Ok(())
     }
+}
+
+/// Adds an entry to `session.toml`.
+fn enter(dir: &Path, entry: &str) -> Result<(), SessionError> {
+    let path = dir.join("session.toml");
+    let mut text = fs::read_to_string(&path).map_err(io(&path, "read"))?;
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    text.push_str(entry);
+    replace(&path, &text)
 }
 
 /// Rows are handed to the operating system when they are as long as this, even if nobody asks.

@@ -106,6 +106,8 @@ fn ramp(knots_m: &[f64], i: usize, depth_m: f64) -> f64 {
 pub struct Candidates {
     /// Modulus and gap of each.
     pub list: Vec<Candidate>,
+    /// Distance of neighbours: logarithms of modulus and gap; 0 where there is one only.
+    pub steps_ln: [f64; 2],
     /// The same unknowns for all.
     pub layout: Layout,
     /// Per candidate, per recording.
@@ -119,10 +121,12 @@ impl Candidates {
     /// As [`Growth::new`].
     pub fn new(tissue: &Tissue, paths: &[TipPath], last_m: f64) -> Result<Self, ModelError> {
         let layout = Layout::new(paths, last_m);
+        let sides = |sd_ln: f64| {
+            if sd_ln > 0.0 { (GRID_REACH * sd_ln / GRID_STEP_LN).ceil().max(2.0) as i32 } else { 0 }
+        };
         // Standard deviations from the middle.
         let grid = |sd_ln: f64| {
-            let sides =
-                if sd_ln > 0.0 { (GRID_REACH * sd_ln / GRID_STEP_LN).ceil().max(2.0) as i32 } else { 0 };
+            let sides = sides(sd_ln);
             (-sides..=sides).map(move |i| GRID_REACH * f64::from(i) / f64::from(sides.max(1)))
         };
         let mut list = Vec::new();
@@ -137,7 +141,9 @@ impl Candidates {
         }
         let bases: Result<_, _> =
             list.iter().map(|candidate| bases(&tissue.model, candidate, &layout, paths)).collect();
-        Ok(Self { bases: bases?, list, layout })
+        let step_ln = |sd_ln: f64| GRID_REACH * sd_ln / f64::from(sides(sd_ln).max(1));
+        let steps_ln = [tissue.modulus_sd_ln, tissue.gap_sd_ln].map(step_ln);
+        Ok(Self { bases: bases?, list, steps_ln, layout })
     }
 }
 

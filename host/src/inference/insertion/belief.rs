@@ -112,9 +112,27 @@ impl<'c> Belief<'c> {
 
     /// Factor on the modulus, and gap in m: means and standard deviations of their logarithms.
     pub fn ln_modulus_factor_and_gap(&self) -> [Moments; 2] {
-        let list = &self.candidates.list;
+        let Candidates { list, steps_ln: [modulus_step, gap_step], .. } = self.candidates;
+        // A candidate stands for all values nearer to it than to its neighbours.
+        let wide =
+            |moments: Moments, step: f64| Moments { sd: moments.sd.hypot(step / 12f64.sqrt()), ..moments };
         let factor = self.mixed(|part| list[part.candidate].modulus_factor.ln());
-        [factor, self.mixed(|part| list[part.candidate].gap_m.ln())]
+        let gap = self.mixed(|part| list[part.candidate].gap_m.ln());
+        [wide(factor, *modulus_step), wide(gap, *gap_step)]
+    }
+
+    /// Whether modulus and gap lie at an end of what was considered.
+    pub fn at_end(&self) -> [bool; 2] {
+        let Candidates { list, steps_ln, .. } = self.candidates;
+        let of = |value: &dyn Fn(usize) -> f64, step: f64| {
+            let most = (0..list.len()).map(value).fold(0.0, |most: f64, ln| most.max(ln.abs()));
+            step > 0.0 && self.mixed(|part| value(part.candidate)).mean.abs() > most - 0.5 * step
+        };
+        let middle_ln = list.iter().map(|candidate| candidate.gap_m.ln()).sum::<f64>() / list.len() as f64;
+        [
+            of(&|i| list[i].modulus_factor.ln(), steps_ln[0]),
+            of(&|i| list[i].gap_m.ln() - middle_ln, steps_ln[1]),
+        ]
     }
 
     /// Mean of the logarithm of a size.

@@ -390,3 +390,7 @@ fn search(cost: Cost<'_>, start: &[f64]) -> Option<Vec<f64>> {
         .run();
     run.ok()?.state().get_best_param().cloned()
 }
+
+#[cfg(test)]
+#[path = "learn_tests.rs"]
+mod tests;

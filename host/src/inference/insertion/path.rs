@@ -9,6 +9,8 @@ use crate::session::InsertionRun;
 
 /// Rows this far behind the deepest so far are a retraction (or a depth that was misread).
 const RETRACTED_M: f64 = 3e-3;
+/// Rows this far from the median of them and their neighbours are misread.
+const MISREAD_M: f64 = 20e-3;
 /// Rows this far before the surface are still taken as at the surface.
 const BEFORE_SURFACE_M: f64 = 0.5e-3;
 /// Width of a bin of depth.
@@ -17,6 +19,9 @@ const BIN_M: f64 = 1e-3;
 const GUIDE2_STILL_M: f64 = 0.05e-3;
 /// Rotations that differ by less are the same.
 const ROTATION_STILL_RAD: f64 = 0.02;
+/// A bin is an outlier where it is so many times as far from its neighbours' line as usual, and this much more.
+const OUTLIER_TIMES: f64 = 6.0;
+const OUTLIER_M: f64 = 0.1e-3;
 /// A path without samples over such a length has a gap.
 const GAP_M: f64 = 15e-3;
 
@@ -82,11 +87,13 @@ pub struct TipPath {
     pub gaps_m: Vec<[f64; 2]>,
     /// Rows that are no part of the insertion: before the surface, drawn back, or in the middle of a turn.
     pub rows_left_out: usize,
+    /// The rows behind the bins.
+    pub(super) rows: Vec<Row>,
 }
 
 /// A row of a recording.
-#[derive(Debug, Clone, Copy)]
-struct Row {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Row {
     depth_m: f64,
     tip_m: [f64; 2],
     rotation_rad: f64,
@@ -112,19 +119,15 @@ impl TipPath {
         let done = done(run, &rows)?;
         let bins = bins(&rows, &done);
         let used: f64 = bins.iter().map(|bin| bin.rows).sum();
-        let gaps_m = bins
-            .windows(2)
-            .map(|pair| [pair[0].depth_m, pair[1].depth_m])
-            .filter(|[from_m, to_m]| to_m - from_m >= GAP_M)
-            .collect();
         Ok(Self {
             id: run.id.clone(),
             planes: if run.tip_x_m.is_some() { 2 } else { 1 },
             rows_left_out: run.depth_m.len() - used as usize,
-            bins,
             deepest_m,
             done,
-            gaps_m,
+            gaps_m: gaps_m(&bins),
+            bins,
+            rows,
         })
     }
 
@@ -133,11 +136,17 @@ impl TipPath {
     /// # Errors
     /// [`PathError::NothingSeen`] where fewer than three depths are left.
     pub fn until(&self, until_m: f64) -> Result<Self, PathError> {
-        let bins: Vec<_> = self.bins.iter().filter(|bin| bin.depth_m <= until_m).copied().collect();
+        let rows: Vec<Row> = self.rows.iter().filter(|row| row.depth_m <= until_m).copied().collect();
+        let bins = bins(&rows, &self.done);
         if bins.len() < 3 {
             return Err(PathError::NothingSeen { bins: bins.len(), until_mm: 1e3 * until_m });
         }
-        Ok(Self { bins, ..self.clone() })
+        Ok(Self { gaps_m: gaps_m(&bins), bins, rows, ..self.clone() })
+    }
+
+    /// The same with other tip positions.
+    pub fn with_bins(&self, bins: Vec<Bin>) -> Self {
+        Self { bins, ..self.clone() }
     }
 
     /// Whether the needle is turned on the way.
@@ -155,8 +164,8 @@ fn advancing(run: &InsertionRun) -> Vec<Row> {
         let around = [i.saturating_sub(1), i, (i + 1).min(run.depth_m.len() - 1)].map(|j| run.depth_m[j]);
         let (low, high) = around.iter().fold((f64::MAX, f64::MIN), |(l, h), m| (l.min(*m), h.max(*m)));
         let steady_m = around.iter().sum::<f64>() - low - high;
-        deepest_m = deepest_m.max(steady_m);
-        let misread = depth_m > steady_m + 5e-3 || depth_m < steady_m - 5e-3;
+        deepest_m = deepest_m.max(steady_m.min(depth_m));
+        let misread = (depth_m - steady_m).abs() > MISREAD_M;
         if depth_m < -BEFORE_SURFACE_M || depth_m < deepest_m - RETRACTED_M || misread {
             continue;
         }
@@ -266,7 +275,41 @@ fn bins(rows: &[Row], done: &Insertion) -> Vec<Bin> {
         })
         .collect();
     bins.sort_by(|a, b| a.depth_m.total_cmp(&b.depth_m));
-    bins
+    without_outliers(bins, done)
+}
+
+/// Stretches between bins that are too long.
+fn gaps_m(bins: &[Bin]) -> Vec<[f64; 2]> {
+    let pairs = bins.windows(2).map(|pair| [pair[0].depth_m, pair[1].depth_m]);
+    pairs.filter(|[from_m, to_m]| to_m - from_m >= GAP_M).collect()
+}
+
+/// Leaves out bins far off the line between their neighbours: glitches of the tip sensor. What happens at rest moves the tip too, so
+/// neighbours across a jump do not count.
+fn without_outliers(bins: Vec<Bin>, done: &Insertion) -> Vec<Bin> {
+    let profiles = std::iter::once(&done.rotation_rad).chain(done.guide2_m.iter().flatten());
+    let jumps_m: Vec<f64> = profiles.flat_map(Profile::jumps_m).collect();
+    let parted = |a: &Bin, b: &Bin| {
+        a.leaving != b.leaving || jumps_m.iter().any(|m| (a.depth_m..=b.depth_m).contains(m))
+    };
+    // Distance from the lines between neighbours on both sides, per plane: the middle one of three.
+    let off_m = |i: usize| -> Option<f64> {
+        let pairs =
+            (1..=3).filter_map(|reach| Some((bins.get(i.checked_sub(reach)?)?, bins.get(i + reach)?)));
+        let pairs: Vec<_> = pairs.filter(|(a, b)| !parted(a, b) && b.depth_m > a.depth_m).collect();
+        let off = |plane: usize| {
+            let at = |(a, b): &(&Bin, &Bin)| {
+                let share = (bins[i].depth_m - a.depth_m) / (b.depth_m - a.depth_m);
+                bins[i].tip_m[plane] - a.tip_m[plane] - share * (b.tip_m[plane] - a.tip_m[plane])
+            };
+            median(pairs.iter().map(at).collect())
+        };
+        (pairs.len() >= 2).then(|| off(0).abs().max(off(1).abs()))
+    };
+    let offs: Vec<Option<f64>> = (0..bins.len()).map(off_m).collect();
+    let usual_m = median(offs.iter().flatten().copied().collect());
+    let is_outlier = |off: &Option<f64>| off.is_some_and(|off| off > OUTLIER_M + OUTLIER_TIMES * usual_m);
+    bins.iter().zip(&offs).filter(|(_, off)| !is_outlier(off)).map(|(bin, _)| *bin).collect()
 }
 
 /// Middle value; NaN of nothing.
@@ -281,12 +324,12 @@ pub(crate) fn median(mut values: Vec<f64>) -> f64 {
 }
 
 /// Standard deviation of a single tip reading, from rows that follow each other at rest; nothing where there are fewer than ten
-/// such pairs. Robust: from the median of the differences.
-pub fn row_scatter_m(runs: &[&InsertionRun]) -> Option<f64> {
+/// such pairs. Each recording is looked at up to a depth. Robust: from the median of the differences.
+pub fn row_scatter_m(runs: &[(&InsertionRun, f64)]) -> Option<f64> {
     let mut differences = Vec::new();
-    for run in runs {
+    for (run, until_m) in runs {
         for (i, pair) in run.depth_m.windows(2).enumerate() {
-            if (pair[1] - pair[0]).abs() > 0.3e-3 {
+            if (pair[1] - pair[0]).abs() > 0.3e-3 || pair[0].max(pair[1]) > *until_m {
                 continue;
             }
             for column in [Some(&run.tip_y_m), run.tip_x_m.as_ref()].into_iter().flatten() {

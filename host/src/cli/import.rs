@@ -1,0 +1,157 @@
+//! `guide import`: recordings of others into a session.
+
+use super::output::Output;
+use anyhow::{Context, ensure};
+use host::inference::insertion::TipPath;
+use host::model::{Needle, Rig};
+use host::session::{InsertionRun, Noise, SessionWriter, Setup, import};
+use serde::Serialize;
+use std::fmt::{self, Display};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Turn recordings of others into a session
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide import trajcontrol recordings/ --out phantom-b\n  guide import trajcontrol run_1.csv run_2.csv \
+                        --rig rig.toml --out phantom-b"
+)]
+pub struct Args {
+    /// Layout of the recordings
+    #[arg(value_enum)]
+    kind: Kind,
+    /// Recordings, or folders of them
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Session folder to write, or to add to
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session (default: an 18 gauge needle, guide 2
+    /// at 60 mm, tissue at 70 mm)
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// Name of the session
+    #[arg(long)]
+    name: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Kind {
+    /// CSV of a needle under a laterally actuated guide with an electromagnetic tip sensor (columns `Tip x`, `Robot x`, ...)
+    Trajcontrol,
+}
+
+/// What was imported.
+#[derive(Serialize)]
+struct Imported {
+    schema: &'static str,
+    session: PathBuf,
+    insertions: Vec<One>,
+    left_out: Vec<LeftOut>,
+}
+
+#[derive(Serialize)]
+struct One {
+    id: String,
+    rows: usize,
+    deepest_mm: f64,
+    guide2_moves: bool,
+}
+
+#[derive(Serialize)]
+struct LeftOut {
+    path: PathBuf,
+    reason: String,
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let Kind::Trajcontrol = args.kind;
+    let mut imported = Imported {
+        schema: "guide.import/1",
+        session: args.out.clone(),
+        insertions: Vec::new(),
+        left_out: Vec::new(),
+    };
+    let mut runs: Vec<InsertionRun> = Vec::new();
+    for path in recordings(&args.paths)? {
+        let read = import::trajcontrol(&path).map_err(|error| error.to_string());
+        let checked = read.and_then(|run| match TipPath::new(&run) {
+            Ok(_) => Ok(run),
+            Err(why) => Err(format!("{}: {why}", path.display())),
+        });
+        match checked {
+            Ok(run) => runs.push(run),
+            Err(reason) => imported.left_out.push(LeftOut { path, reason }),
+        }
+    }
+    let reasons: Vec<_> = imported.left_out.iter().map(|left| left.reason.as_str()).collect();
+    ensure!(!runs.is_empty(), "no recording is an insertion: {}", reasons.join("; "));
+    let mut session = SessionWriter::open(&args.out, &setup(args, out)?)?;
+    for run in &runs {
+        session.insertion(run)?;
+        let moves = |column: &Option<Vec<f64>>| column.iter().flatten().any(|m| m.abs() > 1e-4);
+        imported.insertions.push(One {
+            id: run.id.clone(),
+            rows: run.depth_m.len(),
+            deepest_mm: 1e3 * run.depth_m.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            guide2_moves: moves(&run.guide2_x_m) || moves(&run.guide2_y_m),
+        });
+    }
+    out.result(&imported, Text(&imported))
+}
+
+/// Files as given, and the CSV files in folders, in order of their names.
+fn recordings(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for path in paths {
+        if !path.is_dir() {
+            found.push(path.clone());
+            continue;
+        }
+        let is_csv =
+            |file: &Path| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+        let entries = fs::read_dir(path).with_context(|| format!("{}: cannot read", path.display()))?;
+        let mut inside: Vec<_> =
+            entries.filter_map(Result::ok).map(|entry| entry.path()).filter(|file| is_csv(file)).collect();
+        ensure!(!inside.is_empty(), "{}: no CSV files, expected recordings", path.display());
+        inside.sort();
+        found.extend(inside);
+    }
+    Ok(found)
+}
+
+fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
+    let mut setup = match &args.rig {
+        Some(path) => Setup::read(path)?,
+        None => {
+            out.note("needle and rig are assumed: 18 gauge, guide 2 at 60 mm, tissue at 70 mm (--rig says otherwise)");
+            Setup {
+                name: String::new(),
+                rig: Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 },
+                noise: Noise::default(),
+            }
+        }
+    };
+    if let Some(name) = &args.name {
+        setup.name = name.clone();
+    } else if setup.name.is_empty() {
+        setup.name = args.out.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    }
+    Ok(setup)
+}
+
+struct Text<'a>(&'a Imported);
+
+impl Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for One { id, rows, deepest_mm, guide2_moves } in &self.0.insertions {
+            let moves = if *guide2_moves { ", guide 2 moves" } else { "" };
+            writeln!(f, "insertion    {id}: {rows} rows to {deepest_mm:.1} mm{moves}")?;
+        }
+        for LeftOut { reason, .. } in &self.0.left_out {
+            writeln!(f, "left out     {reason}")?;
+        }
+        writeln!(f, "session      {}", self.0.session.display())
+    }
+}
