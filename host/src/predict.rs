@@ -214,9 +214,7 @@ impl Workflow<'_> {
         }
         Ok(result)
     }
-}
 
-impl Workflow<'_> {
     /// Noise of one tip reading: as stated, or from the rest rows of the others, or of what is seen of `run`; 0 where nothing tells,
     /// because then it is part of the irregularity.
     fn reading_m(&self, run: &InsertionRun, from_others: bool) -> f64 {

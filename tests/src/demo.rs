@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 use host::model::Rig;
 use host::rig::Truth;
 use host::rig::config::RigConfig;
-use host::session::Session;
+use host::session::{InsertionRun, Noise, Session, SessionWriter, Setup};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,6 +27,8 @@ const LIMIT: Duration = Duration::from_secs(120);
 const HOME_AT: &str = "4";
 const TARE_AT: &str = "10";
 const ACQUIRE_AT: &str = "15";
+/// Insertions of the needle after the modulus is known.
+const INSERTIONS: usize = 4;
 /// Rig seconds per second.
 const SPEED: f64 = 2.0;
 
@@ -60,6 +62,8 @@ pub struct RigArgs {
 pub struct Outcome {
     /// `guide identify --json`.
     pub identified: Value,
+    /// `guide predict --json`.
+    pub predicted: Value,
     /// The session it recorded.
     pub session: Session,
     /// What the rig really was.
@@ -76,6 +80,41 @@ impl Outcome {
     pub fn number(&self, method: &str, field: &str) -> Result<f64> {
         let value = self.identified.pointer(&format!("/runs/0/methods/{method}/{field}"));
         value.and_then(Value::as_f64).with_context(|| format!("identify gave no {field} by {method}"))
+    }
+
+    /// Share of the measured tip positions beyond what was seen that lie inside the predicted bands.
+    pub fn share_inside(&self) -> f64 {
+        let (mut inside, mut all) = (0.0, 0.0);
+        for one in self.predicted["insertions"].as_array().into_iter().flatten() {
+            for plane in ["y", "x"] {
+                let list =
+                    |name: &str| one[format!("{name}_{plane}_mm")].as_array().cloned().unwrap_or_default();
+                let (low, high, seen) = (list("lo95"), list("hi95"), list("measured"));
+                for (i, seen) in seen.iter().enumerate().skip(51) {
+                    let number = |list: &[Value]| list.get(i).and_then(Value::as_f64);
+                    if let (Some(seen), Some(low), Some(high)) = (seen.as_f64(), number(&low), number(&high))
+                    {
+                        all += 1.0;
+                        inside += f64::from(u8::from((low..=high).contains(&seen)));
+                    }
+                }
+            }
+        }
+        inside / all
+    }
+
+    /// Mean error of a predicted path, millimetres; `method` is one of those compared, or none for this one.
+    pub fn path_error_mm(&self, method: Option<&str>) -> f64 {
+        let errors =
+            self.predicted["insertions"].as_array().into_iter().flatten().filter_map(|one| match method {
+                None => one["mae_mm"].as_f64(),
+                Some(name) => {
+                    one["compare"].as_array()?.iter().find(|other| other["method"] == name)?["mae_mm"]
+                        .as_f64()
+                }
+            });
+        let errors: Vec<f64> = errors.collect();
+        errors.iter().sum::<f64>() / errors.len() as f64
     }
 
     /// Samples that the session says were lost between the first and the last.
@@ -109,7 +148,13 @@ pub fn run(args: &Args) -> Result<()> {
     println!("  identified K     {found_kpa:.2} kPa, off by {:+.1} %", 100.0 * error);
     let verdict = if inside { "contains" } else { "misses" };
     println!("  95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K");
-    println!("  start of QEMU to result: {:.1} s", outcome.elapsed.as_secs_f64());
+    println!("  start of QEMU to K: {:.1} s", outcome.elapsed.as_secs_f64());
+    println!(
+        "  tip beyond 50 mm: off by {:.2} mm on average ({:.2} mm by a quadratic), {:.0} % inside the 95 % bands",
+        outcome.path_error_mm(None),
+        outcome.path_error_mm(Some("quadratic")),
+        100.0 * outcome.share_inside()
+    );
     println!("the session is in {}", args.out.join(SESSION).display());
     let lost = outcome.lost_samples();
     ensure!(lost == 0.0, "{lost} samples were lost on the way");
@@ -135,6 +180,7 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, say: &mut dyn FnMut(&str))
     let rig_file = out.join("rig.toml");
     fs::write(&rig_file, rig_toml(&config.rig))?;
     let depth_mm = config.simulation.depth_mm.to_string();
+    let user_rig = config.rig.clone();
     images::build(images::Image::Qemu)?;
 
     let began = Instant::now();
@@ -150,12 +196,27 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, say: &mut dyn FnMut(&str))
     let recording = ["--depth-mm", &depth_mm, "--out", session, "--sweep-command", &sweep];
     guide.shown(&[&acquire[..], &recording].concat())?;
     let truth = bench.rig().rig(|rig| rig.truth());
+    let insertions = bench.rig().rig(|rig| rig.insertions(&user_rig, seed, INSERTIONS))?;
     bench.stop()?;
     guide.shown(&["identify", session])?;
     let elapsed = began.elapsed();
+    (guide.say)(
+        "(the needle is inserted by hand, and its tip tracked, four times: i1 to i4 of the session)\n\n",
+    );
+    record(Path::new(session), &user_rig, &insertions)?;
+    guide.shown(&["predict", session, "--until", "50", "--compare"])?;
+    let predicted = serde_json::from_str(&guide.output(&["predict", session, "--until", "50", "--json"])?)
+        .context("guide predict --json printed no JSON")?;
     let identified = serde_json::from_str(&guide.output(&["identify", session, "--json"])?)
         .context("guide identify --json printed no JSON")?;
-    Ok(Outcome { identified, session: Session::read(Path::new(session))?, truth, elapsed })
+    Ok(Outcome { identified, predicted, session: Session::read(Path::new(session))?, truth, elapsed })
+}
+
+/// Adds the insertions to the session.
+fn record(session: &Path, rig: &Rig, insertions: &[InsertionRun]) -> Result<()> {
+    let setup = Setup { name: String::new(), rig: rig.clone(), noise: Noise::default() };
+    let mut writer = SessionWriter::open(session, &setup)?;
+    Ok(insertions.iter().try_for_each(|run| writer.insertion(run))?)
 }
 
 /// The rig's file, as its user would write it.

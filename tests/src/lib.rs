@@ -9,4 +9,5 @@ pub mod images;
 pub mod qemu;
 pub mod setup;
 pub mod size;
+pub mod study;
 pub mod suite;

@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{cosim, demo, images, setup, size, suite};
+use tests::{cosim, demo, setup, size, study, suite};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -26,12 +26,8 @@ enum Task {
     Setup,
     /// Build the image for the board and compare its flash and RAM use with the committed figures
     Size(size::Args),
-    /// Make a table that comes with the tool
-    Study {
-        /// Which
-        #[arg(value_parser = ["modulus-relation"])]
-        name: String,
-    },
+    /// Make a table of the documentation, or one that comes with the tool
+    Study(study::Args),
     /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
     Rig(demo::RigArgs),
     /// Print one ultrasound sweep of a simulated rig as CSV
@@ -59,20 +55,11 @@ fn run(task: Task) -> Result<()> {
         Task::Lint => suite::lint(),
         Task::Setup => setup::ensure_all(),
         Task::Size(args) => size::run(&args),
-        Task::Study { .. } => modulus_relation(),
+        Task::Study(args) => study::run(&args),
         Task::Rig(args) => demo::rig(&args),
         Task::Sweep { socket } => {
             print!("{}", cosim::take_sweep(&socket)?);
             Ok(())
         }
     }
-}
-
-/// Computes the table of K/E and puts it where `guide relation --table` has it from.
-fn modulus_relation() -> Result<()> {
-    let path = images::root().join("host/src/continuum/relation.csv");
-    let table = host::continuum::study::table(|gauge| eprintln!("needle of {gauge} gauge"))?;
-    std::fs::write(&path, table)?;
-    println!("{}", path.display());
-    Ok(())
 }

@@ -139,7 +139,7 @@ pub(super) fn tip_m(
 }
 
 /// From 0 to `last_m` in steps of at most `step_m`, with nodes at `also_m` (where these lie inside).
-pub(crate) fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
+pub fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
     let mut fixed_m: Vec<f64> =
         also_m.iter().copied().filter(|m| *m > 0.0 && *m < last_m).chain([last_m]).collect();
     fixed_m.sort_by(f64::total_cmp);

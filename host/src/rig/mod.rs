@@ -8,10 +8,12 @@
 //! | part | models |
 //! |---|---|
 //! | [`actuator`] | dead band, speed limit, lag, end stops, potentiometer with noise |
+//! | [`insertions`] | the needle inserted by hand, its tip tracked |
 //! | [`config`] | every constant, from a TOML file or by default |
 
 pub mod actuator;
 pub mod config;
+pub mod insertions;
 
 use crate::model::{Beam, Model, ModelError};
 use actuator::Actuator;
@@ -186,6 +188,7 @@ enum Stream {
     PotentiometerY,
     Force,
     Sweep,
+    Insertions,
 }
 
 fn stream(seed: u64, part: Stream) -> ChaCha8Rng {

@@ -1,0 +1,79 @@
+//! Speed of the prediction: the insertion model, learning from five insertions, and one step of the live form (a reading goes in, the
+//! path to 140 mm with its band comes out), which has to keep up with a tracker at 100 Hz.
+
+use criterion::Criterion;
+use host::inference::insertion::{Belief, Candidates, Learned, Live, TipPath, Tissue, learn};
+use host::model::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip};
+use host::model::insertion::grid_m;
+use host::model::{Model, Needle, Rig};
+use host::session::InsertionRun;
+use std::hint::black_box;
+
+const READING_M: f64 = 0.1e-3;
+
+fn model() -> Model {
+    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.085 };
+    Model::uniform(rig, 12e3).expect("a model")
+}
+
+/// Six insertions to 140 mm, a row per millimetre, with errors that repeat.
+fn paths() -> Vec<TipPath> {
+    let problem = model().problem(0.14).expect("a problem");
+    let growth = Growth::new(&problem, grid_m(0.14, 1e-3, &[]), Guide2Grip::Holding).expect("grows");
+    let path = |number: usize| {
+        let load_n = 0.2 + 0.01 * (3.0 * number as f64).sin();
+        let states = growth.under_load(|_| Acting { load_n: [load_n; 2], guide2_m: [0.0; 2] });
+        let error = |row: usize| READING_M * (2.0 * (row + 100 * number) as f64).sin();
+        let run = InsertionRun {
+            id: format!("i{number}"),
+            path: format!("i{number}.csv").into(),
+            depth_m: growth.depths_m().to_vec(),
+            tip_y_m: states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect(),
+            tip_x_m: None,
+            time_s: None,
+            rotation_rad: None,
+            guide2_y_m: None,
+            guide2_x_m: None,
+            base_force_y_n: None,
+        };
+        TipPath::new(&run).expect("an insertion")
+    };
+    (0..6).map(path).collect()
+}
+
+fn learned(paths: &[TipPath]) -> (Candidates, Learned) {
+    let tissue = Tissue { model: model(), modulus_sd_ln: 0.2, gap_m: 0.025, gap_sd_ln: 0.7 };
+    let candidates = Candidates::new(&tissue, paths, 0.14).expect("candidates");
+    let learned = learn(&candidates, paths, &[1, 2, 3, 4, 5], 0, READING_M);
+    (candidates, learned)
+}
+
+fn main() {
+    let mut criterion = Criterion::default().configure_from_args().sample_size(20);
+    let problem = model().problem(0.14).expect("a problem");
+    criterion.bench_function("insertion model, 140 mm in steps of 0.5 mm", |bencher| {
+        bencher.iter(|| {
+            let nodes_m = grid_m(0.14, DEFAULT_STEP_M, &[]);
+            let growth = Growth::new(black_box(&problem), nodes_m, Guide2Grip::Holding).expect("grows");
+            growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] })
+        });
+    });
+    let paths = paths();
+    criterion.bench_function("learn from five insertions", |bencher| {
+        bencher.iter(|| learned(black_box(&paths)));
+    });
+    let (candidates, learned) = learned(&paths);
+    let mut followed = Live::new(Belief::new(&candidates, 0, &learned));
+    for bin in paths[0].bins.iter().take_while(|bin| bin.depth_m < 0.0695) {
+        followed.push(bin.depth_m, bin.tip_m);
+    }
+    criterion.bench_function("live: one reading, then the path to 140 mm", |bencher| {
+        bencher.iter(|| {
+            let mut live = followed.clone();
+            live.push(0.07, black_box([2e-3, 0.0]));
+            let belief = live.belief();
+            (70..=140).map(|mm| belief.tip_m(1e-3 * f64::from(mm))).collect::<Vec<_>>()
+        });
+    });
+    criterion.final_summary();
+}

@@ -1,0 +1,93 @@
+//! `cargo xtask study`: tables of the documentation, made anew.
+
+use crate::images;
+use anyhow::{Context, Result, ensure};
+use host::predict::study::{Cell, METHODS, study};
+use std::fmt::Write as _;
+
+/// Options of `cargo xtask study`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Which: K/E of needles (part of the tool), or the prediction of insertions
+    #[arg(value_parser = ["modulus-relation", "insertion"])]
+    name: String,
+    /// Sessions of six insertions each
+    #[arg(long, default_value_t = 40)]
+    sessions: usize,
+    /// What they are drawn from
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Makes the table.
+///
+/// # Errors
+/// Where the model refuses, or the study cannot be built with optimisation.
+pub fn run(args: &Args) -> Result<()> {
+    if cfg!(debug_assertions) {
+        return optimised();
+    }
+    match args.name.as_str() {
+        "insertion" => insertion(args),
+        _ => modulus_relation(),
+    }
+}
+
+/// The same command, built with optimisation.
+fn optimised() -> Result<()> {
+    let arguments = std::env::args().skip(1);
+    let status = images::cargo()
+        .args(["run", "--quiet", "--release", "--package", "tests", "--bin", "xtask", "--"])
+        .args(arguments)
+        .status()
+        .context("cannot run cargo")?;
+    ensure!(status.success(), "the study failed");
+    Ok(())
+}
+
+/// Computes the table of K/E and puts it where `guide relation --table` has it from.
+fn modulus_relation() -> Result<()> {
+    let path = images::root().join("host/src/continuum/relation.csv");
+    let table = host::continuum::study::table(|gauge| eprintln!("needle of {gauge} gauge"))?;
+    std::fs::write(&path, table)?;
+    println!("{}", path.display());
+    Ok(())
+}
+
+fn insertion(args: &Args) -> Result<()> {
+    ensure!((1..=10_000).contains(&args.sessions), "--sessions is {}, expected 1 to 10000", args.sessions);
+    let cells = study(args.sessions, args.seed)?;
+    print!("{}", table(&cells));
+    let mean = |method: &str| {
+        let of: Vec<f64> =
+            cells.iter().filter(|cell| cell.method == method).map(|cell| cell.mae_mm[0]).collect();
+        of.iter().sum::<f64>() / of.len() as f64
+    };
+    for method in &METHODS[1..] {
+        println!(
+            "{method}: {:+.0} % mean absolute error against {}",
+            100.0 * (mean(method) / mean(METHODS[0]) - 1.0),
+            METHODS[0]
+        );
+    }
+    println!("{} insertions, seed {}", 6 * args.sessions, args.seed);
+    Ok(())
+}
+
+/// The cells as a Markdown table.
+fn table(cells: &[Cell]) -> String {
+    let mut text = "| method | from, mm | at, mm | predicted, mm | true, mm | mean absolute error, mm | in the 95 % band |\n\
+                    |---|---|---|---|---|---|---|\n"
+        .to_owned();
+    for cell in cells {
+        let pair = |[mean, sd]: [f64; 2]| format!("{mean:.2} +- {sd:.2}");
+        let held = cell.coverage.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+        let (predicted, real, error) = (pair(cell.predicted_mm), pair(cell.true_mm), pair(cell.mae_mm));
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {predicted} | {real} | {error} | {held} |",
+            cell.method, cell.until_mm, cell.depth_mm
+        );
+    }
+    text
+}
