@@ -180,7 +180,7 @@ impl Workflow<'_> {
             (0..self.paths.len()).filter(|other| from_others && *other != number).collect();
         let mut known = self.paths.to_vec();
         known[number] = seen.clone();
-        let reading_m = self.reading_m(run, !earlier.is_empty());
+        let [reading_m, shown_m] = self.reading_m(run, !earlier.is_empty());
         let learned = learn(self.candidates, &known, &earlier, number, reading_m);
         let mut belief = Belief::new(self.candidates, number, &learned);
         belief.update_all(&seen);
@@ -201,7 +201,7 @@ impl Workflow<'_> {
         let carried = published(&self.tissue.model, &seen, offset_m, [from_m, until_m, reach_m])?;
         compare.push(CompareResult::new("published", &grid, carried.tip_m));
 
-        let mut result = grid.result(run, &belief, until_m);
+        let mut result = grid.result(run, &belief, shown_m.min(reading_m));
         result.learned = Some(LearnedResult::new(&belief, self.tissue, &others, reading_m));
         result.compare = compare;
         result.warnings = warnings(&seen, path);
@@ -215,15 +215,16 @@ impl Workflow<'_> {
         Ok(result)
     }
 
-    /// Noise of one tip reading: as stated, or from the rest rows of the others, or of what is seen of `run`; 0 where nothing tells,
-    /// because then it is part of the irregularity.
-    fn reading_m(&self, run: &InsertionRun, from_others: bool) -> f64 {
+    /// Noise of one tip reading: as stated, and as the rest rows of the others, or of what is seen of `run`, show it. Where nothing
+    /// tells it is 0, because then it is part of the irregularity.
+    fn reading_m(&self, run: &InsertionRun, from_others: bool) -> [f64; 2] {
         let others = self.session.insertion.iter().filter(|other| other.id != run.id);
         let told: Vec<_> = match from_others {
             true => others.map(|other| (other, f64::INFINITY)).collect(),
             false => vec![(run, self.options.until_m)],
         };
-        self.session.noise.tip_m.or_else(|| row_scatter_m(&told)).unwrap_or(0.0)
+        let (stated_m, seen_m) = (self.session.noise.tip_m, row_scatter_m(&told));
+        [stated_m.or(seen_m).unwrap_or(0.0), seen_m.or(stated_m).unwrap_or(0.0)]
     }
 }
 

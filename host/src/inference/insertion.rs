@@ -20,6 +20,7 @@ mod tests;
 
 pub use basis::{Candidate, Candidates, Layout, Tissue};
 pub use belief::{Belief, Live, Moments};
+pub(crate) use learn::of_median;
 pub use learn::{Learned, Scales, learn};
 pub(crate) use path::median;
 pub use path::{Bin, PathError, TipPath, row_scatter_m};

@@ -1,7 +1,7 @@
 //! The result of a prediction, as `guide predict --json` prints it. Additive only: fields may be added, never removed or changed
 //! in meaning.
 
-use crate::inference::insertion::{Belief, Bin, Moments, TipPath, Tissue};
+use crate::inference::insertion::{Belief, Bin, Moments, TipPath, Tissue, median, of_median};
 use crate::session::InsertionRun;
 use serde::Serialize;
 
@@ -45,7 +45,7 @@ pub struct InsertionResult {
     pub depth_mm: Vec<f64>,
     /// Vertical tip position: smoothed up to where it was seen, predicted beyond.
     pub tip_y_mm: Vec<f64>,
-    /// Lower end of its 95 % band.
+    /// Lower end of the 95 % band of what will be measured there (the median of the readings).
     pub lo95_y_mm: Vec<f64>,
     /// Upper end of its 95 % band.
     pub hi95_y_mm: Vec<f64>,
@@ -178,6 +178,8 @@ pub(super) struct Grid {
     until_m: f64,
     measured_y_mm: Vec<Option<f64>>,
     measured_x_mm: Option<Vec<Option<f64>>>,
+    /// Rows behind a measured value up to `until_m`, typically.
+    rows: f64,
 }
 
 impl Grid {
@@ -188,14 +190,19 @@ impl Grid {
         let medians = |values: &[f64]| -> Vec<Option<f64>> {
             let near = |at_m: &f64| {
                 let rows = run.depth_m.iter().zip(values).filter(|(m, _)| (*m - at_m).abs() <= NEAR_M);
-                let median_m = crate::inference::insertion::median(rows.map(|(_, value)| *value).collect());
+                let median_m = median(rows.map(|(_, value)| *value).collect());
                 median_m.is_finite().then_some(1e3 * median_m)
             };
             depth_m.iter().map(near).collect()
         };
         let measured_y_mm = medians(&run.tip_y_m);
         let measured_x_mm = run.tip_x_m.as_deref().map(medians);
-        Self { depth_m, until_m, measured_y_mm, measured_x_mm }
+        let rows_near =
+            |at_m: &f64| run.depth_m.iter().filter(|m| (*m - at_m).abs() <= NEAR_M).count() as f64;
+        let counts =
+            depth_m.iter().filter(|at_m| **at_m <= until_m).map(rows_near).filter(|rows| *rows > 0.0);
+        let rows = median(counts.collect()).max(1.0);
+        Self { depth_m, until_m, measured_y_mm, measured_x_mm, rows }
     }
 
     /// What was seen as a careful user would tabulate it: medians at every fifth millimetre, where the needle rests.
@@ -243,14 +250,17 @@ impl Grid {
     }
 
     /// Everything that follows from a belief.
-    pub fn result(self, run: &InsertionRun, belief: &Belief<'_>, until_m: f64) -> InsertionResult {
+    pub fn result(self, run: &InsertionRun, belief: &Belief<'_>, reading_m: f64) -> InsertionResult {
+        let until_m = self.until_m;
+        // The band is that of the values measured: the noise of a median of so many readings is part of it.
+        let noise_m = reading_m * of_median(self.rows).sqrt();
         let two_planes = run.tip_x_m.is_some();
         let tips: Vec<Vec<Moments>> = self.depth_m.iter().map(|depth_m| belief.tip_m(*depth_m)).collect();
         let loads: Vec<Vec<Moments>> = self.depth_m.iter().map(|depth_m| belief.load_n(*depth_m)).collect();
         let of = |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {
             list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
         };
-        let tip = |plane: usize, sds: f64| of(&tips, plane, &|m| 1e3 * (m.mean + sds * m.sd));
+        let tip = |plane: usize, sds: f64| of(&tips, plane, &|m| 1e3 * (m.mean + sds * m.sd.hypot(noise_m)));
         let load = |plane: usize| PlaneResult {
             force_n: of(&loads, plane, &|m| m.mean),
             sd_n: of(&loads, plane, &|m| m.sd),

@@ -53,7 +53,7 @@ pub struct Cell {
     pub true_mm: [f64; 2],
     /// Mean and standard deviation of the absolute error, mm.
     pub mae_mm: [f64; 2],
-    /// Share of 95 % bands that hold the truth; nothing where the method gives none.
+    /// Share of 95 % bands that hold what was measured; nothing where the method gives none.
     pub coverage: Option<f64>,
     /// Insertions behind it.
     pub count: usize,
@@ -83,10 +83,7 @@ pub fn study(sessions: usize, seed: u64) -> Result<Vec<Cell>, super::PredictErro
         let (row, column) = (index / DEPTHS_MM.len(), index % DEPTHS_MM.len());
         let (method, until) = (row / UNTIL_MM.len(), row % UNTIL_MM.len());
         let of = |value: &dyn Fn(&Sample) -> f64| mean_and_sd(samples.iter().map(value).collect());
-        let held: Option<Vec<bool>> = samples
-            .iter()
-            .map(|s| s.band_mm.map(|[low, high]| low <= s.true_mm && s.true_mm <= high))
-            .collect();
+        let held: Option<Vec<bool>> = samples.iter().map(|sample| sample.held).collect();
         Cell {
             method: METHODS[method],
             until_mm: UNTIL_MM[until],
@@ -105,7 +102,8 @@ pub fn study(sessions: usize, seed: u64) -> Result<Vec<Cell>, super::PredictErro
 struct Sample {
     predicted_mm: f64,
     true_mm: f64,
-    band_mm: Option<[f64; 2]>,
+    /// Whether the band holds what was measured.
+    held: Option<bool>,
 }
 
 fn mean_and_sd(values: Vec<f64>) -> [f64; 2] {
@@ -146,7 +144,9 @@ impl Drawn {
             for (number, result) in predict(&self.session, &options)?.insertions.into_iter().enumerate() {
                 let sample = move |depth_mm: usize| Sample {
                     predicted_mm: result.tip_y_mm[depth_mm],
-                    band_mm: Some([result.lo95_y_mm[depth_mm], result.hi95_y_mm[depth_mm]]),
+                    held: result.measured_y_mm[depth_mm].map(|measured_mm| {
+                        (result.lo95_y_mm[depth_mm]..=result.hi95_y_mm[depth_mm]).contains(&measured_mm)
+                    }),
                     ..Sample::default()
                 };
                 judged.push((method, Box::new(sample), number));

@@ -51,6 +51,9 @@ const TYPICAL: [(f64, f64); COUNT] = [
     (0.1, 1.0),
     (0.04e-3, 0.7),
 ];
+/// No path is smoother than this, m: about what the finest tracker resolves. Below it the candidates of modulus and gap would be too
+/// far apart.
+const LEAST_IRREGULARITY_M: f64 = 20e-6;
 /// Steps of the search for the scales.
 const MOST_STEPS: u64 = 40;
 
@@ -69,15 +72,14 @@ impl Scales {
             load_n: [at(4), at(5)],
             wander_n: [at(6), at(7)],
             memory_m: at(8),
-            irregularity_m: at(9),
+            irregularity_m: at(9).max(LEAST_IRREGULARITY_M),
             reading_m,
         }
     }
 
     /// Variance of the median of so many readings at one depth, m^2.
     pub(super) fn variance_m2(&self, rows: f64) -> f64 {
-        let of_median = if rows > 2.0 { FRAC_PI_2 / rows } else { 1.0 / rows };
-        self.irregularity_m.powi(2) + self.reading_m.powi(2) * of_median
+        self.irregularity_m.powi(2) + self.reading_m.powi(2) * of_median(rows)
     }
 
     /// From independent standard normal numbers to an insertion's own unknowns: a row of the design times this is what each of these
@@ -126,6 +128,11 @@ impl Scales {
     }
 }
 
+/// Variance of the median of so many readings over that of one.
+pub(crate) fn of_median(readings: f64) -> f64 {
+    if readings > 2.0 { FRAC_PI_2 / readings } else { 1.0 / readings }
+}
+
 /// Standard normal numbers behind the unknowns of one plane: the wander has one more than stretches, its value at the surface.
 fn numbers(layout: &Layout) -> usize {
     layout.of_plane() + 1
@@ -134,7 +141,7 @@ fn numbers(layout: &Layout) -> usize {
 /// What earlier insertions tell about the next.
 #[derive(Debug, Clone)]
 pub struct Learned {
-    /// Possible sizes of the unknowns; the first is the likeliest.
+    /// Possible sizes of the unknowns.
     pub scales: Vec<Scales>,
     /// Possible combinations of candidate and sizes.
     pub(super) parts: Vec<Part>,
@@ -192,18 +199,17 @@ pub fn learn(
     let candidate = best(&weights);
     let cost = Cost { evidence: &|scales: &Scales| posterior(scales, candidate), reading_m };
     let mut learned = Learned { scales: Vec::new(), parts: Vec::new() };
-    for (draw, ln_drawn) in draws(&cost, &likeliest) {
+    let shares = cumulative_shares(&weights);
+    for (number, (draw, ln_drawn)) in draws(&cost, &likeliest).into_iter().enumerate() {
         let scales = Scales::from_logarithms(&draw, reading_m);
         let ln_prior = -0.5 * draw.iter().map(|x| x * x).sum::<f64>();
-        for (candidate, weight) in weights.iter().enumerate() {
-            if *weight < weights[best(&weights)] - LEAST_LN_WEIGHT {
-                continue;
-            }
-            let used = if alone { &[][..] } else { &designs[candidate] };
-            let Evidence { ln, next } = Evidence::new(layout, used, &scales);
-            let ln_weight = candidates.list[candidate].ln_prior + ln_prior + ln - ln_drawn;
-            learned.parts.push(Part { candidate, scales: learned.scales.len(), ln_weight, normal: next });
-        }
+        // Candidates in proportion to their weight, evenly among the draws: multiples of the golden ratio.
+        let place = (number as f64 * GOLDEN_RATIO).fract();
+        let candidate = shares.partition_point(|(end, _)| *end <= place).min(shares.len() - 1);
+        let used = if alone { &[][..] } else { &designs[candidate] };
+        let Evidence { ln, next } = Evidence::new(layout, used, &scales);
+        let ln_weight = candidates.list[candidate].ln_prior + ln_prior + ln - ln_drawn - shares[candidate].1;
+        learned.parts.push(Part { candidate, scales: learned.scales.len(), ln_weight, normal: next });
         learned.scales.push(scales);
     }
     let most = learned.parts.iter().map(|part| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
@@ -213,10 +219,24 @@ pub fn learn(
 
 /// Parts further behind than this (natural logarithm) before an insertion begins are given up.
 const LEAST_LN_WEIGHT: f64 = 6.0;
-/// Draws of the scales beside the likeliest, in pairs on both sides of it.
-const PAIRS: usize = 6;
+/// Draws of scales and candidate, in pairs on both sides of the likeliest scales.
+const PAIRS: usize = 128;
 /// The draws are always the same.
 const SEED: u64 = 20;
+const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_8;
+
+/// For each candidate, the sum of the shares up to and including it, and the logarithm of its own.
+fn cumulative_shares(ln_weights: &[f64]) -> Vec<(f64, f64)> {
+    let most = ln_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = ln_weights.iter().map(|weight| (weight - most).exp()).sum();
+    let mut end = 0.0;
+    let share = |weight: &f64| {
+        let ln = weight - most - total.ln();
+        end += ln.exp();
+        (end, ln)
+    };
+    ln_weights.iter().map(share).collect()
+}
 
 /// Draws about the likeliest scales from a normal distribution as wide as the posterior along each scale, with the logarithm of its
 /// density: points of an integration over the scales by importance sampling.
@@ -236,7 +256,7 @@ fn draws(cost: &Cost<'_>, likeliest: &[f64]) -> Vec<(Vec<f64>, f64)> {
         })
         .collect();
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-    let mut draws = vec![(likeliest.to_vec(), 0.0)];
+    let mut draws = Vec::with_capacity(2 * PAIRS);
     for _ in 0..PAIRS {
         let z: Vec<f64> = likeliest.iter().map(|_| StandardNormal.sample(&mut rng)).collect();
         let ln = -0.5 * z.iter().map(|z: &f64| z * z).sum::<f64>();

@@ -1,0 +1,212 @@
+//! The program `guide` on sessions on disk, as a user or a script calls it.
+
+use host::model::{Beam, Foundation, Model, Needle, Rig};
+use host::rig::SimulatedRig;
+use host::rig::config::RigConfig;
+use host::session::{ForceRow, Noise, Session, SessionWriter, Setup, ShapeRow};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+const K_PA: f64 = 12e3;
+
+fn rig() -> Rig {
+    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+}
+
+fn guide(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_guide")).args(arguments).output().expect("guide starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Standard output of a command that succeeds, as JSON.
+fn json(arguments: &[&str]) -> Value {
+    let output = guide(arguments);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("one JSON document")
+}
+
+/// The one line of a command that fails.
+fn failure(arguments: &[&str]) -> String {
+    let output = guide(arguments);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    assert!(output.stdout.is_empty());
+    text(&output.stderr).lines().last().unwrap_or_default().to_owned()
+}
+
+fn path(folder: &Path) -> &str {
+    folder.to_str().expect("UTF-8")
+}
+
+fn writer(folder: &Path) -> SessionWriter {
+    let noise = Noise { tip_m: Some(0.06e-3), ..Noise::default() };
+    SessionWriter::open(folder, &Setup { name: "made up".to_owned(), rig: rig(), noise }).expect("a session")
+}
+
+/// Rest, push of 1.2 mm, hold; a shape with rounding for noise.
+fn add_lateral_run(session: &mut SessionWriter) {
+    let beam = Beam::solve(&rig(), &Foundation::uniform(K_PA).expect("a modulus"), 0.03).expect("solves");
+    let mut run = session.lateral("d30-1", 0.03).expect("a run");
+    for row in 0..400 {
+        let time_s = 0.02 * f64::from(row);
+        let y_m = 1.2e-3 * ((time_s - 3.0) / 1.0).clamp(0.0, 1.0);
+        let wobble = (2.3 * f64::from(row)).sin();
+        let force_y_n = beam.force_n(y_m) + 5e-3 * wobble;
+        run.force(&ForceRow {
+            time_s,
+            displacement_y_m: y_m + 2e-6 * wobble,
+            force_y_n,
+            ..ForceRow::default()
+        })
+        .expect("a row");
+    }
+    for mm in 0..30 {
+        let z_m = 0.07 + 1e-3 * f64::from(mm);
+        let rounded_m = (1e5 * beam.deflection_m(1.2e-3, z_m)).round() / 1e5;
+        run.shape(&ShapeRow { time_s: 6.0, z_m, deflection_y_m: rounded_m, ..ShapeRow::default() })
+            .expect("a point");
+    }
+    run.finish().expect("written");
+}
+
+fn add_insertions(session: &mut SessionWriter) {
+    let rig = SimulatedRig::new(RigConfig::default(), 3).expect("a rig");
+    for run in rig.insertions(&self::rig(), 3, 3).expect("insertions") {
+        session.insertion(&run).expect("written");
+    }
+}
+
+fn folder() -> TempDir {
+    tempfile::tempdir().expect("a folder")
+}
+
+#[test]
+fn what_was_written_is_identified() {
+    let folder = folder();
+    add_lateral_run(&mut writer(folder.path()));
+    let found = json(&["identify", path(folder.path()), "--json"]);
+    assert_eq!(found["schema"], "guide.identify/1");
+    let k_kpa = found["pooled"]["k_kpa"].as_f64().expect("a modulus");
+    assert!((k_kpa / 12.0 - 1.0).abs() < 0.02, "{k_kpa}");
+    assert!(found["youngs_modulus_kpa"]["relation"] == "continuum");
+    let vesic = json(&["identify", path(folder.path()), "--json", "--relation", "vesic", "--poisson", "0.4"]);
+    assert_eq!(vesic["youngs_modulus_kpa"]["poisson"], 0.4);
+
+    for wrong in [&["--relation", "hooke"][..], &["--poisson", "0.6"], &["--bootstrap", "1"]] {
+        let output = guide(&[&["identify", path(folder.path())], wrong].concat());
+        assert_eq!(output.status.code(), Some(2), "{wrong:?}");
+    }
+    assert!(failure(&["identify", "no/such/folder"]).contains("no/such/folder/session.toml: cannot read"));
+    assert!(failure(&["predict", path(folder.path())]).contains("session.toml: insertion: missing"));
+}
+
+#[test]
+fn insertions_are_predicted() {
+    let folder = folder();
+    add_insertions(&mut writer(folder.path()));
+    let dir = path(folder.path());
+    let found = json(&["predict", dir, "--until", "60", "--json"]);
+    assert_eq!(found["schema"], "guide.predict/1");
+    let insertions = found["insertions"].as_array().expect("a list");
+    assert_eq!(insertions.len(), 3);
+    for one in insertions {
+        assert_eq!(one["identified_until_mm"], 60.0);
+        for list in [
+            "depth_mm",
+            "tip_y_mm",
+            "lo95_y_mm",
+            "hi95_y_mm",
+            "measured_y_mm",
+            "tip_x_mm",
+            "lo95_x_mm",
+            "measured_x_mm",
+        ] {
+            assert_eq!(one[list].as_array().map(Vec::len), Some(101), "{list}");
+        }
+        assert!(one["mae_mm"].as_f64().expect("measured") < 0.5);
+        assert_eq!(one["depth_mm"][100], 100.0);
+        assert_eq!(one["learned"]["from"].as_array().map(Vec::len), Some(2));
+    }
+    // Text, figures, more depth, no learning.
+    let plots = folder.path().join("plots");
+    let shown = guide(&["predict", dir, "--to", "120", "--alone", "--compare", "--plots", path(&plots)]);
+    assert!(shown.status.success(), "{}", text(&shown.stderr));
+    let shown = text(&shown.stdout);
+    for part in ["tip load", "i1", "rig and tissue", "mechanics", "quadratic", "published"] {
+        assert!(shown.contains(part), "{part} is not in {shown}");
+    }
+    assert!(fs::read_to_string(plots.join("i1.path.svg")).expect("a figure").starts_with("<svg"));
+
+    assert!(failure(&["predict", dir, "--until", "nan"]).contains("--until: NaN, expected 5 to 500 mm"));
+    assert!(failure(&["predict", dir, "--k-kpa", "0", "1"]).contains("--k-kpa"));
+    assert_eq!(guide(&["predict", dir, "--until", "deep"]).status.code(), Some(2));
+    fs::write(folder.path().join("i2.csv"), "depth_mm,tip_y_mm\n0,0\n1,oops\n").expect("writes");
+    assert!(failure(&["predict", dir]).contains("i2.csv:3:3: tip_y_mm: \"oops\" is not a number"));
+}
+
+/// What is written is read again to the last digit kept.
+#[test]
+fn insertions_survive_the_disk() {
+    let folder = folder();
+    add_insertions(&mut writer(folder.path()));
+    let session = Session::read(folder.path()).expect("reads");
+    let rig = SimulatedRig::new(RigConfig::default(), 3).expect("a rig");
+    let made = rig.insertions(&self::rig(), 3, 3).expect("insertions");
+    for (read, made) in session.insertion.iter().zip(&made) {
+        assert_eq!(read.id, made.id);
+        let close =
+            |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-11) && a.len() == b.len();
+        assert!(close(&read.depth_m, &made.depth_m) && close(&read.tip_y_m, &made.tip_y_m));
+        assert!(close(read.tip_x_m.as_deref().expect("x"), made.tip_x_m.as_deref().expect("x")));
+    }
+    let again = writer(folder.path()).insertion(&made[0]).expect_err("taken").to_string();
+    assert!(again.contains("\"i1\" is taken"), "{again}");
+    assert!(Model::uniform(rig_of(&session), K_PA).is_ok());
+}
+
+fn rig_of(session: &Session) -> Rig {
+    session.rig.clone()
+}
+
+#[test]
+fn recordings_of_others_are_imported() {
+    let folder = folder();
+    let recordings = folder.path().join("recordings");
+    fs::create_dir(&recordings).expect("a folder");
+    let mut rows =
+        "Timestamp sec,Timestamp nanosec,Tip x,Tip y,Tip z,Robot x,Robot z\n0,0,0,0,0,0,0\n".to_owned();
+    for stop in 0..=100 {
+        let d = f64::from(stop);
+        rows += &format!(
+            "{},500000000,{},{},{},-0.025,0.02\n",
+            100 + stop,
+            -25.0 + 5e-4 * d * d,
+            -d,
+            20.0 - 0.01 * d
+        );
+    }
+    fs::write(recordings.join("run_1.csv"), &rows).expect("writes");
+    fs::write(recordings.join("run_2.csv"), &rows).expect("writes");
+    fs::write(recordings.join("empty.csv"), "Timestamp sec,Timestamp nanosec,Tip x,Tip y,Tip z\n")
+        .expect("writes");
+    let out = folder.path().join("session");
+    let done = json(&["import", "trajcontrol", path(&recordings), "--out", path(&out), "--json"]);
+    assert_eq!(done["insertions"].as_array().map(Vec::len), Some(2));
+    assert!(
+        done["left_out"][0]["reason"].as_str().expect("a reason").contains("empty.csv:1:1: rows: no rows")
+    );
+    let found = json(&["predict", path(&out), "--json"]);
+    assert!(found["insertions"][0]["mae_mm"].as_f64().expect("measured") < 0.3);
+    assert!(
+        failure(&["import", "trajcontrol", "nowhere.csv", "--out", path(&out)])
+            .contains("nowhere.csv: cannot read")
+    );
+    // A second time their names are taken.
+    let again = failure(&["import", "trajcontrol", path(&recordings), "--out", path(&out)]);
+    assert!(again.contains("\"run_1\" is taken"), "{again}");
+}
