@@ -201,7 +201,7 @@ impl Workflow<'_> {
         let carried = published(&self.tissue.model, &seen, offset_m, [from_m, until_m, reach_m])?;
         compare.push(CompareResult::new("published", &grid, carried.tip_m));
 
-        let mut result = grid.result(run, &belief, shown_m.min(reading_m));
+        let mut result = grid.result(run, &seen, &belief, shown_m.min(reading_m));
         result.learned = Some(LearnedResult::new(&belief, self.tissue, &others, reading_m));
         result.compare = compare;
         result.warnings = warnings(&seen, path);

@@ -216,6 +216,7 @@ impl Grid {
                 depth_m: self.depth_m[i],
                 tip_m: [1e-3 * y_mm, 1e-3 * x_mm],
                 rows: 1.0,
+                moving: false,
                 leaving: false,
             })
         };
@@ -250,10 +251,18 @@ impl Grid {
     }
 
     /// Everything that follows from a belief.
-    pub fn result(self, run: &InsertionRun, belief: &Belief<'_>, reading_m: f64) -> InsertionResult {
+    pub fn result(
+        self,
+        run: &InsertionRun,
+        seen: &TipPath,
+        belief: &Belief<'_>,
+        reading_m: f64,
+    ) -> InsertionResult {
         let until_m = self.until_m;
         // The band is that of the values measured: the noise of a median of so many readings is part of it.
-        let noise_m = reading_m * of_median(self.rows).sqrt();
+        // So is, on average, what readings on the way are off.
+        let moving_m = belief.typical(|scales| scales.moving_m) * seen.moving_share().sqrt();
+        let noise_m = moving_m.hypot(reading_m * of_median(self.rows).sqrt());
         let two_planes = run.tip_x_m.is_some();
         let tips: Vec<Vec<Moments>> = self.depth_m.iter().map(|depth_m| belief.tip_m(*depth_m)).collect();
         let loads: Vec<Vec<Moments>> = self.depth_m.iter().map(|depth_m| belief.load_n(*depth_m)).collect();

@@ -38,9 +38,14 @@ fn the_procedure_finds_the_modulus_that_nobody_told_it_and_repeats_exactly() {
     sweeps_s.dedup();
     assert_eq!(sweeps_s.len(), 2, "one sweep at rest, one at the push");
 
-    let (predicted_mm, quadratic_mm) = (outcome.path_error_mm(None), outcome.path_error_mm(Some("quadratic")));
+    let (predicted_mm, quadratic_mm) =
+        (outcome.path_error_mm(None), outcome.path_error_mm(Some("quadratic")));
     assert!(predicted_mm < quadratic_mm, "{predicted_mm} mm beside {quadratic_mm} mm by a quadratic");
-    assert!(outcome.share_inside() > 0.75, "{} of the measured tips inside their bands", outcome.share_inside());
+    assert!(
+        outcome.share_inside() > 0.75,
+        "{} of the measured tips inside their bands",
+        outcome.share_inside()
+    );
 
     let (again, force_again) = run_procedure(2);
     assert!(force == force_again, "the same seed gave another recording");

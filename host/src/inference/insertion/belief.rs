@@ -66,7 +66,7 @@ impl<'c> Belief<'c> {
         for Part { candidate, scales, ln_weight, normal } in &mut self.parts {
             let basis = &self.candidates.bases[*candidate][self.path];
             let (scales, map) = &self.scales[*scales];
-            let variance = scales.variance_m2(bin.rows);
+            let variance = scales.variance_m2(bin.rows, bin.moving);
             for (row, measured) in rows(basis, bin, self.candidates.layout.planes) {
                 *ln_weight += normal.update(&map.tr_mul(&row), &measured, variance);
             }
@@ -235,6 +235,7 @@ impl<'c> Live<'c> {
             depth_m: mean_m,
             tip_m: [super::path::median(column(1)), super::path::median(column(2))],
             rows: readings.len() as f64,
+            moving: false,
             leaving: false,
         };
         let mut belief = self.settled.clone();

@@ -32,12 +32,14 @@ pub struct Scales {
     pub memory_m: f64,
     /// Of the tip about a smooth path at single depths, m.
     pub irregularity_m: f64,
+    /// More of it while the needle is on its way, m.
+    pub moving_m: f64,
     /// Of one reading of the tip sensor, m; known beforehand.
     pub reading_m: f64,
 }
 
 /// Scales that are found.
-const COUNT: usize = 10;
+const COUNT: usize = 11;
 /// Their middles and the standard deviations of their logarithms: weak, physical.
 const TYPICAL: [(f64, f64); COUNT] = [
     (1e-3, 2.0),
@@ -50,6 +52,7 @@ const TYPICAL: [(f64, f64); COUNT] = [
     (0.05, 1.5),
     (0.1, 1.0),
     (0.04e-3, 0.7),
+    (0.1e-3, 1.0),
 ];
 /// No path is smoother than this, m: about what the finest tracker resolves. Below it the candidates of modulus and gap would be too
 /// far apart.
@@ -73,13 +76,15 @@ impl Scales {
             wander_n: [at(6), at(7)],
             memory_m: at(8),
             irregularity_m: at(9).max(LEAST_IRREGULARITY_M),
+            moving_m: at(10),
             reading_m,
         }
     }
 
     /// Variance of the median of so many readings at one depth, m^2.
-    pub(super) fn variance_m2(&self, rows: f64) -> f64 {
-        self.irregularity_m.powi(2) + self.reading_m.powi(2) * of_median(rows)
+    pub(super) fn variance_m2(&self, rows: f64, moving: bool) -> f64 {
+        let moving_m = if moving { self.moving_m } else { 0.0 };
+        self.irregularity_m.powi(2) + moving_m.powi(2) + self.reading_m.powi(2) * of_median(rows)
     }
 
     /// From independent standard normal numbers to an insertion's own unknowns: a row of the design times this is what each of these
@@ -212,8 +217,11 @@ pub fn learn(
         learned.parts.push(Part { candidate, scales: learned.scales.len(), ln_weight, normal: next });
         learned.scales.push(scales);
     }
-    let most = learned.parts.iter().map(|part| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
-    learned.parts.retain(|part| part.ln_weight > most - LEAST_LN_WEIGHT);
+    // What a part weighs before the insertion is seen says little where it was drawn to suit what is seen.
+    if !alone {
+        let most = learned.parts.iter().map(|part| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
+        learned.parts.retain(|part| part.ln_weight > most - LEAST_LN_WEIGHT);
+    }
     learned
 }
 
@@ -274,9 +282,10 @@ struct Design {
     groups: Vec<Group>,
 }
 
-/// Rows with the same number of readings.
+/// Rows with the same number of readings, at rest or not.
 struct Group {
     readings: f64,
+    moving: bool,
     count: usize,
     /// `B^T B`, `B^T y` and `y^T y` of the rows.
     squares: DMatrix<f64>,
@@ -287,13 +296,14 @@ struct Group {
 impl Design {
     fn new(basis: &Basis, path: &TipPath, layout: &Layout) -> Self {
         let mut bins: Vec<_> = path.bins.iter().collect();
-        bins.sort_by(|a, b| a.rows.total_cmp(&b.rows));
-        let groups = bins.chunk_by(|a, b| a.rows == b.rows).map(|bins| {
+        bins.sort_by(|a, b| a.rows.total_cmp(&b.rows).then(a.moving.cmp(&b.moving)));
+        let groups = bins.chunk_by(|a, b| (a.rows, a.moving) == (b.rows, b.moving)).map(|bins| {
             let all: Vec<_> = bins.iter().flat_map(|bin| rows(basis, bin, layout.planes)).collect();
             let design = DMatrix::from_fn(all.len(), layout.unknowns(), |i, j| all[i].0[j]);
             let measured = DMatrix::from_fn(all.len(), layout.sides(), |i, j| all[i].1[j]);
             Group {
                 readings: bins.first().map_or(1.0, |bin| bin.rows),
+                moving: bins.first().is_some_and(|bin| bin.moving),
                 count: all.len(),
                 squares: design.transpose() * &design,
                 told: design.transpose() * &measured,
@@ -323,7 +333,7 @@ impl Evidence {
             let mut told = DMatrix::<f64>::zeros(layout.unknowns(), sides);
             let mut measured = 0.0;
             for group in &design.groups {
-                let variance = scales.variance_m2(group.readings);
+                let variance = scales.variance_m2(group.readings, group.moving);
                 squares.zip_apply(&group.squares, |sum, square| *sum += square / variance);
                 told.zip_apply(&group.told, |sum, told| *sum += told / variance);
                 measured += group.measured / variance;

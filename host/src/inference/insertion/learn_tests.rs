@@ -15,7 +15,7 @@ fn paths(noise: &mut Noise) -> Vec<TipPath> {
             .map(|i| {
                 let depth_m = 1e-3 * (7.0 * i as f64 + number as f64);
                 let tip_m = [1.0, 2.0].map(|a| 1e-3 + a * 0.04 * depth_m + 1e-4 * noise.normal());
-                Bin { depth_m, tip_m, rows: 1.0 + (i % 3) as f64, leaving: false }
+                Bin { depth_m, tip_m, rows: 1.0 + (i % 3) as f64, moving: i % 4 == 0, leaving: false }
             })
             .collect(),
         deepest_m: 0.06,
@@ -50,6 +50,7 @@ fn evidence_and_belief_are_those_of_one_dense_distribution() {
         wander_n: [0.08, 0.04],
         memory_m: 0.07,
         irregularity_m: 0.05e-3,
+        moving_m: 0.07e-3,
         reading_m: 0.1e-3,
     };
     let bases: Vec<&Basis> = candidates.bases[0].iter().collect();
@@ -65,7 +66,7 @@ fn evidence_and_belief_are_those_of_one_dense_distribution() {
             let row = map.tr_mul(&bases[number].row(0, bin.depth_m, false));
             let rest =
                 [0, 1].map(|plane| bin.tip_m[plane] - bases[number].guide2_m(plane, bin.depth_m, false));
-            all.push((number, row, scales.variance_m2(bin.rows), rest));
+            all.push((number, row, scales.variance_m2(bin.rows, bin.moving), rest));
         }
     }
     let covariance = |a: &(usize, DVector<f64>), b: &(usize, DVector<f64>)| {

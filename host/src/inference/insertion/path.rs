@@ -19,6 +19,8 @@ const BIN_M: f64 = 1e-3;
 const GUIDE2_STILL_M: f64 = 0.05e-3;
 /// Rotations that differ by less are the same.
 const ROTATION_STILL_RAD: f64 = 0.02;
+/// A recording rests where at least this share of its rows is in bins of three or more.
+const RESTING: f64 = 0.4;
 /// A bin is an outlier where it is so many times as far from its neighbours' line as usual, and this much more.
 const OUTLIER_TIMES: f64 = 6.0;
 const OUTLIER_M: f64 = 0.1e-3;
@@ -66,6 +68,8 @@ pub struct Bin {
     pub tip_m: [f64; 2],
     /// Number of rows.
     pub rows: f64,
+    /// Whether the needle was on its way: a single reading, in a recording in which it rests.
+    pub moving: bool,
     /// Whether it is taken before (0) or after (1) what happens at rest at its depth.
     pub leaving: bool,
 }
@@ -142,6 +146,11 @@ impl TipPath {
             return Err(PathError::NothingSeen { bins: bins.len(), until_mm: 1e3 * until_m });
         }
         Ok(Self { gaps_m: gaps_m(&bins), bins, rows, ..self.clone() })
+    }
+
+    /// Share of the bins in which the needle was on its way.
+    pub fn moving_share(&self) -> f64 {
+        self.bins.iter().filter(|bin| bin.moving).count() as f64 / self.bins.len() as f64
     }
 
     /// The same with other tip positions.
@@ -271,10 +280,14 @@ fn bins(rows: &[Row], done: &Insertion) -> Vec<Bin> {
             let depth_m = group.iter().map(|(_, _, row)| row.depth_m).sum::<f64>() / group.len() as f64;
             let plane = |plane: usize| median(group.iter().map(|(_, _, row)| row.tip_m[plane]).collect());
             let leaving = group.first().is_some_and(|(_, leaving, _)| *leaving);
-            Bin { depth_m, tip_m: [plane(0), plane(1)], rows: group.len() as f64, leaving }
+            Bin { depth_m, tip_m: [plane(0), plane(1)], rows: group.len() as f64, moving: false, leaving }
         })
         .collect();
     bins.sort_by(|a, b| a.depth_m.total_cmp(&b.depth_m));
+    let rests = bins.iter().filter(|bin| bin.rows >= 3.0).map(|bin| bin.rows).sum::<f64>();
+    if rests > RESTING * rows.len() as f64 {
+        bins.iter_mut().for_each(|bin| bin.moving = bin.rows < 2.0);
+    }
     without_outliers(bins, done)
 }
 
