@@ -14,13 +14,15 @@ mod belief;
 mod learn;
 mod path;
 pub mod published;
+mod scales;
 
 #[cfg(test)]
 mod tests;
 
 pub use basis::{Candidate, Candidates, Layout, Tissue};
 pub use belief::{Belief, Live, Moments};
-pub(crate) use learn::of_median;
-pub use learn::{Learned, Scales, learn};
+pub use learn::{Learned, learn};
 pub(crate) use path::median;
 pub use path::{Bin, PathError, TipPath, row_scatter_m};
+pub use scales::Scales;
+pub(crate) use scales::of_median;

@@ -2,8 +2,9 @@
 //! position (a Kalman filter over unknowns that do not change, which makes it a smoother of the tip load).
 
 use super::basis::{Basis, Candidates};
-use super::learn::{Learned, Part, Scales};
+use super::learn::{Learned, Part};
 use super::path::{Bin, TipPath};
+use super::scales::Scales;
 use nalgebra::{DMatrix, DVector};
 
 /// Candidates below this share of the weight are left out of a prediction.

@@ -5,6 +5,7 @@ use super::super::{Tissue, path::Bin};
 use super::*;
 use crate::model::{Insertion, Model, Needle, Profile, Rig};
 use crate::testing::Noise;
+use nalgebra::DVector;
 
 /// Paths with made-up tips, at depths that differ from path to path.
 fn paths(noise: &mut Noise) -> Vec<TipPath> {

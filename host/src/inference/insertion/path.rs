@@ -70,7 +70,7 @@ pub struct Bin {
     pub rows: f64,
     /// Whether the needle was on its way: a single reading, in a recording in which it rests.
     pub moving: bool,
-    /// Whether it is taken before (0) or after (1) what happens at rest at its depth.
+    /// Whether it was taken after what happened at rest at its depth, not before.
     pub leaving: bool,
 }
 

@@ -1,7 +1,7 @@
 //! Against dense normal algebra, the forward model, and what the recordings of hands contain.
 
 use super::basis::Candidates;
-use super::learn::Scales;
+use super::scales::Scales;
 use super::*;
 use crate::model::{Cutting, Experiment, Insertion, Model, Needle, Profile, Rig, TipLaw, predict};
 use crate::session::InsertionRun;
