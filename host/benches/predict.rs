@@ -67,12 +67,12 @@ fn main() {
     for bin in paths[0].bins.iter().take_while(|bin| bin.depth_m < 0.0695) {
         followed.push(bin.depth_m, bin.tip_m);
     }
+    let depths_m: Vec<f64> = (70..=140).map(|mm| 1e-3 * f64::from(mm)).collect();
     criterion.bench_function("live: one reading, then the path to 140 mm", |bencher| {
         bencher.iter(|| {
             let mut live = followed.clone();
             live.push(0.07, black_box([2e-3, 0.0]));
-            let belief = live.belief();
-            (70..=140).map(|mm| belief.tip_m(1e-3 * f64::from(mm))).collect::<Vec<_>>()
+            live.belief().tip_m(&depths_m)
         });
     });
     criterion.final_summary();

@@ -264,8 +264,8 @@ impl Grid {
         let moving_m = belief.typical(|scales| scales.moving_m) * seen.moving_share().sqrt();
         let noise_m = moving_m.hypot(reading_m * of_median(self.rows).sqrt());
         let two_planes = run.tip_x_m.is_some();
-        let tips: Vec<Vec<Moments>> = self.depth_m.iter().map(|depth_m| belief.tip_m(*depth_m)).collect();
-        let loads: Vec<Vec<Moments>> = self.depth_m.iter().map(|depth_m| belief.load_n(*depth_m)).collect();
+        let tips = belief.tip_m(&self.depth_m);
+        let loads = belief.load_n(&self.depth_m);
         let of = |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {
             list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
         };
@@ -278,7 +278,7 @@ impl Grid {
         let x = |sds: f64| (two_planes && both).then(|| tip(1, sds));
         let tip_y_mm = tip(0, 0.0);
         let tip_x_mm = x(0.0);
-        let at_end = belief.load_n(until_m);
+        let at_end = belief.load_n(&[until_m]).swap_remove(0);
         let (mae_mm, last_error_mm) = self.errors(&tip_y_mm, tip_x_mm.as_deref());
         InsertionResult {
             id: run.id.clone(),

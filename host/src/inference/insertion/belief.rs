@@ -79,36 +79,36 @@ impl<'c> Belief<'c> {
         path.bins.iter().for_each(|bin| self.update(bin));
     }
 
-    /// Tip position at a depth, per plane; the scatter of single depths about a smooth path is part of it, the noise of a reading
+    /// Tip position at each depth, per plane; the scatter of single depths about a smooth path is part of it, the noise of a reading
     /// is not. m.
-    pub fn tip_m(&self, depth_m: f64) -> Vec<Moments> {
-        let planes = self.candidates.layout.planes;
-        self.moments(planes, |basis, scales, plane| {
-            let block = plane.min(basis.blocks() - 1);
-            (
-                basis.row(block, depth_m, false),
-                basis.guide2_m(plane, depth_m, false),
-                scales.irregularity_m.powi(2),
-            )
+    pub fn tip_m(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
+        self.moments(depths_m.len(), |basis, block| {
+            let rows: Vec<_> =
+                depths_m.iter().map(|depth_m| basis.row(block, *depth_m, false).transpose()).collect();
+            DMatrix::from_rows(&rows)
         })
+        .of_tips(depths_m)
     }
 
-    /// Tip load at a depth in the needle's own frame, per plane, N.
-    pub fn load_n(&self, depth_m: f64) -> Vec<Moments> {
-        let rows = self.candidates.layout.load_rows(depth_m);
-        self.moments(self.candidates.layout.planes, |_, _, plane| {
-            (rows[plane.min(rows.len() - 1)].clone(), 0.0, 0.0)
-        })
+    /// Tip load at each depth in the needle's own frame, per plane, N.
+    pub fn load_n(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
+        let rows = |block: usize| {
+            let at = |depth_m: &f64| self.candidates.layout.load_rows(*depth_m)[block].transpose();
+            DMatrix::from_rows(&depths_m.iter().map(at).collect::<Vec<_>>())
+        };
+        let rows: Vec<_> = (0..self.blocks()).map(rows).collect();
+        self.moments(depths_m.len(), |_, block| rows[block].clone()).of_unknowns()
     }
 
     /// Angle of entry per plane, rad.
     pub fn entry_angle_rad(&self) -> Vec<Moments> {
         let layout = &self.candidates.layout;
-        self.moments(layout.planes, |_, _, plane| {
-            let mut row = DVector::zeros(layout.unknowns());
-            row[1 + if layout.coupled { plane * layout.of_plane() } else { 0 }] = 1.0;
-            (row, 0.0, 0.0)
-        })
+        let angle = |block: usize| {
+            let mut row = DMatrix::zeros(1, layout.unknowns());
+            row[(0, 1 + block * layout.of_plane())] = 1.0;
+            row
+        };
+        self.moments(1, |_, block| angle(block)).of_unknowns().swap_remove(0)
     }
 
     /// Factor on the modulus, and gap in m: means and standard deviations of their logarithms.
@@ -164,30 +164,87 @@ impl<'c> Belief<'c> {
         shares
     }
 
-    /// Moments of a linear function of the unknowns over all candidates, per plane: row, constant, variance beside.
-    fn moments(
-        &self,
-        planes: usize,
-        function: impl Fn(&Basis, &Scales, usize) -> (DVector<f64>, f64, f64),
-    ) -> Vec<Moments> {
-        let shares = self.shares();
-        let of_plane = |plane: usize| {
-            let (mut mean, mut square) = (0.0, 0.0);
-            for (part, share) in &shares {
-                let Part { candidate, scales, normal, .. } = &self.parts[*part];
-                let (scales, map) = &self.scales[*scales];
+    /// Blocks of rows: one for both planes, or one per plane where they are coupled.
+    fn blocks(&self) -> usize {
+        if self.candidates.layout.coupled { 2 } else { 1 }
+    }
+
+    /// Linear functions of the unknowns, `count` of them per block, in every part that counts.
+    fn moments(&self, count: usize, rows: impl Fn(&Basis, usize) -> DMatrix<f64>) -> Spread<'_, '_> {
+        let layout = &self.candidates.layout;
+        // Parts with the same candidate have the same rows.
+        let mut of_candidate: Vec<Vec<DMatrix<f64>>> = vec![Vec::new(); self.candidates.list.len()];
+        let parts = self.shares().into_iter().map(|(part, share)| {
+            let Part { candidate, scales, normal, .. } = &self.parts[part];
+            let known = &mut of_candidate[*candidate];
+            if known.is_empty() {
                 let basis = &self.candidates.bases[*candidate][self.path];
-                let (row, constant, beside) = function(basis, scales, plane);
-                let row = map.tr_mul(&row);
-                let side = if self.candidates.layout.coupled { 0 } else { plane };
-                let value = row.dot(&normal.mean.column(side)) + constant;
-                let variance = row.dot(&(&normal.covariance * &row)) + beside;
-                mean += share * value;
-                square += share * (value * value + variance);
+                known.extend((0..self.blocks()).map(|block| rows(basis, block)));
+            }
+            let of_block = |rows: &DMatrix<f64>| {
+                let rows = rows * &self.scales[*scales].1;
+                let spread = &rows * &normal.covariance;
+                let variances = (0..count).map(|i| rows.row(i).dot(&spread.row(i))).collect::<Vec<f64>>();
+                (&rows * &normal.mean, variances)
+            };
+            let blocks: Vec<_> = known.iter().map(of_block).collect();
+            let planes = (0..layout.planes).map(|plane| {
+                let (means, variances) = &blocks[plane.min(blocks.len() - 1)];
+                let side = if layout.coupled { 0 } else { plane };
+                (0..count).map(|i| (means[(i, side)], variances[i])).collect()
+            });
+            OfPart { part, share, planes: planes.collect() }
+        });
+        Spread { belief: self, parts: parts.collect() }
+    }
+}
+
+/// Values and variances in every part that counts.
+struct Spread<'b, 'c> {
+    belief: &'b Belief<'c>,
+    parts: Vec<OfPart>,
+}
+
+/// Value and variance of every function in one part.
+struct OfPart {
+    /// Number among the parts of the belief.
+    part: usize,
+    share: f64,
+    /// Per plane, per function.
+    planes: Vec<Vec<(f64, f64)>>,
+}
+
+impl Spread<'_, '_> {
+    /// Moments over the parts, per function and plane; `beside` adds to value and variance.
+    fn mixed(&self, beside: impl Fn(&Part, usize, usize) -> (f64, f64)) -> Vec<Vec<Moments>> {
+        let count = self.parts.first().and_then(|one| one.planes.first()).map_or(0, Vec::len);
+        let of = |i: usize, plane: usize| {
+            let (mut mean, mut square) = (0.0, 0.0);
+            for OfPart { part, share, planes } in &self.parts {
+                let (value, variance) = planes[plane][i];
+                let (more, more_variance) = beside(&self.belief.parts[*part], plane, i);
+                mean += share * (value + more);
+                square += share * ((value + more).powi(2) + variance + more_variance);
             }
             Moments { mean, sd: (square - mean * mean).max(0.0).sqrt() }
         };
-        (0..planes).map(of_plane).collect()
+        let planes = self.belief.candidates.layout.planes;
+        (0..count).map(|i| (0..planes).map(|plane| of(i, plane)).collect()).collect()
+    }
+
+    /// Of unknowns.
+    fn of_unknowns(&self) -> Vec<Vec<Moments>> {
+        self.mixed(|_, _, _| (0.0, 0.0))
+    }
+
+    /// Of tips: what guide 2 does is added, and the irregularity.
+    fn of_tips(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
+        let Belief { candidates, scales, path, .. } = self.belief;
+        self.mixed(|part, plane, i| {
+            let basis = &candidates.bases[part.candidate][*path];
+            let irregularity_m = scales[part.scales].0.irregularity_m;
+            (basis.guide2_m(plane, depths_m[i], false), irregularity_m.powi(2))
+        })
     }
 }
 

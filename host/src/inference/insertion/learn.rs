@@ -104,7 +104,7 @@ const MOST_STEPS: u64 = 40;
 /// Parts further behind than this (natural logarithm) before an insertion begins are given up.
 const LEAST_LN_WEIGHT: f64 = 6.0;
 /// Draws of scales and candidate, in pairs on both sides of the likeliest scales.
-const PAIRS: usize = 128;
+const PAIRS: usize = 64;
 /// The draws are always the same.
 const SEED: u64 = 20;
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_8;

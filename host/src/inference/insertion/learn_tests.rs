@@ -102,7 +102,7 @@ fn evidence_and_belief_are_those_of_one_dense_distribution() {
     let across = DVector::from_fn(rows.len(), |i, _| covariance(&rows[i], &target));
     let everything = dense(rows.len());
     let solved = everything.solve(&across);
-    for (plane, found) in belief.tip_m(0.06).into_iter().enumerate() {
+    for (plane, found) in belief.tip_m(&[0.06]).swap_remove(0).into_iter().enumerate() {
         let mean_m = solved.dot(&measured(rows.len(), plane)) + bases[2].guide2_m(plane, 0.06, false);
         let variance = covariance(&target, &target) - across.dot(&solved) + scales.irregularity_m.powi(2);
         assert!((found.mean - mean_m).abs() < 1e-9, "{} is not {mean_m}", found.mean);

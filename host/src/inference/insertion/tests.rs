@@ -157,7 +157,7 @@ fn live_and_recorded_agree() {
     recorded.update_all(&paths[0]);
     let mut live = Live::new(Belief::new(&candidates, 0, &learned));
     rows.iter().for_each(|row| live.push(1e-3 * row[0], [1e-3 * row[1], 1e-3 * row[2]]));
-    for (a, b) in recorded.tip_m(0.1).iter().zip(live.belief().tip_m(0.1)) {
+    for (a, b) in recorded.tip_m(&[0.1])[0].iter().zip(&live.belief().tip_m(&[0.1])[0]) {
         assert!((a.mean - b.mean).abs() < 1e-9 && (a.sd - b.sd).abs() < 1e-9);
     }
 }
