@@ -12,6 +12,7 @@ use crate::identify::{self, identify};
 use crate::inference::insertion::baselines::Baseline;
 use crate::inference::insertion::published::published;
 use crate::inference::insertion::{Belief, Candidates, PathError, TipPath, Tissue, learn, row_scatter_m};
+use crate::model::effects::Effect;
 use crate::model::{Foundation, Layer, Model, ModelError};
 use crate::session::{InsertionRun, Session};
 use results::Grid;
@@ -30,6 +31,8 @@ pub struct Options {
     pub modulus_pa: Option<[f64; 2]>,
     /// Take two layers from the lateral runs.
     pub layers: bool,
+    /// Effects with the values of their parameters.
+    pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     /// Depth from which the published method averages the tip load.
     pub published_from_m: f64,
 }
@@ -42,6 +45,7 @@ impl Default for Options {
             learn: true,
             modulus_pa: None,
             layers: false,
+            effects: Vec::new(),
             published_from_m: 0.03,
         }
     }
@@ -123,6 +127,7 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
     let with = |foundation: Foundation, sd_ln: f64| {
         let mut model = Model::uniform(session.rig.clone(), 0.0)?;
         model.foundation = foundation;
+        model.effects = options.effects.clone();
         Ok(Tissue { model, modulus_sd_ln: sd_ln, gap_m, gap_sd_ln: GAP_SD_LN })
     };
     if let Some([modulus_pa, sd_pa]) = options.modulus_pa {

@@ -145,6 +145,13 @@ fn insertions_are_predicted() {
     assert!(failure(&["predict", dir, "--until", "nan"]).contains("--until: NaN, expected 5 to 500 mm"));
     assert!(failure(&["predict", dir, "--k-kpa", "0", "1"]).contains("--k-kpa"));
     assert_eq!(guide(&["predict", dir, "--until", "deep"]).status.code(), Some(2));
+    let graded = json(&["predict", dir, "--until", "60", "--effect", "tissue.gradient=0.02", "--json"]);
+    assert_ne!(graded["insertions"][0]["tip_y_mm"], found["insertions"][0]["tip_y_mm"]);
+    for wrong in
+        ["tissue.gradient", "tissue.gradient=a", "tissue.layers=2", "tissue.fog=1", "tissue.gradient=99"]
+    {
+        assert_eq!(guide(&["predict", dir, "--effect", wrong]).status.code(), Some(2), "{wrong}");
+    }
     fs::write(folder.path().join("i2.csv"), "depth_mm,tip_y_mm\n0,0\n1,oops\n").expect("writes");
     assert!(failure(&["predict", dir]).contains("i2.csv:3:3: tip_y_mm: \"oops\" is not a number"));
 }

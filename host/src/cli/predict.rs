@@ -3,6 +3,7 @@
 use super::output::{Output, figures_file};
 use anyhow::{Context, ensure};
 use host::figures;
+use host::model::effects::{EFFECTS, Effect, effect};
 use host::predict::{InsertionResult, Options, Prediction, predict};
 use host::session::Session;
 use std::fmt::{self, Display};
@@ -29,6 +30,9 @@ pub struct Args {
     /// Take two layers from the lateral runs
     #[arg(long)]
     layers: bool,
+    /// Take an effect into the model, with the values of its parameters: may be given more than once
+    #[arg(long, value_name = "EFFECT=VALUE[,VALUE]", value_parser = effect_values)]
+    effect: Vec<(&'static dyn Effect, Vec<f64>)>,
     /// Predict each insertion by itself, without learning from the others of the session
     #[arg(long)]
     alone: bool,
@@ -38,6 +42,27 @@ pub struct Args {
     /// Draw each insertion (path with band, tip load) as an SVG file into this folder
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
+}
+
+/// `tissue.gradient=0.01`: as many values as the effect has parameters, each in its range.
+fn effect_values(text: &str) -> Result<(&'static dyn Effect, Vec<f64>), String> {
+    let (id, values) = text.split_once('=').ok_or("expected EFFECT=VALUE[,VALUE]")?;
+    let ids = || EFFECTS.map(Effect::id).join(", ");
+    let effect = effect(id).ok_or_else(|| format!("no such effect, expected one of {}", ids()))?;
+    let values: Result<Vec<f64>, _> = values.split(',').map(|value| value.trim().parse()).collect();
+    let values = values.map_err(|_| "expected numbers after =")?;
+    let expected = effect.parameters();
+    let names = || expected.iter().map(|parameter| parameter.name).collect::<Vec<_>>().join(", ");
+    if values.len() != expected.len() {
+        return Err(format!("expected {} values: {}", expected.len(), names()));
+    }
+    for (value, parameter) in values.iter().zip(expected) {
+        let [least, most] = parameter.range;
+        if !(least..=most).contains(value) {
+            return Err(format!("{}: {value}, expected {least} to {most}", parameter.name));
+        }
+    }
+    Ok((effect, values))
 }
 
 /// Runs the sub-command.
@@ -67,6 +92,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         learn: !args.alone,
         modulus_pa,
         layers: args.layers,
+        effects: args.effect.clone(),
         ..Options::default()
     };
     let result =

@@ -50,7 +50,8 @@ pub trait Effect: Debug + Sync {
 }
 
 /// Every effect there is.
-pub static EFFECTS: [&dyn Effect; 4] = [&TissueLayers, &ClampCompliance, &ShapeOffset, &DepthShift];
+pub static EFFECTS: [&dyn Effect; 5] =
+    [&TissueLayers, &TissueGradient, &ClampCompliance, &ShapeOffset, &DepthShift];
 
 /// The effect of an id.
 pub fn effect(id: &str) -> Option<&'static dyn Effect> {
@@ -86,10 +87,36 @@ impl Effect for TissueLayers {
         }
         let bottom_m = boundary_mm * MM;
         let mut layers = problem.foundation.layers_above(bottom_m);
-        let above_pa = problem.foundation.modulus_pa(bottom_m * (1.0 - 1e-12));
+        let above_pa = problem.foundation.layer_pa(bottom_m * (1.0 - 1e-12));
         layers.push(Layer { bottom_m, modulus_pa: above_pa });
-        let below_pa = ratio * problem.foundation.modulus_pa(bottom_m);
-        problem.foundation = Foundation::layered(layers, below_pa)?;
+        let below_pa = ratio * problem.foundation.layer_pa(bottom_m);
+        let gradient_per_m = problem.foundation.gradient_per_m();
+        problem.foundation = Foundation::layered(layers, below_pa)?.graded(gradient_per_m)?;
+        Ok(())
+    }
+}
+
+/// `tissue.gradient`.
+#[derive(Debug)]
+struct TissueGradient;
+
+impl Effect for TissueGradient {
+    fn id(&self) -> &'static str {
+        "tissue.gradient"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the modulus grows in proportion to depth: K(s) = K (1 + gradient s)"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        &[ParameterInfo { name: "gradient_per_mm", neutral: 0.0, range: [-0.1, 1.0], prior_sd: 0.01 }]
+    }
+
+    fn beam(&self, values: &[f64], problem: &mut BeamProblem) -> Result<(), ModelError> {
+        let more_per_m = values.first().copied().unwrap_or_default() / MM;
+        let gradient_per_m = problem.foundation.gradient_per_m() + more_per_m;
+        problem.foundation = problem.foundation.clone().graded(gradient_per_m)?;
         Ok(())
     }
 }
@@ -228,5 +255,6 @@ mod tests {
         // A boundary below the tip is none.
         assert_eq!(with("tissue.layers", &[3.0, 40.0]).force_n, plain.force_n);
         assert!(with("tissue.layers", &[3.0, 10.0]).force_n.y[0] > 1.02 * plain.force_n.y[0]);
+        assert!(with("tissue.gradient", &[0.02]).force_n.y[0] > 1.02 * plain.force_n.y[0]);
     }
 }

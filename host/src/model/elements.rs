@@ -84,11 +84,9 @@ impl Elements {
         check("element_m", element_m, "a hundred-thousandth of the needle or more", count <= MOST_ELEMENTS)?;
         let mut nodes_m = vec![0.0];
         let mut faces_m = vec![problem.guide2_m, problem.entry_m];
-        let mut face_m = problem.entry_m;
-        for (thickness_m, _) in problem.foundation.parts(problem.depth_m) {
-            face_m += thickness_m.max(0.0);
-            faces_m.push(face_m);
-        }
+        let inside = problem.foundation.faces_m().map(|face_m| problem.entry_m + face_m);
+        faces_m.extend(inside.filter(|face_m| *face_m < length_m));
+        faces_m.push(length_m);
         let mut guide2 = 0;
         let mut start_m = 0.0;
         for (index, end_m) in faces_m.into_iter().enumerate() {

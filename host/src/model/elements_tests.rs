@@ -153,3 +153,17 @@ fn springs_that_let_go_are_an_error_or_an_answer_but_no_panic() {
     assert!(elements.solve(&wild, STRAIGHT, Guide2::Force(1.0), 0.0).is_err());
     assert!(Elements::new(&problem, 0.0).is_err());
 }
+
+/// Slices of the exact beam against elements that integrate the growing modulus.
+#[test]
+fn a_modulus_that_grows_with_depth_is_solved_alike() {
+    let layers = vec![Layer { bottom_m: 0.012, modulus_pa: 8e3 }];
+    let foundation = Foundation::layered(layers, 14e3).expect("layers").graded(25.0).expect("a gradient");
+    assert!((foundation.modulus_pa(0.02) / (14e3 * 1.5) - 1.0).abs() < 1e-12);
+    let graded = problem(0.06, 0.07, 0.04, foundation);
+    let beam = graded.solve().expect("solves");
+    let deformed = solve(&graded, Guide2::Force(1.0), 0.0);
+    for z_m in [0.06, 0.075, 0.09, 0.11] {
+        assert_close(deformed.deflection_m(z_m), beam.guide2_force().deflection_m(z_m), 2e-5);
+    }
+}

@@ -11,12 +11,19 @@ pub struct Layer {
     pub modulus_pa: f64,
 }
 
-/// Foundation modulus against depth: layers from the surface down; the last one reaches as deep as the needle does.
+/// Foundation modulus against depth: layers from the surface down, the last one as deep as the needle reaches; and a gradient
+/// over all of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Foundation {
     upper: Vec<Layer>,
     deepest_pa: f64,
+    /// Relative growth of the modulus with depth: every modulus is times `1 + gradient depth`.
+    gradient_per_m: f64,
 }
+
+/// Where the modulus grows with depth it is taken as constant over slices of this thickness: an error of the order of
+/// `gradient^2 SLICE^2 / 24`.
+const SLICE_M: f64 = 0.5e-3;
 
 impl Foundation {
     /// The same modulus everywhere.
@@ -39,19 +46,48 @@ impl Foundation {
             top_m = layer.bottom_m;
         }
         check("modulus_pa", deepest_pa, "0 or more", deepest_pa >= 0.0)?;
-        Ok(Self { upper, deepest_pa })
+        Ok(Self { upper, deepest_pa, gradient_per_m: 0.0 })
+    }
+
+    /// The same tissue with a modulus that grows by `gradient_per_m` of its value at the surface per metre of depth, and is 0 where
+    /// it would be negative.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the gradient is not finite.
+    pub fn graded(self, gradient_per_m: f64) -> Result<Self, ModelError> {
+        check("gradient_per_m", gradient_per_m, "a finite number", true)?;
+        Ok(Self { gradient_per_m, ..self })
+    }
+
+    /// The gradient over all layers.
+    pub fn gradient_per_m(&self) -> f64 {
+        self.gradient_per_m
     }
 
     /// The parts of the foundation between the surface and `depth_m`: thickness and modulus, from the surface down.
     pub(super) fn parts(&self, depth_m: f64) -> impl Iterator<Item = (f64, f64)> {
         let mut top_m = 0.0;
         let deepest = Layer { bottom_m: f64::INFINITY, modulus_pa: self.deepest_pa };
-        self.upper.iter().copied().chain([deepest]).map(move |layer| {
-            let bottom_m = layer.bottom_m.min(depth_m);
-            let thickness_m = bottom_m - top_m;
-            top_m = bottom_m;
-            (thickness_m, layer.modulus_pa)
+        self.upper.iter().copied().chain([deepest]).flat_map(move |layer| {
+            let start_m = top_m;
+            let thickness_m = layer.bottom_m.min(depth_m) - start_m;
+            top_m = start_m + thickness_m;
+            let slices =
+                if self.gradient_per_m == 0.0 { 1.0 } else { (thickness_m / SLICE_M).ceil().max(1.0) };
+            let slice_m = thickness_m / slices;
+            (0..slices as usize)
+                .map(move |i| (slice_m, layer.modulus_pa * self.growth(start_m + (i as f64 + 0.5) * slice_m)))
         })
+    }
+
+    /// Depths at which the modulus jumps.
+    pub(super) fn faces_m(&self) -> impl Iterator<Item = f64> {
+        self.upper.iter().map(|layer| layer.bottom_m)
+    }
+
+    /// What the gradient makes of a modulus at a depth.
+    fn growth(&self, depth_m: f64) -> f64 {
+        if self.gradient_per_m == 0.0 { 1.0 } else { (1.0 + self.gradient_per_m * depth_m).max(0.0) }
     }
 
     /// The layers that end above a depth.
@@ -66,11 +102,17 @@ impl Foundation {
     pub fn scaled(&self, factor: f64) -> Result<Self, ModelError> {
         check("modulus factor", factor, "0 or more", factor >= 0.0)?;
         let scaled = |layer: &Layer| Layer { modulus_pa: factor * layer.modulus_pa, ..*layer };
-        Ok(Self { upper: self.upper.iter().map(scaled).collect(), deepest_pa: factor * self.deepest_pa })
+        let upper = self.upper.iter().map(scaled).collect();
+        Ok(Self { upper, deepest_pa: factor * self.deepest_pa, gradient_per_m: self.gradient_per_m })
     }
 
     /// Foundation modulus at a depth below the surface.
     pub fn modulus_pa(&self, depth_m: f64) -> f64 {
+        self.layer_pa(depth_m) * self.growth(depth_m)
+    }
+
+    /// Modulus of the layer at a depth, without the gradient.
+    pub(super) fn layer_pa(&self, depth_m: f64) -> f64 {
         self.upper
             .iter()
             .find(|layer| depth_m < layer.bottom_m)

@@ -215,18 +215,9 @@ struct GrowingBeam<'p> {
 
 impl<'p> GrowingBeam<'p> {
     fn new(problem: &'p BeamProblem, grip: Guide2Grip) -> Self {
-        let mut face_m = 0.0;
-        let parts = problem.foundation.parts(f64::INFINITY);
-        let faces_m = parts
-            .map(|(thickness_m, _)| {
-                face_m += thickness_m;
-                face_m
-            })
-            .filter(|face_m| face_m.is_finite())
-            .collect();
         let mut beam = Self {
             problem,
-            faces_m,
+            faces_m: problem.foundation.faces_m().collect(),
             length_m: 0.0,
             stiffness: Banded::new(2),
             factor: Banded::new(0),

@@ -12,6 +12,7 @@ const UNTIL_50: Options = Options {
     learn: true,
     modulus_pa: None,
     layers: false,
+    effects: Vec::new(),
     published_from_m: 0.03,
 };
 
