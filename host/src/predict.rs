@@ -189,6 +189,9 @@ impl Workflow<'_> {
         let learned = learn(self.candidates, &known, &earlier, number, reading_m);
         let mut belief = Belief::new(self.candidates, number, &learned);
         belief.update_all(&seen);
+        if !belief.is_sound() {
+            return Err(PathError::Unexplained);
+        }
 
         let last_m = to_m.unwrap_or(path.deepest_m).max(0.0);
         let grid = Grid::new(run, last_m, until_m);
@@ -204,7 +207,10 @@ impl Workflow<'_> {
         let offset_m = surface_m(&seen);
         let reach_m = last_m.max(until_m);
         let carried = published(&self.tissue.model, &seen, offset_m, [from_m, until_m, reach_m])?;
-        compare.push(CompareResult::new("published", &grid, carried.tip_m));
+        compare.push(CompareResult {
+            tip_force_n: Some(carried.load_n),
+            ..CompareResult::new("published", &grid, carried.tip_m)
+        });
 
         let mut result = grid.result(run, &seen, &belief, shown_m.min(reading_m));
         result.learned = Some(LearnedResult::new(&belief, self.tissue, &others, reading_m));

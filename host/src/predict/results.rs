@@ -149,6 +149,8 @@ impl LearnedResult {
 pub struct CompareResult {
     /// `quadratic`, `cubic`, `bicycle`, `mean-of-others` or `published`.
     pub method: &'static str,
+    /// Its tip load, vertical and horizontal, where it has one.
+    pub tip_force_n: Option<Vec<f64>>,
     /// As in [`InsertionResult::mae_mm`].
     pub mae_mm: Option<f64>,
     /// As in [`InsertionResult::last_error_mm`].
@@ -168,7 +170,7 @@ impl CompareResult {
         let tip_y_mm = planes.next().unwrap_or_default();
         let tip_x_mm = planes.next();
         let (mae_mm, last_error_mm) = grid.errors(&tip_y_mm, tip_x_mm.as_deref());
-        Self { method, mae_mm, last_error_mm, tip_y_mm, tip_x_mm }
+        Self { method, tip_force_n: None, mae_mm, last_error_mm, tip_y_mm, tip_x_mm }
     }
 }
 

@@ -4,6 +4,7 @@ use super::study::{METHODS, STEPS_PER_MM, insertion_session, study, truth};
 use super::*;
 use crate::model::Rig;
 use crate::testing::Noise;
+use proptest::prelude::*;
 use std::f64::consts::PI;
 
 const UNTIL_50: Options = Options {
@@ -143,4 +144,54 @@ fn the_study_holds_on_a_few_sessions() {
     let held: Vec<f64> = cells.iter().filter_map(|cell| cell.coverage).collect();
     let held = held.iter().sum::<f64>() / held.len() as f64;
     assert!((0.88..=1.0).contains(&held), "{held}");
+}
+
+/// Columns of a recording as the reader lets them pass: any depth, tip, rotation and guide position in range.
+fn columns() -> impl Strategy<Value = Vec<[f64; 5]>> {
+    let near = |most: f64| prop_oneof![3 => -0.1 * most..most, 1 => -most..most, 1 => Just(0.0)];
+    let row = (near(0.1), near(0.01), near(0.2), prop_oneof![Just(0.0), Just(PI), -1e5..1e5], near(0.05));
+    let advancing = (0usize..60).prop_flat_map(move |rows| proptest::collection::vec(row.clone(), rows));
+    (advancing, any::<bool>()).prop_map(|(rows, sorted)| {
+        let mut rows: Vec<[f64; 5]> =
+            rows.into_iter().map(|(d, y, x, turn, guide)| [d, y, x, turn, guide]).collect();
+        if sorted {
+            rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        }
+        rows
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Whatever is recorded: a prediction of finite numbers, or a reason.
+    #[test]
+    fn any_recording_is_predicted_or_refused(
+        first in columns(), second in columns(), planes in 0u8..4, until_m in 0.005f64..0.15, learn in any::<bool>(),
+    ) {
+        let run = |(number, rows): (usize, Vec<[f64; 5]>)| {
+            let column = |i: usize| rows.iter().map(|row| row[i]).collect::<Vec<f64>>();
+            crate::session::InsertionRun {
+                id: format!("i{number}"),
+                path: "i.csv".into(),
+                depth_m: column(0),
+                tip_y_m: column(1),
+                tip_x_m: (planes & 1 == 1).then(|| column(2)),
+                time_s: None,
+                rotation_rad: (planes & 2 == 2).then(|| column(3)),
+                guide2_y_m: Some(column(4)),
+                guide2_x_m: None,
+                base_force_y_n: None,
+            }
+        };
+        let mut session = insertion_session(rig(), None, Vec::new());
+        session.insertion = [first, second].into_iter().enumerate().map(run).collect();
+        let options = Options { until_m, learn, modulus_pa: Some([1e4, 1e3]), ..UNTIL_50 };
+        if let Ok(found) = predict(&session, &options) {
+            for one in found.insertions.iter().filter(|one| one.error.is_none()) {
+                let numbers = one.tip_y_mm.iter().chain(&one.lo95_y_mm).chain(&one.hi95_y_mm).chain(&one.tip_force_n);
+                prop_assert!(numbers.into_iter().all(|number| number.is_finite()));
+            }
+        }
+    }
 }

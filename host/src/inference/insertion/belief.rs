@@ -79,6 +79,11 @@ impl<'c> Belief<'c> {
         path.bins.iter().for_each(|bin| self.update(bin));
     }
 
+    /// Whether any part explains what was taken in with a likelihood that is a number.
+    pub fn is_sound(&self) -> bool {
+        self.parts.iter().any(|part| part.ln_weight.is_finite())
+    }
+
     /// Tip position at each depth, per plane; the scatter of single depths about a smooth path is part of it, the noise of a reading
     /// is not. m.
     pub fn tip_m(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
@@ -154,9 +159,9 @@ impl<'c> Belief<'c> {
 
     /// Number and weight of the parts that count; the weights sum to 1.
     fn shares(&self) -> Vec<(usize, f64)> {
-        let most = self.parts.iter().map(|part| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
-        let mut shares: Vec<_> =
-            self.parts.iter().enumerate().map(|(i, part)| (i, (part.ln_weight - most).exp())).collect();
+        let finite = self.parts.iter().enumerate().filter(|(_, part)| part.ln_weight.is_finite());
+        let most = finite.clone().map(|(_, part)| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
+        let mut shares: Vec<_> = finite.map(|(i, part)| (i, (part.ln_weight - most).exp())).collect();
         let total: f64 = shares.iter().map(|(_, share)| share).sum();
         shares.retain(|(_, share)| *share > LEAST_WEIGHT * total);
         let total: f64 = shares.iter().map(|(_, share)| share).sum();
@@ -195,13 +200,14 @@ impl<'c> Belief<'c> {
             });
             OfPart { part, share, planes: planes.collect() }
         });
-        Spread { belief: self, parts: parts.collect() }
+        Spread { belief: self, count, parts: parts.collect() }
     }
 }
 
 /// Values and variances in every part that counts.
 struct Spread<'b, 'c> {
     belief: &'b Belief<'c>,
+    count: usize,
     parts: Vec<OfPart>,
 }
 
@@ -217,7 +223,6 @@ struct OfPart {
 impl Spread<'_, '_> {
     /// Moments over the parts, per function and plane; `beside` adds to value and variance.
     fn mixed(&self, beside: impl Fn(&Part, usize, usize) -> (f64, f64)) -> Vec<Vec<Moments>> {
-        let count = self.parts.first().and_then(|one| one.planes.first()).map_or(0, Vec::len);
         let of = |i: usize, plane: usize| {
             let (mut mean, mut square) = (0.0, 0.0);
             for OfPart { part, share, planes } in &self.parts {
@@ -229,7 +234,7 @@ impl Spread<'_, '_> {
             Moments { mean, sd: (square - mean * mean).max(0.0).sqrt() }
         };
         let planes = self.belief.candidates.layout.planes;
-        (0..count).map(|i| (0..planes).map(|plane| of(i, plane)).collect()).collect()
+        (0..self.count).map(|i| (0..planes).map(|plane| of(i, plane)).collect()).collect()
     }
 
     /// Of unknowns.

@@ -54,6 +54,9 @@ pub enum PathError {
         /// Where the identification ends.
         until_mm: f64,
     },
+    /// Nothing explains it.
+    #[error("tip_y_mm: no tip load explains this path, expected that of a needle")]
+    Unexplained,
     /// What was done cannot be modelled.
     #[error(transparent)]
     Model(#[from] ModelError),
