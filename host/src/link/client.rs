@@ -6,8 +6,8 @@
 use super::error::LinkError;
 use super::wire::{LinkLosses, Received, Wire};
 use protocol::{
-    Command, Envelope, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample, Samples, State, Status,
-    encode_command,
+    Command, Envelope, EventKind, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample, Samples, State,
+    Status, encode_command,
 };
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -132,8 +132,20 @@ impl Client {
     /// # Errors
     /// As [`Self::request`].
     pub fn status(&mut self) -> Result<Status, LinkError> {
+        for _ in 0..TRIES {
+            // The status and the answer to its request are two frames; where only the first is lost, it is asked for anew.
+            if let Some(status) = self.ask(Request::Status)? {
+                return Ok(status);
+            }
+        }
         let port = self.wire.name().to_owned();
-        self.ask(Request::Status)?.ok_or(LinkError::Unanswered { port, command: "status", tries: TRIES })
+        Err(LinkError::Unanswered { port, command: "status", tries: TRIES })
+    }
+
+    /// Forgets ends of programs that have been heard and not been taken yet: before a program is accepted they are those of others.
+    pub(super) fn forget_ends(&mut self) {
+        let is_end = |telemetry: &Telemetry| matches!(telemetry, Telemetry::Event(event) if matches!(event.kind, EventKind::ProgramEnded { .. }));
+        self.inbox.retain(|telemetry| !is_end(telemetry));
     }
 
     /// What the device says next on its own; `None` where it says nothing in time.

@@ -52,6 +52,10 @@ pub struct Script {
     pub mute: bool,
     /// Number of answers (after the hello's) that get lost.
     pub lost_answers: usize,
+    /// Number of statuses that get lost, while their answers arrive.
+    pub lost_statuses: usize,
+    /// Says late, when a program is loaded, that the one before was stopped.
+    pub late_end: bool,
     /// Refuses every command but the hello.
     pub refusal: Option<Refusal>,
     /// What running a program does.
@@ -65,6 +69,8 @@ impl Default for Script {
             schema_hash: protocol::schema_hash(),
             mute: false,
             lost_answers: 0,
+            lost_statuses: 0,
+            late_end: false,
             refusal: None,
             program: vec![Act::Batch(32), Act::Complete],
         }
@@ -178,7 +184,15 @@ impl Device {
             }
             Request::Status => {
                 let status = self.status();
-                self.send(far, Message::Status(status));
+                if self.script.lost_statuses > 0 {
+                    self.script.lost_statuses -= 1;
+                    self.sequence += 1;
+                } else {
+                    self.send(far, Message::Status(status));
+                }
+            }
+            Request::LoadStep { .. } if self.script.late_end => {
+                self.event(far, EventKind::ProgramEnded { outcome: Outcome::Stopped });
             }
             _ => {}
         }

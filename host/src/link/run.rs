@@ -63,7 +63,14 @@ fn start(client: &mut Client, program: &Program, options: RunOptions) -> Result<
     }
     client.request(Request::Stream { enable: options.stream })?;
     let start_us = options.start_us.unwrap_or(0);
-    client.request(Request::Run { steps: steps.len() as u8, crc: protocol::program_crc(&steps), start_us })
+    client.request(Request::Run {
+        steps: steps.len() as u8,
+        crc: protocol::program_crc(&steps),
+        start_us,
+    })?;
+    // The end of this one, should it be among them because the acceptance came late, is found by asking.
+    client.forget_ends();
+    Ok(())
 }
 
 fn follow<E: From<LinkError>>(

@@ -110,6 +110,22 @@ fn a_device_that_never_answers_a_command_is_given_up() {
 }
 
 #[test]
+fn a_lost_status_is_asked_for_again() {
+    let device = FakeDevice::start(Script { lost_statuses: 2, ..Script::default() });
+    let mut client = Client::connect(&device.port).expect("connects");
+    assert_eq!(client.status().expect("the third arrives").position_counts, [1, 2]);
+}
+
+#[test]
+fn the_end_of_an_earlier_program_is_not_that_of_this_one() {
+    let device = FakeDevice::start(Script { late_end: true, ..Script::default() });
+    let mut client = Client::connect(&device.port).expect("connects");
+    let (batches, ended) = run_program(&mut client);
+    ended.expect("completes");
+    assert_eq!(account(&batches), (32, vec![0]));
+}
+
+#[test]
 fn a_refusal_is_typed_and_explained() {
     let device = FakeDevice::start(Script { refusal: Some(Refusal::OutOfTravel), ..Script::default() });
     let mut client = Client::connect(&device.port).expect("connects");
