@@ -118,20 +118,18 @@ impl SweepTask {
         let (sender, receiver) = mpsc::channel();
         let command = command.to_owned();
         std::thread::spawn(move || {
+            // Both pipes are emptied: a command that says a lot must not wait for its reader.
+            let said = child.stderr.take().map(|stderr| std::thread::spawn(move || tail(stderr)));
             let mut text = String::new();
             let read = child.stdout.take().map(|stdout| stdout.take(OUTPUT_LIMIT).read_to_string(&mut text));
-            let outcome = match (read, child.wait_with_output()) {
-                (Some(Ok(_)), Ok(output)) if output.status.success() => Sweep::parse(&text),
+            let outcome = match (read, child.wait()) {
+                (Some(Ok(_)), Ok(status)) if status.success() => Sweep::parse(&text),
                 (Some(Err(error)), _) => Err(SweepError::Output { line: 1, problem: error.to_string() }),
-                (_, Ok(output)) => Err(SweepError::Failed {
-                    command,
-                    status: output.status.to_string(),
-                    said: String::from_utf8_lossy(&output.stderr)
-                        .lines()
-                        .last()
-                        .unwrap_or_default()
-                        .to_owned(),
-                }),
+                (_, Ok(status)) => {
+                    let said = said.and_then(|said| said.join().ok()).unwrap_or_default();
+                    let said = said.lines().last().unwrap_or_default().to_owned();
+                    Err(SweepError::Failed { command, status: status.to_string(), said })
+                }
                 (_, Err(error)) => Err(SweepError::Start { command, cause: error.to_string() }),
             };
             // A recording that has ended meanwhile does not want it any more.
@@ -150,6 +148,18 @@ impl SweepTask {
             }
         }
     }
+}
+
+/// The last words of a stream.
+fn tail(mut stream: impl Read) -> String {
+    const KEPT: usize = 2048;
+    let mut kept = Vec::new();
+    let mut chunk = [0; 1024];
+    while let Ok(length @ 1..) = stream.read(&mut chunk) {
+        kept.extend_from_slice(&chunk[..length]);
+        kept.drain(..kept.len().saturating_sub(KEPT));
+    }
+    String::from_utf8_lossy(&kept).into_owned()
 }
 
 #[cfg(test)]
@@ -197,6 +207,10 @@ mod tests {
         assert_eq!(good.rows(1.0).count(), 1);
         let failed = complete("sh -c 'echo probe is off >&2; exit 3'").unwrap_err().to_string();
         assert!(failed.contains("exit status: 3") && failed.contains("probe is off"), "{failed}");
+        // More words than a pipe holds, before the first of the sweep.
+        let chatty =
+            "sh -c 'head -c 300000 /dev/zero >&2; echo z_mm,deflection_y_mm; echo 71,0.5'";
+        assert_eq!(complete(chatty).unwrap().rows(1.0).count(), 1);
         let missing = complete("no-such-program-here").unwrap_err().to_string();
         assert!(missing.contains("cannot run the sweep command"), "{missing}");
         assert!(complete("a 'b").unwrap_err().to_string().contains("quotation mark"));

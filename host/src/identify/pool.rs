@@ -20,9 +20,15 @@ pub(super) fn pool(runs: &[Fitted], options: &Options, warnings: &mut Vec<String
     let unknowns = unknowns(Parameter { start: mean, ..ln_k_parameter() }, &effects);
     let joint = fit(&unknowns, &blocks);
     let known_noise = runs.iter().all(|run| run.known_noise);
+    // A fit that ends at a bound of K has found no K.
+    let (joint, why) = match joint {
+        Ok(joint) if joint.at_bound.first() == Some(&true) => (None, "K runs to its bound".to_owned()),
+        Ok(joint) => (Some(joint), String::new()),
+        Err(why) => (None, why.to_string()),
+    };
     let mut estimate = match &joint {
-        Ok(joint) => Estimate::of(joint, known_noise),
-        Err(why) => {
+        Some(joint) => Estimate::of(joint, known_noise),
+        None => {
             warnings.push(format!(
                 "joint fit of all runs: {why}; the weighted mean of the runs is pooled instead"
             ));
@@ -46,10 +52,9 @@ pub(super) fn pool(runs: &[Fitted], options: &Options, warnings: &mut Vec<String
         ci95_kpa: estimate.ci95_kpa(),
         profile: joint
             .as_ref()
-            .ok()
             .filter(|_| options.profile)
             .and_then(|best| profile(&unknowns, &blocks, best)),
-        bootstrap: joint.as_ref().ok().and_then(|best| bootstrap(&unknowns, &blocks, best, options)),
+        bootstrap: joint.as_ref().and_then(|best| bootstrap(&unknowns, &blocks, best, options)),
         nuisances: joint.as_ref().map(|joint| nuisance_results(&effects, joint)).unwrap_or_default(),
         runs: runs.len(),
         heterogeneity: p.map(|p| Heterogeneity { q, degrees_of_freedom: runs.len() - 1, p }),
@@ -92,6 +97,9 @@ pub(super) fn directions(runs: &[Fitted], least_m: f64) -> Option<Directions> {
             runs.iter().filter_map(|run| run.data.in_plane(plane, least_m)).collect();
         let first = blocks.first()?;
         let fit = fit(&unknowns(start(first), &first.effects), &blocks).ok()?;
+        if fit.at_bound.first() == Some(&true) {
+            return None;
+        }
         Some(Estimate::of(&fit, known_noise))
     };
     let (y, x) = (of_plane(0)?, of_plane(1)?);
