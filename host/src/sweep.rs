@@ -208,8 +208,7 @@ mod tests {
         let failed = complete("sh -c 'echo probe is off >&2; exit 3'").unwrap_err().to_string();
         assert!(failed.contains("exit status: 3") && failed.contains("probe is off"), "{failed}");
         // More words than a pipe holds, before the first of the sweep.
-        let chatty =
-            "sh -c 'head -c 300000 /dev/zero >&2; echo z_mm,deflection_y_mm; echo 71,0.5'";
+        let chatty = "sh -c 'head -c 300000 /dev/zero >&2; echo z_mm,deflection_y_mm; echo 71,0.5'";
         assert_eq!(complete(chatty).unwrap().rows(1.0).count(), 1);
         let missing = complete("no-such-program-here").unwrap_err().to_string();
         assert!(missing.contains("cannot run the sweep command"), "{missing}");
