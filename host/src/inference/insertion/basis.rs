@@ -4,7 +4,7 @@
 //! tip load over each stretch of depth (N): a random walk of the load. A needle that is turned carries its load with it, which
 //! couples the two planes.
 
-use super::path::TipPath;
+use super::path::{ROTATION_STILL_RAD, TipPath};
 use crate::model::growth::{Acting, Growth, Guide2Grip};
 use crate::model::insertion::grid_m;
 use crate::model::{Insertion, Model, ModelError};
@@ -63,7 +63,8 @@ impl Layout {
         let planes = paths.iter().map(|path| path.planes).min().unwrap_or(1);
         let turn = |path: &TipPath| path.done.rotation_rad.before(0.0);
         let first = paths.first().map_or(0.0, turn);
-        let turned = paths.iter().any(|path| path.is_turned() || turn(path) != first);
+        let turned =
+            paths.iter().any(|path| path.is_turned() || (turn(path) - first).abs() > ROTATION_STILL_RAD);
         let knots_m = (0..=count).map(|i| STRETCH_M * i as f64).collect();
         Self { knots_m, planes, coupled: turned && planes == 2 }
     }

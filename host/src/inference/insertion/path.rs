@@ -18,7 +18,7 @@ const BIN_M: f64 = 1e-3;
 /// Positions of guide 2 that differ by less are the same.
 const GUIDE2_STILL_M: f64 = 0.05e-3;
 /// Rotations that differ by less are the same.
-const ROTATION_STILL_RAD: f64 = 0.02;
+pub(super) const ROTATION_STILL_RAD: f64 = 0.02;
 /// A recording rests where at least this share of its rows is in bins of three or more.
 const RESTING: f64 = 0.4;
 /// A bin is an outlier where it is so many times as far from its neighbours' line as usual, and this much more.
