@@ -6,7 +6,7 @@ use defmt_decoder::{DecodeError, Table};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -23,7 +23,12 @@ pub struct Qemu {
     log: Arc<Mutex<Vec<String>>>,
     decoder: Option<JoinHandle<()>>,
     serial: PathBuf,
+    _turn: MutexGuard<'static, ()>,
 }
+
+/// One QEMU of a process runs at a time: it takes a whole processor, and rig, link and test want theirs while it runs. Two on a
+/// small machine starve each other until answers come too late.
+static TURN: Mutex<()> = Mutex::new(());
 
 impl Qemu {
     /// Starts an image with its working folder, where the plant pipes are and the serial port's link appears. It is killed when
@@ -32,6 +37,7 @@ impl Qemu {
     /// # Errors
     /// Where QEMU cannot be started or its serial port does not appear.
     pub fn start(elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
+        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let serial = folder.join("serial");
         let mut child = Command::new(QEMU)
             .current_dir(folder)
@@ -67,7 +73,7 @@ impl Qemu {
         })?;
         let child = Arc::new(Mutex::new(child));
         kill_after(Arc::clone(&child), limit)?;
-        let qemu = Self { child, log, decoder: Some(decoder), serial };
+        let qemu = Self { child, log, decoder: Some(decoder), serial, _turn: turn };
         qemu.await_serial()?;
         Ok(qemu)
     }
