@@ -34,6 +34,11 @@ impl Foundation {
         Self::layered(Vec::new(), modulus_pa)
     }
 
+    /// No tissue.
+    pub fn none() -> Self {
+        Self { upper: Vec::new(), deepest_pa: 0.0, gradient_per_m: 0.0 }
+    }
+
     /// Layers from the surface down, then `deepest_pa` for all that is below them.
     ///
     /// # Errors
@@ -77,6 +82,17 @@ impl Foundation {
             let slice_m = thickness_m / slices;
             (0..slices as usize)
                 .map(move |i| (slice_m, layer.modulus_pa * self.growth(start_m + (i as f64 + 0.5) * slice_m)))
+        })
+    }
+
+    /// As [`Foundation::parts`], between two depths.
+    pub(super) fn parts_between(&self, from_m: f64, to_m: f64) -> impl Iterator<Item = (f64, f64)> {
+        let mut top_m = 0.0;
+        self.parts(to_m).filter_map(move |(thickness_m, modulus_pa)| {
+            let start_m: f64 = top_m;
+            top_m += thickness_m;
+            let within_m = top_m - start_m.max(from_m);
+            (within_m > 0.0).then_some((within_m, modulus_pa))
         })
     }
 

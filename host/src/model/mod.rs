@@ -18,6 +18,7 @@ pub(crate) mod peer;
 mod predict;
 mod quadrature;
 mod rig;
+pub mod steering;
 
 pub use beam::{Beam, BeamProblem, Response};
 pub use foundation::{Foundation, Layer};
@@ -26,6 +27,7 @@ pub use predict::{
     Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Series, ShapePoint, predict,
 };
 pub use rig::{Needle, Rig};
+pub use steering::{BaseDrive, Dynamics, Steering};
 
 /// Why the model could not be evaluated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -43,6 +45,9 @@ pub enum ModelError {
     /// An experiment without a drive sample says nothing about where guide 2 was.
     #[error("a lateral experiment needs at least one drive sample")]
     NoDrive,
+    /// A steering run needs masses, damping and the needle's length.
+    #[error("the model says nothing of what moves: a steering run cannot be predicted")]
+    NoDynamics,
     /// Newton's method does not come to an end.
     #[error("the equilibrium of the needle is not found")]
     NotConverged,

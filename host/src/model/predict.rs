@@ -2,6 +2,7 @@
 
 use super::effects::Effect;
 use super::insertion::{self, Insertion, TipLaw};
+use super::steering::{self, Dynamics, Steering};
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig};
 use std::borrow::Cow;
 
@@ -14,6 +15,8 @@ pub struct Model {
     pub foundation: Foundation,
     /// The tip, in insertions.
     pub tip: TipLaw,
+    /// What moves and resists motion, in steering runs.
+    pub dynamics: Option<Dynamics>,
     /// Effects with the values of their parameters, applied in this order.
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
 }
@@ -26,6 +29,7 @@ impl PartialEq for Model {
         self.rig == other.rig
             && self.foundation == other.foundation
             && self.tip == other.tip
+            && self.dynamics == other.dynamics
             && named(self) == named(other)
     }
 }
@@ -37,7 +41,7 @@ impl Model {
     /// [`ModelError::OutOfRange`] where the modulus is negative or not finite.
     pub fn uniform(rig: Rig, modulus_pa: f64) -> Result<Self, ModelError> {
         let foundation = Foundation::uniform(modulus_pa)?;
-        Ok(Self { rig, foundation, tip: TipLaw::default(), effects: Vec::new() })
+        Ok(Self { rig, foundation, tip: TipLaw::default(), dynamics: None, effects: Vec::new() })
     }
 
     /// The needle inserted to `depth_m`, solved for unit loads.
@@ -70,6 +74,8 @@ pub enum Experiment {
     LateralForce(LateralForce),
     /// The needle was inserted.
     Insertion(Insertion),
+    /// The needle was inserted while its base was moved.
+    Steering(Steering),
 }
 
 /// A lateral run: where guide 2 was, and where and when the shape was looked at.
@@ -146,25 +152,34 @@ impl Series {
 pub struct Channels {
     /// Displacement of guide 2 at every drive sample.
     pub displacement_m: Series,
-    /// Lateral force at guide 2 at every drive sample.
+    /// Lateral force at guide 2 at every drive sample, or at the base at every time of a steering run.
     pub force_n: Series,
     /// Deflection at every shape point.
     pub shape_m: Series,
-    /// Position of the tip at every depth of an insertion.
+    /// Position of the tip at every depth of an insertion, or time of a steering run.
     pub tip_m: Series,
+    /// Lateral position of the base at every time of a steering run.
+    pub base_m: Series,
 }
 
 impl Channels {
     fn two_planes() -> Self {
         let empty = || Series { y: Vec::new(), x: Some(Vec::new()) };
-        Self { displacement_m: empty(), force_n: empty(), shape_m: empty(), tip_m: empty() }
+        Self {
+            displacement_m: empty(),
+            force_n: empty(),
+            shape_m: empty(),
+            tip_m: empty(),
+            base_m: Series::default(),
+        }
     }
 }
 
 /// What every sensor should read in `experiment` if `model` is right.
 ///
 /// # Errors
-/// As [`BeamProblem::solve`], and [`ModelError::NoDrive`] where there are shape points but no drive sample.
+/// As [`BeamProblem::solve`], [`ModelError::NoDrive`] where there are shape points but no drive sample, and
+/// [`ModelError::NoDynamics`] where a steering run is asked of a model without.
 pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, ModelError> {
     let (beam, lateral) = match experiment {
         Experiment::Lateral(lateral) => (model.beam(lateral.depth_m)?, Cow::Borrowed(lateral)),
@@ -183,6 +198,20 @@ pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, Model
             let problem = model.problem(inserted.depth_m.iter().copied().fold(0.0, f64::max))?;
             let tip_m = insertion::tip_m(&problem, &model.tip, inserted)?;
             let mut channels = Channels { tip_m, ..Channels::two_planes() };
+            model.effects.iter().for_each(|(effect, values)| effect.observe(values, &mut channels));
+            return Ok(channels);
+        }
+        Experiment::Steering(run) => {
+            let dynamics = model.dynamics.as_ref().ok_or(ModelError::NoDynamics)?;
+            let problem = model.problem(run.depth_m.iter().copied().fold(0.0, f64::max))?;
+            let moved = steering::simulate(&model.rig.needle, &problem.foundation, dynamics, run)?;
+            let one_plane = |y: Vec<f64>| Series { y, x: None };
+            let mut channels = Channels {
+                force_n: one_plane(moved.base_force_n),
+                tip_m: one_plane(moved.tip_m),
+                base_m: one_plane(moved.base_m),
+                ..Channels::default()
+            };
             model.effects.iter().for_each(|(effect, values)| effect.observe(values, &mut channels));
             return Ok(channels);
         }
