@@ -16,6 +16,7 @@ pub mod hal;
 pub mod plant;
 #[cfg(feature = "qemu")]
 pub mod qemu;
+pub mod steering;
 pub mod thumb;
 
 #[cfg(feature = "flash")]

@@ -21,3 +21,4 @@ pub mod session;
 pub mod sweep;
 #[cfg(test)]
 mod testing;
+pub mod track;

@@ -8,8 +8,8 @@ use std::fmt::Write as _;
 /// Options of `cargo xtask study`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Which: K/E of needles (part of the tool), or the prediction of insertions
-    #[arg(value_parser = ["modulus-relation", "insertion"])]
+    /// Which: K/E of needles (part of the tool), the prediction of insertions, or the online estimators on steering runs
+    #[arg(value_parser = ["modulus-relation", "insertion", "steering"])]
     name: String,
     /// Sessions of six insertions each
     #[arg(long, default_value_t = 40)]
@@ -17,6 +17,12 @@ pub struct Args {
     /// What they are drawn from
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Steering runs of each kind
+    #[arg(long, default_value_t = 120)]
+    runs: usize,
+    /// Only methods whose names begin like this
+    #[arg(long, default_value = "")]
+    method: String,
 }
 
 /// Makes the table.
@@ -29,6 +35,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     match args.name.as_str() {
         "insertion" => insertion(args),
+        "steering" => steering(args),
         _ => modulus_relation(),
     }
 }
@@ -71,6 +78,48 @@ fn insertion(args: &Args) -> Result<()> {
         );
     }
     println!("{} insertions, seed {}", 6 * args.sessions, args.seed);
+    Ok(())
+}
+
+fn steering(args: &Args) -> Result<()> {
+    ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
+    let cells = host::track::study::study(args.runs, 20, args.seed, |name| name.starts_with(&args.method))?;
+    println!(
+        "| method | support | tip noise, mm | converged | after, mm | tip error RMS, mm | largest, mm | stiffness off by | damping off by | in the 95 % interval |\n\
+         |---|---|---|---|---|---|---|---|---|---|"
+    );
+    for cell in &cells {
+        let share =
+            |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.0} %", 100.0 * share));
+        let error = |i: usize| {
+            let told = if cell.told[i] < 1.0 {
+                format!(" (told in {:.0} %)", 100.0 * cell.told[i])
+            } else {
+                String::new()
+            };
+            if cell.told[i] > 0.0 {
+                format!("{:.0} %{told}", 100.0 * cell.error[i])
+            } else {
+                "not told".to_owned()
+            }
+        };
+        println!(
+            "| {} | {} | {} | {} of {} | {:.0} | {:.2} | {:.2} | {} | {} | {}, {} |",
+            cell.method,
+            if cell.straight_mm > 0.0 { "yes" } else { "no" },
+            cell.tip_sd_mm,
+            cell.converged,
+            cell.runs,
+            cell.distance_mm,
+            cell.tip_mm[0],
+            cell.tip_mm[1],
+            error(0),
+            error(1),
+            share(cell.coverage[0]),
+            share(cell.coverage[1]),
+        );
+    }
+    println!("{} runs of each kind, seed {}", args.runs, args.seed);
     Ok(())
 }
 

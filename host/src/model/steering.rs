@@ -52,6 +52,11 @@ impl Dynamics {
         }
     }
 
+    /// Mass of needle and fixture.
+    pub fn moving_mass_kg(&self) -> f64 {
+        self.fixture_mass_kg + self.density_kg_per_m * self.length_m
+    }
+
     /// Needle and fixture, for the modes.
     pub fn clamped(&self, needle: &Needle) -> Clamped {
         Clamped {
@@ -135,7 +140,7 @@ impl MovingNeedle {
         let modes: Vec<FreeMode> = free_modes(&clamped, dynamics.modes)?;
         let functions = Functions::of(&modes, dynamics.length_m);
         let factors = functions.factors(&modes);
-        let total_kg = dynamics.fixture_mass_kg + dynamics.density_kg_per_m * dynamics.length_m;
+        let total_kg = dynamics.moving_mass_kg();
         let diagonal = |first: f64, others: fn(&FreeMode) -> f64| {
             let all = std::iter::once(first).chain(modes.iter().map(others));
             DMatrix::from_diagonal(&DVector::from_iterator(1 + modes.len(), all))
@@ -177,25 +182,34 @@ impl MovingNeedle {
         self.depth_m = depth_m;
     }
 
-    /// One step of average acceleration to `depth_m` under `push`.
+    /// One step of average acceleration to `depth_m` under `push`; stiffness and damping of the tissue times `strength`, all over
+    /// what is inserted.
     ///
     /// # Errors
     /// [`ModelError::Singular`].
-    fn step(&mut self, step_s: f64, depth_m: f64, push: Push) -> Result<(), ModelError> {
+    pub fn step(
+        &mut self,
+        step_s: f64,
+        depth_m: f64,
+        push: Push,
+        strength: [f64; 2],
+    ) -> Result<(), ModelError> {
         let advance_m = depth_m - self.depth_m;
-        let strength = self.stiffness.modulus_pa(self.depth_m + 0.5 * advance_m);
-        self.pull.advance(advance_m, strength, self.tip_m());
-        let end = self.pull.end(advance_m, strength);
+        let [springs, dampers] = strength;
+        let modulus_pa = self.stiffness.modulus_pa(self.depth_m + 0.5 * advance_m);
+        self.pull.advance(advance_m, modulus_pa, self.tip_m());
+        let end = self.pull.end(advance_m, modulus_pa);
         self.insert(depth_m);
         let transposed = self.factors.transpose();
-        let mut stiffness = &self.factors * self.springs.matrix() * &transposed + &self.elastic;
-        stiffness.ger(-1.0, &(&self.factors * &end), &self.tip, 1.0);
-        let mut damping = &self.factors * self.dampers.matrix() * &transposed;
+        let mut stiffness = &self.factors * self.springs.matrix() * &transposed * springs + &self.elastic;
+        stiffness.ger(-springs, &(&self.factors * &end), &self.tip, 1.0);
+        let mut damping = &self.factors * self.dampers.matrix() * &transposed * dampers;
         if self.convective {
             let speed_m_s = advance_m / step_s;
-            stiffness -= &self.factors * self.dampers.matrix() * self.slopes.transpose() * speed_m_s;
+            stiffness -=
+                &self.factors * self.dampers.matrix() * self.slopes.transpose() * (speed_m_s * dampers);
         }
-        let mut load = &self.factors * self.pull.sum();
+        let mut load = &self.factors * self.pull.sum() * springs;
         load.axpy(push.force_n, &self.base, 1.0);
         stiffness.ger(push.stiffness_n_per_m, &self.base, &self.base, 1.0);
         damping.ger(push.damping_n_s_per_m, &self.base, &self.base, 1.0);
@@ -209,6 +223,11 @@ impl MovingNeedle {
         self.velocity = velocity + &self.acceleration * (0.5 * step_s);
         self.pull.close(&end, self.tip_m());
         Ok(())
+    }
+
+    /// Insertion depth.
+    pub fn depth_m(&self) -> f64 {
+        self.depth_m
     }
 
     /// Where the base is, from where it started.
@@ -234,10 +253,25 @@ impl MovingNeedle {
 
 /// Force at the base: `force - stiffness base - damping base'`.
 #[derive(Debug, Clone, Copy, Default)]
-struct Push {
+pub struct Push {
     force_n: f64,
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
+}
+
+impl Push {
+    /// A given force.
+    pub fn force(force_n: f64) -> Self {
+        Self { force_n, ..Self::default() }
+    }
+
+    /// The stage that moves the base: towards a position, from where it started, with a velocity fed forward.
+    pub fn stage(total_kg: f64, base_m: f64, speed_m_s: f64) -> Self {
+        let stiffness_n_per_m = total_kg * STAGE_RAD_S * STAGE_RAD_S;
+        let damping_n_s_per_m = 2.0 * total_kg * STAGE_RAD_S;
+        let force_n = stiffness_n_per_m * base_m + damping_n_s_per_m * speed_m_s;
+        Self { force_n, stiffness_n_per_m, damping_n_s_per_m }
+    }
 }
 
 /// What the sensors of a steering run read.
@@ -259,7 +293,6 @@ pub fn simulate(
     let same = run.depth_m.len() == count && values.len() == count && count > 0;
     check("samples of the drive", values.len() as f64, "as many as times and depths, at least one", same)?;
     check("step_s", dynamics.step_s, "more than 0", dynamics.step_s > 0.0)?;
-    let total_kg = dynamics.fixture_mass_kg + dynamics.density_kg_per_m * dynamics.length_m;
     let mut moving =
         MovingNeedle::new(needle, stiffness, dynamics, run.depth_m.first().copied().unwrap_or(0.0))?;
     let mut channels = SteeringChannels::default();
@@ -288,16 +321,13 @@ pub fn simulate(
                 let at = |from: f64, to: f64| if j as f64 == steps { to } else { from + part * (to - from) };
                 let value = at(values[i - 1], values[i]);
                 let push = match run.drive {
-                    BaseDrive::Force(_) => Push { force_n: value, ..Push::default() },
+                    BaseDrive::Force(_) => Push::force(value),
                     BaseDrive::Position(_) => {
-                        let stiffness_n_per_m = total_kg * STAGE_RAD_S * STAGE_RAD_S;
-                        let damping_n_s_per_m = 2.0 * total_kg * STAGE_RAD_S;
                         let speed_m_s = (values[i] - values[i - 1]) / (to_s - from_s);
-                        let force_n = stiffness_n_per_m * (value - start) + damping_n_s_per_m * speed_m_s;
-                        Push { force_n, stiffness_n_per_m, damping_n_s_per_m }
+                        Push::stage(dynamics.moving_mass_kg(), value - start, speed_m_s)
                     }
                 };
-                moving.step(step_s, at(from_m, to_m), push)?;
+                moving.step(step_s, at(from_m, to_m), push, [1.0; 2])?;
                 push_n = push.force_n
                     - push.stiffness_n_per_m * moving.base_m()
                     - push.damping_n_s_per_m * moving.base.dot(&moving.velocity);

@@ -9,11 +9,13 @@
 //! |---|---|
 //! | [`actuator`] | dead band, speed limit, lag, end stops, potentiometer with noise |
 //! | [`insertions`] | the needle inserted by hand, its tip tracked |
+//! | [`steering`] | the needle steered at its base while it goes in |
 //! | [`config`] | every constant, from a TOML file or by default |
 
 pub mod actuator;
 pub mod config;
 pub mod insertions;
+pub mod steering;
 
 use crate::model::{Beam, Model, ModelError};
 use actuator::Actuator;
@@ -175,6 +177,17 @@ impl Noise {
         Self(stream(seed, part))
     }
 
+    /// One of many of the same part.
+    fn numbered(seed: u64, part: Stream, number: u64) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(part as u64 | (number + 1) << 8);
+        Self(random)
+    }
+
+    fn uniform(&mut self) -> f64 {
+        self.0.random::<f64>()
+    }
+
     fn draw(&mut self) -> f64 {
         StandardNormal.sample(&mut self.0)
     }
@@ -189,6 +202,7 @@ enum Stream {
     Force,
     Sweep,
     Insertions,
+    Steering,
 }
 
 fn stream(seed: u64, part: Stream) -> ChaCha8Rng {

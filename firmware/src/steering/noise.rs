@@ -1,0 +1,125 @@
+//! From samples to rows: the prefilter, and what the samples say of their own noise.
+
+use super::{Refused, Row, Sample, Settings};
+use nalgebra::{RealField, convert};
+
+/// Standard deviations of a single sample: force and tip.
+pub type Deviation<T> = [T; 2];
+
+/// The row that is being filled, and the noise so far.
+#[derive(Debug, Clone)]
+pub struct Noise<T> {
+    stated: Deviation<T>,
+    last: Option<Sample<T>>,
+    /// Time, depth and base of the row before.
+    before: Option<[T; 3]>,
+    sum: [T; 5],
+    count: T,
+    /// Deepest so far.
+    depth_m: T,
+    start_depth_m: T,
+    start_base_m: T,
+    /// Second differences: how many, and their squares.
+    pairs: T,
+    squares: [T; 2],
+    previous: Option<Sample<T>>,
+}
+
+/// Largest values that are numbers to us, in SI units.
+const LARGEST: f64 = 1e6;
+
+impl<T: RealField + Copy> Noise<T> {
+    /// Stated deviations; 0 where there are none.
+    pub fn new(force_sd_n: T, tip_sd_m: T) -> Self {
+        let zero = T::zero();
+        Self {
+            stated: [force_sd_n, tip_sd_m],
+            last: None,
+            before: None,
+            sum: [zero; 5],
+            count: zero,
+            depth_m: zero,
+            start_depth_m: zero,
+            start_base_m: zero,
+            pairs: zero,
+            squares: [zero; 2],
+            previous: None,
+        }
+    }
+
+    /// Takes a sample; gives a row where it is full.
+    pub fn take<const M: usize>(
+        &mut self,
+        sample: &Sample<T>,
+        settings: &Settings<T, M>,
+        reach_m: T,
+    ) -> Result<Option<Row<T>>, Refused> {
+        let Sample { time_s, depth_m, base_m, force_n, tip_m } = *sample;
+        let largest: T = convert(LARGEST);
+        let number = |value: T| value.abs() < largest;
+        if ![depth_m, base_m, force_n, tip_m].into_iter().all(number) || !(time_s == time_s) {
+            return Err(Refused::NotANumber);
+        }
+        if self.last.is_some_and(|last| time_s <= last.time_s) {
+            return Err(Refused::TimeStands);
+        }
+        if depth_m > reach_m {
+            return Err(Refused::TooDeep);
+        }
+        self.learn(sample);
+        // A needle that is drawn back a little keeps its path.
+        self.depth_m = self.depth_m.max(depth_m);
+        if self.count == T::zero() {
+            (self.start_depth_m, self.start_base_m) = (self.depth_m, base_m);
+        }
+        for (sum, value) in self.sum.iter_mut().zip([time_s, self.depth_m, base_m, force_n, tip_m]) {
+            *sum += value;
+        }
+        self.count += T::one();
+        let deeper = self.depth_m - self.start_depth_m >= settings.row_m;
+        let aside = (base_m - self.start_base_m).abs() >= settings.row_base_m;
+        if !(deeper || aside) {
+            return Ok(None);
+        }
+        let [time_s, depth_m, base_m, force_n, tip_m] = self.sum.map(|sum| sum / self.count);
+        let step_s = self.before.map_or(T::one(), |[before_s, ..]| time_s - before_s);
+        let row = Row { step_s, depth_m, base_m, force_n, tip_m, samples: self.count };
+        self.before = Some([time_s, depth_m, base_m]);
+        self.sum = [T::zero(); 5];
+        self.count = T::zero();
+        Ok(Some(row))
+    }
+
+    /// Second differences: what moves evenly cancels, independent noise counts six times its variance.
+    fn learn(&mut self, sample: &Sample<T>) {
+        if let (Some(last), Some(previous)) = (self.last, self.previous) {
+            let second = |now: T, last: T, previous: T| now - last - last + previous;
+            let force = second(sample.force_n, last.force_n, previous.force_n);
+            let tip = second(sample.tip_m, last.tip_m, previous.tip_m);
+            let bounded = |square: T, sum: T, pairs: T| {
+                // A jump counts as what has been usual, ninefold.
+                let most = convert::<f64, T>(9.0) * sum / pairs.max(T::one());
+                if pairs < convert(8.0) { square } else { square.min(most) }
+            };
+            self.squares[0] += bounded(force * force, self.squares[0], self.pairs);
+            self.squares[1] += bounded(tip * tip, self.squares[1], self.pairs);
+            self.pairs += T::one();
+        }
+        self.previous = self.last;
+        self.last = Some(*sample);
+    }
+
+    /// Standard deviations of a single sample, never below what sensors of this kind resolve.
+    pub fn deviation(&self) -> Deviation<T> {
+        let six: T = convert(6.0);
+        let floor: [T; 2] = [convert(1e-3), convert(5e-6)];
+        let mut deviation = self.stated;
+        for ((deviation, &square), floor) in deviation.iter_mut().zip(&self.squares).zip(floor) {
+            if *deviation == T::zero() {
+                *deviation = (square / (six * self.pairs.max(T::one()))).sqrt();
+            }
+            *deviation = deviation.max(floor);
+        }
+        deviation
+    }
+}

@@ -1,0 +1,454 @@
+//! The filter, and the replay that keeps it honest.
+
+use super::noise::Deviation;
+use super::*;
+
+/// Parameters, what is known of them, and the simulation that goes with them.
+#[derive(Debug, Clone)]
+pub struct Filter<T: RealField, const M: usize, const C: usize, const N: usize> {
+    layout: Layout,
+    field: Field<T, C>,
+    simulation: Simulation<T, M, C, N>,
+    information: Information<T, N>,
+    prior: Information<T, N>,
+    /// Where the model is linearised: within what is possible.
+    parameters: [T; N],
+    /// Rows so far, those that count for the next prior row to be renewed included.
+    rows: usize,
+    /// Squared deviations, and neighbouring ones multiplied, of force and tip against their noise.
+    squares: T,
+    products: T,
+    last: [T; 2],
+    /// Deviations that are usual: the scale beyond which a row counts less.
+    scale: T,
+    cost: T,
+    settled: bool,
+    latest: Option<Estimate<T>>,
+}
+
+/// Largest change of the logarithm of the stiffness at once.
+const LARGEST_STEP: f64 = 1.0;
+/// Standard deviation of the logarithm of the stiffness before anything is measured: 95 % within a factor of a hundred of 10 kPa.
+const LOG_STIFFNESS_SD: f64 = 2.3;
+/// Stiffness of tissue before anything is measured, N/m^2.
+const STIFFNESS: f64 = 1e4;
+/// Standard deviation of the damping before anything is measured, damping units.
+const DAMPING_SD: f64 = 5.0;
+
+impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter<T, M, C, N> {
+    /// Nothing measured.
+    pub fn new(settings: &Settings<T, M>) -> Self {
+        let layout = settings.layout;
+        let field = Field::new(layout, settings.cell_m, settings.segment_m);
+        let prior = prior(settings);
+        let mut parameters = [T::zero(); N];
+        let [stiffness, damping] = settings.start;
+        let [least, most] = STIFFNESS_RANGE;
+        for segment in 0..layout.segments {
+            parameters[layout.stiffness_at(segment)] = stiffness.clamp(convert(least), convert(most)).ln();
+            let [least, most] = field::DAMPING_RANGE;
+            parameters[layout.damping_at(segment)] =
+                damping.clamp(convert(least), convert(most)) / convert(field::DAMPING_UNIT);
+        }
+        let mut filter = Self {
+            layout,
+            field,
+            simulation: Simulation::new(
+                settings.cell_m,
+                settings.length_m,
+                settings.moving_mass_kg,
+                settings.follow_per_m,
+            ),
+            information: prior,
+            prior,
+            parameters,
+            rows: 0,
+            squares: T::zero(),
+            products: T::zero(),
+            last: [T::zero(); 2],
+            scale: T::one(),
+            cost: T::zero(),
+            settled: false,
+            latest: None,
+        };
+        filter.field.set(&parameters, C);
+        filter
+    }
+
+    /// The tissue.
+    pub fn field(&self) -> &Field<T, C> {
+        &self.field
+    }
+
+    /// The parameters.
+    pub fn parameters(&self) -> &[T; N] {
+        &self.parameters
+    }
+
+    /// Back to the beginning, linearised at `parameters`.
+    fn restart(&mut self, parameters: [T; N]) {
+        self.simulation.restart();
+        self.information = self.prior;
+        self.parameters = parameters;
+        self.field.set(&parameters, C);
+        self.rows = 0;
+        (self.squares, self.products) = (T::zero(), T::zero());
+        // What the parameters themselves cost.
+        self.cost = (0..N).fold(T::zero(), |cost, index| {
+            let (row, value) = self.prior.row(index);
+            let off = dot(&row, &parameters) - value;
+            cost + off * off
+        });
+    }
+
+    /// Takes in one row at the parameters of the filter. Returns what was predicted and by how much it was off.
+    fn absorb(
+        &mut self,
+        settings: &Settings<T, M>,
+        shape: &Shape<T, M>,
+        row: &Row<T>,
+        deviation: Deviation<T>,
+    ) -> Option<[T; 4]> {
+        let predicted = self.simulation.predict(shape, &self.field, row)?;
+        let (force_at, tip_at) = (self.layout.force_offset(), self.layout.tip_offset());
+        let offset_n = self.parameters[force_at];
+        let offset_m = self.parameters[tip_at];
+        let off_n = row.force_n - offset_n - predicted.force_n;
+        let off_m = row.tip_m - offset_m - predicted.tip_m;
+        self.fade(settings.forgetting);
+        let root = row.samples.sqrt();
+        let mut offs = [T::zero(); 2];
+        let channels = [(off_n, predicted.force_by, force_at), (off_m, predicted.tip_by, tip_at)];
+        for (i, (off, mut by, offset_at)) in channels.into_iter().enumerate() {
+            by[offset_at] += T::one();
+            let weight = root / deviation[i];
+            let off = off * weight;
+            let usual = convert::<f64, T>(3.0) * self.scale;
+            let trust = if off.abs() > usual { (usual / off.abs()).sqrt() } else { T::one() };
+            let value = trust * (off + weight * dot(&by, &self.parameters));
+            self.information.add(by.map(|by| trust * weight * by), value);
+            offs[i] = off;
+            self.cost += trust * trust * off * off;
+        }
+        self.squares += offs[0] * offs[0] + offs[1] * offs[1];
+        self.products += offs[0] * self.last[0] + offs[1] * self.last[1];
+        self.last = offs;
+        self.simulation.advance(row, &predicted, off_m);
+        self.rows += 1;
+        Some([predicted.force_n, row.force_n - offset_n, predicted.tip_m, row.tip_m - offset_m])
+    }
+
+    /// Forgets a little, but never what was known before the first row: one row of that is renewed at a time.
+    fn fade(&mut self, forgetting: T) {
+        if forgetting >= T::one() {
+            return;
+        }
+        self.information.fade(forgetting);
+        let (row, value) = self.prior.row(self.rows % N);
+        let renewed = (convert::<f64, T>(N as f64) * (T::one() - forgetting)).min(T::one()).sqrt();
+        self.information.add(row.map(|factor| renewed * factor), renewed * value);
+    }
+
+    /// The most probable parameters that are possible.
+    fn solution(&self) -> [T; N] {
+        let mut parameters = self.information.solve();
+        for segment in 0..self.layout.segments {
+            let at = self.layout.damping_at(segment);
+            if parameters[at] < T::zero() {
+                parameters = self.information.hold(parameters, at, T::zero());
+            }
+        }
+        for segment in 0..self.layout.segments {
+            let at = self.layout.damping_at(segment);
+            parameters[at] = parameters[at].max(T::zero());
+            let [least, most] = STIFFNESS_RANGE.map(|value| convert::<f64, T>(value).ln());
+            let at = self.layout.stiffness_at(segment);
+            parameters[at] = parameters[at].clamp(least, most);
+        }
+        parameters
+    }
+
+    /// Goes towards `target`, not too far at once, and corrects the simulated past.
+    fn move_to(&mut self, target: &[T; N]) {
+        let mut largest = T::zero();
+        for cell in 0..C {
+            let (at, basis) = self.field.stiffness_basis(cell);
+            let step = basis
+                .iter()
+                .enumerate()
+                .fold(T::zero(), |sum, (i, &b)| sum + b * (target[at + i] - self.parameters[at + i]));
+            largest = largest.max(step.abs());
+        }
+        let share = (convert::<f64, T>(LARGEST_STEP) / largest.max(convert(1e-6))).min(T::one());
+        let mut step = [T::zero(); N];
+        for ((step, &target), parameter) in step.iter_mut().zip(target).zip(&mut self.parameters) {
+            *step = share * (target - *parameter);
+            *parameter += *step;
+        }
+        self.simulation.shift(&step);
+        self.field.set(&self.parameters, C);
+    }
+
+    /// Takes in a new row and moves the parameters.
+    pub fn take(
+        &mut self,
+        settings: &Settings<T, M>,
+        shape: &Shape<T, M>,
+        row: &Row<T>,
+        deviation: Deviation<T>,
+    ) -> Option<Estimate<T>> {
+        let [force_n, measured_force_n, tip_m, measured_tip_m] =
+            self.absorb(settings, shape, row, deviation)?;
+        let target = self.solution();
+        self.move_to(&target);
+        let estimate = self.estimate([force_n, measured_force_n, tip_m, measured_tip_m]);
+        self.latest = Some(estimate);
+        self.latest
+    }
+
+    /// The last estimate, with what is known now.
+    pub fn last(&self, _settings: &Settings<T, M>) -> Option<Estimate<T>> {
+        let latest = self.latest?;
+        Some(self.estimate([latest.force_n, latest.measured_force_n, latest.tip_m, latest.measured_tip_m]))
+    }
+
+    /// By how much intervals are wider than independent noise makes them: for a misfit of the model, and for deviations that
+    /// follow each other.
+    fn widening(&self) -> [T; 2] {
+        let count: T = convert::<f64, T>(2.0 * self.rows as f64).max(T::one());
+        let misfit = self.squares / count;
+        let most: T = convert(0.9);
+        let alike = (self.products / self.squares.max(convert(1e-12))).clamp(T::zero(), most);
+        let wide = misfit.max(T::one()) * (T::one() + alike) / (T::one() - alike);
+        [misfit, wide]
+    }
+
+    /// Mean stiffness over cells with weights that sum to 1.
+    pub fn stiffness_of(&self, cells: &[(usize, T)]) -> Value<T> {
+        let mut gradient = [T::zero(); N];
+        let mut mean = T::zero();
+        for &(cell, weight) in cells {
+            self.add_stiffness(cell, weight, &mut mean, &mut gradient);
+        }
+        self.stiffness_value(mean, &gradient)
+    }
+
+    fn add_stiffness(&self, cell: usize, weight: T, mean: &mut T, gradient: &mut [T; N]) {
+        let share = weight * self.field.stiffness[cell];
+        *mean += share;
+        let (at, basis) = self.field.stiffness_basis(cell);
+        gradient[at..].iter_mut().zip(basis).for_each(|(by, &basis)| *by += share * basis);
+    }
+
+    /// The interval of a stiffness is that of its logarithm.
+    fn stiffness_value(&self, mean: T, gradient: &[T; N]) -> Value<T> {
+        let [_, wide] = self.widening();
+        let relative = (self.information.variance(*gradient) * wide).sqrt() / mean;
+        let factor = (convert::<f64, T>(1.96) * relative.min(convert(20.0))).exp();
+        let seen = if relative < convert(0.5) { Seen::Yes } else { Seen::No };
+        Value { value: mean, low: mean / factor, high: mean * factor, seen }
+    }
+
+    fn estimate(&self, [force_n, measured_force_n, tip_m, measured_tip_m]: [T; 4]) -> Estimate<T> {
+        let depth_m = self.simulation.depth_m();
+        let cells = self.simulation.cells(depth_m).max(1);
+        let mut stiffness_by = [T::zero(); N];
+        let mut damping_by = [T::zero(); N];
+        let (mut stiffness, mut damping, mut free) = (T::zero(), T::zero(), T::zero());
+        let unconstrained = self.information.solve();
+        for cell in 0..cells {
+            let [top_m, bottom_m] = self.simulation.part(cell, T::zero(), depth_m);
+            let weight = if depth_m > T::zero() { (bottom_m - top_m) / depth_m } else { T::one() };
+            self.add_stiffness(cell, weight, &mut stiffness, &mut stiffness_by);
+            damping += weight * self.field.damping[cell];
+            let (at, basis) = self.field.damping_basis(cell);
+            for (i, &basis) in basis.iter().enumerate() {
+                let by = weight * basis * convert(field::DAMPING_UNIT);
+                damping_by[at + i] += by;
+                free += by * unconstrained[at + i];
+            }
+        }
+        let [misfit, wide] = self.widening();
+        let variance = self.information.variance(damping_by);
+        let sd = (variance * wide).sqrt();
+        let before = self.prior.variance(damping_by);
+        let twice = convert::<f64, T>(1.96) * sd;
+        let low = (free - twice).max(T::zero());
+        let high = (free + twice).max(twice);
+        let seen = if low > T::zero() {
+            Seen::Yes
+        } else if variance * wide < before * convert(0.1) {
+            Seen::AtMost
+        } else {
+            Seen::No
+        };
+        let both = self.information.covariance(stiffness_by, damping_by);
+        let correlation = both / (variance * self.information.variance(stiffness_by)).sqrt();
+        Estimate {
+            depth_m,
+            stiffness: self.stiffness_value(stiffness, &stiffness_by),
+            damping: Value { value: damping, low, high, seen },
+            correlation,
+            tip_m,
+            measured_tip_m,
+            force_n,
+            measured_force_n,
+            misfit,
+            settled: self.settled,
+        }
+    }
+}
+
+/// What is known of tissue and sensors before the first sample.
+fn prior<T: RealField + Copy, const M: usize, const N: usize>(
+    settings: &Settings<T, M>,
+) -> Information<T, N> {
+    let layout = settings.layout;
+    let mut prior = Information::none();
+    let mut know = |index: usize, against: Option<usize>, value: T, sd: T| {
+        let mut row = [T::zero(); N];
+        row[index] = sd.recip();
+        if let Some(against) = against {
+            row[against] = -sd.recip();
+        }
+        prior.add(row, value / sd);
+    };
+    let sd = |value: f64| convert::<f64, T>(value);
+    for segment in 0..layout.segments {
+        let (stiffness, damping) = (layout.stiffness_at(segment), layout.damping_at(segment));
+        if segment == 0 {
+            know(stiffness, None, convert::<f64, T>(STIFFNESS).ln(), sd(LOG_STIFFNESS_SD));
+            know(damping, None, T::zero(), sd(DAMPING_SD));
+        } else {
+            // Neighbouring layers differ by a factor of three or so.
+            know(stiffness, Some(layout.stiffness_at(segment - 1)), T::zero(), sd(1.0));
+            know(damping, Some(layout.damping_at(segment - 1)), T::zero(), sd(1.0));
+        }
+        for order in 1..layout.stiffness {
+            know(stiffness + order, None, T::zero(), sd(0.5 / order as f64));
+        }
+        for order in 1..layout.damping {
+            know(damping + order, None, T::zero(), sd(0.5 / order as f64));
+        }
+    }
+    know(layout.force_offset(), None, T::zero(), settings.force_offset_sd_n);
+    know(layout.tip_offset(), None, T::zero(), settings.tip_offset_sd_m);
+    prior
+}
+
+/// A second filter that goes through all rows anew at fixed parameters.
+#[derive(Debug, Clone)]
+pub struct Replay<T: RealField, const M: usize, const C: usize, const N: usize> {
+    filter: Filter<T, M, C, N>,
+    next: usize,
+    /// The best parameters that a whole replay has seen, the number of its rows, and its cost.
+    best: Option<([T; N], usize, T)>,
+    /// Cost of this replay when it had as many rows as the best one.
+    cost_then: T,
+    halvings: u8,
+    /// Rows of the last replay whose parameters came to rest.
+    settled_rows: usize,
+    settled: bool,
+}
+
+/// Most halvings of a step.
+const MOST_HALVINGS: u8 = 6;
+
+impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay<T, M, C, N> {
+    /// Not begun.
+    pub fn new(filter: &Filter<T, M, C, N>) -> Self {
+        let mut filter = filter.clone();
+        let start = filter.parameters;
+        filter.restart(start);
+        Self {
+            filter,
+            next: 0,
+            best: None,
+            cost_then: T::zero(),
+            halvings: 0,
+            settled_rows: 0,
+            settled: false,
+        }
+    }
+
+    /// Whether the last replay changed nothing.
+    pub fn is_settled(&self) -> bool {
+        self.settled
+    }
+
+    /// One row further; at the end, the live filter continues from here.
+    pub fn step(
+        &mut self,
+        settings: &Settings<T, M>,
+        shape: &Shape<T, M>,
+        rows: &[Row<T>],
+        deviation: Deviation<T>,
+        live: &mut Filter<T, M, C, N>,
+    ) {
+        // Rest until there are a few more rows.
+        if self.settled && rows.len() < self.settled_rows + 1 + self.settled_rows / 16 {
+            return;
+        }
+        if let Some(row) = rows.get(self.next) {
+            if self.filter.absorb(settings, shape, row, deviation).is_none() {
+                self.begin(live.parameters);
+                return;
+            }
+            self.next += 1;
+            if self.best.is_some_and(|(_, rows, _)| rows == self.next) {
+                self.cost_then = self.filter.cost;
+            }
+        }
+        if self.next == rows.len() && self.next > 0 {
+            self.end(live);
+        }
+    }
+
+    fn begin(&mut self, parameters: [T; N]) {
+        self.filter.restart(parameters);
+        self.next = 0;
+    }
+
+    /// All rows are replayed.
+    fn end(&mut self, live: &mut Filter<T, M, C, N>) {
+        if let Some((best, _, cost)) = self.best
+            && self.halvings < MOST_HALVINGS
+            && self.cost_then > cost * convert(1.0 + 1e-3) + convert(0.1)
+        {
+            // Worse than where it came from: half the way back.
+            self.halvings += 1;
+            let mut between = best;
+            for (between, here) in between.iter_mut().zip(&self.filter.parameters) {
+                *between = (*between + *here) * convert(0.5);
+            }
+            self.begin(between);
+            return;
+        }
+        self.halvings = 0;
+        let filter = &mut self.filter;
+        let count: T = convert(2.0 * filter.rows as f64);
+        let scale = (filter.squares / count).sqrt().max(T::one());
+        self.best = Some((filter.parameters, self.next, filter.cost));
+        let target = filter.solution();
+        // At rest where the step is small against what is not known.
+        let mut off = T::zero();
+        for index in 0..N {
+            let (row, _) = filter.information.row(index);
+            let mut step = target;
+            step.iter_mut().zip(&filter.parameters).for_each(|(step, here)| *step -= *here);
+            let part = dot(&row, &step);
+            off += part * part;
+        }
+        self.settled = off < convert(0.05);
+        self.settled_rows = self.next;
+        filter.settled = self.settled;
+        filter.latest = live.latest;
+        *live = filter.clone();
+        // What the step leaves of the deviations, to first order.
+        live.squares = (live.squares - off).max(live.squares * convert(0.1));
+        live.move_to(&target);
+        filter.scale = scale;
+        live.scale = scale;
+        self.begin(live.parameters);
+    }
+}

@@ -1,0 +1,267 @@
+//! The needle in the tissue, row after row, with the derivatives of all it does with respect to the parameters.
+//!
+//! The steering model with its base at the measured place, without inertia of the needle (its slowest mode is a hundred times
+//! faster than a row): `(Xi + sum psi psi^T (k + c/dt)) q = ..`, `w = y_b + psi q`. Springs pull towards the path that the
+//! *simulated* tip has cut, so that noise of the tip's measurement does not become part of the model; dampers against the velocity of
+//! the simulated shape. Both remember how they depend on the parameters: when these change, the past is corrected with them.
+
+use super::Row;
+use super::field::{DAMPING_UNIT, Field};
+use super::needle::Shape;
+use nalgebra::{RealField, SMatrix, SVector, convert};
+
+/// Where the needle is and how it got there; parameters are those of `field`.
+#[derive(Debug, Clone)]
+pub struct Simulation<T: RealField, const M: usize, const C: usize, const N: usize> {
+    cell_m: T,
+    length_m: T,
+    moving_mass_kg: T,
+    /// Share of the tip's innovation that the path takes over, per metre.
+    follow_per_m: T,
+    depth_m: T,
+    base_m: T,
+    speed_m_s: T,
+    tip_m: T,
+    tip_by: [T; N],
+    amplitudes: SVector<T, M>,
+    amplitudes_by: SMatrix<T, M, N>,
+    /// Integral of the path over the part of each cell that is cut.
+    cut: [T; C],
+    cut_by: [[T; N]; C],
+    rows: u32,
+}
+
+/// What the sensors should read, without their offsets, and its derivatives.
+#[derive(Debug, Clone)]
+pub struct Predicted<T: RealField, const M: usize, const N: usize> {
+    /// Force at the base.
+    pub force_n: T,
+    /// Tip against the base's first place.
+    pub tip_m: T,
+    /// Derivatives of the force.
+    pub force_by: [T; N],
+    /// Derivatives of the tip.
+    pub tip_by: [T; N],
+    amplitudes: SVector<T, M>,
+    amplitudes_by: SMatrix<T, M, N>,
+    speed_m_s: T,
+}
+
+impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simulation<T, M, C, N> {
+    /// Straight, along its own line, from the depth and base of the first row on.
+    pub fn new(cell_m: T, length_m: T, moving_mass_kg: T, follow_per_m: T) -> Self {
+        let zero = T::zero();
+        Self {
+            cell_m,
+            length_m,
+            moving_mass_kg,
+            follow_per_m,
+            depth_m: zero,
+            base_m: zero,
+            speed_m_s: zero,
+            tip_m: zero,
+            tip_by: [zero; N],
+            amplitudes: SVector::zeros(),
+            amplitudes_by: SMatrix::zeros(),
+            cut: [zero; C],
+            cut_by: [[zero; N]; C],
+            rows: 0,
+        }
+    }
+
+    /// Back to the beginning.
+    pub fn restart(&mut self) {
+        *self = Self::new(self.cell_m, self.length_m, self.moving_mass_kg, self.follow_per_m);
+    }
+
+    /// Depth of the last row.
+    pub fn depth_m(&self) -> T {
+        self.depth_m
+    }
+
+    /// Cells that are cut, wholly or in part, at a depth.
+    pub fn cells(&self, depth_m: T) -> usize {
+        let mut cells = 0;
+        let mut top_m = T::zero();
+        while cells < C && top_m < depth_m {
+            cells += 1;
+            top_m += self.cell_m;
+        }
+        cells
+    }
+
+    /// Part of a cell that is between two depths: its ends.
+    pub fn part(&self, cell: usize, from_m: T, to_m: T) -> [T; 2] {
+        let top_m = self.cell_m * convert(cell as f64);
+        let low_m = top_m.max(from_m);
+        [low_m, (top_m + self.cell_m).min(to_m).max(low_m)]
+    }
+
+    /// What a row should read with the tissue of `field`.
+    pub fn predict(
+        &self,
+        shape: &Shape<T, M>,
+        field: &Field<T, C>,
+        row: &Row<T>,
+    ) -> Option<Predicted<T, M, N>> {
+        let zero = T::zero();
+        let half: T = convert(0.5);
+        let unit: T = convert(DAMPING_UNIT);
+        let cells = self.cells(row.depth_m);
+        let advance_m = row.depth_m - self.depth_m;
+        let first = self.rows == 0;
+        let rate = if first { zero } else { row.step_s.recip() };
+        // Before the first row the needle lay straight with its base where it is.
+        let (start_base_m, start_tip_m) =
+            if first { (row.base_m, row.base_m) } else { (self.base_m, self.tip_m) };
+        let mut walk = shape.walk(self.length_m - row.depth_m + self.cell_m * half);
+        let mut loads = [CellLoad::default(); C];
+        let mut matrix = SMatrix::<T, M, M>::from_diagonal(&SVector::from(shape.stiffness));
+        let mut dampers = SMatrix::<T, M, M>::zeros();
+        let mut right = SVector::<T, M>::zeros();
+        let (mut sum, mut sum_by, mut damper_sum) =
+            (zero, SVector::<T, M>::zeros(), SVector::<T, M>::zeros());
+        let tip = SVector::from(shape.tip);
+        let mut psi_of = [SVector::<T, M>::zeros(); C];
+        for cell in 0..cells {
+            let [top_m, bottom_m] = self.part(cell, zero, row.depth_m);
+            let length_m = bottom_m - top_m;
+            let whole = length_m > self.cell_m * convert(0.999);
+            let middle_m = (top_m + bottom_m) * half;
+            let walked = walk.next();
+            let psi = match walked {
+                Some(psi) if whole => SVector::from(psi),
+                _ => SVector::from(shape.at(self.length_m - row.depth_m + middle_m)),
+            };
+            psi_of[cell] = psi;
+            // The part of the cell that is cut in this row: the path there lies between the last tip and this one.
+            let [new_top_m, new_bottom_m] = self.part(cell, self.depth_m, row.depth_m);
+            let new_m = new_bottom_m - new_top_m;
+            let share = if new_m > zero {
+                ((new_top_m + new_bottom_m) * half - self.depth_m) / advance_m
+            } else {
+                zero
+            };
+            let old_m = new_m * (T::one() - share);
+            let now_m = if first { zero } else { new_m * share };
+            let cut = if first { row.base_m * length_m } else { self.cut[cell] + old_m * start_tip_m };
+            let stiffness = field.stiffness[cell];
+            let damper = field.damping[cell] * rate * length_m;
+            let strength = stiffness * length_m + damper;
+            let before = start_base_m + psi.dot(&self.amplitudes);
+            // Force of the cell: strength (y_b + psi q) - k (cut + now tip) - damper before, the tip being y_b + psi_L q.
+            let constant = strength * row.base_m - stiffness * (cut + now_m * row.base_m) - damper * before;
+            let slope = psi * strength - tip * (stiffness * now_m);
+            matrix.ger(T::one(), &psi, &slope, T::one());
+            dampers.ger(damper, &psi, &psi, T::one());
+            right.axpy(-constant, &psi, T::one());
+            sum += constant;
+            sum_by += slope;
+            damper_sum.axpy(damper, &psi, T::one());
+            loads[cell] = CellLoad { length_m, old_m, now_m, cut, before };
+        }
+        let inverse = matrix.try_inverse()?;
+        let amplitudes = inverse * right;
+        let tip_m = row.base_m + tip.dot(&amplitudes);
+        // Derivatives of the cells' forces at fixed amplitudes, summed as loads on the modes and as a force.
+        let mut modes_by = -(dampers * self.amplitudes_by);
+        let damper_by = damper_sum.transpose() * self.amplitudes_by;
+        let mut force_by = [zero; N];
+        force_by.iter_mut().zip(damper_by.iter()).for_each(|(force, &by)| *force = -by);
+        for cell in 0..cells {
+            let CellLoad { length_m, old_m, now_m, cut, before } = loads[cell];
+            let psi = &psi_of[cell];
+            let deflection_m = row.base_m + psi.dot(&amplitudes);
+            let stiffness = field.stiffness[cell];
+            let spring = stiffness * (deflection_m * length_m - cut - now_m * tip_m);
+            let mut by = [zero; N];
+            for ((by, &cut), &tip) in by.iter_mut().zip(&self.cut_by[cell]).zip(&self.tip_by) {
+                *by = -stiffness * (cut + old_m * tip);
+            }
+            let (at, basis) = field.stiffness_basis(cell);
+            by[at..].iter_mut().zip(basis).for_each(|(by, &basis)| *by += spring * basis);
+            // At no damping too: what more of it would do.
+            let velocity = (deflection_m - before) * rate * length_m * unit;
+            let (at, basis) = field.damping_basis(cell);
+            by[at..].iter_mut().zip(basis).for_each(|(by, &basis)| *by += velocity * basis);
+            for (j, &by) in by.iter().enumerate() {
+                force_by[j] += by;
+                for i in 0..M {
+                    modes_by[(i, j)] += psi[i] * by;
+                }
+            }
+        }
+        let amplitudes_by = -(inverse * modes_by);
+        let along_force = sum_by.transpose() * amplitudes_by;
+        let along_tip = tip.transpose() * amplitudes_by;
+        let mut tip_by = [zero; N];
+        for j in 0..N {
+            force_by[j] += along_force[j];
+            tip_by[j] = along_tip[j];
+        }
+        let speed_m_s = if first { zero } else { (row.base_m - self.base_m) * rate };
+        let inertia_n = self.moving_mass_kg * (speed_m_s - self.speed_m_s) * rate;
+        let force_n = sum + sum_by.dot(&amplitudes) + inertia_n;
+        Some(Predicted { force_n, tip_m, force_by, tip_by, amplitudes, amplitudes_by, speed_m_s })
+    }
+
+    /// Goes on to a row. `innovation_m`: how far the measured tip is from the predicted one.
+    pub fn advance(&mut self, row: &Row<T>, predicted: &Predicted<T, M, N>, innovation_m: T) {
+        let half: T = convert(0.5);
+        let first = self.rows == 0;
+        let advance_m = row.depth_m - self.depth_m;
+        let follow = if first { T::zero() } else { (self.follow_per_m * advance_m).min(T::one()) };
+        let keep = T::one() - follow;
+        let tip_m = predicted.tip_m + follow * innovation_m;
+        let tip_by = predicted.tip_by.map(|by| keep * by);
+        for cell in 0..self.cells(row.depth_m) {
+            let [top_m, bottom_m] = self.part(cell, self.depth_m, row.depth_m);
+            let new_m = bottom_m - top_m;
+            if first {
+                let [top_m, bottom_m] = self.part(cell, T::zero(), row.depth_m);
+                self.cut[cell] = row.base_m * (bottom_m - top_m);
+            } else if new_m > T::zero() {
+                let share = ((top_m + bottom_m) * half - self.depth_m) / advance_m;
+                let (old_m, now_m) = (new_m * (T::one() - share), new_m * share);
+                self.cut[cell] += old_m * self.tip_m + now_m * tip_m;
+                for (j, by) in self.cut_by[cell].iter_mut().enumerate() {
+                    *by += old_m * self.tip_by[j] + now_m * tip_by[j];
+                }
+            }
+        }
+        self.tip_m = if first { row.base_m } else { tip_m };
+        self.tip_by = if first { [T::zero(); N] } else { tip_by };
+        self.amplitudes = predicted.amplitudes;
+        self.amplitudes_by = predicted.amplitudes_by;
+        self.speed_m_s = predicted.speed_m_s;
+        self.depth_m = row.depth_m;
+        self.base_m = row.base_m;
+        self.rows += 1;
+    }
+
+    /// Corrects the past, to first order, for parameters that change by `step`.
+    pub fn shift(&mut self, step: &[T; N]) {
+        let along = |by: &[T; N]| super::information::dot(by, step);
+        self.tip_m += along(&self.tip_by);
+        for cell in 0..self.cells(self.depth_m) {
+            self.cut[cell] += along(&self.cut_by[cell]);
+        }
+        self.amplitudes += self.amplitudes_by * SVector::from(*step);
+    }
+}
+
+/// What a cell's springs and dampers pull with, kept between the two passes over the cells.
+#[derive(Debug, Clone, Copy)]
+struct CellLoad<T> {
+    length_m: T,
+    old_m: T,
+    now_m: T,
+    cut: T,
+    before: T,
+}
+
+impl<T: RealField> Default for CellLoad<T> {
+    fn default() -> Self {
+        Self { length_m: T::zero(), old_m: T::zero(), now_m: T::zero(), cut: T::zero(), before: T::zero() }
+    }
+}

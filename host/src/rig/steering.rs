@@ -1,0 +1,253 @@
+//! Steering runs of a simulated rig: a stage drives the needle's base along a planned path while the needle goes in, its force is
+//! measured, and the tip is tracked.
+//!
+//! The truth is the steering model with ten modes, inertia and a stage with a position loop, in tissue of layers with inclusions
+//! (lumps, bubbles); the online estimator has five modes, no inertia, and smooth segments.
+
+use super::{Noise, Stream};
+use crate::model::{BaseDrive, Dynamics, Experiment, Foundation, Layer, Model, ModelError, Rig, predict};
+use crate::session::SteeringRun;
+use serde::Deserialize;
+use std::f64::consts::TAU;
+
+/// Modes of the truth.
+const MODES: usize = 10;
+/// Thickness of the slices in which inclusions are made.
+const SLICE_M: f64 = 0.5e-3;
+
+/// Tissue down to a depth.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TissueLayer {
+    /// Lower face; the last layer goes on below its own.
+    pub bottom_mm: f64,
+    /// Stiffness: lateral force per needle length and deflection.
+    pub stiffness_n_per_m2: f64,
+    /// Damping: lateral force per needle length and velocity.
+    pub damping_n_s_per_m2: f64,
+}
+
+/// A lump or a bubble: stiffness and damping times `1 + (factor - 1)` of a bell of this width.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Inclusion {
+    /// Where its middle is.
+    pub depth_mm: f64,
+    /// Standard deviation of the bell.
+    pub width_mm: f64,
+    /// More than 1: a lump; less: a bubble.
+    pub factor: f64,
+}
+
+/// What the tissue really is.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Tissue {
+    /// From the surface down; at least one.
+    pub layers: Vec<TissueLayer>,
+    /// Anywhere in it.
+    pub inclusions: Vec<Inclusion>,
+}
+
+impl Tissue {
+    fn layer(&self, depth_mm: f64) -> Option<&TissueLayer> {
+        self.layers.iter().find(|layer| depth_mm < layer.bottom_mm).or(self.layers.last())
+    }
+
+    fn factor(&self, depth_mm: f64) -> f64 {
+        let bell = |one: &Inclusion| (-0.5 * ((depth_mm - one.depth_mm) / one.width_mm).powi(2)).exp();
+        self.inclusions.iter().map(|one| 1.0 + (one.factor - 1.0) * bell(one)).product()
+    }
+
+    /// Stiffness, N/m^2, and damping, N s/m^2, at a depth.
+    pub fn at(&self, depth_m: f64) -> [f64; 2] {
+        let depth_mm = 1e3 * depth_m;
+        let factor = self.factor(depth_mm);
+        self.layer(depth_mm)
+            .map_or([0.0; 2], |layer| [factor * layer.stiffness_n_per_m2, factor * layer.damping_n_s_per_m2])
+    }
+
+    /// Their means over the first `depth_m`.
+    pub fn mean(&self, depth_m: f64) -> [f64; 2] {
+        let slices = (depth_m / SLICE_M).ceil().max(1.0) * 4.0;
+        let mut sum = [0.0; 2];
+        for i in 0..slices as usize {
+            let [stiffness, damping] = self.at(depth_m * (i as f64 + 0.5) / slices);
+            sum = [sum[0] + stiffness, sum[1] + damping];
+        }
+        sum.map(|sum| sum / slices)
+    }
+
+    /// Stiffness and damping for the model, in slices where there are inclusions.
+    fn foundations(&self, reach_m: f64) -> Result<[Foundation; 2], ModelError> {
+        let mut faces_m: Vec<f64> = self.layers.iter().map(|layer| 1e-3 * layer.bottom_mm).collect();
+        if !self.inclusions.is_empty() {
+            faces_m.extend((1..=(reach_m / SLICE_M).ceil() as usize).map(|i| i as f64 * SLICE_M));
+        }
+        faces_m.sort_by(f64::total_cmp);
+        faces_m.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+        let profile = |part: usize| {
+            let mut top_m = 0.0;
+            let mut layers = Vec::new();
+            for &bottom_m in &faces_m {
+                layers.push(Layer { bottom_m, modulus_pa: self.at(0.5 * (top_m + bottom_m))[part] });
+                top_m = bottom_m;
+            }
+            Foundation::layered(layers, self.at(top_m + SLICE_M)[part])
+        };
+        Ok([profile(0)?, profile(1)?])
+    }
+}
+
+/// What is done in one run.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// Name of the run.
+    pub id: String,
+    /// Speed of insertion.
+    pub speed_mm_s: f64,
+    /// How deep.
+    #[serde(default = "Plan::depth_mm")]
+    pub depth_mm: f64,
+    /// How far sideways the base goes, evenly, until the needle is in.
+    #[serde(default = "Plan::lateral_mm")]
+    pub lateral_mm: f64,
+    /// The needle is supported: it goes in straight this far before it is moved sideways.
+    #[serde(default)]
+    pub straight_mm: f64,
+    /// Time between samples.
+    #[serde(default = "Plan::period_ms")]
+    pub period_ms: f64,
+    /// Disturbances, at random depths: the tip jerks and rings, the force jumps for a moment.
+    #[serde(default)]
+    pub disturbances: usize,
+}
+
+impl Plan {
+    fn depth_mm() -> f64 {
+        80.0
+    }
+
+    fn lateral_mm() -> f64 {
+        20.0
+    }
+
+    fn period_ms() -> f64 {
+        20.0
+    }
+}
+
+/// Standard deviations of the sensors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sensors {
+    /// Position of the base, from the motors.
+    pub base_m: f64,
+    /// Force at the base.
+    pub force_n: f64,
+    /// Position of the tip.
+    pub tip_m: f64,
+}
+
+/// Needle and tissue of steering runs.
+#[derive(Debug, Clone)]
+pub struct SteeringRig {
+    model: Model,
+}
+
+/// A run: what really happened, free of noise.
+#[derive(Debug, Clone)]
+pub struct Truth {
+    /// Times, depths, base, force and tip.
+    pub run: SteeringRun,
+    period_s: f64,
+    disturbances: usize,
+}
+
+impl SteeringRig {
+    /// A needle of `length_m` on a fixture in this tissue.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where tissue or needle are impossible.
+    pub fn new(rig: Rig, length_m: f64, fixture_mass_kg: f64, tissue: &Tissue) -> Result<Self, ModelError> {
+        let [stiffness, damping] = tissue.foundations(length_m)?;
+        let dynamics =
+            Dynamics { damping, modes: MODES, ..Dynamics::steel(&rig.needle, length_m, fixture_mass_kg) };
+        let mut model = Model::uniform(rig, 0.0)?;
+        model.foundation = stiffness;
+        model.dynamics = Some(dynamics);
+        Ok(Self { model })
+    }
+
+    /// What happens when the plan is carried out.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] for a plan that no rig can carry out.
+    pub fn carry_out(&self, plan: &Plan) -> Result<Truth, ModelError> {
+        let check = crate::model::check;
+        check("speed_mm_s", plan.speed_mm_s, "0.1 to 100", (0.1..=100.0).contains(&plan.speed_mm_s))?;
+        check("period_ms", plan.period_ms, "1 to 1000", (1.0..=1e3).contains(&plan.period_ms))?;
+        check("depth_mm", plan.depth_mm, "1 to 300", (1.0..=300.0).contains(&plan.depth_mm))?;
+        check("lateral_mm", plan.lateral_mm, "-100 to 100", (-100.0..=100.0).contains(&plan.lateral_mm))?;
+        let straight = (0.0..plan.depth_mm).contains(&plan.straight_mm);
+        check("straight_mm", plan.straight_mm, "0 or more, less than depth_mm", straight)?;
+        let period_s = 1e-3 * plan.period_ms;
+        let count = (plan.depth_mm / plan.speed_mm_s / period_s).floor() as usize;
+        let time_s: Vec<f64> = (0..=count).map(|i| i as f64 * period_s).collect();
+        let depth_mm = |time_s: &f64| (plan.speed_mm_s * time_s).min(plan.depth_mm);
+        let lateral = |time_s: &f64| {
+            let share = (depth_mm(time_s) - plan.straight_mm) / (plan.depth_mm - plan.straight_mm);
+            1e-3 * plan.lateral_mm * share.max(0.0)
+        };
+        let run = crate::model::Steering {
+            depth_m: time_s.iter().map(|time_s| 1e-3 * depth_mm(time_s)).collect(),
+            drive: BaseDrive::Position(time_s.iter().map(lateral).collect()),
+            time_s,
+        };
+        let depth_m = run.depth_m.clone();
+        let time_s = run.time_s.clone();
+        let channels = predict(&self.model, &Experiment::Steering(run))?;
+        let run = SteeringRun {
+            path: format!("{}.csv", plan.id).into(),
+            id: plan.id.clone(),
+            time_s,
+            depth_m,
+            base_y_m: channels.base_m.y,
+            base_force_y_n: channels.force_n.y,
+            tip_y_m: channels.tip_m.y,
+        };
+        Ok(Truth { run, period_s, disturbances: plan.disturbances })
+    }
+}
+
+/// Disturbances: tip, m; force, N; how long they last, s; frequency of the ringing, 1/s.
+const JERK_M: f64 = 1.5e-3;
+const KNOCK_N: f64 = 0.4;
+const RINGING_S: f64 = 0.25;
+const RINGING_HZ: f64 = 6.0;
+
+impl Truth {
+    /// What the sensors record. `seed` and `number` make the noise.
+    pub fn measure(&self, sensors: Sensors, seed: u64, number: u64) -> SteeringRun {
+        let mut noise = Noise::numbered(seed, Stream::Steering, number);
+        let mut run = self.run.clone();
+        let last_s = run.time_s.last().copied().unwrap_or(0.0);
+        let jerks: Vec<(f64, f64)> =
+            (0..self.disturbances).map(|_| (last_s * noise.uniform(), noise.draw().signum())).collect();
+        for i in 0..run.time_s.len() {
+            run.base_y_m[i] += sensors.base_m * noise.draw();
+            run.base_force_y_n[i] += sensors.force_n * noise.draw();
+            run.tip_y_m[i] += sensors.tip_m * noise.draw();
+            for &(start_s, sign) in &jerks {
+                let since_s = run.time_s[i] - start_s;
+                if since_s >= 0.0 {
+                    let ringing = (-since_s / RINGING_S).exp() * (TAU * RINGING_HZ * since_s).sin();
+                    run.tip_y_m[i] += sign * JERK_M * ringing;
+                    if since_s < 2.0 * self.period_s {
+                        run.base_force_y_n[i] += sign * KNOCK_N;
+                    }
+                }
+            }
+        }
+        run
+    }
+}
