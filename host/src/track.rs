@@ -17,3 +17,6 @@ pub enum TrackError {
     #[error("the estimator's layout does not fit its number of parameters")]
     Layout,
 }
+
+#[cfg(test)]
+mod tests;

@@ -12,9 +12,9 @@ pub const MOST_COEFFICIENTS: usize = 8;
 /// Damping of 1 in the parameters, N s/m^2.
 pub const DAMPING_UNIT: f64 = 1e3;
 /// Stiffness that tissue can have, N/m^2: a search does not leave this.
-pub const STIFFNESS_RANGE: [f64; 2] = [1e2, 1e7];
+pub const STIFFNESS_RANGE: [f64; 2] = [2e2, 5e6];
 /// Damping that tissue can have, N s/m^2.
-pub const DAMPING_RANGE: [f64; 2] = [0.0, 3e4];
+pub const DAMPING_RANGE: [f64; 2] = [0.0, 1e4];
 
 /// How parameters are laid out: per segment the coefficients of the stiffness, then per segment those of the damping, then the
 /// offsets of force and tip sensor.

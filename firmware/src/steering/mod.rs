@@ -78,12 +78,16 @@ pub struct Settings<T, const M: usize> {
     pub cell_m: T,
     /// A row ends when the needle has gone this much deeper ..
     pub row_m: T,
-    /// .. or its base this much sideways, while the depth rests.
+    /// .. or its base this much sideways ..
     pub row_base_m: T,
+    /// .. or after this time. Of rows without any motion only the first counts.
+    pub row_s: T,
     /// Standard deviation of a single force; taken from the samples themselves where it is 0.
     pub force_sd_n: T,
     /// Standard deviation of a single tip position; taken from the samples themselves where it is 0.
     pub tip_sd_m: T,
+    /// Standard deviation of a single position of the base; taken from the samples themselves where it is 0.
+    pub base_sd_m: T,
     /// Standard deviation of the force sensor's offset.
     pub force_offset_sd_n: T,
     /// Standard deviation of the tip sensor's offset against the base.
@@ -108,8 +112,10 @@ impl<T: RealField + Copy, const M: usize> Settings<T, M> {
             cell_m: convert(2e-3),
             row_m: convert(1e-3),
             row_base_m: convert(0.5e-3),
+            row_s: convert(1.0),
             force_sd_n: T::zero(),
             tip_sd_m: T::zero(),
+            base_sd_m: T::zero(),
             force_offset_sd_n: convert(0.01),
             tip_offset_sd_m: convert(0.2e-3),
             start: [convert(1e4), convert(100.0)],
@@ -204,7 +210,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         let live = Filter::new(&settings);
         Some(Self {
             shape: Shape::new(settings.modes, settings.length_m, settings.cell_m),
-            noise: Noise::new(settings.force_sd_n, settings.tip_sd_m),
+            noise: Noise::new([settings.force_sd_n, settings.tip_sd_m, settings.base_sd_m]),
             rows: Vec::new(),
             replay: Replay::new(&live),
             live,

@@ -3,8 +3,8 @@
 use super::{Refused, Row, Sample, Settings};
 use nalgebra::{RealField, convert};
 
-/// Standard deviations of a single sample: force and tip.
-pub type Deviation<T> = [T; 2];
+/// Standard deviations of a single sample: force, tip and base.
+pub type Deviation<T> = [T; 3];
 
 /// The row that is being filled, and the noise so far.
 #[derive(Debug, Clone)]
@@ -17,11 +17,14 @@ pub struct Noise<T> {
     count: T,
     /// Deepest so far.
     depth_m: T,
+    start_s: T,
     start_depth_m: T,
     start_base_m: T,
+    /// The row before was a rest.
+    rested: bool,
     /// Second differences: how many, and their squares.
     pairs: T,
-    squares: [T; 2],
+    squares: [T; 3],
     previous: Option<Sample<T>>,
 }
 
@@ -30,19 +33,21 @@ const LARGEST: f64 = 1e6;
 
 impl<T: RealField + Copy> Noise<T> {
     /// Stated deviations; 0 where there are none.
-    pub fn new(force_sd_n: T, tip_sd_m: T) -> Self {
+    pub fn new(stated: Deviation<T>) -> Self {
         let zero = T::zero();
         Self {
-            stated: [force_sd_n, tip_sd_m],
+            stated,
             last: None,
             before: None,
             sum: [zero; 5],
             count: zero,
             depth_m: zero,
+            start_s: zero,
             start_depth_m: zero,
             start_base_m: zero,
+            rested: false,
             pairs: zero,
-            squares: [zero; 2],
+            squares: [zero; 3],
             previous: None,
         }
     }
@@ -70,7 +75,7 @@ impl<T: RealField + Copy> Noise<T> {
         // A needle that is drawn back a little keeps its path.
         self.depth_m = self.depth_m.max(depth_m);
         if self.count == T::zero() {
-            (self.start_depth_m, self.start_base_m) = (self.depth_m, base_m);
+            (self.start_s, self.start_depth_m, self.start_base_m) = (time_s, self.depth_m, base_m);
         }
         for (sum, value) in self.sum.iter_mut().zip([time_s, self.depth_m, base_m, force_n, tip_m]) {
             *sum += value;
@@ -78,7 +83,17 @@ impl<T: RealField + Copy> Noise<T> {
         self.count += T::one();
         let deeper = self.depth_m - self.start_depth_m >= settings.row_m;
         let aside = (base_m - self.start_base_m).abs() >= settings.row_base_m;
-        if !(deeper || aside) {
+        let long = time_s - self.start_s >= settings.row_s;
+        if !(deeper || aside || long) {
+            return Ok(None);
+        }
+        // A rest says something once, when the damping fades; a long one must not fill the memory.
+        let rests = !(deeper || aside);
+        let drop = rests && self.rested;
+        self.rested = rests;
+        if drop {
+            self.sum = [T::zero(); 5];
+            self.count = T::zero();
             return Ok(None);
         }
         let [time_s, depth_m, base_m, force_n, tip_m] = self.sum.map(|sum| sum / self.count);
@@ -101,8 +116,10 @@ impl<T: RealField + Copy> Noise<T> {
                 let most = convert::<f64, T>(9.0) * sum / pairs.max(T::one());
                 if pairs < convert(8.0) { square } else { square.min(most) }
             };
-            self.squares[0] += bounded(force * force, self.squares[0], self.pairs);
-            self.squares[1] += bounded(tip * tip, self.squares[1], self.pairs);
+            let base = second(sample.base_m, last.base_m, previous.base_m);
+            for (sum, second) in self.squares.iter_mut().zip([force, tip, base]) {
+                *sum += bounded(second * second, *sum, self.pairs);
+            }
             self.pairs += T::one();
         }
         self.previous = self.last;
@@ -112,7 +129,7 @@ impl<T: RealField + Copy> Noise<T> {
     /// Standard deviations of a single sample, never below what sensors of this kind resolve.
     pub fn deviation(&self) -> Deviation<T> {
         let six: T = convert(6.0);
-        let floor: [T; 2] = [convert(1e-3), convert(5e-6)];
+        let floor: [T; 3] = [convert(1e-3), convert(5e-6), convert(1e-6)];
         let mut deviation = self.stated;
         for ((deviation, &square), floor) in deviation.iter_mut().zip(&self.squares).zip(floor) {
             if *deviation == T::zero() {

@@ -19,8 +19,6 @@ pub struct Filter<T: RealField, const M: usize, const C: usize, const N: usize> 
     squares: T,
     products: T,
     last: [T; 2],
-    /// Deviations that are usual: the scale beyond which a row counts less.
-    scale: T,
     cost: T,
     settled: bool,
     latest: Option<Estimate<T>>,
@@ -33,7 +31,7 @@ const LOG_STIFFNESS_SD: f64 = 2.3;
 /// Stiffness of tissue before anything is measured, N/m^2.
 const STIFFNESS: f64 = 1e4;
 /// Standard deviation of the damping before anything is measured, damping units.
-const DAMPING_SD: f64 = 5.0;
+const DAMPING_SD: f64 = 3.0;
 
 impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter<T, M, C, N> {
     /// Nothing measured.
@@ -66,7 +64,6 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
             squares: T::zero(),
             products: T::zero(),
             last: [T::zero(); 2],
-            scale: T::one(),
             cost: T::zero(),
             settled: false,
             latest: None,
@@ -121,9 +118,11 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         let channels = [(off_n, predicted.force_by, force_at), (off_m, predicted.tip_by, tip_at)];
         for (i, (off, mut by, offset_at)) in channels.into_iter().enumerate() {
             by[offset_at] += T::one();
-            let weight = root / deviation[i];
+            // Noise of the base's place is noise of what it makes of it.
+            let base = predicted.by_base[i] * deviation[2];
+            let weight = root / (deviation[i] * deviation[i] + base * base).sqrt();
             let off = off * weight;
-            let usual = convert::<f64, T>(3.0) * self.scale;
+            let usual = convert::<f64, T>(3.0) * self.usual(off);
             let trust = if off.abs() > usual { (usual / off.abs()).sqrt() } else { T::one() };
             let value = trust * (off + weight * dot(&by, &self.parameters));
             self.information.add(by.map(|by| trust * weight * by), value);
@@ -138,6 +137,13 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         Some([predicted.force_n, row.force_n - offset_n, predicted.tip_m, row.tip_m - offset_m])
     }
 
+    /// Root mean square of the deviations so far with this one, at least that of the noise: where the model is wrong as a whole,
+    /// everything deviates and nothing is an outlier.
+    fn usual(&self, off: T) -> T {
+        let count: T = convert(2.0 * self.rows as f64 + 1.0);
+        ((self.squares + off * off) / count).max(T::one()).sqrt()
+    }
+
     /// Forgets a little, but never what was known before the first row: one row of that is renewed at a time.
     fn fade(&mut self, forgetting: T) {
         if forgetting >= T::one() {
@@ -149,27 +155,37 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.information.add(row.map(|factor| renewed * factor), renewed * value);
     }
 
-    /// The most probable parameters that are possible.
+    /// The most probable parameters that are possible: what would leave its range is held at the range's end, and all others are
+    /// the most probable ones beside it.
     fn solution(&self) -> [T; N] {
         let mut parameters = self.information.solve();
-        for segment in 0..self.layout.segments {
-            let at = self.layout.damping_at(segment);
-            if parameters[at] < T::zero() {
-                parameters = self.information.hold(parameters, at, T::zero());
+        let damping = field::DAMPING_RANGE.map(|value| convert::<f64, T>(value / field::DAMPING_UNIT));
+        let stiffness = STIFFNESS_RANGE.map(|value| convert::<f64, T>(value).ln());
+        for _ in 0..2 {
+            for segment in 0..self.layout.segments {
+                let ranges = [
+                    (self.layout.damping_at(segment), damping),
+                    (self.layout.stiffness_at(segment), stiffness),
+                ];
+                for (at, [least, most]) in ranges {
+                    let possible = parameters[at].clamp(least, most);
+                    if possible != parameters[at] {
+                        parameters = self.information.hold(parameters, at, possible);
+                    }
+                }
             }
         }
         for segment in 0..self.layout.segments {
             let at = self.layout.damping_at(segment);
-            parameters[at] = parameters[at].max(T::zero());
-            let [least, most] = STIFFNESS_RANGE.map(|value| convert::<f64, T>(value).ln());
+            parameters[at] = parameters[at].clamp(damping[0], damping[1]);
             let at = self.layout.stiffness_at(segment);
-            parameters[at] = parameters[at].clamp(least, most);
+            parameters[at] = parameters[at].clamp(stiffness[0], stiffness[1]);
         }
         parameters
     }
 
-    /// Goes towards `target`, not too far at once, and corrects the simulated past.
-    fn move_to(&mut self, target: &[T; N]) {
+    /// The step towards `target`, not too far at once.
+    fn step_to(&self, target: &[T; N]) -> [T; N] {
         let mut largest = T::zero();
         for cell in 0..C {
             let (at, basis) = self.field.stiffness_basis(cell);
@@ -181,10 +197,16 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         }
         let share = (convert::<f64, T>(LARGEST_STEP) / largest.max(convert(1e-6))).min(T::one());
         let mut step = [T::zero(); N];
-        for ((step, &target), parameter) in step.iter_mut().zip(target).zip(&mut self.parameters) {
-            *step = share * (target - *parameter);
-            *parameter += *step;
+        for ((step, &target), &parameter) in step.iter_mut().zip(target).zip(&self.parameters) {
+            *step = share * (target - parameter);
         }
+        step
+    }
+
+    /// Goes towards `target` and corrects the simulated past.
+    fn move_to(&mut self, target: &[T; N]) {
+        let step = self.step_to(target);
+        self.parameters.iter_mut().zip(step).for_each(|(parameter, step)| *parameter += step);
         self.simulation.shift(&step);
         self.field.set(&self.parameters, C);
     }
@@ -275,7 +297,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         let twice = convert::<f64, T>(1.96) * sd;
         let low = (free - twice).max(T::zero());
         let high = (free + twice).max(twice);
-        let seen = if low > T::zero() {
+        // Three standard deviations, and a replay that has come to rest: looked at after every row, two would be passed by chance.
+        let seen = if self.settled && free > convert::<f64, T>(3.0) * sd {
             Seen::Yes
         } else if variance * wide < before * convert(0.1) {
             Seen::AtMost
@@ -346,11 +369,22 @@ pub struct Replay<T: RealField, const M: usize, const C: usize, const N: usize> 
     /// Cost of this replay when it had as many rows as the best one.
     cost_then: T,
     halvings: u8,
+    /// Replays in a row that were too far from the best parameters to be believed.
+    far: u8,
     /// Rows of the last replay whose parameters came to rest.
     settled_rows: usize,
     settled: bool,
 }
 
+/// A replay is far from the best parameters where this share of its squared deviations, and this much, would be gone with a
+/// step; so many of them in a row.
+const FAR_SHARE: f64 = 0.5;
+const FAR_LEAST: f64 = 25.0;
+const MOST_FAR: u8 = 10;
+/// A step has made things worse where deviations have grown by this factor and this much. What it was made for are the newest rows
+/// too: the older ones may well lose a little.
+const WORSE_SHARE: f64 = 1.3;
+const WORSE_LEAST: f64 = 5.0;
 /// Most halvings of a step.
 const MOST_HALVINGS: u8 = 6;
 
@@ -366,6 +400,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
             best: None,
             cost_then: T::zero(),
             halvings: 0,
+            far: 0,
             settled_rows: 0,
             settled: false,
         }
@@ -411,9 +446,10 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
 
     /// All rows are replayed.
     fn end(&mut self, live: &mut Filter<T, M, C, N>) {
-        if let Some((best, _, cost)) = self.best
+        if let Some((best, rows, cost)) = self.best
             && self.halvings < MOST_HALVINGS
-            && self.cost_then > cost * convert(1.0 + 1e-3) + convert(0.1)
+            && self.next < rows + rows / 4
+            && self.cost_then > cost * convert(WORSE_SHARE) + convert(WORSE_LEAST)
         {
             // Worse than where it came from: half the way back.
             self.halvings += 1;
@@ -426,8 +462,6 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         }
         self.halvings = 0;
         let filter = &mut self.filter;
-        let count: T = convert(2.0 * filter.rows as f64);
-        let scale = (filter.squares / count).sqrt().max(T::one());
         self.best = Some((filter.parameters, self.next, filter.cost));
         let target = filter.solution();
         // At rest where the step is small against what is not known.
@@ -439,7 +473,25 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
             let part = dot(&row, &step);
             off += part * part;
         }
-        self.settled = off < convert(0.05);
+        // Where most of what is off would be gone with the step, the step is long and its outcome not certain. While the live filter
+        // does better it is not replaced: the next replay begins at the step's end, and after many of them where the live filter is.
+        let near = off < filter.squares * convert(FAR_SHARE) || off < convert(FAR_LEAST);
+        if !near && filter.squares > live.squares {
+            self.far += 1;
+            let mut next = live.parameters;
+            if self.far < MOST_FAR {
+                let step = filter.step_to(&target);
+                next = filter.parameters;
+                next.iter_mut().zip(step).for_each(|(next, step)| *next += step);
+            } else {
+                self.far = 0;
+                self.best = None;
+            }
+            self.begin(next);
+            return;
+        }
+        self.far = 0;
+        self.settled = off < convert(0.5);
         self.settled_rows = self.next;
         filter.settled = self.settled;
         filter.latest = live.latest;
@@ -447,8 +499,6 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         // What the step leaves of the deviations, to first order.
         live.squares = (live.squares - off).max(live.squares * convert(0.1));
         live.move_to(&target);
-        filter.scale = scale;
-        live.scale = scale;
         self.begin(live.parameters);
     }
 }

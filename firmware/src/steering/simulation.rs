@@ -42,6 +42,8 @@ pub struct Predicted<T: RealField, const M: usize, const N: usize> {
     pub force_by: [T; N],
     /// Derivatives of the tip.
     pub tip_by: [T; N],
+    /// Derivatives of force and tip with respect to where the base is now.
+    pub by_base: [T; 2],
     amplitudes: SVector<T, M>,
     amplitudes_by: SMatrix<T, M, N>,
     speed_m_s: T,
@@ -119,6 +121,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let mut matrix = SMatrix::<T, M, M>::from_diagonal(&SVector::from(shape.stiffness));
         let mut dampers = SMatrix::<T, M, M>::zeros();
         let mut right = SVector::<T, M>::zeros();
+        let mut along_base = SVector::<T, M>::zeros();
+        let mut sum_by_base = zero;
         let (mut sum, mut sum_by, mut damper_sum) =
             (zero, SVector::<T, M>::zeros(), SVector::<T, M>::zeros());
         let tip = SVector::from(shape.tip);
@@ -155,6 +159,9 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             matrix.ger(T::one(), &psi, &slope, T::one());
             dampers.ger(damper, &psi, &psi, T::one());
             right.axpy(-constant, &psi, T::one());
+            let by_base = strength - stiffness * now_m;
+            along_base.axpy(-by_base, &psi, T::one());
+            sum_by_base += by_base;
             sum += constant;
             sum_by += slope;
             damper_sum.axpy(damper, &psi, T::one());
@@ -163,6 +170,9 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let inverse = matrix.try_inverse()?;
         let amplitudes = inverse * right;
         let tip_m = row.base_m + tip.dot(&amplitudes);
+        let amplitudes_by_base = inverse * along_base;
+        let by_base =
+            [sum_by_base + sum_by.dot(&amplitudes_by_base), T::one() + tip.dot(&amplitudes_by_base)];
         // Derivatives of the cells' forces at fixed amplitudes, summed as loads on the modes and as a force.
         let mut modes_by = -(dampers * self.amplitudes_by);
         let damper_by = damper_sum.transpose() * self.amplitudes_by;
@@ -202,7 +212,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let speed_m_s = if first { zero } else { (row.base_m - self.base_m) * rate };
         let inertia_n = self.moving_mass_kg * (speed_m_s - self.speed_m_s) * rate;
         let force_n = sum + sum_by.dot(&amplitudes) + inertia_n;
-        Some(Predicted { force_n, tip_m, force_by, tip_by, amplitudes, amplitudes_by, speed_m_s })
+        Some(Predicted { force_n, tip_m, force_by, tip_by, by_base, amplitudes, amplitudes_by, speed_m_s })
     }
 
     /// Goes on to a row. `innovation_m`: how far the measured tip is from the predicted one.

@@ -66,7 +66,7 @@ impl<T: RealField + Copy + Into<f64>> Method for Sound<T> {
 /// An estimate in double precision; a value that cannot be told is none.
 pub fn report<T: RealField + Copy + Into<f64>>(estimate: Estimate<T>) -> Report {
     let value = |value: Value<T>| (value.seen == Seen::Yes).then(|| value.value.into());
-    let interval = |value: Value<T>| (value.seen != Seen::No).then(|| [value.low.into(), value.high.into()]);
+    let interval = |value: Value<T>| Some([value.low.into(), value.high.into()]);
     Report {
         depth_m: estimate.depth_m.into(),
         stiffness: value(estimate.stiffness),
