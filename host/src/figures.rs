@@ -1,8 +1,10 @@
-//! Figures of identifications, predictions and plans, as SVG text.
+//! Figures of identifications, predictions, plans and tracked runs, as SVG text.
 
 mod insertion;
+mod steering;
 
 pub use insertion::insertion;
+pub use steering::steering;
 
 use crate::identify::{Pooled, RunResult, ShapeResult};
 use crate::plan::{Choice, Plan};
@@ -215,6 +217,13 @@ fn pairs(
 ) -> impl Iterator<Item = (f64, f64)> {
     let points = shape.z_mm.iter().enumerate().filter_map(move |(i, z_mm)| Some((*z_mm, value(shape, i)?)));
     points.filter(|(z_mm, value)| z_mm.is_finite() && value.is_finite())
+}
+
+/// The area between two lines.
+fn band(depths: &[f64], low: &[f64], high: &[f64], colour: RGBColor) -> Polygon<(f64, f64)> {
+    let there = depths.iter().copied().zip(low.iter().copied());
+    let back = depths.iter().copied().zip(high.iter().copied()).rev();
+    Polygon::new(there.chain(back).collect::<Vec<_>>(), colour.mix(0.15).filled())
 }
 
 /// From the least to the greatest finite value and a little more; never empty.

@@ -1,13 +1,26 @@
-//! Tracking: stiffness and damping of the tissue online, from steering runs.
+//! Tracking: stiffness and damping of the tissue online, while the needle goes in and its base moves sideways.
+//!
+//! [`track`] runs the estimator that the firmware has too ([`sound`]) over the steering runs of a session, as it would have run while
+//! they were recorded: every value is made of what had been measured until then. [`published`] and [`kalman`] are what others
+//! would do; [`study`] compares them where the truth is known.
+
 pub mod kalman;
 pub mod method;
 pub mod published;
+pub mod results;
 pub mod sound;
 pub mod study;
 
-use crate::model::ModelError;
+use crate::model::{Dynamics, ModelError};
+use crate::session::{Session, SteeringRun};
+use firmware::steering::{Estimate, Refused};
+use kalman::{Kalman, Kind, Told};
+use method::{Method, Report, samples};
+use published::{Printed, Published};
+use results::{CompareResult, FieldResult, TrackResult, Tracking, errors};
+use sound::SoundTracker;
 
-/// Why a steering run cannot be tracked.
+/// Why a session cannot be tracked.
 #[derive(Debug, thiserror::Error)]
 pub enum TrackError {
     /// The forward model refuses it.
@@ -16,6 +29,147 @@ pub enum TrackError {
     /// The estimator's sizes do not fit each other.
     #[error("the estimator's layout does not fit its number of parameters")]
     Layout,
+    /// There is nothing to track.
+    #[error("session.toml: steering: missing, expected at least one run")]
+    NoRuns,
+    /// The model needs the needle's length.
+    #[error(
+        "session.toml: [needle] length_mm: missing, expected the length from the fixture to the tip (or --length-mm)"
+    )]
+    NoLength,
+}
+
+/// What is asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Length of the needle from the fixture to the tip, instead of what the session says.
+    pub length_m: Option<f64>,
+    /// Mass of the fixture, instead of what the session says.
+    pub fixture_mass_kg: Option<f64>,
+    /// Where the search starts: stiffness, N/m^2, and damping, N s/m^2.
+    pub start: Option<[f64; 2]>,
+    /// Length of a segment.
+    pub segment_m: f64,
+    /// Run the other estimators too.
+    pub compare: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { length_m: None, fixture_mass_kg: None, start: None, segment_m: 0.04, compare: false }
+    }
+}
+
+/// Needle and fixture of a session.
+///
+/// # Errors
+/// [`TrackError::NoLength`].
+pub fn dynamics(session: &Session, options: &Options) -> Result<Dynamics, TrackError> {
+    let needle = &session.rig.needle;
+    let length_m = options.length_m.or(needle.length_m).ok_or(TrackError::NoLength)?;
+    let fixture_mass_kg = options.fixture_mass_kg.or(session.fixture_mass_kg).unwrap_or(0.0);
+    Ok(Dynamics::steel(needle, length_m, fixture_mass_kg))
+}
+
+/// The estimator for a session.
+///
+/// # Errors
+/// [`TrackError`] where the session does not say enough or makes no sense.
+pub fn tracker(session: &Session, options: &Options) -> Result<SoundTracker<f64>, TrackError> {
+    let dynamics = dynamics(session, options)?;
+    let mut settings = sound::settings::<f64>(&session.rig.needle, &dynamics)?;
+    settings.segment_m = options.segment_m;
+    // Deeper runs than the cells and segments were made for: longer ones.
+    let deepest_m = session.steering.iter().flat_map(|run| &run.depth_m).copied().fold(0.0, f64::max);
+    settings.cell_m = settings.cell_m.max(1.001 * deepest_m / sound::CELLS as f64);
+    settings.segment_m = settings.segment_m.max(deepest_m / settings.layout.segments as f64);
+    settings.start = options.start.unwrap_or(settings.start);
+    settings.force_sd_n = session.noise.force_n.unwrap_or(0.0);
+    settings.tip_sd_m = session.noise.tip_m.unwrap_or(0.0);
+    settings.base_sd_m = session.noise.displacement_m.unwrap_or(0.0);
+    SoundTracker::new(settings).ok_or(TrackError::Layout)
+}
+
+/// Tracks every steering run of a session.
+///
+/// # Errors
+/// [`TrackError`] where the session has no steering run or does not say how long the needle is.
+pub fn track(session: &Session, options: &Options) -> Result<Tracking, TrackError> {
+    if session.steering.is_empty() {
+        return Err(TrackError::NoRuns);
+    }
+    let mut warnings = Vec::new();
+    if options.fixture_mass_kg.or(session.fixture_mass_kg).is_none() {
+        warnings.push(
+            "[rig] fixture_mass_kg is not given: the force that accelerates the fixture is taken as nothing"
+                .to_owned(),
+        );
+    }
+    let runs: Result<Vec<_>, _> = session.steering.iter().map(|run| one(session, options, run)).collect();
+    Ok(Tracking { schema: results::SCHEMA, session: session.name.clone(), runs: runs?, warnings })
+}
+
+fn one(session: &Session, options: &Options, run: &SteeringRun) -> Result<TrackResult, TrackError> {
+    let mut tracker = tracker(session, options)?;
+    let mut estimates: Vec<Estimate<f64>> = Vec::new();
+    let mut left_out: Vec<(usize, Refused)> = Vec::new();
+    for (row, sample) in samples(run).enumerate() {
+        match tracker.update(&sample) {
+            Ok(estimate) => estimates.extend(estimate),
+            Err(refused) => left_out.push((row, refused)),
+        }
+    }
+    let last = tracker.finish();
+    let mut result = TrackResult::new(&run.id, &estimates, last);
+    result.field = last.map(|last| FieldResult::new(&tracker, last.depth_m));
+    if let Some((row, refused)) = left_out.first() {
+        result.warnings.push(results::left_out(left_out.len(), *row, *refused, run));
+    }
+    if options.compare {
+        result.compare = compare(session, options, run)?;
+    }
+    Ok(result)
+}
+
+/// What the other estimators make of the same run.
+fn compare(
+    session: &Session,
+    options: &Options,
+    run: &SteeringRun,
+) -> Result<Vec<CompareResult>, TrackError> {
+    let needle = &session.rig.needle;
+    let dynamics = dynamics(session, options)?;
+    let printed = Printed { segment_m: options.segment_m, ..Printed::default() };
+    let start = options.start.unwrap_or([printed.start[1], printed.start[0]]);
+    let printed = Printed { start: [start[1], start[0]], ..printed };
+    let told = Told {
+        start,
+        base_sd_m: session.noise.displacement_m.unwrap_or(2e-5),
+        force_sd_n: session.noise.force_n.unwrap_or(0.05),
+        tip_sd_m: session.noise.tip_m.unwrap_or(2e-4),
+    };
+    let methods: [(&'static str, Box<dyn Method>); 3] = [
+        ("published", Box::new(Published::new(needle, &dynamics, printed)?)),
+        ("EKF", Box::new(Kalman::new(Kind::Extended, needle, &dynamics, told)?)),
+        ("UKF", Box::new(Kalman::new(Kind::Unscented, needle, &dynamics, told)?)),
+    ];
+    Ok(methods
+        .into_iter()
+        .map(|(name, mut method)| {
+            let reports: Vec<(Report, f64)> = samples(run)
+                .filter_map(|sample| method.update(&sample).map(|report| (report, sample.tip_m)))
+                .collect();
+            let offs: Vec<[f64; 2]> =
+                reports.iter().map(|(report, tip_m)| [report.depth_m, report.tip_m - tip_m]).collect();
+            let last = reports.last().map(|(report, _)| *report);
+            CompareResult {
+                method: name,
+                errors: errors(&results::smoothed(&offs)),
+                stiffness_n_per_m2: last.and_then(|last| last.stiffness).filter(|value| value.is_finite()),
+                damping_n_s_per_m2: last.and_then(|last| last.damping).filter(|value| value.is_finite()),
+            }
+        })
+        .collect())
 }
 
 #[cfg(test)]

@@ -45,7 +45,11 @@ fn path(folder: &Path) -> &str {
 
 fn writer(folder: &Path) -> SessionWriter {
     let noise = Noise { tip_m: Some(0.06e-3), ..Noise::default() };
-    SessionWriter::open(folder, &Setup { name: "made up".to_owned(), rig: rig(), noise }).expect("a session")
+    SessionWriter::open(
+        folder,
+        &Setup { name: "made up".to_owned(), rig: rig(), fixture_mass_kg: None, noise },
+    )
+    .expect("a session")
 }
 
 /// Rest, push of 1.2 mm, hold; a shape with rounding for noise.

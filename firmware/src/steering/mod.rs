@@ -245,6 +245,11 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         self.replay.step(&self.settings, &self.shape, &self.rows, deviation, &mut self.live);
     }
 
+    /// What it was made with.
+    pub fn settings(&self) -> &Settings<T, M> {
+        &self.settings
+    }
+
     /// What the tissue is at each cell's depth: stiffness and damping.
     pub fn field(&self) -> &Field<T, C> {
         self.live.field()

@@ -129,6 +129,7 @@ fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
             Setup {
                 name: String::new(),
                 rig: Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 },
+                fixture_mass_kg: None,
                 noise: Noise::default(),
             }
         }

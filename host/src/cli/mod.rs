@@ -9,6 +9,7 @@
 
 mod identify;
 mod import;
+mod live;
 mod operate;
 mod output;
 mod plan;
@@ -17,7 +18,9 @@ mod predict;
 mod record;
 mod relation;
 mod rig_args;
+mod simulate;
 mod tare;
+mod track;
 
 use clap::{Parser, Subcommand};
 use output::{Output, StdoutClosed};
@@ -51,6 +54,8 @@ enum Command {
     Plan(plan::Args),
     Identify(identify::Args),
     Predict(predict::Args),
+    Track(track::Args),
+    Simulate(simulate::Args),
     Import(import::Args),
     Relation(relation::Args),
 }
@@ -73,6 +78,8 @@ pub fn main() -> ExitCode {
         Command::Relation(args) => relation::run(args, &mut out),
         Command::Identify(args) => identify::run(args, &mut out),
         Command::Predict(args) => predict::run(args, &mut out),
+        Command::Track(args) => track::run(args, &mut out),
+        Command::Simulate(args) => simulate::run(args, &mut out),
         Command::Import(args) => import::run(args, &mut out),
     };
     match outcome.and_then(|()| out.finish()) {

@@ -36,6 +36,18 @@ impl Output {
         written.map_err(closed)
     }
 
+    /// Prints one of many results at once: a line of text, or a document on one line.
+    pub fn line(&mut self, result: &impl Serialize, text: impl Display) -> anyhow::Result<()> {
+        let written = if self.json {
+            serde_json::to_writer(&mut self.stdout, result)
+                .map_err(io::Error::from)
+                .and_then(|()| writeln!(self.stdout))
+        } else {
+            write!(self.stdout, "{text}")
+        };
+        written.and_then(|()| self.stdout.flush()).map_err(closed)
+    }
+
     /// Says something beside the result; a closed standard error is ignored.
     pub fn note(&self, text: impl Display) {
         let _ = writeln!(io::stderr(), "{text}");

@@ -1,6 +1,6 @@
 //! Figure of a predicted insertion, after figure 10 of Paper A (Lehmann et al.): path above, tip load below.
 
-use super::{Area, FONT, FigureError, GREY, WIDTH, axes, failed, legend, range};
+use super::{Area, FONT, FigureError, GREY, WIDTH, axes, band, failed, legend, range};
 use crate::predict::{InsertionResult, PlaneResult};
 use plotters::prelude::*;
 
@@ -94,11 +94,4 @@ fn load(area: &Area<'_>, one: &InsertionResult, planes: &[Plane<'_>]) -> Result<
         chart.draw_series(LineSeries::new(line, plane.colour.stroke_width(2))).map_err(failed)?;
     }
     Ok(())
-}
-
-/// The area between two lines.
-fn band(depths: &[f64], low: &[f64], high: &[f64], colour: RGBColor) -> Polygon<(f64, f64)> {
-    let there = depths.iter().copied().zip(low.iter().copied());
-    let back = depths.iter().copied().zip(high.iter().copied()).rev();
-    Polygon::new(there.chain(back).collect::<Vec<_>>(), colour.mix(0.15).filled())
 }

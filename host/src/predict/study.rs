@@ -232,6 +232,7 @@ pub(super) fn insertion_session(rig: Rig, tip_sd_m: Option<f64>, recorded: Vec<R
         dir: PathBuf::new(),
         name: None,
         rig,
+        fixture_mass_kg: None,
         noise: Noise { tip_m: tip_sd_m, ..Noise::default() },
         lateral: Vec::new(),
         insertion: recorded.into_iter().enumerate().map(run).collect(),

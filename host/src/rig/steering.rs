@@ -5,7 +5,9 @@
 //! (lumps, bubbles); the online estimator has five modes, no inertia, and smooth segments.
 
 use super::{Noise, Stream};
-use crate::model::{BaseDrive, Dynamics, Experiment, Foundation, Layer, Model, ModelError, Rig, predict};
+use crate::model::{
+    BaseDrive, Dynamics, Experiment, Foundation, Layer, Model, ModelError, Rig, check, predict,
+};
 use crate::session::SteeringRun;
 use serde::Deserialize;
 use std::f64::consts::TAU;
@@ -40,17 +42,50 @@ pub struct Inclusion {
 }
 
 /// What the tissue really is.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Tissue {
     /// From the surface down; at least one.
     pub layers: Vec<TissueLayer>,
     /// Anywhere in it.
+    #[serde(default)]
     pub inclusions: Vec<Inclusion>,
 }
 
 impl Tissue {
     fn layer(&self, depth_mm: f64) -> Option<&TissueLayer> {
         self.layers.iter().find(|layer| depth_mm < layer.bottom_mm).or(self.layers.last())
+    }
+
+    /// Checks what the types cannot.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] naming the first value that no tissue has.
+    pub fn check(&self) -> Result<(), ModelError> {
+        check("layers", self.layers.len() as f64, "at least one", !self.layers.is_empty())?;
+        let mut top_mm = 0.0;
+        for layer in &self.layers {
+            check("bottom_mm", layer.bottom_mm, "deeper than the layer above", layer.bottom_mm > top_mm)?;
+            check(
+                "stiffness_n_per_m2",
+                layer.stiffness_n_per_m2,
+                "0 to 1e8",
+                (0.0..=1e8).contains(&layer.stiffness_n_per_m2),
+            )?;
+            check(
+                "damping_n_s_per_m2",
+                layer.damping_n_s_per_m2,
+                "0 to 1e7",
+                (0.0..=1e7).contains(&layer.damping_n_s_per_m2),
+            )?;
+            top_mm = layer.bottom_mm;
+        }
+        for one in &self.inclusions {
+            check("depth_mm", one.depth_mm, "0 to 500", (0.0..=500.0).contains(&one.depth_mm))?;
+            check("width_mm", one.width_mm, "0.1 to 100", (0.1..=100.0).contains(&one.width_mm))?;
+            check("factor", one.factor, "0 to 100", (0.0..=100.0).contains(&one.factor))?;
+        }
+        Ok(())
     }
 
     fn factor(&self, depth_mm: f64) -> f64 {
@@ -183,7 +218,6 @@ impl SteeringRig {
     /// # Errors
     /// [`ModelError::OutOfRange`] for a plan that no rig can carry out.
     pub fn carry_out(&self, plan: &Plan) -> Result<Truth, ModelError> {
-        let check = crate::model::check;
         check("speed_mm_s", plan.speed_mm_s, "0.1 to 100", (0.1..=100.0).contains(&plan.speed_mm_s))?;
         check("period_ms", plan.period_ms, "1 to 1000", (1.0..=1e3).contains(&plan.period_ms))?;
         check("depth_mm", plan.depth_mm, "1 to 300", (1.0..=300.0).contains(&plan.depth_mm))?;

@@ -29,6 +29,8 @@ pub struct Session {
     pub name: Option<String>,
     /// Needle, guides and tissue surface.
     pub rig: Rig,
+    /// Mass of the fixture that moves the needle's base in steering runs, where it is stated.
+    pub fixture_mass_kg: Option<f64>,
     /// Standard deviations of the sensors, where they are stated.
     pub noise: Noise,
     /// Lateral runs.

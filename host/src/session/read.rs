@@ -68,6 +68,7 @@ impl Session {
                 dir: dir.to_owned(),
                 name: session.optional_text("name")?,
                 rig: rig(file)?,
+                fixture_mass_kg: fixture_mass_kg(file)?,
                 noise: noise(file)?,
                 lateral: runs(file, "lateral", |fields, id| lateral(dir, fields, id))?,
                 insertion: runs(file, "insertion", |fields, id| insertion(dir, fields, id))?,
@@ -91,7 +92,12 @@ impl Setup {
                 Some(session) => session.optional_text("name")?,
                 None => None,
             };
-            Ok(Self { name: name.unwrap_or_default(), rig: rig(file)?, noise: noise(file)? })
+            Ok(Self {
+                name: name.unwrap_or_default(),
+                rig: rig(file)?,
+                fixture_mass_kg: fixture_mass_kg(file)?,
+                noise: noise(file)?,
+            })
         })
     }
 }
@@ -122,6 +128,10 @@ fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
         guide2_m: MM * guide2_mm,
         entry_m: MM * entry_mm,
     })
+}
+
+fn fixture_mass_kg(file: &Fields<'_>) -> Result<Option<f64>, SessionError> {
+    file.table("rig")?.optional_number("fixture_mass_kg", [0.0, 100.0])
 }
 
 fn noise(file: &Fields<'_>) -> Result<Noise, SessionError> {

@@ -44,7 +44,7 @@ fn message(dir: &TempDir) -> String {
 
 fn setup() -> Setup {
     let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
-    Setup { name: "a \"quoted\" name".to_owned(), rig, noise: Noise::default() }
+    Setup { name: "a \"quoted\" name".to_owned(), rig, fixture_mass_kg: None, noise: Noise::default() }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 //! Rows go to the run's CSV files as they come; the run is entered in `session.toml` when it is finished. What others
 //! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
 
-use super::{InsertionRun, Noise, Session, SessionError};
+use super::{InsertionRun, Noise, Session, SessionError, SteeringRun};
 use crate::model::Rig;
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
@@ -17,6 +17,8 @@ pub struct Setup {
     pub name: String,
     /// Needle, guides and tissue surface.
     pub rig: Rig,
+    /// Mass of the fixture that moves the needle's base in steering runs, where it is known.
+    pub fixture_mass_kg: Option<f64>,
     /// Standard deviations of the sensors, where they are known.
     pub noise: Noise,
 }
@@ -27,6 +29,7 @@ pub struct SessionWriter {
     dir: PathBuf,
     lateral_ids: Vec<String>,
     insertion_ids: Vec<String>,
+    steering_ids: Vec<String>,
 }
 
 /// One row of a force series.
@@ -74,12 +77,18 @@ impl SessionWriter {
             same_rig(&path, &session.rig, &setup.rig)?;
             let lateral_ids = session.lateral.into_iter().map(|run| run.id).collect();
             let insertion_ids = session.insertion.into_iter().map(|run| run.id).collect();
-            return Ok(Self { dir: dir.to_owned(), lateral_ids, insertion_ids });
+            let steering_ids = session.steering.into_iter().map(|run| run.id).collect();
+            return Ok(Self { dir: dir.to_owned(), lateral_ids, insertion_ids, steering_ids });
         }
         let text = header(&path, setup)?;
         fs::create_dir_all(dir).map_err(io(dir, "create"))?;
         replace(&path, &text)?;
-        Ok(Self { dir: dir.to_owned(), lateral_ids: Vec::new(), insertion_ids: Vec::new() })
+        Ok(Self {
+            dir: dir.to_owned(),
+            lateral_ids: Vec::new(),
+            insertion_ids: Vec::new(),
+            steering_ids: Vec::new(),
+        })
     }
 
     /// Ids of the lateral runs the session has.
@@ -128,13 +137,42 @@ impl SessionWriter {
         .into_iter()
         .flatten()
         .collect();
+        self.table(&run.id, &columns)?;
+        enter(&self.dir, &format!("\n[[insertion]]\nid = \"{0}\"\npath = \"{0}.csv\"\n", run.id))?;
+        self.insertion_ids.push(run.id.clone());
+        Ok(())
+    }
+
+    /// Writes a whole steering run: `<id>.csv` and its entry in `session.toml`.
+    ///
+    /// # Errors
+    /// As [`Self::lateral`]; [`SessionError::NotFinite`].
+    pub fn steering(&mut self, run: &SteeringRun) -> Result<(), SessionError> {
+        self.check_id(&run.id, &self.steering_ids)?;
+        self.table(
+            &run.id,
+            &[
+                ("time_s", run.time_s.clone(), 1.0),
+                ("depth_mm", run.depth_m.clone(), 1e3),
+                ("base_y_mm", run.base_y_m.clone(), 1e3),
+                ("base_force_y_n", run.base_force_y_n.clone(), 1.0),
+                ("tip_y_mm", run.tip_y_m.clone(), 1e3),
+            ],
+        )?;
+        enter(&self.dir, &format!("\n[[steering]]\nid = \"{0}\"\ndata = \"{0}.csv\"\n", run.id))?;
+        self.steering_ids.push(run.id.clone());
+        Ok(())
+    }
+
+    /// Writes `<id>.csv` with columns of equal length: name, values, factor into the file's unit.
+    fn table(&self, id: &str, columns: &[(&'static str, Vec<f64>, f64)]) -> Result<(), SessionError> {
         let names: Vec<_> = columns.iter().map(|(name, ..)| *name).collect();
         let mut csv = CsvFile {
-            path: self.dir.join(format!("{}.csv", run.id)),
+            path: self.dir.join(format!("{id}.csv")),
             rows: format!("{}\n", names.join(",")),
             file: None,
         };
-        for row in 0..run.depth_m.len() {
+        for row in 0..columns.first().map_or(0, |(_, values, _)| values.len()) {
             let at = |(name, values, factor): &(&'static str, Vec<f64>, f64)| {
                 (*name, factor * values.get(row).copied().unwrap_or(f64::NAN))
             };
@@ -142,11 +180,7 @@ impl SessionWriter {
             csv.rows.push_str(&line);
             csv.rows.push('\n');
         }
-        csv.flush()?;
-        let id = &run.id;
-        enter(&self.dir, &format!("\n[[insertion]]\nid = \"{id}\"\npath = \"{id}.csv\"\n"))?;
-        self.insertion_ids.push(id.clone());
-        Ok(())
+        csv.flush()
     }
 
     /// Refuses an id that is taken or cannot be part of a file name.
@@ -297,7 +331,7 @@ impl CsvFile {
 }
 
 fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
-    let Setup { name, rig, noise } = setup;
+    let Setup { name, rig, fixture_mass_kg, noise } = setup;
     let mut text = "[session]\nformat = 1\n".to_owned();
     if !name.is_empty() {
         let _ = writeln!(text, "name = {}", toml::Value::from(name.as_str()));
@@ -324,7 +358,14 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
             ("length_mm", needle.length_m.map(|length_m| 1e3 * length_m)),
         ],
     )?;
-    table("rig", &[("guide2_mm", Some(1e3 * rig.guide2_m)), ("entry_mm", Some(1e3 * rig.entry_m))])?;
+    table(
+        "rig",
+        &[
+            ("guide2_mm", Some(1e3 * rig.guide2_m)),
+            ("entry_mm", Some(1e3 * rig.entry_m)),
+            ("fixture_mass_kg", *fixture_mass_kg),
+        ],
+    )?;
     table(
         "noise",
         &[

@@ -9,7 +9,7 @@ use super::method::{MeanModel, Method, Report};
 use crate::model::steering::history::{Functions, Overlap, Pull};
 use crate::model::steering::modes::{FreeMode, free_modes};
 use crate::model::{Dynamics, ModelError, Needle};
-use firmware::steering::Sample;
+use firmware::steering::{Sample, field};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 const MODES: usize = 3;
@@ -48,8 +48,14 @@ pub struct Told {
 /// Standard deviation of the logarithms at first (a factor of a hundred is one of them), and of their walk over a metre.
 const LOG_SD: f64 = 4.6;
 const LOG_WALK: f64 = 3.0;
-/// Range of the logarithms: beyond, the numbers only lose digits.
-const LOG_RANGE: [f64; 2] = [0.0, 18.0];
+/// Range of stiffness and damping, the same as the other estimator's.
+const RANGES: [[f64; 2]; 2] = [field::STIFFNESS_RANGE, [1.0, field::DAMPING_RANGE[1]]];
+
+/// A logarithm of stiffness (0) or damping (1) within what is possible.
+fn possible(which: usize, logarithm: f64) -> f64 {
+    let [least, most] = RANGES[which].map(f64::ln);
+    logarithm.clamp(least, most)
+}
 
 /// The filter.
 #[derive(Debug, Clone)]
@@ -103,7 +109,7 @@ impl Kalman {
             covariance[(X + i, X + i)] = 1e-8;
         }
         for i in 0..2 {
-            state[2 * X + i] = told.start[i].ln();
+            state[2 * X + i] = possible(i, told.start[i].ln());
             covariance[(2 * X + i, 2 * X + i)] = LOG_SD * LOG_SD;
         }
         Ok(Self {
@@ -238,7 +244,7 @@ impl Kalman {
         let (_, inverse) = self.advance(&self.state, inserted)?;
         for point in &mut points {
             for i in 0..2 {
-                point[2 * X + i] = point[2 * X + i].clamp(LOG_RANGE[0], LOG_RANGE[1]);
+                point[2 * X + i] = possible(i, point[2 * X + i]);
             }
             *point = self.advance(point, inserted)?.0;
         }
@@ -310,7 +316,7 @@ impl Method for Kalman {
             Kind::Unscented => self.unscented(&inserted, step_m, measured, noise)?,
         }
         for i in 0..2 {
-            self.state[2 * X + i] = self.state[2 * X + i].clamp(LOG_RANGE[0], LOG_RANGE[1]);
+            self.state[2 * X + i] = possible(i, self.state[2 * X + i]);
         }
         self.pull.close(&end, self.outputs(&self.state)[1]);
         let value = |i: usize| {

@@ -9,8 +9,10 @@ use nalgebra::{RealField, convert};
 
 /// Modes of the needle.
 pub const MODES: usize = 5;
+/// Cells of tissue.
+pub const CELLS: usize = 60;
 /// Five modes, 120 mm of tissue in cells of 2 mm, two segments with orders 5 and 1, 256 rows.
-pub type SoundTracker<T> = Tracker<T, MODES, 60, 18, 256>;
+pub type SoundTracker<T> = Tracker<T, MODES, CELLS, 18, 256>;
 
 /// Settings for a needle.
 ///

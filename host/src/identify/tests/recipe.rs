@@ -136,6 +136,7 @@ pub fn session(lateral: Vec<LateralRun>) -> Session {
         dir: "phantom".into(),
         name: Some("phantom".to_owned()),
         rig: rig(),
+        fixture_mass_kg: None,
         noise: StatedNoise::default(),
         lateral,
         insertion: Vec::new(),

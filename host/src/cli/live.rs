@@ -1,0 +1,222 @@
+//! `guide track --live`: base and force from the device, depth and tip from a tracker, estimates as they come.
+//!
+//! The device streams displacement and force of the actuated fixture; a tracker's program prints where the tip is, one line per
+//! reading. Each line is joined with the mean of what the device has sent since the line before.
+
+use super::output::Output;
+use super::rig_args::interrupted;
+use anyhow::{Context, bail};
+use firmware::steering::{Estimate, Refused, Sample, Seen, Value};
+use host::link::{Client, Telemetry};
+use host::session::Session;
+use host::track::{Options, tracker};
+use protocol::Request;
+use serde::Serialize;
+use std::fmt::{self, Display};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::thread;
+use std::time::Duration;
+
+/// Live tracking.
+#[derive(clap::Args)]
+pub struct LiveArgs {
+    /// Track what happens now: base and force from --port, depth and tip from --tip
+    #[arg(long, requires = "port", requires = "tip")]
+    pub live: bool,
+    /// Serial port of the device, as `guide ports` lists it
+    #[arg(long, value_name = "PORT", requires = "live")]
+    port: Option<String>,
+    /// Where a tracker writes `depth_mm,tip_y_mm` line by line: a file, a pipe, or - for standard input; its end is the end
+    #[arg(long, value_name = "FILE", requires = "live")]
+    tip: Option<String>,
+}
+
+/// How long the device may take to send something.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+/// One estimate, as a line of text or of JSON.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Line {
+    time_s: f64,
+    depth_mm: f64,
+    stiffness_n_per_m2: Option<f64>,
+    stiffness_ci95_n_per_m2: [f64; 2],
+    damping_n_s_per_m2: Option<f64>,
+    damping_ci95_n_s_per_m2: [f64; 2],
+    tip_y_mm: f64,
+    measured_tip_y_mm: f64,
+    settled: bool,
+}
+
+impl Line {
+    fn new(time_s: f64, estimate: &Estimate<f64>) -> Self {
+        let told = |value: Value<f64>| (value.seen == Seen::Yes).then_some(value.value);
+        Self {
+            time_s,
+            depth_mm: 1e3 * estimate.depth_m,
+            stiffness_n_per_m2: told(estimate.stiffness),
+            stiffness_ci95_n_per_m2: [estimate.stiffness.low, estimate.stiffness.high],
+            damping_n_s_per_m2: told(estimate.damping),
+            damping_ci95_n_s_per_m2: [estimate.damping.low, estimate.damping.high],
+            tip_y_mm: 1e3 * estimate.tip_m,
+            measured_tip_y_mm: 1e3 * estimate.measured_tip_m,
+            settled: estimate.settled,
+        }
+    }
+}
+
+impl Display for Line {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = |value: Option<f64>, [low, high]: [f64; 2], digits: usize| match value {
+            Some(value) => {
+                format!("{:.digits$} ({:.digits$} to {:.digits$})", 1e-3 * value, 1e-3 * low, 1e-3 * high)
+            }
+            None => "cannot be told".to_owned(),
+        };
+        writeln!(
+            f,
+            "{:8.2} s  {:5.1} mm  stiffness {:<22} kN/m^2  damping {:<20} kN s/m^2  tip {:+.2} mm, simulated {:+.2} mm",
+            self.time_s,
+            self.depth_mm,
+            value(self.stiffness_n_per_m2, self.stiffness_ci95_n_per_m2, 1),
+            value(self.damping_n_s_per_m2, self.damping_ci95_n_s_per_m2, 2),
+            self.measured_tip_y_mm,
+            self.tip_y_mm
+        )
+    }
+}
+
+/// What the device has sent since the last line of the tracker.
+#[derive(Debug, Clone, Copy, Default)]
+struct Mean {
+    time_s: f64,
+    base_m: f64,
+    force_n: f64,
+    count: f64,
+}
+
+/// Runs until the tracker's lines end or the user interrupts.
+pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Output) -> anyhow::Result<()> {
+    let (Some(port), Some(tip)) = (&args.port, &args.tip) else { bail!("--live needs --port and --tip") };
+    let mut tracker = tracker(session, options)?;
+    let lines = tip_lines(tip)?;
+    let mut client = Client::connect(port)?;
+    let interrupted = interrupted()?;
+    client.request(Request::Stream { enable: true })?;
+    let mut mean = Mean::default();
+    let mut refused = 0;
+    while !interrupted.load(Ordering::Acquire) {
+        if let Some(Telemetry::Samples(batch)) = client.next(PATIENCE)? {
+            for point in &batch.points {
+                mean.time_s += point.time_s;
+                mean.base_m += point.displacement_m[1];
+                mean.force_n += point.force_n[1];
+                mean.count += 1.0;
+            }
+        }
+        if mean.count == 0.0 {
+            continue;
+        }
+        let [depth_m, tip_m] = match lines.try_recv() {
+            Ok(line) => line?,
+            Err(TryRecvError::Empty) => continue,
+            Err(TryRecvError::Disconnected) => break,
+        };
+        let Mean { time_s, base_m, force_n, count } = std::mem::take(&mut mean);
+        let time_s = time_s / count;
+        let sample = Sample { time_s, depth_m, base_m: base_m / count, force_n: force_n / count, tip_m };
+        match tracker.update(&sample) {
+            Ok(Some(estimate)) => {
+                let line = Line::new(time_s, &estimate);
+                out.line(&line, line)?;
+            }
+            Ok(None) => {}
+            Err(why) => {
+                refused += 1;
+                if refused == 1 {
+                    out.note(format_args!(
+                        "a reading at {:.1} mm is left out: {}",
+                        1e3 * depth_m,
+                        reason(why)
+                    ));
+                }
+            }
+        }
+    }
+    client.request(Request::Stream { enable: false })?;
+    if refused > 0 {
+        out.note(format_args!("{refused} readings were left out"));
+    }
+    match tracker.finish() {
+        Some(estimate) => {
+            let line = Line::new(0.0, &estimate);
+            out.note(format_args!("at the end: {}", line.to_string().trim_start()));
+        }
+        None => out.note("too short for an estimate"),
+    }
+    Ok(())
+}
+
+fn reason(refused: Refused) -> &'static str {
+    match refused {
+        Refused::NotANumber => "it has a value that no rig can have",
+        Refused::TimeStands => "the device's clock has not gone on",
+        Refused::TooDeep => "it is deeper than the needle or the estimator reaches",
+    }
+}
+
+/// Depth and tip in m, line by line, read beside the link.
+fn tip_lines(path: &str) -> anyhow::Result<Receiver<anyhow::Result<[f64; 2]>>> {
+    let source: Box<dyn Read + Send> = if path == "-" {
+        Box::new(std::io::stdin())
+    } else {
+        Box::new(File::open(path).with_context(|| format!("{path}: cannot read"))?)
+    };
+    let name = if path == "-" { "standard input".to_owned() } else { path.to_owned() };
+    let (sender, receiver) = channel();
+    thread::Builder::new().name("tip".to_owned()).spawn(move || {
+        for (number, line) in BufReader::new(source).lines().enumerate() {
+            let parsed = line.with_context(|| format!("{name}: cannot read")).and_then(|line| {
+                parse(&line).with_context(|| format!("{name}, line {}: {line:?}", number + 1))
+            });
+            let Some(parsed) = parsed.transpose() else { continue };
+            let end = parsed.is_err();
+            if sender.send(parsed).is_err() || end {
+                break;
+            }
+        }
+    })?;
+    Ok(receiver)
+}
+
+/// Nothing where the line is empty, a comment or the header.
+fn parse(line: &str) -> anyhow::Result<Option<[f64; 2]>> {
+    let line = line.trim();
+    if line.is_empty() || line.starts_with('#') || line.starts_with("depth_mm") {
+        return Ok(None);
+    }
+    let numbers: Vec<Option<f64>> = line.split(',').map(|part| part.trim().parse().ok()).collect();
+    match numbers.as_slice() {
+        [Some(depth_mm), Some(tip_mm)] => Ok(Some([1e-3 * depth_mm, 1e-3 * tip_mm])),
+        _ => bail!("expected depth_mm,tip_y_mm"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_a_tracker() {
+        assert_eq!(parse("12.5, -3").expect("good"), Some([0.0125, -0.003]));
+        for nothing in ["", "  ", "# a comment", "depth_mm,tip_y_mm"] {
+            assert_eq!(parse(nothing).expect("good"), None);
+        }
+        for bad in ["12.5", "1,2,3", "a,b", "1;2"] {
+            assert!(parse(bad).expect_err("bad").to_string().contains("expected depth_mm,tip_y_mm"));
+        }
+    }
+}
