@@ -5,9 +5,6 @@ use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Cargo profile of the firmware's images.
-const PROFILE: &str = "firmware";
-
 /// A firmware image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Image {
@@ -17,6 +14,8 @@ pub enum Image {
     Qemu,
     /// The protocol's tests, for QEMU.
     Conformance,
+    /// The online estimator over a recorded run, for QEMU.
+    Tracking,
 }
 
 impl Image {
@@ -24,6 +23,7 @@ impl Image {
         match self {
             Self::Flash | Self::Qemu => "firmware",
             Self::Conformance => "conformance",
+            Self::Tracking => "tracking",
         }
     }
 
@@ -31,14 +31,22 @@ impl Image {
     const fn folder(self) -> &'static str {
         match self {
             Self::Flash => "image-flash",
-            Self::Qemu | Self::Conformance => "image-qemu",
+            Self::Qemu | Self::Conformance | Self::Tracking => "image-qemu",
+        }
+    }
+
+    /// Cargo profile.
+    const fn profile(self) -> &'static str {
+        match self {
+            Self::Flash | Self::Qemu | Self::Conformance => "firmware",
+            Self::Tracking => "estimator",
         }
     }
 
     const fn features(self) -> &'static str {
         match self {
             Self::Flash => "flash",
-            Self::Qemu => "qemu",
+            Self::Qemu | Self::Tracking => "qemu",
             Self::Conformance => "conformance",
         }
     }
@@ -62,7 +70,7 @@ pub fn build(image: Image) -> Result<PathBuf> {
     let folder = target_dir().join(image.folder());
     let output = cargo()
         .args(["build", "--quiet", "--package", "firmware", "--bin", image.binary()])
-        .args(["--target", TARGET, "--profile", PROFILE, "--features", image.features()])
+        .args(["--target", TARGET, "--profile", image.profile(), "--features", image.features()])
         .arg("--target-dir")
         .arg(&folder)
         .stdin(Stdio::null())
@@ -76,7 +84,7 @@ pub fn build(image: Image) -> Result<PathBuf> {
     if said.contains("warning") {
         bail!("the firmware builds with warnings ({image:?})");
     }
-    Ok(folder.join(TARGET).join(PROFILE).join(image.binary()))
+    Ok(folder.join(TARGET).join(image.profile()).join(image.binary()))
 }
 
 /// Lints an image's code as it is for the microcontroller.
@@ -86,7 +94,7 @@ pub fn build(image: Image) -> Result<PathBuf> {
 pub fn lint(image: Image) -> Result<()> {
     let status = cargo()
         .args(["clippy", "--quiet", "--package", "firmware"])
-        .args(["--target", TARGET, "--profile", PROFILE, "--features", image.features()])
+        .args(["--target", TARGET, "--profile", image.profile(), "--features", image.features()])
         .arg("--target-dir")
         .arg(target_dir().join(image.folder()))
         .args(["--", "-D", "warnings"])

@@ -11,3 +11,4 @@ pub mod setup;
 pub mod size;
 pub mod study;
 pub mod suite;
+pub mod tracking;

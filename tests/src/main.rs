@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{cosim, demo, setup, size, study, suite};
+use tests::{cosim, demo, setup, size, study, suite, tracking};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -28,6 +28,8 @@ enum Task {
     Size(size::Args),
     /// Make a table of the documentation, or one that comes with the tool
     Study(study::Args),
+    /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
+    Tracking,
     /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
     Rig(demo::RigArgs),
     /// Print one ultrasound sweep of a simulated rig as CSV
@@ -56,6 +58,10 @@ fn run(task: Task) -> Result<()> {
         Task::Setup => setup::ensure_all(),
         Task::Size(args) => size::run(&args),
         Task::Study(args) => study::run(&args),
+        Task::Tracking => {
+            println!("{}", tracking::run()?);
+            Ok(())
+        }
         Task::Rig(args) => demo::rig(&args),
         Task::Sweep { socket } => {
             print!("{}", cosim::take_sweep(&socket)?);

@@ -2,13 +2,14 @@
 //!
 //! 1. All that `cargo test` has, with the end-to-end tests, which boot the firmware in QEMU.
 //! 2. The protocol's tests on the target, in QEMU.
-//! 3. The board's image: builds without warnings, and has not grown.
+//! 3. The online estimator on the target, in QEMU.
+//! 4. The board's image: builds without warnings, and has not grown.
 //!
 //! The last line is `N passed, N failed`.
 
 use crate::images::{self, Image};
 use crate::qemu::Qemu;
-use crate::{setup, size};
+use crate::{setup, size, tracking};
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader};
 use std::ops::AddAssign;
@@ -59,6 +60,9 @@ pub fn run() -> Result<()> {
         Ok(found) => counts += found,
         Err(error) => counts += Counts::of("the protocol on the target", Err(error)),
     }
+    println!("\n     Running the online estimator on the target, in QEMU");
+    let tracked = tracking::run().map(|tracked| println!("{tracked}"));
+    counts += Counts::of("the online estimator on the target", tracked);
     println!("\n     Building the board's image");
     counts += Counts::of("the image has not grown", size::run(&size::Args::default()));
     println!("\n{} passed, {} failed", counts.passed, counts.failed);
@@ -84,7 +88,8 @@ pub fn lint() -> Result<()> {
         }
     }
     images::lint(Image::Flash)?;
-    images::lint(Image::Conformance)
+    images::lint(Image::Conformance)?;
+    images::lint(Image::Tracking)
 }
 
 /// Runs `cargo test` and counts.

@@ -4,6 +4,7 @@
 
 use super::trap;
 use crate::plant::{PlantReply, PlantRequest, RECORD_BYTES};
+use core::ffi::CStr;
 use semihosting::fd::{AsFd, OwnedFd};
 use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig, sys_write_orig};
 
@@ -93,15 +94,43 @@ impl Link {
 
     /// Fills the buffer; false if the pipe is closed.
     fn read(&self, bytes: &mut [u8]) -> bool {
-        let mut missing = bytes.len();
-        while missing > 0 {
-            let filled = bytes.len() - missing;
-            match sys_read_orig(self.replies.as_fd(), &mut bytes[filled..]) {
-                // The call returns the number of bytes not read.
-                Ok(left) if left < missing => missing = left,
-                _ => return false,
-            }
+        fill(&self.replies, bytes)
+    }
+}
+
+/// Fills the buffer; false at the end.
+fn fill(from: &OwnedFd, bytes: &mut [u8]) -> bool {
+    let mut missing = bytes.len();
+    while missing > 0 {
+        let filled = bytes.len() - missing;
+        match sys_read_orig(from.as_fd(), &mut bytes[filled..]) {
+            // The call returns the number of bytes not read.
+            Ok(left) if left < missing => missing = left,
+            _ => return false,
         }
-        true
+    }
+    true
+}
+
+/// A recording in QEMU's working folder: single-precision numbers, least significant byte first.
+pub struct Recording(OwnedFd);
+
+impl Recording {
+    /// Opens it; nothing where there is none.
+    pub fn open(name: &CStr) -> Option<Self> {
+        sys_open(name, OpenMode::RDONLY_BINARY).ok().map(Self)
+    }
+
+    /// The next numbers; nothing at the end.
+    pub fn next<const N: usize>(&mut self) -> Option<[f32; N]> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            let mut bytes = [0; 4];
+            if !fill(&self.0, &mut bytes) {
+                return None;
+            }
+            *number = f32::from_le_bytes(bytes);
+        }
+        Some(numbers)
     }
 }

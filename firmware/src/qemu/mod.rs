@@ -14,7 +14,7 @@ mod peripherals;
 mod time;
 mod trap;
 
-pub use link::{ExitCode, exit};
+pub use link::{ExitCode, Recording, exit};
 pub use time::start_time;
 
 use crate::plant::{PlantReply, PlantRequest};

@@ -86,7 +86,8 @@ impl<T: RealField + Copy, const N: usize> Information<T, N> {
 
     /// Variance of `gradient . theta`.
     pub fn variance(&self, gradient: [T; N]) -> T {
-        dot(&self.forward(gradient), &self.forward(gradient))
+        let root = self.forward(gradient);
+        dot(&root, &root)
     }
 
     /// Covariance of two such combinations.

@@ -218,21 +218,25 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         })
     }
 
-    /// Takes a sample; gives what is known where it completes a row.
+    /// Takes a sample; gives what is known where the sample before it completed a row (the row is taken in with one sample and
+    /// weighed with the next, so that no sample takes long).
     ///
     /// # Errors
     /// [`Refused`]; the sample is left out and nothing else changes.
     pub fn update(&mut self, sample: &Sample<T>) -> Result<Option<Estimate<T>>, Refused> {
         let reach_m = (self.settings.cell_m * convert(C as f64)).min(self.settings.length_m);
         let row = self.noise.take(sample, &self.settings, reach_m)?;
-        let Some(row) = row else {
-            self.replay_one();
-            return Ok(None);
-        };
-        let deviation = self.noise.deviation();
-        let estimate = self.live.take(&self.settings, &self.shape, &row, deviation);
-        // With the memory full, the filter goes on with what it knows, without replays.
-        let _ = self.rows.push(row);
+        let estimate = self.live.conclude();
+        match row {
+            Some(row) => {
+                let deviation = self.noise.deviation();
+                self.live.take(&self.settings, &self.shape, &row, deviation);
+                // With the memory full, the filter goes on with what it knows, without replays.
+                let _ = self.rows.push(row);
+            }
+            None if estimate.is_none() => self.replay_one(),
+            None => {}
+        }
         Ok(estimate)
     }
 
@@ -267,6 +271,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
 
     /// No more samples: replays until the parameters rest, then says what is known.
     pub fn finish(&mut self) -> Option<Estimate<T>> {
+        let _ = self.live.conclude();
         let most = 40 * (self.rows.len() + 1);
         for _ in 0..most {
             if self.replay.is_settled() {
@@ -274,6 +279,6 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
             }
             self.replay_one();
         }
-        self.live.last(&self.settings)
+        self.live.last()
     }
 }

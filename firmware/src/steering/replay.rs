@@ -21,6 +21,8 @@ pub struct Filter<T: RealField, const M: usize, const C: usize, const N: usize> 
     last: [T; 2],
     cost: T,
     settled: bool,
+    /// What the last row said, predicted and measured, before the parameters have moved.
+    waiting: Option<[T; 4]>,
     latest: Option<Estimate<T>>,
 }
 
@@ -66,6 +68,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
             last: [T::zero(); 2],
             cost: T::zero(),
             settled: false,
+            waiting: None,
             latest: None,
         };
         filter.field.set(&parameters, C);
@@ -211,25 +214,28 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.field.set(&self.parameters, C);
     }
 
-    /// Takes in a new row and moves the parameters.
+    /// Takes in a new row; [`Filter::conclude`] is to follow.
     pub fn take(
         &mut self,
         settings: &Settings<T, M>,
         shape: &Shape<T, M>,
         row: &Row<T>,
         deviation: Deviation<T>,
-    ) -> Option<Estimate<T>> {
-        let [force_n, measured_force_n, tip_m, measured_tip_m] =
-            self.absorb(settings, shape, row, deviation)?;
+    ) {
+        self.waiting = self.absorb(settings, shape, row, deviation);
+    }
+
+    /// Moves the parameters to what the last row has made of them, once.
+    pub fn conclude(&mut self) -> Option<Estimate<T>> {
+        let said = self.waiting.take()?;
         let target = self.solution();
         self.move_to(&target);
-        let estimate = self.estimate([force_n, measured_force_n, tip_m, measured_tip_m]);
-        self.latest = Some(estimate);
+        self.latest = Some(self.estimate(said));
         self.latest
     }
 
     /// The last estimate, with what is known now.
-    pub fn last(&self, _settings: &Settings<T, M>) -> Option<Estimate<T>> {
+    pub fn last(&self) -> Option<Estimate<T>> {
         let latest = self.latest?;
         Some(self.estimate([latest.force_n, latest.measured_force_n, latest.tip_m, latest.measured_tip_m]))
     }
@@ -411,7 +417,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         self.settled
     }
 
-    /// One row further; at the end, the live filter continues from here.
+    /// One row further; or, behind the last one, the live filter continues from here.
     pub fn step(
         &mut self,
         settings: &Settings<T, M>,
@@ -433,8 +439,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
             if self.best.is_some_and(|(_, rows, _)| rows == self.next) {
                 self.cost_then = self.filter.cost;
             }
-        }
-        if self.next == rows.len() && self.next > 0 {
+        } else if self.next > 0 {
             self.end(live);
         }
     }

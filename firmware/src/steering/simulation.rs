@@ -14,6 +14,8 @@ use nalgebra::{RealField, SMatrix, SVector, convert};
 #[derive(Debug, Clone)]
 pub struct Simulation<T: RealField, const M: usize, const C: usize, const N: usize> {
     cell_m: T,
+    /// Upper face of each cell: integers are slow to turn into numbers on a microcontroller.
+    tops_m: [T; C],
     length_m: T,
     moving_mass_kg: T,
     /// Share of the tip's innovation that the path takes over, per metre.
@@ -24,7 +26,7 @@ pub struct Simulation<T: RealField, const M: usize, const C: usize, const N: usi
     tip_m: T,
     tip_by: [T; N],
     amplitudes: SVector<T, M>,
-    amplitudes_by: SMatrix<T, M, N>,
+    amplitudes_by: [[T; N]; M],
     /// Integral of the path over the part of each cell that is cut.
     cut: [T; C],
     cut_by: [[T; N]; C],
@@ -45,7 +47,7 @@ pub struct Predicted<T: RealField, const M: usize, const N: usize> {
     /// Derivatives of force and tip with respect to where the base is now.
     pub by_base: [T; 2],
     amplitudes: SVector<T, M>,
-    amplitudes_by: SMatrix<T, M, N>,
+    amplitudes_by: [[T; N]; M],
     speed_m_s: T,
 }
 
@@ -53,8 +55,15 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
     /// Straight, along its own line, from the depth and base of the first row on.
     pub fn new(cell_m: T, length_m: T, moving_mass_kg: T, follow_per_m: T) -> Self {
         let zero = T::zero();
+        let mut tops_m = [zero; C];
+        let mut top_m = zero;
+        for top in &mut tops_m {
+            *top = top_m;
+            top_m += cell_m;
+        }
         Self {
             cell_m,
+            tops_m,
             length_m,
             moving_mass_kg,
             follow_per_m,
@@ -64,7 +73,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             tip_m: zero,
             tip_by: [zero; N],
             amplitudes: SVector::zeros(),
-            amplitudes_by: SMatrix::zeros(),
+            amplitudes_by: [[zero; N]; M],
             cut: [zero; C],
             cut_by: [[zero; N]; C],
             rows: 0,
@@ -83,18 +92,12 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
 
     /// Cells that are cut, wholly or in part, at a depth.
     pub fn cells(&self, depth_m: T) -> usize {
-        let mut cells = 0;
-        let mut top_m = T::zero();
-        while cells < C && top_m < depth_m {
-            cells += 1;
-            top_m += self.cell_m;
-        }
-        cells
+        self.tops_m.partition_point(|top_m| *top_m < depth_m)
     }
 
     /// Part of a cell that is between two depths: its ends.
     pub fn part(&self, cell: usize, from_m: T, to_m: T) -> [T; 2] {
-        let top_m = self.cell_m * convert(cell as f64);
+        let top_m = self.tops_m[cell];
         let low_m = top_m.max(from_m);
         [low_m, (top_m + self.cell_m).min(to_m).max(low_m)]
     }
@@ -157,7 +160,9 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             let constant = strength * row.base_m - stiffness * (cut + now_m * row.base_m) - damper * before;
             let slope = psi * strength - tip * (stiffness * now_m);
             matrix.ger(T::one(), &psi, &slope, T::one());
-            dampers.ger(damper, &psi, &psi, T::one());
+            if damper > zero {
+                dampers.ger(damper, &psi, &psi, T::one());
+            }
             right.axpy(-constant, &psi, T::one());
             let by_base = strength - stiffness * now_m;
             along_base.axpy(-by_base, &psi, T::one());
@@ -174,40 +179,43 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let by_base =
             [sum_by_base + sum_by.dot(&amplitudes_by_base), T::one() + tip.dot(&amplitudes_by_base)];
         // Derivatives of the cells' forces at fixed amplitudes, summed as loads on the modes and as a force.
-        let mut modes_by = -(dampers * self.amplitudes_by);
-        let damper_by = damper_sum.transpose() * self.amplitudes_by;
+        let mut modes_by = [[zero; N]; M];
         let mut force_by = [zero; N];
-        force_by.iter_mut().zip(damper_by.iter()).for_each(|(force, &by)| *force = -by);
-        for cell in 0..cells {
-            let CellLoad { length_m, old_m, now_m, cut, before } = loads[cell];
-            let psi = &psi_of[cell];
+        for (k, by) in self.amplitudes_by.iter().enumerate() {
+            for (i, mode_by) in modes_by.iter_mut().enumerate() {
+                add(mode_by, -dampers[(i, k)], by);
+            }
+            add(&mut force_by, -damper_sum[k], by);
+        }
+        let cell_loads = loads.iter().zip(&psi_of).zip(&self.cut_by).take(cells).enumerate();
+        for (cell, ((load, psi), cut_by)) in cell_loads {
+            let CellLoad { length_m, old_m, now_m, cut, before } = *load;
             let deflection_m = row.base_m + psi.dot(&amplitudes);
             let stiffness = field.stiffness[cell];
             let spring = stiffness * (deflection_m * length_m - cut - now_m * tip_m);
-            let mut by = [zero; N];
-            for ((by, &cut), &tip) in by.iter_mut().zip(&self.cut_by[cell]).zip(&self.tip_by) {
-                *by = -stiffness * (cut + old_m * tip);
+            let mut by = cut_by.map(|by| -stiffness * by);
+            if old_m > zero {
+                add(&mut by, -stiffness * old_m, &self.tip_by);
             }
             let (at, basis) = field.stiffness_basis(cell);
-            by[at..].iter_mut().zip(basis).for_each(|(by, &basis)| *by += spring * basis);
+            by.iter_mut().skip(at).zip(basis).for_each(|(by, &basis)| *by += spring * basis);
             // At no damping too: what more of it would do.
             let velocity = (deflection_m - before) * rate * length_m * unit;
             let (at, basis) = field.damping_basis(cell);
-            by[at..].iter_mut().zip(basis).for_each(|(by, &basis)| *by += velocity * basis);
-            for (j, &by) in by.iter().enumerate() {
-                force_by[j] += by;
-                for i in 0..M {
-                    modes_by[(i, j)] += psi[i] * by;
-                }
+            by.iter_mut().skip(at).zip(basis).for_each(|(by, &basis)| *by += velocity * basis);
+            add(&mut force_by, T::one(), &by);
+            for (mode_by, &psi) in modes_by.iter_mut().zip(psi.iter()) {
+                add(mode_by, psi, &by);
             }
         }
-        let amplitudes_by = -(inverse * modes_by);
-        let along_force = sum_by.transpose() * amplitudes_by;
-        let along_tip = tip.transpose() * amplitudes_by;
+        let mut amplitudes_by = [[zero; N]; M];
         let mut tip_by = [zero; N];
-        for j in 0..N {
-            force_by[j] += along_force[j];
-            tip_by[j] = along_tip[j];
+        for (i, amplitude_by) in amplitudes_by.iter_mut().enumerate() {
+            for (k, mode_by) in modes_by.iter().enumerate() {
+                add(amplitude_by, -inverse[(i, k)], mode_by);
+            }
+            add(&mut force_by, sum_by[i], amplitude_by);
+            add(&mut tip_by, tip[i], amplitude_by);
         }
         let speed_m_s = if first { zero } else { (row.base_m - self.base_m) * rate };
         let inertia_n = self.moving_mass_kg * (speed_m_s - self.speed_m_s) * rate;
@@ -256,7 +264,16 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         for cell in 0..self.cells(self.depth_m) {
             self.cut[cell] += along(&self.cut_by[cell]);
         }
-        self.amplitudes += self.amplitudes_by * SVector::from(*step);
+        for (amplitude, by) in self.amplitudes.iter_mut().zip(&self.amplitudes_by) {
+            *amplitude += along(by);
+        }
+    }
+}
+
+/// `sum += factor * row`.
+fn add<T: RealField + Copy, const N: usize>(sum: &mut [T; N], factor: T, row: &[T; N]) {
+    for (sum, &value) in sum.iter_mut().zip(row) {
+        *sum += factor * value;
     }
 }
 
