@@ -221,3 +221,114 @@ fn recordings_of_others_are_imported() {
     let again = failure(&["import", "trajcontrol", path(&recordings), "--out", path(&out)]);
     assert!(again.contains("\"run_1\" is taken"), "{again}");
 }
+
+const STEERING: &str = r#"
+[needle]
+youngs_modulus_gpa = 200.0
+outer_diameter_mm = 1.27
+inner_diameter_mm = 1.0
+length_mm = 130.0
+
+[rig]
+guide2_mm = 60.0
+entry_mm = 70.0
+fixture_mass_kg = 0.3
+
+[tissue]
+layers = [{ bottom_mm = 80, stiffness_n_per_m2 = 20000, damping_n_s_per_m2 = 1000 }]
+
+[[steering]]
+id = "s8"
+speed_mm_s = 8
+
+[[steering]]
+id = "straight"
+speed_mm_s = 8
+lateral_mm = 0
+"#;
+
+#[test]
+fn steering_runs_are_simulated_and_tracked() {
+    let folder = folder();
+    let config = folder.path().join("steering.toml");
+    fs::write(&config, STEERING).expect("written");
+    let (dir, config) = (folder.path().join("made"), path(&config).to_owned());
+    let made = json(&["simulate", "--config", &config, "--out", path(&dir), "--seed", "3", "--json"]);
+    assert_eq!(made["schema"], "guide.simulate/1");
+    assert_eq!(made["runs"][0]["mean_stiffness_n_per_m2"], 20000.0);
+    let figures = folder.path().join("figures");
+    let found = json(&["track", path(&dir), "--json", "--compare", "--plots", path(&figures)]);
+    assert_eq!(found["schema"], "guide.track/1");
+    let run = &found["runs"][0];
+    assert_eq!(run["id"], "s8");
+    let last = &run["last"]["stiffness_n_per_m2"];
+    let ends = [&last["ci95"][0], &last["ci95"][1]].map(|end| end.as_f64().expect("a number"));
+    assert!(ends[0] < 2e4 && 2e4 < ends[1] && ends[1] < 2.5 * ends[0], "{last}");
+    assert!(run["rms_mm"].as_f64().expect("converged") < 0.2, "{}", run["rms_mm"]);
+    assert!(run["converged_at_mm"].as_f64().expect("converged") < 20.0);
+    let rows = run["depth_mm"].as_array().expect("a list").len();
+    assert!(rows > 50);
+    for list in [
+        "stiffness_n_per_m2",
+        "damping_n_s_per_m2",
+        "damping_hi95_n_s_per_m2",
+        "tip_y_mm",
+        "measured_tip_y_mm",
+    ] {
+        assert_eq!(run[list].as_array().expect("a list").len(), rows, "{list}");
+    }
+    assert_eq!(run["compare"].as_array().expect("a list").len(), 3);
+    // Without lateral motion there is nothing to see, and no number.
+    let straight = &found["runs"][1];
+    assert!(straight["last"]["stiffness_n_per_m2"]["value"].is_null(), "{}", straight["last"]);
+    assert!(straight["damping_n_s_per_m2"].as_array().expect("a list").iter().all(Value::is_null));
+    let said = text(&guide(&["track", path(&dir)]).stdout);
+    assert!(said.contains("straight: stiffness cannot be told from this motion"), "{said}");
+    assert!(figures.join("s8.track.svg").exists());
+    // The same seed makes the same session; another one, or a run that is there, does not.
+    let again = folder.path().join("again");
+    json(&["simulate", "--config", &config, "--out", path(&again), "--seed", "3", "--json"]);
+    let csv = |dir: &Path| fs::read_to_string(dir.join("s8.csv")).expect("written");
+    assert_eq!(csv(&dir), csv(&again));
+    assert!(failure(&["simulate", "--config", &config, "--out", path(&dir)]).contains("s8"));
+}
+
+#[test]
+fn steering_faults_name_their_place() {
+    let folder = folder();
+    let config = folder.path().join("steering.toml");
+    let out = folder.path().join("out");
+    let fails = |text: &str, expected: &str| {
+        fs::write(&config, text).expect("written");
+        let said = failure(&["simulate", "--config", path(&config), "--out", path(&out)]);
+        assert!(said.contains(expected), "{said}");
+    };
+    fails(&STEERING.replace("length_mm = 130.0", ""), "[needle] length_mm: missing");
+    fails(&STEERING.replace("fixture_mass_kg = 0.3", ""), "[rig] fixture_mass_kg: missing");
+    fails(&STEERING.replace("speed_mm_s = 8", "speed_mm_s = 0"), "speed_mm_s: 0 is out of range");
+    fails(&STEERING.replace("bottom_mm = 80", "bottom_mm = -1"), "bottom_mm: -1 is out of range");
+    fails(&STEERING.replace("speed_mm_s", "speed_mph"), "speed_mph");
+    fails(STEERING.split("[[steering]]").next().expect("text"), "steering: missing");
+
+    let session = writer(folder.path());
+    drop(session);
+    let dir = path(folder.path());
+    assert!(failure(&["track", dir]).contains("steering: missing"));
+    let csv = "time_s,depth_mm,base_y_mm,base_force_y_n,tip_y_mm\n0,0,0,0,0\n0.1,1,0.1,0.01,0.1\n";
+    fs::write(folder.path().join("s1.csv"), csv).expect("written");
+    let toml = folder.path().join("session.toml");
+    let entry = "\n[[steering]]\nid = \"s1\"\ndata = \"s1.csv\"\n";
+    fs::write(&toml, fs::read_to_string(&toml).expect("written") + entry).expect("written");
+    assert!(failure(&["track", dir]).contains("[needle] length_mm: missing"));
+    let found = json(&["track", dir, "--length-mm", "130", "--json"]);
+    assert!(found["runs"][0]["rms_mm"].is_null() || found["runs"][0]["depth_mm"][0].is_number());
+    fs::write(folder.path().join("s1.csv"), csv.replace("\n0.1,", "\nx,")).expect("written");
+    assert!(
+        failure(&["track", dir, "--length-mm", "130"]).contains("s1.csv:3:1: time_s"),
+        "file, line, column and field"
+    );
+    for wrong in [&["--segment-mm", "0"][..], &["--start", "-1", "5"], &["--length-mm", "1"]] {
+        let output = guide(&[&["track", dir], wrong].concat());
+        assert!(!output.status.success(), "{wrong:?}");
+    }
+}

@@ -303,8 +303,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         let twice = convert::<f64, T>(1.96) * sd;
         let low = (free - twice).max(T::zero());
         let high = (free + twice).max(twice);
-        // Three standard deviations, and a replay that has come to rest: looked at after every row, two would be passed by chance.
-        let seen = if self.settled && free > convert::<f64, T>(3.0) * sd {
+        // Four standard deviations, and a replay that has come to rest: looked at after every row, two would be passed by chance.
+        let seen = if self.settled && free > convert::<f64, T>(4.0) * sd {
             Seen::Yes
         } else if variance * wide < before * convert(0.1) {
             Seen::AtMost
@@ -391,6 +391,8 @@ const MOST_FAR: u8 = 10;
 /// too: the older ones may well lose a little.
 const WORSE_SHARE: f64 = 1.3;
 const WORSE_LEAST: f64 = 5.0;
+/// A replay has come to rest where its step is this short, squared, in standard deviations of the eighteen parameters together.
+const SETTLED: f64 = 1.0;
 /// Most halvings of a step.
 const MOST_HALVINGS: u8 = 6;
 
@@ -496,7 +498,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
             return;
         }
         self.far = 0;
-        self.settled = off < convert(0.5);
+        self.settled = off < convert(SETTLED);
         self.settled_rows = self.next;
         filter.settled = self.settled;
         filter.latest = live.latest;

@@ -7,8 +7,9 @@ use super::output::Output;
 use super::rig_args::interrupted;
 use anyhow::{Context, bail};
 use firmware::steering::{Estimate, Refused, Sample, Seen, Value};
-use host::link::{Client, Telemetry};
+use host::link::{Client, Program, RunOptions, Telemetry};
 use host::session::Session;
+use host::track::sound::SoundTracker;
 use host::track::{Options, tracker};
 use protocol::Request;
 use serde::Serialize;
@@ -18,7 +19,6 @@ use std::io::{BufRead, BufReader, Read};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::thread;
-use std::time::Duration;
 
 /// Live tracking.
 #[derive(clap::Args)]
@@ -32,10 +32,10 @@ pub struct LiveArgs {
     /// Where a tracker writes `depth_mm,tip_y_mm` line by line: a file, a pipe, or - for standard input; its end is the end
     #[arg(long, value_name = "FILE", requires = "live")]
     tip: Option<String>,
+    /// Motion program that the device runs meanwhile: a TOML file; its end is the end
+    #[arg(long, value_name = "FILE", requires = "live")]
+    program: Option<String>,
 }
-
-/// How long the device may take to send something.
-const PATIENCE: Duration = Duration::from_millis(20);
 
 /// One estimate, as a line of text or of JSON.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -98,45 +98,47 @@ struct Mean {
     count: f64,
 }
 
-/// Runs until the tracker's lines end or the user interrupts.
-pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Output) -> anyhow::Result<()> {
-    let (Some(port), Some(tip)) = (&args.port, &args.tip) else { bail!("--live needs --port and --tip") };
-    let mut tracker = tracker(session, options)?;
-    let lines = tip_lines(tip)?;
-    let mut client = Client::connect(port)?;
-    let interrupted = interrupted()?;
-    client.request(Request::Stream { enable: true })?;
-    let mut mean = Mean::default();
-    let mut refused = 0;
-    while !interrupted.load(Ordering::Acquire) {
-        if let Some(Telemetry::Samples(batch)) = client.next(PATIENCE)? {
-            for point in &batch.points {
-                mean.time_s += point.time_s;
-                mean.base_m += point.displacement_m[1];
-                mean.force_n += point.force_n[1];
-                mean.count += 1.0;
-            }
+/// Joins the two streams.
+struct Joined {
+    tracker: SoundTracker<f64>,
+    lines: Receiver<anyhow::Result<[f64; 2]>>,
+    mean: Mean,
+    refused: usize,
+    ended: bool,
+}
+
+impl Joined {
+    /// Takes what the device has sent; prints an estimate where there is a new one.
+    fn take(&mut self, telemetry: &Telemetry, out: &mut Output) -> anyhow::Result<()> {
+        let Telemetry::Samples(batch) = telemetry else { return Ok(()) };
+        for point in &batch.points {
+            self.mean.time_s += point.time_s;
+            self.mean.base_m += point.displacement_m[1];
+            self.mean.force_n += point.force_n[1];
+            self.mean.count += 1.0;
         }
-        if mean.count == 0.0 {
-            continue;
+        if self.mean.count == 0.0 {
+            return Ok(());
         }
-        let [depth_m, tip_m] = match lines.try_recv() {
+        let [depth_m, tip_m] = match self.lines.try_recv() {
             Ok(line) => line?,
-            Err(TryRecvError::Empty) => continue,
-            Err(TryRecvError::Disconnected) => break,
+            Err(TryRecvError::Empty) => return Ok(()),
+            Err(TryRecvError::Disconnected) => {
+                self.ended = true;
+                return Ok(());
+            }
         };
-        let Mean { time_s, base_m, force_n, count } = std::mem::take(&mut mean);
-        let time_s = time_s / count;
-        let sample = Sample { time_s, depth_m, base_m: base_m / count, force_n: force_n / count, tip_m };
-        match tracker.update(&sample) {
+        let Mean { time_s, base_m, force_n, count } = std::mem::take(&mut self.mean);
+        let [time_s, base_m, force_n] = [time_s, base_m, force_n].map(|sum| sum / count);
+        match self.tracker.update(&Sample { time_s, depth_m, base_m, force_n, tip_m }) {
             Ok(Some(estimate)) => {
                 let line = Line::new(time_s, &estimate);
-                out.line(&line, line)?;
+                out.line(&line, &line)?;
             }
             Ok(None) => {}
             Err(why) => {
-                refused += 1;
-                if refused == 1 {
+                self.refused += 1;
+                if self.refused == 1 {
                     out.note(format_args!(
                         "a reading at {:.1} mm is left out: {}",
                         1e3 * depth_m,
@@ -145,15 +147,43 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
                 }
             }
         }
+        Ok(())
     }
-    client.request(Request::Stream { enable: false })?;
-    if refused > 0 {
-        out.note(format_args!("{refused} readings were left out"));
+}
+
+/// Runs until the tracker's lines or the program end, or the user interrupts.
+pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Output) -> anyhow::Result<()> {
+    let (Some(port), Some(tip)) = (&args.port, &args.tip) else { bail!("--live needs --port and --tip") };
+    let program = args.program.as_deref().map(Program::load).transpose()?;
+    let mut joined = Joined {
+        tracker: tracker(session, options)?,
+        lines: tip_lines(tip)?,
+        mean: Mean::default(),
+        refused: 0,
+        ended: false,
+    };
+    let mut client = Client::connect(port)?;
+    let interrupted = interrupted()?;
+    if let Some(program) = program {
+        let options = RunOptions { start_us: None, stream: true, interrupted };
+        host::link::run(&mut client, &program, options, |_, telemetry| joined.take(telemetry, out))?;
+    } else {
+        client.request(Request::Stream { enable: true })?;
+        while !interrupted.load(Ordering::Acquire) && !joined.ended {
+            match client.next(host::link::client::SILENCE_LIMIT)? {
+                Some(telemetry) => joined.take(&telemetry, out)?,
+                None => bail!(host::link::LinkError::Silent { port: port.clone() }),
+            }
+        }
+        client.request(Request::Stream { enable: false })?;
     }
-    match tracker.finish() {
+    if joined.refused > 0 {
+        out.note(format_args!("{} readings were left out", joined.refused));
+    }
+    match joined.tracker.finish() {
         Some(estimate) => {
-            let line = Line::new(0.0, &estimate);
-            out.note(format_args!("at the end: {}", line.to_string().trim_start()));
+            let line = Line::new(joined.mean.time_s, &estimate);
+            out.note(format_args!("at the end   {}", line.to_string().trim()));
         }
         None => out.note("too short for an estimate"),
     }

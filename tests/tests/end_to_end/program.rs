@@ -121,3 +121,47 @@ fn a_plug_pulled_in_mid_run_is_told_in_one_line_and_costs_nothing_recorded() {
     let gaps = times_s.windows(2).filter(|pair| (pair[1] - pair[0] - 1e-3).abs() > 1e-6).count();
     assert_eq!(gaps, 0, "every sample up to the end is there");
 }
+
+/// The device's stream and a tracker's lines become estimates while both still run.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn tracking_live_joins_device_and_tracker() {
+    let bench = Bench::start(RigConfig::default(), 23, 4.0, Duration::from_secs(60)).unwrap();
+    let guide = build_guide().unwrap();
+    let file = |name: &str, text: &str| {
+        let path = bench.folder().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    file(
+        "session.toml",
+        "[session]\nformat = 1\n[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
+         length_mm = 130.0\n[rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n",
+    );
+    let program = file("push.toml", "name = \"push\"\n[[step]]\nmove_y_mm = 2.0\nspeed_mm_s = 0.5\n");
+    // One reading per batch of the device: more than it will send.
+    let lines: String =
+        (0..2_000).map(|i| format!("{},{}\n", 0.1 * f64::from(i), -0.01 * f64::from(i))).collect();
+    let tip = file("tip.csv", &format!("depth_mm,tip_y_mm\n{lines}"));
+    let output = Command::new(guide)
+        .args(["track", "--live", "--json", "--port", &bench.port()])
+        .arg("--program")
+        .arg(&program)
+        .arg("--tip")
+        .arg(&tip)
+        .arg(bench.folder())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    let lines: Vec<Value> = String::from_utf8(output.stdout)
+        .unwrap()
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert!(lines.len() > 5, "{} estimates; {said}", lines.len());
+    let depths: Vec<f64> = lines.iter().map(|line| line["depth_mm"].as_f64().unwrap()).collect();
+    assert!(depths.is_sorted(), "{depths:?}");
+    assert!(said.contains("at the end"), "{said}");
+    bench.stop().unwrap();
+}
