@@ -61,12 +61,9 @@ impl<T: RealField + Copy, const N: usize> Information<T, N> {
     /// `R^-1 right`.
     fn back(&self, right: [T; N]) -> [T; N] {
         let mut solution = right;
-        for i in (0..N).rev() {
-            let mut sum = solution[i];
-            for j in i + 1..N {
-                sum -= self.r[i][j] * solution[j];
-            }
-            solution[i] = sum / self.r[i][i];
+        for (i, row) in self.r.iter().enumerate().rev() {
+            let known = row.iter().zip(&solution).skip(i + 1).fold(T::zero(), |sum, (&r, &x)| sum + r * x);
+            solution[i] = (solution[i] - known) / row[i];
         }
         solution
     }
@@ -74,11 +71,11 @@ impl<T: RealField + Copy, const N: usize> Information<T, N> {
     /// `R^-T gradient`: its squared length is the variance of `gradient . theta`.
     fn forward(&self, gradient: [T; N]) -> [T; N] {
         let mut solution = gradient;
-        for i in 0..N {
-            let value = solution[i] / self.r[i][i];
+        for (i, row) in self.r.iter().enumerate() {
+            let value = solution[i] / row[i];
             solution[i] = value;
-            for j in i + 1..N {
-                solution[j] -= self.r[i][j] * value;
+            for (later, &r) in solution.iter_mut().zip(row).skip(i + 1) {
+                *later -= r * value;
             }
         }
         solution

@@ -17,17 +17,17 @@ pub mod information;
 pub mod needle;
 pub mod simulation;
 
+mod filter;
 mod noise;
 mod replay;
 
-use field::{Field, Layout, STIFFNESS_RANGE};
+use field::{Field, Layout};
+use filter::Filter;
 use heapless::Vec;
-use information::{Information, dot};
 use nalgebra::{RealField, convert};
 use needle::{Mode, Shape};
 use noise::Noise;
-use replay::{Filter, Replay};
-use simulation::Simulation;
+use replay::Replay;
 
 /// What is measured at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -282,3 +282,6 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         self.live.last()
     }
 }
+
+#[cfg(test)]
+mod tests;

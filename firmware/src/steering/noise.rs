@@ -62,7 +62,7 @@ impl<T: RealField + Copy> Noise<T> {
         let Sample { time_s, depth_m, base_m, force_n, tip_m } = *sample;
         let largest: T = convert(LARGEST);
         let number = |value: T| value.abs() < largest;
-        if ![depth_m, base_m, force_n, tip_m].into_iter().all(number) || !(time_s == time_s) {
+        if ![depth_m, base_m, force_n, tip_m].into_iter().all(number) || !time_s.is_finite() {
             return Err(Refused::NotANumber);
         }
         if self.last.is_some_and(|last| time_s <= last.time_s) {

@@ -133,7 +133,7 @@ impl Joined {
         match self.tracker.update(&Sample { time_s, depth_m, base_m, force_n, tip_m }) {
             Ok(Some(estimate)) => {
                 let line = Line::new(time_s, &estimate);
-                out.line(&line, &line)?;
+                out.line(&line, line)?;
             }
             Ok(None) => {}
             Err(why) => {

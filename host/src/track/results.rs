@@ -225,7 +225,7 @@ impl TrackResult {
 
 /// Of deviations against depth, both in m.
 pub(super) fn errors(offs: &[[f64; 2]]) -> Errors {
-    let far = |[_, off_m]: &[f64; 2]| !(1e3 * off_m.abs() <= CONVERGED_MM);
+    let far = |[_, off_m]: &[f64; 2]| off_m.is_nan() || 1e3 * off_m.abs() > CONVERGED_MM;
     let from = offs.iter().rposition(far).map_or(0, |last| last + 1);
     let after = offs.get(from..).unwrap_or_default();
     let Some([depth_m, _]) = after.first() else { return Errors::default() };

@@ -7,6 +7,7 @@ use super::TrackError;
 use super::kalman::{Kalman, Kind, Told};
 use super::method::{Method, Report, samples};
 use super::published::{Forgetting, Printed, Published};
+use super::results::CONVERGED_MM;
 use super::sound::{Sound, settings};
 use crate::model::{Dynamics, Needle, Rig};
 use crate::rig::steering::{Inclusion, Plan, Sensors, SteeringRig, Tissue, TissueLayer, Truth};
@@ -23,8 +24,6 @@ pub const TIP_SD_MM: [f64; 2] = [0.1, 0.3];
 const BASE_SD_M: f64 = 0.02e-3;
 const FORCE_SD_N: f64 = 0.05;
 const DISTURBANCES: usize = 2;
-/// The model has converged where its tip stays this close to the true one, mm.
-pub const CONVERGED_MM: f64 = 0.5;
 /// Intervals are judged when the needle has gone this far sideways-moving, mm.
 const JUDGED_MM: f64 = 10.0;
 /// Needle of the paper: 130 mm; fixture.
@@ -198,7 +197,7 @@ fn judge(tissue: &Tissue, truth: &Truth, straight_mm: f64, reports: &[Report]) -
         || reports
             .iter()
             .any(|r| !r.stiffness.is_none_or(f64::is_finite) || !r.damping.is_none_or(f64::is_finite));
-    let last_off = offs.iter().rposition(|(_, off)| !(off.abs() <= CONVERGED_MM));
+    let last_off = offs.iter().rposition(|(_, off)| off.is_nan() || off.abs() > CONVERGED_MM);
     let converged = !failed && last_off.is_none_or(|last| last + 1 < offs.len());
     let from = last_off.map_or(0, |last| last + 1);
     let after: Vec<f64> = offs[from.min(offs.len())..]

@@ -1,0 +1,371 @@
+//! The filter: parameters of the tissue, what is known of them, and the simulation that goes with them.
+
+use super::field::{self, Field, Layout, STIFFNESS_RANGE};
+use super::information::{Information, dot};
+use super::needle::Shape;
+use super::noise::Deviation;
+use super::simulation::Simulation;
+use super::{Estimate, Row, Seen, Settings, Value};
+use nalgebra::{RealField, convert};
+
+/// Parameters, what is known of them, and the simulation that goes with them.
+#[derive(Debug, Clone)]
+pub struct Filter<T: RealField, const M: usize, const C: usize, const N: usize> {
+    layout: Layout,
+    field: Field<T, C>,
+    simulation: Simulation<T, M, C, N>,
+    pub(super) information: Information<T, N>,
+    prior: Information<T, N>,
+    /// Where the model is linearised: within what is possible.
+    pub(super) parameters: [T; N],
+    /// Rows so far, those that count for the next prior row to be renewed included.
+    pub(super) rows: usize,
+    /// Squared deviations, and neighbouring ones multiplied, of force and tip against their noise.
+    pub(super) squares: T,
+    products: T,
+    last: [T; 2],
+    pub(super) cost: T,
+    pub(super) settled: bool,
+    /// What the last row said, predicted and measured, before the parameters have moved.
+    waiting: Option<[T; 4]>,
+    pub(super) latest: Option<Estimate<T>>,
+}
+
+/// Largest change of the logarithm of the stiffness at once.
+const LARGEST_STEP: f64 = 1.0;
+/// Standard deviation of the logarithm of the stiffness before anything is measured: 95 % within a factor of a hundred of 10 kPa.
+const LOG_STIFFNESS_SD: f64 = 2.3;
+/// Stiffness of tissue before anything is measured, N/m^2.
+const STIFFNESS: f64 = 1e4;
+/// Standard deviation of the damping before anything is measured, damping units.
+const DAMPING_SD: f64 = 3.0;
+
+impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter<T, M, C, N> {
+    /// Nothing measured.
+    pub fn new(settings: &Settings<T, M>) -> Self {
+        let layout = settings.layout;
+        let field = Field::new(layout, settings.cell_m, settings.segment_m);
+        let prior = prior(settings);
+        let mut parameters = [T::zero(); N];
+        let [stiffness, damping] = settings.start;
+        let [least, most] = STIFFNESS_RANGE;
+        for segment in 0..layout.segments {
+            parameters[layout.stiffness_at(segment)] = stiffness.clamp(convert(least), convert(most)).ln();
+            let [least, most] = field::DAMPING_RANGE;
+            parameters[layout.damping_at(segment)] =
+                damping.clamp(convert(least), convert(most)) / convert(field::DAMPING_UNIT);
+        }
+        let mut filter = Self {
+            layout,
+            field,
+            simulation: Simulation::new(
+                settings.cell_m,
+                settings.length_m,
+                settings.moving_mass_kg,
+                settings.follow_per_m,
+            ),
+            information: prior,
+            prior,
+            parameters,
+            rows: 0,
+            squares: T::zero(),
+            products: T::zero(),
+            last: [T::zero(); 2],
+            cost: T::zero(),
+            settled: false,
+            waiting: None,
+            latest: None,
+        };
+        filter.field.set(&parameters, C);
+        filter
+    }
+
+    /// The tissue.
+    pub fn field(&self) -> &Field<T, C> {
+        &self.field
+    }
+
+    /// The parameters.
+    pub fn parameters(&self) -> &[T; N] {
+        &self.parameters
+    }
+
+    /// Back to the beginning, linearised at `parameters`.
+    pub(super) fn restart(&mut self, parameters: [T; N]) {
+        self.simulation.restart();
+        self.information = self.prior;
+        self.parameters = parameters;
+        self.field.set(&parameters, C);
+        self.rows = 0;
+        (self.squares, self.products) = (T::zero(), T::zero());
+        // What the parameters themselves cost.
+        self.cost = (0..N).fold(T::zero(), |cost, index| {
+            let (row, value) = self.prior.row(index);
+            let off = dot(&row, &parameters) - value;
+            cost + off * off
+        });
+    }
+
+    /// Takes in one row at the parameters of the filter. Returns what was predicted and by how much it was off.
+    pub(super) fn absorb(
+        &mut self,
+        settings: &Settings<T, M>,
+        shape: &Shape<T, M>,
+        row: &Row<T>,
+        deviation: Deviation<T>,
+    ) -> Option<[T; 4]> {
+        let predicted = self.simulation.predict(shape, &self.field, row)?;
+        let (force_at, tip_at) = (self.layout.force_offset(), self.layout.tip_offset());
+        let offset_n = self.parameters[force_at];
+        let offset_m = self.parameters[tip_at];
+        let off_n = row.force_n - offset_n - predicted.force_n;
+        let off_m = row.tip_m - offset_m - predicted.tip_m;
+        self.fade(settings.forgetting);
+        let root = row.samples.sqrt();
+        let mut offs = [T::zero(); 2];
+        let channels = [(off_n, predicted.force_by, force_at), (off_m, predicted.tip_by, tip_at)];
+        for (i, (off, mut by, offset_at)) in channels.into_iter().enumerate() {
+            by[offset_at] += T::one();
+            // Noise of the base's place is noise of what it makes of it.
+            let base = predicted.by_base[i] * deviation[2];
+            let weight = root / (deviation[i] * deviation[i] + base * base).sqrt();
+            let off = off * weight;
+            let usual = convert::<f64, T>(3.0) * self.usual(off);
+            let trust = if off.abs() > usual { (usual / off.abs()).sqrt() } else { T::one() };
+            let value = trust * (off + weight * dot(&by, &self.parameters));
+            self.information.add(by.map(|by| trust * weight * by), value);
+            offs[i] = off;
+            self.cost += trust * trust * off * off;
+        }
+        self.squares += offs[0] * offs[0] + offs[1] * offs[1];
+        self.products += offs[0] * self.last[0] + offs[1] * self.last[1];
+        self.last = offs;
+        self.simulation.advance(row, &predicted, off_m);
+        self.rows += 1;
+        Some([predicted.force_n, row.force_n - offset_n, predicted.tip_m, row.tip_m - offset_m])
+    }
+
+    /// Root mean square of the deviations so far with this one, at least that of the noise: where the model is wrong as a whole,
+    /// everything deviates and nothing is an outlier.
+    fn usual(&self, off: T) -> T {
+        let count: T = convert(2.0 * self.rows as f64 + 1.0);
+        ((self.squares + off * off) / count).max(T::one()).sqrt()
+    }
+
+    /// Forgets a little, but never what was known before the first row: one row of that is renewed at a time.
+    fn fade(&mut self, forgetting: T) {
+        if forgetting >= T::one() {
+            return;
+        }
+        self.information.fade(forgetting);
+        let (row, value) = self.prior.row(self.rows % N);
+        let renewed = (convert::<f64, T>(N as f64) * (T::one() - forgetting)).min(T::one()).sqrt();
+        self.information.add(row.map(|factor| renewed * factor), renewed * value);
+    }
+
+    /// The most probable parameters that are possible: what would leave its range is held at the range's end, and all others are
+    /// the most probable ones beside it.
+    pub(super) fn solution(&self) -> [T; N] {
+        let mut parameters = self.information.solve();
+        let damping = field::DAMPING_RANGE.map(|value| convert::<f64, T>(value / field::DAMPING_UNIT));
+        let stiffness = STIFFNESS_RANGE.map(|value| convert::<f64, T>(value).ln());
+        for _ in 0..2 {
+            for segment in 0..self.layout.segments {
+                let ranges = [
+                    (self.layout.damping_at(segment), damping),
+                    (self.layout.stiffness_at(segment), stiffness),
+                ];
+                for (at, [least, most]) in ranges {
+                    let possible = parameters[at].clamp(least, most);
+                    if possible != parameters[at] {
+                        parameters = self.information.hold(parameters, at, possible);
+                    }
+                }
+            }
+        }
+        for segment in 0..self.layout.segments {
+            let at = self.layout.damping_at(segment);
+            parameters[at] = parameters[at].clamp(damping[0], damping[1]);
+            let at = self.layout.stiffness_at(segment);
+            parameters[at] = parameters[at].clamp(stiffness[0], stiffness[1]);
+        }
+        parameters
+    }
+
+    /// The step towards `target`, not too far at once.
+    pub(super) fn step_to(&self, target: &[T; N]) -> [T; N] {
+        let mut largest = T::zero();
+        for cell in 0..C {
+            let (at, basis) = self.field.stiffness_basis(cell);
+            let step = basis
+                .iter()
+                .enumerate()
+                .fold(T::zero(), |sum, (i, &b)| sum + b * (target[at + i] - self.parameters[at + i]));
+            largest = largest.max(step.abs());
+        }
+        let share = (convert::<f64, T>(LARGEST_STEP) / largest.max(convert(1e-6))).min(T::one());
+        let mut step = [T::zero(); N];
+        for ((step, &target), &parameter) in step.iter_mut().zip(target).zip(&self.parameters) {
+            *step = share * (target - parameter);
+        }
+        step
+    }
+
+    /// Goes towards `target` and corrects the simulated past.
+    pub(super) fn move_to(&mut self, target: &[T; N]) {
+        let step = self.step_to(target);
+        self.parameters.iter_mut().zip(step).for_each(|(parameter, step)| *parameter += step);
+        self.simulation.shift(&step);
+        self.field.set(&self.parameters, C);
+    }
+
+    /// Takes in a new row; [`Filter::conclude`] is to follow.
+    pub fn take(
+        &mut self,
+        settings: &Settings<T, M>,
+        shape: &Shape<T, M>,
+        row: &Row<T>,
+        deviation: Deviation<T>,
+    ) {
+        self.waiting = self.absorb(settings, shape, row, deviation);
+    }
+
+    /// Moves the parameters to what the last row has made of them, once.
+    pub fn conclude(&mut self) -> Option<Estimate<T>> {
+        let said = self.waiting.take()?;
+        let target = self.solution();
+        self.move_to(&target);
+        self.latest = Some(self.estimate(said));
+        self.latest
+    }
+
+    /// The last estimate, with what is known now.
+    pub fn last(&self) -> Option<Estimate<T>> {
+        let latest = self.latest?;
+        Some(self.estimate([latest.force_n, latest.measured_force_n, latest.tip_m, latest.measured_tip_m]))
+    }
+
+    /// By how much intervals are wider than independent noise makes them: for a misfit of the model, and for deviations that
+    /// follow each other.
+    fn widening(&self) -> [T; 2] {
+        let count: T = convert::<f64, T>(2.0 * self.rows as f64).max(T::one());
+        let misfit = self.squares / count;
+        let most: T = convert(0.9);
+        let alike = (self.products / self.squares.max(convert(1e-12))).clamp(T::zero(), most);
+        let wide = misfit.max(T::one()) * (T::one() + alike) / (T::one() - alike);
+        [misfit, wide]
+    }
+
+    /// Mean stiffness over cells with weights that sum to 1.
+    pub fn stiffness_of(&self, cells: &[(usize, T)]) -> Value<T> {
+        let mut gradient = [T::zero(); N];
+        let mut mean = T::zero();
+        for &(cell, weight) in cells {
+            self.add_stiffness(cell, weight, &mut mean, &mut gradient);
+        }
+        self.stiffness_value(mean, &gradient)
+    }
+
+    fn add_stiffness(&self, cell: usize, weight: T, mean: &mut T, gradient: &mut [T; N]) {
+        let share = weight * self.field.stiffness[cell];
+        *mean += share;
+        let (at, basis) = self.field.stiffness_basis(cell);
+        gradient[at..].iter_mut().zip(basis).for_each(|(by, &basis)| *by += share * basis);
+    }
+
+    /// The interval of a stiffness is that of its logarithm.
+    fn stiffness_value(&self, mean: T, gradient: &[T; N]) -> Value<T> {
+        let [_, wide] = self.widening();
+        let relative = (self.information.variance(*gradient) * wide).sqrt() / mean;
+        let factor = (convert::<f64, T>(1.96) * relative.min(convert(20.0))).exp();
+        let seen = if relative < convert(0.5) { Seen::Yes } else { Seen::No };
+        Value { value: mean, low: mean / factor, high: mean * factor, seen }
+    }
+
+    fn estimate(&self, [force_n, measured_force_n, tip_m, measured_tip_m]: [T; 4]) -> Estimate<T> {
+        let depth_m = self.simulation.depth_m();
+        let cells = self.simulation.cells(depth_m).max(1);
+        let mut stiffness_by = [T::zero(); N];
+        let mut damping_by = [T::zero(); N];
+        let (mut stiffness, mut damping, mut free) = (T::zero(), T::zero(), T::zero());
+        let unconstrained = self.information.solve();
+        for cell in 0..cells {
+            let [top_m, bottom_m] = self.simulation.part(cell, T::zero(), depth_m);
+            let weight = if depth_m > T::zero() { (bottom_m - top_m) / depth_m } else { T::one() };
+            self.add_stiffness(cell, weight, &mut stiffness, &mut stiffness_by);
+            damping += weight * self.field.damping[cell];
+            let (at, basis) = self.field.damping_basis(cell);
+            for (i, &basis) in basis.iter().enumerate() {
+                let by = weight * basis * convert(field::DAMPING_UNIT);
+                damping_by[at + i] += by;
+                free += by * unconstrained[at + i];
+            }
+        }
+        let [misfit, wide] = self.widening();
+        let variance = self.information.variance(damping_by);
+        let sd = (variance * wide).sqrt();
+        let before = self.prior.variance(damping_by);
+        let twice = convert::<f64, T>(1.96) * sd;
+        let low = (free - twice).max(T::zero());
+        let high = (free + twice).max(twice);
+        // Four standard deviations, and a replay that has come to rest: looked at after every row, two would be passed by chance.
+        let seen = if self.settled && free > convert::<f64, T>(4.0) * sd {
+            Seen::Yes
+        } else if variance * wide < before * convert(0.1) {
+            Seen::AtMost
+        } else {
+            Seen::No
+        };
+        let both = self.information.covariance(stiffness_by, damping_by);
+        let correlation = both / (variance * self.information.variance(stiffness_by)).sqrt();
+        Estimate {
+            depth_m,
+            stiffness: self.stiffness_value(stiffness, &stiffness_by),
+            damping: Value { value: damping, low, high, seen },
+            correlation,
+            tip_m,
+            measured_tip_m,
+            force_n,
+            measured_force_n,
+            misfit,
+            settled: self.settled,
+        }
+    }
+}
+
+/// What is known of tissue and sensors before the first sample.
+fn prior<T: RealField + Copy, const M: usize, const N: usize>(
+    settings: &Settings<T, M>,
+) -> Information<T, N> {
+    let layout = settings.layout;
+    let mut prior = Information::none();
+    let mut know = |index: usize, against: Option<usize>, value: T, sd: T| {
+        let mut row = [T::zero(); N];
+        row[index] = sd.recip();
+        if let Some(against) = against {
+            row[against] = -sd.recip();
+        }
+        prior.add(row, value / sd);
+    };
+    let sd = |value: f64| convert::<f64, T>(value);
+    for segment in 0..layout.segments {
+        let (stiffness, damping) = (layout.stiffness_at(segment), layout.damping_at(segment));
+        if segment == 0 {
+            know(stiffness, None, convert::<f64, T>(STIFFNESS).ln(), sd(LOG_STIFFNESS_SD));
+            know(damping, None, T::zero(), sd(DAMPING_SD));
+        } else {
+            // Neighbouring layers differ by a factor of three or so.
+            know(stiffness, Some(layout.stiffness_at(segment - 1)), T::zero(), sd(1.0));
+            know(damping, Some(layout.damping_at(segment - 1)), T::zero(), sd(1.0));
+        }
+        for order in 1..layout.stiffness {
+            know(stiffness + order, None, T::zero(), sd(0.5 / order as f64));
+        }
+        for order in 1..layout.damping {
+            know(damping + order, None, T::zero(), sd(0.5 / order as f64));
+        }
+    }
+    know(layout.force_offset(), None, T::zero(), settings.force_offset_sd_n);
+    know(layout.tip_offset(), None, T::zero(), settings.tip_offset_sd_m);
+    prior
+}
