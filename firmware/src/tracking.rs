@@ -41,7 +41,7 @@ fn main() -> ! {
     asm::delay(KNOWN_INSTRUCTIONS);
     let known = since(start).max(1);
     let (mut updates, mut sum, mut most) = (0_u32, 0_u64, 0_u32);
-    while let Some([time_s, depth_m, base_m, force_n, tip_m]) = recording.next() {
+    while let Some([time_s, depth_m, base_m, force_n, tip_m]) = recording.numbers() {
         let sample = Sample { time_s, depth_m, base_m, force_n, tip_m };
         let start = now();
         let outcome = tracker.update(&sample);
@@ -76,10 +76,10 @@ fn main() -> ! {
 /// The estimator for the needle at the recording's beginning.
 fn start() -> Option<(&'static mut TargetTracker, Recording)> {
     let mut recording = Recording::open(c"stream.bin")?;
-    let [length_m, moving_mass_kg] = recording.next()?;
+    let [length_m, moving_mass_kg] = recording.numbers()?;
     let mut modes = [Mode { wave_number_per_m: 0.0, frequency_rad_s: 0.0, factors: [0.0; 4] }; 5];
     for mode in &mut modes {
-        let [wave_number_per_m, frequency_rad_s, a, b, c, d] = recording.next()?;
+        let [wave_number_per_m, frequency_rad_s, a, b, c, d] = recording.numbers()?;
         *mode = Mode { wave_number_per_m, frequency_rad_s, factors: [a, b, c, d] };
     }
     let tracker = TargetTracker::new(Settings::new(length_m, moving_mass_kg, modes))?;

@@ -122,7 +122,7 @@ impl Recording {
     }
 
     /// The next numbers; nothing at the end.
-    pub fn next<const N: usize>(&mut self) -> Option<[f32; N]> {
+    pub fn numbers<const N: usize>(&mut self) -> Option<[f32; N]> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
             let mut bytes = [0; 4];

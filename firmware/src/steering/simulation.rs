@@ -27,10 +27,22 @@ pub struct Simulation<T: RealField, const M: usize, const C: usize, const N: usi
     tip_by: [T; N],
     amplitudes: SVector<T, M>,
     amplitudes_by: [[T; N]; M],
+    /// The row before the last: where the base and the amplitudes were, and the time between the two.
+    earlier: Earlier<T, M, N>,
     /// Integral of the path over the part of each cell that is cut.
     cut: [T; C],
     cut_by: [[T; N]; C],
     rows: u32,
+}
+
+/// See [`Simulation`].
+#[derive(Debug, Clone)]
+struct Earlier<T: RealField, const M: usize, const N: usize> {
+    base_m: T,
+    speed_m_s: T,
+    step_s: T,
+    amplitudes: SVector<T, M>,
+    amplitudes_by: [[T; N]; M],
 }
 
 /// What the sensors should read, without their offsets, and its derivatives.
@@ -74,6 +86,13 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             tip_by: [zero; N],
             amplitudes: SVector::zeros(),
             amplitudes_by: [[zero; N]; M],
+            earlier: Earlier {
+                base_m: zero,
+                speed_m_s: zero,
+                step_s: zero,
+                amplitudes: SVector::zeros(),
+                amplitudes_by: [[zero; N]; M],
+            },
             cut: [zero; C],
             cut_by: [[zero; N]; C],
             rows: 0,
@@ -102,6 +121,23 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         [low_m, (top_m + self.cell_m).min(to_m).max(low_m)]
     }
 
+    /// A velocity at a row is `rate (now - last_share last - earlier_share earlier)`: the backward difference of second order for
+    /// steps of any length, of first order at the second row; nothing moves before the first.
+    fn rates(&self, row: &Row<T>) -> [T; 3] {
+        let (zero, one) = (T::zero(), T::one());
+        if self.rows == 0 {
+            return [zero; 3];
+        }
+        let rate = row.step_s.recip();
+        if self.rows == 1 {
+            return [rate, one, zero];
+        }
+        let ratio = row.step_s / self.earlier.step_s;
+        let now = one + ratio / (one + ratio);
+        let earlier = ratio * ratio / (one + ratio);
+        [rate * now, (one + ratio) / now, -earlier / now]
+    }
+
     /// What a row should read with the tissue of `field`.
     pub fn predict(
         &self,
@@ -115,10 +151,13 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let cells = self.cells(row.depth_m);
         let advance_m = row.depth_m - self.depth_m;
         let first = self.rows == 0;
-        let rate = if first { zero } else { row.step_s.recip() };
+        let [rate, last_share, earlier_share] = self.rates(row);
+        // What the velocity is counted from: with the last two rows it is of second order.
+        let mix = |last: T, earlier: T| last_share * last + earlier_share * earlier;
+        let from_base_m = mix(self.base_m, self.earlier.base_m);
+        let from = self.amplitudes * last_share + self.earlier.amplitudes * earlier_share;
         // Before the first row the needle lay straight with its base where it is.
-        let (start_base_m, start_tip_m) =
-            if first { (row.base_m, row.base_m) } else { (self.base_m, self.tip_m) };
+        let start_tip_m = if first { row.base_m } else { self.tip_m };
         let mut walk = shape.walk(self.length_m - row.depth_m + self.cell_m * half);
         let mut loads = [CellLoad::default(); C];
         let mut matrix = SMatrix::<T, M, M>::from_diagonal(&SVector::from(shape.stiffness));
@@ -155,7 +194,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             let stiffness = field.stiffness[cell];
             let damper = field.damping[cell] * rate * length_m;
             let strength = stiffness * length_m + damper;
-            let before = start_base_m + psi.dot(&self.amplitudes);
+            let before = from_base_m + psi.dot(&from);
             // Force of the cell: strength (y_b + psi q) - k (cut + now tip) - damper before, the tip being y_b + psi_L q.
             let constant = strength * row.base_m - stiffness * (cut + now_m * row.base_m) - damper * before;
             let slope = psi * strength - tip * (stiffness * now_m);
@@ -176,16 +215,21 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let amplitudes = inverse * right;
         let tip_m = row.base_m + tip.dot(&amplitudes);
         let amplitudes_by_base = inverse * along_base;
-        let by_base =
-            [sum_by_base + sum_by.dot(&amplitudes_by_base), T::one() + tip.dot(&amplitudes_by_base)];
+        let by_base = [
+            sum_by_base + sum_by.dot(&amplitudes_by_base) + self.moving_mass_kg * rate * rate,
+            T::one() + tip.dot(&amplitudes_by_base),
+        ];
         // Derivatives of the cells' forces at fixed amplitudes, summed as loads on the modes and as a force.
         let mut modes_by = [[zero; N]; M];
         let mut force_by = [zero; N];
-        for (k, by) in self.amplitudes_by.iter().enumerate() {
+        for (k, (last, earlier)) in self.amplitudes_by.iter().zip(&self.earlier.amplitudes_by).enumerate() {
+            let mut by = [zero; N];
+            add(&mut by, last_share, last);
+            add(&mut by, earlier_share, earlier);
             for (i, mode_by) in modes_by.iter_mut().enumerate() {
-                add(mode_by, -dampers[(i, k)], by);
+                add(mode_by, -dampers[(i, k)], &by);
             }
-            add(&mut force_by, -damper_sum[k], by);
+            add(&mut force_by, -damper_sum[k], &by);
         }
         let cell_loads = loads.iter().zip(&psi_of).zip(&self.cut_by).take(cells).enumerate();
         for (cell, ((load, psi), cut_by)) in cell_loads {
@@ -217,8 +261,9 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             add(&mut force_by, sum_by[i], amplitude_by);
             add(&mut tip_by, tip[i], amplitude_by);
         }
-        let speed_m_s = if first { zero } else { (row.base_m - self.base_m) * rate };
-        let inertia_n = self.moving_mass_kg * (speed_m_s - self.speed_m_s) * rate;
+        let speed_m_s = (row.base_m - from_base_m) * rate;
+        let from_speed_m_s = mix(self.speed_m_s, self.earlier.speed_m_s);
+        let inertia_n = self.moving_mass_kg * (speed_m_s - from_speed_m_s) * rate;
         let force_n = sum + sum_by.dot(&amplitudes) + inertia_n;
         Some(Predicted { force_n, tip_m, force_by, tip_by, by_base, amplitudes, amplitudes_by, speed_m_s })
     }
@@ -247,6 +292,13 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
                 }
             }
         }
+        self.earlier = Earlier {
+            base_m: self.base_m,
+            speed_m_s: self.speed_m_s,
+            step_s: if first { T::zero() } else { row.step_s },
+            amplitudes: self.amplitudes,
+            amplitudes_by: self.amplitudes_by,
+        };
         self.tip_m = if first { row.base_m } else { tip_m };
         self.tip_by = if first { [T::zero(); N] } else { tip_by };
         self.amplitudes = predicted.amplitudes;
@@ -265,6 +317,9 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             self.cut[cell] += along(&self.cut_by[cell]);
         }
         for (amplitude, by) in self.amplitudes.iter_mut().zip(&self.amplitudes_by) {
+            *amplitude += along(by);
+        }
+        for (amplitude, by) in self.earlier.amplitudes.iter_mut().zip(&self.earlier.amplitudes_by) {
             *amplitude += along(by);
         }
     }

@@ -285,3 +285,77 @@ impl Truth {
         run
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Needle;
+
+    fn tissue() -> Tissue {
+        let layer = |bottom_mm, stiffness_n_per_m2, damping_n_s_per_m2| TissueLayer {
+            bottom_mm,
+            stiffness_n_per_m2,
+            damping_n_s_per_m2,
+        };
+        let inclusions = vec![Inclusion { depth_mm: 20.0, width_mm: 2.0, factor: 2.0 }];
+        Tissue { layers: vec![layer(40.0, 1e4, 1e3), layer(80.0, 3e4, 2e3)], inclusions }
+    }
+
+    fn rig(tissue: &Tissue) -> SteeringRig {
+        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        SteeringRig::new(rig, 0.13, 0.3, tissue).expect("a rig")
+    }
+
+    fn plan(speed_mm_s: f64, lateral_mm: f64) -> Plan {
+        Plan {
+            id: "s".to_owned(),
+            speed_mm_s,
+            depth_mm: 60.0,
+            lateral_mm,
+            straight_mm: 0.0,
+            period_ms: 20.0,
+            disturbances: 0,
+        }
+    }
+
+    #[test]
+    fn means_are_of_what_the_needle_is_in() {
+        // The lump adds its area: sqrt(2 pi) times its width.
+        let lump_mm = std::f64::consts::TAU.sqrt() * 2.0;
+        let [stiffness, damping] = tissue().mean(0.08);
+        assert!((stiffness / (1e4 * (40.0 + lump_mm) / 80.0 + 1.5e4) - 1.0).abs() < 1e-4, "{stiffness}");
+        assert!((damping / (1e3 * (40.0 + lump_mm) / 80.0 + 1e3) - 1.0).abs() < 1e-4, "{damping}");
+        let [stiffness, damping] = tissue().at(0.02);
+        assert_eq!([stiffness, damping], [2e4, 2e3]);
+        assert!(Tissue::default().check().is_err());
+    }
+
+    /// Moved straight in, nothing pushes; moved slowly, the needle's path depends on how deep it is and not on how fast it went.
+    #[test]
+    fn slow_paths_do_not_depend_on_speed() {
+        let mut tissue = tissue();
+        tissue.layers.iter_mut().for_each(|layer| layer.damping_n_s_per_m2 = 0.0);
+        let rig = rig(&tissue);
+        let straight = rig.carry_out(&plan(4.0, 0.0)).expect("a plan").run;
+        assert!(straight.base_force_y_n.iter().chain(&straight.tip_y_m).all(|value| *value == 0.0));
+        let end = |speed_mm_s: f64| {
+            let run = rig.carry_out(&plan(speed_mm_s, 15.0)).expect("a plan").run;
+            (
+                run.tip_y_m.last().copied().expect("samples"),
+                run.base_force_y_n.last().copied().expect("samples"),
+            )
+        };
+        let ((fast_m, fast_n), (slow_m, slow_n)) = (end(4.0), end(2.0));
+        assert!((fast_m - slow_m).abs() < 2e-5, "{fast_m} {slow_m}");
+        assert!((fast_n / slow_n - 1.0).abs() < 5e-3, "{fast_n} {slow_n}");
+    }
+
+    #[test]
+    fn the_same_numbers_make_the_same_noise() {
+        let truth = rig(&tissue()).carry_out(&plan(8.0, 15.0)).expect("a plan");
+        let sensors = Sensors { base_m: 1e-5, force_n: 0.05, tip_m: 2e-4 };
+        assert_eq!(truth.measure(sensors, 1, 2), truth.measure(sensors, 1, 2));
+        assert_ne!(truth.measure(sensors, 1, 2), truth.measure(sensors, 1, 3));
+        assert_ne!(truth.measure(sensors, 1, 2), truth.measure(sensors, 2, 2));
+    }
+}
