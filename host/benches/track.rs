@@ -27,6 +27,8 @@ fn recorded(rig: &Rig) -> Vec<Sample<f64>> {
         depth_mm: 80.0,
         lateral_mm: 20.0,
         straight_mm: 0.0,
+        wobble_mm: 0.0,
+        wobble_hz: 0.5,
         period_ms: 20.0,
         disturbances: 0,
     };

@@ -85,7 +85,7 @@ fn steering(args: &Args) -> Result<()> {
     ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
     let cells = host::track::study::study(args.runs, 20, args.seed, |name| name.starts_with(&args.method))?;
     println!(
-        "| method | support | tip noise, mm | converged | after, mm | tip error RMS, mm | largest, mm | stiffness off by | damping off by | in the 95 % interval |\n\
+        "| method | motion | tip noise, mm | converged | after, mm | tip error RMS, mm | largest, mm | stiffness off by | damping off by | in the 95 % interval |\n\
          |---|---|---|---|---|---|---|---|---|---|"
     );
     for cell in &cells {
@@ -106,7 +106,7 @@ fn steering(args: &Args) -> Result<()> {
         println!(
             "| {} | {} | {} | {} of {} | {:.0} | {:.2} | {:.2} | {} | {} | {}, {} |",
             cell.method,
-            if cell.straight_mm > 0.0 { "yes" } else { "no" },
+            cell.motion.name,
             cell.tip_sd_mm,
             cell.converged,
             cell.runs,

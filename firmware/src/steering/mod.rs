@@ -61,6 +61,20 @@ pub struct Row<T> {
     pub samples: T,
 }
 
+impl<T: RealField> Default for Row<T> {
+    fn default() -> Self {
+        let zero = T::zero;
+        Self {
+            step_s: zero(),
+            depth_m: zero(),
+            base_m: zero(),
+            force_n: zero(),
+            tip_m: zero(),
+            samples: zero(),
+        }
+    }
+}
+
 /// What is known of needle, sensors and tissue before the first sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings<T, const M: usize> {
@@ -231,7 +245,10 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
             Some(row) => {
                 let deviation = self.noise.deviation();
                 self.live.take(&self.settings, &self.shape, &row, deviation);
-                // With the memory full, the filter goes on with what it knows, without replays.
+                if self.rows.is_full() {
+                    self.condense();
+                }
+                // There is room now: half the rows are gone.
                 let _ = self.rows.push(row);
             }
             None if estimate.is_none() => self.replay_one(),
@@ -240,11 +257,37 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         Ok(estimate)
     }
 
+    /// The memory is full: every two rows become one, and new ones twice as long.
+    fn condense(&mut self) {
+        let (mut time_s, mut last_s) = (T::zero(), T::zero());
+        let mut condensed = Vec::new();
+        for pair in self.rows.chunks(2) {
+            let samples = pair.iter().fold(T::zero(), |sum, row| sum + row.samples);
+            let mut mean = Row { samples, ..Row::default() };
+            for row in pair {
+                let share = row.samples / samples;
+                time_s += row.step_s;
+                mean.step_s += share * time_s;
+                mean.depth_m += share * row.depth_m;
+                mean.base_m += share * row.base_m;
+                mean.force_n += share * row.force_n;
+                mean.tip_m += share * row.tip_m;
+            }
+            let mean_s = mean.step_s;
+            mean.step_s -= last_s;
+            last_s = mean_s;
+            let _ = condensed.push(mean);
+        }
+        self.rows = condensed;
+        let twice: T = convert(2.0);
+        self.settings.row_m *= twice;
+        self.settings.row_base_m *= twice;
+        self.settings.row_s *= twice;
+        self.replay.renew(&self.live);
+    }
+
     /// One row of the replay; at its end it takes the filter's place.
     fn replay_one(&mut self) {
-        if self.rows.is_full() {
-            return;
-        }
         let deviation = self.noise.deviation();
         self.replay.step(&self.settings, &self.shape, &self.rows, deviation, &mut self.live);
     }

@@ -88,6 +88,12 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         }
     }
 
+    /// The rows are others now: everything that was found with the old ones is forgotten.
+    pub fn renew(&mut self, live: &Filter<T, M, C, N>) {
+        (self.best, self.halvings, self.far, self.settled, self.settled_rows) = (None, 0, 0, false, 0);
+        self.begin(live.parameters);
+    }
+
     fn begin(&mut self, parameters: [T; N]) {
         self.filter.restart(parameters);
         self.next = 0;

@@ -110,6 +110,38 @@ fn a_layout_that_does_not_fit_is_refused() {
     }
 }
 
+/// A memory of sixteen rows for forty: nothing stops, and the tissue is found about as well.
+#[test]
+fn a_full_memory_is_condensed() {
+    let truth = [9.6, 0.0, 0.0, 9.9, 0.0, 0.0, 0.3, 0.0, 0.3, 0.0, 0.0, 0.0];
+    let settings =
+        Settings { segment_m: 0.02, force_sd_n: 0.01, tip_sd_m: 1e-4, base_sd_m: 1e-5, ..settings() };
+    let shape = Shape::new(settings.modes, settings.length_m, settings.cell_m);
+    let mut field = Field::<f64, CELLS>::new(LAYOUT, settings.cell_m, settings.segment_m);
+    field.set(&truth, CELLS);
+    let mut simulation =
+        Simulation::<f64, MODES, CELLS, PARAMETERS>::new(settings.cell_m, settings.length_m, 0.3, 0.0);
+    let mut small = Tracker::<f64, MODES, CELLS, PARAMETERS, 16>::new(settings).expect("fits");
+    let mut large = Tracker::<f64, MODES, CELLS, PARAMETERS, 128>::new(settings).expect("fits");
+    let mut time_s = 0.0;
+    for i in 0..800 {
+        let depth_m = 0.055e-3 * f64::from(i);
+        let base_m = 0.2 * depth_m;
+        time_s += 0.02;
+        let step_s = if i == 0 { 1.0 } else { 0.02 };
+        let row = Row { step_s, depth_m, base_m, force_n: 0.0, tip_m: 0.0, samples: 1.0 };
+        let predicted = simulation.predict(&shape, &field, &row).expect("regular");
+        let sample = Sample { time_s, depth_m, base_m, force_n: predicted.force_n, tip_m: predicted.tip_m };
+        simulation.advance(&row, &predicted, 0.0);
+        small.update(&sample).expect("taken");
+        large.update(&sample).expect("taken");
+    }
+    for estimate in [small.finish().expect("rows"), large.finish().expect("rows")] {
+        let mean = 0.5 * (9.6_f64.exp() + 9.9_f64.exp());
+        assert!((estimate.stiffness.value / mean - 1.0).abs() < 0.1, "{estimate:?} {mean}");
+    }
+}
+
 fn number() -> impl Strategy<Value = f32> {
     prop_oneof![
         8 => -0.2_f32..0.2,

@@ -150,6 +150,12 @@ pub struct Plan {
     /// The needle is supported: it goes in straight this far before it is moved sideways.
     #[serde(default)]
     pub straight_mm: f64,
+    /// The base moves to and fro by this much too, which tells damping from stiffness.
+    #[serde(default)]
+    pub wobble_mm: f64,
+    /// How often.
+    #[serde(default = "Plan::wobble_hz")]
+    pub wobble_hz: f64,
     /// Time between samples.
     #[serde(default = "Plan::period_ms")]
     pub period_ms: f64,
@@ -165,6 +171,10 @@ impl Plan {
 
     fn lateral_mm() -> f64 {
         20.0
+    }
+
+    fn wobble_hz() -> f64 {
+        0.5
     }
 
     fn period_ms() -> f64 {
@@ -222,6 +232,8 @@ impl SteeringRig {
         check("period_ms", plan.period_ms, "1 to 1000", (1.0..=1e3).contains(&plan.period_ms))?;
         check("depth_mm", plan.depth_mm, "1 to 300", (1.0..=300.0).contains(&plan.depth_mm))?;
         check("lateral_mm", plan.lateral_mm, "-100 to 100", (-100.0..=100.0).contains(&plan.lateral_mm))?;
+        check("wobble_mm", plan.wobble_mm, "0 to 20", (0.0..=20.0).contains(&plan.wobble_mm))?;
+        check("wobble_hz", plan.wobble_hz, "0.01 to 5", (0.01..=5.0).contains(&plan.wobble_hz))?;
         let straight = (0.0..plan.depth_mm).contains(&plan.straight_mm);
         check("straight_mm", plan.straight_mm, "0 or more, less than depth_mm", straight)?;
         let period_s = 1e-3 * plan.period_ms;
@@ -230,7 +242,9 @@ impl SteeringRig {
         let depth_mm = |time_s: &f64| (plan.speed_mm_s * time_s).min(plan.depth_mm);
         let lateral = |time_s: &f64| {
             let share = (depth_mm(time_s) - plan.straight_mm) / (plan.depth_mm - plan.straight_mm);
-            1e-3 * plan.lateral_mm * share.max(0.0)
+            let wobble_mm =
+                if share > 0.0 { plan.wobble_mm * (TAU * plan.wobble_hz * time_s).sin() } else { 0.0 };
+            1e-3 * (plan.lateral_mm * share.max(0.0) + wobble_mm)
         };
         let run = crate::model::Steering {
             depth_m: time_s.iter().map(|time_s| 1e-3 * depth_mm(time_s)).collect(),
@@ -313,6 +327,8 @@ mod tests {
             depth_mm: 60.0,
             lateral_mm,
             straight_mm: 0.0,
+            wobble_mm: 0.0,
+            wobble_hz: 0.5,
             period_ms: 20.0,
             disturbances: 0,
         }

@@ -26,6 +26,11 @@ pub struct Report {
 pub trait Method {
     /// Takes a sample.
     fn update(&mut self, sample: &Sample<f64>) -> Option<Report>;
+
+    /// No more samples: what is known in the end, where that is more than what was said last.
+    fn finish(&mut self) -> Option<Report> {
+        None
+    }
 }
 
 /// The samples of a run.

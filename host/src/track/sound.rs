@@ -63,6 +63,10 @@ impl<T: RealField + Copy + Into<f64>> Method for Sound<T> {
         };
         self.tracker.update(&sample).ok().flatten().map(report)
     }
+
+    fn finish(&mut self) -> Option<Report> {
+        self.tracker.finish().map(report)
+    }
 }
 
 /// An estimate in double precision; a value that cannot be told is none.

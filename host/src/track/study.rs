@@ -1,6 +1,6 @@
 //! Monte Carlo study of the online estimators on the experiment of the spring-beam-damper paper, simulated: two layers of 40 mm,
 //! the first with lumps and bubbles, 80 mm deep and 20 mm sideways at 8, 4 and 2 mm/s, with and without support, with
-//! disturbances. All methods start from the paper's initial values, about a hundred times too high, and are given the same
+//! disturbances; and the same moved to and fro. All methods start from the paper's initial values, about a hundred times too high, and are given the same
 //! samples. The truth is the steering model with ten modes, inertia and a stage.
 
 use super::TrackError;
@@ -16,8 +16,23 @@ use rand_chacha::ChaCha8Rng;
 
 /// Speeds of insertion, mm/s.
 const SPEEDS_MM_S: [f64; 3] = [8.0, 4.0, 2.0];
-/// Straight insertion before the needle is moved sideways: without and with support, mm.
-pub const STRAIGHT_MM: [f64; 2] = [0.0, 30.0];
+/// How the needle is moved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// In words.
+    pub name: &'static str,
+    /// Straight insertion before the needle is moved sideways, mm.
+    pub straight_mm: f64,
+    /// To and fro on the way, mm.
+    pub wobble_mm: f64,
+}
+
+/// Without and with support as in the paper; and to and fro, which tells damping from stiffness.
+pub const MOTIONS: [Motion; 3] = [
+    Motion { name: "without support", straight_mm: 0.0, wobble_mm: 0.0 },
+    Motion { name: "with support", straight_mm: 30.0, wobble_mm: 0.0 },
+    Motion { name: "to and fro", straight_mm: 0.0, wobble_mm: 3.0 },
+];
 /// Noise of the tip, mm.
 pub const TIP_SD_MM: [f64; 2] = [0.1, 0.3];
 /// Noise of base and force.
@@ -39,8 +54,8 @@ pub const METHODS: [&str; 7] =
 pub struct Cell {
     /// Which method.
     pub method: &'static str,
-    /// Straight insertion first, mm.
-    pub straight_mm: f64,
+    /// How the needle was moved.
+    pub motion: Motion,
     /// Noise of the tip, mm.
     pub tip_sd_mm: f64,
     /// Runs.
@@ -78,11 +93,11 @@ pub fn study(
     let steerings: Result<Vec<SteeringRig>, _> =
         drawn.iter().map(|tissue| SteeringRig::new(rig.clone(), LENGTH_M, FIXTURE_KG, tissue)).collect();
     let steerings = steerings?;
-    for straight_mm in STRAIGHT_MM {
+    for motion in MOTIONS {
         let mut truths: Vec<(&Tissue, Truth)> = Vec::new();
         for (tissue, steering) in drawn.iter().zip(&steerings) {
             for speed_mm_s in SPEEDS_MM_S {
-                truths.push((tissue, steering.carry_out(&plan(straight_mm, speed_mm_s))?));
+                truths.push((tissue, steering.carry_out(&plan(motion, speed_mm_s))?));
             }
         }
         for tip_sd_mm in TIP_SD_MM {
@@ -95,22 +110,25 @@ pub fn study(
                     let mut estimator = make(method, &rig.needle, &dynamics, sensors)?;
                     let reports: Vec<Report> =
                         samples(&run).filter_map(|sample| estimator.update(&sample)).collect();
-                    judged.push(judge(tissue, truth, straight_mm, &reports));
+                    let last = estimator.finish().or(reports.last().copied());
+                    judged.push(judge(tissue, truth, motion.straight_mm, &reports, last));
                 }
-                cells.push(summarise(method, straight_mm, tip_sd_mm, &judged));
+                cells.push(summarise(method, motion, tip_sd_mm, &judged));
             }
         }
     }
     Ok(cells)
 }
 
-fn plan(straight_mm: f64, speed_mm_s: f64) -> Plan {
+fn plan(motion: Motion, speed_mm_s: f64) -> Plan {
     Plan {
         id: String::new(),
         speed_mm_s,
         depth_mm: 80.0,
         lateral_mm: 20.0,
-        straight_mm,
+        straight_mm: motion.straight_mm,
+        wobble_mm: motion.wobble_mm,
+        wobble_hz: 0.5,
         period_ms: 20.0,
         disturbances: DISTURBANCES,
     }
@@ -181,7 +199,13 @@ struct Judged {
     held: [[usize; 2]; 2],
 }
 
-fn judge(tissue: &Tissue, truth: &Truth, straight_mm: f64, reports: &[Report]) -> Judged {
+fn judge(
+    tissue: &Tissue,
+    truth: &Truth,
+    straight_mm: f64,
+    reports: &[Report],
+    last: Option<Report>,
+) -> Judged {
     let run = &truth.run;
     let off_mm = |report: &Report| {
         let after =
@@ -217,7 +241,7 @@ fn judge(tissue: &Tissue, truth: &Truth, straight_mm: f64, reports: &[Report]) -
             }
         }
     }
-    let error = reports.last().map_or([None; 2], |last| {
+    let error = last.map_or([None; 2], |last| {
         let mean = tissue.mean(last.depth_m);
         [last.stiffness.map(|k| (k / mean[0] - 1.0).abs()), last.damping.map(|c| (c / mean[1] - 1.0).abs())]
     });
@@ -233,7 +257,7 @@ fn judge(tissue: &Tissue, truth: &Truth, straight_mm: f64, reports: &[Report]) -
     }
 }
 
-fn summarise(method: &'static str, straight_mm: f64, tip_sd_mm: f64, judged: &[Judged]) -> Cell {
+fn summarise(method: &'static str, motion: Motion, tip_sd_mm: f64, judged: &[Judged]) -> Cell {
     let good: Vec<&Judged> = judged.iter().filter(|one| one.converged).collect();
     let sum = |of: &dyn Fn(&Judged) -> f64| good.iter().map(|one| of(one)).sum::<f64>();
     let points = sum(&|one| one.count as f64).max(1.0);
@@ -247,7 +271,7 @@ fn summarise(method: &'static str, straight_mm: f64, tip_sd_mm: f64, judged: &[J
     });
     Cell {
         method,
-        straight_mm,
+        motion,
         tip_sd_mm,
         runs: judged.len(),
         converged: good.len(),

@@ -26,6 +26,8 @@ fn plan(speed_mm_s: f64, lateral_mm: f64, straight_mm: f64) -> Plan {
         depth_mm: 80.0,
         lateral_mm,
         straight_mm,
+        wobble_mm: 0.0,
+        wobble_hz: 0.5,
         period_ms: 20.0,
         disturbances: 0,
     }
