@@ -251,8 +251,9 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
                 // There is room now: half the rows are gone.
                 let _ = self.rows.push(row);
             }
-            None if estimate.is_none() => self.replay_one(),
-            None => {}
+            None if estimate.is_some() => {}
+            None if self.rows.is_full() => self.condense(),
+            None => self.replay_one(),
         }
         Ok(estimate)
     }

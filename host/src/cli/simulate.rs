@@ -16,7 +16,7 @@ use std::path::PathBuf;
                   fixture_mass_kg) and [noise] of a session, and\n\n  [tissue]\n  layers = [\n    { bottom_mm = 40, stiffness_n_per_m2 = 15000, \
                   damping_n_s_per_m2 = 1000 },\n    { bottom_mm = 80, stiffness_n_per_m2 = 40000, damping_n_s_per_m2 = 2000 },\n  ]\n  \
                   inclusions = [{ depth_mm = 20, width_mm = 3, factor = 1.8 }]\n\n  [[steering]]\n  id = \"s8\"\n  speed_mm_s = 8\n  \
-                  straight_mm = 30      # with support; also depth_mm, lateral_mm, period_ms, disturbances"
+                  straight_mm = 30      # with support; also depth_mm, lateral_mm, wobble_mm, wobble_hz, period_ms, disturbances"
 )]
 pub struct Args {
     /// TOML file: needle, rig, noise, tissue, runs
