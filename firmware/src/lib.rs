@@ -16,6 +16,7 @@ pub mod hal;
 pub mod plant;
 #[cfg(feature = "qemu")]
 pub mod qemu;
+#[cfg(feature = "steering")]
 pub mod steering;
 pub mod thumb;
 

@@ -5,6 +5,9 @@ use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+/// Cargo profile of the firmware's images.
+const PROFILE: &str = "firmware";
+
 /// A firmware image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Image {
@@ -35,18 +38,11 @@ impl Image {
         }
     }
 
-    /// Cargo profile.
-    const fn profile(self) -> &'static str {
-        match self {
-            Self::Flash | Self::Qemu | Self::Conformance => "firmware",
-            Self::Tracking => "estimator",
-        }
-    }
-
     const fn features(self) -> &'static str {
         match self {
             Self::Flash => "flash",
-            Self::Qemu | Self::Tracking => "qemu",
+            Self::Qemu => "qemu",
+            Self::Tracking => "qemu,steering",
             Self::Conformance => "conformance",
         }
     }
@@ -70,7 +66,15 @@ pub fn build(image: Image) -> Result<PathBuf> {
     let folder = target_dir().join(image.folder());
     let output = cargo()
         .args(["build", "--quiet", "--package", "firmware", "--bin", image.binary()])
-        .args(["--target", TARGET, "--profile", image.profile(), "--features", image.features()])
+        .args([
+            "--target",
+            TARGET,
+            "--profile",
+            PROFILE,
+            "--no-default-features",
+            "--features",
+            image.features(),
+        ])
         .arg("--target-dir")
         .arg(&folder)
         .stdin(Stdio::null())
@@ -84,7 +88,7 @@ pub fn build(image: Image) -> Result<PathBuf> {
     if said.contains("warning") {
         bail!("the firmware builds with warnings ({image:?})");
     }
-    Ok(folder.join(TARGET).join(image.profile()).join(image.binary()))
+    Ok(folder.join(TARGET).join(PROFILE).join(image.binary()))
 }
 
 /// Lints an image's code as it is for the microcontroller.
@@ -94,7 +98,15 @@ pub fn build(image: Image) -> Result<PathBuf> {
 pub fn lint(image: Image) -> Result<()> {
     let status = cargo()
         .args(["clippy", "--quiet", "--package", "firmware"])
-        .args(["--target", TARGET, "--profile", image.profile(), "--features", image.features()])
+        .args([
+            "--target",
+            TARGET,
+            "--profile",
+            PROFILE,
+            "--no-default-features",
+            "--features",
+            image.features(),
+        ])
         .arg("--target-dir")
         .arg(target_dir().join(image.folder()))
         .args(["--", "-D", "warnings"])

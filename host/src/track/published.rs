@@ -56,7 +56,6 @@ const LEAST_FORGETTING: f64 = 0.9;
 #[derive(Debug, Clone)]
 pub struct Published {
     settings: Printed,
-    functions: Functions,
     factors: DMatrix<f64>,
     overlap: Overlap,
     pull: Pull,
@@ -105,7 +104,6 @@ impl Published {
             settings,
             overlap: Overlap::new(&functions),
             pull: Pull::new(&functions),
-            functions,
             factors,
             from_load: outputs * inverse(mass)?,
             to_modes: inverse(outputs)?,
@@ -234,13 +232,6 @@ impl Method for Published {
             damping_ci95: None,
             tip_m: tip_then_m,
         })
-    }
-}
-
-impl Published {
-    /// The functions of the modes, for tests.
-    pub fn functions(&self) -> &Functions {
-        &self.functions
     }
 }
 
