@@ -2,7 +2,7 @@
 
 use crate::cosim::Cosim;
 use crate::images::{self, Image};
-use crate::qemu::Qemu;
+use crate::qemu::{self, Qemu};
 use anyhow::{Result, ensure};
 use host::rig::SimulatedRig;
 use host::rig::config::RigConfig;
@@ -28,8 +28,10 @@ impl Bench {
         let elf = images::build(Image::Qemu)?;
         let folder = tempfile::Builder::new().prefix("needle-guide-").tempdir()?;
         let rig = SimulatedRig::new(config, seed)?;
+        // The rig waits for QEMU to open its pipes, but not for long.
+        let turn = qemu::turn();
         let cosim = Cosim::start(rig, folder.path(), speed)?;
-        let qemu = Qemu::start(&elf, folder.path(), limit)?;
+        let qemu = Qemu::start(turn, &elf, folder.path(), limit)?;
         let bench = Self { qemu: Some(qemu), cosim: Some(cosim), folder };
         bench.await_first_steps(limit)?;
         Ok(bench)

@@ -23,12 +23,23 @@ pub struct Qemu {
     log: Arc<Mutex<Vec<String>>>,
     decoder: Option<JoinHandle<()>>,
     serial: PathBuf,
-    _turn: MutexGuard<'static, ()>,
+    _turn: Turn,
 }
 
 /// One QEMU of a process runs at a time: it takes a whole processor, and rig, link and test want theirs while it runs. Two on a
 /// small machine starve each other until answers come too late.
 static TURN: Mutex<()> = Mutex::new(());
+
+/// The right to run a QEMU. Whoever starts something that waits for QEMU takes the turn first, and then starts it.
+#[derive(Debug)]
+pub struct Turn {
+    _guard: MutexGuard<'static, ()>,
+}
+
+/// Waits for its turn.
+pub fn turn() -> Turn {
+    Turn { _guard: TURN.lock().unwrap_or_else(PoisonError::into_inner) }
+}
 
 impl Qemu {
     /// Starts an image with its working folder, where the plant pipes are and the serial port's link appears. It is killed when
@@ -36,8 +47,7 @@ impl Qemu {
     ///
     /// # Errors
     /// Where QEMU cannot be started or its serial port does not appear.
-    pub fn start(elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
-        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    pub fn start(turn: Turn, elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
         let serial = folder.join("serial");
         let mut child = Command::new(QEMU)
             .current_dir(folder)

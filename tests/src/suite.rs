@@ -8,7 +8,7 @@
 //! The last line is `N passed, N failed`.
 
 use crate::images::{self, Image};
-use crate::qemu::Qemu;
+use crate::qemu::{Qemu, turn};
 use crate::{setup, size, tracking};
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader};
@@ -129,7 +129,7 @@ fn result_line(line: &str) -> Option<Counts> {
 fn conformance() -> Result<Counts> {
     let elf = images::build(Image::Conformance)?;
     let folder = tempfile::tempdir()?;
-    let qemu = Qemu::start(&elf, folder.path(), CONFORMANCE_LIMIT)?;
+    let qemu = Qemu::start(turn(), &elf, folder.path(), CONFORMANCE_LIMIT)?;
     let (_, log) = qemu.wait(CONFORMANCE_LIMIT)?;
     for line in &log {
         println!("{}", line.split_once(' ').map_or(line.as_str(), |(_level, text)| text));

@@ -2,7 +2,7 @@
 //! host's in double precision.
 
 use crate::images::{self, Image};
-use crate::qemu::Qemu;
+use crate::qemu::{Qemu, turn};
 use crate::setup;
 use anyhow::{Context, Result, ensure};
 use firmware::steering::{Estimate, Settings};
@@ -73,7 +73,7 @@ pub fn run() -> Result<Tracked> {
     let settings = settings::<f64>(&needle, &dynamics)?;
     let run = recorded()?;
     write(folder.path(), &settings, &run)?;
-    let qemu = Qemu::start(&elf, folder.path(), LIMIT)?;
+    let qemu = Qemu::start(turn(), &elf, folder.path(), LIMIT)?;
     let (code, log) = qemu.wait(LIMIT)?;
     ensure!(code == 0, "the estimator's image ended with {code}: {log:#?}");
     let mut tracker = SoundTracker::new(settings).context("the layout does not fit")?;
