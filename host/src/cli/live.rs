@@ -103,6 +103,8 @@ struct Joined {
     tracker: SoundTracker<f64>,
     lines: Receiver<anyhow::Result<[f64; 2]>>,
     mean: Mean,
+    /// Device time of the last sample.
+    last_s: f64,
     refused: usize,
     ended: bool,
 }
@@ -130,6 +132,7 @@ impl Joined {
         };
         let Mean { time_s, base_m, force_n, count } = std::mem::take(&mut self.mean);
         let [time_s, base_m, force_n] = [time_s, base_m, force_n].map(|sum| sum / count);
+        self.last_s = time_s;
         match self.tracker.update(&Sample { time_s, depth_m, base_m, force_n, tip_m }) {
             Ok(Some(estimate)) => {
                 let line = Line::new(time_s, &estimate);
@@ -159,6 +162,7 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
         tracker: tracker(session, options)?,
         lines: tip_lines(tip)?,
         mean: Mean::default(),
+        last_s: 0.0,
         refused: 0,
         ended: false,
     };
@@ -182,7 +186,7 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
     }
     match joined.tracker.finish() {
         Some(estimate) => {
-            let line = Line::new(joined.mean.time_s, &estimate);
+            let line = Line::new(joined.last_s, &estimate);
             out.note(format_args!("at the end   {}", line.to_string().trim()));
         }
         None => out.note("too short for an estimate"),

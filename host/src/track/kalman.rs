@@ -198,6 +198,16 @@ impl Kalman {
         Vector2::new(self.base.dot(&position), self.tip.dot(&position))
     }
 
+    /// Derivatives of the outputs with respect to the state.
+    fn output_rows(&self) -> SMatrix<f64, 2, STATE> {
+        let mut rows = SMatrix::<f64, 2, STATE>::zeros();
+        for i in 0..X {
+            rows[(0, i)] = self.base[i];
+            rows[(1, i)] = self.tip[i];
+        }
+        rows
+    }
+
     fn extended(
         &mut self,
         inserted: &Inserted,
@@ -209,11 +219,7 @@ impl Kalman {
         let jacobian = self.jacobian(&self.state, &after, &inverse, inserted);
         let covariance = jacobian * self.covariance * jacobian.transpose()
             + self.process_noise(inserted, &inverse, step_m);
-        let mut rows = SMatrix::<f64, 2, STATE>::zeros();
-        for i in 0..X {
-            rows[(0, i)] = self.base[i];
-            rows[(1, i)] = self.tip[i];
-        }
+        let rows = self.output_rows();
         let spread = rows * covariance * rows.transpose() + noise;
         let gain = covariance * rows.transpose() * spread.try_inverse()?;
         self.state = after + gain * (measured - self.outputs(&after));
@@ -264,11 +270,7 @@ impl Kalman {
             cross += off * seen_off.transpose() * spread_weight(i);
         }
         // The process noise is seen too.
-        let mut rows = SMatrix::<f64, 2, STATE>::zeros();
-        for i in 0..X {
-            rows[(0, i)] = self.base[i];
-            rows[(1, i)] = self.tip[i];
-        }
+        let rows = self.output_rows();
         let process = self.process_noise(inserted, &inverse, step_m);
         spread += rows * process * rows.transpose();
         cross += process * rows.transpose();
