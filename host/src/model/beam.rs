@@ -1,10 +1,11 @@
 //! The needle as a beam on an elastic foundation, solved exactly.
 //!
-//! `EI u'''' + K(z) u = F delta(z - c2)`, clamped at guide 1 (`u = 0`, and `u' = 0` or `u' = compliance EI u''`), free
-//! at the tip (`u'' = 0`, `EI u''' = -F_t`); see Paper A (Lehmann et al.), section II, for the problem.
+//! `EI u'''' + ((P - G) u')' + K(z) u = F delta(z - c2) - k u delta(z - c)`, clamped at guide 1 (`u = 0`, and `u' = 0` or
+//! `u' = compliance EI u''`), free at the tip (`u'' = 0`, `EI u''' + (P - G) u' = -F_t`); see Paper A (Lehmann et al.), section
+//! II, for the problem. P: axial load over the whole needle; G: shear layer of the tissue; k: spring at the surface.
 //!
 //! Within a piece of constant K the solution is the entire function `sum b_n x^n` with
-//! `b_(n+4) = -(K/EI) b_n / ((n+1)(n+2)(n+3)(n+4))`. Pieces are kept shorter than the characteristic length
+//! `b_(n+4) = -((K/EI) b_n + ((P - G)/EI) (n+1)(n+2) b_(n+2)) / ((n+1)(n+2)(n+3)(n+4))`. Pieces are kept shorter than the characteristic length
 //! `(4 EI/K)^(1/4)`, where the series converges to the last digit within 24 terms without cancellation, for any K from
 //! zero upwards. The unknowns are value and three derivatives at the start of every piece; continuity and boundary
 //! conditions give a banded system, solved with partial pivoting. A layer is a few more pieces.
@@ -29,8 +30,27 @@ pub struct BeamProblem {
     pub depth_m: f64,
     /// Rotation of the needle in guide 1 per moment; 0 is a perfect clamp.
     pub clamp_compliance_rad_per_n_m: f64,
+    /// Compressive axial load of the needle, P: energy `-P/2 int_0^L u'^2`.
+    pub axial_load_n: f64,
+    /// Shear layer of the tissue, G (Pasternak): energy `G/2 int_c^L u'^2`.
+    pub shear_n: f64,
+    /// Spring at the surface, k.
+    pub skin_n_per_m: f64,
     /// The tissue.
     pub foundation: Foundation,
+    /// What the tissue does beyond a linear spring; [`BeamProblem::solve`] leaves it out.
+    pub law: TissueLaw,
+}
+
+/// How the tissue departs from a linear spring.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TissueLaw {
+    /// Stiffening, `1/u0`: the reaction is `K u (1 + (u/u0)^2)`.
+    pub inverse_u0_per_m: f64,
+    /// Share of K that relaxes while the needle is held: a standard linear solid.
+    pub relaxing_share: f64,
+    /// Time in which it relaxes.
+    pub relaxation_s: f64,
 }
 
 /// The needle's response to unit forces at guide 2 and at the tip.
@@ -54,7 +74,11 @@ impl BeamProblem {
             entry_m: rig.entry_m,
             depth_m,
             clamp_compliance_rad_per_n_m: 0.0,
+            axial_load_n: 0.0,
+            shear_n: 0.0,
+            skin_n_per_m: 0.0,
             foundation,
+            law: TissueLaw::default(),
         }
     }
 
@@ -74,21 +98,29 @@ impl BeamProblem {
         system.set(1, 1, -1.0);
         system.set(1, 2, self.clamp_compliance_rad_per_n_m * stiffness / length_m);
         for (i, piece) in pieces.iter().enumerate() {
-            let kappa = piece.modulus_pa * length_m.powi(4) / stiffness;
+            let scaled = piece.scaled(length_m, stiffness);
             let reach = piece.length_m / length_m;
             let last = i + 1 == n;
             for column in 0..4 {
                 let mut start = [0.0; 4];
                 start[column] = 1.0;
-                let series = expand(start, kappa);
+                let series = expand(start, scaled);
                 for order in if last { 2..4 } else { 0..4 } {
                     let row = 4 * i + if last { order } else { order + 2 };
-                    system.set(row, 4 * i + column, derivative(&series, order, reach));
+                    let mut value = derivative(&series, order, reach);
+                    if order == 3 {
+                        value += scaled.axial * derivative(&series, 1, reach);
+                    }
+                    system.set(row, 4 * i + column, value);
                 }
             }
-            if !last {
+            if let Some(next) = pieces.get(i + 1) {
                 for order in 0..4 {
                     system.set(4 * i + 2 + order, 4 * (i + 1) + order, -1.0);
+                }
+                system.set(4 * i + 5, 4 * (i + 1) + 1, -next.scaled(length_m, stiffness).axial);
+                if piece.ends_at_entry {
+                    system.set(4 * i + 5, 4 * (i + 1), -self.skin_n_per_m * cubed);
                 }
                 if piece.ends_at_guide2 {
                     system.right[4 * i + 5][0] = -cubed;
@@ -105,8 +137,8 @@ impl BeamProblem {
                 .iter()
                 .zip(states.chunks_exact(4))
                 .map(|(piece, state)| {
-                    let kappa = piece.modulus_pa * length_m.powi(4) / stiffness;
-                    expand([state[0][load], state[1][load], state[2][load], state[3][load]], kappa)
+                    let start = [state[0][load], state[1][load], state[2][load], state[3][load]];
+                    expand(start, piece.scaled(length_m, stiffness))
                 })
                 .collect()
         };
@@ -130,29 +162,47 @@ impl BeamProblem {
         check("guide2_m", self.guide2_m, "more than 0", self.guide2_m > 0.0)?;
         check("entry_m", self.entry_m, "guide2_m or more", self.entry_m >= self.guide2_m)?;
         check("depth_m", self.depth_m, "0 or more", self.depth_m >= 0.0)?;
-        check("clamp_compliance_rad_per_n_m", compliance, "0 or more", compliance >= 0.0)
+        check("clamp_compliance_rad_per_n_m", compliance, "0 or more", compliance >= 0.0)?;
+        check("axial_load_n", self.axial_load_n, "a finite number", true)?;
+        check("shear_n", self.shear_n, "0 or more", self.shear_n >= 0.0)?;
+        check("skin_n_per_m", self.skin_n_per_m, "0 or more", self.skin_n_per_m >= 0.0)
     }
 
     /// The needle cut into pieces of constant foundation modulus, none longer than the characteristic length.
     fn pieces(&self) -> Result<Vec<Piece>, ModelError> {
         self.check()?;
         let stiffness = self.bending_stiffness_n_m2;
-        let mut pieces =
-            vec![Piece { start_m: 0.0, length_m: self.guide2_m, modulus_pa: 0.0, ends_at_guide2: true }];
-        let mut start_m = self.guide2_m;
-        let outside = (self.entry_m - self.guide2_m, 0.0);
-        for (thickness_m, modulus_pa) in [outside].into_iter().chain(self.foundation.parts(self.depth_m)) {
-            if thickness_m <= 0.0 {
-                continue;
+        let (outside_n, inside_n) = (self.axial_load_n, self.axial_load_n - self.shear_n);
+        let mut pieces: Vec<Piece> = Vec::new();
+        let mut start_m = 0.0;
+        let outside = [(self.guide2_m, 0.0, outside_n), (self.entry_m - self.guide2_m, 0.0, outside_n)];
+        let inside = self.foundation.parts(self.depth_m);
+        let inside = inside.map(|(thickness_m, modulus_pa)| (thickness_m, modulus_pa, inside_n));
+        for (number, (thickness_m, modulus_pa, axial_n)) in outside.into_iter().chain(inside).enumerate() {
+            if thickness_m > 0.0 {
+                let bends =
+                    (modulus_pa / (4.0 * stiffness)).powf(0.25).max((axial_n.abs() / stiffness).sqrt());
+                let count = (thickness_m * bends).ceil().max(1.0);
+                check("modulus_pa", modulus_pa, "a modulus that lets the needle bend", count <= MAX_PIECES)?;
+                let length_m = thickness_m / count;
+                for i in 0..count as usize {
+                    let start_m = start_m + i as f64 * length_m;
+                    let (ends_at_guide2, ends_at_entry) = (false, false);
+                    pieces.push(Piece {
+                        start_m,
+                        length_m,
+                        modulus_pa,
+                        axial_n,
+                        ends_at_guide2,
+                        ends_at_entry,
+                    });
+                }
+                start_m += thickness_m;
             }
-            let count = (thickness_m * (modulus_pa / (4.0 * stiffness)).powf(0.25)).ceil().max(1.0);
-            check("modulus_pa", modulus_pa, "a modulus that lets the needle bend", count <= MAX_PIECES)?;
-            let length_m = thickness_m / count;
-            for i in 0..count as usize {
-                let start_m = start_m + i as f64 * length_m;
-                pieces.push(Piece { start_m, length_m, modulus_pa, ends_at_guide2: false });
+            if let Some(piece) = pieces.last_mut() {
+                piece.ends_at_guide2 |= number == 0;
+                piece.ends_at_entry |= number == 1;
             }
-            start_m += thickness_m;
         }
         Ok(pieces)
     }
@@ -226,7 +276,7 @@ impl Response<'_> {
         self.beam.bending_stiffness_n_m2 * self.derivative(z_m, 2)
     }
 
-    /// `EI u'''`, in N per N: the derivative of the moment. It jumps by the force at guide 2, where this is the value
+    /// `EI u'''`, in N per N: the derivative of the moment, without what an axial load adds to the shear. It jumps by the force at guide 2, where this is the value
     /// beyond the guide.
     pub fn shear_n(&self, z_m: f64) -> f64 {
         self.beam.bending_stiffness_n_m2 * self.derivative(z_m, 3)
@@ -247,16 +297,37 @@ struct Piece {
     start_m: f64,
     length_m: f64,
     modulus_pa: f64,
+    /// P - G.
+    axial_n: f64,
     ends_at_guide2: bool,
+    ends_at_entry: bool,
 }
 
-/// Coefficients of the solution that starts with the given value and derivatives; `kappa = K length^4 / EI`.
-fn expand(start: [f64; 4], kappa: f64) -> [f64; TERMS] {
+/// `K length^4 / EI` and `(P - G) length^2 / EI`.
+#[derive(Clone, Copy)]
+struct Scaled {
+    modulus: f64,
+    axial: f64,
+}
+
+impl Piece {
+    fn scaled(&self, length_m: f64, stiffness_n_m2: f64) -> Scaled {
+        Scaled {
+            modulus: self.modulus_pa * length_m.powi(4) / stiffness_n_m2,
+            axial: self.axial_n * length_m * length_m / stiffness_n_m2,
+        }
+    }
+}
+
+/// Coefficients of the solution that starts with the given value and derivatives.
+fn expand(start: [f64; 4], scaled: Scaled) -> [f64; TERMS] {
     let mut series = [0.0; TERMS];
     series[..4].copy_from_slice(&[start[0], start[1], start[2] / 2.0, start[3] / 6.0]);
     for n in 0..TERMS - 4 {
         let m = n as f64;
-        series[n + 4] = -kappa * series[n] / ((m + 1.0) * (m + 2.0) * (m + 3.0) * (m + 4.0));
+        let bent = scaled.axial * (m + 1.0) * (m + 2.0) * series[n + 2];
+        series[n + 4] =
+            -(scaled.modulus * series[n] + bent) / ((m + 1.0) * (m + 2.0) * (m + 3.0) * (m + 4.0));
     }
     series
 }

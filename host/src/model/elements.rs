@@ -58,6 +58,9 @@ pub struct Elements {
     bending_stiffness_n_m2: f64,
     entry_m: f64,
     clamp_compliance_rad_per_n_m: f64,
+    axial_load_n: f64,
+    shear_n: f64,
+    skin_n_per_m: f64,
     nodes_m: Vec<f64>,
     guide2: usize,
 }
@@ -103,6 +106,9 @@ impl Elements {
             bending_stiffness_n_m2: problem.bending_stiffness_n_m2,
             entry_m: problem.entry_m,
             clamp_compliance_rad_per_n_m: problem.clamp_compliance_rad_per_n_m,
+            axial_load_n: problem.axial_load_n,
+            shear_n: problem.shear_n,
+            skin_n_per_m: problem.skin_n_per_m,
             nodes_m,
             guide2,
         })
@@ -189,14 +195,21 @@ impl Elements {
             let (start_m, length_m) = (ends[0], ends[1] - ends[0]);
             let at = 2 * element;
             let local = &unknowns[at..at + 4];
-            let bending = bending_stiffness(self.bending_stiffness_n_m2, length_m);
+            let inside = start_m >= self.entry_m - 1e-12;
+            let mut bending = bending_stiffness(self.bending_stiffness_n_m2, length_m);
+            let pull_n = if inside { self.shear_n } else { 0.0 } - self.axial_load_n;
+            add_tension(&mut bending, pull_n, length_m);
+            if inside && start_m <= self.entry_m + 1e-12 {
+                bending[0][0] += self.skin_n_per_m;
+                rest[at] += self.skin_n_per_m * path_m(start_m);
+            }
             for i in 0..4 {
                 for (j, value) in bending[i].iter().enumerate().take(i + 1) {
                     tangent.add(at + i, at + j, *value);
                 }
                 rest[at + i] -= bending[i].iter().zip(local).map(|(k, u)| k * u).sum::<f64>();
             }
-            if start_m < self.entry_m - 1e-12 {
+            if !inside {
                 continue;
             }
             for (x, weight) in GAUSS {
@@ -279,6 +292,23 @@ pub(crate) fn bending_stiffness(stiffness_n_m2: f64, l: f64) -> [[f64; 4]; 4] {
         [-12.0 * b, -6.0 * l * b, 12.0 * b, -6.0 * l * b],
         [6.0 * l * b, 2.0 * l * l * b, -6.0 * l * b, 4.0 * l * l * b],
     ]
+}
+
+/// Adds the stiffness of a string under tension, `T int u'^2`, to that of a beam element.
+pub(super) fn add_tension(stiffness: &mut [[f64; 4]; 4], tension_n: f64, l: f64) {
+    if tension_n == 0.0 {
+        return;
+    }
+    let t = tension_n / (30.0 * l);
+    let string = [
+        [36.0, 3.0 * l, -36.0, 3.0 * l],
+        [3.0 * l, 4.0 * l * l, -3.0 * l, -l * l],
+        [-36.0, -3.0 * l, 36.0, -3.0 * l],
+        [3.0 * l, -l * l, -3.0 * l, 4.0 * l * l],
+    ];
+    for (row, added) in stiffness.iter_mut().zip(string) {
+        row.iter_mut().zip(added).for_each(|(value, add)| *value += t * add);
+    }
 }
 
 fn norm(rest: &[f64], fixed: impl Fn(usize) -> bool) -> f64 {

@@ -167,3 +167,23 @@ fn a_modulus_that_grows_with_depth_is_solved_alike() {
         assert_close(deformed.deflection_m(z_m), beam.guide2_force().deflection_m(z_m), 2e-5);
     }
 }
+
+/// Axial load, shear layer, skin, gap and soft clamp together: the exact beam and the elements agree.
+#[test]
+fn every_linear_term_agrees_with_the_exact_beam() {
+    let foundation = Foundation::layered(vec![Layer { bottom_m: 0.012, modulus_pa: 12e3 }], 30e3)
+        .and_then(|layers| layers.with_gap(3e-3))
+        .expect("layers");
+    let mut problem = problem(0.06, 0.07, 0.04, foundation);
+    problem.clamp_compliance_rad_per_n_m = 0.2;
+    (problem.axial_load_n, problem.shear_n, problem.skin_n_per_m) = (1.5, 0.8, 400.0);
+    let beam = problem.solve().expect("solves");
+    let elements = Elements::new(&problem, DEFAULT_ELEMENT_M).expect("elements");
+    let bent = elements.solve(&problem.foundation, |_| 0.0, Guide2::Held(1e-3), 0.0).expect("solves");
+    assert!((bent.guide2_force_n / beam.force_n(1e-3) - 1.0).abs() < 1e-6);
+    for z_m in [0.03, 0.065, 0.075, 0.09, 0.11] {
+        assert!((bent.deflection_m(z_m) - beam.deflection_m(1e-3, z_m)).abs() < 1e-9, "{z_m}");
+    }
+    let tip = elements.solve(&problem.foundation, |_| 0.0, Guide2::Force(0.0), 0.1).expect("solves");
+    assert!((tip.deflection_m(0.11) - 0.1 * beam.tip_force().deflection_m(0.11)).abs() < 1e-9);
+}

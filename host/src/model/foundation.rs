@@ -19,6 +19,8 @@ pub struct Foundation {
     deepest_pa: f64,
     /// Relative growth of the modulus with depth: every modulus is times `1 + gradient depth`.
     gradient_per_m: f64,
+    /// Depth above which nothing supports the needle.
+    gap_m: f64,
 }
 
 /// Where the modulus grows with depth it is taken as constant over slices of this thickness: an error of the order of
@@ -36,7 +38,7 @@ impl Foundation {
 
     /// No tissue.
     pub fn none() -> Self {
-        Self { upper: Vec::new(), deepest_pa: 0.0, gradient_per_m: 0.0 }
+        Self { upper: Vec::new(), deepest_pa: 0.0, gradient_per_m: 0.0, gap_m: 0.0 }
     }
 
     /// Layers from the surface down, then `deepest_pa` for all that is below them.
@@ -51,7 +53,7 @@ impl Foundation {
             top_m = layer.bottom_m;
         }
         check("modulus_pa", deepest_pa, "0 or more", deepest_pa >= 0.0)?;
-        Ok(Self { upper, deepest_pa, gradient_per_m: 0.0 })
+        Ok(Self { upper, deepest_pa, gradient_per_m: 0.0, gap_m: 0.0 })
     }
 
     /// The same tissue with a modulus that grows by `gradient_per_m` of its value at the surface per metre of depth, and is 0 where
@@ -64,21 +66,37 @@ impl Foundation {
         Ok(Self { gradient_per_m, ..self })
     }
 
+    /// The same tissue that does not support the needle above a depth.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the depth is negative or not finite.
+    pub fn with_gap(self, gap_m: f64) -> Result<Self, ModelError> {
+        check("gap_m", gap_m, "0 or more", gap_m >= 0.0)?;
+        Ok(Self { gap_m, ..self })
+    }
+
     /// The gradient over all layers.
     pub fn gradient_per_m(&self) -> f64 {
         self.gradient_per_m
+    }
+
+    /// Depth above which nothing supports the needle.
+    pub fn gap_m(&self) -> f64 {
+        self.gap_m
     }
 
     /// The parts of the foundation between the surface and `depth_m`: thickness and modulus, from the surface down.
     pub(super) fn parts(&self, depth_m: f64) -> impl Iterator<Item = (f64, f64)> {
         let mut top_m = 0.0;
         let deepest = Layer { bottom_m: f64::INFINITY, modulus_pa: self.deepest_pa };
-        self.upper.iter().copied().chain([deepest]).flat_map(move |layer| {
+        let gap = (self.gap_m > 0.0).then_some(Layer { bottom_m: self.gap_m, modulus_pa: 0.0 });
+        let below_gap = self.upper.iter().copied().filter(|layer| layer.bottom_m > self.gap_m);
+        gap.into_iter().chain(below_gap).chain([deepest]).flat_map(move |layer| {
             let start_m = top_m;
             let thickness_m = layer.bottom_m.min(depth_m) - start_m;
             top_m = start_m + thickness_m;
-            let slices =
-                if self.gradient_per_m == 0.0 { 1.0 } else { (thickness_m / SLICE_M).ceil().max(1.0) };
+            let graded = self.gradient_per_m != 0.0 && layer.modulus_pa > 0.0;
+            let slices = if graded { (thickness_m / SLICE_M).ceil().max(1.0) } else { 1.0 };
             let slice_m = thickness_m / slices;
             (0..slices as usize)
                 .map(move |i| (slice_m, layer.modulus_pa * self.growth(start_m + (i as f64 + 0.5) * slice_m)))
@@ -96,9 +114,10 @@ impl Foundation {
         })
     }
 
-    /// Depths at which the modulus jumps.
+    /// Depths at which the modulus jumps, from the surface down.
     pub(super) fn faces_m(&self) -> impl Iterator<Item = f64> {
-        self.upper.iter().map(|layer| layer.bottom_m)
+        let gap_m = (self.gap_m > 0.0).then_some(self.gap_m);
+        gap_m.into_iter().chain(self.upper.iter().map(|layer| layer.bottom_m).filter(|m| *m > self.gap_m))
     }
 
     /// What the gradient makes of a modulus at a depth.
@@ -119,12 +138,12 @@ impl Foundation {
         check("modulus factor", factor, "0 or more", factor >= 0.0)?;
         let scaled = |layer: &Layer| Layer { modulus_pa: factor * layer.modulus_pa, ..*layer };
         let upper = self.upper.iter().map(scaled).collect();
-        Ok(Self { upper, deepest_pa: factor * self.deepest_pa, gradient_per_m: self.gradient_per_m })
+        Ok(Self { upper, deepest_pa: factor * self.deepest_pa, ..*self })
     }
 
     /// Foundation modulus at a depth below the surface.
     pub fn modulus_pa(&self, depth_m: f64) -> f64 {
-        self.layer_pa(depth_m) * self.growth(depth_m)
+        if depth_m < self.gap_m { 0.0 } else { self.layer_pa(depth_m) * self.growth(depth_m) }
     }
 
     /// Modulus of the layer at a depth, without the gradient.

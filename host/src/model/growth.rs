@@ -8,7 +8,7 @@
 //! newest end implicit: second order in the step.
 
 use super::banded::Banded;
-use super::elements::{GAUSS, bending_stiffness, hermite};
+use super::elements::{GAUSS, add_tension, bending_stiffness, hermite};
 use super::{BeamProblem, ModelError, check};
 
 /// Step that keeps the path within one part in ten thousand for needles in tissue.
@@ -257,11 +257,16 @@ impl<'p> GrowingBeam<'p> {
         self.length_m += length_m;
         self.factored_rows = self.factored_rows.min(at);
         let mut local = bending_stiffness(self.problem.bending_stiffness_n_m2, length_m);
+        let shear_n = if depth_m.is_some() { self.problem.shear_n } else { 0.0 };
+        add_tension(&mut local, shear_n - self.problem.axial_load_n, length_m);
         if let Some(depth_m) = depth_m {
+            let (mut springs, mut path) = self.springs(depth_m, length_m);
             if self.path_loads.is_empty() {
                 self.first_tissue_row = at;
+                // The spring at the surface rests where the tip entered.
+                springs[0][0] += self.problem.skin_n_per_m;
+                path[0][0] += self.problem.skin_n_per_m;
             }
-            let (springs, path) = self.springs(depth_m, length_m);
             for (row, added) in local.iter_mut().zip(&springs) {
                 row.iter_mut().zip(added).for_each(|(value, add)| *value += add);
             }

@@ -147,8 +147,11 @@ fn a_turned_needle_matches_the_reference() {
     let half_turn = vec![[0.07, 0.0], [0.07, std::f64::consts::PI]];
     let mut depth_m = DEPTHS_M.to_vec();
     depth_m.push(0.07 + 1e-9);
-    let insertion =
-        Insertion { depth_m, rotation_rad: Profile::new(half_turn).expect("a profile"), guide2_m: None };
+    let insertion = Insertion {
+        depth_m,
+        rotation_rad: Profile::new(half_turn).expect("a profile"),
+        ..Insertion::default()
+    };
     let expected = [
         0.0005817785988550155,
         0.001343305455307108,
@@ -257,6 +260,7 @@ fn a_cut_angle_matches_the_reference() {
             depth_m: DEPTHS_M.to_vec(),
             rotation_rad: Profile::new(knots).expect("a profile"),
             guide2_m: held.then(Default::default),
+            ..Insertion::default()
         };
         assert_within_spread(&tip(&model, insertion), &tip_m);
 
@@ -383,6 +387,7 @@ fn both_planes_turn_together() {
             depth_m: vec![0.02, 0.05, 0.09],
             rotation_rad: rotation.clone(),
             guide2_m: Some(guide_m.map(|m| Profile::new(vec![[0.0, 0.0], [0.04, m]]).expect("a profile"))),
+            ..Insertion::default()
         };
         predict(&model, &Experiment::Insertion(insertion)).expect("predicts").tip_m
     };

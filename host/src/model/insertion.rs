@@ -69,6 +69,8 @@ pub struct Insertion {
     pub rotation_rad: Profile,
     /// Vertical and horizontal displacement of guide 2 against depth, m; nothing where guide 2 does not touch the needle.
     pub guide2_m: Option<[Profile; 2]>,
+    /// Speed of the insertion against depth, m/s.
+    pub speed_m_per_s: Profile,
 }
 
 /// How the tip cuts.
@@ -87,18 +89,34 @@ pub struct TipLaw {
     pub cutting: Cutting,
     /// Angle between the needle and the axis along which depth is measured, vertical and horizontal: a straight part of the path.
     pub entry_angle_rad: [f64; 2],
+    /// What the load along the bevel is beside that: vertical before the needle is turned.
+    pub along_bevel: BevelLoad,
+}
+
+/// A load along the bevel that varies with depth and speed, on top of the given one.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct BevelLoad {
+    /// Growth with depth, N/m.
+    pub slope_n_per_m: f64,
+    /// Jumps: depth, m, and load from there on, N.
+    pub steps: Vec<[f64; 2]>,
+    /// Growth with speed, N s/m.
+    pub rate_n_s_per_m: f64,
+    /// How far the bevel is turned about the needle from what is stated, rad.
+    pub roll_rad: f64,
 }
 
 impl Default for TipLaw {
     fn default() -> Self {
-        Self { cutting: Cutting::Load([Profile::default(), Profile::default()]), entry_angle_rad: [0.0; 2] }
+        let cutting = Cutting::Load([Profile::default(), Profile::default()]);
+        Self { cutting, entry_angle_rad: [0.0; 2], along_bevel: BevelLoad::default() }
     }
 }
 
 impl TipLaw {
     /// A constant load, vertical and horizontal.
     pub fn load(force_n: [f64; 2]) -> Self {
-        Self { cutting: Cutting::Load(force_n.map(Profile::constant)), entry_angle_rad: [0.0; 2] }
+        Self { cutting: Cutting::Load(force_n.map(Profile::constant)), ..Self::default() }
     }
 }
 
@@ -107,7 +125,7 @@ impl TipLaw {
 /// # Errors
 /// As [`Growth::new`], and [`ModelError::OutOfRange`] for depths that are negative.
 pub(super) fn tip_m(
-    problem: &BeamProblem,
+    problems: &[BeamProblem; 2],
     law: &TipLaw,
     insertion: &Insertion,
 ) -> Result<Series, ModelError> {
@@ -125,9 +143,15 @@ pub(super) fn tip_m(
     if let Cutting::Load(planes) = &law.cutting {
         jumps_m.extend(planes.iter().flat_map(Profile::jumps_m));
     }
-    let growth = Growth::new(problem, grid_m(last_m, DEFAULT_STEP_M, &jumps_m), grip)?;
+    jumps_m.extend(law.along_bevel.steps.iter().map(|[depth_m, _]| *depth_m));
+    jumps_m.extend(insertion.speed_m_per_s.jumps_m());
+    let grid_m = grid_m(last_m, DEFAULT_STEP_M, &jumps_m);
+    let first = Growth::new(&problems[0], grid_m.clone(), grip)?;
+    let alike = problems[0] == problems[1];
+    let second = if alike { None } else { Some(Growth::new(&problems[1], grid_m, grip)?) };
     let plane = |plane: usize| -> Vec<f64> {
-        let states = states(&growth, law, insertion, plane);
+        let growth = if plane == 0 { &first } else { second.as_ref().unwrap_or(&first) };
+        let states = states(growth, law, insertion, plane);
         let straight = law.entry_angle_rad[plane].tan();
         insertion
             .depth_m
@@ -168,19 +192,27 @@ fn states(growth: &Growth, law: &TipLaw, insertion: &Insertion, plane: usize) ->
         [cos * y - sin * x, sin * y + cos * x][plane]
     };
     let rotation = &insertion.rotation_rad;
+    let BevelLoad { slope_n_per_m, steps, rate_n_s_per_m, roll_rad } = &law.along_bevel;
+    let speed = &insertion.speed_m_per_s;
+    // On arriving at a depth a jump there is not yet felt, on leaving it is.
+    let more_n = |z_m: f64, leaving: bool| {
+        let stepped = steps.iter().filter(|[at_m, _]| *at_m < z_m || (leaving && *at_m == z_m));
+        let speed_m_per_s = if leaving { speed.after(z_m) } else { speed.before(z_m) };
+        slope_n_per_m * z_m + stepped.map(|[_, n]| n).sum::<f64>() + rate_n_s_per_m * speed_m_per_s
+    };
     match &law.cutting {
         Cutting::Load([y, x]) => growth.under_load(|node| {
             let z_m = depth_m(node);
             let load_n = [
-                turned([y.before(z_m), x.before(z_m)], rotation.before(z_m)),
-                turned([y.after(z_m), x.after(z_m)], rotation.after(z_m)),
+                turned([y.before(z_m) + more_n(z_m, false), x.before(z_m)], rotation.before(z_m) + roll_rad),
+                turned([y.after(z_m) + more_n(z_m, true), x.after(z_m)], rotation.after(z_m) + roll_rad),
             ];
             Acting { load_n, guide2_m: guide2(node) }
         }),
         Cutting::Angle(angle_rad) => growth.at_cut_angle(
             |node| {
                 let z_m = depth_m(node);
-                [turned(*angle_rad, rotation.before(z_m)), turned(*angle_rad, rotation.after(z_m))]
+                [rotation.before(z_m), rotation.after(z_m)].map(|turn| turned(*angle_rad, turn + roll_rad))
             },
             |node| guide2(node)[0],
         ),

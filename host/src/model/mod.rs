@@ -12,19 +12,23 @@ pub mod elements;
 mod foundation;
 pub mod growth;
 pub mod insertion;
+mod lateral;
 pub mod modes;
 #[cfg(test)]
 pub(crate) mod peer;
 mod predict;
 mod quadrature;
+mod rest;
 mod rig;
 pub mod steering;
 
-pub use beam::{Beam, BeamProblem, Response};
+pub use beam::{Beam, BeamProblem, Response, TissueLaw};
 pub use foundation::{Foundation, Layer};
-pub use insertion::{Cutting, Insertion, Profile, TipLaw};
+pub use insertion::{BevelLoad, Cutting, Insertion, Profile, TipLaw};
+pub use lateral::Drive;
 pub use predict::{
-    Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Series, ShapePoint, predict,
+    Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Plane, Series, ShapePoint,
+    predict,
 };
 pub use rig::{Needle, Rig};
 pub use steering::{BaseDrive, Dynamics, Steering};

@@ -1,10 +1,11 @@
 //! From what is believed and what was done to what every sensor should have read.
 
-use super::effects::Effect;
+use super::effects::{Effect, Seen};
 use super::insertion::{self, Insertion, TipLaw};
+use super::lateral::{Drive, Response};
+use super::rest::Rest;
 use super::steering::{self, Dynamics, Steering};
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig};
-use std::borrow::Cow;
 
 /// What is believed: the hardware and the tissue.
 #[derive(Debug, Clone)]
@@ -57,12 +58,33 @@ impl Model {
     /// # Errors
     /// [`ModelError::OutOfRange`] where an effect's values are impossible.
     pub fn problem(&self, depth_m: f64) -> Result<BeamProblem, ModelError> {
+        self.problem_in(Plane::Y, depth_m)
+    }
+
+    /// The same in a plane: the tissue may differ between them.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where an effect's values are impossible.
+    pub fn problem_in(&self, plane: Plane, depth_m: f64) -> Result<BeamProblem, ModelError> {
         let mut problem = BeamProblem::new(&self.rig, self.foundation.clone(), depth_m);
         for (effect, values) in &self.effects {
-            effect.beam(values, &mut problem)?;
+            effect.beam(values, plane, &mut problem)?;
         }
         Ok(problem)
     }
+
+    fn observe(&self, seen: &Seen<'_>, channels: &mut Channels) {
+        self.effects.iter().for_each(|(effect, values)| effect.observe(values, seen, channels));
+    }
+}
+
+/// A plane in which the needle bends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Plane {
+    /// Vertical.
+    Y,
+    /// Horizontal.
+    X,
 }
 
 /// What was done, without any measured answer in it.
@@ -177,30 +199,16 @@ impl Channels {
 
 /// What every sensor should read in `experiment` if `model` is right.
 ///
+/// Order: beam and drive, rest, solve, look, observe; effects of one kind in the order of the model's list.
+///
 /// # Errors
 /// As [`BeamProblem::solve`], [`ModelError::NoDrive`] where there are shape points but no drive sample, and
 /// [`ModelError::NoDynamics`] where a steering run is asked of a model without.
 pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, ModelError> {
-    let (beam, lateral) = match experiment {
-        Experiment::Lateral(lateral) => (model.beam(lateral.depth_m)?, Cow::Borrowed(lateral)),
-        Experiment::LateralForce(forced) => {
-            let beam = model.beam(forced.depth_m)?;
-            let stiffness = beam.lateral_stiffness_n_per_m();
-            let moved = |sample: &ForceSample| DriveSample {
-                time_s: sample.time_s,
-                y_m: sample.y_n / stiffness,
-                x_m: sample.x_n / stiffness,
-            };
-            let drive = forced.drive.iter().map(moved).collect();
-            (beam, Cow::Owned(Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone() }))
-        }
-        Experiment::Insertion(inserted) => {
-            let problem = model.problem(inserted.depth_m.iter().copied().fold(0.0, f64::max))?;
-            let tip_m = insertion::tip_m(&problem, &model.tip, inserted)?;
-            let mut channels = Channels { tip_m, ..Channels::two_planes() };
-            model.effects.iter().for_each(|(effect, values)| effect.observe(values, &mut channels));
-            return Ok(channels);
-        }
+    match experiment {
+        Experiment::Lateral(lateral) => predict_lateral(model, lateral),
+        Experiment::LateralForce(forced) => predict_forced(model, forced),
+        Experiment::Insertion(inserted) => predict_insertion(model, inserted),
         Experiment::Steering(run) => {
             let dynamics = model.dynamics.as_ref().ok_or(ModelError::NoDynamics)?;
             let problem = model.problem(run.depth_m.iter().copied().fold(0.0, f64::max))?;
@@ -212,36 +220,96 @@ pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, Model
                 base_m: one_plane(moved.base_m),
                 ..Channels::default()
             };
-            model.effects.iter().for_each(|(effect, values)| effect.observe(values, &mut channels));
-            return Ok(channels);
+            let seen = Seen { time_s: &run.time_s, commanded_m: [&[], &[]] };
+            model.observe(&seen, &mut channels);
+            Ok(channels)
         }
-    };
-    let unit = beam.guide2_force();
-    let mut channels = Channels::two_planes();
-    for sample in &lateral.drive {
-        channels.displacement_m.push(sample.y_m, sample.x_m);
-        channels.force_n.push(beam.force_n(sample.y_m), beam.force_n(sample.x_m));
     }
+}
+
+fn predict_lateral(model: &Model, lateral: &Lateral) -> Result<Channels, ModelError> {
+    let mut drive = Drive::default();
+    model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
+    let times_s: Vec<f64> = lateral.drive.iter().map(|sample| sample.time_s).collect();
+    let commanded_m: [Vec<f64>; 2] =
+        [|s: &DriveSample| s.y_m, |s: &DriveSample| s.x_m].map(|of| lateral.drive.iter().map(of).collect());
+    let problems =
+        [model.problem_in(Plane::Y, lateral.depth_m)?, model.problem_in(Plane::X, lateral.depth_m)?];
+    let most_m = commanded_m.each_ref().map(|plane| plane.iter().map(|m| m.abs()).fold(0.0, f64::max));
+    // Where nothing sets the planes apart they have one response.
+    let alike = problems[0] == problems[1];
+    let both_m = most_m[0].max(most_m[1]);
+    let first = Response::new(&problems[0], if alike { both_m } else { most_m[0] })?;
+    let second = if alike { None } else { Some(Response::new(&problems[1], most_m[1])?) };
+    let responses = [&first, second.as_ref().unwrap_or(&first)];
+
+    let rest = Rest::of(model, &problems);
+    let mut channels = Channels::two_planes();
+    let motions = [0, 1].map(|plane| responses[plane].moved(&times_s, &commanded_m[plane], drive));
+    let [force_y, force_x] = [0, 1].map(|plane| {
+        let added_n = rest.force_n(plane);
+        motions[plane].force_n.iter().map(|force_n| force_n + added_n).collect::<Vec<_>>()
+    });
+    channels.force_n = Series { y: force_y, x: Some(force_x) };
+    let mut weights = [Vec::new(), Vec::new()];
+    let mut weighed_at_m = f64::NAN;
     for point in &lateral.shape {
         let mut seen = *point;
         model.effects.iter().for_each(|(effect, values)| effect.look(values, &mut seen));
-        let per_newton = unit.deflection_m(seen.z_m);
-        let [y_m, x_m] = drive_at(&lateral.drive, point.time_s)?;
-        channels.shape_m.push(per_newton * beam.force_n(y_m), per_newton * beam.force_n(x_m));
+        let (between, share) = place_in(&times_s, point.time_s)?;
+        if seen.z_m != weighed_at_m {
+            for (weights, response) in weights.iter_mut().zip(responses) {
+                response.shape_at(seen.z_m, weights);
+            }
+            weighed_at_m = seen.z_m;
+        }
+        let [y_m, x_m] = [0, 1].map(|plane| {
+            let coefficients = motions[plane].between(between, share);
+            let moved_m: f64 = coefficients.zip(&weights[plane]).map(|(c, weight)| c * weight).sum();
+            moved_m + rest.deflection_m(plane, seen.z_m)
+        });
+        channels.shape_m.push(y_m, x_m);
     }
-    model.effects.iter().for_each(|(effect, values)| effect.observe(values, &mut channels));
+    let seen = Seen { time_s: &times_s, commanded_m: commanded_m.each_ref().map(Vec::as_slice) };
+    channels.displacement_m = Series { y: commanded_m[0].clone(), x: Some(commanded_m[1].clone()) };
+    model.observe(&seen, &mut channels);
     Ok(channels)
 }
 
-/// Displacement at a time: linear between samples, constant before the first and after the last.
-fn drive_at(drive: &[DriveSample], time_s: f64) -> Result<[f64; 2], ModelError> {
-    let next = drive.partition_point(|sample| sample.time_s <= time_s);
-    match (next.checked_sub(1).and_then(|previous| drive.get(previous)), drive.get(next)) {
-        (Some(a), Some(b)) => {
-            let part = (time_s - a.time_s) / (b.time_s - a.time_s);
-            Ok([a.y_m + part * (b.y_m - a.y_m), a.x_m + part * (b.x_m - a.x_m)])
-        }
-        (Some(only), None) | (None, Some(only)) => Ok([only.y_m, only.x_m]),
+/// Small forces: the linear needle, without what lies between actuator and needle.
+fn predict_forced(model: &Model, forced: &LateralForce) -> Result<Channels, ModelError> {
+    let stiffness = [Plane::Y, Plane::X].map(|plane| {
+        Ok::<_, ModelError>(model.problem_in(plane, forced.depth_m)?.solve()?.lateral_stiffness_n_per_m())
+    });
+    let [stiffness_y, stiffness_x] = stiffness;
+    let (stiffness_y, stiffness_x) = (stiffness_y?, stiffness_x?);
+    let moved = |sample: &ForceSample| DriveSample {
+        time_s: sample.time_s,
+        y_m: sample.y_n / stiffness_y,
+        x_m: sample.x_n / stiffness_x,
+    };
+    let drive = forced.drive.iter().map(moved).collect();
+    predict_lateral(model, &Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone() })
+}
+
+fn predict_insertion(model: &Model, inserted: &Insertion) -> Result<Channels, ModelError> {
+    let deepest_m = inserted.depth_m.iter().copied().fold(0.0, f64::max);
+    let problems = [model.problem_in(Plane::Y, deepest_m)?, model.problem_in(Plane::X, deepest_m)?];
+    let mut law = model.tip.clone();
+    model.effects.iter().for_each(|(effect, values)| effect.tip(values, &mut law));
+    let tip_m = insertion::tip_m(&problems, &law, inserted)?;
+    let mut channels = Channels { tip_m, ..Channels::two_planes() };
+    model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]] }, &mut channels);
+    Ok(channels)
+}
+
+/// The drive samples around a time and the share of the way between them; the first or last one beyond the ends.
+fn place_in(times_s: &[f64], time_s: f64) -> Result<([usize; 2], f64), ModelError> {
+    let next = times_s.partition_point(|sample_s| *sample_s <= time_s);
+    match (next.checked_sub(1), times_s.get(next)) {
+        (Some(a), Some(b_s)) => Ok(([a, next], (time_s - times_s[a]) / (b_s - times_s[a]))),
+        (Some(last), None) => Ok(([last, last], 0.0)),
+        (None, Some(_)) => Ok(([0, 0], 0.0)),
         (None, None) => Err(ModelError::NoDrive),
     }
 }

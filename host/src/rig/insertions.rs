@@ -61,7 +61,11 @@ fn tip(noise: &mut Noise, entry_angle_rad: [f64; 2]) -> Result<TipLaw, ModelErro
         load_n += WANDER_SD_N * noise.draw();
     }
     let [y, x] = planes;
-    Ok(TipLaw { cutting: Cutting::Load([Profile::new(y)?, Profile::new(x)?]), entry_angle_rad })
+    Ok(TipLaw {
+        cutting: Cutting::Load([Profile::new(y)?, Profile::new(x)?]),
+        entry_angle_rad,
+        ..TipLaw::default()
+    })
 }
 
 /// What is recorded: a row in every push, and rows while the needle rests.

@@ -27,6 +27,7 @@ fn paths(noise: &mut Noise) -> Vec<TipPath> {
                 Profile::new(vec![[0.0, 0.0], [0.06, 1e-3 * number as f64]]).expect("a profile"),
                 Profile::default(),
             ]),
+            ..Insertion::default()
         },
         gaps_m: Vec::new(),
         rows_left_out: 0,

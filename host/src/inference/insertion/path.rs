@@ -227,7 +227,8 @@ fn done(run: &InsertionRun, rows: &[Row]) -> Result<Insertion, ModelError> {
     let [y, x] = guide2;
     let told = run.guide2_y_m.is_some() || run.guide2_x_m.is_some();
     let guide2_m = if told { [Profile::new(y)?, Profile::new(x)?] } else { Default::default() };
-    Ok(Insertion { depth_m: Vec::new(), rotation_rad: Profile::new(rotation)?, guide2_m: Some(guide2_m) })
+    let rotation_rad = Profile::new(rotation)?;
+    Ok(Insertion { rotation_rad, guide2_m: Some(guide2_m), ..Insertion::default() })
 }
 
 /// Takes a profile that was read at `before_m` to a value read at `depth_m`, if it differs: linear between, a jump where the depths

@@ -64,7 +64,7 @@ fn the_design_is_the_forward_model() {
         }
     }
     let mut model = Model::uniform(rig(), 12e3).expect("a model");
-    model.tip = TipLaw { cutting: Cutting::Load(loads), entry_angle_rad: [0.0; 2] };
+    model.tip = TipLaw { cutting: Cutting::Load(loads), ..TipLaw::default() };
     let insertion = Insertion { depth_m: vec![0.0, 0.013, 0.035, 0.041, 0.08], ..path.done.clone() };
     let tip_m = predict(&model, &Experiment::Insertion(insertion.clone())).expect("predicts").tip_m;
     let basis = &candidates.bases[0][0];

@@ -1,0 +1,134 @@
+//! Effects of the rig: guides, frame, actuators.
+
+use super::{Effect, MM, ParameterInfo, Seen, first};
+use crate::model::lateral::Drive;
+use crate::model::predict::Plane;
+use crate::model::{BeamProblem, Channels, ModelError};
+
+/// Guide 2 has turned round once it has come back by so much: less is the noise of its sensor.
+const REVERSAL_M: f64 = 0.05e-3;
+
+/// `rig.clamp_compliance`.
+#[derive(Debug)]
+pub(super) struct ClampCompliance;
+
+impl Effect for ClampCompliance {
+    fn id(&self) -> &'static str {
+        "rig.clamp_compliance"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the needle turns in guide 1 in proportion to the moment there: EI u''(0) = k u'(0)"
+    }
+
+    fn signature(&self) -> &'static str {
+        "force per displacement, alike at every depth"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("compliance_rad_per_n_m", 0.0, [0.0, 20.0], [0.0, 5.0], 0.1)] }
+    }
+
+    fn beam(&self, values: &[f64], _plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        problem.clamp_compliance_rad_per_n_m += first(values);
+        Ok(())
+    }
+}
+
+/// `rig.frame_compliance`.
+#[derive(Debug)]
+pub(super) struct FrameCompliance;
+
+impl Effect for FrameCompliance {
+    fn id(&self) -> &'static str {
+        "rig.frame_compliance"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the frame gives: guide 2 moves by force times compliance less than told"
+    }
+
+    fn signature(&self) -> &'static str {
+        "told displacement against the needle's shape"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("compliance_mm_per_n", 0.0, [0.0, 10.0], [0.0, 0.5], 0.03)] }
+    }
+
+    fn drive(&self, values: &[f64], drive: &mut Drive) {
+        drive.frame_compliance_m_per_n += first(values) * MM;
+    }
+}
+
+/// `rig.backlash`.
+#[derive(Debug)]
+pub(super) struct Backlash;
+
+impl Effect for Backlash {
+    fn id(&self) -> &'static str {
+        "rig.backlash"
+    }
+
+    fn physics(&self) -> &'static str {
+        "guide 2 has clearance: the needle follows once it is taken up, on either side"
+    }
+
+    fn signature(&self) -> &'static str {
+        "force flat about zero displacement"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("clearance_mm", 0.0, [0.0, 5.0], [0.0, 0.4], 0.05)] }
+    }
+
+    fn drive(&self, values: &[f64], drive: &mut Drive) {
+        drive.clearance_m += first(values) * MM;
+    }
+}
+
+/// `rig.friction`.
+#[derive(Debug)]
+pub(super) struct Friction;
+
+impl Effect for Friction {
+    fn id(&self) -> &'static str {
+        "rig.friction"
+    }
+
+    fn physics(&self) -> &'static str {
+        "dry friction in guide 2: a force with the sign of the last motion, kept in holds"
+    }
+
+    fn signature(&self) -> &'static str {
+        "loading against unloading"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("force_n", 0.0, [0.0, 50.0], [0.0, 0.5], 0.05)] }
+    }
+
+    fn observe(&self, values: &[f64], seen: &Seen<'_>, channels: &mut Channels) {
+        let friction_n = first(values);
+        let planes = [Some(&mut channels.force_n.y), channels.force_n.x.as_mut()];
+        for (force_n, commanded_m) in planes.into_iter().zip(seen.commanded_m) {
+            for (force_n, direction) in force_n.into_iter().flatten().zip(directions(commanded_m)) {
+                *force_n += friction_n * direction;
+            }
+        }
+    }
+}
+
+/// Sign of the last motion at every sample; 0 before the first.
+fn directions(commanded_m: &[f64]) -> impl Iterator<Item = f64> {
+    let mut direction = 0.0;
+    let mut extreme_m = commanded_m.first().copied().unwrap_or_default();
+    commanded_m.iter().map(move |at_m| {
+        let moved_m = at_m - extreme_m;
+        if moved_m * direction > 0.0 || moved_m.abs() >= REVERSAL_M {
+            direction = moved_m.signum();
+            extreme_m = *at_m;
+        }
+        direction
+    })
+}

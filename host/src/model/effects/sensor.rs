@@ -1,0 +1,265 @@
+//! Effects of the sensors.
+
+use super::{Effect, MM, ParameterInfo, Seen, first};
+use crate::model::{Channels, Series, ShapePoint};
+
+/// Changes every value of a series by its plane (0: vertical) and index.
+fn each(series: &mut Series, change: impl Fn(usize, usize, &mut f64)) {
+    series.y.iter_mut().enumerate().for_each(|(i, value)| change(0, i, value));
+    series.x.iter_mut().flatten().enumerate().for_each(|(i, value)| change(1, i, value));
+}
+
+/// Value of a plane.
+fn of_plane(values: &[f64], plane: usize) -> f64 {
+    values.get(plane).copied().unwrap_or_default()
+}
+
+/// `sensor.force_bias`.
+#[derive(Debug)]
+pub(super) struct ForceBias;
+
+impl Effect for ForceBias {
+    fn id(&self) -> &'static str {
+        "sensor.force_bias"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the force sensor reads a constant more, in each plane"
+    }
+
+    fn signature(&self) -> &'static str {
+        "force at zero displacement"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const {
+            &[
+                ParameterInfo::new("bias_n", 0.0, [-50.0, 50.0], [-0.5, 0.5], 0.05),
+                ParameterInfo::new("bias_x_n", 0.0, [-50.0, 50.0], [-0.5, 0.5], 0.05),
+            ]
+        }
+    }
+
+    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+        each(&mut channels.force_n, |plane, _, force_n| *force_n += of_plane(values, plane));
+    }
+}
+
+/// `sensor.force_gain`.
+#[derive(Debug)]
+pub(super) struct ForceGain;
+
+impl Effect for ForceGain {
+    fn id(&self) -> &'static str {
+        "sensor.force_gain"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the force sensor reads a share more"
+    }
+
+    fn signature(&self) -> &'static str {
+        "scale of the force; the shape is as it should be"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("gain", 0.0, [-0.95, 20.0], [-0.5, 0.5], 0.05)] }
+    }
+
+    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+        let factor = 1.0 + first(values);
+        each(&mut channels.force_n, |_, _, force_n| *force_n *= factor);
+    }
+}
+
+/// `sensor.force_drift`.
+#[derive(Debug)]
+pub(super) struct ForceDrift;
+
+impl Effect for ForceDrift {
+    fn id(&self) -> &'static str {
+        "sensor.force_drift"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the force reading drifts with time, in each plane"
+    }
+
+    fn signature(&self) -> &'static str {
+        "force against time, in holds too"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const {
+            &[
+                ParameterInfo::new("rate_n_per_s", 0.0, [-10.0, 10.0], [-0.02, 0.02], 0.001),
+                ParameterInfo::new("rate_x_n_per_s", 0.0, [-10.0, 10.0], [-0.02, 0.02], 0.001),
+            ]
+        }
+    }
+
+    fn observe(&self, values: &[f64], seen: &Seen<'_>, channels: &mut Channels) {
+        let start_s = first(seen.time_s);
+        let since_s = |i: usize| seen.time_s.get(i).map_or(0.0, |time_s| time_s - start_s);
+        each(&mut channels.force_n, |plane, i, force_n| *force_n += of_plane(values, plane) * since_s(i));
+    }
+}
+
+/// `sensor.crosstalk`.
+#[derive(Debug)]
+pub(super) struct Crosstalk;
+
+impl Effect for Crosstalk {
+    fn id(&self) -> &'static str {
+        "sensor.crosstalk"
+    }
+
+    fn physics(&self) -> &'static str {
+        "each axis of the force sensor reads a share of the other"
+    }
+
+    fn signature(&self) -> &'static str {
+        "the idle axis while the other moves"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("ratio", 0.0, [-0.95, 0.95], [-0.3, 0.3], 0.03)] }
+    }
+
+    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+        let ratio = first(values);
+        let Series { y, x: Some(x) } = &mut channels.force_n else { return };
+        for (y, x) in y.iter_mut().zip(x) {
+            (*y, *x) = (*y + ratio * *x, *x + ratio * *y);
+        }
+    }
+}
+
+/// `sensor.delay`.
+#[derive(Debug)]
+pub(super) struct Delay;
+
+impl Effect for Delay {
+    fn id(&self) -> &'static str {
+        "sensor.delay"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the force reading lags behind the displacement"
+    }
+
+    fn signature(&self) -> &'static str {
+        "ramps, with their sign; holds are as they should be"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("delay_s", 0.0, [0.0, 10.0], [0.0, 1.0], 0.05)] }
+    }
+
+    fn observe(&self, values: &[f64], seen: &Seen<'_>, channels: &mut Channels) {
+        let delay_s = first(values);
+        if delay_s <= 0.0 {
+            return;
+        }
+        let planes = [Some(&mut channels.force_n.y), channels.force_n.x.as_mut()];
+        for force_n in planes.into_iter().flatten() {
+            let read_n = seen.time_s.iter().map(|time_s| at(seen.time_s, force_n, time_s - delay_s));
+            *force_n = read_n.collect();
+        }
+    }
+}
+
+/// `sensor.shape_offset`.
+#[derive(Debug)]
+pub(super) struct ShapeOffset;
+
+impl Effect for ShapeOffset {
+    fn id(&self) -> &'static str {
+        "sensor.shape_offset"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the shape is seen displaced by a constant, in each plane"
+    }
+
+    fn signature(&self) -> &'static str {
+        "shape, at zero displacement too"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const {
+            &[
+                ParameterInfo::new("offset_mm", 0.0, [-20.0, 20.0], [-1.0, 1.0], 0.5),
+                ParameterInfo::new("offset_x_mm", 0.0, [-20.0, 20.0], [-1.0, 1.0], 0.5),
+            ]
+        }
+    }
+
+    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+        each(&mut channels.shape_m, |plane, _, u_m| *u_m += of_plane(values, plane) * MM);
+    }
+}
+
+/// `sensor.shape_scale`.
+#[derive(Debug)]
+pub(super) struct ShapeScale;
+
+impl Effect for ShapeScale {
+    fn id(&self) -> &'static str {
+        "sensor.shape_scale"
+    }
+
+    fn physics(&self) -> &'static str {
+        "deflections are seen larger by a share: pixel size, speed of sound"
+    }
+
+    fn signature(&self) -> &'static str {
+        "shape against the displacement of guide 2"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("scale", 0.0, [-0.95, 20.0], [-0.3, 0.3], 0.05)] }
+    }
+
+    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+        let factor = 1.0 + first(values);
+        each(&mut channels.shape_m, |_, _, u_m| *u_m *= factor);
+    }
+}
+
+/// `sensor.depth_shift`.
+#[derive(Debug)]
+pub(super) struct DepthShift;
+
+impl Effect for DepthShift {
+    fn id(&self) -> &'static str {
+        "sensor.depth_shift"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the shape is seen further along the needle than stated, by a constant"
+    }
+
+    fn signature(&self) -> &'static str {
+        "the slope of the shape times the shift"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("shift_mm", 0.0, [-20.0, 20.0], [-5.0, 5.0], 0.5)] }
+    }
+
+    fn look(&self, values: &[f64], point: &mut ShapePoint) {
+        point.z_m += first(values) * MM;
+    }
+}
+
+/// A series at a time: linear between its samples, constant beyond its ends.
+fn at(times_s: &[f64], values: &[f64], time_s: f64) -> f64 {
+    let next = times_s.partition_point(|sample_s| *sample_s <= time_s);
+    let before = next.checked_sub(1).and_then(|i| Some((times_s.get(i)?, values.get(i)?)));
+    match (before, times_s.get(next).zip(values.get(next))) {
+        (Some((a_s, a)), Some((b_s, b))) => a + (b - a) * (time_s - a_s) / (b_s - a_s),
+        (Some((_, only)), None) | (None, Some((_, only))) => *only,
+        (None, None) => f64::NAN,
+    }
+}

@@ -1,0 +1,150 @@
+//! Effects of the tip, in insertions.
+
+use super::{Effect, MM, ParameterInfo, first};
+use crate::model::insertion::TipLaw;
+
+/// `tip.load_slope`.
+#[derive(Debug)]
+pub(super) struct LoadSlope;
+
+impl Effect for LoadSlope {
+    fn id(&self) -> &'static str {
+        "tip.load_slope"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the tip load grows with depth"
+    }
+
+    fn signature(&self) -> &'static str {
+        "curvature of the path against depth"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("slope_n_per_mm", 0.0, [-1.0, 1.0], [-0.01, 0.01], 0.001)] }
+    }
+
+    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+        law.along_bevel.slope_n_per_m += first(values) / MM;
+    }
+}
+
+/// `tip.load_step`.
+#[derive(Debug)]
+pub(super) struct LoadStep;
+
+impl Effect for LoadStep {
+    fn id(&self) -> &'static str {
+        "tip.load_step"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the tip load jumps at a depth: a membrane, a layer"
+    }
+
+    fn signature(&self) -> &'static str {
+        "kink of the curvature of the path"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const {
+            &[
+                ParameterInfo::new("step_n", 0.0, [-50.0, 50.0], [-0.5, 0.5], 0.05),
+                ParameterInfo {
+                    nodes: &[10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 110.0],
+                    ..ParameterInfo::new("depth_mm", 40.0, [0.0, 500.0], [5.0, 150.0], 20.0)
+                },
+            ]
+        }
+    }
+
+    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+        let &[step_n, depth_mm] = values else { return };
+        if step_n != 0.0 {
+            law.along_bevel.steps.push([depth_mm * MM, step_n]);
+        }
+    }
+}
+
+/// `tip.entry_angle`.
+#[derive(Debug)]
+pub(super) struct EntryAngle;
+
+impl Effect for EntryAngle {
+    fn id(&self) -> &'static str {
+        "tip.entry_angle"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the needle enters at an angle, in each plane"
+    }
+
+    fn signature(&self) -> &'static str {
+        "path, linear in depth"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const {
+            &[
+                ParameterInfo::new("angle_rad", 0.0, [-0.7, 0.7], [-0.1, 0.1], 0.01),
+                ParameterInfo::new("angle_x_rad", 0.0, [-0.7, 0.7], [-0.1, 0.1], 0.01),
+            ]
+        }
+    }
+
+    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+        law.entry_angle_rad.iter_mut().zip(values).for_each(|(angle, more)| *angle += more);
+    }
+}
+
+/// `tip.bevel_roll`.
+#[derive(Debug)]
+pub(super) struct BevelRoll;
+
+impl Effect for BevelRoll {
+    fn id(&self) -> &'static str {
+        "tip.bevel_roll"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the bevel is turned about the needle: part of the tip load acts in the other plane"
+    }
+
+    fn signature(&self) -> &'static str {
+        "horizontal path beside the vertical one"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("roll_rad", 0.0, [-3.2, 3.2], [-1.0, 1.0], 0.1)] }
+    }
+
+    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+        law.along_bevel.roll_rad += first(values);
+    }
+}
+
+/// `tip.rate`.
+#[derive(Debug)]
+pub(super) struct Rate;
+
+impl Effect for Rate {
+    fn id(&self) -> &'static str {
+        "tip.rate"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the tip load grows with the speed of insertion"
+    }
+
+    fn signature(&self) -> &'static str {
+        "runs at different speeds"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const { &[ParameterInfo::new("n_s_per_mm", 0.0, [-10.0, 10.0], [-0.1, 0.1], 0.005)] }
+    }
+
+    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+        law.along_bevel.rate_n_s_per_m += first(values) / MM;
+    }
+}

@@ -1,0 +1,370 @@
+//! The needle in one plane under a guide 2 that moves: from where guide 2 is told to go to force and shape.
+//!
+//! On the way from the actuator to the needle lie the compliance of the frame and the clearance of the guide ([`Drive`]). The
+//! needle's answer is a sum of a few shapes with coefficients that vary in time ([`Motion`]):
+//!
+//! * linear tissue: one shape per newton, the coefficient is the force;
+//! * a standard linear solid, `K(t) = K_inf + (K_0 - K_inf) e^(-t/tau)`: the shapes of the exact beam at four moduli between the
+//!   instantaneous and the relaxed one span what the needle does on its way between them (rational Krylov space). In this basis
+//!   the stiffnesses are known from the forces alone: `A + k_j M` applied to shape j is its force, so that
+//!   `M_ij = (F_j - F_i) / (k_j - k_i)`. The modes of the memory decay exactly over each sample;
+//! * stiffening tissue, `K u (1 + (u/u0)^2)`: finite elements at a few displacements, interpolated in the square of the
+//!   displacement, as a difference to the same elements without stiffening. Beside relaxation the stiffening part is taken as
+//!   instantaneous.
+
+use super::elements::{Deformed, Elements, Guide2, Reaction};
+use super::quadrature::integrate;
+use super::{Beam, BeamProblem, ModelError};
+use nalgebra::{DMatrix, DVector};
+
+/// Between the actuator and the needle, in both planes.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Drive {
+    /// How far guide 2 stays behind per force on it.
+    pub frame_compliance_m_per_n: f64,
+    /// Clearance of guide 2 on either side of the needle.
+    pub clearance_m: f64,
+}
+
+impl Drive {
+    /// Displacement that reaches the needle if the frame does not give.
+    fn beyond_clearance_m(&self, commanded_m: f64) -> f64 {
+        let pressed_m = (commanded_m.abs() - self.clearance_m).max(0.0);
+        pressed_m.copysign(commanded_m)
+    }
+}
+
+/// Shares of the modulus whose shapes span the relaxing needle.
+const SHARES: [f64; 4] = [1.0, 0.55, 0.25, 0.08];
+/// Directions of the memory that are smaller than this beside the largest are none.
+const LEAST_DIRECTION: f64 = 1e-8;
+/// Panels of ten Gauss points over which the tissue's energy is integrated.
+const PANEL_M: f64 = 20e-3;
+/// Displacements at which the stiffening needle is solved.
+const NODES: usize = 6;
+/// Elements for the difference that stiffening makes.
+const ELEMENT_M: f64 = 2e-3;
+/// Stiffening below this share of the modulus is none.
+const LEAST_STIFFENING: f64 = 1e-9;
+
+/// What a needle does in one plane.
+#[derive(Debug)]
+pub(super) struct Response {
+    beam: Beam,
+    relaxing: Option<Relaxing>,
+    stiffening: Option<Stiffening>,
+}
+
+/// Force and coefficients of the shapes at every drive sample.
+#[derive(Debug)]
+pub(super) struct Motion {
+    pub force_n: Vec<f64>,
+    coefficients: Vec<Vec<f64>>,
+}
+
+impl Response {
+    /// Of a needle that is moved by up to `most_m` to either side.
+    ///
+    /// # Errors
+    /// As [`BeamProblem::solve`].
+    pub fn new(problem: &BeamProblem, most_m: f64) -> Result<Self, ModelError> {
+        let law = problem.law;
+        let stretch = (law.inverse_u0_per_m * most_m).powi(2);
+        Ok(Self {
+            beam: problem.solve()?,
+            relaxing: if law.relaxing_share > 0.0 { Some(Relaxing::new(problem)?) } else { None },
+            stiffening: if stretch > LEAST_STIFFENING {
+                Some(Stiffening::new(problem, most_m)?)
+            } else {
+                None
+            },
+        })
+    }
+
+    /// Moves guide 2.
+    pub fn moved(&self, times_s: &[f64], commanded_m: &[f64], drive: Drive) -> Motion {
+        let pressed_m: Vec<f64> = commanded_m.iter().map(|m| drive.beyond_clearance_m(*m)).collect();
+        let mut motion = match &self.relaxing {
+            Some(relaxing) => relaxing.moved(times_s, &pressed_m, drive.frame_compliance_m_per_n),
+            None => {
+                let compliance = 1.0 / self.beam.lateral_stiffness_n_per_m() + drive.frame_compliance_m_per_n;
+                let force_n: Vec<f64> = pressed_m.iter().map(|m| m / compliance).collect();
+                Motion { coefficients: vec![force_n.clone()], force_n }
+            }
+        };
+        if let Some(stiffening) = &self.stiffening {
+            // The first coefficient is a force, or a displacement where the tissue relaxes.
+            let stiffness = self.beam.lateral_stiffness_n_per_m();
+            let per_metre = if self.relaxing.is_some() { 1.0 } else { stiffness };
+            stiffening.add(&mut motion, &pressed_m, [stiffness, per_metre], drive.frame_compliance_m_per_n);
+        }
+        motion
+    }
+
+    /// Weight of every coefficient in the deflection at `z_m`.
+    pub fn shape_at(&self, z_m: f64, weights: &mut Vec<f64>) {
+        weights.clear();
+        match &self.relaxing {
+            Some(relaxing) => weights.extend(relaxing.beams.iter().map(|beam| beam.deflection_m(1.0, z_m))),
+            None => weights.push(self.beam.guide2_force().deflection_m(z_m)),
+        }
+        if let Some(stiffening) = &self.stiffening {
+            let linear = stiffening.linear.deflection_m(z_m) / stiffening.nodes_m[0];
+            let shapes = stiffening.shapes.iter().zip(stiffening.nodes_m);
+            weights.extend(shapes.map(|(shape, node_m)| shape.deflection_m(z_m) / node_m - linear));
+        }
+    }
+}
+
+impl Motion {
+    /// Coefficients at a share of the way between two drive samples.
+    pub fn between(&self, [from, to]: [usize; 2], share: f64) -> impl Iterator<Item = f64> {
+        self.coefficients.iter().map(move |values| {
+            let (a, b) = (values[from], values[to]);
+            if from == to { a } else { a + share * (b - a) }
+        })
+    }
+}
+
+/// A needle in relaxing tissue: the shape at the whole modulus, and modes that leave guide 2 where it is.
+#[derive(Debug)]
+struct Relaxing {
+    /// Shapes at shares of the modulus.
+    beams: Vec<Beam>,
+    /// From the basis (first shape, modes) to these shapes.
+    basis: DMatrix<f64>,
+    /// Springs of the tissue in the basis.
+    tissue: DMatrix<f64>,
+    /// Springs of everything, which are diagonal in the basis.
+    all: DVector<f64>,
+    relaxing_share: f64,
+    relaxation_s: f64,
+}
+
+impl Relaxing {
+    fn new(problem: &BeamProblem) -> Result<Self, ModelError> {
+        let beams: Vec<Beam> = SHARES
+            .iter()
+            .map(|share| {
+                let foundation = problem.foundation.scaled(*share)?;
+                BeamProblem { foundation, ..problem.clone() }.solve()
+            })
+            .collect::<Result<_, _>>()?;
+        let force_n: Vec<f64> = beams.iter().map(Beam::lateral_stiffness_n_per_m).collect();
+        let stored = |beam: &Beam| -> f64 {
+            let mut top_m = 0.0;
+            let mut stored = 0.0;
+            for (thickness_m, modulus_pa) in problem.foundation.parts(problem.depth_m) {
+                let square = |s_m: f64| beam.deflection_m(1.0, problem.entry_m + s_m).powi(2);
+                stored += modulus_pa * integrate(top_m, top_m + thickness_m, PANEL_M, square);
+                top_m += thickness_m;
+            }
+            stored
+        };
+        let count = SHARES.len();
+        let tissue = DMatrix::from_fn(count, count, |i, j| {
+            if i == j { stored(&beams[i]) } else { (force_n[j] - force_n[i]) / (SHARES[j] - SHARES[i]) }
+        });
+        let needle = DMatrix::from_fn(count, count, |i, j| {
+            let half = |i: usize, j: usize| force_n[j] - SHARES[j] * tissue[(i, j)];
+            0.5 * (half(i, j) + half(j, i))
+        });
+        // Differences to the first shape leave guide 2 at rest; they are nearly dependent, so only directions that matter stay.
+        let differences = DMatrix::from_fn(count, count - 1, |i, j| match i {
+            0 => -1.0,
+            i if i == j + 1 => 1.0,
+            _ => 0.0,
+        });
+        let within = (differences.transpose() * &tissue * &differences).symmetric_eigen();
+        let least = LEAST_DIRECTION * within.eigenvalues.max();
+        let kept: Vec<DVector<f64>> = within
+            .eigenvalues
+            .iter()
+            .zip(within.eigenvectors.column_iter())
+            .filter(|(value, _)| **value > least)
+            .map(|(value, vector)| &differences * vector / value.sqrt())
+            .collect();
+        let mut basis = DMatrix::zeros(count, 1);
+        basis[(0, 0)] = 1.0;
+        let mut all = vec![force_n[0]];
+        if !kept.is_empty() {
+            let kept = DMatrix::from_columns(&kept);
+            let modes = (kept.transpose() * &needle * &kept).symmetric_eigen();
+            let modes_basis = kept * &modes.eigenvectors;
+            all.extend(modes.eigenvalues.iter().map(|value| value + 1.0));
+            basis = DMatrix::from_fn(count, all.len(), |i, j| match j {
+                0 => basis[(i, 0)],
+                _ => modes_basis[(i, j - 1)],
+            });
+        }
+        let law = problem.law;
+        Ok(Self {
+            beams,
+            tissue: basis.transpose() * tissue * &basis,
+            basis,
+            all: DVector::from_vec(all),
+            relaxing_share: law.relaxing_share,
+            relaxation_s: law.relaxation_s,
+        })
+    }
+
+    /// Tissue: `K_0 u - f K_0 v`, `v' = (u - v) / tau`. With c and d the coefficients of u and v, g the displacement of guide 2 in
+    /// every basis vector: `S^-1 c = f M d + F g`, `g^T c + C F = w`; `M = R R^T`, `e = R^T d`.
+    fn moved(&self, times_s: &[f64], pressed_m: &[f64], compliance_m_per_n: f64) -> Motion {
+        let f = self.relaxing_share;
+        let count = self.all.len();
+        let inverse = DMatrix::from_diagonal(&self.all.map(|value| 1.0 / value));
+        let q = inverse.column(0).into_owned();
+        let total = q[0] + compliance_m_per_n;
+        let eigen = self.tissue.clone().symmetric_eigen();
+        let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
+        let root = &eigen.eigenvectors * DMatrix::from_diagonal(&roots);
+        let memory = (inverse - &q * q.transpose() / total) * f;
+        let modes = (root.transpose() * &memory * &root).symmetric_eigen();
+        let back = &root * &modes.eigenvectors;
+        let by_memory = &self.basis * &memory * &back;
+        let force_by_memory = (back.transpose() * &q) * (f / total);
+        let fed = back.transpose() * &q / (total * self.relaxation_s);
+        let direct = &self.basis * &q / total;
+
+        let rates: Vec<f64> =
+            modes.eigenvalues.iter().map(|t| (1.0 - t).max(0.0) / self.relaxation_s).collect();
+        let mut state = vec![0.0; count];
+        let shapes = self.beams.len();
+        let mut motion =
+            Motion { force_n: Vec::with_capacity(pressed_m.len()), coefficients: vec![Vec::new(); shapes] };
+        let mut before: Option<(f64, f64)> = None;
+        let mut step = Step::default();
+        for (time_s, pressed) in times_s.iter().zip(pressed_m) {
+            if let Some((before_s, before_m)) = before {
+                step.prepare(time_s - before_s, &rates);
+                for (k, y) in state.iter_mut().enumerate() {
+                    *y = step.decay[k] * *y + fed[k] * (step.first[k] * before_m + step.last[k] * pressed);
+                }
+            }
+            before = Some((*time_s, *pressed));
+            let remembered =
+                |row: &dyn Fn(usize) -> f64| state.iter().enumerate().map(|(k, y)| row(k) * y).sum::<f64>();
+            motion.force_n.push(pressed / total - remembered(&|k| force_by_memory[k]));
+            for (j, values) in motion.coefficients.iter_mut().enumerate() {
+                values.push(direct[j] * pressed + remembered(&|k| by_memory[(j, k)]));
+            }
+        }
+        motion
+    }
+}
+
+/// One step of `y' = -r y + w(t)` with w linear: `y = decay y + first w_0 + last w_1`; kept while the step stays the same.
+#[derive(Default)]
+struct Step {
+    step_s: f64,
+    decay: Vec<f64>,
+    first: Vec<f64>,
+    last: Vec<f64>,
+}
+
+impl Step {
+    fn prepare(&mut self, step_s: f64, rates: &[f64]) {
+        if (step_s - self.step_s).abs() <= 1e-12 && !self.decay.is_empty() {
+            return;
+        }
+        self.step_s = step_s;
+        let decay = |rate: &f64| (-rate * step_s).exp();
+        self.decay = rates.iter().map(decay).collect();
+        // int_0^h e^(-r (h - t)) (1 - t/h) dt and the same of t/h, by series where r h is small.
+        let mean = |rate: &f64| {
+            let x = rate * step_s;
+            if x < 1e-4 { step_s * (1.0 - 0.5 * x) } else { (1.0 - decay(rate)) / rate }
+        };
+        let last = |rate: &f64| {
+            let x = rate * step_s;
+            if x < 1e-3 { step_s * (0.5 - x / 6.0 + x * x / 24.0) } else { (step_s - mean(rate)) / x }
+        };
+        self.last = rates.iter().map(last).collect();
+        self.first = rates.iter().map(|rate| mean(rate) - last(rate)).collect();
+    }
+}
+
+/// What stiffening adds, at a few displacements.
+#[derive(Debug)]
+struct Stiffening {
+    nodes_m: [f64; NODES],
+    shapes: Vec<Deformed>,
+    /// Without stiffening, at the first of the nodes.
+    linear: Deformed,
+}
+
+impl Stiffening {
+    fn new(problem: &BeamProblem, most_m: f64) -> Result<Self, ModelError> {
+        let elements = Elements::new(problem, ELEMENT_M)?;
+        // Chebyshev's points in the square of the displacement.
+        let angle = |j: usize| (2.0 * j as f64 + 1.0) * std::f64::consts::PI / (2.0 * NODES as f64);
+        let nodes_m = std::array::from_fn(|j| most_m * (0.5 + 0.5 * angle(j).cos()).sqrt());
+        let per_m2 = problem.law.inverse_u0_per_m.powi(2);
+        let foundation = &problem.foundation;
+        let springs = |depth_m: f64, stretch_m: f64| {
+            let modulus_pa = foundation.modulus_pa(depth_m);
+            let more = per_m2 * stretch_m * stretch_m;
+            Reaction {
+                force_n_per_m: modulus_pa * stretch_m * (1.0 + more),
+                tangent_pa: modulus_pa * (1.0 + 3.0 * more),
+            }
+        };
+        let solve = |node_m: &f64| elements.solve(&springs, |_| 0.0, Guide2::Held(*node_m), 0.0);
+        let shapes = nodes_m.iter().map(solve).collect::<Result<Vec<_>, _>>()?;
+        let linear = elements.solve(foundation, |_| 0.0, Guide2::Held(nodes_m[0]), 0.0)?;
+        Ok(Self { nodes_m, shapes, linear })
+    }
+
+    /// What each node adds to the stiffness.
+    fn stiffness_n_per_m(&self) -> [f64; NODES] {
+        let linear = self.linear.guide2_force_n / self.nodes_m[0];
+        std::array::from_fn(|j| self.shapes[j].guide2_force_n / self.nodes_m[j] - linear)
+    }
+
+    /// Lagrange's weights of the nodes in the square of a displacement.
+    fn weights(&self, displacement_m: f64) -> [f64; NODES] {
+        let square = |m: f64| m * m;
+        std::array::from_fn(|j| {
+            let others = (0..NODES).filter(|i| *i != j).map(|i| square(self.nodes_m[i]));
+            others.map(|other| (square(displacement_m) - other) / (square(self.nodes_m[j]) - other)).product()
+        })
+    }
+
+    fn add(
+        &self,
+        motion: &mut Motion,
+        pressed_m: &[f64],
+        [linear, per_metre]: [f64; 2],
+        compliance_m_per_n: f64,
+    ) {
+        let more = self.stiffness_n_per_m();
+        let extra_n = |m: f64| m * self.weights(m).iter().zip(more).map(|(w, k)| w * k).sum::<f64>();
+        let first = motion.coefficients.len();
+        motion.coefficients.resize(first + NODES, Vec::with_capacity(pressed_m.len()));
+        for (i, pressed) in pressed_m.iter().enumerate() {
+            // The needle's own displacement where the frame gives: pressed = w + C (k w + extra(w)).
+            let mut at_m = pressed / (1.0 + compliance_m_per_n * linear);
+            if compliance_m_per_n > 0.0 {
+                for _ in 0..8 {
+                    at_m =
+                        (pressed - compliance_m_per_n * extra_n(at_m)) / (1.0 + compliance_m_per_n * linear);
+                }
+            }
+            let needed_m = pressed / (1.0 + compliance_m_per_n * linear) - at_m;
+            motion.force_n[i] += extra_n(at_m) - linear * needed_m;
+            if let Some(values) = motion.coefficients.first_mut() {
+                // The part without stiffening was moved too far by what the frame gives more.
+                values[i] -= per_metre * needed_m;
+            }
+            let weights = self.weights(at_m);
+            for (values, weight) in motion.coefficients[first..].iter_mut().zip(weights) {
+                values.push(at_m * weight);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "lateral_tests.rs"]
+mod tests;
