@@ -7,6 +7,7 @@
 #![deny(missing_docs)]
 
 pub mod continuum;
+pub mod diagnose;
 pub mod figures;
 pub mod identify;
 pub mod inference;

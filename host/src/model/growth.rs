@@ -261,6 +261,12 @@ impl<'p> GrowingBeam<'p> {
         add_tension(&mut local, shear_n - self.problem.axial_load_n, length_m);
         if let Some(depth_m) = depth_m {
             let (mut springs, mut path) = self.springs(depth_m, length_m);
+            // The shear layer rests on the cut path too, which is straight over an element.
+            let per_m = shear_n / length_m;
+            for (row, sign) in [(0, 1.0), (2, -1.0)] {
+                path[row][0] += sign * per_m;
+                path[row][1] -= sign * per_m;
+            }
             if self.path_loads.is_empty() {
                 self.first_tissue_row = at;
                 // The spring at the surface rests where the tip entered.

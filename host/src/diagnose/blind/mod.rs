@@ -1,0 +1,120 @@
+//! Synthetic measurement sessions for blind tests of the diagnosis, from a generator of its own.
+//!
+//! A test that makes its data with the model that later explains them shows little. So nothing here calls the forward model: the
+//! beam is a chain of finite differences in energy form, the tissue a row of springs with state that is marched through time, the
+//! needle grows through the tissue step by step, and the noise is correlated, rounded and has outliers. What is shared are plain
+//! data: the recorded columns and the rig.
+//!
+//! | file | has |
+//! |---|---|
+//! | `design` | what is measured, how precisely |
+//! | `effects` | ids and sizes of what can differ from the plain model |
+//! | `world` | one truth in SI units, and its tissue |
+//! | `chain` | the needle as a chain with its banded solver |
+//! | `lateral` | a lateral run marched in time |
+//! | `insertion` | the path of the tip |
+//! | `sensors` | what the instruments make of it |
+
+mod chain;
+mod design;
+mod effects;
+mod insertion;
+mod lateral;
+mod sensors;
+mod world;
+
+pub use design::{Design, InsertionPlan, LateralPlan, NoisePlan};
+pub use effects::strengths;
+
+use crate::model::{Needle, Rig};
+use crate::session::{Noise, Session};
+use world::World;
+
+const MM: f64 = 1e-3;
+
+/// What is really there: found blindly, told to nobody but the test.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    /// Foundation modulus of the plane y.
+    pub k_kpa: f64,
+    /// Lateral load that the bevel takes at the tip.
+    pub tip_load_n: f64,
+    /// Effects by id with their values; trailing values left out are neutral.
+    pub effects: Vec<(&'static str, Vec<f64>)>,
+    /// Something beyond these effects.
+    pub foreign: Option<Foreign>,
+}
+
+/// Something that no effect describes, far beyond noise.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Foreign {
+    /// The force sensor drifts to and fro, about three times per run.
+    SinusoidalDrift,
+    /// A lump: four times the modulus between 8 and 14 mm below the surface.
+    StiffInclusion,
+    /// Tissue gets softer, for the rest of the run, where it was deflected most so far.
+    Damage,
+    /// The force sensor reads a force plus a part of its square.
+    QuadraticSensor,
+    /// Tissue on one side of the needle is softer than on the other.
+    OneSidedTissue,
+    /// The actuator has play with memory between its displacement sensor and the guide.
+    HystereticPlay,
+    /// The image is distorted by a cubic along the needle.
+    ImageWarp,
+}
+
+impl Foreign {
+    /// Every one there is.
+    pub const ALL: [Foreign; 7] = [
+        Self::SinusoidalDrift,
+        Self::StiffInclusion,
+        Self::Damage,
+        Self::QuadraticSensor,
+        Self::OneSidedTissue,
+        Self::HystereticPlay,
+        Self::ImageWarp,
+    ];
+
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SinusoidalDrift => "sinusoidal_drift",
+            Self::StiffInclusion => "stiff_inclusion",
+            Self::Damage => "damage",
+            Self::QuadraticSensor => "quadratic_sensor",
+            Self::OneSidedTissue => "one_sided_tissue",
+            Self::HystereticPlay => "hysteretic_play",
+            Self::ImageWarp => "image_warp",
+        }
+    }
+}
+
+/// What a laboratory that carries out this design would record. The same arguments give the same session on every machine.
+///
+/// # Panics
+/// Where an effect has an unknown id, no value or too many values, or a plan has an axis other than 0 and 1: a blind test of a
+/// misspelt truth would prove nothing.
+pub fn session(truth: &Truth, design: &Design, seed: u64) -> Session {
+    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let world = World::new(truth, &rig);
+    let noise = &design.noise;
+    let lateral =
+        (0..).zip(&design.lateral).map(|(i, plan)| sensors::lateral_run(&world, plan, noise, seed, i));
+    let insertion =
+        (0..).zip(&design.insertion).map(|(i, plan)| sensors::insertion_run(&world, plan, noise, seed, i));
+    Session {
+        dir: "blind".into(),
+        name: Some("blind".to_owned()),
+        fixture_mass_kg: None,
+        noise: if noise.stated { noise.statement() } else { Noise::default() },
+        lateral: lateral.collect(),
+        insertion: insertion.collect(),
+        indentation: Vec::new(),
+        steering: Vec::new(),
+        rig,
+    }
+}
+
+#[cfg(test)]
+mod tests;
