@@ -1,5 +1,7 @@
 //! `cargo xtask study`: tables of the documentation, made anew.
 
+mod diagnosis;
+
 use crate::images;
 use anyhow::{Context, Result, ensure};
 use host::predict::study::{Cell, METHODS, study};
@@ -9,7 +11,7 @@ use std::fmt::Write as _;
 #[derive(clap::Args)]
 pub struct Args {
     /// Which: K/E of needles (part of the tool), the prediction of insertions, or the online estimators on steering runs
-    #[arg(value_parser = ["modulus-relation", "insertion", "steering"])]
+    #[arg(value_parser = ["modulus-relation", "insertion", "steering", "diagnose"])]
     name: String,
     /// Sessions of six insertions each
     #[arg(long, default_value_t = 40)]
@@ -36,6 +38,7 @@ pub fn run(args: &Args) -> Result<()> {
     match args.name.as_str() {
         "insertion" => insertion(args),
         "steering" => steering(args),
+        "diagnose" => diagnosis::run(args.sessions, args.seed, &args.method),
         _ => modulus_relation(),
     }
 }

@@ -324,20 +324,41 @@ fn expand(start: [f64; 4], scaled: Scaled) -> [f64; TERMS] {
     let mut series = [0.0; TERMS];
     series[..4].copy_from_slice(&[start[0], start[1], start[2] / 2.0, start[3] / 6.0]);
     for n in 0..TERMS - 4 {
-        let m = n as f64;
-        let bent = scaled.axial * (m + 1.0) * (m + 2.0) * series[n + 2];
-        series[n + 4] =
-            -(scaled.modulus * series[n] + bent) / ((m + 1.0) * (m + 2.0) * (m + 3.0) * (m + 4.0));
+        let bent = scaled.axial * FALLING[2][n + 2] * series[n + 2];
+        series[n + 4] = -(scaled.modulus * series[n] + bent) / FALLING[4][n + 4];
     }
     series
 }
 
+/// `n! / (n - order)!`: what the derivative of an order makes of `x^n`.
+const FALLING: [[f64; TERMS]; 5] = {
+    let mut factors = [[0.0; TERMS]; 5];
+    let mut order = 0;
+    while order < 5 {
+        let mut n = order;
+        while n < TERMS {
+            let mut factor = 1.0;
+            let mut k = n + 1 - order;
+            while k <= n {
+                factor *= k as f64;
+                k += 1;
+            }
+            factors[order][n] = factor;
+            n += 1;
+        }
+        order += 1;
+    }
+    factors
+};
+
 /// Derivative of the series at `x`, by Horner's rule.
 fn derivative(series: &[f64; TERMS], order: usize, x: f64) -> f64 {
-    series.iter().enumerate().skip(order).rev().fold(0.0, |sum, (n, coefficient)| {
-        let falling = (n + 1 - order..=n).map(|factor| factor as f64).product::<f64>();
-        sum * x + falling * coefficient
-    })
+    if order == 0 {
+        return series.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient);
+    }
+    let factors = &FALLING[order];
+    let terms = series.iter().zip(factors).skip(order).rev();
+    terms.fold(0.0, |sum, (coefficient, factor)| sum * x + factor * coefficient)
 }
 
 /// Sub- and super-diagonals of the beam system; pivoting fills as many more super-diagonals as there are sub-diagonals.

@@ -38,7 +38,7 @@ fn small() -> Design {
 }
 
 /// Effects that no insertion shows, beside those of the sensors; anisotropy shows where the bevel is rolled.
-const LATERAL_ONLY: [&str; 8] = [
+const LATERAL_ONLY: [&str; 7] = [
     "tissue.stiffening",
     "tissue.relaxation",
     "tissue.anisotropy",
@@ -46,7 +46,6 @@ const LATERAL_ONLY: [&str; 8] = [
     "rig.backlash",
     "rig.friction",
     "needle.prebend",
-    "needle.axial_load",
 ];
 
 /// Every number of a session, channel by channel.

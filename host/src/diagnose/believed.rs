@@ -1,0 +1,284 @@
+//! What is believed while the workflow goes on: which parameters are unknown, and the model that their values make.
+//!
+//! Unknown in every session: the modulus; with insertions the tip load, and, where there are lateral runs too, how far the modulus
+//! felt in an insertion is from that of a lateral run. Then the parameters of the effects in the model. Inside the fits a ratio, a
+//! place or a time is its logarithm, everything else itself ([`Scale`]).
+
+use super::data::{Kind, Run, Source};
+use super::whiten::Whitener;
+use crate::inference::{Block, Fit, FitError, Parameter, Prior, fit};
+use crate::model::effects::{Effect, ParameterInfo};
+use crate::model::{Channels, Model, ModelError, Rig, TipLaw, predict};
+
+/// Modulus of soft tissue, and the standard deviation of its logarithm.
+const TYPICAL_MODULUS_PA: f64 = 15e3;
+const MODULUS_SD_LN: f64 = 1.5;
+const MODULUS_PA: [f64; 2] = [50.0, 5e6];
+/// Tip load before anything is known of it, and its standard deviation.
+const TYPICAL_LOAD_N: f64 = 0.1;
+const LOAD_SD_N: f64 = 1.0;
+/// How far the modulus felt in an insertion may be from that of a lateral run, logarithm.
+const INSERTION_SD_LN: f64 = 0.05;
+
+/// How a parameter is counted inside the fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scale {
+    Linear,
+    Log,
+}
+
+impl Scale {
+    pub fn of(info: &ParameterInfo) -> Self {
+        if info.neutral == 1.0 || !info.nodes.is_empty() { Self::Log } else { Self::Linear }
+    }
+
+    pub fn inside(self, value: f64) -> f64 {
+        match self {
+            Self::Linear => value,
+            Self::Log => value.max(1e-9).ln(),
+        }
+    }
+
+    pub fn outside(self, inside: f64) -> f64 {
+        match self {
+            Self::Linear => inside,
+            Self::Log => inside.exp(),
+        }
+    }
+}
+
+/// Prior of an effect's parameter inside the fits: mean and standard deviation of a uniform one over the likely values.
+pub(super) fn prior(info: &ParameterInfo) -> Prior {
+    let scale = Scale::of(info);
+    let [low, high] = info.likely.map(|end| scale.inside(end));
+    let mean = if info.nodes.is_empty() { scale.inside(info.neutral) } else { 0.5 * (low + high) };
+    Prior { mean, sd: (high - low) / 12f64.sqrt() }
+}
+
+/// Which parameters are unknown.
+#[derive(Debug, Clone)]
+pub(super) struct Layout {
+    pub rig: Rig,
+    /// Whether there are lateral runs and insertions.
+    pub kinds: [bool; 2],
+    pub effects: Vec<&'static dyn Effect>,
+}
+
+impl Layout {
+    /// With one effect more.
+    pub fn with(&self, effect: &'static dyn Effect) -> Self {
+        let mut effects = self.effects.clone();
+        effects.push(effect);
+        Self { effects, ..self.clone() }
+    }
+
+    /// With one effect less.
+    pub fn without(&self, index: usize) -> Self {
+        let mut effects = self.effects.clone();
+        effects.remove(index);
+        Self { effects, ..self.clone() }
+    }
+
+    /// Parameters that are no effect's.
+    pub fn own(&self) -> usize {
+        match self.kinds {
+            [_, false] => 1,
+            [false, true] => 2,
+            [true, true] => 3,
+        }
+    }
+
+    /// Where the parameters of an effect start.
+    pub fn first_of(&self, index: usize) -> usize {
+        self.own() + self.effects[..index].iter().map(|effect| effect.parameters().len()).sum::<usize>()
+    }
+
+    /// Parameters of a fit that starts from these values.
+    pub fn parameters(&self, starts: &[f64]) -> Vec<Parameter> {
+        let bounded = |least: f64, most: f64, mean: f64, sd: f64, step: f64| Parameter {
+            start: 0.0,
+            step,
+            least,
+            most,
+            prior: Some(Prior { mean, sd }),
+        };
+        let [least, most] = MODULUS_PA.map(f64::ln);
+        let mut parameters = vec![bounded(least, most, TYPICAL_MODULUS_PA.ln(), MODULUS_SD_LN, 1e-4)];
+        if self.kinds[1] {
+            parameters.push(bounded(-50.0, 50.0, 0.0, LOAD_SD_N, 1e-4));
+            if self.kinds[0] {
+                parameters.push(bounded(-1.0, 1.0, 0.0, INSERTION_SD_LN, 1e-4));
+            }
+        }
+        for info in self.effects.iter().flat_map(|effect| effect.parameters()) {
+            let scale = Scale::of(info);
+            let [least, most] = info.range.map(|end| scale.inside(end));
+            let Prior { mean, sd } = prior(info);
+            let step = match (scale, info.nodes.is_empty()) {
+                (Scale::Log, false) => 0.03,
+                (Scale::Log, true) => 1e-3,
+                (Scale::Linear, _) => 3e-3 * info.prior_sd,
+            };
+            parameters.push(bounded(least, most, mean, sd, step));
+        }
+        for (parameter, start) in parameters.iter_mut().zip(starts) {
+            // Off a bound, so that both differences of the derivative exist.
+            let room = parameter.step.min(0.25 * (parameter.most - parameter.least));
+            parameter.start = start.clamp(parameter.least + room, parameter.most - room);
+        }
+        parameters
+    }
+
+    /// Where a fit starts that knows nothing.
+    pub fn first_values(&self) -> Vec<f64> {
+        let mut values = vec![TYPICAL_MODULUS_PA.ln(), TYPICAL_LOAD_N, 0.0];
+        values.truncate(self.own());
+        let infos = self.effects.iter().flat_map(|effect| effect.parameters());
+        values.extend(infos.map(|info| Scale::of(info).inside(info.neutral)));
+        values
+    }
+
+    /// Values of the effects' parameters in their own units.
+    pub fn effect_values(&self, values: &[f64]) -> Vec<(&'static dyn Effect, Vec<f64>)> {
+        let mut at = self.own();
+        let mut of_effect = |effect: &&'static dyn Effect| {
+            let infos = effect.parameters();
+            let own = infos.iter().zip(&values[at..]).map(|(info, v)| Scale::of(info).outside(*v)).collect();
+            at += infos.len();
+            (*effect, own)
+        };
+        self.effects.iter().map(&mut of_effect).collect()
+    }
+
+    /// The model of these values for a kind of run.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where a value is impossible.
+    pub fn model(&self, values: &[f64], kind: Kind) -> Result<Model, ModelError> {
+        let apart = if kind == Kind::Insertion && self.own() == 3 { values[2] } else { 0.0 };
+        let mut model = Model::uniform(self.rig.clone(), (values[0] + apart).exp())?;
+        if self.kinds[1] {
+            model.tip = TipLaw::load([values[1], 0.0]);
+        }
+        model.effects = self.effect_values(values);
+        // The order of the catalogue is that of the physics: what the needle does comes before what sensors make of it.
+        let place = |id: &str| crate::model::effects::EFFECTS.iter().position(|effect| effect.id() == id);
+        model.effects.sort_by_key(|(effect, _)| place(effect.id()));
+        Ok(model)
+    }
+}
+
+/// Measured less predicted, in SI, in the order of the run's data.
+pub(super) fn differences(run: &Run, predicted: &Channels) -> Vec<f64> {
+    let of = |datum: &super::data::Datum| {
+        let plane = datum.channel.plane();
+        let values = |series: &crate::model::Series, index: usize| match plane {
+            0 => series.y.get(index).copied(),
+            _ => series.x.as_ref().and_then(|x| x.get(index)).copied(),
+        };
+        let predicted = match &datum.source {
+            Source::Force(cells) => {
+                let sum: Option<f64> = cells.iter().map(|i| values(&predicted.force_n, *i)).sum();
+                sum.map(|sum| sum / cells.len() as f64)
+            }
+            Source::Shape(index) => values(&predicted.shape_m, *index),
+            Source::Tip(index) => values(&predicted.tip_m, *index),
+        };
+        datum.measured - predicted.unwrap_or(f64::NAN)
+    };
+    run.data.iter().map(of).collect()
+}
+
+/// A run with what makes its residuals independent.
+#[derive(Debug, Clone)]
+pub(super) struct Prepared {
+    pub run: Run,
+    pub whitener: Whitener,
+}
+
+impl Prepared {
+    /// Independent residuals of unit variance under a model.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn residuals(&self, layout: &Layout, values: &[f64]) -> Result<Vec<f64>, ModelError> {
+        let predicted = predict(&layout.model(values, self.run.kind)?, &self.run.experiment)?;
+        let mut residuals = differences(&self.run, &predicted);
+        self.whitener.apply(&mut residuals);
+        Ok(residuals)
+    }
+}
+
+/// A run seen through a layout, as the fit wants it.
+struct Seen<'a> {
+    prepared: &'a Prepared,
+    layout: &'a Layout,
+}
+
+impl Block for Seen<'_> {
+    fn nuisances(&self) -> Vec<Parameter> {
+        Vec::new()
+    }
+
+    fn residuals(&self, shared: &[f64], _: &[f64]) -> Result<Vec<f64>, ModelError> {
+        self.prepared.residuals(self.layout, shared)
+    }
+}
+
+/// A fitted layout.
+#[derive(Debug, Clone)]
+pub(super) struct Fitted {
+    pub layout: Layout,
+    pub fit: Fit,
+    /// Logarithm of the evidence by Laplace's method, up to what all layouts share.
+    pub log_evidence: f64,
+}
+
+impl Fitted {
+    /// Fits a layout to runs.
+    ///
+    /// # Errors
+    /// [`FitError`] where there is no best fit.
+    pub fn new(layout: &Layout, runs: &[Prepared], starts: &[f64]) -> Result<Self, FitError> {
+        let parameters = layout.parameters(starts);
+        let blocks: Vec<Seen<'_>> = runs.iter().map(|prepared| Seen { prepared, layout }).collect();
+        let fit = fit(&parameters, &blocks)?;
+        let log_priors: f64 = parameters.iter().filter_map(|p| p.prior).map(|prior| prior.sd.ln()).sum();
+        let determinant = fit.covariance.clone().cholesky().ok_or(FitError::Undetermined)?;
+        let log_determinant = 2.0 * determinant.l().diagonal().map(f64::ln).sum();
+        let log_evidence = -0.5 * fit.chi_square + 0.5 * log_determinant - log_priors;
+        Ok(Self { layout: layout.clone(), fit, log_evidence })
+    }
+
+    /// Values inside the fits.
+    pub fn values(&self) -> &[f64] {
+        &self.fit.shared
+    }
+
+    /// A parameter in its own unit with its interval of 95 %.
+    pub fn estimate(&self, effect: usize, parameter: usize) -> (f64, [f64; 2]) {
+        let info = &self.layout.effects[effect].parameters()[parameter];
+        let scale = Scale::of(info);
+        let at = self.layout.first_of(effect) + parameter;
+        let (value, sd) = (self.values()[at], self.fit.covariance[(at, at)].sqrt());
+        let [least, most] = info.range;
+        let end = |sds: f64| scale.outside(value + sds * sd).clamp(least, most);
+        (scale.outside(value), [end(-NORMAL_975), end(NORMAL_975)])
+    }
+
+    /// Of the modulus, Pa.
+    pub fn modulus_pa(&self) -> (f64, [f64; 2]) {
+        let (value, sd) = (self.values()[0], self.fit.covariance[(0, 0)].sqrt());
+        (value.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (value + sds * sd).exp()))
+    }
+
+    /// Of the tip load, N, where there are insertions.
+    pub fn tip_load_n(&self) -> Option<(f64, [f64; 2])> {
+        let value = self.layout.kinds[1].then(|| self.values()[1])?;
+        let sd = self.fit.covariance[(1, 1)].sqrt();
+        Some((value, [-NORMAL_975, NORMAL_975].map(|sds| value + sds * sd)))
+    }
+}
+
+/// Quantile of the normal distribution for intervals of 95 %.
+pub(super) const NORMAL_975: f64 = 1.959_963_984_540_054;

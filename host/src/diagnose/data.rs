@@ -1,0 +1,429 @@
+//! A session's runs as the diagnosis sees them: what was done, what was measured, and where each measured number lies.
+//!
+//! Force series are averaged over short stretches: the holds from their beginning on in stretches that grow with time, the ramps in
+//! stretches of a tenth of a second. Within a hold guide 2 stands where the mean of its readings says. Readings far off their
+//! neighbours are left out; whether they are is seen from the readings alone, never from a model.
+
+use crate::inference::insertion::{Bin, TipPath};
+use crate::levels::{HoldCriteria, Level, levels};
+use crate::model::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapePoint};
+use crate::session::{InsertionRun, LateralRun};
+use std::ops::Range;
+
+/// A sensor in one plane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Channel {
+    /// Vertical force.
+    ForceY,
+    /// Horizontal force.
+    ForceX,
+    /// Vertical deflection.
+    ShapeY,
+    /// Horizontal deflection.
+    ShapeX,
+    /// Vertical tip position.
+    TipY,
+    /// Horizontal tip position.
+    TipX,
+}
+
+impl Channel {
+    /// Every one there is.
+    pub const ALL: [Self; 6] =
+        [Self::ForceY, Self::ForceX, Self::ShapeY, Self::ShapeX, Self::TipY, Self::TipX];
+
+    /// Its name in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ForceY => "force_y",
+            Self::ForceX => "force_x",
+            Self::ShapeY => "shape_y",
+            Self::ShapeX => "shape_x",
+            Self::TipY => "tip_y",
+            Self::TipX => "tip_x",
+        }
+    }
+
+    /// Unit in results.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::ForceY | Self::ForceX => "N",
+            _ => "mm",
+        }
+    }
+
+    /// From SI to that unit.
+    pub fn per_si(self) -> f64 {
+        match self {
+            Self::ForceY | Self::ForceX => 1.0,
+            _ => 1e3,
+        }
+    }
+
+    /// 0 for the vertical plane, 1 for the horizontal one.
+    pub fn plane(self) -> usize {
+        match self {
+            Self::ForceY | Self::ShapeY | Self::TipY => 0,
+            Self::ForceX | Self::ShapeX | Self::TipX => 1,
+        }
+    }
+}
+
+/// Which predicted values a measured number stands for.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Source {
+    /// Mean force over drive samples.
+    Force(Vec<usize>),
+    /// A shape point.
+    Shape(usize),
+    /// A depth of an insertion.
+    Tip(usize),
+}
+
+/// Where a measured number lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    /// Below the surface; of forces that of the needle.
+    pub depth_m: f64,
+    /// Displacement of guide 2 along the axis of the run.
+    pub level_m: f64,
+    /// Sign of the last motion of guide 2.
+    pub direction: f64,
+    /// Time since the hold began; nothing on the way.
+    pub hold_s: Option<f64>,
+    /// Time since the run began.
+    pub time_s: f64,
+}
+
+/// A measured number.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Datum {
+    pub channel: Channel,
+    pub measured: f64,
+    pub source: Source,
+    pub place: Place,
+    /// The hold, or stretch of depth, that it belongs to.
+    pub part: usize,
+}
+
+/// Drive samples of a lateral run: means over stretches of at least a twentieth of a second.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Cells {
+    pub time_s: Vec<f64>,
+    /// Vertical and horizontal force; NaN where no reading is usable.
+    pub force_n: [Vec<f64>; 2],
+    /// Readings of the displacement, as read.
+    pub read_m: [Vec<f64>; 2],
+    /// The hold of every cell.
+    pub hold: Vec<Option<usize>>,
+}
+
+/// What kind of run it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Lateral,
+    Insertion,
+}
+
+/// A run.
+#[derive(Debug, Clone)]
+pub(super) struct Run {
+    pub id: String,
+    pub kind: Kind,
+    pub depth_m: f64,
+    /// Plane in which guide 2 moved most.
+    pub axis: usize,
+    pub experiment: Experiment,
+    pub data: Vec<Datum>,
+    pub cells: Cells,
+    /// Speed of an insertion; 0 where it is not told.
+    pub speed_m_per_s: f64,
+}
+
+/// Length of a cell.
+const CELL_S: f64 = 0.05;
+/// Ends of the stretches of a hold; beyond the last in steps of it.
+const HOLD_S: [f64; 8] = [0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0];
+/// Stretches of ramps, in cells.
+const RAMP_CELLS: usize = 2;
+/// Points this far beyond the tip are taken as on it.
+const BEYOND_M: f64 = 0.5e-3;
+/// Readings so many standard deviations off their neighbours are misread.
+const MISREAD: f64 = 5.0;
+/// Depth of a part of an insertion.
+const PART_M: f64 = 20e-3;
+
+impl Run {
+    /// A lateral run; the reason where it has no hold.
+    pub fn lateral(run: &LateralRun, rig: &Rig) -> Result<Self, String> {
+        let holds = levels(run, &HoldCriteria::default());
+        if holds.is_empty() {
+            return Err(format!(
+                "{}: displacement_y_mm: no hold found, expected guide 2 held still for 0.5 s or more",
+                run.force_path.display()
+            ));
+        }
+        let cells = cells(run, &holds);
+        let most_m = |plane: usize| holds.iter().map(|h| h.displacement_m()[plane].abs()).fold(0.0, f64::max);
+        let axis = usize::from(most_m(1) > most_m(0));
+        let places: Vec<Place> = hold_places(&holds, axis, run.depth_m);
+        let start_s = cells.time_s.first().copied().unwrap_or_default();
+
+        let mut data = Vec::new();
+        let planes = if run.force.force_x_n.is_some() { 2 } else { 1 };
+        for plane in 0..planes {
+            for stretch in stretches(&cells) {
+                let usable: Vec<usize> =
+                    stretch.clone().filter(|i| cells.force_n[plane][*i].is_finite()).collect();
+                if usable.is_empty() {
+                    continue;
+                }
+                let mean = |of: &dyn Fn(usize) -> f64| {
+                    usable.iter().map(|i| of(*i)).sum::<f64>() / usable.len() as f64
+                };
+                let time_s = mean(&|i| cells.time_s[i]);
+                let hold = cells.hold[stretch.start];
+                // What happens on the way to a hold belongs to it.
+                let next = cells.hold[stretch.start..].iter().flatten().next().copied();
+                let part = hold.or(next).unwrap_or(holds.len() - 1);
+                let mut place = places[part];
+                place.time_s = time_s - start_s;
+                place.hold_s = hold.map(|_| time_s - holds[part].time_s[0]);
+                if hold.is_none() {
+                    place.level_m = mean(&|i| cells.read_m[axis][i]);
+                }
+                data.push(Datum {
+                    channel: [Channel::ForceY, Channel::ForceX][plane],
+                    measured: mean(&|i| cells.force_n[plane][i]),
+                    source: Source::Force(usable),
+                    place,
+                    part,
+                });
+            }
+        }
+        let mut points = Vec::new();
+        for (part, hold) in holds.iter().enumerate() {
+            sweep(run, rig, hold, (part, places[part], start_s), &mut points, &mut data);
+        }
+        // Both planes of a channel lie together.
+        data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));
+        let drive = (0..cells.time_s.len()).map(|i| {
+            let at = |plane: usize| match cells.hold[i] {
+                Some(hold) => holds[hold].displacement_m()[plane],
+                None => cells.read_m[plane][i],
+            };
+            DriveSample { time_s: cells.time_s[i], y_m: at(0), x_m: at(1) }
+        });
+        let experiment =
+            Experiment::Lateral(Lateral { depth_m: run.depth_m, drive: drive.collect(), shape: points });
+        let (id, depth_m) = (run.id.clone(), run.depth_m);
+        Ok(Self { id, kind: Kind::Lateral, depth_m, axis, experiment, data, cells, speed_m_per_s: 0.0 })
+    }
+
+    /// An insertion; the reason where it is none.
+    pub fn insertion(run: &InsertionRun) -> Result<Self, String> {
+        let path = TipPath::new(run).map_err(|why| format!("{}: {why}", run.path.display()))?;
+        let speed_m_per_s = speed(run).unwrap_or(0.0);
+        let leaving_m = |bin: &Bin| bin.depth_m + if bin.leaving { 1e-7 } else { 0.0 };
+        let done = Insertion {
+            depth_m: path.bins.iter().map(leaving_m).collect(),
+            speed_m_per_s: Profile::constant(speed_m_per_s),
+            ..path.done.clone()
+        };
+        let mut data = Vec::new();
+        for plane in 0..path.planes {
+            for (index, bin) in path.bins.iter().enumerate() {
+                let place =
+                    Place { depth_m: bin.depth_m, level_m: 0.0, direction: 0.0, hold_s: None, time_s: 0.0 };
+                data.push(Datum {
+                    channel: [Channel::TipY, Channel::TipX][plane],
+                    measured: bin.tip_m[plane],
+                    source: Source::Tip(index),
+                    place,
+                    part: (bin.depth_m / PART_M) as usize,
+                });
+            }
+        }
+        Ok(Self {
+            id: run.id.clone(),
+            kind: Kind::Insertion,
+            depth_m: path.deepest_m,
+            axis: 0,
+            experiment: Experiment::Insertion(done),
+            data,
+            cells: Cells::default(),
+            speed_m_per_s,
+        })
+    }
+
+    /// The same with only some of its parts.
+    pub fn with_parts(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let data = self.data.iter().filter(|datum| keep(datum.part)).cloned().collect();
+        Self { data, ..self.clone() }
+    }
+
+    /// 1 where the needle of an insertion is turned on the way, -1 where it is not.
+    pub fn turned(&self) -> f64 {
+        match &self.experiment {
+            Experiment::Insertion(done) if !done.rotation_rad.is_constant() => 1.0,
+            _ => -1.0,
+        }
+    }
+
+    /// Number of its parts.
+    pub fn parts(&self) -> usize {
+        self.data.iter().map(|datum| datum.part + 1).max().unwrap_or(0)
+    }
+}
+
+/// Mean speed of an insertion.
+fn speed(run: &InsertionRun) -> Option<f64> {
+    let times_s = run.time_s.as_ref()?;
+    let last = (0..run.depth_m.len()).max_by(|a, b| run.depth_m[*a].total_cmp(&run.depth_m[*b]))?;
+    let first = (0..=last).find(|i| run.depth_m[*i] >= 0.0)?;
+    let seconds = times_s.get(last)? - times_s.get(first)?;
+    (seconds > 0.0).then(|| (run.depth_m[last] - run.depth_m[first]) / seconds)
+}
+
+/// Readings, those that are far off their neighbours as NaN.
+fn cleaned(values: &[f64]) -> Vec<f64> {
+    const REACH: usize = 3;
+    let off: Vec<f64> = (0..values.len())
+        .map(|i| {
+            let around = &values[i.saturating_sub(REACH)..(i + REACH + 1).min(values.len())];
+            let mut sorted = around.to_vec();
+            sorted.sort_by(f64::total_cmp);
+            values[i] - sorted[sorted.len() / 2]
+        })
+        .collect();
+    let mut sizes: Vec<f64> = off.iter().map(|off| off.abs()).filter(|off| *off > 0.0).collect();
+    sizes.sort_by(f64::total_cmp);
+    let usual = 1.4826 * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+    values.iter().zip(off).map(|(v, off)| if off.abs() > MISREAD * usual { f64::NAN } else { *v }).collect()
+}
+
+fn cells(run: &LateralRun, holds: &[Level]) -> Cells {
+    let force = &run.force;
+    let rows = force.time_s.len();
+    let zeros = || vec![0.0; rows];
+    let force_n = [cleaned(&force.force_y_n), force.force_x_n.as_deref().map_or_else(zeros, cleaned)];
+    let read_m = [force.displacement_y_m.clone(), force.displacement_x_m.clone().unwrap_or_else(zeros)];
+    let hold_of = |time_s: f64| {
+        holds.iter().position(|h| (h.time_s[0]..=h.time_s[1]).contains(&time_s) && h.lost_samples == 0)
+    };
+    let mut cells = Cells::default();
+    let mut row = 0;
+    while row < rows {
+        let hold = hold_of(force.time_s[row]);
+        let end_s = force.time_s[row] + CELL_S * (1.0 - 1e-9);
+        let mut end = row + 1;
+        while end < rows && force.time_s[end] < end_s && hold_of(force.time_s[end]) == hold {
+            end += 1;
+        }
+        let mean = |values: &[f64]| {
+            let usable = values[row..end].iter().filter(|v| v.is_finite());
+            usable.clone().sum::<f64>() / usable.count() as f64
+        };
+        cells.time_s.push(mean(&force.time_s));
+        for plane in 0..2 {
+            cells.force_n[plane].push(mean(&force_n[plane]));
+            cells.read_m[plane].push(mean(&read_m[plane]));
+        }
+        cells.hold.push(hold);
+        row = end;
+    }
+    cells
+}
+
+/// Stretches of cells over which forces are averaged.
+fn stretches(cells: &Cells) -> Vec<Range<usize>> {
+    let mut stretches = Vec::new();
+    let mut start = 0;
+    while start < cells.hold.len() {
+        let hold = cells.hold[start];
+        let end = start + cells.hold[start..].iter().take_while(|other| **other == hold).count();
+        let mut from = start;
+        for i in start..end {
+            let since_s = |i: usize| cells.time_s[i] - cells.time_s[start];
+            let class = |i: usize| match hold {
+                None => (i - start) / RAMP_CELLS,
+                Some(_) => {
+                    let last_s = HOLD_S[HOLD_S.len() - 1];
+                    let beyond = (since_s(i) / last_s) as usize;
+                    if beyond > 0 {
+                        HOLD_S.len() + beyond
+                    } else {
+                        HOLD_S.partition_point(|s| *s <= since_s(i))
+                    }
+                }
+            };
+            if i + 1 == end || class(i + 1) != class(i) {
+                stretches.push(from..i + 1);
+                from = i + 1;
+            }
+        }
+        start = end;
+    }
+    stretches
+}
+
+fn hold_places(holds: &[Level], axis: usize, depth_m: f64) -> Vec<Place> {
+    let mut before_m = 0.0;
+    let mut direction = 0.0;
+    let place = |hold: &Level| {
+        let level_m = hold.displacement_m()[axis];
+        let moved_m: f64 = level_m - before_m;
+        if moved_m.abs() > HoldCriteria::default().still_m {
+            direction = moved_m.signum();
+        }
+        before_m = level_m;
+        Place { depth_m, level_m, direction, hold_s: Some(0.0), time_s: 0.0 }
+    };
+    holds.iter().map(place).collect()
+}
+
+/// The shape points of one hold.
+fn sweep(
+    run: &LateralRun,
+    rig: &Rig,
+    hold: &Level,
+    (part, place, start_s): (usize, Place, f64),
+    points: &mut Vec<ShapePoint>,
+    data: &mut Vec<Datum>,
+) {
+    let tip_m = rig.entry_m + run.depth_m;
+    let middle_s = 0.5 * (hold.time_s[0] + hold.time_s[1]);
+    let mut indices: Vec<usize> =
+        hold.shape.iter().copied().filter(|i| run.shape.z_m[*i] <= tip_m + BEYOND_M).collect();
+    indices.sort_by(|a, b| run.shape.z_m[*a].total_cmp(&run.shape.z_m[*b]));
+    let z_m: Vec<f64> = indices.iter().map(|i| run.shape.z_m[*i].min(tip_m)).collect();
+    let first = points.len();
+    for (index, z_m) in indices.iter().zip(&z_m) {
+        let time_s = run.shape.time_s.as_ref().map_or(middle_s, |times_s| times_s[*index]);
+        points.push(ShapePoint { time_s, z_m: *z_m });
+    }
+    let planes = [Some(&run.shape.y_m), run.shape.x_m.as_ref()];
+    for (plane, column) in planes.into_iter().enumerate() {
+        let Some(column) = column else { continue };
+        let values: Vec<f64> = indices.iter().map(|i| column[*i]).collect();
+        let kept = super::noise::without_misread(&z_m, &values);
+        for (number, (value, kept)) in values.iter().zip(kept).enumerate() {
+            if !kept {
+                continue;
+            }
+            let point = points[first + number];
+            data.push(Datum {
+                channel: [Channel::ShapeY, Channel::ShapeX][plane],
+                measured: *value,
+                source: Source::Shape(first + number),
+                place: Place {
+                    depth_m: point.z_m - rig.entry_m,
+                    time_s: point.time_s - start_s,
+                    hold_s: Some(point.time_s - hold.time_s[0]),
+                    ..place
+                },
+                part,
+            });
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! What of the readings is noise: its size, and how far it is correlated, from the scatter about smooth curves.
+//!
+//! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a part that
+//! forgets exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. What a session states
+//! is never undercut: rounding and calibration do not scatter.
+
+use super::data::{Channel, Kind, Run};
+use crate::session::Noise as Stated;
+use nalgebra::{DMatrix, DVector};
+
+/// Noise of one sensor, SI.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sensor {
+    /// Variance of what is new at every reading.
+    pub white: f64,
+    /// Variance of what is correlated.
+    pub correlated: f64,
+    /// Time (s) or length (m) over which it is forgotten.
+    pub memory: f64,
+    /// Variance of what stays the same over a hold.
+    pub lasting: f64,
+}
+
+impl Sensor {
+    /// Covariance of two readings so far apart (not of one with itself).
+    pub fn covariance(&self, apart: f64) -> f64 {
+        if self.correlated > 0.0 { self.correlated * (-apart.abs() / self.memory).exp() } else { 0.0 }
+    }
+
+    /// Variance of the mean of so many readings over a stretch.
+    pub fn of_mean(&self, count: usize, length: f64) -> f64 {
+        let n = count.max(1) as f64;
+        let seen = if length > 0.0 { (2.0 * self.memory / length).min(1.0) } else { 1.0 };
+        self.white / n + self.correlated * seen + self.lasting
+    }
+
+    /// Standard deviation of one reading.
+    pub fn sd(&self) -> f64 {
+        (self.white + self.correlated + self.lasting).sqrt()
+    }
+}
+
+/// Noise of all sensors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Noise {
+    pub force: Sensor,
+    pub displacement: Sensor,
+    pub shape: Sensor,
+    pub tip: Sensor,
+}
+
+/// Nothing is known better than this.
+const LEAST: Noise = {
+    const fn white(sd: f64) -> Sensor {
+        Sensor { white: sd * sd, correlated: 0.0, memory: 1.0, lasting: 0.0 }
+    }
+    Noise { force: white(1e-3), displacement: white(1e-6), shape: white(2e-6), tip: white(10e-6) }
+};
+/// Where nothing is stated and nothing can be seen.
+const TYPICAL: [f64; 4] = [0.05, 20e-6, 30e-6, 0.1e-3];
+/// Segments and readings that are looked at.
+const MOST_SEGMENTS: usize = 30;
+const MOST_READINGS: usize = 40;
+/// A hold has settled after this time.
+const SETTLED_S: f64 = 0.5;
+/// Readings needed before scatter tells the noise.
+const ENOUGH: usize = 60;
+/// A stated deviation so many times the scatter is not scatter.
+const NOT_SCATTER: f64 = 1.5;
+
+/// Readings along a line.
+struct Segment {
+    at: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl Noise {
+    /// Of the runs of a session.
+    pub fn of(runs: &[Run], stated: &Stated) -> Self {
+        let force = holds(runs, |run, plane, i| run.cells.force_n[plane][i]);
+        let displacement = holds(runs, |run, plane, i| run.cells.read_m[plane][i]);
+        let shape = lines(runs, [Channel::ShapeY, Channel::ShapeX]);
+        let tip = lines(runs, [Channel::TipY, Channel::TipX]);
+        let sensor = |segments: Vec<Segment>, degree, stated: Option<f64>, number: usize, least: Sensor| {
+            let seen = estimate(&segments, degree);
+            combined(seen, stated, TYPICAL[number], least)
+        };
+        Self {
+            force: sensor(force, 2, stated.force_n, 0, LEAST.force),
+            displacement: sensor(displacement, 1, stated.displacement_m, 1, LEAST.displacement),
+            shape: sensor(shape, 4, stated.shape_m, 2, LEAST.shape),
+            tip: sensor(tip, 4, stated.tip_m, 3, LEAST.tip),
+        }
+    }
+}
+
+/// What is seen, raised to what is stated.
+fn combined(seen: Option<Sensor>, stated: Option<f64>, typical: f64, least: Sensor) -> Sensor {
+    let Some(mut seen) = seen else {
+        let sd = stated.unwrap_or(typical);
+        return Sensor { white: sd * sd, ..least };
+    };
+    let variance = seen.white + seen.correlated;
+    if variance < least.white {
+        seen = Sensor { white: least.white, correlated: 0.0, ..seen };
+    }
+    let variance = variance.max(least.white);
+    match stated {
+        Some(stated) if stated * stated > NOT_SCATTER * NOT_SCATTER * variance => {
+            Sensor { lasting: stated * stated - variance, ..seen }
+        }
+        Some(stated) if stated * stated > variance => {
+            let up = stated * stated / variance;
+            Sensor { white: up * seen.white, correlated: up * seen.correlated, ..seen }
+        }
+        _ => seen,
+    }
+}
+
+/// Readings of settled holds, in both planes.
+fn holds(runs: &[Run], of: impl Fn(&Run, usize, usize) -> f64) -> Vec<Segment> {
+    let mut segments = Vec::new();
+    for run in runs.iter().filter(|run| run.kind == Kind::Lateral) {
+        let cells = &run.cells;
+        let mut start = 0;
+        while start < cells.hold.len() {
+            let hold = cells.hold[start];
+            let end = start + cells.hold[start..].iter().take_while(|other| **other == hold).count();
+            let settled_s = cells.time_s[start] + SETTLED_S;
+            let settled = (start..end).filter(|i| cells.time_s[*i] >= settled_s);
+            let settled: Vec<usize> = settled.take(MOST_READINGS).collect();
+            if hold.is_some() {
+                for plane in 0..2 {
+                    let usable = settled.iter().filter(|i| of(run, plane, **i).is_finite());
+                    let (at, values): (Vec<f64>, Vec<f64>) =
+                        usable.map(|i| (cells.time_s[*i], of(run, plane, *i))).unzip();
+                    // A column that is not there is all zeros.
+                    if values.iter().any(|v| *v != 0.0) {
+                        segments.push(Segment { at, values });
+                    }
+                }
+            }
+            start = end;
+        }
+    }
+    segments
+}
+
+/// Readings of sweeps or paths, one segment per part and channel.
+fn lines(runs: &[Run], channels: [Channel; 2]) -> Vec<Segment> {
+    let mut segments = Vec::new();
+    for run in runs {
+        for channel in channels {
+            let of_channel = |part: usize| {
+                let data = run.data.iter().filter(move |d| d.channel == channel && d.part == part);
+                data.take(MOST_READINGS).map(|d| (d.place.depth_m, d.measured))
+            };
+            for part in 0..run.parts() {
+                let (at, values): (Vec<f64>, Vec<f64>) = of_channel(part).unzip();
+                segments.push(Segment { at, values });
+            }
+        }
+    }
+    segments
+}
+
+/// White and correlated part by restricted likelihood on a grid; nothing where there are too few readings.
+fn estimate(segments: &[Segment], degree: usize) -> Option<Sensor> {
+    let long: Vec<&Segment> = segments.iter().filter(|s| s.at.len() >= degree + 4).collect();
+    let stride = long.len().div_ceil(MOST_SEGMENTS).max(1);
+    let used: Vec<&Segment> = long.into_iter().step_by(stride).collect();
+    if used.iter().map(|s| s.at.len()).sum::<usize>() < ENOUGH {
+        return None;
+    }
+    let spacings = used.iter().map(|s| (s.at[s.at.len() - 1] - s.at[0]) / (s.at.len() - 1) as f64);
+    let spacing = spacings.sum::<f64>() / used.len() as f64;
+    let mut best: Option<(f64, Sensor)> = None;
+    for lengths in [1.0, 2.0, 4.0, 8.0] {
+        for share in [0.0, 0.2, 0.4, 0.6, 0.8, 0.95] {
+            if share == 0.0 && lengths > 1.0 {
+                continue;
+            }
+            let memory = lengths * spacing;
+            let Some((likelihood, variance)) = restricted(&used, degree, share, memory) else { continue };
+            if best.is_none_or(|(other, _)| likelihood > other) {
+                let (white, correlated) = ((1.0 - share) * variance, share * variance);
+                best = Some((likelihood, Sensor { white, correlated, memory, lasting: 0.0 }));
+            }
+        }
+    }
+    best.map(|(_, sensor)| sensor)
+}
+
+/// Restricted log likelihood and variance for a share and memory of the correlated part.
+fn restricted(segments: &[&Segment], degree: usize, share: f64, memory: f64) -> Option<(f64, f64)> {
+    let (mut squares, mut log_determinant, mut freedom) = (0.0, 0.0, 0.0);
+    for segment in segments {
+        let n = segment.at.len();
+        let covariance = DMatrix::from_fn(n, n, |i, j| {
+            if i == j { 1.0 } else { share * (-(segment.at[i] - segment.at[j]).abs() / memory).exp() }
+        });
+        let factor = covariance.cholesky()?.unpack();
+        let values = factor.solve_lower_triangular(&DVector::from_column_slice(&segment.values))?;
+        let smooth = factor.solve_lower_triangular(&polynomials(&segment.at, degree))?;
+        let qr = smooth.qr();
+        let (q, r) = (qr.q(), qr.r());
+        let rest = &values - &q * (q.transpose() * &values);
+        squares += rest.norm_squared();
+        log_determinant += 2.0 * factor.diagonal().map(f64::ln).sum();
+        log_determinant += 2.0 * r.diagonal().map(|v| v.abs().max(f64::MIN_POSITIVE).ln()).sum();
+        freedom += (n - degree - 1) as f64;
+    }
+    let variance = squares / freedom;
+    (variance > 0.0).then(|| (-0.5 * (freedom * variance.ln() + log_determinant), variance))
+}
+
+/// Powers of the place scaled to -1..1, up to a degree.
+fn polynomials(at: &[f64], degree: usize) -> DMatrix<f64> {
+    let (low, high) = at.iter().fold((f64::MAX, f64::MIN), |(l, h), z| (l.min(*z), h.max(*z)));
+    let half = (0.5 * (high - low)).max(f64::MIN_POSITIVE);
+    DMatrix::from_fn(at.len(), degree + 1, |i, j| ((at[i] - low) / half - 1.0).powi(j as i32))
+}
+
+/// Which points of a sweep are not misread: off a smooth curve by many times the usual distance.
+pub(super) fn without_misread(z_m: &[f64], values_m: &[f64]) -> Vec<bool> {
+    const TIMES: f64 = 4.5;
+    let mut kept = vec![true; z_m.len()];
+    let degree = (z_m.len() / 4).min(4);
+    for _ in 0..3 {
+        let indices: Vec<usize> = (0..z_m.len()).filter(|i| kept[*i]).collect();
+        if indices.len() < degree + 4 {
+            return kept;
+        }
+        let curve = polynomials(z_m, degree);
+        let known = DMatrix::from_fn(indices.len(), degree + 1, |i, j| curve[(indices[i], j)]);
+        let seen = DVector::from_fn(indices.len(), |i, _| values_m[indices[i]]);
+        let Ok(coefficients) = known.svd(true, true).solve(&seen, 1e-12) else { return kept };
+        let off: Vec<f64> =
+            (&curve * coefficients).iter().zip(values_m).map(|(c, v)| (v - c).abs()).collect();
+        let mut sizes: Vec<f64> = indices.iter().map(|i| off[*i]).collect();
+        sizes.sort_by(f64::total_cmp);
+        let usual_m = 1.4826 * sizes[sizes.len() / 2];
+        let next: Vec<bool> = off.iter().map(|off| *off <= (TIMES * usual_m).max(1e-6)).collect();
+        if next == kept {
+            break;
+        }
+        kept = next;
+    }
+    kept
+}

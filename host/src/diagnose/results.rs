@@ -1,0 +1,179 @@
+//! What a diagnosis says, as it goes into JSON.
+
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Name and version of this form.
+pub(super) const SCHEMA: &str = "guide.diagnose/1";
+
+/// The outcome in one word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Nothing is missing as far as the session tells.
+    Adequate,
+    /// What is missing has a name.
+    Named,
+    /// What is missing is one of a few; a measurement would tell which.
+    Ambiguous,
+    /// Something is missing that the catalogue has no name for, or that the session cannot name.
+    Unexplained,
+}
+
+/// The outcome of the workflow.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Diagnosis {
+    /// Name and version of this form.
+    pub schema: &'static str,
+    /// Name of the session.
+    pub session: Option<String>,
+    /// The outcome in one word.
+    pub verdict: Verdict,
+    /// What is missing, and was added to the model.
+    pub effects: Vec<FoundEffect>,
+    /// Where model and measurement disagree: before anything is added, or, if unexplained, still.
+    #[serde(rename = "where")]
+    pub regions: Vec<RegionResult>,
+    /// What would tell the members of a class apart.
+    pub next_measurement: Option<NextMeasurement>,
+    /// Before and after on what no fit has seen.
+    pub gap: Option<Gap>,
+    /// Every effect that was looked for, best first.
+    pub ranking: Vec<Ranked>,
+    /// The model with what was added, where it was written.
+    pub model_file: Option<String>,
+    /// Modulus under the final model.
+    pub k_kpa: f64,
+    /// Its interval of 95 %.
+    pub k_ci95_kpa: [f64; 2],
+    /// Tip load under the final model, where there are insertions.
+    pub tip_load_n: Option<f64>,
+    /// Its interval of 95 %.
+    pub tip_load_ci95_n: Option<[f64; 2]>,
+    /// Effects of the model that the diagnosis started from.
+    pub given: Vec<String>,
+    /// Effects that improve the fit without explaining it: no names.
+    pub partial: Vec<String>,
+    /// Smooth structure in the residuals before and after.
+    pub adequacy: [AdequacyResult; 2],
+    /// Standard deviation of the smooth discrepancy that is left, by channel and unit; where something is unexplained.
+    pub discrepancy: BTreeMap<String, f64>,
+    /// Log evidence that the search needs to name anything.
+    pub margin: f64,
+    /// How the session was divided.
+    pub split: String,
+    /// Noise that was taken, one standard deviation of a reading.
+    pub noise: BTreeMap<String, f64>,
+    /// Effects that this session cannot tell.
+    pub not_told: Vec<String>,
+    /// What the session could not do, and what would.
+    pub limits: Vec<String>,
+    /// Remarks.
+    pub warnings: Vec<String>,
+}
+
+/// An effect that is missing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FoundEffect {
+    /// Its id.
+    pub id: String,
+    /// Its parameters by name.
+    pub parameters: BTreeMap<String, Estimate>,
+    /// Log evidence over the model without it.
+    pub log_evidence_gain: f64,
+    /// Effects that explain the data as well; itself among them.
+    pub class: Vec<String>,
+}
+
+/// A parameter with its interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// Its interval of 95 %.
+    pub ci95: [f64; 2],
+}
+
+/// A region in which model and measurement disagree.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RegionResult {
+    /// The sensor.
+    pub channel: String,
+    /// The coordinate.
+    pub coordinate: String,
+    /// Where it begins.
+    pub from: f64,
+    /// Where it ends.
+    pub to: f64,
+    /// Measured less predicted; where it changes sign with the displacement, towards the displacement.
+    pub mean_residual: f64,
+    /// Whether it changes sign with the displacement.
+    pub changes_sign_with_level: bool,
+    /// Unit of the residual.
+    pub unit: String,
+    /// Size in standard deviations.
+    pub sigma: f64,
+}
+
+/// What to measure next.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NextMeasurement {
+    /// Which of the menu.
+    pub kind: String,
+    /// In words.
+    pub what: String,
+    /// The effects it tells apart.
+    pub separates: Vec<String>,
+    /// Expected gain of chi-square between the two that it tells apart least.
+    pub expected_divergence: f64,
+}
+
+/// Before and after on what no fit has seen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Gap {
+    /// The runs that it is from.
+    pub heldout_runs: Vec<String>,
+    /// Of the model that the diagnosis started from.
+    pub before: GapSide,
+    /// Of the final model.
+    pub after: GapSide,
+    /// Share of the gap above the noise that went away; nothing where there is no gap.
+    pub removed: Option<f64>,
+    /// Its interval of 95 %.
+    pub removed_ci95: Option<[f64; 2]>,
+}
+
+/// One model's distance from the data.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GapSide {
+    /// Chi-square per datum.
+    pub chi2_reduced: f64,
+    /// Root mean square by channel and unit.
+    pub rmse: BTreeMap<String, f64>,
+}
+
+/// An effect's rank.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ranked {
+    /// Its id.
+    pub id: String,
+    /// Gain of chi-square by its score.
+    pub score_chi2: f64,
+    /// Log evidence over the starting model: refitted, or by its score.
+    pub log_evidence_gain: f64,
+    /// Whether it was refitted.
+    pub refitted: bool,
+}
+
+/// Smooth structure in the residuals of a model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AdequacyResult {
+    /// Chi-square in smooth functions of the coordinates.
+    pub chi_square: f64,
+    /// Number of these functions.
+    pub functions: usize,
+    /// Probability of more by chance.
+    pub p: f64,
+    /// Reduced chi-square of every channel.
+    pub channels: BTreeMap<String, f64>,
+}

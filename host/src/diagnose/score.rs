@@ -1,0 +1,316 @@
+//! Scoring every effect of the catalogue without refitting, and how large the best score of nothing is.
+//!
+//! Around the current fit an effect of amplitude a (in steps of an ordinary size) changes the predictions by `a d`. What of d the
+//! parameters in the model could do too is taken off (`d` orthogonal to their sensitivities), and what is left is projected on the
+//! residuals: the efficient score. With a normal prior of the amplitude the evidence of each effect over the current model is a closed
+//! form, averaged over the places or times at which an effect may sit.
+//!
+//! Under the current model the residuals are independent normal numbers, so that all scores of a session that lacks nothing are
+//! drawn from the same projections: the parametric bootstrap of the whole search ([`Scores::margin`]).
+
+use super::believed::{Fitted, Prepared, Scale, prior};
+use crate::inference::FitError;
+use crate::model::ModelError;
+use crate::model::effects::{EFFECTS, Effect, neutral};
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// One way in which an effect may act: a place or time, and the directions of its amplitudes.
+#[derive(Debug, Clone)]
+struct Way {
+    /// Values of the parameters at amplitudes of one, each alone.
+    probes: Vec<Vec<f64>>,
+    /// Precision of the prior of every amplitude.
+    precisions: Vec<f64>,
+    /// Whether an amplitude may be negative.
+    two_sided: Vec<bool>,
+    /// Columns of all directions.
+    columns: Vec<usize>,
+}
+
+/// An effect's score.
+#[derive(Debug, Clone)]
+pub(super) struct Score {
+    pub effect: &'static dyn Effect,
+    /// Gain of chi-square at the best way.
+    pub chi_square: f64,
+    /// Logarithm of the evidence over the current model.
+    pub log_evidence: f64,
+    /// Values at the best way and amplitude.
+    pub values: Vec<f64>,
+    /// Whether the session can tell this effect at all: a likely size would be seen.
+    pub is_told: bool,
+}
+
+/// Scores of the whole catalogue around a fit.
+#[derive(Debug)]
+pub(super) struct Scores {
+    ways: Vec<(&'static dyn Effect, Vec<Way>)>,
+    /// Scalar products of the directions, the parameters' part taken off.
+    gram: DMatrix<f64>,
+    /// Scalar products of directions and residuals.
+    along: DVector<f64>,
+}
+
+/// A likely effect that is seen with less than this many standard deviations is not told.
+const TOLD: f64 = 2.0;
+
+/// Residuals of all runs in one column.
+pub(super) fn stacked(residuals: &[Vec<f64>]) -> DVector<f64> {
+    DVector::from_iterator(residuals.iter().map(Vec::len).sum(), residuals.iter().flatten().copied())
+}
+
+/// An orthonormal basis of what the parameters of a fit can do to the residuals.
+///
+/// # Errors
+/// Where the model cannot be evaluated.
+pub(super) fn parameter_basis(fitted: &Fitted, runs: &[Prepared]) -> Result<DMatrix<f64>, ModelError> {
+    let jacobian = jacobian(fitted, runs)?;
+    Ok(orthonormal(&jacobian))
+}
+
+/// Derivative of the predictions, in standard deviations, with respect to the parameters.
+///
+/// # Errors
+/// Where the model cannot be evaluated.
+pub(super) fn jacobian(fitted: &Fitted, runs: &[Prepared]) -> Result<DMatrix<f64>, ModelError> {
+    let values = fitted.values();
+    let parameters = fitted.layout.parameters(values);
+    let mut columns = Vec::with_capacity(values.len());
+    for (index, parameter) in parameters.iter().enumerate() {
+        let (from, to) = (
+            (values[index] - parameter.step).max(parameter.least),
+            (values[index] + parameter.step).min(parameter.most),
+        );
+        let at = |value: f64| {
+            let mut values = values.to_vec();
+            values[index] = value;
+            all_residuals(runs, &fitted.layout, &values)
+        };
+        columns.push((at(from)? - at(to)?) / (to - from));
+    }
+    Ok(DMatrix::from_columns(&columns))
+}
+
+fn all_residuals(
+    runs: &[Prepared],
+    layout: &super::believed::Layout,
+    values: &[f64],
+) -> Result<DVector<f64>, ModelError> {
+    let of_runs: Result<Vec<_>, _> = runs.iter().map(|run| run.residuals(layout, values)).collect();
+    Ok(stacked(&of_runs?))
+}
+
+/// Orthonormal columns that span the same, nearly dependent ones left out.
+pub(super) fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    for column in columns.column_iter() {
+        let mut rest = column.into_owned();
+        let before = rest.norm();
+        for _ in 0..2 {
+            for known in &basis {
+                let along = known.dot(&rest);
+                rest.axpy(-along, known, 1.0);
+            }
+        }
+        if rest.norm() > 1e-6 * before && before > 0.0 {
+            basis.push(rest.normalize());
+        }
+    }
+    if basis.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&basis) }
+}
+
+impl Scores {
+    /// Scores all effects that are not in the model.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn new(fitted: &Fitted, runs: &[Prepared]) -> Result<Self, FitError> {
+        let residuals = stacked(&fitted.fit.residuals);
+        let basis = parameter_basis(fitted, runs)?;
+        let mut directions = Vec::new();
+        let mut ways = Vec::new();
+        let known = |effect: &dyn Effect| fitted.layout.effects.iter().any(|e| e.id() == effect.id());
+        for effect in EFFECTS.into_iter().filter(|effect| !known(*effect)) {
+            let layout = fitted.layout.with(effect);
+            let mut of_effect = Vec::new();
+            for mut way in ways_of(effect) {
+                for probe in &way.probes {
+                    let mut values = fitted.values().to_vec();
+                    let infos = effect.parameters().iter().zip(probe);
+                    values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+                    // An effect that is impossible at this size (a needle that buckles) has no direction.
+                    let changed = all_residuals(runs, &layout, &values).ok();
+                    let direction = changed.map(|changed| &residuals - changed);
+                    let mut direction = direction.unwrap_or_else(|| DVector::zeros(residuals.len()));
+                    if direction.iter().any(|v| !v.is_finite()) {
+                        direction.fill(0.0);
+                    }
+                    direction -= &basis * (basis.transpose() * &direction);
+                    way.columns.push(directions.len());
+                    directions.push(direction);
+                }
+                of_effect.push(way);
+            }
+            ways.push((effect, of_effect));
+        }
+        if directions.is_empty() {
+            return Ok(Self { ways, gram: DMatrix::zeros(0, 0), along: DVector::zeros(0) });
+        }
+        let directions = DMatrix::from_columns(&directions);
+        let gram = directions.transpose() * &directions;
+        let along = directions.transpose() * &residuals;
+        Ok(Self { ways, gram, along })
+    }
+
+    /// The scores of the session, best first.
+    pub fn ranked(&self) -> Vec<Score> {
+        let mut scores: Vec<Score> = self
+            .ways
+            .iter()
+            .map(|(effect, ways)| {
+                let of_ways: Vec<WayScore> = ways.iter().map(|way| self.score(way, &self.along)).collect();
+                let best = (0..ways.len())
+                    .max_by(|a, b| of_ways[*a].log_evidence.total_cmp(&of_ways[*b].log_evidence));
+                let best = best.unwrap_or(0);
+                let told = ways.iter().any(|way| {
+                    way.columns
+                        .iter()
+                        .zip(&way.precisions)
+                        .any(|(column, precision)| self.gram[(*column, *column)] > TOLD * TOLD * precision)
+                });
+                Score {
+                    effect: *effect,
+                    chi_square: of_ways.iter().map(|way| way.chi_square).fold(0.0, f64::max),
+                    log_evidence: mean_of_exponentials(of_ways.iter().map(|way| way.log_evidence)),
+                    values: ways.get(best).map_or_else(
+                        || neutral(*effect),
+                        |way| start(*effect, way, &of_ways[best].amplitudes),
+                    ),
+                    is_told: told,
+                }
+            })
+            .collect();
+        scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+        scores
+    }
+
+    /// Largest log evidence that at most `share` of sessions reach that lack nothing: quantile over `draws` parametric draws.
+    pub fn margin(&self, share: f64, draws: usize, seed: u64) -> f64 {
+        if self.gram.nrows() == 0 {
+            return 0.0;
+        }
+        let eigen = self.gram.clone().symmetric_eigen();
+        let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
+        let root = &eigen.eigenvectors * DMatrix::from_diagonal(&roots);
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut largest: Vec<f64> = (0..draws)
+            .map(|_| {
+                let drawn = DVector::from_fn(root.ncols(), |_, _| StandardNormal.sample(&mut random));
+                let along = &root * drawn;
+                let of_effect = |(_, ways): &(&dyn Effect, Vec<Way>)| {
+                    mean_of_exponentials(ways.iter().map(|way| self.score(way, &along).log_evidence))
+                };
+                self.ways.iter().map(of_effect).fold(f64::NEG_INFINITY, f64::max)
+            })
+            .collect();
+        largest.sort_by(f64::total_cmp);
+        let at = ((1.0 - share) * draws as f64).ceil() as usize;
+        largest[at.min(draws) - 1]
+    }
+
+    fn score(&self, way: &Way, along: &DVector<f64>) -> WayScore {
+        let k = way.columns.len();
+        let b = DVector::from_fn(k, |i, _| along[way.columns[i]]);
+        let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(way.columns[i], way.columns[j])]);
+        let prior = DMatrix::from_diagonal(&DVector::from_column_slice(&way.precisions));
+        let Some(factor) = (&gram + &prior).cholesky() else { return WayScore::none(k) };
+        let mut amplitudes = factor.solve(&b);
+        let log_determinant = 2.0 * factor.l().diagonal().map(f64::ln).sum();
+        let log_prior: f64 = way.precisions.iter().map(|p| p.ln()).sum();
+        let occam = 0.5 * (log_determinant - log_prior);
+        let wrong_side = amplitudes.iter().zip(&way.two_sided).any(|(a, two)| *a <= 0.0 && !two);
+        if wrong_side {
+            amplitudes.fill(0.0);
+        }
+        let gain = b.dot(&amplitudes);
+        let free = (&gram + DMatrix::identity(k, k) * (1e-9 * gram.trace().max(1e-300))).cholesky();
+        let chi_square = if wrong_side { 0.0 } else { free.map_or(gain, |free| b.dot(&free.solve(&b))) };
+        // Half of the prior of a one-sided amplitude lies where it cannot be; the other half counts twice.
+        let sides = way.two_sided.iter().filter(|two| !**two).count() as f64 * std::f64::consts::LN_2;
+        let sides = if wrong_side { 0.0 } else { sides };
+        WayScore { chi_square, log_evidence: 0.5 * gain - occam + sides, amplitudes }
+    }
+}
+
+struct WayScore {
+    chi_square: f64,
+    log_evidence: f64,
+    amplitudes: DVector<f64>,
+}
+
+impl WayScore {
+    fn none(k: usize) -> Self {
+        Self { chi_square: 0.0, log_evidence: f64::NEG_INFINITY, amplitudes: DVector::zeros(k) }
+    }
+}
+
+/// Every way in which an effect may act.
+fn ways_of(effect: &'static dyn Effect) -> Vec<Way> {
+    let infos = effect.parameters();
+    let places: Vec<Option<f64>> = match infos.iter().find(|info| !info.nodes.is_empty()) {
+        Some(info) => info.nodes.iter().map(|node| Some(*node)).collect(),
+        None => vec![None],
+    };
+    let way = |place: Option<f64>| {
+        let mut way =
+            Way { probes: Vec::new(), precisions: Vec::new(), two_sided: Vec::new(), columns: Vec::new() };
+        for (index, info) in infos.iter().enumerate().filter(|(_, info)| info.nodes.is_empty()) {
+            let mut values = neutral(effect);
+            values[index] += info.prior_sd;
+            for (value, info) in values.iter_mut().zip(infos) {
+                if !info.nodes.is_empty() {
+                    *value = place.unwrap_or(*value);
+                }
+            }
+            let scale = Scale::of(info);
+            let step = scale.inside(values[index]) - scale.inside(info.neutral);
+            way.probes.push(values);
+            way.precisions.push((step / prior(info).sd).powi(2));
+            way.two_sided.push(info.is_two_sided());
+        }
+        way
+    };
+    places.into_iter().map(way).collect()
+}
+
+/// Values at an amplitude, within what is likely.
+fn start(effect: &dyn Effect, way: &Way, amplitudes: &DVector<f64>) -> Vec<f64> {
+    let mut values = way.probes.first().cloned().unwrap_or_else(|| neutral(effect));
+    let mut amplitudes = amplitudes.iter();
+    for ((value, info), index) in values.iter_mut().zip(effect.parameters()).zip(0..) {
+        if !info.nodes.is_empty() {
+            continue;
+        }
+        let scale = Scale::of(info);
+        let probe = way.probes.get(index).and_then(|probe| probe.get(index)).copied().unwrap_or(*value);
+        let step = scale.inside(probe) - scale.inside(info.neutral);
+        let amplitude = amplitudes.next().copied().unwrap_or(0.0);
+        let [low, high] = info.likely.map(|end| scale.inside(end));
+        let inside = (scale.inside(info.neutral) + amplitude * step).clamp(low, high);
+        *value = scale.outside(inside);
+    }
+    values
+}
+
+/// `ln mean exp`.
+fn mean_of_exponentials(logs: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = logs.clone().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
+        return largest;
+    }
+    let (sum, count) = logs.fold((0.0, 0.0), |(sum, count), log| (sum + (log - largest).exp(), count + 1.0));
+    largest + (sum / count).ln()
+}

@@ -1,0 +1,195 @@
+//! Runs to learn from and runs to be judged by.
+//!
+//! What is held out goes into [`HeldOut`], which has one use: the gap of two models on it. Nothing else can look inside, so that no
+//! fit, noise estimate, threshold or selection depends on it.
+
+use super::believed::{Fitted, Prepared, differences};
+use super::data::{Channel, Kind, Run};
+use super::noise::Noise;
+use super::results::{Gap, GapSide};
+use crate::model::{ModelError, predict};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+
+/// Runs, or parts of runs, to learn from.
+#[derive(Debug)]
+pub(super) struct Training {
+    pub runs: Vec<Run>,
+    /// How the session was divided, for people.
+    pub rule: String,
+}
+
+/// What no fit sees.
+#[derive(Debug)]
+pub(super) struct HeldOut {
+    runs: Vec<Run>,
+}
+
+/// One part in so many is held out where there are no repeats.
+const EVERY: usize = 4;
+/// Depths and speeds closer than this are repeats of each other.
+const SAME_DEPTH_M: f64 = 0.5e-3;
+const SAME_SPEED_M_PER_S: f64 = 0.2e-3;
+/// Draws of the bootstrap over held-out parts.
+const DRAWS: usize = 1000;
+
+/// Divides the runs of a session: of every group of repeats the last one is held out; a kind of run without repeats is divided by
+/// holds, or by stretches of depth.
+pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
+    let (mut training, mut held_out) = (Vec::new(), Vec::new());
+    let mut rules = Vec::new();
+    for kind in [Kind::Lateral, Kind::Insertion] {
+        let of_kind: Vec<Run> = runs.iter().filter(|run| run.kind == kind).cloned().collect();
+        if of_kind.is_empty() {
+            continue;
+        }
+        let (name, part) = match kind {
+            Kind::Lateral => ("lateral runs", "hold"),
+            Kind::Insertion => ("insertions", "stretch of depth"),
+        };
+        let repeats = last_of_repeats(&of_kind);
+        if repeats.is_empty() {
+            let is_held = |part: usize| part % EVERY == EVERY / 2;
+            for run in of_kind {
+                let held = run.with_parts(is_held);
+                // A part without shape tells little of what the rest of the run does; but it is never learned from.
+                training.push(run.with_parts(|part| !is_held(part)));
+                if !held.data.is_empty() {
+                    held_out.push(held);
+                }
+            }
+            rules.push(format!("{name} have no repeats: one {part} in {EVERY} is held out"));
+        } else {
+            let ids: Vec<&str> = repeats.iter().map(|i| of_kind[*i].id.as_str()).collect();
+            rules.push(format!("of repeated {name} the last is held out: {}", ids.join(", ")));
+            for (index, run) in of_kind.iter().enumerate() {
+                if repeats.contains(&index) { held_out.push(run.clone()) } else { training.push(run.clone()) }
+            }
+        }
+    }
+    (Training { runs: training, rule: rules.join("; ") }, HeldOut { runs: held_out })
+}
+
+/// The last run of every group of repeats.
+fn last_of_repeats(runs: &[Run]) -> Vec<usize> {
+    let mut groups: BTreeMap<(i64, i64, usize, bool), Vec<usize>> = BTreeMap::new();
+    for (index, run) in runs.iter().enumerate() {
+        let depth = (run.depth_m / SAME_DEPTH_M).round() as i64;
+        let speed = (run.speed_m_per_s / SAME_SPEED_M_PER_S).round() as i64;
+        groups.entry((depth, speed, run.axis, run.turned() > 0.0)).or_default().push(index);
+    }
+    groups.values().filter(|group| group.len() > 1).filter_map(|group| group.last().copied()).collect()
+}
+
+impl HeldOut {
+    /// Whether anything is held out.
+    pub fn is_empty(&self) -> bool {
+        self.runs.is_empty()
+    }
+
+    /// Names of the runs that it is from.
+    pub fn ids(&self) -> Vec<String> {
+        self.runs.iter().map(|run| run.id.clone()).collect()
+    }
+
+    /// How far two models are from what was held out, and how much of the removable gap the second one removes. Nothing where
+    /// nothing is held out.
+    ///
+    /// # Errors
+    /// Where a model cannot be evaluated.
+    pub fn gap(
+        &self,
+        before: &Fitted,
+        after: &Fitted,
+        noise: &Noise,
+        seed: u64,
+    ) -> Result<Option<Gap>, ModelError> {
+        if self.runs.is_empty() {
+            return Ok(None);
+        }
+        let mut sides = [Tally::default(), Tally::default()];
+        for run in &self.runs {
+            let model = before.layout.model(before.values(), run.kind)?;
+            let expected = predict(&model, &run.experiment)?;
+            let whitener = super::whiten::Whitener::new(run, noise, &model, &expected)?;
+            let prepared = Prepared { run: run.clone(), whitener };
+            for (side, fitted) in sides.iter_mut().zip([before, after]) {
+                side.add(&prepared, fitted)?;
+            }
+        }
+        let [before, after] = sides;
+        let removed = |parts: &mut dyn Iterator<Item = usize>| -> Option<f64> {
+            let (mut b, mut a, mut n) = (0.0, 0.0, 0.0);
+            for part in parts {
+                b += before.parts[part].0;
+                a += after.parts[part].0;
+                n += before.parts[part].1 as f64;
+            }
+            // Only a gap that is more than chance can be removed.
+            (b > n + 4.0 * (2.0 * n).sqrt()).then(|| ((b - a) / (b - n)).min(1.0))
+        };
+        let count = before.parts.len();
+        let share = removed(&mut (0..count));
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut draws: Vec<f64> = (0..DRAWS)
+            .filter_map(|_| {
+                let drawn: Vec<usize> = (0..count).map(|_| random.random_range(0..count)).collect();
+                removed(&mut drawn.into_iter())
+            })
+            .collect();
+        draws.sort_by(f64::total_cmp);
+        let quantile = |p: f64| draws.get(((draws.len() as f64 - 1.0) * p).round() as usize).copied();
+        let interval = share.and(quantile(0.025).zip(quantile(0.975))).map(|(low, high)| [low, high]);
+        Ok(Some(Gap {
+            heldout_runs: self.ids(),
+            before: before.side(),
+            after: after.side(),
+            removed: share,
+            removed_ci95: interval,
+        }))
+    }
+}
+
+/// Squares of one model's residuals.
+#[derive(Default)]
+struct Tally {
+    /// Whitened squares and number, part by part.
+    parts: Vec<(f64, usize)>,
+    /// Plain squares and number of every channel.
+    channels: Vec<(Channel, f64, usize)>,
+}
+
+impl Tally {
+    fn add(&mut self, prepared: &Prepared, fitted: &Fitted) -> Result<(), ModelError> {
+        let run = &prepared.run;
+        let predicted = predict(&fitted.layout.model(fitted.values(), run.kind)?, &run.experiment)?;
+        let plain = differences(run, &predicted);
+        let mut white = plain.clone();
+        prepared.whitener.apply(&mut white);
+        let mut parts = vec![(0.0, 0); run.parts()];
+        for ((datum, plain), white) in run.data.iter().zip(&plain).zip(&white) {
+            parts[datum.part].0 += white * white;
+            parts[datum.part].1 += 1;
+            let at = self.channels.iter().position(|(channel, ..)| *channel == datum.channel);
+            let at = at.unwrap_or_else(|| {
+                self.channels.push((datum.channel, 0.0, 0));
+                self.channels.len() - 1
+            });
+            self.channels[at].1 += plain * plain;
+            self.channels[at].2 += 1;
+        }
+        self.parts.extend(parts.into_iter().filter(|(_, count)| *count > 0));
+        Ok(())
+    }
+
+    fn side(&self) -> GapSide {
+        let (sum, count) =
+            self.parts.iter().fold((0.0, 0), |(s, n), (square, count)| (s + square, n + count));
+        let rmse = self.channels.iter().map(|(channel, square, count)| {
+            let name = format!("{}_{}", channel.name(), channel.unit().to_lowercase());
+            (name, channel.per_si() * (square / *count as f64).sqrt())
+        });
+        GapSide { chi2_reduced: sum / count as f64, rmse: rmse.collect() }
+    }
+}
