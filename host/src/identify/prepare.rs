@@ -2,7 +2,7 @@
 
 use super::{HoldResult, NoiseResult, Options, RunError};
 use crate::inference::energy::{Balance, LEAST_POINTS};
-use crate::inference::{LateralData, LevelData, Measured, ShapeDatum};
+use crate::inference::{Course, Fixed, LateralData, LevelData, Measured, ShapeDatum};
 use crate::levels::{HoldCriteria, Level, Mean, Path, levels};
 use crate::session::{LateralRun, Session};
 
@@ -73,6 +73,11 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         force_offset: used.len() > displaced.len(),
         uses_force: true,
         effects: options.nuisances.clone(),
+        fixed: (!options.fixed.is_empty()).then(|| Fixed {
+            effects: options.fixed.clone(),
+            course: course(session, run, &used),
+            first_plane: 0,
+        }),
     };
     if !data.force_offset {
         warnings.push("no hold at zero displacement: the force sensor's zero is taken as right".to_owned());
@@ -135,16 +140,44 @@ fn planes(run: &LateralRun, used: &[&Level], criteria: &HoldCriteria, warnings: 
 
 /// Shape points of a level that lie on the needle.
 fn shape_points(session: &Session, run: &LateralRun, level: &Level) -> Vec<ShapeDatum> {
+    level.shape.iter().filter_map(|index| shape_point(session, run, *index)).collect()
+}
+
+/// A shape point, where it lies on the needle.
+fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<ShapeDatum> {
     let tip_m = session.rig.entry_m + run.depth_m;
-    let at = |index: usize, values: &[f64]| values.get(index).copied();
-    let point = |index: &usize| {
-        let z_m = at(*index, &run.shape.z_m)?;
-        let y_m = at(*index, &run.shape.y_m)?;
-        let x_m = run.shape.x_m.as_deref().and_then(|x_m| at(*index, x_m)).unwrap_or(0.0);
-        let on_needle = (0.0..=tip_m + BEYOND_M).contains(&z_m);
-        on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m] })
+    let at = |values: &[f64]| values.get(index).copied();
+    let (z_m, y_m) = (at(&run.shape.z_m)?, at(&run.shape.y_m)?);
+    let x_m = run.shape.x_m.as_deref().and_then(at).unwrap_or(0.0);
+    let on_needle = (0.0..=tip_m + BEYOND_M).contains(&z_m);
+    on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m] })
+}
+
+/// The run's course, for effects that depend on it. A shape without times was seen in the middle of its hold.
+fn course(session: &Session, run: &LateralRun, used: &[&Level]) -> Course {
+    let time_s = run.force.time_s.clone();
+    let rows = |level: &&Level| {
+        let [from_s, to_s] = level.time_s;
+        time_s.partition_point(|at_s| *at_s < from_s)..time_s.partition_point(|at_s| *at_s <= to_s)
     };
-    level.shape.iter().filter_map(point).collect()
+    let seen_s = |level: &Level, index: usize| {
+        let own_s = run.shape.time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
+        own_s.unwrap_or(0.5 * (level.time_s[0] + level.time_s[1]))
+    };
+    let on_needle = |level: &&Level| -> Vec<f64> {
+        let indices = level.shape.iter().filter(|index| shape_point(session, run, **index).is_some());
+        indices.map(|index| seen_s(level, *index)).collect()
+    };
+    let still = || vec![0.0; time_s.len()];
+    Course {
+        displacement_m: [
+            run.force.displacement_y_m.clone(),
+            run.force.displacement_x_m.clone().unwrap_or_else(still),
+        ],
+        holds: used.iter().map(rows).collect(),
+        shape_time_s: used.iter().flat_map(on_needle).collect(),
+        time_s,
+    }
 }
 
 /// Standard deviations of single readings, and how they become those of a level's mean.
