@@ -15,6 +15,8 @@ const LEAST_DISPLACEMENT_SD_M: f64 = 1e-6;
 const LEAST_FORCE_SD_N: f64 = 1e-4;
 /// Points this far beyond the ends of the needle are taken as on it.
 const BEYOND_M: f64 = 0.5e-3;
+/// Least time between rows of a run's course.
+const COURSE_STEP_S: f64 = 0.05;
 
 /// A run ready for every method.
 pub(super) struct Prepared {
@@ -153,9 +155,20 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
     on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m] })
 }
 
-/// The run's course, for effects that depend on it. A shape without times was seen in the middle of its hold.
+/// The run's course, for effects that depend on it: rows closer than [`COURSE_STEP_S`] are thinned, since nothing that is modelled
+/// is quicker. A shape without times was seen in the middle of its hold.
 fn course(session: &Session, run: &LateralRun, used: &[&Level]) -> Course {
-    let time_s = run.force.time_s.clone();
+    let mut last_s = f64::NEG_INFINITY;
+    let mut kept = Vec::new();
+    for (row, time_s) in run.force.time_s.iter().enumerate() {
+        if time_s - last_s >= COURSE_STEP_S * (1.0 - 1e-6) {
+            kept.push(row);
+            last_s = *time_s;
+        }
+    }
+    let thinned =
+        |column: &[f64]| -> Vec<f64> { kept.iter().filter_map(|row| column.get(*row)).copied().collect() };
+    let time_s = thinned(&run.force.time_s);
     let rows = |level: &&Level| {
         let [from_s, to_s] = level.time_s;
         time_s.partition_point(|at_s| *at_s < from_s)..time_s.partition_point(|at_s| *at_s <= to_s)
@@ -169,11 +182,9 @@ fn course(session: &Session, run: &LateralRun, used: &[&Level]) -> Course {
         indices.map(|index| seen_s(level, *index)).collect()
     };
     let still = || vec![0.0; time_s.len()];
+    let displacement_x_m = run.force.displacement_x_m.as_deref().map_or_else(still, thinned);
     Course {
-        displacement_m: [
-            run.force.displacement_y_m.clone(),
-            run.force.displacement_x_m.clone().unwrap_or_else(still),
-        ],
+        displacement_m: [thinned(&run.force.displacement_y_m), displacement_x_m],
         holds: used.iter().map(rows).collect(),
         shape_time_s: used.iter().flat_map(on_needle).collect(),
         time_s,

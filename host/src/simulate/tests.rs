@@ -143,6 +143,21 @@ fn faults_in_a_plan_are_named_with_their_place() {
     fails(&LATERAL.replace("k_kpa", "k_pa"), &["2:1: tissue.k_pa", "k_kpa, k_ci95_kpa, layers, inclusions"]);
 }
 
+/// Lateral runs as a plan says, with ordinary noise.
+fn session(text: &str) -> Session {
+    Session {
+        dir: "made".into(),
+        name: None,
+        rig: rig(),
+        fixture_mass_kg: None,
+        noise: Noise::default(),
+        lateral: made(text, Sensors::new(&Noise::default()), 5).lateral,
+        insertion: Vec::new(),
+        indentation: Vec::new(),
+        steering: Vec::new(),
+    }
+}
+
 /// The modulus is found by a model that has the effect, and missed by one that has not.
 #[track_caller]
 fn needs(id: &str, values: &[f64], lateral: &str) {
@@ -157,17 +172,7 @@ fn needs(id: &str, values: &[f64], lateral: &str) {
         "[tissue]\nk_kpa = 12\n[[effect]]\nid = \"{id}\"\nparameters = {{ {} }}\n{lateral}",
         parameters.join(", ")
     );
-    let session = Session {
-        dir: "made".into(),
-        name: None,
-        rig: rig(),
-        fixture_mass_kg: None,
-        noise: Noise::default(),
-        lateral: made(&text, Sensors::new(&Noise::default()), 5).lateral,
-        insertion: Vec::new(),
-        indentation: Vec::new(),
-        steering: Vec::new(),
-    };
+    let session = session(&text);
     let found = |fixed: Vec<(&'static dyn Effect, Vec<f64>)>| {
         let options = Options { fixed, ..Options::default() };
         identify(&session, &options).expect("identified")
@@ -200,6 +205,23 @@ fn clearance_in_the_model_gives_the_modulus() {
 #[test]
 fn relaxation_in_the_model_gives_the_modulus() {
     needs("tissue.relaxation", &[0.5, 4.0], DEEP);
+    // Many rows: the course is thinned.
+    needs("tissue.relaxation", &[0.5, 4.0], &(DEEP.to_owned() + "rate_hz = 130\n"));
+}
+
+/// Along the course of a run, a model whose effect does nothing says what the plain model says of the levels.
+#[test]
+fn an_effect_that_does_nothing_changes_nothing() {
+    let session = session(LATERAL);
+    let k_kpa = |fixed: Vec<(&'static dyn Effect, Vec<f64>)>| {
+        let found = identify(&session, &Options { fixed, ..Options::default() }).expect("identified");
+        [found.pooled.k_kpa, found.pooled.sd_kpa]
+    };
+    let none = effect("tissue.gradient").expect("an effect");
+    let (with, without) = (k_kpa(vec![(none, vec![0.0])]), k_kpa(Vec::new()));
+    for (with, without) in with.iter().zip(without) {
+        assert!((with / without - 1.0).abs() < 1e-6, "{with} {without}");
+    }
 }
 
 #[test]
