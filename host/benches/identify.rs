@@ -45,6 +45,7 @@ fn data() -> [LateralData; 1] {
         force_offset: false,
         uses_force: true,
         effects: Vec::new(),
+        fixed: None,
     }]
 }
 

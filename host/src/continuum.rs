@@ -164,6 +164,7 @@ impl Continuum {
             force_offset: false,
             uses_force: true,
             effects: Vec::new(),
+            fixed: None,
         };
         let start = (youngs_pa * self.rigid_ratio()).ln();
         Ok(fit(&[Parameter::free(start, 1e-4)], &[data])?.shared.first().copied().unwrap_or(f64::NAN).exp())

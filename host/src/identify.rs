@@ -81,6 +81,8 @@ pub struct Options {
     pub criteria: HoldCriteria,
     /// Effects whose parameters are unknown too, with their priors: the interval of K then includes them.
     pub nuisances: Vec<&'static dyn Effect>,
+    /// Effects that are part of the model, with the values of their parameters.
+    pub fixed: Vec<(&'static dyn Effect, Vec<f64>)>,
     /// Fit two layers to the runs of all depths.
     pub layers: bool,
     /// Profile the likelihood of the pooled K.
@@ -98,6 +100,7 @@ impl Default for Options {
             poisson: 0.5,
             criteria: HoldCriteria::default(),
             nuisances: Vec::new(),
+            fixed: Vec::new(),
             layers: false,
             profile: false,
             bootstrap: 0,
@@ -223,6 +226,12 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     if options.layers && layers.is_none() {
         warnings.push("two layers cannot be told from these runs: they need runs at several depths, beyond the boundary too".to_owned());
     }
+    if !options.fixed.is_empty() {
+        warnings.push(
+            "the energy method knows no effects: its modulus is that of the plain model, for comparison only"
+                .to_owned(),
+        );
+    }
     let depths_m: f64 = fitted.iter().map(|run| run.data.depth_m).sum();
     let depth_m = depths_m / fitted.len() as f64;
     let mut youngs_by = reference::Youngs::new(session, &fitted, depth_m, options, &mut warnings);
@@ -235,6 +244,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     Ok(Identification {
         schema: results::SCHEMA,
         session: session.name.clone(),
+        effects: options.fixed.iter().map(|(effect, _)| effect.id()).collect(),
         runs,
         pooled,
         directions,

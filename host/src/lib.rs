@@ -14,11 +14,13 @@ pub mod inference;
 pub mod levels;
 pub mod link;
 pub mod model;
+pub mod model_file;
 pub mod plan;
 pub mod predict;
 pub mod record;
 pub mod rig;
 pub mod session;
+pub mod simulate;
 pub mod sweep;
 #[cfg(test)]
 mod testing;

@@ -155,6 +155,7 @@ fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> 
             force_offset: false,
             uses_force: true,
             effects: question.nuisances.clone(),
+            fixed: None,
         };
         let mut unknowns = vec![Parameter::free(modulus_pa.ln(), LN_STEP)];
         unknowns.extend(effect_parameters(&question.nuisances));

@@ -134,7 +134,11 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
         return with(Foundation::uniform(modulus_pa)?, (sd_pa / modulus_pa).hypot(INSERTION_SD_LN));
     }
     if !session.lateral.is_empty() {
-        let asked = identify::Options { layers: options.layers, ..identify::Options::default() };
+        let asked = identify::Options {
+            layers: options.layers,
+            fixed: options.effects.clone(),
+            ..identify::Options::default()
+        };
         match identify(session, &asked) {
             Ok(found) => {
                 let pooled = &found.pooled;

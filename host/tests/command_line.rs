@@ -10,6 +10,9 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
+#[path = "command_line/models.rs"]
+mod models;
+
 const K_PA: f64 = 12e3;
 
 fn rig() -> Rig {
@@ -309,6 +312,14 @@ fn steering_faults_name_their_place() {
     fails(&STEERING.replace("bottom_mm = 80", "bottom_mm = -1"), "bottom_mm: -1 is out of range");
     fails(&STEERING.replace("speed_mm_s", "speed_mph"), "speed_mph");
     fails(STEERING.split("[[steering]]").next().expect("text"), "steering: missing");
+    fails(&STEERING.replace("layers =", "layer ="), "tissue.layer: \"layer\" is not known");
+    fails(
+        &STEERING.replace(
+            "layers = [{ bottom_mm = 80, stiffness_n_per_m2 = 20000, damping_n_s_per_m2 = 1000 }]",
+            "",
+        ),
+        "layers: 0 is out of range",
+    );
 
     let session = writer(folder.path());
     drop(session);

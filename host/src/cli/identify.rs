@@ -1,7 +1,7 @@
 //! `guide identify`: the tissue's modulus from the lateral runs of a session, every method side by side.
 
 use super::output::{Output, figures_file};
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host::figures;
@@ -10,6 +10,7 @@ use host::identify::{
 };
 use host::levels::HoldCriteria;
 use host::model::effects::{EFFECTS, Effect, effect};
+use host::model_file::ModelFile;
 use host::session::Session;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
@@ -17,7 +18,8 @@ use std::path::{Path, PathBuf};
 /// Identify the tissue's modulus from the lateral runs of a session
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide identify phantom-a\n  guide identify phantom-a --json > identified.json"
+    after_help = "Example:\n  guide identify phantom-a\n  guide identify phantom-a --json > identified.json\n  guide identify phantom-a --model \
+                  model.toml"
 )]
 pub struct Args {
     /// Session folder (holds session.toml)
@@ -31,6 +33,9 @@ pub struct Args {
     /// Take an effect's parameters as unknown, so that the interval of K includes them: may be given more than once
     #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
     nuisance: Vec<&'static dyn Effect>,
+    /// Take the effects of a model file (model.toml) into the model
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     /// Find two layers, a modulus each and the boundary, from runs at several depths
     #[arg(long)]
     layers: bool,
@@ -71,11 +76,25 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let mut nuisances = args.nuisance.clone();
     nuisances.sort_by_key(|effect| effect.id());
     nuisances.dedup_by_key(|effect| effect.id());
+    let fixed = args.model.as_deref().map(ModelFile::read).transpose()?.map(|model| model.effects());
+    let fixed = fixed.unwrap_or_default();
+    for nuisance in &nuisances {
+        let id = nuisance.id();
+        ensure!(
+            fixed.iter().all(|(effect, _)| effect.id() != id),
+            "--nuisance: {id} is in the model already, expected an effect that is not"
+        );
+    }
+    ensure!(
+        !args.layers || fixed.iter().all(|(effect, _)| effect.id() != "tissue.layers"),
+        "--layers: tissue.layers is in the model already, expected a model without"
+    );
     let options = Options {
         relation: args.relation,
         poisson: args.poisson,
         criteria: HoldCriteria::default(),
         nuisances,
+        fixed,
         layers: args.layers,
         profile: args.profile || args.plots.is_some(),
         bootstrap: args.bootstrap.unwrap_or(0) as usize,
@@ -110,6 +129,7 @@ struct Text<'a>(&'a Identification);
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Identification {
+            effects,
             runs,
             pooled,
             directions,
@@ -119,6 +139,9 @@ impl Display for Text<'_> {
             warnings,
             ..
         } = self.0;
+        if !effects.is_empty() {
+            writeln!(f, "model with   {}", effects.join(", "))?;
+        }
         writeln!(f, "foundation modulus K, kPa (95 % interval)")?;
         let width = runs.iter().map(|run| run.id.chars().count()).fold(3, usize::max);
         writeln!(

@@ -7,6 +7,7 @@
 //! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`]
 //! and one line in [`main`].
 
+mod effects;
 mod identify;
 mod import;
 mod live;
@@ -55,6 +56,7 @@ enum Command {
     Identify(identify::Args),
     Predict(predict::Args),
     Track(track::Args),
+    Effects(effects::Args),
     Simulate(simulate::Args),
     Import(import::Args),
     Relation(relation::Args),
@@ -79,6 +81,7 @@ pub fn main() -> ExitCode {
         Command::Identify(args) => identify::run(args, &mut out),
         Command::Predict(args) => predict::run(args, &mut out),
         Command::Track(args) => track::run(args, &mut out),
+        Command::Effects(args) => effects::run(args, &mut out),
         Command::Simulate(args) => simulate::run(args, &mut out),
         Command::Import(args) => import::run(args, &mut out),
     };

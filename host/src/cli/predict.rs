@@ -4,6 +4,7 @@ use super::output::{Output, figures_file};
 use anyhow::{Context, ensure};
 use host::figures;
 use host::model::effects::{EFFECTS, Effect, effect};
+use host::model_file::ModelFile;
 use host::predict::{InsertionResult, Options, Prediction, predict};
 use host::session::Session;
 use std::fmt::{self, Display};
@@ -13,7 +14,7 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide predict phantom-a\n  guide predict phantom-a --until 70 --compare\n  guide predict phantom-a \
-                        --json > predicted.json"
+                        --json > predicted.json\n  guide predict phantom-a --model model.toml"
 )]
 pub struct Args {
     /// Session folder (holds session.toml)
@@ -33,6 +34,10 @@ pub struct Args {
     /// Take an effect into the model, with the values of its parameters: may be given more than once
     #[arg(long, value_name = "EFFECT=VALUE[,VALUE]", value_parser = effect_values)]
     effect: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// Take the effects of a model file (model.toml) into the model, and its modulus where the session has no lateral runs and
+    /// --k-kpa is not given; an --effect replaces that of the file
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     /// Predict each insertion by itself, without learning from the others of the session
     #[arg(long)]
     alone: bool,
@@ -85,14 +90,23 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         }
         _ => None,
     };
+    let model = args.model.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
     let session = Session::read(&args.dir)?;
+    let modulus_pa = modulus_pa.or(model.modulus_and_sd_pa().filter(|_| session.lateral.is_empty()));
+    let mut effects = args.effect.clone();
+    let of_file = model.effects().into_iter();
+    effects.extend(of_file.filter(|(own, _)| args.effect.iter().all(|(given, _)| given.id() != own.id())));
+    ensure!(
+        !args.layers || effects.iter().all(|(effect, _)| effect.id() != "tissue.layers"),
+        "--layers: tissue.layers is in the model already, expected a model without"
+    );
     let options = Options {
         until_m: 1e-3 * args.until,
         to_m: args.to.map(|to| 1e-3 * to),
         learn: !args.alone,
         modulus_pa,
         layers: args.layers,
-        effects: args.effect.clone(),
+        effects,
         ..Options::default()
     };
     let result =

@@ -2,18 +2,27 @@
 
 use super::output::Output;
 use anyhow::{Context, ensure};
-use host::rig::steering::{Plan, Sensors, SteeringRig, Tissue};
-use host::session::{SessionWriter, Setup};
+use host::model::effects::Effect;
+use host::model_file::ModelFile;
+use host::rig::steering::{self, Inclusion, SteeringRig, Tissue, TissueLayer};
+use host::session::{InsertionRun, LateralRun, SessionWriter, Setup, SteeringRun};
+use host::simulate::{Sensors, SimulationPlan};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt::{self, Display};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Make a session of steering runs from the forward model
+/// Make a session from the forward model: lateral runs, insertions, steering runs
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide simulate --config steering.toml --out made-up --seed 1\n\nThe file has [needle] (with length_mm), [rig] (with \
-                  fixture_mass_kg) and [noise] of a session, and\n\n  [tissue]\n  layers = [\n    { bottom_mm = 40, stiffness_n_per_m2 = 15000, \
+    after_help = "Example:\n  guide simulate --config plan.toml --out made-up --seed 1\n  guide simulate --config plan.toml --model model.toml \
+                  --out made-up\n\nThe file has [needle], [rig] and [noise] of a session. For lateral runs and insertions also\n\n  [tissue]\n  \
+                  k_kpa = 12.0\n  [tip]\n  load_n = 0.2         # optional\n  [[effect]]           # optional; ids and parameters: guide effects\n  \
+                  id = \"tissue.layers\"\n  parameters = { k_ratio = { value = 2.0 }, boundary_mm = { value = 15 } }\n\n  [[lateral]]\n  id = \"y20-1\"\n  \
+                  depth_mm = 20        # also axis, levels_mm, hold_s, ramp_mm_per_s, rate_hz, sweep_levels, spacing_mm\n\n  [[insertion]]\n  \
+                  id = \"i1\"\n  depth_mm = 100       # also speed_mm_per_s, turn_at_mm, step_mm\n\nand for steering runs, with length_mm in [needle] \
+                  and fixture_mass_kg in [rig],\n\n  [tissue]\n  layers = [\n    { bottom_mm = 40, stiffness_n_per_m2 = 15000, \
                   damping_n_s_per_m2 = 1000 },\n    { bottom_mm = 80, stiffness_n_per_m2 = 40000, damping_n_s_per_m2 = 2000 },\n  ]\n  \
                   inclusions = [{ depth_mm = 20, width_mm = 3, factor = 1.8 }]\n\n  [[steering]]\n  id = \"s8\"\n  speed_mm_s = 8\n  \
                   straight_mm = 30      # with support; also depth_mm, lateral_mm, wobble_mm, wobble_hz, period_ms, disturbances"
@@ -22,6 +31,9 @@ pub struct Args {
     /// TOML file: needle, rig, noise, tissue, runs
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
+    /// Take modulus, tip load and effects from a model file where it has them, instead of from the plan
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     /// Session folder to make; runs are added to one that exists
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -30,15 +42,25 @@ pub struct Args {
     seed: u64,
 }
 
-/// What the file has beyond a session's tables.
+/// What the file has for steering runs.
 #[derive(Deserialize)]
 struct File {
-    tissue: Tissue,
     #[serde(default)]
-    steering: Vec<Plan>,
+    tissue: SteeringTissue,
+    #[serde(default)]
+    steering: Vec<steering::Plan>,
 }
 
-/// Noise where the file states none: a stage's motors, a force sensor, an electromagnetic tracker.
+/// The part of the tissue that steering runs see; its other fields are checked where they are read.
+#[derive(Deserialize, Default)]
+struct SteeringTissue {
+    #[serde(default)]
+    layers: Vec<TissueLayer>,
+    #[serde(default)]
+    inclusions: Vec<Inclusion>,
+}
+
+/// Noise of steering runs where the file states none: a stage's motors, a force sensor, an electromagnetic tracker.
 const BASE_SD_M: f64 = 0.02e-3;
 const FORCE_SD_N: f64 = 0.05;
 const TIP_SD_M: f64 = 0.1e-3;
@@ -48,7 +70,14 @@ struct Made {
     schema: &'static str,
     session: String,
     seed: u64,
+    /// Steering runs.
     runs: Vec<One>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    lateral: Vec<Recorded>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    insertion: Vec<Recorded>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    truth: Option<Truth>,
 }
 
 #[derive(Serialize)]
@@ -61,56 +90,158 @@ struct One {
     mean_damping_n_s_per_m2: f64,
 }
 
+/// A lateral run or an insertion.
+#[derive(Serialize)]
+struct Recorded {
+    id: String,
+    depth_mm: f64,
+    samples: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shape_points: Option<usize>,
+}
+
+/// What is to be found in lateral runs and insertions.
+#[derive(Serialize)]
+struct Truth {
+    k_kpa: Option<f64>,
+    tip_load_n: f64,
+    effects: Vec<TrueEffect>,
+}
+
+#[derive(Serialize)]
+struct TrueEffect {
+    id: &'static str,
+    parameters: BTreeMap<&'static str, f64>,
+}
+
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let mut setup = Setup::read(&args.config)?;
+    let model = args.model.as_deref().map(ModelFile::read).transpose()?;
+    let plan = SimulationPlan::read(&args.config, model.as_ref())?;
     let text = fs::read_to_string(&args.config)
         .with_context(|| format!("{}: cannot read", args.config.display()))?;
-    let File { tissue, steering } =
+    let File { tissue: SteeringTissue { layers, inclusions }, steering } =
         toml::from_str(&text).with_context(|| args.config.display().to_string())?;
     let name = args.config.display();
+    ensure!(
+        !steering.is_empty() || !plan.is_empty(),
+        "{name}: lateral, insertion, steering: missing, expected at least one [[lateral]], [[insertion]] or [[steering]]"
+    );
+    let tissue = Tissue { layers, inclusions };
+    if setup.name.is_empty()
+        && let Some(folder) = args.out.file_name()
+    {
+        setup.name = folder.to_string_lossy().into_owned();
+    }
+    let steered = steered(&args.config, &setup, &tissue, &steering, args.seed)?;
+    let simulated = plan
+        .carry_out(&setup.rig, Sensors::new(&setup.noise), args.seed)
+        .with_context(|| format!("{name}: cannot simulate"))?;
+    let effects = plan.model.effects();
+    if !steered.is_empty() && !effects.is_empty() {
+        out.note("the effects are those of the lateral runs and insertions: steering runs are without");
+    }
+    let mut session = SessionWriter::open(&args.out, &setup)?;
+    simulated.write(&mut session)?;
+    steered.iter().try_for_each(|run| session.steering(run))?;
+    let truth = (!plan.is_empty()).then(|| Truth {
+        k_kpa: plan.model.modulus_pa.map(|modulus_pa| modulus_pa / 1e3),
+        tip_load_n: plan.model.tip_load_n.unwrap_or(0.0),
+        effects: effects.iter().map(TrueEffect::new).collect(),
+    });
+    let made = Made {
+        schema: "guide.simulate/1",
+        session: args.out.display().to_string(),
+        seed: args.seed,
+        runs: steered.iter().map(|run| One::new(run, &tissue)).collect(),
+        lateral: simulated.lateral.iter().map(Recorded::lateral).collect(),
+        insertion: simulated.insertion.iter().map(Recorded::insertion).collect(),
+        truth,
+    };
+    out.result(&made, &made)
+}
+
+/// The steering runs, as the sensors see them.
+fn steered(
+    config: &Path,
+    setup: &Setup,
+    tissue: &Tissue,
+    plans: &[steering::Plan],
+    seed: u64,
+) -> anyhow::Result<Vec<SteeringRun>> {
+    if plans.is_empty() {
+        return Ok(Vec::new());
+    }
+    let name = config.display();
     tissue.check().with_context(|| format!("{name}: [tissue]"))?;
-    ensure!(!steering.is_empty(), "{name}: steering: missing, expected at least one [[steering]]");
     let length_m = setup.rig.needle.length_m.with_context(|| {
         format!("{name}: [needle] length_mm: missing, expected the length from the fixture to the tip")
     })?;
     let fixture_mass_kg = setup
         .fixture_mass_kg
         .with_context(|| format!("{name}: [rig] fixture_mass_kg: missing, expected 0 to 100 kg"))?;
-    let sensors = Sensors {
+    let sensors = steering::Sensors {
         base_m: setup.noise.displacement_m.unwrap_or(BASE_SD_M),
         force_n: setup.noise.force_n.unwrap_or(FORCE_SD_N),
         tip_m: setup.noise.tip_m.unwrap_or(TIP_SD_M),
     };
-    if setup.name.is_empty()
-        && let Some(folder) = args.out.file_name()
-    {
-        setup.name = folder.to_string_lossy().into_owned();
-    }
-    let rig = SteeringRig::new(setup.rig.clone(), length_m, fixture_mass_kg, &tissue)?;
-    let mut session = SessionWriter::open(&args.out, &setup)?;
-    let mut runs = Vec::new();
-    for (number, plan) in (0..).zip(&steering) {
+    let rig = SteeringRig::new(setup.rig.clone(), length_m, fixture_mass_kg, tissue)?;
+    let measured = |(number, plan): (u64, &steering::Plan)| {
         let truth = rig.carry_out(plan).with_context(|| format!("{name}: steering {:?}", plan.id))?;
-        let run = truth.measure(sensors, args.seed, number);
-        session.steering(&run)?;
+        Ok(truth.measure(sensors, seed, number))
+    };
+    (0..).zip(plans).map(measured).collect()
+}
+
+impl One {
+    fn new(run: &SteeringRun, tissue: &Tissue) -> Self {
         let depth_m = run.depth_m.last().copied().unwrap_or(0.0);
         let [mean_stiffness_n_per_m2, mean_damping_n_s_per_m2] = tissue.mean(depth_m);
-        runs.push(One {
-            id: run.id,
-            samples: run.time_s.len(),
-            depth_mm: 1e3 * depth_m,
-            mean_stiffness_n_per_m2,
-            mean_damping_n_s_per_m2,
-        });
+        let (id, samples) = (run.id.clone(), run.time_s.len());
+        Self { id, samples, depth_mm: 1e3 * depth_m, mean_stiffness_n_per_m2, mean_damping_n_s_per_m2 }
     }
-    let made =
-        Made { schema: "guide.simulate/1", session: args.out.display().to_string(), seed: args.seed, runs };
-    out.result(&made, &made)
+}
+
+impl Recorded {
+    fn lateral(run: &LateralRun) -> Self {
+        Self {
+            id: run.id.clone(),
+            depth_mm: 1e3 * run.depth_m,
+            samples: run.force.time_s.len(),
+            shape_points: Some(run.shape.z_m.len()),
+        }
+    }
+
+    fn insertion(run: &InsertionRun) -> Self {
+        Self {
+            id: run.id.clone(),
+            depth_mm: 1e3 * run.depth_m.last().copied().unwrap_or(0.0),
+            samples: run.depth_m.len(),
+            shape_points: None,
+        }
+    }
+}
+
+impl TrueEffect {
+    fn new((effect, values): &(&'static dyn Effect, Vec<f64>)) -> Self {
+        let parameters = effect.parameters().iter().map(|info| info.name).zip(values.iter().copied());
+        Self { id: effect.id(), parameters: parameters.collect() }
+    }
 }
 
 impl Display for Made {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for Recorded { id, depth_mm, samples, shape_points } in &self.lateral {
+            let points = shape_points.unwrap_or_default();
+            writeln!(
+                f,
+                "lateral      {id}: {samples} samples and {points} shape points at {depth_mm:.0} mm"
+            )?;
+        }
+        for Recorded { id, depth_mm, samples, .. } in &self.insertion {
+            writeln!(f, "insertion    {id}: {samples} samples to {depth_mm:.0} mm")?;
+        }
         for One { id, samples, depth_mm, mean_stiffness_n_per_m2, mean_damping_n_s_per_m2 } in &self.runs {
             writeln!(
                 f,
@@ -118,6 +249,15 @@ impl Display for Made {
                 1e-3 * mean_stiffness_n_per_m2,
                 1e-3 * mean_damping_n_s_per_m2
             )?;
+        }
+        if let Some(Truth { k_kpa, tip_load_n, effects }) = &self.truth {
+            let k_kpa = k_kpa.map_or("-".to_owned(), |k_kpa| k_kpa.to_string());
+            writeln!(f, "to be found  K {k_kpa} kPa, tip load {tip_load_n} N")?;
+            for TrueEffect { id, parameters } in effects {
+                let values: Vec<String> =
+                    parameters.iter().map(|(name, value)| format!("{name} {value}")).collect();
+                writeln!(f, "to be found  {id}: {}", values.join(", "))?;
+            }
         }
         writeln!(f, "session      {} (seed {})", self.session, self.seed)
     }

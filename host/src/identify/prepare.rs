@@ -2,7 +2,7 @@
 
 use super::{HoldResult, NoiseResult, Options, RunError};
 use crate::inference::energy::{Balance, LEAST_POINTS};
-use crate::inference::{LateralData, LevelData, Measured, ShapeDatum};
+use crate::inference::{Course, Fixed, LateralData, LevelData, Measured, ShapeDatum};
 use crate::levels::{HoldCriteria, Level, Mean, Path, levels};
 use crate::session::{LateralRun, Session};
 
@@ -15,6 +15,8 @@ const LEAST_DISPLACEMENT_SD_M: f64 = 1e-6;
 const LEAST_FORCE_SD_N: f64 = 1e-4;
 /// Points this far beyond the ends of the needle are taken as on it.
 const BEYOND_M: f64 = 0.5e-3;
+/// Least time between rows of a run's course.
+const COURSE_STEP_S: f64 = 0.05;
 
 /// A run ready for every method.
 pub(super) struct Prepared {
@@ -73,6 +75,11 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         force_offset: used.len() > displaced.len(),
         uses_force: true,
         effects: options.nuisances.clone(),
+        fixed: (!options.fixed.is_empty()).then(|| Fixed {
+            effects: options.fixed.clone(),
+            course: course(session, run, &used),
+            first_plane: 0,
+        }),
     };
     if !data.force_offset {
         warnings.push("no hold at zero displacement: the force sensor's zero is taken as right".to_owned());
@@ -135,16 +142,53 @@ fn planes(run: &LateralRun, used: &[&Level], criteria: &HoldCriteria, warnings: 
 
 /// Shape points of a level that lie on the needle.
 fn shape_points(session: &Session, run: &LateralRun, level: &Level) -> Vec<ShapeDatum> {
+    level.shape.iter().filter_map(|index| shape_point(session, run, *index)).collect()
+}
+
+/// A shape point, where it lies on the needle.
+fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<ShapeDatum> {
     let tip_m = session.rig.entry_m + run.depth_m;
-    let at = |index: usize, values: &[f64]| values.get(index).copied();
-    let point = |index: &usize| {
-        let z_m = at(*index, &run.shape.z_m)?;
-        let y_m = at(*index, &run.shape.y_m)?;
-        let x_m = run.shape.x_m.as_deref().and_then(|x_m| at(*index, x_m)).unwrap_or(0.0);
-        let on_needle = (0.0..=tip_m + BEYOND_M).contains(&z_m);
-        on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m] })
+    let at = |values: &[f64]| values.get(index).copied();
+    let (z_m, y_m) = (at(&run.shape.z_m)?, at(&run.shape.y_m)?);
+    let x_m = run.shape.x_m.as_deref().and_then(at).unwrap_or(0.0);
+    let on_needle = (0.0..=tip_m + BEYOND_M).contains(&z_m);
+    on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m] })
+}
+
+/// The run's course, for effects that depend on it: rows closer than [`COURSE_STEP_S`] are thinned, since nothing that is modelled
+/// is quicker. A shape without times was seen in the middle of its hold.
+fn course(session: &Session, run: &LateralRun, used: &[&Level]) -> Course {
+    let mut last_s = f64::NEG_INFINITY;
+    let mut kept = Vec::new();
+    for (row, time_s) in run.force.time_s.iter().enumerate() {
+        if time_s - last_s >= COURSE_STEP_S * (1.0 - 1e-6) {
+            kept.push(row);
+            last_s = *time_s;
+        }
+    }
+    let thinned =
+        |column: &[f64]| -> Vec<f64> { kept.iter().filter_map(|row| column.get(*row)).copied().collect() };
+    let time_s = thinned(&run.force.time_s);
+    let rows = |level: &&Level| {
+        let [from_s, to_s] = level.time_s;
+        time_s.partition_point(|at_s| *at_s < from_s)..time_s.partition_point(|at_s| *at_s <= to_s)
     };
-    level.shape.iter().filter_map(point).collect()
+    let seen_s = |level: &Level, index: usize| {
+        let own_s = run.shape.time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
+        own_s.unwrap_or(0.5 * (level.time_s[0] + level.time_s[1]))
+    };
+    let on_needle = |level: &&Level| -> Vec<f64> {
+        let indices = level.shape.iter().filter(|index| shape_point(session, run, **index).is_some());
+        indices.map(|index| seen_s(level, *index)).collect()
+    };
+    let still = || vec![0.0; time_s.len()];
+    let displacement_x_m = run.force.displacement_x_m.as_deref().map_or_else(still, thinned);
+    Course {
+        displacement_m: [thinned(&run.force.displacement_y_m), displacement_x_m],
+        holds: used.iter().map(rows).collect(),
+        shape_time_s: used.iter().flat_map(on_needle).collect(),
+        time_s,
+    }
 }
 
 /// Standard deviations of single readings, and how they become those of a level's mean.

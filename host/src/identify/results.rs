@@ -16,6 +16,9 @@ pub struct Identification {
     pub schema: &'static str,
     /// Name of the session.
     pub session: Option<String>,
+    /// Effects that were part of the model.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<&'static str>,
     /// The lateral runs, in the session's order.
     pub runs: Vec<RunResult>,
     /// K of all runs together.

@@ -151,6 +151,7 @@ mod tests {
             force_offset: false,
             uses_force: true,
             effects: Vec::new(),
+            fixed: None,
         }]
     }
 

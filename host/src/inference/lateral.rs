@@ -9,6 +9,10 @@ use super::{Block, Fit, Parameter, Prior};
 use crate::model::effects::{Effect, ParameterInfo};
 use crate::model::{Channels, DriveSample, Experiment, Lateral, Model, ModelError, Rig, ShapePoint, predict};
 
+mod course;
+
+pub use course::{Course, Fixed};
+
 /// A measured value and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured {
@@ -57,6 +61,8 @@ pub struct LateralData {
     pub uses_force: bool,
     /// Effects whose parameters are unknown too, shared by all runs: after `ln K`, in this order.
     pub effects: Vec<&'static dyn Effect>,
+    /// Effects whose values are known, and the run's course, on which they may depend; none is the plain model.
+    pub fixed: Option<Fixed>,
 }
 
 /// Unknowns that effects bring: in the order of [`LateralData::effects`], with the priors of the effects.
@@ -99,7 +105,8 @@ impl LateralData {
             .collect();
         let displaced =
             levels.iter().flat_map(|level| &level.displacement_m).any(|u| u.value.abs() > least_m);
-        displaced.then(|| Self { planes: 1, levels, ..self.clone() })
+        let fixed = self.fixed.as_ref().map(|fixed| Fixed { first_plane: plane, ..fixed.clone() });
+        displaced.then(|| Self { planes: 1, levels, fixed, ..self.clone() })
     }
 
     fn offsets(&self) -> usize {
@@ -111,10 +118,16 @@ impl LateralData {
         let (ln_k, mut values) =
             shared.split_first().map_or((f64::NAN, shared), |(ln_k, rest)| (*ln_k, rest));
         let mut model = Model::uniform(self.rig.clone(), ln_k.exp())?;
+        if let Some(fixed) = &self.fixed {
+            model.effects.extend(fixed.effects.iter().cloned());
+        }
         for effect in &self.effects {
             let (own, rest) = values.split_at(effect.parameters().len().min(values.len()));
             model.effects.push((*effect, own.to_vec()));
             values = rest;
+        }
+        if let Some(fixed) = &self.fixed {
+            return fixed.predicted(&model, self, displacements_m);
         }
         let time_s = |level: usize| level as f64;
         let drive = displacements_m.chunks(self.planes).enumerate().map(|(level, of_level)| DriveSample {

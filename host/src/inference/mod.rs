@@ -16,6 +16,6 @@ mod monte_carlo;
 
 pub use fit::{Block, Fit, FitError, Parameter, Prior, fit};
 pub use lateral::{
-    ChannelFit, LateralData, LevelData, Measured, ShapeDatum, ShapeFit, channel_fits, effect_parameters,
-    shape_fits,
+    ChannelFit, Course, Fixed, LateralData, LevelData, Measured, ShapeDatum, ShapeFit, channel_fits,
+    effect_parameters, shape_fits,
 };

@@ -46,6 +46,7 @@ fn data(
         force_offset: false,
         uses_force: true,
         effects: vec![],
+        fixed: None,
     }
 }
 

@@ -170,7 +170,7 @@ impl SimulatedRig {
 
 /// One source of unit normal noise.
 #[derive(Debug)]
-struct Noise(ChaCha8Rng);
+pub(crate) struct Noise(ChaCha8Rng);
 
 impl Noise {
     fn new(seed: u64, part: Stream) -> Self {
@@ -178,7 +178,7 @@ impl Noise {
     }
 
     /// One of many of the same part.
-    fn numbered(seed: u64, part: Stream, number: u64) -> Self {
+    pub(crate) fn numbered(seed: u64, part: Stream, number: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(part as u64 | (number + 1) << 8);
         Self(random)
@@ -188,14 +188,15 @@ impl Noise {
         self.0.random::<f64>()
     }
 
-    fn draw(&mut self) -> f64 {
+    /// One draw.
+    pub(crate) fn draw(&mut self) -> f64 {
         StandardNormal.sample(&mut self.0)
     }
 }
 
 /// Independent streams of one seed.
 #[derive(Clone, Copy)]
-enum Stream {
+pub(crate) enum Stream {
     Truth,
     PotentiometerX,
     PotentiometerY,
@@ -203,6 +204,8 @@ enum Stream {
     Sweep,
     Insertions,
     Steering,
+    LateralPlans,
+    InsertionPlans,
 }
 
 fn stream(seed: u64, part: Stream) -> ChaCha8Rng {

@@ -75,7 +75,7 @@ pub struct Place {
 
 impl Place {
     /// The place `offset` bytes into `text`, the content of the file at `path`.
-    pub(super) fn at(path: &Path, text: &str, offset: usize) -> Self {
+    pub(crate) fn at(path: &Path, text: &str, offset: usize) -> Self {
         let before = text.get(..offset).unwrap_or(text);
         let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
         Self {
@@ -122,13 +122,19 @@ pub enum Problem {
     /// A name used twice.
     #[error("\"{0}\" is there twice")]
     Duplicate(String),
+    /// A name that means nothing here.
+    #[error("\"{0}\" is not known")]
+    Unknown(String),
+    /// A list of another length.
+    #[error("a list of {0}")]
+    Count(usize),
     /// Not TOML, not CSV or not UTF-8.
     #[error("{0}")]
     Syntax(String),
 }
 
 /// Reads a whole text file, without a byte order mark.
-pub(super) fn read_text(path: &Path) -> Result<String, SessionError> {
+pub(crate) fn read_text(path: &Path) -> Result<String, SessionError> {
     let bytes = std::fs::read(path).map_err(|cause| SessionError::Io {
         path: path.to_owned(),
         action: "read",

@@ -1,16 +1,16 @@
-//! Typed access to the fields of a session file, every fault with its place.
+//! Typed access to the fields of a session, model or plan file, every fault with its place.
 
 use super::error::{Place, Problem, SessionError};
 use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// A table of the session file.
+/// A table of a file.
 pub struct Fields<'d> {
     path: &'d Path,
     text: &'d str,
-    /// Name of the table, as in `[[lateral]]`; empty for the whole file.
-    name: &'static str,
+    /// Name of the table with those it is in, as in `[[lateral]]`; empty for the whole file.
+    name: String,
     /// Where the table starts.
     offset: usize,
     table: &'d DeTable<'d>,
@@ -29,7 +29,7 @@ impl<'d> Fields<'d> {
             problem: Problem::Syntax(error.message().to_owned()),
             expected: "TOML".to_owned(),
         })?;
-        use_fields(&Fields { path, text, name: "", offset: 0, table: document.get_ref() })
+        use_fields(&Fields { path, text, name: String::new(), offset: 0, table: document.get_ref() })
     }
 
     fn fault(
@@ -58,26 +58,111 @@ impl<'d> Fields<'d> {
         self.fault(offset, field, problem, expected)
     }
 
+    /// Refuses fields that are not among `known`, for tables in which a misspelt field must not pass unseen.
+    pub fn only(&self, known: &[&str]) -> Result<(), SessionError> {
+        let names = || if known.is_empty() { "nothing here".to_owned() } else { known.join(", ") };
+        match self.table.iter().find(|(key, _)| !known.contains(&key.get_ref().as_ref())) {
+            Some((key, _)) => {
+                let name = key.get_ref().to_string();
+                Err(self.fault(key.span().start, &name, Problem::Unknown(name.clone()), names()))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Names of its fields.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.table.iter().map(|(key, _)| key.get_ref().as_ref())
+    }
+
     /// A number within `[least, most]`, where there is one.
-    pub fn optional_number(&self, field: &str, [least, most]: [f64; 2]) -> Result<Option<f64>, SessionError> {
+    pub fn optional_number(&self, field: &str, range: [f64; 2]) -> Result<Option<f64>, SessionError> {
+        self.optional_scaled(field, range, 0)
+    }
+
+    /// A number within `[least, most]` times a power of ten, where there is one: the decimal number in the file is scaled, so that
+    /// nothing is lost by rounding twice.
+    pub fn optional_scaled(
+        &self,
+        field: &str,
+        range: [f64; 2],
+        power: i32,
+    ) -> Result<Option<f64>, SessionError> {
+        self.get(field).map(|value| self.scaled(field, value, range, power)).transpose()
+    }
+
+    /// A list of numbers within `[least, most]` times a power of ten, where there is one.
+    pub fn optional_list(
+        &self,
+        field: &str,
+        range: [f64; 2],
+        power: i32,
+    ) -> Result<Option<Vec<f64>>, SessionError> {
         let Some(value) = self.get(field) else { return Ok(None) };
-        let expected = || format!("a number from {least} to {most}");
-        let number = match value.get_ref() {
-            DeValue::Float(float) => float.as_str().replace('_', "").parse().ok(),
-            DeValue::Integer(integer) => {
-                i64::from_str_radix(&integer.as_str().replace('_', ""), integer.radix())
-                    .ok()
-                    .map(|i| i as f64)
+        match value.get_ref() {
+            DeValue::Array(items) => {
+                let numbers: Result<_, _> =
+                    items.iter().map(|item| self.scaled(field, item, range, power)).collect();
+                numbers.map(Some)
             }
-            other => return Err(self.field_fault(field, Problem::WrongType(other.type_str()), expected())),
+            other => {
+                let problem = Problem::WrongType(other.type_str());
+                Err(self.field_fault(field, problem, "a list of numbers"))
+            }
+        }
+    }
+
+    /// An interval `[low, high]` within `[least, most]` times a power of ten, where there is one.
+    pub fn optional_interval(
+        &self,
+        field: &str,
+        range: [f64; 2],
+        power: i32,
+    ) -> Result<Option<[f64; 2]>, SessionError> {
+        let Some(ends) = self.optional_list(field, range, power)? else { return Ok(None) };
+        match ends.as_slice() {
+            &[low, high] if low <= high => Ok(Some([low, high])),
+            _ => {
+                let problem = match ends.as_slice() {
+                    [low, _] => {
+                        Problem::Syntax(format!("{} is more than the second number", low / 10f64.powi(power)))
+                    }
+                    _ => Problem::Count(ends.len()),
+                };
+                Err(self.field_fault(field, problem, "[low, high], two numbers in order"))
+            }
+        }
+    }
+
+    fn scaled(
+        &self,
+        field: &str,
+        value: &Spanned<DeValue<'_>>,
+        [least, most]: [f64; 2],
+        power: i32,
+    ) -> Result<f64, SessionError> {
+        let fault = |problem| {
+            let expected = format!("a number from {least} to {most}");
+            self.fault(value.span().start, field, problem, expected)
         };
-        match number {
-            Some(number) if !f64::is_finite(number) => {
-                Err(self.field_fault(field, Problem::NotFinite, expected()))
+        let parsed: Option<[f64; 2]> = match value.get_ref() {
+            DeValue::Float(float) => {
+                let text = float.as_str().replace('_', "");
+                let number: Option<f64> = text.parse().ok();
+                number.map(|number| [number, shifted(&text, power).unwrap_or(number)])
             }
-            Some(number) if (least..=most).contains(&number) => Ok(Some(number)),
-            Some(number) => Err(self.field_fault(field, Problem::OutOfRange(number), expected())),
-            None => Err(self.field_fault(field, Problem::Syntax("not a number".to_owned()), expected())),
+            DeValue::Integer(integer) => {
+                let whole = i64::from_str_radix(&integer.as_str().replace('_', ""), integer.radix()).ok();
+                let scaled = |whole: i64| shifted(&whole.to_string(), power).unwrap_or(whole as f64);
+                whole.map(|whole| [whole as f64, scaled(whole)])
+            }
+            other => return Err(fault(Problem::WrongType(other.type_str()))),
+        };
+        match parsed {
+            Some([number, _]) if !number.is_finite() => Err(fault(Problem::NotFinite)),
+            Some([number, scaled]) if (least..=most).contains(&number) => Ok(scaled),
+            Some([number, _]) => Err(fault(Problem::OutOfRange(number))),
+            None => Err(fault(Problem::Syntax("not a number".to_owned()))),
         }
     }
 
@@ -106,18 +191,18 @@ impl<'d> Fields<'d> {
     }
 
     /// A table such as `[rig]`, where there is one.
-    pub fn optional_table(&self, name: &'static str) -> Result<Option<Fields<'d>>, SessionError> {
+    pub fn optional_table(&self, name: &str) -> Result<Option<Fields<'d>>, SessionError> {
         self.get(name).map(|value| self.as_table(name, value)).transpose()
     }
 
     /// A table such as `[rig]`.
-    pub fn table(&self, name: &'static str) -> Result<Fields<'d>, SessionError> {
+    pub fn table(&self, name: &str) -> Result<Fields<'d>, SessionError> {
         let missing = || self.field_fault(name, Problem::Missing, format!("a table [{name}]"));
         self.optional_table(name)?.ok_or_else(missing)
     }
 
     /// The tables of an array such as `[[lateral]]`; none where there is no such array.
-    pub fn tables(&self, name: &'static str) -> Result<Vec<Fields<'d>>, SessionError> {
+    pub fn tables(&self, name: &str) -> Result<Vec<Fields<'d>>, SessionError> {
         match self.get(name).map(|value| (value, value.get_ref())) {
             None => Ok(Vec::new()),
             Some((_, DeValue::Array(items))) => items.iter().map(|item| self.as_table(name, item)).collect(),
@@ -128,20 +213,30 @@ impl<'d> Fields<'d> {
         }
     }
 
-    fn as_table(
-        &self,
-        name: &'static str,
-        value: &'d Spanned<DeValue<'d>>,
-    ) -> Result<Fields<'d>, SessionError> {
+    fn as_table(&self, name: &str, value: &'d Spanned<DeValue<'d>>) -> Result<Fields<'d>, SessionError> {
         let offset = value.span().start;
+        let dot = if self.name.is_empty() { "" } else { "." };
+        let full = format!("{}{dot}{name}", self.name);
         match value.get_ref() {
-            DeValue::Table(table) => Ok(Fields { path: self.path, text: self.text, name, offset, table }),
+            DeValue::Table(table) => {
+                Ok(Fields { path: self.path, text: self.text, name: full, offset, table })
+            }
             other => Err(self.fault(
                 offset,
                 name,
                 Problem::WrongType(other.type_str()),
-                format!("a table [{name}]"),
+                format!("a table [{full}]"),
             )),
         }
     }
+}
+
+/// The number that a decimal text times a power of ten is nearest to.
+fn shifted(text: &str, power: i32) -> Option<f64> {
+    if power == 0 {
+        return text.parse().ok();
+    }
+    let (digits, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
+    let exponent: i32 = exponent.parse().ok()?;
+    format!("{digits}e{}", exponent.saturating_add(power)).parse().ok()
 }

@@ -5,13 +5,15 @@
 //! expected.
 
 mod error;
-mod fields;
+pub(crate) mod fields;
 pub mod import;
 mod read;
 mod table;
 mod write;
 
+pub(crate) use error::read_text;
 pub use error::{Place, Problem, SessionError};
+pub(crate) use write::{FILE_NAME, is_file_name, replace};
 pub use write::{ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow};
 
 use crate::model::Rig;

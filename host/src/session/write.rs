@@ -189,15 +189,23 @@ impl SessionWriter {
             let path = self.dir.join("session.toml");
             Err(SessionError::Id { path, id: id.to_owned(), problem, expected })
         };
-        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-        if id.is_empty() || id.starts_with('.') || id.len() > 100 || !id.chars().all(plain) {
-            return fault("cannot be part of a file name", "up to 100 of letters, digits, - _ .");
+        if !is_file_name(id) {
+            return fault("cannot be part of a file name", FILE_NAME);
         }
         if taken.iter().any(|taken| taken == id) {
             return fault("is taken", "an id the session does not have");
         }
         Ok(())
     }
+}
+
+/// What an id may be.
+pub(crate) const FILE_NAME: &str = "up to 100 of letters, digits, - _ .";
+
+/// Whether an id can be part of a file name.
+pub(crate) fn is_file_name(id: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    !id.is_empty() && !id.starts_with('.') && id.len() <= 100 && id.chars().all(plain)
 }
 
 /// A lateral run being written. What has been flushed is a part of the session, whatever becomes of this program.
@@ -407,7 +415,7 @@ fn same_rig(path: &Path, there: &Rig, new: &Rig) -> Result<(), SessionError> {
 }
 
 /// Writes a file so that at any moment either the old or the new content is there.
-fn replace(path: &Path, text: &str) -> Result<(), SessionError> {
+pub(crate) fn replace(path: &Path, text: &str) -> Result<(), SessionError> {
     let temporary = path.with_extension("toml.new");
     let write = || {
         let mut file = File::create(&temporary)?;

@@ -1,0 +1,124 @@
+//! `guide effects`: what may be wrong with the plain model.
+
+use super::output::Output;
+use anyhow::ensure;
+use host::model::effects::{EFFECTS, Effect};
+use host::model_file::{expected_ids, has_neutral_value};
+use serde::Serialize;
+use std::fmt::{self, Display};
+
+/// List the effects that the model can have, with their parameters
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  guide effects\n  guide effects tissue.layers\n  guide effects --json")]
+pub struct Args {
+    /// Show this effect alone, with all that is known of its parameters
+    #[arg(value_name = "ID")]
+    id: Option<String>,
+}
+
+#[derive(Serialize)]
+struct Catalogue {
+    schema: &'static str,
+    effects: Vec<One>,
+    /// Whether one was asked for.
+    #[serde(skip)]
+    in_detail: bool,
+}
+
+#[derive(Serialize)]
+struct One {
+    id: &'static str,
+    physics: &'static str,
+    signature: &'static str,
+    parameters: Vec<Parameter>,
+}
+
+#[derive(Serialize)]
+struct Parameter {
+    name: &'static str,
+    unit: &'static str,
+    /// Value at which the effect does nothing; none for a place or a time.
+    neutral: Option<f64>,
+    range: [f64; 2],
+    likely: [f64; 2],
+    prior_sd: f64,
+    /// For a place or a time: values at which the effect is looked for.
+    #[serde(skip_serializing_if = "<[f64]>::is_empty")]
+    nodes: &'static [f64],
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let asked = |effect: &&dyn Effect| args.id.as_deref().is_none_or(|id| effect.id() == id);
+    let effects: Vec<One> = EFFECTS.iter().copied().filter(asked).map(One::new).collect();
+    if let Some(id) = &args.id {
+        ensure!(!effects.is_empty(), "ID: \"{id}\" is not known, expected {}", expected_ids(id));
+    }
+    let catalogue = Catalogue { schema: "guide.effects/1", effects, in_detail: args.id.is_some() };
+    out.result(&catalogue, &catalogue)
+}
+
+impl One {
+    fn new(effect: &dyn Effect) -> Self {
+        let parameter = |info: &'static host::model::effects::ParameterInfo| Parameter {
+            name: info.name,
+            unit: unit(info.name),
+            neutral: has_neutral_value(info).then_some(info.neutral),
+            range: info.range,
+            likely: info.likely,
+            prior_sd: info.prior_sd,
+            nodes: info.nodes,
+        };
+        Self {
+            id: effect.id(),
+            physics: effect.physics(),
+            signature: effect.signature(),
+            parameters: effect.parameters().iter().map(parameter).collect(),
+        }
+    }
+}
+
+/// Units at the ends of names, longer ones before those they end with.
+const UNITS: [(&str, &str); 14] = [
+    ("_rad_per_n_m", "rad/(N m)"),
+    ("n_s_per_mm", "N s/mm"),
+    ("_mm_per_n", "mm/N"),
+    ("_n_per_mm", "N/mm"),
+    ("_n_per_s", "N/s"),
+    ("_per_mm", "1/mm"),
+    ("_per_m", "1/m"),
+    ("_rad", "rad"),
+    ("_mm", "mm"),
+    ("_n", "N"),
+    ("_s", "s"),
+    ("_kpa", "kPa"),
+    ("_deg", "deg"),
+    ("_m", "m"),
+];
+
+/// Unit in a parameter's name; `1` for a ratio or a share.
+fn unit(name: &str) -> &'static str {
+    UNITS.iter().find(|(end, _)| name.ends_with(end)).map_or("1", |(_, unit)| unit)
+}
+
+impl Display for Catalogue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for One { id, physics, signature, parameters } in &self.effects {
+            writeln!(f, "{id}\n  physics      {physics}\n  signature    {signature}")?;
+            for Parameter { name, unit, neutral, range: [least, most], likely, prior_sd, nodes } in parameters
+            {
+                let neutral = neutral.map_or("-".to_owned(), |neutral| neutral.to_string());
+                writeln!(f, "  parameter    {name} ({unit}): neutral {neutral}, {least} to {most}")?;
+                if self.in_detail {
+                    let [low, high] = likely;
+                    writeln!(f, "               likely {low} to {high}; as a nuisance sd {prior_sd}")?;
+                    if !nodes.is_empty() {
+                        let nodes: Vec<String> = nodes.iter().map(f64::to_string).collect();
+                        writeln!(f, "               looked for at {}", nodes.join(", "))?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,93 @@
+//! A run's whole course: what some effects depend on.
+//!
+//! Levels are means over holds, but tissue relaxes, sensors drift and lag, and friction and clearance remember the way. Where
+//! such effects are given, the forward model is driven along the recorded displacement, the rows of every hold at that hold's true
+//! displacement, and its force is averaged over the rows of the hold as the measured one was.
+
+use super::LateralData;
+use crate::model::effects::Effect;
+use crate::model::{
+    Channels, DriveSample, Experiment, Lateral, Model, ModelError, Series, ShapePoint, predict,
+};
+use std::ops::Range;
+
+/// Effects whose values are known.
+#[derive(Debug, Clone)]
+pub struct Fixed {
+    /// Effects with the values of their parameters.
+    pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// What was done in the run.
+    pub course: Course,
+    /// Plane that the first plane of the data is: 0 for y, and 1 where the data are those of x alone.
+    pub first_plane: usize,
+}
+
+/// What was done in a run, and which part of it is which level.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Course {
+    /// Time of every row.
+    pub time_s: Vec<f64>,
+    /// Recorded displacement of guide 2, vertical and horizontal.
+    pub displacement_m: [Vec<f64>; 2],
+    /// Rows of every level, in the order of the levels.
+    pub holds: Vec<Range<usize>>,
+    /// Time of every shape point, level by level.
+    pub shape_time_s: Vec<f64>,
+}
+
+impl Fixed {
+    /// What the sensors should read at the levels of `data` for true displacements, level by level and plane by plane.
+    ///
+    /// # Errors
+    /// As [`predict`].
+    pub(super) fn predicted(
+        &self,
+        model: &Model,
+        data: &LateralData,
+        displacements_m: &[f64],
+    ) -> Result<Channels, ModelError> {
+        let course = &self.course;
+        let mut planes_m = course.displacement_m.clone();
+        for (plane, column) in planes_m.iter_mut().enumerate() {
+            for (level, hold) in course.holds.iter().enumerate() {
+                let Some(rows) = column.get_mut(hold.clone()) else { continue };
+                let known = plane.checked_sub(self.first_plane).filter(|own| *own < data.planes);
+                let unknown = known.and_then(|own| displacements_m.get(level * data.planes + own));
+                // A plane that is no part of the data rests at the mean of what was read.
+                let at_m = unknown.copied().unwrap_or_else(|| mean(rows));
+                rows.fill(at_m);
+            }
+        }
+        let [y_m, x_m] = &planes_m;
+        let rows = course.time_s.iter().zip(y_m.iter().zip(x_m));
+        let drive = rows.map(|(time_s, (y_m, x_m))| DriveSample { time_s: *time_s, y_m: *y_m, x_m: *x_m });
+        let points = data.levels.iter().flat_map(|level| &level.shape).zip(&course.shape_time_s);
+        let shape = points.map(|(point, time_s)| ShapePoint { time_s: *time_s, z_m: point.z_m });
+        let lateral = Lateral { depth_m: data.depth_m, drive: drive.collect(), shape: shape.collect() };
+        let seen = predict(model, &Experiment::Lateral(lateral))?;
+        let levels = |series: &Series| {
+            let of = |values: &[f64]| -> Vec<f64> {
+                course.holds.iter().map(|hold| mean(values.get(hold.clone()).unwrap_or_default())).collect()
+            };
+            self.ordered(Series { y: of(&series.y), x: series.x.as_deref().map(of) })
+        };
+        Ok(Channels {
+            displacement_m: levels(&seen.displacement_m),
+            force_n: levels(&seen.force_n),
+            shape_m: self.ordered(seen.shape_m),
+            ..Channels::default()
+        })
+    }
+
+    /// The planes in the order of the data.
+    fn ordered(&self, series: Series) -> Series {
+        match (self.first_plane, series.x) {
+            (1, Some(x)) => Series { y: x, x: Some(series.y) },
+            (_, x) => Series { y: series.y, x },
+        }
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}

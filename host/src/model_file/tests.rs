@@ -1,0 +1,177 @@
+//! Models survive the disk, and faulty files are refused with the place of the fault.
+
+use super::*;
+use proptest::prelude::*;
+use std::fs;
+
+const GOOD: &str = r#"[model]
+format = 1
+learned_from = "phantom-a"
+[tissue]
+k_kpa = 12.1
+k_ci95_kpa = [11.8, 12.4]
+[tip]
+load_n = 0.2
+[[effect]]
+id = "sensor.force_bias"
+parameters = { bias_x_n = { value = 0.1 } }
+[[effect]]
+id = "tissue.layers"
+log_evidence_gain = 57.1
+[effect.parameters.k_ratio]
+value = 2.1
+ci95 = [1.8, 2.4]
+[effect.parameters.boundary_mm]
+value = 14.8
+"#;
+
+fn read(text: &str) -> Result<ModelFile, SessionError> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("model.toml");
+    fs::write(&path, text).expect("written");
+    ModelFile::read(&path)
+}
+
+#[test]
+fn a_model_is_what_the_file_says() {
+    let model = read(GOOD).expect("reads");
+    assert_eq!(model.learned_from.as_deref(), Some("phantom-a"));
+    assert_eq!((model.modulus_pa, model.modulus_ci95_pa), (Some(12_100.0), Some([11_800.0, 12_400.0])));
+    assert_eq!((model.tip_load_n, model.tip_load_ci95_n), (Some(0.2), None));
+    // In the catalogue layers come before the force sensor.
+    let effects = model.effects();
+    let found: Vec<_> = effects.iter().map(|(effect, values)| (effect.id(), values.as_slice())).collect();
+    assert_eq!(found, [("tissue.layers", &[2.1, 14.8][..]), ("sensor.force_bias", &[0.0, 0.1])]);
+    assert_eq!(model.effects[1].ci95, [Some([1.8, 2.4]), None]);
+    assert_eq!(model.effects[1].log_evidence_gain, Some(57.1));
+    assert_eq!(read("[model]\nformat = 1\n").expect("reads"), ModelFile::default());
+}
+
+#[test]
+fn one_model_replaces_what_it_says_of_another() {
+    let other = read(
+        "[model]\nformat = 1\n[tip]\nload_n = 0.3\n[[effect]]\nid = \"tissue.skin\"\n[effect.parameters]\nstiffness_n_per_mm = { value = 1 }\n",
+    );
+    let other = other.expect("reads");
+    let both = read(GOOD).expect("reads").replaced_by(&other);
+    assert_eq!((both.modulus_pa, both.tip_load_n), (Some(12_100.0), Some(0.3)));
+    assert_eq!(both.effects.len(), 3);
+    assert_eq!(other.clone().replaced_by(&other), other);
+}
+
+#[test]
+fn faults_are_named_with_their_place() {
+    let fails = |text: String, place: &str, words: &[&str]| {
+        let said = read(&text).expect_err("a fault").to_string();
+        assert!(said.contains(&format!("model.toml:{place}")), "{place} in {said}");
+        for word in words {
+            assert!(said.contains(word), "{word} in {said}");
+        }
+    };
+    let with = |from: &str, to: &str| {
+        assert!(GOOD.contains(from), "{from}");
+        GOOD.replacen(from, to, 1)
+    };
+    fails(
+        with("tissue.layers", "tissue.layer"),
+        "13:6",
+        &["effect.id: \"tissue.layer\" is not known", "expected one of tissue.layers"],
+    );
+    fails(with("tissue.layers", "layers"), "13:6", &["expected one of tissue.layers"]);
+    fails(with("tissue.layers", "fog"), "13:6", &["one of tissue.layers, tissue.gradient", "tip.rate"]);
+    fails(
+        with("boundary_mm]", "boundary_cm]"),
+        "18:20",
+        &["effect.parameters.boundary_cm", "k_ratio, boundary_mm"],
+    );
+    fails(
+        with("value = 14.8", "value = 0.5"),
+        "19:9",
+        &["effect.parameters.boundary_mm.value: 0.5 is out of range", "1 to 200"],
+    );
+    fails(with("value = 14.8", "value = inf"), "19:9", &["not a finite number"]);
+    fails(with("value = 14.8", "value = \"deep\""), "19:9", &["this is a string", "a number from 1 to 200"]);
+    fails(with("value = 14.8", "valeu = 14.8"), "19:1", &["\"valeu\" is not known", "value, ci95"]);
+    // A ratio without a boundary says nothing; a boundary without a ratio says that there is no second layer.
+    let without = with("[effect.parameters.boundary_mm]\nvalue = 14.8\n", "");
+    fails(without, "", &["effect.parameters.boundary_mm: missing, expected a table with value, 1 to 200"]);
+    let without = with("[effect.parameters.k_ratio]\nvalue = 2.1\nci95 = [1.8, 2.4]\n", "");
+    assert_eq!(read(&without).expect("reads").effects[1].values, [1.0, 14.8]);
+    fails(with("bias_x_n = { value = 0.1 }", ""), "11:14", &["empty, expected bias_n, bias_x_n"]);
+    fails(with("parameters = { bias_x_n = { value = 0.1 } }\n", ""), "", &["effect.parameters: missing"]);
+    let twice = "[[effect]]\nid = \"tissue.layers\"\nparameters = { boundary_mm = { value = 3 } }\n";
+    fails(GOOD.to_owned() + twice, "21:6", &["\"tissue.layers\" is there twice"]);
+    fails(with("[1.8, 2.4]", "[2.4, 1.8]"), "17:8", &["2.4 is more than the second number"]);
+    fails(with("[11.8, 12.4]", "[11.8]"), "6:14", &["tissue.k_ci95_kpa: a list of 1", "[low, high]"]);
+    fails(with("[11.8, 12.4]", "[11.8, \"x\"]"), "6:21", &["this is a string"]);
+    fails(
+        with("k_kpa = 12.1", "k_kpa = 0"),
+        "5:9",
+        &["tissue.k_kpa: 0 is out of range, expected a number from 0.01"],
+    );
+    fails(with("load_n", "load_kg"), "8:1", &["tip.load_kg", "load_n, load_ci95_n"]);
+    fails(with("format = 1", "format = 2"), "2:10", &["model.format: 2 is out of range"]);
+    fails(with("[model]", "[modle]"), "1:2", &["\"modle\" is not known", "model, tissue, tip, effect"]);
+    fails("[tissue]\nk_kpa = 1".to_owned(), "1:1", &["model: missing"]);
+    fails(with("12.1", ""), "5:", &["syntax"]);
+}
+
+#[test]
+fn what_cannot_be_written_is_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("model.toml");
+    let model = ModelFile { modulus_pa: Some(f64::NAN), ..ModelFile::default() };
+    let said = model.write(&path).expect_err("not finite").to_string();
+    assert!(said.contains("k_kpa") && !path.exists(), "{said}");
+    assert!(ModelFile::read(&path).expect_err("no file").to_string().contains("model.toml: cannot read"));
+    // Plain numbers stay plain.
+    let model = ModelFile { modulus_pa: Some(12_100.0), ..ModelFile::default() };
+    assert_eq!(model.text(&path).expect("text"), "[model]\nformat = 1\n\n[tissue]\nk_kpa = 12.1\n");
+}
+
+fn interval() -> impl Strategy<Value = Option<[f64; 2]>> {
+    proptest::option::of((-1e6..1e6f64, 0.0..1e6f64).prop_map(|(low, width)| [low, low + width]))
+}
+
+fn learned(index: usize) -> impl Strategy<Value = LearnedEffect> {
+    let effect = EFFECTS[index];
+    let count = effect.parameters().len();
+    let shares = proptest::collection::vec(0.0..=1.0f64, count);
+    let intervals = proptest::collection::vec(interval(), count);
+    (shares, intervals, proptest::option::of(-1e3..1e3f64)).prop_map(
+        move |(shares, ci95, log_evidence_gain)| {
+            let within = |(info, share): (&ParameterInfo, f64)| {
+                let [least, most] = info.range;
+                (least + share * (most - least)).clamp(least, most)
+            };
+            let values = effect.parameters().iter().zip(shares).map(within).collect();
+            LearnedEffect { effect, values, ci95, log_evidence_gain }
+        },
+    )
+}
+
+prop_compose! {
+    fn model()(
+        learned_from in proptest::option::of("[ -~\\n\u{e4}]{1,20}x"),
+        modulus_pa in proptest::option::of(10.0..1e7f64),
+        modulus_ci95_pa in interval(),
+        tip_load_n in proptest::option::of(-50.0..50.0f64),
+        tip_load_ci95_n in interval(),
+        effects in proptest::sample::subsequence((0..EFFECTS.len()).collect::<Vec<_>>(), 0..5)
+            .prop_flat_map(|indices| indices.into_iter().map(learned).collect::<Vec<_>>()),
+    ) -> ModelFile {
+        ModelFile { learned_from, modulus_pa, modulus_ci95_pa, tip_load_n, tip_load_ci95_n, effects }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn what_is_written_is_read_to_the_last_bit(model in model()) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("model.toml");
+        model.write(&path).expect("written");
+        prop_assert_eq!(ModelFile::read(&path).expect("reads"), model);
+    }
+}

@@ -1,0 +1,174 @@
+//! Model files, plans and the list of effects.
+
+use super::{failure, folder, guide, json, path, text};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+const PLAN: &str = r#"
+[needle]
+youngs_modulus_gpa = 200.0
+outer_diameter_mm = 1.27
+inner_diameter_mm = 1.0
+
+[rig]
+guide2_mm = 60.0
+entry_mm = 70.0
+
+[tissue]
+k_kpa = 9.0
+
+[tip]
+load_n = 0.2
+
+[[effect]]
+id = "tissue.gradient"
+parameters = { gradient_per_mm = { value = 0 } }
+
+[[lateral]]
+id = "y25"
+depth_mm = 25
+
+[[insertion]]
+id = "i1"
+depth_mm = 80
+"#;
+
+const MODEL: &str = r#"
+[model]
+format = 1
+[tissue]
+k_kpa = 12.0
+k_ci95_kpa = [11.5, 12.5]
+[[effect]]
+id = "tissue.layers"
+[effect.parameters.k_ratio]
+value = 2.5
+[effect.parameters.boundary_mm]
+value = 12
+"#;
+
+fn k_kpa(found: &Value) -> [f64; 2] {
+    [0, 1].map(|end| found["pooled"]["ci95_kpa"][end].as_f64().expect("an interval"))
+}
+
+#[test]
+fn a_model_file_is_simulated_identified_and_predicted_with() {
+    let folder = folder();
+    let [config, model, dir] =
+        ["plan.toml", "model.toml", "made"].map(|name| path(&folder.path().join(name)).to_owned());
+    fs::write(&config, PLAN).expect("written");
+    fs::write(&model, MODEL).expect("written");
+    let made = json(&["simulate", "--config", &config, "--model", &model, "--out", &dir, "--json"]);
+    assert_eq!(made["schema"], "guide.simulate/1");
+    let truth = &made["truth"];
+    assert_eq!((&truth["k_kpa"], &truth["tip_load_n"]), (&12.0.into(), &0.2.into()));
+    let ids: Vec<_> = truth["effects"].as_array().expect("a list").iter().map(|one| &one["id"]).collect();
+    assert_eq!(ids, ["tissue.layers", "tissue.gradient"]);
+    assert_eq!(truth["effects"][0]["parameters"]["boundary_mm"], 12.0);
+    assert_eq!((&made["lateral"][0]["id"], &made["insertion"][0]["id"]), (&"y25".into(), &"i1".into()));
+    assert_eq!(made["runs"].as_array().map(Vec::len), Some(0));
+    let again = path(&folder.path().join("again")).to_owned();
+    let said = guide(&["simulate", "--config", &config, "--model", &model, "--out", &again]);
+    let said = text(&said.stdout);
+    for part in
+        ["lateral      y25: ", "K 12 kPa, tip load 0.2 N", "tissue.layers: boundary_mm 12, k_ratio 2.5"]
+    {
+        assert!(said.contains(part), "{part} is not in {said}");
+    }
+    let csv = |dir: &str| fs::read_to_string(Path::new(dir).join("y25.force.csv")).expect("written");
+    assert_eq!(csv(&dir), csv(&again), "the same seed");
+
+    let with = json(&["identify", &dir, "--model", &model, "--json", "--relation", "vesic"]);
+    assert_eq!(with["effects"], serde_json::json!(["tissue.layers"]));
+    let [low, high] = k_kpa(&with);
+    assert!(low < 12.0 && 12.0 < high, "{low} to {high}");
+    let without = json(&["identify", &dir, "--json", "--relation", "vesic"]);
+    assert!(without.get("effects").is_none());
+    assert!(k_kpa(&without)[0] > 12.5, "{without}");
+    let said = text(&guide(&["identify", &dir, "--model", &model, "--relation", "vesic"]).stdout);
+    assert!(said.contains("model with   tissue.layers") && said.contains("knows no effects"), "{said}");
+    for wrong in [&["--nuisance", "tissue.layers"][..], &["--layers"]] {
+        let said = failure(&[&["identify", &dir, "--model", &model], wrong].concat());
+        assert!(said.contains("in the model already"), "{said}");
+    }
+
+    // Insertions alone: the modulus is that of the file, unless it is given.
+    let alone = path(&folder.path().join("alone")).to_owned();
+    fs::write(
+        &config,
+        PLAN.split("[[lateral]]").next().expect("text").to_owned()
+            + "[[insertion]]\nid = \"i1\"\ndepth_mm = 80\n",
+    )
+    .expect("written");
+    json(&["simulate", "--config", &config, "--model", &model, "--out", &alone, "--json"]);
+    let by_file = json(&["predict", &alone, "--model", &model, "--json"]);
+    let sd = (0.5f64 / 1.959_963_984_540_054).to_string();
+    let layers = "tissue.layers=2.5,12";
+    let told = json(&["predict", &alone, "--k-kpa", "12", &sd, "--effect", layers, "--json"]);
+    let path_of = |found: &Value| -> Vec<f64> {
+        let tip = found["insertions"][0]["tip_y_mm"].as_array().expect("a list");
+        tip.iter().map(|mm| mm.as_f64().expect("a number")).collect()
+    };
+    assert!(path_of(&by_file).iter().zip(path_of(&told)).all(|(a, b)| (a - b).abs() < 1e-6));
+    let other = json(&["predict", &alone, "--model", &model, "--effect", "tissue.layers=1,12", "--json"]);
+    assert_ne!(path_of(&by_file), path_of(&other));
+    assert!(failure(&["predict", &alone, "--model", &model, "--layers"]).contains("in the model already"));
+
+    fs::write(&model, MODEL.replace("tissue.layers", "tissue.layer")).expect("written");
+    for command in
+        [&["identify", &dir][..], &["predict", &dir], &["simulate", "--config", &config, "--out", &dir]]
+    {
+        let said = failure(&[command, &["--model", &model]].concat());
+        assert!(said.contains("model.toml:8:6: effect.id: \"tissue.layer\" is not known"), "{said}");
+    }
+}
+
+#[test]
+fn plan_faults_name_their_place() {
+    let folder = folder();
+    let config = folder.path().join("plan.toml");
+    let out = folder.path().join("out");
+    let fails = |text: &str, expected: &str| {
+        fs::write(&config, text).expect("written");
+        let said = failure(&["simulate", "--config", path(&config), "--out", path(&out)]);
+        assert!(said.contains(expected), "{said}");
+        assert!(!out.exists(), "nothing is left behind");
+    };
+    fails(&PLAN.replace("k_kpa = 9.0", ""), "plan.toml:11:1: tissue.k_kpa: missing");
+    fails(&PLAN.replace("depth_mm = 25", "depth_cm = 2.5"), "lateral.depth_cm: \"depth_cm\" is not known");
+    fails(&PLAN.replace("depth_mm = 80", "depth_mm = -80"), "insertion.depth_mm: -80 is out of range");
+    fails(&PLAN.replace("gradient_per_mm", "gradient"), "gradient_per_mm");
+    fails(PLAN.split("[[lateral]]").next().expect("text"), "expected at least one [[lateral]]");
+    fails(&PLAN.replace("\"y25\"", "\"../y\""), "cannot be part of a file name");
+}
+
+#[test]
+fn effects_are_listed() {
+    let all = json(&["effects", "--json"]);
+    assert_eq!(all["schema"], "guide.effects/1");
+    let effects = all["effects"].as_array().expect("a list");
+    assert_eq!(effects.len(), host::model::effects::EFFECTS.len());
+    for parameter in effects.iter().flat_map(|one| one["parameters"].as_array().expect("a list")) {
+        // A name without a unit at its end is a ratio, a share, or the like.
+        let (name, unit) = (parameter["name"].as_str().expect("text"), &parameter["unit"]);
+        let bare = ["ratio", "fraction", "gain", "scale", "relative"].iter().any(|end| name.ends_with(end));
+        assert_eq!(bare, unit == "1", "{name} {unit}");
+    }
+    let one = json(&["effects", "tissue.layers", "--json"]);
+    assert_eq!(one["effects"].as_array().map(Vec::len), Some(1));
+    let [ratio, boundary] = [0, 1].map(|i| one["effects"][0]["parameters"][i].clone());
+    assert_eq!(
+        (&ratio["neutral"], &ratio["unit"], &ratio["range"][1]),
+        (&1.0.into(), &"1".into(), &50.0.into())
+    );
+    assert!(boundary["neutral"].is_null() && boundary["nodes"].is_array() && boundary["unit"] == "mm");
+    let said = text(&guide(&["effects"]).stdout);
+    assert!(
+        said.contains("tissue.layers\n  physics") && said.contains("tip.rate") && !said.contains("likely"),
+        "{said}"
+    );
+    assert!(text(&guide(&["effects", "rig.backlash"]).stdout).contains("likely 0 to 0.4"));
+    let said = failure(&["effects", "tissue.layer"]);
+    assert!(said.contains("\"tissue.layer\" is not known, expected one of tissue.layers"), "{said}");
+}
