@@ -104,6 +104,7 @@ pub fn diagnose(
         rig: session.rig.clone(),
         kinds: [Kind::Lateral, Kind::Insertion].map(|kind| runs.iter().any(|run| run.kind == kind)),
         effects: options.given.iter().map(|(effect, _)| *effect).collect(),
+        cache: Default::default(),
     };
     let (prepared, start) = fit_start(&layout, &runs, &noise, &options.given)?;
     let before = Adequacy::of(&start, &prepared)?;

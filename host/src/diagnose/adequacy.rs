@@ -10,15 +10,13 @@
 
 use super::believed::{Fitted, Prepared};
 use super::data::{Channel, Datum, Kind};
-use super::score::{parameter_basis, stacked};
+use super::score::{NOISE_TOLERANCE, parameter_basis, stacked};
 use crate::model::ModelError;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 /// A model is inadequate where chance makes residuals as smooth as these in fewer sessions than this.
 const LEVEL: f64 = 0.003;
-/// How far the size of the noise may be from what was taken, variance: a test that hears a tenth would hear it everywhere.
-const NOISE_TOLERANCE: f64 = 1.1;
 /// Directions smaller than this beside the largest are combinations of others.
 const LEAST_DIRECTION: f64 = 1e-9;
 /// Bins of a coordinate, and intervals reported.

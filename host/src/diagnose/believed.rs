@@ -8,7 +8,8 @@ use super::data::{Kind, Run, Source};
 use super::whiten::Whitener;
 use crate::inference::{Block, Fit, FitError, Parameter, Prior, fit};
 use crate::model::effects::{Effect, ParameterInfo};
-use crate::model::{Channels, Model, ModelError, Rig, TipLaw, predict};
+use crate::model::{Cache, Channels, Model, ModelError, Rig, TipLaw, predict_with};
+use std::rc::Rc;
 
 /// Modulus of soft tissue, and the standard deviation of its logarithm.
 const TYPICAL_MODULUS_PA: f64 = 15e3;
@@ -62,6 +63,8 @@ pub(super) struct Layout {
     /// Whether there are lateral runs and insertions.
     pub kinds: [bool; 2],
     pub effects: Vec<&'static dyn Effect>,
+    /// Needles that were solved lately.
+    pub cache: Rc<Cache>,
 }
 
 impl Layout {
@@ -202,7 +205,8 @@ impl Prepared {
     /// # Errors
     /// Where the model cannot be evaluated.
     pub fn residuals(&self, layout: &Layout, values: &[f64]) -> Result<Vec<f64>, ModelError> {
-        let predicted = predict(&layout.model(values, self.run.kind)?, &self.run.experiment)?;
+        let model = layout.model(values, self.run.kind)?;
+        let predicted = predict_with(&model, &self.run.experiment, &layout.cache)?;
         let mut residuals = differences(&self.run, &predicted);
         self.whitener.apply(&mut residuals);
         Ok(residuals)

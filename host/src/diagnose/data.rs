@@ -140,6 +140,10 @@ pub(super) struct Run {
     pub speed_m_per_s: f64,
 }
 
+/// Guide 2 has not moved in a plane in which no hold is further from zero.
+const IDLE_M: f64 = 0.05e-3;
+/// At either end of a hold so much may still be motion.
+const EDGE_S: f64 = 0.1;
 /// Length of a cell.
 const CELL_S: f64 = 0.05;
 /// Ends of the stretches of a hold; beyond the last in steps of it.
@@ -166,6 +170,7 @@ impl Run {
         let cells = cells(run, &holds);
         let most_m = |plane: usize| holds.iter().map(|h| h.displacement_m()[plane].abs()).fold(0.0, f64::max);
         let axis = usize::from(most_m(1) > most_m(0));
+        let idle_m = cells.read_m.each_ref().map(|read| read.iter().sum::<f64>() / read.len() as f64);
         let places: Vec<Place> = hold_places(&holds, axis, run.depth_m);
         let start_s = cells.time_s.first().copied().unwrap_or_default();
 
@@ -209,6 +214,8 @@ impl Run {
         data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));
         let drive = (0..cells.time_s.len()).map(|i| {
             let at = |plane: usize| match cells.hold[i] {
+                // A plane in which guide 2 stays where it is has nothing but noise in its readings.
+                _ if most_m(plane) <= IDLE_M => idle_m[plane],
                 Some(hold) => holds[hold].displacement_m()[plane],
                 None => cells.read_m[plane][i],
             };
@@ -309,7 +316,8 @@ fn cells(run: &LateralRun, holds: &[Level]) -> Cells {
     let force_n = [cleaned(&force.force_y_n), force.force_x_n.as_deref().map_or_else(zeros, cleaned)];
     let read_m = [force.displacement_y_m.clone(), force.displacement_x_m.clone().unwrap_or_else(zeros)];
     let hold_of = |time_s: f64| {
-        holds.iter().position(|h| (h.time_s[0]..=h.time_s[1]).contains(&time_s) && h.lost_samples == 0)
+        let inside = |h: &Level| (h.time_s[0] + EDGE_S..=h.time_s[1] - EDGE_S).contains(&time_s);
+        holds.iter().position(|h| inside(h) && h.lost_samples == 0)
     };
     let mut cells = Cells::default();
     let mut row = 0;

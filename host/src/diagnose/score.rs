@@ -38,8 +38,9 @@ pub(super) struct Score {
     pub chi_square: f64,
     /// Logarithm of the evidence over the current model.
     pub log_evidence: f64,
-    /// Values at the best way and amplitude.
-    pub values: Vec<f64>,
+    /// Values at the best ways and amplitudes: where a fit may start. Neighbours of the best place are among them, because far from
+    /// the neutral value the best place moves.
+    pub starts: Vec<Vec<f64>>,
     /// Whether the session can tell this effect at all: a likely size would be seen.
     pub is_told: bool,
 }
@@ -54,6 +55,8 @@ pub(super) struct Scores {
     along: DVector<f64>,
 }
 
+/// How far the variance of the noise may be from what was taken: it is estimated itself.
+pub(super) const NOISE_TOLERANCE: f64 = 1.1;
 /// A likely effect that is seen with less than this many standard deviations is not told.
 const TOLD: f64 = 2.0;
 
@@ -185,10 +188,12 @@ impl Scores {
                     effect: *effect,
                     chi_square: of_ways.iter().map(|way| way.chi_square).fold(0.0, f64::max),
                     log_evidence: mean_of_exponentials(of_ways.iter().map(|way| way.log_evidence)),
-                    values: ways.get(best).map_or_else(
-                        || neutral(*effect),
-                        |way| start(*effect, way, &of_ways[best].amplitudes),
-                    ),
+                    starts: [Some(best), best.checked_sub(1), Some(best + 1)]
+                        .into_iter()
+                        .flatten()
+                        .filter_map(|number| Some((ways.get(number)?, of_ways.get(number)?)))
+                        .map(|(way, score)| start(*effect, way, &score.amplitudes))
+                        .collect(),
                     is_told: told,
                 }
             })
@@ -204,7 +209,7 @@ impl Scores {
         }
         let eigen = self.gram.clone().symmetric_eigen();
         let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
-        let root = &eigen.eigenvectors * DMatrix::from_diagonal(&roots);
+        let root = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * NOISE_TOLERANCE.sqrt();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut largest: Vec<f64> = (0..draws)
             .map(|_| {

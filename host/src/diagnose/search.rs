@@ -6,10 +6,11 @@ use crate::inference::FitError;
 use crate::model::effects::Effect;
 use nalgebra::{DMatrix, DVector};
 
-/// Share of sessions that lack nothing in which something may be named.
-const FALSE_ALARMS: f64 = 0.01;
+/// Share of parametric draws of a session that lacks nothing in which something may be named: well below the one in a hundred that is
+/// promised, because sessions have outliers and rounding that the draws do not have.
+const FALSE_ALARMS: f64 = 0.001;
 /// Parametric draws for the margin.
-const DRAWS: usize = 2000;
+const DRAWS: usize = 4000;
 /// Leaders that are refitted, and how far behind the best they may be by score.
 const MOST_LEADERS: usize = 8;
 const BEHIND: f64 = 15.0;
@@ -80,10 +81,14 @@ pub(super) fn weigh(base: &Fitted, runs: &[Prepared], scores: &Scores) -> Vec<Ca
 
 fn refit(base: &Fitted, runs: &[Prepared], score: &Score) -> Option<(Fitted, f64)> {
     let layout = base.layout.with(score.effect);
-    let mut starts = base.values().to_vec();
-    let infos = score.effect.parameters().iter().zip(&score.values);
-    starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-    let fitted = Fitted::new(&layout, runs, &starts).ok()?;
+    let from = |values: &Vec<f64>| {
+        let mut starts = base.values().to_vec();
+        let infos = score.effect.parameters().iter().zip(values);
+        starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+        Fitted::new(&layout, runs, &starts).ok()
+    };
+    let fits = score.starts.iter().filter_map(from);
+    let fitted = fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
     let gain = fitted.log_evidence - base.log_evidence + one_sided(score.effect);
     Some((fitted, gain))
 }
@@ -232,7 +237,9 @@ fn members(found: &Found, start: &Fitted, given: usize, runs: &[Prepared]) -> Re
         let mut class = vec![(effect, final_fit.clone(), own)];
         for candidate in &candidates {
             let Some((fitted, gain)) = &candidate.refit else { continue };
-            if candidate.id() == effect.id() || fitted.fit.at_bound.iter().any(|at| *at) {
+            // What this session cannot tell is as good as any other; it is no rival.
+            let is_rival = candidate.score.is_told && *gain > 0.5 * found.margin;
+            if candidate.id() == effect.id() || !is_rival || fitted.fit.at_bound.iter().any(|at| *at) {
                 continue;
             }
             let apart = (stacked(&fitted.fit.residuals) - stacked(&final_fit.fit.residuals)).norm_squared();

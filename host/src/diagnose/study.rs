@@ -218,6 +218,7 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
         rig: session.rig.clone(),
         kinds: [Kind::Lateral, Kind::Insertion].map(|kind| training.runs.iter().any(|run| run.kind == kind)),
         effects: Vec::new(),
+        cache: Default::default(),
     };
     let (mut prepared, start) = fit_start(&layout, &training.runs, &noise, &[]).ok()?;
     let mut own = layout.first_values();

@@ -23,12 +23,13 @@ fn debug_layers() {
     let (training, _) = split(runs);
     let noise = Noise::of(&training.runs, &session.noise);
     println!("{noise:?} {truth:?}");
-    let layout = Layout { rig: session.rig.clone(), kinds: [true, false], effects: vec![] };
+    let layout =
+        Layout { rig: session.rig.clone(), kinds: [true, false], effects: vec![], cache: Default::default() };
     let (prepared, start) = fit_start(&layout, &training.runs, &noise, &[]).unwrap();
     println!("start {:?} {}", start.values(), start.fit.chi_square);
     let scores = score::Scores::new(&start, &prepared).unwrap();
     for s in scores.ranked().iter().take(6) {
-        println!("{} {:.1} {:.1} {:?}", s.effect.id(), s.chi_square, s.log_evidence, s.values);
+        println!("{} {:.1} {:.1} {:?}", s.effect.id(), s.chi_square, s.log_evidence, s.starts);
     }
     let with = layout.with(crate::model::effects::effect("tissue.layers").unwrap());
     for from in [[2.0f64, 10.0f64], [2.0, 15.0], [2.0, 20.0], [1.5, 19.0]] {
@@ -59,16 +60,40 @@ fn debug_cases() {
     let per: usize = std::env::var("PER").ok().and_then(|v| v.parse().ok()).unwrap_or(1);
     let size = study::Size { nothing: 10 * per, one: per, pairs: 4 * per, foreign: per };
     for (hidden, seed) in study::cases(size, 1) {
-        if !format!("{hidden:?}").to_lowercase().contains(&only) { continue; }
+        if !format!("{hidden:?}").to_lowercase().contains(&only) {
+            continue;
+        }
         let (session, truth) = study::make(&hidden, seed);
         println!("=== {hidden:?} {seed} {truth:?}");
         let t = std::time::Instant::now();
-        let found = diagnose(&session, &Options { seed, ..Options::default() }, |what| println!("   {what} {:.2}", t.elapsed().as_secs_f64())).unwrap();
+        let found = diagnose(&session, &Options { seed, ..Options::default() }, |what| {
+            println!("   {what} {:.2}", t.elapsed().as_secs_f64())
+        })
+        .unwrap();
         println!("  {:?} {:.2} s", found.verdict, t.elapsed().as_secs_f64());
-        for e in &found.effects { println!("   {} {:?} gain {:.1} class {:?}", e.id, e.parameters, e.log_evidence_gain, e.class); }
-        for r in found.ranking.iter().take(5) { println!("      {r:?}"); }
-        println!("   p {:.1e} {:.1e} chi {:?} partial {:?} next {:?}", found.adequacy[0].p, found.adequacy[1].p, found.adequacy[1].channels, found.partial, found.next_measurement.as_ref().map(|n| &n.what));
-        println!("   gap {:?}", found.gap.as_ref().map(|g| (g.before.chi2_reduced, g.after.chi2_reduced, g.removed)));
-        for r in &found.regions { println!("   {} {} {:.1}..{:.1} {:.3} {} {:.1}", r.channel, r.coordinate, r.from, r.to, r.mean_residual, r.unit, r.sigma); }
+        for e in &found.effects {
+            println!("   {} {:?} gain {:.1} class {:?}", e.id, e.parameters, e.log_evidence_gain, e.class);
+        }
+        for r in found.ranking.iter().take(5) {
+            println!("      {r:?}");
+        }
+        println!(
+            "   p {:.1e} {:.1e} chi {:?} partial {:?} next {:?}",
+            found.adequacy[0].p,
+            found.adequacy[1].p,
+            found.adequacy[1].channels,
+            found.partial,
+            found.next_measurement.as_ref().map(|n| &n.what)
+        );
+        println!(
+            "   gap {:?}",
+            found.gap.as_ref().map(|g| (g.before.chi2_reduced, g.after.chi2_reduced, g.removed))
+        );
+        for r in &found.regions {
+            println!(
+                "   {} {} {:.1}..{:.1} {:.3} {} {:.1}",
+                r.channel, r.coordinate, r.from, r.to, r.mean_residual, r.unit, r.sigma
+            );
+        }
     }
 }

@@ -3,6 +3,7 @@
 //! Quasi-static (`model.md`, section 4): at each depth the needle is in equilibrium with guide 2, the springs at rest on the
 //! path cut so far, and the load that the bevel takes at the tip. The load turns with the needle about its axis.
 
+use super::cache::Cache;
 use super::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip, TipState};
 use super::{BeamProblem, ModelError, Series, check};
 
@@ -128,6 +129,7 @@ pub(super) fn tip_m(
     problems: &[BeamProblem; 2],
     law: &TipLaw,
     insertion: &Insertion,
+    cache: &Cache,
 ) -> Result<Series, ModelError> {
     let mut last_m = DEFAULT_STEP_M;
     for depth_m in &insertion.depth_m {
@@ -146,11 +148,9 @@ pub(super) fn tip_m(
     jumps_m.extend(law.along_bevel.steps.iter().map(|[depth_m, _]| *depth_m));
     jumps_m.extend(insertion.speed_m_per_s.jumps_m());
     let grid_m = grid_m(last_m, DEFAULT_STEP_M, &jumps_m);
-    let first = Growth::new(&problems[0], grid_m.clone(), grip)?;
-    let alike = problems[0] == problems[1];
-    let second = if alike { None } else { Some(Growth::new(&problems[1], grid_m, grip)?) };
+    let growths = [cache.growth(&problems[0], &grid_m, grip)?, cache.growth(&problems[1], &grid_m, grip)?];
     let plane = |plane: usize| -> Vec<f64> {
-        let growth = if plane == 0 { &first } else { second.as_ref().unwrap_or(&first) };
+        let growth = &growths[plane];
         let states = states(growth, law, insertion, plane);
         let straight = law.entry_angle_rad[plane].tan();
         insertion

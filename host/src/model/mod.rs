@@ -7,6 +7,7 @@
 
 mod banded;
 mod beam;
+mod cache;
 pub mod effects;
 pub mod elements;
 mod foundation;
@@ -23,12 +24,13 @@ mod rig;
 pub mod steering;
 
 pub use beam::{Beam, BeamProblem, Response, TissueLaw};
+pub use cache::Cache;
 pub use foundation::{Foundation, Layer};
 pub use insertion::{BevelLoad, Cutting, Insertion, Profile, TipLaw};
 pub use lateral::Drive;
 pub use predict::{
     Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Plane, Series, ShapePoint,
-    predict,
+    predict, predict_with,
 };
 pub use rig::{Needle, Rig};
 pub use steering::{BaseDrive, Dynamics, Steering};

@@ -1,8 +1,9 @@
 //! From what is believed and what was done to what every sensor should have read.
 
+use super::cache::Cache;
 use super::effects::{Effect, Seen};
 use super::insertion::{self, Insertion, TipLaw};
-use super::lateral::{Drive, Response};
+use super::lateral::Drive;
 use super::rest::Rest;
 use super::steering::{self, Dynamics, Steering};
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig};
@@ -205,10 +206,18 @@ impl Channels {
 /// As [`BeamProblem::solve`], [`ModelError::NoDrive`] where there are shape points but no drive sample, and
 /// [`ModelError::NoDynamics`] where a steering run is asked of a model without.
 pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, ModelError> {
+    predict_with(model, experiment, &Cache::default())
+}
+
+/// The same as [`predict`], which solves no needle twice that the cache still knows: for many runs or many models that differ little.
+///
+/// # Errors
+/// As [`predict`].
+pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Result<Channels, ModelError> {
     match experiment {
-        Experiment::Lateral(lateral) => predict_lateral(model, lateral),
-        Experiment::LateralForce(forced) => predict_forced(model, forced),
-        Experiment::Insertion(inserted) => predict_insertion(model, inserted),
+        Experiment::Lateral(lateral) => predict_lateral(model, lateral, cache),
+        Experiment::LateralForce(forced) => predict_forced(model, forced, cache),
+        Experiment::Insertion(inserted) => predict_insertion(model, inserted, cache),
         Experiment::Steering(run) => {
             let dynamics = model.dynamics.as_ref().ok_or(ModelError::NoDynamics)?;
             let problem = model.problem(run.depth_m.iter().copied().fold(0.0, f64::max))?;
@@ -227,7 +236,7 @@ pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, Model
     }
 }
 
-fn predict_lateral(model: &Model, lateral: &Lateral) -> Result<Channels, ModelError> {
+fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Channels, ModelError> {
     let mut drive = Drive::default();
     model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
     let times_s: Vec<f64> = lateral.drive.iter().map(|sample| sample.time_s).collect();
@@ -239,9 +248,9 @@ fn predict_lateral(model: &Model, lateral: &Lateral) -> Result<Channels, ModelEr
     // Where nothing sets the planes apart they have one response.
     let alike = problems[0] == problems[1];
     let both_m = most_m[0].max(most_m[1]);
-    let first = Response::new(&problems[0], if alike { both_m } else { most_m[0] })?;
-    let second = if alike { None } else { Some(Response::new(&problems[1], most_m[1])?) };
-    let responses = [&first, second.as_ref().unwrap_or(&first)];
+    let first = cache.response(&problems[0], if alike { both_m } else { most_m[0] })?;
+    let second = if alike { first.clone() } else { cache.response(&problems[1], most_m[1])? };
+    let responses = [&first, &second];
 
     let rest = Rest::of(model, &problems);
     let mut channels = Channels::two_planes();
@@ -277,7 +286,7 @@ fn predict_lateral(model: &Model, lateral: &Lateral) -> Result<Channels, ModelEr
 }
 
 /// Small forces: the linear needle, without what lies between actuator and needle.
-fn predict_forced(model: &Model, forced: &LateralForce) -> Result<Channels, ModelError> {
+fn predict_forced(model: &Model, forced: &LateralForce, cache: &Cache) -> Result<Channels, ModelError> {
     let stiffness = [Plane::Y, Plane::X].map(|plane| {
         Ok::<_, ModelError>(model.problem_in(plane, forced.depth_m)?.solve()?.lateral_stiffness_n_per_m())
     });
@@ -289,15 +298,16 @@ fn predict_forced(model: &Model, forced: &LateralForce) -> Result<Channels, Mode
         x_m: sample.x_n / stiffness_x,
     };
     let drive = forced.drive.iter().map(moved).collect();
-    predict_lateral(model, &Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone() })
+    let lateral = Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone() };
+    predict_lateral(model, &lateral, cache)
 }
 
-fn predict_insertion(model: &Model, inserted: &Insertion) -> Result<Channels, ModelError> {
+fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Result<Channels, ModelError> {
     let deepest_m = inserted.depth_m.iter().copied().fold(0.0, f64::max);
     let problems = [model.problem_in(Plane::Y, deepest_m)?, model.problem_in(Plane::X, deepest_m)?];
     let mut law = model.tip.clone();
     model.effects.iter().for_each(|(effect, values)| effect.tip(values, &mut law));
-    let tip_m = insertion::tip_m(&problems, &law, inserted)?;
+    let tip_m = insertion::tip_m(&problems, &law, inserted, cache)?;
     let mut channels = Channels { tip_m, ..Channels::two_planes() };
     model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]] }, &mut channels);
     Ok(channels)
