@@ -121,7 +121,7 @@ pub fn diagnose(
     let gap = held_out.gap(&start, final_fit, &noise, options.seed)?;
     let story =
         Story { session, options, all: &all, start: &start, found: &found, noise: &noise, rule, thin };
-    let adequacy = [&before, if is_named { &after } else { &before }];
+    let adequacy = [&before, &after];
     Ok(story.told(verdict, final_fit, &where_before, adequacy, gap, &held_out, warnings))
 }
 

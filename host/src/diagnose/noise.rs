@@ -58,9 +58,12 @@ const LEAST: Noise = {
 };
 /// Where nothing is stated and nothing can be seen.
 const TYPICAL: [f64; 4] = [0.05, 20e-6, 30e-6, 0.1e-3];
-/// Segments and readings that are looked at.
-const MOST_SEGMENTS: usize = 30;
+/// Readings of a segment and groups of like segments that are looked at.
 const MOST_READINGS: usize = 40;
+const MOST_GROUPS: usize = 12;
+/// Memories, in distances of readings, and shares of the correlated part that are tried.
+const MEMORIES: [f64; 7] = [0.7, 1.0, 1.5, 2.2, 3.5, 5.5, 9.0];
+const SHARES: [f64; 9] = [0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 0.95];
 /// A hold has settled after this time.
 const SETTLED_S: f64 = 0.5;
 /// Readings needed before scatter tells the noise.
@@ -167,21 +170,35 @@ fn lines(runs: &[Run], channels: [Channel; 2]) -> Vec<Segment> {
 /// White and correlated part by restricted likelihood on a grid; nothing where there are too few readings.
 fn estimate(segments: &[Segment], degree: usize) -> Option<Sensor> {
     let long: Vec<&Segment> = segments.iter().filter(|s| s.at.len() >= degree + 4).collect();
-    let stride = long.len().div_ceil(MOST_SEGMENTS).max(1);
-    let used: Vec<&Segment> = long.into_iter().step_by(stride).collect();
-    if used.iter().map(|s| s.at.len()).sum::<usize>() < ENOUGH {
+    if long.iter().map(|s| s.at.len()).sum::<usize>() < ENOUGH {
         return None;
     }
-    let spacings = used.iter().map(|s| (s.at[s.at.len() - 1] - s.at[0]) / (s.at.len() - 1) as f64);
-    let spacing = spacings.sum::<f64>() / used.len() as f64;
+    let spacing = long.iter().map(|s| s.spacing()).sum::<f64>() / long.len() as f64;
+    // Segments with the same places share what is expensive.
+    let mut groups: Vec<(&Segment, DMatrix<f64>)> = Vec::new();
+    for segment in long {
+        let column = DVector::from_column_slice(&segment.values);
+        match groups.iter_mut().find(|(first, _)| first.is_like(segment, spacing)) {
+            Some((_, values)) => {
+                let last = values.ncols();
+                let grown = std::mem::replace(values, DMatrix::zeros(0, 0));
+                *values = grown.insert_column(last, 0.0);
+                values.set_column(last, &column);
+            }
+            None => groups.push((segment, DMatrix::from_columns(&[column]))),
+        }
+    }
+    // Many lengths are many groups; the largest of them tell enough.
+    groups.sort_by_key(|(_, values)| std::cmp::Reverse(values.len()));
+    groups.truncate(MOST_GROUPS);
     let mut best: Option<(f64, Sensor)> = None;
-    for lengths in [1.0, 2.0, 4.0, 8.0] {
-        for share in [0.0, 0.2, 0.4, 0.6, 0.8, 0.95] {
-            if share == 0.0 && lengths > 1.0 {
+    for lengths in MEMORIES {
+        for share in SHARES {
+            if share == 0.0 && lengths > MEMORIES[0] {
                 continue;
             }
             let memory = lengths * spacing;
-            let Some((likelihood, variance)) = restricted(&used, degree, share, memory) else { continue };
+            let Some((likelihood, variance)) = restricted(&groups, degree, share, memory) else { continue };
             if best.is_none_or(|(other, _)| likelihood > other) {
                 let (white, correlated) = ((1.0 - share) * variance, share * variance);
                 best = Some((likelihood, Sensor { white, correlated, memory, lasting: 0.0 }));
@@ -191,24 +208,45 @@ fn estimate(segments: &[Segment], degree: usize) -> Option<Sensor> {
     best.map(|(_, sensor)| sensor)
 }
 
+impl Segment {
+    /// Mean distance of its readings.
+    fn spacing(&self) -> f64 {
+        let (first, last) = (self.at.first(), self.at.last());
+        first.zip(last).map_or(0.0, |(a, b)| (b - a) / (self.at.len() - 1) as f64)
+    }
+
+    /// Whether another one has its readings at the same distances.
+    fn is_like(&self, other: &Self, spacing: f64) -> bool {
+        let from = |segment: &Self, i: usize| segment.at[i] - segment.at[0];
+        self.at.len() == other.at.len()
+            && (0..self.at.len()).all(|i| (from(self, i) - from(other, i)).abs() < 0.05 * spacing)
+    }
+}
+
 /// Restricted log likelihood and variance for a share and memory of the correlated part.
-fn restricted(segments: &[&Segment], degree: usize, share: f64, memory: f64) -> Option<(f64, f64)> {
+fn restricted(
+    groups: &[(&Segment, DMatrix<f64>)],
+    degree: usize,
+    share: f64,
+    memory: f64,
+) -> Option<(f64, f64)> {
     let (mut squares, mut log_determinant, mut freedom) = (0.0, 0.0, 0.0);
-    for segment in segments {
+    for (segment, values) in groups {
         let n = segment.at.len();
         let covariance = DMatrix::from_fn(n, n, |i, j| {
             if i == j { 1.0 } else { share * (-(segment.at[i] - segment.at[j]).abs() / memory).exp() }
         });
         let factor = covariance.cholesky()?.unpack();
-        let values = factor.solve_lower_triangular(&DVector::from_column_slice(&segment.values))?;
+        let values = factor.solve_lower_triangular(values)?;
         let smooth = factor.solve_lower_triangular(&polynomials(&segment.at, degree))?;
         let qr = smooth.qr();
         let (q, r) = (qr.q(), qr.r());
-        let rest = &values - &q * (q.transpose() * &values);
+        let rest = &values - &q * q.tr_mul(&values);
+        let count = values.ncols() as f64;
         squares += rest.norm_squared();
-        log_determinant += 2.0 * factor.diagonal().map(f64::ln).sum();
-        log_determinant += 2.0 * r.diagonal().map(|v| v.abs().max(f64::MIN_POSITIVE).ln()).sum();
-        freedom += (n - degree - 1) as f64;
+        log_determinant += 2.0 * count * factor.diagonal().map(f64::ln).sum();
+        log_determinant += 2.0 * count * r.diagonal().map(|v| v.abs().max(f64::MIN_POSITIVE).ln()).sum();
+        freedom += count * (n - degree - 1) as f64;
     }
     let variance = squares / freedom;
     (variance > 0.0).then(|| (-0.5 * (freedom * variance.ln() + log_determinant), variance))

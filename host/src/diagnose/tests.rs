@@ -17,39 +17,34 @@ fn a_layer_is_named() {
 
 #[test]
 #[ignore]
-fn debug_layers() {
-    let (session, truth) = study::make(&study::Hidden::One("tissue.layers", 1), 3);
+fn debug_gap() {
+    let (session, truth) = study::make(&study::Hidden::One("tissue.entry_gap", 2), 11544314071155297837);
     let (runs, _) = runs_of(&session).unwrap();
     let (training, _) = split(runs);
     let noise = Noise::of(&training.runs, &session.noise);
-    println!("{noise:?} {truth:?}");
     let layout =
         Layout { rig: session.rig.clone(), kinds: [true, false], effects: vec![], cache: Default::default() };
     let (prepared, start) = fit_start(&layout, &training.runs, &noise, &[]).unwrap();
-    println!("start {:?} {}", start.values(), start.fit.chi_square);
+    println!("start {:?} {} {:?}", start.values(), start.fit.chi_square, truth);
     let scores = score::Scores::new(&start, &prepared).unwrap();
     for s in scores.ranked().iter().take(6) {
         println!("{} {:.1} {:.1} {:?}", s.effect.id(), s.chi_square, s.log_evidence, s.starts);
     }
-    let with = layout.with(crate::model::effects::effect("tissue.layers").unwrap());
-    for from in [[2.0f64, 10.0f64], [2.0, 15.0], [2.0, 20.0], [1.5, 19.0]] {
+    let with = layout.with(crate::model::effects::effect("tissue.entry_gap").unwrap());
+    for from in [2.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0] {
         let mut v = start.values().to_vec();
-        v.extend(from.map(f64::ln));
+        v.push(from);
         match Fitted::new(&with, &prepared, &v) {
-            Ok(f) => println!(
-                "{from:?} -> {:?} {:.1} {:?}",
-                f.values().iter().map(|v| v.exp()).collect::<Vec<_>>(),
-                f.fit.chi_square,
-                f.fit.at_bound
-            ),
+            Ok(f) => println!("{from:?} -> {:?} {:.1} {:?}", f.values(), f.fit.chi_square, f.fit.at_bound),
             Err(e) => println!("{from:?} {e}"),
         }
     }
-    for b in [11.0f64, 12.0, 13.0, 14.0, 14.5, 15.0, 15.5, 16.0, 18.0, 20.0] {
-        let v = [truth.k_kpa.ln() + 1e3f64.ln(), 2.2f64.ln(), b.ln()];
+    for i in 0..40 {
+        let b = 5.0 + 0.1 * i as f64;
+        let v = [truth.k_kpa.ln() + 1e3f64.ln(), b];
         let c: f64 =
             prepared.iter().map(|p| p.residuals(&with, &v).unwrap().iter().map(|r| r * r).sum::<f64>()).sum();
-        println!("{b} {c:.1} ");
+        print!("{b:.2} {c:.1} ; ");
     }
 }
 
@@ -70,7 +65,14 @@ fn debug_cases() {
             println!("   {what} {:.2}", t.elapsed().as_secs_f64())
         })
         .unwrap();
-        println!("  {:?} {:.2} s", found.verdict, t.elapsed().as_secs_f64());
+        println!(
+            "  {:?} {:.2} s  p {:.1e} {:.1e} noise {:?}",
+            found.verdict,
+            t.elapsed().as_secs_f64(),
+            found.adequacy[0].p,
+            found.adequacy[1].p,
+            found.noise
+        );
         for e in &found.effects {
             println!("   {} {:?} gain {:.1} class {:?}", e.id, e.parameters, e.log_evidence_gain, e.class);
         }
