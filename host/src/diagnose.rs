@@ -31,12 +31,13 @@ mod whiten;
 pub use data::Channel;
 pub use results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, Gap, GapSide, NextMeasurement, Ranked, RegionResult,
-    Verdict,
+    ResidualPoint, Verdict,
 };
 
 use crate::inference::FitError;
-use crate::model::effects::Effect;
+use crate::model::effects::{Effect, effect};
 use crate::model::{Channels, ModelError, predict};
+use crate::model_file::{LearnedEffect, ModelFile};
 use crate::session::Session;
 use adequacy::{Adequacy, Region, regions};
 use believed::{Fitted, Layout, Prepared, Scale};
@@ -85,6 +86,9 @@ pub enum DiagnoseError {
     #[error("the model cannot be fitted: {0}")]
     Fit(#[from] FitError),
 }
+
+/// Beside others an effect with more rivals than this is no name.
+const MOST_IN_CLASS: usize = 3;
 
 /// Diagnoses a session; `tell` hears what goes on.
 ///
@@ -173,10 +177,16 @@ fn verdict(found: &Found, before: &Adequacy, after: &Adequacy, thin: bool) -> Ve
         true if before.is_adequate() => Verdict::Adequate,
         true => Verdict::Unexplained,
         // Without anything to prove it on nothing is named.
-        false if thin || !after.is_adequate() => Verdict::Unexplained,
+        false if thin || !after.is_adequate() || absorbs(found) => Verdict::Unexplained,
         false if found.members.iter().all(|member| member.class.len() == 1) => Verdict::Named,
         false => Verdict::Ambiguous,
     }
+}
+
+/// Whether effects were added that could be any of many: they soak up what another thing has left, and are no names. A single effect
+/// of many possible ones is another matter: that is a weak one, and its class says so.
+fn absorbs(found: &Found) -> bool {
+    found.members.len() > 1 && found.members.iter().any(|member| member.class.len() > MOST_IN_CLASS)
 }
 
 /// What the result is made of.
@@ -240,6 +250,7 @@ impl Story<'_> {
             tip_load_n: tip.map(|(value, _)| value),
             tip_load_ci95_n: tip.map(|(_, ends)| ends),
             given: self.options.given.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
+            given_effects: self.given_effects(final_fit),
             partial: if is_named {
                 Vec::new()
             } else {
@@ -278,6 +289,23 @@ impl Story<'_> {
             log_evidence_gain: member.gain,
             class: member.class.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
         }
+    }
+
+    /// The effects of the starting model as the final fit has them.
+    fn given_effects(&self, final_fit: &Fitted) -> Vec<FoundEffect> {
+        let of = |(index, (effect, _)): (usize, &(&'static dyn Effect, Vec<f64>))| {
+            let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
+                let (value, ci95) = final_fit.estimate(index, number);
+                (info.name.to_owned(), Estimate { value, ci95 })
+            });
+            FoundEffect {
+                id: effect.id().to_owned(),
+                parameters: parameters.collect(),
+                log_evidence_gain: f64::NAN,
+                class: vec![effect.id().to_owned()],
+            }
+        };
+        self.options.given.iter().enumerate().map(of).collect()
     }
 
     fn noise_result(&self) -> BTreeMap<String, f64> {
@@ -327,6 +355,37 @@ impl Story<'_> {
             }
         }
         limits
+    }
+}
+
+impl Diagnosis {
+    /// The model with what was added, as a file has it.
+    pub fn model(&self) -> ModelFile {
+        let pa = |kpa: f64| 1e3 * kpa;
+        let effects = self.given_effects.iter().chain(&self.effects);
+        ModelFile {
+            learned_from: self.session.clone(),
+            modulus_pa: Some(pa(self.k_kpa)),
+            modulus_ci95_pa: Some(self.k_ci95_kpa.map(pa)),
+            tip_load_n: self.tip_load_n,
+            tip_load_ci95_n: self.tip_load_ci95_n,
+            effects: effects
+                .filter_map(|found| {
+                    let effect = effect(&found.id)?;
+                    let estimates: Vec<&Estimate> = effect
+                        .parameters()
+                        .iter()
+                        .filter_map(|info| found.parameters.get(info.name))
+                        .collect();
+                    Some(LearnedEffect {
+                        effect,
+                        values: estimates.iter().map(|estimate| estimate.value).collect(),
+                        ci95: estimates.iter().map(|estimate| Some(estimate.ci95)).collect(),
+                        log_evidence_gain: Some(found.log_evidence_gain).filter(|gain| gain.is_finite()),
+                    })
+                })
+                .collect(),
+        }
     }
 }
 

@@ -1,8 +1,10 @@
 //! Figures of identifications, predictions, plans and tracked runs, as SVG text.
 
+mod diagnosis;
 mod insertion;
 mod steering;
 
+pub use diagnosis::{gap, ranking, residuals};
 pub use insertion::insertion;
 pub use steering::steering;
 

@@ -7,6 +7,7 @@
 //! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`]
 //! and one line in [`main`].
 
+mod diagnose;
 mod effects;
 mod identify;
 mod import;
@@ -55,6 +56,7 @@ enum Command {
     Plan(plan::Args),
     Identify(identify::Args),
     Predict(predict::Args),
+    Diagnose(diagnose::Args),
     Track(track::Args),
     Effects(effects::Args),
     Simulate(simulate::Args),
@@ -80,6 +82,7 @@ pub fn main() -> ExitCode {
         Command::Relation(args) => relation::run(args, &mut out),
         Command::Identify(args) => identify::run(args, &mut out),
         Command::Predict(args) => predict::run(args, &mut out),
+        Command::Diagnose(args) => diagnose::run(args, &mut out),
         Command::Track(args) => track::run(args, &mut out),
         Command::Effects(args) => effects::run(args, &mut out),
         Command::Simulate(args) => simulate::run(args, &mut out),

@@ -53,14 +53,14 @@ impl Adequacy {
         }
         let seen = DMatrix::from_columns(&seen);
         let mut free = seen.clone();
-        free -= &basis * (basis.transpose() * &seen);
+        free -= &basis * basis.tr_mul(&seen);
         // Functions of very different sizes: each of length one.
         let scale = DVector::from_fn(free.ncols(), |j, _| 1.0 / seen.column(j).norm().max(f64::MIN_POSITIVE));
         for (mut column, scale) in free.column_iter_mut().zip(scale.iter()) {
             column *= *scale;
         }
-        let eigen = (free.transpose() * &free).symmetric_eigen();
-        let along = free.transpose() * &residuals;
+        let eigen = free.tr_mul(&free).symmetric_eigen();
+        let along = free.tr_mul(&residuals);
         let largest = eigen.eigenvalues.max();
         let mut chi_square = 0.0;
         let mut functions = 0;
@@ -283,7 +283,7 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Result<Vec<Region>,
                         };
                         let column: Vec<f64> = all(runs).zip(&values).map(member).collect();
                         let mut seen = whitened(runs, &column);
-                        seen -= &basis * (basis.transpose() * &seen);
+                        seen -= &basis * basis.tr_mul(&seen);
                         seen
                     })
                     .collect();

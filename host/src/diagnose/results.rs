@@ -1,5 +1,6 @@
 //! What a diagnosis says, as it goes into JSON.
 
+use super::data::Channel;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -52,6 +53,9 @@ pub struct Diagnosis {
     pub tip_load_ci95_n: Option<[f64; 2]>,
     /// Effects of the model that the diagnosis started from.
     pub given: Vec<String>,
+    /// The same with their parameters under the final model.
+    #[serde(skip)]
+    pub given_effects: Vec<FoundEffect>,
     /// Effects that improve the fit without explaining it: no names.
     pub partial: Vec<String>,
     /// Smooth structure in the residuals before and after.
@@ -141,6 +145,22 @@ pub struct Gap {
     pub removed: Option<f64>,
     /// Its interval of 95 %.
     pub removed_ci95: Option<[f64; 2]>,
+    /// Every residual that was held out, for figures.
+    #[serde(skip)]
+    pub points: Vec<ResidualPoint>,
+}
+
+/// Measured less predicted before and after, of one channel in its unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ResidualPoint {
+    /// The sensor.
+    pub channel: Channel,
+    /// Where: displacement of guide 2 of a force, depth below the surface of a deflection, depth of a tip; mm.
+    pub at_mm: f64,
+    /// Under the model that the diagnosis started from.
+    pub before: f64,
+    /// Under the final model.
+    pub after: f64,
 }
 
 /// One model's distance from the data.

@@ -9,6 +9,7 @@
 //! drawn from the same projections: the parametric bootstrap of the whole search ([`Scores::margin`]).
 
 use super::believed::{Fitted, Prepared, Scale, prior};
+use super::data::Kind;
 use crate::inference::FitError;
 use crate::model::ModelError;
 use crate::model::effects::{EFFECTS, Effect, neutral};
@@ -145,13 +146,20 @@ impl Scores {
                     let infos = effect.parameters().iter().zip(probe);
                     values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
                     // An effect that is impossible at this size (a needle that buckles) has no direction.
-                    let changed = all_residuals(runs, &layout, &values).ok();
+                    let of_run = |(run, plain): (&Prepared, &Vec<f64>)| {
+                        let kind = usize::from(run.run.kind == Kind::Insertion);
+                        let shows = effect.shows_in()[kind];
+                        if shows { run.residuals(&layout, &values) } else { Ok(plain.clone()) }
+                    };
+                    let changed: Result<Vec<_>, _> =
+                        runs.iter().zip(&fitted.fit.residuals).map(of_run).collect();
+                    let changed = changed.ok().map(|changed| stacked(&changed));
                     let direction = changed.map(|changed| &residuals - changed);
                     let mut direction = direction.unwrap_or_else(|| DVector::zeros(residuals.len()));
                     if direction.iter().any(|v| !v.is_finite()) {
                         direction.fill(0.0);
                     }
-                    direction -= &basis * (basis.transpose() * &direction);
+                    direction -= &basis * basis.tr_mul(&direction);
                     way.columns.push(directions.len());
                     directions.push(direction);
                 }
@@ -163,8 +171,8 @@ impl Scores {
             return Ok(Self { ways, gram: DMatrix::zeros(0, 0), along: DVector::zeros(0) });
         }
         let directions = DMatrix::from_columns(&directions);
-        let gram = directions.transpose() * &directions;
-        let along = directions.transpose() * &residuals;
+        let gram = directions.tr_mul(&directions);
+        let along = directions.tr_mul(&residuals);
         Ok(Self { ways, gram, along })
     }
 

@@ -11,9 +11,11 @@ use nalgebra::{DMatrix, DVector};
 const FALSE_ALARMS: f64 = 0.001;
 /// Parametric draws for the margin.
 const DRAWS: usize = 4000;
-/// Leaders that are refitted, and how far behind the best they may be by score.
-const MOST_LEADERS: usize = 8;
+/// Leaders that are refitted, in the search and among rivals of what was found, and how far behind the best they may be by score.
+pub(super) const MOST_LEADERS: usize = 6;
+const MOST_RIVALS: usize = 4;
 const BEHIND: f64 = 15.0;
+const BEHIND_SHARE: f64 = 0.3;
 /// Effects that may be missing at once; more explain anything.
 const MOST_EFFECTS: usize = 3;
 /// A rival within these odds of the best is as good, and, if its predictions are the same within noise, within the second ones.
@@ -63,14 +65,15 @@ pub(super) struct Found {
 }
 
 /// Tries all effects beside a fit, best first.
-pub(super) fn weigh(base: &Fitted, runs: &[Prepared], scores: &Scores) -> Vec<Candidate> {
+pub(super) fn weigh(base: &Fitted, runs: &[Prepared], scores: &Scores, most: usize) -> Vec<Candidate> {
     let ranked = scores.ranked();
     let best = ranked.first().map_or(0.0, |score| score.log_evidence);
     let mut candidates: Vec<Candidate> = ranked
         .into_iter()
         .enumerate()
         .map(|(rank, score)| {
-            let leads = rank < MOST_LEADERS && score.log_evidence > (best - BEHIND.max(0.3 * best)).max(-2.0);
+            let behind = BEHIND.max(BEHIND_SHARE * best);
+            let leads = rank < most && score.log_evidence > (best - behind).max(-2.0);
             let refit = if leads { refit(base, runs, &score) } else { None };
             Candidate { score, refit }
         })
@@ -117,7 +120,7 @@ pub(super) fn search(
         let scores = Scores::new(&current, runs)?;
         // With every step the search looks again; the margin is that of its own directions.
         let needed = scores.margin(FALSE_ALARMS, DRAWS, seed).max(0.0);
-        let candidates = weigh(&current, runs, &scores);
+        let candidates = weigh(&current, runs, &scores, MOST_LEADERS);
         let chosen = candidates.iter().find(|candidate| is_accepted(candidate, &current, runs, needed));
         let chosen = chosen
             .and_then(|candidate| candidate.refit.clone().map(|(fit, gain)| (candidate.id(), fit, gain)));
@@ -230,7 +233,7 @@ fn members(found: &Found, start: &Fitted, given: usize, runs: &[Prepared]) -> Re
         } else {
             let Some(base) = refitted_without(final_fit, index, runs) else { continue };
             let scores = Scores::new(&base, runs)?;
-            let candidates = weigh(&base, runs, &scores);
+            let candidates = weigh(&base, runs, &scores, MOST_RIVALS + 1);
             (base, candidates)
         };
         let own = final_fit.log_evidence - base.log_evidence + one_sided(effect);

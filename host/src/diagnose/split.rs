@@ -4,9 +4,9 @@
 //! fit, noise estimate, threshold or selection depends on it.
 
 use super::believed::{Fitted, Prepared, differences};
-use super::data::{Channel, Kind, Run};
+use super::data::{Channel, Kind, Run, Source};
 use super::noise::Noise;
-use super::results::{Gap, GapSide};
+use super::results::{Gap, GapSide, ResidualPoint};
 use crate::model::{ModelError, predict};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -118,6 +118,7 @@ impl HeldOut {
                 side.add(&prepared, fitted)?;
             }
         }
+        let points = points(&self.runs, &sides);
         let [before, after] = sides;
         let removed = |parts: &mut dyn Iterator<Item = usize>| -> Option<f64> {
             let (mut b, mut a, mut n) = (0.0, 0.0, 0.0);
@@ -147,8 +148,28 @@ impl HeldOut {
             after: after.side(),
             removed: share,
             removed_ci95: interval,
+            points,
         }))
     }
+}
+
+/// Residuals under both models with their places.
+fn points(runs: &[Run], sides: &[Tally; 2]) -> Vec<ResidualPoint> {
+    let data = runs.iter().flat_map(|run| &run.data);
+    let both = sides[0].plain.iter().zip(&sides[1].plain);
+    data.zip(both)
+        .map(|(datum, (before, after))| {
+            let unit = datum.channel.per_si();
+            let is_force = matches!(datum.source, Source::Force(_));
+            let at_m = if is_force { datum.place.level_m } else { datum.place.depth_m };
+            ResidualPoint {
+                channel: datum.channel,
+                at_mm: 1e3 * at_m,
+                before: unit * before,
+                after: unit * after,
+            }
+        })
+        .collect()
 }
 
 /// Squares of one model's residuals.
@@ -158,6 +179,8 @@ struct Tally {
     parts: Vec<(f64, usize)>,
     /// Plain squares and number of every channel.
     channels: Vec<(Channel, f64, usize)>,
+    /// Plain residuals of all runs, SI.
+    plain: Vec<f64>,
 }
 
 impl Tally {
@@ -179,6 +202,7 @@ impl Tally {
             self.channels[at].1 += plain * plain;
             self.channels[at].2 += 1;
         }
+        self.plain.extend(plain);
         self.parts.extend(parts.into_iter().filter(|(_, count)| *count > 0));
         Ok(())
     }

@@ -5,7 +5,7 @@
 //! all rivals to them give the expected gain of chi-square and the expected log evidence over the nearest rival.
 
 use super::blind::{self, Design, Foreign, Truth, strengths};
-use super::search::{one_sided, weigh};
+use super::search::{MOST_LEADERS, one_sided, weigh};
 use super::{Diagnosis, Options, Verdict, diagnose, fit_start, runs_of, split};
 use crate::diagnose::believed::{Layout, differences};
 use crate::diagnose::data::Kind;
@@ -236,7 +236,7 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
     }
     let plain = super::Fitted::new(&layout, &prepared, start.values()).ok()?;
     let scores = Scores::new(&plain, &prepared).ok()?;
-    let candidates = weigh(&plain, &prepared, &scores);
+    let candidates = weigh(&plain, &prepared, &scores, MOST_LEADERS);
     let gain_of = |of_hidden: bool| {
         candidates
             .iter()

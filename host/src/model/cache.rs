@@ -14,7 +14,7 @@ const KEPT: usize = 48;
 #[derive(Debug, Default)]
 pub struct Cache {
     responses: RefCell<VecDeque<(BeamProblem, f64, Rc<Response>)>>,
-    growths: RefCell<VecDeque<(BeamProblem, Vec<f64>, Guide2Grip, Rc<Growth>)>>,
+    growths: RefCell<VecDeque<(BeamProblem, Vec<f64>, (Guide2Grip, bool), Rc<Growth>)>>,
 }
 
 impl Cache {
@@ -36,18 +36,21 @@ impl Cache {
         problem: &BeamProblem,
         depths_m: &[f64],
         grip: Guide2Grip,
+        slopes: bool,
     ) -> Result<Rc<Growth>, ModelError> {
         // A needle that grows does not care how deep it was meant to go in the end, nor how the tissue would relax.
         let mut key = problem.clone();
         (key.depth_m, key.law) = (0.0, Default::default());
         let mut known = self.growths.borrow_mut();
-        if let Some((.., growth)) = known.iter().find(|(p, d, g, _)| *g == grip && *p == key && d == depths_m)
+        if let Some((.., growth)) =
+            known.iter().find(|(p, d, how, _)| *how == (grip, slopes) && *p == key && d == depths_m)
         {
             return Ok(growth.clone());
         }
-        let growth = Rc::new(Growth::new(problem, depths_m.to_vec(), grip)?);
+        let solve = if slopes { Growth::new } else { Growth::without_slopes };
+        let growth = Rc::new(solve(problem, depths_m.to_vec(), grip)?);
         known.truncate(KEPT - 1);
-        known.push_front((key, depths_m.to_vec(), grip, growth.clone()));
+        known.push_front((key, depths_m.to_vec(), (grip, slopes), growth.clone()));
         Ok(growth)
     }
 }

@@ -75,6 +75,27 @@ impl Growth {
     /// # Errors
     /// [`ModelError::OutOfRange`] for a problem or depths out of range, [`ModelError::Singular`].
     pub fn new(problem: &BeamProblem, depths_m: Vec<f64>, grip: Guide2Grip) -> Result<Self, ModelError> {
+        Self::solved(problem, depths_m, grip, true)
+    }
+
+    /// The same without slopes: for a tip that takes a load, in half of the time.
+    ///
+    /// # Errors
+    /// As [`Growth::new`].
+    pub fn without_slopes(
+        problem: &BeamProblem,
+        depths_m: Vec<f64>,
+        grip: Guide2Grip,
+    ) -> Result<Self, ModelError> {
+        Self::solved(problem, depths_m, grip, false)
+    }
+
+    fn solved(
+        problem: &BeamProblem,
+        depths_m: Vec<f64>,
+        grip: Guide2Grip,
+        slopes: bool,
+    ) -> Result<Self, ModelError> {
         problem.check()?;
         if grip == Guide2Grip::Holding {
             let gap_m = problem.entry_m - problem.guide2_m;
@@ -94,10 +115,10 @@ impl Growth {
         let mut beam = GrowingBeam::new(problem, grip);
         let mut rows = Vec::with_capacity(depths_m.len());
         beam.extend(problem.entry_m - beam.length_m, None);
-        rows.push(beam.row()?);
+        rows.push(beam.row(slopes)?);
         for pair in depths_m.windows(2) {
             beam.extend(pair[1] - pair[0], Some(pair[0]));
-            rows.push(beam.row()?);
+            rows.push(beam.row(slopes)?);
         }
         Ok(Self { depths_m, rows })
     }
@@ -318,12 +339,12 @@ impl<'p> GrowingBeam<'p> {
     }
 
     /// Responses of the tip as far as the beam has grown.
-    fn row(&mut self) -> Result<Row, ModelError> {
+    fn row(&mut self, slopes: bool) -> Result<Row, ModelError> {
         self.factor.factor_from(&self.stiffness, self.factored_rows).ok_or(ModelError::Singular)?;
         // The last node's rows change with the next element.
         self.factored_rows = self.rows - 2;
         let deflection = self.response([1.0, 0.0]);
-        let slope = self.response([0.0, 1.0]);
+        let slope = if slopes { self.response([0.0, 1.0]) } else { Response::default() };
         Ok(Row { deflection, slope })
     }
 

@@ -148,7 +148,11 @@ pub(super) fn tip_m(
     jumps_m.extend(law.along_bevel.steps.iter().map(|[depth_m, _]| *depth_m));
     jumps_m.extend(insertion.speed_m_per_s.jumps_m());
     let grid_m = grid_m(last_m, DEFAULT_STEP_M, &jumps_m);
-    let growths = [cache.growth(&problems[0], &grid_m, grip)?, cache.growth(&problems[1], &grid_m, grip)?];
+    let slopes = matches!(law.cutting, Cutting::Angle(_));
+    let growths = [
+        cache.growth(&problems[0], &grid_m, grip, slopes)?,
+        cache.growth(&problems[1], &grid_m, grip, slopes)?,
+    ];
     let plane = |plane: usize| -> Vec<f64> {
         let growth = &growths[plane];
         let states = states(growth, law, insertion, plane);

@@ -74,6 +74,11 @@ pub trait Effect: Debug + Sync {
     /// Its parameters.
     fn parameters(&self) -> &'static [ParameterInfo];
 
+    /// Where it can show: in lateral runs, in insertions.
+    fn shows_in(&self) -> [bool; 2] {
+        [true, true]
+    }
+
     /// Changes the beam problem of a plane.
     ///
     /// # Errors

@@ -48,6 +48,10 @@ impl Effect for Prebend {
         "shape and force at zero displacement"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const {
             &[

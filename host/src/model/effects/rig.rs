@@ -52,6 +52,10 @@ impl Effect for FrameCompliance {
         "told displacement against the needle's shape"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("compliance_mm_per_n", 0.0, [0.0, 10.0], [0.0, 0.5], 0.03)] }
     }
@@ -78,6 +82,10 @@ impl Effect for Backlash {
         "force flat about zero displacement"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("clearance_mm", 0.0, [0.0, 5.0], [0.0, 0.4], 0.05)] }
     }
@@ -102,6 +110,10 @@ impl Effect for Friction {
 
     fn signature(&self) -> &'static str {
         "loading against unloading"
+    }
+
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {

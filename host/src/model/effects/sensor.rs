@@ -31,6 +31,10 @@ impl Effect for ForceBias {
         "force at zero displacement"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const {
             &[
@@ -62,6 +66,10 @@ impl Effect for ForceGain {
         "scale of the force; the shape is as it should be"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("gain", 0.0, [-0.95, 20.0], [-0.5, 0.5], 0.05)] }
     }
@@ -87,6 +95,10 @@ impl Effect for ForceDrift {
 
     fn signature(&self) -> &'static str {
         "force against time, in holds too"
+    }
+
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {
@@ -122,6 +134,10 @@ impl Effect for Crosstalk {
         "the idle axis while the other moves"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("ratio", 0.0, [-0.95, 0.95], [-0.3, 0.3], 0.03)] }
     }
@@ -150,6 +166,10 @@ impl Effect for Delay {
 
     fn signature(&self) -> &'static str {
         "ramps, with their sign; holds are as they should be"
+    }
+
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {
@@ -186,6 +206,10 @@ impl Effect for ShapeOffset {
         "shape, at zero displacement too"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const {
             &[
@@ -217,6 +241,10 @@ impl Effect for ShapeScale {
         "shape against the displacement of guide 2"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("scale", 0.0, [-0.95, 20.0], [-0.3, 0.3], 0.05)] }
     }
@@ -242,6 +270,10 @@ impl Effect for DepthShift {
 
     fn signature(&self) -> &'static str {
         "the slope of the shape times the shift"
+    }
+
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {

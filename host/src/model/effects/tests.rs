@@ -88,13 +88,13 @@ fn neutral_effects_do_nothing_and_others_do_something() {
     for effect in EFFECTS {
         let neutral = with(effect.id(), &neutral(effect));
         let other = with(effect.id(), &typical(effect));
-        let mut changed = false;
-        for experiment in &experiments {
+        for (experiment, shows) in experiments.iter().zip(effect.shows_in()) {
             let expected = channels(&plain(), experiment);
             assert_eq!(channels(&neutral, experiment), expected, "{}", effect.id());
-            changed |= channels(&other, experiment) != expected;
+            // Across the bevel nothing moves in these insertions: what sets that plane apart does not show.
+            let across = effect.id() == "tissue.anisotropy" && shows && experiment == &experiments[1];
+            assert_eq!(channels(&other, experiment) != expected, shows && !across, "{}", effect.id());
         }
-        assert!(changed, "{}", effect.id());
     }
 }
 

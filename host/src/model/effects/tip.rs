@@ -20,6 +20,10 @@ impl Effect for LoadSlope {
         "curvature of the path against depth"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [false, true]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("slope_n_per_mm", 0.0, [-1.0, 1.0], [-0.01, 0.01], 0.001)] }
     }
@@ -44,6 +48,10 @@ impl Effect for LoadStep {
 
     fn signature(&self) -> &'static str {
         "kink of the curvature of the path"
+    }
+
+    fn shows_in(&self) -> [bool; 2] {
+        [false, true]
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {
@@ -83,6 +91,10 @@ impl Effect for EntryAngle {
         "path, linear in depth"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [false, true]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const {
             &[
@@ -114,6 +126,10 @@ impl Effect for BevelRoll {
         "horizontal path beside the vertical one"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [false, true]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("roll_rad", 0.0, [-3.2, 3.2], [-1.0, 1.0], 0.1)] }
     }
@@ -138,6 +154,10 @@ impl Effect for Rate {
 
     fn signature(&self) -> &'static str {
         "runs at different speeds"
+    }
+
+    fn shows_in(&self) -> [bool; 2] {
+        [false, true]
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {

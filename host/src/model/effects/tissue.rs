@@ -95,6 +95,10 @@ impl Effect for Stiffening {
         "force against displacement: odd curvature"
     }
 
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("inverse_u0_per_mm", 0.0, [0.0, 20.0], [0.0, 3.0], 0.3)] }
     }
@@ -120,6 +124,10 @@ impl Effect for Relaxation {
 
     fn signature(&self) -> &'static str {
         "force decays in holds; depends on the rate of ramps"
+    }
+
+    fn shows_in(&self) -> [bool; 2] {
+        [true, false]
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {

@@ -1,0 +1,239 @@
+//! `guide diagnose`: where model and measurement disagree, what is missing, and what adding it is worth.
+
+use super::output::{Output, figures_file};
+use anyhow::Context;
+use host::diagnose::{Diagnosis, FoundEffect, Gap, Options, Verdict, diagnose};
+use host::figures;
+use host::model::effects::effect;
+use host::model_file::ModelFile;
+use host::session::Session;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::fmt::{self, Display};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Find where model and measurement disagree, name the missing effect, add it to the model and show the gap shrink
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide diagnose phantom-a\n  guide diagnose phantom-a --out model.toml --plots figures\n  \
+                  guide diagnose phantom-a --model model.toml"
+)]
+pub struct Args {
+    /// Session folder (holds session.toml)
+    dir: PathBuf,
+    /// Start from the model of an earlier diagnosis: its effects are in the model from the beginning
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Write the model with what was added to this file
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Draw residuals before and after, the ranking and the gap as SVG files into this folder
+    #[arg(long, value_name = "FOLDER")]
+    plots: Option<PathBuf>,
+    /// Seed of the bootstraps
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let session = Session::read(&args.dir)?;
+    let given = args.model.as_deref().map(ModelFile::read).transpose()?;
+    let options = Options { given: given.map(|file| file.effects()).unwrap_or_default(), seed: args.seed };
+    let progress = progress();
+    let found = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
+    progress.finish_and_clear();
+    let mut found = found.with_context(|| format!("cannot diagnose {}", args.dir.display()))?;
+    if let Some(path) = &args.out {
+        found.model().write(path)?;
+        found.model_file = Some(path.display().to_string());
+    }
+    if let Some(folder) = &args.plots {
+        if let Some(gap) = &found.gap {
+            figures_file(folder, "residuals", &figures::residuals(gap)?, out)?;
+            figures_file(folder, "gap", &figures::gap(gap)?, out)?;
+        }
+        figures_file(folder, "ranking", &figures::ranking(&found)?, out)?;
+    }
+    out.result(&found, Text(&found))
+}
+
+/// A line on standard error that says what goes on, on terminals only.
+fn progress() -> ProgressBar {
+    let bar = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
+}
+
+/// A diagnosis for the eye: one screen.
+struct Text<'a>(&'a Diagnosis);
+
+/// Regions shown.
+const REGIONS: usize = 4;
+
+impl Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let found = self.0;
+        writeln!(f, "session      {}", found.split)?;
+        let noise: Vec<String> = found.noise.iter().map(|(name, sd)| quantity(name, *sd)).collect();
+        writeln!(f, "noise        {} (one standard deviation of a reading)", noise.join(", "))?;
+        let tested = found.ranking.len() - found.not_told.len().min(found.ranking.len());
+        let told = if found.not_told.is_empty() {
+            String::new()
+        } else {
+            format!("; these runs cannot tell {}", found.not_told.join(", "))
+        };
+        let given = if found.given.is_empty() {
+            String::new()
+        } else {
+            format!(" beside {} in the model", found.given.join(", "))
+        };
+        writeln!(f, "tested       {tested} effects{given}{told}")?;
+        for (number, region) in found.regions.iter().take(REGIONS).enumerate() {
+            let name = if number == 0 { "where" } else { "" };
+            let side = if region.changes_sign_with_level { " towards the displacement" } else { "" };
+            writeln!(
+                f,
+                "{name:<13}{}, {} {}: {:+.3} {}{side} ({:.1} sigma)",
+                region.channel,
+                words(&region.coordinate),
+                span(region.from, region.to),
+                region.mean_residual,
+                region.unit,
+                region.sigma
+            )?;
+        }
+        if found.regions.is_empty() {
+            writeln!(f, "where        nowhere: no region stands out")?;
+        }
+        let verdict = match found.verdict {
+            Verdict::Adequate => "adequate: nothing is missing as far as these runs tell",
+            Verdict::Named => "named",
+            Verdict::Ambiguous => "ambiguous: one of a few, which these runs cannot tell apart",
+            Verdict::Unexplained => "unexplained: something is missing that has no name here",
+        };
+        writeln!(f, "verdict      {verdict}")?;
+        for effect in &found.effects {
+            write_effect(f, effect)?;
+        }
+        if !found.partial.is_empty() {
+            writeln!(
+                f,
+                "partial      {} would improve the fit, but what is left is no noise: not named",
+                found.partial.join(", ")
+            )?;
+        }
+        for (name, sd) in &found.discrepancy {
+            writeln!(f, "left         {}: {} (smooth discrepancy)", channel(name), quantity(name, *sd))?;
+        }
+        let [low, high] = found.k_ci95_kpa;
+        write!(f, "model        K {:.2} kPa ({low:.2} to {high:.2})", found.k_kpa)?;
+        if let (Some(load_n), Some([low, high])) = (found.tip_load_n, found.tip_load_ci95_n) {
+            write!(f, ", tip load {load_n:.3} N ({low:.3} to {high:.3})")?;
+        }
+        writeln!(f)?;
+        if let Some(gap) = &found.gap {
+            write_gap(f, gap)?;
+        }
+        if let Some(next) = &found.next_measurement {
+            writeln!(
+                f,
+                "next         {}: tells {} apart (chi-square {:.0} expected)",
+                next.what,
+                next.separates.join(" and "),
+                next.expected_divergence
+            )?;
+        }
+        for limit in &found.limits {
+            writeln!(f, "limit        {limit}")?;
+        }
+        for warning in &found.warnings {
+            writeln!(f, "note         {warning}")?;
+        }
+        match &found.model_file {
+            Some(path) => writeln!(f, "written      {path}"),
+            None => Ok(()),
+        }
+    }
+}
+
+fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result {
+    let parameters: Vec<String> = found
+        .parameters
+        .iter()
+        .map(|(name, estimate)| {
+            let [low, high] = estimate.ci95;
+            format!("{name} {:.4} ({low:.4} to {high:.4})", estimate.value)
+        })
+        .collect();
+    writeln!(
+        f,
+        "missing      {}: {}; log evidence +{:.1}",
+        found.id,
+        parameters.join(", "),
+        found.log_evidence_gain
+    )?;
+    if let Some(effect) = effect(&found.id) {
+        writeln!(f, "             {}", effect.physics())?;
+    }
+    let others: Vec<&str> = found.class.iter().filter(|id| **id != found.id).map(String::as_str).collect();
+    if !others.is_empty() {
+        writeln!(f, "             or {}", others.join(", or "))?;
+    }
+    Ok(())
+}
+
+fn write_gap(f: &mut fmt::Formatter<'_>, gap: &Gap) -> fmt::Result {
+    write!(f, "held out     chi-square per reading {:.2}", gap.before.chi2_reduced)?;
+    if (gap.before.chi2_reduced - gap.after.chi2_reduced).abs() > 1e-9 {
+        write!(f, " before, {:.2} after", gap.after.chi2_reduced)?;
+    }
+    if let (Some(removed), Some([low, high])) = (gap.removed, gap.removed_ci95) {
+        let percent = |share: f64| 100.0 * share;
+        write!(
+            f,
+            ": {:.0} % of the removable gap is gone ({:.0} to {:.0})",
+            percent(removed),
+            percent(low),
+            percent(high)
+        )?;
+    }
+    writeln!(f)?;
+    for (name, before) in &gap.before.rmse {
+        let after = gap.after.rmse.get(name).copied().unwrap_or(f64::NAN);
+        if (before - after).abs() > 1e-9 {
+            let unit = unit(name);
+            writeln!(
+                f,
+                "             {}: {before:.3} {unit} before, {after:.3} {unit} after",
+                channel(name)
+            )?;
+        }
+    }
+    Ok(())
+}
+
+/// `shape_y_mm` without its unit.
+fn channel(name: &str) -> &str {
+    name.rsplit_once('_').map_or(name, |(channel, _)| channel)
+}
+
+fn unit(name: &str) -> &'static str {
+    if name.ends_with("_n") { "N" } else { "mm" }
+}
+
+fn quantity(name: &str, value: f64) -> String {
+    format!("{} {value:.3} {}", channel(name), unit(name))
+}
+
+fn words(coordinate: &str) -> String {
+    coordinate.rsplit_once('_').map_or(coordinate, |(name, _)| name).replace('_', " ")
+}
+
+/// An interval, or the one value it is.
+fn span(from: f64, to: f64) -> String {
+    if (to - from).abs() < 0.05 { format!("{from:.1}") } else { format!("{from:.1} to {to:.1}") }
+}
