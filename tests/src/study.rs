@@ -10,7 +10,8 @@ use std::fmt::Write as _;
 /// Options of `cargo xtask study`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Which: K/E of needles (part of the tool), the prediction of insertions, or the online estimators on steering runs
+    /// Which: K/E of needles (part of the tool), the prediction of insertions, the online estimators on steering runs, or the blind
+    /// study of the diagnosis
     #[arg(value_parser = ["modulus-relation", "insertion", "steering", "diagnose"])]
     name: String,
     /// Sessions of six insertions each
@@ -22,6 +23,12 @@ pub struct Args {
     /// Steering runs of each kind
     #[arg(long, default_value_t = 120)]
     runs: usize,
+    /// Blind sessions of every effect and strength
+    #[arg(long, default_value_t = 4)]
+    repeats: usize,
+    /// Only blind sessions whose names hold this, printed one by one
+    #[arg(long, default_value = "")]
+    only: String,
     /// Only methods whose names begin like this
     #[arg(long, default_value = "")]
     method: String,
@@ -38,7 +45,7 @@ pub fn run(args: &Args) -> Result<()> {
     match args.name.as_str() {
         "insertion" => insertion(args),
         "steering" => steering(args),
-        "diagnose" => diagnosis::run(args.sessions, args.seed, &args.method),
+        "diagnose" => diagnosis::run(args.repeats, args.seed, &args.only),
         _ => modulus_relation(),
     }
 }

@@ -16,7 +16,7 @@ use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 /// A model is inadequate where chance makes residuals as smooth as these in fewer sessions than this.
-const LEVEL: f64 = 0.003;
+const LEVEL: f64 = 1e-4;
 /// Directions smaller than this beside the largest are combinations of others.
 const LEAST_DIRECTION: f64 = 1e-9;
 /// Bins of a coordinate, and intervals reported.

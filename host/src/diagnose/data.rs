@@ -170,6 +170,7 @@ impl Run {
         let cells = cells(run, &holds);
         let most_m = |plane: usize| holds.iter().map(|h| h.displacement_m()[plane].abs()).fold(0.0, f64::max);
         let axis = usize::from(most_m(1) > most_m(0));
+        let stood_m = stood(&cells, holds.len());
         let idle_m = cells.read_m.each_ref().map(|read| read.iter().sum::<f64>() / read.len() as f64);
         let places: Vec<Place> = hold_places(&holds, axis, run.depth_m);
         let start_s = cells.time_s.first().copied().unwrap_or_default();
@@ -216,7 +217,7 @@ impl Run {
             let at = |plane: usize| match cells.hold[i] {
                 // A plane in which guide 2 stays where it is has nothing but noise in its readings.
                 _ if most_m(plane) <= IDLE_M => idle_m[plane],
-                Some(hold) => holds[hold].displacement_m()[plane],
+                Some(hold) => stood_m[hold][plane],
                 None => cells.read_m[plane][i],
             };
             DriveSample { time_s: cells.time_s[i], y_m: at(0), x_m: at(1) }
@@ -341,6 +342,19 @@ fn cells(run: &LateralRun, holds: &[Level]) -> Cells {
         row = end;
     }
     cells
+}
+
+/// Where guide 2 stood in every hold: mean of the readings inside it.
+fn stood(cells: &Cells, holds: usize) -> Vec<[f64; 2]> {
+    let mut sums = vec![[0.0; 3]; holds];
+    for (i, hold) in cells.hold.iter().enumerate() {
+        if let Some(sum) = hold.and_then(|hold| sums.get_mut(hold)) {
+            sum[0] += cells.read_m[0][i];
+            sum[1] += cells.read_m[1][i];
+            sum[2] += 1.0;
+        }
+    }
+    sums.into_iter().map(|[y, x, count]| [y / count, x / count]).collect()
 }
 
 /// Stretches of cells over which forces are averaged.

@@ -174,9 +174,14 @@ fn cross_validates(with: &Fitted, without: &Fitted, runs: &[Prepared]) -> bool {
 }
 
 fn left_out_squares(fitted: &Fitted, runs: &[Prepared]) -> Option<f64> {
-    let jacobian = jacobian(fitted, runs).ok()?;
+    let mut jacobian = jacobian(fitted, runs).ok()?;
     let residuals = stacked(&fitted.fit.residuals);
     let priors = fitted.layout.parameters(fitted.values());
+    // Places and times stay where they are: far from linear, they would be thrown about by what is left out.
+    let infos = fitted.layout.effects.iter().flat_map(|effect| effect.parameters());
+    for (index, _) in infos.enumerate().filter(|(_, info)| !info.nodes.is_empty()) {
+        jacobian.column_mut(fitted.layout.own() + index).fill(0.0);
+    }
     let mut normal = jacobian.transpose() * &jacobian;
     for (i, parameter) in priors.iter().enumerate() {
         normal[(i, i)] += parameter.prior.map_or(0.0, |prior| prior.sd.powi(-2));

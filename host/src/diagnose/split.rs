@@ -48,10 +48,17 @@ pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
             Kind::Lateral => ("lateral runs", "hold"),
             Kind::Insertion => ("insertions", "stretch of depth"),
         };
-        let repeats = last_of_repeats(&of_kind);
+        let mut repeats = last_of_repeats(&of_kind);
+        let mut rule = "of repeated";
+        if repeats.is_empty() && kind == Kind::Insertion && of_kind.len() >= EVERY {
+            // Insertions are alike enough that whole ones can be spared.
+            repeats = (0..of_kind.len()).filter(|index| index % EVERY == EVERY / 2).collect();
+            rule = "of the";
+        }
         if repeats.is_empty() {
-            let is_held = |part: usize| part % EVERY == EVERY / 2;
-            for run in of_kind {
+            for (number, run) in of_kind.into_iter().enumerate() {
+                // Not the same level in every run.
+                let is_held = |part: usize| (part + number) % EVERY == EVERY / 2;
                 let held = run.with_parts(is_held);
                 // A part without shape tells little of what the rest of the run does; but it is never learned from.
                 training.push(run.with_parts(|part| !is_held(part)));
@@ -62,7 +69,8 @@ pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
             rules.push(format!("{name} have no repeats: one {part} in {EVERY} is held out"));
         } else {
             let ids: Vec<&str> = repeats.iter().map(|i| of_kind[*i].id.as_str()).collect();
-            rules.push(format!("of repeated {name} the last is held out: {}", ids.join(", ")));
+            let which = if rule == "of the" { "one in four" } else { "the last" };
+            rules.push(format!("{rule} {name} {which} is held out: {}", ids.join(", ")));
             for (index, run) in of_kind.iter().enumerate() {
                 if repeats.contains(&index) { held_out.push(run.clone()) } else { training.push(run.clone()) }
             }
