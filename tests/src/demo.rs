@@ -3,6 +3,8 @@
 //! The demonstration types the commands a user would type and shows what they say. Its motions start at fixed times of the
 //! device's clock, and the rig advances with that clock, so the same seed gives the same numbers on any machine.
 
+pub mod hidden;
+
 use crate::bench::Bench;
 use crate::images;
 use crate::setup;
@@ -156,9 +158,20 @@ pub fn run(args: &Args) -> Result<()> {
         100.0 * outcome.share_inside()
     );
     println!("the session is in {}", args.out.join(SESSION).display());
+    println!();
+    println!(
+        "another rig, which hides an effect; the firmware runs the diagnostic staircase at three depths:\n"
+    );
+    let found = hidden::diagnosis(&this_program()?, args.seed, &args.out, &hidden::PLAN, &mut |text| {
+        print!("{text}")
+    })?;
+    let values: Vec<String> = found.hidden.values.iter().map(f64::to_string).collect();
+    println!("what the rig hid (seed {}): {} {}", args.seed, found.hidden.id, values.join(", "));
+    println!("figures and the augmented model are in {}", args.out.display());
     let lost = outcome.lost_samples();
     ensure!(lost == 0.0, "{lost} samples were lost on the way");
     ensure!(error.abs() < 0.1, "the identified modulus is off by {:.0} %", 100.0 * error);
+    ensure!(found.is_in_class(), "the hidden effect {} is not found", found.hidden.id);
     Ok(())
 }
 

@@ -57,7 +57,7 @@ pub struct AcquireArgs {
     session: SessionArgs,
     #[command(flatten)]
     start: StartArgs,
-    /// Motion program: a TOML file, or `displace` or `staircase`
+    /// Motion program: a TOML file, or `displace`, `staircase` or `quick-staircase`
     #[arg(long, value_name = "FILE")]
     program: String,
     /// Command that prints one ultrasound sweep as CSV (z_mm, deflection_y_mm[, deflection_x_mm, time_s]); run in every hold

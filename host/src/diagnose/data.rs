@@ -278,6 +278,16 @@ impl Run {
         }
     }
 
+    /// Whether the needle of an insertion is turned in a part: its path has a kink there, which is no noise.
+    pub fn turns_in(&self, part: usize) -> bool {
+        match &self.experiment {
+            Experiment::Insertion(done) => {
+                done.rotation_rad.jumps_m().any(|depth_m| (depth_m / PART_M) as usize == part)
+            }
+            _ => false,
+        }
+    }
+
     /// Number of its parts.
     pub fn parts(&self) -> usize {
         self.data.iter().map(|datum| datum.part + 1).max().unwrap_or(0)

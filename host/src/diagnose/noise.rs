@@ -158,7 +158,7 @@ fn lines(runs: &[Run], channels: [Channel; 2]) -> Vec<Segment> {
                 let data = run.data.iter().filter(move |d| d.channel == channel && d.part == part);
                 data.take(MOST_READINGS).map(|d| (d.place.depth_m, d.measured))
             };
-            for part in 0..run.parts() {
+            for part in (0..run.parts()).filter(|part| !run.turns_in(*part)) {
                 let (at, values): (Vec<f64>, Vec<f64>) = of_channel(part).unzip();
                 segments.push(Segment { at, values });
             }

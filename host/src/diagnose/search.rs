@@ -16,6 +16,8 @@ pub(super) const MOST_LEADERS: usize = 6;
 const MOST_RIVALS: usize = 4;
 const BEHIND: f64 = 15.0;
 const BEHIND_SHARE: f64 = 0.3;
+/// No tissue and no sensor follows the law of an effect more closely than this: what it leaves of itself is not to be named.
+const LAW: f64 = 0.03;
 /// Effects that may be missing at once; more explain anything.
 const MOST_EFFECTS: usize = 3;
 /// A rival within these odds of the best is as good, and, if its predictions are the same within noise, within the second ones.
@@ -119,7 +121,8 @@ pub(super) fn search(
     while current.layout.effects.len() < given + MOST_EFFECTS {
         let scores = Scores::new(&current, runs)?;
         // With every step the search looks again; the margin is that of its own directions.
-        let needed = scores.margin(FALSE_ALARMS, DRAWS, seed).max(0.0);
+        let explained = (current.log_evidence - start.log_evidence).max(0.0);
+        let needed = scores.margin(FALSE_ALARMS, DRAWS, seed).max(0.0) + LAW * LAW * explained;
         let candidates = weigh(&current, runs, &scores, MOST_LEADERS);
         let chosen = candidates.iter().find(|candidate| is_accepted(candidate, &current, runs, needed));
         let chosen = chosen

@@ -127,6 +127,9 @@ pub fn fit<B: Block>(shared: &[Parameter], blocks: &[B]) -> Result<Fit, FitError
             if let (true, Ok(tried)) = (value <= chi_square || settled, tried) {
                 (point, residuals, chi_square, moved) = (next, tried, value.min(chi_square), true);
                 damping = (damping * 0.1).max(1e-12);
+            } else if step.is_negligible(shared, &parameters) {
+                // Below the steps of the derivatives the residuals need not be smooth.
+                return finish(point, shared, &parameters, blocks);
             } else {
                 damping *= 10.0;
             }
@@ -213,6 +216,19 @@ fn finite(residuals: Vec<f64>) -> Result<Vec<f64>, FitError> {
 struct Step {
     shared: DVector<f64>,
     nuisances: Vec<DVector<f64>>,
+}
+
+/// A step of this share of a difference is none.
+const NEGLIGIBLE: f64 = 1e-3;
+
+impl Step {
+    /// Whether no parameter moves by more than a small share of the step of its differences.
+    fn is_negligible(&self, shared: &[Parameter], blocks: &[Vec<Parameter>]) -> bool {
+        let small = |(step, parameter): (&f64, &Parameter)| step.abs() < NEGLIGIBLE * parameter.step;
+        let mut of_blocks = self.nuisances.iter().zip(blocks);
+        self.shared.iter().zip(shared).all(small)
+            && of_blocks.all(|(steps, of)| steps.iter().zip(of).all(small))
+    }
 }
 
 /// The normal equations of one block: `[shared, cross^T; cross, own] step = [shared_gradient; own_gradient]`.

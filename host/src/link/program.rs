@@ -17,9 +17,10 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// Names and texts of the programs that come with the tool.
-const BUILT_IN: [(&str, &str); 2] = [
+const BUILT_IN: [(&str, &str); 3] = [
     ("displace", include_str!("programs/displace.toml")),
     ("staircase", include_str!("programs/staircase.toml")),
+    ("quick-staircase", include_str!("programs/quick-staircase.toml")),
 ];
 
 /// One step with what the host does during it.
@@ -231,6 +232,11 @@ mod tests {
         assert!(message(sweep).contains("belongs to a hold"));
         assert!(message("name = 'p'\n[[step]]\nhold_s = nan").contains("between 0.001 s"));
         assert!(message("name = 'p'\n[[step]]\nmove_y_mm = inf").contains("within 1000"));
-        assert!(Program::load("no-such").unwrap_err().to_string().contains("displace, staircase"));
+        assert!(
+            Program::load("no-such")
+                .unwrap_err()
+                .to_string()
+                .contains("displace, staircase, quick-staircase")
+        );
     }
 }

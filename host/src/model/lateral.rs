@@ -28,7 +28,7 @@ pub struct Drive {
 
 impl Drive {
     /// Displacement that reaches the needle if the frame does not give.
-    fn beyond_clearance_m(&self, commanded_m: f64) -> f64 {
+    pub fn beyond_clearance_m(&self, commanded_m: f64) -> f64 {
         let pressed_m = (commanded_m.abs() - self.clearance_m).max(0.0);
         pressed_m.copysign(commanded_m)
     }

@@ -38,6 +38,39 @@ pub struct Simulation {
     pub force: ForceConfig,
     /// Ultrasound.
     pub ultrasound: UltrasoundConfig,
+    /// Effects that the user of the rig does not know of.
+    pub effects: Vec<HiddenEffect>,
+}
+
+/// An effect that the rig has: of the tissue, the guides or the ultrasound; what needs a history or acts on the force sensor's
+/// reading is not simulated.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HiddenEffect {
+    /// Its id.
+    pub id: String,
+    /// Values of its parameters, in their order.
+    pub values: Vec<f64>,
+}
+
+/// Effects that a rig can hide, each with values that a careful laboratory might overlook.
+const HIDDEN: [(&str, &[f64]); 6] = [
+    ("tissue.layers", &[2.2, 14.0]),
+    ("tissue.skin", &[0.25]),
+    ("rig.clamp_compliance", &[0.4]),
+    ("rig.backlash", &[0.12]),
+    ("tissue.gradient", &[0.04]),
+    ("sensor.shape_scale", &[0.12]),
+];
+
+impl HiddenEffect {
+    /// The one that a seed picks.
+    pub fn of_seed(seed: u64) -> Self {
+        // A few draws apart, so that neighbouring seeds do not follow the order of the list.
+        let number = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
+        let (id, values) = HIDDEN[(number % HIDDEN.len() as u64) as usize];
+        Self { id: id.to_owned(), values: values.to_vec() }
+    }
 }
 
 impl Default for RigConfig {
@@ -55,6 +88,7 @@ impl Default for Simulation {
             actuator: ActuatorConfig::default(),
             force: ForceConfig::default(),
             ultrasound: UltrasoundConfig::default(),
+            effects: Vec::new(),
         }
     }
 }
@@ -147,6 +181,14 @@ pub enum ConfigError {
         /// Where and why.
         cause: Box<toml::de::Error>,
     },
+    /// An effect that a rig cannot have.
+    #[error("[simulation] effects: {id:?} with {count} values, expected one of {}", HIDDEN.map(|(id, values)| format!("{id} ({} values)", values.len())).join(", "))]
+    Effect {
+        /// What was given.
+        id: String,
+        /// Number of its values.
+        count: usize,
+    },
     /// A value is out of its range.
     #[error("[simulation] {field} is {value}, expected {expected}")]
     Value {
@@ -192,7 +234,13 @@ impl Simulation {
     /// [`ConfigError::Value`] for the first value out of its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = "a positive number";
-        let Self { depth_mm, modulus_kpa, actuator, force, ultrasound } = self;
+        let Self { depth_mm, modulus_kpa, actuator, force, ultrasound, effects } = self;
+        let is_known = |effect: &&HiddenEffect| {
+            HIDDEN.iter().any(|(id, values)| *id == effect.id && values.len() == effect.values.len())
+        };
+        if let Some(HiddenEffect { id, values }) = effects.iter().find(|effect| !is_known(effect)) {
+            return Err(ConfigError::Effect { id: id.clone(), count: values.len() });
+        }
         let checks = [
             ("depth_mm", *depth_mm, *depth_mm > 0.0 && *depth_mm <= 500.0, "more than 0, at most 500"),
             ("modulus_kpa.low", modulus_kpa.low, modulus_kpa.low > 0.0, positive),

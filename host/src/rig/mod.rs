@@ -17,7 +17,8 @@ pub mod config;
 pub mod insertions;
 pub mod steering;
 
-use crate::model::{Beam, Model, ModelError};
+use crate::model::effects::{Effect, Seen, effect};
+use crate::model::{Beam, Channels, Drive, Model, ModelError, Series};
 use actuator::Actuator;
 use config::{ConfigError, Range, RigConfig, Simulation};
 use rand::{Rng, RngExt, SeedableRng};
@@ -77,6 +78,10 @@ pub struct SimulatedRig {
     entry_m: f64,
     truth: Truth,
     beam: Beam,
+    /// Between the actuators and the needle.
+    drive: Drive,
+    /// What the user does not know of.
+    effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     actuators: [Actuator; 2],
     bridge_offset_n: [f64; 2],
     force_noise: Noise,
@@ -98,11 +103,19 @@ impl SimulatedRig {
             .map(|noise| Actuator::new(&simulation.actuator, &mut random, Noise::new(seed, noise)));
         let depth_m = simulation.depth_mm * 1e-3;
         let entry_m = rig.entry_m;
-        let beam = Model::uniform(rig, modulus_pa)?.beam(depth_m)?;
+        let mut model = Model::uniform(rig, modulus_pa)?;
+        let hidden = simulation.effects.iter();
+        model.effects =
+            hidden.filter_map(|hidden| Some((effect(&hidden.id)?, hidden.values.clone()))).collect();
+        let beam = model.beam(depth_m)?;
+        let mut drive = Drive::default();
+        model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
         let truth = Truth { modulus_pa, depth_m, stiffness_n_per_m: beam.lateral_stiffness_n_per_m() };
         Ok(Self {
             truth,
             beam,
+            drive,
+            effects: model.effects,
             actuators,
             bridge_offset_n,
             force_noise: Noise::new(seed, Stream::Force),
@@ -129,17 +142,27 @@ impl SimulatedRig {
     pub fn sweep(&mut self) -> Vec<ShapeSample> {
         let ultrasound = &self.simulation.ultrasound;
         let (spacing_m, pixel_m) = (ultrasound.spacing_mm * 1e-3, ultrasound.pixel_mm * 1e-3);
-        let position_m = self.position_m();
+        let pressed_m = self.position_m().map(|position_m| self.drive.beyond_clearance_m(position_m));
         let count = (self.truth.depth_m / spacing_m + 1e-9) as usize;
-        (1..=count)
-            .map(|index| {
-                let z_m = self.entry_m + index as f64 * spacing_m;
-                let deflection_m = position_m.map(|displacement_m| {
-                    let noise_m = ultrasound.noise_mm * 1e-3 * self.sweep_noise.draw();
-                    let seen_m = self.beam.deflection_m(displacement_m, z_m) + noise_m;
+        let at_m = |index: usize| self.entry_m + index as f64 * spacing_m;
+        let bent = |plane: usize| -> Vec<f64> {
+            (1..=count).map(|index| self.beam.deflection_m(pressed_m[plane], at_m(index))).collect()
+        };
+        let mut shape_m = Series { x: Some(bent(0)), y: bent(1) };
+        let mut channels = Channels { shape_m: std::mem::take(&mut shape_m), ..Channels::default() };
+        let seen = Seen { time_s: &[], commanded_m: [&[], &[]] };
+        self.effects.iter().for_each(|(effect, values)| effect.observe(values, &seen, &mut channels));
+        let Series { y, x } = channels.shape_m;
+        let (noise_m, x) = (ultrasound.noise_mm * 1e-3, x.unwrap_or_default());
+        x.into_iter()
+            .zip(y)
+            .enumerate()
+            .map(|(index, (x_m, y_m))| {
+                let deflection_m = [x_m, y_m].map(|bent_m| {
+                    let seen_m = bent_m + noise_m * self.sweep_noise.draw();
                     (seen_m / pixel_m).round() * pixel_m
                 });
-                ShapeSample { z_m, deflection_m }
+                ShapeSample { z_m: self.entry_m + (index + 1) as f64 * spacing_m, deflection_m }
             })
             .collect()
     }
@@ -151,7 +174,7 @@ impl SimulatedRig {
 
     /// Force on guide 2 along x and y, newtons.
     pub fn force_n(&self) -> [f64; 2] {
-        self.position_m().map(|displacement_m| self.beam.force_n(displacement_m))
+        self.position_m().map(|position_m| self.beam.force_n(self.drive.beyond_clearance_m(position_m)))
     }
 
     /// What the rig really is.

@@ -198,7 +198,7 @@ fn confusion(outcomes: &[Outcome]) -> String {
         rows.entry(row).or_default().push(outcome);
     }
     let mut text = String::from(
-        "| hidden | sessions | named | in a class | adequate | unexplained | else named or in the class |\n|---|---|---|---|---|---|---|\n",
+        "| hidden | sessions | named | in a class | adequate | unexplained | intervals hold | else named or in the class |\n|---|---|---|---|---|---|---|---|\n",
     );
     for (row, of_row) in rows {
         let truth = |o: &Outcome| match &o.hidden {
@@ -217,13 +217,17 @@ fn confusion(outcomes: &[Outcome]) -> String {
                 *others.entry(id).or_default() += 1;
             }
         }
+        let intervals: Vec<bool> =
+            of_row.iter().flat_map(|o| o.covered.iter().map(|(_, good)| *good)).collect();
+        let held = intervals.iter().filter(|good| **good).count();
         let others: Vec<String> = others.iter().map(|(id, count)| format!("{id} {count}")).collect();
         let _ = writeln!(
             text,
-            "| {row} | {} | {named} | {classed} | {} | {} | {} |",
+            "| {row} | {} | {named} | {classed} | {} | {} | {held} of {} | {} |",
             of_row.len(),
             count(&|o| o.verdict == Verdict::Adequate),
             count(&|o| o.verdict == Verdict::Unexplained),
+            intervals.len(),
             others.join(", ")
         );
     }
