@@ -2,6 +2,7 @@
 
 use super::blind::{Design, Foreign, LateralPlan, Truth, session};
 use super::*;
+use crate::model::effects::effect;
 
 fn truth(effects: Vec<(&'static str, Vec<f64>)>) -> Truth {
     Truth { k_kpa: 12.0, tip_load_n: 0.2, effects, foreign: None }

@@ -14,7 +14,17 @@ const KEPT: usize = 48;
 #[derive(Debug, Default)]
 pub struct Cache {
     responses: RefCell<VecDeque<(BeamProblem, f64, Rc<Response>)>>,
-    growths: RefCell<VecDeque<(BeamProblem, Vec<f64>, (Guide2Grip, bool), Rc<Growth>)>>,
+    growths: RefCell<VecDeque<Grown>>,
+}
+
+/// A needle that grew, by what was solved.
+#[derive(Debug)]
+struct Grown {
+    problem: BeamProblem,
+    depths_m: Vec<f64>,
+    grip: Guide2Grip,
+    slopes: bool,
+    growth: Rc<Growth>,
 }
 
 impl Cache {
@@ -42,15 +52,17 @@ impl Cache {
         let mut key = problem.clone();
         (key.depth_m, key.law) = (0.0, Default::default());
         let mut known = self.growths.borrow_mut();
-        if let Some((.., growth)) =
-            known.iter().find(|(p, d, how, _)| *how == (grip, slopes) && *p == key && d == depths_m)
-        {
-            return Ok(growth.clone());
+        let is_it = |grown: &&Grown| {
+            grown.grip == grip && grown.slopes == slopes && grown.problem == key && grown.depths_m == depths_m
+        };
+        if let Some(grown) = known.iter().find(is_it) {
+            return Ok(grown.growth.clone());
         }
         let solve = if slopes { Growth::new } else { Growth::without_slopes };
         let growth = Rc::new(solve(problem, depths_m.to_vec(), grip)?);
         known.truncate(KEPT - 1);
-        known.push_front((key, depths_m.to_vec(), (grip, slopes), growth.clone()));
+        let depths_m = depths_m.to_vec();
+        known.push_front(Grown { problem: key, depths_m, grip, slopes, growth: growth.clone() });
         Ok(growth)
     }
 }

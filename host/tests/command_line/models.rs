@@ -172,3 +172,41 @@ fn effects_are_listed() {
     let said = failure(&["effects", "tissue.layer"]);
     assert!(said.contains("\"tissue.layer\" is not known, expected one of tissue.layers"), "{said}");
 }
+
+/// Simulated with a layer nobody tells of, diagnosed, explained; the model file serves the next commands.
+#[test]
+fn a_missing_layer_is_named_and_its_model_explains_the_session() {
+    let folder = folder();
+    let at = |name: &str| path(&folder.path().join(name)).to_owned();
+    let (config, dir, model, plots) = (at("plan.toml"), at("made"), at("found.toml"), at("plots"));
+    let rig = PLAN.split("[tissue]").next().expect("the rig");
+    let mut plan = format!(
+        "{rig}[tissue]\nk_kpa = 9\n[[effect]]\nid = \"tissue.layers\"\nparameters = {{ k_ratio = {{ value = 2.5 }}, \
+         boundary_mm = {{ value = 15 }} }}\n"
+    );
+    for (id, depth_mm) in [("a", 20), ("b", 30), ("c", 40), ("d", 30)] {
+        plan += &format!("[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\n");
+    }
+    fs::write(&config, plan).expect("written");
+    guide(&["simulate", "--config", &config, "--out", &dir]);
+    let found = json(&["diagnose", &dir, "--out", &model, "--plots", &plots, "--json"]);
+    assert_eq!(found["schema"], "guide.diagnose/1");
+    assert_eq!(found["verdict"], "named");
+    assert_eq!(found["effects"][0]["id"], "tissue.layers");
+    assert_eq!(found["gap"]["heldout_runs"], serde_json::json!(["d"]));
+    assert!(found["gap"]["removed"].as_f64().expect("a share") > 0.9);
+    for figure in ["residuals", "gap", "ranking"] {
+        let svg = fs::read_to_string(Path::new(&plots).join(format!("{figure}.svg"))).expect("a figure");
+        assert!(svg.contains("</svg>"), "{figure}");
+    }
+    let explained = json(&["diagnose", &dir, "--model", &model, "--json"]);
+    assert_eq!(
+        (&explained["verdict"], &explained["given"][0]),
+        (&"adequate".into(), &"tissue.layers".into())
+    );
+    let said = text(&guide(&["diagnose", &dir]).stdout);
+    assert!(
+        said.contains("missing      tissue.layers") && said.contains("of the removable gap is gone"),
+        "{said}"
+    );
+}

@@ -25,7 +25,7 @@ pub fn run(repeats: usize, seed: u64, only: &str) -> Result<()> {
     let done = AtomicUsize::new(0);
     let outcomes = run_cases(&cases, |_| {
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        if done % 20 == 0 {
+        if done.is_multiple_of(20) {
             eprintln!("{done} of {} sessions", cases.len());
         }
     });

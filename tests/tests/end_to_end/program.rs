@@ -8,6 +8,7 @@ use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 use tests::bench::Bench;
+use tests::demo::hidden::diagnosis;
 use tests::demo::{Outcome, procedure};
 use tests::images::build_guide;
 
@@ -55,6 +56,20 @@ fn the_procedure_finds_the_modulus_that_nobody_told_it_and_repeats_exactly() {
     let (other, _) = run_procedure(4);
     assert_ne!(other.truth, outcome.truth);
     assert_ne!(other.identified["pooled"], outcome.identified["pooled"]);
+}
+
+/// The firmware runs the staircase on rigs that hide something, and the workflow finds it.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_hidden_effect_is_found_from_what_the_firmware_records() {
+    let folder = tempfile::tempdir().unwrap();
+    let xtask = Path::new(env!("CARGO_BIN_EXE_xtask"));
+    let found = diagnosis(xtask, 1, folder.path(), &[(20.0, 1), (40.0, 1)], &mut |_| {}).unwrap();
+    assert!(found.is_in_class(), "{found:#?}");
+    assert!(found.removed().unwrap() > 0.9, "{found:#?}");
+    assert!(
+        folder.path().join("model.toml").exists() && folder.path().join("figures/residuals.svg").exists()
+    );
 }
 
 /// Without a schedule, as by hand: move there, and the status says so.
