@@ -63,15 +63,20 @@
 //! | 4 | `Run { steps, crc, start_us }` | `Ack` | starts the program at a device time if its steps are the ones meant; events follow |
 //! | 5 | `Stop` | `Ack` | ends any motion at once; telemetry goes on |
 //! | 6 | `ClearFault` | `Ack` | leaves the fault state if its cause is gone |
+//! | 7 | `Limits { force_mn, silence_ms }` | `Ack` | what the interlocks compare with, until the next start |
+//! | 8 | `LoadCalibration { piece, bytes }` | `Ack` | takes 16 bytes of an encoded [`CalibrationRecord`] |
+//! | 9 | `StoreCalibration { length, crc }` | `Ack` | keeps the record if it is the one meant, and restarts with it |
+//! | 10 | `Calibration` | `Calibration`, `Ack` | none |
 //!
 //! | | message | when |
 //! |---|---|---|
-//! | 0 | [`Hello`] | asked for: version, schema hash, board, clock, sample period, value of a count |
+//! | 0 | [`Hello`] | asked for: version, schema hash, board, clock, sample period, value of a count, calibration, last panic |
 //! | 1 | `Ack { id }` | the command was carried out, now or when it came before |
 //! | 2 | `Refused { id, refusal }` | it was not, and why: [`Refusal`] |
 //! | 3 | [`Samples`] | a batch is full or its state ended, while telemetry is on |
 //! | 4 | [`Event`] | a step began or ended, a tare was found, the program ended, a fault was latched |
-//! | 5 | [`Status`] | asked for: state, fault, position, force, counters |
+//! | 5 | [`Status`] | asked for, and ten times a second while telemetry is on: state, fault, position, force, counters, load, stiffness |
+//! | 6 | [`CalibrationRecord`] | asked for |
 //!
 //! # Rules
 //!
@@ -89,6 +94,8 @@
 //! * **Time.** Device microseconds since boot, in 64 bits. A batch has the time of its first sample; the others follow at
 //!   `Hello::sample_period_us`. A hole in the times is that many samples lost, whoever lost them; what the device itself
 //!   had to drop it says in `Samples::dropped`.
+//! * **Silence.** While a program is pending or running the device wants to hear from the host: any intact command will do.
+//!   After `silence_ms` without one it latches a fault and switches the bridges off.
 //! * **Nothing from the device is sent again.** What may be lost is repeated in later state: every batch has state and step,
 //!   `Status` has state, fault and counters, so that a host that missed an event still finds the end of a program.
 //! * **Change.** Variants are appended, never inserted; any other change of a type raises [`VERSION`]. Either changes the
@@ -142,6 +149,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod calibration;
 #[cfg(any(test, feature = "conformance"))]
 pub mod conformance;
 pub mod frame;
@@ -153,6 +161,10 @@ mod to_device;
 mod to_host;
 pub mod tracker;
 
+pub use calibration::{
+    CODES_PER_KNOT, CalibrationId, CalibrationRecord, KNOTS, MAX_CALIBRATION, PIECE_BYTES,
+    PotentiometerTable, calibration_crc,
+};
 pub use frame::{
     CommandReceiver, EncodeError, EnvelopeReceiver, Incoming, Losses, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST,
     Received, Receiver, encode_command, encode_envelope, peek_hello_version,
@@ -164,7 +176,7 @@ pub use to_host::*;
 pub use tracker::{Arrival, Order, SequenceTracker, Totals};
 
 /// Version of this protocol: messages, framing and their meaning.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 
 /// Hash of the types of everything that is sent, both ways.
 pub const fn schema_hash() -> [u8; 8] {

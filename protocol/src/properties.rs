@@ -1,10 +1,11 @@
 //! Properties of random messages, random streams and random damage. Host only.
 
 use crate::{
-    Command, CommandReceiver, Counters, Envelope, EnvelopeReceiver, Event, EventKind, Fault, Hello, Incoming,
-    Losses, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, Message, Outcome, PACKED_BYTES, Packed, Packer, Received,
-    Receiver, Refusal, Request, ResetReason, Sample, Samples, Scales, SequenceTracker, State, Status, Step,
-    Text, encode_command, encode_envelope, peek_hello_version,
+    CalibrationId, CalibrationRecord, Command, CommandReceiver, Counters, Envelope, EnvelopeReceiver, Event,
+    EventKind, Fault, Hello, Incoming, KNOTS, Load, Losses, MAX_CALIBRATION, MAX_FRAME_TO_DEVICE,
+    MAX_FRAME_TO_HOST, Message, Outcome, PACKED_BYTES, PIECE_BYTES, Packed, Packer, PotentiometerTable,
+    Received, Receiver, Refusal, Request, ResetReason, Sample, Samples, Scales, SequenceTracker, State,
+    Status, Step, Stiffness, Tare, Text, encode_command, encode_envelope, peek_hello_version,
 };
 use proptest::{collection::vec, prelude::*, sample::select};
 use std::{vec, vec::Vec};
@@ -14,21 +15,29 @@ fn step() -> impl Strategy<Value = Step> {
         any::<(i32, i32, u32)>().prop_map(|(x_um, y_um, speed_um_s)| Step::Move { x_um, y_um, speed_um_s }),
         any::<u32>().prop_map(|duration_ms| Step::Hold { duration_ms }),
         any::<u32>().prop_map(|duration_ms| Step::Tare { duration_ms }),
+        any::<(i32, i32, u32)>().prop_map(|(x_um, y_um, duration_ms)| Step::Ramp { x_um, y_um, duration_ms }),
     ]
 }
 
 fn command() -> impl Strategy<Value = Command> {
     let request = prop_oneof![
-        select(vec![Request::Hello, Request::Status, Request::Stop, Request::ClearFault]),
+        select(vec![
+            Request::Hello,
+            Request::Status,
+            Request::Stop,
+            Request::ClearFault,
+            Request::Calibration
+        ]),
         any::<bool>().prop_map(|enable| Request::Stream { enable }),
         (any::<u8>(), step()).prop_map(|(index, step)| Request::LoadStep { index, step }),
         any::<(u8, u32, u64)>().prop_map(|(steps, crc, start_us)| Request::Run { steps, crc, start_us }),
+        any::<(u32, u32)>().prop_map(|(force_mn, silence_ms)| Request::Limits { force_mn, silence_ms }),
+        any::<(u8, [u8; PIECE_BYTES])>().prop_map(|(piece, bytes)| Request::LoadCalibration { piece, bytes }),
+        any::<(u8, u32)>().prop_map(|(length, crc)| Request::StoreCalibration { length, crc }),
     ];
     (any::<u16>(), any::<u32>(), request).prop_map(|(id, boot_id, request)| Command { id, boot_id, request })
 }
 
-const FAULTS: [Fault; 5] =
-    [Fault::EmergencyStop, Fault::ForceSensor, Fault::ForceRange, Fault::Potentiometer, Fault::MoveTimeout];
 const STATES: [State; 6] =
     [State::Idle, State::Pending, State::Moving, State::Holding, State::Taring, State::Faulted];
 
@@ -42,8 +51,11 @@ fn hello() -> impl Strategy<Value = Hello> {
         travel_um,
         force_range_mn,
     });
-    (any::<(u16, [u8; 8], u32, u64, u32)>(), texts, reasons, scales).prop_map(
-        |(numbers, texts, reset_reason, scales)| Hello {
+    let calibration =
+        (".{0,20}", any::<u32>()).prop_map(|(id, crc)| CalibrationId { id: Text::new(&id), crc });
+    let last_panic = prop::option::of(".{0,100}");
+    (any::<(u16, [u8; 8], u32, u64, u32)>(), texts, reasons, scales, calibration, last_panic).prop_map(
+        |(numbers, texts, reset_reason, scales, calibration, last_panic)| Hello {
             protocol_version: numbers.0,
             schema_hash: numbers.1,
             firmware_version: Text::new(&texts.0),
@@ -54,6 +66,8 @@ fn hello() -> impl Strategy<Value = Hello> {
             now_us: numbers.3,
             sample_period_us: numbers.4,
             scales,
+            calibration,
+            last_panic: last_panic.map(|text| Text::new(&text)),
         },
     )
 }
@@ -71,29 +85,74 @@ fn samples() -> impl Strategy<Value = Samples> {
     )
 }
 
+fn counters() -> impl Strategy<Value = Counters> {
+    any::<[u32; 13]>().prop_map(|counts| Counters {
+        samples_dropped: counts[0],
+        messages_dropped: counts[1],
+        frames_corrupt: counts[2],
+        frames_overlong: counts[3],
+        frames_unreadable: counts[4],
+        force_readings_bad: counts[5],
+        control_overruns: counts[6],
+        line_errors: counts[7],
+        force_corrupt: counts[8],
+        force_missing: counts[9],
+        force_resets: counts[10],
+        force_saturated: counts[11],
+        faults: counts[12],
+    })
+}
+
 fn status() -> impl Strategy<Value = Status> {
-    let fault = prop::option::of(select(&FAULTS[..]));
-    (any::<(u64, u8, [i32; 2], [i32; 2], bool, [u32; 7])>(), select(&STATES[..]), fault).prop_map(
-        |((t_us, step, position_counts, force_counts, streaming, counts), state, fault)| {
-            let [
-                samples_dropped,
-                messages_dropped,
-                frames_corrupt,
-                frames_overlong,
-                frames_unreadable,
-                force_readings_bad,
-                control_overruns,
-            ] = counts;
-            let counters = Counters {
-                samples_dropped,
-                messages_dropped,
-                frames_corrupt,
-                frames_overlong,
-                frames_unreadable,
-                force_readings_bad,
-                control_overruns,
-            };
-            Status { t_us, state, step, fault, position_counts, force_counts, streaming, counters }
+    let fault = prop::option::of(select(&Fault::ALL[..]));
+    let load = any::<(u16, u16, u16, u32, u8)>().prop_map(
+        |(cpu_permille, longest_period_us, latest_start_us, stack_free_bytes, outbox_most)| Load {
+            cpu_permille,
+            longest_period_us,
+            latest_start_us,
+            stack_free_bytes,
+            outbox_most,
+        },
+    );
+    let stiffness = || {
+        prop::option::of(any::<(i32, u32, u32)>().prop_map(|(slope_mn_per_m, sd_mn_per_m, readings)| {
+            Stiffness { slope_mn_per_m, sd_mn_per_m, readings }
+        }))
+    };
+    let numbers = any::<(u64, u8, [i32; 2], [i32; 2], bool, [u16; 2], [u32; 2])>();
+    (numbers, select(&STATES[..]), fault, counters(), load, [stiffness(), stiffness()]).prop_map(
+        |(numbers, state, fault, counters, load, stiffness)| Status {
+            t_us: numbers.0,
+            state,
+            step: numbers.1,
+            fault,
+            position_counts: numbers.2,
+            force_counts: numbers.3,
+            streaming: numbers.4,
+            counters,
+            load,
+            motor_budget_permille: numbers.5,
+            force_limit_mn: numbers.6[0],
+            silence_limit_ms: numbers.6[1],
+            stiffness,
+        },
+    )
+}
+
+fn table() -> impl Strategy<Value = PotentiometerTable> {
+    any::<([u16; 2], [i16; KNOTS], [i16; KNOTS])>().prop_map(|(track_codes, rising_um, falling_um)| {
+        PotentiometerTable { track_codes, rising_um, falling_um }
+    })
+}
+
+fn calibration() -> impl Strategy<Value = CalibrationRecord> {
+    (".{0,20}", [table(), table()], any::<(u32, [[i32; 2]; 2], u32)>()).prop_map(
+        |(id, potentiometers, (travel_um, force_pn_per_code, force_range_mn))| CalibrationRecord {
+            id: Text::new(&id),
+            potentiometers,
+            travel_um,
+            force_pn_per_code,
+            force_range_mn,
         },
     )
 }
@@ -102,24 +161,44 @@ fn event() -> impl Strategy<Value = Event> {
     let kind = prop_oneof![
         any::<u8>().prop_map(|index| EventKind::StepStarted { index }),
         any::<u8>().prop_map(|index| EventKind::StepEnded { index }),
-        any::<([i32; 2], [u32; 2])>()
-            .prop_map(|(zero_counts, sd_counts)| EventKind::Tared { zero_counts, sd_counts }),
+        any::<([i32; 2], [u32; 2], [i32; 2], u32, u32, [u8; 2])>().prop_map(
+            |(zero_counts, sd_counts, drift_counts_per_s, periods, readings, unique_codes)| {
+                EventKind::Tared(Tare {
+                    zero_counts,
+                    sd_counts,
+                    drift_counts_per_s,
+                    periods,
+                    readings,
+                    unique_codes,
+                })
+            }
+        ),
         select(vec![Outcome::Completed, Outcome::Stopped, Outcome::Faulted])
             .prop_map(|outcome| EventKind::ProgramEnded { outcome }),
-        select(&FAULTS[..]).prop_map(|fault| EventKind::Faulted { fault }),
+        select(&Fault::ALL[..]).prop_map(|fault| EventKind::Faulted { fault }),
     ];
     (any::<u64>(), kind).prop_map(|(t_us, kind)| Event { t_us, kind })
 }
 
 fn envelope() -> impl Strategy<Value = Envelope> {
     use Refusal::{
-        Busy, CauseRemains, OtherBoot, OutOfRange, OutOfTravel, ProgramMismatch, TooLate, Unreadable,
+        Busy, CalibrationInvalid, CauseRemains, OtherBoot, OutOfRange, OutOfTravel, ProgramMismatch, TooLate,
+        Unreadable,
     };
-    let plain =
-        [OtherBoot, Busy, OutOfTravel, OutOfRange, ProgramMismatch, TooLate, CauseRemains, Unreadable];
+    let plain = [
+        OtherBoot,
+        Busy,
+        OutOfTravel,
+        OutOfRange,
+        ProgramMismatch,
+        TooLate,
+        CauseRemains,
+        Unreadable,
+        CalibrationInvalid,
+    ];
     let refusal = prop_oneof![
         select(plain.to_vec()),
-        select(&FAULTS[..]).prop_map(|fault| Refusal::Faulted { fault }),
+        select(&Fault::ALL[..]).prop_map(|fault| Refusal::Faulted { fault }),
     ];
     let message = prop_oneof![
         hello().prop_map(Message::Hello),
@@ -128,6 +207,7 @@ fn envelope() -> impl Strategy<Value = Envelope> {
         samples().prop_map(Message::Samples),
         event().prop_map(Message::Event),
         status().prop_map(Message::Status),
+        calibration().prop_map(Message::Calibration),
     ];
     (any::<u32>(), any::<u32>(), message).prop_map(|(boot_id, sequence, message)| Envelope {
         boot_id,
@@ -174,6 +254,14 @@ proptest! {
     fn every_envelope_survives(envelope in envelope()) {
         let received: Vec<_> = EnvelopeReceiver::new().feed(&frame_of(&envelope)).collect();
         prop_assert_eq!(received, [Received::Frame(envelope)]);
+    }
+
+    #[test]
+    fn every_calibration_survives_and_no_other_has_its_bytes(record in calibration(), cut in any::<prop::sample::Index>()) {
+        let mut buffer = [0; MAX_CALIBRATION];
+        let bytes = record.encode(&mut buffer);
+        prop_assert_eq!(CalibrationRecord::decode(bytes), Some(record.clone()));
+        prop_assert_eq!(CalibrationRecord::decode(&bytes[..cut.index(bytes.len())]), None);
     }
 
     #[test]

@@ -13,7 +13,12 @@
 //! | `Run` | `Ack`, then events | starts the loaded program at a device time |
 //! | `Stop` | `Ack` | ends any motion at once, bridges off; telemetry goes on |
 //! | `ClearFault` | `Ack` | leaves the fault state if its cause is gone |
+//! | `Limits` | `Ack` | force limit and longest silence of the host, until the next start of the device |
+//! | `LoadCalibration` | `Ack` | takes one piece of a calibration |
+//! | `StoreCalibration` | `Ack` | keeps the calibration and restarts with it |
+//! | `Calibration` | `Calibration`, `Ack` | none |
 
+use crate::PIECE_BYTES;
 use postcard::experimental::max_size::MaxSize;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -66,7 +71,34 @@ pub enum Request {
     Stop,
     /// Leave the latched fault state.
     ClearFault,
+    /// Set what the interlocks compare with. Refused while a program is pending or running, and for values out of range.
+    Limits {
+        /// Largest force along either axis relative to the tare, millinewtons: 1 to the sensor's rated range.
+        force_mn: u32,
+        /// Longest time without an intact command while a program is pending or running, milliseconds: see
+        /// [`SILENCE_LIMIT_MS`].
+        silence_ms: u32,
+    },
+    /// Take one piece of an encoded calibration record.
+    LoadCalibration {
+        /// Number of the piece, from 0; the record's byte is this times [`PIECE_BYTES`].
+        piece: u8,
+        /// The bytes; those beyond the record's end do not matter.
+        bytes: [u8; PIECE_BYTES],
+    },
+    /// Keep the loaded calibration and restart with it. Refused while a program is pending or running.
+    StoreCalibration {
+        /// Bytes of the record.
+        length: u8,
+        /// [`crate::calibration_crc`] of them: the device keeps what the host meant or nothing.
+        crc: u32,
+    },
+    /// Which calibration do you work with?
+    Calibration,
 }
+
+/// Least and greatest time that the host may be silent while a program runs, milliseconds.
+pub const SILENCE_LIMIT_MS: [u32; 2] = [200, 60_000];
 
 /// One step of a motion program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
@@ -88,6 +120,16 @@ pub enum Step {
     },
     /// Average the force for a time and make that the zero of both force channels.
     Tare {
+        /// Duration, milliseconds, above 0.
+        duration_ms: u32,
+    },
+    /// Move guide 2 at an even speed so that the setpoint arrives after this time; ends then, without waiting for the axes to
+    /// settle.
+    Ramp {
+        /// Target along x, micrometres.
+        x_um: i32,
+        /// Target along y, micrometres.
+        y_um: i32,
         /// Duration, milliseconds, above 0.
         duration_ms: u32,
     },

@@ -4,7 +4,7 @@
 //! again: what may go missing is repeated in later state (`Status`, the state and step of every batch, the running count of
 //! dropped samples). The order of the variants is the wire format: append, never insert.
 
-use crate::{Packed, Text};
+use crate::{CalibrationId, CalibrationRecord, Packed, Text};
 use postcard::experimental::max_size::MaxSize;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -41,8 +41,10 @@ pub enum Message {
     Samples(Samples),
     /// Something happened.
     Event(Event),
-    /// Answer to `Request::Status`.
+    /// Answer to `Request::Status`; while telemetry is on also unasked, ten times a second.
     Status(Status),
+    /// Answer to `Request::Calibration`.
+    Calibration(CalibrationRecord),
 }
 
 /// Who the device is and how to read what it sends.
@@ -68,7 +70,14 @@ pub struct Hello {
     pub sample_period_us: u32,
     /// How to read the channels.
     pub scales: Scales,
+    /// Calibration that position and force are computed with.
+    pub calibration: CalibrationId,
+    /// Place and message of the panic that ended the run before this start, if one did.
+    pub last_panic: Option<Text<PANIC_BYTES>>,
 }
+
+/// Most bytes of a panic that are told.
+pub const PANIC_BYTES: usize = 88;
 
 /// Value of one count of each channel, and the channels' ranges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
@@ -124,9 +133,11 @@ pub enum Refusal {
     CauseRemains,
     /// The command could not be decoded, though its frame was intact: versions differ.
     Unreadable,
+    /// The loaded calibration is not the one that was meant (checksum), or its tables or ranges make no sense.
+    CalibrationInvalid,
 }
 
-/// A latched fault. The number is what logs and the host show.
+/// A latched fault: bridges off until it is cleared. The number is what logs and the host show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 #[repr(u8)]
 pub enum Fault {
@@ -136,10 +147,48 @@ pub enum Fault {
     ForceSensor,
     /// 2: a force channel is at the end of its range.
     ForceRange,
-    /// 3: a potentiometer reads beyond its track: wire open or shorted.
+    /// 3: a potentiometer reads beyond its track (wire open or shorted) or jumps further than the actuator can move.
     Potentiometer,
     /// 4: an axis did not reach its target in time.
     MoveTimeout,
+    /// 5: the force relative to the tare exceeds the limit that is set.
+    ForceLimit,
+    /// 6: an axis is beyond its travel and was driven further out.
+    Travel,
+    /// 7: an axis is driven and does not move.
+    Stall,
+    /// 8: an axis is further from its setpoint than it can be.
+    FollowingError,
+    /// 9: the force converter's codes do not change at all, as no real reading does.
+    ForceStuck,
+    /// 10: no intact command came from the host for too long while a program was pending or running.
+    HostSilent,
+    /// 11: the device restarted by itself: watchdog, supply, or a panic, which the hello tells.
+    Restarted,
+    /// 12: the control task was late.
+    Overrun,
+    /// 13: a motor has used up its duty cycle and must cool.
+    MotorHot,
+}
+
+impl Fault {
+    /// Every fault, by number.
+    pub const ALL: [Self; 14] = [
+        Self::EmergencyStop,
+        Self::ForceSensor,
+        Self::ForceRange,
+        Self::Potentiometer,
+        Self::MoveTimeout,
+        Self::ForceLimit,
+        Self::Travel,
+        Self::Stall,
+        Self::FollowingError,
+        Self::ForceStuck,
+        Self::HostSilent,
+        Self::Restarted,
+        Self::Overrun,
+        Self::MotorHot,
+    ];
 }
 
 /// What the controller is doing.
@@ -198,13 +247,8 @@ pub enum EventKind {
         /// Index in the program.
         index: u8,
     },
-    /// A tare was completed: the readings that are zero from now on.
-    Tared {
-        /// Mean of x and y before, in force counts from the converter's own zero.
-        zero_counts: [i32; 2],
-        /// Standard deviation of a single reading of x and y, in force counts.
-        sd_counts: [u32; 2],
-    },
+    /// A tare was completed.
+    Tared(Tare),
     /// The program has ended; the bridges are off.
     ProgramEnded {
         /// How.
@@ -216,6 +260,26 @@ pub enum EventKind {
         fault: Fault,
     },
 }
+
+/// What a tare found: the readings that are zero from now on, and how good they were.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Tare {
+    /// Mean of x and y before, in force counts from the converter's own zero.
+    pub zero_counts: [i32; 2],
+    /// Standard deviation of a single reading of x and y about the drift, in force counts.
+    pub sd_counts: [u32; 2],
+    /// Drift of x and y: slope of a straight line through the readings, in force counts per second.
+    pub drift_counts_per_s: [i32; 2],
+    /// Control periods that it lasted.
+    pub periods: u32,
+    /// Valid readings among them.
+    pub readings: u32,
+    /// Different codes that the converter gave on channel 0 and 1; [`UNIQUE_CODES`] stands for that many or more.
+    pub unique_codes: [u8; 2],
+}
+
+/// Different codes that a tare tells apart. A sound converter gives another code nearly every time.
+pub const UNIQUE_CODES: u8 = 24;
 
 /// How a program ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
@@ -247,6 +311,42 @@ pub struct Status {
     pub streaming: bool,
     /// Counters since start.
     pub counters: Counters,
+    /// How busy the processor is.
+    pub load: Load,
+    /// Share of their duty cycle that the motors x and y have used, per thousand; at 1000 they must rest.
+    pub motor_budget_permille: [u16; 2],
+    /// Limit of the force along either axis relative to the tare, millinewtons.
+    pub force_limit_mn: u32,
+    /// Longest time without an intact command while a program is pending or running, milliseconds.
+    pub silence_limit_ms: u32,
+    /// Lateral stiffness along x and y since the last tare; none before guide 2 has moved far enough to tell.
+    pub stiffness: [Option<Stiffness>; 2],
+}
+
+/// How busy the processor is. Times are those of the device's clock, rounded up to its microsecond.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Load {
+    /// Share of the last tenth of a second that was not idle, per thousand.
+    pub cpu_permille: u16,
+    /// Longest work of a control period since start, from its wake-up to its last output, microseconds.
+    pub longest_period_us: u16,
+    /// Latest begin of a control period since start, microseconds after it was due.
+    pub latest_start_us: u16,
+    /// Bytes of the stack that have never been used.
+    pub stack_free_bytes: u32,
+    /// Most places of the way out (batches, answers, events) that were taken at once since start.
+    pub outbox_most: u8,
+}
+
+/// Slope of a straight line through force against displacement, fitted on the device as readings come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Stiffness {
+    /// Slope, millinewtons per metre.
+    pub slope_mn_per_m: i32,
+    /// Its standard error, millinewtons per metre.
+    pub sd_mn_per_m: u32,
+    /// Filtered readings that it was fitted to.
+    pub readings: u32,
 }
 
 /// What has gone wrong since start, counted; none wraps.
@@ -262,8 +362,20 @@ pub struct Counters {
     pub frames_overlong: u32,
     /// Command frames that were intact but could not be decoded.
     pub frames_unreadable: u32,
-    /// Force readings that were missing, stale or corrupt.
+    /// Control periods without a valid force reading, for any of the four reasons that follow or a failed bus.
     pub force_readings_bad: u32,
     /// Control periods that began late by more than half a period.
     pub control_overruns: u32,
+    /// Errors of the serial line: overrun, framing, noise.
+    pub line_errors: u32,
+    /// Frames of the force converter that failed their checksum.
+    pub force_corrupt: u32,
+    /// Periods in which the force converter had nothing new.
+    pub force_missing: u32,
+    /// Resets of the force converter.
+    pub force_resets: u32,
+    /// Periods in which a force channel was saturated.
+    pub force_saturated: u32,
+    /// Faults latched.
+    pub faults: u32,
 }

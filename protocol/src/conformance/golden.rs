@@ -69,14 +69,20 @@ macro_rules! seen {
     };
 }
 
-seen!(Requests: Request { Hello Status Stream LoadStep Run Stop ClearFault });
-seen!(Steps: Step { Move Hold Tare });
-seen!(Messages: Message { Hello Ack Refused Samples Event Status });
+seen!(Requests: Request {
+    Hello Status Stream LoadStep Run Stop ClearFault Limits LoadCalibration StoreCalibration Calibration
+});
+seen!(Steps: Step { Move Hold Tare Ramp });
+seen!(Messages: Message { Hello Ack Refused Samples Event Status Calibration });
 seen!(ResetReasons: ResetReason { PowerOn Pin Watchdog Software BrownOut Other });
 seen!(Refusals: Refusal {
     OtherBoot Faulted Busy OutOfTravel OutOfRange ProgramMismatch TooLate CauseRemains Unreadable
+    CalibrationInvalid
 });
-seen!(Faults: Fault { EmergencyStop ForceSensor ForceRange Potentiometer MoveTimeout });
+seen!(Faults: Fault {
+    EmergencyStop ForceSensor ForceRange Potentiometer MoveTimeout ForceLimit Travel Stall FollowingError ForceStuck HostSilent
+    Restarted Overrun MotorHot
+});
 seen!(States: State { Idle Pending Moving Holding Taring Faulted });
 seen!(EventKinds: EventKind { StepStarted StepEnded Tared ProgramEnded Faulted });
 seen!(Outcomes: Outcome { Completed Stopped Faulted });
@@ -118,7 +124,7 @@ pub(super) fn every_variant_has_golden_bytes() -> Verdict {
                     _ => {}
                 }
             }
-            Message::Ack { .. } | Message::Status(_) => {}
+            Message::Ack { .. } | Message::Status(_) | Message::Calibration(_) => {}
         }
     }
     messages.check()?;
@@ -133,7 +139,7 @@ pub(super) fn every_variant_has_golden_bytes() -> Verdict {
 
 /// If this fails, a type has changed: raise [`crate::VERSION`] unless a variant was only appended, then pin the new hash.
 pub(super) fn schema_hash_is_pinned() -> Verdict {
-    let pinned = [0xA3, 0x16, 0x93, 0x8F, 0xF4, 0x69, 0xE6, 0x16];
+    let pinned = [0x8D, 0x45, 0x41, 0xBF, 0x20, 0x0A, 0x46, 0x80];
     check(schema_hash() == pinned, "the message types have changed")
 }
 
@@ -142,8 +148,9 @@ pub(super) fn program_checksum_is_pinned() -> Verdict {
         Step::Move { x_um: -1500, y_um: 1000, speed_um_s: 500 },
         Step::Hold { duration_ms: 5000 },
         Step::Tare { duration_ms: 1000 },
+        Step::Ramp { x_um: 0, y_um: -200, duration_ms: 400 },
     ];
-    check(program_crc(&steps) == 0x3EC6_E04C, "the checksum of a program has changed")?;
+    check(program_crc(&steps) == 0x45FF_6411, "the checksum of a program has changed")?;
     check(program_crc(&[]) == 0, "the checksum of no steps is not 0")
 }
 

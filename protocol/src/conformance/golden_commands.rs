@@ -36,6 +36,29 @@ pub(super) const COMMANDS: &[Golden<Command>] = &[
     Golden { message: || command(Request::Stop), frame: "000dac02d487cb8d0a05e9f3124700" },
     Golden { message: || command(Request::ClearFault), frame: "000dac02d487cb8d0a0653a21bde00" },
     Golden {
+        message: || {
+            let step = Step::Ramp { x_um: 0, y_um: -200, duration_ms: 400 };
+            command(Request::LoadStep { index: 2, step })
+        },
+        frame: "000bac02d487cb8d0a030203098f039003ff5ae10c00",
+    },
+    Golden {
+        message: || command(Request::Limits { force_mn: 2_500, silence_ms: 1_500 }),
+        frame: "0011ac02d487cb8d0a07c413dc0b44dc2d8a00",
+    },
+    Golden {
+        message: || {
+            let bytes = [0x55, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 0xFF];
+            command(Request::LoadCalibration { piece: 9, bytes })
+        },
+        frame: "000bac02d487cb8d0a080955130102030405060708090a0b0c0dff0188eb9e00",
+    },
+    Golden {
+        message: || command(Request::StoreCalibration { length: 150, crc: 0xCBF4_3926 }),
+        frame: "0013ac02d487cb8d0a0996a6f2d0df0cce4ed05d00",
+    },
+    Golden { message: || command(Request::Calibration), frame: "000dac02d487cb8d0a0a78eeadd700" },
+    Golden {
         message: || Command { id: 0, boot_id: 0, request: Request::Hello },
         frame: "000101010512d941ff00",
     },

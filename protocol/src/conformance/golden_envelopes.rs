@@ -2,13 +2,14 @@
 
 use super::{Golden, envelope};
 use crate::{
-    Counters, Envelope, Event, EventKind, Fault, Hello, Message, Outcome, PACKED_BYTES, Packed, Refusal,
-    ResetReason, Samples, Scales, State, Status, Text,
+    CalibrationId, CalibrationRecord, Counters, Envelope, Event, EventKind, Fault, Hello, Load, Message,
+    Outcome, PACKED_BYTES, Packed, PotentiometerTable, Refusal, ResetReason, Samples, Scales, State, Status,
+    Stiffness, Tare, Text,
 };
 
-fn hello(reset_reason: ResetReason) -> Envelope {
+fn hello(reset_reason: ResetReason, last_panic: Option<&str>) -> Envelope {
     envelope(Message::Hello(Hello {
-        protocol_version: 1,
+        protocol_version: 2,
         schema_hash: [0x10, 0x32, 0x54, 0x76, 0x98, 0xBA, 0xDC, 0xFE],
         firmware_version: Text::new("0.1.0"),
         commit: Text::new("0123456789ab-dirty"),
@@ -23,6 +24,23 @@ fn hello(reset_reason: ResetReason) -> Envelope {
             travel_um: 5_000,
             force_range_mn: 5_000,
         },
+        calibration: CalibrationId { id: Text::new("unit-7"), crc: 0xCBF4_3926 },
+        last_panic: last_panic.map(Text::new),
+    }))
+}
+
+fn calibration() -> Envelope {
+    let table = PotentiometerTable {
+        track_codes: [40, 4_055],
+        rising_um: [-25_000, -18_750, -12_500, -6_250, 0, 6_250, 12_500, 18_750, 25_000],
+        falling_um: [-24_980, -18_730, -12_480, -6_230, 20, 6_270, 12_520, 18_770, 25_020],
+    };
+    envelope(Message::Calibration(CalibrationRecord {
+        id: Text::new("unit-7"),
+        potentiometers: [table; 2],
+        travel_um: 10_000,
+        force_pn_per_code: [[931_323, -1_200], [800, 929_000]],
+        force_range_mn: 5_000,
     }))
 }
 
@@ -70,40 +88,58 @@ fn status(fault: Option<Fault>) -> Envelope {
             frames_unreadable: 5,
             force_readings_bad: 6,
             control_overruns: 300,
+            line_errors: 7,
+            force_corrupt: 8,
+            force_missing: 9,
+            force_resets: 10,
+            force_saturated: 11,
+            faults: 12,
         },
+        load: Load {
+            cpu_permille: 321,
+            longest_period_us: 187,
+            latest_start_us: 3,
+            stack_free_bytes: 70_000,
+            outbox_most: 5,
+        },
+        motor_budget_permille: [1_000, 12],
+        force_limit_mn: 4_000,
+        silence_limit_ms: 2_000,
+        stiffness: [None, Some(Stiffness { slope_mn_per_m: 1_234_567, sd_mn_per_m: 890, readings: 400 })],
     }))
 }
 
 pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
     Golden {
-        message: || hello(ResetReason::PowerOn),
-        frame: "0009d487cb8d0af0a20432011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
-            4c343735452d494f5430314115c0843da0cb9801d00f64e807882788272549a51c00",
+        message: || hello(ResetReason::PowerOn, None),
+        frame: "0009d487cb8d0af0a20432021032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f543031411dc0843da0cb9801d00f64e8078827882706756e69742d37a6f2d0df0c05f36d7d0d00",
     },
     Golden {
-        message: || hello(ResetReason::Pin),
-        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
-            4c343735452d494f5430314101c0843da0cb9801d00f64e807882788276682039b00",
+        message: || hello(ResetReason::Pin, None),
+        frame: "0009d487cb8d0af0a2044f021032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314101c0843da0cb9801d00f64e8078827882706756e69742d37a6f2d0df0c05fb8e1d3100",
     },
     Golden {
-        message: || hello(ResetReason::Watchdog),
-        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
-            4c343735452d494f5430314102c0843da0cb9801d00f64e80788278827e2d999c800",
+        message: || hello(ResetReason::Watchdog, None),
+        frame: "0009d487cb8d0af0a2044f021032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314102c0843da0cb9801d00f64e8078827882706756e69742d37a6f2d0df0c05e3abbc7500",
     },
     Golden {
-        message: || hello(ResetReason::Software),
-        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
-            4c343735452d494f5430314103c0843da0cb9801d00f64e80788278827a1123f4f00",
+        message: || hello(ResetReason::Software, Some("src/app.rs:99:5: index out of bounds")),
+        frame: "0009d487cb8d0af0a20479021032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314103c0843da0cb9801d00f64e8078827882706756e69742d37a6f2d0df0c01247372632f61\
+            70702e72733a39393a353a20696e646578206f7574206f6620626f756e6473d5e6033c00",
     },
     Golden {
-        message: || hello(ResetReason::BrownOut),
-        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
-            4c343735452d494f5430314104c0843da0cb9801d00f64e80788278827ea6ead6f00",
+        message: || hello(ResetReason::BrownOut, None),
+        frame: "0009d487cb8d0af0a2044f021032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314104c0843da0cb9801d00f64e8078827882706756e69742d37a6f2d0df0c05d3e1fefc00",
     },
     Golden {
-        message: || hello(ResetReason::Other),
-        frame: "0009d487cb8d0af0a20447011032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
-            4c343735452d494f5430314105c0843da0cb9801d00f64e80788278827a9a50be800",
+        message: || hello(ResetReason::Other, None),
+        frame: "0009d487cb8d0af0a2044f021032547698badcfe05302e312e30123031323334353637383961622d64697274790e422d\
+            4c343735452d494f5430314105c0843da0cb9801d00f64e8078827882706756e69742d37a6f2d0df0c05db029ec000",
     },
     Golden { message: || envelope(Message::Ack { id: 300 }), frame: "0010d487cb8d0af0a20401ac023bd06dfb00" },
     Golden { message: || refused(Refusal::OtherBoot), frame: "000cd487cb8d0af0a20402ac020597c4477100" },
@@ -127,6 +163,42 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
         message: || refused(Refusal::Faulted { fault: Fault::MoveTimeout }),
         frame: "0012d487cb8d0af0a20402ac020104f65b6ea200",
     },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::ForceLimit }),
+        frame: "0012d487cb8d0af0a20402ac020105606b69d500",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::Travel }),
+        frame: "0012d487cb8d0af0a20402ac020106da3a604c00",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::Stall }),
+        frame: "0012d487cb8d0af0a20402ac0201074c0a673b00",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::FollowingError }),
+        frame: "0012d487cb8d0af0a20402ac020108dd17d8ab00",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::ForceStuck }),
+        frame: "0012d487cb8d0af0a20402ac0201094b27dfdc00",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::HostSilent }),
+        frame: "0012d487cb8d0af0a20402ac02010af176d64500",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::Restarted }),
+        frame: "0012d487cb8d0af0a20402ac02010b6746d13200",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::Overrun }),
+        frame: "0012d487cb8d0af0a20402ac02010cc4d3b5ac00",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::MotorHot }),
+        frame: "0012d487cb8d0af0a20402ac02010d52e3b2db00",
+    },
     Golden { message: || refused(Refusal::Busy), frame: "0011d487cb8d0af0a20402ac0202bba5499f00" },
     Golden { message: || refused(Refusal::OutOfTravel), frame: "0011d487cb8d0af0a20402ac02032d954ee800" },
     Golden { message: || refused(Refusal::OutOfRange), frame: "000ed487cb8d0af0a20402ac02048e032a7600" },
@@ -134,6 +206,10 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
     Golden { message: || refused(Refusal::TooLate), frame: "0011d487cb8d0af0a20402ac0206a261249800" },
     Golden { message: || refused(Refusal::CauseRemains), frame: "0011d487cb8d0af0a20402ac0207345123ef00" },
     Golden { message: || refused(Refusal::Unreadable), frame: "0011d487cb8d0af0a20402ac0208a54c9c7f00" },
+    Golden {
+        message: || refused(Refusal::CalibrationInvalid),
+        frame: "0011d487cb8d0af0a20402ac0209337c9b0800",
+    },
     Golden {
         message: || batch(State::Idle),
         frame: "0010d487cb8d0af0a2040380ade204c80108020311e807e70709c09a0c010280017f01010105039c402a00",
@@ -167,8 +243,17 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
         frame: "0015d487cb8d0af0a204048080808010013fecf6a17d00",
     },
     Golden {
-        message: || happened(EventKind::Tared { zero_counts: [-70_000, 35], sd_counts: [100, 0] }),
-        frame: "0015d487cb8d0af0a20404808080801002dfc508466405deb54b7c00",
+        message: || {
+            happened(EventKind::Tared(Tare {
+                zero_counts: [-70_000, 35],
+                sd_counts: [100, 0],
+                drift_counts_per_s: [3, -2],
+                periods: 1_000,
+                readings: 999,
+                unique_codes: [24, 1],
+            }))
+        },
+        frame: "0015d487cb8d0af0a20404808080801002dfc50846640d0603e807e70718010fbd0e5900",
     },
     Golden {
         message: || happened(EventKind::ProgramEnded { outcome: Outcome::Completed }),
@@ -203,12 +288,56 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
         frame: "0015d487cb8d0af0a20404808080801004048debddb100",
     },
     Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::ForceLimit }),
+        frame: "0015d487cb8d0af0a20404808080801004051bdbdac600",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::Travel }),
+        frame: "0015d487cb8d0af0a2040480808080100406a18ad35f00",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::Stall }),
+        frame: "0015d487cb8d0af0a204048080808010040737bad42800",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::FollowingError }),
+        frame: "0015d487cb8d0af0a2040480808080100408a6a76bb800",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::ForceStuck }),
+        frame: "0015d487cb8d0af0a204048080808010040930976ccf00",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::HostSilent }),
+        frame: "0015d487cb8d0af0a204048080808010040a8ac6655600",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::Restarted }),
+        frame: "0015d487cb8d0af0a204048080808010040b1cf6622100",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::Overrun }),
+        frame: "0015d487cb8d0af0a204048080808010040cbf6306bf00",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::MotorHot }),
+        frame: "0015d487cb8d0af0a204048080808010040d295301c800",
+    },
+    Golden {
+        message: || calibration(),
+        frame: "001fd487cb8d0af0a2040606756e69742d3728d71fcf8603fba402a7c301d36131d461a8c301fca402d08603a78603d3\
+            a402ffc201ab6128fc61d0c301a4a502f8860328d71fcf8603fba402a7c301d36135d461a8c301fca402d08603a78603\
+            d3a402ffc201ab6128fc61d0c301a4a502f88603904ef6d771df12c00cd0b3718827460d791600",
+    },
+    Golden {
         message: || status(None),
-        frame: "000ed487cb8d0af0a2040580ade20402ff19afea01a09c01c09a0cf30301010203040506ac0238b97d7600",
+        frame: "000ed487cb8d0af0a2040580ade20402ff2bafea01a09c01c09a0cf30301010203040506ac020708090a0b0cc102bb01\
+            03f0a20405e8070ca01fd00f0e018eda9601fa069003763d941600",
     },
     Golden {
         message: || status(Some(Fault::MoveTimeout)),
-        frame: "000ed487cb8d0af0a2040580ade2041cff0104afea01a09c01c09a0cf30301010203040506ac023827858700",
+        frame: "000ed487cb8d0af0a2040580ade2042eff0104afea01a09c01c09a0cf30301010203040506ac020708090a0b0cc102bb\
+            0103f0a20405e8070ca01fd00f0e018eda9601fa06900343be499f00",
     },
     Golden {
         message: || Envelope { boot_id: 0, sequence: 0, message: Message::Ack { id: 0 } },

@@ -2,8 +2,8 @@
 
 use super::{Verdict, check};
 use crate::{
-    Arrival, Envelope, Hello, Message, Order, Packed, ResetReason, Samples, Scales, SequenceTracker, State,
-    Text, Totals,
+    Arrival, CalibrationId, Envelope, Hello, Message, Order, Packed, ResetReason, Samples, Scales,
+    SequenceTracker, State, Text, Totals,
 };
 
 const PERIOD_US: u32 = 2_000;
@@ -26,6 +26,8 @@ fn hello(boot_id: u32, sequence: u32) -> Envelope {
         now_us: 0,
         sample_period_us: PERIOD_US,
         scales,
+        calibration: CalibrationId::default(),
+        last_panic: None,
     };
     Envelope { boot_id, sequence, message: Message::Hello(hello) }
 }

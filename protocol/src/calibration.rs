@@ -1,0 +1,81 @@
+//! The constants of one rig, as the host sends them and the device keeps them.
+//!
+//! A record is sent in pieces of [`PIECE_BYTES`] (`Request::LoadCalibration`) and then stored (`Request::StoreCalibration`) if
+//! its checksum is the one that was meant. The device keeps it through power-off and says its id and checksum in every hello, so
+//! that each recording can name the constants it was made with.
+
+use crate::Text;
+use postcard::experimental::max_size::MaxSize;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// Knots of a potentiometer's table: at the codes 0, 512, 1024, .. 4096.
+pub const KNOTS: usize = 9;
+/// Codes between two knots.
+pub const CODES_PER_KNOT: u16 = 512;
+/// Bytes of a record in one `Request::LoadCalibration`.
+pub const PIECE_BYTES: usize = 16;
+/// Most bytes that a record encodes to.
+pub const MAX_CALIBRATION: usize = CalibrationRecord::POSTCARD_MAX_SIZE;
+
+/// The constants of one rig.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct CalibrationRecord {
+    /// Name of the rig or of its calibration, such as `unit-7 2025-03`.
+    pub id: Text<16>,
+    /// Potentiometers of the x and the y actuator.
+    pub potentiometers: [PotentiometerTable; 2],
+    /// Guide 2 may be sent this far from its straight-needle position along each axis, micrometres.
+    pub travel_um: u32,
+    /// Force along x (first row) and y per converter code of channel 0 and 1, piconewtons: gains on the diagonal, cross-talk
+    /// off it.
+    pub force_pn_per_code: [[i32; 2]; 2],
+    /// Rated range of each force channel, millinewtons.
+    pub force_range_mn: u32,
+}
+
+/// From the codes of one potentiometer to the position of guide 2, which is zero where the needle is straight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct PotentiometerTable {
+    /// Least and greatest code of a sound potentiometer; beyond them a wire is open or shorted.
+    pub track_codes: [u16; 2],
+    /// Position at each knot when the position has been rising, micrometres.
+    pub rising_um: [i16; KNOTS],
+    /// Position at each knot when it has been falling, micrometres: gears and wiper have play.
+    pub falling_um: [i16; KNOTS],
+}
+
+/// Which calibration a device works with.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct CalibrationId {
+    /// [`CalibrationRecord::id`].
+    pub id: Text<16>,
+    /// [`CalibrationRecord::crc`].
+    pub crc: u32,
+}
+
+impl CalibrationRecord {
+    /// The bytes that are sent and stored.
+    pub fn encode<'a>(&self, buffer: &'a mut [u8; MAX_CALIBRATION]) -> &'a [u8] {
+        // As long as the largest record, so that this one fits.
+        postcard::to_slice(self, buffer).map_or(&[], |bytes| &*bytes)
+    }
+
+    /// Reads what [`Self::encode`] wrote; nothing where the bytes are not exactly one record.
+    pub fn decode(bytes: &[u8]) -> Option<Self> {
+        match postcard::take_from_bytes(bytes) {
+            Ok((record, [])) => Some(record),
+            _ => None,
+        }
+    }
+
+    /// The frame's CRC-32 over the encoded record.
+    pub fn crc(&self) -> u32 {
+        calibration_crc(self.encode(&mut [0; MAX_CALIBRATION]))
+    }
+}
+
+/// Checksum of an encoded record, as `Request::StoreCalibration` carries it.
+pub fn calibration_crc(bytes: &[u8]) -> u32 {
+    crate::frame::CRC.checksum(bytes)
+}
