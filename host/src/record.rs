@@ -147,6 +147,7 @@ pub fn acquire(
                     progress(usize::from(index));
                 }
             }
+            Telemetry::Status(_) => {}
         }
         Ok::<(), RecordError>(())
     });

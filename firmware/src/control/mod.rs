@@ -167,7 +167,20 @@ impl Controller {
         let progress = self.executor.advance(now_us, settled, self.axes.each_ref().map(Axis::position_um));
         if progress.tare_finished {
             let (zero_counts, sd_counts) = self.force.finish_tare();
-            push(notes, Note::Event(event(now_us, EventKind::Tared { zero_counts, sd_counts })));
+            push(
+                notes,
+                Note::Event(event(
+                    now_us,
+                    EventKind::Tared(protocol::Tare {
+                        zero_counts,
+                        sd_counts,
+                        drift_counts_per_s: [0; 2],
+                        periods: 0,
+                        readings: 0,
+                        unique_codes: [0; 2],
+                    }),
+                )),
+            );
         }
         if let Some(index) = progress.ended {
             push(notes, Note::Event(event(now_us, EventKind::StepEnded { index })));
@@ -271,6 +284,10 @@ impl Controller {
                 self.end_program(Outcome::Stopped, now_us, notes);
                 Ok(())
             }
+            Request::Limits { .. }
+            | Request::LoadCalibration { .. }
+            | Request::StoreCalibration { .. }
+            | Request::Calibration => Err(Refusal::Busy),
             Request::ClearFault if cause.is_some() => Err(Refusal::CauseRemains),
             Request::ClearFault => {
                 self.interlock.clear();
@@ -302,6 +319,11 @@ impl Controller {
             force_counts: sample.force_counts,
             streaming: self.streaming,
             counters: Counters { force_readings_bad: self.force.bad_readings(), ..inputs.counters },
+            load: Default::default(),
+            motor_budget_permille: [0; 2],
+            force_limit_mn: 0,
+            silence_limit_ms: 0,
+            stiffness: [None; 2],
         }
     }
 }

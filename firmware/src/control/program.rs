@@ -101,16 +101,22 @@ impl Executor {
         let within = |value: u32, limit: u32| {
             if (1..=limit).contains(&value) { Ok(()) } else { Err(Refusal::OutOfRange) }
         };
+        let travel = -travel_um..=travel_um;
+        let reachable = |x_um, y_um| match travel.contains(&x_um) && travel.contains(&y_um) {
+            true => Ok(()),
+            false => Err(Refusal::OutOfTravel),
+        };
         match step {
             Step::Move { x_um, y_um, speed_um_s } => {
-                let travel = -travel_um..=travel_um;
-                if !travel.contains(&x_um) || !travel.contains(&y_um) {
-                    return Err(Refusal::OutOfTravel);
-                }
+                reachable(x_um, y_um)?;
                 within(speed_um_s, SPEED_LIMIT_UM_S)?;
             }
             Step::Hold { duration_ms } | Step::Tare { duration_ms } => {
                 within(duration_ms, DURATION_LIMIT_MS)?
+            }
+            Step::Ramp { x_um, y_um, duration_ms } => {
+                reachable(x_um, y_um)?;
+                within(duration_ms, DURATION_LIMIT_MS)?;
             }
         }
         *self.steps.get_mut(usize::from(index)).ok_or(Refusal::OutOfRange)? = step;
@@ -160,7 +166,7 @@ impl Executor {
         match self.activity {
             Activity::Idle => Phase::Idle,
             Activity::Pending { .. } => Phase::Pending,
-            Activity::Running { step: Step::Move { .. }, .. } => Phase::Moving,
+            Activity::Running { step: Step::Move { .. } | Step::Ramp { .. }, .. } => Phase::Moving,
             Activity::Running { step: Step::Hold { .. }, .. } => Phase::Holding,
             Activity::Running { step: Step::Tare { .. }, .. } => Phase::Taring,
         }
@@ -185,6 +191,7 @@ impl Executor {
                 let elapsed_us = now_us.saturating_sub(since_us);
                 let done = match step {
                     Step::Move { .. } => self.follow(elapsed_us, settled, &mut progress),
+                    Step::Ramp { duration_ms, .. } => self.ramp(elapsed_us, duration_ms),
                     Step::Hold { duration_ms } | Step::Tare { duration_ms } => {
                         elapsed_us >= u64::from(duration_ms) * 1_000
                     }
@@ -195,6 +202,20 @@ impl Executor {
             }
         }
         progress
+    }
+
+    /// Moves the setpoint along the path at an even speed; true when its time is over.
+    fn ramp(&mut self, elapsed_us: u64, duration_ms: u32) -> bool {
+        let Some(path) = self.path else { return true };
+        let duration_us = u64::from(duration_ms) * 1_000;
+        let share = (elapsed_us as f32 / duration_us as f32).min(1.0);
+        let done = elapsed_us >= duration_us;
+        let per_s = if done { 0.0 } else { 1e6 / duration_us as f32 };
+        self.setpoint = Some([0, 1].map(|axis| {
+            let (from, to) = (path.from_um[axis], path.to_um[axis]);
+            Setpoint { position_um: from + share * (to - from), speed_um_s: (to - from) * per_s }
+        }));
+        done
     }
 
     /// Moves the setpoint along the path; true when the axes have settled at its end.

@@ -142,7 +142,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
         {
             match client.next(host::link::client::SILENCE_LIMIT)? {
                 Some(Telemetry::Samples(batch)) => recorder.batch(&batch)?,
-                Some(Telemetry::Event(_)) => {}
+                Some(Telemetry::Event(_) | Telemetry::Status(_)) => {}
                 None => bail!(host::link::LinkError::Silent { port: args.port.port.clone() }),
             }
         }

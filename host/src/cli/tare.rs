@@ -48,10 +48,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let (client, said) = run_step(&args.port, args.start, "tare", Step::Tare { duration_ms })?;
     let tared = said.iter().find_map(|telemetry| match telemetry {
         Telemetry::Event(event) => match event.kind {
-            EventKind::Tared { zero_counts, sd_counts } => Some((zero_counts, sd_counts)),
+            EventKind::Tared(tare) => Some((tare.zero_counts, tare.sd_counts)),
             _ => None,
         },
-        Telemetry::Samples(_) => None,
+        Telemetry::Samples(_) | Telemetry::Status(_) => None,
     });
     let (zero, sd) = tared.context("the tare was done, but what it found was lost on the way; tare again")?;
     let [zero_x_n, zero_y_n] = client.force_n(zero);

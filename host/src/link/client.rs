@@ -26,6 +26,8 @@ pub enum Telemetry {
     Samples(Batch),
     /// Something happened.
     Event(protocol::Event),
+    /// State, counters, load and stiffness: ten times a second while samples are streamed.
+    Status(Box<Status>),
 }
 
 /// Consecutive samples of one state and step.
@@ -237,6 +239,11 @@ impl Client {
                 self.inbox.push_back(Telemetry::Event(event));
                 Ok(None)
             }
+            // Most of these come unasked; an answer is handed out both ways.
+            Message::Status(status) => {
+                self.inbox.push_back(Telemetry::Status(Box::new(status)));
+                Ok(Some(Message::Status(status)))
+            }
             answer => Ok(Some(answer)),
         }
     }
@@ -288,5 +295,9 @@ fn name(request: &Request) -> &'static str {
         Request::Run { .. } => "run",
         Request::Stop => "stop",
         Request::ClearFault => "clear",
+        Request::Limits { .. } => "limits",
+        Request::LoadCalibration { .. } => "load calibration",
+        Request::StoreCalibration { .. } => "store calibration",
+        Request::Calibration => "calibration",
     }
 }

@@ -122,20 +122,64 @@ pub fn explain_refusal(refusal: Refusal) -> String {
         }
         Refusal::TooLate => "the start time has passed on its clock; see `guide status`".to_owned(),
         Refusal::CauseRemains => "the cause of the fault is still there; see `guide status`".to_owned(),
+        Refusal::CalibrationInvalid => {
+            "the calibration it received is not the one that was meant, or makes no sense".to_owned()
+        }
         Refusal::Unreadable => "it cannot read the command; firmware and program differ".to_owned(),
     }
 }
 
-/// A fault in words: number, cause, remedy.
-pub fn explain_fault(fault: Fault) -> String {
+/// A fault in words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FaultText {
+    /// What happened.
+    pub cause: &'static str,
+    /// What to do about it, before `guide clear`.
+    pub remedy: &'static str,
+}
+
+/// Cause and remedy of a fault.
+pub fn fault_text(fault: Fault) -> FaultText {
     let (cause, remedy) = match fault {
         Fault::EmergencyStop => ("the emergency stop is pressed or its wire is open", "release it"),
         Fault::ForceSensor => ("the force converter gives no valid readings", "check its cable and supply"),
         Fault::ForceRange => ("the force is beyond the sensor's range", "unload the needle"),
-        Fault::Potentiometer => ("a potentiometer reads beyond its track", "check its wires"),
+        Fault::Potentiometer => {
+            ("a potentiometer reads beyond its track or jumps", "check its wires, then home the guide")
+        }
         Fault::MoveTimeout => {
             ("an axis did not reach its target in time", "check for a jam and the motor supply")
         }
+        Fault::ForceLimit => {
+            ("the force exceeds the limit that is set", "unload the needle, or see `guide limits`")
+        }
+        Fault::Travel => (
+            "an axis is driven beyond its travel",
+            "check the bridge and the calibration, then home the guide",
+        ),
+        Fault::Stall => {
+            ("an axis is driven and does not move", "check for a jam, the motor's wires and its supply")
+        }
+        Fault::FollowingError => {
+            ("an axis cannot follow its setpoint", "check the motor supply, or ask for less speed")
+        }
+        Fault::ForceStuck => {
+            ("the force reading does not change at all", "check the converter and its clock")
+        }
+        Fault::HostSilent => {
+            ("nothing was heard from the host while a program ran", "check the cable and the host")
+        }
+        Fault::Restarted => {
+            ("the device restarted by itself", "see the reset reason and the last panic, check the supply")
+        }
+        Fault::Overrun => ("the control task was late", "see the load in `guide status`; report it"),
+        Fault::MotorHot => ("a motor has used up its duty cycle", "let it cool for a minute"),
     };
+    FaultText { cause, remedy }
+}
+
+/// A fault in one line: number, cause, remedy.
+pub fn explain_fault(fault: Fault) -> String {
+    let FaultText { cause, remedy } = fault_text(fault);
     format!("fault {} ({cause}: {remedy})", fault as u8)
 }

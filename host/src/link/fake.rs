@@ -1,9 +1,9 @@
 //! A device for tests: speaks the protocol at the far end of a pseudo terminal, and misbehaves as told.
 
 use protocol::{
-    Command, CommandReceiver, Counters, Envelope, Event, EventKind, Fault, Hello, MAX_FRAME_TO_HOST, Message,
-    Outcome, Packer, Received, Refusal, Request, ResetReason, Sample, Scales, State, Status, Text,
-    encode_envelope,
+    CalibrationId, Command, CommandReceiver, Counters, Envelope, Event, EventKind, Fault, Hello, Load,
+    MAX_FRAME_TO_HOST, Message, Outcome, Packer, Received, Refusal, Request, ResetReason, Sample, Scales,
+    State, Status, Text, encode_envelope,
 };
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
@@ -321,6 +321,8 @@ impl Device {
                 travel_um: 10_000,
                 force_range_mn: 5_000,
             },
+            calibration: CalibrationId { id: Text::new("fake-1"), crc: 0xCBF4_3926 },
+            last_panic: None,
         }
     }
 
@@ -334,6 +336,11 @@ impl Device {
             force_counts: [3, 4],
             streaming: true,
             counters: Counters::default(),
+            load: Load::default(),
+            motor_budget_permille: [0; 2],
+            force_limit_mn: 4_000,
+            silence_limit_ms: 2_000,
+            stiffness: [None; 2],
         }
     }
 }

@@ -132,8 +132,10 @@ impl EndWatch {
                 EventKind::ProgramEnded { outcome } => self.outcome = Some(*outcome),
                 EventKind::Faulted { fault } => self.fault = Some(*fault),
                 EventKind::StepStarted { .. } => self.seen_active = true,
-                EventKind::StepEnded { .. } | EventKind::Tared { .. } => {}
+                EventKind::StepEnded { .. } | EventKind::Tared(_) => {}
             },
+            // Asked ones are looked at where they are asked; unasked ones may be from before the start.
+            Telemetry::Status(_) => {}
             // Batches of the time before the start may still be on their way: only a change to rest is an end.
             Telemetry::Samples(batch) => match batch.state {
                 State::Idle if self.seen_active => self.end(Outcome::Completed),

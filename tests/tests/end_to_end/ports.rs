@@ -68,6 +68,8 @@ fn hello(protocol_version: u16, schema_hash: [u8; 8]) -> Option<Envelope> {
         now_us: 1,
         sample_period_us: 1_000,
         scales: Scales { position_nm_per_count: 1, force_nn_per_count: 1, travel_um: 1, force_range_mn: 1 },
+        calibration: Default::default(),
+        last_panic: None,
     };
     Some(Envelope { boot_id: 1, sequence: 0, message: Message::Hello(hello) })
 }
