@@ -3,9 +3,14 @@
 //! The setpoint's speed is fed forward, the position error is fed back (proportional and integral). A brushed gear motor does
 //! not turn below a certain duty, so every wanted speed is mapped to a duty beyond that dead band. Once the setpoint stands
 //! still and the error is within [`SETTLE_UM`], the drive brakes; where the axis then comes to rest further off, it is sent on a
-//! few times. From then on the drive stays off until the error exceeds [`WAKE_UM`]: the screw holds by itself, and a drive that keeps chasing potentiometer noise only wears it out.
+//! few times. From then on the drive stays off until the error exceeds [`WAKE_UM`]: the screw holds by itself, and a drive that
+//! keeps chasing potentiometer noise only wears it out.
+//!
+//! The axis also knows which way it has moved last ([`Axis::rising`]): the calibration has a table for each way, and goes
+//! from one to the other over [`PLAY_PERIODS`] of driving, so that the position never jumps.
 
 use super::PERIOD_S;
+use super::interlock::PERSISTENCE_PERIODS;
 
 /// No-load speed at full duty, micrometres per second (Actuonix L16, 63:1).
 pub const FULL_SPEED_UM_S: f32 = 20_000.0;
@@ -27,6 +32,17 @@ const INTEGRAL_PER_S2: f32 = 60.0;
 /// Most that the integral may ask for, micrometres per second: enough for a dead band that is larger than assumed.
 const INTEGRAL_LIMIT_UM_S: f32 = 3_000.0;
 
+/// Fastest that the loop asks for, micrometres per second: the actuator's speed with nothing to push.
+pub const SPEED_LIMIT_UM_S: f32 = FULL_SPEED_UM_S;
+/// Driving in one direction that takes up the play between screw and potentiometer, periods.
+pub const PLAY_PERIODS: u16 = 20;
+
+/// Jump of a position from one period to the next that no motor makes, micrometres: it makes 25 in a period, and the filtered
+/// position that is compared with lags by up to 200.
+pub const JUMP_UM: f32 = 1_000.0;
+/// Readings beyond a jump that are not believed: the interlock has acted before they are.
+const ODD_READINGS: u16 = PERSISTENCE_PERIODS;
+
 /// Where an axis should be and how fast its setpoint moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
@@ -44,24 +60,56 @@ pub struct Axis {
     resting: bool,
     quiet_periods: u16,
     approaches: u8,
+    rising: f32,
+    duty: f32,
+    odd_readings: u16,
 }
 
 impl Axis {
     /// An axis at rest.
     #[expect(clippy::new_without_default, reason = "`Axis::new()` says more at its only use")]
     pub fn new() -> Self {
-        Self { filtered_um: None, integral_um_s: 0.0, resting: false, quiet_periods: 0, approaches: 0 }
+        Self {
+            filtered_um: None,
+            integral_um_s: 0.0,
+            resting: false,
+            quiet_periods: 0,
+            approaches: 0,
+            rising: 0.5,
+            duty: 0.0,
+            odd_readings: 0,
+        }
     }
 
-    /// Takes the position of this period, micrometres.
-    pub fn measure(&mut self, position_um: f32) {
+    /// Takes the position of this period, micrometres; returns where the filter expected it.
+    pub fn measure(&mut self, position_um: f32) -> f32 {
         let filtered = self.filtered_um.get_or_insert(position_um);
-        *filtered += FILTER_SHARE * (position_um - *filtered);
+        let expected_um = *filtered;
+        if (position_um - expected_um).abs() <= JUMP_UM {
+            self.odd_readings = 0;
+            *filtered += FILTER_SHARE * (position_um - expected_um);
+        } else if self.odd_readings < ODD_READINGS {
+            // One odd reading is not believed; what stays is, and is a fault.
+            self.odd_readings += 1;
+        } else {
+            *filtered = position_um;
+        }
+        expected_um
     }
 
     /// Filtered position, micrometres.
     pub fn position_um(&self) -> f32 {
         self.filtered_um.unwrap_or(0.0)
+    }
+
+    /// Which way the axis was driven last: 1 up, 0 down, between them while the play is taken up.
+    pub fn rising(&self) -> f32 {
+        self.rising
+    }
+
+    /// Duty of the period before.
+    pub fn last_duty(&self) -> f32 {
+        self.duty
     }
 
     /// The drive has been off long enough at the setpoint.
@@ -80,10 +128,20 @@ impl Axis {
         self.resting = false;
         self.quiet_periods = 0;
         self.approaches = 0;
+        self.duty = 0.0;
     }
 
     /// Duty for this period, -1 to 1; 0 brakes.
     pub fn duty(&mut self, setpoint: Setpoint) -> f32 {
+        self.duty = self.decide(setpoint);
+        if self.duty != 0.0 {
+            let step = (1.0 / f32::from(PLAY_PERIODS)).copysign(self.duty);
+            self.rising = (self.rising + step).clamp(0.0, 1.0);
+        }
+        self.duty
+    }
+
+    fn decide(&mut self, setpoint: Setpoint) -> f32 {
         let error_um = setpoint.position_um - self.position_um();
         if setpoint.speed_um_s != 0.0 {
             self.resting = false;
@@ -102,7 +160,8 @@ impl Axis {
             self.approaches = self.approaches.saturating_add(1);
             self.quiet_periods = 0;
         }
-        let wanted_um_s = setpoint.speed_um_s + PROPORTIONAL_PER_S * error_um + self.integral_um_s;
+        let wanted_um_s = (setpoint.speed_um_s + PROPORTIONAL_PER_S * error_um + self.integral_um_s)
+            .clamp(-SPEED_LIMIT_UM_S, SPEED_LIMIT_UM_S);
         let duty = duty_for_speed(wanted_um_s);
         // Anti-wind-up: integrate only while the actuator can follow.
         if duty.abs() < 1.0 {

@@ -1,48 +1,22 @@
-//! Force from converter codes: calibration, tare, and what to do with readings that are not there.
+//! Force from converter codes: calibration, zero, and what to do with readings that are not there or cannot be.
 
+use super::tare::Taring;
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
-use crate::control::round;
+use protocol::{Counters, Tare};
 
 /// Force of both axes, with its history.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct ForceChannel {
     zero_counts: [i32; 2],
     latest_counts: [i32; 2],
+    latest_codes: [i32; 2],
     stale_periods: u16,
     saturated_periods: u16,
-    bad_readings: u32,
-    tare: [Tare; 2],
-}
-
-/// Running mean and variance of one channel, taken about the first reading: the squares stay small and exact.
-#[derive(Debug, Default, Clone, Copy)]
-struct Tare {
-    first: i64,
-    readings: i64,
-    sum: i64,
-    sum_squares: i64,
-}
-
-impl Tare {
-    fn add(&mut self, counts: i32) {
-        let counts = i64::from(counts);
-        if self.readings == 0 {
-            self.first = counts;
-        }
-        let deviation = counts - self.first;
-        self.readings += 1;
-        self.sum += deviation;
-        self.sum_squares = self.sum_squares.saturating_add(deviation * deviation);
-    }
-
-    /// Mean and standard deviation of a single reading, in counts; nothing without readings.
-    fn result(&self) -> Option<(i32, u32)> {
-        let readings = (self.readings > 0).then_some(self.readings as f32)?;
-        let mean = self.sum as f32 / readings;
-        let variance = self.sum_squares as f32 / readings - mean * mean;
-        Some((self.first as i32 + round(mean), round(libm::sqrtf(variance.max(0.0))) as u32))
-    }
+    /// Consecutive readings with the same code, per channel.
+    unchanged: [u16; 2],
+    counters: Counters,
+    taring: Taring,
 }
 
 impl ForceChannel {
@@ -52,10 +26,12 @@ impl ForceChannel {
         Self {
             zero_counts: [0; 2],
             latest_counts: [0; 2],
+            latest_codes: [i32::MIN; 2],
             stale_periods: 0,
             saturated_periods: 0,
-            bad_readings: 0,
-            tare: [Tare::default(); 2],
+            unchanged: [0; 2],
+            counters: Counters::default(),
+            taring: Taring::default(),
         }
     }
 
@@ -64,21 +40,42 @@ impl ForceChannel {
     pub fn update(&mut self, calibration: &Calibration, reading: &Result<[i32; 2], ForceFault>) -> [i32; 2] {
         match reading {
             Ok(codes) => {
+                for ((unchanged, before), code) in
+                    self.unchanged.iter_mut().zip(self.latest_codes).zip(*codes)
+                {
+                    *unchanged = if before == code { unchanged.saturating_add(1) } else { 0 };
+                }
+                self.latest_codes = *codes;
                 self.latest_counts = calibration.force_counts(*codes);
                 self.stale_periods = 0;
                 self.saturated_periods = 0;
             }
-            Err(fault) => {
-                self.bad_readings = self.bad_readings.saturating_add(1);
-                self.stale_periods = self.stale_periods.saturating_add(1);
-                if matches!(fault, ForceFault::Saturated { .. }) {
-                    self.saturated_periods = self.saturated_periods.saturating_add(1);
-                }
-            }
+            Err(fault) => self.miss(*fault),
         }
-        let [x, y] = self.latest_counts;
-        let [zero_x, zero_y] = self.zero_counts;
-        [x - zero_x, y - zero_y]
+        self.relative_counts()
+    }
+
+    fn miss(&mut self, fault: ForceFault) {
+        self.stale_periods = self.stale_periods.saturating_add(1);
+        let counters = &mut self.counters;
+        counters.force_readings_bad = counters.force_readings_bad.saturating_add(1);
+        let counter = match fault {
+            ForceFault::Bus => return,
+            ForceFault::Crc => &mut counters.force_corrupt,
+            ForceFault::NotReady => &mut counters.force_missing,
+            ForceFault::DeviceReset => &mut counters.force_resets,
+            ForceFault::Saturated { .. } => {
+                self.saturated_periods = self.saturated_periods.saturating_add(1);
+                &mut counters.force_saturated
+            }
+        };
+        *counter = counter.saturating_add(1);
+    }
+
+    /// Force relative to the tare, in force counts.
+    pub fn relative_counts(&self) -> [i32; 2] {
+        let ([x, y], [zero_x, zero_y]) = (self.latest_counts, self.zero_counts);
+        [x.saturating_sub(zero_x), y.saturating_sub(zero_y)]
     }
 
     /// Periods since the last valid reading.
@@ -91,9 +88,15 @@ impl ForceChannel {
         self.saturated_periods
     }
 
-    /// Readings that were missing, stale, corrupt or saturated since start.
-    pub fn bad_readings(&self) -> u32 {
-        self.bad_readings
+    /// Consecutive readings in which the code of a channel has not changed; the larger of both.
+    pub fn unchanged_readings(&self) -> u16 {
+        let [x, y] = self.unchanged;
+        x.max(y)
+    }
+
+    /// What went wrong with readings since start.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
     }
 
     /// Force from the converter's own zero, in force counts: what the range limit is about.
@@ -101,64 +104,101 @@ impl ForceChannel {
         self.latest_counts
     }
 
-    /// Adds this period's force (relative to the present tare) to the running tare; repeated readings are left out.
-    pub fn tare_with(&mut self, relative_counts: [i32; 2]) {
+    /// Begins a tare anew.
+    pub fn begin_tare(&mut self) {
+        self.taring = Taring::default();
+    }
+
+    /// Adds this period to the tare; a repeated reading is none.
+    pub fn tare_on(&mut self) {
         if self.stale_periods > 0 {
-            return;
-        }
-        for (tare, counts) in self.tare.iter_mut().zip(relative_counts) {
-            tare.add(counts);
+            self.taring.miss();
+        } else {
+            self.taring.add(self.relative_counts(), self.latest_codes);
         }
     }
 
-    /// Makes the running tare's mean the zero. Returns the new zero (force counts from the converter's own zero) and the
-    /// standard deviation of a single reading.
-    pub fn finish_tare(&mut self) -> ([i32; 2], [u32; 2]) {
-        let tare = core::mem::take(&mut self.tare);
-        let mut sd_counts = [0; 2];
-        for ((zero, sd), tare) in self.zero_counts.iter_mut().zip(&mut sd_counts).zip(tare) {
-            if let Some((mean, deviation)) = tare.result() {
-                *zero += mean;
-                *sd = deviation;
-            }
-        }
-        (self.zero_counts, sd_counts)
-    }
-
-    /// Drops a tare that was not completed.
-    pub fn abandon_tare(&mut self) {
-        self.tare = Default::default();
+    /// Makes the tare's mean the zero and says how good it is.
+    pub fn finish_tare(&mut self, periods_per_s: f64) -> Tare {
+        let tare = self.taring.finish(self.zero_counts, periods_per_s);
+        self.zero_counts = tare.zero_counts;
+        tare
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::CalibrationRecord;
+
+    fn counts_as_codes() -> Calibration {
+        let record = CalibrationRecord {
+            force_pn_per_code: [[50_000_000, 0], [0, 50_000_000]],
+            ..Calibration::nominal_record()
+        };
+        Calibration::new(record).expect("a sound calibration")
+    }
 
     #[test]
-    fn a_tare_finds_mean_and_scatter_of_a_far_off_zero() {
-        let calibration =
-            Calibration { force_counts_per_code: [[1.0, 0.0], [0.0, 1.0]], ..Calibration::nominal() };
-        let mut force = ForceChannel::new();
-        for index in 0..1_000 {
-            let swing = if index % 2 == 0 { 100 } else { -100 };
-            let relative = force.update(&calibration, &Ok([90_000 + swing, -7 + swing]));
-            force.tare_with(relative);
+    fn a_second_tare_starts_from_the_first() {
+        let (calibration, mut force) = (counts_as_codes(), ForceChannel::new());
+        for offset in [90_000, 90_050] {
+            force.begin_tare();
+            for index in 0..1_000 {
+                let swing = if index % 2 == 0 { 100 } else { -100 };
+                force.update(&calibration, &Ok([offset + swing, -7 + swing]));
+                force.tare_on();
+            }
+            let tare = force.finish_tare(1_000.0);
+            assert_eq!((tare.zero_counts, tare.sd_counts), ([offset, -7], [100, 100]));
+            assert_eq!(force.update(&calibration, &Ok([offset + 50, -7])), [50, 0]);
         }
-        assert_eq!(force.finish_tare(), ([90_000, -7], [100, 100]));
-        assert_eq!(force.update(&calibration, &Ok([90_050, -7])), [50, 0]);
-        // A second tare starts from the first.
-        force.tare_with([50, 0]);
-        assert_eq!(force.finish_tare(), ([90_050, -7], [0, 0]));
     }
 
     #[test]
     fn a_tare_without_valid_readings_keeps_the_zero() {
-        let calibration = Calibration::nominal();
         let mut force = ForceChannel::new();
-        let relative = force.update(&calibration, &Err(ForceFault::NotReady));
-        force.tare_with(relative);
-        assert_eq!(force.finish_tare(), ([0, 0], [0, 0]));
-        assert_eq!(force.bad_readings(), 1);
+        force.update(&Calibration::default(), &Err(ForceFault::NotReady));
+        force.tare_on();
+        let tare = force.finish_tare(1_000.0);
+        assert_eq!((tare.zero_counts, tare.periods, tare.readings), ([0, 0], 1, 0));
+    }
+
+    #[test]
+    fn each_kind_of_bad_reading_is_counted() {
+        let (calibration, mut force) = (Calibration::default(), ForceChannel::new());
+        let faults = [
+            ForceFault::Crc,
+            ForceFault::NotReady,
+            ForceFault::DeviceReset,
+            ForceFault::Saturated { channel: 1 },
+            ForceFault::Bus,
+        ];
+        for fault in faults {
+            force.update(&calibration, &Err(fault));
+        }
+        let expected = Counters {
+            force_readings_bad: 5,
+            force_corrupt: 1,
+            force_missing: 1,
+            force_resets: 1,
+            force_saturated: 1,
+            ..Counters::default()
+        };
+        assert_eq!(*force.counters(), expected);
+        assert_eq!((force.stale_periods(), force.saturated_periods()), (5, 1));
+        force.update(&calibration, &Ok([1, 2]));
+        assert_eq!((force.stale_periods(), force.saturated_periods()), (0, 0));
+    }
+
+    #[test]
+    fn codes_that_stand_still_are_noticed_on_either_channel() {
+        let (calibration, mut force) = (Calibration::default(), ForceChannel::new());
+        for index in 0..10 {
+            force.update(&calibration, &Ok([index, 77]));
+        }
+        assert_eq!(force.unchanged_readings(), 9);
+        force.update(&calibration, &Ok([10, 78]));
+        assert_eq!(force.unchanged_readings(), 0);
     }
 }

@@ -1,28 +1,139 @@
 //! When to stop, and why: every cause is latched and stays until it is gone *and* cleared by command.
+//!
+//! The safe state is bridges off: a lead screw is not driven back by its load, so the guide stays where it is. It is entered in
+//! the period in which a cause is detected. Detection takes as long as the table says, so that one odd reading is no fault;
+//! what has no time given is detected within 2 periods of 1 ms.
+//!
+//! | no. | fault | hazard | detected by | within | test |
+//! |---|---|---|---|---|---|
+//! | 0 | `EmergencyStop` | someone needs it to stop; a cut wire | the line is high | 1 period | `the_emergency_stop_is_pressed` |
+//! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus) | 20 periods | `the_force_converter_falls_silent`, `the_force_converters_frames_are_corrupt`, `the_force_converter_resets_over_and_over` |
+//! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 periods | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates` |
+//! | 3 | `Potentiometer` | the guide is not where it seems to be | code beyond the track, or a jump that no motor makes | 2 periods | `a_potentiometers_wire_is_open`, `a_potentiometers_wire_is_shorted`, `a_potentiometer_jumps` |
+//! | 4 | `MoveTimeout` | creeping, or a load that the motor cannot move | not settled 3 s after one and a half times the move's time | that | `an_axis_too_weak_for_the_last_step_times_out` |
+//! | 5 | `ForceLimit` | tissue or needle is overloaded | force relative to the tare beyond the limit that is set | 2 periods | `a_force_spike_exceeds_the_limit` |
+//! | 6 | `Travel` | bridge shorted, wrong calibration | position beyond the travel and driven or going further out | 2 periods | `a_runaway_axis_leaves_its_travel` |
+//! | 7 | `Stall` | jam: motor and needle are overloaded | no motion for 200 ms at a duty that moves every unit | 200 periods of pushing | `a_jammed_axis_stalls` |
+//! | 8 | `FollowingError` | weak supply, slipping screw | further than 1.5 mm from the setpoint | 2 periods of being that far | `a_weak_motor_falls_behind` |
+//! | 9 | `ForceStuck` | the converter repeats itself: force cannot be limited | the same code 50 times in a row | 50 periods | `the_force_converter_is_stuck` |
+//! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no intact command for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host` |
+//! | 11 | `Restarted` | the program ran away; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_told` |
+//! | 12 | `Overrun` | the control task is starved and the loop is no longer one | began more than half a period late, twice in 16 periods | 2 late periods | `a_slow_converter_makes_control_late` |
+//! | 13 | `MotorHot` | motor burns out | driven 20 % of 5 minutes | at once | `a_motor_that_never_rests_is_locked_out` |
+//!
+//! The tests are the end-to-end tests of these names: firmware in QEMU, each cause made in the simulated rig or on the link; each
+//! asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.
 
+use super::axis::JUMP_UM;
 use super::force::ForceChannel;
-use crate::calibration::Calibration;
+use super::motor::{COOLED, DriveWatch, DutyBudget};
+use crate::calibration::{Calibration, counts_of_mn};
 use crate::hal::Readings;
 use protocol::Fault;
 
 /// Periods without a valid force reading that are tolerated: one conversion missed now and then is not a fault.
 pub const STALE_LIMIT_PERIODS: u16 = 20;
-/// Periods that a range or track limit must be exceeded: one spike is not a fault.
-pub const PERSISTENCE_PERIODS: u16 = 3;
+/// Periods that a limit must be exceeded: one spike is not a fault.
+pub const PERSISTENCE_PERIODS: u16 = 2;
+/// Readings with the same code that are tolerated. Of a converter with noise of many codes even two are rare.
+pub const STUCK_LIMIT_READINGS: u16 = 50;
+/// How far beyond its travel a guide may overshoot, micrometres.
+pub const TRAVEL_MARGIN_UM: f32 = 200.0;
+/// Distance from the filtered position that is motion and not noise, micrometres.
+const OUTWARD_UM: f32 = 50.0;
+/// Periods over which late starts are looked at.
+const LATE_WINDOW_PERIODS: u8 = 16;
+
+/// What the host may set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Largest force along either axis relative to the tare, millinewtons.
+    pub force_mn: u32,
+    /// Longest time without an intact command while a program is pending or running, milliseconds.
+    pub silence_ms: u32,
+}
+
+impl Limits {
+    /// Four fifths of the sensor's range, two seconds.
+    pub fn of(calibration: &Calibration) -> Self {
+        Self { force_mn: calibration.force_range_mn() / 5 * 4, silence_ms: 2_000 }
+    }
+}
+
+/// What is looked at in one period, besides the force.
+#[derive(Debug)]
+pub struct Observed<'a> {
+    /// The sensors' readings.
+    pub readings: &'a Readings,
+    /// Position of both axes as read, micrometres.
+    pub position_um: [f32; 2],
+    /// Filtered position of both axes before this reading, micrometres.
+    pub expected_um: [f32; 2],
+    /// Duty of both axes in the period before.
+    pub duty: [f32; 2],
+    /// A program is pending or running.
+    pub active: bool,
+    /// Microseconds since the last intact command.
+    pub silent_us: u64,
+    /// This period began so much later than it was due that the one before is suspect.
+    pub late: bool,
+    /// How the motors were driven.
+    pub watches: &'a [DriveWatch; 2],
+    /// What the motors have left.
+    pub budgets: &'a [DutyBudget; 2],
+}
+
+/// Counts consecutive periods.
+#[derive(Debug, Clone, Copy, Default)]
+struct Persistent(u16);
+
+impl Persistent {
+    fn sees(&mut self, present: bool) -> bool {
+        self.0 = if present { self.0.saturating_add(1) } else { 0 };
+        self.0 >= PERSISTENCE_PERIODS
+    }
+}
 
 /// The latch and the persistence counters before it.
 #[derive(Debug)]
 pub struct Interlock {
+    limits: Limits,
     latched: Option<Fault>,
-    over_range_periods: u16,
-    off_track_periods: u16,
+    faults: u32,
+    over_range: Persistent,
+    over_limit: Persistent,
+    off_track: Persistent,
+    jumped: Persistent,
+    beyond_travel: Persistent,
+    late: u8,
+    late_window: u8,
 }
 
 impl Interlock {
     /// Nothing latched.
-    #[expect(clippy::new_without_default, reason = "`Interlock::new()` says more at its only use")]
-    pub fn new() -> Self {
-        Self { latched: None, over_range_periods: 0, off_track_periods: 0 }
+    pub fn new(limits: Limits) -> Self {
+        Self {
+            limits,
+            latched: None,
+            faults: 0,
+            over_range: Persistent::default(),
+            over_limit: Persistent::default(),
+            off_track: Persistent::default(),
+            jumped: Persistent::default(),
+            beyond_travel: Persistent::default(),
+            late: 0,
+            late_window: 0,
+        }
+    }
+
+    /// What is compared with.
+    pub fn limits(&self) -> Limits {
+        self.limits
+    }
+
+    /// Changes that.
+    pub fn set_limits(&mut self, limits: Limits) {
+        self.limits = limits;
     }
 
     /// The latched fault.
@@ -30,9 +141,17 @@ impl Interlock {
         self.latched
     }
 
+    /// Faults latched since start.
+    pub fn faults(&self) -> u32 {
+        self.faults
+    }
+
     /// Latches a fault; the first one stays, later ones are its consequences.
     pub fn latch(&mut self, fault: Fault) {
-        self.latched.get_or_insert(fault);
+        if self.latched.is_none() {
+            self.latched = Some(fault);
+            self.faults = self.faults.saturating_add(1);
+        }
     }
 
     /// Opens the latch.
@@ -44,31 +163,63 @@ impl Interlock {
     pub fn check(
         &mut self,
         calibration: &Calibration,
-        readings: &Readings,
         force: &ForceChannel,
+        observed: &Observed<'_>,
     ) -> Option<Fault> {
-        let over_range =
-            force.absolute_counts().iter().any(|counts| counts.abs() > calibration.force_range_counts());
-        let off_track =
-            readings.potentiometer_codes.iter().any(|code| !calibration.potentiometer_track.contains(code));
-        self.over_range_periods = persist(self.over_range_periods, over_range);
-        self.off_track_periods = persist(self.off_track_periods, off_track);
-        let saturated = force.saturated_periods() >= PERSISTENCE_PERIODS;
+        // Each counter sees every period, whatever else there is.
+        let beyond = |counts: [i32; 2], limit_mn: u32| {
+            counts.iter().any(|counts| counts.unsigned_abs() > counts_of_mn(limit_mn).unsigned_abs())
+        };
+        let over_range = self.over_range.sees(beyond(force.absolute_counts(), calibration.force_range_mn()));
+        let over_limit = self.over_limit.sees(beyond(force.relative_counts(), self.limits.force_mn));
+        let off_track = self.off_track.sees(!calibration.on_track(observed.readings.potentiometer_codes));
+        let axes = || {
+            let places = observed.position_um.into_iter().zip(observed.expected_um);
+            places.zip(observed.duty).map(|((at_um, expected_um), duty)| (at_um, expected_um, duty))
+        };
+        let jumped =
+            self.jumped.sees(axes().any(|(at_um, expected_um, _)| (at_um - expected_um).abs() > JUMP_UM));
+        let travel_um = calibration.travel_um() as f32 + TRAVEL_MARGIN_UM;
+        let outward = |(at_um, expected_um, duty): (f32, f32, f32)| {
+            let moved_um = (at_um - expected_um).copysign(at_um * (at_um - expected_um));
+            at_um.abs() > travel_um && (at_um * duty > 0.0 || moved_um > OUTWARD_UM)
+        };
+        let beyond_travel = self.beyond_travel.sees(axes().any(outward));
+        let overrun = self.overruns(observed.late) && observed.active;
+        let silent = observed.active && observed.silent_us > u64::from(self.limits.silence_ms) * 1_000;
+        // A motor that has been stopped for its heat is hot until it has cooled; another may use all it has.
+        let hot = if self.latched == Some(Fault::MotorHot) { COOLED } else { 1.0 };
 
-        if readings.emergency_stop {
-            Some(Fault::EmergencyStop)
-        } else if saturated || self.over_range_periods >= PERSISTENCE_PERIODS {
-            Some(Fault::ForceRange)
-        } else if force.stale_periods() >= STALE_LIMIT_PERIODS {
-            Some(Fault::ForceSensor)
-        } else if self.off_track_periods >= PERSISTENCE_PERIODS {
-            Some(Fault::Potentiometer)
-        } else {
-            None
-        }
+        let causes = [
+            (observed.readings.emergency_stop, Fault::EmergencyStop),
+            (over_range || force.saturated_periods() >= PERSISTENCE_PERIODS, Fault::ForceRange),
+            (over_limit, Fault::ForceLimit),
+            (off_track || jumped, Fault::Potentiometer),
+            (beyond_travel, Fault::Travel),
+            (observed.watches.iter().any(DriveWatch::stalled), Fault::Stall),
+            (
+                observed.watches.iter().any(|watch| watch.far_periods() >= PERSISTENCE_PERIODS),
+                Fault::FollowingError,
+            ),
+            (force.stale_periods() >= STALE_LIMIT_PERIODS, Fault::ForceSensor),
+            (force.unchanged_readings() >= STUCK_LIMIT_READINGS, Fault::ForceStuck),
+            (overrun, Fault::Overrun),
+            (silent, Fault::HostSilent),
+            (observed.budgets.iter().any(|budget| budget.used() >= hot), Fault::MotorHot),
+        ];
+        causes.into_iter().find_map(|(present, fault)| present.then_some(fault))
     }
-}
 
-fn persist(periods: u16, present: bool) -> u16 {
-    if present { periods.saturating_add(1) } else { 0 }
+    /// True from the second late start among the last few.
+    fn overruns(&mut self, late: bool) -> bool {
+        self.late_window = self.late_window.saturating_sub(1);
+        if self.late_window == 0 {
+            self.late = 0;
+        }
+        if late {
+            self.late = self.late.saturating_add(1);
+            self.late_window = LATE_WINDOW_PERIODS;
+        }
+        self.late >= 2
+    }
 }

@@ -6,11 +6,12 @@
 use super::PERIOD_US;
 use super::axis::Setpoint;
 use super::profile::Profile;
+use super::tare::TARE_LIMIT_MS;
 use protocol::{MAX_STEPS, Refusal, Step};
 
 /// Fastest path that a step may ask for, micrometres per second: the actuator's speed with some left for the loop.
 pub const SPEED_LIMIT_UM_S: u32 = 10_000;
-/// Longest hold or tare, milliseconds.
+/// Longest hold or ramp, milliseconds.
 pub const DURATION_LIMIT_MS: u32 = 3_600_000;
 /// Time beyond one and a half times the path's own that a move may take to settle, microseconds.
 const SETTLE_LIMIT_US: u64 = 3_000_000;
@@ -45,18 +46,29 @@ pub struct Progress {
     pub timed_out: bool,
 }
 
+/// A straight line between two positions.
 #[derive(Debug, Clone, Copy)]
 struct Path {
     from_um: [f32; 2],
     to_um: [f32; 2],
     length_um: f32,
-    profile: Profile,
 }
 
 impl Path {
-    fn new(from_um: [f32; 2], to_um: [f32; 2], speed_um_s: f32) -> Self {
-        let length_um = libm::hypotf(to_um[0] - from_um[0], to_um[1] - from_um[1]);
-        Self { from_um, to_um, length_um, profile: Profile::new(length_um, speed_um_s) }
+    fn new(from_um: [f32; 2], to_um: [f32; 2]) -> Self {
+        let ([from_x, from_y], [to_x, to_y]) = (from_um, to_um);
+        Self { from_um, to_um, length_um: libm::hypotf(to_x - from_x, to_y - from_y) }
+    }
+
+    /// Setpoints where this share of the path is covered at this speed, micrometres per second.
+    fn at(&self, share: f32, speed_um_s: f32) -> [Setpoint; 2] {
+        let mut setpoints = [Setpoint { position_um: 0.0, speed_um_s: 0.0 }; 2];
+        for ((setpoint, from_um), to_um) in setpoints.iter_mut().zip(self.from_um).zip(self.to_um) {
+            let along = if self.length_um > 0.0 { (to_um - from_um) / self.length_um } else { 0.0 };
+            *setpoint =
+                Setpoint { position_um: from_um + share * (to_um - from_um), speed_um_s: speed_um_s * along };
+        }
+        setpoints
     }
 }
 
@@ -111,9 +123,8 @@ impl Executor {
                 reachable(x_um, y_um)?;
                 within(speed_um_s, SPEED_LIMIT_UM_S)?;
             }
-            Step::Hold { duration_ms } | Step::Tare { duration_ms } => {
-                within(duration_ms, DURATION_LIMIT_MS)?
-            }
+            Step::Hold { duration_ms } => within(duration_ms, DURATION_LIMIT_MS)?,
+            Step::Tare { duration_ms } => within(duration_ms, TARE_LIMIT_MS)?,
             Step::Ramp { x_um, y_um, duration_ms } => {
                 reachable(x_um, y_um)?;
                 within(duration_ms, DURATION_LIMIT_MS)?;
@@ -190,7 +201,9 @@ impl Executor {
             Activity::Running { index, step, since_us } => {
                 let elapsed_us = now_us.saturating_sub(since_us);
                 let done = match step {
-                    Step::Move { .. } => self.follow(elapsed_us, settled, &mut progress),
+                    Step::Move { speed_um_s, .. } => {
+                        self.follow(elapsed_us, speed_um_s, settled, &mut progress)
+                    }
                     Step::Ramp { duration_ms, .. } => self.ramp(elapsed_us, duration_ms),
                     Step::Hold { duration_ms } | Step::Tare { duration_ms } => {
                         elapsed_us >= u64::from(duration_ms) * 1_000
@@ -208,26 +221,23 @@ impl Executor {
     fn ramp(&mut self, elapsed_us: u64, duration_ms: u32) -> bool {
         let Some(path) = self.path else { return true };
         let duration_us = u64::from(duration_ms) * 1_000;
-        let share = (elapsed_us as f32 / duration_us as f32).min(1.0);
         let done = elapsed_us >= duration_us;
-        let per_s = if done { 0.0 } else { 1e6 / duration_us as f32 };
-        self.setpoint = Some([0, 1].map(|axis| {
-            let (from, to) = (path.from_um[axis], path.to_um[axis]);
-            Setpoint { position_um: from + share * (to - from), speed_um_s: (to - from) * per_s }
-        }));
+        let (share, speed_um_s) = if done {
+            (1.0, 0.0)
+        } else {
+            (elapsed_us as f32 / duration_us as f32, path.length_um / (duration_us as f32 * 1e-6))
+        };
+        self.setpoint = Some(path.at(share, speed_um_s));
         done
     }
 
     /// Moves the setpoint along the path; true when the axes have settled at its end.
-    fn follow(&mut self, elapsed_us: u64, settled: bool, progress: &mut Progress) -> bool {
+    fn follow(&mut self, elapsed_us: u64, speed_um_s: u32, settled: bool, progress: &mut Progress) -> bool {
         let Some(path) = self.path else { return true };
-        let (share, speed_um_s) = path.profile.at(elapsed_us as f32 * 1e-6);
-        let duration_us = path.profile.duration_s() * 1e6;
-        self.setpoint = Some([0, 1].map(|axis| {
-            let (from, to) = (path.from_um[axis], path.to_um[axis]);
-            let along = if path.length_um > 0.0 { (to - from) / path.length_um } else { 0.0 };
-            Setpoint { position_um: from + share * (to - from), speed_um_s: speed_um_s * along }
-        }));
+        let profile = Profile::new(path.length_um, speed_um_s as f32);
+        let (share, speed_um_s) = profile.at(elapsed_us as f32 * 1e-6);
+        let duration_us = profile.duration_s() * 1e6;
+        self.setpoint = Some(path.at(share, speed_um_s));
         let arrived = elapsed_us as f32 >= duration_us;
         progress.timed_out = elapsed_us > (1.5 * duration_us) as u64 + SETTLE_LIMIT_US;
         // The axes' own state lags by a period: a path that is over at once must not pass for settled.
@@ -248,13 +258,13 @@ impl Executor {
     }
 
     fn begin(&mut self, index: u8, now_us: u64, position_um: [f32; 2]) {
-        let step = self.steps[usize::from(index)];
-        if let Step::Move { x_um, y_um, speed_um_s } = step {
+        let step = self.steps.get(usize::from(index)).copied().unwrap_or(Step::Hold { duration_ms: 0 });
+        if let Step::Move { x_um, y_um, .. } | Step::Ramp { x_um, y_um, .. } = step {
             let from_um = self.setpoint.map_or(position_um, |axes| axes.map(|axis| axis.position_um));
-            let to_um = [x_um as f32, y_um as f32];
-            self.path = Some(Path::new(from_um, to_um, speed_um_s as f32));
+            let path = Path::new(from_um, [x_um as f32, y_um as f32]);
+            self.path = Some(path);
             // The first setpoint is the start itself, standing: the path begins with the next period.
-            self.setpoint = Some(from_um.map(|position_um| Setpoint { position_um, speed_um_s: 0.0 }));
+            self.setpoint = Some(path.at(0.0, 0.0));
         }
         self.activity = Activity::Running { index, step, since_us: now_us };
     }
@@ -287,6 +297,21 @@ mod tests {
         assert_eq!(executor.setpoint().unwrap()[1], Setpoint { position_um: 4_000.0, speed_um_s: 0.0 });
         assert!(executor.advance(5_051_000, true, [0.0; 2]).completed);
         assert_eq!(executor.phase(), Phase::Idle);
+    }
+
+    #[test]
+    fn a_ramp_is_even_and_ends_in_its_time_wherever_the_axes_are() {
+        let mut executor =
+            loaded(&[Step::Ramp { x_um: 800, y_um: -600, duration_ms: 500 }, Step::Hold { duration_ms: 10 }]);
+        executor.advance(0, false, [0.0; 2]);
+        executor.advance(250_000, false, [0.0; 2]);
+        let [x, y] = executor.setpoint().unwrap();
+        assert_eq!((x.position_um, y.position_um), (400.0, -300.0));
+        assert!((x.speed_um_s - 1_600.0).abs() < 0.1 && (y.speed_um_s + 1_200.0).abs() < 0.1);
+        assert_eq!(executor.phase(), Phase::Moving);
+        let progress = executor.advance(500_000, false, [0.0; 2]);
+        assert_eq!((progress.ended, progress.started), (Some(0), Some(1)));
+        assert_eq!(executor.setpoint().unwrap()[0], Setpoint { position_um: 800.0, speed_um_s: 0.0 });
     }
 
     #[test]
