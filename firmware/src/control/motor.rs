@@ -148,6 +148,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
         /// However the driving is spread, no window of the rated length has more than the limit while the lock-out holds.
         #[test]
         fn no_window_has_more_than_its_share(bursts in prop::collection::vec((1_u32..40_000, 1_u32..60_000), 1..30)) {
