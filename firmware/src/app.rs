@@ -58,7 +58,8 @@ static BACKGROUND_RUNS: AtomicBool = AtomicBool::new(false);
 
 /// Starts the tasks.
 pub fn start(board: Board) {
-    let Board { sensors, actuators, panel, serial, boot, control: control_spawner, background } = board;
+    let Board { sensors, actuators, panel, serial, store: _, boot, control: control_spawner, background } =
+        board;
     info!(
         "needle guide {=str} ({=str}), boot {=u32:08x} after {}",
         env!("CARGO_PKG_VERSION"),

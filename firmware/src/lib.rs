@@ -12,6 +12,8 @@ pub mod app;
 pub mod board;
 pub mod calibration;
 pub mod control;
+#[cfg(any(test, feature = "qemu"))]
+pub mod flash_model;
 pub mod hal;
 pub mod plant;
 #[cfg(feature = "qemu")]

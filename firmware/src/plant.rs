@@ -22,11 +22,16 @@
 //! |---|---|---|
 //! | 0..2 | u16 | [`REPLY_MAGIC`] |
 //! | 2 | u8 | [`VERSION`] |
-//! | 3 | u8 | flags: bit 0 emergency-stop line high, bit 1 force converter has new data, bit 2 corrupt the CRC of the next force frame, bit 3 the force converter resets, bit 4 power off |
+//! | 3 | u8 | flags: bit 0 emergency-stop line high, bit 1 force converter has new data, bit 2 corrupt the CRC of the next force frame, bit 3 the force converter resets, bit 4 power off, bit 5 the supply sags |
 //! | 4..8 | u32 | step of the request that this answers |
 //! | 8..12 | 2 x u16 | codes of the potentiometers X and Y, 12 bit |
 //! | 12..20 | 2 x i32 | codes of the force channels X and Y, 24 bit |
-//! | 20..32 | | zero |
+//! | 20..22 | u16 | time that each conversion of the potentiometers takes beyond its normal one, microseconds; [`NEVER`] = it does not end |
+//! | 22..24 | u16 | bytes that the serial line carries towards the host in the next period; [`UNLIMITED`] = as many as there are |
+//! | 24..32 | | zero |
+//!
+//! A device that resets starts again with step 0, on the same pipes; one reply to a request from before the reset may still
+//! wait for it, which it skips.
 
 /// Name of the pipe for requests, relative to the working directory of QEMU.
 pub const REQUEST_PIPE: &str = "plant.req";
@@ -41,13 +46,17 @@ pub const REQUEST_MAGIC: u16 = u16::from_le_bytes(*b"pq");
 /// First two bytes of a reply: `pr`.
 pub const REPLY_MAGIC: u16 = u16::from_le_bytes(*b"pr");
 /// Version of both layouts.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// Greatest potentiometer code.
 pub const POTENTIOMETER_CODE_MAX: u16 = 4095;
 /// Greatest force code; the least is `-FORCE_CODE_MAX - 1`.
 pub const FORCE_CODE_MAX: i32 = 0x7F_FFFF;
 /// Compare fraction of an output that is always high.
 pub const FULL_SCALE: u16 = u16::MAX;
+/// Conversion time of a converter that does not finish.
+pub const NEVER: u16 = u16::MAX;
+/// Bytes per period of a serial line that is as fast as the device.
+pub const UNLIMITED: u16 = u16::MAX;
 
 /// Why bytes are not a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +103,7 @@ pub struct PlantRequest {
 }
 
 /// What the device senses: plant to device.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlantReply {
     /// Step of the request that this answers.
     pub step: u32,
@@ -102,6 +111,10 @@ pub struct PlantReply {
     pub potentiometer_codes: [u16; 2],
     /// Codes of the force channels X and Y, 24 bit.
     pub force_codes: [i32; 2],
+    /// Time that each conversion of the potentiometers takes beyond its normal one, microseconds, or [`NEVER`].
+    pub potentiometer_conversion_us: u16,
+    /// Bytes that the serial line carries towards the host until the next reply, or [`UNLIMITED`].
+    pub line_bytes: u16,
     /// Level of the emergency-stop line: high is stop.
     pub emergency_stop: bool,
     /// The force converter has a new sample (its data-ready line is low).
@@ -112,6 +125,27 @@ pub struct PlantReply {
     pub reset_force_converter: bool,
     /// End the run: QEMU exits with code 0.
     pub power_off: bool,
+    /// The supply sags: the core resets, its memory stays.
+    pub brown_out: bool,
+}
+
+impl Default for PlantReply {
+    /// Everything at rest: zero codes, nothing new, a line as fast as the device.
+    fn default() -> Self {
+        Self {
+            step: 0,
+            potentiometer_codes: [0; 2],
+            force_codes: [0; 2],
+            potentiometer_conversion_us: 0,
+            line_bytes: UNLIMITED,
+            emergency_stop: false,
+            force_ready: false,
+            corrupt_force_crc: false,
+            reset_force_converter: false,
+            power_off: false,
+            brown_out: false,
+        }
+    }
 }
 
 /// Packs booleans into bits, the first into bit 0.
@@ -192,6 +226,7 @@ impl PlantReply {
             self.corrupt_force_crc,
             self.reset_force_converter,
             self.power_off,
+            self.brown_out,
         ]);
         let mut bytes = head(REPLY_MAGIC, flags, self.step);
         for (field, value) in bytes[8..12].chunks_exact_mut(2).zip(self.potentiometer_codes) {
@@ -200,13 +235,15 @@ impl PlantReply {
         for (field, value) in bytes[12..20].chunks_exact_mut(4).zip(self.force_codes) {
             field.copy_from_slice(&value.to_le_bytes());
         }
+        bytes[20..22].copy_from_slice(&self.potentiometer_conversion_us.to_le_bytes());
+        bytes[22..24].copy_from_slice(&self.line_bytes.to_le_bytes());
         bytes
     }
 
     /// Reads the record from the pipe; codes out of the converters' range are an error.
     pub fn from_bytes(bytes: &[u8; RECORD_BYTES]) -> Result<Self, RecordError> {
         check_head(bytes, REPLY_MAGIC)?;
-        let [emergency_stop, force_ready, corrupt_force_crc, reset_force_converter, power_off] =
+        let [emergency_stop, force_ready, corrupt_force_crc, reset_force_converter, power_off, brown_out] =
             unpack(bytes[3])?;
         let potentiometer_codes = core::array::from_fn(|i| half(bytes, 8 + 2 * i));
         if let Some(&code) = potentiometer_codes.iter().find(|&&code| code > POTENTIOMETER_CODE_MAX) {
@@ -222,11 +259,14 @@ impl PlantReply {
             step: u32::from_le_bytes(word(bytes, 4)),
             potentiometer_codes,
             force_codes,
+            potentiometer_conversion_us: half(bytes, 20),
+            line_bytes: half(bytes, 22),
             emergency_stop,
             force_ready,
             corrupt_force_crc,
             reset_force_converter,
             power_off,
+            brown_out,
         })
     }
 }
@@ -250,6 +290,8 @@ mod tests {
             step: 7,
             potentiometer_codes: [0, POTENTIOMETER_CODE_MAX],
             force_codes: [FORCE_CODE_MAX, -FORCE_CODE_MAX - 1],
+            potentiometer_conversion_us: 0x0203,
+            line_bytes: 46,
             force_ready: true,
             power_off: true,
             ..PlantReply::default()
@@ -260,7 +302,7 @@ mod tests {
     fn request_has_the_documented_bytes() {
         let mut expected = [0; RECORD_BYTES];
         expected[..16]
-            .copy_from_slice(&[b'p', b'q', 1, 0b101, 4, 3, 2, 1, 0, 0, 1, 0, 0x00, 0x80, 0xFF, 0xFF]);
+            .copy_from_slice(&[b'p', b'q', 2, 0b101, 4, 3, 2, 1, 0, 0, 1, 0, 0x00, 0x80, 0xFF, 0xFF]);
         assert_eq!(request().to_bytes(), expected);
         assert_eq!(PlantRequest::from_bytes(&expected), Ok(request()));
     }
@@ -269,8 +311,9 @@ mod tests {
     fn reply_has_the_documented_bytes() {
         let mut expected = [0; RECORD_BYTES];
         expected[..20].copy_from_slice(&[
-            b'p', b'r', 1, 0b10010, 7, 0, 0, 0, 0, 0, 0xFF, 0x0F, 0xFF, 0xFF, 0x7F, 0, 0, 0, 0x80, 0xFF,
+            b'p', b'r', 2, 0b10010, 7, 0, 0, 0, 0, 0, 0xFF, 0x0F, 0xFF, 0xFF, 0x7F, 0, 0, 0, 0x80, 0xFF,
         ]);
+        expected[20..24].copy_from_slice(&[3, 2, 46, 0]);
         assert_eq!(reply().to_bytes(), expected);
         assert_eq!(PlantReply::from_bytes(&expected), Ok(reply()));
     }
@@ -282,7 +325,7 @@ mod tests {
             bytes[3] = 1 << bit;
             assert_eq!(PlantRequest::from_bytes(&bytes).unwrap().to_bytes(), bytes);
         }
-        for bit in 0..5 {
+        for bit in 0..6 {
             let mut bytes = reply().to_bytes();
             bytes[3] = 1 << bit;
             assert_eq!(PlantReply::from_bytes(&bytes).unwrap().to_bytes(), bytes);
@@ -298,6 +341,9 @@ mod tests {
         let mut bytes = request().to_bytes();
         bytes[3] = 0x08;
         assert_eq!(PlantRequest::from_bytes(&bytes), Err(RecordError::Flags(0x08)));
+        let mut bytes = reply().to_bytes();
+        bytes[3] = 0x40;
+        assert_eq!(PlantReply::from_bytes(&bytes), Err(RecordError::Flags(0x40)));
         let high = PlantReply { potentiometer_codes: [4096, 0], ..reply() };
         assert_eq!(PlantReply::from_bytes(&high.to_bytes()), Err(RecordError::PotentiometerCode(4096)));
         let high = PlantReply { force_codes: [0, 0x80_0000], ..reply() };

@@ -4,7 +4,6 @@ use crate::cosim::Cosim;
 use crate::images::{self, Image};
 use crate::qemu::{self, Qemu};
 use anyhow::{Result, ensure};
-use host::rig::SimulatedRig;
 use host::rig::config::RigConfig;
 use std::path::Path;
 use std::thread;
@@ -27,10 +26,9 @@ impl Bench {
     pub fn start(config: RigConfig, seed: u64, speed: f64, limit: Duration) -> Result<Self> {
         let elf = images::build(Image::Qemu)?;
         let folder = tempfile::Builder::new().prefix("needle-guide-").tempdir()?;
-        let rig = SimulatedRig::new(config, seed)?;
         // The rig waits for QEMU to open its pipes, but not for long.
         let turn = qemu::turn();
-        let cosim = Cosim::start(rig, folder.path(), speed)?;
+        let cosim = Cosim::start(config, seed, folder.path(), speed)?;
         let qemu = Qemu::start(turn, &elf, folder.path(), limit)?;
         let bench = Self { qemu: Some(qemu), cosim: Some(cosim), folder };
         bench.await_first_steps(limit)?;

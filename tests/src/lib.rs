@@ -12,3 +12,4 @@ pub mod size;
 pub mod study;
 pub mod suite;
 pub mod tracking;
+pub mod wire;

@@ -10,11 +10,13 @@ mod fault;
 mod panel;
 pub mod pins;
 mod sensors;
+mod store;
 
 pub use actuators::BoardActuators;
 pub use boot::BootInfo;
 pub use panel::BoardPanel;
 pub use sensors::BoardSensors;
+pub use store::{STORE_BYTES, Store, StoreError};
 
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt};
@@ -35,6 +37,8 @@ pub struct Board {
     pub panel: BoardPanel,
     /// Serial port to the host.
     pub serial: Serial,
+    /// What is kept without power.
+    pub store: Store,
     /// Which boot this is and why it happened.
     pub boot: BootInfo,
     /// Runs tasks at control priority.
@@ -123,5 +127,6 @@ pub fn take() -> Board {
     interrupt::UART4.set_priority(pins::BACKGROUND_PRIORITY);
     let background = BACKGROUND.start(interrupt::UART4);
     let panel = BoardPanel::new(p.PB14, p.IWDG);
-    Board { sensors, actuators, panel, serial, boot, control, background }
+    let store = Store::new(p.FLASH);
+    Board { sensors, actuators, panel, serial, store, boot, control, background }
 }

@@ -52,13 +52,12 @@ impl Link {
 
     /// One exchange; does not return where the plant ends the run.
     pub(super) fn exchange(&mut self, request: &PlantRequest) -> PlantReply {
-        let mut bytes = [0; RECORD_BYTES];
-        if !self.write(&request.to_bytes()) || !self.read(&mut bytes) {
-            defmt::error!("the plant is gone at step {=u32}", request.step);
-            exit(ExitCode::PlantGone)
+        if !self.write(&request.to_bytes()) {
+            plant_gone(request.step)
         }
-        match PlantReply::from_bytes(&bytes) {
-            Ok(reply) if reply.step == request.step => {
+        loop {
+            let reply = self.next_reply(request.step);
+            if reply.step == request.step {
                 if reply.power_off {
                     defmt::info!(
                         "power off at step {=u32}, {=u32} accesses emulated",
@@ -67,17 +66,26 @@ impl Link {
                     );
                     exit(ExitCode::PowerOff)
                 }
-                reply
+                return reply;
             }
-            Ok(reply) => {
+            // A reset may come between a request and its reply, which then waits in the pipe for the next start.
+            if request.step != 0 {
                 defmt::error!("the plant answers step {=u32} to step {=u32}", reply.step, request.step);
                 exit(ExitCode::PlantRecord)
             }
-            Err(error) => {
-                defmt::error!("bad plant reply: {}", defmt::Display2Format(&error));
-                exit(ExitCode::PlantRecord)
-            }
         }
+    }
+
+    /// The next reply in the pipe.
+    fn next_reply(&mut self, step: u32) -> PlantReply {
+        let mut bytes = [0; RECORD_BYTES];
+        if !self.read(&mut bytes) {
+            plant_gone(step)
+        }
+        PlantReply::from_bytes(&bytes).unwrap_or_else(|error| {
+            defmt::error!("bad plant reply: {}", defmt::Display2Format(&error));
+            exit(ExitCode::PlantRecord)
+        })
     }
 
     /// Writes all bytes; false if the pipe is closed.
@@ -96,6 +104,12 @@ impl Link {
     fn read(&self, bytes: &mut [u8]) -> bool {
         fill(&self.replies, bytes)
     }
+}
+
+/// The plant has closed its end.
+fn plant_gone(step: u32) -> ! {
+    defmt::error!("the plant is gone at step {=u32}", step);
+    exit(ExitCode::PlantGone)
 }
 
 /// Fills the buffer; false at the end.

@@ -58,7 +58,7 @@ impl Machine {
             adc: Adc::new(),
             spi: Spi::new(),
             iwdg: Iwdg::new(),
-            usart: Usart,
+            usart: Usart::new(),
             gpio: Gpio::new(),
             unique_id: UniqueId,
         }
@@ -66,6 +66,9 @@ impl Machine {
 
     /// The peripheral at an address, and the offset in it.
     fn find(&mut self, address: u32) -> Option<(&mut dyn Registers, u32)> {
+        if address & !0x7FF == peripherals::PAGE {
+            return Some((&mut self.flash, address));
+        }
         let offset = address & 0x3FF;
         let peripheral: &mut dyn Registers = match address & !0x3FF {
             0x4000_0000 => &mut self.bridge_y,
@@ -121,6 +124,7 @@ impl Machine {
     /// What the plant senses, for the program.
     fn latch(&mut self, reply: &PlantReply) {
         self.adc.potentiometer_codes = reply.potentiometer_codes;
+        self.adc.conversion_us = reply.potentiometer_conversion_us;
         if reply.reset_force_converter {
             self.spi.converter.reset();
         }

@@ -11,10 +11,12 @@ use super::link::Link;
 use super::{peripherals, with_machine};
 use crate::board::pins::CORE_CLOCK;
 use crate::plant::PERIOD_US;
-use core::cell::{Cell, RefCell};
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Waker;
 use cortex_m::interrupt::{CriticalSection, Mutex};
 use cortex_m::peripheral::{SCB, SYST, syst::SystClkSource};
+use embassy_stm32::pac::USART1;
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
 
@@ -25,56 +27,64 @@ const RELOAD: u32 = PERIOD_US * CLOCKS_PER_US - 1;
 
 /// The time driver.
 struct SysTickTime {
-    /// Exchanges so far.
-    steps: Mutex<Cell<u32>>,
     link: Mutex<RefCell<Option<Link>>>,
     queue: Mutex<RefCell<Queue>>,
 }
 
 embassy_time_driver::time_driver_impl!(static TIME: SysTickTime = SysTickTime {
-    steps: Mutex::new(Cell::new(0)),
     link: Mutex::new(RefCell::new(None)),
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
 
-impl SysTickTime {
-    /// Microseconds since the start, interrupts masked.
-    fn now_masked(&self, cs: &CriticalSection) -> u64 {
-        let mut count = SYST::get_current();
-        let mut steps = u64::from(self.steps.borrow(cs).get());
-        if SCB::is_pendst_pending() {
-            // The period ended, before or after the count was read; the count of the new one is.
-            count = SYST::get_current();
-            steps += 1;
-        }
-        steps * u64::from(PERIOD_US) + u64::from((RELOAD - count) / CLOCKS_PER_US)
-    }
+/// Exchanges so far. An atomic, because the fault handler reads it whatever it has interrupted.
+static STEPS: AtomicU32 = AtomicU32::new(0);
 
+/// Microseconds since the start; for code that the SysTick handler cannot interrupt: with interrupts masked, or in the
+/// fault handler.
+pub(super) fn now_us() -> u64 {
+    let mut count = SYST::get_current();
+    let mut steps = u64::from(STEPS.load(Ordering::Relaxed));
+    if SCB::is_pendst_pending() {
+        // The period ended, before or after the count was read; the count of the new one is.
+        count = SYST::get_current();
+        steps += 1;
+    }
+    steps * u64::from(PERIOD_US) + u64::from((RELOAD - count) / CLOCKS_PER_US)
+}
+
+impl SysTickTime {
     /// One period ends.
     fn tick(&self, cs: &CriticalSection) {
-        let step = self.steps.borrow(cs).get();
-        self.steps.borrow(cs).set(step + 1);
+        let step = STEPS.load(Ordering::Relaxed);
+        STEPS.store(step + 1, Ordering::Relaxed);
         let mut link = self.link.borrow(cs).borrow_mut();
         let Some(link) = link.as_mut() else { return };
         // SAFETY: interrupts are masked, and the models' commands and inputs are not trapped registers.
         let request = unsafe { with_machine(|machine| machine.request(step)) };
         let reply = link.exchange(&request);
         // SAFETY: as above.
-        let expired = unsafe {
+        let (expired, waiting) = unsafe {
             with_machine(|machine| {
                 machine.latch(&reply);
-                machine.iwdg.elapse(PERIOD_US)
+                (machine.iwdg.elapse(PERIOD_US), machine.usart.refill(reply.line_bytes))
             })
         };
+        if reply.brown_out {
+            peripherals::brown_out_reset();
+        }
         if expired {
             peripherals::watchdog_reset();
+        }
+        if let Some(byte) = waiting {
+            // The register is trapped, so the model sees it leave as it sees all others.
+            USART1.tdr().write(|w| w.0 = byte);
         }
     }
 }
 
 impl Driver for SysTickTime {
     fn now(&self) -> u64 {
-        cortex_m::interrupt::free(|cs| self.now_masked(cs))
+        cortex_m::interrupt::free(|_| now_us())
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
@@ -82,7 +92,7 @@ impl Driver for SysTickTime {
             let mut queue = self.queue.borrow(cs).borrow_mut();
             if queue.schedule_wake(at, waker) {
                 // What is due already is woken now; the rest at its tick.
-                queue.next_expiration(self.now_masked(cs));
+                queue.next_expiration(now_us());
             }
         });
     }
@@ -104,6 +114,6 @@ pub fn start_time() {
 fn SysTick() {
     cortex_m::interrupt::free(|cs| {
         TIME.tick(cs);
-        TIME.queue.borrow(cs).borrow_mut().next_expiration(TIME.now_masked(cs));
+        TIME.queue.borrow(cs).borrow_mut().next_expiration(now_us());
     });
 }

@@ -20,7 +20,7 @@ struct Region {
     open_eighths: u32,
 }
 
-const REGIONS: [Region; 7] = [
+const REGIONS: [Region; 8] = [
     // TIM2 and TIM3 in the first eighth (2 KiB), IWDG in the seventh.
     Region { base: 0x4000_0000, size_log2: 14, open_eighths: 0b1011_1110 },
     // PWR.
@@ -35,6 +35,8 @@ const REGIONS: [Region; 7] = [
     Region { base: 0x4800_0400, size_log2: 10, open_eighths: 0 },
     // ADC1 with the common registers.
     Region { base: 0x5004_0000, size_log2: 10, open_eighths: 0 },
+    // The last page of the flash.
+    Region { base: 0x080F_F800, size_log2: 11, open_eighths: 0 },
 ];
 
 /// Execute never, no access, shareable device memory.
@@ -52,7 +54,8 @@ pub(super) fn count() -> u32 {
 
 /// Closes the regions.
 pub(super) fn protect() {
-    // SAFETY: the MPU is used here only, at start-up; the regions cover peripherals, no memory.
+    // SAFETY: the MPU is used here only, at start-up; the regions cover peripherals and a page of the flash that no
+    // code lies in.
     unsafe {
         let mpu = &*cortex_m::peripheral::MPU::PTR;
         for (number, region) in (0..).zip(&REGIONS) {

@@ -1,10 +1,13 @@
 //! The converter ADC1: single conversions of the two potentiometer channels.
 //!
-//! Regulator, calibration, enable and conversion follow the chip's order and are immediate. A conversion takes the
-//! plant's code of the channel in the first rank; averaging in hardware leaves a constant as it is, so its settings are
-//! only kept. Sequences of more than one rank, other channels, injected conversions, DMA and interrupts are refused.
+//! Regulator, calibration, enable and conversion follow the chip's order and are immediate, unless the plant says how long
+//! a conversion takes: its flags then come when that device time has passed, or never. A conversion takes the plant's code
+//! of the channel in the first rank as it stands at the start; averaging in hardware leaves a constant as it is, so its
+//! settings are only kept. Sequences of more than one rank, other channels, injected conversions, stopping, DMA and
+//! interrupts are refused.
 
-use crate::qemu::{Registers, Unmodelled};
+use crate::plant::NEVER;
+use crate::qemu::{Registers, Unmodelled, time};
 use crate::thumb::Width;
 
 const ISR: u32 = 0x00;
@@ -37,6 +40,10 @@ const CHANNEL_Y: u32 = 13;
 pub(crate) struct Adc {
     /// What the potentiometers stand at.
     pub(crate) potentiometer_codes: [u16; 2],
+    /// What a conversion takes, microseconds; [`NEVER`] for one that does not end.
+    pub(crate) conversion_us: u16,
+    /// When the running conversion ends, device time.
+    due_us: Option<u64>,
     isr: u32,
     cr: u32,
     cfgr: u32,
@@ -50,6 +57,8 @@ impl Adc {
     pub(crate) const fn new() -> Self {
         Self {
             potentiometer_codes: [0; 2],
+            conversion_us: 0,
+            due_us: None,
             isr: 0,
             cr: CR_DEEPPWD,
             cfgr: 0x8000_0000,
@@ -71,8 +80,9 @@ impl Adc {
         if value & CR_ADEN != 0 && self.cr & CR_ADEN == 0 {
             self.isr |= ISR_ADRDY;
         }
-        self.cr = value & !(CR_ADSTART | CR_ADCAL);
-        if value & CR_ADSTART != 0 {
+        self.cr = value & !(CR_ADSTART | CR_ADCAL) | self.cr & CR_ADSTART;
+        // A start while a conversion runs does nothing.
+        if value & CR_ADSTART != 0 && self.cr & CR_ADSTART == 0 {
             self.convert()?;
         }
         Ok(())
@@ -88,13 +98,28 @@ impl Adc {
             CHANNEL_Y => self.potentiometer_codes[1],
             _ => return Err(Unmodelled),
         };
-        self.isr |= ISR_EOC | ISR_EOS;
+        match self.conversion_us {
+            0 => self.isr |= ISR_EOC | ISR_EOS,
+            duration_us => {
+                self.cr |= CR_ADSTART;
+                self.due_us = (duration_us != NEVER).then(|| time::now_us() + u64::from(duration_us));
+            }
+        }
         Ok(())
+    }
+
+    /// Ends the running conversion when its time has come.
+    fn settle(&mut self) {
+        if self.cr & CR_ADSTART != 0 && self.due_us.is_some_and(|due_us| time::now_us() >= due_us) {
+            self.cr &= !CR_ADSTART;
+            self.isr |= ISR_EOC | ISR_EOS;
+        }
     }
 }
 
 impl Registers for Adc {
     fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
+        self.settle();
         match (width, offset) {
             (Width::Word, ISR) => Ok(self.isr),
             (Width::Word, CR) => Ok(self.cr),
@@ -111,6 +136,7 @@ impl Registers for Adc {
     }
 
     fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled> {
+        self.settle();
         match (width, offset) {
             (Width::Word, ISR) => self.isr &= !value,
             (Width::Word, CR) => self.control(value)?,

@@ -1,7 +1,7 @@
 //! The independent watchdog, and the reset flags that tell its resets.
 //!
 //! Counts plant time; when it is not fed in time, the core is reset, and a mark in memory that survives the reset
-//! becomes the watchdog's flag in RCC_CSR at the next start. The window function is refused.
+//! becomes the watchdog's flag in RCC_CSR at the next start; brown-outs work the same way. The window function is refused.
 
 use crate::qemu::{Registers, Unmodelled};
 use crate::thumb::Width;
@@ -79,6 +79,8 @@ impl Registers for Iwdg {
 
 /// Left in memory before a watchdog reset.
 const WATCHDOG_MARK: u32 = 0x7764_6F67;
+/// Left in memory before a brown-out reset.
+const BROWN_OUT_MARK: u32 = 0x6272_6F77;
 /// Left in memory by every start: the next one without another mark is a reset by software.
 const RUNNING_MARK: u32 = 0x7275_6E6E;
 
@@ -105,7 +107,15 @@ pub(crate) fn watchdog_reset() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-/// Puts the flags of the last reset into RCC_CSR, where QEMU always shows its power-on value.
+/// Resets the core as a sagging supply does that comes back before the memory has lost anything.
+pub(crate) fn brown_out_reset() -> ! {
+    defmt::error!("brown-out: reset");
+    replace_mark(BROWN_OUT_MARK);
+    cortex_m::peripheral::SCB::sys_reset()
+}
+
+/// Puts the flags of the last reset into RCC_CSR, where QEMU always shows its power-on value. Power-on and brown-out share
+/// a flag, as in the chip.
 pub(crate) fn restore_reset_flags() {
     let mark = replace_mark(RUNNING_MARK);
     RCC.csr().modify(|w| {

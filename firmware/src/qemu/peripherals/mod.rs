@@ -4,6 +4,7 @@
 //! starts to use more fails loudly instead of reading zeros.
 
 mod adc;
+mod flash;
 mod gpio;
 mod iwdg;
 mod plain;
@@ -12,9 +13,10 @@ mod spi;
 mod usart;
 
 pub(super) use adc::Adc;
+pub(super) use flash::{Flash, PAGE};
 pub(super) use gpio::{Gpio, drive_inputs};
-pub(super) use iwdg::{Iwdg, restore_reset_flags, watchdog_reset};
-pub(super) use plain::{Flash, Pwr, UniqueId};
+pub(super) use iwdg::{Iwdg, brown_out_reset, restore_reset_flags, watchdog_reset};
+pub(super) use plain::{Pwr, UniqueId};
 pub(super) use pwm_timer::PwmTimer;
 pub(super) use spi::Spi;
 pub(super) use usart::Usart;

@@ -1,7 +1,7 @@
-//! Registers that only have to keep what is written, or hold a constant: power control, flash interface, unique number.
+//! Registers that only have to keep what is written, or hold a constant: power control, unique number.
 //!
-//! The drivers set the write permission of the backup domain, the supply of the second I/O group and the flash's wait
-//! states, and read them back. Nothing here acts.
+//! The drivers set the write permission of the backup domain and the supply of the second I/O group, and read them back.
+//! Nothing here acts.
 
 use crate::qemu::{Registers, Unmodelled};
 use crate::thumb::Width;
@@ -29,34 +29,6 @@ impl Registers for Pwr {
     fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled> {
         match (width, offset) {
             (Width::Word, 0x00..=0x0C) => self.control[offset as usize / 4] = value,
-            _ => return Err(Unmodelled),
-        }
-        Ok(())
-    }
-}
-
-/// Flash interface: the access control register.
-pub(crate) struct Flash {
-    access_control: u32,
-}
-
-impl Flash {
-    pub(crate) const fn new() -> Self {
-        Self { access_control: 0x0600 }
-    }
-}
-
-impl Registers for Flash {
-    fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
-        match (width, offset) {
-            (Width::Word, 0) => Ok(self.access_control),
-            _ => Err(Unmodelled),
-        }
-    }
-
-    fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled> {
-        match (width, offset) {
-            (Width::Word, 0) => self.access_control = value,
             _ => return Err(Unmodelled),
         }
         Ok(())

@@ -3,7 +3,13 @@
 //! QEMU takes words only, where drivers use bytes for the data registers. And its ICR clears whatever status bit is
 //! written, where the chip ignores the bits that ICR does not have: drivers acknowledge by writing the whole status,
 //! which would clear "transmit register empty" and stop the transmission.
+//!
+//! Just that is how the line gets its speed. QEMU transmits at once; here the plant says how many bytes the line carries per
+//! period. When they are used up, the next byte stays here, and "transmit register empty" and "transmission complete" are
+//! cleared, as they are in the chip while a byte waits for the one before it. The driver waits for its interrupt; the byte
+//! goes to QEMU in the next period, which sets both flags again.
 
+use crate::plant::UNLIMITED;
 use crate::qemu::{Registers, Unmodelled};
 use crate::thumb::Width;
 use embassy_stm32::pac::USART1;
@@ -13,9 +19,40 @@ const RDR: u32 = 0x24;
 const TDR: u32 = 0x28;
 /// The bits that ICR has.
 const ICR_BITS: u32 = 0x0012_1B5F;
+/// ISR: transmission complete, transmit register empty.
+const TRANSMITTED: u32 = 1 << 6 | 1 << 7;
 
-/// The three registers.
-pub(crate) struct Usart;
+/// The three registers, and the line towards the host.
+pub(crate) struct Usart {
+    /// Bytes that the line still carries in this period.
+    budget: u16,
+    /// The byte that waits for the next one.
+    waiting: Option<u32>,
+}
+
+impl Usart {
+    pub(crate) const fn new() -> Self {
+        Self { budget: UNLIMITED, waiting: None }
+    }
+
+    /// A new period, in which the line carries so many bytes. Returns the one to write to TDR, if one waits and may go.
+    pub(crate) fn refill(&mut self, line_bytes: u16) -> Option<u32> {
+        self.budget = line_bytes;
+        if line_bytes > 0 { self.waiting.take() } else { None }
+    }
+
+    fn send(&mut self, byte: u32) {
+        if self.budget == 0 {
+            self.waiting = Some(byte);
+            USART1.icr().write(|w| w.0 = TRANSMITTED);
+            return;
+        }
+        if self.budget != UNLIMITED {
+            self.budget -= 1;
+        }
+        USART1.tdr().write(|w| w.0 = byte);
+    }
+}
 
 impl Registers for Usart {
     fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
@@ -27,8 +64,11 @@ impl Registers for Usart {
 
     fn write(&mut self, offset: u32, _width: Width, value: u32) -> Result<(), Unmodelled> {
         match offset {
-            ICR => USART1.icr().write(|w| w.0 = value & ICR_BITS),
-            TDR => USART1.tdr().write(|w| w.0 = value),
+            ICR => {
+                let acknowledged = value & ICR_BITS;
+                USART1.icr().write(|w| w.0 = acknowledged);
+            }
+            TDR => self.send(value),
             _ => return Err(Unmodelled),
         }
         Ok(())

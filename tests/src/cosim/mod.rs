@@ -1,17 +1,30 @@
 //! The simulated rig on the far side of the firmware's drivers, in lockstep with its control period.
 //!
 //! Once per millisecond of device time the firmware in QEMU writes one record into a named pipe (what the PWM outputs are) and
-//! waits for one (what the converters read): device time passes exactly as the rig does, however fast the machine is. The
-//! ultrasound probe of the rig is served on a socket, one sweep per connection, as text that `guide acquire` takes.
+//! waits for one (what the converters read): device time passes exactly as the rig does, however fast the machine is. A
+//! firmware that resets goes on with the same rig.
+//!
+//! | part | does |
+//! |---|---|
+//! | [`injection`] | what goes wrong between rig and firmware, and how soon the firmware reacts |
+//! | [`sweeps`] | the rig's ultrasound |
+
+mod injection;
+mod sweeps;
+
+pub use injection::{Injection, LINE_BYTES, Reaction, Trigger};
+pub use sweeps::take_sweep;
 
 use anyhow::{Context, Result, bail};
-use firmware::plant::{FULL_SCALE, PlantReply, PlantRequest, RECORD_BYTES, REPLY_PIPE, REQUEST_PIPE};
+use firmware::plant::{FORCE_CODE_MAX, PlantReply, PlantRequest, RECORD_BYTES, REPLY_PIPE, REQUEST_PIPE};
 use host::rig::SimulatedRig;
+use host::rig::config::RigConfig;
+use injection::Electronics;
 use rustix::fs::{Mode, OFlags};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -25,23 +38,14 @@ const START_LIMIT: Duration = Duration::from_secs(20);
 /// The rig runs in bursts of this many periods and sleeps between them: a sleep per period would mostly be overhead.
 const BURST_PERIODS: u64 = 5;
 
-/// What tests inject into the electronics between rig and firmware.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Injection {
-    /// The emergency stop is pressed.
-    pub emergency_stop: bool,
-    /// The converter's frames fail their checksum.
-    pub corrupt_force: bool,
-    /// The firmware gets no answer: time stands still.
-    pub freeze: bool,
-}
-
 #[derive(Debug)]
 struct State {
     rig: SimulatedRig,
-    injection: Injection,
+    electronics: Electronics,
+    /// Periods since the start.
     steps: u64,
-    bridges_driven: bool,
+    /// Starts of the firmware after the first.
+    resets: u64,
 }
 
 /// The running rig.
@@ -58,8 +62,11 @@ impl Cosim {
     /// wall clock the rig may run; infinite for as fast as it can.
     ///
     /// # Errors
-    /// Where pipes or socket cannot be made.
-    pub fn start(rig: SimulatedRig, folder: &Path, speed: f64) -> Result<Self> {
+    /// Where the rig makes no sense, or pipes or socket cannot be made.
+    pub fn start(config: RigConfig, seed: u64, folder: &Path, speed: f64) -> Result<Self> {
+        let force = &config.simulation.force;
+        let codes_per_n = force.share_of_full_scale * f64::from(FORCE_CODE_MAX) / force.range_n;
+        let rig = SimulatedRig::new(config, seed)?;
         for name in [REQUEST_PIPE, REPLY_PIPE] {
             let path = folder.join(name);
             rustix::fs::mknodat(
@@ -71,10 +78,10 @@ impl Cosim {
             )
             .with_context(|| format!("cannot make the pipe {}", path.display()))?;
         }
-        let state = State { rig, injection: Injection::default(), steps: 0, bridges_driven: false };
+        let state = State { rig, electronics: Electronics::new(codes_per_n), steps: 0, resets: 0 };
         let state = Arc::new(Mutex::new(state));
         let stop = Arc::new(AtomicBool::new(false));
-        serve_sweeps(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;
+        sweeps::serve(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;
         let worker = thread::Builder::new().name("rig".into()).spawn({
             let (state, stop, folder) = (Arc::clone(&state), Arc::clone(&stop), folder.to_owned());
             move || serve(&state, &stop, &folder, speed)
@@ -87,19 +94,35 @@ impl Cosim {
         look(&mut lock(&self.state).rig)
     }
 
-    /// Changes what is injected.
+    /// Changes what is injected, from the next period on; what waited for a trigger is forgotten.
     pub fn inject(&self, injection: Injection) {
-        lock(&self.state).injection = injection;
+        self.inject_when(Trigger::Now, injection);
     }
 
-    /// Periods since the firmware started.
+    /// Changes what is injected in the very period in which something comes true; what waited for another trigger is
+    /// forgotten.
+    pub fn inject_when(&self, trigger: Trigger, injection: Injection) {
+        lock(&self.state).electronics.inject_when(trigger, injection);
+    }
+
+    /// How the firmware took the last injection that was one; `None` where there was none yet.
+    pub fn reaction(&self) -> Option<Reaction> {
+        lock(&self.state).electronics.reaction()
+    }
+
+    /// Periods since the firmware first started.
     pub fn steps(&self) -> u64 {
         lock(&self.state).steps
     }
 
+    /// How often the firmware has started again.
+    pub fn resets(&self) -> u64 {
+        lock(&self.state).resets
+    }
+
     /// Whether a bridge drove its motor in the last period.
     pub fn bridges_driven(&self) -> bool {
-        lock(&self.state).bridges_driven
+        lock(&self.state).electronics.bridges_driven()
     }
 
     /// Where sweeps are served.
@@ -144,34 +167,28 @@ fn serve(state: &Mutex<State>, stop: &AtomicBool, folder: &Path, speed: f64) -> 
     let began = Instant::now();
     while read_record(&mut requests, &mut record, stop)? {
         let request = PlantRequest::from_bytes(&record).context("the firmware sent no plant record")?;
-        while lock(state).injection.freeze && !stop.load(Ordering::Acquire) {
+        while lock(state).electronics.freezes() && !stop.load(Ordering::Acquire) {
             thread::sleep(Duration::from_millis(5));
         }
-        let reply = step(&mut lock(state), &request, stop.load(Ordering::Acquire));
+        let (reply, steps) = step(&mut lock(state), &request, stop.load(Ordering::Acquire));
         if replies.write_all(&reply.to_bytes()).is_err() {
             break;
         }
-        pace(u64::from(request.step), began, speed);
+        pace(steps, began, speed);
     }
     Ok(())
 }
 
-fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> PlantReply {
-    let [x1, x2, y1, y2] = request.compare.map(|share| f64::from(share) / f64::from(FULL_SCALE));
-    let inputs = [[x1, x2], [y1, y2]];
-    state.bridges_driven = x1 != x2 || y1 != y2;
-    let codes = state.rig.step(inputs, PERIOD_S);
-    state.steps += 1;
-    PlantReply {
-        step: request.step,
-        potentiometer_codes: codes.potentiometer,
-        force_codes: codes.bridge,
-        emergency_stop: state.injection.emergency_stop,
-        force_ready: true,
-        corrupt_force_crc: state.injection.corrupt_force,
-        reset_force_converter: false,
-        power_off,
+/// One period; the reply, and the periods since the start.
+fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> (PlantReply, u64) {
+    let State { rig, electronics, steps, resets } = state;
+    if request.step == 0 && *steps > 0 {
+        *resets += 1;
     }
+    let inputs = electronics.command(*steps, request, rig.position_m());
+    let codes = rig.step(inputs, PERIOD_S);
+    *steps += 1;
+    (electronics.sense(request.step, codes, power_off), *steps)
 }
 
 /// Sleeps so that rig time does not run ahead of the wall clock times `speed`.
@@ -213,44 +230,4 @@ fn read_record(pipe: &mut File, record: &mut [u8], stop: &AtomicBool) -> Result<
         Err(_) if stop.load(Ordering::Acquire) => Ok(false),
         Err(error) => Err(error).context("the plant pipe broke"),
     }
-}
-
-fn serve_sweeps(path: &Path, state: Arc<Mutex<State>>, stop: Arc<AtomicBool>) -> Result<()> {
-    let listener = UnixListener::bind(path)
-        .with_context(|| format!("cannot serve ultrasound sweeps at {}", path.display()))?;
-    thread::Builder::new().name("ultrasound".into()).spawn(move || {
-        for stream in listener.incoming() {
-            if stop.load(Ordering::Acquire) {
-                return;
-            }
-            if let Ok(mut stream) = stream {
-                let text = sweep_csv(&mut lock(&state).rig);
-                // A client that has gone away takes no sweep; the next one will.
-                let _ = stream.write_all(text.as_bytes());
-            }
-        }
-    })?;
-    Ok(())
-}
-
-fn sweep_csv(rig: &mut SimulatedRig) -> String {
-    let mut text = String::from("z_mm,deflection_x_mm,deflection_y_mm\n");
-    for sample in rig.sweep() {
-        let [x, y] = sample.deflection_m.map(|metres| metres * 1e3);
-        text += &format!("{:.3},{x:.4},{y:.4}\n", sample.z_m * 1e3);
-    }
-    text
-}
-
-/// Takes one sweep from a rig that serves them: what `xtask sweep` prints.
-///
-/// # Errors
-/// Where nobody serves there.
-pub fn take_sweep(socket: &Path) -> Result<String> {
-    let mut stream = UnixStream::connect(socket)
-        .with_context(|| format!("no simulated ultrasound at {}", socket.display()))?;
-    stream.set_read_timeout(Some(Duration::from_secs(5)))?;
-    let mut text = String::new();
-    stream.read_to_string(&mut text).context("the simulated ultrasound broke off")?;
-    Ok(text)
 }

@@ -1,0 +1,107 @@
+//! The store: the last page of the flash, which keeps a few hundred bytes without power.
+//!
+//! The page lies in the second bank and the program in the first, so the core goes on while it is erased (about 25 ms) and
+//! programmed; whoever writes waits. A write that is cut off leaves anything, so what is stored must carry its own check.
+
+use embassy_stm32::Peri;
+use embassy_stm32::flash::{Blocking, Error, Flash, WRITE_SIZE};
+use embassy_stm32::pac;
+use embassy_stm32::peripherals::FLASH;
+
+/// Most that the store takes.
+pub const STORE_BYTES: usize = 512;
+/// Size of a page.
+const PAGE_BYTES: u32 = 2048;
+/// Where the page begins, from the beginning of the flash.
+const PAGE_OFFSET: u32 = 1024 * 1024 - PAGE_BYTES;
+/// What erased flash reads.
+const ERASED: u8 = 0xFF;
+
+/// Why nothing was stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
+pub enum StoreError {
+    /// More than [`STORE_BYTES`].
+    TooLong,
+    /// The flash refused.
+    Flash(Error),
+    /// The flash holds something else than what was written.
+    Differs,
+}
+
+impl From<Error> for StoreError {
+    fn from(error: Error) -> Self {
+        Self::Flash(error)
+    }
+}
+
+/// The store.
+pub struct Store {
+    flash: Flash<'static, Blocking>,
+}
+
+impl Store {
+    pub(super) fn new(flash: Peri<'static, FLASH>) -> Self {
+        Self { flash: Flash::new_blocking(flash) }
+    }
+
+    /// Reads from the beginning; what was never written reads `0xFF`, as does all beyond [`STORE_BYTES`].
+    pub fn read(&mut self, bytes: &mut [u8]) {
+        let (stored, beyond) = bytes.split_at_mut(bytes.len().min(STORE_BYTES));
+        beyond.fill(ERASED);
+        if self.flash.blocking_read(PAGE_OFFSET, stored).is_err() {
+            stored.fill(ERASED);
+        }
+    }
+
+    /// Replaces everything that is stored and reads it back.
+    ///
+    /// # Errors
+    /// [`StoreError`]; nothing of the old is left then, unless the new was too long.
+    pub fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        if bytes.len() > STORE_BYTES {
+            return Err(StoreError::TooLong);
+        }
+        let caching = pause_data_cache();
+        let written = self.program(bytes);
+        resume_data_cache(caching);
+        written?;
+        self.compare(bytes)
+    }
+
+    fn program(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        self.flash.blocking_erase(PAGE_OFFSET, PAGE_OFFSET + PAGE_BYTES)?;
+        for (offset, chunk) in (PAGE_OFFSET..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
+            let mut cell = [ERASED; WRITE_SIZE];
+            cell[..chunk.len()].copy_from_slice(chunk);
+            self.flash.blocking_write(offset, &cell)?;
+        }
+        Ok(())
+    }
+
+    fn compare(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        for (offset, chunk) in (PAGE_OFFSET..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
+            let mut found = [0; WRITE_SIZE];
+            let found = &mut found[..chunk.len()];
+            self.flash.blocking_read(offset, found)?;
+            if found != chunk {
+                return Err(StoreError::Differs);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Switches the cache of data read from flash off. While one bank is written and the other read, the chip may put wrong data
+/// into it (the errata of the L47x tell so), and it does not notice that a page was erased.
+fn pause_data_cache() -> bool {
+    let caching = pac::FLASH.acr().read().dcen();
+    pac::FLASH.acr().modify(|w| w.set_dcen(false));
+    caching
+}
+
+/// Empties the cache, which it can only be while it is off, and switches it on again if it was on.
+fn resume_data_cache(caching: bool) {
+    pac::FLASH.acr().modify(|w| w.set_dcrst(true));
+    pac::FLASH.acr().modify(|w| w.set_dcrst(false));
+    pac::FLASH.acr().modify(|w| w.set_dcen(caching));
+}

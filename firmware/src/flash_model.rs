@@ -1,0 +1,270 @@
+//! The flash interface and the last page of the flash, as far as a store of a few hundred bytes needs them: what the
+//! flash driver talks to in unit tests and in QEMU.
+//!
+//! Models the unlock keys, the erasure of the last page, the programming of erased double words and the errors of doing it
+//! wrong. Only the first [`STORED_BYTES`] of the page can be programmed; the rest stays erased and is write-protected.
+//! Everything is done at once: the busy flag is never seen. Other pages, mass erasure, fast programming, option bytes and
+//! interrupts are refused.
+
+use crate::thumb::Width;
+
+/// Bytes of a page.
+pub const PAGE_BYTES: usize = 2048;
+/// Bytes at the start of the page that keep what is programmed.
+pub const STORED_BYTES: usize = 512;
+/// What erased flash reads.
+pub const ERASED: u8 = 0xFF;
+/// The page among those of its bank, and its bank as in BKER.
+const PAGE: u32 = 255;
+
+const ACR: u32 = 0x00;
+const KEYR: u32 = 0x08;
+const SR: u32 = 0x10;
+const CR: u32 = 0x14;
+
+const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+
+const SR_PROGERR: u32 = 1 << 3;
+const SR_WRPERR: u32 = 1 << 4;
+const SR_PGAERR: u32 = 1 << 5;
+const SR_SIZERR: u32 = 1 << 6;
+const SR_PGSERR: u32 = 1 << 7;
+
+const CR_PG: u32 = 1 << 0;
+const CR_PER: u32 = 1 << 1;
+const CR_BKER: u32 = 1 << 11;
+const CR_STRT: u32 = 1 << 16;
+const CR_OPTLOCK: u32 = 1 << 30;
+const CR_LOCK: u32 = 1 << 31;
+/// PNB: number of the page.
+const CR_PAGE_SHIFT: u32 = 3;
+const CR_PAGE_MASK: u32 = 0xFF;
+/// The bits that are modelled.
+const CR_KNOWN: u32 =
+    CR_PG | CR_PER | CR_PAGE_MASK << CR_PAGE_SHIFT | CR_BKER | CR_STRT | CR_OPTLOCK | CR_LOCK;
+
+/// An access that the model does not cover.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unknown;
+
+/// The interface. The page's memory is the caller's: it outlives a reset, the interface does not.
+#[derive(Debug)]
+pub struct FlashModel {
+    access_control: u32,
+    status: u32,
+    control: u32,
+    /// Keys given so far.
+    keys: usize,
+    /// The first word of a double word, and its offset in the page.
+    first_word: Option<(u32, u32)>,
+}
+
+impl Default for FlashModel {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl FlashModel {
+    /// After a reset: locked.
+    pub const fn new() -> Self {
+        Self { access_control: 0x0600, status: 0, control: CR_LOCK | CR_OPTLOCK, keys: 0, first_word: None }
+    }
+
+    /// A load from a register of the interface.
+    pub fn read_register(&self, offset: u32) -> Result<u32, Unknown> {
+        match offset {
+            ACR => Ok(self.access_control),
+            SR => Ok(self.status),
+            CR => Ok(self.control),
+            _ => Err(Unknown),
+        }
+    }
+
+    /// A store to a register of the interface.
+    pub fn write_register(
+        &mut self,
+        page: &mut [u8; STORED_BYTES],
+        offset: u32,
+        value: u32,
+    ) -> Result<(), Unknown> {
+        match offset {
+            ACR => self.access_control = value,
+            KEYR => self.unlock(value)?,
+            // Written ones clear.
+            SR => self.status &= !value,
+            // A locked register takes nothing.
+            CR if self.control & CR_LOCK != 0 => {}
+            CR => self.command(page, value)?,
+            _ => return Err(Unknown),
+        }
+        Ok(())
+    }
+
+    /// The chip locks the register until the next reset after a wrong key; nobody should ever need that.
+    fn unlock(&mut self, key: u32) -> Result<(), Unknown> {
+        if self.control & CR_LOCK == 0 || key != KEYS[self.keys] {
+            return Err(Unknown);
+        }
+        self.keys += 1;
+        if self.keys == KEYS.len() {
+            self.keys = 0;
+            self.control &= !CR_LOCK;
+        }
+        Ok(())
+    }
+
+    fn command(&mut self, page: &mut [u8; STORED_BYTES], value: u32) -> Result<(), Unknown> {
+        let starts = value & CR_STRT != 0;
+        let erases_page = value & (CR_PER | CR_BKER | CR_PG) == CR_PER | CR_BKER
+            && value >> CR_PAGE_SHIFT & CR_PAGE_MASK == PAGE;
+        if value & !CR_KNOWN != 0 || starts && !erases_page {
+            return Err(Unknown);
+        }
+        self.control = value & !CR_STRT;
+        self.first_word = None;
+        match (starts, self.status) {
+            (true, 0) => page.fill(ERASED),
+            (true, _) => self.status |= SR_PGSERR,
+            (false, _) => {}
+        }
+        Ok(())
+    }
+
+    /// A load from the page.
+    pub fn read_page(page: &[u8; STORED_BYTES], offset: u32, width: Width) -> u32 {
+        let byte = |at: u32| u32::from(page.get(at as usize).copied().unwrap_or(ERASED));
+        (0..4).fold(0, |word, at| word | byte(offset + at) << (8 * at)) & width.mask()
+    }
+
+    /// A store to the page: one half of a double word, the lower first. Errors show in the status.
+    pub fn write_page(&mut self, page: &mut [u8; STORED_BYTES], offset: u32, width: Width, value: u32) {
+        let pending = self.first_word.take();
+        let error = if self.control & (CR_PG | CR_PER | CR_LOCK) != CR_PG || self.status != 0 {
+            SR_PGSERR
+        } else if width != Width::Word {
+            SR_SIZERR
+        } else if offset as usize >= STORED_BYTES {
+            SR_WRPERR
+        } else {
+            match pending {
+                None if offset.is_multiple_of(8) => {
+                    self.first_word = Some((offset, value));
+                    0
+                }
+                Some((first, low)) if offset == first + 4 => program(page, first, [low, value]),
+                _ => SR_PGAERR,
+            }
+        };
+        self.status |= error;
+    }
+}
+
+/// Programs a double word; an error where it is not erased, and not programmed to zeros, which always goes.
+fn program(page: &mut [u8; STORED_BYTES], offset: u32, words: [u32; 2]) -> u32 {
+    let cells = &mut page[offset as usize..offset as usize + 8];
+    if words != [0; 2] && cells.iter().any(|&byte| byte != ERASED) {
+        return SR_PROGERR;
+    }
+    for (cells, word) in cells.chunks_exact_mut(4).zip(words) {
+        cells.copy_from_slice(&word.to_le_bytes());
+    }
+    0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Interface and page, unlocked.
+    fn unlocked() -> (FlashModel, [u8; STORED_BYTES]) {
+        let (mut flash, mut page) = (FlashModel::new(), [ERASED; STORED_BYTES]);
+        for key in KEYS {
+            flash.write_register(&mut page, KEYR, key).unwrap();
+        }
+        (flash, page)
+    }
+
+    fn write(flash: &mut FlashModel, page: &mut [u8; STORED_BYTES], offset: u32, words: [u32; 2]) -> u32 {
+        flash.write_page(page, offset, Width::Word, words[0]);
+        flash.write_page(page, offset + 4, Width::Word, words[1]);
+        flash.read_register(SR).unwrap()
+    }
+
+    #[test]
+    fn an_erased_double_word_takes_what_is_programmed() {
+        let (mut flash, mut page) = unlocked();
+        flash.write_register(&mut page, CR, CR_PG).unwrap();
+        assert_eq!(write(&mut flash, &mut page, 8, [0x0403_0201, 0x0807_0605]), 0);
+        assert_eq!(page[7..17], [ERASED, 1, 2, 3, 4, 5, 6, 7, 8, ERASED]);
+        assert_eq!(FlashModel::read_page(&page, 9, Width::Half), 0x0302);
+        assert_eq!(FlashModel::read_page(&page, 12, Width::Word), 0x0807_0605);
+        assert_eq!(FlashModel::read_page(&page, 510, Width::Word), 0xFFFF_FFFF);
+        assert_eq!(FlashModel::read_page(&page, 2047, Width::Byte), 0xFF);
+    }
+
+    #[test]
+    fn a_programmed_double_word_takes_only_zeros() {
+        let (mut flash, mut page) = unlocked();
+        flash.write_register(&mut page, CR, CR_PG).unwrap();
+        assert_eq!(write(&mut flash, &mut page, 0, [1, 2]), 0);
+        assert_eq!(write(&mut flash, &mut page, 0, [1, 2]), SR_PROGERR);
+        assert_eq!(
+            write(&mut flash, &mut page, 8, [1, 2]),
+            SR_PROGERR | SR_PGSERR,
+            "the error must be cleared first"
+        );
+        flash.write_register(&mut page, SR, SR_PROGERR | SR_PGSERR).unwrap();
+        assert_eq!(write(&mut flash, &mut page, 0, [0, 0]), 0);
+        assert_eq!(page[..9], [0, 0, 0, 0, 0, 0, 0, 0, ERASED]);
+    }
+
+    #[test]
+    fn erasing_takes_the_page_in_its_bank_and_no_other() {
+        let (mut flash, mut page) = unlocked();
+        page[3] = 0;
+        let of = |page: u32| CR_PER | CR_STRT | page << CR_PAGE_SHIFT;
+        assert_eq!(flash.write_register(&mut page, CR, of(PAGE)), Err(Unknown), "that is the first bank");
+        assert_eq!(flash.write_register(&mut page, CR, of(PAGE - 1) | CR_BKER), Err(Unknown));
+        assert_eq!(page[3], 0);
+        flash.write_register(&mut page, CR, of(PAGE) | CR_BKER).unwrap();
+        assert_eq!(page, [ERASED; STORED_BYTES]);
+        assert_eq!(flash.read_register(CR).unwrap() & CR_STRT, 0, "done");
+    }
+
+    #[test]
+    fn a_locked_interface_changes_nothing() {
+        let (mut flash, mut page) = (FlashModel::new(), [7; STORED_BYTES]);
+        flash.write_register(&mut page, CR, CR_PER | CR_STRT | PAGE << CR_PAGE_SHIFT | CR_BKER).unwrap();
+        assert_eq!(write(&mut flash, &mut page, 0, [0, 0]), SR_PGSERR);
+        assert_eq!(page, [7; STORED_BYTES]);
+        assert_eq!(flash.write_register(&mut page, KEYR, KEYS[1]), Err(Unknown), "the wrong key first");
+    }
+
+    #[test]
+    fn locking_holds_until_the_keys_are_given_again() {
+        let (mut flash, mut page) = unlocked();
+        flash.write_register(&mut page, CR, CR_LOCK).unwrap();
+        flash.write_register(&mut page, CR, CR_PG).unwrap();
+        assert_eq!(flash.read_register(CR), Ok(CR_LOCK));
+        assert_eq!(write(&mut flash, &mut page, 0, [1, 2]), SR_PGSERR);
+    }
+
+    #[test]
+    fn wrong_programming_shows_its_error() {
+        for (offset, width, error) in [
+            (0, Width::Half, SR_SIZERR),
+            (1, Width::Byte, SR_SIZERR),
+            (4, Width::Word, SR_PGAERR),
+            (512, Width::Word, SR_WRPERR),
+        ] {
+            let (mut flash, mut page) = unlocked();
+            flash.write_register(&mut page, CR, CR_PG).unwrap();
+            flash.write_page(&mut page, offset, width, 0);
+            assert_eq!(flash.read_register(SR), Ok(error), "{width:?} at {offset}");
+            assert_eq!(page, [ERASED; STORED_BYTES]);
+        }
+        let (mut flash, mut page) = unlocked();
+        assert_eq!(write(&mut flash, &mut page, 0, [1, 2]), SR_PGSERR, "programming was not switched on");
+    }
+}

@@ -1,0 +1,434 @@
+//! A bad cable between the firmware's serial port and whoever opens it.
+//!
+//! [`NoisyWire`] opens the firmware's pseudo terminal and offers another one in its stead. Bytes go through unchanged and at
+//! once, unless told otherwise: bits flip at a given rate, the cable is cut and mended, a mad host babbles. What flips comes
+//! from a seed; where it falls depends on nothing but the number of bits that went before.
+
+use anyhow::{Context, Result};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Instant;
+
+/// How soon the threads look at the controls while no bytes come.
+const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 5_000_000 };
+/// The same while a host babbles.
+const BABBLE_PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 1_000_000 };
+/// Most bytes taken at once.
+const CHUNK_BYTES: usize = 1024;
+
+/// Where bytes go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Direction {
+    /// From the host to the firmware.
+    ToDevice,
+    /// From the firmware to the host.
+    ToHost,
+}
+
+/// What a direction has seen.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Bytes that came out at the other end, babble not included.
+    pub bytes: u64,
+    /// Bits of them that came out wrong.
+    pub flipped_bits: u64,
+    /// Bytes that went in and never came out.
+    pub dropped: u64,
+    /// Bytes that nobody sent.
+    pub babbled: u64,
+}
+
+/// One direction's controls and counters.
+#[derive(Debug)]
+struct Lane {
+    errors: BitErrors,
+    counters: Counters,
+}
+
+#[derive(Debug)]
+struct Shared {
+    to_device: Mutex<Lane>,
+    to_host: Mutex<Lane>,
+    babble_per_ms: Mutex<f64>,
+    cut: AtomicBool,
+    stop: AtomicBool,
+}
+
+impl Shared {
+    fn lane(&self, direction: Direction) -> MutexGuard<'_, Lane> {
+        lock(match direction {
+            Direction::ToDevice => &self.to_device,
+            Direction::ToHost => &self.to_host,
+        })
+    }
+
+    fn is_cut(&self) -> bool {
+        self.cut.load(Ordering::Acquire)
+    }
+
+    fn stops(&self) -> bool {
+        self.stop.load(Ordering::Acquire)
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The cable. Dropping it takes it away.
+#[derive(Debug)]
+pub struct NoisyWire {
+    shared: Arc<Shared>,
+    device: Arc<OwnedFd>,
+    host: Arc<Pty>,
+    workers: Vec<JoinHandle<()>>,
+}
+
+impl NoisyWire {
+    /// A perfect cable to the pseudo terminal at this path.
+    ///
+    /// # Errors
+    /// Where it cannot be opened, or another one cannot be made.
+    pub fn connect(device: &Path, seed: u64) -> Result<Self> {
+        let name = device.display();
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK;
+        let device = rustix::fs::open(device, flags, Mode::empty())
+            .with_context(|| format!("cannot open the serial port {name}"))?;
+        make_raw(device.as_fd()).with_context(|| format!("{name} is no terminal"))?;
+        let host = Pty::open().context("cannot make a pseudo terminal")?;
+        let lane =
+            |number| Mutex::new(Lane { errors: BitErrors::new(seed, number), counters: Counters::default() });
+        let shared = Arc::new(Shared {
+            to_device: lane(0),
+            to_host: lane(1),
+            babble_per_ms: Mutex::new(0.0),
+            cut: AtomicBool::new(false),
+            stop: AtomicBool::new(false),
+        });
+        let (device, host) = (Arc::new(device), Arc::new(host));
+        let worker = |name: &str, run: fn(&Shared, BorrowedFd<'_>, BorrowedFd<'_>, u64)| {
+            let (shared, device, host) = (Arc::clone(&shared), Arc::clone(&device), Arc::clone(&host));
+            thread::Builder::new()
+                .name(name.into())
+                .spawn(move || run(&shared, device.as_fd(), host.master.as_fd(), seed))
+        };
+        let workers = vec![worker("wire to device", to_device)?, worker("wire to host", to_host)?];
+        Ok(Self { shared, device, host, workers })
+    }
+
+    /// The near end, as `guide` takes it.
+    pub fn port(&self) -> String {
+        self.host.name.clone()
+    }
+
+    /// Flips each bit of a direction with this probability from now on.
+    pub fn bit_error_rate(&self, direction: Direction, rate: f64) {
+        self.shared.lane(direction).errors.set_rate(rate);
+    }
+
+    /// Pulls the cable: nothing goes through, and what was under way or waited to be read is lost.
+    pub fn cut(&self) {
+        self.shared.cut.store(true, Ordering::Release);
+        for end in [self.device.as_fd(), self.host.slave.as_fd()] {
+            // A port that has gone away has nothing left to lose.
+            let _ = tcflush(end, QueueSelector::IOFlush);
+        }
+    }
+
+    /// Plugs it in again.
+    pub fn mend(&self) {
+        self.shared.cut.store(false, Ordering::Release);
+    }
+
+    /// Sends so many random bytes per millisecond to the device, as far as it takes them; 0 ends it.
+    pub fn babble(&self, bytes_per_ms: f64) {
+        *lock(&self.shared.babble_per_ms) = bytes_per_ms;
+    }
+
+    /// What a direction has seen.
+    pub fn counters(&self, direction: Direction) -> Counters {
+        self.shared.lane(direction).counters
+    }
+}
+
+impl Drop for NoisyWire {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Release);
+        for worker in self.workers.drain(..) {
+            let _ = worker.join();
+        }
+    }
+}
+
+fn to_host(shared: &Shared, device: BorrowedFd<'_>, host: BorrowedFd<'_>, _seed: u64) {
+    while !shared.stops() {
+        carry(shared, Direction::ToHost, device, host, &PATIENCE);
+    }
+}
+
+fn to_device(shared: &Shared, device: BorrowedFd<'_>, host: BorrowedFd<'_>, seed: u64) {
+    let mut random = stream(seed, 2);
+    let (mut last, mut owed) = (Instant::now(), 0.0);
+    while !shared.stops() {
+        let per_ms = *lock(&shared.babble_per_ms);
+        let patience = if per_ms > 0.0 { &BABBLE_PATIENCE } else { &PATIENCE };
+        carry(shared, Direction::ToDevice, host, device, patience);
+        let now = Instant::now();
+        owed += per_ms * (now - last).as_secs_f64() * 1e3;
+        last = now;
+        let mut nonsense = vec![0; (owed as usize).min(CHUNK_BYTES)];
+        owed -= owed.floor();
+        random.fill_bytes(&mut nonsense);
+        if !nonsense.is_empty() && !shared.is_cut() {
+            let taken = rustix::io::write(device, &nonsense).unwrap_or_default();
+            shared.lane(Direction::ToDevice).counters.babbled += taken as u64;
+        }
+    }
+}
+
+/// Takes what there is at one end, waiting a little for it, to the other.
+fn carry(
+    shared: &Shared,
+    direction: Direction,
+    from: BorrowedFd<'_>,
+    to: BorrowedFd<'_>,
+    patience: &Timespec,
+) {
+    let mut buffer = [0; CHUNK_BYTES];
+    if !wait(from, PollFlags::IN, patience) {
+        return;
+    }
+    let bytes = match rustix::io::read(from, &mut buffer) {
+        Ok(length) => &mut buffer[..length],
+        Err(Errno::AGAIN | Errno::INTR) => return,
+        Err(_) => &mut [],
+    };
+    if bytes.is_empty() {
+        // The far end has gone, and says so at once each time.
+        thread::sleep(std::time::Duration::from_millis(5));
+        return;
+    }
+    let flipped = shared.lane(direction).errors.apply(bytes);
+    let mut left = &*bytes;
+    while !left.is_empty() && !shared.is_cut() && !shared.stops() {
+        if wait(to, PollFlags::OUT, patience) {
+            left = &left[rustix::io::write(to, left).unwrap_or_default()..];
+        }
+    }
+    let mut lane = shared.lane(direction);
+    lane.counters.bytes += (bytes.len() - left.len()) as u64;
+    lane.counters.dropped += left.len() as u64;
+    if left.is_empty() {
+        lane.counters.flipped_bits += flipped;
+    }
+}
+
+/// Waits until something can be done; false if nothing can.
+fn wait(fd: BorrowedFd<'_>, what: PollFlags, patience: &Timespec) -> bool {
+    let mut fds = [PollFd::from_borrowed_fd(fd, what)];
+    poll(&mut fds, Some(patience)).is_ok_and(|ready| ready > 0)
+}
+
+/// Which bits flip: each with the same probability, independent of all others. The distance to the next one is drawn
+/// instead of every bit.
+#[derive(Debug)]
+struct BitErrors {
+    rate: f64,
+    /// Bits that stay right before the next wrong one.
+    right_bits: u64,
+    random: ChaCha8Rng,
+}
+
+impl BitErrors {
+    fn new(seed: u64, number: u64) -> Self {
+        Self { rate: 0.0, right_bits: u64::MAX, random: stream(seed, number) }
+    }
+
+    fn set_rate(&mut self, rate: f64) {
+        self.rate = rate;
+        self.right_bits = self.draw();
+    }
+
+    /// A geometric number: how many bits stay right.
+    fn draw(&mut self) -> u64 {
+        if self.rate <= 0.0 {
+            return u64::MAX;
+        }
+        // In (0, 1]; a rate of 1 makes the denominator infinite and the distance 0. The cast saturates.
+        let uniform = 1.0 - self.random.random::<f64>();
+        (uniform.ln() / (-self.rate).ln_1p()) as u64
+    }
+
+    /// Flips bits; returns how many.
+    fn apply(&mut self, bytes: &mut [u8]) -> u64 {
+        let bits = 8 * bytes.len() as u64;
+        let mut flipped = 0;
+        let mut at = self.right_bits;
+        while at < bits {
+            bytes[(at / 8) as usize] ^= 1 << (at % 8);
+            flipped += 1;
+            at = self.draw().saturating_add(at + 1);
+        }
+        self.right_bits = if self.rate > 0.0 { at - bits } else { u64::MAX };
+        flipped
+    }
+}
+
+fn stream(seed: u64, number: u64) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(number);
+    random
+}
+
+/// A pseudo terminal that passes bytes as they are.
+#[derive(Debug)]
+struct Pty {
+    master: OwnedFd,
+    /// Kept open, so that the master can be read whether somebody has the terminal or not.
+    slave: OwnedFd,
+    name: String,
+}
+
+impl Pty {
+    fn open() -> Result<Self> {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+        grantpt(&master)?;
+        unlockpt(&master)?;
+        let flags = rustix::fs::fcntl_getfl(&master)?;
+        rustix::fs::fcntl_setfl(&master, flags | OFlags::NONBLOCK)?;
+        let name = ptsname(&master, Vec::new())?.into_string()?;
+        let slave = rustix::fs::open(name.as_str(), OFlags::RDWR | OFlags::NOCTTY, Mode::empty())?;
+        make_raw(slave.as_fd())?;
+        Ok(Self { master, slave, name })
+    }
+}
+
+fn make_raw(terminal: BorrowedFd<'_>) -> Result<()> {
+    let mut settings = tcgetattr(terminal)?;
+    settings.make_raw();
+    tcsetattr(terminal, OptionalActions::Now, &settings)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    /// A cable between two pseudo terminals; the first is the device's, the second a user's view of the near end.
+    fn cable(seed: u64) -> (Pty, NoisyWire, OwnedFd) {
+        let device = Pty::open().unwrap();
+        let wire = NoisyWire::connect(Path::new(&device.name), seed).unwrap();
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK;
+        let host = rustix::fs::open(wire.port().as_str(), flags, Mode::empty()).unwrap();
+        (device, wire, host)
+    }
+
+    /// Reads what comes until nothing has for a while, or the count is reached.
+    fn receive(from: BorrowedFd<'_>, count: usize) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut buffer = [0; 4096];
+        let patience = Timespec { tv_sec: 0, tv_nsec: 300_000_000 };
+        while bytes.len() < count && wait(from, PollFlags::IN, &patience) {
+            let length = rustix::io::read(from, &mut buffer).unwrap_or_default();
+            bytes.extend_from_slice(&buffer[..length]);
+        }
+        bytes
+    }
+
+    /// Sends through one end and returns what comes out at the other.
+    fn through(from: BorrowedFd<'_>, to: BorrowedFd<'_>, bytes: &[u8]) -> Vec<u8> {
+        let mut out = Vec::new();
+        for chunk in bytes.chunks(512) {
+            assert_eq!(rustix::io::write(from, chunk), Ok(chunk.len()));
+            out.extend(receive(to, chunk.len()));
+        }
+        out
+    }
+
+    fn pattern(count: usize) -> Vec<u8> {
+        (0..count).map(|i| (i * 31 + i / 256) as u8).collect()
+    }
+
+    #[test]
+    fn a_good_cable_changes_nothing_either_way() {
+        let (device, wire, host) = cable(1);
+        let sent = pattern(20_000);
+        assert_eq!(through(device.master.as_fd(), host.as_fd(), &sent), sent);
+        assert_eq!(through(host.as_fd(), device.master.as_fd(), &sent), sent);
+        let expected = Counters { bytes: 20_000, ..Counters::default() };
+        assert_eq!(wire.counters(Direction::ToHost), expected);
+        assert_eq!(wire.counters(Direction::ToDevice), expected);
+    }
+
+    #[test]
+    fn bits_flip_at_the_rate_in_one_direction_only() {
+        let (device, wire, host) = cable(2);
+        wire.bit_error_rate(Direction::ToHost, 1e-3);
+        let sent = pattern(50_000);
+        let seen = through(device.master.as_fd(), host.as_fd(), &sent);
+        let wrong: u32 = sent.iter().zip(&seen).map(|(sent, seen)| (sent ^ seen).count_ones()).sum();
+        assert_eq!(seen.len(), sent.len());
+        assert_eq!(wire.counters(Direction::ToHost).flipped_bits, u64::from(wrong));
+        // 400 expected, standard deviation 20.
+        assert!((320..480).contains(&wrong), "{wrong} bits of 400000 flipped");
+        assert_eq!(through(host.as_fd(), device.master.as_fd(), &sent), sent);
+    }
+
+    #[test]
+    fn errors_come_from_the_seed_however_the_bytes_are_cut() {
+        let flip = |seed, chunk: usize| {
+            let (mut errors, mut bytes) = (BitErrors::new(seed, 0), vec![0; 4_000]);
+            errors.set_rate(0.01);
+            bytes.chunks_mut(chunk).for_each(|chunk| {
+                errors.apply(chunk);
+            });
+            bytes
+        };
+        assert_eq!(flip(3, 4_000), flip(3, 7));
+        assert_ne!(flip(3, 4_000), flip(4, 4_000));
+        let mut all = BitErrors::new(5, 0);
+        all.set_rate(1.0);
+        let mut bytes = [0; 3];
+        assert_eq!((all.apply(&mut bytes), bytes), (24, [0xFF; 3]));
+    }
+
+    #[test]
+    fn a_cut_cable_loses_everything_until_it_is_mended() {
+        let (device, wire, host) = cable(6);
+        rustix::io::write(&device.master, b"unread").unwrap();
+        thread::sleep(Duration::from_millis(50));
+        wire.cut();
+        rustix::io::write(&device.master, b"lost").unwrap();
+        rustix::io::write(&host, b"lost").unwrap();
+        assert!(receive(host.as_fd(), 1).is_empty());
+        assert!(receive(device.master.as_fd(), 1).is_empty());
+        assert_eq!(wire.counters(Direction::ToHost).dropped, 4);
+        assert_eq!(wire.counters(Direction::ToDevice).dropped, 4);
+        wire.mend();
+        assert_eq!(through(device.master.as_fd(), host.as_fd(), b"back"), b"back");
+        assert_eq!(through(host.as_fd(), device.master.as_fd(), b"again"), b"again");
+    }
+
+    #[test]
+    fn a_mad_host_babbles_at_its_rate() {
+        let (device, wire, _host) = cable(7);
+        wire.babble(10.0);
+        let began = Instant::now();
+        let heard = receive(device.master.as_fd(), 2_000);
+        wire.babble(0.0);
+        assert_eq!(heard.len() / 2_000, 1);
+        assert!(began.elapsed() >= Duration::from_millis(150), "2000 bytes in {:?}", began.elapsed());
+        assert!(wire.counters(Direction::ToDevice).babbled >= heard.len() as u64);
+    }
+}
