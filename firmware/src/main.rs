@@ -9,6 +9,6 @@ use firmware::{app, board};
 fn main() -> ! {
     app::start(board::take());
     loop {
-        cortex_m::asm::wfi();
+        app::idle();
     }
 }

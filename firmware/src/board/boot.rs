@@ -1,28 +1,31 @@
 //! Which boot this is and why it happened.
 
-use core::mem::MaybeUninit;
-use core::ptr;
+use super::retained;
 use embassy_stm32::pac::{RCC, UID};
-use protocol::ResetReason;
+use protocol::{CalibrationRecord, PANIC_BYTES, ResetReason, Text};
 
 /// What is known of this boot.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct BootInfo {
     /// Differs from boot to boot and from chip to chip.
     pub boot_id: u32,
     /// Why it happened.
     pub reset_reason: ResetReason,
+    /// Place and message of the panic that ended the run before.
+    pub last_panic: Option<Text<PANIC_BYTES>>,
 }
 
-/// Marks the boot counter as valid.
-const COUNTER_MAGIC: u32 = 0x6E65_6564;
+impl BootInfo {
+    /// The program before did not end as it should: it ran away, panicked, or the supply sagged.
+    pub fn is_unexpected(&self) -> bool {
+        matches!(self.reset_reason, ResetReason::Watchdog | ResetReason::BrownOut)
+            || self.last_panic.is_some()
+    }
+}
 
-/// Survives resets, not power-off: `[COUNTER_MAGIC, boots]`.
-#[unsafe(link_section = ".uninit.boot")]
-static mut COUNTER: MaybeUninit<[u32; 2]> = MaybeUninit::uninit();
-
-/// Counts this boot and reads the reset flags, which it clears.
-pub(super) fn read() -> BootInfo {
+/// Counts this boot and reads the reset flags, which it clears; returns also the calibration that is to be stored.
+pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
+    let legacy = retained::take();
     let flags = RCC.csr().read();
     RCC.csr().modify(|w| w.set_rmvf(true));
     RCC.csr().modify(|w| w.set_rmvf(false));
@@ -32,8 +35,8 @@ pub(super) fn read() -> BootInfo {
     } else if flags.sftrstf() {
         ResetReason::Software
     } else if flags.borrstf() {
-        // Power coming on and power sagging below the threshold set the same flag.
-        ResetReason::PowerOn
+        // Power coming on and power sagging below the threshold set the same flag; memory outlives only the latter.
+        if legacy.kept { ResetReason::BrownOut } else { ResetReason::PowerOn }
     } else if flags.lpwrrstf() || flags.oblrstf() || flags.fwrstf() {
         ResetReason::Other
     } else if flags.pinrstf() {
@@ -41,20 +44,12 @@ pub(super) fn read() -> BootInfo {
     } else {
         ResetReason::Other
     };
-    BootInfo { boot_id: next_boot_id(), reset_reason }
+    let boot = BootInfo { boot_id: boot_id(legacy.boots), reset_reason, last_panic: legacy.panic };
+    (boot, legacy.calibration)
 }
 
-/// The boot counter mixed with the chip's unique number. After power-on the counter starts from whatever the RAM held.
-fn next_boot_id() -> u32 {
-    // SAFETY: called once, before any task runs; any bit pattern is a valid pair of integers, and volatile reads of the
-    // section that start-up leaves alone take them as they are.
-    let boots = unsafe {
-        let counter = ptr::addr_of_mut!(COUNTER).cast::<[u32; 2]>();
-        let [magic, boots] = counter.read_volatile();
-        let boots = if magic == COUNTER_MAGIC { boots.wrapping_add(1) } else { magic ^ boots };
-        counter.write_volatile([COUNTER_MAGIC, boots]);
-        boots
-    };
+/// The boot counter mixed with the chip's unique number.
+fn boot_id(boots: u32) -> u32 {
     let mut id = boots;
     for word in 0..3 {
         id = mix(id ^ UID.uid(word).read());

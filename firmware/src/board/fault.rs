@@ -1,4 +1,4 @@
-//! The end of the road: panics and, on the board, hard faults put the bridges' inputs low and reset.
+//! The end of the road: panics and, on the board, hard faults put the bridges' inputs low, leave word for the next run and reset.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_stm32::pac::gpio::vals::Moder;
@@ -12,16 +12,24 @@ pub(crate) fn hold_bridges_off() {
     }
 }
 
-/// Stops for good: in QEMU with exit code 101, on the board with a reset.
+/// Whether a panic restarts the program. In QEMU a program that only runs tests ends instead.
+static RESTARTS: AtomicBool = AtomicBool::new(cfg!(not(feature = "qemu")));
+
+/// From here on a panic restarts the program, in QEMU too.
+pub fn restart_on_panic() {
+    RESTARTS.store(true, Ordering::Relaxed);
+}
+
+/// Ends this run.
 fn stop() -> ! {
     #[cfg(feature = "qemu")]
-    crate::qemu::exit(crate::qemu::ExitCode::Panic);
-    #[cfg(not(feature = "qemu"))]
-    {
-        // Time for the probe to fetch the message: about 100 ms.
-        cortex_m::asm::delay(super::pins::CORE_CLOCK.0 / 10);
-        cortex_m::peripheral::SCB::sys_reset()
+    if !RESTARTS.load(Ordering::Relaxed) {
+        crate::qemu::exit(crate::qemu::ExitCode::Panic);
     }
+    // Time for the probe to fetch the message: about 100 ms.
+    #[cfg(not(feature = "qemu"))]
+    cortex_m::asm::delay(super::pins::CORE_CLOCK.0 / 10);
+    cortex_m::peripheral::SCB::sys_reset()
 }
 
 #[panic_handler]
@@ -31,9 +39,18 @@ fn panic(info: &core::panic::PanicInfo) -> ! {
     // A panic while reporting a panic, or inside a log message, must not report again.
     static REPORTED: AtomicBool = AtomicBool::new(false);
     if !REPORTED.swap(true, Ordering::Relaxed) {
+        leave(info);
         defmt::error!("{}", defmt::Display2Format(info));
     }
     stop()
+}
+
+/// Leaves place and message for the next run: place first, as a long message is cut off.
+fn leave(info: &core::panic::PanicInfo) {
+    match info.location() {
+        Some(place) => super::retained::leave_panic(&format_args!("{place}: {}", info.message())),
+        None => super::retained::leave_panic(&info.message()),
+    }
 }
 
 /// The panic of defmt's assertions is the panic.
@@ -48,6 +65,7 @@ fn defmt_panic() -> ! {
 #[cortex_m_rt::exception]
 unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
     hold_bridges_off();
+    super::retained::leave_panic(&format_args!("hard fault at {:#010x}", frame.pc()));
     defmt::error!("hard fault at {=u32:#010x}", frame.pc());
     stop()
 }

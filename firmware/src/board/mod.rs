@@ -9,19 +9,24 @@ mod boot;
 mod fault;
 mod panel;
 pub mod pins;
+mod retained;
 mod sensors;
 mod store;
 
 pub use actuators::BoardActuators;
 pub use boot::BootInfo;
+pub use fault::restart_on_panic;
 pub use panel::BoardPanel;
+pub use retained::restart_with;
 pub use sensors::BoardSensors;
 pub use store::{STORE_BYTES, Store, StoreError};
 
+use crate::calibration::{Calibration, STORED_BYTES, from_stored, to_stored};
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt};
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Config, bind_interrupts, peripherals, rcc};
+use protocol::CalibrationRecord;
 use static_cell::StaticCell;
 
 /// The serial port to the host.
@@ -37,8 +42,8 @@ pub struct Board {
     pub panel: BoardPanel,
     /// Serial port to the host.
     pub serial: Serial,
-    /// What is kept without power.
-    pub store: Store,
+    /// Constants of the rig: the stored ones, or those of the rig as designed.
+    pub calibration: Calibration,
     /// Which boot this is and why it happened.
     pub boot: BootInfo,
     /// Runs tasks at control priority.
@@ -91,11 +96,15 @@ fn clocks() -> Config {
 pub fn take() -> Board {
     #[cfg(feature = "qemu")]
     crate::qemu::install();
-    let boot = boot::read();
+    let (boot, to_store) = boot::read();
+    // Before anything is on it: how far the stack reaches is measured from here.
+    cortex_m_stack::repaint_stack();
     let p = embassy_stm32::init(clocks());
     #[cfg(feature = "qemu")]
     crate::qemu::start_time();
 
+    // The watchdog does not run yet, so that the store may take its time.
+    let calibration = calibration(Store::new(p.FLASH), to_store);
     let actuators = BoardActuators::new(p.TIM3, p.PB0, p.PB1, p.TIM2, p.PA15, p.PA2);
     let sensors = BoardSensors::new(
         sensors::Potentiometers::new(p.ADC1, p.PC5, p.PC4),
@@ -127,6 +136,21 @@ pub fn take() -> Board {
     interrupt::UART4.set_priority(pins::BACKGROUND_PRIORITY);
     let background = BACKGROUND.start(interrupt::UART4);
     let panel = BoardPanel::new(p.PB14, p.IWDG);
-    let store = Store::new(p.FLASH);
-    Board { sensors, actuators, panel, serial, store, boot, control, background }
+    Board { sensors, actuators, panel, serial, calibration, boot, control, background }
+}
+
+/// Stores what is to be stored, and reads what is. Where there is nothing sound, it is the rig as designed, which the hello says.
+fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> Calibration {
+    if let Some(record) = to_store
+        && let Err(error) = store.write(&to_stored(&record))
+    {
+        defmt::error!("the calibration was not stored: {}", error);
+    }
+    let mut stored = [0; STORED_BYTES];
+    store.read(&mut stored);
+    let kept = from_stored(&stored).and_then(|record| Calibration::new(record).ok());
+    if kept.is_none() {
+        defmt::warn!("no calibration is stored: that of the rig as designed is used");
+    }
+    kept.unwrap_or_default()
 }

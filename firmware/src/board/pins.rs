@@ -29,8 +29,9 @@ pub const SERIAL_BAUD: u32 = 460_800;
 pub const PWM_FREQUENCY: Hertz = Hertz(20_000);
 /// Clock of the converter's SPI; the chip takes 25 MHz, wires to a header less.
 pub const SPI_FREQUENCY: Hertz = Hertz(5_000_000);
-/// Time without feeding after which the watchdog resets.
-pub const WATCHDOG_TIMEOUT_US: u32 = 500_000;
+/// Time without feeding after which the watchdog resets: a few control periods, as a control task that hangs leaves the
+/// bridges as they are.
+pub const WATCHDOG_TIMEOUT_US: u32 = 4_000;
 
 /// Priority of the serial port. It is above control: at this speed a byte comes every 22 us and the receiver holds one.
 pub const SERIAL_PRIORITY: Priority = Priority::P2;

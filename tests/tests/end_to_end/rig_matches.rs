@@ -12,7 +12,7 @@ fn the_nominal_calibration_reads_the_simulated_rig() {
     config.simulation.force.noise_n = 0.0;
     config.simulation.force.offset_n = host::rig::config::Range { low: 0.0, high: 0.0 };
     let mut rig = SimulatedRig::new(config, 3).unwrap();
-    let calibration = Calibration::nominal();
+    let calibration = Calibration::default();
     for inputs in [[[0.0; 2]; 2], [[0.6, 0.0], [0.0, 0.5]]] {
         for _ in 0..40 {
             rig.step(inputs, 1e-3);

@@ -1,0 +1,131 @@
+//! The two tasks at the serial port: bytes to commands, and items to frames.
+//!
+//! Both show that they run even while nothing comes or the line takes nothing.
+
+use super::{Background, CHECK_IN, COMMANDS, OUTBOX, RECEIVE_COUNTERS};
+use crate::board::{BootInfo, pins};
+use crate::calibration::{Calibration, FORCE_NN_PER_COUNT, POSITION_NM_PER_COUNT};
+use crate::control::telemetry::Item;
+use crate::control::{Note, PERIOD_US};
+use defmt::{error, warn};
+use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
+use embassy_time::{Instant, with_timeout};
+use embedded_io_async::{Read, Write};
+use protocol::{
+    CommandReceiver, Counters, Envelope, Hello, MAX_FRAME_TO_HOST, Message, Received, Refusal, Scales, Text,
+    encode_envelope,
+};
+
+#[embassy_executor::task]
+pub(super) async fn receive(mut port: BufferedUartRx<'static>) {
+    let mut receiver = CommandReceiver::new();
+    let mut buffer = [0; 64];
+    let (mut line_errors, mut messages_dropped) = (0_u32, 0_u32);
+    loop {
+        Background::Receive.checks_in();
+        match with_timeout(CHECK_IN, port.read(&mut buffer)).await {
+            Err(_) => continue,
+            Ok(Ok(length)) => {
+                for frame in receiver.feed(buffer.get(..length).unwrap_or_default()) {
+                    match frame {
+                        Received::Frame(command) => COMMANDS.send(command).await,
+                        Received::Unreadable(Some(id)) => {
+                            let refused = Item::Note(Note::Refused(id, Refusal::Unreadable));
+                            let lost = OUTBOX.try_send(refused).is_err();
+                            messages_dropped = messages_dropped.saturating_add(lost.into());
+                        }
+                        Received::Corrupt | Received::Overlong | Received::Unreadable(None) => {}
+                    }
+                }
+            }
+            // Overrun, framing or noise: the frame it hit fails its checksum.
+            Ok(Err(_)) => line_errors = line_errors.saturating_add(1),
+        }
+        let losses = receiver.losses();
+        RECEIVE_COUNTERS.lock(|counters| {
+            counters.set(Counters {
+                messages_dropped,
+                frames_corrupt: losses.corrupt,
+                frames_overlong: losses.overlong,
+                frames_unreadable: losses.unreadable,
+                line_errors,
+                ..Counters::default()
+            });
+        });
+    }
+}
+
+#[embassy_executor::task]
+pub(super) async fn send(port: BufferedUartTx<'static>, boot: BootInfo, calibration: &'static Calibration) {
+    let mut link = Link { port, boot_id: boot.boot_id, sequence: 0 };
+    loop {
+        Background::Send.checks_in();
+        let Ok(item) = with_timeout(CHECK_IN, OUTBOX.receive()).await else { continue };
+        let message = match item {
+            Item::Batch(batch) => Message::Samples(batch),
+            Item::Note(Note::Hello) => Message::Hello(hello(&boot, calibration)),
+            Item::Note(Note::Ack(id)) => Message::Ack { id },
+            Item::Note(Note::Refused(id, refusal)) => Message::Refused { id, refusal },
+            Item::Note(Note::Event(event)) => Message::Event(event),
+            Item::Note(Note::Status(status) | Note::Report(status)) => Message::Status(status),
+            Item::Note(Note::Calibration) => Message::Calibration(calibration.record().clone()),
+            // Telemetry itself acts on it.
+            Item::Note(Note::Stream(_)) => continue,
+        };
+        link.send(message).await;
+    }
+}
+
+/// The way out: numbers the frames and writes them.
+struct Link {
+    port: BufferedUartTx<'static>,
+    boot_id: u32,
+    sequence: u32,
+}
+
+impl Link {
+    async fn send(&mut self, message: Message) {
+        let envelope = Envelope { boot_id: self.boot_id, sequence: self.sequence, message };
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut buffer = [0; MAX_FRAME_TO_HOST];
+        match encode_envelope(&envelope, &mut buffer) {
+            Ok(frame) => self.write(frame).await,
+            Err(_) => error!("a message is longer than the longest frame"),
+        }
+    }
+
+    /// Writes all bytes, however long the line takes. A frame that the port refuses is a gap in the sequence, which the host
+    /// counts.
+    async fn write(&mut self, mut bytes: &[u8]) {
+        while !bytes.is_empty() {
+            Background::Send.checks_in();
+            match with_timeout(CHECK_IN, self.port.write(bytes)).await {
+                Err(_) => {}
+                Ok(Ok(written)) => bytes = bytes.get(written..).unwrap_or_default(),
+                Ok(Err(_)) => return warn!("the serial port refused a frame"),
+            }
+        }
+    }
+}
+
+fn hello(boot: &BootInfo, calibration: &Calibration) -> Hello {
+    Hello {
+        protocol_version: protocol::VERSION,
+        schema_hash: protocol::schema_hash(),
+        firmware_version: Text::new(env!("CARGO_PKG_VERSION")),
+        commit: Text::new(env!("FIRMWARE_GIT")),
+        board: Text::new(pins::BOARD_NAME),
+        reset_reason: boot.reset_reason,
+        tick_hz: 1_000_000,
+        now_us: Instant::now().as_micros(),
+        sample_period_us: PERIOD_US,
+        scales: Scales {
+            position_nm_per_count: POSITION_NM_PER_COUNT,
+            force_nn_per_count: FORCE_NN_PER_COUNT,
+            travel_um: calibration.travel_um(),
+            force_range_mn: calibration.force_range_mn(),
+        },
+        calibration: calibration.id(),
+        last_panic: boot.last_panic.clone(),
+    }
+}

@@ -1,0 +1,116 @@
+//! What outlives a reset, in memory that start-up leaves alone: the number of boots, the last panic, and a calibration that is
+//! to be stored at the next start.
+//!
+//! After power-on the memory holds anything, so that every part carries its own check.
+
+use crate::calibration::{STORED_BYTES, from_stored, to_stored};
+use core::fmt::{self, Write};
+use core::mem::MaybeUninit;
+use core::ptr;
+use protocol::{CalibrationRecord, PANIC_BYTES, Text};
+
+/// Marks the boot counter as valid.
+const COUNTER_MAGIC: u32 = 0x6E65_6564;
+/// Marks the text of a panic as valid.
+const PANIC_MAGIC: u32 = 0x7061_6E63;
+
+/// The memory.
+#[repr(C)]
+struct Retained {
+    counter_magic: u32,
+    boots: u32,
+    panic_magic: u32,
+    panic_length: u32,
+    panic: [u8; PANIC_BYTES],
+    calibration: [u8; STORED_BYTES],
+}
+
+#[unsafe(link_section = ".uninit.retained")]
+static mut RETAINED: MaybeUninit<Retained> = MaybeUninit::uninit();
+
+/// Works on the memory.
+///
+/// # Safety
+/// Nothing else may work on it meanwhile: start-up before any task runs, a panic with interrupts off, or the one task that is
+/// about to restart the device.
+unsafe fn with<R>(work: impl FnOnce(&mut Retained) -> R) -> R {
+    // SAFETY: every bit pattern is a valid value of every field; the caller sees to it that there is one reference at a time.
+    work(unsafe { &mut *ptr::addr_of_mut!(RETAINED).cast::<Retained>() })
+}
+
+/// What the last run has left.
+pub(super) struct Legacy {
+    /// Number of this boot, from an arbitrary start after power-on.
+    pub(super) boots: u32,
+    /// The memory was kept: power had been on before.
+    pub(super) kept: bool,
+    /// Place and message of the panic that ended the last run.
+    pub(super) panic: Option<Text<PANIC_BYTES>>,
+    /// A calibration that is to be stored.
+    pub(super) calibration: Option<CalibrationRecord>,
+}
+
+/// Takes what the last run has left; call it once, before any task runs.
+pub(super) fn take() -> Legacy {
+    // SAFETY: no task runs yet.
+    unsafe {
+        with(|retained| {
+            let kept = retained.counter_magic == COUNTER_MAGIC;
+            let boots =
+                if kept { retained.boots.wrapping_add(1) } else { retained.counter_magic ^ retained.boots };
+            (retained.counter_magic, retained.boots) = (COUNTER_MAGIC, boots);
+            let text = (retained.panic_magic == PANIC_MAGIC)
+                .then(|| retained.panic.get(..retained.panic_length as usize))
+                .flatten();
+            let panic = text.and_then(|bytes| core::str::from_utf8(bytes).ok()).map(Text::new);
+            let calibration = from_stored(&retained.calibration);
+            retained.panic_magic = 0;
+            retained.calibration = [0; STORED_BYTES];
+            Legacy { boots, kept, panic, calibration }
+        })
+    }
+}
+
+/// Leaves a panic for the next run; with interrupts off.
+pub(super) fn leave_panic(what: &dyn fmt::Display) {
+    let mut text = Cut { bytes: [0; PANIC_BYTES], length: 0 };
+    // What does not fit is cut off.
+    let _ = write!(text, "{what}");
+    // SAFETY: interrupts are off and this run is over.
+    unsafe {
+        with(|retained| {
+            retained.panic = text.bytes;
+            retained.panic_length = text.length as u32;
+            retained.panic_magic = PANIC_MAGIC;
+        });
+    }
+}
+
+/// Leaves a calibration for the next run, which stores it, and restarts.
+pub fn restart_with(calibration: &CalibrationRecord) -> ! {
+    let stored = to_stored(calibration);
+    cortex_m::interrupt::disable();
+    super::fault::hold_bridges_off();
+    // SAFETY: interrupts are off and this run is over.
+    unsafe { with(|retained| retained.calibration = stored) };
+    cortex_m::peripheral::SCB::sys_reset()
+}
+
+/// Text cut off where it is full, without line breaks.
+struct Cut {
+    bytes: [u8; PANIC_BYTES],
+    length: usize,
+}
+
+impl Write for Cut {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for character in text.chars() {
+            let mut encoded = [0; 4];
+            let encoded = if character == '\n' { " " } else { character.encode_utf8(&mut encoded) };
+            let room = self.bytes.get_mut(self.length..self.length + encoded.len()).ok_or(fmt::Error)?;
+            room.copy_from_slice(encoded.as_bytes());
+            self.length += encoded.len();
+        }
+        Ok(())
+    }
+}
