@@ -18,7 +18,7 @@ fn the_nominal_calibration_reads_the_simulated_rig() {
             rig.step(inputs, 1e-3);
         }
         let codes = rig.step([[0.0; 2]; 2], 1e-3);
-        let position_um = calibration.position_um(codes.potentiometer);
+        let position_um = calibration.position_um(codes.potentiometer, [0.5; 2]);
         let counts = calibration.force_counts(codes.bridge);
         for axis in [0, 1] {
             let off_um = f64::from(position_um[axis]) - rig.position_m()[axis] * 1e6;
