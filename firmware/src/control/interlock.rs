@@ -7,7 +7,7 @@
 //! | no. | fault | hazard | detected by | within | test |
 //! |---|---|---|---|---|---|
 //! | 0 | `EmergencyStop` | someone needs it to stop; a cut wire | the line is high | 1 period | `the_emergency_stop_is_pressed` |
-//! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus) | 20 periods | `the_force_converter_falls_silent`, `the_force_converters_frames_are_corrupt`, `the_force_converter_resets_over_and_over` |
+//! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus) | 20 periods | `the_force_converter_falls_silent`, `the_force_converters_frames_are_corrupt`, `one_reset_of_the_force_converter_is_counted_and_survived` |
 //! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 periods | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates` |
 //! | 3 | `Potentiometer` | the guide is not where it seems to be | code beyond the track, or a jump that no motor makes | 2 periods | `a_potentiometers_wire_is_open`, `a_potentiometers_wire_is_shorted`, `a_potentiometer_jumps` |
 //! | 4 | `MoveTimeout` | creeping, or a load that the motor cannot move | not settled 3 s after one and a half times the move's time | that | `an_axis_too_weak_for_the_last_step_times_out` |

@@ -57,7 +57,7 @@ fn mean(batches: &[Batch], step: u8) -> ([f64; 2], [f64; 2], f64) {
     )
 }
 
-fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
+pub(super) fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let began = Instant::now();
     while !holds() {
         assert!(began.elapsed() < Duration::from_secs(10), "never: {what}");

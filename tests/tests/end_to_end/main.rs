@@ -1,6 +1,7 @@
 //! The firmware in QEMU against the simulated rig, from end to end: driven with the host library and with the program
 //! `guide`. They need QEMU, so `cargo test` leaves them out and `cargo xtask test` runs them.
 
+mod hazards;
 mod library;
 mod ports;
 mod program;
