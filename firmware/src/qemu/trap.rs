@@ -29,8 +29,8 @@ const REGIONS: [Region; 8] = [
     Region { base: 0x4001_3000, size_log2: 10, open_eighths: 0 },
     // USART1: ICR, RDR, TDR.
     Region { base: 0x4001_3820, size_log2: 5, open_eighths: 0 },
-    // Flash interface.
-    Region { base: 0x4002_2000, size_log2: 10, open_eighths: 0 },
+    // Reset and clock control in the third eighth (2 KiB), the flash interface in the fifth.
+    Region { base: 0x4002_0000, size_log2: 14, open_eighths: 0b1110_1011 },
     // GPIOB.
     Region { base: 0x4800_0400, size_log2: 10, open_eighths: 0 },
     // ADC1 with the common registers.
