@@ -2,6 +2,7 @@
 //! `guide`. They need QEMU, so `cargo test` leaves them out and `cargo xtask test` runs them.
 
 mod library;
+mod machine;
 mod ports;
 mod program;
 mod rig_matches;
