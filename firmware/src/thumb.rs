@@ -1,10 +1,10 @@
-//! Decoder of the Thumb loads and stores that a driver makes on a peripheral register.
+//! Decoder of the Thumb loads and stores that a driver makes on a peripheral register, or a copy on stored bytes.
 //!
 //! In QEMU the drivers' accesses to peripherals that QEMU does not model fault, and the fault handler performs them on a
 //! software model (see `qemu::trap`). What the faulting instruction wanted is decided here, as a pure function of its
 //! halfwords and the registers, so that every form is tested on the host against the encodings of the architecture
-//! manual (ARMv7-M, A7.7 and A5.3). Literal loads, exclusives, coprocessor and multiple transfers are refused: no
-//! driver reaches a register with them, and guessing would hide a fault.
+//! manual (ARMv7-M, A7.7 and A5.3). Literal loads, exclusives, coprocessor and stack transfers are refused: no driver
+//! reaches a register with them, and guessing would hide a fault.
 
 /// Register number of the stack pointer.
 const SP: u8 = 13;
@@ -53,8 +53,10 @@ pub struct Access {
     pub signed: bool,
     /// Register loaded or stored.
     pub register: u8,
-    /// Second register of LDRD/STRD, transferred at `address + 4`.
+    /// Second register of LDRD/STRD/LDM/STM, transferred at `address + 4`.
     pub second_register: Option<u8>,
+    /// Further registers of LDM/STM, a bit each, transferred in ascending order from `address + 8` on.
+    pub further_registers: u16,
     /// Address of the first byte.
     pub address: u32,
     /// Base register and its new value, where the form writes the base back.
@@ -78,8 +80,8 @@ impl Access {
 /// Why an instruction is not decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// LDM, STM, PUSH or POP.
-    Multiple,
+    /// PUSH or POP.
+    Stack,
     /// The transfer or the write-back targets the stack pointer or the program counter.
     StackOrProgramCounter,
     /// Not a load or store that this decoder knows.
@@ -93,6 +95,7 @@ pub fn decode(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, 
     let unsafe_target = |register: u8| register == SP || register == PC;
     if unsafe_target(access.register)
         || access.second_register.is_some_and(unsafe_target)
+        || access.further_registers & (1 << SP | 1 << PC) != 0
         || access.write_back.is_some_and(|(base, _)| unsafe_target(base))
     {
         return Err(Refused::StackOrProgramCounter);
@@ -118,6 +121,7 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
         signed,
         register,
         second_register: None,
+        further_registers: 0,
         address,
         write_back: None,
         length: 2,
@@ -153,8 +157,14 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
             };
             Ok(plain(direction, width, false, register, address))
         }
-        0b1100 => Err(Refused::Multiple),
-        0b1011 if matches!((code >> 8) & 0xF, 0x4 | 0x5 | 0xC | 0xD) => Err(Refused::Multiple),
+        // LDM writes the base back unless it loads it, STM always does.
+        0b1100 => {
+            let (base, list) = (register(code, 8, 3), code & 0xFF);
+            let direction = if code & 0x0800 == 0 { Store } else { Load };
+            let (address, end) = indexed(registers[usize::from(base)], 4 * list.count_ones(), true, false);
+            multiple(direction, list, address, Some((base, end)), 2)
+        }
+        0b1011 if matches!((code >> 8) & 0xF, 0x4 | 0x5 | 0xC | 0xD) => Err(Refused::Stack),
         _ => Err(Refused::Unknown),
     }
 }
@@ -163,10 +173,54 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
 fn wide(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
     match first >> 9 {
         0b111_0100 if first & 0x40 != 0 => doubleword(first, second, registers),
-        0b111_0100 => Err(Refused::Multiple),
+        0b111_0100 => wide_multiple(first, second, registers),
         0b111_1100 => single(first, second, registers),
         _ => Err(Refused::Unknown),
     }
+}
+
+/// LDM and STM of 32 bits: `1110 100D I0WL Rn | list`, upwards from the base (I) or up to it (D).
+fn wide_multiple(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
+    let upwards = match (first >> 7) & 3 {
+        0b01 => true,
+        0b10 => false,
+        _ => return Err(Refused::Unknown),
+    };
+    let base = register(first, 0, 4);
+    if base == PC {
+        return Err(Refused::Unknown);
+    }
+    let direction = if first & 0x0010 == 0 { Direction::Store } else { Direction::Load };
+    let (address, new_base) =
+        indexed(registers[usize::from(base)], 4 * second.count_ones(), upwards, !upwards);
+    let write_back = (first & 0x0020 != 0).then_some((base, new_base));
+    multiple(direction, second, address, write_back, 4)
+}
+
+/// Words from an address on, to or from the registers of a list.
+fn multiple(
+    direction: Direction,
+    list: u16,
+    address: u32,
+    write_back: Option<(u8, u32)>,
+    length: u32,
+) -> Result<Access, Refused> {
+    let without_lowest = |list: u16| list & list.wrapping_sub(1);
+    let lowest = |list: u16| (list != 0).then(|| list.trailing_zeros() as u8);
+    let loaded = |base: u8| direction == Direction::Load && list >> base & 1 != 0;
+    let after_first = without_lowest(list);
+    Ok(Access {
+        direction,
+        width: Width::Word,
+        signed: false,
+        // An empty list is no instruction.
+        register: lowest(list).ok_or(Refused::Unknown)?,
+        second_register: lowest(after_first),
+        further_registers: without_lowest(after_first),
+        address,
+        write_back: write_back.filter(|&(base, _)| !loaded(base)),
+        length,
+    })
 }
 
 /// LDRD and STRD: `1110 100P U1WL Rn | Rt Rt2 imm8`.
@@ -185,6 +239,7 @@ fn doubleword(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, 
         signed: false,
         register: register(second, 12, 4),
         second_register: Some(register(second, 8, 4)),
+        further_registers: 0,
         address,
         write_back: write_back.then_some((base, new_base)),
         length: 4,
@@ -232,6 +287,7 @@ fn single(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refu
         signed,
         register: register(second, 12, 4),
         second_register: None,
+        further_registers: 0,
         address,
         write_back,
         length: 4,
@@ -255,161 +311,4 @@ pub const fn advance_it_state(xpsr: u32) -> u32 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use Direction::{Load, Store};
-    use Width::{Byte, Half, Word};
-
-    /// Registers whose values tell which one was used: r0 = 0x4000_0000, r1 = 0x4000_1000, ..., but small r2 and r3 as
-    /// offsets.
-    fn registers() -> [u32; 16] {
-        let mut registers = core::array::from_fn(|i| 0x4000_0000 + 0x1000 * i as u32);
-        registers[2] = 0x10;
-        registers[3] = 0x14;
-        registers
-    }
-
-    /// Expected access in short: direction, width, signed, register, address.
-    fn check(first: u16, second: u16, expected: (Direction, Width, bool, u8, u32)) -> Access {
-        let access = decode(first, second, &registers()).unwrap();
-        let found = (access.direction, access.width, access.signed, access.register, access.address);
-        assert_eq!(found, expected, "{first:04x} {second:04x}");
-        access
-    }
-
-    // Encodings from `llvm-mc -triple=thumbv7em -show-encoding`.
-    #[test]
-    fn narrow_immediate_forms() {
-        assert_eq!(check(0x6048, 0, (Store, Word, false, 0, 0x4000_1004)).length, 2); // str r0, [r1, #4]
-        check(0x6848, 0, (Load, Word, false, 0, 0x4000_1004)); // ldr r0, [r1, #4]
-        check(0x73E5, 0, (Store, Byte, false, 5, 0x4000_400F)); // strb r5, [r4, #15]
-        check(0x7BE5, 0, (Load, Byte, false, 5, 0x4000_400F)); // ldrb r5, [r4, #15]
-        check(0x81A5, 0, (Store, Half, false, 5, 0x4000_400C)); // strh r5, [r4, #12]
-        check(0x89A5, 0, (Load, Half, false, 5, 0x4000_400C)); // ldrh r5, [r4, #12]
-        check(0x6FE5, 0, (Load, Word, false, 5, 0x4000_407C)); // ldr r5, [r4, #124]
-    }
-
-    #[test]
-    fn narrow_register_forms() {
-        check(0x50A0, 0, (Store, Word, false, 0, 0x4000_4010)); // str r0, [r4, r2]
-        check(0x52A0, 0, (Store, Half, false, 0, 0x4000_4010)); // strh r0, [r4, r2]
-        check(0x54A0, 0, (Store, Byte, false, 0, 0x4000_4010)); // strb r0, [r4, r2]
-        check(0x56A0, 0, (Load, Byte, true, 0, 0x4000_4010)); // ldrsb r0, [r4, r2]
-        check(0x58A0, 0, (Load, Word, false, 0, 0x4000_4010)); // ldr r0, [r4, r2]
-        check(0x5AA0, 0, (Load, Half, false, 0, 0x4000_4010)); // ldrh r0, [r4, r2]
-        check(0x5CA0, 0, (Load, Byte, false, 0, 0x4000_4010)); // ldrb r0, [r4, r2]
-        check(0x5EA0, 0, (Load, Half, true, 0, 0x4000_4010)); // ldrsh r0, [r4, r2]
-    }
-
-    #[test]
-    fn narrow_stack_pointer_forms() {
-        check(0x9304, 0, (Store, Word, false, 3, 0x4000_D010)); // str r3, [sp, #16]
-        check(0x9B04, 0, (Load, Word, false, 3, 0x4000_D010)); // ldr r3, [sp, #16]
-    }
-
-    #[test]
-    fn wide_immediate_12_forms() {
-        assert_eq!(check(0xF8C4, 0x8FFC, (Store, Word, false, 8, 0x4000_4FFC)).length, 4); // str.w r8, [r4, #4092]
-        check(0xF8D4, 0x8FFC, (Load, Word, false, 8, 0x4000_4FFC)); // ldr.w r8, [r4, #4092]
-        check(0xF884, 0xC024, (Store, Byte, false, 12, 0x4000_4024)); // strb.w r12, [r4, #36]
-        check(0xF894, 0xC024, (Load, Byte, false, 12, 0x4000_4024)); // ldrb.w r12, [r4, #36]
-        check(0xF8A4, 0xE024, (Store, Half, false, 14, 0x4000_4024)); // strh.w lr, [r4, #36]
-        check(0xF8B4, 0xE024, (Load, Half, false, 14, 0x4000_4024)); // ldrh.w lr, [r4, #36]
-        check(0xF994, 0x0024, (Load, Byte, true, 0, 0x4000_4024)); // ldrsb.w r0, [r4, #36]
-        check(0xF9B4, 0x0024, (Load, Half, true, 0, 0x4000_4024)); // ldrsh.w r0, [r4, #36]
-        check(0xF8DD, 0x0004, (Load, Word, false, 0, 0x4000_D004)); // ldr.w r0, [sp, #4]
-    }
-
-    #[test]
-    fn wide_immediate_8_forms_write_the_base_back() {
-        // str r1, [r4], #4
-        let access = check(0xF844, 0x1B04, (Store, Word, false, 1, 0x4000_4000));
-        assert_eq!(access.write_back, Some((4, 0x4000_4004)));
-        // ldr r1, [r4, #8]!
-        let access = check(0xF854, 0x1F08, (Load, Word, false, 1, 0x4000_4008));
-        assert_eq!(access.write_back, Some((4, 0x4000_4008)));
-        // ldr r1, [r4], #-4
-        let access = check(0xF854, 0x1904, (Load, Word, false, 1, 0x4000_4000));
-        assert_eq!(access.write_back, Some((4, 0x4000_3FFC)));
-        // ldrb r1, [r4, #-4]
-        let access = check(0xF814, 0x1C04, (Load, Byte, false, 1, 0x4000_3FFC));
-        assert_eq!(access.write_back, None);
-        // strh r1, [r4, #-2]!
-        let access = check(0xF824, 0x1D02, (Store, Half, false, 1, 0x4000_3FFE));
-        assert_eq!(access.write_back, Some((4, 0x4000_3FFE)));
-        // ldrsh r1, [r4], #2
-        let access = check(0xF934, 0x1B02, (Load, Half, true, 1, 0x4000_4000));
-        assert_eq!(access.write_back, Some((4, 0x4000_4002)));
-    }
-
-    #[test]
-    fn wide_register_forms_shift_the_offset() {
-        check(0xF854, 0x8002, (Load, Word, false, 8, 0x4000_4010)); // ldr.w r8, [r4, r2]
-        check(0xF844, 0x8022, (Store, Word, false, 8, 0x4000_4040)); // str.w r8, [r4, r2, lsl #2]
-        check(0xF804, 0x8013, (Store, Byte, false, 8, 0x4000_4028)); // strb.w r8, [r4, r3, lsl #1]
-        check(0xF934, 0x8032, (Load, Half, true, 8, 0x4000_4080)); // ldrsh.w r8, [r4, r2, lsl #3]
-    }
-
-    #[test]
-    fn doublewords_name_two_registers() {
-        // strd r0, r1, [r4, #8]
-        let access = check(0xE9C4, 0x0102, (Store, Word, false, 0, 0x4000_4008));
-        assert_eq!((access.second_register, access.write_back, access.length), (Some(1), None, 4));
-        // ldrd r6, r7, [r4, #-16]
-        let access = check(0xE954, 0x6704, (Load, Word, false, 6, 0x4000_3FF0));
-        assert_eq!(access.second_register, Some(7));
-        // ldrd r6, r7, [r4], #8
-        let access = check(0xE8F4, 0x6702, (Load, Word, false, 6, 0x4000_4000));
-        assert_eq!(access.write_back, Some((4, 0x4000_4008)));
-        // strd r6, r7, [r4, #8]!
-        let access = check(0xE9E4, 0x6702, (Store, Word, false, 6, 0x4000_4008));
-        assert_eq!(access.write_back, Some((4, 0x4000_4008)));
-    }
-
-    #[test]
-    fn refused_forms() {
-        let refused = |first, second| decode(first, second, &registers()).unwrap_err();
-        assert_eq!(refused(0xC803, 0), Refused::Multiple); // ldm r0, {r0, r1}
-        assert_eq!(refused(0xC003, 0), Refused::Multiple); // stm r0!, {r0, r1}
-        assert_eq!(refused(0xB510, 0), Refused::Multiple); // push {r4, lr}
-        assert_eq!(refused(0xBD10, 0), Refused::Multiple); // pop {r4, pc}
-        assert_eq!(refused(0xE890, 0x0006), Refused::Multiple); // ldm.w r0, {r1, r2}
-        assert_eq!(refused(0xE8A0, 0x0006), Refused::Multiple); // stm.w r0!, {r1, r2}
-        assert_eq!(refused(0xF8D4, 0xF000), Refused::StackOrProgramCounter); // ldr.w pc, [r4]
-        assert_eq!(refused(0xF8D4, 0xD000), Refused::StackOrProgramCounter); // ldr.w sp, [r4]
-        assert_eq!(refused(0xF85D, 0x1B04), Refused::StackOrProgramCounter); // ldr r1, [sp], #4
-        assert_eq!(refused(0xF8DF, 0x0004), Refused::Unknown); // ldr.w r0, [pc, #4]
-        assert_eq!(refused(0xE854, 0x0F00), Refused::Unknown); // ldrex r0, [r4]
-        assert_eq!(refused(0xED94, 0x0A00), Refused::Unknown); // vldr s0, [r4]
-        assert_eq!(refused(0x4601, 0), Refused::Unknown); // mov r1, r0
-    }
-
-    #[test]
-    fn narrow_loads_extend() {
-        let signed_byte = check(0x56A0, 0, (Load, Byte, true, 0, 0x4000_4010));
-        assert_eq!(signed_byte.extend(0x1234_5680), 0xFFFF_FF80);
-        let byte = check(0x5CA0, 0, (Load, Byte, false, 0, 0x4000_4010));
-        assert_eq!(byte.extend(0x1234_5680), 0x80);
-        let signed_half = check(0x5EA0, 0, (Load, Half, true, 0, 0x4000_4010));
-        assert_eq!(signed_half.extend(0x1234_8000), 0xFFFF_8000);
-        let word = check(0x58A0, 0, (Load, Word, false, 0, 0x4000_4010));
-        assert_eq!(word.extend(0x1234_8000), 0x1234_8000);
-    }
-
-    /// Builds a status register with the given IT state.
-    fn with_it(state: u32) -> u32 {
-        0x6100_0003 | (state & 3) << 25 | (state >> 2) << 10
-    }
-
-    #[test]
-    fn it_state_advances_as_the_core_does() {
-        // Outside a block nothing changes.
-        assert_eq!(advance_it_state(with_it(0)), with_it(0));
-        // `ITTE EQ` is state 0b0000_0110: T, T, E then out.
-        assert_eq!(advance_it_state(with_it(0b0000_0110)), with_it(0b0000_1100));
-        assert_eq!(advance_it_state(with_it(0b0000_1100)), with_it(0b0001_1000));
-        assert_eq!(advance_it_state(with_it(0b0001_1000)), with_it(0));
-        // The condition's upper bits stay.
-        assert_eq!(advance_it_state(with_it(0b1100_0100)), with_it(0b1100_1000));
-    }
-}
+mod tests;

@@ -4,20 +4,22 @@
 //! once, unless told otherwise: bits flip at a given rate, the cable is cut and mended, a mad host babbles. What flips comes
 //! from a seed; where it falls depends on nothing but the number of bits that went before.
 
+mod pty;
+
 use anyhow::{Context, Result};
+use pty::{Pty, make_raw, wait};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::event::{PollFlags, Timespec};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
+use rustix::termios::{QueueSelector, tcflush};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// How soon the threads look at the controls while no bytes come.
 const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 5_000_000 };
@@ -215,7 +217,7 @@ fn carry(
     };
     if bytes.is_empty() {
         // The far end has gone, and says so at once each time.
-        thread::sleep(std::time::Duration::from_millis(5));
+        thread::sleep(Duration::from_millis(5));
         return;
     }
     let flipped = shared.lane(direction).errors.apply(bytes);
@@ -231,12 +233,6 @@ fn carry(
     if left.is_empty() {
         lane.counters.flipped_bits += flipped;
     }
-}
-
-/// Waits until something can be done; false if nothing can.
-fn wait(fd: BorrowedFd<'_>, what: PollFlags, patience: &Timespec) -> bool {
-    let mut fds = [PollFd::from_borrowed_fd(fd, what)];
-    poll(&mut fds, Some(patience)).is_ok_and(|ready| ready > 0)
 }
 
 /// Which bits flip: each with the same probability, independent of all others. The distance to the next one is drawn
@@ -290,40 +286,9 @@ fn stream(seed: u64, number: u64) -> ChaCha8Rng {
     random
 }
 
-/// A pseudo terminal that passes bytes as they are.
-#[derive(Debug)]
-struct Pty {
-    master: OwnedFd,
-    /// Kept open, so that the master can be read whether somebody has the terminal or not.
-    slave: OwnedFd,
-    name: String,
-}
-
-impl Pty {
-    fn open() -> Result<Self> {
-        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
-        grantpt(&master)?;
-        unlockpt(&master)?;
-        let flags = rustix::fs::fcntl_getfl(&master)?;
-        rustix::fs::fcntl_setfl(&master, flags | OFlags::NONBLOCK)?;
-        let name = ptsname(&master, Vec::new())?.into_string()?;
-        let slave = rustix::fs::open(name.as_str(), OFlags::RDWR | OFlags::NOCTTY, Mode::empty())?;
-        make_raw(slave.as_fd())?;
-        Ok(Self { master, slave, name })
-    }
-}
-
-fn make_raw(terminal: BorrowedFd<'_>) -> Result<()> {
-    let mut settings = tcgetattr(terminal)?;
-    settings.make_raw();
-    tcsetattr(terminal, OptionalActions::Now, &settings)?;
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     /// A cable between two pseudo terminals; the first is the device's, the second a user's view of the near end.
     fn cable(seed: u64) -> (Pty, NoisyWire, OwnedFd) {

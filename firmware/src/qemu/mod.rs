@@ -20,7 +20,7 @@ pub use time::start_time;
 use crate::plant::{PlantReply, PlantRequest};
 use crate::thumb::Width;
 use core::cell::UnsafeCell;
-use peripherals::{Adc, Flash, Gpio, Iwdg, PwmTimer, Pwr, Spi, UniqueId, Usart};
+use peripherals::{Adc, Flash, Gpio, Iwdg, PwmTimer, Pwr, Rcc, Spi, UniqueId, Usart};
 
 /// A register access that the models do not cover.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +37,7 @@ pub(crate) trait Registers {
 /// All modelled peripherals.
 struct Machine {
     pwr: Pwr,
+    rcc: Rcc,
     flash: Flash,
     bridge_x: PwmTimer,
     bridge_y: PwmTimer,
@@ -52,6 +53,7 @@ impl Machine {
     const fn new() -> Self {
         Self {
             pwr: Pwr::new(),
+            rcc: Rcc::new(),
             flash: Flash::new(),
             bridge_x: PwmTimer::new(),
             bridge_y: PwmTimer::new(),
@@ -78,6 +80,7 @@ impl Machine {
             0x4001_3000 => &mut self.spi,
             0x4001_3800 => &mut self.usart,
             0x1FFF_7400 => &mut self.unique_id,
+            0x4002_1000 => &mut self.rcc,
             0x4002_2000 => &mut self.flash,
             0x4800_0400 => &mut self.gpio,
             0x5004_0000 => &mut self.adc,
@@ -156,6 +159,8 @@ unsafe fn with_machine<R>(work: impl FnOnce(&mut Machine) -> R) -> R {
 
 /// Puts the stand-ins in place; before the first access to any peripheral.
 pub fn install() {
-    peripherals::restore_reset_flags();
+    let reset_flags = peripherals::take_reset_flags();
+    // SAFETY: nothing else runs yet, and the flags are no trapped register.
+    unsafe { with_machine(|machine| machine.rcc.reset_flags = reset_flags) };
     trap::protect();
 }

@@ -29,8 +29,8 @@ const REGIONS: [Region; 8] = [
     Region { base: 0x4001_3000, size_log2: 10, open_eighths: 0 },
     // USART1: ICR, RDR, TDR.
     Region { base: 0x4001_3820, size_log2: 5, open_eighths: 0 },
-    // Flash interface.
-    Region { base: 0x4002_2000, size_log2: 10, open_eighths: 0 },
+    // Reset and clock control in the third eighth (2 KiB), the flash interface in the fifth.
+    Region { base: 0x4002_0000, size_log2: 14, open_eighths: 0b1110_1011 },
     // GPIOB.
     Region { base: 0x4800_0400, size_log2: 10, open_eighths: 0 },
     // ADC1 with the common registers.
@@ -131,22 +131,32 @@ unsafe extern "C" fn emulate(frame: *mut Frame, saved: *mut [u32; 8], exc_return
             exit(ExitCode::Fault)
         }
     };
-    let mut results = [None; 3];
-    for (index, register) in [Some(access.register), access.second_register].into_iter().enumerate() {
-        let Some(register) = register else { continue };
-        let address = access.address.wrapping_add(4 * index as u32);
-        let value = perform(&access, address, registers[usize::from(register)], frame.pc);
-        results[index] = value.map(|value| (register, value));
-    }
-    results[2] = access.write_back;
-    for (register, value) in results.into_iter().flatten() {
-        match register {
-            0..=3 => frame.r0_to_r3[usize::from(register)] = value,
-            4..=11 => saved[usize::from(register) - 4] = value,
-            12 => frame.r12 = value,
-            // The decoder refuses the stack pointer and the program counter.
-            _ => frame.lr = value,
+    let pc = frame.pc;
+    let mut set = |register: u8, value: u32| match register {
+        0..=3 => frame.r0_to_r3[usize::from(register)] = value,
+        4..=11 => saved[usize::from(register) - 4] = value,
+        12 => frame.r12 = value,
+        // The decoder refuses the stack pointer and the program counter.
+        _ => frame.lr = value,
+    };
+    let mut transfer = |register: u8, word: u32| {
+        let address = access.address.wrapping_add(4 * word);
+        if let Some(value) = perform(&access, address, registers[usize::from(register)], pc) {
+            set(register, value);
         }
+    };
+    transfer(access.register, 0);
+    if let Some(register) = access.second_register {
+        transfer(register, 1);
+    }
+    let (mut further, mut word) = (access.further_registers, 2);
+    while further != 0 {
+        transfer(further.trailing_zeros() as u8, word);
+        further &= further - 1;
+        word += 1;
+    }
+    if let Some((base, value)) = access.write_back {
+        set(base, value);
     }
     frame.pc += access.length;
     frame.xpsr = thumb::advance_it_state(frame.xpsr);

@@ -3,6 +3,7 @@
 
 mod hazards;
 mod library;
+mod machine;
 mod ports;
 mod program;
 mod rig_matches;

@@ -1,13 +1,13 @@
 //! The independent watchdog, and the reset flags that tell its resets.
 //!
 //! Counts plant time; when it is not fed in time, the core is reset, and a mark in memory that survives the reset
-//! becomes the watchdog's flag in RCC_CSR at the next start; brown-outs work the same way. The window function is refused.
+//! becomes the watchdog's flag in CSR at the next start; brown-outs work the same way. The window function is refused.
 
 use crate::qemu::{Registers, Unmodelled};
 use crate::thumb::Width;
 use core::mem::MaybeUninit;
 use core::ptr;
-use embassy_stm32::pac::RCC;
+use embassy_stm32::pac::rcc::regs::Csr;
 
 const KR: u32 = 0x00;
 const PR: u32 = 0x04;
@@ -114,14 +114,14 @@ pub(crate) fn brown_out_reset() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-/// Puts the flags of the last reset into RCC_CSR, where QEMU always shows its power-on value. Power-on and brown-out share
-/// a flag, as in the chip.
-pub(crate) fn restore_reset_flags() {
+/// The flags of the last reset; call it once per start. Power-on and brown-out share a flag, as in the chip.
+pub(crate) fn take_reset_flags() -> Csr {
     let mark = replace_mark(RUNNING_MARK);
-    RCC.csr().modify(|w| {
-        w.set_borrstf(mark != WATCHDOG_MARK && mark != RUNNING_MARK);
-        w.set_iwdgrstf(mark == WATCHDOG_MARK);
-        w.set_sftrstf(mark == RUNNING_MARK);
-        w.set_pinrstf(true);
-    });
+    let mut flags = Csr(0);
+    flags.set_borrstf(mark != WATCHDOG_MARK && mark != RUNNING_MARK);
+    flags.set_iwdgrstf(mark == WATCHDOG_MARK);
+    flags.set_sftrstf(mark == RUNNING_MARK);
+    // Every reset drives the pin too.
+    flags.set_pinrstf(true);
+    flags
 }

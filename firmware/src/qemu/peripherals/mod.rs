@@ -9,14 +9,16 @@ mod gpio;
 mod iwdg;
 mod plain;
 mod pwm_timer;
+mod rcc;
 mod spi;
 mod usart;
 
 pub(super) use adc::Adc;
 pub(super) use flash::{Flash, PAGE};
 pub(super) use gpio::{Gpio, drive_inputs};
-pub(super) use iwdg::{Iwdg, brown_out_reset, restore_reset_flags, watchdog_reset};
+pub(super) use iwdg::{Iwdg, brown_out_reset, take_reset_flags, watchdog_reset};
 pub(super) use plain::{Pwr, UniqueId};
 pub(super) use pwm_timer::PwmTimer;
+pub(super) use rcc::Rcc;
 pub(super) use spi::Spi;
 pub(super) use usart::Usart;
