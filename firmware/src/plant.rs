@@ -22,7 +22,7 @@
 //! |---|---|---|
 //! | 0..2 | u16 | [`REPLY_MAGIC`] |
 //! | 2 | u8 | [`VERSION`] |
-//! | 3 | u8 | flags: bit 0 emergency-stop line high, bit 1 force converter has new data, bit 2 corrupt the CRC of the next force frame, bit 3 the force converter resets, bit 4 power off, bit 5 the supply sags |
+//! | 3 | u8 | flags: bit 0 emergency-stop line high, bit 1 force converter has new data, bit 2 corrupt the CRC of the next force frame, bit 3 the force converter resets, bit 4 power off, bit 5 the supply sags, bit 6 the program panics |
 //! | 4..8 | u32 | step of the request that this answers |
 //! | 8..12 | 2 x u16 | codes of the potentiometers X and Y, 12 bit |
 //! | 12..20 | 2 x i32 | codes of the force channels X and Y, 24 bit |
@@ -127,6 +127,8 @@ pub struct PlantReply {
     pub power_off: bool,
     /// The supply sags: the core resets, its memory stays.
     pub brown_out: bool,
+    /// The program panics, as one with an error in it would.
+    pub panic: bool,
 }
 
 impl Default for PlantReply {
@@ -144,6 +146,7 @@ impl Default for PlantReply {
             reset_force_converter: false,
             power_off: false,
             brown_out: false,
+            panic: false,
         }
     }
 }
@@ -227,6 +230,7 @@ impl PlantReply {
             self.reset_force_converter,
             self.power_off,
             self.brown_out,
+            self.panic,
         ]);
         let mut bytes = head(REPLY_MAGIC, flags, self.step);
         for (field, value) in bytes[8..12].chunks_exact_mut(2).zip(self.potentiometer_codes) {
@@ -243,8 +247,15 @@ impl PlantReply {
     /// Reads the record from the pipe; codes out of the converters' range are an error.
     pub fn from_bytes(bytes: &[u8; RECORD_BYTES]) -> Result<Self, RecordError> {
         check_head(bytes, REPLY_MAGIC)?;
-        let [emergency_stop, force_ready, corrupt_force_crc, reset_force_converter, power_off, brown_out] =
-            unpack(bytes[3])?;
+        let [
+            emergency_stop,
+            force_ready,
+            corrupt_force_crc,
+            reset_force_converter,
+            power_off,
+            brown_out,
+            panic,
+        ] = unpack(bytes[3])?;
         let potentiometer_codes = core::array::from_fn(|i| half(bytes, 8 + 2 * i));
         if let Some(&code) = potentiometer_codes.iter().find(|&&code| code > POTENTIOMETER_CODE_MAX) {
             return Err(RecordError::PotentiometerCode(code));
@@ -267,6 +278,7 @@ impl PlantReply {
             reset_force_converter,
             power_off,
             brown_out,
+            panic,
         })
     }
 }
@@ -325,7 +337,7 @@ mod tests {
             bytes[3] = 1 << bit;
             assert_eq!(PlantRequest::from_bytes(&bytes).unwrap().to_bytes(), bytes);
         }
-        for bit in 0..6 {
+        for bit in 0..7 {
             let mut bytes = reply().to_bytes();
             bytes[3] = 1 << bit;
             assert_eq!(PlantReply::from_bytes(&bytes).unwrap().to_bytes(), bytes);

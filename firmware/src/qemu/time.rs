@@ -69,6 +69,9 @@ impl SysTickTime {
                 (machine.iwdg.elapse(PERIOD_US), machine.usart.refill(reply.line_bytes))
             })
         };
+        if reply.panic {
+            panic!("the plant asks for a panic");
+        }
         if reply.brown_out {
             peripherals::brown_out_reset();
         }

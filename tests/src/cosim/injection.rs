@@ -42,6 +42,8 @@ pub struct Injection {
     pub line_bytes: Option<u16>,
     /// The supply sags, once: the core resets.
     pub brown_out: bool,
+    /// The program panics, once.
+    pub panic: bool,
     /// The firmware gets no answer: time stands still.
     pub freeze: bool,
 }
@@ -100,6 +102,7 @@ pub(super) struct Electronics {
     /// What happens once and has not yet.
     reset_force: bool,
     brown_out: bool,
+    panic: bool,
     /// Force codes of the last reply.
     force_codes: [i32; 2],
 }
@@ -115,6 +118,7 @@ impl Electronics {
             driven_periods: 0,
             reset_force: false,
             brown_out: false,
+            panic: false,
             force_codes: [0; 2],
         }
     }
@@ -169,6 +173,7 @@ impl Electronics {
     fn begin(&mut self, period: u64, injection: Injection) {
         self.reset_force = injection.force_reset;
         self.brown_out = injection.brown_out;
+        self.panic = injection.panic;
         self.injection = injection;
         // The end of an injection is none: what it did can still be read.
         if injection != Injection::default() {
@@ -220,6 +225,7 @@ impl Electronics {
             reset_force_converter: std::mem::take(&mut self.reset_force),
             power_off,
             brown_out: std::mem::take(&mut self.brown_out),
+            panic: std::mem::take(&mut self.panic),
         }
     }
 
