@@ -1,14 +1,12 @@
 //! The online estimator on the target: runs over a recorded stream in QEMU, logs every estimate and what an update costs.
 //!
 //! The recording `stream.bin` holds, in single precision: length and moving mass of the needle; wave number, frequency and four
-//! factors of each of five modes; then samples of time, depth, base, force and tip, in SI units. Instructions are counted with
-//! SysTick, against a loop of known length.
+//! factors of each of five modes; then samples of time, depth, base, force and tip, in SI units.
 #![no_std]
 #![no_main]
 
-use cortex_m::peripheral::syst::SystClkSource;
-use cortex_m::{Peripherals, asm};
-use firmware::qemu::{ExitCode, Recording, exit};
+use cortex_m::Peripherals;
+use firmware::qemu::{ExitCode, Recording, Stopwatch, exit};
 use firmware::steering::needle::Mode;
 use firmware::steering::{Sample, Settings, Tracker};
 use static_cell::StaticCell;
@@ -18,11 +16,6 @@ type TargetTracker = Tracker<f32, 5, 45, 18, 128>;
 
 static TRACKER: StaticCell<TargetTracker> = StaticCell::new();
 
-/// SysTick counts down from this.
-const RELOAD: u32 = 0x00FF_FFFF;
-/// Instructions of the loop that is timed for comparison: two per turn.
-const KNOWN_INSTRUCTIONS: u32 = 2_000_000;
-
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let Some(mut peripherals) = Peripherals::take() else { exit(ExitCode::Fault) };
@@ -30,22 +23,11 @@ fn main() -> ! {
         defmt::error!("no recording: stream.bin cannot be opened or has no needle");
         exit(ExitCode::PlantGone)
     };
-    let timer = &mut peripherals.SYST;
-    timer.set_clock_source(SystClkSource::Core);
-    timer.set_reload(RELOAD);
-    timer.clear_current();
-    timer.enable_counter();
-    let now = cortex_m::peripheral::SYST::get_current;
-    let since = |start: u32| start.wrapping_sub(now()) & RELOAD;
-    let start = now();
-    asm::delay(KNOWN_INSTRUCTIONS);
-    let known = since(start).max(1);
+    let stopwatch = Stopwatch::start(&mut peripherals.SYST);
     let (mut updates, mut sum, mut most) = (0_u32, 0_u64, 0_u32);
     while let Some([time_s, depth_m, base_m, force_n, tip_m]) = recording.numbers() {
         let sample = Sample { time_s, depth_m, base_m, force_n, tip_m };
-        let start = now();
-        let outcome = tracker.update(&sample);
-        let ticks = since(start);
+        let (outcome, ticks) = stopwatch.ticks(|| tracker.update(&sample));
         updates += 1;
         sum += u64::from(ticks);
         most = most.max(ticks);
@@ -62,12 +44,11 @@ fn main() -> ! {
             Err(_) => defmt::error!("sample {=u32} refused", updates),
         }
     }
-    let instructions = |ticks: u64| (ticks * u64::from(KNOWN_INSTRUCTIONS) / u64::from(known)) as u32;
     defmt::info!(
         "cost {=u32} updates, {=u32} instructions on average, {=u32} at most; {=u32} bytes",
         updates,
-        instructions(sum / u64::from(updates.max(1))),
-        instructions(u64::from(most)),
+        stopwatch.instructions(sum / u64::from(updates.max(1))),
+        stopwatch.instructions(u64::from(most)),
         size_of::<TargetTracker>() as u32
     );
     exit(ExitCode::PowerOff)

@@ -19,6 +19,8 @@ pub enum Image {
     Conformance,
     /// The online estimator over a recorded run, for QEMU.
     Tracking,
+    /// The control core over everything it can be made to do, for QEMU.
+    Timing,
 }
 
 impl Image {
@@ -27,6 +29,7 @@ impl Image {
             Self::Flash | Self::Qemu => "firmware",
             Self::Conformance => "conformance",
             Self::Tracking => "tracking",
+            Self::Timing => "timing",
         }
     }
 
@@ -34,14 +37,14 @@ impl Image {
     const fn folder(self) -> &'static str {
         match self {
             Self::Flash => "image-flash",
-            Self::Qemu | Self::Conformance | Self::Tracking => "image-qemu",
+            Self::Qemu | Self::Conformance | Self::Tracking | Self::Timing => "image-qemu",
         }
     }
 
     const fn features(self) -> &'static str {
         match self {
             Self::Flash => "flash",
-            Self::Qemu => "qemu",
+            Self::Qemu | Self::Timing => "qemu",
             Self::Tracking => "qemu,steering",
             Self::Conformance => "conformance",
         }

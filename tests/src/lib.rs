@@ -11,5 +11,6 @@ pub mod setup;
 pub mod size;
 pub mod study;
 pub mod suite;
+pub mod timing;
 pub mod tracking;
 pub mod wire;

@@ -11,6 +11,9 @@ use std::path::PathBuf;
 const TOLERANCE_PERCENT: u64 = 2;
 const FLASH_BYTES: u64 = 1 << 20;
 const RAM_BYTES: u64 = 96 << 10;
+/// What the image may take at most, so that it fits smaller parts of the family.
+const FLASH_LIMIT_BYTES: u64 = 128 << 10;
+const RAM_LIMIT_BYTES: u64 = 32 << 10;
 
 /// Options of `cargo xtask size`.
 #[derive(Default, clap::Args)]
@@ -76,6 +79,9 @@ pub fn run(args: &Args) -> Result<()> {
         percent(ram_bytes, RAM_BYTES)
     );
     println!("{}", elf.strip_prefix(images::root()).unwrap_or(&elf).display());
+    if flash_bytes > FLASH_LIMIT_BYTES || ram_bytes > RAM_LIMIT_BYTES {
+        bail!("the image exceeds {FLASH_LIMIT_BYTES} bytes of flash or {RAM_LIMIT_BYTES} bytes of RAM");
+    }
     let path = committed();
     if args.save {
         std::fs::write(&path, serde_json::to_string_pretty(&size)? + "\n")?;

@@ -3,13 +3,14 @@
 //! 1. All that `cargo test` has, with the end-to-end tests, which boot the firmware in QEMU.
 //! 2. The protocol's tests on the target, in QEMU.
 //! 3. The online estimator on the target, in QEMU.
-//! 4. The board's image: builds without warnings, and has not grown.
+//! 4. The control core on the target, in QEMU: instructions per period.
+//! 5. The board's image: builds without warnings, and has not grown.
 //!
 //! The last line is `N passed, N failed`.
 
 use crate::images::{self, Image};
 use crate::qemu::{Qemu, turn};
-use crate::{setup, size, tracking};
+use crate::{setup, size, timing, tracking};
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader};
 use std::ops::AddAssign;
@@ -63,6 +64,9 @@ pub fn run() -> Result<()> {
     println!("\n     Running the online estimator on the target, in QEMU");
     let tracked = tracking::run().map(|tracked| println!("{tracked}"));
     counts += Counts::of("the online estimator on the target", tracked);
+    println!("\n     Running the control core on the target, in QEMU");
+    let timed = timing::run().map(|timing| println!("{timing}"));
+    counts += Counts::of("the control core on the target", timed);
     println!("\n     Building the board's image");
     counts += Counts::of("the image has not grown", size::run(&size::Args::default()));
     println!("\n{} passed, {} failed", counts.passed, counts.failed);
@@ -89,7 +93,8 @@ pub fn lint() -> Result<()> {
     }
     images::lint(Image::Flash)?;
     images::lint(Image::Conformance)?;
-    images::lint(Image::Tracking)
+    images::lint(Image::Tracking)?;
+    images::lint(Image::Timing)
 }
 
 /// Runs `cargo test` and counts.

@@ -11,10 +11,12 @@
 
 mod link;
 mod peripherals;
+mod stopwatch;
 mod time;
 mod trap;
 
 pub use link::{ExitCode, Recording, exit};
+pub use stopwatch::Stopwatch;
 pub use time::start_time;
 
 use crate::plant::{PlantReply, PlantRequest};

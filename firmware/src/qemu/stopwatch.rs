@@ -1,0 +1,42 @@
+//! Counting instructions in QEMU, where time is their number: SysTick against a loop of known length. For programs that measure;
+//! SysTick must not be in use for anything else.
+
+use cortex_m::peripheral::SYST;
+use cortex_m::peripheral::syst::SystClkSource;
+
+/// SysTick counts down from this.
+const RELOAD: u32 = 0x00FF_FFFF;
+/// Instructions of the loop that is timed for comparison: two per turn.
+const KNOWN_INSTRUCTIONS: u32 = 2_000_000;
+
+/// A running stopwatch.
+pub struct Stopwatch {
+    /// Ticks of the known loop.
+    known: u32,
+}
+
+impl Stopwatch {
+    /// Starts SysTick and times the known loop.
+    pub fn start(timer: &mut SYST) -> Self {
+        timer.set_clock_source(SystClkSource::Core);
+        timer.set_reload(RELOAD);
+        timer.clear_current();
+        timer.enable_counter();
+        let mut stopwatch = Self { known: 1 };
+        let (_, known) = stopwatch.ticks(|| cortex_m::asm::delay(KNOWN_INSTRUCTIONS));
+        stopwatch.known = known.max(1);
+        stopwatch
+    }
+
+    /// Ticks that something takes, at most 16 million, and what it returns.
+    pub fn ticks<R>(&self, work: impl FnOnce() -> R) -> (R, u32) {
+        let start = SYST::get_current();
+        let result = work();
+        (result, start.wrapping_sub(SYST::get_current()) & RELOAD)
+    }
+
+    /// Instructions of so many ticks.
+    pub fn instructions(&self, ticks: u64) -> u32 {
+        (ticks * u64::from(KNOWN_INSTRUCTIONS) / u64::from(self.known)) as u32
+    }
+}
