@@ -70,9 +70,6 @@ impl Machine {
 
     /// The peripheral at an address, and the offset in it.
     fn find(&mut self, address: u32) -> Option<(&mut dyn Registers, u32)> {
-        if address & !0x7FF == peripherals::PAGE {
-            return Some((&mut self.flash, address));
-        }
         let offset = address & 0x3FF;
         let peripheral: &mut dyn Registers = match address & !0x3FF {
             0x4000_0000 => &mut self.bridge_y,
@@ -86,6 +83,7 @@ impl Machine {
             0x4002_2000 => &mut self.flash,
             0x4800_0400 => &mut self.gpio,
             0x5004_0000 => &mut self.adc,
+            _ if address & !0x7FF == peripherals::PAGE => return Some((&mut self.flash, address)),
             _ => return None,
         };
         Some((peripheral, offset))

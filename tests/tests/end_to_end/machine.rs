@@ -21,10 +21,11 @@ fn bench(seed: u64) -> Bench {
     Bench::start(RigConfig::default(), seed, SPEED, LIMIT).unwrap()
 }
 
+/// Patient: a device that spins on a register takes the computer far longer than one that sleeps.
 fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let began = Instant::now();
     while !holds() {
-        assert!(began.elapsed() < Duration::from_secs(10), "never: {what}");
+        assert!(began.elapsed() < Duration::from_secs(40), "never: {what}");
         thread::sleep(Duration::from_millis(10));
     }
 }
