@@ -9,6 +9,7 @@ pub mod images;
 pub mod qemu;
 pub mod setup;
 pub mod size;
+pub mod stress;
 pub mod study;
 pub mod suite;
 pub mod timing;

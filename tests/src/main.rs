@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{cosim, demo, setup, size, study, suite, timing, tracking};
+use tests::{cosim, demo, setup, size, stress, study, suite, timing, tracking};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -30,6 +30,8 @@ enum Task {
     Study(study::Args),
     /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
     Tracking,
+    /// Run the firmware on a bad cable: flipped bits, cuts, programs; nothing wrong may arrive, nothing be lost uncounted
+    Stress(stress::Args),
     /// Run the control core on the target, in QEMU: instructions per control period
     Timing,
     /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
@@ -62,6 +64,10 @@ fn run(task: Task) -> Result<()> {
         Task::Study(args) => study::run(&args),
         Task::Tracking => {
             println!("{}", tracking::run()?);
+            Ok(())
+        }
+        Task::Stress(args) => {
+            println!("{}", stress::run(args)?);
             Ok(())
         }
         Task::Timing => {

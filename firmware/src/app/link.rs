@@ -9,12 +9,15 @@ use crate::control::telemetry::Item;
 use crate::control::{Note, PERIOD_US};
 use defmt::{error, warn};
 use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
-use embassy_time::{Instant, with_timeout};
+use embassy_time::{Duration, Instant, with_timeout};
 use embedded_io_async::{Read, Write};
 use protocol::{
     CommandReceiver, Counters, Envelope, Hello, MAX_FRAME_TO_HOST, Message, Received, Refusal, Scales, Text,
     encode_envelope,
 };
+
+/// How often room in the port's buffer is looked for.
+const ROOM: Duration = Duration::from_millis(10);
 
 #[embassy_executor::task]
 pub(super) async fn receive(mut port: BufferedUartRx<'static>) {
@@ -95,11 +98,12 @@ impl Link {
     }
 
     /// Writes all bytes, however long the line takes. A frame that the port refuses is a gap in the sequence, which the host
-    /// counts.
+    /// counts. The driver may forget to wake a writer that found too little room, so it is asked again: twice before a full
+    /// buffer runs dry.
     async fn write(&mut self, mut bytes: &[u8]) {
         while !bytes.is_empty() {
             Background::Send.checks_in();
-            match with_timeout(CHECK_IN, self.port.write(bytes)).await {
+            match with_timeout(ROOM, self.port.write(bytes)).await {
                 Err(_) => {}
                 Ok(Ok(written)) => bytes = bytes.get(written..).unwrap_or_default(),
                 Ok(Err(_)) => return warn!("the serial port refused a frame"),

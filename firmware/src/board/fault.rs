@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_stm32::pac::gpio::vals::Moder;
-use embassy_stm32::pac::{GPIOA, GPIOB};
+use embassy_stm32::pac::{FLASH, GPIOA, GPIOB};
 
 /// Makes the pins of both bridges plain outputs and drives them low, whatever state the drivers are in.
 pub(crate) fn hold_bridges_off() {
@@ -59,6 +59,17 @@ fn defmt_panic() -> ! {
     cortex_m::interrupt::disable();
     hold_bridges_off();
     stop()
+}
+
+/// Flash whose programming was cut off reads with an error that its check code cannot mend, and the chip tells so here. The flag is
+/// cleared and the reader finds by its own checksum that what it has read is nothing.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() {
+    let damaged = FLASH.eccr().read().eccd();
+    FLASH.eccr().modify(|w| w.set_eccd(true));
+    if !damaged {
+        panic!("a non-maskable interrupt that nothing here asks for");
+    }
 }
 
 #[cfg(not(feature = "qemu"))]

@@ -46,7 +46,12 @@ struct State {
     steps: u64,
     /// Starts of the firmware after the first.
     resets: u64,
+    /// What was sensed in each period, if it is to be kept.
+    kept: Option<Vec<Sensed>>,
 }
+
+/// Codes of the potentiometers and of the force channels.
+pub type Sensed = ([u16; 2], [i32; 2]);
 
 /// The running rig.
 #[derive(Debug)]
@@ -78,7 +83,8 @@ impl Cosim {
             )
             .with_context(|| format!("cannot make the pipe {}", path.display()))?;
         }
-        let state = State { rig, electronics: Electronics::new(codes_per_n), steps: 0, resets: 0 };
+        let state =
+            State { rig, electronics: Electronics::new(codes_per_n), steps: 0, resets: 0, kept: None };
         let state = Arc::new(Mutex::new(state));
         let stop = Arc::new(AtomicBool::new(false));
         sweeps::serve(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;
@@ -113,6 +119,18 @@ impl Cosim {
     /// Periods since the firmware first started.
     pub fn steps(&self) -> u64 {
         lock(&self.state).steps
+    }
+
+    /// From now on what is sensed is kept.
+    pub fn keep_codes(&self) {
+        let mut state = lock(&self.state);
+        let until_now = state.steps as usize;
+        state.kept.get_or_insert_with(|| vec![([0; 2], [0; 2]); until_now]);
+    }
+
+    /// What was sensed in a period since the start; `None` where it has not been yet, or is not kept.
+    pub fn codes(&self, step: u64) -> Option<Sensed> {
+        lock(&self.state).kept.as_ref()?.get(usize::try_from(step).ok()?).copied()
     }
 
     /// How often the firmware has started again.
@@ -181,14 +199,18 @@ fn serve(state: &Mutex<State>, stop: &AtomicBool, folder: &Path, speed: f64) -> 
 
 /// One period; the reply, and the periods since the start.
 fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> (PlantReply, u64) {
-    let State { rig, electronics, steps, resets } = state;
+    let State { rig, electronics, steps, resets, kept } = state;
     if request.step == 0 && *steps > 0 {
         *resets += 1;
     }
     let inputs = electronics.command(*steps, request, rig.position_m());
     let codes = rig.step(inputs, PERIOD_S);
     *steps += 1;
-    (electronics.sense(request.step, codes, power_off), *steps)
+    let reply = electronics.sense(request.step, codes, power_off);
+    if let Some(kept) = kept {
+        kept.push((reply.potentiometer_codes, reply.force_codes));
+    }
+    (reply, *steps)
 }
 
 /// Sleeps so that rig time does not run ahead of the wall clock times `speed`.

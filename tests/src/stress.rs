@@ -1,0 +1,281 @@
+//! `cargo xtask stress`: the firmware on a bad cable for minutes of its time. Bits flip, the cable is cut and mended, programs run.
+//!
+//! Every sample that arrives is compared with what the rig's sensors gave in its millisecond; every one that does not must be
+//! counted as lost; control must never be late.
+
+use crate::bench::Bench;
+use crate::wire::{Direction, NoisyWire};
+use anyhow::{Result, bail, ensure};
+use firmware::calibration::Calibration;
+use host::link::{Batch, Client, LinkError, LinkLosses, Telemetry};
+use host::rig::config::RigConfig;
+use protocol::{Counters, Load, Request, State, Step, program_crc};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::fmt::{self, Display};
+use std::time::Duration;
+
+/// Rig seconds per second: as many as the machine can do.
+const SPEED: f64 = f64::INFINITY;
+/// Wall time for a second of the device's, at most, and some to start.
+const SLOWEST: f64 = 2.0;
+
+/// Options of `cargo xtask stress`.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct Args {
+    /// How long, minutes of the device's time
+    #[arg(long, default_value_t = 10.0, value_name = "MINUTES")]
+    pub minutes: f64,
+    /// Share of the bits that flip, both ways
+    #[arg(long, default_value_t = 1e-5, value_name = "SHARE")]
+    pub bit_error_rate: f64,
+    /// Seed of the rig, the errors, the cuts and the programs
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// What has become of the samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Survived {
+    /// Device time from the first sample to the last, seconds.
+    pub duration_s: f64,
+    /// Samples that arrived, each as it was sensed.
+    pub samples: u64,
+    /// What the host counts as lost.
+    pub losses: LinkLosses,
+    /// What the device counts.
+    pub counters: Counters,
+    /// How busy it was.
+    pub load: Load,
+    /// Bits that flipped, to the device and to the host.
+    pub flipped_bits: [u64; 2],
+    /// How often the cable was cut.
+    pub cuts: u32,
+    /// Programs that ran.
+    pub programs: u32,
+}
+
+impl Display for Survived {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            duration_s,
+            samples,
+            losses,
+            counters,
+            load,
+            flipped_bits: [to_device, to_host],
+            cuts,
+            programs,
+        } = self;
+        writeln!(
+            f,
+            "{duration_s:.1} s of device time: {samples} samples arrived, each as it was sensed; {} missing, each counted",
+            losses.samples_missing
+        )?;
+        writeln!(
+            f,
+            "  {cuts} cuts, {to_host} bits flipped towards the host ({} frames damaged, {} missing), {to_device} towards the device ({} frames damaged)",
+            losses.frames_corrupt,
+            losses.frames_missing,
+            counters.frames_corrupt + counters.frames_overlong
+        )?;
+        write!(
+            f,
+            "  {programs} programs; {} late control periods, latest start {} us, longest period {} us",
+            counters.control_overruns, load.latest_start_us, load.longest_period_us
+        )
+    }
+}
+
+/// Runs it.
+///
+/// # Errors
+/// Where a sample is not what was sensed, one is lost and not counted, control was late, or the bench fails.
+pub fn run(args: Args) -> Result<Survived> {
+    let limit = Duration::from_secs_f64(60.0 + args.minutes * 60.0 * SLOWEST);
+    let bench = Bench::start(RigConfig::default(), args.seed, SPEED, limit)?;
+    bench.rig().keep_codes();
+    let wire = NoisyWire::connect(&bench.folder().join("serial"), args.seed)?;
+    let client = Client::connect(&wire.port())?;
+    for direction in [Direction::ToDevice, Direction::ToHost] {
+        wire.bit_error_rate(direction, args.bit_error_rate);
+    }
+    let random = ChaCha8Rng::seed_from_u64(args.seed);
+    let mut trial = Trial {
+        bench: &bench,
+        wire: &wire,
+        client,
+        random,
+        calibration: Calibration::default(),
+        first_ms: None,
+        next_ms: 0,
+        samples: 0,
+        missing: 0,
+        cuts: 0,
+        programs: 0,
+    };
+    let survived = trial.run((args.minutes * 60e3) as u64)?;
+    drop(trial);
+    drop(wire);
+    bench.stop()?;
+    Ok(survived)
+}
+
+struct Trial<'a> {
+    bench: &'a Bench,
+    wire: &'a NoisyWire,
+    client: Client,
+    random: ChaCha8Rng,
+    calibration: Calibration,
+    first_ms: Option<u64>,
+    /// Time that the next sample should have.
+    next_ms: u64,
+    samples: u64,
+    missing: u64,
+    cuts: u32,
+    programs: u32,
+}
+
+impl Trial<'_> {
+    fn run(&mut self, duration_ms: u64) -> Result<Survived> {
+        // The longest silence that the device allows: cuts are part of this, and shorter.
+        self.ask(Request::Limits { force_mn: 5_000, silence_ms: 60_000 })?;
+        self.ask(Request::Stream { enable: true })?;
+        let began_ms = self.bench.rig().steps();
+        let (mut cut_ms, mut mend_ms) = (began_ms + self.between(2_000, 20_000), u64::MAX);
+        let mut program_ms = began_ms + 1_000;
+        while self.bench.rig().steps() < began_ms + duration_ms {
+            self.listen(Duration::from_millis(20))?;
+            let now_ms = self.bench.rig().steps();
+            if now_ms >= mend_ms {
+                self.wire.mend();
+                (cut_ms, mend_ms) = (now_ms + self.between(2_000, 20_000), u64::MAX);
+            } else if now_ms >= cut_ms {
+                self.wire.cut();
+                self.cuts += 1;
+                (cut_ms, mend_ms) = (u64::MAX, now_ms + self.between(20, 3_000));
+            } else if mend_ms == u64::MAX && now_ms >= program_ms {
+                self.program()?;
+                program_ms = now_ms + self.between(4_000, 12_000);
+            }
+        }
+        self.finish()
+    }
+
+    fn between(&mut self, low: u64, high: u64) -> u64 {
+        self.random.random_range(low..high)
+    }
+
+    /// Asks until it is done; a question whose answer was lost is asked again.
+    fn ask(&mut self, request: Request) -> Result<()> {
+        match self.client.request(request) {
+            Ok(()) | Err(LinkError::Unanswered { .. }) => Ok(()),
+            Err(error) => bail!(error),
+        }
+    }
+
+    /// A small motion, or a fault cleared: whatever the state allows.
+    fn program(&mut self) -> Result<()> {
+        let y_um = self.random.random_range(-400..400);
+        let steps = [Step::Move { x_um: 0, y_um, speed_um_s: 2_000 }, Step::Hold { duration_ms: 500 }];
+        for (index, step) in (0..).zip(steps) {
+            match self.client.request(Request::LoadStep { index, step }) {
+                Ok(()) => {}
+                // The one before still runs, or the answer is lost: another time.
+                Err(LinkError::Refused { .. } | LinkError::Unanswered { .. }) => return Ok(()),
+                Err(error) => bail!(error),
+            }
+        }
+        match self.client.request(Request::Run { steps: 2, crc: program_crc(&steps), start_us: 0 }) {
+            Ok(()) => self.programs += 1,
+            Err(LinkError::Refused { .. } | LinkError::Unanswered { .. }) => {}
+            Err(error) => bail!(error),
+        }
+        Ok(())
+    }
+
+    fn listen(&mut self, timeout: Duration) -> Result<()> {
+        let mut next = self.client.next(timeout)?;
+        while let Some(telemetry) = next {
+            if let Telemetry::Samples(batch) = telemetry {
+                self.compare(&batch)?;
+            }
+            next = self.client.waiting();
+        }
+        Ok(())
+    }
+
+    /// Every sample is what the sensors gave, and every gap is as long as it is said to be.
+    fn compare(&mut self, batch: &Batch) -> Result<()> {
+        self.missing += batch.lost_before;
+        let mut lost = batch.lost_before;
+        for point in &batch.points {
+            let t_ms = (point.time_s * 1e3).round() as u64;
+            if self.first_ms.is_none() {
+                (self.first_ms, self.next_ms) = (Some(t_ms), t_ms + std::mem::take(&mut lost));
+                self.missing = 0;
+            }
+            ensure!(
+                t_ms == self.next_ms + lost,
+                "the sample of {t_ms} ms comes after that of {} ms, and {lost} are said to be lost",
+                self.next_ms.saturating_sub(1)
+            );
+            lost = 0;
+            self.next_ms = t_ms + 1;
+            self.samples += 1;
+            // The reading of a period is what the rig gave at its begin, in reply to the request before.
+            let Some((potentiometers, force)) = self.bench.rig().codes(t_ms - 1) else {
+                bail!("a sample of {t_ms} ms, which the rig has not seen");
+            };
+            let position_counts = self.calibration.position_um(potentiometers, [0.5; 2]).map(f32::round);
+            let force_counts = self.calibration.force_counts(force);
+            for axis in [0, 1] {
+                let seen = [point.displacement_m[axis] * 1e6, point.force_n[axis] / 50e-6].map(f64::round);
+                let sensed = [f64::from(position_counts[axis]), f64::from(force_counts[axis])];
+                ensure!(seen == sensed, "the sample of {t_ms} ms says {seen:?} where {sensed:?} was sensed");
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<Survived> {
+        self.wire.mend();
+        for direction in [Direction::ToDevice, Direction::ToHost] {
+            self.wire.bit_error_rate(direction, 0.0);
+        }
+        // One whole batch on a good cable tells what was lost before it.
+        let until = self.bench.rig().steps() + 500;
+        while self.bench.rig().steps() < until {
+            self.listen(Duration::from_millis(20))?;
+        }
+        let status = self.client.status()?;
+        self.client.request(Request::Stream { enable: false })?;
+        while let Some(telemetry) = self.client.waiting() {
+            if let Telemetry::Samples(batch) = telemetry {
+                self.compare(&batch)?;
+            }
+        }
+        let span_ms = self.next_ms - self.first_ms.unwrap_or(self.next_ms);
+        let Counters { control_overruns, messages_dropped, .. } = status.counters;
+        ensure!(
+            self.samples + self.missing == span_ms,
+            "{} samples and {} lost in {span_ms} ms",
+            self.samples,
+            self.missing
+        );
+        ensure!(control_overruns == 0, "{control_overruns} late control periods");
+        ensure!(messages_dropped == 0, "{messages_dropped} answers or events had no room");
+        ensure!(status.state != State::Faulted, "fault {:?}", status.fault);
+        let flipped = |direction| self.wire.counters(direction).flipped_bits;
+        Ok(Survived {
+            duration_s: span_ms as f64 * 1e-3,
+            samples: self.samples,
+            losses: LinkLosses { samples_missing: self.missing, ..self.client.losses() },
+            counters: status.counters,
+            load: status.load,
+            flipped_bits: [flipped(Direction::ToDevice), flipped(Direction::ToHost)],
+            cuts: self.cuts,
+            programs: self.programs,
+        })
+    }
+}
