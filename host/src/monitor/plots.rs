@@ -69,7 +69,10 @@ impl Plot<'_> {
             let [first, middle] = times;
             x_axis = x_axis.labels([first, middle, "now".to_owned()]);
         }
-        let y_axis = Axis::default().bounds(bounds).dark_gray().labels(labels(bounds));
+        let y_axis = Axis::default()
+            .bounds(bounds)
+            .dark_gray()
+            .labels(labels(bounds, self.height(area.height.saturating_sub(1))));
         let chart = Chart::new(datasets.collect()).x_axis(x_axis).y_axis(y_axis);
         let block = Block::new()
             .borders(Borders::TOP)
@@ -95,6 +98,11 @@ impl Plot<'_> {
         run.iter().flat_map(|column| [point(column, column.low), point(column, column.high)]).collect()
     }
 
+    /// Rows of the lines themselves among those below the heading.
+    fn height(&self, below_heading: u16) -> u16 {
+        below_heading.saturating_sub(if self.with_times { 2 } else { 0 })
+    }
+
     /// Writes x and y where the lines end.
     fn name_lines(
         &self,
@@ -105,7 +113,7 @@ impl Plot<'_> {
         area: Rect,
         buffer: &mut Buffer,
     ) {
-        let height = area.height.saturating_sub(if self.with_times { 2 } else { 0 });
+        let height = self.height(area.height);
         if height == 0 {
             return;
         }
@@ -153,10 +161,13 @@ fn round_step(least: f64) -> f64 {
         .unwrap_or(least)
 }
 
-fn labels([low, high]: [f64; 2]) -> Vec<Line<'static>> {
+/// Both ends, and the middle where a row lies there.
+fn labels([low, high]: [f64; 2], rows: u16) -> Vec<Line<'static>> {
     let digits = (2.0 - (high - low).log10().floor()).clamp(0.0, 6.0) as usize;
     let width = usize::from(LABEL_WIDTH);
-    [low, 0.5 * (low + high), high].map(|value| Line::from(format!("{value:>width$.digits$}"))).into()
+    let middle = (rows % 2 == 1).then_some(0.5 * (low + high));
+    let values = [Some(low), middle, Some(high)].into_iter().flatten();
+    values.map(|value| Line::from(format!("{value:>width$.digits$}"))).collect()
 }
 
 #[cfg(test)]

@@ -160,30 +160,33 @@ impl Screen<'_> {
         if let Some(down) = state.down() {
             let silent_s = state.silent_s(self.now_s).unwrap_or(self.now_s - down.since_s);
             alarms.push(Alarm {
-                title: format!("NO CONNECTION for {silent_s:.0} s"),
-                lines: vec![
-                    down.reason.clone(),
-                    "what is shown is old; trying again every second".to_owned(),
-                ],
+                title: format!("NO CONNECTION for {silent_s:.0} s: values are old, trying again"),
+                lines: vec![down.reason.clone()],
                 colour: Color::Magenta,
             });
         }
-        if let Some(fault) = state.fault {
-            let text = fault_text(fault);
-            alarms.push(Alarm {
-                title: format!("FAULT {}", fault as u8),
-                lines: vec![text.cause.to_owned(), format!("{}, then press c to clear", text.remedy)],
-                colour: Color::Red,
-            });
-        }
-        if let Some(Restart { reason, panic }) = &state.restart {
-            let mut lines = vec![format!("reset by: {}; press c to dismiss", words::reset_reason(*reason))];
+        let restart = state.restart.as_ref().map(|Restart { reason, panic }| {
+            let mut lines = vec![format!("reset by: {}", words::reset_reason(*reason))];
             lines.extend(panic.as_ref().map(|panic| format!("last panic: {panic}")));
-            alarms.push(Alarm {
-                title: "THE DEVICE HAS RESTARTED".to_owned(),
+            lines
+        });
+        match (state.fault, restart) {
+            // One panel for both: mostly the one is what the other latched.
+            (Some(fault), restart) => {
+                let text = fault_text(fault);
+                let mut lines =
+                    vec![text.cause.to_owned(), format!("{}, then press c to clear", text.remedy)];
+                let restarted = if restart.is_some() { ", and the device has restarted" } else { "" };
+                lines.extend(restart.into_iter().flatten());
+                let title = format!("FAULT {}{restarted}", fault as u8);
+                alarms.push(Alarm { title, lines, colour: Color::Red });
+            }
+            (None, Some(lines)) => alarms.push(Alarm {
+                title: "THE DEVICE HAS RESTARTED: press c to dismiss".to_owned(),
                 lines,
                 colour: Color::LightYellow,
-            });
+            }),
+            (None, None) => {}
         }
         alarms
     }

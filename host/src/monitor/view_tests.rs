@@ -83,18 +83,35 @@ fn a_fault_has_number_cause_remedy_and_key() {
 
 #[test]
 fn a_restart_has_its_reason_and_the_last_panic() {
-    let screen = drawn(&restarted(), Settings::default(), 5.2, 80, 30);
-    has(
-        &screen,
-        &["THE DEVICE HAS RESTARTED", "reset by: the watchdog", "src/control.rs:12: overflow", "dismiss"],
-    );
+    let mut state = restarted();
+    let restart = ["reset by: the watchdog", "last panic: src/control.rs:12: overflow"];
+    let screen = drawn(&state, Settings::default(), 5.2, 80, 24);
+    has(&screen, &["FAULT 7, and the device has restarted", "then press c to clear", "force, N"]);
+    has(&screen, &restart);
+    let cleared = status(200_000, None);
+    state.take(Event::Telemetry(Telemetry::Status(Box::new(cleared))), 5.3);
+    let screen = drawn(&state, Settings::default(), 5.3, 80, 24);
+    has(&screen, &["THE DEVICE HAS RESTARTED: press c to dismiss", "force, N"]);
+    has(&screen, &restart);
+    state.dismiss();
+    let screen = drawn(&state, Settings::default(), 5.3, 80, 24);
+    assert!(!screen.contains("RESTARTED") && !screen.contains("reset by"), "{screen}");
 }
 
 #[test]
 fn without_a_connection_values_stay_and_are_marked_as_old() {
     let state = lost();
     let screen = drawn(&state, Settings::default(), 8.0, 80, 24);
-    has(&screen, &["NO CONNECTION for 3 s", "was the cable pulled", "OLD", "-0.250 mm", "trying again"]);
+    has(
+        &screen,
+        &[
+            "NO CONNECTION for 3 s",
+            "was the cable pulled",
+            "OLD",
+            "-0.250 mm",
+            "values are old, trying again",
+        ],
+    );
     let mut buffer = Buffer::empty(Rect::new(0, 0, 80, 24));
     Screen { state: &state, settings: Settings::default(), now_s: 8.0 }.render(buffer.area, &mut buffer);
     let coloured = |y: u16| (0..80).filter_map(|x| buffer.cell((x, y))).any(|cell| cell.fg == Color::Cyan);
