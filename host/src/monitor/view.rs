@@ -25,7 +25,7 @@ const LEAST_PLOT_ROWS: u16 = 6;
 const TIME_ROWS: u16 = 2;
 
 /// Most rows of words in an alarm.
-const MOST_ALARM_ROWS: usize = 4;
+const MOST_ALARM_ROWS: usize = 5;
 
 /// What every key does.
 const HELP: [(&str, &str); 9] = [
@@ -166,9 +166,8 @@ impl Screen<'_> {
             });
         }
         let restart = state.restart.as_ref().map(|Restart { reason, panic }| {
-            let mut lines = vec![format!("reset by: {}", words::reset_reason(*reason))];
-            lines.extend(panic.as_ref().map(|panic| format!("last panic: {panic}")));
-            lines
+            let panic = panic.as_ref().map(|panic| format!("; last panic: {panic}"));
+            format!("reset by: {}{}", words::reset_reason(*reason), panic.unwrap_or_default())
         });
         match (state.fault, restart) {
             // One panel for both: mostly the one is what the other latched.
@@ -177,13 +176,13 @@ impl Screen<'_> {
                 let mut lines =
                     vec![text.cause.to_owned(), format!("{}, then press c to clear", text.remedy)];
                 let restarted = if restart.is_some() { ", and the device has restarted" } else { "" };
-                lines.extend(restart.into_iter().flatten());
+                lines.extend(restart);
                 let title = format!("FAULT {}{restarted}", fault as u8);
                 alarms.push(Alarm { title, lines, colour: Color::Red });
             }
-            (None, Some(lines)) => alarms.push(Alarm {
+            (None, Some(restart)) => alarms.push(Alarm {
                 title: "THE DEVICE HAS RESTARTED: press c to dismiss".to_owned(),
-                lines,
+                lines: vec![restart],
                 colour: Color::LightYellow,
             }),
             (None, None) => {}

@@ -84,15 +84,16 @@ fn a_fault_has_number_cause_remedy_and_key() {
 #[test]
 fn a_restart_has_its_reason_and_the_last_panic() {
     let mut state = restarted();
-    let restart = ["reset by: the watchdog", "last panic: src/control.rs:12: overflow"];
+    let restart = "reset by: the watchdog; last panic: src/control.rs:12: overflow";
+    // The fault with the most words.
+    let status = |fault| Event::Telemetry(Telemetry::Status(Box::new(status(200_000, fault))));
+    state.take(status(Some(Fault::Restarted)), 5.2);
     let screen = drawn(&state, Settings::default(), 5.2, 80, 24);
-    has(&screen, &["FAULT 7, and the device has restarted", "then press c to clear", "force, N"]);
-    has(&screen, &restart);
-    let cleared = status(200_000, None);
-    state.take(Event::Telemetry(Telemetry::Status(Box::new(cleared))), 5.3);
+    has(&screen, &["FAULT 11, and the device has restarted", "then press c to", restart, "force, N"]);
+    state.take(status(None), 5.3);
     let screen = drawn(&state, Settings::default(), 5.3, 80, 24);
     has(&screen, &["THE DEVICE HAS RESTARTED: press c to dismiss", "force, N"]);
-    has(&screen, &restart);
+    has(&screen, &[restart]);
     state.dismiss();
     let screen = drawn(&state, Settings::default(), 5.3, 80, 24);
     assert!(!screen.contains("RESTARTED") && !screen.contains("reset by"), "{screen}");
