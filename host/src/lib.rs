@@ -15,6 +15,7 @@ pub mod levels;
 pub mod link;
 pub mod model;
 pub mod model_file;
+pub mod monitor;
 pub mod plan;
 pub mod predict;
 pub mod record;

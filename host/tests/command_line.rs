@@ -12,6 +12,8 @@ use tempfile::TempDir;
 
 #[path = "command_line/models.rs"]
 mod models;
+#[path = "command_line/monitor.rs"]
+mod monitor;
 
 const K_PA: f64 = 12e3;
 

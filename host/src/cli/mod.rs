@@ -12,6 +12,7 @@ mod effects;
 mod identify;
 mod import;
 mod live;
+mod monitor;
 mod operate;
 mod output;
 mod plan;
@@ -46,6 +47,7 @@ struct Cli {
 enum Command {
     Ports(ports::Args),
     Status(operate::StatusArgs),
+    Monitor(monitor::Args),
     Home(operate::HomeArgs),
     Tare(tare::Args),
     Move(operate::MoveArgs),
@@ -71,6 +73,7 @@ pub fn main() -> ExitCode {
     let outcome = match &cli.command {
         Command::Ports(args) => ports::run(args, &mut out),
         Command::Status(args) => operate::status(args, &mut out),
+        Command::Monitor(args) => monitor::run(args, &mut out),
         Command::Home(args) => operate::home(args, &mut out),
         Command::Tare(args) => tare::run(args, &mut out),
         Command::Move(args) => operate::move_guide(args, &mut out),

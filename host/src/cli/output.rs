@@ -24,6 +24,11 @@ impl Output {
         Self { json, stdout: BufWriter::new(io::stdout()) }
     }
 
+    /// Whether the user wants documents for machines.
+    pub fn is_json(&self) -> bool {
+        self.json
+    }
+
     /// Prints the result in the form the user asked for.
     pub fn result(&mut self, result: &impl Serialize, text: impl Display) -> anyhow::Result<()> {
         let written = if self.json {

@@ -113,6 +113,11 @@ impl Client {
         self.boot_id
     }
 
+    /// Bytes that have arrived.
+    pub fn bytes(&self) -> u64 {
+        self.wire.bytes()
+    }
+
     /// What has been lost so far.
     pub fn losses(&self) -> LinkLosses {
         self.wire.losses()

@@ -1,0 +1,167 @@
+//! What is known of the device as one document for machines: `guide monitor --json`.
+
+use super::state::State;
+use super::words;
+use crate::link::LinkLosses;
+use crate::link::error::fault_text;
+use serde::Serialize;
+
+/// One line of `guide monitor --json`, schema `guide.monitor/1`. What is not known is `null`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    schema: &'static str,
+    port: String,
+    connected: bool,
+    lost_because: Option<String>,
+    silent_s: Option<f64>,
+    boot_id: Option<u32>,
+    reset_reason: Option<&'static str>,
+    last_panic: Option<String>,
+    time_s: Option<f64>,
+    state: Option<&'static str>,
+    step: Option<u8>,
+    fault: Option<Fault>,
+    telemetry: Option<bool>,
+    position_x_mm: Option<f64>,
+    position_y_mm: Option<f64>,
+    force_x_n: Option<f64>,
+    force_y_n: Option<f64>,
+    stiffness_x: Option<Stiffness>,
+    stiffness_y: Option<Stiffness>,
+    link: Link,
+    device: Option<Device>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Fault {
+    number: u8,
+    cause: &'static str,
+    remedy: &'static str,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Stiffness {
+    n_per_mm: f64,
+    ci95_n_per_mm: [f64; 2],
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Link {
+    bytes_per_s: f64,
+    samples_per_s: f64,
+    samples: u64,
+    #[serde(flatten)]
+    losses: LinkLosses,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Device {
+    cpu_percent: f64,
+    longest_period_us: u16,
+    latest_start_us: u16,
+    stack_free_bytes: u32,
+    outbox_most: u8,
+    motor_budget_x_percent: f64,
+    motor_budget_y_percent: f64,
+    force_limit_n: f64,
+    silence_limit_s: f64,
+    counters: Counters,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Counters {
+    samples_dropped: u32,
+    messages_dropped: u32,
+    command_frames_corrupt: u32,
+    command_frames_overlong: u32,
+    command_frames_unreadable: u32,
+    force_readings_bad: u32,
+    control_overruns: u32,
+    line_errors: u32,
+    force_corrupt: u32,
+    force_missing: u32,
+    force_resets: u32,
+    force_saturated: u32,
+    faults: u32,
+}
+
+impl Report {
+    /// What is known now.
+    pub fn new(state: &State, now_s: f64) -> Self {
+        let mean = state.mean();
+        let position_mm = mean.map(|(displacement_m, _)| displacement_m.map(|metres| metres * 1e3));
+        let force_n = mean.map(|(_, force_n)| force_n);
+        let [stiffness_x, stiffness_y] = state.stiffness().map(|told| {
+            told.map(|told| Stiffness {
+                n_per_mm: told.value_n_per_m * 1e-3,
+                ci95_n_per_mm: told.ci95_n_per_m.map(|end| end * 1e-3),
+            })
+        });
+        let [bytes_per_s, samples_per_s] = state.health.per_second();
+        let hello = state.hello.as_ref();
+        let last_panic = hello.and_then(|hello| hello.last_panic.as_ref());
+        Self {
+            schema: "guide.monitor/1",
+            port: state.port.clone(),
+            connected: state.down.is_none() && state.boot_id.is_some(),
+            lost_because: state.down.as_ref().map(|down| down.reason.clone()),
+            silent_s: state.silent_s(now_s),
+            boot_id: state.boot_id,
+            reset_reason: hello.map(|hello| words::reset_reason(hello.reset_reason)),
+            last_panic: last_panic.map(|text| text.as_str().to_owned()),
+            time_s: state.clock_s(),
+            state: state.phase.map(|(phase, _)| words::state(phase)),
+            step: state.phase.and_then(|(_, step)| step),
+            fault: state.fault.map(|fault| {
+                let text = fault_text(fault);
+                Fault { number: fault as u8, cause: text.cause, remedy: text.remedy }
+            }),
+            telemetry: state.status.as_ref().map(|status| status.streaming),
+            position_x_mm: position_mm.map(|[x, _]| x),
+            position_y_mm: position_mm.map(|[_, y]| y),
+            force_x_n: force_n.map(|[x, _]| x),
+            force_y_n: force_n.map(|[_, y]| y),
+            stiffness_x,
+            stiffness_y,
+            link: Link {
+                bytes_per_s,
+                samples_per_s,
+                samples: state.health.samples_received(),
+                losses: state.health.total().losses,
+            },
+            device: state.status.as_deref().map(device),
+        }
+    }
+}
+
+fn device(status: &protocol::Status) -> Device {
+    let percent = |permille: u16| f64::from(permille) / 10.0;
+    let [motor_budget_x_percent, motor_budget_y_percent] = status.motor_budget_permille.map(percent);
+    let counters = status.counters;
+    Device {
+        cpu_percent: percent(status.load.cpu_permille),
+        longest_period_us: status.load.longest_period_us,
+        latest_start_us: status.load.latest_start_us,
+        stack_free_bytes: status.load.stack_free_bytes,
+        outbox_most: status.load.outbox_most,
+        motor_budget_x_percent,
+        motor_budget_y_percent,
+        force_limit_n: f64::from(status.force_limit_mn) * 1e-3,
+        silence_limit_s: f64::from(status.silence_limit_ms) * 1e-3,
+        counters: Counters {
+            samples_dropped: counters.samples_dropped,
+            messages_dropped: counters.messages_dropped,
+            command_frames_corrupt: counters.frames_corrupt,
+            command_frames_overlong: counters.frames_overlong,
+            command_frames_unreadable: counters.frames_unreadable,
+            force_readings_bad: counters.force_readings_bad,
+            control_overruns: counters.control_overruns,
+            line_errors: counters.line_errors,
+            force_corrupt: counters.force_corrupt,
+            force_missing: counters.force_missing,
+            force_resets: counters.force_resets,
+            force_saturated: counters.force_saturated,
+            faults: counters.faults,
+        },
+    }
+}

@@ -1,0 +1,265 @@
+//! One connection: orders become motion programs, and the ends of those are told.
+
+use super::health::Carried;
+use super::pace::Pace;
+use super::state::{Event, Outcome};
+use super::worker::Order;
+use crate::link::error::explain_fault;
+use crate::link::program::move_to;
+use crate::link::{Client, LinkError, Telemetry};
+use protocol::{EventKind, Fault, Outcome as End, Request, State, Status, Step, Tare};
+use std::time::{Duration, Instant};
+
+/// How long one look for telemetry waits: short, so that orders are obeyed soon.
+const LOOK: Duration = Duration::from_millis(10);
+/// How often the link's counters are told.
+const CARRIED: Duration = Duration::from_millis(100);
+/// Speeds of jogs and of the way home, millimetres per second.
+const JOG_MM_S: f64 = 1.0;
+const HOME_MM_S: f64 = 2.0;
+/// How long a tare averages, milliseconds.
+const TARE_MS: u32 = 1_000;
+
+/// What runs that was started here.
+struct Running {
+    name: String,
+    is_jog: bool,
+    tare: Option<Tare>,
+}
+
+/// A connected device and what is known of it.
+pub(super) struct Session<'a> {
+    client: Client,
+    tell: &'a mut dyn FnMut(Event),
+    pace: Pace,
+    told: Instant,
+    /// A program waits or runs, whoever started it.
+    active: bool,
+    fault: Option<Fault>,
+    running: Option<Running>,
+    /// Where guide 2 was last sent, metres; none where that is not where it went.
+    sent_to_m: Option<[f64; 2]>,
+    /// A jog that waits for the end of the one that runs, metres.
+    next_jog_m: Option<[f64; 2]>,
+}
+
+impl<'a> Session<'a> {
+    /// Switches telemetry on.
+    pub fn begin(client: Client, tell: &'a mut dyn FnMut(Event)) -> Result<Self, LinkError> {
+        let hello = client.hello();
+        let now = Instant::now();
+        let pace = Pace::new(now, hello.now_us as f64 * 1e-6);
+        tell(Event::Connected { boot_id: client.boot_id(), hello: Box::new(hello.clone()) });
+        let mut session = Self {
+            client,
+            tell,
+            pace,
+            told: now,
+            active: false,
+            fault: None,
+            running: None,
+            sent_to_m: None,
+            next_jog_m: None,
+        };
+        session.request(Request::Stream { enable: true })?;
+        session.ask()?;
+        Ok(session)
+    }
+
+    /// Looks once at what the device says, and speaks to it where that is due.
+    pub fn look(&mut self) -> Result<(), LinkError> {
+        if let Some(telemetry) = self.client.next(LOOK)? {
+            self.heard(telemetry)?;
+        }
+        if self.pace.is_due(Instant::now()) {
+            self.ask()?;
+        }
+        if self.told.elapsed() >= CARRIED {
+            self.told = Instant::now();
+            let carried = Carried { bytes: self.client.bytes(), losses: self.client.losses() };
+            (self.tell)(Event::Carried(carried));
+        }
+        Ok(())
+    }
+
+    /// Has an order carried out. A refusal is told; it does not end the connection.
+    pub fn obey(&mut self, order: Order) -> Result<(), LinkError> {
+        let obeyed = match order {
+            Order::Tare => self.start("tare".to_owned(), Step::Tare { duration_ms: TARE_MS }, false),
+            Order::Home => self.go("home".to_owned(), [0.0; 2], HOME_MM_S, false),
+            Order::Jog(by_m) => self.jog(by_m),
+            Order::Stop => self.stop(),
+            Order::Clear => self.request(Request::ClearFault).map(|()| self.say("cleared", true)),
+        };
+        match obeyed {
+            Err(refused @ LinkError::Refused { .. }) => {
+                self.say(&refused.to_string(), false);
+                Ok(())
+            }
+            other => other,
+        }
+    }
+
+    /// Leaves nothing moving that nobody looks after, and telemetry off.
+    pub fn end(mut self) -> Result<(), LinkError> {
+        if self.active || self.running.is_some() {
+            self.request(Request::Stop)?;
+        }
+        self.request(Request::Stream { enable: false })
+    }
+
+    fn say(&mut self, text: &str, good: bool) {
+        (self.tell)(Event::Command(Outcome { text: text.to_owned(), good }));
+    }
+
+    fn request(&mut self, request: Request) -> Result<(), LinkError> {
+        self.client.request(request)?;
+        self.pace.spoken(Instant::now());
+        Ok(())
+    }
+
+    /// Asks for the status: it says for certain whether a program has ended whose end was lost.
+    fn ask(&mut self) -> Result<Status, LinkError> {
+        let status = self.client.status()?;
+        self.pace.spoken(Instant::now());
+        // What was said before the answer comes first; the answer is among it.
+        self.catch_up()?;
+        match status.state {
+            State::Idle => self.ended(End::Completed)?,
+            State::Faulted => self.ended(End::Faulted)?,
+            State::Pending | State::Moving | State::Holding | State::Taring => {}
+        }
+        Ok(status)
+    }
+
+    fn catch_up(&mut self) -> Result<(), LinkError> {
+        while let Some(telemetry) = self.client.waiting() {
+            self.heard(telemetry)?;
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self) -> Result<(), LinkError> {
+        (self.next_jog_m, self.sent_to_m) = (None, None);
+        self.request(Request::Stop)?;
+        self.running = None;
+        self.say("stopped", true);
+        Ok(())
+    }
+
+    fn jog(&mut self, by_m: [f64; 2]) -> Result<(), LinkError> {
+        if self.running.as_ref().is_some_and(|running| running.is_jog) {
+            // One may wait, so that a key that is held down moves evenly; with more of them the guide would go on long after it
+            // was let go.
+            if self.next_jog_m.replace(by_m).is_some() {
+                self.say("one jog waits already: this one takes its place", true);
+            }
+            return Ok(());
+        }
+        let from_m = match self.sent_to_m {
+            Some(sent_to_m) => sent_to_m,
+            None => {
+                let status = self.ask()?;
+                self.client.displacement_m(status.position_counts)
+            }
+        };
+        let ([x, y], [dx, dy]) = (from_m, by_m);
+        let [x_m, y_m] = [x + dx, y + dy];
+        let name = format!("jog to x {:+.3} mm, y {:+.3} mm", x_m * 1e3, y_m * 1e3);
+        self.go(name, [x_m, y_m], JOG_MM_S, true)
+    }
+
+    fn go(&mut self, name: String, to_m: [f64; 2], speed_mm_s: f64, is_jog: bool) -> Result<(), LinkError> {
+        match move_to(to_m.map(|metres| metres * 1e3), speed_mm_s) {
+            Ok(step) => {
+                self.start(name, step, is_jog)?;
+                self.sent_to_m = Some(to_m);
+            }
+            Err(problem) => self.say(&format!("{name}: {problem}"), false),
+        }
+        Ok(())
+    }
+
+    fn start(&mut self, name: String, step: Step, is_jog: bool) -> Result<(), LinkError> {
+        self.request(Request::LoadStep { index: 0, step })?;
+        self.request(Request::Run { steps: 1, crc: protocol::program_crc(&[step]), start_us: 0 })?;
+        // Ends that are heard up to here are those of earlier programs; this one's, should it be among them because the
+        // acceptance came late, is found by asking.
+        self.running = None;
+        self.catch_up()?;
+        self.active = true;
+        self.say(&format!("{name} ..."), true);
+        self.running = Some(Running { name, is_jog, tare: None });
+        Ok(())
+    }
+
+    fn heard(&mut self, telemetry: Telemetry) -> Result<(), LinkError> {
+        let mut end = None;
+        match &telemetry {
+            Telemetry::Samples(batch) => {
+                self.state(batch.state);
+                if let Some(point) = batch.points.last() {
+                    self.pace.clock(point.time_s);
+                }
+            }
+            Telemetry::Status(status) => {
+                self.state(status.state);
+                self.fault = status.fault;
+                self.pace.clock(status.t_us as f64 * 1e-6);
+                self.pace.status(Instant::now(), status.silence_limit_ms);
+            }
+            Telemetry::Event(event) => {
+                self.pace.clock(event.t_us as f64 * 1e-6);
+                match event.kind {
+                    EventKind::Faulted { fault } => self.fault = Some(fault),
+                    EventKind::Tared(tare) => {
+                        if let Some(running) = &mut self.running {
+                            running.tare = Some(tare);
+                        }
+                    }
+                    EventKind::ProgramEnded { outcome } => end = Some(outcome),
+                    EventKind::StepStarted { .. } | EventKind::StepEnded { .. } => {}
+                }
+            }
+        }
+        (self.tell)(Event::Telemetry(telemetry));
+        end.map_or(Ok(()), |end| self.ended(end))
+    }
+
+    fn state(&mut self, state: State) {
+        self.active = !matches!(state, State::Idle | State::Faulted);
+        if state == State::Faulted {
+            // It has not come to where it was sent.
+            (self.sent_to_m, self.next_jog_m) = (None, None);
+        }
+    }
+
+    /// The program that was started here has ended; nothing where none was.
+    fn ended(&mut self, end: End) -> Result<(), LinkError> {
+        let Some(Running { name, tare, .. }) = self.running.take() else { return Ok(()) };
+        let next_jog_m = self.next_jog_m.take();
+        match end {
+            End::Completed => {
+                let noise = tare.map(|tare| {
+                    let counts = tare.sd_counts.map(|count| i32::try_from(count).unwrap_or(i32::MAX));
+                    let [x, y] = self.client.force_n(counts);
+                    format!(", noise x {x:.4} N, y {y:.4} N (sd of one reading)")
+                });
+                self.say(&format!("{name}: done{}", noise.unwrap_or_default()), true);
+                if let Some(by_m) = next_jog_m {
+                    return self.obey(Order::Jog(by_m));
+                }
+            }
+            End::Stopped => {
+                self.sent_to_m = None;
+                self.say(&format!("{name}: stopped"), false);
+            }
+            End::Faulted => {
+                self.sent_to_m = None;
+                let fault = self.fault.map_or("a fault".to_owned(), explain_fault);
+                self.say(&format!("{name}: ended by {fault}"), false);
+            }
+        }
+        Ok(())
+    }
+}

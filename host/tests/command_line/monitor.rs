@@ -1,0 +1,17 @@
+//! `guide monitor` where it cannot work: one line, and no screen.
+
+use super::failure;
+
+#[test]
+fn without_a_terminal_there_is_no_screen() {
+    let line = failure(&["monitor", "--port", "/dev/no-such-port"]);
+    assert_eq!(line, "error: needs a terminal; for machines use `guide status --json` or `guide record`");
+}
+
+#[test]
+fn without_a_device_there_is_nothing_to_tell() {
+    for form in ["--once", "--json"] {
+        let line = failure(&["monitor", "--port", "/dev/no-such-port", form]);
+        assert!(line.starts_with("error: /dev/no-such-port: no such port"), "{line}");
+    }
+}
