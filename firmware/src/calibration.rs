@@ -3,6 +3,11 @@
 //! They come from the record that the host has stored on the device, or are those of the rig as designed. All arithmetic is in
 //! `f32`, whose 24-bit mantissa holds every code of both converters exactly.
 
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::panic)
+)]
+
 use crate::control::round;
 use protocol::{
     CODES_PER_KNOT, CalibrationId, CalibrationRecord, KNOTS, MAX_CALIBRATION, PotentiometerTable, Text,

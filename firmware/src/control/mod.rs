@@ -18,6 +18,12 @@
 //! | [`telemetry`] | batches and notes, and what is dropped where the link is slow |
 //! | [`indicator`] | the status light |
 
+// Nothing that a host or a sensor says can make it panic.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)
+)]
+
 pub mod axis;
 pub mod commands;
 pub mod decimate;

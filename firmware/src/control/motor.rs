@@ -31,6 +31,7 @@ pub struct DutyBudget {
 
 impl DutyBudget {
     /// A cool motor.
+    #[expect(clippy::new_without_default, reason = "made in one place")]
     pub const fn new() -> Self {
         Self { bins: [0; BINS], current: 0, in_bin: 0, on_periods: 0 }
     }
@@ -77,6 +78,7 @@ pub struct DriveWatch {
 
 impl DriveWatch {
     /// Nothing driven yet.
+    #[expect(clippy::new_without_default, reason = "made in one place")]
     pub const fn new() -> Self {
         Self { from_um: 0.0, sign: 0.0, periods: 0, far_periods: 0 }
     }

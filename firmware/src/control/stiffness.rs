@@ -8,6 +8,8 @@
 //! It is a gate on the quality of a measurement while it runs (is the needle held, is the tissue there, is the line straight),
 //! not the measurement: relaxation, needle and guide all are in this slope. It begins anew with every tare.
 
+#![expect(clippy::indexing_slicing, reason = "matrices of fixed size at places known when compiling")]
+
 use super::decimate::Decimator;
 use crate::calibration::{FORCE_NN_PER_COUNT, POSITION_NM_PER_COUNT};
 use crate::control::round;

@@ -8,10 +8,6 @@ use protocol::{Packer, Samples};
 
 /// One frame's content.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "the queue has places of one size, and most are taken by batches"
-)]
 pub enum Item {
     /// A batch of samples.
     Batch(Samples),
