@@ -60,6 +60,8 @@ pub struct Client {
     inbox: VecDeque<Telemetry>,
     boot_id: u32,
     next_id: u16,
+    /// Id of a question whose answer nobody waits for: [`Self::ask_on_the_way`].
+    open_question: Option<u16>,
     hello: Hello,
 }
 
@@ -87,7 +89,8 @@ impl Client {
                         if let Envelope { boot_id, message: Message::Hello(hello), .. } = *frame {
                             check_protocol(port, &hello)?;
                             let next_id = tries as u16;
-                            return Ok(Self { wire, inbox: VecDeque::new(), boot_id, next_id, hello });
+                            let inbox = VecDeque::new();
+                            return Ok(Self { wire, inbox, boot_id, next_id, open_question: None, hello });
                         }
                     }
                     Received::HelloOfVersion(theirs) => return Err(other_version(port, theirs)),
@@ -144,6 +147,20 @@ impl Client {
         Err(LinkError::Unanswered { port, command: "status", tries: TRIES })
     }
 
+    /// Asks for the status without waiting: the answer comes among what the device says on its own. The device hears by it that
+    /// the host is there. A question that has not been answered yet is sent again.
+    ///
+    /// # Errors
+    /// [`LinkError::Gone`].
+    pub fn ask_on_the_way(&mut self) -> Result<(), LinkError> {
+        let id = match self.open_question {
+            Some(id) => id,
+            None => self.take_id(),
+        };
+        self.open_question = Some(id);
+        send(&mut self.wire, &Command { id, boot_id: self.boot_id, request: Request::Status })
+    }
+
     /// Forgets ends of programs that have been heard and not been taken yet: before a program is accepted they are those of others.
     pub(super) fn forget_ends(&mut self) {
         let is_end = |telemetry: &Telemetry| matches!(telemetry, Telemetry::Event(event) if matches!(event.kind, EventKind::ProgramEnded { .. }));
@@ -194,8 +211,9 @@ impl Client {
 
     /// Sends a command until it is answered; a status that comes before the answer is returned with it.
     fn ask(&mut self, request: Request) -> Result<Option<Status>, LinkError> {
-        let id = self.next_id;
-        self.next_id = self.next_id.wrapping_add(1);
+        let id = self.take_id();
+        // Its answer may still come; it is not asked again under its old number.
+        self.open_question = None;
         let command = Command { id, boot_id: self.boot_id, request };
         let mut status = None;
         for _ in 0..TRIES {
@@ -214,6 +232,12 @@ impl Client {
         }
         let port = self.wire.name().to_owned();
         Err(LinkError::Unanswered { port, command: name(&request), tries: TRIES })
+    }
+
+    fn take_id(&mut self) -> u16 {
+        let id = self.next_id;
+        self.next_id = self.next_id.wrapping_add(1);
+        id
     }
 
     /// Takes one frame: telemetry goes to the inbox, answers are returned.
@@ -244,7 +268,14 @@ impl Client {
                 self.inbox.push_back(Telemetry::Status(Box::new(status)));
                 Ok(Some(Message::Status(status)))
             }
-            answer => Ok(Some(answer)),
+            answer => {
+                if let Message::Ack { id } | Message::Refused { id, .. } = answer
+                    && self.open_question == Some(id)
+                {
+                    self.open_question = None;
+                }
+                Ok(Some(answer))
+            }
         }
     }
 

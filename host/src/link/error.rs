@@ -77,8 +77,10 @@ pub enum LinkError {
         /// What the system says.
         cause: io::Error,
     },
-    /// The device stopped talking while it streamed.
-    #[error("{port}: the device has said nothing for {SILENCE_LIMIT:?} while streaming")]
+    /// The device stopped talking while it streamed or was asked.
+    #[error(
+        "{port}: the device has said nothing for {SILENCE_LIMIT:?}, though it should: check the cable and its supply"
+    )]
     Silent {
         /// The port's name.
         port: String,

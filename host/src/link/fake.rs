@@ -7,10 +7,10 @@ use protocol::{
 };
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const PERIOD_US: u32 = 1_000;
 /// The boot that a new fake claims.
@@ -27,7 +27,7 @@ pub enum Act {
     Lost(usize),
     /// Samples that the device itself had to drop.
     Dropped(u64),
-    /// Nothing for so many milliseconds.
+    /// Answers to what is asked, and nothing else, for so many milliseconds.
     Wait(u64),
     /// The program ends well.
     Complete,
@@ -58,6 +58,8 @@ pub struct Script {
     pub late_end: bool,
     /// Refuses every command but the hello.
     pub refusal: Option<Refusal>,
+    /// Longest time of its own clock without a command while a program runs, milliseconds.
+    pub silence_limit_ms: u32,
     /// What running a program does.
     pub program: Vec<Act>,
 }
@@ -72,6 +74,7 @@ impl Default for Script {
             lost_statuses: 0,
             late_end: false,
             refusal: None,
+            silence_limit_ms: 2_000,
             program: vec![Act::Batch(32), Act::Complete],
         }
     }
@@ -82,6 +85,7 @@ pub struct FakeDevice {
     /// Name of the port that leads to it.
     pub port: String,
     executed: Arc<Mutex<Vec<Request>>>,
+    questions: Arc<AtomicUsize>,
     stop: Arc<AtomicBool>,
     worker: Option<JoinHandle<()>>,
 }
@@ -94,7 +98,8 @@ impl FakeDevice {
         // Opened again by its name; kept open here it would be in use.
         drop(near);
         far.set_timeout(Duration::from_millis(5)).expect("a timeout");
-        let (executed, stop) = (Arc::default(), Arc::new(AtomicBool::new(false)));
+        let (executed, questions) = (Arc::default(), Arc::default());
+        let stop = Arc::new(AtomicBool::new(false));
         let worker = std::thread::spawn({
             let device = Device {
                 script,
@@ -102,6 +107,9 @@ impl FakeDevice {
                 boot_id: BOOT_ID,
                 answered: None,
                 executed: Arc::clone(&executed),
+                questions: Arc::clone(&questions),
+                receiver: CommandReceiver::new(),
+                heard_us: 0,
                 packer: Packer::new(PERIOD_US),
                 t_us: 1_000_000,
                 dropped: 0,
@@ -111,12 +119,17 @@ impl FakeDevice {
             let stop = Arc::clone(&stop);
             move || device.serve(far, &stop)
         });
-        Self { port, executed, stop, worker: Some(worker) }
+        Self { port, executed, questions, stop, worker: Some(worker) }
     }
 
     /// The commands carried out so far, hellos and status left out.
     pub fn executed(&self) -> Vec<Request> {
         self.executed.lock().expect("the device runs").clone()
+    }
+
+    /// How often the status has been asked for.
+    pub fn questions(&self) -> usize {
+        self.questions.load(Ordering::Acquire)
     }
 }
 
@@ -135,6 +148,10 @@ struct Device {
     boot_id: u32,
     answered: Option<(u16, Message)>,
     executed: Arc<Mutex<Vec<Request>>>,
+    questions: Arc<AtomicUsize>,
+    receiver: CommandReceiver,
+    /// Device time of the last command.
+    heard_us: u64,
     packer: Packer,
     t_us: u64,
     dropped: u32,
@@ -144,25 +161,13 @@ struct Device {
 
 impl Device {
     fn serve(mut self, mut far: TTYPort, stop: &AtomicBool) {
-        let mut receiver = CommandReceiver::new();
-        let mut bytes = [0; 256];
         while !stop.load(Ordering::Acquire) {
-            let Ok(length) = far.read(&mut bytes) else {
+            let commands = self.listen(&mut far);
+            if commands.is_empty() {
                 // Nobody has opened the near end yet, or nothing came.
                 std::thread::sleep(Duration::from_millis(1));
-                continue;
-            };
-            let commands: Vec<Command> = receiver
-                .feed(&bytes[..length])
-                .filter_map(|received| match received {
-                    Received::Frame(command) => Some(command),
-                    _ => None,
-                })
-                .collect();
+            }
             for command in commands {
-                if self.script.mute {
-                    continue;
-                }
                 self.obey(&command, &mut far);
                 if self.vanishes(&command) {
                     return;
@@ -171,11 +176,25 @@ impl Device {
         }
     }
 
+    /// Commands that have arrived.
+    fn listen(&mut self, far: &mut TTYPort) -> Vec<Command> {
+        let mut bytes = [0; 256];
+        let waiting = far.bytes_to_read().unwrap_or_default();
+        let length = if waiting > 0 { far.read(&mut bytes).unwrap_or_default() } else { 0 };
+        let received = self.receiver.feed(&bytes[..length]);
+        let commands = received.filter_map(|received| match received {
+            Received::Frame(command) if !self.script.mute => Some(command),
+            _ => None,
+        });
+        commands.collect()
+    }
+
     fn vanishes(&self, command: &Command) -> bool {
         matches!(command.request, Request::Run { .. }) && self.script.program.contains(&Act::Vanish)
     }
 
     fn obey(&mut self, command: &Command, far: &mut TTYPort) {
+        self.heard_us = self.t_us;
         match command.request {
             Request::Hello => {
                 let hello = self.hello();
@@ -183,7 +202,9 @@ impl Device {
                 return self.send(far, Message::Ack { id: command.id });
             }
             Request::Status => {
-                let status = self.status();
+                self.questions.fetch_add(1, Ordering::AcqRel);
+                let status = Status { t_us: self.t_us, state: self.state, fault: self.fault, ..status() };
+                let status = Status { silence_limit_ms: self.script.silence_limit_ms, ..status };
                 if self.script.lost_statuses > 0 {
                     self.script.lost_statuses -= 1;
                     self.sequence += 1;
@@ -209,8 +230,14 @@ impl Device {
         let accepted = matches!(answer, Message::Ack { .. });
         self.send(far, answer);
         if accepted && matches!(command.request, Request::Run { .. }) {
+            self.state = State::Pending;
             for act in self.script.program.clone() {
                 self.act(act, far);
+                let silent_us = self.t_us.saturating_sub(self.heard_us);
+                if self.state == State::Holding && silent_us > 1_000 * u64::from(self.script.silence_limit_ms)
+                {
+                    return self.act(Act::Fail(Fault::HostSilent), far);
+                }
             }
         }
     }
@@ -249,7 +276,15 @@ impl Device {
                 self.t_us += count * u64::from(PERIOD_US);
                 self.dropped += u32::try_from(count).expect("few");
             }
-            Act::Wait(pause_ms) => std::thread::sleep(Duration::from_millis(pause_ms)),
+            Act::Wait(pause_ms) => {
+                let until = Instant::now() + Duration::from_millis(pause_ms);
+                while Instant::now() < until {
+                    for command in self.listen(far) {
+                        self.obey(&command, far);
+                    }
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            }
             Act::Complete => {
                 self.state = State::Idle;
                 self.event(far, EventKind::ProgramEnded { outcome: Outcome::Completed });
@@ -325,22 +360,23 @@ impl Device {
             last_panic: None,
         }
     }
+}
 
-    fn status(&self) -> Status {
-        Status {
-            t_us: self.t_us,
-            state: self.state,
-            step: u8::MAX,
-            fault: self.fault,
-            position_counts: [1, 2],
-            force_counts: [3, 4],
-            streaming: true,
-            counters: Counters::default(),
-            load: Load::default(),
-            motor_budget_permille: [0; 2],
-            force_limit_mn: 4_000,
-            silence_limit_ms: 2_000,
-            stiffness: [None; 2],
-        }
+/// A device at rest, at the start of its clock.
+pub fn status() -> Status {
+    Status {
+        t_us: 0,
+        state: State::Idle,
+        step: u8::MAX,
+        fault: None,
+        position_counts: [1, 2],
+        force_counts: [3, 4],
+        streaming: true,
+        counters: Counters::default(),
+        load: Load::default(),
+        motor_budget_permille: [0; 2],
+        force_limit_mn: 4_000,
+        silence_limit_ms: 2_000,
+        stiffness: [None; 2],
     }
 }

@@ -217,3 +217,34 @@ fn a_port_that_goes_away_while_the_host_is_behind_costs_no_sample() {
     assert!(matches!(ended, Err(LinkError::Gone { .. })));
     assert_eq!(samples, 73);
 }
+
+/// The device's clock runs ten times as fast as this machine's, as that of a simulated rig may.
+#[test]
+fn a_device_with_a_fast_clock_hears_from_its_host_in_time() {
+    let mut program = vec![[Act::Batch(32), Act::Wait(3)]; 200].concat();
+    program.push(Act::Complete);
+    let (device, mut client) = with_program(&program);
+    let (batches, ended) = run_program(&mut client);
+    ended.expect("6.4 s without the host falling silent for 2 s");
+    assert_eq!(account(&batches).0, 6_400);
+    assert!(device.questions() >= 6, "{}", device.questions());
+}
+
+#[test]
+fn a_device_that_says_nothing_hears_from_its_host_all_the_same() {
+    let (device, mut client) = with_program(&[Act::Wait(900), Act::Complete]);
+    let (_, ended) = run_program(&mut client);
+    ended.expect("completes");
+    assert!(device.questions() >= 3, "{}", device.questions());
+}
+
+#[test]
+fn a_host_that_is_busy_for_too_long_is_told_that_it_fell_silent() {
+    let mut program = vec![Act::Batch(32); 80];
+    program.push(Act::Complete);
+    let (_device, mut client) = with_program(&program);
+    let (_, ended) = run_program(&mut client);
+    let error = ended.expect_err("2.6 s at once");
+    assert!(matches!(error, LinkError::ProgramEnded { fault: Some(Fault::HostSilent) }), "{error}");
+    assert!(error.to_string().contains("nothing was heard from the host"), "{error}");
+}
