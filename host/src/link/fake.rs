@@ -1,9 +1,10 @@
 //! A device for tests: speaks the protocol at the far end of a pseudo terminal, and misbehaves as told.
 
 use protocol::{
-    CalibrationId, Command, CommandReceiver, Counters, Envelope, Event, EventKind, Fault, Hello, Load,
-    MAX_FRAME_TO_HOST, Message, Outcome, Packer, Received, Refusal, Request, ResetReason, Sample, Scales,
-    State, Status, Text, encode_envelope,
+    CalibrationId, CalibrationRecord, Command, CommandReceiver, Counters, Envelope, Event, EventKind, Fault,
+    Hello, Load, MAX_CALIBRATION, MAX_FRAME_TO_HOST, Message, Outcome, PIECE_BYTES, Packer,
+    PotentiometerTable, Received, Refusal, Request, ResetReason, Sample, Scales, State, Status, Text,
+    encode_envelope,
 };
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
@@ -60,6 +61,8 @@ pub struct Script {
     pub refusal: Option<Refusal>,
     /// Longest time of its own clock without a command while a program runs, milliseconds.
     pub silence_limit_ms: u32,
+    /// Restarts with the calibration it had, whatever it is told to keep.
+    pub keeps_no_calibration: bool,
     /// What running a program does.
     pub program: Vec<Act>,
 }
@@ -75,6 +78,7 @@ impl Default for Script {
             late_end: false,
             refusal: None,
             silence_limit_ms: 2_000,
+            keeps_no_calibration: false,
             program: vec![Act::Batch(32), Act::Complete],
         }
     }
@@ -100,6 +104,7 @@ impl FakeDevice {
         far.set_timeout(Duration::from_millis(5)).expect("a timeout");
         let (executed, questions) = (Arc::default(), Arc::default());
         let stop = Arc::new(AtomicBool::new(false));
+        let script_silence_ms = script.silence_limit_ms;
         let worker = std::thread::spawn({
             let device = Device {
                 script,
@@ -110,6 +115,9 @@ impl FakeDevice {
                 questions: Arc::clone(&questions),
                 receiver: CommandReceiver::new(),
                 heard_us: 0,
+                calibration: calibration(),
+                loaded: [0; MAX_CALIBRATION + PIECE_BYTES],
+                limits: [4_000, script_silence_ms],
                 packer: Packer::new(PERIOD_US),
                 t_us: 1_000_000,
                 dropped: 0,
@@ -152,6 +160,10 @@ struct Device {
     receiver: CommandReceiver,
     /// Device time of the last command.
     heard_us: u64,
+    calibration: CalibrationRecord,
+    loaded: [u8; MAX_CALIBRATION + PIECE_BYTES],
+    /// Force in mN and silence in ms.
+    limits: [u32; 2],
     packer: Packer,
     t_us: u64,
     dropped: u32,
@@ -204,13 +216,18 @@ impl Device {
             Request::Status => {
                 self.questions.fetch_add(1, Ordering::AcqRel);
                 let status = Status { t_us: self.t_us, state: self.state, fault: self.fault, ..status() };
-                let status = Status { silence_limit_ms: self.script.silence_limit_ms, ..status };
+                let [force_limit_mn, silence_limit_ms] = self.limits;
+                let status = Status { force_limit_mn, silence_limit_ms, ..status };
                 if self.script.lost_statuses > 0 {
                     self.script.lost_statuses -= 1;
                     self.sequence += 1;
                 } else {
                     self.send(far, Message::Status(status));
                 }
+            }
+            Request::Calibration => {
+                let record = self.calibration.clone();
+                self.send(far, Message::Calibration(record));
             }
             Request::LoadStep { .. } if self.script.late_end => {
                 self.event(far, EventKind::ProgramEnded { outcome: Outcome::Stopped });
@@ -229,13 +246,15 @@ impl Device {
         }
         let accepted = matches!(answer, Message::Ack { .. });
         self.send(far, answer);
+        if accepted && matches!(command.request, Request::StoreCalibration { .. }) {
+            (self.boot_id, self.sequence, self.answered) = (self.boot_id + 1, 0, None);
+        }
         if accepted && matches!(command.request, Request::Run { .. }) {
             self.state = State::Pending;
             for act in self.script.program.clone() {
                 self.act(act, far);
                 let silent_us = self.t_us.saturating_sub(self.heard_us);
-                if self.state == State::Holding && silent_us > 1_000 * u64::from(self.script.silence_limit_ms)
-                {
+                if self.state == State::Holding && silent_us > 1_000 * u64::from(self.limits[1]) {
                     return self.act(Act::Fail(Fault::HostSilent), far);
                 }
             }
@@ -245,6 +264,25 @@ impl Device {
     fn execute(&mut self, command: &Command) -> Message {
         if let Some(refusal) = self.script.refusal {
             return Message::Refused { id: command.id, refusal };
+        }
+        match command.request {
+            Request::Limits { force_mn, silence_ms } => self.limits = [force_mn, silence_ms],
+            Request::LoadCalibration { piece, bytes } => {
+                let from = usize::from(piece) * PIECE_BYTES;
+                self.loaded[from..from + PIECE_BYTES].copy_from_slice(&bytes);
+            }
+            Request::StoreCalibration { length, crc } => {
+                let meant = CalibrationRecord::decode(&self.loaded[..usize::from(length)]);
+                match meant.filter(|record| record.crc() == crc) {
+                    Some(_) if self.script.keeps_no_calibration => {}
+                    Some(record) => self.calibration = record,
+                    None => {
+                        let refusal = Refusal::CalibrationInvalid;
+                        return Message::Refused { id: command.id, refusal };
+                    }
+                }
+            }
+            _ => {}
         }
         if command.request != Request::Status {
             self.executed.lock().expect("the test runs").push(command.request);
@@ -356,9 +394,26 @@ impl Device {
                 travel_um: 10_000,
                 force_range_mn: 5_000,
             },
-            calibration: CalibrationId { id: Text::new("fake-1"), crc: 0xCBF4_3926 },
+            calibration: CalibrationId { id: self.calibration.id.clone(), crc: self.calibration.crc() },
             last_panic: None,
         }
+    }
+}
+
+/// The calibration that a fake starts with.
+pub fn calibration() -> CalibrationRecord {
+    let table = [-10_240, -7_680, -5_120, -2_560, 0, 2_560, 5_120, 7_680, 10_240];
+    let potentiometer = PotentiometerTable {
+        track_codes: [40, 4_055],
+        rising_um: table,
+        falling_um: table.map(|um| um - 20),
+    };
+    CalibrationRecord {
+        id: Text::new("fake-1"),
+        potentiometers: [potentiometer; 2],
+        travel_um: 10_000,
+        force_pn_per_code: [[931_000, 12_000], [-8_000, 925_000]],
+        force_range_mn: 5_000,
     }
 }
 
