@@ -159,7 +159,7 @@ fn knots_um(fields: &Fields<'_>, field: &str, codes: &[f64]) -> Result<Option<[i
 /// Position at a code on the straight lines between two or more points, and on the first and the last beyond them.
 fn along(points: &[[f64; 2]], code: f64) -> f64 {
     let lines = || points.iter().zip(points.iter().skip(1));
-    let line = lines().find(|(_, to)| code <= to[0]).or_else(|| lines().last());
+    let line = lines().find(|(_, to)| code <= to[0]).or_else(|| lines().next_back());
     line.map_or(0.0, |(from, to)| {
         let share = (code - from[0]) / (to[0] - from[0]);
         from[1] + share * (to[1] - from[1])

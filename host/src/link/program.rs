@@ -169,8 +169,8 @@ impl Program {
                 number: index + 1,
                 problem,
             })?;
-            let targets = planned.iter().filter_map(|planned| target(planned.step));
-            target_um = targets.last().unwrap_or(target_um);
+            let mut targets = planned.iter().filter_map(|planned| target(planned.step));
+            target_um = targets.next_back().unwrap_or(target_um);
             count += planned.len();
             // What the device cannot hold is counted only.
             steps.extend(planned.into_iter().take(MAX_STEPS.saturating_sub(steps.len())));
