@@ -36,7 +36,7 @@ pub struct Calibration {
 pub enum CalibrationError {
     /// The id is empty.
     Id,
-    /// A table does not rise throughout, the two directions differ by more than a knot, or its track is not within the codes.
+    /// A table neither rises nor falls throughout, its two directions differ by more than 2 mm, or its track is not within the codes.
     Potentiometer {
         /// 0 for x, 1 for y.
         axis: u8,
@@ -201,17 +201,21 @@ fn interpolate(table: &PotentiometerTable, code: u16, rising: f32) -> f32 {
 
 fn is_sound(table: &PotentiometerTable) -> bool {
     let [least, greatest] = table.track_codes;
-    let rises = |positions_um: &[i16; KNOTS]| positions_um.is_sorted_by(|low, high| low < high);
+    let rise = |positions_um: &[i16; KNOTS]| positions_um.is_sorted_by(|low, high| low < high);
+    let fall = |positions_um: &[i16; KNOTS]| positions_um.is_sorted_by(|high, low| low < high);
+    let both = [&table.rising_um, &table.falling_um];
+    let monotonic = both.into_iter().all(rise) || both.into_iter().all(fall);
     // Play is a fraction of a millimetre; a table of another potentiometer in one direction is far more than this.
     let apart = table.rising_um.iter().zip(&table.falling_um).any(|(up, down)| up.abs_diff(*down) > 2_000);
-    least < greatest && greatest <= CODE_MAX && rises(&table.rising_um) && rises(&table.falling_um) && !apart
+    least < greatest && greatest <= CODE_MAX && monotonic && !apart
 }
 
 fn reaches(table: &PotentiometerTable, travel_um: u32) -> bool {
     let [least, greatest] = table.track_codes;
+    let travel_um = travel_um as f32;
     [0.0, 1.0].into_iter().all(|rising| {
-        interpolate(table, least, rising) < -(travel_um as f32)
-            && interpolate(table, greatest, rising) > travel_um as f32
+        let ends = [interpolate(table, least, rising), interpolate(table, greatest, rising)];
+        ends.iter().any(|um| *um < -travel_um) && ends.iter().any(|um| *um > travel_um)
     })
 }
 
@@ -247,6 +251,16 @@ mod tests {
         assert_eq!(y_um(2_560, 0.0), 6_210.0);
         assert_eq!(y_um(2_560, 0.5), 6_380.0);
         assert_eq!(y_um(4_095, 0.0), 25_000.0 - 6_250.0 / 512.0 - 40.0);
+    }
+
+    #[test]
+    fn a_potentiometer_may_be_wired_either_way() {
+        let mut record = Calibration::nominal_record();
+        let table = &mut record.potentiometers[0];
+        table.rising_um = table.rising_um.map(|um| -um);
+        table.falling_um = table.rising_um;
+        let rig = Calibration::new(record).unwrap();
+        assert_eq!(rig.position_um([2_560, 2_560], [0.5; 2]), [-6_250.0, 6_250.0]);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+pub mod calibration_file;
 pub mod continuum;
 pub mod diagnose;
 pub mod figures;
@@ -23,6 +24,7 @@ pub mod rig;
 pub mod session;
 pub mod simulate;
 pub mod sweep;
+pub mod tare;
 #[cfg(test)]
 mod testing;
 pub mod track;

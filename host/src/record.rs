@@ -4,9 +4,9 @@
 //! written where they happened (column `lost_before`), never smoothed over.
 
 use crate::link::{Batch, Client, LinkError, LinkLosses, Program, RunOptions, Telemetry, run};
-use crate::session::{ForceRow, LateralWriter, SessionError};
+use crate::session::{ForceRow, LateralWriter, Provenance, SessionError};
 use crate::sweep::{Sweep, SweepError, SweepTask};
-use protocol::{EventKind, State};
+use protocol::{EventKind, Hello, State};
 use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
@@ -56,6 +56,16 @@ pub struct Recorded {
     pub link: LinkLosses,
 }
 
+/// What a run of this device is recorded with.
+pub fn provenance(hello: &Hello) -> Provenance {
+    Provenance {
+        calibration_id: Some(hello.calibration.id.as_str().to_owned()),
+        calibration_crc: Some(hello.calibration.crc),
+        device: Some(hello.board.as_str().to_owned()),
+        firmware: Some(format!("{} ({})", hello.firmware_version, hello.commit)),
+    }
+}
+
 /// Writes batches and sweeps into one lateral run.
 pub struct Recorder<'w, 's> {
     writer: &'w mut LateralWriter<'s>,
@@ -94,6 +104,7 @@ impl<'w, 's> Recorder<'w, 's> {
                 displacement_x_m,
                 force_x_n,
                 step: batch.step.map(u32::from),
+                moving: batch.step.map(|_| batch.state == State::Moving),
                 lost_before: std::mem::take(&mut lost_before),
             })?;
             self.recorded.samples += 1;

@@ -163,6 +163,7 @@ fn lateral(
         depth_m: plan.depth_m,
         force_path: format!("{}.force.csv", plan.id).into(),
         shape_path: format!("{}.shape.csv", plan.id).into(),
+        provenance: Default::default(),
         force: ForceSeries {
             time_s,
             displacement_y_m,
@@ -170,6 +171,7 @@ fn lateral(
             displacement_x_m,
             force_x_n,
             lost_before: None,
+            marks: None,
         },
         shape: ShapeSeries {
             time_s: Some(shape.iter().map(|point| point.time_s).collect()),

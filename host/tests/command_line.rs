@@ -348,3 +348,45 @@ fn steering_faults_name_their_place() {
         assert!(!output.status.success(), "{wrong:?}");
     }
 }
+
+#[test]
+fn a_calibration_file_is_checked_before_any_device_is_asked() {
+    let folder = folder();
+    let file = folder.path().join("unit-7.toml");
+    let text = "id = \"unit-7\"\ntravel_mm = 10\nforce_range_n = 5\nforce_n_per_code = [[9.31e-7, 0], [0, 9.31e-7]]\n\
+                [potentiometer.x]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-25, 25]\n\
+                [potentiometer.y]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-25, 25]\n";
+    let store = |text: &str| {
+        fs::write(&file, text).expect("writes");
+        failure(&["calibration", "--port", "/dev/no-such-port", "--store", path(&file)])
+    };
+    assert!(store(text).contains("no such port"));
+    let said = store(&text.replacen("[-25, 25]", "[-25, 25, 26]", 1));
+    assert!(said.contains("unit-7.toml:8:13: potentiometer.x.rising_mm: a list of 3"), "{said}");
+    assert!(failure(&["limits", "--port", "/dev/no-such-port", "--force-n", "2"]).contains("no such port"));
+}
+
+#[test]
+fn runs_with_different_calibrations_are_named() {
+    let folder = folder();
+    add_lateral_run(&mut writer(folder.path()));
+    let dir = path(folder.path());
+    let toml = folder.path().join("session.toml");
+    let plain = fs::read_to_string(&toml).expect("reads");
+    let one = plain.clone() + "calibration_crc = \"0000002a\"\n";
+    let other = "\n[[lateral]]\nid = \"again\"\ndepth_mm = 30.0\nforce = \"d30-1.force.csv\"\n\
+                 shape = \"d30-1.shape.csv\"\ncalibration_crc = \"1a2b3c4d\"\n";
+    for (text, warned) in [(plain, false), (one.clone(), false), (one + other, true)] {
+        fs::write(&toml, text).expect("writes");
+        let output = guide(&["identify", dir]);
+        assert!(output.status.success(), "{}", text_of(&output));
+        let said = text_of(&output);
+        assert_eq!(said.contains("different calibrations"), warned, "{said}");
+        assert!(!warned || said.contains("d30-1 with 0000002a; again with 1a2b3c4d"), "{said}");
+    }
+}
+
+/// What a command said beside its result.
+fn text_of(output: &Output) -> String {
+    text(&output.stderr)
+}

@@ -100,6 +100,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         bootstrap: args.bootstrap.unwrap_or(0) as usize,
         seed: args.seed,
     };
+    warn_of_calibrations(&session, out);
     let result =
         identify(&session, &options).with_context(|| format!("cannot identify {}", args.dir.display()))?;
     if let Some(folder) = &args.plots {
@@ -110,6 +111,18 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         out.note("some runs are left out; see the warnings");
     }
     Ok(())
+}
+
+/// Says which runs were recorded with which calibration where it is not the same for all.
+fn warn_of_calibrations(session: &Session, out: &Output) {
+    let calibrations = session.calibrations();
+    if calibrations.len() > 1 {
+        let named = calibrations.iter().map(|(crc, runs)| format!("{} with {crc:08x}", runs.join(", ")));
+        out.note(format_args!(
+            "warning: runs were recorded with different calibrations of the device: {}",
+            named.collect::<Vec<_>>().join("; ")
+        ));
+    }
 }
 
 /// Draws the figures and says where they are.

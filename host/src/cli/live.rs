@@ -4,7 +4,7 @@
 //! reading. Each line is joined with the mean of what the device has sent since the line before.
 
 use super::output::Output;
-use super::rig_args::interrupted;
+use super::rig_args::{FaultNotes, interrupted};
 use anyhow::{Context, bail};
 use firmware::steering::{Estimate, Refused, Sample, Seen, Value};
 use host::link::{Client, Program, RunOptions, Telemetry};
@@ -172,10 +172,14 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
         let options = RunOptions { start_us: None, stream: true, interrupted };
         host::link::run(&mut client, &program, options, |_, telemetry| joined.take(telemetry, out))?;
     } else {
+        let mut faults = FaultNotes::default();
         client.request(Request::Stream { enable: true })?;
         while !interrupted.load(Ordering::Acquire) && !joined.ended {
             match client.next(host::link::client::SILENCE_LIMIT)? {
-                Some(telemetry) => joined.take(&telemetry, out)?,
+                Some(telemetry) => {
+                    faults.see(&telemetry, "tracking goes on", out);
+                    joined.take(&telemetry, out)?;
+                }
                 None => bail!(host::link::LinkError::Silent { port: port.clone() }),
             }
         }

@@ -7,10 +7,12 @@
 //! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`]
 //! and one line in [`main`].
 
+mod calibration;
 mod diagnose;
 mod effects;
 mod identify;
 mod import;
+mod limits;
 mod live;
 mod monitor;
 mod operate;
@@ -22,6 +24,7 @@ mod record;
 mod relation;
 mod rig_args;
 mod simulate;
+mod status;
 mod tare;
 mod track;
 
@@ -53,6 +56,8 @@ enum Command {
     Move(operate::MoveArgs),
     Stop(operate::StopArgs),
     Clear(operate::ClearArgs),
+    Limits(limits::Args),
+    Calibration(calibration::Args),
     Record(record::RecordArgs),
     Acquire(record::AcquireArgs),
     Plan(plan::Args),
@@ -79,6 +84,8 @@ pub fn main() -> ExitCode {
         Command::Move(args) => operate::move_guide(args, &mut out),
         Command::Stop(args) => operate::stop(args, &mut out),
         Command::Clear(args) => operate::clear(args, &mut out),
+        Command::Limits(args) => limits::run(args, &mut out),
+        Command::Calibration(args) => calibration::run(args, &mut out),
         Command::Record(args) => record::run_record(args, &mut out),
         Command::Acquire(args) => record::run_acquire(args, &mut out),
         Command::Plan(args) => plan::run(args, &mut out),

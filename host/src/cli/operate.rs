@@ -1,11 +1,13 @@
 //! `guide status`, `home`, `move`, `stop`, `clear`: operating the rig by hand. Each ends by telling where the guide is.
 
 use super::output::Output;
-use super::rig_args::{PortArgs, Rest, StartArgs, report_status, run_step};
+use super::rig_args::{ForceLimitArgs, PortArgs, Rest, StartArgs, run_step};
+use super::status::{Detail, report_status};
 use anyhow::anyhow;
-use host::link::Client;
+use host::link::error::explain_fault;
 use host::link::program::move_to;
-use protocol::Request;
+use host::link::{Client, LinkError};
+use protocol::{Refusal, Request};
 
 /// Show what the device is doing, where the guide is and what has gone wrong
 #[derive(clap::Args)]
@@ -17,7 +19,7 @@ pub struct StatusArgs {
 
 /// Runs `guide status`.
 pub fn status(args: &StatusArgs, out: &mut Output) -> anyhow::Result<()> {
-    report_status("guide.status/1", &mut Client::connect(&args.port.port)?, None, out)
+    report_status("guide.status/1", &mut Client::connect(&args.port.port)?, None, Detail::Full, out)
 }
 
 /// Bring guide 2 to where the needle is straight
@@ -36,8 +38,8 @@ pub struct HomeArgs {
 /// Runs `guide home`.
 pub fn home(args: &HomeArgs, out: &mut Output) -> anyhow::Result<()> {
     let step = move_to([0.0, 0.0], args.speed_mm_s).map_err(|problem| anyhow!("{problem}"))?;
-    let (mut client, said) = run_step(&args.port, args.start, "home", step)?;
-    report_status("guide.home/1", &mut client, Rest::of(&said), out)
+    let (mut client, said) = run_step(&args.port, args.start, ForceLimitArgs::default(), "home", step)?;
+    report_status("guide.home/1", &mut client, Rest::of(&said), Detail::Brief, out)
 }
 
 /// Move guide 2 to a position and stay there
@@ -48,6 +50,8 @@ pub struct MoveArgs {
     port: PortArgs,
     #[command(flatten)]
     start: StartArgs,
+    #[command(flatten)]
+    limit: ForceLimitArgs,
     /// Horizontal position, millimetres from where the needle is straight
     #[arg(long, default_value_t = 0.0, value_name = "MM", allow_negative_numbers = true)]
     x_mm: f64,
@@ -62,8 +66,8 @@ pub struct MoveArgs {
 /// Runs `guide move`.
 pub fn move_guide(args: &MoveArgs, out: &mut Output) -> anyhow::Result<()> {
     let step = move_to([args.x_mm, args.y_mm], args.speed_mm_s).map_err(|problem| anyhow!("{problem}"))?;
-    let (mut client, said) = run_step(&args.port, args.start, "move", step)?;
-    report_status("guide.move/1", &mut client, Rest::of(&said), out)
+    let (mut client, said) = run_step(&args.port, args.start, args.limit, "move", step)?;
+    report_status("guide.move/1", &mut client, Rest::of(&said), Detail::Brief, out)
 }
 
 /// Stop the guide where it is; its lead screws hold it
@@ -78,7 +82,7 @@ pub struct StopArgs {
 pub fn stop(args: &StopArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
     client.request(Request::Stop)?;
-    report_status("guide.stop/1", &mut client, None, out)
+    report_status("guide.stop/1", &mut client, None, Detail::Brief, out)
 }
 
 /// Leave the fault state once the fault's cause is gone
@@ -92,6 +96,11 @@ pub struct ClearArgs {
 /// Runs `guide clear`.
 pub fn clear(args: &ClearArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
-    client.request(Request::ClearFault)?;
-    report_status("guide.clear/1", &mut client, None, out)
+    client.request(Request::ClearFault).or_else(|error| match (&error, client.status()?.fault) {
+        (LinkError::Refused { refusal: Refusal::CauseRemains, .. }, Some(fault)) => {
+            Err(anyhow!("{error}: {}", explain_fault(fault)))
+        }
+        _ => Err(error.into()),
+    })?;
+    report_status("guide.clear/1", &mut client, None, Detail::Brief, out)
 }

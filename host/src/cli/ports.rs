@@ -40,6 +40,8 @@ struct Device {
     commit: String,
     protocol_version: u16,
     boot_id: u32,
+    calibration_id: String,
+    calibration_crc: String,
 }
 
 impl Display for Ports {
@@ -51,8 +53,12 @@ impl Display for Ports {
             match (device, problem) {
                 (Some(device), _) => writeln!(
                     f,
-                    "* {port}  needle guide on {}, firmware {} ({})  {description}",
-                    device.board, device.firmware_version, device.commit
+                    "* {port}  needle guide on {}, firmware {} ({}), calibration {} ({})  {description}",
+                    device.board,
+                    device.firmware_version,
+                    device.commit,
+                    device.calibration_id,
+                    device.calibration_crc
                 )?,
                 (None, Some(problem)) => writeln!(f, "  {port}  {problem}  {description}")?,
                 (None, None) => writeln!(f, "  {port}  {description}")?,
@@ -84,6 +90,8 @@ fn look(listed: Listed) -> Entry {
                 commit: hello.commit.as_str().to_owned(),
                 protocol_version: hello.protocol_version,
                 boot_id: client.boot_id(),
+                calibration_id: hello.calibration.id.as_str().to_owned(),
+                calibration_crc: format!("{:08x}", hello.calibration.crc),
             };
             (Some(device), None)
         }

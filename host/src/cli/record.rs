@@ -1,11 +1,11 @@
 //! `guide acquire` and `guide record`: measuring into a session.
 
 use super::output::Output;
-use super::rig_args::{PortArgs, StartArgs, interrupted};
+use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
 use anyhow::{Context, bail};
 use host::link::{Client, Program, Telemetry};
-use host::record::{Recorded, Recorder, acquire};
-use host::session::{DEPTH_RANGE_MM, SessionWriter, Setup};
+use host::record::{Recorded, Recorder, acquire, provenance};
+use host::session::{DEPTH_RANGE_MM, Provenance, SessionWriter, Setup};
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::Request;
 use serde::Serialize;
@@ -57,6 +57,8 @@ pub struct AcquireArgs {
     session: SessionArgs,
     #[command(flatten)]
     start: StartArgs,
+    #[command(flatten)]
+    limit: ForceLimitArgs,
     /// Motion program: a TOML file, or `displace`, `staircase` or `quick-staircase`
     #[arg(long, value_name = "FILE")]
     program: String,
@@ -115,6 +117,8 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let program = Program::load(&args.program)?;
     let (mut session, id) = open_session(&args.session)?;
     let mut client = Client::connect(&args.port.port)?;
+    args.limit.set(&mut client)?;
+    let made_with = provenance(client.hello());
     let options = args.start.options(true)?;
     let bar = ProgressBar::new(program.steps.len() as u64).with_style(
         ProgressStyle::with_template("{msg} {wide_bar} step {pos}/{len} {elapsed}")
@@ -122,7 +126,7 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     );
     bar.set_message(program.name.clone());
     bar.enable_steady_tick(Duration::from_millis(200));
-    let outcome = measure(&mut session, &id, args.session.depth_mm, |recorder| {
+    let outcome = measure(&mut session, &id, args.session.depth_mm, made_with, |recorder| {
         let sweep = args.sweep_command.as_deref();
         Ok(acquire(&mut client, &program, options, sweep, recorder, |step| bar.set_position(step as u64))?)
     });
@@ -135,14 +139,16 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
     let (mut session, id) = open_session(&args.session)?;
     let mut client = Client::connect(&args.port.port)?;
     let interrupted = interrupted()?;
-    let outcome = measure(&mut session, &id, args.session.depth_mm, |recorder| {
+    let made_with = provenance(client.hello());
+    let mut faults = FaultNotes::default();
+    let outcome = measure(&mut session, &id, args.session.depth_mm, made_with, |recorder| {
         client.request(Request::Stream { enable: true })?;
         while !interrupted.load(Ordering::Acquire)
             && args.duration_s.is_none_or(|limit_s| recorder.recorded().duration_s < limit_s)
         {
             match client.next(host::link::client::SILENCE_LIMIT)? {
                 Some(Telemetry::Samples(batch)) => recorder.batch(&batch)?,
-                Some(Telemetry::Event(_) | Telemetry::Status(_)) => {}
+                Some(other) => faults.see(&other, "the recording goes on", out),
                 None => bail!(host::link::LinkError::Silent { port: args.port.port.clone() }),
             }
         }
@@ -182,9 +188,11 @@ fn measure(
     session: &mut SessionWriter,
     id: &str,
     depth_mm: f64,
+    made_with: Provenance,
     record: impl FnOnce(&mut Recorder) -> anyhow::Result<Recorded>,
 ) -> anyhow::Result<Recorded> {
     let mut writer = session.lateral(id, depth_mm * 1e-3)?;
+    writer.made_with(made_with);
     let outcome = record(&mut Recorder::new(&mut writer));
     writer.finish()?;
     outcome

@@ -1,12 +1,10 @@
-//! What the sub-commands that operate the rig share: port, interrupt, running one step, telling the state.
+//! What the sub-commands that operate the rig share: port, interrupt, limit, running one step, telling of faults.
 
 use super::output::Output;
 use clap::Args;
-use host::link::error::explain_fault;
+use host::link::error::explain_latched;
 use host::link::{Client, LinkError, Point, Program, RunOptions, Telemetry, run};
-use protocol::{State, Status, Step};
-use serde::Serialize;
-use std::fmt::{self, Display};
+use protocol::{Event, EventKind, Fault, Step};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The serial port of the device.
@@ -23,6 +21,24 @@ pub struct StartArgs {
     /// Start when the device's clock reads this, in seconds since its start (default: at once)
     #[arg(long, value_name = "SECONDS", value_parser = device_time)]
     pub at_s: Option<f64>,
+}
+
+/// The force at which the device stops by itself.
+#[derive(Args, Clone, Copy, Default)]
+pub struct ForceLimitArgs {
+    /// Largest force along either axis relative to the tare, newtons: set before the motion, stays set (`guide limits`)
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    force_limit_n: Option<f64>,
+}
+
+impl ForceLimitArgs {
+    /// Sets the limit where one was asked for.
+    pub fn set(self, client: &mut Client) -> Result<(), LinkError> {
+        if self.force_limit_n.is_some() {
+            client.set_limits(self.force_limit_n, None)?;
+        }
+        Ok(())
+    }
 }
 
 fn device_time(text: &str) -> Result<f64, String> {
@@ -48,9 +64,12 @@ impl StartArgs {
 /// Where the guide has come to rest: means over the last readings of a motion, which ends when the guide has settled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rest {
-    time_s: f64,
-    displacement_m: [f64; 2],
-    force_n: [f64; 2],
+    /// Device time, seconds.
+    pub time_s: f64,
+    /// Displacement along x and y, metres.
+    pub displacement_m: [f64; 2],
+    /// Force along x and y relative to the tare, newtons.
+    pub force_n: [f64; 2],
 }
 
 /// Readings of [`Rest`]: as many as the device itself waits before a motion counts as settled.
@@ -83,10 +102,12 @@ impl Rest {
 pub fn run_step(
     port: &PortArgs,
     start: StartArgs,
+    limit: ForceLimitArgs,
     name: &str,
     step: Step,
 ) -> anyhow::Result<(Client, Vec<Telemetry>)> {
     let mut client = Client::connect(&port.port)?;
+    limit.set(&mut client)?;
     let program = Program::single(name, step);
     let mut said = Vec::new();
     run(&mut client, &program, start.options(true)?, |_, telemetry| {
@@ -96,100 +117,23 @@ pub fn run_step(
     Ok((client, said))
 }
 
-/// State of the device in the units of a user.
-#[derive(Serialize)]
-pub struct Report {
-    schema: &'static str,
-    time_s: f64,
-    state: &'static str,
-    fault: Option<String>,
-    position_x_mm: f64,
-    position_y_mm: f64,
-    force_x_n: f64,
-    force_y_n: f64,
-    samples_dropped: u32,
-    messages_dropped: u32,
-    command_frames_corrupt: u32,
-    command_frames_overlong: u32,
-    command_frames_unreadable: u32,
-    force_readings_bad: u32,
-    control_overruns: u32,
+/// Tells of faults while something goes on that they do not end: each once, whoever says so first.
+#[derive(Default)]
+pub struct FaultNotes {
+    told: Option<Fault>,
 }
 
-impl Report {
-    fn new(schema: &'static str, client: &Client, status: &Status, rest: Option<Rest>) -> Self {
-        let now = Rest {
-            time_s: status.t_us as f64 * 1e-6,
-            displacement_m: client.displacement_m(status.position_counts),
-            force_n: client.force_n(status.force_counts),
+impl FaultNotes {
+    /// Looks at what the device says; `meanwhile` is what goes on.
+    pub fn see(&mut self, telemetry: &Telemetry, meanwhile: &str, out: &Output) {
+        let fault = match telemetry {
+            Telemetry::Event(Event { kind: EventKind::Faulted { fault }, .. }) => Some(*fault),
+            Telemetry::Status(status) => status.fault,
+            Telemetry::Event(_) | Telemetry::Samples(_) => return,
         };
-        let Rest { time_s, displacement_m, force_n: [force_x_n, force_y_n] } = rest.unwrap_or(now);
-        let [position_x_mm, position_y_mm] = displacement_m.map(|metres| metres * 1e3);
-        let counters = status.counters;
-        Self {
-            schema,
-            time_s,
-            state: state_name(status.state),
-            fault: status.fault.map(explain_fault),
-            position_x_mm,
-            position_y_mm,
-            force_x_n,
-            force_y_n,
-            samples_dropped: counters.samples_dropped,
-            messages_dropped: counters.messages_dropped,
-            command_frames_corrupt: counters.frames_corrupt,
-            command_frames_overlong: counters.frames_overlong,
-            command_frames_unreadable: counters.frames_unreadable,
-            force_readings_bad: counters.force_readings_bad,
-            control_overruns: counters.control_overruns,
+        if let Some(fault) = fault.filter(|_| fault != self.told) {
+            out.note(format_args!("{}; {meanwhile}", explain_latched(fault)));
         }
-    }
-}
-
-impl Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "state      {}", self.state)?;
-        if let Some(fault) = &self.fault {
-            writeln!(f, "           {fault}")?;
-        }
-        writeln!(f, "guide 2    x {:+.3} mm   y {:+.3} mm", self.position_x_mm, self.position_y_mm)?;
-        writeln!(f, "force      x {:+.4} N    y {:+.4} N", self.force_x_n, self.force_y_n)?;
-        writeln!(f, "clock      {:.3} s since the device started", self.time_s)?;
-        let counters = [
-            (self.samples_dropped, "samples dropped by the device"),
-            (self.messages_dropped, "messages dropped by the device"),
-            (self.command_frames_corrupt, "corrupt command frames"),
-            (self.command_frames_overlong, "over-long command frames"),
-            (self.command_frames_unreadable, "unreadable command frames"),
-            (self.force_readings_bad, "bad force readings"),
-            (self.control_overruns, "late control periods"),
-        ];
-        for (count, what) in counters.into_iter().filter(|(count, _)| *count > 0) {
-            writeln!(f, "counted    {count} {what}")?;
-        }
-        Ok(())
-    }
-}
-
-/// Asks the device for its state and prints it; position and force are those of `rest` where there is one.
-pub fn report_status(
-    schema: &'static str,
-    client: &mut Client,
-    rest: Option<Rest>,
-    out: &mut Output,
-) -> anyhow::Result<()> {
-    let status = client.status()?;
-    let report = Report::new(schema, client, &status, rest);
-    out.result(&report, &report)
-}
-
-fn state_name(state: State) -> &'static str {
-    match state {
-        State::Idle => "idle",
-        State::Pending => "waiting for its start time",
-        State::Moving => "moving",
-        State::Holding => "holding",
-        State::Taring => "taring",
-        State::Faulted => "faulted",
+        self.told = fault;
     }
 }

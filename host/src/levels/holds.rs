@@ -2,9 +2,11 @@
 //!
 //! The series is averaged into bins of about a twentieth of a second. A hold is a stretch of bins that stay within a
 //! tolerance of their mean in every plane, is long enough, and has no significant slope over its whole length (a slow
-//! ramp has). The tolerance follows the noise, which is taken from second differences: those vanish on ramps.
+//! ramp has). Where the recorder marked the steps of a motion program, each hold lies within one step, and steps that move have
+//! none. The tolerance follows the noise, which is taken from second differences: those vanish on ramps.
 
 use super::statistics::median;
+use crate::session::Mark;
 use std::ops::Range;
 
 /// What counts as a hold.
@@ -43,20 +45,72 @@ const SIGMAS: f64 = 4.0;
 
 /// Holds of a series of increasing times and one displacement column per plane, in order of time.
 pub fn find_holds(time_s: &[f64], planes_m: &[&[f64]], criteria: &HoldCriteria) -> Vec<Hold> {
-    let bins = Bins::new(time_s, planes_m, criteria);
+    search(time_s, planes_m, &[Part { rows: 0..time_s.len(), kind: Kind::Unmarked }], criteria)
+}
+
+/// As [`find_holds`], with what the device was doing at each row.
+pub fn find_marked_holds(
+    time_s: &[f64],
+    planes_m: &[&[f64]],
+    marks: &[Mark],
+    criteria: &HoldCriteria,
+) -> Vec<Hold> {
+    let mut parts = Vec::new();
+    let mut row = 0;
+    for same in marks.get(..time_s.len()).unwrap_or(marks).chunk_by(|a, b| a == b) {
+        let kind = match same.first() {
+            Some(Mark { step: Some(_), moving: Some(true) }) => Kind::Move,
+            Some(Mark { step: Some(_), moving: Some(false) }) => Kind::Hold,
+            Some(Mark { step: Some(_), moving: None }) => Kind::Step,
+            Some(Mark { step: None, .. }) | None => Kind::Unmarked,
+        };
+        parts.push(Part { rows: row..row + same.len(), kind });
+        row += same.len();
+    }
+    search(time_s, planes_m, &parts, criteria)
+}
+
+/// Rows between which no hold reaches over.
+struct Part {
+    rows: Range<usize>,
+    kind: Kind,
+}
+
+/// What is known of a part.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Nothing.
+    Unmarked,
+    /// It is one step of a program.
+    Step,
+    /// It is a step that does not move.
+    Hold,
+    /// It is a step that moves.
+    Move,
+}
+
+fn search(time_s: &[f64], planes_m: &[&[f64]], parts: &[Part], criteria: &HoldCriteria) -> Vec<Hold> {
+    let bins = Bins::new(time_s, planes_m, parts, criteria);
     let mut holds = Vec::new();
-    let mut start = 0;
-    while let Some(stretch) = bins.grow(start, criteria) {
-        if stretch.is_empty() {
-            start += 1;
-            continue;
-        }
-        start = stretch.end;
-        let rows = bins.rows(&stretch);
-        if let (Some(first_s), Some(last_s)) =
-            (time_s.get(rows.start), time_s.get(rows.end.saturating_sub(1)))
-        {
-            holds.push(Hold { rows, time_s: [*first_s, *last_s] });
+    for part in parts.iter().filter(|part| part.kind != Kind::Move) {
+        let of_part = bins.of(&part.rows);
+        let mut start = of_part.start;
+        while let Some(stretch) = bins.grow(start..of_part.end, part.kind, criteria) {
+            if stretch.is_empty() {
+                start += 1;
+                continue;
+            }
+            start = stretch.end;
+            let rows = bins.rows(&stretch);
+            // The rest at the end of a move is shorter than the move.
+            if part.kind == Kind::Step && 2 * rows.len() < part.rows.len() {
+                continue;
+            }
+            if let (Some(first_s), Some(last_s)) =
+                (time_s.get(rows.start), time_s.get(rows.end.saturating_sub(1)))
+            {
+                holds.push(Hold { rows, time_s: [*first_s, *last_s] });
+            }
         }
     }
     holds
@@ -76,11 +130,13 @@ struct Bins {
 }
 
 impl Bins {
-    fn new(time_s: &[f64], planes_m: &[&[f64]], criteria: &HoldCriteria) -> Self {
+    fn new(time_s: &[f64], planes_m: &[&[f64]], parts: &[Part], criteria: &HoldCriteria) -> Self {
         let mut edges = vec![];
         let mut opened_s = f64::NEG_INFINITY;
+        let mut starts = parts.iter().map(|part| part.rows.start).peekable();
         for (row, time_s) in time_s.iter().enumerate() {
-            if time_s - opened_s >= BIN_S * (1.0 - 1e-9) {
+            let part_starts = starts.next_if_eq(&row).is_some();
+            if part_starts || time_s - opened_s >= BIN_S * (1.0 - 1e-9) {
                 edges.push(row);
                 opened_s = *time_s;
             }
@@ -100,12 +156,19 @@ impl Bins {
         Self { time_s: average(time_s), planes_m: binned, edges, tolerance_m, noise_m }
     }
 
-    /// The hold that starts at bin `start`: empty where none starts there, nothing at the end of the series.
-    fn grow(&self, start: usize, criteria: &HoldCriteria) -> Option<Range<usize>> {
+    /// Bins of the rows of a part.
+    fn of(&self, rows: &Range<usize>) -> Range<usize> {
+        let bin = |row: usize| self.edges.partition_point(|edge| *edge < row);
+        bin(rows.start)..bin(rows.end)
+    }
+
+    /// The hold that starts at the first of these bins: empty where none starts there, nothing where they end too soon.
+    fn grow(&self, bins: Range<usize>, kind: Kind, criteria: &HoldCriteria) -> Option<Range<usize>> {
+        let Range { start, end } = bins;
         let end_s = self.time_s.get(start)? + criteria.min_duration_s - BIN_S;
         let seed_end = self.time_s.partition_point(|time_s| *time_s < end_s * (1.0 - 1e-12)) + 1;
         let mut stretch = start..seed_end.max(start + MIN_BINS);
-        if stretch.end > self.time_s.len() {
+        if stretch.end > end {
             return None;
         }
         let none = Some(start..start);
@@ -115,9 +178,9 @@ impl Bins {
         // One bin out of tolerance is a spike; two end the hold.
         loop {
             let next = stretch.end;
-            if next < self.time_s.len() && self.within(&stretch, next..next + 1) {
+            if next < end && self.within(&stretch, next..next + 1) {
                 stretch.end += 1;
-            } else if next + 1 < self.time_s.len() && self.within(&stretch, next + 1..next + 2) {
+            } else if next + 1 < end && self.within(&stretch, next + 1..next + 2) {
                 stretch.end += 2;
             } else {
                 break;
@@ -126,8 +189,8 @@ impl Bins {
         // A ramp loses much of its stretch when its ends are trimmed, and has a slope before; a hold has only its ends off.
         let whole = stretch.clone();
         self.trim(&mut stretch);
-        let mostly_ends = 4 * stretch.len() < 3 * whole.len() && !self.still(&whole, criteria);
-        let ramp = mostly_ends || self.goes_on(&whole, criteria);
+        let mostly_ends = || 4 * stretch.len() < 3 * whole.len() && !self.still(&whole, criteria);
+        let ramp = kind != Kind::Hold && (mostly_ends() || self.goes_on(&whole, criteria));
         let (Some(first_s), Some(last_s)) =
             (self.time_s.get(stretch.start), self.time_s.get(stretch.end - 1))
         else {

@@ -6,7 +6,7 @@
 mod holds;
 mod statistics;
 
-pub use holds::{Hold, HoldCriteria, find_holds};
+pub use holds::{Hold, HoldCriteria, find_holds, find_marked_holds};
 pub use statistics::{Mean, mean};
 
 use crate::session::{LateralRun, ShapeSeries};
@@ -64,7 +64,11 @@ pub fn levels(run: &LateralRun, criteria: &HoldCriteria) -> Vec<Level> {
     let force = &run.force;
     let mut planes = vec![force.displacement_y_m.as_slice()];
     planes.extend(force.displacement_x_m.as_deref());
-    let mut levels: Vec<Level> = find_holds(&force.time_s, &planes, criteria)
+    let holds = match &force.marks {
+        Some(marks) => find_marked_holds(&force.time_s, &planes, marks, criteria),
+        None => find_holds(&force.time_s, &planes, criteria),
+    };
+    let mut levels: Vec<Level> = holds
         .into_iter()
         .map(|hold| {
             let part = |values: &[f64]| mean(values.get(hold.rows.clone()).unwrap_or_default());

@@ -1,7 +1,7 @@
 //! Holds and levels on made-up series.
 
 use super::*;
-use crate::session::ForceSeries;
+use crate::session::{ForceSeries, Mark};
 use crate::testing::Noise;
 use std::path::PathBuf;
 
@@ -40,6 +40,7 @@ fn staircase(
         depth_m: 0.03,
         force_path: PathBuf::new(),
         shape_path: PathBuf::new(),
+        provenance: Default::default(),
         force,
         shape: ShapeSeries::default(),
     }
@@ -143,4 +144,77 @@ fn empty_and_tiny_series_have_no_levels() {
         run.force = ForceSeries::default();
         assert!(levels(&run, &HoldCriteria::default()).is_empty());
     }
+}
+
+/// Marks of the rows of [`staircase`]: moves and holds in turn, from a hold.
+fn marks(levels_mm: &[f64], hold_s: f64, speed_mm_s: f64, rate_hz: f64, kinds: bool) -> Vec<Mark> {
+    let mut marks = Vec::new();
+    let mut push = |step: u32, moving: bool, rows: usize| {
+        marks.extend(std::iter::repeat_n(Mark { step: Some(step), moving: kinds.then_some(moving) }, rows));
+    };
+    let mut at_mm = levels_mm[0];
+    for (level_mm, step) in levels_mm.iter().zip(0..) {
+        let move_rows = ((level_mm - at_mm).abs() / speed_mm_s * rate_hz - 1e-6).ceil() as usize;
+        push(2 * step, true, move_rows);
+        push(2 * step + 1, false, (hold_s * rate_hz) as usize);
+        at_mm = *level_mm;
+    }
+    marks
+}
+
+#[test]
+fn marked_holds_lie_within_their_steps() {
+    let steps = [0.0, 0.4, 0.8, 1.2, 0.8, 0.0, -0.6, -1.2, 0.0];
+    for kinds in [true, false] {
+        for (rate_hz, speed_mm_s, noise_mm) in [(1000.0, 1.0, 0.002), (200.0, 0.2, 0.02), (100.0, 5.0, 0.0)] {
+            let mut run = staircase(&steps, 1.2, speed_mm_s, rate_hz, noise_mm, 0.0);
+            let marks = marks(&steps, 1.2, speed_mm_s, rate_hz, kinds);
+            assert_eq!(marks.len(), run.force.time_s.len());
+            run.force.marks = Some(marks.clone());
+            let planes = [run.force.displacement_y_m.as_slice()];
+            let holds = find_marked_holds(&run.force.time_s, &planes, &marks, &HoldCriteria::default());
+            assert_eq!(holds.len(), steps.len(), "{rate_hz} Hz, {speed_mm_s} mm/s");
+            for (hold, step) in holds.iter().zip(0..) {
+                let within = marks[hold.rows.clone()].iter().all(|mark| mark.step == Some(2 * step + 1));
+                assert!(within, "{rate_hz} Hz, {speed_mm_s} mm/s: {hold:?}");
+            }
+            let found = levels(&run, &HoldCriteria::default());
+            for (level, expected_mm) in found.iter().zip(steps) {
+                assert!((1e3 * level.displacement_y_m.value - expected_mm).abs() < 0.01, "{expected_mm}");
+            }
+        }
+    }
+}
+
+#[test]
+fn two_steps_at_one_place_are_two_holds_and_a_move_is_none() {
+    let mut run = staircase(&[0.5], 6.0, 1.0, 100.0, 0.002, 0.0);
+    assert_eq!(levels(&run, &HoldCriteria::default()).len(), 1);
+    let mark = |step, moving| Mark { step: Some(step), moving: Some(moving) };
+    let marks = [[mark(0, false); 200], [mark(1, true); 200], [mark(2, false); 200]].concat();
+    run.force.marks = Some(marks);
+    let found = levels(&run, &HoldCriteria::default());
+    let times: Vec<[f64; 2]> = found.iter().map(|level| level.time_s).collect();
+    assert_eq!(times.len(), 2, "{times:?}");
+    assert!(times[0][1] < 2.0 && times[1][0] >= 4.0, "{times:?}");
+}
+
+#[test]
+fn rows_outside_a_program_are_searched_as_ever() {
+    let mut run = staircase(&[0.0, 1.2, 0.0], 3.0, 2.0, 50.0, 0.01, 0.0);
+    let plain = levels(&run, &HoldCriteria::default());
+    run.force.marks = Some(vec![Mark::default(); run.force.time_s.len()]);
+    assert_eq!(levels(&run, &HoldCriteria::default()), plain);
+}
+
+#[test]
+fn a_hold_after_a_ramp_that_has_not_settled_is_found() {
+    // The guide arrives 0.3 s after the step has begun.
+    let mut run = staircase(&[0.0, 1.0], 2.0, 1.0, 100.0, 0.001, 0.0);
+    let mark = |step, moving| Mark { step: Some(step), moving: Some(moving) };
+    run.force.marks =
+        Some([vec![mark(0, false); 200], vec![mark(1, true); 70], vec![mark(2, false); 230]].concat());
+    let found = levels(&run, &HoldCriteria::default());
+    assert_eq!(found.len(), 2);
+    assert!((1e3 * found[1].displacement_y_m.value - 1.0).abs() < 0.002, "{:?}", found[1]);
 }

@@ -6,8 +6,8 @@
 use super::error::LinkError;
 use super::wire::{LinkLosses, Received, Wire};
 use protocol::{
-    Command, Envelope, EventKind, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample, Samples, State,
-    Status, encode_command,
+    CalibrationRecord, Command, Envelope, EventKind, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample,
+    Samples, State, Status, encode_command,
 };
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -60,6 +60,8 @@ pub struct Client {
     inbox: VecDeque<Telemetry>,
     boot_id: u32,
     next_id: u16,
+    /// Id of a question whose answer nobody waits for: [`Self::ask_on_the_way`].
+    open_question: Option<u16>,
     hello: Hello,
 }
 
@@ -87,7 +89,8 @@ impl Client {
                         if let Envelope { boot_id, message: Message::Hello(hello), .. } = *frame {
                             check_protocol(port, &hello)?;
                             let next_id = tries as u16;
-                            return Ok(Self { wire, inbox: VecDeque::new(), boot_id, next_id, hello });
+                            let inbox = VecDeque::new();
+                            return Ok(Self { wire, inbox, boot_id, next_id, open_question: None, hello });
                         }
                     }
                     Received::HelloOfVersion(theirs) => return Err(other_version(port, theirs)),
@@ -141,12 +144,40 @@ impl Client {
     pub fn status(&mut self) -> Result<Status, LinkError> {
         for _ in 0..TRIES {
             // The status and the answer to its request are two frames; where only the first is lost, it is asked for anew.
-            if let Some(status) = self.ask(Request::Status)? {
+            if let Some(Message::Status(status)) = self.ask(Request::Status)? {
                 return Ok(status);
             }
         }
         let port = self.wire.name().to_owned();
         Err(LinkError::Unanswered { port, command: "status", tries: TRIES })
+    }
+
+    /// The calibration that the device works with.
+    ///
+    /// # Errors
+    /// As [`Self::request`].
+    pub fn calibration(&mut self) -> Result<CalibrationRecord, LinkError> {
+        for _ in 0..TRIES {
+            if let Some(Message::Calibration(record)) = self.ask(Request::Calibration)? {
+                return Ok(record);
+            }
+        }
+        let port = self.wire.name().to_owned();
+        Err(LinkError::Unanswered { port, command: "calibration", tries: TRIES })
+    }
+
+    /// Asks for the status without waiting: the answer comes among what the device says on its own. The device hears by it that
+    /// the host is there. A question that has not been answered yet is sent again.
+    ///
+    /// # Errors
+    /// [`LinkError::Gone`].
+    pub fn ask_on_the_way(&mut self) -> Result<(), LinkError> {
+        let id = match self.open_question {
+            Some(id) => id,
+            None => self.take_id(),
+        };
+        self.open_question = Some(id);
+        send(&mut self.wire, &Command { id, boot_id: self.boot_id, request: Request::Status })
     }
 
     /// Forgets ends of programs that have been heard and not been taken yet: before a program is accepted they are those of others.
@@ -197,28 +228,35 @@ impl Client {
         counts.map(|count| f64::from(count) * f64::from(self.hello.scales.force_nn_per_count) * 1e-9)
     }
 
-    /// Sends a command until it is answered; a status that comes before the answer is returned with it.
-    fn ask(&mut self, request: Request) -> Result<Option<Status>, LinkError> {
-        let id = self.next_id;
-        self.next_id = self.next_id.wrapping_add(1);
+    /// Sends a command until it is answered; a status or a calibration that comes before the answer is returned with it.
+    fn ask(&mut self, request: Request) -> Result<Option<Message>, LinkError> {
+        let id = self.take_id();
+        // Its answer may still come; it is not asked again under its old number.
+        self.open_question = None;
         let command = Command { id, boot_id: self.boot_id, request };
-        let mut status = None;
+        let mut told = None;
         for _ in 0..TRIES {
             send(&mut self.wire, &command)?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
                 match self.receive(left)? {
-                    Some(Message::Ack { id: answered }) if answered == id => return Ok(status),
+                    Some(Message::Ack { id: answered }) if answered == id => return Ok(told),
                     Some(Message::Refused { id: answered, refusal }) if answered == id => {
                         return Err(LinkError::Refused { command: name(&request), refusal });
                     }
-                    Some(Message::Status(said)) => status = Some(said),
+                    Some(said @ (Message::Status(_) | Message::Calibration(_))) => told = Some(said),
                     _ => {}
                 }
             }
         }
         let port = self.wire.name().to_owned();
         Err(LinkError::Unanswered { port, command: name(&request), tries: TRIES })
+    }
+
+    fn take_id(&mut self) -> u16 {
+        let id = self.next_id;
+        self.next_id = self.next_id.wrapping_add(1);
+        id
     }
 
     /// Takes one frame: telemetry goes to the inbox, answers are returned.
@@ -249,7 +287,14 @@ impl Client {
                 self.inbox.push_back(Telemetry::Status(Box::new(status)));
                 Ok(Some(Message::Status(status)))
             }
-            answer => Ok(Some(answer)),
+            answer => {
+                if let Message::Ack { id } | Message::Refused { id, .. } = answer
+                    && self.open_question == Some(id)
+                {
+                    self.open_question = None;
+                }
+                Ok(Some(answer))
+            }
         }
     }
 

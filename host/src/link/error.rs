@@ -77,14 +77,18 @@ pub enum LinkError {
         /// What the system says.
         cause: io::Error,
     },
-    /// The device stopped talking while it streamed.
-    #[error("{port}: the device has said nothing for {SILENCE_LIMIT:?} while streaming")]
+    /// The device stopped talking while it streamed or was asked.
+    #[error(
+        "{port}: the device has said nothing for {SILENCE_LIMIT:?}, though it should: check the cable and its supply"
+    )]
     Silent {
         /// The port's name.
         port: String,
     },
     /// The device restarted in the middle of something.
-    #[error("{port}: the device restarted in mid-run: check its supply, then see `guide status`")]
+    #[error(
+        "{port}: the device restarted in mid-run: `guide status` says why; check its supply, then `guide clear`"
+    )]
     Restarted {
         /// The port's name.
         port: String,
@@ -96,10 +100,48 @@ pub enum LinkError {
         port: String,
     },
     /// A program ended before its last step.
-    #[error("the motion program was ended by {}", .fault.map_or("a stop".to_owned(), explain_fault))]
+    #[error("the motion program was ended by {}", .fault.map_or("a stop".to_owned(), explain_latched))]
     ProgramEnded {
         /// The fault that ended it; `None` for a stop.
         fault: Option<Fault>,
+    },
+    /// A limit that the device cannot take.
+    #[error("limit of the {name}: {value} {unit}, expected {least} to {most} {unit}")]
+    Limit {
+        /// Which.
+        name: &'static str,
+        /// The value asked for.
+        value: f64,
+        /// Least value.
+        least: f64,
+        /// Greatest value.
+        most: f64,
+        /// Unit of the three.
+        unit: &'static str,
+    },
+    /// A device that was to restart has not.
+    #[error(
+        "{port}: the device has not restarted with its new calibration ({}): reset it, then see `guide calibration`",
+        .cause.as_ref().map_or("it still answers as before".to_owned(), |cause| cause.to_string())
+    )]
+    NotBack {
+        /// The port's name.
+        port: String,
+        /// Why it cannot be reached; nothing where it answers and has not restarted.
+        cause: Option<Box<LinkError>>,
+    },
+    /// A device has restarted and works with another calibration than it was sent.
+    #[error(
+        "{port}: the calibration {sent} was sent, but the device works with {theirs} after its restart: \
+         its memory did not keep it; try again, then check the board"
+    )]
+    CalibrationNotKept {
+        /// The port's name.
+        port: String,
+        /// The calibration that was sent.
+        sent: String,
+        /// The one that the device works with.
+        theirs: String,
     },
     /// The user asked to stop.
     #[error("interrupted: the guide was stopped")]
@@ -113,7 +155,7 @@ pub enum LinkError {
 pub fn explain_refusal(refusal: Refusal) -> String {
     match refusal {
         Refusal::OtherBoot => "it has restarted since the hello; connect again".to_owned(),
-        Refusal::Faulted { fault } => format!("{}; then `guide clear`", explain_fault(fault)),
+        Refusal::Faulted { fault } => explain_latched(fault),
         Refusal::Busy => "a motion program waits or runs; `guide stop` ends it".to_owned(),
         Refusal::OutOfTravel => "the target lies beyond the travel of the guide".to_owned(),
         Refusal::OutOfRange => "a speed, a duration or the number of steps is zero or too large".to_owned(),
@@ -121,7 +163,7 @@ pub fn explain_refusal(refusal: Refusal) -> String {
             "the steps it holds are not the ones that were meant; load them again".to_owned()
         }
         Refusal::TooLate => "the start time has passed on its clock; see `guide status`".to_owned(),
-        Refusal::CauseRemains => "the cause of the fault is still there; see `guide status`".to_owned(),
+        Refusal::CauseRemains => "the cause of the fault is still there".to_owned(),
         Refusal::CalibrationInvalid => {
             "the calibration it received is not the one that was meant, or makes no sense".to_owned()
         }
@@ -182,4 +224,9 @@ pub fn fault_text(fault: Fault) -> FaultText {
 pub fn explain_fault(fault: Fault) -> String {
     let FaultText { cause, remedy } = fault_text(fault);
     format!("fault {} ({cause}: {remedy})", fault as u8)
+}
+
+/// A latched fault in one line, with what ends it.
+pub fn explain_latched(fault: Fault) -> String {
+    format!("{}; then `guide clear`", explain_fault(fault))
 }

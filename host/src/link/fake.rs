@@ -1,16 +1,17 @@
 //! A device for tests: speaks the protocol at the far end of a pseudo terminal, and misbehaves as told.
 
 use protocol::{
-    CalibrationId, Command, CommandReceiver, Counters, Envelope, Event, EventKind, Fault, Hello, Load,
-    MAX_FRAME_TO_HOST, Message, Outcome, Packer, Received, Refusal, Request, ResetReason, Sample, Scales,
-    State, Status, Text, encode_envelope,
+    CalibrationId, CalibrationRecord, Command, CommandReceiver, Counters, Envelope, Event, EventKind, Fault,
+    Hello, Load, MAX_CALIBRATION, MAX_FRAME_TO_HOST, Message, Outcome, PIECE_BYTES, Packer,
+    PotentiometerTable, Received, Refusal, Request, ResetReason, Sample, Scales, State, Status, Text,
+    encode_envelope,
 };
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const PERIOD_US: u32 = 1_000;
 /// The boot that a new fake claims.
@@ -27,7 +28,7 @@ pub enum Act {
     Lost(usize),
     /// Samples that the device itself had to drop.
     Dropped(u64),
-    /// Nothing for so many milliseconds.
+    /// Answers to what is asked, and nothing else, for so many milliseconds.
     Wait(u64),
     /// The program ends well.
     Complete,
@@ -58,6 +59,10 @@ pub struct Script {
     pub late_end: bool,
     /// Refuses every command but the hello.
     pub refusal: Option<Refusal>,
+    /// Longest time of its own clock without a command while a program runs, milliseconds.
+    pub silence_limit_ms: u32,
+    /// Restarts with the calibration it had, whatever it is told to keep.
+    pub keeps_no_calibration: bool,
     /// What running a program does.
     pub program: Vec<Act>,
 }
@@ -72,6 +77,8 @@ impl Default for Script {
             lost_statuses: 0,
             late_end: false,
             refusal: None,
+            silence_limit_ms: 2_000,
+            keeps_no_calibration: false,
             program: vec![Act::Batch(32), Act::Complete],
         }
     }
@@ -82,6 +89,7 @@ pub struct FakeDevice {
     /// Name of the port that leads to it.
     pub port: String,
     executed: Arc<Mutex<Vec<Request>>>,
+    questions: Arc<AtomicUsize>,
     stop: Arc<AtomicBool>,
     worker: Option<JoinHandle<()>>,
 }
@@ -94,7 +102,9 @@ impl FakeDevice {
         // Opened again by its name; kept open here it would be in use.
         drop(near);
         far.set_timeout(Duration::from_millis(5)).expect("a timeout");
-        let (executed, stop) = (Arc::default(), Arc::new(AtomicBool::new(false)));
+        let (executed, questions) = (Arc::default(), Arc::default());
+        let stop = Arc::new(AtomicBool::new(false));
+        let script_silence_ms = script.silence_limit_ms;
         let worker = std::thread::spawn({
             let device = Device {
                 script,
@@ -102,6 +112,12 @@ impl FakeDevice {
                 boot_id: BOOT_ID,
                 answered: None,
                 executed: Arc::clone(&executed),
+                questions: Arc::clone(&questions),
+                receiver: CommandReceiver::new(),
+                heard_us: 0,
+                calibration: calibration(),
+                loaded: [0; MAX_CALIBRATION + PIECE_BYTES],
+                limits: [4_000, script_silence_ms],
                 packer: Packer::new(PERIOD_US),
                 t_us: 1_000_000,
                 dropped: 0,
@@ -111,12 +127,17 @@ impl FakeDevice {
             let stop = Arc::clone(&stop);
             move || device.serve(far, &stop)
         });
-        Self { port, executed, stop, worker: Some(worker) }
+        Self { port, executed, questions, stop, worker: Some(worker) }
     }
 
     /// The commands carried out so far, hellos and status left out.
     pub fn executed(&self) -> Vec<Request> {
         self.executed.lock().expect("the device runs").clone()
+    }
+
+    /// How often the status has been asked for.
+    pub fn questions(&self) -> usize {
+        self.questions.load(Ordering::Acquire)
     }
 }
 
@@ -135,6 +156,14 @@ struct Device {
     boot_id: u32,
     answered: Option<(u16, Message)>,
     executed: Arc<Mutex<Vec<Request>>>,
+    questions: Arc<AtomicUsize>,
+    receiver: CommandReceiver,
+    /// Device time of the last command.
+    heard_us: u64,
+    calibration: CalibrationRecord,
+    loaded: [u8; MAX_CALIBRATION + PIECE_BYTES],
+    /// Force in mN and silence in ms.
+    limits: [u32; 2],
     packer: Packer,
     t_us: u64,
     dropped: u32,
@@ -144,25 +173,13 @@ struct Device {
 
 impl Device {
     fn serve(mut self, mut far: TTYPort, stop: &AtomicBool) {
-        let mut receiver = CommandReceiver::new();
-        let mut bytes = [0; 256];
         while !stop.load(Ordering::Acquire) {
-            let Ok(length) = far.read(&mut bytes) else {
+            let commands = self.listen(&mut far);
+            if commands.is_empty() {
                 // Nobody has opened the near end yet, or nothing came.
                 std::thread::sleep(Duration::from_millis(1));
-                continue;
-            };
-            let commands: Vec<Command> = receiver
-                .feed(&bytes[..length])
-                .filter_map(|received| match received {
-                    Received::Frame(command) => Some(command),
-                    _ => None,
-                })
-                .collect();
+            }
             for command in commands {
-                if self.script.mute {
-                    continue;
-                }
                 self.obey(&command, &mut far);
                 if self.vanishes(&command) {
                     return;
@@ -171,11 +188,25 @@ impl Device {
         }
     }
 
+    /// Commands that have arrived.
+    fn listen(&mut self, far: &mut TTYPort) -> Vec<Command> {
+        let mut bytes = [0; 256];
+        let waiting = far.bytes_to_read().unwrap_or_default();
+        let length = if waiting > 0 { far.read(&mut bytes).unwrap_or_default() } else { 0 };
+        let received = self.receiver.feed(&bytes[..length]);
+        let commands = received.filter_map(|received| match received {
+            Received::Frame(command) if !self.script.mute => Some(command),
+            _ => None,
+        });
+        commands.collect()
+    }
+
     fn vanishes(&self, command: &Command) -> bool {
         matches!(command.request, Request::Run { .. }) && self.script.program.contains(&Act::Vanish)
     }
 
     fn obey(&mut self, command: &Command, far: &mut TTYPort) {
+        self.heard_us = self.t_us;
         match command.request {
             Request::Hello => {
                 let hello = self.hello();
@@ -183,13 +214,20 @@ impl Device {
                 return self.send(far, Message::Ack { id: command.id });
             }
             Request::Status => {
-                let status = self.status();
+                self.questions.fetch_add(1, Ordering::AcqRel);
+                let status = Status { t_us: self.t_us, state: self.state, fault: self.fault, ..status() };
+                let [force_limit_mn, silence_limit_ms] = self.limits;
+                let status = Status { force_limit_mn, silence_limit_ms, ..status };
                 if self.script.lost_statuses > 0 {
                     self.script.lost_statuses -= 1;
                     self.sequence += 1;
                 } else {
                     self.send(far, Message::Status(status));
                 }
+            }
+            Request::Calibration => {
+                let record = self.calibration.clone();
+                self.send(far, Message::Calibration(record));
             }
             Request::LoadStep { .. } if self.script.late_end => {
                 self.event(far, EventKind::ProgramEnded { outcome: Outcome::Stopped });
@@ -208,9 +246,17 @@ impl Device {
         }
         let accepted = matches!(answer, Message::Ack { .. });
         self.send(far, answer);
+        if accepted && matches!(command.request, Request::StoreCalibration { .. }) {
+            (self.boot_id, self.sequence, self.answered) = (self.boot_id + 1, 0, None);
+        }
         if accepted && matches!(command.request, Request::Run { .. }) {
+            self.state = State::Pending;
             for act in self.script.program.clone() {
                 self.act(act, far);
+                let silent_us = self.t_us.saturating_sub(self.heard_us);
+                if self.state == State::Holding && silent_us > 1_000 * u64::from(self.limits[1]) {
+                    return self.act(Act::Fail(Fault::HostSilent), far);
+                }
             }
         }
     }
@@ -218,6 +264,25 @@ impl Device {
     fn execute(&mut self, command: &Command) -> Message {
         if let Some(refusal) = self.script.refusal {
             return Message::Refused { id: command.id, refusal };
+        }
+        match command.request {
+            Request::Limits { force_mn, silence_ms } => self.limits = [force_mn, silence_ms],
+            Request::LoadCalibration { piece, bytes } => {
+                let from = usize::from(piece) * PIECE_BYTES;
+                self.loaded[from..from + PIECE_BYTES].copy_from_slice(&bytes);
+            }
+            Request::StoreCalibration { length, crc } => {
+                let meant = CalibrationRecord::decode(&self.loaded[..usize::from(length)]);
+                match meant.filter(|record| record.crc() == crc) {
+                    Some(_) if self.script.keeps_no_calibration => {}
+                    Some(record) => self.calibration = record,
+                    None => {
+                        let refusal = Refusal::CalibrationInvalid;
+                        return Message::Refused { id: command.id, refusal };
+                    }
+                }
+            }
+            _ => {}
         }
         if command.request != Request::Status {
             self.executed.lock().expect("the test runs").push(command.request);
@@ -249,7 +314,15 @@ impl Device {
                 self.t_us += count * u64::from(PERIOD_US);
                 self.dropped += u32::try_from(count).expect("few");
             }
-            Act::Wait(pause_ms) => std::thread::sleep(Duration::from_millis(pause_ms)),
+            Act::Wait(pause_ms) => {
+                let until = Instant::now() + Duration::from_millis(pause_ms);
+                while Instant::now() < until {
+                    for command in self.listen(far) {
+                        self.obey(&command, far);
+                    }
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            }
             Act::Complete => {
                 self.state = State::Idle;
                 self.event(far, EventKind::ProgramEnded { outcome: Outcome::Completed });
@@ -321,26 +394,44 @@ impl Device {
                 travel_um: 10_000,
                 force_range_mn: 5_000,
             },
-            calibration: CalibrationId { id: Text::new("fake-1"), crc: 0xCBF4_3926 },
+            calibration: CalibrationId { id: self.calibration.id.clone(), crc: self.calibration.crc() },
             last_panic: None,
         }
     }
+}
 
-    fn status(&self) -> Status {
-        Status {
-            t_us: self.t_us,
-            state: self.state,
-            step: u8::MAX,
-            fault: self.fault,
-            position_counts: [1, 2],
-            force_counts: [3, 4],
-            streaming: true,
-            counters: Counters::default(),
-            load: Load::default(),
-            motor_budget_permille: [0; 2],
-            force_limit_mn: 4_000,
-            silence_limit_ms: 2_000,
-            stiffness: [None; 2],
-        }
+/// The calibration that a fake starts with.
+pub fn calibration() -> CalibrationRecord {
+    let table = [-10_240, -7_680, -5_120, -2_560, 0, 2_560, 5_120, 7_680, 10_240];
+    let potentiometer = PotentiometerTable {
+        track_codes: [40, 4_055],
+        rising_um: table,
+        falling_um: table.map(|um| um - 20),
+    };
+    CalibrationRecord {
+        id: Text::new("fake-1"),
+        potentiometers: [potentiometer; 2],
+        travel_um: 10_000,
+        force_pn_per_code: [[931_000, 12_000], [-8_000, 925_000]],
+        force_range_mn: 5_000,
+    }
+}
+
+/// A device at rest, at the start of its clock.
+pub fn status() -> Status {
+    Status {
+        t_us: 0,
+        state: State::Idle,
+        step: u8::MAX,
+        fault: None,
+        position_counts: [1, 2],
+        force_counts: [3, 4],
+        streaming: true,
+        counters: Counters::default(),
+        load: Load::default(),
+        motor_budget_permille: [0; 2],
+        force_limit_mn: 4_000,
+        silence_limit_ms: 2_000,
+        stiffness: [None; 2],
     }
 }

@@ -1,6 +1,7 @@
 //! The link to the device: port, frames, commands, motion programs.
 
 pub mod client;
+mod constants;
 pub mod error;
 #[cfg(test)]
 pub(crate) mod fake;
@@ -10,6 +11,7 @@ pub mod run;
 mod wire;
 
 pub use client::{Batch, Client, Point, Telemetry};
+pub use constants::Limits;
 pub use error::LinkError;
 pub use program::Program;
 pub use run::{RunOptions, run};

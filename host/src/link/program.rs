@@ -10,7 +10,18 @@
 //! sweep = true           # take an ultrasound sweep during this hold
 //! [[step]]
 //! tare_s = 1.0
+//! [[step]]
+//! ramp_y_mm = -0.5       # and/or ramp_x_mm: evenly, arriving after
+//! duration_s = 20.0      # this time; the program goes on then, settled or not
+//! [[step]]
+//! staircase_y_mm = 1.0   # and/or staircase_x_mm: from the target before (or 0) to this one
+//! levels = 5             # in so many equal steps, each a move and a hold
+//! hold_s = 2.0
+//! speed_mm_s = 1.0
+//! sweep = true           # in each of the holds
 //! ```
+//!
+//! The device knows moves, ramps, holds and tares, [`MAX_STEPS`] of them; staircases become moves and holds here.
 
 use protocol::{MAX_STEPS, Step};
 use serde::Deserialize;
@@ -70,14 +81,24 @@ pub enum ProgramError {
         /// What is wrong and what was expected.
         problem: &'static str,
     },
-    /// No steps or too many.
-    #[error("{name}: {count} steps, expected 1 to {MAX_STEPS}")]
+    /// No steps or too many, with staircases as the moves and holds that they stand for.
+    #[error("{name}: {count} steps{}, expected 1 to {MAX_STEPS}", expanded(*count, *written))]
     Length {
         /// File or name.
         name: String,
-        /// How many there are.
+        /// How many there are for the device.
         count: usize,
+        /// How many the file has.
+        written: usize,
     },
+}
+
+fn expanded(count: usize, written: usize) -> String {
+    if count == written {
+        String::new()
+    } else {
+        format!(" on the device ({written} in the file; each level of a staircase is a move and a hold)")
+    }
 }
 
 fn known() -> String {
@@ -97,6 +118,12 @@ struct File {
 struct FileStep {
     move_x_mm: Option<f64>,
     move_y_mm: Option<f64>,
+    ramp_x_mm: Option<f64>,
+    ramp_y_mm: Option<f64>,
+    duration_s: Option<f64>,
+    staircase_x_mm: Option<f64>,
+    staircase_y_mm: Option<f64>,
+    levels: Option<u32>,
     speed_mm_s: Option<f64>,
     hold_s: Option<f64>,
     tare_s: Option<f64>,
@@ -133,39 +160,118 @@ impl Program {
     fn parse(name: &str, text: &str) -> Result<Self, ProgramError> {
         let file: File = toml::from_str(text)
             .map_err(|cause| ProgramError::Parse { name: name.to_owned(), cause: Box::new(cause) })?;
-        if !(1..=MAX_STEPS).contains(&file.step.len()) {
-            return Err(ProgramError::Length { name: name.to_owned(), count: file.step.len() });
-        }
-        let steps = file.step.iter().enumerate().map(|(index, step)| {
-            step.plan().map_err(|problem| ProgramError::Step {
+        let mut steps: Vec<PlannedStep> = Vec::new();
+        let mut target_um = [0; 2];
+        let mut count = 0;
+        for (index, step) in file.step.iter().enumerate() {
+            let planned = step.plan(target_um).map_err(|problem| ProgramError::Step {
                 name: name.to_owned(),
                 number: index + 1,
                 problem,
-            })
-        });
-        Ok(Self { name: file.name, steps: steps.collect::<Result<_, _>>()? })
+            })?;
+            let mut targets = planned.iter().filter_map(|planned| target(planned.step));
+            target_um = targets.next_back().unwrap_or(target_um);
+            count += planned.len();
+            // What the device cannot hold is counted only.
+            steps.extend(planned.into_iter().take(MAX_STEPS.saturating_sub(steps.len())));
+        }
+        if (1..=MAX_STEPS).contains(&count) {
+            Ok(Self { name: file.name, steps })
+        } else {
+            Err(ProgramError::Length { name: name.to_owned(), count, written: file.step.len() })
+        }
     }
 }
 
+/// Where a step leads, micrometres.
+fn target(step: Step) -> Option<[i32; 2]> {
+    match step {
+        Step::Move { x_um, y_um, .. } | Step::Ramp { x_um, y_um, .. } => Some([x_um, y_um]),
+        Step::Hold { .. } | Step::Tare { .. } => None,
+    }
+}
+
+/// Largest number of levels of a staircase.
+const MAX_LEVELS: u32 = MAX_STEPS as u32 / 2;
+
 impl FileStep {
-    fn plan(self) -> Result<PlannedStep, &'static str> {
-        let is_move = self.move_x_mm.is_some() || self.move_y_mm.is_some();
-        if self.speed_mm_s.is_some() && !is_move {
-            return Err("`speed_mm_s` belongs to a move");
+    /// The device's steps for this one, after a step that led to `from_um`.
+    fn plan(self, from_um: [i32; 2]) -> Result<Vec<PlannedStep>, &'static str> {
+        let pair = |x: Option<f64>, y: Option<f64>| {
+            (x.is_some() || y.is_some()).then(|| [x.unwrap_or(0.0), y.unwrap_or(0.0)])
+        };
+        let move_mm = pair(self.move_x_mm, self.move_y_mm);
+        let ramp_mm = pair(self.ramp_x_mm, self.ramp_y_mm);
+        let staircase_mm = pair(self.staircase_x_mm, self.staircase_y_mm);
+        if self.speed_mm_s.is_some() && move_mm.is_none() && staircase_mm.is_none() {
+            return Err("`speed_mm_s` belongs to a move or a staircase");
+        }
+        if self.duration_s.is_some() && ramp_mm.is_none() {
+            return Err("`duration_s` belongs to a ramp");
+        }
+        if self.levels.is_some() && staircase_mm.is_none() {
+            return Err("`levels` belongs to a staircase");
         }
         if self.sweep && self.hold_s.is_none() {
             return Err("`sweep` belongs to a hold: the guide must stand still");
         }
-        let step = match (is_move, self.hold_s, self.tare_s) {
-            (true, None, None) => move_to(
-                [self.move_x_mm.unwrap_or(0.0), self.move_y_mm.unwrap_or(0.0)],
-                self.speed_mm_s.unwrap_or(1.0),
-            )?,
-            (false, Some(hold_s), None) => Step::Hold { duration_ms: milliseconds(hold_s)? },
-            (false, None, Some(tare_s)) => Step::Tare { duration_ms: milliseconds(tare_s)? },
-            _ => return Err("expected exactly one of `move_x_mm`/`move_y_mm`, `hold_s`, `tare_s`"),
+        let speed_mm_s = self.speed_mm_s.unwrap_or(1.0);
+        let step = match (move_mm, ramp_mm, staircase_mm, self.hold_s, self.tare_s) {
+            (Some(target_mm), None, None, None, None) => move_to(target_mm, speed_mm_s)?,
+            (None, Some(target_mm), None, None, None) => {
+                let [x_um, y_um] = micrometres(target_mm)?;
+                let duration_s = self.duration_s.ok_or("a ramp needs `duration_s`")?;
+                Step::Ramp { x_um, y_um, duration_ms: milliseconds(duration_s)? }
+            }
+            (None, None, Some(target_mm), Some(hold_s), None) => {
+                return self.staircase(from_um, target_mm, speed_mm_s, hold_s);
+            }
+            (None, None, Some(_), None, None) => return Err("a staircase needs `hold_s`"),
+            (None, None, None, Some(hold_s), None) => Step::Hold { duration_ms: milliseconds(hold_s)? },
+            (None, None, None, None, Some(tare_s)) => Step::Tare { duration_ms: milliseconds(tare_s)? },
+            _ => {
+                return Err("expected exactly one of `move_x_mm`/`move_y_mm`, `ramp_x_mm`/`ramp_y_mm`, \
+                            `staircase_x_mm`/`staircase_y_mm`, `hold_s`, `tare_s`");
+            }
         };
-        Ok(PlannedStep { step, sweep: self.sweep })
+        Ok(vec![PlannedStep { step, sweep: self.sweep }])
+    }
+
+    fn staircase(
+        self,
+        from_um: [i32; 2],
+        target_mm: [f64; 2],
+        speed_mm_s: f64,
+        hold_s: f64,
+    ) -> Result<Vec<PlannedStep>, &'static str> {
+        let levels = self.levels.ok_or("a staircase needs `levels`")?;
+        if !(1..=MAX_LEVELS).contains(&levels) {
+            return Err(
+                "`levels` must lie between 1 and 32: each is a move and a hold, and a program has 64 steps",
+            );
+        }
+        if micrometres(target_mm)? == from_um {
+            return Err("a staircase must lead to another place than it starts from");
+        }
+        let hold = PlannedStep { step: Step::Hold { duration_ms: milliseconds(hold_s)? }, sweep: self.sweep };
+        let from_mm = from_um.map(|um| f64::from(um) * 1e-3);
+        let mut steps = Vec::new();
+        for level in 1..=levels {
+            let share = f64::from(level) / f64::from(levels);
+            let at_mm = [0, 1].map(|axis| from_mm[axis] + share * (target_mm[axis] - from_mm[axis]));
+            steps.push(PlannedStep { step: move_to(at_mm, speed_mm_s)?, sweep: false });
+            steps.push(hold);
+        }
+        Ok(steps)
+    }
+}
+
+/// A position (x, y) as the device takes it.
+fn micrometres(target_mm: [f64; 2]) -> Result<[i32; 2], &'static str> {
+    if target_mm.iter().all(|target| target.abs() <= 1_000.0) {
+        Ok(target_mm.map(|target| (target * 1e3).round() as i32))
+    } else {
+        Err("the target must be a number of millimetres within 1000")
     }
 }
 
@@ -174,13 +280,10 @@ impl FileStep {
 /// # Errors
 /// Says what was expected of a value that no rig could take; the device checks against its own limits.
 pub fn move_to(target_mm: [f64; 2], speed_mm_s: f64) -> Result<Step, &'static str> {
-    if !target_mm.iter().all(|target| target.abs() <= 1_000.0) {
-        return Err("the target must be a number of millimetres within 1000");
-    }
+    let [x_um, y_um] = micrometres(target_mm)?;
     if !(0.001..=1_000.0).contains(&speed_mm_s) {
         return Err("`speed_mm_s` must lie between 0.001 and 1000");
     }
-    let [x_um, y_um] = target_mm.map(|target| (target * 1e3).round() as i32);
     Ok(Step::Move { x_um, y_um, speed_um_s: (speed_mm_s * 1e3).round() as u32 })
 }
 
@@ -224,7 +327,8 @@ mod tests {
         let both = "name = 'p'\n[[step]]\nhold_s = 1\n[[step]]\nhold_s = 1\ntare_s = 1\n";
         assert_eq!(
             message(both),
-            "p.toml: step 2: expected exactly one of `move_x_mm`/`move_y_mm`, `hold_s`, `tare_s`"
+            "p.toml: step 2: expected exactly one of `move_x_mm`/`move_y_mm`, `ramp_x_mm`/`ramp_y_mm`, \
+             `staircase_x_mm`/`staircase_y_mm`, `hold_s`, `tare_s`"
         );
         assert_eq!(message("name = 'p'"), "p.toml: 0 steps, expected 1 to 64");
         assert!(message("name = 'p'\n[[step]]\nhold_ms = 1").contains("line 3"));
@@ -237,6 +341,66 @@ mod tests {
                 .unwrap_err()
                 .to_string()
                 .contains("displace, staircase, quick-staircase")
+        );
+    }
+
+    #[test]
+    fn ramps_and_staircases() {
+        let text = "name = 'p'\n[[step]]\nramp_x_mm = 0.4\nduration_s = 2.5\n[[step]]\nstaircase_y_mm = 0.9\nlevels = 3\n\
+                    hold_s = 1\nspeed_mm_s = 2\nsweep = true\n[[step]]\nstaircase_x_mm = -1\nlevels = 1\nhold_s = 0.5\n";
+        let program = Program::parse("p", text).unwrap();
+        let move_to = |x_um, y_um, speed_um_s| Step::Move { x_um, y_um, speed_um_s };
+        let (long, short) = (Step::Hold { duration_ms: 1_000 }, Step::Hold { duration_ms: 500 });
+        assert_eq!(
+            program.device_steps(),
+            [
+                Step::Ramp { x_um: 400, y_um: 0, duration_ms: 2_500 },
+                move_to(267, 300, 2_000),
+                long,
+                move_to(133, 600, 2_000),
+                long,
+                move_to(0, 900, 2_000),
+                long,
+                move_to(-1_000, 0, 1_000),
+                short,
+            ]
+        );
+        let sweeps: Vec<usize> =
+            (0..).zip(&program.steps).filter(|(_, s)| s.sweep).map(|(index, _)| index).collect();
+        assert_eq!(sweeps, [2, 4, 6]);
+    }
+
+    #[test]
+    fn mistakes_in_ramps_and_staircases_are_named() {
+        for (step, expected) in [
+            ("ramp_y_mm = 1", "step 1: a ramp needs `duration_s`"),
+            ("ramp_y_mm = 1\nduration_s = 0", "a duration must lie between"),
+            (
+                "ramp_y_mm = 1\nduration_s = 1\nspeed_mm_s = 1",
+                "`speed_mm_s` belongs to a move or a staircase",
+            ),
+            ("ramp_y_mm = nan\nduration_s = 1", "within 1000"),
+            ("hold_s = 1\nduration_s = 1", "`duration_s` belongs to a ramp"),
+            ("hold_s = 1\nlevels = 1", "`levels` belongs to a staircase"),
+            ("move_y_mm = 1\nramp_y_mm = 1\nduration_s = 1", "expected exactly one of"),
+            ("staircase_y_mm = 1\nlevels = 2", "a staircase needs `hold_s`"),
+            ("staircase_y_mm = 1\nhold_s = 2", "a staircase needs `levels`"),
+            ("staircase_y_mm = 1\nhold_s = 2\nlevels = 0", "`levels` must lie between 1 and 32"),
+            ("staircase_y_mm = 1\nhold_s = 2\nlevels = 4000000000", "`levels` must lie between 1 and 32"),
+            ("staircase_y_mm = 1\nhold_s = 2\nlevels = -1", "line 5"),
+            ("staircase_y_mm = 0\nhold_s = 2\nlevels = 2", "must lead to another place"),
+        ] {
+            let message =
+                Program::parse("p", &format!("name = 'p'\n[[step]]\n{step}")).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+        let stairs = "[[step]]\nstaircase_y_mm = 1\nlevels = 32\nhold_s = 1\n";
+        assert_eq!(Program::parse("p", &format!("name = 'p'\n{stairs}")).unwrap().steps.len(), 64);
+        let message =
+            Program::parse("p", &format!("name = 'p'\n{stairs}[[step]]\nhold_s = 1\n")).unwrap_err();
+        assert_eq!(
+            message.to_string(),
+            "p: 65 steps on the device (2 in the file; each level of a staircase is a move and a hold), expected 1 to 64"
         );
     }
 }

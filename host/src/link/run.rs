@@ -1,17 +1,18 @@
 //! Running a motion program on the device and following it to its end.
 //!
 //! The device runs the program by itself; the host follows. Events can be lost, so the end is recognised by whatever says so
-//! first: the event, the state in a batch, or the answer to a status that is asked for every second.
+//! first: the event, the state in a batch, or a status. The status is asked for all the time, because the device ends a program
+//! whose host has gone silent; nobody waits for the answer, it comes among the rest.
 
 use super::client::{Client, SILENCE_LIMIT, Telemetry};
 use super::error::LinkError;
 use super::program::Program;
-use protocol::{Event, EventKind, Fault, Outcome, Request, State};
+use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, State, Status};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How often the state is asked for while nothing says that the program has ended.
-pub(super) const STATUS_INTERVAL: Duration = Duration::from_secs(1);
+/// Longest time between two questions for the status, on this machine's clock.
+pub(super) const STATUS_INTERVAL: Duration = Duration::from_millis(250);
 /// How long one look for telemetry waits: short, so that an interrupt is obeyed soon.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -36,8 +37,9 @@ pub fn run<E: From<LinkError>>(
     options: RunOptions,
     mut observe: impl FnMut(&Client, &Telemetry) -> Result<(), E>,
 ) -> Result<(), E> {
-    let outcome =
-        start(client, program, options).map_err(E::from).and_then(|()| follow(client, options, &mut observe));
+    let outcome = start(client, program, options)
+        .map_err(E::from)
+        .and_then(|accepted| follow(client, &accepted, options, &mut observe));
     if outcome.is_err() {
         // Where the link is gone the stop cannot arrive; the device ends the program by itself and holds.
         let _ = client.request(Request::Stop);
@@ -56,7 +58,8 @@ pub fn run<E: From<LinkError>>(
     }
 }
 
-fn start(client: &mut Client, program: &Program, options: RunOptions) -> Result<(), LinkError> {
+/// Has a program accepted; the status directly after that.
+fn start(client: &mut Client, program: &Program, options: RunOptions) -> Result<Status, LinkError> {
     let steps = program.device_steps();
     for (index, step) in (0u8..).zip(&steps) {
         client.request(Request::LoadStep { index, step: *step })?;
@@ -70,37 +73,33 @@ fn start(client: &mut Client, program: &Program, options: RunOptions) -> Result<
     })?;
     // The end of this one, should it be among them because the acceptance came late, is found by asking.
     client.forget_ends();
-    Ok(())
+    client.status()
 }
 
 fn follow<E: From<LinkError>>(
     client: &mut Client,
+    accepted: &Status,
     options: RunOptions,
     observe: &mut impl FnMut(&Client, &Telemetry) -> Result<(), E>,
 ) -> Result<(), E> {
-    let mut end = EndWatch::default();
+    let mut end = EndWatch::new(accepted);
+    let mut signs = SignsOfLife::new(accepted);
     let mut last_heard = Instant::now();
-    let mut last_asked = Instant::now();
     loop {
         if options.interrupted.load(Ordering::Acquire) {
             return Err(LinkError::Interrupted.into());
         }
+        if signs.due() {
+            client.ask_on_the_way()?;
+            signs.given();
+        }
         if let Some(telemetry) = client.next(LOOK)? {
             last_heard = Instant::now();
             observe(client, &telemetry)?;
+            signs.see(&telemetry);
             end.see(&telemetry);
-        } else if options.stream && last_heard.elapsed() > SILENCE_LIMIT {
+        } else if last_heard.elapsed() > SILENCE_LIMIT {
             return Err(LinkError::Silent { port: client.port().to_owned() }.into());
-        }
-        if end.outcome.is_none() && last_asked.elapsed() > STATUS_INTERVAL {
-            let status = client.status()?;
-            last_asked = Instant::now();
-            // What was said before the answer may still wait here, samples of the program among it.
-            while let Some(telemetry) = client.waiting() {
-                observe(client, &telemetry)?;
-                end.see(&telemetry);
-            }
-            end.ask(status.state, status.fault);
         }
         match end.outcome {
             None => {}
@@ -117,15 +116,55 @@ fn follow<E: From<LinkError>>(
     }
 }
 
+/// When the device must hear from the host again. Its clock counts, which a simulated rig runs faster than this machine's.
+struct SignsOfLife {
+    every_us: u64,
+    /// Latest device time heard of.
+    device_us: u64,
+    given_us: u64,
+    given_at: Instant,
+}
+
+impl SignsOfLife {
+    fn new(status: &Status) -> Self {
+        // Three of four may be lost.
+        let every_us = u64::from(status.silence_limit_ms.max(SILENCE_LIMIT_MS[0])) * 1_000 / 4;
+        Self { every_us, device_us: status.t_us, given_us: status.t_us, given_at: Instant::now() }
+    }
+
+    fn see(&mut self, telemetry: &Telemetry) {
+        let said_us = match telemetry {
+            Telemetry::Samples(batch) => batch.points.last().map_or(0, |point| (point.time_s * 1e6) as u64),
+            Telemetry::Event(event) => event.t_us,
+            Telemetry::Status(status) => status.t_us,
+        };
+        self.device_us = self.device_us.max(said_us);
+    }
+
+    fn due(&self) -> bool {
+        self.device_us >= self.given_us.saturating_add(self.every_us)
+            || self.given_at.elapsed() >= STATUS_INTERVAL.min(Duration::from_micros(self.every_us))
+    }
+
+    fn given(&mut self) {
+        (self.given_us, self.given_at) = (self.device_us, Instant::now());
+    }
+}
+
 /// Recognises the end of a program that has been accepted.
-#[derive(Default)]
 struct EndWatch {
+    /// Device time at which the program had been accepted: states from then on are its own.
+    accepted_us: u64,
     seen_active: bool,
     fault: Option<Fault>,
     outcome: Option<Outcome>,
 }
 
 impl EndWatch {
+    fn new(accepted: &Status) -> Self {
+        Self { accepted_us: accepted.t_us, seen_active: false, fault: None, outcome: None }
+    }
+
     fn see(&mut self, telemetry: &Telemetry) {
         match telemetry {
             Telemetry::Event(Event { kind, .. }) => match kind {
@@ -134,7 +173,9 @@ impl EndWatch {
                 EventKind::StepStarted { .. } => self.seen_active = true,
                 EventKind::StepEnded { .. } | EventKind::Tared(_) => {}
             },
-            // Asked ones are looked at where they are asked; unasked ones may be from before the start.
+            Telemetry::Status(status) if status.t_us >= self.accepted_us => {
+                self.told(status.state, status.fault);
+            }
             Telemetry::Status(_) => {}
             // Batches of the time before the start may still be on their way: only a change to rest is an end.
             Telemetry::Samples(batch) => match batch.state {
@@ -146,8 +187,8 @@ impl EndWatch {
         }
     }
 
-    /// An answer comes after the acceptance of the program, so rest in it is an end.
-    fn ask(&mut self, state: State, fault: Option<Fault>) {
+    /// Rest after the acceptance of the program is an end.
+    fn told(&mut self, state: State, fault: Option<Fault>) {
         match state {
             State::Idle => self.end(Outcome::Completed),
             State::Faulted => {
@@ -167,6 +208,11 @@ impl EndWatch {
 mod tests {
     use super::*;
     use crate::link::client::Batch;
+    use crate::link::fake;
+
+    fn status(t_us: u64, state: State, fault: Option<Fault>) -> Status {
+        Status { t_us, state, fault, ..fake::status() }
+    }
 
     fn batch(state: State) -> Telemetry {
         Telemetry::Samples(Batch { state, step: None, lost_before: 0, points: Vec::new() })
@@ -174,8 +220,9 @@ mod tests {
 
     #[test]
     fn rest_from_before_the_start_is_no_end() {
-        let mut end = EndWatch::default();
+        let mut end = EndWatch::new(&status(5, State::Pending, None));
         end.see(&batch(State::Idle));
+        end.see(&Telemetry::Status(Box::new(status(4, State::Idle, None))));
         assert_eq!(end.outcome, None);
         end.see(&batch(State::Pending));
         end.see(&batch(State::Moving));
@@ -186,10 +233,10 @@ mod tests {
 
     #[test]
     fn an_end_whose_event_was_lost_is_found_by_asking() {
-        let mut end = EndWatch::default();
-        end.ask(State::Holding, None);
+        let mut end = EndWatch::new(&status(5, State::Pending, None));
+        end.see(&Telemetry::Status(Box::new(status(5, State::Holding, None))));
         assert_eq!(end.outcome, None);
-        end.ask(State::Faulted, Some(Fault::ForceRange));
+        end.see(&Telemetry::Status(Box::new(status(6, State::Faulted, Some(Fault::ForceRange)))));
         assert_eq!((end.outcome, end.fault), (Some(Outcome::Faulted), Some(Fault::ForceRange)));
     }
 }

@@ -1,9 +1,9 @@
 //! The link against a device that misbehaves.
 
-use super::fake::{Act, FakeDevice, Script};
+use super::fake::{self, Act, FakeDevice, Script};
 use super::run::STATUS_INTERVAL;
-use super::{Batch, Client, LinkError, LinkLosses, Program, RunOptions, Telemetry, run};
-use protocol::{Fault, Refusal, Request, State, Step};
+use super::{Batch, Client, Limits, LinkError, LinkLosses, Program, RunOptions, Telemetry, run};
+use protocol::{CalibrationRecord, Fault, Refusal, Request, State, Step, Text};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
@@ -216,4 +216,82 @@ fn a_port_that_goes_away_while_the_host_is_behind_costs_no_sample() {
     });
     assert!(matches!(ended, Err(LinkError::Gone { .. })));
     assert_eq!(samples, 73);
+}
+
+/// The device's clock runs ten times as fast as this machine's, as that of a simulated rig may.
+#[test]
+fn a_device_with_a_fast_clock_hears_from_its_host_in_time() {
+    let mut program = vec![[Act::Batch(32), Act::Wait(3)]; 200].concat();
+    program.push(Act::Complete);
+    let (device, mut client) = with_program(&program);
+    let (batches, ended) = run_program(&mut client);
+    ended.expect("6.4 s without the host falling silent for 2 s");
+    assert_eq!(account(&batches).0, 6_400);
+    assert!(device.questions() >= 6, "{}", device.questions());
+}
+
+#[test]
+fn a_device_that_says_nothing_hears_from_its_host_all_the_same() {
+    let (device, mut client) = with_program(&[Act::Wait(900), Act::Complete]);
+    let (_, ended) = run_program(&mut client);
+    ended.expect("completes");
+    assert!(device.questions() >= 3, "{}", device.questions());
+}
+
+#[test]
+fn a_host_that_is_busy_for_too_long_is_told_that_it_fell_silent() {
+    let mut program = vec![Act::Batch(32); 80];
+    program.push(Act::Complete);
+    let (_device, mut client) = with_program(&program);
+    let (_, ended) = run_program(&mut client);
+    let error = ended.expect_err("2.6 s at once");
+    assert!(matches!(error, LinkError::ProgramEnded { fault: Some(Fault::HostSilent) }), "{error}");
+    assert!(error.to_string().contains("nothing was heard from the host"), "{error}");
+}
+
+#[test]
+fn limits_are_set_one_by_one_and_checked_first() {
+    let device = FakeDevice::start(Script::default());
+    let mut client = Client::connect(&device.port).expect("connects");
+    assert_eq!(client.limits().expect("answers"), Limits { force_n: 4.0, silence_s: 2.0 });
+    let set = client.set_limits(Some(2.5), None).expect("taken");
+    assert_eq!(set, Limits { force_n: 2.5, silence_s: 2.0 });
+    assert_eq!(client.set_limits(None, Some(5.0)).expect("taken"), Limits { force_n: 2.5, silence_s: 5.0 });
+    for (force_n, silence_s, said) in [
+        (Some(6.0), None, "limit of the force: 6 N, expected 0.001 to 5 N"),
+        (Some(f64::NAN), None, "limit of the force: NaN N, expected 0.001 to 5 N"),
+        (None, Some(0.1), "limit of the silence: 0.1 s, expected 0.2 to 60 s"),
+    ] {
+        assert_eq!(client.set_limits(force_n, silence_s).expect_err("refused").to_string(), said);
+    }
+    assert_eq!(device.executed().len(), 2, "what cannot be taken is not sent");
+}
+
+#[test]
+fn a_calibration_is_kept_through_the_restart_that_follows() {
+    let device = FakeDevice::start(Script::default());
+    let mut client = Client::connect(&device.port).expect("connects");
+    let mut record = client.calibration().expect("answers");
+    assert_eq!(record, fake::calibration());
+    (record.id, record.travel_um) = (Text::new("fake-2"), 9_000);
+    let mut client = client.store_calibration(&record).expect("kept");
+    assert_eq!(client.boot_id(), fake::BOOT_ID + 1);
+    assert_eq!(client.hello().calibration.id.as_str(), "fake-2");
+    assert_eq!(client.calibration().expect("answers"), record);
+}
+
+#[test]
+fn a_calibration_that_is_not_kept_is_told() {
+    let device = FakeDevice::start(Script { keeps_no_calibration: true, ..Script::default() });
+    let client = Client::connect(&device.port).expect("connects");
+    let record = CalibrationRecord { id: Text::new("fake-2"), ..fake::calibration() };
+    let error = client.store_calibration(&record).err().expect("not kept");
+    assert!(matches!(error, LinkError::CalibrationNotKept { .. }), "{error}");
+    assert!(error.to_string().contains("works with `fake-1`"), "{error}");
+
+    let device =
+        FakeDevice::start(Script { refusal: Some(Refusal::CalibrationInvalid), ..Script::default() });
+    let client = Client::connect(&device.port).expect("connects");
+    let error = client.store_calibration(&record).err().expect("refused");
+    assert!(matches!(error, LinkError::Refused { refusal: Refusal::CalibrationInvalid, .. }), "{error}");
 }

@@ -1,11 +1,11 @@
 //! Recordings that end well and recordings that do not: what arrived is in the session.
 
-use super::{RecordError, Recorder, acquire};
-use crate::link::fake::{Act, FakeDevice, Script};
+use super::{RecordError, Recorder, acquire, provenance};
+use crate::link::fake::{self, Act, FakeDevice, Script};
 use crate::link::program::PlannedStep;
 use crate::link::{Client, LinkError, Program, RunOptions};
 use crate::model::{Needle, Rig};
-use crate::session::{LateralRun, Noise, Session, SessionWriter, Setup};
+use crate::session::{LateralRun, Mark, Noise, Session, SessionWriter, Setup};
 use protocol::{Fault, Refusal, Step};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -31,6 +31,7 @@ fn record(script: Script, program: &Program) -> (Session, Result<super::Recorded
     let mut client = Client::connect(&device.port).expect("connects");
     let mut session = SessionWriter::open(folder.path(), &setup()).expect("opens");
     let mut writer = session.lateral("d30-1", 0.03).expect("starts");
+    writer.made_with(provenance(client.hello()));
     let ended = acquire(&mut client, program, OPTIONS, Some(SWEEP), &mut Recorder::new(&mut writer), |_| ());
     writer.finish().expect("finishes");
     (Session::read(folder.path()).expect("reads"), ended, files(folder.path()))
@@ -64,6 +65,11 @@ fn samples_sweeps_and_losses_are_in_the_session() {
     assert_eq!(recorded.duration_s, 0.403);
     let run = &session.lateral[0];
     assert_eq!(samples(run), 384);
+    let held = Mark { step: Some(0), moving: Some(false) };
+    assert_eq!(run.force.marks.as_deref(), Some(&[held; 384][..]));
+    assert_eq!(run.provenance.calibration_crc, Some(fake::calibration().crc()));
+    assert_eq!(run.provenance.calibration_id.as_deref(), Some("fake-1"));
+    assert_eq!(run.provenance.firmware.as_deref(), Some("0.0.0 (fake)"));
     let lost = run.force.lost_before.as_ref().expect("the column");
     assert_eq!((lost[96], lost.iter().sum::<f64>()), (20.0, 20.0), "where they are missing");
     assert!((run.force.displacement_y_m[0] - 1_001e-6).abs() < 1e-9);

@@ -112,6 +112,28 @@ impl<'d> Fields<'d> {
         }
     }
 
+    /// A list of lists of numbers within `[least, most]` times a power of ten, where there is one.
+    pub fn optional_rows(
+        &self,
+        field: &str,
+        range: [f64; 2],
+        power: i32,
+    ) -> Result<Option<Vec<Vec<f64>>>, SessionError> {
+        let Some(value) = self.get(field) else { return Ok(None) };
+        let wrong = |value: &Spanned<DeValue<'_>>| {
+            let problem = Problem::WrongType(value.get_ref().type_str());
+            self.fault(value.span().start, field, problem, "a list of lists of numbers")
+        };
+        let DeValue::Array(rows) = value.get_ref() else { return Err(wrong(value)) };
+        let row = |row: &Spanned<DeValue<'_>>| match row.get_ref() {
+            DeValue::Array(items) => {
+                items.iter().map(|item| self.scaled(field, item, range, power)).collect()
+            }
+            _ => Err(wrong(row)),
+        };
+        rows.iter().map(row).collect::<Result<_, _>>().map(Some)
+    }
+
     /// An interval `[low, high]` within `[least, most]` times a power of ten, where there is one.
     pub fn optional_interval(
         &self,

@@ -69,10 +69,40 @@ pub struct LateralRun {
     pub force_path: PathBuf,
     /// File of the shape, for messages.
     pub shape_path: PathBuf,
+    /// What it was recorded with, where that is stated.
+    pub provenance: Provenance,
     /// Displacement and force against time.
     pub force: ForceSeries,
     /// Shape sweeps.
     pub shape: ShapeSeries,
+}
+
+/// What a run was recorded with.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Provenance {
+    /// Name of the device's calibration.
+    pub calibration_id: Option<String>,
+    /// Checksum of the device's calibration.
+    pub calibration_crc: Option<u32>,
+    /// Board of the device.
+    pub device: Option<String>,
+    /// Version of its firmware and the commit that was built.
+    pub firmware: Option<String>,
+}
+
+impl Session {
+    /// The calibrations that its lateral runs say they were recorded with, each with its runs' ids, in order of appearance.
+    pub fn calibrations(&self) -> Vec<(u32, Vec<&str>)> {
+        let mut found: Vec<(u32, Vec<&str>)> = Vec::new();
+        for run in &self.lateral {
+            let Some(crc) = run.provenance.calibration_crc else { continue };
+            match found.iter_mut().find(|(known, _)| *known == crc) {
+                Some((_, ids)) => ids.push(&run.id),
+                None => found.push((crc, vec![&run.id])),
+            }
+        }
+        found
+    }
 }
 
 /// Displacement of guide 2 and lateral force against increasing time; columns of equal length.
@@ -90,6 +120,17 @@ pub struct ForceSeries {
     pub force_x_n: Option<Vec<f64>>,
     /// Samples lost just before each row, where the recorder counted them.
     pub lost_before: Option<Vec<f64>>,
+    /// What the device was doing at each row, where the recorder knew it of any.
+    pub marks: Option<Vec<Mark>>,
+}
+
+/// What the device was doing when a row was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Mark {
+    /// Step of the motion program; none outside a program.
+    pub step: Option<u32>,
+    /// Whether that step moves guide 2, where it is known.
+    pub moving: Option<bool>,
 }
 
 /// Deflection of the needle at points of the shape sweeps; columns of equal length.

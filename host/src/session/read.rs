@@ -4,8 +4,8 @@ use super::error::{Problem, SessionError, read_text};
 use super::fields::Fields;
 use super::table::{Column, Table};
 use super::{
-    DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Noise, Session, Setup,
-    ShapeSeries, SteeringRun,
+    DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Mark, Noise, Provenance, Session,
+    Setup, ShapeSeries, SteeringRun,
 };
 use crate::model::{Needle, Rig};
 use std::collections::HashSet;
@@ -19,13 +19,15 @@ const LATERAL_MM: [f64; 2] = [-200.0, 200.0];
 const FORCE_N: [f64; 2] = [-200.0, 200.0];
 const SD_MM: [f64; 2] = [1e-9, 50.0];
 
-const FORCE_COLUMNS: [Column; 6] = [
+const FORCE_COLUMNS: [Column; 8] = [
     Column::required("time_s", 1.0, TIME_S).increasing(),
     Column::required("displacement_y_mm", MM, [-50.0, 50.0]),
     Column::required("force_y_n", 1.0, FORCE_N),
     Column::optional("displacement_x_mm", MM, [-50.0, 50.0]),
     Column::optional("force_x_n", 1.0, FORCE_N),
     Column::optional("lost_before", 1.0, [0.0, 1e12]),
+    Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).blank(),
+    Column::optional("moving", 1.0, [0.0, 1.0]).blank(),
 ];
 const SHAPE_COLUMNS: [Column; 4] = [
     Column::optional("time_s", 1.0, TIME_S),
@@ -169,6 +171,7 @@ fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, Se
     let shape_path = dir.join(fields.text("shape")?);
     let mut force = Table::read_recording(&force_path, &FORCE_COLUMNS)?;
     let mut shape = Table::read_recording(&shape_path, &SHAPE_COLUMNS)?;
+    let marks = marks(force.take("step"), force.take("moving"));
     let force = ForceSeries {
         time_s: force.take_required("time_s"),
         displacement_y_m: force.take_required("displacement_y_mm"),
@@ -176,6 +179,7 @@ fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, Se
         displacement_x_m: force.take("displacement_x_mm"),
         force_x_n: force.take("force_x_n"),
         lost_before: force.take("lost_before"),
+        marks,
     };
     if force.displacement_x_m.is_some() != force.force_x_n.is_some() {
         return Err(SessionError::Field {
@@ -191,7 +195,35 @@ fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, Se
         y_m: shape.take_required("deflection_y_mm"),
         x_m: shape.take("deflection_x_mm"),
     };
-    Ok(LateralRun { id, depth_m, force_path, shape_path, force, shape })
+    let provenance = provenance(fields)?;
+    Ok(LateralRun { id, depth_m, force_path, shape_path, provenance, force, shape })
+}
+
+/// Marks of the rows; none where no row has a step.
+fn marks(step: Option<Vec<f64>>, moving: Option<Vec<f64>>) -> Option<Vec<Mark>> {
+    let step = step.filter(|step| !step.iter().all(|step| step.is_nan()))?;
+    let moving = moving.unwrap_or_default().into_iter().map(Some).chain(std::iter::repeat(None));
+    let marks = step.into_iter().zip(moving).map(|(step, moving)| Mark {
+        step: (!step.is_nan()).then_some(step as u32),
+        moving: moving.filter(|moving| !moving.is_nan()).map(|moving| moving != 0.0),
+    });
+    Some(marks.collect())
+}
+
+fn provenance(fields: &Fields<'_>) -> Result<Provenance, SessionError> {
+    const CRC: &str = "calibration_crc";
+    let crc = fields.optional_text(CRC)?.map(|text| {
+        let digits = text.len() == 8 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let crc = digits.then(|| u32::from_str_radix(&text, 16).ok()).flatten();
+        let problem = || Problem::Syntax(format!("\"{}\"", text.chars().take(40).collect::<String>()));
+        crc.ok_or_else(|| fields.field_fault(CRC, problem(), "eight hexadecimal digits"))
+    });
+    Ok(Provenance {
+        calibration_id: fields.optional_text("calibration_id")?,
+        calibration_crc: crc.transpose()?,
+        device: fields.optional_text("device")?,
+        firmware: fields.optional_text("firmware")?,
+    })
 }
 
 fn insertion(dir: &Path, fields: &Fields<'_>, id: String) -> Result<InsertionRun, SessionError> {

@@ -17,22 +17,30 @@ pub struct Column {
     pub range: [f64; 2],
     /// Whether every value must exceed the one before.
     pub increasing: bool,
+    /// Whether a cell may be empty: its value is NaN then.
+    pub blank: bool,
 }
 
 impl Column {
     /// A column that must be there.
     pub const fn required(name: &'static str, to_si: f64, range: [f64; 2]) -> Self {
-        Self { name, required: true, to_si, range, increasing: false }
+        Self { name, required: true, to_si, range, increasing: false, blank: false }
     }
 
     /// A column that may be there.
     pub const fn optional(name: &'static str, to_si: f64, range: [f64; 2]) -> Self {
-        Self { name, required: false, to_si, range, increasing: false }
+        Self { name, required: false, to_si, range, increasing: false, blank: false }
     }
 
     /// The same, with values that must increase.
     pub const fn increasing(mut self) -> Self {
         self.increasing = true;
+        self
+    }
+
+    /// The same, with cells that may be empty.
+    pub const fn blank(mut self) -> Self {
+        self.blank = true;
         self
     }
 }
@@ -156,7 +164,9 @@ impl Table {
 
 /// The value of one cell, in the file's unit.
 fn cell(text: Option<&str>, column: &Column, before: Option<f64>) -> Result<f64, Problem> {
-    let text = text.filter(|text| !text.is_empty()).ok_or(Problem::Empty)?;
+    let Some(text) = text.filter(|text| !text.is_empty()) else {
+        return if column.blank { Ok(f64::NAN) } else { Err(Problem::Empty) };
+    };
     let value: f64 = text.parse().map_err(|_| Problem::NotANumber(text.chars().take(40).collect()))?;
     let [least, most] = column.range;
     if !value.is_finite() {

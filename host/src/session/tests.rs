@@ -188,6 +188,53 @@ fn runs_are_added_and_nothing_else_is_touched() {
     assert!(matches!(error, SessionError::OtherRig { field: "entry_mm", .. }), "{error}");
 }
 
+#[test]
+fn what_runs_were_recorded_with_is_kept() {
+    let dir = folder(TOML, FORCE, SHAPE);
+    let provenance = |crc| Provenance {
+        calibration_id: Some("unit \"7\"".to_owned()),
+        calibration_crc: Some(crc),
+        device: Some("B-L475E-IOT01A".to_owned()),
+        firmware: Some("0.1.0 (1a2b3c4d-dirty)".to_owned()),
+    };
+    for (id, crc) in [("b", 0x001a_2b3c), ("c", 0x1a2b_3c4d), ("d", 0x001a_2b3c)] {
+        let mut writer = SessionWriter::open(dir.path(), &setup()).expect("opens");
+        let mut run = writer.lateral(id, 0.03).expect("starts");
+        run.made_with(provenance(crc));
+        run.force(&ForceRow::default()).expect("writes");
+        run.finish().expect("finishes");
+    }
+    let session = Session::read(dir.path()).expect("reads");
+    assert_eq!(session.lateral[0].provenance, Provenance::default());
+    assert_eq!(session.lateral[1].provenance, provenance(0x001a_2b3c));
+    assert_eq!(session.calibrations(), [(0x001a_2b3c, vec!["b", "d"]), (0x1a2b_3c4d, vec!["c"])]);
+    let text = fs::read_to_string(dir.path().join("session.toml")).expect("text");
+    assert!(text.contains("calibration_crc = \"001a2b3c\""), "{text}");
+
+    let wrong = TOML.replace("depth_mm = 20.0", "depth_mm = 20.0\ncalibration_crc = \"1a2b3c4\"");
+    assert_eq!(
+        message(&folder(&wrong, FORCE, SHAPE)),
+        "session.toml:17:19: lateral.calibration_crc: \"1a2b3c4\", expected eight hexadecimal digits"
+    );
+}
+
+#[test]
+fn marks_are_read_where_there_are_any() {
+    let marks = |header: &str, rows: [&str; 2]| {
+        let force =
+            format!("time_s,displacement_y_mm,force_y_n{header}\n0,0,0{}\n1,0,0{}\n", rows[0], rows[1]);
+        Session::read(folder(TOML, &force, SHAPE).path()).expect("reads").lateral[0].force.marks.clone()
+    };
+    assert_eq!(marks("", ["", ""]), None);
+    assert_eq!(marks(",step", [",", ","]), None, "a recording without a program");
+    let mark = |step, moving| Mark { step, moving };
+    assert_eq!(marks(",step", [",", ",3"]), Some(vec![mark(None, None), mark(Some(3), None)]));
+    assert_eq!(
+        marks(",moving,step", [",1,0", ",0,1"]),
+        Some(vec![mark(Some(0), Some(true)), mark(Some(1), Some(false))])
+    );
+}
+
 fn read_back(rows: &[ForceRow], shape: &[ShapeRow], setup: &Setup, depth_m: f64) -> Session {
     let dir = tempdir().expect("a folder");
     let path = dir.path().join("new");
@@ -213,7 +260,7 @@ proptest! {
         setup.noise.force_n = noise;
         let rows: Vec<_> = values.iter().enumerate().map(|(i, (u, f, step, lost))| ForceRow {
             time_s: i as f64 * 0.05, displacement_y_m: *u, force_y_n: *f, displacement_x_m: -u, force_x_n: 0.5 * f,
-            step: *step, lost_before: *lost,
+            step: *step, moving: step.map(|step| step % 2 == 0), lost_before: *lost,
         }).collect();
         let shape: Vec<_> = values.iter().map(|(u, _, _, _)| ShapeRow {
             time_s: 1.0, z_m: 0.08, deflection_y_m: *u, deflection_x_m: 2.0 * u,
@@ -227,6 +274,8 @@ proptest! {
         for (i, row) in rows.iter().enumerate() {
             prop_assert!(close(force.time_s[i], row.time_s) && close(force.displacement_y_m[i], row.displacement_y_m));
             prop_assert!(close(force.force_x_n.as_ref().expect("x")[i], row.force_x_n));
+            let mark = force.marks.as_ref().map_or(Mark::default(), |marks| marks[i]);
+            prop_assert_eq!((mark.step, mark.moving), (row.step, row.moving));
             prop_assert_eq!(force.lost_before.as_ref().expect("lost")[i], row.lost_before as f64);
         }
         prop_assert!(close(session.lateral[0].shape.x_m.as_ref().expect("x")[0], shape[0].deflection_x_m));

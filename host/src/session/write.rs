@@ -3,7 +3,7 @@
 //! Rows go to the run's CSV files as they come; the run is entered in `session.toml` when it is finished. What others
 //! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
 
-use super::{InsertionRun, Noise, Session, SessionError, SteeringRun};
+use super::{InsertionRun, Noise, Provenance, Session, SessionError, SteeringRun};
 use crate::model::Rig;
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
@@ -47,6 +47,8 @@ pub struct ForceRow {
     pub force_x_n: f64,
     /// Step of the motion program, where one is running.
     pub step: Option<u32>,
+    /// Whether that step moves guide 2, where it is known.
+    pub moving: Option<bool>,
     /// Samples lost between the row before and this one.
     pub lost_before: u64,
 }
@@ -109,10 +111,21 @@ impl SessionWriter {
             rows: format!("{header}\n"),
             file: None,
         };
-        let force =
-            csv("force", "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n,step,lost_before");
+        let force = csv(
+            "force",
+            "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n,step,lost_before,moving",
+        );
         let shape = csv("shape", "time_s,z_mm,deflection_y_mm,deflection_x_mm");
-        Ok(LateralWriter { session: self, id: id.to_owned(), depth_m, force, shape, has_rows: false })
+        let provenance = Provenance::default();
+        Ok(LateralWriter {
+            session: self,
+            id: id.to_owned(),
+            depth_m,
+            provenance,
+            force,
+            shape,
+            has_rows: false,
+        })
     }
 
     /// Writes a whole insertion: `<id>.csv` with the columns it has, and its entry in `session.toml`.
@@ -214,12 +227,18 @@ pub struct LateralWriter<'a> {
     session: &'a mut SessionWriter,
     id: String,
     depth_m: f64,
+    provenance: Provenance,
     force: CsvFile,
     shape: CsvFile,
     has_rows: bool,
 }
 
 impl LateralWriter<'_> {
+    /// States what the run is recorded with; to be called before its first row.
+    pub fn made_with(&mut self, provenance: Provenance) {
+        self.provenance = provenance;
+    }
+
     /// Adds a row to the force series.
     ///
     /// # Errors
@@ -233,7 +252,8 @@ impl LateralWriter<'_> {
             ("force_x_n", row.force_x_n),
         ])?;
         let step = row.step.map(|step| step.to_string()).unwrap_or_default();
-        let _ = write!(line, ",{step},{}", row.lost_before);
+        let moving = row.moving.map(|moving| u8::from(moving).to_string()).unwrap_or_default();
+        let _ = write!(line, ",{step},{},{moving}", row.lost_before);
         self.add(|run| &mut run.force, &line)
     }
 
@@ -286,9 +306,21 @@ impl LateralWriter<'_> {
         let path = self.session.dir.join("session.toml");
         let depth_mm = number(&path, "depth_mm", 1e3 * self.depth_m)?;
         let id = &self.id;
-        let entry = format!(
+        let mut entry = format!(
             "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
         );
+        let Provenance { calibration_id, calibration_crc, device, firmware } = self.provenance.clone();
+        for (field, value) in [
+            ("calibration_id", calibration_id),
+            ("calibration_crc", calibration_crc.map(|crc| format!("{crc:08x}"))),
+            ("device", device),
+            ("firmware", firmware),
+        ] {
+            // The device may say nothing, and an empty string would not be read.
+            if let Some(value) = value.filter(|value| !value.trim().is_empty()) {
+                let _ = writeln!(entry, "{field} = {}", toml::Value::from(value));
+            }
+        }
         enter(&self.session.dir, &entry)?;
         self.session.lateral_ids.push(self.id.clone());
         Ok(())

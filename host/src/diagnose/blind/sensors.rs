@@ -250,6 +250,7 @@ pub(super) fn lateral_run(
         depth_m,
         force_path: format!("{}.force.csv", plan.id).into(),
         shape_path: format!("{}.shape.csv", plan.id).into(),
+        provenance: Default::default(),
         force: ForceSeries {
             time_s,
             displacement_y_m,
@@ -257,6 +258,7 @@ pub(super) fn lateral_run(
             displacement_x_m: Some(displacement_x_m),
             force_x_n: Some(force_x_n),
             lost_before: None,
+            marks: None,
         },
         shape,
     }

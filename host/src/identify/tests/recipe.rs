@@ -116,7 +116,15 @@ impl Recipe {
             shape.x_m = Some(shape_x);
         }
         let (force_path, shape_path) = (format!("{id}.force.csv").into(), format!("{id}.shape.csv").into());
-        LateralRun { id: id.to_owned(), depth_m, force_path, shape_path, force, shape }
+        LateralRun {
+            id: id.to_owned(),
+            depth_m,
+            force_path,
+            shape_path,
+            provenance: Default::default(),
+            force,
+            shape,
+        }
     }
 
     /// The noise as a session states it.

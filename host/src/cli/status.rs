@@ -1,0 +1,283 @@
+//! What `guide status` and the commands that operate the rig tell of the device, in the units of a user.
+
+use super::output::Output;
+use super::rig_args::Rest;
+use host::link::Client;
+use host::link::error::explain_fault;
+use protocol::{ResetReason, State, Status, Stiffness};
+use serde::Serialize;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use std::fmt::{self, Display};
+
+/// How much of it is told as text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Detail {
+    /// Where the guide is, and what has gone wrong.
+    Brief,
+    /// Everything.
+    Full,
+}
+
+/// State of the device.
+#[derive(Serialize)]
+struct Report {
+    schema: &'static str,
+    time_s: f64,
+    state: &'static str,
+    fault: Option<String>,
+    position_x_mm: f64,
+    position_y_mm: f64,
+    force_x_n: f64,
+    force_y_n: f64,
+    samples_dropped: u32,
+    messages_dropped: u32,
+    command_frames_corrupt: u32,
+    command_frames_overlong: u32,
+    command_frames_unreadable: u32,
+    force_readings_bad: u32,
+    control_overruns: u32,
+    line_errors: u32,
+    force_frames_corrupt: u32,
+    force_readings_missing: u32,
+    force_converter_resets: u32,
+    force_readings_saturated: u32,
+    faults: u32,
+    board: String,
+    firmware_version: String,
+    commit: String,
+    reset_reason: &'static str,
+    last_panic: Option<String>,
+    calibration_id: String,
+    calibration_crc: String,
+    force_limit_n: f64,
+    silence_limit_s: f64,
+    cpu_percent: f64,
+    sample_period_us: u32,
+    longest_period_us: u16,
+    latest_start_us: u16,
+    stack_free_bytes: u32,
+    outbox_most: u8,
+    motor_duty_used_x_percent: f64,
+    motor_duty_used_y_percent: f64,
+    stiffness_x: Option<Slope>,
+    stiffness_y: Option<Slope>,
+    #[serde(skip)]
+    detail: Detail,
+}
+
+/// Lateral stiffness along one axis.
+#[derive(Serialize)]
+struct Slope {
+    n_per_mm: f64,
+    ci95_n_per_mm: Option<[f64; 2]>,
+    readings: u32,
+}
+
+impl Slope {
+    fn new(stiffness: &Stiffness) -> Self {
+        // A millinewton per metre is a millionth of a newton per millimetre.
+        let n_per_mm = f64::from(stiffness.slope_mn_per_m) * 1e-6;
+        let sd = f64::from(stiffness.sd_mn_per_m) * 1e-6;
+        let t = StudentsT::new(0.0, 1.0, f64::from(stiffness.readings) - 2.0).ok();
+        let half = t.map(|t| t.inverse_cdf(0.975) * sd);
+        let ci95_n_per_mm = half.map(|half| [n_per_mm - half, n_per_mm + half]);
+        Self { n_per_mm, ci95_n_per_mm, readings: stiffness.readings }
+    }
+}
+
+impl Display for Slope {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.ci95_n_per_mm {
+            Some([low, high]) => write!(f, "{:.3} ({low:.3} to {high:.3}) N/mm", self.n_per_mm),
+            None => write!(f, "{:.3} N/mm, interval unknown", self.n_per_mm),
+        }
+    }
+}
+
+impl Report {
+    fn new(
+        schema: &'static str,
+        client: &Client,
+        status: &Status,
+        rest: Option<Rest>,
+        detail: Detail,
+    ) -> Self {
+        let now = Rest {
+            time_s: status.t_us as f64 * 1e-6,
+            displacement_m: client.displacement_m(status.position_counts),
+            force_n: client.force_n(status.force_counts),
+        };
+        let Rest { time_s, displacement_m, force_n: [force_x_n, force_y_n] } = rest.unwrap_or(now);
+        let [position_x_mm, position_y_mm] = displacement_m.map(|metres| metres * 1e3);
+        let [motor_duty_used_x_percent, motor_duty_used_y_percent] =
+            status.motor_budget_permille.map(|permille| f64::from(permille) * 0.1);
+        let [stiffness_x, stiffness_y] = status.stiffness.map(|stiffness| stiffness.as_ref().map(Slope::new));
+        let (hello, counters, load) = (client.hello(), status.counters, status.load);
+        Self {
+            schema,
+            time_s,
+            state: state_name(status.state),
+            fault: status.fault.map(explain_fault),
+            position_x_mm,
+            position_y_mm,
+            force_x_n,
+            force_y_n,
+            samples_dropped: counters.samples_dropped,
+            messages_dropped: counters.messages_dropped,
+            command_frames_corrupt: counters.frames_corrupt,
+            command_frames_overlong: counters.frames_overlong,
+            command_frames_unreadable: counters.frames_unreadable,
+            force_readings_bad: counters.force_readings_bad,
+            control_overruns: counters.control_overruns,
+            line_errors: counters.line_errors,
+            force_frames_corrupt: counters.force_corrupt,
+            force_readings_missing: counters.force_missing,
+            force_converter_resets: counters.force_resets,
+            force_readings_saturated: counters.force_saturated,
+            faults: counters.faults,
+            board: hello.board.as_str().to_owned(),
+            firmware_version: hello.firmware_version.as_str().to_owned(),
+            commit: hello.commit.as_str().to_owned(),
+            reset_reason: reset_name(hello.reset_reason),
+            last_panic: hello.last_panic.as_ref().map(|panic| panic.as_str().to_owned()),
+            calibration_id: hello.calibration.id.as_str().to_owned(),
+            calibration_crc: format!("{:08x}", hello.calibration.crc),
+            force_limit_n: f64::from(status.force_limit_mn) * 1e-3,
+            silence_limit_s: f64::from(status.silence_limit_ms) * 1e-3,
+            cpu_percent: f64::from(load.cpu_permille) * 0.1,
+            sample_period_us: hello.sample_period_us,
+            longest_period_us: load.longest_period_us,
+            latest_start_us: load.latest_start_us,
+            stack_free_bytes: load.stack_free_bytes,
+            outbox_most: load.outbox_most,
+            motor_duty_used_x_percent,
+            motor_duty_used_y_percent,
+            stiffness_x,
+            stiffness_y,
+            detail,
+        }
+    }
+
+    fn details(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "device     {}, firmware {} ({}), started by {}",
+            self.board, self.firmware_version, self.commit, self.reset_reason
+        )?;
+        writeln!(f, "calibrated {} (crc {})", self.calibration_id, self.calibration_crc)?;
+        writeln!(
+            f,
+            "limits     force {:.3} N, silence of the host {:.3} s",
+            self.force_limit_n, self.silence_limit_s
+        )?;
+        writeln!(
+            f,
+            "load       processor {:.1} %, longest period {} us of {} us, latest start {} us, stack {} bytes free, \
+             outbox {} places at most",
+            self.cpu_percent,
+            self.longest_period_us,
+            self.sample_period_us,
+            self.latest_start_us,
+            self.stack_free_bytes,
+            self.outbox_most
+        )?;
+        writeln!(
+            f,
+            "motors     x {:.1} %   y {:.1} % of their duty cycle used",
+            self.motor_duty_used_x_percent, self.motor_duty_used_y_percent
+        )?;
+        let told =
+            |slope: &Option<Slope>| slope.as_ref().map_or("not told yet".to_owned(), ToString::to_string);
+        writeln!(
+            f,
+            "stiffness  x {}   y {} (95 % interval)",
+            told(&self.stiffness_x),
+            told(&self.stiffness_y)
+        )
+    }
+}
+
+impl Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "state      {}", self.state)?;
+        if let Some(fault) = &self.fault {
+            writeln!(f, "           {fault}")?;
+        }
+        writeln!(f, "guide 2    x {:+.3} mm   y {:+.3} mm", self.position_x_mm, self.position_y_mm)?;
+        writeln!(f, "force      x {:+.4} N    y {:+.4} N", self.force_x_n, self.force_y_n)?;
+        writeln!(f, "clock      {:.3} s since the device started", self.time_s)?;
+        if self.detail == Detail::Full {
+            self.details(f)?;
+        }
+        if let Some(panic) = &self.last_panic {
+            writeln!(f, "panic      before this start: {panic}")?;
+        }
+        let counters = [
+            (self.samples_dropped, "samples dropped by the device"),
+            (self.messages_dropped, "messages dropped by the device"),
+            (self.command_frames_corrupt, "corrupt command frames"),
+            (self.command_frames_overlong, "over-long command frames"),
+            (self.command_frames_unreadable, "unreadable command frames"),
+            (self.line_errors, "errors of the serial line"),
+            (self.force_readings_bad, "bad force readings"),
+            (self.force_frames_corrupt, "corrupt frames of the force converter"),
+            (self.force_readings_missing, "periods without a new force reading"),
+            (self.force_converter_resets, "resets of the force converter"),
+            (self.force_readings_saturated, "saturated force readings"),
+            (self.control_overruns, "late control periods"),
+            (self.faults, "faults latched"),
+        ];
+        for (count, what) in counters.into_iter().filter(|(count, _)| *count > 0) {
+            writeln!(f, "counted    {count} {what}")?;
+        }
+        Ok(())
+    }
+}
+
+/// Asks the device for its state and prints it; position and force are those of `rest` where there is one.
+pub fn report_status(
+    schema: &'static str,
+    client: &mut Client,
+    rest: Option<Rest>,
+    detail: Detail,
+    out: &mut Output,
+) -> anyhow::Result<()> {
+    let status = client.status()?;
+    let report = Report::new(schema, client, &status, rest, detail);
+    out.result(&report, &report)
+}
+
+fn state_name(state: State) -> &'static str {
+    match state {
+        State::Idle => "idle",
+        State::Pending => "waiting for its start time",
+        State::Moving => "moving",
+        State::Holding => "holding",
+        State::Taring => "taring",
+        State::Faulted => "faulted",
+    }
+}
+
+fn reset_name(reason: ResetReason) -> &'static str {
+    match reason {
+        ResetReason::PowerOn => "power-on",
+        ResetReason::Pin => "its reset pin",
+        ResetReason::Watchdog => "its watchdog",
+        ResetReason::Software => "its firmware",
+        ResetReason::BrownOut => "a sagging supply",
+        ResetReason::Other => "an unknown cause",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slope_has_its_interval_where_there_is_one() {
+        let slope = Slope::new(&Stiffness { slope_mn_per_m: 512_000, sd_mn_per_m: 6_000, readings: 10_000 });
+        assert_eq!(slope.to_string(), "0.512 (0.500 to 0.524) N/mm");
+        let slope = Slope::new(&Stiffness { slope_mn_per_m: 512_000, sd_mn_per_m: 0, readings: 2 });
+        assert_eq!(slope.to_string(), "0.512 N/mm, interval unknown");
+    }
+}
