@@ -439,6 +439,17 @@ fn a_motor_that_never_rests_is_locked_out() {
     bench.stop().unwrap();
 }
 
+/// Half a minute of flipped bits, cuts and programs: see `cargo xtask stress` for longer.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_bad_cable_costs_samples_that_are_counted_and_nothing_else() {
+    let args = tests::stress::Args { minutes: 0.4, bit_error_rate: 1e-4, seed: 3 };
+    let survived = tests::stress::run(args).unwrap();
+    println!("{survived}");
+    assert!(survived.samples > 10_000 && survived.cuts > 0 && survived.programs > 0, "{survived}");
+    assert!(survived.losses.frames_corrupt > 10 && survived.flipped_bits[1] > 10, "{survived}");
+}
+
 /// The table of hazards names these tests and no others.
 #[test]
 fn every_row_of_the_table_of_hazards_has_its_tests() {

@@ -1,10 +1,9 @@
 //! The machine under the firmware when it fails: resets, slow conversions, a slow line. What the firmware makes of it is
 //! tested elsewhere.
 
-use firmware::plant::NEVER;
-use host::link::Client;
+use host::link::{Client, Telemetry};
 use host::rig::config::RigConfig;
-use protocol::{Request, ResetReason};
+use protocol::Request;
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -58,23 +57,6 @@ fn a_supply_that_sags_starts_the_firmware_again_with_the_same_rig() {
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_conversion_that_never_ends_is_ended_by_the_watchdog() {
-    let bench = bench(32);
-    bench.rig().inject(Injection { conversion_us: NEVER, ..Injection::default() });
-    let from = bench.rig().steps();
-    eventually("the watchdog resets", || bench.rig().resets() == 1);
-    let periods = bench.rig().steps() - from;
-    // It was fed up to 100 ms before, waits 500 ms, and the test looks every 40 ms of the rig's time.
-    assert!((380..700).contains(&periods), "reset after {periods} ms");
-    bench.rig().inject(Injection::default());
-    let client = Client::connect(&bench.port()).unwrap();
-    assert_eq!(client.hello().reset_reason, ResetReason::Watchdog);
-    drop(client);
-    bench.stop().unwrap();
-}
-
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
 fn slow_conversions_cost_the_device_the_time_they_take() {
     let bench = bench(33);
     let mut client = Client::connect(&bench.port()).unwrap();
@@ -111,6 +93,45 @@ fn the_line_carries_no_more_than_its_rate() {
     line(None);
     client.request(Request::Stream { enable: false }).unwrap();
     assert_eq!(client.losses(), Default::default(), "late is not lost");
+    drop(client);
+    bench.stop().unwrap();
+}
+
+/// What the line cannot carry is dropped in whole batches, each of which both ends count, and control does not notice.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_line_too_slow_for_the_samples_costs_whole_batches() {
+    let bench = bench(35);
+    let mut client = Client::connect(&bench.port()).unwrap();
+    client.request(Request::Stream { enable: true }).unwrap();
+    let mut heard = Vec::new();
+    let mut listen = |client: &mut Client, periods: u64| {
+        let until = bench.rig().steps() + periods;
+        while bench.rig().steps() < until {
+            if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
+                heard.push((batch.lost_before, batch.points));
+            }
+        }
+    };
+    listen(&mut client, 200);
+    bench.rig().inject(Injection { line_bytes: Some(3), ..Injection::default() });
+    listen(&mut client, 4_000);
+    bench.rig().inject(Injection::default());
+    listen(&mut client, 1_000);
+    let status = client.status().unwrap();
+    client.request(Request::Stream { enable: false }).unwrap();
+    let lost: u64 = heard.iter().map(|(lost, _)| lost).sum();
+    assert!((1_000..3_000).contains(&lost), "{lost} samples lost where half of 4000 fit");
+    assert_eq!(u64::from(status.counters.samples_dropped), lost, "the device counts the same");
+    assert_eq!((status.counters.control_overruns, status.counters.messages_dropped), (0, 0));
+    let mut expected_s = heard[0].1[0].time_s;
+    for (lost, points) in &heard {
+        expected_s += *lost as f64 * 1e-3;
+        for point in points {
+            assert!((point.time_s - expected_s).abs() < 1e-6, "{} instead of {expected_s}", point.time_s);
+            expected_s += 1e-3;
+        }
+    }
     drop(client);
     bench.stop().unwrap();
 }

@@ -180,3 +180,67 @@ fn tracking_live_joins_device_and_tracker() {
     assert!(said.contains("at the end"), "{said}");
     bench.stop().unwrap();
 }
+
+/// Runs `guide` on the bench, which must succeed; returns its JSON.
+fn guide(bench: &Bench, arguments: &[&str]) -> Value {
+    let mut command = Command::new(build_guide().unwrap());
+    command.args(arguments).args(["--port", &bench.port(), "--json"]);
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// A calibration is stored by the driver of the flash, outlives restarts, is worked with, and is named by what is recorded.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
+    let bench = Bench::start(RigConfig::default(), 24, 4.0, Duration::from_secs(120)).unwrap();
+    let before = guide(&bench, &["calibration"]);
+    assert_eq!(before["id"], "nominal");
+    // Shifted by 2 mm along y, half the force along x.
+    let file = bench.folder().join("unit-7.toml");
+    std::fs::write(
+        &file,
+        "id = \"unit-7\"\ntravel_mm = 8.0\nforce_range_n = 5.0\n\
+         force_n_per_code = [[4.656615e-7, 0.0], [0.0, 9.31323e-7]]\n\
+         [potentiometer.x]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-25.0, 25.0]\n\
+         [potentiometer.y]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-23.0, 27.0]\n",
+    )
+    .unwrap();
+    let here = guide(&bench, &["status"]);
+    let stored = guide(&bench, &["calibration", "--store", file.to_str().unwrap()]);
+    assert_eq!(stored["id"], "unit-7");
+    let there = guide(&bench, &["status"]);
+    assert_eq!((&there["calibration_id"], &there["calibration_crc"]), (&stored["id"], &stored["crc"]));
+    assert_eq!((&there["state"], &there["fault"]), (&Value::from("idle"), &Value::Null));
+    let number = |report: &Value, field: &str| report[field].as_f64().unwrap();
+    let shift_mm = number(&there, "position_y_mm") - number(&here, "position_y_mm");
+    assert!((shift_mm - 2.0).abs() < 0.15, "shifted by {shift_mm} mm");
+    let ratio = number(&there, "force_x_n") / number(&here, "force_x_n");
+    assert!((ratio - 0.5).abs() < 0.05, "{ratio} of the force");
+    bench.rig().inject(tests::cosim::Injection { brown_out: true, ..Default::default() });
+    let began = Instant::now();
+    while bench.rig().resets() < 2 {
+        assert!(began.elapsed() < Duration::from_secs(20), "no restart");
+        thread::sleep(Duration::from_millis(10));
+    }
+    guide(&bench, &["clear"]);
+    assert_eq!(guide(&bench, &["calibration"])["crc"], stored["crc"]);
+    let tare = guide(&bench, &["tare"]);
+    assert_eq!((&tare["verdict"], &tare["readings"]), (&Value::from("good"), &Value::from(1_000)), "{tare}");
+
+    let rig_file = bench.folder().join("rig.toml");
+    std::fs::write(
+        &rig_file,
+        "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
+         [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n",
+    )
+    .unwrap();
+    let session = bench.folder().join("session");
+    let (out, rig) = (session.to_str().unwrap(), rig_file.to_str().unwrap());
+    guide(&bench, &["record", "--out", out, "--rig", rig, "--depth-mm", "30", "--duration-s", "0.5"]);
+    let text = std::fs::read_to_string(session.join("session.toml")).unwrap();
+    let crc = stored["crc"].as_str().unwrap();
+    assert!(text.contains("calibration_id = \"unit-7\"") && text.contains(crc), "{text}");
+    bench.stop().unwrap();
+}
