@@ -31,6 +31,7 @@ pub mod force;
 pub mod indicator;
 pub mod interlock;
 pub mod motor;
+mod period;
 pub mod profile;
 mod program;
 pub mod stiffness;
@@ -39,16 +40,16 @@ pub mod tare;
 pub mod telemetry;
 
 use crate::calibration::Calibration;
-use crate::hal::Readings;
 use axis::Axis;
 use commands::{Admission, Conversation};
 use force::ForceChannel;
 use indicator::Indicator;
 use interlock::{Interlock, Limits, Observed};
 use motor::{DriveWatch, DutyBudget};
+pub use period::{Drive, Inputs, Note, Notes, Outputs};
 use program::{Executor, Phase};
 use protocol::{
-    CalibrationRecord, Command, Counters, Event, EventKind, Fault, Load, Outcome, Refusal, Request,
+    CalibrationRecord, Command, Counters, Event, EventKind, Fault, Outcome, Refusal, Request,
     SILENCE_LIMIT_MS, Sample, State, Status,
 };
 use stiffness::StiffnessFit;
@@ -62,76 +63,6 @@ pub const PERIOD_S: f32 = PERIOD_US as f32 * 1e-6;
 pub const REPORT_PERIODS: u32 = 100_000 / PERIOD_US;
 /// Step index outside a program.
 pub const NO_STEP: u8 = u8::MAX;
-
-/// What the controller has to say in one period; the link task turns each into a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Note {
-    /// Send the hello.
-    Hello,
-    /// Switch telemetry on or off.
-    Stream(bool),
-    /// A command was carried out.
-    Ack(u16),
-    /// A command was refused.
-    Refused(u16, Refusal),
-    /// Something happened.
-    Event(Event),
-    /// The state was asked for.
-    Status(Status),
-    /// The state, unasked.
-    Report(Status),
-    /// The calibration was asked for.
-    Calibration,
-}
-
-/// Most notes of one period: a fault and a program's end, an answer of two parts, the end of a step with its tare, of the
-/// program or the start of the next step, and a report.
-pub type Notes = heapless::Vec<Note, 10>;
-
-/// Everything that goes into one control period.
-#[derive(Debug, Clone)]
-pub struct Inputs {
-    /// Device time at which this period was due, microseconds since start.
-    pub now_us: u64,
-    /// How much later it began, microseconds.
-    pub late_us: u32,
-    /// What the sensors say.
-    pub readings: Readings,
-    /// A command that arrived.
-    pub command: Option<Command>,
-    /// Counters that other tasks keep; the controller adds its own before it reports them.
-    pub counters: Counters,
-    /// How busy the processor is.
-    pub load: Load,
-}
-
-/// What the bridges are to do.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Drive {
-    /// Off; the lead screws hold.
-    Release,
-    /// Duty of axis x and y, -1 to 1, against brake.
-    Duty([f32; 2]),
-}
-
-/// Everything that comes out of one control period.
-#[derive(Debug, Clone)]
-pub struct Outputs {
-    /// What the bridges are to do.
-    pub drive: Drive,
-    /// The status light.
-    pub led: bool,
-    /// State of this period.
-    pub state: State,
-    /// Program step of this period; [`NO_STEP`] outside a program.
-    pub step: u8,
-    /// The sample of this period.
-    pub sample: Sample,
-    /// Answers and events, in order.
-    pub notes: Notes,
-    /// Keep this calibration and restart with it, once the answer has gone out.
-    pub store: Option<CalibrationRecord>,
-}
 
 /// The whole control law.
 #[derive(Debug)]
@@ -389,7 +320,10 @@ impl Controller {
             }
             Request::Run { steps, crc, start_us } => match self.interlock.latched() {
                 Some(fault) => Err(Refusal::Faulted { fault }),
-                None => self.executor.run(steps, crc, start_us, now_us),
+                None => {
+                    let position_um = self.axes.each_ref().map(Axis::position_um);
+                    self.executor.run(steps, crc, start_us, now_us, position_um)
+                }
             },
             Request::Stop => {
                 self.end_program(Outcome::Stopped, now_us, notes);

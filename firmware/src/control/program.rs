@@ -134,11 +134,19 @@ impl Executor {
         Ok(())
     }
 
-    /// Starts the first `count` loaded steps at `start_us` (0: now).
+    /// Starts the first `count` loaded steps at `start_us` (0: now), from this position.
     ///
     /// # Errors
-    /// [`Refusal::Busy`], [`Refusal::OutOfRange`], [`Refusal::ProgramMismatch`], [`Refusal::TooLate`].
-    pub fn run(&mut self, count: u8, crc: u32, start_us: u64, now_us: u64) -> Result<(), Refusal> {
+    /// [`Refusal::Busy`], [`Refusal::OutOfRange`] (a ramp that is too fast among them), [`Refusal::ProgramMismatch`],
+    /// [`Refusal::TooLate`].
+    pub fn run(
+        &mut self,
+        count: u8,
+        crc: u32,
+        start_us: u64,
+        now_us: u64,
+        position_um: [f32; 2],
+    ) -> Result<(), Refusal> {
         if !matches!(self.activity, Activity::Idle) {
             return Err(Refusal::Busy);
         }
@@ -149,6 +157,17 @@ impl Executor {
         }
         if start_us != 0 && start_us <= now_us {
             return Err(Refusal::TooLate);
+        }
+        let mut from_um = position_um;
+        for step in steps {
+            let (Step::Move { x_um, y_um, .. } | Step::Ramp { x_um, y_um, .. }) = *step else { continue };
+            let path = Path::new(from_um, [x_um as f32, y_um as f32]);
+            if let Step::Ramp { duration_ms, .. } = *step
+                && path.length_um > SPEED_LIMIT_UM_S as f32 * duration_ms as f32 * 1e-3
+            {
+                return Err(Refusal::OutOfRange);
+            }
+            from_um = path.to_um;
         }
         self.count = count;
         self.activity = Activity::Pending { start_us };
@@ -281,7 +300,7 @@ mod tests {
         for (index, step) in steps.iter().enumerate() {
             executor.load(index as u8, *step, TRAVEL_UM).unwrap();
         }
-        executor.run(steps.len() as u8, protocol::program_crc(steps), 0, 0).unwrap();
+        executor.run(steps.len() as u8, protocol::program_crc(steps), 0, 0, [0.0; 2]).unwrap();
         executor
     }
 
@@ -345,12 +364,16 @@ mod tests {
         assert_eq!(executor.load(MAX_STEPS as u8, hold, TRAVEL_UM), Err(Refusal::OutOfRange));
         assert_eq!(executor.load(0, hold, TRAVEL_UM), Ok(()));
         let crc = protocol::program_crc(&[hold]);
-        assert_eq!(executor.run(0, protocol::program_crc(&[]), 0, 0), Err(Refusal::OutOfRange));
-        assert_eq!(executor.run(1, crc ^ 1, 0, 0), Err(Refusal::ProgramMismatch));
-        assert_eq!(executor.run(1, crc, 500, 500), Err(Refusal::TooLate));
-        assert_eq!(executor.run(1, crc, 501, 500), Ok(()));
+        assert_eq!(executor.run(0, protocol::program_crc(&[]), 0, 0, [0.0; 2]), Err(Refusal::OutOfRange));
+        assert_eq!(executor.run(1, crc ^ 1, 0, 0, [0.0; 2]), Err(Refusal::ProgramMismatch));
+        assert_eq!(executor.run(1, crc, 500, 500, [0.0; 2]), Err(Refusal::TooLate));
+        let ramp = Step::Ramp { x_um: 0, y_um: 5_000, duration_ms: 501 };
+        assert_eq!(executor.load(1, ramp, TRAVEL_UM), Ok(()));
+        let both = protocol::program_crc(&[hold, ramp]);
+        assert_eq!(executor.run(2, both, 0, 0, [0.0, -100.0]), Err(Refusal::OutOfRange));
+        assert_eq!(executor.run(1, crc, 501, 500, [0.0; 2]), Ok(()));
         assert_eq!(executor.phase(), Phase::Pending);
-        assert_eq!(executor.run(1, crc, 0, 500), Err(Refusal::Busy));
+        assert_eq!(executor.run(1, crc, 0, 500, [0.0; 2]), Err(Refusal::Busy));
         assert_eq!(executor.load(0, hold, TRAVEL_UM), Err(Refusal::Busy));
     }
 }

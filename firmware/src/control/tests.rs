@@ -3,8 +3,9 @@
 use super::axis::WAKE_UM;
 use super::*;
 use crate::ads131m02::ForceFault;
+use crate::hal::Readings;
 use proptest::prelude::*;
-use protocol::{Step, program_crc};
+use protocol::{Load, Step, program_crc};
 
 mod faults;
 
@@ -309,6 +310,67 @@ proptest! {
                     prop_assert!(!readings.emergency_stop);
                     prop_assert!(outputs.state != State::Faulted);
                 }
+            }
+        }
+    }
+}
+
+/// An intact frame of anything that can be said.
+fn any_frame() -> impl Strategy<Value = std::vec::Vec<u8>> {
+    (any::<u16>(), prop_oneof![Just(BOOT), any::<u32>()], any_request()).prop_map(|(id, boot_id, request)| {
+        let mut buffer = [0; protocol::MAX_FRAME_TO_DEVICE];
+        let command = Command { id, boot_id, request };
+        protocol::encode_command(&command, &mut buffer).expect("the bound suffices").to_vec()
+    })
+}
+
+/// Bytes as a mad host or a bad line brings them.
+fn any_bytes() -> impl Strategy<Value = std::vec::Vec<u8>> {
+    let damaged =
+        (any_frame(), any::<prop::sample::Index>(), any::<u8>()).prop_map(|(mut bytes, at, flip)| {
+            let at = at.index(bytes.len());
+            bytes[at] ^= flip;
+            bytes
+        });
+    let noise = prop::collection::vec(any::<u8>(), 0..80);
+    prop::collection::vec(prop_oneof![3 => any_frame(), 1 => damaged, 1 => noise], 1..40)
+        .prop_map(|parts| parts.concat())
+}
+
+struct Sink(u32);
+
+impl telemetry::Outbox for Sink {
+    fn room(&self) -> usize {
+        20
+    }
+
+    fn put(&mut self, item: telemetry::Item) -> bool {
+        self.0 += u32::from(matches!(item, telemetry::Item::Batch(_)));
+        true
+    }
+}
+
+proptest! {
+    /// From the bytes on the line to the duty of the bridges: nothing that arrives panics, or drives in a fault.
+    #[test]
+    fn no_bytes_panic_and_no_bytes_drive_in_a_fault(bytes in any_bytes(), readings in any_readings()) {
+        let mut receiver = protocol::CommandReceiver::new();
+        let mut controller = Controller::new(Calibration::default(), BOOT, false);
+        let (mut telemetry, mut sink) = (telemetry::Telemetry::new(), Sink(0));
+        let mut now_us = 0;
+        let mut period = |command: Option<Command>, emergency_stop: bool| {
+            now_us += u64::from(PERIOD_US);
+            let readings = Readings { emergency_stop, ..readings };
+            let (counters, load) = (Counters::default(), Load::default());
+            let outputs = controller.step(&Inputs { now_us, late_us: 0, readings, command, counters, load });
+            telemetry.send(now_us, &outputs, &mut sink);
+            outputs
+        };
+        for received in receiver.feed(&bytes) {
+            let protocol::Received::Frame(command) = received else { continue };
+            for outputs in [period(Some(command), false), period(None, false), period(None, true)] {
+                let faulted = outputs.state == State::Faulted;
+                prop_assert!(!faulted || outputs.drive == Drive::Release);
             }
         }
     }

@@ -4,7 +4,8 @@ use super::output::Output;
 use super::rig_args::Rest;
 use host::link::Client;
 use host::link::error::explain_fault;
-use protocol::{ResetReason, State, Status, Stiffness};
+use host::link::words;
+use protocol::{Counters, Status, Stiffness};
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::fmt::{self, Display};
@@ -62,6 +63,8 @@ struct Report {
     stiffness_x: Option<Slope>,
     stiffness_y: Option<Slope>,
     #[serde(skip)]
+    counters: Counters,
+    #[serde(skip)]
     detail: Detail,
 }
 
@@ -116,7 +119,7 @@ impl Report {
         Self {
             schema,
             time_s,
-            state: state_name(status.state),
+            state: words::state(status.state),
             fault: status.fault.map(explain_fault),
             position_x_mm,
             position_y_mm,
@@ -138,7 +141,7 @@ impl Report {
             board: hello.board.as_str().to_owned(),
             firmware_version: hello.firmware_version.as_str().to_owned(),
             commit: hello.commit.as_str().to_owned(),
-            reset_reason: reset_name(hello.reset_reason),
+            reset_reason: words::reset_reason(hello.reset_reason),
             last_panic: hello.last_panic.as_ref().map(|panic| panic.as_str().to_owned()),
             calibration_id: hello.calibration.id.as_str().to_owned(),
             calibration_crc: format!("{:08x}", hello.calibration.crc),
@@ -154,6 +157,7 @@ impl Report {
             motor_duty_used_y_percent,
             stiffness_x,
             stiffness_y,
+            counters,
             detail,
         }
     }
@@ -212,22 +216,7 @@ impl Display for Report {
         if let Some(panic) = &self.last_panic {
             writeln!(f, "panic      before this start: {panic}")?;
         }
-        let counters = [
-            (self.samples_dropped, "samples dropped by the device"),
-            (self.messages_dropped, "messages dropped by the device"),
-            (self.command_frames_corrupt, "corrupt command frames"),
-            (self.command_frames_overlong, "over-long command frames"),
-            (self.command_frames_unreadable, "unreadable command frames"),
-            (self.line_errors, "errors of the serial line"),
-            (self.force_readings_bad, "bad force readings"),
-            (self.force_frames_corrupt, "corrupt frames of the force converter"),
-            (self.force_readings_missing, "periods without a new force reading"),
-            (self.force_converter_resets, "resets of the force converter"),
-            (self.force_readings_saturated, "saturated force readings"),
-            (self.control_overruns, "late control periods"),
-            (self.faults, "faults latched"),
-        ];
-        for (count, what) in counters.into_iter().filter(|(count, _)| *count > 0) {
+        for (count, what) in words::counters(&self.counters).into_iter().filter(|(count, _)| *count > 0) {
             writeln!(f, "counted    {count} {what}")?;
         }
         Ok(())
@@ -245,28 +234,6 @@ pub fn report_status(
     let status = client.status()?;
     let report = Report::new(schema, client, &status, rest, detail);
     out.result(&report, &report)
-}
-
-fn state_name(state: State) -> &'static str {
-    match state {
-        State::Idle => "idle",
-        State::Pending => "waiting for its start time",
-        State::Moving => "moving",
-        State::Holding => "holding",
-        State::Taring => "taring",
-        State::Faulted => "faulted",
-    }
-}
-
-fn reset_name(reason: ResetReason) -> &'static str {
-    match reason {
-        ResetReason::PowerOn => "power-on",
-        ResetReason::Pin => "its reset pin",
-        ResetReason::Watchdog => "its watchdog",
-        ResetReason::Software => "its firmware",
-        ResetReason::BrownOut => "a sagging supply",
-        ResetReason::Other => "an unknown cause",
-    }
 }
 
 #[cfg(test)]

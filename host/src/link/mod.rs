@@ -9,6 +9,7 @@ pub mod port;
 pub mod program;
 pub mod run;
 mod wire;
+pub mod words;
 
 pub use client::{Batch, Client, Point, Telemetry};
 pub use constants::Limits;

@@ -14,7 +14,6 @@ mod numbers;
 mod pace;
 mod plots;
 mod session;
-mod words;
 
 #[cfg(test)]
 mod testing;

@@ -2,7 +2,7 @@
 
 use super::plots::{COLOURS, OLD};
 use super::state::{State, Stiffness};
-use super::words;
+use crate::link::words;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Style, Stylize};

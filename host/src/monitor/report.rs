@@ -1,9 +1,9 @@
 //! What is known of the device as one document for machines: `guide monitor --json`.
 
 use super::state::State;
-use super::words;
 use crate::link::LinkLosses;
 use crate::link::error::fault_text;
+use crate::link::words;
 use serde::Serialize;
 
 /// One line of `guide monitor --json`, schema `guide.monitor/1`. What is not known is `null`.

@@ -3,8 +3,8 @@
 use super::numbers::{self, ROWS};
 use super::plots::Plot;
 use super::state::{Restart, State};
-use super::words;
 use crate::link::error::fault_text;
+use crate::link::words;
 use ratatui::buffer::Buffer;
 use ratatui::layout::{Alignment, Rect};
 use ratatui::style::{Color, Style, Stylize};

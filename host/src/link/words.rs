@@ -1,0 +1,46 @@
+//! Names of what the device says, as people read them.
+
+use protocol::{Counters, ResetReason, State};
+
+/// What the controller is doing.
+pub fn state(state: State) -> &'static str {
+    match state {
+        State::Idle => "idle",
+        State::Pending => "waiting for its start time",
+        State::Moving => "moving",
+        State::Holding => "holding",
+        State::Taring => "taring",
+        State::Faulted => "faulted",
+    }
+}
+
+/// What the device was last started by.
+pub fn reset_reason(reason: ResetReason) -> &'static str {
+    match reason {
+        ResetReason::PowerOn => "power-on",
+        ResetReason::Pin => "its reset pin",
+        ResetReason::Watchdog => "its watchdog",
+        ResetReason::Software => "its firmware",
+        ResetReason::BrownOut => "a sagging supply",
+        ResetReason::Other => "an unknown cause",
+    }
+}
+
+/// Every counter with its meaning.
+pub fn counters(counters: &Counters) -> [(u32, &'static str); 13] {
+    [
+        (counters.samples_dropped, "samples dropped by the device"),
+        (counters.messages_dropped, "messages dropped by the device"),
+        (counters.frames_corrupt, "corrupt command frames"),
+        (counters.frames_overlong, "over-long command frames"),
+        (counters.frames_unreadable, "unreadable command frames"),
+        (counters.line_errors, "errors of the serial line"),
+        (counters.force_readings_bad, "bad force readings"),
+        (counters.force_corrupt, "corrupt frames of the force converter"),
+        (counters.force_missing, "periods without a new force reading"),
+        (counters.force_resets, "resets of the force converter"),
+        (counters.force_saturated, "saturated force readings"),
+        (counters.control_overruns, "late control periods"),
+        (counters.faults, "faults latched"),
+    ]
+}

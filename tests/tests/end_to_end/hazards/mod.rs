@@ -1,0 +1,151 @@
+//! Every hazard of the interlock's table, from its cause: the simulated rig lies, jams or sags, the link is cut, the host is
+//! silent or mad. Each test asserts how many periods pass until both bridges are off, what is said on the wire, that nothing is
+//! driven afterwards, and what it takes to clear the fault.
+
+mod force;
+mod link;
+mod motion;
+mod time;
+
+use super::library::eventually;
+use host::link::{Client, LinkError, Telemetry};
+use host::rig::config::RigConfig;
+use protocol::{EventKind, Fault, Refusal, Request, State, Step, program_crc};
+use std::time::{Duration, Instant};
+use tests::bench::Bench;
+use tests::cosim::{Injection, Trigger};
+use tests::wire::NoisyWire;
+
+/// Everything ends after this, whatever hangs: the longest takes 70 s of the device's time.
+const LIMIT: Duration = Duration::from_secs(300);
+/// Rig seconds per second: what a small machine can do, and no more than it can do evenly.
+const SPEED: f64 = 8.0;
+/// The host's silence that the tests allow: long enough for a test that is not scheduled for a while.
+const SILENCE_MS: u32 = 20_000;
+/// What injections do when they are over.
+const NOTHING: Injection = Injection {
+    emergency_stop: false,
+    corrupt_force: false,
+    force_silent: false,
+    force_reset: false,
+    force_stuck: false,
+    force_spike_n: None,
+    force_saturated: None,
+    potentiometer_open: None,
+    potentiometer_short: None,
+    potentiometer_jump_codes: [0; 2],
+    jammed: None,
+    weak: None,
+    runaway: None,
+    conversion_us: 0,
+    line_bytes: None,
+    brown_out: false,
+    panic: false,
+    freeze: false,
+};
+
+/// A rig whose needle is too soft to be felt, so that the guide can go as far as it can.
+fn unloaded() -> RigConfig {
+    let mut config = RigConfig::default();
+    config.simulation.force.share_of_full_scale *= 0.01;
+    config
+}
+
+fn bench(config: RigConfig) -> (Bench, Client) {
+    let bench = Bench::start(config, 41, SPEED, LIMIT).unwrap();
+    let mut client = Client::connect(&bench.port()).unwrap();
+    client.request(Request::Limits { force_mn: 4_000, silence_ms: SILENCE_MS }).unwrap();
+    (bench, client)
+}
+
+fn start(client: &mut Client, steps: &[Step]) {
+    for (index, step) in (0..).zip(steps) {
+        client.request(Request::LoadStep { index, step: *step }).unwrap();
+    }
+    client.request(Request::Run { steps: steps.len() as u8, crc: program_crc(steps), start_us: 0 }).unwrap();
+}
+
+fn move_y(y_um: i32, speed_um_s: u32) -> Step {
+    Step::Move { x_um: 0, y_um, speed_um_s }
+}
+
+/// Waits for the fault; the event that tells it has its device time, seconds.
+fn await_fault(client: &mut Client, fault: Fault) -> f64 {
+    let began = Instant::now();
+    let mut told_s = None;
+    while client.status().unwrap().state != State::Faulted {
+        assert!(began.elapsed() < LIMIT / 2, "no fault");
+    }
+    while let Some(telemetry) = client.waiting() {
+        if let Telemetry::Event(event) = telemetry
+            && let EventKind::Faulted { fault: told } = event.kind
+        {
+            assert_eq!((told, told_s), (fault, None));
+            told_s = Some(event.t_us as f64 * 1e-6);
+        }
+    }
+    assert_eq!(client.status().unwrap().fault, Some(fault));
+    told_s.expect("the fault is told once, as it happens")
+}
+
+/// Asserts that the bridges went off in time and stayed off, and says how soon.
+fn assert_released(bench: &Bench, within: std::ops::RangeInclusive<u64>) {
+    let since = bench.rig().steps();
+    eventually("time passes", || bench.rig().steps() > since + 200);
+    let reaction = bench.rig().reaction().expect("something was injected");
+    let periods = reaction.periods().expect("the bridges are off");
+    println!("bridges off after {periods} periods");
+    assert!(within.contains(&periods), "{periods} periods, expected {within:?}");
+    assert_eq!(reaction.driven_after_release, 0, "driven again");
+}
+
+/// Refused while the cause is there; cleared without it, and nothing moves by itself.
+fn clears_only_without_the_cause(bench: &Bench, client: &mut Client) {
+    let refusal = client.request(Request::ClearFault).unwrap_err();
+    assert!(matches!(refusal, LinkError::Refused { refusal: Refusal::CauseRemains, .. }), "{refusal}");
+    clears(bench, client);
+}
+
+fn clears(bench: &Bench, client: &mut Client) {
+    bench.rig().inject(NOTHING);
+    eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
+    assert_eq!(client.status().unwrap().state, State::Idle);
+    assert!(!bench.rig().bridges_driven());
+}
+
+/// The whole of it for a cause that appears while the guide moves and stays.
+fn in_motion(injection: Injection, fault: Fault, within: std::ops::RangeInclusive<u64>) {
+    let (bench, mut client) = bench(RigConfig::default());
+    bench.rig().inject_when(Trigger::Driving { for_periods: 100 }, injection);
+    start(&mut client, &[move_y(2_500, 1_000)]);
+    await_fault(&mut client, fault);
+    assert_released(&bench, within);
+    clears_only_without_the_cause(&bench, &mut client);
+    drop(client);
+    bench.stop().unwrap();
+}
+
+/// The table of hazards names these tests and no others.
+#[test]
+fn every_row_of_the_table_of_hazards_has_its_tests() {
+    let table = include_str!("../../../../firmware/src/control/interlock.rs");
+    let here = [
+        include_str!("force.rs"),
+        include_str!("link.rs"),
+        include_str!("motion.rs"),
+        include_str!("time.rs"),
+    ]
+    .concat();
+    let rows: Vec<_> =
+        table.lines().filter(|line| line.starts_with("//! | ") && line.contains("| `")).collect();
+    assert_eq!(rows.len(), Fault::ALL.len());
+    for (fault, row) in Fault::ALL.into_iter().zip(rows) {
+        let cells: Vec<_> = row.trim_start_matches("//!").split('|').map(str::trim).collect();
+        assert_eq!(cells[1], (fault as u8).to_string(), "{row}");
+        assert_eq!(cells[2], format!("`{fault:?}`"), "{row}");
+        for test in cells[6].split(", ") {
+            let name = test.trim_matches('`');
+            assert!(here.contains(&format!("fn {name}()")), "{fault:?}: no test {name}");
+        }
+    }
+}
