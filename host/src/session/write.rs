@@ -3,10 +3,14 @@
 //! Rows go to the run's CSV files as they come; the run is entered in `session.toml` when it is finished. What others
 //! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
 
-use super::{InsertionRun, Noise, Provenance, Session, SessionError, SteeringRun};
+mod lateral;
+
+pub use lateral::{ForceRow, LateralWriter, ShapeRow};
+
+use super::{InsertionRun, Noise, Session, SessionError, SteeringRun};
 use crate::model::Rig;
 use std::fmt::Write as _;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -30,40 +34,6 @@ pub struct SessionWriter {
     lateral_ids: Vec<String>,
     insertion_ids: Vec<String>,
     steering_ids: Vec<String>,
-}
-
-/// One row of a force series.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct ForceRow {
-    /// Time; must increase from row to row.
-    pub time_s: f64,
-    /// Vertical displacement of guide 2.
-    pub displacement_y_m: f64,
-    /// Vertical force.
-    pub force_y_n: f64,
-    /// Horizontal displacement of guide 2.
-    pub displacement_x_m: f64,
-    /// Horizontal force.
-    pub force_x_n: f64,
-    /// Step of the motion program, where one is running.
-    pub step: Option<u32>,
-    /// Whether that step moves guide 2, where it is known.
-    pub moving: Option<bool>,
-    /// Samples lost between the row before and this one.
-    pub lost_before: u64,
-}
-
-/// One point of a shape sweep.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct ShapeRow {
-    /// Time.
-    pub time_s: f64,
-    /// Position along the needle from guide 1.
-    pub z_m: f64,
-    /// Vertical deflection.
-    pub deflection_y_m: f64,
-    /// Horizontal deflection.
-    pub deflection_x_m: f64,
 }
 
 impl SessionWriter {
@@ -106,26 +76,7 @@ impl SessionWriter {
     /// overwritten.
     pub fn lateral(&mut self, id: &str, depth_m: f64) -> Result<LateralWriter<'_>, SessionError> {
         self.check_id(id, &self.lateral_ids)?;
-        let csv = |kind: &str, header: &str| CsvFile {
-            path: self.dir.join(format!("{id}.{kind}.csv")),
-            rows: format!("{header}\n"),
-            file: None,
-        };
-        let force = csv(
-            "force",
-            "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n,step,lost_before,moving",
-        );
-        let shape = csv("shape", "time_s,z_mm,deflection_y_mm,deflection_x_mm");
-        let provenance = Provenance::default();
-        Ok(LateralWriter {
-            session: self,
-            id: id.to_owned(),
-            depth_m,
-            provenance,
-            force,
-            shape,
-            has_rows: false,
-        })
+        Ok(LateralWriter::new(self, id, depth_m))
     }
 
     /// Writes a whole insertion: `<id>.csv` with the columns it has, and its entry in `session.toml`.
@@ -180,7 +131,7 @@ impl SessionWriter {
     /// Writes `<id>.csv` with columns of equal length: name, values, factor into the file's unit.
     fn table(&self, id: &str, columns: &[(&'static str, Vec<f64>, f64)]) -> Result<(), SessionError> {
         let names: Vec<_> = columns.iter().map(|(name, ..)| *name).collect();
-        let mut csv = CsvFile {
+        let mut csv = lateral::CsvFile {
             path: self.dir.join(format!("{id}.csv")),
             rows: format!("{}\n", names.join(",")),
             file: None,
@@ -221,112 +172,6 @@ pub(crate) fn is_file_name(id: &str) -> bool {
     !id.is_empty() && !id.starts_with('.') && id.len() <= 100 && id.chars().all(plain)
 }
 
-/// A lateral run being written. What has been flushed is a part of the session, whatever becomes of this program.
-#[derive(Debug)]
-pub struct LateralWriter<'a> {
-    session: &'a mut SessionWriter,
-    id: String,
-    depth_m: f64,
-    provenance: Provenance,
-    force: CsvFile,
-    shape: CsvFile,
-    has_rows: bool,
-}
-
-impl LateralWriter<'_> {
-    /// States what the run is recorded with; to be called before its first row.
-    pub fn made_with(&mut self, provenance: Provenance) {
-        self.provenance = provenance;
-    }
-
-    /// Adds a row to the force series.
-    ///
-    /// # Errors
-    /// [`SessionError::NotFinite`], or what the operating system says.
-    pub fn force(&mut self, row: &ForceRow) -> Result<(), SessionError> {
-        let mut line = self.force.numbers(&[
-            ("time_s", row.time_s),
-            ("displacement_y_mm", 1e3 * row.displacement_y_m),
-            ("force_y_n", row.force_y_n),
-            ("displacement_x_mm", 1e3 * row.displacement_x_m),
-            ("force_x_n", row.force_x_n),
-        ])?;
-        let step = row.step.map(|step| step.to_string()).unwrap_or_default();
-        let moving = row.moving.map(|moving| u8::from(moving).to_string()).unwrap_or_default();
-        let _ = write!(line, ",{step},{},{moving}", row.lost_before);
-        self.add(|run| &mut run.force, &line)
-    }
-
-    /// Adds a point to the shape.
-    ///
-    /// # Errors
-    /// As [`LateralWriter::force`].
-    pub fn shape(&mut self, row: &ShapeRow) -> Result<(), SessionError> {
-        let line = self.shape.numbers(&[
-            ("time_s", row.time_s),
-            ("z_mm", 1e3 * row.z_m),
-            ("deflection_y_mm", 1e3 * row.deflection_y_m),
-            ("deflection_x_mm", 1e3 * row.deflection_x_m),
-        ])?;
-        self.add(|run| &mut run.shape, &line)
-    }
-
-    fn add(&mut self, file: impl Fn(&mut Self) -> &mut CsvFile, line: &str) -> Result<(), SessionError> {
-        self.has_rows = true;
-        let rows = &mut file(self).rows;
-        rows.push_str(line);
-        rows.push('\n');
-        if rows.len() > MOST_PENDING_BYTES { self.flush() } else { Ok(()) }
-    }
-
-    /// Hands all rows so far to the operating system, whole rows only, so that a crash of this program loses none of them.
-    ///
-    /// # Errors
-    /// What the operating system says.
-    pub fn flush(&mut self) -> Result<(), SessionError> {
-        if !self.has_rows {
-            return Ok(());
-        }
-        let is_new = self.force.file.is_none();
-        self.force.flush()?;
-        self.shape.flush()?;
-        if is_new { self.enter() } else { Ok(()) }
-    }
-
-    /// Writes what is left.
-    ///
-    /// # Errors
-    /// What the operating system says.
-    pub fn finish(mut self) -> Result<(), SessionError> {
-        self.flush()
-    }
-
-    /// Enters the run in `session.toml`.
-    fn enter(&mut self) -> Result<(), SessionError> {
-        let path = self.session.dir.join("session.toml");
-        let depth_mm = number(&path, "depth_mm", 1e3 * self.depth_m)?;
-        let id = &self.id;
-        let mut entry = format!(
-            "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
-        );
-        let Provenance { calibration_id, calibration_crc, device, firmware } = self.provenance.clone();
-        for (field, value) in [
-            ("calibration_id", calibration_id),
-            ("calibration_crc", calibration_crc.map(|crc| format!("{crc:08x}"))),
-            ("device", device),
-            ("firmware", firmware),
-        ] {
-            // The device may say nothing, and an empty string would not be read.
-            if let Some(value) = value.filter(|value| !value.trim().is_empty()) {
-                let _ = writeln!(entry, "{field} = {}", toml::Value::from(value));
-            }
-        }
-        enter(&self.session.dir, &entry)?;
-        self.session.lateral_ids.push(self.id.clone());
-        Ok(())
-    }
-}
-
 /// Adds an entry to `session.toml`.
 fn enter(dir: &Path, entry: &str) -> Result<(), SessionError> {
     let path = dir.join("session.toml");
@@ -336,38 +181,6 @@ fn enter(dir: &Path, entry: &str) -> Result<(), SessionError> {
     }
     text.push_str(entry);
     replace(&path, &text)
-}
-
-/// Rows are handed to the operating system when they are as long as this, even if nobody asks.
-const MOST_PENDING_BYTES: usize = 1 << 20;
-
-/// A CSV file being written: created with its first rows, which wait here until they are flushed.
-#[derive(Debug)]
-struct CsvFile {
-    path: PathBuf,
-    rows: String,
-    file: Option<File>,
-}
-
-impl CsvFile {
-    fn numbers(&self, cells: &[(&'static str, f64)]) -> Result<String, SessionError> {
-        let cells: Result<Vec<_>, _> =
-            cells.iter().map(|(name, value)| number(&self.path, name, *value)).collect();
-        Ok(cells?.join(","))
-    }
-
-    fn flush(&mut self) -> Result<(), SessionError> {
-        let file = match &mut self.file {
-            Some(file) => file,
-            None => {
-                let new = OpenOptions::new().write(true).create_new(true).open(&self.path);
-                self.file.insert(new.map_err(io(&self.path, "create"))?)
-            }
-        };
-        file.write_all(self.rows.as_bytes()).map_err(io(&self.path, "write"))?;
-        self.rows.clear();
-        Ok(())
-    }
 }
 
 fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
