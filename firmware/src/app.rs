@@ -127,9 +127,11 @@ async fn housekeep() {
     const STACK_EVERY: u32 = 40;
     /// Time for the answer to leave.
     const ANSWER_TIME: Duration = Duration::from_millis(100);
-    for round in 0_u32.. {
+    let mut round = 0_u32;
+    loop {
         Background::Housekeep.checks_in();
-        if round.is_multiple_of(STACK_EVERY) {
+        round = (round + 1) % STACK_EVERY;
+        if round == 1 {
             STACK_FREE_BYTES.store(cortex_m_stack::stack_painted(), Ordering::Relaxed);
         }
         if let Ok(record) = with_timeout(CHECK_IN, RESTART.wait()).await {
