@@ -354,8 +354,8 @@ mod tests {
         bytes[3] = 0x08;
         assert_eq!(PlantRequest::from_bytes(&bytes), Err(RecordError::Flags(0x08)));
         let mut bytes = reply().to_bytes();
-        bytes[3] = 0x40;
-        assert_eq!(PlantReply::from_bytes(&bytes), Err(RecordError::Flags(0x40)));
+        bytes[3] = 0x80;
+        assert_eq!(PlantReply::from_bytes(&bytes), Err(RecordError::Flags(0x80)));
         let high = PlantReply { potentiometer_codes: [4096, 0], ..reply() };
         assert_eq!(PlantReply::from_bytes(&high.to_bytes()), Err(RecordError::PotentiometerCode(4096)));
         let high = PlantReply { force_codes: [0, 0x80_0000], ..reply() };
