@@ -158,16 +158,19 @@ impl Executor {
         if start_us != 0 && start_us <= now_us {
             return Err(Refusal::TooLate);
         }
-        let mut from_um = position_um;
+        let [mut from_x, mut from_y] = position_um;
         for step in steps {
             let (Step::Move { x_um, y_um, .. } | Step::Ramp { x_um, y_um, .. }) = *step else { continue };
-            let path = Path::new(from_um, [x_um as f32, y_um as f32]);
-            if let Step::Ramp { duration_ms, .. } = *step
-                && path.length_um > SPEED_LIMIT_UM_S as f32 * duration_ms as f32 * 1e-3
-            {
-                return Err(Refusal::OutOfRange);
+            let (to_x, to_y) = (x_um as f32, y_um as f32);
+            if let Step::Ramp { duration_ms, .. } = *step {
+                // Compared as squares: all steps are looked at in one period.
+                let (dx, dy, reach_um) =
+                    (to_x - from_x, to_y - from_y, SPEED_LIMIT_UM_S as f32 * duration_ms as f32 * 1e-3);
+                if dx * dx + dy * dy > reach_um * reach_um {
+                    return Err(Refusal::OutOfRange);
+                }
             }
-            from_um = path.to_um;
+            (from_x, from_y) = (to_x, to_y);
         }
         self.count = count;
         self.activity = Activity::Pending { start_us };
