@@ -13,6 +13,7 @@ mod diagnose;
 mod effects;
 mod identify;
 mod import;
+mod init;
 mod limits;
 mod live;
 mod monitor;
@@ -72,6 +73,7 @@ enum Command {
     Diagnose(diagnose::Args),
     Track(track::Args),
     Effects(effects::Args),
+    Init(init::Args),
     Simulate(simulate::Args),
     Import(import::Args),
     Relation(relation::Args),
@@ -105,6 +107,7 @@ pub fn main() -> ExitCode {
         Command::Diagnose(args) => diagnose::run(args, &mut out),
         Command::Track(args) => track::run(args, &mut out),
         Command::Effects(args) => effects::run(args, &mut out),
+        Command::Init(args) => init::run(args, &mut out),
         Command::Simulate(args) => simulate::run(args, &mut out),
         Command::Import(args) => import::run(args, &mut out),
         Command::Completions(args) => shell::completions(args, &mut out),

@@ -9,6 +9,7 @@ pub(crate) mod fields;
 pub mod import;
 mod read;
 mod table;
+pub mod template;
 mod write;
 
 pub(crate) use error::read_text;
