@@ -10,6 +10,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
+#[path = "command_line/begin.rs"]
+mod begin;
 #[path = "command_line/models.rs"]
 mod models;
 #[path = "command_line/monitor.rs"]

@@ -8,6 +8,7 @@
 //! and one line in [`main`].
 
 mod calibration;
+mod check;
 mod colour;
 mod diagnose;
 mod effects;
@@ -74,6 +75,7 @@ enum Command {
     Track(track::Args),
     Effects(effects::Args),
     Init(init::Args),
+    Check(check::Args),
     Simulate(simulate::Args),
     Import(import::Args),
     Relation(relation::Args),
@@ -107,6 +109,7 @@ pub fn main() -> ExitCode {
         Command::Diagnose(args) => diagnose::run(args, &mut out),
         Command::Track(args) => track::run(args, &mut out),
         Command::Effects(args) => effects::run(args, &mut out),
+        Command::Check(args) => check::run(args, &mut out),
         Command::Init(args) => init::run(args, &mut out),
         Command::Simulate(args) => simulate::run(args, &mut out),
         Command::Import(args) => import::run(args, &mut out),
