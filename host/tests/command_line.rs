@@ -16,6 +16,8 @@ mod begin;
 mod models;
 #[path = "command_line/monitor.rs"]
 mod monitor;
+#[path = "command_line/shapes.rs"]
+mod shapes;
 #[path = "command_line/shell.rs"]
 mod shell;
 

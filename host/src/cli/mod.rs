@@ -14,6 +14,7 @@ mod diagnose;
 mod effects;
 mod identify;
 mod import;
+mod import_shapes;
 mod init;
 mod limits;
 mod live;
