@@ -26,9 +26,9 @@ const GAP_TIMES: f64 = 10.0;
 const GAP_S: f64 = 0.2;
 /// Share of an insertion's rows that may be left out without a word.
 const LEFT_OUT: f64 = 0.2;
-/// Standard deviations that sensors have: of force, newtons, and of lengths, metres.
+/// Standard deviations that sensors have: of force, newtons, and of lengths, millimetres.
 const FORCE_SD_N: [f64; 2] = [1e-5, 2.0];
-const LENGTH_SD_M: [f64; 2] = [1e-7, 2e-3];
+const LENGTH_SD_MM: [f64; 2] = [1e-4, 2.0];
 
 /// All that looks wrong.
 pub fn of(session: &Session) -> Vec<Finding> {
@@ -46,7 +46,7 @@ pub fn of(session: &Session) -> Vec<Finding> {
     for run in &session.indentation {
         let deepest_m = largest(&run.depth_m);
         found.when(deepest_m < LEAST_MOTION_M, &run.path, || {
-            (format!("depth_mm: {} mm at most", 1e3 * deepest_m), "millimetres: is this in metres?")
+            (format!("depth_mm: {} mm at most", mm(deepest_m)), "millimetres: is this in metres?")
         });
     }
     found.findings
@@ -86,9 +86,9 @@ impl Found {
         let steering = !session.steering.is_empty();
         let stated = [
             ("force_n", noise.force_n, lateral || steering, FORCE_SD_N, "N"),
-            ("displacement_mm", noise.displacement_m, lateral || steering, LENGTH_SD_M, "m"),
-            ("shape_mm", noise.shape_m, lateral, LENGTH_SD_M, "m"),
-            ("tip_mm", noise.tip_m, tip || steering, LENGTH_SD_M, "m"),
+            ("displacement_mm", noise.displacement_m.map(mm), lateral || steering, LENGTH_SD_MM, "mm"),
+            ("shape_mm", noise.shape_m.map(mm), lateral, LENGTH_SD_MM, "mm"),
+            ("tip_mm", noise.tip_m.map(mm), tip || steering, LENGTH_SD_MM, "mm"),
         ];
         let missing: Vec<&str> =
             stated.iter().filter(|(_, sd, used, ..)| sd.is_none() && *used).map(|(name, ..)| *name).collect();
@@ -99,9 +99,7 @@ impl Found {
         }
         for (name, sd, _, [least, most], unit) in stated {
             if let Some(sd) = sd.filter(|sd| !(least..=most).contains(sd)) {
-                let (factor, unit) = if unit == "m" { (1e3, "mm") } else { (1.0, unit) };
-                let what = format!("noise.{name}: {}", factor * sd);
-                let [least, most] = [least, most].map(|end| factor * end);
+                let what = format!("noise.{name}: {sd}");
                 self.say(
                     file,
                     what,
@@ -143,7 +141,7 @@ impl Found {
 
     fn lateral(&mut self, session: &Session, run: &LateralRun, file: &Path) {
         let LateralRun { id, force, shape, force_path, shape_path, .. } = run;
-        let depth_mm = 1e3 * run.depth_m;
+        let depth_mm = mm(run.depth_m);
         self.when(run.depth_m < LEAST_DEPTH_M, file, || {
             (
                 format!("lateral.depth_mm: {depth_mm} in run {id}"),
@@ -160,7 +158,7 @@ impl Found {
         }
         let (entry_m, tip_m) = (session.rig.entry_m, session.rig.entry_m + run.depth_m);
         let reach_m = largest(&shape.z_m);
-        let reach_mm = 1e3 * reach_m;
+        let reach_mm = mm(reach_m);
         if reach_mm < 1.0 {
             self.say(shape_path, format!("z_mm: {reach_mm} at most"), "millimetres: is this in metres?");
         } else if reach_m < entry_m {
@@ -171,7 +169,7 @@ impl Found {
             self.say(shape_path, what, "positions on the needle: is depth_mm or entry_mm right?");
         }
         let bent_m = largest(&shape.y_m).max(shape.x_m.as_deref().map_or(0.0, largest));
-        let bent_mm = 1e3 * bent_m;
+        let bent_mm = mm(bent_m);
         self.when(moved_m > MOVED_M && bent_m < 1e-2 * moved_m, shape_path, || {
             (format!("deflection_y_mm: {bent_mm} at most"), "millimetres: is this in metres?")
         });
@@ -184,7 +182,7 @@ impl Found {
 
     fn force(&mut self, force: &ForceSeries, moved_m: f64, path: &Path) {
         let most_n = largest(&force.force_y_n).max(force.force_x_n.as_deref().map_or(0.0, largest));
-        let moved_mm = 1e3 * moved_m;
+        let moved_mm = mm(moved_m);
         self.when(most_n > MOST_FORCE_N, path, || {
             (format!("force_y_n: {most_n:.1} N at most"), "a few newtons: are these millinewtons, or codes?")
         });
@@ -234,9 +232,9 @@ impl Found {
         let path = &run.path;
         let deepest_m = largest(&run.depth_m);
         let aside_m = largest(&run.tip_y_m).max(run.tip_x_m.as_deref().map_or(0.0, largest));
-        let aside_mm = 1e3 * aside_m;
+        let aside_mm = mm(aside_m);
         self.when(deepest_m < 1e-3, path, || {
-            (format!("depth_mm: {} at most", 1e3 * deepest_m), "millimetres: is this in metres?")
+            (format!("depth_mm: {} at most", mm(deepest_m)), "millimetres: is this in metres?")
         });
         self.when(deepest_m >= 1e-3 && aside_m > deepest_m, path, || {
             let what = format!("tip_y_mm: {aside_mm:.1} at most in {:.1} mm of depth", 1e3 * deepest_m);
@@ -261,7 +259,7 @@ impl Found {
     fn steering(&mut self, run: &SteeringRun) {
         let deepest_m = largest(&run.depth_m);
         self.when(deepest_m < 1e-3, &run.path, || {
-            (format!("depth_mm: {} at most", 1e3 * deepest_m), "millimetres: is this in metres?")
+            (format!("depth_mm: {} at most", mm(deepest_m)), "millimetres: is this in metres?")
         });
         let most_n = largest(&run.base_force_y_n);
         self.when(most_n > MOST_FORCE_N, &run.path, || {
@@ -269,6 +267,11 @@ impl Found {
         });
         self.times(&run.time_s, &run.path);
     }
+}
+
+/// Metres in millimetres, without the digits that scaling leaves behind.
+fn mm(length_m: f64) -> f64 {
+    (1e9 * length_m).round() / 1e6
 }
 
 /// Largest magnitude.

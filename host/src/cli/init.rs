@@ -56,7 +56,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     }
     let mut files: Vec<PathBuf> = wanted.into_iter().map(|(path, _)| path).collect();
     if args.example {
-        simulate::make(&args.dir.join(PLAN), None, &args.dir, args.seed, out)?;
+        simulate::make(&args.dir.join(PLAN), None, &args.dir, args.seed)?;
         files.push(session);
     }
     let begun = Begun { schema: "guide.init/1", session: args.dir.clone(), example: args.example, files };

@@ -118,18 +118,15 @@ struct TrueEffect {
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let model = args.model.as_deref().map(ModelFile::read).transpose()?;
-    let made = make(&args.config, model.as_ref(), &args.out, args.seed, out)?;
+    let made = make(&args.config, model.as_ref(), &args.out, args.seed)?;
+    if !made.runs.is_empty() && made.truth.as_ref().is_some_and(|truth| !truth.effects.is_empty()) {
+        out.note("the effects are those of the lateral runs and insertions: steering runs are without");
+    }
     out.result(&made, &made)
 }
 
 /// Makes the session.
-pub fn make(
-    config: &Path,
-    model: Option<&ModelFile>,
-    folder: &Path,
-    seed: u64,
-    out: &Output,
-) -> anyhow::Result<Made> {
+pub fn make(config: &Path, model: Option<&ModelFile>, folder: &Path, seed: u64) -> anyhow::Result<Made> {
     let mut setup = Setup::read(config)?;
     let plan = SimulationPlan::read(config, model)?;
     let text = fs::read_to_string(config).with_context(|| format!("{}: cannot read", config.display()))?;
@@ -151,9 +148,6 @@ pub fn make(
         .carry_out(&setup.rig, Sensors::new(&setup.noise), seed)
         .with_context(|| format!("{name}: cannot simulate"))?;
     let effects = plan.model.effects();
-    if !steered.is_empty() && !effects.is_empty() {
-        out.note("the effects are those of the lateral runs and insertions: steering runs are without");
-    }
     let mut session = SessionWriter::open(folder, &setup)?;
     simulated.write(&mut session)?;
     steered.iter().try_for_each(|run| session.steering(run))?;
