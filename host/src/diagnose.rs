@@ -140,6 +140,30 @@ pub fn diagnose(
     Ok(story.told(where_before.iter().map(story::region).collect(), gap, warnings))
 }
 
+/// How a session would be divided.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Division {
+    /// Runs that can be used.
+    pub used: Vec<String>,
+    /// Why others cannot.
+    pub left_out: Vec<String>,
+    /// Runs of which something, or all, is held out; without any nothing is ever named.
+    pub held_out: Vec<String>,
+    /// The division in words.
+    pub rule: String,
+}
+
+/// How [`diagnose`] would divide a session into runs to learn from and runs to be judged by; nothing is fitted.
+///
+/// # Errors
+/// [`DiagnoseError`] where no run can be used.
+pub fn division(session: &Session) -> Result<Division, DiagnoseError> {
+    let (runs, left_out) = runs_of(session)?;
+    let used = runs.iter().map(|run| run.id.clone()).collect();
+    let (Training { rule, .. }, held_out) = split(runs);
+    Ok(Division { used, left_out, held_out: held_out.ids(), rule })
+}
+
 /// All runs that can be used, and why others cannot.
 fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> {
     if session.lateral.is_empty() && session.insertion.is_empty() {

@@ -255,6 +255,14 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     })
 }
 
+/// Whether a run can be used, without fitting anything: what it lacks, or what is to be said of it.
+///
+/// # Errors
+/// [`RunError`] where [`identify`] would leave it out for what was recorded.
+pub fn examine(session: &Session, run: &LateralRun, options: &Options) -> Result<Vec<String>, RunError> {
+    prepare(session, run, options).map(|prepared| prepared.warnings)
+}
+
 /// A run's data and its own estimate of ln K.
 struct Fitted {
     data: LateralData,

@@ -7,6 +7,7 @@
 #![deny(missing_docs)]
 
 pub mod calibration_file;
+pub mod check;
 pub mod continuum;
 pub mod diagnose;
 pub mod figures;

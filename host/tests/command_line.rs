@@ -10,10 +10,16 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
+#[path = "command_line/begin.rs"]
+mod begin;
 #[path = "command_line/models.rs"]
 mod models;
 #[path = "command_line/monitor.rs"]
 mod monitor;
+#[path = "command_line/shapes.rs"]
+mod shapes;
+#[path = "command_line/shell.rs"]
+mod shell;
 
 const K_PA: f64 = 12e3;
 

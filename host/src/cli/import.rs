@@ -1,5 +1,6 @@
 //! `guide import`: recordings of others into a session.
 
+use super::import_shapes::{self, ShapeArgs, Source};
 use super::output::Output;
 use anyhow::{Context, ensure};
 use host::inference::insertion::TipPath;
@@ -14,7 +15,8 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide import trajcontrol recordings/ --out phantom-b\n  guide import trajcontrol run_1.csv run_2.csv \
-                        --rig rig.toml --out phantom-b"
+                        --rig rig.toml --out phantom-b\n  guide import slicer needle.mrk.json --axis 0,0,1 --origin-mm 12,-40,-85 --force push.csv \
+                        --out phantom-b\n  guide import fbg hold-1.csv hold-2.csv --force push.csv --rig rig.toml --out phantom-b"
 )]
 pub struct Args {
     /// Layout of the recordings
@@ -25,20 +27,26 @@ pub struct Args {
     paths: Vec<PathBuf>,
     /// Session folder to write, or to add to
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
-    /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session (default: an 18 gauge needle, guide 2
-    /// at 60 mm, tissue at 70 mm)
+    pub out: PathBuf,
+    /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session (default: those of the session that is
+    /// added to; for a new one an 18 gauge needle, guide 2 at 60 mm, tissue at 70 mm)
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Name of the session
     #[arg(long)]
     name: Option<String>,
+    #[command(flatten)]
+    pub shapes: ShapeArgs,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum Kind {
     /// CSV of a needle under a laterally actuated guide with an electromagnetic tip sensor (columns `Tip x`, `Robot x`, ...)
     Trajcontrol,
+    /// Curves drawn along the needle in 3D Slicer (`.mrk.json`): the shape of a lateral run, a sweep per file
+    Slicer,
+    /// Needle shapes of a shape-sensing fibre, a pose per line (x y z, with a quaternion or as a matrix): a sweep per file
+    Fbg,
 }
 
 /// What was imported.
@@ -66,7 +74,15 @@ struct LeftOut {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let Kind::Trajcontrol = args.kind;
+    match args.kind {
+        Kind::Slicer => return import_shapes::run(Source::Slicer, &args.paths, args, out),
+        Kind::Fbg => return import_shapes::run(Source::Fbg, &args.paths, args, out),
+        Kind::Trajcontrol => {}
+    }
+    ensure!(
+        !import_shapes::is_asked(&args.shapes),
+        "trajcontrol: has options that are for shapes, expected them with slicer or fbg only"
+    );
     let mut imported = Imported {
         schema: "guide.import/1",
         session: args.out.clone(),
@@ -121,8 +137,11 @@ fn recordings(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
-    let mut setup = match &args.rig {
+/// Needle and rig: as told, as in the session that is added to, or usual ones.
+pub fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
+    let there = args.out.join("session.toml");
+    let file = args.rig.clone().or_else(|| there.exists().then_some(there));
+    let mut setup = match &file {
         Some(path) => Setup::read(path)?,
         None => {
             out.note("needle and rig are assumed: 18 gauge, guide 2 at 60 mm, tissue at 70 mm (--rig says otherwise)");

@@ -8,10 +8,14 @@
 //! and one line in [`main`].
 
 mod calibration;
+mod check;
+mod colour;
 mod diagnose;
 mod effects;
 mod identify;
 mod import;
+mod import_shapes;
+mod init;
 mod limits;
 mod live;
 mod monitor;
@@ -23,12 +27,13 @@ mod predict;
 mod record;
 mod relation;
 mod rig_args;
+mod shell;
 mod simulate;
 mod status;
 mod tare;
 mod track;
 
-use clap::{Parser, Subcommand};
+use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use output::{Output, StdoutClosed};
 use std::process::ExitCode;
 
@@ -43,6 +48,10 @@ struct Cli {
     /// Print one JSON document instead of text
     #[arg(long, global = true)]
     json: bool,
+
+    /// Colours in help, warnings, errors and on the live screen; auto: on terminals, unless NO_COLOR is set
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
+    color: ColorChoice,
 }
 
 /// What `guide` can do.
@@ -66,15 +75,21 @@ enum Command {
     Diagnose(diagnose::Args),
     Track(track::Args),
     Effects(effects::Args),
+    Init(init::Args),
+    Check(check::Args),
     Simulate(simulate::Args),
     Import(import::Args),
     Relation(relation::Args),
+    Completions(shell::CompletionsArgs),
+    Man(shell::ManArgs),
 }
 
 /// Runs the sub-command named on the command line and turns its outcome into an exit code.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let mut out = Output::new(cli.json);
+    let command = Cli::command().color(colour::asked(std::env::args_os().skip(1)));
+    let cli = Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit());
+    let coloured = colour::settle(cli.color);
+    let mut out = Output::new(cli.json, coloured);
     let outcome = match &cli.command {
         Command::Ports(args) => ports::run(args, &mut out),
         Command::Status(args) => operate::status(args, &mut out),
@@ -95,14 +110,18 @@ pub fn main() -> ExitCode {
         Command::Diagnose(args) => diagnose::run(args, &mut out),
         Command::Track(args) => track::run(args, &mut out),
         Command::Effects(args) => effects::run(args, &mut out),
+        Command::Check(args) => check::run(args, &mut out),
+        Command::Init(args) => init::run(args, &mut out),
         Command::Simulate(args) => simulate::run(args, &mut out),
         Command::Import(args) => import::run(args, &mut out),
+        Command::Completions(args) => shell::completions(args, &mut out),
+        Command::Man(args) => shell::man(args, &mut out),
     };
     match outcome.and_then(|()| out.finish()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is::<StdoutClosed>() => ExitCode::SUCCESS,
         Err(error) => {
-            output::report(&error);
+            output::report(&error, coloured);
             ExitCode::FAILURE
         }
     }

@@ -1,5 +1,6 @@
 //! Where a sub-command's words go: results to standard output, remarks to standard error.
 
+use super::colour;
 use anyhow::Context;
 use serde::Serialize;
 use std::fmt::Display;
@@ -15,13 +16,15 @@ pub struct StdoutClosed;
 /// The two streams of a sub-command.
 pub struct Output {
     json: bool,
+    /// Whether standard error is coloured; results never are.
+    coloured: bool,
     stdout: BufWriter<Stdout>,
 }
 
 impl Output {
-    /// Streams of this process; `json` is the user's choice of form.
-    pub fn new(json: bool) -> Self {
-        Self { json, stdout: BufWriter::new(io::stdout()) }
+    /// Streams of this process; `json` is the user's choice of form, `coloured` whether remarks are.
+    pub fn new(json: bool, coloured: bool) -> Self {
+        Self { json, coloured, stdout: BufWriter::new(io::stdout()) }
     }
 
     /// Whether the user wants documents for machines.
@@ -55,7 +58,7 @@ impl Output {
 
     /// Says something beside the result; a closed standard error is ignored.
     pub fn note(&self, text: impl Display) {
-        let _ = writeln!(io::stderr(), "{text}");
+        remark(&text.to_string(), self.coloured);
     }
 
     /// Writes out what is still buffered.
@@ -75,9 +78,18 @@ pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyho
 }
 
 /// Prints an error and its causes as one line on standard error.
-pub fn report(error: &anyhow::Error) {
+pub fn report(error: &anyhow::Error, coloured: bool) {
     let line = format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ");
-    let _ = writeln!(io::stderr(), "error: {line}");
+    remark(&format!("error: {line}"), coloured);
+}
+
+/// A line on standard error; where that is closed, none.
+fn remark(line: &str, coloured: bool) {
+    let _ = if coloured {
+        writeln!(io::stderr(), "{}", colour::label(line))
+    } else {
+        writeln!(io::stderr(), "{line}")
+    };
 }
 
 fn closed(error: io::Error) -> anyhow::Error {

@@ -65,8 +65,9 @@ const BASE_SD_M: f64 = 0.02e-3;
 const FORCE_SD_N: f64 = 0.05;
 const TIP_SD_M: f64 = 0.1e-3;
 
+/// What was made.
 #[derive(Serialize)]
-struct Made {
+pub struct Made {
     schema: &'static str,
     session: String,
     seed: u64,
@@ -116,33 +117,38 @@ struct TrueEffect {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let mut setup = Setup::read(&args.config)?;
     let model = args.model.as_deref().map(ModelFile::read).transpose()?;
-    let plan = SimulationPlan::read(&args.config, model.as_ref())?;
-    let text = fs::read_to_string(&args.config)
-        .with_context(|| format!("{}: cannot read", args.config.display()))?;
+    let made = make(&args.config, model.as_ref(), &args.out, args.seed)?;
+    if !made.runs.is_empty() && made.truth.as_ref().is_some_and(|truth| !truth.effects.is_empty()) {
+        out.note("the effects are those of the lateral runs and insertions: steering runs are without");
+    }
+    out.result(&made, &made)
+}
+
+/// Makes the session.
+pub fn make(config: &Path, model: Option<&ModelFile>, folder: &Path, seed: u64) -> anyhow::Result<Made> {
+    let mut setup = Setup::read(config)?;
+    let plan = SimulationPlan::read(config, model)?;
+    let text = fs::read_to_string(config).with_context(|| format!("{}: cannot read", config.display()))?;
     let File { tissue: SteeringTissue { layers, inclusions }, steering } =
-        toml::from_str(&text).with_context(|| args.config.display().to_string())?;
-    let name = args.config.display();
+        toml::from_str(&text).with_context(|| config.display().to_string())?;
+    let name = config.display();
     ensure!(
         !steering.is_empty() || !plan.is_empty(),
         "{name}: lateral, insertion, steering: missing, expected at least one [[lateral]], [[insertion]] or [[steering]]"
     );
     let tissue = Tissue { layers, inclusions };
     if setup.name.is_empty()
-        && let Some(folder) = args.out.file_name()
+        && let Some(own) = folder.file_name()
     {
-        setup.name = folder.to_string_lossy().into_owned();
+        setup.name = own.to_string_lossy().into_owned();
     }
-    let steered = steered(&args.config, &setup, &tissue, &steering, args.seed)?;
+    let steered = steered(config, &setup, &tissue, &steering, seed)?;
     let simulated = plan
-        .carry_out(&setup.rig, Sensors::new(&setup.noise), args.seed)
+        .carry_out(&setup.rig, Sensors::new(&setup.noise), seed)
         .with_context(|| format!("{name}: cannot simulate"))?;
     let effects = plan.model.effects();
-    if !steered.is_empty() && !effects.is_empty() {
-        out.note("the effects are those of the lateral runs and insertions: steering runs are without");
-    }
-    let mut session = SessionWriter::open(&args.out, &setup)?;
+    let mut session = SessionWriter::open(folder, &setup)?;
     simulated.write(&mut session)?;
     steered.iter().try_for_each(|run| session.steering(run))?;
     let truth = (!plan.is_empty()).then(|| Truth {
@@ -150,16 +156,15 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         tip_load_n: plan.model.tip_load_n.unwrap_or(0.0),
         effects: effects.iter().map(TrueEffect::new).collect(),
     });
-    let made = Made {
+    Ok(Made {
         schema: "guide.simulate/1",
-        session: args.out.display().to_string(),
-        seed: args.seed,
+        session: folder.display().to_string(),
+        seed,
         runs: steered.iter().map(|run| One::new(run, &tissue)).collect(),
         lateral: simulated.lateral.iter().map(Recorded::lateral).collect(),
         insertion: simulated.insertion.iter().map(Recorded::insertion).collect(),
         truth,
-    };
-    out.result(&made, &made)
+    })
 }
 
 /// The steering runs, as the sensors see them.

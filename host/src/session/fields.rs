@@ -70,6 +70,18 @@ impl<'d> Fields<'d> {
         }
     }
 
+    /// Fields that are not among `known`, with their places.
+    pub fn others(&self, known: &[&str]) -> Vec<(Place, String)> {
+        let others = self.table.iter().filter(|(key, _)| !known.contains(&key.get_ref().as_ref()));
+        let dot = if self.name.is_empty() { "" } else { "." };
+        others
+            .map(|(key, _)| {
+                let place = Place::at(self.path, self.text, key.span().start);
+                (place, format!("{}{dot}{}", self.name, key.get_ref()))
+            })
+            .collect()
+    }
+
     /// Names of its fields.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.table.iter().map(|(key, _)| key.get_ref().as_ref())

@@ -3,6 +3,17 @@
 //! `trajcontrol`: the CSV files of a needle under a laterally actuated guide with an electromagnetic tip sensor, as its ROS nodes
 //! write them. Tip position in millimetres with the insertion along `-y`; guide position in metres; a sensor that has nothing to
 //! say writes zeros.
+//!
+//! [`slicer`] and [`poses`]: a needle's shape as points in space, from 3D Slicer and from shape-sensing fibres; [`Frame`] makes them
+//! positions along the needle and deflections.
+
+mod frame;
+mod poses;
+mod slicer;
+
+pub use frame::{Axis, Frame, FrameError, NeedlePoints, Straight, name_of};
+pub use poses::{LengthUnit, poses};
+pub use slicer::slicer;
 
 use super::InsertionRun;
 use super::error::{Place, Problem, SessionError, read_text};
@@ -102,6 +113,9 @@ fn whole_lines(text: &str) -> &str {
         _ => text,
     }
 }
+
+#[cfg(test)]
+mod shape_tests;
 
 #[cfg(test)]
 mod tests {

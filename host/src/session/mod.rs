@@ -8,11 +8,14 @@ mod error;
 pub(crate) mod fields;
 pub mod import;
 mod read;
+mod survey;
 mod table;
+pub mod template;
 mod write;
 
 pub(crate) use error::read_text;
 pub use error::{Place, Problem, SessionError};
+pub use survey::Survey;
 pub(crate) use write::{FILE_NAME, is_file_name, replace};
 pub use write::{ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow};
 

@@ -18,8 +18,11 @@ const DEPTH_MM: [f64; 2] = [0.0, 500.0];
 const LATERAL_MM: [f64; 2] = [-200.0, 200.0];
 const FORCE_N: [f64; 2] = [-200.0, 200.0];
 const SD_MM: [f64; 2] = [1e-9, 50.0];
+/// Radius of a punch, and Poisson's ratio of the tissue under it.
+pub(super) const RADIUS_MM: [f64; 2] = [0.05, 100.0];
+pub(super) const POISSON: [f64; 2] = [0.0, 0.5];
 
-const FORCE_COLUMNS: [Column; 8] = [
+pub(super) const FORCE_COLUMNS: [Column; 8] = [
     Column::required("time_s", 1.0, TIME_S).increasing(),
     Column::required("displacement_y_mm", MM, [-50.0, 50.0]),
     Column::required("force_y_n", 1.0, FORCE_N),
@@ -29,13 +32,13 @@ const FORCE_COLUMNS: [Column; 8] = [
     Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).blank(),
     Column::optional("moving", 1.0, [0.0, 1.0]).blank(),
 ];
-const SHAPE_COLUMNS: [Column; 4] = [
+pub(super) const SHAPE_COLUMNS: [Column; 4] = [
     Column::optional("time_s", 1.0, TIME_S),
     Column::required("z_mm", MM, [0.0, 2000.0]),
     Column::required("deflection_y_mm", MM, LATERAL_MM),
     Column::optional("deflection_x_mm", MM, LATERAL_MM),
 ];
-const INSERTION_COLUMNS: [Column; 8] = [
+pub(super) const INSERTION_COLUMNS: [Column; 8] = [
     Column::required("depth_mm", MM, [-50.0, 500.0]),
     Column::required("tip_y_mm", MM, LATERAL_MM),
     Column::optional("tip_x_mm", MM, LATERAL_MM),
@@ -45,9 +48,9 @@ const INSERTION_COLUMNS: [Column; 8] = [
     Column::optional("guide2_x_mm", MM, [-50.0, 50.0]),
     Column::optional("base_force_y_n", 1.0, FORCE_N),
 ];
-const INDENTATION_COLUMNS: [Column; 2] =
+pub(super) const INDENTATION_COLUMNS: [Column; 2] =
     [Column::required("depth_mm", MM, [-50.0, 100.0]), Column::required("force_n", 1.0, FORCE_N)];
-const STEERING_COLUMNS: [Column; 5] = [
+pub(super) const STEERING_COLUMNS: [Column; 5] = [
     Column::required("time_s", 1.0, TIME_S).increasing(),
     Column::required("depth_mm", MM, DEPTH_MM),
     Column::required("base_y_mm", MM, LATERAL_MM),
@@ -105,6 +108,12 @@ impl Setup {
 }
 
 fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
+    let needle = needle(file)?;
+    let [guide2_m, entry_m] = guides_m(file)?;
+    Ok(Rig { needle, guide2_m, entry_m })
+}
+
+pub(super) fn needle(file: &Fields<'_>) -> Result<Needle, SessionError> {
     let needle = file.table("needle")?;
     let outer_mm = needle.number("outer_diameter_mm", [0.05, 10.0])?;
     let inner_mm = needle.number("inner_diameter_mm", [0.0, 10.0])?;
@@ -112,6 +121,17 @@ fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
         let expected = format!("less than the outer diameter of {outer_mm} mm");
         return Err(needle.field_fault("inner_diameter_mm", Problem::OutOfRange(inner_mm), expected));
     }
+    Ok(Needle {
+        youngs_modulus_pa: 1e9 * needle.number("youngs_modulus_gpa", [0.1, 1000.0])?,
+        outer_diameter_m: MM * outer_mm,
+        inner_diameter_m: MM * inner_mm,
+        bevel_angle_rad: needle.optional_number("bevel_angle_deg", [0.0, 90.0])?.map(f64::to_radians),
+        length_m: needle.optional_number("length_mm", [10.0, 2000.0])?.map(|length_mm| MM * length_mm),
+    })
+}
+
+/// Guide 2 and the tissue's surface.
+pub(super) fn guides_m(file: &Fields<'_>) -> Result<[f64; 2], SessionError> {
     let rig = file.table("rig")?;
     let guide2_mm = rig.number("guide2_mm", [1.0, 1000.0])?;
     let entry_mm = rig.number("entry_mm", [1.0, 1000.0])?;
@@ -119,24 +139,14 @@ fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
         let expected = format!("at least guide2_mm, {guide2_mm}");
         return Err(rig.field_fault("entry_mm", Problem::OutOfRange(entry_mm), expected));
     }
-    Ok(Rig {
-        needle: Needle {
-            youngs_modulus_pa: 1e9 * needle.number("youngs_modulus_gpa", [0.1, 1000.0])?,
-            outer_diameter_m: MM * outer_mm,
-            inner_diameter_m: MM * inner_mm,
-            bevel_angle_rad: needle.optional_number("bevel_angle_deg", [0.0, 90.0])?.map(f64::to_radians),
-            length_m: needle.optional_number("length_mm", [10.0, 2000.0])?.map(|length_mm| MM * length_mm),
-        },
-        guide2_m: MM * guide2_mm,
-        entry_m: MM * entry_mm,
-    })
+    Ok([MM * guide2_mm, MM * entry_mm])
 }
 
-fn fixture_mass_kg(file: &Fields<'_>) -> Result<Option<f64>, SessionError> {
+pub(super) fn fixture_mass_kg(file: &Fields<'_>) -> Result<Option<f64>, SessionError> {
     file.table("rig")?.optional_number("fixture_mass_kg", [0.0, 100.0])
 }
 
-fn noise(file: &Fields<'_>) -> Result<Noise, SessionError> {
+pub(super) fn noise(file: &Fields<'_>) -> Result<Noise, SessionError> {
     let Some(noise) = file.optional_table("noise")? else { return Ok(Noise::default()) };
     let sd_m = |field| Ok::<_, SessionError>(noise.optional_number(field, SD_MM)?.map(|sd_mm| MM * sd_mm));
     Ok(Noise {
@@ -165,38 +175,59 @@ fn runs<T>(
     Ok(runs)
 }
 
-fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, SessionError> {
+pub(super) fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, SessionError> {
     let depth_m = MM * fields.number("depth_mm", DEPTH_RANGE_MM)?;
     let force_path = dir.join(fields.text("force")?);
     let shape_path = dir.join(fields.text("shape")?);
-    let mut force = Table::read_recording(&force_path, &FORCE_COLUMNS)?;
-    let mut shape = Table::read_recording(&shape_path, &SHAPE_COLUMNS)?;
-    let marks = marks(force.take("step"), force.take("moving"));
-    let force = ForceSeries {
-        time_s: force.take_required("time_s"),
-        displacement_y_m: force.take_required("displacement_y_mm"),
-        force_y_n: force.take_required("force_y_n"),
-        displacement_x_m: force.take("displacement_x_mm"),
-        force_x_n: force.take("force_x_n"),
-        lost_before: force.take("lost_before"),
-        marks,
-    };
-    if force.displacement_x_m.is_some() != force.force_x_n.is_some() {
-        return Err(SessionError::Field {
-            place: super::Place { path: force_path, line: 1, column: 1 },
-            field: "displacement_x_mm, force_x_n".to_owned(),
-            problem: Problem::Missing,
-            expected: "both columns or none".to_owned(),
-        });
-    }
-    let shape = ShapeSeries {
-        time_s: shape.take("time_s"),
-        z_m: shape.take_required("z_mm"),
-        y_m: shape.take_required("deflection_y_mm"),
-        x_m: shape.take("deflection_x_mm"),
-    };
+    let force = ForceSeries::read(&force_path)?;
+    let shape = ShapeSeries::read(&shape_path)?;
     let provenance = provenance(fields)?;
     Ok(LateralRun { id, depth_m, force_path, shape_path, provenance, force, shape })
+}
+
+impl ForceSeries {
+    /// Reads the force series of a lateral run.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn read(path: &Path) -> Result<Self, SessionError> {
+        let mut force = Table::read_recording(path, &FORCE_COLUMNS)?;
+        let marks = marks(force.take("step"), force.take("moving"));
+        let force = Self {
+            time_s: force.take_required("time_s"),
+            displacement_y_m: force.take_required("displacement_y_mm"),
+            force_y_n: force.take_required("force_y_n"),
+            displacement_x_m: force.take("displacement_x_mm"),
+            force_x_n: force.take("force_x_n"),
+            lost_before: force.take("lost_before"),
+            marks,
+        };
+        if force.displacement_x_m.is_some() != force.force_x_n.is_some() {
+            return Err(SessionError::Field {
+                place: super::Place { path: path.to_owned(), line: 1, column: 1 },
+                field: "displacement_x_mm, force_x_n".to_owned(),
+                problem: Problem::Missing,
+                expected: "both columns or none".to_owned(),
+            });
+        }
+        Ok(force)
+    }
+}
+
+impl ShapeSeries {
+    /// Reads the shape of a lateral run.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn read(path: &Path) -> Result<Self, SessionError> {
+        let mut shape = Table::read_recording(path, &SHAPE_COLUMNS)?;
+        Ok(Self {
+            time_s: shape.take("time_s"),
+            z_m: shape.take_required("z_mm"),
+            y_m: shape.take_required("deflection_y_mm"),
+            x_m: shape.take("deflection_x_mm"),
+        })
+    }
 }
 
 /// Marks of the rows; none where no row has a step.
@@ -210,7 +241,7 @@ fn marks(step: Option<Vec<f64>>, moving: Option<Vec<f64>>) -> Option<Vec<Mark>> 
     Some(marks.collect())
 }
 
-fn provenance(fields: &Fields<'_>) -> Result<Provenance, SessionError> {
+pub(super) fn provenance(fields: &Fields<'_>) -> Result<Provenance, SessionError> {
     const CRC: &str = "calibration_crc";
     let crc = fields.optional_text(CRC)?.map(|text| {
         let digits = text.len() == 8 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
@@ -226,7 +257,7 @@ fn provenance(fields: &Fields<'_>) -> Result<Provenance, SessionError> {
     })
 }
 
-fn insertion(dir: &Path, fields: &Fields<'_>, id: String) -> Result<InsertionRun, SessionError> {
+pub(super) fn insertion(dir: &Path, fields: &Fields<'_>, id: String) -> Result<InsertionRun, SessionError> {
     let path = dir.join(fields.text("path")?);
     let mut table = Table::read(&path, &INSERTION_COLUMNS)?;
     Ok(InsertionRun {
@@ -243,16 +274,20 @@ fn insertion(dir: &Path, fields: &Fields<'_>, id: String) -> Result<InsertionRun
     })
 }
 
-fn indentation(dir: &Path, fields: &Fields<'_>, id: String) -> Result<IndentationRun, SessionError> {
-    let indenter_radius_m = MM * fields.number("indenter_radius_mm", [0.05, 100.0])?;
-    let poisson = fields.number("poisson", [0.0, 0.5])?;
+pub(super) fn indentation(
+    dir: &Path,
+    fields: &Fields<'_>,
+    id: String,
+) -> Result<IndentationRun, SessionError> {
+    let indenter_radius_m = MM * fields.number("indenter_radius_mm", RADIUS_MM)?;
+    let poisson = fields.number("poisson", POISSON)?;
     let path = dir.join(fields.text("data")?);
     let mut table = Table::read(&path, &INDENTATION_COLUMNS)?;
     let (depth_m, force_n) = (table.take_required("depth_mm"), table.take_required("force_n"));
     Ok(IndentationRun { id, path, indenter_radius_m, poisson, depth_m, force_n })
 }
 
-fn steering(dir: &Path, fields: &Fields<'_>, id: String) -> Result<SteeringRun, SessionError> {
+pub(super) fn steering(dir: &Path, fields: &Fields<'_>, id: String) -> Result<SteeringRun, SessionError> {
     let path = dir.join(fields.text("data")?);
     let mut table = Table::read(&path, &STEERING_COLUMNS)?;
     Ok(SteeringRun {

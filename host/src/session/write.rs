@@ -3,6 +3,7 @@
 //! Rows go to the run's CSV files as they come; the run is entered in `session.toml` when it is finished. What others
 //! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
 
+mod imported;
 mod lateral;
 
 pub use lateral::{ForceRow, LateralWriter, ShapeRow};

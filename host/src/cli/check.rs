@@ -1,0 +1,80 @@
+//! `guide check`: everything that is wrong with a session, and what can be done with it.
+
+use super::output::Output;
+use anyhow::ensure;
+use host::check::{Ability, Check, LeftOut, Severity, check};
+use std::fmt::{self, Display};
+use std::path::PathBuf;
+
+/// Check a session: all that is wrong, what looks wrong, and what each command can do with it
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide check phantom-a\n  guide check phantom-a --json\n\nExit code 0 where the session can be used (warnings \
+                  or not), 1 where it cannot."
+)]
+pub struct Args {
+    /// Session folder (holds session.toml)
+    dir: PathBuf,
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let found = check(&args.dir);
+    out.result(&found, Text(&found))?;
+    out.finish()?;
+    let dir = args.dir.display();
+    let errors = found.errors();
+    ensure!(errors == 0, "{dir}: {errors} {}", if errors == 1 { "error" } else { "errors" });
+    ensure!(found.usable, "{dir}: no command can use any of its runs");
+    Ok(())
+}
+
+struct Text<'a>(&'a Check);
+
+/// Remarks shown of each command.
+const REMARKS: usize = 6;
+
+impl Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let found = self.0;
+        for finding in &found.findings {
+            let name = match finding.severity {
+                Severity::Error => "error",
+                Severity::Warning => "warning",
+            };
+            writeln!(f, "{name:<13}{finding}")?;
+        }
+        if found.errors() > 0 && !found.abilities.is_empty() {
+            writeln!(f, "with what could be read, once the errors are corrected:")?;
+        }
+        for ability in &found.abilities {
+            write_ability(f, ability)?;
+        }
+        if found.empty {
+            writeln!(f, "session      valid, without runs")?;
+        }
+        Ok(())
+    }
+}
+
+fn write_ability(f: &mut fmt::Formatter<'_>, ability: &Ability) -> fmt::Result {
+    let Ability { command, usable, runs, left_out, remarks } = ability;
+    let able = match (usable, runs.len()) {
+        (false, _) => "no".to_owned(),
+        (true, 0) => "yes".to_owned(),
+        (true, 1) => format!("yes, 1 run: {}", runs.join(", ")),
+        (true, count) => format!("yes, {count} runs: {}", runs.join(", ")),
+    };
+    writeln!(f, "{command:<13}{able}")?;
+    for LeftOut { id, reason } in left_out {
+        let id = id.as_ref().map_or(String::new(), |id| format!("without {id}: "));
+        writeln!(f, "             {id}{reason}")?;
+    }
+    for remark in remarks.iter().take(REMARKS) {
+        writeln!(f, "             {remark}")?;
+    }
+    if remarks.len() > REMARKS {
+        writeln!(f, "             and {} more remarks (--json has all)", remarks.len() - REMARKS)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,311 @@
+//! `guide import slicer` and `guide import fbg`: needle shapes as points in space, as a lateral run's shape.
+
+use super::import::setup;
+use super::output::Output;
+use anyhow::{Context, bail, ensure};
+use clap::ValueEnum;
+use host::levels::{HoldCriteria, Path as LevelPath, levels};
+use host::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, name_of, poses, slicer};
+use host::session::{DEPTH_RANGE_MM, ForceSeries, LateralRun, Provenance, SessionWriter, ShapeSeries};
+use serde::Serialize;
+use std::fmt::{self, Display};
+use std::path::{Path, PathBuf};
+
+/// Where the needle is, in the coordinates of the files.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Shapes (slicer, fbg)")]
+pub struct ShapeArgs {
+    /// A point of the straight needle, millimetres: right, anterior, superior for slicer, the file's own for fbg (default: the first
+    /// point of the first file; 0,0,0 for fbg)
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    origin_mm: Option<[f64; 3]>,
+    /// Position of that point along the needle from guide 1, millimetres (default: entry_mm, the tissue's surface)
+    #[arg(long, value_name = "MM", value_parser = millimetres)]
+    origin_z_mm: Option<f64>,
+    /// Direction of the straight needle into the tissue (default: through the first 10 mm of the first file; 0,0,1 for fbg)
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    axis: Option<[f64; 3]>,
+    /// Length of the first file's first part through which the direction is laid, millimetres, instead of --axis
+    #[arg(long, value_name = "MM", value_parser = millimetres, conflicts_with = "axis")]
+    straight_mm: Option<f64>,
+    /// Direction that is up, the session's y (default: anterior, or superior where the needle goes that way; 0,1,0 for fbg)
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    up: Option<[f64; 3]>,
+    /// Lengths in files of fbg (auto: as their header says, or as a needle of up to 2 m can be)
+    #[arg(long, value_enum, default_value = "auto")]
+    units: Units,
+    /// Force series of the run: a CSV file as in a session
+    #[arg(long, value_name = "FILE")]
+    force: Option<PathBuf>,
+    /// Length of the needle in the tissue, millimetres (default: to the deepest point of the shapes)
+    #[arg(long, value_name = "MM", value_parser = millimetres)]
+    depth_mm: Option<f64>,
+    /// Name of the run (default: that of the first file)
+    #[arg(long)]
+    id: Option<String>,
+    /// When each file was seen, on the clock of the force series (default: in its holds, one after the other)
+    #[arg(long, value_name = "SECONDS", value_delimiter = ',', allow_hyphen_values = true)]
+    time_s: Vec<f64>,
+}
+
+/// Lengths in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Units {
+    Auto,
+    Mm,
+    M,
+}
+
+/// Where the points come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// Markups of 3D Slicer, in patient coordinates.
+    Slicer,
+    /// Poses of a shape-sensing fibre, in the frame of the needle's base.
+    Fbg,
+}
+
+/// First part of a drawn needle that is taken as straight.
+const STRAIGHT_M: f64 = 0.01;
+/// Directions that may be up in a file: in a room with a lying patient, and in the frame of a needle.
+const UP: [[f64; 3]; 2] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// What became of the shapes.
+#[derive(Serialize)]
+pub struct Imported {
+    schema: &'static str,
+    session: PathBuf,
+    lateral: Lateral,
+    notes: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct Lateral {
+    id: String,
+    depth_mm: f64,
+    sweeps: usize,
+    points: usize,
+    /// When the sweeps were seen; none where the shape belongs to the last hold.
+    time_s: Option<Vec<f64>>,
+    has_force: bool,
+    origin_mm: [f64; 3],
+    axis: [f64; 3],
+    up: [f64; 3],
+}
+
+/// Whether any option is given that is for shapes alone.
+pub fn is_asked(args: &ShapeArgs) -> bool {
+    let ShapeArgs { origin_mm, origin_z_mm, axis, straight_mm, up, units, force, depth_mm, id, time_s } =
+        args;
+    let vectors = [origin_mm, axis, up].iter().any(|given| given.is_some());
+    let lengths = [origin_z_mm, straight_mm, depth_mm].iter().any(|given| given.is_some());
+    vectors || lengths || force.is_some() || id.is_some() || !time_s.is_empty() || *units != Units::Auto
+}
+
+/// Imports files of points as one lateral run.
+pub fn run(
+    source: Source,
+    paths: &[PathBuf],
+    import: &super::import::Args,
+    out: &mut Output,
+) -> anyhow::Result<()> {
+    let args = &import.shapes;
+    let unit = match args.units {
+        Units::Auto => None,
+        Units::Mm => Some(LengthUnit::Millimetres),
+        Units::M => Some(LengthUnit::Metres),
+    };
+    let read = |path: &PathBuf| match source {
+        Source::Slicer => slicer(path),
+        Source::Fbg => poses(path, unit),
+    };
+    let needles: Vec<NeedlePoints> = paths.iter().map(read).collect::<Result<_, _>>()?;
+    let first = needles.first().context("PATH: no file, expected one or more")?;
+    let setup = setup(import, out)?;
+    let entry_m = setup.rig.entry_m;
+    let frame = Frame::new(&straight(source, args, entry_m), first)?;
+
+    let mut notes: Vec<String> = needles.iter().flat_map(|needle| needle.notes.clone()).collect();
+    if args.axis.is_none() && (source == Source::Slicer || args.straight_mm.is_some()) {
+        notes.push(format!(
+            "the straight needle is laid through the first part of {}: where that is bent, give --axis and --origin-mm",
+            first.path.display()
+        ));
+    }
+    let mut shapes = Vec::new();
+    for needle in &needles {
+        let (shape, behind) = frame.shape(needle)?;
+        if behind > 0 {
+            notes.push(format!("{}: {behind} points behind guide 1: left out", needle.path.display()));
+        }
+        shapes.push(shape);
+    }
+    let depth_m = args.depth_mm.map_or_else(|| deepest_m(&shapes) - entry_m, |mm| 1e-3 * mm);
+    let [least_mm, most_mm] = DEPTH_RANGE_MM;
+    ensure!(
+        (least_mm..=most_mm).contains(&(1e3 * depth_m)),
+        "{}: the needle is {:.1} mm in the tissue, expected {least_mm} to {most_mm} mm: do --origin-mm and --axis fit, or give --depth-mm",
+        first.path.display(),
+        1e3 * depth_m
+    );
+    let id = args.id.clone().unwrap_or_else(|| name_of(&first.path));
+    let times_s = times_s(args, &id, depth_m, shapes.len())?;
+    let shape = joined(&shapes, times_s.as_deref());
+    let mut session = SessionWriter::open(&import.out, &setup)?;
+    session.lateral_from(&id, depth_m, args.force.as_deref(), &shape)?;
+    if args.force.is_none() {
+        let file = import.out.join(format!("{id}.force.csv"));
+        notes.push(format!(
+            "{}: has a header only: without a force series no modulus is identified",
+            file.display()
+        ));
+    }
+    let [origin_m, axis, up] = frame.parts();
+    let imported = Imported {
+        schema: "guide.import/1",
+        session: import.out.clone(),
+        lateral: Lateral {
+            id,
+            depth_mm: 1e3 * depth_m,
+            sweeps: shapes.len(),
+            points: shape.z_m.len(),
+            time_s: times_s,
+            has_force: args.force.is_some(),
+            origin_mm: origin_m.map(|m| 1e3 * m),
+            axis,
+            up,
+        },
+        notes,
+    };
+    imported.notes.iter().for_each(|note| out.note(note));
+    out.result(&imported, &imported)
+}
+
+/// What the user says of the straight needle, and what is usual otherwise.
+fn straight(source: Source, args: &ShapeArgs, entry_m: f64) -> Straight {
+    let fitted = args.straight_mm.map(|mm| Axis::Fitted(1e-3 * mm));
+    let usual = match source {
+        Source::Slicer => Axis::Fitted(STRAIGHT_M),
+        Source::Fbg => Axis::Given([0.0, 0.0, 1.0]),
+    };
+    let origin_m = args.origin_mm.map(|origin_mm| origin_mm.map(|mm| 1e-3 * mm));
+    let usual_origin = (source == Source::Fbg).then_some([0.0; 3]);
+    Straight {
+        origin_m: origin_m.or(usual_origin),
+        origin_z_m: args.origin_z_mm.map_or(entry_m, |mm| 1e-3 * mm),
+        axis: args.axis.map(Axis::Given).or(fitted).unwrap_or(usual),
+        // What is given is meant, along the needle or not.
+        up: args.up.map_or(UP, |up| [up, up]),
+    }
+}
+
+fn deepest_m(shapes: &[ShapeSeries]) -> f64 {
+    shapes.iter().flat_map(|shape| &shape.z_m).copied().fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// When each of the shapes was seen: as told, or in the holds of the force series; a single one belongs to the last hold, and so needs
+/// no time.
+fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow::Result<Option<Vec<f64>>> {
+    // A force series is looked at in any case: what is wrong with it is told before anything is written.
+    let force = args
+        .force
+        .as_deref()
+        .map(|path| Ok::<_, anyhow::Error>((path, ForceSeries::read(path)?)))
+        .transpose()?;
+    if !args.time_s.is_empty() {
+        let (given, wrong) = (args.time_s.len(), args.time_s.iter().find(|time_s| !time_s.is_finite()));
+        ensure!(given == count, "--time-s: {given} times, expected {count}: one for each file");
+        ensure!(wrong.is_none(), "--time-s: {}, expected seconds", wrong.copied().unwrap_or_default());
+        return Ok(Some(args.time_s.clone()));
+    }
+    if count == 1 {
+        return Ok(None);
+    }
+    let Some((path, force)) = force else {
+        bail!(
+            "--time-s: missing, expected a time for each of {count} files, or --force to take them from its holds"
+        );
+    };
+    let (displaced, all) = hold_times_s(path, force, id, depth_m);
+    [displaced.clone(), all.clone()].into_iter().find(|times_s| times_s.len() == count).map(Some).with_context(|| {
+        format!(
+            "{}: {} holds, {} of them displaced, expected one for each of {count} files; or give --time-s",
+            path.display(),
+            all.len(),
+            displaced.len()
+        )
+    })
+}
+
+/// The middle of every displaced hold, and of every hold.
+fn hold_times_s(path: &Path, force: ForceSeries, id: &str, depth_m: f64) -> (Vec<f64>, Vec<f64>) {
+    let run = LateralRun {
+        id: id.to_owned(),
+        depth_m,
+        force_path: path.to_owned(),
+        shape_path: PathBuf::new(),
+        provenance: Provenance::default(),
+        force,
+        shape: ShapeSeries::default(),
+    };
+    let found = levels(&run, &HoldCriteria::default());
+    let middle = |[from_s, to_s]: [f64; 2]| 0.5 * (from_s + to_s);
+    let displaced = found.iter().filter(|level| level.path != LevelPath::Zero);
+    (
+        displaced.map(|level| middle(level.time_s)).collect(),
+        found.iter().map(|level| middle(level.time_s)).collect(),
+    )
+}
+
+/// Several shapes as sweeps of one run.
+fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
+    let together = |column: fn(&ShapeSeries) -> &[f64]| -> Vec<f64> {
+        shapes.iter().flat_map(|shape| column(shape).iter().copied()).collect()
+    };
+    let repeated = |times_s: &[f64]| -> Vec<f64> {
+        let each = shapes.iter().zip(times_s);
+        each.flat_map(|(shape, time_s)| std::iter::repeat_n(*time_s, shape.z_m.len())).collect()
+    };
+    ShapeSeries {
+        time_s: times_s.map(repeated),
+        z_m: together(|shape| &shape.z_m),
+        y_m: together(|shape| &shape.y_m),
+        x_m: Some(together(|shape| shape.x_m.as_deref().unwrap_or_default())),
+    }
+}
+
+/// `1,0,-0.5`.
+fn vector(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let numbers = numbers.ok().filter(|numbers| numbers.iter().all(|number| number.is_finite()));
+    numbers
+        .and_then(|numbers| numbers.try_into().ok())
+        .ok_or_else(|| "expected three numbers: X,Y,Z".to_owned())
+}
+
+fn millimetres(text: &str) -> Result<f64, String> {
+    let number: Option<f64> = text.parse().ok();
+    number.filter(|mm| (0.0..=2000.0).contains(mm)).ok_or_else(|| "expected 0 to 2000 mm".to_owned())
+}
+
+impl Display for Imported {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Lateral { id, depth_mm, sweeps, points, has_force, origin_mm, axis, up, .. } = &self.lateral;
+        let plural = if *sweeps == 1 { "" } else { "s" };
+        let force = if *has_force { "with force" } else { "without force" };
+        let list =
+            |values: &[f64; 3], digits: usize| values.map(|value| format!("{value:.digits$}")).join(",");
+        writeln!(
+            f,
+            "lateral run  {id}: {sweeps} sweep{plural} of {points} points in all, {depth_mm:.1} mm deep, {force}"
+        )?;
+        writeln!(
+            f,
+            "frame        origin {} mm, axis {}, up {}",
+            list(origin_mm, 2),
+            list(axis, 4),
+            list(up, 4)
+        )?;
+        writeln!(f, "session      {}", self.session.display())
+    }
+}

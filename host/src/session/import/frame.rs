@@ -1,0 +1,206 @@
+//! From a needle's points in some frame of space to the session's: along the straight needle, and away from it.
+
+use crate::session::ShapeSeries;
+use nalgebra::{Matrix3, Vector3};
+use std::path::{Path, PathBuf};
+
+/// Fewest points of a shape.
+const LEAST_POINTS: usize = 3;
+/// The vertical has to differ from the needle's direction by this, as the sine of the angle.
+const LEAST_SINE: f64 = 0.1;
+/// What a session's shape can hold: position along the needle and deflection, metres.
+const Z_M: [f64; 2] = [0.0, 2.0];
+const MOST_DEFLECTION_M: f64 = 0.2;
+
+/// A needle's points, in the order of the file, from the base to the tip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NeedlePoints {
+    /// The file, for messages.
+    pub path: PathBuf,
+    /// Positions in the frame of the file, metres.
+    pub points_m: Vec<[f64; 3]>,
+    /// What was assumed or left out, for people.
+    pub notes: Vec<String>,
+}
+
+/// Why points are no shape of a needle under a guide.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameError {
+    /// A line has no direction.
+    #[error("{}: {found} different points to take the needle's direction from, expected 2 or more", path.display())]
+    NoDirection {
+        /// The file.
+        path: PathBuf,
+        /// Points there.
+        found: usize,
+    },
+    /// A direction of no length.
+    #[error("{name}: {given:?}, expected a direction: three numbers that are not all zero")]
+    Zero {
+        /// Which one.
+        name: &'static str,
+        /// What was given.
+        given: [f64; 3],
+    },
+    /// The vertical along the needle.
+    #[error("up: {up:?} is along the needle, expected a direction across it")]
+    UpAlongAxis {
+        /// What was given.
+        up: [f64; 3],
+    },
+    /// Hardly any point.
+    #[error("{}: {found} points beyond guide 1, expected {LEAST_POINTS} or more", path.display())]
+    TooFew {
+        /// The file.
+        path: PathBuf,
+        /// Points there.
+        found: usize,
+    },
+    /// No needle is there.
+    #[error("{}: point {number} is {off_mm:.1} mm off the straight needle, {z_mm:.1} mm from guide 1, expected at most 200 mm off and \
+             2000 mm from it: do origin and axis fit this file?", path.display())]
+    FarOff {
+        /// The file.
+        path: PathBuf,
+        /// Which point, from 1.
+        number: usize,
+        /// Distance from the axis.
+        off_mm: f64,
+        /// Position along it.
+        z_mm: f64,
+    },
+}
+
+/// What is known of the straight needle in the frame of the file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Straight {
+    /// A point of it, metres; the first point of the shape where there is none.
+    pub origin_m: Option<[f64; 3]>,
+    /// Position of that point along the needle from guide 1, metres.
+    pub origin_z_m: f64,
+    /// Its direction, from base to tip.
+    pub axis: Axis,
+    /// The directions that may be up, best first: the first one that is not along the needle is.
+    pub up: [[f64; 3]; 2],
+}
+
+/// Direction of the straight needle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Axis {
+    /// Known.
+    Given([f64; 3]),
+    /// That of a line through the first part of the shape, of this length, metres.
+    Fitted(f64),
+}
+
+/// The session's frame in that of a file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    origin_m: Vector3<f64>,
+    origin_z_m: f64,
+    z: Vector3<f64>,
+    y: Vector3<f64>,
+    x: Vector3<f64>,
+}
+
+impl Frame {
+    /// The frame in which `first`, and all other shapes of the same needle in the same place, are given.
+    ///
+    /// # Errors
+    /// [`FrameError`] where there is no such frame.
+    pub fn new(straight: &Straight, first: &NeedlePoints) -> Result<Self, FrameError> {
+        let too_few = || FrameError::NoDirection { path: first.path.clone(), found: first.points_m.len() };
+        let begins = Vector3::from(*first.points_m.first().ok_or_else(too_few)?);
+        let (z, on_line) = match straight.axis {
+            Axis::Given(axis) => {
+                let unit = Vector3::from(axis).try_normalize(1e-12);
+                (unit.ok_or(FrameError::Zero { name: "axis", given: axis })?, begins)
+            }
+            Axis::Fitted(length_m) => line(first, length_m)?,
+        };
+        let origin_m = straight.origin_m.map_or_else(
+            // The point of the line nearest to where the shape begins.
+            || on_line + z * z.dot(&(begins - on_line)),
+            Vector3::from,
+        );
+        let across = |up: [f64; 3]| {
+            let unit = Vector3::from(up).try_normalize(1e-12)?;
+            let across = unit - z * z.dot(&unit);
+            (across.norm() > LEAST_SINE).then(|| across.normalize())
+        };
+        let up = straight.up[0];
+        let y = straight.up.into_iter().find_map(across).ok_or(FrameError::UpAlongAxis { up })?;
+        Ok(Self { origin_m, origin_z_m: straight.origin_z_m, z, y, x: y.cross(&z) })
+    }
+
+    /// A shape in the session's frame, and how many of its points are behind guide 1 and left out.
+    ///
+    /// # Errors
+    /// [`FrameError`] where these points are on no needle under this guide.
+    pub fn shape(&self, needle: &NeedlePoints) -> Result<(ShapeSeries, usize), FrameError> {
+        let (mut shape, mut x_m, mut behind) = (ShapeSeries::default(), Vec::new(), 0);
+        for (index, point_m) in needle.points_m.iter().enumerate() {
+            let from_origin = Vector3::from(*point_m) - self.origin_m;
+            let z_m = self.origin_z_m + self.z.dot(&from_origin);
+            let off_m = [self.y.dot(&from_origin), self.x.dot(&from_origin)];
+            let [least, most] = Z_M;
+            if z_m > most || off_m.iter().any(|off_m| off_m.abs() > MOST_DEFLECTION_M) {
+                return Err(FrameError::FarOff {
+                    path: needle.path.clone(),
+                    number: index + 1,
+                    off_mm: 1e3 * off_m[0].hypot(off_m[1]),
+                    z_mm: 1e3 * z_m,
+                });
+            }
+            if z_m < least {
+                behind += 1;
+                continue;
+            }
+            shape.z_m.push(z_m);
+            shape.y_m.push(off_m[0]);
+            x_m.push(off_m[1]);
+        }
+        if shape.z_m.len() < LEAST_POINTS {
+            return Err(FrameError::TooFew { path: needle.path.clone(), found: shape.z_m.len() });
+        }
+        shape.x_m = Some(x_m);
+        Ok((shape, behind))
+    }
+
+    /// Origin in metres, axis, up, in the frame of the file.
+    pub fn parts(&self) -> [[f64; 3]; 3] {
+        [self.origin_m, self.z, self.y].map(Into::into)
+    }
+}
+
+/// Direction of, and a point on, the line through the first part of a shape.
+fn line(needle: &NeedlePoints, length_m: f64) -> Result<(Vector3<f64>, Vector3<f64>), FrameError> {
+    let points: Vec<Vector3<f64>> = needle.points_m.iter().copied().map(Vector3::from).collect();
+    let mut way_m = 0.0;
+    let mut count = points.len().min(1);
+    for (from, to) in points.iter().zip(points.iter().skip(1)) {
+        way_m += (to - from).norm();
+        // The two first points always count: a curve may have long steps.
+        if way_m > length_m * (1.0 + 1e-9) && count >= 2 {
+            break;
+        }
+        count += 1;
+    }
+    let used = points.get(..count).unwrap_or_default();
+    let none = || FrameError::NoDirection { path: needle.path.clone(), found: count };
+    let mean = used.iter().sum::<Vector3<f64>>() / count.max(1) as f64;
+    let spread: Matrix3<f64> = used.iter().map(|point| (point - mean) * (point - mean).transpose()).sum();
+    let parts = spread.symmetric_eigen();
+    let longest = parts.eigenvectors.column(parts.eigenvalues.imax()).into_owned();
+    let along = used.last().zip(used.first()).map_or_else(Vector3::zeros, |(last, first)| last - first);
+    let towards_tip = longest * longest.dot(&along).signum();
+    let unit = towards_tip.try_normalize(1e-12).filter(|_| along.norm() > 1e-9).ok_or_else(none)?;
+    Ok((unit, mean))
+}
+
+/// Name of a run made from a file: that of the file without its ending.
+pub fn name_of(path: &Path) -> String {
+    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = name.strip_suffix(".mrk.json").or_else(|| name.rsplit_once('.').map(|(stem, _)| stem));
+    stem.filter(|stem| !stem.is_empty()).unwrap_or(&name).to_owned()
+}

@@ -1,0 +1,270 @@
+//! Needle shapes as shape-sensing fibres give them: one pose per line, base first, in steps of half a millimetre of arc length.
+//!
+//! A line has a position (3 numbers), a position and a quaternion (7), or a matrix, row by row or column by column (12 or 16); commas,
+//! semicolons, tabs or spaces part them. A header may name the columns; `x`, `y` and `z` are looked for then, with their unit where it
+//! is stated (`x_mm`, `x [m]`, `pose.position.x`).
+
+use super::frame::NeedlePoints;
+use crate::session::{Place, Problem, SessionError, read_text};
+use std::path::Path;
+
+/// Lengths in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LengthUnit {
+    /// Millimetres.
+    Millimetres,
+    /// Metres.
+    Metres,
+}
+
+/// No needle is longer than this many metres, nor shorter than this many millimetres: that tells the units apart.
+const LONGEST: f64 = 2.0;
+/// No shape is shorter than this, metres.
+const SHORTEST_M: f64 = 5e-3;
+/// A step so many times the usual one, and this long, metres, is a jump: a row is missing, or misread.
+const JUMP_TIMES: f64 = 10.0;
+const JUMP_M: f64 = 5e-3;
+/// How far a quaternion's length may be from 1, and a matrix's last row from 0, 0, 0, 1.
+const ROUNDING: f64 = 1e-2;
+const WIDTHS: &str = "3 (x y z), 7 (with a quaternion), 12 or 16 numbers (a matrix)";
+
+/// A number's text and where it starts in its line.
+type Cell<'t> = (usize, &'t str);
+
+/// Which numbers of a line are the position.
+enum Layout {
+    Positions([usize; 3]),
+    /// By the number of numbers.
+    Plain,
+}
+
+/// Reads a list of poses; without a unit it is told from the needle's length, and said.
+///
+/// # Errors
+/// [`SessionError`] with file, line and column.
+pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, SessionError> {
+    let text = read_text(path)?;
+    let fault = |offset: usize, field: &str, problem, expected: &str| SessionError::Field {
+        place: Place::at(path, &text, offset),
+        field: field.to_owned(),
+        problem,
+        expected: expected.to_owned(),
+    };
+    let mut layout = None;
+    let mut header_unit = None;
+    let mut width = None;
+    // Each point with the offset of its line.
+    let mut found: Vec<(usize, [f64; 3])> = Vec::new();
+    let mut start = 0;
+    for line in text.split_inclusive('\n') {
+        let offset = start;
+        start += line.len();
+        let line = line.trim_end();
+        if line.trim().is_empty() || line.trim_start().starts_with(['#', '%']) {
+            continue;
+        }
+        let cells = cells(line);
+        if layout.is_none()
+            && let Some((named, stated)) = header(&cells)
+        {
+            let columns = named.ok_or_else(|| {
+                let problem = Problem::Syntax("no columns of a position".to_owned());
+                fault(offset, "header", problem, "columns x, y and z, or lines of numbers alone")
+            })?;
+            (layout, header_unit) = (Some(Layout::Positions(columns)), stated);
+            width = Some(cells.len());
+            continue;
+        }
+        let mut numbers = Vec::with_capacity(cells.len());
+        for (at, cell) in &cells {
+            let number: Option<f64> = cell.parse().ok();
+            let problem = match number {
+                Some(number) if number.is_finite() => {
+                    numbers.push(number);
+                    continue;
+                }
+                Some(_) => Problem::NotFinite,
+                None if cell.is_empty() => Problem::Empty,
+                // Columns that nobody asks for may hold words.
+                None if matches!(&layout, Some(Layout::Positions(columns)) if !columns.contains(&numbers.len())) =>
+                {
+                    numbers.push(f64::NAN);
+                    continue;
+                }
+                None => Problem::NotANumber(cell.chars().take(40).collect()),
+            };
+            return Err(fault(offset + at, "pose", problem, "a number"));
+        }
+        let count = numbers.len();
+        if width.is_some_and(|width| width != count) {
+            let expected = format!("{} on every line", width.unwrap_or_default());
+            return Err(fault(offset, "pose", Problem::Count(count), &expected));
+        }
+        width = Some(count);
+        let position = match layout.get_or_insert(Layout::Plain) {
+            Layout::Positions(columns) => pick(&numbers, *columns),
+            Layout::Plain => {
+                plain(&numbers).map_err(|(problem, expected)| fault(offset, "pose", problem, expected))?
+            }
+        };
+        found.extend(position.map(|position| (offset, position)));
+    }
+    let end = text.len();
+    if found.len() < 2 {
+        return Err(fault(end, "pose", Problem::Count(found.len()), "two poses or more"));
+    }
+
+    let steps: Vec<f64> =
+        found.iter().zip(found.iter().skip(1)).map(|((_, a), (_, b))| distance(*a, *b)).collect();
+    let length: f64 = steps.iter().sum();
+    let mut notes = Vec::new();
+    let unit = unit.or(header_unit).unwrap_or_else(|| {
+        let (unit, name) = if length > LONGEST {
+            (LengthUnit::Millimetres, "millimetres")
+        } else {
+            (LengthUnit::Metres, "metres")
+        };
+        notes.push(format!("{}: taken as {name}, of which the needle is {length:.3} long", path.display()));
+        unit
+    });
+    let to_m = if unit == LengthUnit::Metres { 1.0 } else { 1e-3 };
+    let length_m = to_m * length;
+    if !(SHORTEST_M..=LONGEST).contains(&length_m) {
+        let expected =
+            format!("a needle {} to {} mm long: is the unit right?", 1e3 * SHORTEST_M, 1e3 * LONGEST);
+        return Err(fault(
+            0,
+            "pose",
+            Problem::Syntax(format!("a needle {:.3} mm long", 1e3 * length_m)),
+            &expected,
+        ));
+    }
+    let mut sorted = steps.clone();
+    sorted.sort_by(f64::total_cmp);
+    let usual = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
+    let jump = steps.iter().position(|step| *step > JUMP_TIMES * usual && to_m * step > JUMP_M);
+    if let Some((index, (offset, _))) = jump.and_then(|index| Some((index, found.get(index + 1)?))) {
+        let step_mm = 1e3 * to_m * steps.get(index).copied().unwrap_or_default();
+        let problem = Problem::Syntax(format!("{step_mm:.2} mm from the pose before"));
+        return Err(fault(
+            *offset,
+            "pose",
+            problem,
+            &format!("about {:.2} mm as elsewhere", 1e3 * to_m * usual),
+        ));
+    }
+    let points_m = found.into_iter().map(|(_, point)| point.map(|value| to_m * value)).collect();
+    Ok(NeedlePoints { path: path.to_owned(), points_m, notes })
+}
+
+/// The cells of a line: between commas or semicolons where there are any, else between spaces.
+fn cells(line: &str) -> Vec<Cell<'_>> {
+    let separator = [',', ';'].into_iter().find(|separator| line.contains(*separator));
+    let mut start = 0;
+    let parts: Vec<Cell<'_>> = match separator {
+        Some(separator) => line
+            .split(separator)
+            .map(|cell| {
+                let at = start + (cell.len() - cell.trim_start().len());
+                start += cell.len() + 1;
+                (at, cell.trim())
+            })
+            .collect(),
+        None => line
+            .split(char::is_whitespace)
+            .map(|cell| {
+                let at = start;
+                // Every white space is of one to three bytes; the next cell is found, not counted.
+                start += cell.len()
+                    + line
+                        .get(start + cell.len()..)
+                        .and_then(|rest| rest.chars().next())
+                        .map_or(0, char::len_utf8);
+                (at, cell)
+            })
+            .filter(|(_, cell)| !cell.is_empty())
+            .collect(),
+    };
+    parts
+}
+
+/// Columns of a header (none where it has no position) and the unit that it states; nothing where this is no header.
+fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<LengthUnit>)> {
+    let is_word = |cell: &str| cell.parse::<f64>().is_err() && cell.chars().any(char::is_alphabetic);
+    if !cells.iter().any(|(_, cell)| is_word(cell))
+        || cells.iter().any(|(_, cell)| cell.parse::<f64>().is_ok())
+    {
+        return None;
+    }
+    let names: Vec<(String, Option<LengthUnit>)> = cells.iter().map(|(_, cell)| name(cell)).collect();
+    let column = |axis: &str| {
+        let is = |wanted: &str| names.iter().position(|(name, _)| name == wanted);
+        is(axis).or_else(|| {
+            let endings = [format!("position.{axis}"), format!("position_{axis}")];
+            names.iter().position(|(name, _)| endings.iter().any(|ending| name.ends_with(ending.as_str())))
+        })
+    };
+    let columns = match (column("x"), column("y"), column("z")) {
+        (Some(x), Some(y), Some(z)) => Some([x, y, z]),
+        _ => None,
+    };
+    let unit = columns.and_then(|[x, ..]| names.get(x)?.1);
+    Some((columns, unit))
+}
+
+/// A column's name without its unit.
+fn name(cell: &str) -> (String, Option<LengthUnit>) {
+    let plain = cell.trim_matches(['"', '\'']).to_lowercase();
+    let units = [("mm", LengthUnit::Millimetres), ("m", LengthUnit::Metres)];
+    for (unit, length) in units {
+        for ending in [format!("_{unit}"), format!("[{unit}]"), format!("({unit})")] {
+            if let Some(name) = plain.strip_suffix(ending.as_str()) {
+                return (name.trim().to_owned(), Some(length));
+            }
+        }
+    }
+    (plain, None)
+}
+
+/// The position in a line without a header.
+fn plain(numbers: &[f64]) -> Result<Option<[f64; 3]>, (Problem, &'static str)> {
+    let near =
+        |index: usize, value: f64| numbers.get(index).is_some_and(|number| (number - value).abs() < ROUNDING);
+    match numbers.len() {
+        3 => Ok(pick(numbers, [0, 1, 2])),
+        7 => {
+            let square: f64 = numbers.iter().skip(3).map(|number| number * number).sum();
+            if (square - 1.0).abs() > 2.0 * ROUNDING {
+                let length = square.sqrt();
+                return Err((
+                    Problem::Syntax(format!("a quaternion of length {length:.3}")),
+                    "one of length 1 after x y z",
+                ));
+            }
+            Ok(pick(numbers, [0, 1, 2]))
+        }
+        12 => Ok(pick(numbers, [3, 7, 11])),
+        16 => {
+            let by_rows = near(12, 0.0) && near(13, 0.0) && near(14, 0.0) && near(15, 1.0);
+            let by_columns = near(3, 0.0) && near(7, 0.0) && near(11, 0.0) && near(15, 1.0);
+            match (by_rows, by_columns) {
+                (true, _) => Ok(pick(numbers, [3, 7, 11])),
+                (false, true) => Ok(pick(numbers, [12, 13, 14])),
+                (false, false) => Err((
+                    Problem::Syntax("no matrix of a pose".to_owned()),
+                    "0 0 0 1 as its last row, or column",
+                )),
+            }
+        }
+        count => Err((Problem::Count(count), WIDTHS)),
+    }
+}
+
+fn pick(numbers: &[f64], columns: [usize; 3]) -> Option<[f64; 3]> {
+    let [x, y, z] = columns.map(|column| numbers.get(column).copied());
+    Some([x?, y?, z?])
+}
+
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}

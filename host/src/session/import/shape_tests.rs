@@ -1,0 +1,232 @@
+//! Made-up shapes, turned into the coordinates of others and read back.
+
+use super::{Axis, Frame, FrameError, LengthUnit, NeedlePoints, Straight, poses, slicer};
+use crate::session::SessionError;
+use nalgebra::{Rotation3, Vector3};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+use tempfile::tempdir;
+
+const UP: [[f64; 3]; 2] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// Position along the needle, deflections y and x, millimetres: straight for 10 mm, then bent.
+fn made_up() -> Vec<[f64; 3]> {
+    (0..120)
+        .map(|step| {
+            let s = 0.5 * f64::from(step);
+            let bent = (s - 10.0).max(0.0);
+            [70.0 + s, 2e-3 * bent * bent, -1e-3 * bent * bent]
+        })
+        .collect()
+}
+
+/// Some rotation and place of the needle in a room: points along it, and the frame's axes.
+fn in_room(shape: &[[f64; 3]]) -> (Vec<Vector3<f64>>, Rotation3<f64>, Vector3<f64>) {
+    let turn = Rotation3::from_euler_angles(0.3, -0.7, 1.9);
+    let origin = Vector3::new(12.0, -40.0, -85.5);
+    let place = |[z, y, x]: &[f64; 3]| origin + turn * Vector3::new(*x, *y, z - 70.0);
+    (shape.iter().map(place).collect(), turn, origin)
+}
+
+fn markups(system: &str, points: &[Vector3<f64>]) -> String {
+    let mut text = format!(
+        "{{\"@schema\": \"markups-schema\",\n\"markups\": [{{\"type\": \"Curve\", \"coordinateSystem\": {system},\n\"coordinateUnits\": \"mm\", \
+         \"controlPoints\": ["
+    );
+    for (index, point) in points.iter().enumerate() {
+        let comma = if index == 0 { "" } else { "," };
+        let [x, y, z] = (*point).into();
+        let _ = write!(
+            text,
+            "{comma}\n{{\"id\": \"{index}\", \"position\": [{x}, {y}, {z}], \"positionStatus\": \"defined\"}}"
+        );
+    }
+    text + "]}]}\n"
+}
+
+fn written<T>(name: &str, text: &str, read: impl FnOnce(&Path) -> T) -> T {
+    let folder = tempdir().expect("a folder");
+    let path = folder.path().join(name);
+    fs::write(&path, text).expect("written");
+    read(&path)
+}
+
+fn same(frame: &Frame, needle: &NeedlePoints, shape: &[[f64; 3]], within_mm: f64) {
+    let (read, behind) = frame.shape(needle).expect("a shape");
+    assert_eq!((behind, read.z_m.len()), (0, shape.len()));
+    let x_m = read.x_m.expect("x");
+    for (index, [z, y, x]) in shape.iter().enumerate() {
+        for (read_m, mm) in [(read.z_m[index], z), (read.y_m[index], y), (x_m[index], x)] {
+            assert!((1e3 * read_m - mm).abs() < within_mm, "point {index}: {} and {mm}", 1e3 * read_m);
+        }
+    }
+}
+
+fn given(turn: &Rotation3<f64>, origin: Vector3<f64>) -> Straight {
+    let up = (turn * Vector3::y()).into();
+    Straight {
+        origin_m: Some((1e-3 * origin).into()),
+        origin_z_m: 0.07,
+        axis: Axis::Given((3.0 * (turn * Vector3::z())).into()),
+        up: [up, up],
+    }
+}
+
+#[test]
+fn curves_of_slicer_come_back_from_either_system() {
+    let shape = made_up();
+    let (points, turn, origin) = in_room(&shape);
+    let lps: Vec<Vector3<f64>> = points.iter().map(|p| Vector3::new(-p.x, -p.y, p.z)).collect();
+    for (system, points) in
+        [("\"RAS\"", &points), ("\"LPS\"", &lps), ("0", &points), ("1", &lps), ("\"0\"", &points)]
+    {
+        let needle =
+            written("n.mrk.json", &markups(system, points), slicer).unwrap_or_else(|e| panic!("{e}"));
+        same(&Frame::new(&given(&turn, origin), &needle).expect("a frame"), &needle, &shape, 1e-9);
+        // From the straight part alone; up as it would be given.
+        let fitted = Straight { origin_m: None, axis: Axis::Fitted(0.01), ..given(&turn, origin) };
+        same(&Frame::new(&fitted, &needle).expect("a frame"), &needle, &shape, 1e-6);
+    }
+}
+
+#[test]
+fn points_that_are_not_placed_are_left_out() {
+    let text = markups("\"RAS\"", &in_room(&made_up()).0)
+        .replacen("defined", "undefined", 1)
+        .replace("\"Curve\"", "\"ClosedCurve\"");
+    let needle = written("n.mrk.json", &text, slicer).expect("reads");
+    assert_eq!((needle.points_m.len(), needle.notes.len()), (119, 2));
+    assert!(needle.notes[0].ends_with("1 control points are not placed: left out"));
+}
+
+#[test]
+fn faults_of_markups_name_their_place() {
+    let good = markups("\"LPS\"", &in_room(&made_up()[..3]).0);
+    for (from, to, line, says) in [
+        (
+            "\"LPS\"",
+            "\"IJK\"",
+            2,
+            "invalid value: string \"IJK\", expected coordinateSystem \"LPS\" or \"RAS\"",
+        ),
+        ("\"LPS\"", "2", 2, "invalid value: integer `2`"),
+        ("\"coordinateSystem\"", "\"cs\"", 6, "missing field `coordinateSystem`"),
+        ("\"mm\"", "\"cm\"", 3, "coordinateUnits \"cm\", expected \"mm\""),
+        ("[12, ", "[9000, ", 4, "position 9000, expected millimetres"),
+        ("[12, ", "[\"12\", ", 4, "invalid type: string \"12\""),
+        ("[12, ", "[", 4, "invalid length 2"),
+        ("\"Curve\"", "\"Plane\"", 1, "\"Plane\" is not known, expected Curve, ClosedCurve, Line, Fiducial"),
+        ("]}]}", "]}]", 7, "EOF while parsing"),
+    ] {
+        assert!(good.contains(from), "{from} is not in {good}");
+        let said =
+            written("n.mrk.json", &good.replacen(from, to, 1), slicer).expect_err("refused").to_string();
+        assert!(said.contains(&format!("n.mrk.json:{line}:")) && said.contains(says), "{said}");
+    }
+    let none = written("n.mrk.json", "{\"markups\": []}", slicer).expect_err("refused").to_string();
+    assert!(none.contains("markups: a list of 0, expected one curve per file"), "{none}");
+}
+
+/// The frame of the needle's base: along z, y up.
+fn base() -> Straight {
+    Straight { origin_m: Some([0.0; 3]), origin_z_m: 0.07, axis: Axis::Given([0.0, 0.0, 1.0]), up: UP }
+}
+
+#[test]
+fn poses_come_back_from_every_layout() {
+    let shape = made_up();
+    // In the frame of the needle's base x, y, z are a left-handed session's x, y, z turned by nothing.
+    let lines = |line: &dyn Fn(f64, f64, f64) -> String| -> String {
+        shape.iter().map(|[z, y, x]| line(*x, *y, z - 70.0) + "\n").collect()
+    };
+    let metres = |value: f64| 1e-3 * value;
+    for (name, text) in [
+        ("spaces", lines(&|x, y, z| format!("{x} {y}\t {z}"))),
+        ("quaternion, commas", lines(&|x, y, z| format!("{x}, {y}, {z}, 0, 0, 0, 1"))),
+        ("by rows", lines(&|x, y, z| format!("1 0 0 {x} 0 1 0 {y} 0 0 1 {z} 0 0 0 1"))),
+        ("three rows", lines(&|x, y, z| format!("1 0 0 {x} 0 1 0 {y} 0 0 1 {z}"))),
+        ("by columns", lines(&|x, y, z| format!("1;0;0;0;0;1;0;0;0;0;1;0;{x};{y};{z};1"))),
+        ("metres", lines(&|x, y, z| format!("{} {} {}", metres(x), metres(y), metres(z)))),
+        (
+            "header",
+            "# made up\nz_mm,t,y_mm,x_mm\n".to_owned() + &lines(&|x, y, z| format!("{z},now,{y},{x}")),
+        ),
+        (
+            "of a robot",
+            "stamp,pose.position.x,pose.position.y,pose.position.z,pose.orientation.x\n".to_owned()
+                + &lines(&|x, y, z| format!("1,{},{},{},0", metres(x), metres(y), metres(z))),
+        ),
+    ] {
+        let needle =
+            written("n.csv", &text, |path| poses(path, None)).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!(needle.notes.is_empty(), name == "header", "{name}: {:?}", needle.notes);
+        same(&Frame::new(&base(), &needle).expect("a frame"), &needle, &shape, 1e-9);
+    }
+    let in_metres = lines(&|x, y, z| format!("{} {} {}", metres(x), metres(y), metres(z)));
+    let said = written("n.csv", &in_metres, |path| poses(path, Some(LengthUnit::Millimetres)));
+    assert!(said.expect_err("refused").to_string().contains("a needle 0.06"));
+}
+
+#[test]
+fn faults_of_poses_name_their_place() {
+    let refused = |text: &str| -> String {
+        let fault: SessionError = written("n.csv", text, |path| poses(path, None)).expect_err("refused");
+        fault.to_string()
+    };
+    for (text, says) in [
+        ("0 0 0\n0 0 x\n", "n.csv:2:5: pose: \"x\" is not a number, expected a number"),
+        ("0,0,0\n0,,1\n", "n.csv:2:3: pose: empty"),
+        ("0 0 0\n0 0 inf\n", "n.csv:2:5: pose: not a finite number"),
+        ("0 0 0\n\n0 0 1 2\n", "n.csv:3:1: pose: a list of 4, expected 3 on every line"),
+        ("0 0 0 0\n", "n.csv:1:1: pose: a list of 4, expected 3 (x y z), 7"),
+        ("0 0 0 1 1 0 0\n", "n.csv:1:1: pose: a quaternion of length 1.414"),
+        ("1 2 3 4 5 6 7 8 9 1 2 3 4 5 6 7\n", "n.csv:1:1: pose: no matrix of a pose"),
+        ("a,b,c\n0,0,1\n", "n.csv:1:1: header: no columns of a position"),
+        ("# nothing\n", "pose: a list of 0, expected two poses or more"),
+        (
+            "0 0 0\n0 0 1\n0 0 2\n0 0 3\n0 0 90\n",
+            "n.csv:5:1: pose: 87.00 mm from the pose before, expected about 1.00 mm",
+        ),
+        ("0 0 0\n0 0 1e4\n", "expected a needle 5 to 2000 mm long: is the unit right?"),
+        ("0 0 0\n0 0 0.0001\n", "a needle 0.100 mm long"),
+    ] {
+        let said = refused(text);
+        assert!(said.contains(says), "{said}, expected {says}");
+    }
+}
+
+#[test]
+fn frames_that_are_none_are_refused() {
+    let needle = |points_m: &[[f64; 3]]| NeedlePoints {
+        path: "n.csv".into(),
+        points_m: points_m.to_vec(),
+        notes: Vec::new(),
+    };
+    let two = needle(&[[0.0; 3], [0.0, 0.0, 0.01]]);
+    let zero = Straight { axis: Axis::Given([0.0; 3]), ..base() };
+    assert!(matches!(Frame::new(&zero, &two), Err(FrameError::Zero { .. })));
+    let along = Straight { up: [[0.0, 0.0, 1.0]; 2], ..base() };
+    assert!(matches!(Frame::new(&along, &two), Err(FrameError::UpAlongAxis { .. })));
+    let fitted = Straight { axis: Axis::Fitted(0.01), ..base() };
+    for points in [&[][..], &[[0.0; 3]], &[[1.0; 3], [1.0; 3], [1.0; 3]]] {
+        assert!(matches!(Frame::new(&fitted, &needle(points)), Err(FrameError::NoDirection { .. })));
+    }
+    let frame = Frame::new(&base(), &two).expect("a frame");
+    assert!(matches!(frame.shape(&two), Err(FrameError::TooFew { found: 2, .. })));
+    let far = needle(&[[0.0; 3], [0.3, 0.0, 0.0], [0.0; 3]]);
+    let said = frame.shape(&far).expect_err("refused").to_string();
+    assert!(
+        said.contains("n.csv: point 2 is 300.0 mm off the straight needle, 70.0 mm from guide 1"),
+        "{said}"
+    );
+    // Behind guide 1 there is no needle to be measured.
+    let behind = needle(&[[0.0, 0.0, -0.08], [0.0; 3], [0.0, 0.0, 0.01], [0.0, 0.0, 0.02]]);
+    assert_eq!(frame.shape(&behind).expect("a shape").1, 1);
+    // Anterior is up, and superior where the needle goes that way.
+    let [_, _, up] = frame.parts();
+    assert_eq!(up, [0.0, 1.0, 0.0]);
+    let upright = Straight { axis: Axis::Given([0.0, -1.0, 0.0]), ..base() };
+    let [_, _, up] = Frame::new(&upright, &two).expect("a frame").parts();
+    assert_eq!(up, [0.0, 0.0, 1.0]);
+}

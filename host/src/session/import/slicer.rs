@@ -1,0 +1,159 @@
+//! Curves drawn in 3D Slicer (`.mrk.json`) as the shape of a needle: control points in patient coordinates.
+
+use super::frame::NeedlePoints;
+use crate::session::{Place, Problem, SessionError, read_text};
+use serde::Deserialize;
+use serde::de::{Deserializer, Error, Unexpected, Visitor};
+use std::fmt;
+use std::path::Path;
+
+/// Coordinates that a scanner has, millimetres.
+const MOST_MM: f64 = 5000.0;
+/// Kinds of markups that are a line of points.
+const KINDS: [&str; 4] = ["Curve", "ClosedCurve", "Line", "Fiducial"];
+
+#[derive(Deserialize)]
+struct Markups {
+    markups: Vec<Markup>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Markup {
+    #[serde(rename = "type")]
+    kind: Option<String>,
+    coordinate_system: System,
+    /// Looked at where it is read: there is but one unit.
+    #[serde(rename = "coordinateUnits")]
+    _units: Option<Units>,
+    #[serde(default)]
+    control_points: Vec<ControlPoint>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct ControlPoint {
+    position: Option<Position>,
+    position_status: Option<String>,
+}
+
+/// Which way x and y point: left and posterior, or right and anterior; z is superior in both.
+#[derive(Clone, Copy)]
+enum System {
+    Lps,
+    Ras,
+}
+
+struct Units;
+
+struct Position([f64; 3]);
+
+/// Reads the one curve, line or list of points of a markups file, in right-anterior-superior coordinates, in the order of its points.
+///
+/// # Errors
+/// [`SessionError`] with file, line and column.
+pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
+    let text = read_text(path)?;
+    let place = |line, column| Place { path: path.to_owned(), line, column };
+    let file: Markups = serde_json::from_str(&text).map_err(|error| {
+        // The place is told apart from the words.
+        let words = error.to_string();
+        let words = words.rsplit_once(" at line ").map_or(words.as_str(), |(words, _)| words).to_owned();
+        SessionError::Field {
+            place: place(error.line().max(1), error.column().max(1)),
+            field: "markups".to_owned(),
+            problem: Problem::Syntax(words),
+            expected: "a markups file of 3D Slicer (.mrk.json)".to_owned(),
+        }
+    })?;
+    let fault = |field: &str, problem, expected: String| {
+        Err(SessionError::Field { place: place(1, 1), field: field.to_owned(), problem, expected })
+    };
+    let markup = match file.markups.as_slice() {
+        [markup] => markup,
+        other => return fault("markups", Problem::Count(other.len()), "one curve per file".to_owned()),
+    };
+    if let Some(kind) = markup.kind.as_ref().filter(|kind| !KINDS.contains(&kind.as_str())) {
+        return fault("markups.type", Problem::Unknown(kind.clone()), KINDS.join(", "));
+    }
+    let sign = match markup.coordinate_system {
+        System::Lps => -1.0,
+        System::Ras => 1.0,
+    };
+    let mut points = NeedlePoints { path: path.to_owned(), points_m: Vec::new(), notes: Vec::new() };
+    for point in &markup.control_points {
+        let defined = point.position_status.as_deref().is_none_or(|status| status == "defined");
+        if let (true, Some(Position([x_mm, y_mm, z_mm]))) = (defined, &point.position) {
+            points.points_m.push([1e-3 * sign * x_mm, 1e-3 * sign * y_mm, 1e-3 * z_mm]);
+        }
+    }
+    let left_out = markup.control_points.len() - points.points_m.len();
+    if left_out > 0 {
+        points.notes.push(format!("{}: {left_out} control points are not placed: left out", path.display()));
+    }
+    if markup.kind.as_deref() == Some("ClosedCurve") {
+        points.notes.push(format!("{}: a closed curve is taken as an open one", path.display()));
+    }
+    Ok(points)
+}
+
+impl<'de> Deserialize<'de> for System {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Word;
+        impl Visitor<'_> for Word {
+            type Value = System;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("coordinateSystem \"LPS\" or \"RAS\", or 1 or 0 as older versions wrote them")
+            }
+
+            fn visit_str<E: Error>(self, word: &str) -> Result<System, E> {
+                match word {
+                    "LPS" | "1" => Ok(System::Lps),
+                    "RAS" | "0" => Ok(System::Ras),
+                    other => Err(E::invalid_value(Unexpected::Str(other), &self)),
+                }
+            }
+
+            fn visit_u64<E: Error>(self, code: u64) -> Result<System, E> {
+                match code {
+                    0 => Ok(System::Ras),
+                    1 => Ok(System::Lps),
+                    other => Err(E::invalid_value(Unexpected::Unsigned(other), &self)),
+                }
+            }
+        }
+        deserializer.deserialize_any(Word)
+    }
+}
+
+impl<'de> Deserialize<'de> for Units {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        // A word, or the same word for each axis, or a coded entry that has it in front.
+        let value = serde_json::Value::deserialize(deserializer)?;
+        let is_mm = |value: &serde_json::Value| {
+            value.as_str().is_some_and(|word| word == "mm" || word.starts_with("mm;"))
+        };
+        let good = match &value {
+            serde_json::Value::Array(axes) => axes.iter().all(is_mm),
+            other => is_mm(other),
+        };
+        if good {
+            Ok(Self)
+        } else {
+            Err(D::Error::custom(format!("coordinateUnits {value}, expected \"mm\"")))
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Position {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let position = <[f64; 3]>::deserialize(deserializer)?;
+        match position.iter().find(|mm| mm.abs() > MOST_MM) {
+            Some(mm) => Err(D::Error::custom(format!(
+                "position {mm}, expected millimetres from -{MOST_MM} to {MOST_MM}"
+            ))),
+            None => Ok(Self(position)),
+        }
+    }
+}

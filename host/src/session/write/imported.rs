@@ -1,0 +1,46 @@
+//! Entering a lateral run that was recorded elsewhere: its force series as it is, its shape with the columns it has.
+
+use super::super::{SessionError, ShapeSeries, read_text};
+use super::lateral::CsvFile;
+use super::{SessionWriter, enter, number};
+use std::path::Path;
+
+/// A force series of which there is nothing yet.
+const NO_FORCE: &str = "time_s,displacement_y_mm,force_y_n\n";
+
+impl SessionWriter {
+    /// Writes a whole lateral run: `<id>.force.csv`, a copy of `force` where it is given and else a header without rows, to be filled in;
+    /// `<id>.shape.csv`; and its entry in `session.toml`.
+    ///
+    /// # Errors
+    /// As [`Self::lateral`]; [`SessionError::NotFinite`]; where `force` cannot be read.
+    pub fn lateral_from(
+        &mut self,
+        id: &str,
+        depth_m: f64,
+        force: Option<&Path>,
+        shape: &ShapeSeries,
+    ) -> Result<(), SessionError> {
+        self.check_id(id, &self.lateral_ids)?;
+        let session_file = self.dir.join("session.toml");
+        let depth_mm = number(&session_file, "depth_mm", 1e3 * depth_m)?;
+        let rows = force.map_or_else(|| Ok(NO_FORCE.to_owned()), read_text)?;
+        CsvFile { path: self.dir.join(format!("{id}.force.csv")), rows, file: None }.flush()?;
+        let columns: Vec<(&'static str, Vec<f64>, f64)> = [
+            shape.time_s.clone().map(|values| ("time_s", values, 1.0)),
+            Some(("z_mm", shape.z_m.clone(), 1e3)),
+            Some(("deflection_y_mm", shape.y_m.clone(), 1e3)),
+            shape.x_m.clone().map(|values| ("deflection_x_mm", values, 1e3)),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        self.table(&format!("{id}.shape"), &columns)?;
+        let entry = format!(
+            "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
+        );
+        enter(&self.dir, &entry)?;
+        self.lateral_ids.push(id.to_owned());
+        Ok(())
+    }
+}
