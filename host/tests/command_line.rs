@@ -14,6 +14,8 @@ use tempfile::TempDir;
 mod models;
 #[path = "command_line/monitor.rs"]
 mod monitor;
+#[path = "command_line/report.rs"]
+mod report;
 
 const K_PA: f64 = 12e3;
 
