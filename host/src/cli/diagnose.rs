@@ -1,6 +1,6 @@
 //! `guide diagnose`: where model and measurement disagree, what is missing, and what adding it is worth.
 
-use super::output::{Output, figures_file};
+use super::output::{Output, figures_file, spinner};
 use anyhow::Context;
 use host::diagnose::words::{channel, quantity, unit};
 use host::diagnose::{Diagnosis, FoundEffect, Gap, Options, diagnose};
@@ -8,10 +8,8 @@ use host::figures;
 use host::model::effects::effect;
 use host::model_file::ModelFile;
 use host::session::Session;
-use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
-use std::time::Duration;
 
 /// Find where model and measurement disagree, name the missing effect, add it to the model and show the gap shrink
 #[derive(clap::Args)]
@@ -41,7 +39,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let session = Session::read(&args.dir)?;
     let given = args.model.as_deref().map(ModelFile::read).transpose()?;
     let options = Options { given: given.map(|file| file.effects()).unwrap_or_default(), seed: args.seed };
-    let progress = progress();
+    let progress = spinner();
     let found = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
     let mut found = found.with_context(|| format!("cannot diagnose {}", args.dir.display()))?;
@@ -57,16 +55,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         figures_file(folder, "ranking", &figures::ranking(&found)?, out)?;
     }
     out.result(&found, Text(&found))
-}
-
-/// A line on standard error that says what goes on, on terminals only.
-fn progress() -> ProgressBar {
-    let bar = ProgressBar::new_spinner();
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar
 }
 
 /// A diagnosis for the eye: one screen.

@@ -1,18 +1,16 @@
 //! `guide report`: one HTML file with everything that the analyses say of a session, for the lab notebook.
 
-use super::output::Output;
+use super::output::{Output, spinner};
 use anyhow::{Context, ensure};
 use host::diagnose::Verdict;
 use host::model_file::ModelFile;
 use host::report::{Analyses, Day, Options, Origin, Outcome, Report};
 use host::session::Session;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt::{self, Display};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// Write a session's report: one HTML file with the results, figures and provenance, for screen and paper
 #[derive(clap::Args)]
@@ -45,7 +43,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let models: Vec<PathBuf> = args.model.iter().cloned().collect();
     let origin = Origin::of(&session, &models, command(args), args.date.unwrap_or_default())?;
 
-    let progress = progress();
+    let progress = spinner();
     let options = Options { until_m: 1e-3 * args.until, model };
     let analyses = Analyses::of(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
@@ -70,16 +68,6 @@ fn command(args: &Args) -> String {
     // A path with a NUL cannot be quoted; none can be opened either.
     let quoted = words.iter().map(|word| shlex::try_quote(word).unwrap_or(Cow::Borrowed(word)));
     quoted.collect::<Vec<_>>().join(" ")
-}
-
-/// A line on standard error that says what goes on, on terminals only.
-fn progress() -> ProgressBar {
-    let bar = ProgressBar::new_spinner();
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar
 }
 
 /// What was written.

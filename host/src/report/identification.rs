@@ -15,7 +15,7 @@ pub(super) fn facts(found: &Identification) -> Vec<Fact> {
     let [least, most] = youngs.range_kpa;
     vec![
         Fact::new(
-            "Foundation modulus K, pooled",
+            "Foundation modulus K, pooled (95 %)",
             format!(
                 "{} kPa, {}",
                 estimate(Some(pooled.k_kpa), Some(pooled.ci95_kpa), 2),
@@ -23,7 +23,7 @@ pub(super) fn facts(found: &Identification) -> Vec<Fact> {
             ),
         ),
         Fact::new(
-            "Young's modulus E",
+            "Young's modulus E (95 %)",
             format!(
                 "{} kPa by {} (Poisson's ratio {}); {least:.1} to {most:.1} kPa by the relations known",
                 estimate(Some(youngs.value), Some(youngs.ci95), 2),

@@ -6,7 +6,9 @@ use crate::predict::{InsertionResult, Prediction};
 
 /// Facts for the summary.
 pub(super) fn facts(found: &Prediction) -> Vec<Fact> {
-    let loads_n = |of: fn(&InsertionResult) -> Option<f64>| found.insertions.iter().filter_map(of).collect();
+    let loads_n = |of: fn(&InsertionResult) -> Option<f64>| -> Vec<f64> {
+        found.insertions.iter().filter_map(of).collect()
+    };
     let mut load = Vec::new();
     for (plane, loads_n) in
         [("vertical", loads_n(|one| one.tip_force_n)), ("horizontal", loads_n(|one| one.tip_force_x_n))]
@@ -35,7 +37,7 @@ pub(super) fn facts(found: &Prediction) -> Vec<Fact> {
 }
 
 /// One load, or the mean and range of several.
-fn over_insertions(loads_n: &Vec<f64>) -> Option<String> {
+fn over_insertions(loads_n: &[f64]) -> Option<String> {
     let mean_n = loads_n.iter().sum::<f64>() / loads_n.len() as f64;
     let least_n = loads_n.iter().copied().fold(f64::INFINITY, f64::min);
     let most_n = loads_n.iter().copied().fold(f64::NEG_INFINITY, f64::max);
