@@ -22,6 +22,9 @@ pub mod qemu;
 pub mod steering;
 pub mod thumb;
 
+/// Commit that this was built from, `-dirty` where files differ from it, `unknown` outside a git repository.
+pub const COMMIT: &str = env!("FIRMWARE_GIT");
+
 #[cfg(feature = "flash")]
 use defmt_rtt as _;
 #[cfg(feature = "qemu")]

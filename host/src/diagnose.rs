@@ -30,6 +30,7 @@ mod split;
 mod story;
 pub mod study;
 mod whiten;
+pub mod words;
 
 pub use data::Channel;
 pub use results::{

@@ -2,11 +2,13 @@
 
 mod diagnosis;
 mod insertion;
+mod lateral;
 mod steering;
 
 pub use diagnosis::{gap, ranking, residuals};
 pub use insertion::insertion;
-pub use steering::steering;
+pub use lateral::{force, leftover};
+pub use steering::{field, steering};
 
 use crate::identify::{Pooled, RunResult, ShapeResult};
 use crate::plan::{Choice, Plan};

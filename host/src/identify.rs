@@ -9,9 +9,11 @@ mod layers;
 mod pool;
 mod prepare;
 mod reference;
+mod residuals;
 mod results;
 
 pub use layers::Layers;
+pub use residuals::ResidualResult;
 pub use results::{
     Bootstrap, ChannelResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult, Identification,
     Likelihood, Methods, NoiseResult, NuisanceResult, Pooled, Profile, Reference, RelationResult, RunResult,
@@ -307,6 +309,7 @@ fn identify_run(
         noise: Some(NoiseResult { shape_mm: 1e3 * prepared.data.shape_sd_m, ..prepared.noise }),
         fit: ["displacement", "force", "shape"].into_iter().zip(channels).map(ChannelResult::from).collect(),
         shape: ShapeResult::gather(&shape_fits(&prepared.data, &best, 0)),
+        residuals: residuals::gather(&prepared.data, &best),
         nuisances: nuisance_results(&prepared.data.effects, &best),
         chi_square: Some(best.chi_square),
         degrees_of_freedom: Some(best.degrees_of_freedom),

@@ -20,6 +20,8 @@ mod monitor;
 mod shapes;
 #[path = "command_line/shell.rs"]
 mod shell;
+#[path = "command_line/report.rs"]
+mod report;
 
 const K_PA: f64 = 12e3;
 

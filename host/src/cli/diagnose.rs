@@ -1,16 +1,15 @@
 //! `guide diagnose`: where model and measurement disagree, what is missing, and what adding it is worth.
 
-use super::output::{Output, figures_file};
+use super::output::{Output, figures_file, spinner};
 use anyhow::Context;
-use host::diagnose::{Diagnosis, FoundEffect, Gap, Options, Verdict, diagnose};
+use host::diagnose::words::{channel, quantity, unit};
+use host::diagnose::{Diagnosis, FoundEffect, Gap, Options, diagnose};
 use host::figures;
 use host::model::effects::effect;
 use host::model_file::ModelFile;
 use host::session::Session;
-use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
-use std::time::Duration;
 
 /// Find where model and measurement disagree, name the missing effect, add it to the model and show the gap shrink
 #[derive(clap::Args)]
@@ -40,7 +39,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let session = Session::read(&args.dir)?;
     let given = args.model.as_deref().map(ModelFile::read).transpose()?;
     let options = Options { given: given.map(|file| file.effects()).unwrap_or_default(), seed: args.seed };
-    let progress = progress();
+    let progress = spinner();
     let found = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
     let mut found = found.with_context(|| format!("cannot diagnose {}", args.dir.display()))?;
@@ -56,16 +55,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         figures_file(folder, "ranking", &figures::ranking(&found)?, out)?;
     }
     out.result(&found, Text(&found))
-}
-
-/// A line on standard error that says what goes on, on terminals only.
-fn progress() -> ProgressBar {
-    let bar = ProgressBar::new_spinner();
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar
 }
 
 /// A diagnosis for the eye: one screen.
@@ -94,28 +83,12 @@ impl Display for Text<'_> {
         writeln!(f, "tested       {tested} effects{given}{told}")?;
         for (number, region) in found.regions.iter().take(REGIONS).enumerate() {
             let name = if number == 0 { "where" } else { "" };
-            let side = if region.changes_sign_with_level { " towards the displacement" } else { "" };
-            writeln!(
-                f,
-                "{name:<13}{}, {} {}: {:+.3} {}{side} ({:.1} sigma)",
-                region.channel,
-                words(&region.coordinate),
-                span(region.from, region.to),
-                region.mean_residual,
-                region.unit,
-                region.sigma
-            )?;
+            writeln!(f, "{name:<13}{region}")?;
         }
         if found.regions.is_empty() {
             writeln!(f, "where        nowhere: no region stands out")?;
         }
-        let verdict = match found.verdict {
-            Verdict::Adequate => "adequate: nothing is missing as far as these runs tell",
-            Verdict::Named => "named",
-            Verdict::Ambiguous => "ambiguous: one of a few, which these runs cannot tell apart",
-            Verdict::Unexplained => "unexplained: something is missing that has no name here",
-        };
-        writeln!(f, "verdict      {verdict}")?;
+        writeln!(f, "verdict      {}", found.verdict.explained())?;
         for effect in &found.effects {
             write_effect(f, effect)?;
         }
@@ -161,25 +134,17 @@ impl Display for Text<'_> {
 }
 
 fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result {
-    let parameters: Vec<String> = found
-        .parameters
-        .iter()
-        .map(|(name, estimate)| {
-            let [low, high] = estimate.ci95;
-            format!("{name} {:.4} ({low:.4} to {high:.4})", estimate.value)
-        })
-        .collect();
     writeln!(
         f,
         "missing      {}: {}; log evidence +{:.1}",
         found.id,
-        parameters.join(", "),
+        found.parameters_in_words(),
         found.log_evidence_gain
     )?;
     if let Some(effect) = effect(&found.id) {
         writeln!(f, "             {}", effect.physics())?;
     }
-    let others: Vec<&str> = found.class.iter().filter(|id| **id != found.id).map(String::as_str).collect();
+    let others = found.rivals();
     if !others.is_empty() {
         writeln!(f, "             or {}", others.join(", or "))?;
     }
@@ -214,26 +179,4 @@ fn write_gap(f: &mut fmt::Formatter<'_>, gap: &Gap) -> fmt::Result {
         }
     }
     Ok(())
-}
-
-/// `shape_y_mm` without its unit.
-fn channel(name: &str) -> &str {
-    name.rsplit_once('_').map_or(name, |(channel, _)| channel)
-}
-
-fn unit(name: &str) -> &'static str {
-    if name.ends_with("_n") { "N" } else { "mm" }
-}
-
-fn quantity(name: &str, value: f64) -> String {
-    format!("{} {value:.3} {}", channel(name), unit(name))
-}
-
-fn words(coordinate: &str) -> String {
-    coordinate.rsplit_once('_').map_or(coordinate, |(name, _)| name).replace('_', " ")
-}
-
-/// An interval, or the one value it is.
-fn span(from: f64, to: f64) -> String {
-    if (to - from).abs() < 0.05 { format!("{from:.1}") } else { format!("{from:.1} to {to:.1}") }
 }

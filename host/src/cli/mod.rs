@@ -26,6 +26,7 @@ mod ports;
 mod predict;
 mod record;
 mod relation;
+mod report;
 mod rig_args;
 mod shell;
 mod simulate;
@@ -73,6 +74,7 @@ enum Command {
     Identify(identify::Args),
     Predict(predict::Args),
     Diagnose(diagnose::Args),
+    Report(report::Args),
     Track(track::Args),
     Effects(effects::Args),
     Init(init::Args),
@@ -108,6 +110,7 @@ pub fn main() -> ExitCode {
         Command::Identify(args) => identify::run(args, &mut out),
         Command::Predict(args) => predict::run(args, &mut out),
         Command::Diagnose(args) => diagnose::run(args, &mut out),
+        Command::Report(args) => report::run(args, &mut out),
         Command::Track(args) => track::run(args, &mut out),
         Command::Effects(args) => effects::run(args, &mut out),
         Command::Check(args) => check::run(args, &mut out),

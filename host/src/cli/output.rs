@@ -2,11 +2,13 @@
 
 use super::colour;
 use anyhow::Context;
+use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::fmt::Display;
 use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Stdout, Write};
 use std::path::Path;
+use std::time::Duration;
 
 /// Standard output was closed by its reader, as `guide ... | head` does: no reason for a message.
 #[derive(Debug, thiserror::Error)]
@@ -75,6 +77,16 @@ pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyho
     let path = folder.join(format!("{name}.svg"));
     out.note(format_args!("drawing {}", path.display()));
     fs::write(&path, svg).with_context(|| format!("{}: cannot write", path.display()))
+}
+
+/// A line on standard error that says what goes on, on terminals only.
+pub fn spinner() -> ProgressBar {
+    let bar = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
 }
 
 /// Prints an error and its causes as one line on standard error.

@@ -5,7 +5,7 @@ use super::output::{Output, figures_file};
 use anyhow::{Context, bail, ensure};
 use host::figures;
 use host::session::Session;
-use host::track::results::{Errors, TrackResult, Tracking, ValueResult};
+use host::track::results::{Errors, TrackResult, Tracking};
 use host::track::{Options, track};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
@@ -84,16 +84,6 @@ fn options(args: &Args) -> anyhow::Result<Options> {
     })
 }
 
-/// A value with its interval, in words where it cannot be told.
-pub fn told(value: &ValueResult, scale: f64, digits: usize) -> String {
-    let [low, high] = value.ci95.map(|end| scale * end);
-    match (value.value, value.told) {
-        (Some(value), _) => format!("{:.digits$} ({low:.digits$} to {high:.digits$})", scale * value),
-        (None, "at most") => format!("below {high:.digits$}"),
-        _ => "cannot be told".to_owned(),
-    }
-}
-
 struct Text<'a>(&'a Tracking);
 
 impl Display for Text<'_> {
@@ -131,8 +121,8 @@ fn write_run(f: &mut fmt::Formatter<'_>, run: &TrackResult, width: usize) -> fmt
             "  {:<width$}  {:<7}  {:<21}  {:<21}  {}",
             run.id,
             format!("{:.0} mm", last.depth_mm),
-            told(&last.stiffness_n_per_m2, 1e-3, 1),
-            told(&last.damping_n_s_per_m2, 1e-3, 2),
+            last.stiffness_n_per_m2.words(1e-3, 1),
+            last.damping_n_s_per_m2.words(1e-3, 2),
             tip(&run.errors)
         )?;
     }

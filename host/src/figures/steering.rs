@@ -2,7 +2,7 @@
 //! and the parameters against depth.
 
 use super::{Area, FONT, FigureError, GREY, WIDTH, axes, band, failed, legend, range};
-use crate::track::results::TrackResult;
+use crate::track::results::{FieldResult, TrackResult};
 use plotters::prelude::*;
 
 /// Tip above, its error below it, then stiffness and damping with their 95 % intervals.
@@ -36,6 +36,28 @@ pub fn steering(one: &TrackResult) -> Result<String, FigureError> {
             high: &one.damping_hi95_n_s_per_m2,
         };
         parameter(&damping_area, &one.depth_mm, &damping, "insertion depth, mm")?;
+        area.present().map_err(failed)?;
+    }
+    Ok(svg)
+}
+
+/// Stiffness of the tissue over depth, as known at the end of the run named `id`, with its 95 % interval.
+///
+/// # Errors
+/// [`FigureError`] where the drawing fails.
+pub fn field(id: &str, field: &FieldResult) -> Result<String, FigureError> {
+    let mut svg = String::new();
+    {
+        let area = SVGBackend::with_string(&mut svg, (WIDTH, 380)).into_drawing_area();
+        area.fill(&WHITE).map_err(failed)?;
+        let area = area.titled(&format!("{id}: stiffness over depth"), (FONT, 22)).map_err(failed)?;
+        let stiffness = Parameter {
+            name: "stiffness, kN/m²",
+            values: &field.stiffness_n_per_m2,
+            low: &field.lo95_n_per_m2,
+            high: &field.hi95_n_per_m2,
+        };
+        parameter(&area, &field.depth_mm, &stiffness, "depth, mm")?;
         area.present().map_err(failed)?;
     }
     Ok(svg)

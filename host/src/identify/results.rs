@@ -1,7 +1,7 @@
 //! The result of an identification, as `guide identify --json` prints it. Additive only: fields may be added, never
 //! removed or changed in meaning.
 
-use super::Layers;
+use super::{Layers, ResidualResult};
 use crate::inference::{ChannelFit, ShapeFit};
 use crate::session::LateralRun;
 use serde::Serialize;
@@ -52,6 +52,9 @@ pub struct RunResult {
     pub fit: Vec<ChannelResult>,
     /// The shape as measured and as fitted, hold by hold.
     pub shape: Vec<ShapeResult>,
+    /// What the fit leaves of every reading, for figures.
+    #[serde(skip)]
+    pub residuals: Vec<ResidualResult>,
     /// What was found of the nuisance effects' parameters.
     pub nuisances: Vec<NuisanceResult>,
     /// Sum of squared residuals of the likelihood.
@@ -75,6 +78,7 @@ impl RunResult {
             noise: None,
             fit: Vec::new(),
             shape: Vec::new(),
+            residuals: Vec::new(),
             nuisances: Vec::new(),
             chi_square: None,
             degrees_of_freedom: None,

@@ -102,6 +102,18 @@ impl From<Value<f64>> for ValueResult {
     }
 }
 
+impl ValueResult {
+    /// The value with its interval, times `scale`; in words where it cannot be told.
+    pub fn words(&self, scale: f64, digits: usize) -> String {
+        let [low, high] = self.ci95.map(|end| scale * end);
+        match (self.value, self.told) {
+            (Some(value), _) => format!("{:.digits$} ({low:.digits$} to {high:.digits$})", scale * value),
+            (None, "at most") => format!("below {high:.digits$}"),
+            _ => "cannot be told".to_owned(),
+        }
+    }
+}
+
 fn told_value(value: Value<f64>) -> Option<f64> {
     (value.seen == Seen::Yes).then_some(value.value)
 }

@@ -1,0 +1,135 @@
+//! `guide report`: one HTML file with everything that the analyses say of a session, for the lab notebook.
+
+use super::output::{Output, spinner};
+use anyhow::{Context, ensure};
+use host::diagnose::Verdict;
+use host::model_file::ModelFile;
+use host::report::{Analyses, Day, Options, Origin, Outcome, Report};
+use host::session::Session;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::fmt::{self, Display};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Write a session's report: one HTML file with the results, figures and provenance, for screen and paper
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide report phantom-a\n  guide report phantom-a --until 70 --model model.toml --out phantom-a.html\n  \
+                  guide report phantom-a --date 2025-03-01"
+)]
+pub struct Args {
+    /// Session folder (holds session.toml)
+    dir: PathBuf,
+    /// File to write (default: report.html in the session folder)
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Take the effects of a model file (model.toml) into the model, and its modulus where the session has no lateral runs
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Depth up to which each insertion is seen, millimetres
+    #[arg(long, default_value_t = 50.0, value_name = "MM")]
+    until: f64,
+    /// Date of the report: YYYY-MM-DD, or today (default: time of the newest file that it is made from)
+    #[arg(long, value_name = "DATE")]
+    date: Option<Day>,
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    ensure!((5.0..=500.0).contains(&args.until), "--until: {}, expected 5 to 500 mm", args.until);
+    let session = Session::read(&args.dir)?;
+    let model = args.model.as_deref().map(ModelFile::read).transpose()?;
+    let models: Vec<PathBuf> = args.model.iter().cloned().collect();
+    let origin = Origin::of(&session, &models, command(args), args.date.unwrap_or_default())?;
+
+    let progress = spinner();
+    let options = Options { until_m: 1e-3 * args.until, model };
+    let analyses = Analyses::of(&session, &options, |step| progress.set_message(step.to_owned()));
+    progress.finish_and_clear();
+    for failure in analyses.failures() {
+        out.note(format_args!("warning: {failure}"));
+    }
+    let report = Report::new(&session, &analyses, &origin);
+    let html = report.html();
+    let path = args.out.clone().unwrap_or_else(|| args.dir.join("report.html"));
+    fs::write(&path, &html).with_context(|| format!("{}: cannot write", path.display()))?;
+    let done = Done::new(&session, &report, &analyses, &path, html.len());
+    out.result(&done, &done)
+}
+
+/// The command with what the report depends on: where it is written to, it does not.
+fn command(args: &Args) -> String {
+    let mut words = vec!["guide".to_owned(), "report".to_owned(), args.dir.display().to_string()];
+    if let Some(model) = &args.model {
+        words.extend(["--model".to_owned(), model.display().to_string()]);
+    }
+    words.extend(["--until".to_owned(), args.until.to_string()]);
+    // A path with a NUL cannot be quoted; none can be opened either.
+    let quoted = words.iter().map(|word| shlex::try_quote(word).unwrap_or(Cow::Borrowed(word)));
+    quoted.collect::<Vec<_>>().join(" ")
+}
+
+/// What was written.
+#[derive(Serialize)]
+struct Done<'a> {
+    schema: &'static str,
+    session: Option<&'a str>,
+    /// The file.
+    file: String,
+    bytes: usize,
+    date: &'a str,
+    k_kpa: Option<f64>,
+    k_ci95_kpa: Option<[f64; 2]>,
+    verdict: Option<Verdict>,
+    sections: Vec<SectionState<'a>>,
+    warnings: &'a [String],
+}
+
+/// How a section came out.
+#[derive(Serialize)]
+struct SectionState<'a> {
+    id: &'static str,
+    /// `done`, `left out` or `failed`.
+    state: &'static str,
+    /// Why it is not done.
+    why: Option<&'a str>,
+}
+
+impl<'a> Done<'a> {
+    fn new(session: &'a Session, report: &'a Report, analyses: &Analyses, path: &Path, bytes: usize) -> Self {
+        let pooled = analyses.identification.found().map(|found| &found.pooled);
+        let sections = report.sections.iter().map(|section| {
+            let (state, why) = match &section.content {
+                Outcome::Found(_) => ("done", None),
+                Outcome::NotThere(what) => ("left out", Some(*what)),
+                Outcome::Failed(why) => ("failed", Some(why.as_str())),
+            };
+            SectionState { id: section.id, state, why }
+        });
+        Self {
+            schema: "guide.report/1",
+            session: session.name.as_deref(),
+            file: path.display().to_string(),
+            bytes,
+            date: &report.date,
+            k_kpa: pooled.map(|pooled| pooled.k_kpa),
+            k_ci95_kpa: pooled.map(|pooled| pooled.ci95_kpa),
+            verdict: analyses.diagnosis.found().map(|found| found.verdict),
+            sections: sections.collect(),
+            warnings: &report.warnings,
+        }
+    }
+}
+
+impl Display for Done<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for section in &self.sections {
+            match section.why {
+                Some(why) => writeln!(f, "{:<15}{}: {why}", section.id, section.state)?,
+                None => writeln!(f, "{:<15}{}", section.id, section.state)?,
+            }
+        }
+        writeln!(f, "{:<15}{}, {} kB", "written", self.file, self.bytes.div_ceil(1000))
+    }
+}

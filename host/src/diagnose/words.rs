@@ -1,0 +1,72 @@
+//! A diagnosis in words, for the screen and for reports.
+
+use super::results::{FoundEffect, RegionResult, Verdict};
+use std::fmt::{self, Display};
+
+impl Verdict {
+    /// Its name, and what it means where the name does not say.
+    pub fn explained(self) -> &'static str {
+        match self {
+            Self::Adequate => "adequate: nothing is missing as far as these runs tell",
+            Self::Named => "named",
+            Self::Ambiguous => "ambiguous: one of a few, which these runs cannot tell apart",
+            Self::Unexplained => "unexplained: something is missing that has no name here",
+        }
+    }
+}
+
+impl Display for RegionResult {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let side = if self.changes_sign_with_level { " towards the displacement" } else { "" };
+        write!(
+            f,
+            "{}, {} {}: {:+.3} {}{side} ({:.1} sigma)",
+            self.channel,
+            words(&self.coordinate),
+            span(self.from, self.to),
+            self.mean_residual,
+            self.unit,
+            self.sigma
+        )
+    }
+}
+
+impl FoundEffect {
+    /// Its parameters with their intervals.
+    pub fn parameters_in_words(&self) -> String {
+        let one = self.parameters.iter().map(|(name, estimate)| {
+            let [low, high] = estimate.ci95;
+            format!("{name} {:.4} ({low:.4} to {high:.4})", estimate.value)
+        });
+        one.collect::<Vec<_>>().join(", ")
+    }
+
+    /// Effects that explain the data as well, without itself.
+    pub fn rivals(&self) -> Vec<&str> {
+        self.class.iter().filter(|id| **id != self.id).map(String::as_str).collect()
+    }
+}
+
+/// `shape_y_mm` without its unit.
+pub fn channel(name: &str) -> &str {
+    name.rsplit_once('_').map_or(name, |(channel, _)| channel)
+}
+
+/// The unit in a name like `shape_y_mm`.
+pub fn unit(name: &str) -> &'static str {
+    if name.ends_with("_n") { "N" } else { "mm" }
+}
+
+/// `shape_y_mm` and its value: `shape_y 0.020 mm`.
+pub fn quantity(name: &str, value: f64) -> String {
+    format!("{} {value:.3} {}", channel(name), unit(name))
+}
+
+fn words(coordinate: &str) -> String {
+    coordinate.rsplit_once('_').map_or(coordinate, |(name, _)| name).replace('_', " ")
+}
+
+/// An interval, or the one value it is.
+fn span(from: f64, to: f64) -> String {
+    if (to - from).abs() < 0.05 { format!("{from:.1}") } else { format!("{from:.1} to {to:.1}") }
+}

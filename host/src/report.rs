@@ -1,0 +1,196 @@
+//! A session's report for the lab notebook: what every analysis of it says, as one page that needs nothing else.
+//!
+//! | step | file |
+//! |---|---|
+//! | what a report is made of | `page` |
+//! | the sections | `setup`, `identification`, `insertions`, `steering`, `discrepancy`, `origin` |
+//! | the page as HTML | `html` |
+//!
+//! An analysis that the session has nothing for is left out with a line that says so; one that fails is a line with its reason. The
+//! same session, options and [`Origin`] give the same report, byte by byte.
+
+mod discrepancy;
+mod html;
+mod identification;
+mod insertions;
+pub mod origin;
+pub mod page;
+mod setup;
+mod steering;
+
+pub use origin::{Day, Origin};
+pub use page::{Outcome, Report};
+
+use crate::continuum::Contact;
+use crate::diagnose::{self, Diagnosis, diagnose};
+use crate::identify::{self, Identification, YoungsBy, identify};
+use crate::model_file::ModelFile;
+use crate::predict::{self, Prediction, predict};
+use crate::session::Session;
+use crate::track::results::Tracking;
+use crate::track::{self, track};
+use std::fmt::Display;
+
+/// Warnings on the first screen.
+const FIRST: usize = 6;
+
+/// What the user may choose.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Depth up to which each insertion is seen.
+    pub until_m: f64,
+    /// Effects to take into the model, and its modulus where the session has no lateral runs.
+    pub model: Option<ModelFile>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { until_m: predict::Options::default().until_m, model: None }
+    }
+}
+
+/// Every analysis of a session, with the options that the commands of the same names have by default.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Analyses {
+    /// The tissue's modulus.
+    pub identification: Outcome<Identification>,
+    /// Tip load and path.
+    pub prediction: Outcome<Prediction>,
+    /// Stiffness and damping over steering runs.
+    pub tracking: Outcome<Tracking>,
+    /// What the model lacks.
+    pub diagnosis: Outcome<Diagnosis>,
+}
+
+impl Analyses {
+    /// Analyses a session; `tell` hears what goes on.
+    pub fn of(session: &Session, options: &Options, mut tell: impl FnMut(&str)) -> Self {
+        let effects = options.model.as_ref().map(ModelFile::effects).unwrap_or_default();
+        let has_lateral = !session.lateral.is_empty();
+        let has_insertions = !session.insertion.is_empty();
+
+        tell("identifying");
+        let of_identification = identify::Options {
+            relation: YoungsBy::Continuum(Contact::Bonded),
+            fixed: effects.clone(),
+            ..identify::Options::default()
+        };
+        let identification =
+            outcome(has_lateral, "the session has no lateral runs", || identify(session, &of_identification));
+        tell("predicting");
+        let modulus_pa =
+            options.model.as_ref().filter(|_| !has_lateral).and_then(ModelFile::modulus_and_sd_pa);
+        let of_prediction = predict::Options {
+            until_m: options.until_m,
+            modulus_pa,
+            effects: effects.clone(),
+            ..predict::Options::default()
+        };
+        let prediction =
+            outcome(has_insertions, "the session has no insertions", || predict(session, &of_prediction));
+        tell("tracking");
+        let tracking = outcome(!session.steering.is_empty(), "the session has no steering runs", || {
+            track(session, &track::Options::default())
+        });
+        let of_diagnosis = diagnose::Options { given: effects, ..diagnose::Options::default() };
+        let none = "the session has neither lateral runs nor insertions";
+        let diagnosis =
+            outcome(has_lateral || has_insertions, none, || diagnose(session, &of_diagnosis, &mut tell));
+        Self { identification, prediction, tracking, diagnosis }
+    }
+
+    /// What could not be done, and why.
+    pub fn failures(&self) -> Vec<String> {
+        fn failure<T>(name: &str, outcome: &Outcome<T>) -> Option<String> {
+            match outcome {
+                Outcome::Failed(why) => Some(format!("{name} failed: {why}")),
+                Outcome::NotThere(_) | Outcome::Found(_) => None,
+            }
+        }
+        let failures = [
+            failure("identification", &self.identification),
+            failure("prediction", &self.prediction),
+            failure("tracking", &self.tracking),
+            failure("diagnosis", &self.diagnosis),
+        ];
+        failures.into_iter().flatten().collect()
+    }
+}
+
+fn outcome<T, E: Display>(
+    is_there: bool,
+    what: &'static str,
+    analysis: impl FnOnce() -> Result<T, E>,
+) -> Outcome<T> {
+    match is_there.then(analysis) {
+        None => Outcome::NotThere(what),
+        Some(Err(why)) => Outcome::Failed(why.to_string()),
+        Some(Ok(found)) => Outcome::Found(found),
+    }
+}
+
+impl Report {
+    /// The report of a session and its analyses.
+    pub fn new(session: &Session, analyses: &Analyses, origin: &Origin) -> Self {
+        let Analyses { identification, prediction, tracking, diagnosis } = analyses;
+        let folder = session.dir.file_name().map(|name| name.to_string_lossy().into_owned());
+        let name = session.name.clone().filter(|name| !name.trim().is_empty()).or(folder);
+        let mut summary = Vec::new();
+        summary.extend(identification.found().into_iter().flat_map(identification::facts));
+        summary.extend(prediction.found().into_iter().flat_map(insertions::facts));
+        summary.extend(tracking.found().into_iter().flat_map(steering::facts));
+        summary.extend(diagnosis.found().into_iter().flat_map(discrepancy::facts));
+        Self {
+            name: name.unwrap_or_else(|| "session".to_owned()),
+            warnings: warnings(session, analyses),
+            summary,
+            sections: vec![
+                setup::section(session),
+                identification::section(session, identification),
+                insertions::section(prediction),
+                steering::section(tracking),
+                discrepancy::section(diagnosis),
+                origin.section(),
+            ],
+            date: origin.date.clone(),
+        }
+    }
+
+    /// The report as one HTML file that needs nothing else.
+    pub fn html(&self) -> String {
+        html::page(self)
+    }
+}
+
+/// Failures first, then what the model lacks and what concerns the session, then the analyses' own; of many the first, and how many more.
+fn warnings(session: &Session, analyses: &Analyses) -> Vec<String> {
+    let mut warnings = analyses.failures();
+    warnings.extend(analyses.diagnosis.found().and_then(discrepancy::warning));
+    let calibrations = session.calibrations();
+    if calibrations.len() > 1 {
+        let named = calibrations.iter().map(|(crc, runs)| format!("{} with {crc:08x}", runs.join(", ")));
+        let named: Vec<String> = named.collect();
+        warnings.push(format!("runs were recorded with different calibrations: {}", named.join("; ")));
+    }
+    let own = [
+        analyses.identification.found().map(|found| found.warnings.clone()),
+        analyses.prediction.found().map(insertions::warnings),
+        analyses.tracking.found().map(steering::warnings),
+        analyses.diagnosis.found().map(|found| found.warnings.clone()),
+    ];
+    // One fact may be noticed by two analyses.
+    for warning in own.into_iter().flatten().flatten() {
+        if !warnings.contains(&warning) {
+            warnings.push(warning);
+        }
+    }
+    let more = warnings.len().saturating_sub(FIRST);
+    if more > 1 {
+        warnings.truncate(FIRST);
+        warnings.push(format!("and {more} more, in the sections below"));
+    }
+    warnings
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,215 @@
+//! The section on the tissue's modulus: every method side by side, shapes, forces, residuals, the indentation beside it.
+
+use super::page::{Block, FIGURES, Fact, Outcome, Section, count, estimate, number, thinned, value, words};
+use crate::figures;
+use crate::identify::{Directions, Identification, RunResult};
+use crate::session::Session;
+
+/// Shape points drawn of one run, and the least of one hold.
+const POINTS: usize = 300;
+const POINTS_OF_HOLD: usize = 8;
+/// Facts for the summary.
+pub(super) fn facts(found: &Identification) -> Vec<Fact> {
+    let pooled = &found.pooled;
+    let youngs = &found.youngs_modulus_kpa;
+    let [least, most] = youngs.range_kpa;
+    vec![
+        Fact::new(
+            "Foundation modulus K, pooled (95 %)",
+            format!(
+                "{} kPa, {}",
+                estimate(Some(pooled.k_kpa), Some(pooled.ci95_kpa), 2),
+                count(pooled.runs, "run")
+            ),
+        ),
+        Fact::new(
+            "Young's modulus E (95 %)",
+            format!(
+                "{} kPa by {} (Poisson's ratio {}); {least:.1} to {most:.1} kPa by the relations known",
+                estimate(Some(youngs.value), Some(youngs.ci95), 2),
+                youngs.relation,
+                youngs.poisson
+            ),
+        ),
+    ]
+}
+
+/// The section.
+pub(super) fn section(session: &Session, outcome: &Outcome<Identification>) -> Section {
+    outcome.section("identification", "Identification", |found| {
+        let mut blocks = Vec::new();
+        if !found.effects.is_empty() {
+            blocks.push(Block::Text(format!("The model has {}.", found.effects.join(", "))));
+        }
+        blocks.push(methods(found));
+        blocks.push(fits(found));
+        blocks.extend(pooled(found));
+        blocks.push(relations(found));
+        blocks.extend(reference(found));
+        blocks.push(Block::Notes(found.warnings.clone()));
+        let good: Vec<_> = found.runs.iter().filter(|run| run.error.is_none()).collect();
+        for run in good.iter().take(FIGURES) {
+            blocks.extend(figures_of(session, run));
+        }
+        if good.len() > FIGURES {
+            blocks.push(Block::Text(format!(
+                "Figures of {} more are left out; guide identify --plots draws them.",
+                count(good.len() - FIGURES, "run")
+            )));
+        }
+        blocks
+    })
+}
+
+fn methods(found: &Identification) -> Block {
+    let of_run = |run: &RunResult| {
+        let methods = &run.methods;
+        let (best, shape, energy) = (&methods.likelihood, &methods.likelihood_without_force, &methods.energy);
+        vec![
+            run.id.clone(),
+            value(Some(run.depth_mm), 1),
+            estimate(best.k_kpa, best.ci95_kpa, 2),
+            estimate(shape.k_kpa, shape.ci95_kpa, 2),
+            estimate(energy.k_kpa, energy.ci95_kpa, 2),
+            value(methods.energy_as_printed.k_kpa, 2),
+        ]
+    };
+    let mut rows: Vec<_> = found.runs.iter().map(of_run).collect();
+    let mut last = vec!["pooled".to_owned(), "-".to_owned()];
+    last.push(estimate(Some(found.pooled.k_kpa), Some(found.pooled.ci95_kpa), 2));
+    last.extend(std::iter::repeat_n("-".to_owned(), 3));
+    rows.push(last);
+    let columns = [
+        words("run"),
+        number("depth, mm"),
+        number("beam likelihood"),
+        number("without force"),
+        number("energy, corrected"),
+        number("energy, as printed"),
+    ];
+    Block::table("Foundation modulus K, kPa (95 % interval), by every method", columns, rows)
+}
+
+/// Noise that was taken, and how well each channel is met.
+fn fits(found: &Identification) -> Block {
+    let row = |run: &RunResult| {
+        let noise = run.noise.as_ref();
+        let channel = |name: &str| {
+            let of = run.fit.iter().find(|fit| fit.channel == name).filter(|fit| fit.count > 0);
+            value(of.map(|fit| fit.chi_square / fit.count as f64), 2)
+        };
+        vec![
+            run.id.clone(),
+            run.holds.iter().filter(|hold| hold.used).count().to_string(),
+            value(noise.map(|noise| noise.displacement_mm), 4),
+            value(noise.map(|noise| noise.force_n), 4),
+            value(noise.map(|noise| noise.shape_mm), 4),
+            channel("displacement"),
+            channel("force"),
+            channel("shape"),
+        ]
+    };
+    let columns = [
+        words("run"),
+        number("holds used"),
+        number("displacement sd, mm"),
+        number("force sd, N"),
+        number("shape sd, mm"),
+        number("misfit of displacement"),
+        number("of force"),
+        number("of shape"),
+    ];
+    let caption =
+        "Noise of a reading, and chi-square per value of the fit (about 1 or less where the model is right)";
+    Block::table(caption, columns, found.runs.iter().map(row).collect())
+}
+
+fn pooled(found: &Identification) -> Vec<Block> {
+    let mut blocks = Vec::new();
+    if let Some(test) = &found.pooled.heterogeneity {
+        blocks.push(Block::Text(format!(
+            "Whether the runs share one K: Cochran's Q {:.2} with {} degrees of freedom, p = {:.3}.",
+            test.q, test.degrees_of_freedom, test.p
+        )));
+    }
+    if let Some(Directions { y, x, ratio_x_to_y, ratio_ci95 }) = &found.directions {
+        blocks.push(Block::Text(format!(
+            "By plane: vertical K {} kPa, horizontal K {} kPa, ratio {}.",
+            estimate(y.k_kpa, y.ci95_kpa, 2),
+            estimate(x.k_kpa, x.ci95_kpa, 2),
+            estimate(Some(*ratio_x_to_y), Some(*ratio_ci95), 3)
+        )));
+    }
+    blocks
+}
+
+fn relations(found: &Identification) -> Block {
+    let youngs = &found.youngs_modulus_kpa;
+    let rows = youngs.relations.iter().map(|one| {
+        let is_chosen = one.relation == youngs.relation;
+        let modulus = match is_chosen {
+            true => estimate(Some(youngs.value), Some(youngs.ci95), 2),
+            false => value(Some(one.youngs_modulus_kpa), 2),
+        };
+        vec![one.relation.to_owned(), modulus, one.validity.to_owned()]
+    });
+    let caption = format!("Young's modulus by every relation; {} is the one chosen", youngs.relation);
+    Block::table(caption, [words("relation"), number("E, kPa"), words("holds for")], rows.collect())
+}
+
+fn reference(found: &Identification) -> Option<Block> {
+    let reference = found.reference.as_ref()?;
+    let row = vec![
+        "indentation".to_owned(),
+        value(Some(reference.k_kpa), 2),
+        value(reference.sd_kpa, 2),
+        reference.runs.to_string(),
+        value(reference.t_test_p, 3),
+        value(reference.t_test_p_youngs, 3),
+    ];
+    let columns = [
+        words("reference"),
+        number("E, kPa"),
+        number("sd, kPa"),
+        number("indentations"),
+        number("p against K"),
+        number("p against E"),
+    ];
+    Some(Block::table("Independent indentation, and Welch's t-test against the runs", columns, vec![row]))
+}
+
+fn figures_of(session: &Session, run: &RunResult) -> Vec<Block> {
+    let mut drawn = run.clone();
+    let of_hold = (POINTS / run.shape.len().max(1)).max(POINTS_OF_HOLD);
+    for shape in &mut drawn.shape {
+        for list in [&mut shape.z_mm, &mut shape.measured_mm, &mut shape.fitted_mm] {
+            *list = thinned(list, of_hold);
+        }
+    }
+    let (shape, others): (Vec<_>, Vec<_>) = run.residuals.iter().partition(|one| one.channel == "shape");
+    drawn.residuals = others.into_iter().chain(thinned(&shape, POINTS)).collect();
+    let mut blocks = vec![
+        Block::Heading(format!("Run {}", run.id)),
+        Block::figure(
+            format!(
+                "Run {}: needle shape measured (dots) and fitted (lines) by hold; below, what is left over",
+                run.id
+            ),
+            figures::shape(&drawn),
+        ),
+    ];
+    if let Some(recorded) = session.lateral.iter().find(|recorded| recorded.id == run.id) {
+        blocks.push(Block::figure(
+            format!("Run {}: force against displacement of guide 2, recorded and fitted", run.id),
+            figures::force(recorded, &drawn),
+        ));
+    }
+    blocks.push(Block::figure(
+        format!(
+            "Run {}: residuals in standard deviations, along the needle and over time; grey lines at -2, 0 and 2",
+            run.id
+        ),
+        figures::leftover(&drawn),
+    ));
+    blocks
+}

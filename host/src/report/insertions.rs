@@ -1,0 +1,209 @@
+//! The section on insertions: tip load, predicted path against what was measured, errors.
+
+use super::page::{Block, FIGURES, Fact, Outcome, Section, count, estimate, number, value, words};
+use crate::figures;
+use crate::predict::{InsertionResult, Prediction};
+
+/// Facts for the summary.
+pub(super) fn facts(found: &Prediction) -> Vec<Fact> {
+    let loads_n = |of: fn(&InsertionResult) -> Option<f64>| -> Vec<f64> {
+        found.insertions.iter().filter_map(of).collect()
+    };
+    let mut load = Vec::new();
+    for (plane, loads_n) in
+        [("vertical", loads_n(|one| one.tip_force_n)), ("horizontal", loads_n(|one| one.tip_force_x_n))]
+    {
+        load.extend(over_insertions(&loads_n).map(|text| format!("{plane} {text}")));
+    }
+    let mut facts = Vec::new();
+    if !load.is_empty() {
+        facts.push(Fact::new("Tip load", load.join("; ")));
+    }
+    let mean = |of: fn(&InsertionResult) -> Option<f64>| {
+        let errors_mm: Vec<f64> = found.insertions.iter().filter_map(of).collect();
+        (!errors_mm.is_empty()).then(|| errors_mm.iter().sum::<f64>() / errors_mm.len() as f64)
+    };
+    let until_mm = found.insertions.first().map_or(0.0, |one| one.identified_until_mm);
+    facts.push(Fact::new(
+        "Prediction error",
+        match (mean(|one| one.mae_mm), mean(|one| one.last_error_mm)) {
+            (Some(mae_mm), Some(last_mm)) => format!(
+                "{mae_mm:.2} mm on average beyond {until_mm:.0} mm, {last_mm:.2} mm at the last depth (mean over the insertions)"
+            ),
+            _ => format!("not known: nothing was measured beyond {until_mm:.0} mm"),
+        },
+    ));
+    facts
+}
+
+/// One load, or the mean and range of several.
+fn over_insertions(loads_n: &[f64]) -> Option<String> {
+    let mean_n = loads_n.iter().sum::<f64>() / loads_n.len() as f64;
+    let least_n = loads_n.iter().copied().fold(f64::INFINITY, f64::min);
+    let most_n = loads_n.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    match loads_n.len() {
+        0 => None,
+        1 => Some(format!("{mean_n:+.3} N")),
+        several => Some(format!(
+            "{mean_n:+.3} N, mean of {} ({least_n:+.3} to {most_n:+.3})",
+            count(several, "insertion")
+        )),
+    }
+}
+
+/// Everything that the user should know, insertion by insertion.
+pub(super) fn warnings(found: &Prediction) -> Vec<String> {
+    let own = found.insertions.iter();
+    let own = own.flat_map(|one| one.warnings.iter().map(|warning| format!("{}: {warning}", one.id)));
+    found.warnings.iter().cloned().chain(own).collect()
+}
+
+/// The section.
+pub(super) fn section(outcome: &Outcome<Prediction>) -> Section {
+    outcome.section("insertions", "Insertions", |found| {
+        let good: Vec<_> = found.insertions.iter().filter(|one| one.error.is_none()).collect();
+        let until_mm = good.first().map_or(0.0, |one| one.identified_until_mm);
+        let mut blocks = vec![
+            Block::Text(format!(
+                "The tip was seen to {until_mm:.0} mm and is predicted beyond, with the band that holds 95 % of the readings. \
+                 Tip loads are those at that depth, the needle not turned."
+            )),
+            loads(&good),
+            errors(&good),
+        ];
+        blocks.extend(methods(&good));
+        blocks.extend(learned(&good));
+        blocks.push(Block::Notes(warnings(found)));
+        for one in good.iter().take(FIGURES) {
+            blocks.push(Block::figure(
+                format!(
+                    "Insertion {}: tip measured (dots) and predicted (line, 95 % band) beyond the grey line; below, the tip load",
+                    one.id
+                ),
+                figures::insertion(one),
+            ));
+        }
+        if good.len() > FIGURES {
+            blocks.push(Block::Text(format!(
+                "Figures of {} more are left out; guide predict --plots draws them.",
+                count(good.len() - FIGURES, "insertion")
+            )));
+        }
+        blocks
+    })
+}
+
+fn loads(good: &[&InsertionResult]) -> Block {
+    let row = |one: &&InsertionResult| {
+        vec![
+            one.id.clone(),
+            value(one.tip_force_n, 3),
+            value(one.tip_force_sd_n, 3),
+            value(one.tip_force_x_n, 3),
+            value(one.tip_force_x_sd_n, 3),
+        ]
+    };
+    let columns = [
+        words("insertion"),
+        number("vertical, N"),
+        number("sd, N"),
+        number("horizontal, N"),
+        number("sd, N"),
+    ];
+    Block::table("Tip load", columns, good.iter().map(row).collect())
+}
+
+/// Predicted and measured tip at the last depth, plane by plane, and the distance over all depths.
+fn errors(good: &[&InsertionResult]) -> Block {
+    let mut rows = Vec::new();
+    for one in good {
+        let last = one.depth_mm.len().saturating_sub(1);
+        let at = one.last_measured_mm.map_or(last, |mm| mm.round() as usize);
+        let planes = [
+            (
+                "vertical",
+                Some(&one.tip_y_mm),
+                Some(&one.lo95_y_mm),
+                Some(&one.hi95_y_mm),
+                Some(&one.measured_y_mm),
+            ),
+            (
+                "horizontal",
+                one.tip_x_mm.as_ref(),
+                one.lo95_x_mm.as_ref(),
+                one.hi95_x_mm.as_ref(),
+                one.measured_x_mm.as_ref(),
+            ),
+        ];
+        for (plane, tip_mm, low_mm, high_mm, measured_mm) in planes {
+            let of = |list: Option<&Vec<f64>>| list.and_then(|list| list.get(at)).copied();
+            let Some(tip_mm) = of(tip_mm) else { continue };
+            let measured_mm = measured_mm.and_then(|list| list.get(at)).copied().flatten();
+            rows.push(vec![
+                one.id.clone(),
+                plane.to_owned(),
+                at.to_string(),
+                estimate(Some(tip_mm), of(low_mm).zip(of(high_mm)).map(|(low, high)| [low, high]), 2),
+                value(measured_mm, 2),
+                measured_mm.map_or("-".to_owned(), |measured_mm| format!("{:+.2}", tip_mm - measured_mm)),
+                value(one.mae_mm, 2),
+            ]);
+        }
+    }
+    let columns = [
+        words("insertion"),
+        words("plane"),
+        number("at depth, mm"),
+        number("predicted, mm (95 %)"),
+        number("measured, mm"),
+        number("error, mm"),
+        number("mean distance, mm"),
+    ];
+    Block::table(
+        "Predicted and measured tip; the mean distance is over all depths beyond what was seen, both planes",
+        columns,
+        rows,
+    )
+}
+
+/// What others would predict from the same.
+fn methods(good: &[&InsertionResult]) -> Option<Block> {
+    let mean = |errors: Vec<Option<f64>>| {
+        let known: Vec<f64> = errors.into_iter().flatten().collect();
+        value((!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64), 2)
+    };
+    let names: Vec<&str> = good.first()?.compare.iter().map(|other| other.method).collect();
+    let of_own = |of: fn(&InsertionResult) -> Option<f64>| mean(good.iter().map(|one| of(one)).collect());
+    let mut rows =
+        vec![vec!["mechanics".to_owned(), of_own(|one| one.mae_mm), of_own(|one| one.last_error_mm)]];
+    for name in names {
+        let found = || good.iter().map(|one| one.compare.iter().find(|other| other.method == name));
+        let mae_mm = mean(found().map(|other| other?.mae_mm).collect());
+        let last_mm = mean(found().map(|other| other?.last_error_mm).collect());
+        rows.push(vec![name.to_owned(), mae_mm, last_mm]);
+    }
+    let columns = [words("method"), number("mean beyond what was seen, mm"), number("at the last depth, mm")];
+    Some(Block::table(
+        "Distance from the measured tip by several methods, mean over the insertions",
+        columns,
+        rows,
+    ))
+}
+
+fn learned(good: &[&InsertionResult]) -> Option<Block> {
+    let rows: Vec<_> = good
+        .iter()
+        .filter_map(|one| {
+            let learned = one.learned.as_ref()?;
+            let from = if learned.from.is_empty() { "-".to_owned() } else { learned.from.join(", ") };
+            Some(vec![
+                one.id.clone(),
+                from,
+                estimate(Some(learned.k_kpa), Some(learned.k_ci95_kpa), 1),
+                estimate(Some(learned.gap_mm), Some(learned.gap_ci95_mm), 0),
+            ])
+        })
+        .collect();
+    let columns = [words("insertion"), words("learned from"), number("K, kPa"), number("effective gap, mm")];
+    (!rows.is_empty()).then(|| Block::table("Rig and tissue as learned", columns, rows))
+}

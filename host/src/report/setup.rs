@@ -1,0 +1,103 @@
+//! What was there: needle, rig, sensors, and every run with what it was recorded with.
+
+use super::page::{Block, Outcome, Section, count, number, value, word, words};
+use crate::levels::{HoldCriteria, levels};
+use crate::session::{LateralRun, Provenance, Session};
+
+/// Needle, rig and runs.
+pub(super) fn section(session: &Session) -> Section {
+    let mut blocks = vec![rig(session)];
+    if let Some(runs) = runs(session) {
+        blocks.push(runs);
+    } else {
+        blocks.push(Block::Text("The session has no runs.".to_owned()));
+    }
+    blocks.extend(recorded_with(session));
+    Section { id: "setup", title: "Rig and runs", content: Outcome::Found(blocks) }
+}
+
+fn rig(session: &Session) -> Block {
+    let (rig, noise) = (&session.rig, &session.noise);
+    let needle = &rig.needle;
+    let mm = |m: Option<f64>, digits: usize| value(m.map(|m| 1e3 * m), digits);
+    let row = |name: &str, value: String, unit: &str| vec![name.to_owned(), value, unit.to_owned()];
+    let mut rows = vec![
+        row("needle, Young's modulus", value(Some(1e-9 * needle.youngs_modulus_pa), 1), "GPa"),
+        row("needle, outer diameter", mm(Some(needle.outer_diameter_m), 3), "mm"),
+        row("needle, inner diameter", mm(Some(needle.inner_diameter_m), 3), "mm"),
+        row("guide 2, from guide 1", mm(Some(rig.guide2_m), 1), "mm"),
+        row("tissue surface, from guide 1", mm(Some(rig.entry_m), 1), "mm"),
+    ];
+    let stated = [
+        ("needle, length", needle.length_m.map(|m| 1e3 * m), 1, "mm"),
+        ("needle, bevel angle", needle.bevel_angle_rad.map(f64::to_degrees), 1, "degrees"),
+        ("fixture, mass", session.fixture_mass_kg, 3, "kg"),
+        ("noise of a force reading, stated", noise.force_n, 4, "N"),
+        ("noise of a displacement reading, stated", noise.displacement_m.map(|m| 1e3 * m), 4, "mm"),
+        ("noise of a deflection reading, stated", noise.shape_m.map(|m| 1e3 * m), 4, "mm"),
+        ("noise of a tip reading, stated", noise.tip_m.map(|m| 1e3 * m), 4, "mm"),
+    ];
+    let stated = stated.into_iter().filter(|(_, found, ..)| found.is_some());
+    rows.extend(stated.map(|(name, found, digits, unit)| row(name, value(found, digits), unit)));
+    Block::table("Needle, rig and sensors", [words("quantity"), number("value"), words("unit")], rows)
+}
+
+/// Every run; nothing where there is none.
+fn runs(session: &Session) -> Option<Block> {
+    let deepest = |depths_m: &[f64]| 1e3 * depths_m.iter().copied().fold(0.0, f64::max);
+    let row = |id: &str, kind: &str, depth_mm: f64, samples: usize, holds: String, lost: String| {
+        let numbers = [value(Some(depth_mm), 1), samples.to_string(), holds, lost];
+        [id.to_owned(), kind.to_owned()].into_iter().chain(numbers).collect::<Vec<_>>()
+    };
+    let none = || "-".to_owned();
+    let mut rows = Vec::new();
+    for run in &session.lateral {
+        let holds = levels(run, &HoldCriteria::default()).len();
+        let depth_mm = 1e3 * run.depth_m;
+        rows.push(row(&run.id, "lateral", depth_mm, run.force.time_s.len(), holds.to_string(), gaps(run)));
+    }
+    for run in &session.insertion {
+        rows.push(row(&run.id, "insertion", deepest(&run.depth_m), run.depth_m.len(), none(), none()));
+    }
+    for run in &session.steering {
+        rows.push(row(&run.id, "steering", deepest(&run.depth_m), run.depth_m.len(), none(), none()));
+    }
+    for run in &session.indentation {
+        rows.push(row(&run.id, "indentation", deepest(&run.depth_m), run.depth_m.len(), none(), none()));
+    }
+    let columns = [
+        words("run"),
+        words("kind"),
+        number("depth, mm"),
+        number("samples"),
+        number("holds"),
+        number("gaps"),
+    ];
+    (!rows.is_empty()).then(|| Block::table("Runs", columns, rows))
+}
+
+/// Gaps of a recording and the samples lost in them, where the recorder counted them.
+fn gaps(run: &LateralRun) -> String {
+    let Some(lost) = &run.force.lost_before else { return "-".to_owned() };
+    let gaps = lost.iter().filter(|lost| **lost > 0.0).count();
+    match gaps {
+        0 => "none".to_owned(),
+        _ => format!("{gaps}, {} lost", count(lost.iter().sum::<f64>() as usize, "sample")),
+    }
+}
+
+/// What each run was recorded with; nothing where no run says so.
+fn recorded_with(session: &Session) -> Option<Block> {
+    let known = session.lateral.iter().filter(|run| run.provenance != Provenance::default());
+    let rows: Vec<Vec<String>> = known
+        .map(|run| {
+            let Provenance { calibration_id, calibration_crc, device, firmware } = &run.provenance;
+            let crc = calibration_crc.map_or("-".to_owned(), |crc| format!("{crc:08x}"));
+            let of = |text: &Option<String>| word(text.as_deref());
+            vec![run.id.clone(), of(calibration_id), crc, of(firmware), of(device)]
+        })
+        .collect();
+    let columns =
+        [words("run"), words("calibration"), words("its CRC-32"), words("firmware"), words("device")];
+    (!rows.is_empty()).then(|| Block::table("What the runs were recorded with", columns, rows))
+}

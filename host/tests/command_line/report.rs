@@ -1,0 +1,145 @@
+//! Reports of sessions on disk, and how they look in a browser where there is one.
+
+use super::{K_PA, add_insertions, add_lateral_run, failure, folder, guide, json, path, text, writer};
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Width of the window in pixels.
+const WIDTH: u32 = 1000;
+
+fn session(folder: &Path) {
+    let mut session = writer(folder);
+    add_lateral_run(&mut session);
+    add_insertions(&mut session);
+}
+
+#[test]
+fn a_report_has_the_numbers_of_the_other_commands() {
+    let folder = folder();
+    session(folder.path());
+    let dir = path(folder.path());
+    let done = json(&["report", dir, "--json"]);
+    assert_eq!(done["schema"], "guide.report/1");
+    let states: Vec<_> =
+        done["sections"].as_array().expect("a list").iter().map(|one| &one["state"]).collect();
+    assert_eq!(states, ["done", "done", "done", "left out", "done", "done"]);
+    let html = fs::read_to_string(folder.path().join("report.html")).expect("written");
+    assert_eq!(done["bytes"], html.len());
+    assert!(html.len() < 2_000_000);
+    let found = json(&["identify", dir, "--json"]);
+    assert_eq!(done["k_kpa"], found["pooled"]["k_kpa"]);
+    let k_kpa = found["pooled"]["k_kpa"].as_f64().expect("a modulus");
+    assert!((k_kpa / (1e-3 * K_PA) - 1.0).abs() < 0.02);
+    let load_n = json(&["predict", dir, "--json"])["insertions"][0]["tip_force_n"].as_f64().expect("a load");
+    for part in [format!("{k_kpa:.2} ("), format!(">{load_n:.3}<"), "made up".to_owned(), "i1.csv".to_owned()]
+    {
+        assert!(html.contains(&part), "{part} is not in the report");
+    }
+    assert_eq!(done["verdict"], json(&["diagnose", dir, "--json"])["verdict"]);
+}
+
+#[test]
+fn a_report_is_the_same_bytes_each_time() {
+    let folder = folder();
+    add_lateral_run(&mut writer(folder.path()));
+    let dir = path(folder.path());
+    let first = json(&["report", dir, "--json"]);
+    assert_eq!(first["sections"][2]["why"], "the session has no insertions");
+    let html = fs::read_to_string(folder.path().join("report.html")).expect("written");
+    // The report in the folder is no part of the session, and where it is written to changes nothing.
+    let out = folder.path().join("again.html");
+    let said = guide(&["report", dir, "--out", path(&out)]);
+    assert!(said.status.success() && text(&said.stdout).contains("again.html"), "{}", text(&said.stderr));
+    assert_eq!(fs::read_to_string(&out).expect("written"), html);
+    let dated =
+        json(&["report", dir, "--out", path(&out), "--date", "2025-03-01", "--until", "60", "--json"]);
+    assert_eq!(dated["date"], "2025-03-01");
+    assert!(fs::read_to_string(&out).expect("written").contains("--until 60"));
+}
+
+#[test]
+fn a_report_is_made_where_analyses_fail() {
+    let folder = folder();
+    session(folder.path());
+    let dir = path(folder.path());
+    // Guide 2 never moves, and the tip is seen once.
+    let still: String = (0..200).map(|row| format!("{},0,0\n", 0.02 * f64::from(row))).collect();
+    let header = "time_s,displacement_y_mm,force_y_n\n";
+    fs::write(folder.path().join("d30-1.force.csv"), format!("{header}{still}")).expect("writes");
+    for id in ["i1", "i2", "i3"] {
+        fs::write(folder.path().join(format!("{id}.csv")), "depth_mm,tip_y_mm\n0,0\n").expect("writes");
+    }
+    let output = guide(&["report", dir]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("warning: identification failed"), "{}", text(&output.stderr));
+    let html = fs::read_to_string(folder.path().join("report.html")).expect("written");
+    assert!(html.contains("Failed: ") && html.contains("no hold is displaced"));
+
+    assert!(failure(&["report", "no/such/folder"]).contains("session.toml: cannot read"));
+    assert!(failure(&["report", dir, "--until", "nan"]).contains("--until: NaN"));
+    assert!(failure(&["report", dir, "--out", "no/such/folder/r.html"]).contains("cannot write"));
+    assert!(failure(&["report", dir, "--model", "none.toml"]).contains("none.toml: cannot read"));
+    assert_eq!(guide(&["report", dir, "--date", "yesterday"]).status.code(), Some(2));
+}
+
+/// The first of the names under which browsers of this family are installed.
+fn browser() -> Option<PathBuf> {
+    let folders: Vec<PathBuf> = std::env::split_paths(&std::env::var_os("PATH")?).collect();
+    let names = ["chromium", "google-chrome", "chromium-browser"];
+    names
+        .iter()
+        .flat_map(|name| folders.iter().map(move |folder| folder.join(name)))
+        .find(|file| file.is_file())
+}
+
+#[test]
+fn a_report_fits_a_browser_window() {
+    let Some(browser) = browser() else {
+        println!("skipped: neither chromium nor google-chrome is on the PATH");
+        return;
+    };
+    let folder = folder();
+    session(folder.path());
+    json(&["report", path(folder.path()), "--json"]);
+    let page = folder.path().join("report.html");
+    let run = |page: &Path, options: &[&str]| {
+        let profile = format!("--user-data-dir={}", folder.path().join("profile").display());
+        let size = format!("--window-size={WIDTH},1400");
+        let output = Command::new(&browser)
+            .args(["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", &profile, &size])
+            .args(options)
+            .arg(format!("file://{}", page.display()))
+            .output()
+            .expect("the browser starts");
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+
+    let picture = folder.path().join("report.png");
+    run(&page, &[&format!("--screenshot={}", picture.display())]);
+    let file = BufReader::new(File::open(&picture).expect("a picture"));
+    let mut decoder = png::Decoder::new(file);
+    decoder.set_transformations(png::Transformations::normalize_to_color8());
+    let mut reader = decoder.read_info().expect("a PNG");
+    let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
+    let info = reader.next_frame(&mut pixels).expect("a picture");
+    let samples = info.color_type.samples();
+    let colours: BTreeSet<&[u8]> = pixels[..info.buffer_size()].chunks_exact(samples).collect();
+    assert_eq!(info.width, WIDTH);
+    assert!(colours.len() > 20, "the picture is blank: {} colours", colours.len());
+
+    // A copy that says how wide it is.
+    let measured = folder.path().join("measured.html");
+    let script = "<script>document.body.dataset.width = document.documentElement.scrollWidth + '/' + innerWidth</script></body>";
+    let html = fs::read_to_string(&page).expect("written");
+    fs::write(&measured, html.replace("</body>", script)).expect("writes");
+    let dom = run(&measured, &["--dump-dom"]);
+    let widths =
+        dom.split_once("data-width=\"").and_then(|(_, rest)| rest.split_once('"')).expect("widths").0;
+    let (content, window) = widths.split_once('/').expect("two widths");
+    let [content, window] = [content, window].map(|width| width.parse::<u32>().expect("a number"));
+    assert!(content <= window && window <= WIDTH, "{content} of {window} pixels");
+}
