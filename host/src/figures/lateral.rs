@@ -108,6 +108,8 @@ fn panel(
     let all: Vec<(f64, f64)> = found.residuals.iter().filter_map(place).collect();
     let x = range(all.iter().map(|at| at.0));
     let y = range(all.iter().map(|at| at.1).chain([-3.0, 3.0]));
+    // Room for the legend.
+    let y = y.start..y.end + 0.35 * (y.end - y.start);
     let mut chart = axes(area, x.clone(), y, "measured - fitted", coordinate)?;
     for level in [-2.0, 0.0, 2.0] {
         chart.draw_series(LineSeries::new([(x.start, level), (x.end, level)], GREY)).map_err(failed)?;
