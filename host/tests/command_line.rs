@@ -16,12 +16,12 @@ mod begin;
 mod models;
 #[path = "command_line/monitor.rs"]
 mod monitor;
+#[path = "command_line/report.rs"]
+mod report;
 #[path = "command_line/shapes.rs"]
 mod shapes;
 #[path = "command_line/shell.rs"]
 mod shell;
-#[path = "command_line/report.rs"]
-mod report;
 
 const K_PA: f64 = 12e3;
 
