@@ -167,7 +167,7 @@ impl Screen<'_> {
         }
         let restart = state.restart.as_ref().map(|Restart { reason, panic }| {
             let panic = panic.as_ref().map(|panic| format!("; last panic: {panic}"));
-            format!("reset by: {}{}", words::reset_reason(*reason), panic.unwrap_or_default())
+            format!("started by {}{}", words::reset_reason(*reason), panic.unwrap_or_default())
         });
         match (state.fault, restart) {
             // One panel for both: mostly the one is what the other latched.

@@ -61,7 +61,10 @@ fn all_that_matters_is_on_the_smallest_usual_terminal() {
             &["kB/s", "samples/s", "last heard 0.0 s ago", "0 samples   0 frames missing   0 CRC errors"],
         );
         has(&screen, &["CPU 23 %", "longest period 412 us", "free stack 10240 B", "motors 3, 0 %"]);
-        has(&screen, &["3 missing force readings", "home: done", "jog 0.50 mm", "? help", "q quit"]);
+        has(
+            &screen,
+            &["3 periods without a new force reading", "home: done", "jog 0.50 mm", "? help", "q quit"],
+        );
         assert!(!screen.contains("FAULT") && !screen.contains("OLD") && !screen.contains("NO CONNECTION"));
         assert!(screen.chars().any(|c| ('\u{2801}'..='\u{28ff}').contains(&c)), "no curve\n{screen}");
         assert_eq!(
@@ -84,7 +87,7 @@ fn a_fault_has_number_cause_remedy_and_key() {
 #[test]
 fn a_restart_has_its_reason_and_the_last_panic() {
     let mut state = restarted();
-    let restart = "reset by: the watchdog; last panic: src/control.rs:12: overflow";
+    let restart = "started by its watchdog; last panic: src/control.rs:12: overflow";
     // The fault with the most words.
     let status = |fault| Event::Telemetry(Telemetry::Status(Box::new(status(200_000, fault))));
     state.take(status(Some(Fault::Restarted)), 5.2);
@@ -96,7 +99,7 @@ fn a_restart_has_its_reason_and_the_last_panic() {
     has(&screen, &[restart]);
     state.dismiss();
     let screen = drawn(&state, Settings::default(), 5.3, 80, 24);
-    assert!(!screen.contains("RESTARTED") && !screen.contains("reset by"), "{screen}");
+    assert!(!screen.contains("RESTARTED") && !screen.contains("started by"), "{screen}");
 }
 
 #[test]
