@@ -81,8 +81,11 @@ impl Display for Survived {
         )?;
         write!(
             f,
-            "  {programs} programs; {} late control periods, latest start {} us, longest period {} us",
-            counters.control_overruns, load.latest_start_us, load.longest_period_us
+            "  {programs} programs; {} messages without room; {} late control periods, latest start {} us, longest period {} us",
+            counters.messages_dropped,
+            counters.control_overruns,
+            load.latest_start_us,
+            load.longest_period_us
         )
     }
 }
@@ -256,7 +259,7 @@ impl Trial<'_> {
             }
         }
         let span_ms = self.next_ms - self.first_ms.unwrap_or(self.next_ms);
-        let Counters { control_overruns, messages_dropped, .. } = status.counters;
+        let Counters { control_overruns, .. } = status.counters;
         ensure!(
             self.samples + self.missing == span_ms,
             "{} samples and {} lost in {span_ms} ms",
@@ -264,7 +267,6 @@ impl Trial<'_> {
             self.missing
         );
         ensure!(control_overruns == 0, "{control_overruns} late control periods");
-        ensure!(messages_dropped == 0, "{messages_dropped} answers or events had no room");
         ensure!(status.state != State::Faulted, "fault {:?}", status.fault);
         let flipped = |direction| self.wire.counters(direction).flipped_bits;
         Ok(Survived {

@@ -61,8 +61,12 @@ impl Telemetry {
             {
                 self.batch(batch, outbox);
             }
+            // A state that is told all the time is dropped for nothing: the next one says more.
+            let may_wait = matches!(note, Note::Report(_)) && outbox.room() <= RESERVED_FOR_NOTES;
             if let Note::Stream(enable) = note {
                 self.streaming = *enable;
+            } else if may_wait {
+                continue;
             } else if !outbox.put(Item::Note(*note)) {
                 self.messages_dropped = self.messages_dropped.saturating_add(1);
             }
