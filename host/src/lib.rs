@@ -20,6 +20,7 @@ pub mod monitor;
 pub mod plan;
 pub mod predict;
 pub mod record;
+pub mod recording;
 pub mod rig;
 pub mod session;
 pub mod simulate;
