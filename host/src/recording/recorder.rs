@@ -88,7 +88,7 @@ impl Tap for Ear {
     }
 
     fn sent(&mut self, command: &Command) {
-        let _ = self.0.send(Said::Sent(command.clone()));
+        let _ = self.0.send(Said::Sent(*command));
     }
 }
 

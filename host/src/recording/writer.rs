@@ -165,7 +165,7 @@ impl Writer {
         let path = self.path.clone();
         let mut summary = Summary { file: BufWriter::new(&self.file), digest: CRC.digest(), bytes: 0 };
         self.summary(data_end, summary_start, &mut summary)
-            .and_then(|()| Ok(summary.file.flush()?))
+            .and_then(|()| summary.file.flush())
             .map_err(RecordingError::io(&path, summary_start, "index"))?;
         let bytes = summary_start + summary.bytes;
         drop(summary);
