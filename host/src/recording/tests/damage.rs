@@ -6,8 +6,11 @@ use crate::recording::{Contents, RecordingError, recover};
 use std::ops::Range;
 use std::path::PathBuf;
 
+/// Where a frame stands in a file, and its bytes.
+type Placed = (Range<usize>, Vec<u8>);
+
 /// A recording of six seconds: its bytes, and where each frame stands in them.
-fn recorded(folder: &Path) -> (Vec<u8>, Vec<(Range<usize>, Vec<u8>)>) {
+fn recorded(folder: &Path) -> (Vec<u8>, Vec<Placed>) {
     let path = folder.join("whole.mcap");
     let envelopes: Vec<_> = Stream::new().take(250).collect();
     record(&path, &envelopes);
@@ -124,7 +127,7 @@ fn the_hello_is_found_though_the_beginning_is_destroyed() {
     bytes[..20_000].fill(0xA5);
     fs::write(&path, &bytes).expect("writes");
     let contents = Contents::read(&path, &mut |_| {}).expect("reads");
-    assert_eq!(contents.device.expect("known").board, "test");
+    assert_eq!(contents.device.as_ref().expect("known").board, "test");
     assert_eq!(contents.run.as_deref(), Some("d30-1"));
     assert!(contents.frames_missing > 4 && contents.samples > 50_000, "{contents:?}");
     let to = folder.path().join("session");

@@ -128,3 +128,13 @@ fn an_existing_file_is_not_overwritten() {
     assert!(error.contains("a.mcap: cannot create at byte 0"), "{error}");
     assert_eq!(fs::read(&path).expect("reads"), b"precious");
 }
+
+#[test]
+fn an_envelope_encodes_to_the_bytes_it_came_in() {
+    for envelope in Stream::new().take(2_000) {
+        let bytes = encoded(&envelope);
+        let received: Vec<_> = protocol::EnvelopeReceiver::new().feed(&bytes).collect();
+        let [protocol::Received::Frame(again)] = received.as_slice() else { panic!("{received:?}") };
+        assert_eq!(encoded(again), bytes);
+    }
+}
