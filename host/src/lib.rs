@@ -21,6 +21,7 @@ pub mod monitor;
 pub mod plan;
 pub mod predict;
 pub mod record;
+pub mod recording;
 pub mod report;
 pub mod rig;
 pub mod session;

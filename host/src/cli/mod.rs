@@ -25,6 +25,7 @@ mod plan;
 mod ports;
 mod predict;
 mod record;
+mod recordings;
 mod relation;
 mod report;
 mod rig_args;
@@ -70,6 +71,9 @@ enum Command {
     Calibration(calibration::Args),
     Record(record::RecordArgs),
     Acquire(record::AcquireArgs),
+    Info(recordings::InfoArgs),
+    Recover(recordings::RecoverArgs),
+    Export(recordings::ExportArgs),
     Plan(plan::Args),
     Identify(identify::Args),
     Predict(predict::Args),
@@ -105,6 +109,9 @@ pub fn main() -> ExitCode {
         Command::Calibration(args) => calibration::run(args, &mut out),
         Command::Record(args) => record::run_record(args, &mut out),
         Command::Acquire(args) => record::run_acquire(args, &mut out),
+        Command::Info(args) => recordings::run_info(args, &mut out),
+        Command::Recover(args) => recordings::run_recover(args, &mut out),
+        Command::Export(args) => recordings::run_export(args, &mut out),
         Command::Plan(args) => plan::run(args, &mut out),
         Command::Relation(args) => relation::run(args, &mut out),
         Command::Identify(args) => identify::run(args, &mut out),

@@ -5,6 +5,7 @@ use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupt
 use anyhow::{Context, bail};
 use host::link::{Client, Program, Telemetry};
 use host::record::{Recorded, Recorder, acquire, provenance};
+use host::recording::{About, RawFile, RawRecorder};
 use host::session::{DEPTH_RANGE_MM, Provenance, SessionWriter, Setup};
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::Request;
@@ -29,9 +30,16 @@ struct SessionArgs {
     /// Name of the run (default: made of the depth and a number)
     #[arg(long, value_name = "ID")]
     id: Option<String>,
+    /// Raw recording of everything the device says (default: <run>.mcap in the session folder)
+    #[arg(long, value_name = "FILE", conflicts_with = "no_raw")]
+    raw: Option<PathBuf>,
+    /// Leave the raw recording out
+    #[arg(long)]
+    no_raw: bool,
 }
 
-fn depth_mm(text: &str) -> Result<f64, String> {
+/// Reads a depth in millimetres.
+pub fn depth_mm(text: &str) -> Result<f64, String> {
     number_between(text, DEPTH_RANGE_MM)
 }
 
@@ -90,6 +98,7 @@ struct Report<'a> {
     run: &'a str,
     #[serde(flatten)]
     recorded: Recorded,
+    raw: Option<&'a RawFile>,
 }
 
 impl Display for Report<'_> {
@@ -101,13 +110,17 @@ impl Display for Report<'_> {
             self.run, self.session
         )?;
         if samples_missing == 0 && link == Default::default() {
-            writeln!(f, "lost       nothing")
+            writeln!(f, "lost       nothing")?;
         } else {
             writeln!(
                 f,
                 "lost       {samples_missing} samples ({} frames missing, {} corrupt, {} unreadable)",
                 link.frames_missing, link.frames_corrupt, link.frames_unreadable
-            )
+            )?;
+        }
+        match self.raw {
+            Some(raw) => writeln!(f, "raw        {}: {} bytes", raw.path.display(), raw.bytes),
+            None => Ok(()),
         }
     }
 }
@@ -115,8 +128,9 @@ impl Display for Report<'_> {
 /// Runs `guide acquire`.
 pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let program = Program::load(&args.program)?;
-    let (mut session, id) = open_session(&args.session)?;
+    let Opened { mut session, id, setup } = open_session(&args.session)?;
     let mut client = Client::connect(&args.port.port)?;
+    let raw = start_raw(&args.session, "acquire", &id, &setup, &mut client)?;
     args.limit.set(&mut client)?;
     let made_with = provenance(client.hello());
     let options = args.start.options(true)?;
@@ -131,14 +145,16 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
         Ok(acquire(&mut client, &program, options, sweep, recorder, |step| bar.set_position(step as u64))?)
     });
     bar.finish_and_clear();
-    print("guide.acquire/1", &args.session, &id, outcome?, out)
+    let raw = raw.map(RawRecorder::finish).transpose();
+    print("guide.acquire/1", &args.session, &id, outcome?, raw?.as_ref(), out)
 }
 
 /// Runs `guide record`.
 pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
-    let (mut session, id) = open_session(&args.session)?;
+    let Opened { mut session, id, setup } = open_session(&args.session)?;
     let mut client = Client::connect(&args.port.port)?;
     let interrupted = interrupted()?;
+    let raw = start_raw(&args.session, "record", &id, &setup, &mut client)?;
     let made_with = provenance(client.hello());
     let mut faults = FaultNotes::default();
     let outcome = measure(&mut session, &id, args.session.depth_mm, made_with, |recorder| {
@@ -152,14 +168,45 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
                 None => bail!(host::link::LinkError::Silent { port: args.port.port.clone() }),
             }
         }
+        // What comes after the last row is in neither.
+        client.listen_no_more();
         client.request(Request::Stream { enable: false })?;
         Ok(Recorded { link: client.losses(), ..recorder.recorded() })
     });
-    print("guide.record/1", &args.session, &id, outcome?, out)
+    let raw = raw.map(RawRecorder::finish).transpose();
+    print("guide.record/1", &args.session, &id, outcome?, raw?.as_ref(), out)
+}
+
+/// A session that takes a run.
+struct Opened {
+    session: SessionWriter,
+    id: String,
+    setup: Setup,
+}
+
+/// Begins the raw recording, unless it is not wanted. Where its usual name is taken, by what is left of a run that never
+/// started, it gets another.
+fn start_raw(
+    args: &SessionArgs,
+    command: &str,
+    id: &str,
+    setup: &Setup,
+    client: &mut Client,
+) -> anyhow::Result<Option<RawRecorder>> {
+    if args.no_raw {
+        return Ok(None);
+    }
+    let path = args.raw.clone().unwrap_or_else(|| {
+        let again = (2..).map(|number: u32| format!("{id}.{number}.mcap"));
+        let mut names = std::iter::once(format!("{id}.mcap")).chain(again).map(|name| args.out.join(name));
+        names.find(|path| !path.exists()).unwrap_or_default()
+    });
+    let about = About::new(command, id, args.depth_mm, setup.to_toml(&path)?);
+    Ok(Some(RawRecorder::start(&path, about, client)?))
 }
 
 /// Opens or creates the session and chooses the run's name.
-fn open_session(args: &SessionArgs) -> anyhow::Result<(SessionWriter, String)> {
+fn open_session(args: &SessionArgs) -> anyhow::Result<Opened> {
     let existing = args.out.join("session.toml");
     let mut setup = match &args.rig {
         Some(rig) => Setup::read(rig)?,
@@ -180,7 +227,7 @@ fn open_session(args: &SessionArgs) -> anyhow::Result<(SessionWriter, String)> {
         let name = |number: usize| format!("d{}-{number}", args.depth_mm);
         (1..).map(name).find(|name| !taken.contains(name)).unwrap_or_default()
     });
-    Ok((session, id))
+    Ok(Opened { session, id, setup })
 }
 
 /// Records one run and enters it in the session whatever happens: what was recorded before a failure is kept.
@@ -203,9 +250,10 @@ fn print(
     args: &SessionArgs,
     id: &str,
     recorded: Recorded,
+    raw: Option<&RawFile>,
     out: &mut Output,
 ) -> anyhow::Result<()> {
     let session = args.out.to_string_lossy();
-    let report = Report { schema, session: &session, run: id, recorded };
+    let report = Report { schema, session: &session, run: id, recorded, raw };
     out.result(&report, &report)
 }

@@ -4,10 +4,9 @@
 //! while an answer is awaited is kept in order and handed out by [`Client::next`].
 
 use super::error::LinkError;
-use super::wire::{LinkLosses, Received, Wire};
+use super::wire::{LinkLosses, Received, Tap, Wire};
 use protocol::{
-    CalibrationRecord, Command, Envelope, EventKind, Hello, MAX_FRAME_TO_DEVICE, Message, Request, Sample,
-    Samples, State, Status, encode_command,
+    CalibrationRecord, Command, Envelope, EventKind, Hello, Message, Request, Sample, Samples, State, Status,
 };
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -63,6 +62,8 @@ pub struct Client {
     /// Id of a question whose answer nobody waits for: [`Self::ask_on_the_way`].
     open_question: Option<u16>,
     hello: Hello,
+    /// Number of the frame that the hello came in.
+    hello_sequence: u32,
 }
 
 impl Client {
@@ -81,16 +82,24 @@ impl Client {
     pub fn connect_within(port: &str, tries: u32) -> Result<Self, LinkError> {
         let mut wire = Wire::open(port)?;
         for id in 0..tries.max(1) {
-            send(&mut wire, &Command { id: id as u16, boot_id: 0, request: Request::Hello })?;
+            wire.send(&Command { id: id as u16, boot_id: 0, request: Request::Hello })?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
                 match wire.receive(left)? {
                     Received::Frame { frame, .. } => {
-                        if let Envelope { boot_id, message: Message::Hello(hello), .. } = *frame {
+                        if let Envelope { boot_id, sequence, message: Message::Hello(hello) } = *frame {
                             check_protocol(port, &hello)?;
                             let next_id = tries as u16;
                             let inbox = VecDeque::new();
-                            return Ok(Self { wire, inbox, boot_id, next_id, open_question: None, hello });
+                            return Ok(Self {
+                                wire,
+                                inbox,
+                                boot_id,
+                                next_id,
+                                open_question: None,
+                                hello,
+                                hello_sequence: sequence,
+                            });
                         }
                     }
                     Received::HelloOfVersion(theirs) => return Err(other_version(port, theirs)),
@@ -114,6 +123,21 @@ impl Client {
     /// Which start of the device this is.
     pub fn boot_id(&self) -> u32 {
         self.boot_id
+    }
+
+    /// Has everything seen that goes over the link from now on; the hello that is known already comes first.
+    pub fn listen_in(&mut self, mut tap: Box<dyn Tap>) {
+        tap.received(&Envelope {
+            boot_id: self.boot_id,
+            sequence: self.hello_sequence,
+            message: Message::Hello(self.hello.clone()),
+        });
+        self.wire.set_tap(Some(tap));
+    }
+
+    /// Ends that.
+    pub fn listen_no_more(&mut self) {
+        self.wire.set_tap(None);
     }
 
     /// Bytes that have arrived.
@@ -177,7 +201,7 @@ impl Client {
             None => self.take_id(),
         };
         self.open_question = Some(id);
-        send(&mut self.wire, &Command { id, boot_id: self.boot_id, request: Request::Status })
+        self.wire.send(&Command { id, boot_id: self.boot_id, request: Request::Status })
     }
 
     /// Forgets ends of programs that have been heard and not been taken yet: before a program is accepted they are those of others.
@@ -220,12 +244,12 @@ impl Client {
 
     /// Displacement in SI units of what a status or a batch says in counts.
     pub fn displacement_m(&self, counts: [i32; 2]) -> [f64; 2] {
-        counts.map(|count| f64::from(count) * f64::from(self.hello.scales.position_nm_per_count) * 1e-9)
+        displacement_m(&self.hello, counts)
     }
 
     /// Force in SI units of what a status, an event or a batch says in counts.
     pub fn force_n(&self, counts: [i32; 2]) -> [f64; 2] {
-        counts.map(|count| f64::from(count) * f64::from(self.hello.scales.force_nn_per_count) * 1e-9)
+        force_n(&self.hello, counts)
     }
 
     /// Sends a command until it is answered; a status or a calibration that comes before the answer is returned with it.
@@ -236,7 +260,7 @@ impl Client {
         let command = Command { id, boot_id: self.boot_id, request };
         let mut told = None;
         for _ in 0..TRIES {
-            send(&mut self.wire, &command)?;
+            self.wire.send(&command)?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
                 match self.receive(left)? {
@@ -274,7 +298,8 @@ impl Client {
         };
         match message {
             Message::Samples(samples) => {
-                let batch = self.batch(&samples, lost_before).ok_or(LinkError::Garbled { port: port() })?;
+                let batch = to_batch(&self.hello, &samples, lost_before);
+                let batch = batch.ok_or(LinkError::Garbled { port: port() })?;
                 self.inbox.push_back(Telemetry::Samples(batch));
                 Ok(None)
             }
@@ -297,24 +322,27 @@ impl Client {
             }
         }
     }
-
-    fn batch(&self, samples: &Samples, lost_before: u64) -> Option<Batch> {
-        let point = |(t_us, sample): (u64, Sample)| Point {
-            time_s: t_us as f64 * 1e-6,
-            displacement_m: self.displacement_m(sample.position_counts),
-            force_n: self.force_n(sample.force_counts),
-        };
-        let unpacked = samples.unpack(self.hello.sample_period_us).ok()?;
-        let points = unpacked.map(point).collect();
-        let step = (samples.step != u8::MAX).then_some(samples.step);
-        Some(Batch { state: samples.state, step, lost_before, points })
-    }
 }
 
-fn send(wire: &mut Wire, command: &Command) -> Result<(), LinkError> {
-    let mut buffer = [0; MAX_FRAME_TO_DEVICE];
-    let frame = encode_command(command, &mut buffer)?;
-    wire.send(frame)
+/// A batch in SI units; nothing where its packed bytes are broken.
+pub(crate) fn to_batch(hello: &Hello, samples: &Samples, lost_before: u64) -> Option<Batch> {
+    let point = |(t_us, sample): (u64, Sample)| Point {
+        time_s: t_us as f64 * 1e-6,
+        displacement_m: displacement_m(hello, sample.position_counts),
+        force_n: force_n(hello, sample.force_counts),
+    };
+    let unpacked = samples.unpack(hello.sample_period_us).ok()?;
+    let points = unpacked.map(point).collect();
+    let step = (samples.step != u8::MAX).then_some(samples.step);
+    Some(Batch { state: samples.state, step, lost_before, points })
+}
+
+fn displacement_m(hello: &Hello, counts: [i32; 2]) -> [f64; 2] {
+    counts.map(|count| f64::from(count) * f64::from(hello.scales.position_nm_per_count) * 1e-9)
+}
+
+fn force_n(hello: &Hello, counts: [i32; 2]) -> [f64; 2] {
+    counts.map(|count| f64::from(count) * f64::from(hello.scales.force_nn_per_count) * 1e-9)
 }
 
 fn check_protocol(port: &str, hello: &Hello) -> Result<(), LinkError> {

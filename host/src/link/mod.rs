@@ -16,7 +16,7 @@ pub use constants::Limits;
 pub use error::LinkError;
 pub use program::Program;
 pub use run::{RunOptions, run};
-pub use wire::LinkLosses;
+pub use wire::{LinkLosses, Tap};
 
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,10 @@
 
 use super::error::LinkError;
 use super::port;
-use protocol::{Envelope, EnvelopeReceiver, Order, Received as Frame, SequenceTracker};
+use protocol::{
+    Command, Envelope, EnvelopeReceiver, MAX_FRAME_TO_DEVICE, Order, Received as Frame, SequenceTracker,
+    encode_command,
+};
 use serialport::SerialPort;
 use std::io::{self, ErrorKind, Read, Write};
 use std::sync::Arc;
@@ -47,6 +50,14 @@ pub enum Received {
     Nothing,
 }
 
+/// Sees everything that goes over a link, in the order in which the host takes it.
+pub trait Tap: Send {
+    /// An intact frame from the device, whatever its place in the order.
+    fn received(&mut self, envelope: &Envelope);
+    /// A command that was sent.
+    fn sent(&mut self, command: &Command);
+}
+
 #[derive(Default)]
 struct Counters {
     stop: AtomicBool,
@@ -63,6 +74,7 @@ pub struct Wire {
     reader: Option<JoinHandle<()>>,
     counters: Arc<Counters>,
     tracker: SequenceTracker,
+    tap: Option<Box<dyn Tap>>,
 }
 
 impl Wire {
@@ -87,7 +99,13 @@ impl Wire {
             reader: Some(reader),
             counters,
             tracker: SequenceTracker::new(),
+            tap: None,
         })
+    }
+
+    /// Has everything seen that goes over the link from now on, or nothing any more.
+    pub fn set_tap(&mut self, tap: Option<Box<dyn Tap>>) {
+        self.tap = tap;
     }
 
     /// Name of the port.
@@ -95,8 +113,13 @@ impl Wire {
         &self.name
     }
 
-    /// Sends a frame. One that the port does not take in time is lost like any other: it will not be answered.
-    pub fn send(&mut self, frame: &[u8]) -> Result<(), LinkError> {
+    /// Sends a command. One that the port does not take in time is lost like any other: it will not be answered.
+    pub fn send(&mut self, command: &Command) -> Result<(), LinkError> {
+        let mut buffer = [0; MAX_FRAME_TO_DEVICE];
+        let frame = encode_command(command, &mut buffer)?;
+        if let Some(tap) = &mut self.tap {
+            tap.sent(command);
+        }
         match self.writer.write_all(frame) {
             Err(cause) if cause.kind() != ErrorKind::TimedOut => {
                 Err(LinkError::Gone { port: self.name.clone(), cause })
@@ -109,6 +132,9 @@ impl Wire {
     pub fn receive(&mut self, timeout: Duration) -> Result<Received, LinkError> {
         match self.incoming.recv_timeout(timeout) {
             Ok(Incoming::Frame(frame)) => {
+                if let Some(tap) = &mut self.tap {
+                    tap.received(&frame);
+                }
                 let arrival = self.tracker.observe(&frame);
                 if matches!(arrival.order, Order::Duplicate | Order::Late) {
                     return Ok(Received::Nothing);

@@ -91,8 +91,15 @@ impl Setup {
     /// # Errors
     /// [`SessionError`] for the first fault found, with its place.
     pub fn read(path: &Path) -> Result<Self, SessionError> {
-        let text = read_text(path)?;
-        Fields::parse(path, &text, |file| {
+        Self::parse(path, &read_text(path)?)
+    }
+
+    /// As [`Self::read`], from a text that was found in this file.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, SessionError> {
+        Fields::parse(path, text, |file| {
             let name = match file.optional_table("session")? {
                 Some(session) => session.optional_text("name")?,
                 None => None,

@@ -28,6 +28,16 @@ pub struct Setup {
     pub noise: Noise,
 }
 
+impl Setup {
+    /// The tables that a new session begins with.
+    ///
+    /// # Errors
+    /// [`SessionError::NotFinite`]; `path` is where the text is meant for.
+    pub fn to_toml(&self, path: &Path) -> Result<String, SessionError> {
+        header(path, self)
+    }
+}
+
 /// A session folder that takes runs.
 #[derive(Debug)]
 pub struct SessionWriter {

@@ -1,0 +1,189 @@
+//! Cut and damaged files: what is intact is recovered, and nothing else.
+
+use super::*;
+use crate::recording::export::{RunOptions, to_npy, to_session};
+use crate::recording::{Contents, RecordingError, recover};
+use std::ops::Range;
+use std::path::PathBuf;
+
+/// Where a frame stands in a file, and its bytes.
+type Placed = (Range<usize>, Vec<u8>);
+
+/// A recording of six seconds: its bytes, and where each frame stands in them.
+fn recorded(folder: &Path) -> (Vec<u8>, Vec<Placed>) {
+    let path = folder.join("whole.mcap");
+    let envelopes: Vec<_> = Stream::new().take(250).collect();
+    record(&path, &envelopes);
+    let bytes = fs::read(&path).expect("reads");
+    let mut from = 0;
+    let places = envelopes.iter().map(|envelope| {
+        let frame = encoded(envelope);
+        let at =
+            from + bytes[from..].windows(frame.len()).position(|window| window == frame).expect("is there");
+        from = at + frame.len();
+        (at..from, frame)
+    });
+    let places = places.collect();
+    (bytes, places)
+}
+
+/// Recovers a file of these bytes: the frames then, in a file that the reference reader finds without fault.
+fn recovered(folder: &Path, bytes: &[u8]) -> (Result<Contents, RecordingError>, Vec<Vec<u8>>) {
+    let (from, to): (PathBuf, PathBuf) = (folder.join("damaged.mcap"), folder.join("clean.mcap"));
+    fs::write(&from, bytes).expect("writes");
+    let _ = fs::remove_file(&to);
+    match recover(&from, &to, &mut |_| {}) {
+        Ok((contents, file)) => {
+            assert_eq!(file.bytes, fs::metadata(&to).expect("there").len());
+            (Ok(contents), frames(&to))
+        }
+        Err(error) => (Err(error), Vec::new()),
+    }
+}
+
+#[test]
+fn a_sound_file_is_recovered_message_by_message() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (bytes, places) = recorded(folder.path());
+    let (contents, found) = recovered(folder.path(), &bytes);
+    let contents = contents.expect("recovers");
+    assert_eq!(found.len(), places.len());
+    assert_eq!((contents.damage.bytes, contents.damage.unfinished, contents.frames_missing), (0, false, 0));
+    assert_eq!((contents.faults.len(), contents.faults[0].number), (1, 7));
+    let both =
+        [folder.path().join("whole.mcap"), folder.path().join("clean.mcap")].map(|path| messages(&path));
+    assert_eq!(both[0].len(), both[1].len());
+    for (a, b) in both[0].iter().zip(&both[1]) {
+        assert_eq!((&a.topic, a.log_ns, a.publish_ns, &a.data), (&b.topic, b.log_ns, b.publish_ns, &b.data));
+    }
+}
+
+#[test]
+fn a_cut_file_gives_every_frame_before_the_cut() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (bytes, places) = recorded(folder.path());
+    let mut noise = Noise::new(1);
+    for _ in 0..200 {
+        let cut = (noise.uniform() * bytes.len() as f64) as usize;
+        let expected: Vec<_> =
+            places.iter().filter(|(place, _)| place.end <= cut).map(|(_, frame)| frame.clone()).collect();
+        let (contents, found) = recovered(folder.path(), &bytes[..cut]);
+        assert_eq!(found, expected, "cut at {cut}");
+        match contents {
+            Ok(contents) => {
+                assert!(contents.damage.unfinished, "cut at {cut}");
+                assert_eq!((contents.samples_missing, contents.frames_missing), (0, 0), "cut at {cut}");
+            }
+            Err(error) => assert!(expected.is_empty(), "cut at {cut}: {error}"),
+        }
+    }
+}
+
+#[test]
+fn a_damaged_file_gives_every_frame_that_is_not_touched() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (bytes, places) = recorded(folder.path());
+    let mut noise = Noise::new(2);
+    let mut lost = 0;
+    for round in 0..200 {
+        let mut damaged = bytes.clone();
+        let mut touched = Vec::new();
+        for _ in 0..1 + round % 12 {
+            let at = (noise.uniform() * bytes.len() as f64) as usize;
+            let length = 1 + (noise.uniform() * if round % 3 == 0 { 4_000.0 } else { 8.0 }) as usize;
+            for (place, byte) in damaged.iter_mut().enumerate().skip(at).take(length) {
+                let before = *byte;
+                *byte = (noise.uniform() * 256.0) as u8;
+                if *byte != before {
+                    touched.push(place);
+                }
+            }
+        }
+        let is_whole = |place: &Range<usize>| !touched.iter().any(|at| place.contains(at));
+        let expected: Vec<_> =
+            places.iter().filter(|(place, _)| is_whole(place)).map(|(_, frame)| frame.clone()).collect();
+        lost += places.len() - expected.len();
+        let (contents, found) = recovered(folder.path(), &damaged);
+        assert_eq!(found.len(), expected.len(), "round {round}: {contents:?}");
+        assert!(found == expected, "round {round}");
+        let missing = contents.expect("recovers").frames_missing;
+        let inner = expected.first().map_or(0, |first| {
+            let before = places.iter().position(|(_, frame)| frame == first).expect("one of them");
+            let last = places.iter().rposition(|(_, frame)| Some(frame) == expected.last());
+            last.expect("one of them") + 1 - before - expected.len()
+        });
+        assert!(missing as usize >= inner, "round {round}: {missing} missing, at least {inner}");
+    }
+    assert!(lost > 100, "the damage did damage: {lost}");
+}
+
+#[test]
+fn the_hello_is_found_though_the_beginning_is_destroyed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("long.mcap");
+    let envelopes: Vec<_> = Stream::new().take(2_500).collect();
+    record(&path, &envelopes);
+    let mut bytes = fs::read(&path).expect("reads");
+    bytes[..20_000].fill(0xA5);
+    fs::write(&path, &bytes).expect("writes");
+    let contents = Contents::read(&path, &mut |_| {}).expect("reads");
+    assert_eq!(contents.device.as_ref().expect("known").board, "test");
+    assert_eq!(contents.run.as_deref(), Some("d30-1"));
+    assert!(contents.frames_missing > 4 && contents.samples > 50_000, "{contents:?}");
+    let to = folder.path().join("session");
+    let exported = to_session(&path, &to, &RunOptions::default(), &mut |_| {}).expect("exports");
+    assert_eq!(exported.rows, contents.samples);
+}
+
+#[test]
+fn what_is_no_recording_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let read = |bytes: &[u8]| {
+        fs::write(&path, bytes).expect("writes");
+        Contents::read(&path, &mut |_| {}).expect_err("refused")
+    };
+    assert!(matches!(read(b""), RecordingError::NotMcap { .. }));
+    assert!(matches!(read(&[0x06; 3_000]), RecordingError::NotMcap { .. }));
+    let mut other = std::io::Cursor::new(Vec::new());
+    mcap::Writer::new(&mut other).expect("begins").finish().expect("finishes");
+    assert!(matches!(read(other.get_ref()), RecordingError::NoFrames { .. }));
+}
+
+#[test]
+fn a_recording_without_depth_or_rig_wants_to_be_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let writer = Writer::create(&path, false).expect("a new file");
+    let mut transcript = Transcript::new(writer, None, None);
+    for envelope in Stream::new().take(50) {
+        transcript.envelope(&envelope, HOST_NS).expect("records");
+    }
+    transcript.finish().expect("finishes");
+    let to = folder.path().join("session");
+    let error = to_session(&path, &to, &RunOptions::default(), &mut |_| {}).expect_err("refused");
+    assert!(
+        error.to_string().ends_with("the depth is not in the recording: give it with --depth-mm MM"),
+        "{error}"
+    );
+    let depth = RunOptions { depth_mm: Some(20.0), ..RunOptions::default() };
+    let error = to_session(&path, &to, &depth, &mut |_| {}).expect_err("refused");
+    assert!(error.to_string().contains("--rig FILE"), "{error}");
+}
+
+#[test]
+fn an_array_has_every_sample() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (_, _) = recorded(folder.path());
+    let to = folder.path().join("a.npy");
+    let exported = to_npy(&folder.path().join("whole.mcap"), &to, &mut |_| {}).expect("exports");
+    let bytes = fs::read(&to).expect("reads");
+    let head = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    assert_eq!((head % 64, bytes[head - 1]), (0, b'\n'));
+    let text = String::from_utf8_lossy(&bytes[10..head]).into_owned();
+    assert!(text.contains(&format!("'shape': ({},)", exported.rows)), "{text}");
+    assert_eq!(bytes.len(), head + 47 * exported.rows as usize);
+    assert_eq!(exported.rows, exported.contents.samples);
+    let first_s = f64::from_le_bytes(bytes[head..head + 8].try_into().expect("eight bytes"));
+    assert_eq!(Some(first_s), exported.contents.first_s);
+}

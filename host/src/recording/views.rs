@@ -1,0 +1,247 @@
+//! What the device says, for people and tools: units instead of counts, names instead of numbers.
+
+use super::error::RecordingError;
+use crate::link::error::explain_fault;
+use crate::link::{Point, words};
+use protocol::{Counters, Envelope, Event, EventKind, Hello, MAX_FRAME_TO_HOST, Outcome, State, Status};
+use serde::{Deserialize, Serialize};
+
+/// What is recorded, and with what.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// `guide.recording/1`.
+    pub schema: String,
+    /// The sub-command that recorded: `record` or `acquire`.
+    pub command: String,
+    /// Name of the run in its session.
+    pub run: String,
+    /// How far the needle is in the tissue, millimetres.
+    pub depth_mm: f64,
+    /// Needle, guides and noise, as a session states them.
+    pub rig_toml: String,
+    /// Version of the program that recorded.
+    pub program_version: String,
+}
+
+impl About {
+    /// A recording by this program.
+    pub fn new(command: &str, run: &str, depth_mm: f64, rig_toml: String) -> Self {
+        Self {
+            schema: "guide.recording/1".to_owned(),
+            command: command.to_owned(),
+            run: run.to_owned(),
+            depth_mm,
+            rig_toml,
+            program_version: env!("CARGO_PKG_VERSION").to_owned(),
+        }
+    }
+}
+
+/// An event.
+#[derive(Debug, Default, Serialize)]
+pub struct EventView {
+    time_s: f64,
+    kind: &'static str,
+    step: Option<u8>,
+    outcome: Option<&'static str>,
+    fault: Option<u8>,
+    cause: Option<String>,
+    zero_x_n: Option<f64>,
+    zero_y_n: Option<f64>,
+    sd_x_n: Option<f64>,
+    sd_y_n: Option<f64>,
+    readings: Option<u32>,
+}
+
+impl EventView {
+    /// The view of an event; forces in newtons only where the hello has said what a count is.
+    pub fn new(event: &Event, hello: Option<&Hello>) -> Self {
+        let view = Self { time_s: seconds(event.t_us), ..Self::default() };
+        let newtons =
+            |counts: f64| hello.map(|hello| counts * f64::from(hello.scales.force_nn_per_count) * 1e-9);
+        match event.kind {
+            EventKind::StepStarted { index } => Self { kind: "step_started", step: Some(index), ..view },
+            EventKind::StepEnded { index } => Self { kind: "step_ended", step: Some(index), ..view },
+            EventKind::Tared(tare) => Self {
+                kind: "tared",
+                zero_x_n: newtons(f64::from(tare.zero_counts[0])),
+                zero_y_n: newtons(f64::from(tare.zero_counts[1])),
+                sd_x_n: newtons(f64::from(tare.sd_counts[0])),
+                sd_y_n: newtons(f64::from(tare.sd_counts[1])),
+                readings: Some(tare.readings),
+                ..view
+            },
+            EventKind::ProgramEnded { outcome } => {
+                let outcome = match outcome {
+                    Outcome::Completed => "completed",
+                    Outcome::Stopped => "stopped",
+                    Outcome::Faulted => "faulted",
+                };
+                Self { kind: "program_ended", outcome: Some(outcome), ..view }
+            }
+            EventKind::Faulted { fault } => {
+                Self { kind: "faulted", fault: Some(fault as u8), cause: Some(explain_fault(fault)), ..view }
+            }
+        }
+    }
+}
+
+/// A status.
+#[derive(Debug, Serialize)]
+pub struct StatusView {
+    time_s: f64,
+    state: &'static str,
+    step: Option<u8>,
+    fault: Option<u8>,
+    displacement_x_mm: f64,
+    displacement_y_mm: f64,
+    force_x_n: f64,
+    force_y_n: f64,
+    streaming: bool,
+    cpu_percent: f64,
+    longest_period_us: u16,
+    latest_start_us: u16,
+    stack_free_bytes: u32,
+    outbox_most: u8,
+    motor_budget_x_percent: f64,
+    motor_budget_y_percent: f64,
+    force_limit_n: f64,
+    silence_limit_s: f64,
+    stiffness_x_n_per_mm: Option<f64>,
+    stiffness_y_n_per_mm: Option<f64>,
+    counters: Counters,
+}
+
+impl StatusView {
+    /// The view of a status.
+    pub fn new(status: &Status, hello: &Hello) -> Self {
+        let mm = |counts: i32| f64::from(counts) * f64::from(hello.scales.position_nm_per_count) * 1e-6;
+        let newtons = |counts: i32| f64::from(counts) * f64::from(hello.scales.force_nn_per_count) * 1e-9;
+        let [position_x, position_y] = status.position_counts;
+        let [force_x, force_y] = status.force_counts;
+        let [budget_x, budget_y] = status.motor_budget_permille;
+        let [stiffness_x, stiffness_y] =
+            status.stiffness.map(|axis| axis.map(|stiffness| f64::from(stiffness.slope_mn_per_m) * 1e-6));
+        Self {
+            time_s: seconds(status.t_us),
+            state: words::state(status.state),
+            step: step(status.step),
+            fault: status.fault.map(|fault| fault as u8),
+            displacement_x_mm: mm(position_x),
+            displacement_y_mm: mm(position_y),
+            force_x_n: newtons(force_x),
+            force_y_n: newtons(force_y),
+            streaming: status.streaming,
+            cpu_percent: f64::from(status.load.cpu_permille) / 10.0,
+            longest_period_us: status.load.longest_period_us,
+            latest_start_us: status.load.latest_start_us,
+            stack_free_bytes: status.load.stack_free_bytes,
+            outbox_most: status.load.outbox_most,
+            motor_budget_x_percent: f64::from(budget_x) / 10.0,
+            motor_budget_y_percent: f64::from(budget_y) / 10.0,
+            force_limit_n: f64::from(status.force_limit_mn) * 1e-3,
+            silence_limit_s: f64::from(status.silence_limit_ms) * 1e-3,
+            stiffness_x_n_per_mm: stiffness_x,
+            stiffness_y_n_per_mm: stiffness_y,
+            counters: status.counters,
+        }
+    }
+}
+
+/// A hello, and the frame that it came in.
+#[derive(Debug, Serialize)]
+pub struct HelloView<'a> {
+    time_s: f64,
+    boot_id: u32,
+    protocol_version: u16,
+    firmware_version: &'a str,
+    commit: &'a str,
+    board: &'a str,
+    reset_reason: &'static str,
+    sample_period_us: u32,
+    position_nm_per_count: u32,
+    force_nn_per_count: u32,
+    travel_mm: f64,
+    force_range_n: f64,
+    calibration_id: &'a str,
+    calibration_crc: String,
+    last_panic: Option<&'a str>,
+    frame_hex: String,
+}
+
+impl<'a> HelloView<'a> {
+    /// The view of a hello that came in this frame.
+    pub fn new(boot_id: u32, hello: &'a Hello, frame: &[u8]) -> Self {
+        Self {
+            time_s: seconds(hello.now_us),
+            boot_id,
+            protocol_version: hello.protocol_version,
+            firmware_version: hello.firmware_version.as_str(),
+            commit: hello.commit.as_str(),
+            board: hello.board.as_str(),
+            reset_reason: words::reset_reason(hello.reset_reason),
+            sample_period_us: hello.sample_period_us,
+            position_nm_per_count: hello.scales.position_nm_per_count,
+            force_nn_per_count: hello.scales.force_nn_per_count,
+            travel_mm: f64::from(hello.scales.travel_um) * 1e-3,
+            force_range_n: f64::from(hello.scales.force_range_mn) * 1e-3,
+            calibration_id: hello.calibration.id.as_str(),
+            calibration_crc: format!("{:08x}", hello.calibration.crc),
+            last_panic: hello.last_panic.as_ref().map(|text| text.as_str()),
+            frame_hex: frame.iter().map(|byte| format!("{byte:02x}")).collect(),
+        }
+    }
+}
+
+/// The frame in a view of a hello.
+#[derive(Debug, Deserialize)]
+pub struct HelloFrame {
+    frame_hex: String,
+}
+
+impl HelloFrame {
+    /// Its bytes; nothing where it is no frame.
+    pub fn bytes(&self) -> Option<Vec<u8>> {
+        let digits: Option<Vec<u8>> =
+            self.frame_hex.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect();
+        let digits = digits.filter(|digits| digits.len() <= 2 * MAX_FRAME_TO_HOST)?;
+        let pair = |pair: &[u8]| match pair {
+            [high, low] => Some(high << 4 | low),
+            _ => None,
+        };
+        digits.chunks(2).map(pair).collect()
+    }
+}
+
+/// Appends a sample, as its schema says.
+pub fn sample(point: &Point, step: Option<u8>, state: State, lost_before: u64, out: &mut Vec<u8>) {
+    let [x_m, y_m] = point.displacement_m;
+    let [force_x_n, force_y_n] = point.force_n;
+    for value in [1e3 * x_m, 1e3 * y_m, force_x_n, force_y_n] {
+        out.extend_from_slice(&(value as f32).to_le_bytes());
+    }
+    out.extend_from_slice(&step.map_or(-1, i16::from).to_le_bytes());
+    out.push(state as u8);
+    out.extend_from_slice(&u32::try_from(lost_before).unwrap_or(u32::MAX).to_le_bytes());
+}
+
+/// A view as JSON.
+pub fn json(view: &impl Serialize) -> Result<Vec<u8>, RecordingError> {
+    serde_json::to_vec(view).map_err(RecordingError::View)
+}
+
+/// The bytes of an envelope on the wire. Their encoding has one form only, so that these are the bytes it came in.
+pub fn frame<'a>(
+    envelope: &Envelope,
+    buffer: &'a mut [u8; MAX_FRAME_TO_HOST],
+) -> Result<&'a [u8], RecordingError> {
+    Ok(protocol::encode_envelope(envelope, buffer)?)
+}
+
+fn seconds(t_us: u64) -> f64 {
+    t_us as f64 * 1e-6
+}
+
+fn step(step: u8) -> Option<u8> {
+    (step != u8::MAX).then_some(step)
+}
