@@ -3,6 +3,7 @@
 use super::output::Output;
 use super::rig_args::Rest;
 use host::link::Client;
+use host::link::condition::{Condition, Troubles};
 use host::link::error::explain_fault;
 use host::link::words;
 use protocol::{Counters, Status, Stiffness};
@@ -30,19 +31,8 @@ struct Report {
     position_y_mm: f64,
     force_x_n: f64,
     force_y_n: f64,
-    samples_dropped: u32,
-    messages_dropped: u32,
-    command_frames_corrupt: u32,
-    command_frames_overlong: u32,
-    command_frames_unreadable: u32,
-    force_readings_bad: u32,
-    control_overruns: u32,
-    line_errors: u32,
-    force_frames_corrupt: u32,
-    force_readings_missing: u32,
-    force_converter_resets: u32,
-    force_readings_saturated: u32,
-    faults: u32,
+    #[serde(flatten)]
+    troubles: Troubles,
     board: String,
     firmware_version: String,
     commit: String,
@@ -50,16 +40,9 @@ struct Report {
     last_panic: Option<String>,
     calibration_id: String,
     calibration_crc: String,
-    force_limit_n: f64,
-    silence_limit_s: f64,
-    cpu_percent: f64,
     sample_period_us: u32,
-    longest_period_us: u16,
-    latest_start_us: u16,
-    stack_free_bytes: u32,
-    outbox_most: u8,
-    motor_duty_used_x_percent: f64,
-    motor_duty_used_y_percent: f64,
+    #[serde(flatten)]
+    condition: Condition,
     stiffness_x: Option<Slope>,
     stiffness_y: Option<Slope>,
     #[serde(skip)]
@@ -112,10 +95,8 @@ impl Report {
         };
         let Rest { time_s, displacement_m, force_n: [force_x_n, force_y_n] } = rest.unwrap_or(now);
         let [position_x_mm, position_y_mm] = displacement_m.map(|metres| metres * 1e3);
-        let [motor_duty_used_x_percent, motor_duty_used_y_percent] =
-            status.motor_budget_permille.map(|permille| f64::from(permille) * 0.1);
         let [stiffness_x, stiffness_y] = status.stiffness.map(|stiffness| stiffness.as_ref().map(Slope::new));
-        let (hello, counters, load) = (client.hello(), status.counters, status.load);
+        let (hello, counters) = (client.hello(), status.counters);
         Self {
             schema,
             time_s,
@@ -125,19 +106,7 @@ impl Report {
             position_y_mm,
             force_x_n,
             force_y_n,
-            samples_dropped: counters.samples_dropped,
-            messages_dropped: counters.messages_dropped,
-            command_frames_corrupt: counters.frames_corrupt,
-            command_frames_overlong: counters.frames_overlong,
-            command_frames_unreadable: counters.frames_unreadable,
-            force_readings_bad: counters.force_readings_bad,
-            control_overruns: counters.control_overruns,
-            line_errors: counters.line_errors,
-            force_frames_corrupt: counters.force_corrupt,
-            force_readings_missing: counters.force_missing,
-            force_converter_resets: counters.force_resets,
-            force_readings_saturated: counters.force_saturated,
-            faults: counters.faults,
+            troubles: (&counters).into(),
             board: hello.board.as_str().to_owned(),
             firmware_version: hello.firmware_version.as_str().to_owned(),
             commit: hello.commit.as_str().to_owned(),
@@ -145,16 +114,8 @@ impl Report {
             last_panic: hello.last_panic.as_ref().map(|panic| panic.as_str().to_owned()),
             calibration_id: hello.calibration.id.as_str().to_owned(),
             calibration_crc: format!("{:08x}", hello.calibration.crc),
-            force_limit_n: f64::from(status.force_limit_mn) * 1e-3,
-            silence_limit_s: f64::from(status.silence_limit_ms) * 1e-3,
-            cpu_percent: f64::from(load.cpu_permille) * 0.1,
             sample_period_us: hello.sample_period_us,
-            longest_period_us: load.longest_period_us,
-            latest_start_us: load.latest_start_us,
-            stack_free_bytes: load.stack_free_bytes,
-            outbox_most: load.outbox_most,
-            motor_duty_used_x_percent,
-            motor_duty_used_y_percent,
+            condition: status.into(),
             stiffness_x,
             stiffness_y,
             counters,
@@ -172,23 +133,23 @@ impl Report {
         writeln!(
             f,
             "limits     force {:.3} N, silence of the host {:.3} s",
-            self.force_limit_n, self.silence_limit_s
+            self.condition.force_limit_n, self.condition.silence_limit_s
         )?;
         writeln!(
             f,
             "load       processor {:.1} %, longest period {} us of {} us, latest start {} us, stack {} bytes free, \
              outbox {} places at most",
-            self.cpu_percent,
-            self.longest_period_us,
+            self.condition.cpu_percent,
+            self.condition.longest_period_us,
             self.sample_period_us,
-            self.latest_start_us,
-            self.stack_free_bytes,
-            self.outbox_most
+            self.condition.latest_start_us,
+            self.condition.stack_free_bytes,
+            self.condition.outbox_most
         )?;
         writeln!(
             f,
             "motors     x {:.1} %   y {:.1} % of their duty cycle used",
-            self.motor_duty_used_x_percent, self.motor_duty_used_y_percent
+            self.condition.motor_duty_used_x_percent, self.condition.motor_duty_used_y_percent
         )?;
         let told =
             |slope: &Option<Slope>| slope.as_ref().map_or("not told yet".to_owned(), ToString::to_string);

@@ -1,6 +1,7 @@
 //! The link to the device: port, frames, commands, motion programs.
 
 pub mod client;
+pub mod condition;
 mod constants;
 pub mod error;
 #[cfg(test)]

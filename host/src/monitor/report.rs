@@ -2,6 +2,7 @@
 
 use super::state::State;
 use crate::link::LinkLosses;
+use crate::link::condition::{Condition, Troubles};
 use crate::link::error::fault_text;
 use crate::link::words;
 use serde::Serialize;
@@ -56,33 +57,9 @@ struct Link {
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Device {
-    cpu_percent: f64,
-    longest_period_us: u16,
-    latest_start_us: u16,
-    stack_free_bytes: u32,
-    outbox_most: u8,
-    motor_budget_x_percent: f64,
-    motor_budget_y_percent: f64,
-    force_limit_n: f64,
-    silence_limit_s: f64,
-    counters: Counters,
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize)]
-struct Counters {
-    samples_dropped: u32,
-    messages_dropped: u32,
-    command_frames_corrupt: u32,
-    command_frames_overlong: u32,
-    command_frames_unreadable: u32,
-    force_readings_bad: u32,
-    control_overruns: u32,
-    line_errors: u32,
-    force_corrupt: u32,
-    force_missing: u32,
-    force_resets: u32,
-    force_saturated: u32,
-    faults: u32,
+    #[serde(flatten)]
+    condition: Condition,
+    counters: Troubles,
 }
 
 impl Report {
@@ -135,33 +112,5 @@ impl Report {
 }
 
 fn device(status: &protocol::Status) -> Device {
-    let percent = |permille: u16| f64::from(permille) / 10.0;
-    let [motor_budget_x_percent, motor_budget_y_percent] = status.motor_budget_permille.map(percent);
-    let counters = status.counters;
-    Device {
-        cpu_percent: percent(status.load.cpu_permille),
-        longest_period_us: status.load.longest_period_us,
-        latest_start_us: status.load.latest_start_us,
-        stack_free_bytes: status.load.stack_free_bytes,
-        outbox_most: status.load.outbox_most,
-        motor_budget_x_percent,
-        motor_budget_y_percent,
-        force_limit_n: f64::from(status.force_limit_mn) * 1e-3,
-        silence_limit_s: f64::from(status.silence_limit_ms) * 1e-3,
-        counters: Counters {
-            samples_dropped: counters.samples_dropped,
-            messages_dropped: counters.messages_dropped,
-            command_frames_corrupt: counters.frames_corrupt,
-            command_frames_overlong: counters.frames_overlong,
-            command_frames_unreadable: counters.frames_unreadable,
-            force_readings_bad: counters.force_readings_bad,
-            control_overruns: counters.control_overruns,
-            line_errors: counters.line_errors,
-            force_corrupt: counters.force_corrupt,
-            force_missing: counters.force_missing,
-            force_resets: counters.force_resets,
-            force_saturated: counters.force_saturated,
-            faults: counters.faults,
-        },
-    }
+    Device { condition: status.into(), counters: (&status.counters).into() }
 }

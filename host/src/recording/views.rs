@@ -1,9 +1,10 @@
 //! What the device says, for people and tools: units instead of counts, names instead of numbers.
 
 use super::error::RecordingError;
+use crate::link::condition::{Condition, Troubles};
 use crate::link::error::explain_fault;
 use crate::link::{Point, words};
-use protocol::{Counters, Envelope, Event, EventKind, Hello, MAX_FRAME_TO_HOST, Outcome, State, Status};
+use protocol::{Envelope, Event, EventKind, Hello, MAX_FRAME_TO_HOST, Outcome, State, Status};
 use serde::{Deserialize, Serialize};
 
 /// What is recorded, and with what.
@@ -98,18 +99,11 @@ pub struct StatusView {
     force_x_n: f64,
     force_y_n: f64,
     streaming: bool,
-    cpu_percent: f64,
-    longest_period_us: u16,
-    latest_start_us: u16,
-    stack_free_bytes: u32,
-    outbox_most: u8,
-    motor_budget_x_percent: f64,
-    motor_budget_y_percent: f64,
-    force_limit_n: f64,
-    silence_limit_s: f64,
+    #[serde(flatten)]
+    condition: Condition,
     stiffness_x_n_per_mm: Option<f64>,
     stiffness_y_n_per_mm: Option<f64>,
-    counters: Counters,
+    counters: Troubles,
 }
 
 impl StatusView {
@@ -119,7 +113,6 @@ impl StatusView {
         let newtons = |counts: i32| f64::from(counts) * f64::from(hello.scales.force_nn_per_count) * 1e-9;
         let [position_x, position_y] = status.position_counts;
         let [force_x, force_y] = status.force_counts;
-        let [budget_x, budget_y] = status.motor_budget_permille;
         let [stiffness_x, stiffness_y] =
             status.stiffness.map(|axis| axis.map(|stiffness| f64::from(stiffness.slope_mn_per_m) * 1e-6));
         Self {
@@ -132,18 +125,10 @@ impl StatusView {
             force_x_n: newtons(force_x),
             force_y_n: newtons(force_y),
             streaming: status.streaming,
-            cpu_percent: f64::from(status.load.cpu_permille) / 10.0,
-            longest_period_us: status.load.longest_period_us,
-            latest_start_us: status.load.latest_start_us,
-            stack_free_bytes: status.load.stack_free_bytes,
-            outbox_most: status.load.outbox_most,
-            motor_budget_x_percent: f64::from(budget_x) / 10.0,
-            motor_budget_y_percent: f64::from(budget_y) / 10.0,
-            force_limit_n: f64::from(status.force_limit_mn) * 1e-3,
-            silence_limit_s: f64::from(status.silence_limit_ms) * 1e-3,
+            condition: status.into(),
             stiffness_x_n_per_mm: stiffness_x,
             stiffness_y_n_per_mm: stiffness_y,
-            counters: status.counters,
+            counters: (&status.counters).into(),
         }
     }
 }
