@@ -12,6 +12,7 @@ pub mod continuum;
 pub mod diagnose;
 pub mod figures;
 pub mod identify;
+pub mod igtl;
 pub mod inference;
 pub mod levels;
 pub mod link;

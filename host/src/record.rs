@@ -3,17 +3,19 @@
 //! Rows reach the operating system several times a second, so a crash or a pulled cable costs a fraction of a second. Losses are
 //! written where they happened (column `lost_before`), never smoothed over.
 
+mod sweeps;
+
+use crate::igtl::Channel;
+use crate::igtl::channel::Seen;
 use crate::link::{Batch, Client, LinkError, LinkLosses, Program, RunOptions, Telemetry, run};
 use crate::session::{ForceRow, LateralWriter, Provenance, SessionError};
-use crate::sweep::{Sweep, SweepError, SweepTask};
+use crate::sweep::{Sweep, SweepError};
 use protocol::{EventKind, Hello, State};
-use std::collections::HashSet;
 use std::time::{Duration, Instant};
+use sweeps::Sweeps;
 
 /// How often rows are handed to the operating system.
 const FLUSH_INTERVAL: Duration = Duration::from_millis(200);
-/// Time a hold has lasted before a sweep is taken: the guide has settled before, the tissue's quickest creep follows.
-const SWEEP_DELAY_S: f64 = 0.3;
 
 /// Why a recording ended early or failed. What was recorded until then is in the session.
 #[derive(Debug, thiserror::Error)]
@@ -39,7 +41,39 @@ pub enum RecordError {
         /// Number of the step, from 1.
         number: usize,
     },
+    /// The tracker was silent in a hold that asks for a sweep.
+    #[error("step {number}: no sweep was taken: the tracker told no shape in this hold")]
+    HoldNotTracked {
+        /// Number of the step, from 1.
+        number: usize,
+    },
 }
+
+/// Where sweeps come from.
+#[derive(Debug)]
+pub enum Ultrasound<'a> {
+    /// From nowhere: displacement and force alone are recorded.
+    Absent,
+    /// From a command that is run in every hold that asks for one.
+    Command(&'a str),
+    /// From a tracker that tells shapes by itself, all of which are recorded.
+    Tracker(Box<Channel>),
+}
+
+/// Looks on while a run is recorded.
+pub trait Witness {
+    /// A step of the program has begun.
+    fn step(&mut self, _step: usize) {}
+    /// Samples have arrived, of the run or of the time around it.
+    fn samples(&mut self, _batch: &Batch) {}
+    /// A sweep has been recorded, taken at this device time unless it says when.
+    fn sweep(&mut self, _sweep: &Sweep, _time_s: f64) {}
+    /// Something that a person should know.
+    fn note(&mut self, _text: &str) {}
+}
+
+/// Nobody looks on.
+impl Witness for () {}
 
 /// What a recording holds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
@@ -118,6 +152,33 @@ impl<'w, 's> Recorder<'w, 's> {
         Ok(())
     }
 
+    /// Writes what a tracker has told of the time since the first sample.
+    ///
+    /// # Errors
+    /// What the session's files say.
+    pub fn track(
+        &mut self,
+        tracker: &mut Channel,
+        witness: &mut dyn Witness,
+    ) -> Result<Vec<f64>, SessionError> {
+        let mut times_s = Vec::new();
+        for seen in tracker.look() {
+            match seen {
+                Seen::Note(text) => witness.note(&text),
+                Seen::Shape(sweep) => {
+                    let time_s = sweep.rows(0.0).next().map(|row| row.time_s);
+                    let first_s = self.first_s.unwrap_or(f64::INFINITY);
+                    if let Some(time_s) = time_s.filter(|time_s| *time_s >= first_s) {
+                        self.sweep(&sweep, time_s)?;
+                        witness.sweep(&sweep, time_s);
+                        times_s.push(time_s);
+                    }
+                }
+            }
+        }
+        Ok(times_s)
+    }
+
     /// Writes a sweep taken at this device time, unless the sweep says when it was taken.
     ///
     /// # Errors
@@ -127,11 +188,11 @@ impl<'w, 's> Recorder<'w, 's> {
             self.writer.shape(&row)?;
         }
         self.recorded.sweeps += 1;
-        self.writer.flush()
+        Ok(())
     }
 }
 
-/// Runs a program and records it, taking a sweep in every hold that asks for one where there is an ultrasound to ask.
+/// Runs a program and records it, with the sweeps that its holds ask for where there is an ultrasound.
 ///
 /// # Errors
 /// [`RecordError`]; what was recorded until then has been written.
@@ -139,23 +200,24 @@ pub fn acquire(
     client: &mut Client,
     program: &Program,
     options: RunOptions,
-    sweep_command: Option<&str>,
+    ultrasound: Ultrasound<'_>,
     recorder: &mut Recorder,
-    mut progress: impl FnMut(usize),
+    witness: &mut dyn Witness,
 ) -> Result<Recorded, RecordError> {
-    let mut sweeps = Sweeps::new(program, sweep_command);
+    let mut sweeps = Sweeps::new(program, ultrasound);
     let outcome = run(client, program, options, |_, telemetry| {
         match telemetry {
             Telemetry::Samples(batch) => {
+                witness.samples(batch);
                 // The time before the start and after the end is not part of the run.
                 if !matches!(batch.state, State::Idle | State::Pending | State::Faulted) {
                     recorder.batch(batch)?;
                 }
-                sweeps.follow(batch, recorder)?;
+                sweeps.follow(batch, recorder, witness)?;
             }
             Telemetry::Event(event) => {
                 if let EventKind::StepStarted { index } = event.kind {
-                    progress(usize::from(index));
+                    witness.step(usize::from(index));
                 }
             }
             Telemetry::Status(_) => {}
@@ -166,62 +228,6 @@ pub fn acquire(
     outcome?;
     sweeps.check_complete()?;
     Ok(Recorded { link: client.losses(), ..recorder.recorded() })
-}
-
-/// Takes the sweeps of a program, one per hold that asks for one.
-struct Sweeps<'a> {
-    command: Option<&'a str>,
-    wanted: HashSet<u8>,
-    entered: Option<(u8, f64)>,
-    under_way: Option<(SweepTask, u8, f64)>,
-}
-
-impl<'a> Sweeps<'a> {
-    fn new(program: &Program, command: Option<&'a str>) -> Self {
-        let wanted = (0u8..).zip(&program.steps).filter(|(_, step)| step.sweep && command.is_some());
-        Self { command, wanted: wanted.map(|(index, _)| index).collect(), entered: None, under_way: None }
-    }
-
-    fn follow(&mut self, batch: &Batch, recorder: &mut Recorder) -> Result<(), RecordError> {
-        if let Some((task, step, time_s)) = self.under_way.take() {
-            match task.finished() {
-                Ok(sweep) => {
-                    if batch.step != Some(step) {
-                        return Err(RecordError::HoldTooShort { number: usize::from(step) + 1 });
-                    }
-                    recorder.sweep(&sweep?, time_s)?;
-                }
-                Err(task) if batch.step == Some(step) => self.under_way = Some((task, step, time_s)),
-                Err(_) => return Err(RecordError::HoldTooShort { number: usize::from(step) + 1 }),
-            }
-        }
-        let (Some(step), Some(first)) = (batch.step, batch.points.first()) else {
-            return Ok(());
-        };
-        let (_, since_s) = *match &mut self.entered {
-            Some(entered) if entered.0 == step => entered,
-            entered => entered.insert((step, first.time_s)),
-        };
-        // The sample is chosen by its own time: where batches begin and end differs from run to run.
-        let due = batch.points.iter().find(|point| point.time_s >= since_s + SWEEP_DELAY_S);
-        if let (Some(command), Some(due)) = (self.command, due)
-            && self.wanted.remove(&step)
-        {
-            self.under_way = Some((SweepTask::start(command)?, step, due.time_s));
-        }
-        Ok(())
-    }
-
-    fn check_complete(&self) -> Result<(), RecordError> {
-        let number = |step: &u8| usize::from(*step) + 1;
-        if let Some((_, step, _)) = &self.under_way {
-            return Err(RecordError::HoldTooShort { number: number(step) });
-        }
-        match self.wanted.iter().min() {
-            Some(step) => Err(RecordError::HoldNotSeen { number: number(step) }),
-            None => Ok(()),
-        }
-    }
 }
 
 #[cfg(test)]

@@ -88,6 +88,11 @@ impl Sweep {
         Ok(Self { rows })
     }
 
+    /// Samples that say when they were taken.
+    pub fn at_own_times(rows: Vec<ShapeRow>) -> Self {
+        Self { rows: rows.into_iter().map(|row| (Some(row.time_s), row)).collect() }
+    }
+
     /// The samples; those that do not say when they were taken were taken at this time.
     pub fn rows(&self, time_s: f64) -> impl Iterator<Item = ShapeRow> {
         self.rows.iter().map(move |(own, row)| ShapeRow { time_s: own.unwrap_or(time_s), ..*row })

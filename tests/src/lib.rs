@@ -6,6 +6,7 @@ pub mod bench;
 pub mod cosim;
 pub mod demo;
 pub mod images;
+pub mod peers;
 pub mod qemu;
 pub mod setup;
 pub mod size;

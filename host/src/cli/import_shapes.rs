@@ -275,7 +275,7 @@ fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
 }
 
 /// `1,0,-0.5`.
-fn vector(text: &str) -> Result<[f64; 3], String> {
+pub fn vector(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
     let numbers = numbers.ok().filter(|numbers| numbers.iter().all(|number| number.is_finite()));
     numbers
@@ -283,7 +283,7 @@ fn vector(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| "expected three numbers: X,Y,Z".to_owned())
 }
 
-fn millimetres(text: &str) -> Result<f64, String> {
+pub fn millimetres(text: &str) -> Result<f64, String> {
     let number: Option<f64> = text.parse().ok();
     number.filter(|mm| (0.0..=2000.0).contains(mm)).ok_or_else(|| "expected 0 to 2000 mm".to_owned())
 }

@@ -13,6 +13,7 @@ mod colour;
 mod diagnose;
 mod effects;
 mod identify;
+mod igtl;
 mod import;
 mod import_shapes;
 mod init;
@@ -29,6 +30,7 @@ mod recordings;
 mod relation;
 mod report;
 mod rig_args;
+mod serve;
 mod shell;
 mod simulate;
 mod status;
@@ -79,6 +81,7 @@ enum Command {
     Predict(predict::Args),
     Diagnose(diagnose::Args),
     Report(report::Args),
+    Serve(serve::Args),
     Track(track::Args),
     Effects(effects::Args),
     Init(init::Args),
@@ -118,6 +121,7 @@ pub fn main() -> ExitCode {
         Command::Predict(args) => predict::run(args, &mut out),
         Command::Diagnose(args) => diagnose::run(args, &mut out),
         Command::Report(args) => report::run(args, &mut out),
+        Command::Serve(args) => serve::run(args, &mut out),
         Command::Track(args) => track::run(args, &mut out),
         Command::Effects(args) => effects::run(args, &mut out),
         Command::Check(args) => check::run(args, &mut out),

@@ -1,12 +1,15 @@
 //! `guide acquire` and `guide record`: measuring into a session.
 
+use super::igtl::{PublishArgs, TrackerArgs};
 use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
 use anyhow::{Context, bail};
-use host::link::{Client, Program, Telemetry};
-use host::record::{Recorded, Recorder, acquire, provenance};
+use host::igtl::Live;
+use host::link::{Batch, Client, Program, Telemetry};
+use host::record::{Recorded, Recorder, Ultrasound, Witness, acquire, provenance};
 use host::recording::{About, RawFile, RawRecorder};
 use host::session::{DEPTH_RANGE_MM, Provenance, SessionWriter, Setup};
+use host::sweep::Sweep;
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::Request;
 use serde::Serialize;
@@ -43,7 +46,8 @@ pub fn depth_mm(text: &str) -> Result<f64, String> {
     number_between(text, DEPTH_RANGE_MM)
 }
 
-fn duration_s(text: &str) -> Result<f64, String> {
+/// Reads a duration in seconds.
+pub fn duration_s(text: &str) -> Result<f64, String> {
     number_between(text, [0.001, 1e6])
 }
 
@@ -72,8 +76,12 @@ pub struct AcquireArgs {
     program: String,
     /// Command that prints one ultrasound sweep as CSV (z_mm, deflection_y_mm[, deflection_x_mm, time_s]); run in every hold
     /// that asks for a sweep
-    #[arg(long, value_name = "COMMAND")]
+    #[arg(long, value_name = "COMMAND", conflicts_with = "igtl")]
     sweep_command: Option<String>,
+    #[command(flatten)]
+    tracker: TrackerArgs,
+    #[command(flatten)]
+    publish: PublishArgs,
 }
 
 /// Record what the device streams, without moving anything
@@ -89,6 +97,10 @@ pub struct RecordArgs {
     /// How long, seconds (default: until interrupted)
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = duration_s)]
     duration_s: Option<f64>,
+    #[command(flatten)]
+    tracker: TrackerArgs,
+    #[command(flatten)]
+    publish: PublishArgs,
 }
 
 #[derive(Serialize)]
@@ -129,7 +141,13 @@ impl Display for Report<'_> {
 pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let program = Program::load(&args.program)?;
     let Opened { mut session, id, setup } = open_session(&args.session)?;
+    let ultrasound = match (args.tracker.connect()?, &args.sweep_command) {
+        (Some(tracker), _) => Ultrasound::Tracker(Box::new(tracker)),
+        (None, Some(command)) => Ultrasound::Command(command),
+        (None, None) => Ultrasound::Absent,
+    };
     let mut client = Client::connect(&args.port.port)?;
+    let live = args.publish.begin(&setup.rig, &args.session.out, args.session.depth_mm, out)?;
     let raw = start_raw(&args.session, "acquire", &id, &setup, &mut client)?;
     args.limit.set(&mut client)?;
     let made_with = provenance(client.hello());
@@ -141,8 +159,8 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     bar.set_message(program.name.clone());
     bar.enable_steady_tick(Duration::from_millis(200));
     let outcome = measure(&mut session, &id, args.session.depth_mm, made_with, |recorder| {
-        let sweep = args.sweep_command.as_deref();
-        Ok(acquire(&mut client, &program, options, sweep, recorder, |step| bar.set_position(step as u64))?)
+        let mut watch = Watch { bar: &bar, live, out };
+        Ok(acquire(&mut client, &program, options, ultrasound, recorder, &mut watch)?)
     });
     bar.finish_and_clear();
     let raw = raw.map(RawRecorder::finish).transpose();
@@ -152,19 +170,30 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
 /// Runs `guide record`.
 pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
     let Opened { mut session, id, setup } = open_session(&args.session)?;
+    let mut tracker = args.tracker.connect()?;
     let mut client = Client::connect(&args.port.port)?;
     let interrupted = interrupted()?;
+    let live = args.publish.begin(&setup.rig, &args.session.out, args.session.depth_mm, out)?;
     let raw = start_raw(&args.session, "record", &id, &setup, &mut client)?;
     let made_with = provenance(client.hello());
     let mut faults = FaultNotes::default();
+    let hidden = ProgressBar::hidden();
+    let mut watch = Watch { bar: &hidden, live, out };
     let outcome = measure(&mut session, &id, args.session.depth_mm, made_with, |recorder| {
         client.request(Request::Stream { enable: true })?;
         while !interrupted.load(Ordering::Acquire)
             && args.duration_s.is_none_or(|limit_s| recorder.recorded().duration_s < limit_s)
         {
             match client.next(host::link::client::SILENCE_LIMIT)? {
-                Some(Telemetry::Samples(batch)) => recorder.batch(&batch)?,
-                Some(other) => faults.see(&other, "the recording goes on", out),
+                Some(Telemetry::Samples(batch)) => {
+                    watch.samples(&batch);
+                    recorder.batch(&batch)?;
+                    if let Some(tracker) = &mut tracker {
+                        tracker.samples(&batch);
+                        recorder.track(tracker, &mut watch)?;
+                    }
+                }
+                Some(other) => faults.see(&other, "the recording goes on", watch.out),
                 None => bail!(host::link::LinkError::Silent { port: args.port.port.clone() }),
             }
         }
@@ -175,6 +204,35 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
     });
     let raw = raw.map(RawRecorder::finish).transpose();
     print("guide.record/1", &args.session, &id, outcome?, raw?.as_ref(), out)
+}
+
+/// Looks on while a run is recorded: shows the progress, publishes where that is wanted.
+struct Watch<'a> {
+    bar: &'a ProgressBar,
+    live: Option<Live>,
+    out: &'a Output,
+}
+
+impl Witness for Watch<'_> {
+    fn step(&mut self, step: usize) {
+        self.bar.set_position(step as u64);
+    }
+
+    fn samples(&mut self, batch: &Batch) {
+        if let Some(live) = &mut self.live {
+            live.samples(batch);
+        }
+    }
+
+    fn sweep(&mut self, sweep: &Sweep, time_s: f64) {
+        if let Some(live) = &mut self.live {
+            live.sweep(sweep, time_s);
+        }
+    }
+
+    fn note(&mut self, text: &str) {
+        self.bar.suspend(|| self.out.note(text));
+    }
 }
 
 /// A session that takes a run.

@@ -1,6 +1,6 @@
 //! Recordings that end well and recordings that do not: what arrived is in the session.
 
-use super::{RecordError, Recorder, acquire, provenance};
+use super::{RecordError, Recorder, Ultrasound, acquire, provenance};
 use crate::link::fake::{self, Act, FakeDevice, Script};
 use crate::link::program::PlannedStep;
 use crate::link::{Client, LinkError, Program, RunOptions};
@@ -32,7 +32,8 @@ fn record(script: Script, program: &Program) -> (Session, Result<super::Recorded
     let mut session = SessionWriter::open(folder.path(), &setup()).expect("opens");
     let mut writer = session.lateral("d30-1", 0.03).expect("starts");
     writer.made_with(provenance(client.hello()));
-    let ended = acquire(&mut client, program, OPTIONS, Some(SWEEP), &mut Recorder::new(&mut writer), |_| ());
+    let ultrasound = Ultrasound::Command(SWEEP);
+    let ended = acquire(&mut client, program, OPTIONS, ultrasound, &mut Recorder::new(&mut writer), &mut ());
     writer.finish().expect("finishes");
     (Session::read(folder.path()).expect("reads"), ended, files(folder.path()))
 }

@@ -2,6 +2,7 @@
 //! `guide`. They need QEMU, so `cargo test` leaves them out and `cargo xtask test` runs them.
 
 mod hazards;
+mod igtl;
 mod library;
 mod machine;
 mod ports;

@@ -5,7 +5,7 @@ use crate::link::fake::{Act, FakeDevice, Script};
 use crate::link::program::PlannedStep;
 use crate::link::{Client, Program, RunOptions as Run};
 use crate::model::{Needle, Rig};
-use crate::record::{Recorder, acquire, provenance};
+use crate::record::{Recorder, Ultrasound, acquire, provenance};
 use crate::recording::export::{RunOptions, to_session};
 use crate::recording::{Contents, RawRecorder};
 use crate::session::{self, SessionWriter, Setup};
@@ -47,7 +47,14 @@ fn an_export_has_the_very_files_that_were_written_beside_the_recording() {
     let mut writer = session.lateral("d30-1", 0.03).expect("starts");
     writer.made_with(provenance(client.hello()));
     let options = Run { start_us: None, stream: true, interrupted: &NEVER };
-    let outcome = acquire(&mut client, &program(), options, None, &mut Recorder::new(&mut writer), |_| ());
+    let outcome = acquire(
+        &mut client,
+        &program(),
+        options,
+        Ultrasound::Absent,
+        &mut Recorder::new(&mut writer),
+        &mut (),
+    );
     outcome.expect_err("the fault");
     writer.finish().expect("finishes");
     let losses = client.losses();

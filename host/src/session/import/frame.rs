@@ -123,14 +123,50 @@ impl Frame {
             || on_line + z * z.dot(&(begins - on_line)),
             Vector3::from,
         );
-        let across = |up: [f64; 3]| {
-            let unit = Vector3::from(up).try_normalize(1e-12)?;
+        Self::along(origin_m, straight.origin_z_m, z, &straight.up)
+    }
+
+    /// The frame of a straight needle that is known: a point of it and where that is along the needle from guide 1, its direction,
+    /// and the direction that is up.
+    ///
+    /// # Errors
+    /// [`FrameError::Zero`], [`FrameError::UpAlongAxis`].
+    pub fn given(
+        origin_m: [f64; 3],
+        origin_z_m: f64,
+        axis: [f64; 3],
+        up: [f64; 3],
+    ) -> Result<Self, FrameError> {
+        let unit = Vector3::from(axis).try_normalize(1e-12);
+        let z = unit.ok_or(FrameError::Zero { name: "axis", given: axis })?;
+        Self::along(origin_m.into(), origin_z_m, z, &[up])
+    }
+
+    fn along(
+        origin_m: Vector3<f64>,
+        origin_z_m: f64,
+        z: Vector3<f64>,
+        ups: &[[f64; 3]],
+    ) -> Result<Self, FrameError> {
+        let across = |up: &[f64; 3]| {
+            let unit = Vector3::from(*up).try_normalize(1e-12)?;
             let across = unit - z * z.dot(&unit);
             (across.norm() > LEAST_SINE).then(|| across.normalize())
         };
-        let up = straight.up[0];
-        let y = straight.up.into_iter().find_map(across).ok_or(FrameError::UpAlongAxis { up })?;
-        Ok(Self { origin_m, origin_z_m: straight.origin_z_m, z, y, x: y.cross(&z) })
+        let up = ups.first().copied().unwrap_or_default();
+        let y = ups.iter().find_map(across).ok_or(FrameError::UpAlongAxis { up })?;
+        Ok(Self { origin_m, origin_z_m, z, y, x: y.cross(&z) })
+    }
+
+    /// A point in the session's frame: along the needle from guide 1, and its deflection along y and x, metres.
+    pub fn point(&self, point_m: [f64; 3]) -> [f64; 3] {
+        let from_origin = Vector3::from(point_m) - self.origin_m;
+        [self.origin_z_m + self.z.dot(&from_origin), self.y.dot(&from_origin), self.x.dot(&from_origin)]
+    }
+
+    /// Whether a point in the session's frame can be one of a needle under a guide, be it behind guide 1.
+    pub fn is_near([z_m, y_m, x_m]: [f64; 3]) -> bool {
+        z_m <= Z_M[1] && y_m.abs() <= MOST_DEFLECTION_M && x_m.abs() <= MOST_DEFLECTION_M
     }
 
     /// A shape in the session's frame, and how many of its points are behind guide 1 and left out.
@@ -140,25 +176,22 @@ impl Frame {
     pub fn shape(&self, needle: &NeedlePoints) -> Result<(ShapeSeries, usize), FrameError> {
         let (mut shape, mut x_m, mut behind) = (ShapeSeries::default(), Vec::new(), 0);
         for (index, point_m) in needle.points_m.iter().enumerate() {
-            let from_origin = Vector3::from(*point_m) - self.origin_m;
-            let z_m = self.origin_z_m + self.z.dot(&from_origin);
-            let off_m = [self.y.dot(&from_origin), self.x.dot(&from_origin)];
-            let [least, most] = Z_M;
-            if z_m > most || off_m.iter().any(|off_m| off_m.abs() > MOST_DEFLECTION_M) {
+            let [z_m, off_y_m, off_x_m] = self.point(*point_m);
+            if !Self::is_near([z_m, off_y_m, off_x_m]) {
                 return Err(FrameError::FarOff {
                     path: needle.path.clone(),
                     number: index + 1,
-                    off_mm: 1e3 * off_m[0].hypot(off_m[1]),
+                    off_mm: 1e3 * off_y_m.hypot(off_x_m),
                     z_mm: 1e3 * z_m,
                 });
             }
-            if z_m < least {
+            if z_m < Z_M[0] {
                 behind += 1;
                 continue;
             }
             shape.z_m.push(z_m);
-            shape.y_m.push(off_m[0]);
-            x_m.push(off_m[1]);
+            shape.y_m.push(off_y_m);
+            x_m.push(off_x_m);
         }
         if shape.z_m.len() < LEAST_POINTS {
             return Err(FrameError::TooFew { path: needle.path.clone(), found: shape.z_m.len() });

@@ -1,0 +1,138 @@
+//! What the sub-commands share that speak OpenIGTLink: a tracker as the ultrasound, and publishing what is measured.
+
+use super::import_shapes::{millimetres, vector};
+use super::output::Output;
+use anyhow::Context;
+use host::identify::{self, identify};
+use host::igtl::channel::{Channel, DELAY_RANGE_S, Settings, TIP};
+use host::igtl::live::USUAL_RATE_HZ;
+use host::igtl::{Live, Publisher, Scene, server};
+use host::model::{Model, Rig};
+use host::model_file::ModelFile;
+use host::session::Session;
+use host::session::import::Frame;
+use std::path::Path;
+
+/// A tracker that tells where the needle is.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Tracker over OpenIGTLink")]
+pub struct TrackerArgs {
+    /// Take shape and tip of the needle from this OpenIGTLink server (tracker, PLUS, 3D Slicer; port 18944 unless given) as the
+    /// ultrasound, in time with the device
+    #[arg(long, value_name = "HOST")]
+    igtl: Option<String>,
+    /// Device name of the POINT messages that are the needle's shape (default: any)
+    #[arg(long, value_name = "NAME", requires = "igtl")]
+    igtl_shape: Option<String>,
+    /// Device name of the TRANSFORM or POSITION messages that are the needle's tip
+    #[arg(long, value_name = "NAME", requires = "igtl", default_value = TIP)]
+    igtl_tip: String,
+    /// Time from what the tracker saw to the stamp of its message, seconds
+    #[arg(long, value_name = "SECONDS", requires = "igtl", default_value_t = 0.0, value_parser = delay_s)]
+    igtl_delay_s: f64,
+    /// A point of the straight needle in the tracker's coordinates, millimetres
+    #[arg(long, value_name = "X,Y,Z", requires = "igtl", value_parser = vector, allow_hyphen_values = true, default_value = "0,0,0")]
+    origin_mm: [f64; 3],
+    /// Position of that point along the needle from guide 1, millimetres
+    #[arg(long, value_name = "MM", requires = "igtl", value_parser = millimetres, default_value_t = 0.0)]
+    origin_z_mm: f64,
+    /// Direction of the straight needle into the tissue, in the tracker's coordinates
+    #[arg(long, value_name = "X,Y,Z", requires = "igtl", value_parser = vector, allow_hyphen_values = true, default_value = "0,0,1")]
+    axis: [f64; 3],
+    /// Direction that is up, the session's y, in the tracker's coordinates
+    #[arg(long, value_name = "X,Y,Z", requires = "igtl", value_parser = vector, allow_hyphen_values = true, default_value = "0,1,0")]
+    up: [f64; 3],
+}
+
+fn delay_s(text: &str) -> Result<f64, String> {
+    let [least, most] = DELAY_RANGE_S;
+    let value = text.parse().ok().filter(|value| (least..=most).contains(value));
+    value.ok_or_else(|| format!("expected a number from {least} to {most}"))
+}
+
+impl TrackerArgs {
+    /// Connects, where a tracker is named.
+    pub fn connect(&self) -> anyhow::Result<Option<Channel>> {
+        let Some(address) = &self.igtl else { return Ok(None) };
+        let frame =
+            Frame::given(self.origin_mm.map(|mm| 1e-3 * mm), 1e-3 * self.origin_z_mm, self.axis, self.up)?;
+        let settings = Settings {
+            shape: self.igtl_shape.clone(),
+            tip: self.igtl_tip.clone(),
+            delay_s: self.igtl_delay_s,
+            frame,
+        };
+        Ok(Some(Channel::connect(address, settings)?))
+    }
+}
+
+/// How often clients hear of the device.
+#[derive(clap::Args)]
+pub struct RateArgs {
+    /// Updates for OpenIGTLink clients per second of the device's clock
+    #[arg(long, value_name = "HZ", default_value_t = USUAL_RATE_HZ, value_parser = rate_hz)]
+    rate_hz: f64,
+}
+
+fn rate_hz(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|value| (0.1..=1000.0).contains(value));
+    value.ok_or_else(|| "expected a number from 0.1 to 1000".to_owned())
+}
+
+impl RateArgs {
+    /// A server there.
+    pub fn serve(&self, address: &str, scene: Scene) -> anyhow::Result<Live> {
+        let publisher = Publisher::bind(server::address(address)?)?;
+        Ok(Live::new(publisher, scene, self.rate_hz))
+    }
+}
+
+/// Publishing beside what else is done.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Publishing over OpenIGTLink")]
+pub struct PublishArgs {
+    /// Publish guide, force and sweeps over OpenIGTLink meanwhile, as `guide serve --igtl` does, and tip and shape where the session
+    /// knows the modulus already; to this machine alone unless an address is given
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = USUAL)]
+    publish: Option<String>,
+    #[command(flatten)]
+    rate: RateArgs,
+}
+
+/// Where clients on this machine look for a server.
+pub const USUAL: &str = "127.0.0.1:18944";
+
+impl PublishArgs {
+    /// Begins to publish, where that is wanted.
+    pub fn begin(&self, rig: &Rig, dir: &Path, depth_mm: f64, out: &Output) -> anyhow::Result<Option<Live>> {
+        let Some(address) = &self.publish else { return Ok(None) };
+        let mut live = self.rate.serve(address, Scene::new(rig.guide2_m, rig.entry_m))?;
+        out.note(format_args!("OpenIGTLink at {}", live.publisher().address()));
+        match Session::read(dir).ok().as_ref().and_then(modulus_pa) {
+            Some(modulus_pa) => know_tissue(live.scene(), rig, modulus_pa, None, depth_mm)?,
+            None => out.note(
+                "tip and shape of the needle are not published: the session does not tell the modulus yet",
+            ),
+        }
+        Ok(Some(live))
+    }
+}
+
+/// Modulus of the tissue as the session's lateral runs have it.
+fn modulus_pa(session: &Session) -> Option<f64> {
+    let found = identify(session, &identify::Options::default()).ok();
+    found.map(|found| 1e3 * found.pooled.k_kpa)
+}
+
+/// Has tip and shape told.
+pub fn know_tissue(
+    scene: &mut Scene,
+    rig: &Rig,
+    modulus_pa: f64,
+    model: Option<&ModelFile>,
+    depth_mm: f64,
+) -> anyhow::Result<()> {
+    let mut believed = Model::uniform(rig.clone(), modulus_pa)?;
+    believed.effects = model.map(ModelFile::effects).unwrap_or_default();
+    scene.tissue(&believed, 1e-3 * depth_mm).context("cannot solve the needle")
+}

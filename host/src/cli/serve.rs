@@ -1,0 +1,255 @@
+//! `guide serve`: results of a session and what its device measures, for whoever listens over OpenIGTLink.
+
+use super::igtl::{RateArgs, USUAL, know_tissue};
+use super::output::Output;
+use super::rig_args::interrupted;
+use anyhow::{Context, bail};
+use host::continuum::Contact;
+use host::identify::{self, Identification, YoungsBy, identify};
+use host::igtl::{Live, Message, Scene, live};
+use host::link::{Client, Telemetry};
+use host::model_file::ModelFile;
+use host::monitor::{Event, Worker};
+use host::predict::{self, predict};
+use host::session::{DEPTH_RANGE_MM, Session};
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::fmt::{self, Display};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{self, Sender};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
+
+/// How often the program looks whether it is to end.
+const LOOK: Duration = Duration::from_millis(50);
+/// How often the session's files are looked at. They are read when they have not changed between two looks.
+const LOOK_AT_FILES: Duration = Duration::from_secs(1);
+
+/// Publish results and live values over OpenIGTLink (3D Slicer, PLUS and others): guide, force, needle, tip, modulus, predicted path
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  guide serve phantom-a --igtl\n  guide serve phantom-a --igtl --port /dev/ttyACM0 --depth-mm 30\n  guide serve \
+                        phantom-a --igtl=0.0.0.0:18944"
+)]
+pub struct Args {
+    /// Session folder: its results are published, and again whenever it changes
+    #[arg(default_value = ".")]
+    dir: PathBuf,
+    /// Serve OpenIGTLink: to this machine alone unless an address is given
+    #[arg(long, required = true, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = USUAL)]
+    igtl: String,
+    /// Serial port of the device: guide and force are published too, tip and shape where the modulus is known
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// How far the needle is in the tissue, millimetres (default: that of the last lateral run)
+    #[arg(long, value_name = "MM", requires = "port", value_parser = super::record::depth_mm)]
+    depth_mm: Option<f64>,
+    /// Foundation modulus, kilopascals, instead of the session's
+    #[arg(long, value_name = "K", value_parser = modulus_kpa)]
+    k_kpa: Option<f64>,
+    /// Take the effects of a model file (model.toml) into the model
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Depth up to which each insertion is seen for the prediction of its rest, millimetres
+    #[arg(long, value_name = "MM", default_value_t = 50.0, value_parser = super::record::depth_mm)]
+    until: f64,
+    #[command(flatten)]
+    rate: RateArgs,
+    /// How long, seconds (default: until interrupted)
+    #[arg(long, value_name = "SECONDS", value_parser = super::record::duration_s)]
+    duration_s: Option<f64>,
+}
+
+fn modulus_kpa(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|value| *value > 0.0 && *value <= 1e4);
+    value.ok_or_else(|| "expected more than 0 and at most 10000 kPa".to_owned())
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    schema: &'static str,
+    session: &'a Path,
+    address: String,
+    port: Option<&'a str>,
+}
+
+impl Display for Report<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "serving    {} over OpenIGTLink at {}", self.session.display(), self.address)?;
+        match self.port {
+            Some(port) => writeln!(f, "device     {port}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let interrupted = interrupted()?;
+    let model = args.model.as_deref().map(ModelFile::read).transpose()?;
+    let session = Session::read(&args.dir)?;
+    let scene = Scene::new(session.rig.guide2_m, session.rig.entry_m);
+    let client = args.port.as_deref().map(Client::connect).transpose()?;
+    let live = Arc::new(Mutex::new(args.rate.serve(&args.igtl, scene)?));
+    let address = lock(&live).publisher().address().to_string();
+    let (remarks, heard) = mpsc::channel();
+    let worker = client.map(|client| follow(client, &live, remarks)).transpose()?;
+    let report = Report { schema: "guide.serve/1", session: &args.dir, address, port: args.port.as_deref() };
+    out.line(&report, &report)?;
+
+    let mut results = Results { args, model, live: &live, noted: BTreeSet::new() };
+    let began = Instant::now();
+    let mut files = FilesWatch::default();
+    let mut look_at = began;
+    let ends =
+        |began: Instant| args.duration_s.is_some_and(|limit_s| began.elapsed().as_secs_f64() > limit_s);
+    while !interrupted.load(Ordering::Acquire) && !ends(began) {
+        if Instant::now() >= look_at {
+            look_at = Instant::now() + LOOK_AT_FILES;
+            if files.has_settled(&args.dir) {
+                results.publish(out);
+            }
+        }
+        heard.try_iter().for_each(|remark: String| out.note(remark));
+        if worker.as_ref().is_some_and(|worker| !worker.is_running()) {
+            bail!("the link's thread has ended");
+        }
+        std::thread::sleep(LOOK);
+    }
+    Ok(())
+}
+
+/// Publishes what the device streams; a lost connection is made again.
+fn follow(client: Client, live: &Arc<Mutex<Live>>, remarks: Sender<String>) -> anyhow::Result<Worker> {
+    let live = Arc::clone(live);
+    let tell = move |event| {
+        let remark = match event {
+            Event::Telemetry(Telemetry::Samples(batch)) => return lock(&live).samples(&batch),
+            Event::Lost(reason) => format!("the device is gone: {reason}"),
+            Event::Connected { .. } | Event::Telemetry(_) | Event::Carried(_) | Event::Command(_) => return,
+        };
+        // Where nobody hears it the program ends.
+        let _ = remarks.send(remark);
+    };
+    Worker::start(client, tell).context("cannot start the link's thread")
+}
+
+/// A thread that has panicked while it published leaves what can go on.
+fn lock(live: &Mutex<Live>) -> MutexGuard<'_, Live> {
+    live.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Results of the session as they are published.
+struct Results<'a> {
+    args: &'a Args,
+    model: Option<ModelFile>,
+    live: &'a Mutex<Live>,
+    noted: BTreeSet<String>,
+}
+
+impl Results<'_> {
+    /// Reads the session and publishes what it gives; what it does not give is said, once.
+    fn publish(&mut self, out: &Output) {
+        let session = match Session::read(&self.args.dir) {
+            Ok(session) => session,
+            Err(error) => return self.note(format!("not published: {error}"), out),
+        };
+        let stamp = live::now();
+        let mut messages: Vec<Message> = Vec::new();
+        let effects = self.model.as_ref().map(ModelFile::effects).unwrap_or_default();
+        let mut found: Option<Identification> = None;
+        if !session.lateral.is_empty() {
+            let relation = YoungsBy::Continuum(Contact::Bonded);
+            let options =
+                identify::Options { relation, fixed: effects.clone(), ..identify::Options::default() };
+            match identify(&session, &options) {
+                Ok(identification) => {
+                    messages.push(Scene::identification(&identification, stamp));
+                    found = Some(identification);
+                }
+                Err(error) => self.note(format!("the modulus is not published: {error}"), out),
+            }
+        }
+        let of_model = self.model.as_ref().and_then(ModelFile::modulus_and_sd_pa);
+        if !session.insertion.is_empty() {
+            let options = predict::Options {
+                until_m: 1e-3 * self.args.until,
+                modulus_pa: of_model.filter(|_| session.lateral.is_empty()),
+                effects,
+                ..predict::Options::default()
+            };
+            match predict(&session, &options) {
+                Ok(prediction) => messages.extend(lock(self.live).scene().prediction(&prediction, stamp)),
+                Err(error) => self.note(format!("the path is not published: {error}"), out),
+            }
+        }
+        if self.args.port.is_some() {
+            let found_kpa = found.map(|found| found.pooled.k_kpa);
+            let k_kpa = self.args.k_kpa.or(found_kpa).or(of_model.map(|[modulus_pa, _]| 1e-3 * modulus_pa));
+            self.know(&session, k_kpa, out);
+        }
+        lock(self.live).publisher().keep(&messages);
+    }
+
+    /// Has tip and shape told.
+    fn know(&mut self, session: &Session, k_kpa: Option<f64>, out: &Output) {
+        let last_mm = session.lateral.last().map(|run| 1e3 * run.depth_m);
+        let Some(depth_mm) = self.args.depth_mm.or(last_mm) else {
+            let [least, most] = DEPTH_RANGE_MM;
+            return self.note(
+                format!("tip and shape of the needle are not published: give its depth with --depth-mm ({least} to {most})"),
+                out,
+            );
+        };
+        let Some(k_kpa) = k_kpa else {
+            return self.note(
+                "tip and shape of the needle are not published: the session does not tell the modulus, nor does --k-kpa".to_owned(),
+                out,
+            );
+        };
+        let known =
+            know_tissue(lock(self.live).scene(), &session.rig, 1e3 * k_kpa, self.model.as_ref(), depth_mm);
+        if let Err(error) = known {
+            self.note(format!("tip and shape of the needle are not published: {error:#}"), out);
+        }
+    }
+
+    fn note(&mut self, text: String, out: &Output) {
+        if self.noted.insert(text.clone()) {
+            out.note(text);
+        }
+    }
+}
+
+/// The session's files, to see when they change.
+#[derive(Default)]
+struct FilesWatch {
+    seen: Option<Vec<(PathBuf, u64, SystemTime)>>,
+    read: Option<Vec<(PathBuf, u64, SystemTime)>>,
+}
+
+impl FilesWatch {
+    /// Whether the files differ from when this was last true, and have not changed since the look before. The first look counts.
+    fn has_settled(&mut self, dir: &Path) -> bool {
+        let now = Self::state(dir);
+        let settled = self.seen.as_ref().is_none_or(|seen| *seen == now) && self.read.as_ref() != Some(&now);
+        self.seen = Some(now.clone());
+        if settled {
+            self.read = Some(now);
+        }
+        settled
+    }
+
+    fn state(dir: &Path) -> Vec<(PathBuf, u64, SystemTime)> {
+        let entries = std::fs::read_dir(dir).into_iter().flatten().flatten();
+        let of = |entry: std::fs::DirEntry| {
+            let about = entry.metadata().ok()?;
+            let is_one = entry.path().extension().is_some_and(|kind| kind == "csv" || kind == "toml");
+            (is_one && about.is_file()).then_some((entry.path(), about.len(), about.modified().ok()?))
+        };
+        let mut state: Vec<_> = entries.filter_map(of).collect();
+        state.sort();
+        state
+    }
+}

@@ -1,0 +1,170 @@
+//! When a message was, on the device's clock. Three clocks meet here: the sender's, this machine's and the device's.
+//!
+//! Neither link says how long it takes, only when things arrive. What arrives has been under way for the least time now and then; the
+//! offset between two clocks is therefore the least difference between arrival and stamp in the last seconds, so that drift is followed
+//! and jitter is not.
+
+use crate::link::Batch;
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+/// Time over which the least delay is looked for.
+const WINDOW: Duration = Duration::from_secs(10);
+/// Most differences that are kept.
+const MOST_KEPT: usize = 1_024;
+/// What arrives this late comes from a clock that was set.
+const SET_S: f64 = 1.0;
+/// How far the device's clock can be ahead of what the newest sample says: the most that a batch is late.
+const AHEAD_S: f64 = 0.05;
+
+/// The least of the differences in a window of time.
+#[derive(Debug, Default)]
+struct Least {
+    /// When and what, both rising: whatever is above a newer one is of no use.
+    kept: VecDeque<(Instant, f64)>,
+}
+
+impl Least {
+    fn add(&mut self, at: Instant, difference_s: f64) -> f64 {
+        while self.kept.back().is_some_and(|(_, kept_s)| *kept_s >= difference_s) {
+            self.kept.pop_back();
+        }
+        self.kept.push_back((at, difference_s));
+        let old = |(then, _): &(Instant, f64)| at.saturating_duration_since(*then) > WINDOW;
+        while self.kept.len() > MOST_KEPT || self.kept.front().is_some_and(old) {
+            self.kept.pop_front();
+        }
+        self.least().unwrap_or(difference_s)
+    }
+
+    fn least(&self) -> Option<f64> {
+        self.kept.front().map(|(_, difference_s)| *difference_s)
+    }
+}
+
+/// The sender's clock and the device's, seen from this machine's.
+#[derive(Debug)]
+pub struct Clocks {
+    began: Instant,
+    sender: Least,
+    device: Least,
+    /// Newest device time and when it arrived.
+    newest: Option<(f64, f64)>,
+}
+
+impl Clocks {
+    /// Nothing is known yet. `began` is the zero of this machine's clock here.
+    pub fn new(began: Instant) -> Self {
+        Self { began, sender: Least::default(), device: Least::default(), newest: None }
+    }
+
+    fn host_s(&self, at: Instant) -> f64 {
+        at.saturating_duration_since(self.began).as_secs_f64()
+    }
+
+    /// Samples have arrived.
+    pub fn samples(&mut self, batch: &Batch, at: Instant) {
+        let Some(last) = batch.points.last() else { return };
+        let host_s = self.host_s(at);
+        self.device.add(at, host_s - last.time_s);
+        self.newest = Some((last.time_s, host_s));
+    }
+
+    /// Device time of a message that arrived then; none before the first sample. `stamp` is zero where the sender does not say when
+    /// it was.
+    pub fn device_s(&mut self, stamp: Duration, at: Instant) -> Option<f64> {
+        let arrived_s = self.host_s(at);
+        let sent_s = if stamp.is_zero() { arrived_s } else { self.sent_s(stamp, at, arrived_s) };
+        let (newest_s, newest_at_s) = self.newest?;
+        // A device that goes slower than its clock says, as one in a simulator can, is not run ahead of.
+        let most_s = newest_s + (sent_s - newest_at_s) + AHEAD_S;
+        self.device.least().map(|offset_s| (sent_s - offset_s).min(most_s))
+    }
+
+    /// When a message would have arrived if it had been as quick as the quickest.
+    fn sent_s(&mut self, stamp: Duration, at: Instant, arrived_s: f64) -> f64 {
+        let difference_s = arrived_s - stamp.as_secs_f64();
+        if self.sender.least().is_some_and(|least_s| difference_s - least_s > SET_S) {
+            self.sender = Least::default();
+        }
+        stamp.as_secs_f64() + self.sender.add(at, difference_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::Point;
+    use protocol::State;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn batch(time_s: f64) -> Batch {
+        let point = Point { time_s, displacement_m: [0.0; 2], force_n: [0.0; 2] };
+        Batch { state: State::Idle, step: None, lost_before: 0, points: vec![point] }
+    }
+
+    /// A minute of samples and messages; the greatest error of the time found, after `warm_s`. `device` and `sender` are the
+    /// clocks, `jitter_s` the most that a message waits beyond the least.
+    fn greatest_error_s(
+        device: impl Fn(f64) -> f64,
+        sender: impl Fn(f64) -> f64,
+        jitter_s: f64,
+        warm_s: f64,
+    ) -> f64 {
+        let began = Instant::now();
+        let mut clocks = Clocks::new(began);
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut worst_s = 0.0f64;
+        for step in 0..6_000 {
+            let now_s = f64::from(step) * 0.01;
+            let at = began + Duration::from_secs_f64(now_s);
+            clocks.samples(&batch(device(now_s)), at);
+            if step % 7 == 0 {
+                let waited_s = jitter_s * random.random::<f64>().powi(2);
+                let stamp = Duration::from_secs_f64(sender(now_s - waited_s));
+                let found_s = clocks.device_s(stamp, at).unwrap();
+                if now_s > warm_s {
+                    worst_s = worst_s.max((found_s - device(now_s - waited_s)).abs());
+                }
+            }
+        }
+        worst_s
+    }
+
+    #[test]
+    fn jitter_and_drift_of_all_clocks_are_followed() {
+        // The sender is decades ahead and 50 ppm fast, the device 100 ppm slow: half a millisecond and a millisecond in the window.
+        let sender = |now_s: f64| 1.7e9 + now_s * (1.0 + 50e-6);
+        let device = |now_s: f64| 3.0 + now_s * (1.0 - 100e-6);
+        let worst_s = greatest_error_s(device, sender, 0.2, 5.0);
+        assert!(worst_s < 4e-3, "{worst_s} s");
+    }
+
+    #[test]
+    fn a_sender_whose_clock_is_set_is_found_again_at_once() {
+        for jump_s in [-3_600.0, 3_600.0] {
+            let sender = |now_s: f64| 1.7e9 + now_s + if now_s > 30.0 { jump_s } else { 0.0 };
+            let worst_s = greatest_error_s(|now_s| now_s, sender, 0.0, 1.0);
+            assert!(worst_s < 1e-3, "{worst_s} s after {jump_s} s");
+        }
+    }
+
+    #[test]
+    fn a_simulated_device_may_be_quick_or_slow() {
+        for speed in [0.2, 1.0, 5.0] {
+            let worst_s = greatest_error_s(|now_s| speed * now_s, |now_s| 1.7e9 + now_s, 0.0, 1.0);
+            assert!(worst_s < 0.051, "{worst_s} s at {speed} times");
+        }
+    }
+
+    #[test]
+    fn without_stamps_the_arrival_counts_and_without_samples_nothing_is_known() {
+        let began = Instant::now();
+        let mut clocks = Clocks::new(began);
+        assert_eq!(clocks.device_s(Duration::from_secs(5), began), None);
+        clocks.samples(&batch(7.0), began + Duration::from_millis(100));
+        let found_s = clocks.device_s(Duration::ZERO, began + Duration::from_millis(120)).unwrap();
+        assert!((found_s - 7.02).abs() < 1e-9, "{found_s}");
+    }
+}

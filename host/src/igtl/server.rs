@@ -1,0 +1,249 @@
+//! A server that tells all its clients the same, and waits for none of them.
+//!
+//! Every client has a thread that writes and one that reads. What is live waits in a short queue per client: where a client is slow,
+//! the oldest is dropped. What stays true (results) is kept, and told to those who come later. A client that does not take a message
+//! within [`PATIENCE`], or sends what is no OpenIGTLink, is left.
+
+use super::IgtlError;
+use super::message::Message;
+use super::wire::Decoder;
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Most clients at a time.
+pub const MOST_CLIENTS: usize = 16;
+/// Updates that wait for a client.
+const QUEUE: usize = 16;
+/// How long a client may not take anything.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How often threads look whether they are still wanted.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// A server under way. Dropping it closes every connection.
+#[derive(Debug)]
+pub struct Publisher {
+    address: SocketAddr,
+    shared: Arc<Shared>,
+    accepting: Option<JoinHandle<()>>,
+}
+
+/// What server and clients share.
+#[derive(Debug, Default)]
+struct Shared {
+    told: Mutex<Told>,
+    news: Condvar,
+    ended: AtomicBool,
+    dropped: AtomicU64,
+}
+
+/// What clients are told.
+#[derive(Debug, Default)]
+struct Told {
+    /// Results by device name, as bytes.
+    kept: BTreeMap<String, Arc<[u8]>>,
+    /// What waits for each client, by its number.
+    queues: BTreeMap<u64, VecDeque<Arc<[u8]>>>,
+    next: u64,
+}
+
+impl Shared {
+    fn told(&self) -> MutexGuard<'_, Told> {
+        // A thread that panicked has left whole entries.
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn has_ended(&self) -> bool {
+        self.ended.load(Ordering::Acquire)
+    }
+}
+
+impl Publisher {
+    /// Listens at an address; port 0 for any that is free.
+    ///
+    /// # Errors
+    /// [`IgtlError::Serve`], [`IgtlError::Thread`].
+    pub fn bind(address: SocketAddr) -> Result<Self, IgtlError> {
+        let cannot = |cause| IgtlError::Serve { address: address.to_string(), cause };
+        let listener = TcpListener::bind(address).map_err(cannot)?;
+        listener.set_nonblocking(true).map_err(cannot)?;
+        let address = listener.local_addr().map_err(cannot)?;
+        let shared = Arc::new(Shared::default());
+        let own = shared.clone();
+        let accepting = std::thread::Builder::new()
+            .name("igtl server".into())
+            .spawn(move || accept(&listener, &own))
+            .map_err(IgtlError::Thread)?;
+        Ok(Self { address, shared, accepting: Some(accepting) })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Clients that are connected.
+    pub fn clients(&self) -> usize {
+        self.shared.told().queues.len()
+    }
+
+    /// Updates that clients were too slow for.
+    pub fn dropped(&self) -> u64 {
+        self.shared.dropped.load(Ordering::Relaxed)
+    }
+
+    /// Tells what is so now. Never waits.
+    pub fn publish(&self, messages: &[Message]) {
+        let bytes: Arc<[u8]> = messages.iter().flat_map(Message::to_bytes).collect();
+        let mut told = self.shared.told();
+        for queue in told.queues.values_mut() {
+            self.enqueue(queue, bytes.clone());
+        }
+        drop(told);
+        self.shared.news.notify_all();
+    }
+
+    /// Tells what stays so until a message of the same type and device name is told, also to clients who come later.
+    pub fn keep(&self, messages: &[Message]) {
+        let mut told = self.shared.told();
+        for message in messages {
+            let bytes: Arc<[u8]> = message.to_bytes().into();
+            told.kept.insert(format!("{} {}", message.content.kind(), message.device), bytes.clone());
+            for queue in told.queues.values_mut() {
+                self.enqueue(queue, bytes.clone());
+            }
+        }
+        drop(told);
+        self.shared.news.notify_all();
+    }
+
+    fn enqueue(&self, queue: &mut VecDeque<Arc<[u8]>>, bytes: Arc<[u8]>) {
+        if queue.len() >= QUEUE {
+            queue.pop_front();
+            self.shared.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        queue.push_back(bytes);
+    }
+}
+
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        self.shared.ended.store(true, Ordering::Release);
+        self.shared.news.notify_all();
+        if let Some(accepting) = self.accepting.take() {
+            let _ = accepting.join();
+        }
+    }
+}
+
+/// Takes clients until the server ends, and waits for their threads then.
+fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
+    let mut threads: Vec<JoinHandle<()>> = Vec::new();
+    while !shared.has_ended() {
+        threads.retain(|thread| !thread.is_finished());
+        match listener.accept() {
+            // More than that are turned away; the connection closes here.
+            Ok((stream, _)) if threads.len() < MOST_CLIENTS => {
+                let own = shared.clone();
+                let named = std::thread::Builder::new().name("igtl client".into());
+                // Where there is no thread there is no client.
+                threads.extend(named.spawn(move || serve(stream, &own)));
+            }
+            Ok(_) => {}
+            // Also where a client was gone before it was taken.
+            Err(_) => std::thread::sleep(LOOK),
+        }
+    }
+    for thread in threads {
+        let _ = thread.join();
+    }
+}
+
+/// One client, from its first message to its last.
+fn serve(stream: TcpStream, shared: &Shared) {
+    let number = {
+        let mut told = shared.told();
+        let number = told.next;
+        told.next += 1;
+        let kept = told.kept.values().cloned().collect();
+        told.queues.insert(number, kept);
+        number
+    };
+    let gone = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            // Ends with the connection; nothing that a client says is needed.
+            let _ = listen(&stream, shared, &gone);
+            gone.store(true, Ordering::Release);
+            shared.news.notify_all();
+        });
+        let _ = speak(&stream, number, shared, &gone);
+        gone.store(true, Ordering::Release);
+        let _ = stream.shutdown(std::net::Shutdown::Both);
+    });
+    shared.told().queues.remove(&number);
+}
+
+/// Writes what waits for a client.
+fn speak(mut stream: &TcpStream, number: u64, shared: &Shared, gone: &AtomicBool) -> io::Result<()> {
+    stream.set_nonblocking(false)?;
+    stream.set_nodelay(true)?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    loop {
+        let bytes = {
+            let mut told = shared.told();
+            loop {
+                if shared.has_ended() || gone.load(Ordering::Acquire) {
+                    return Ok(());
+                }
+                if let Some(bytes) = told.queues.get_mut(&number).and_then(VecDeque::pop_front) {
+                    break bytes;
+                }
+                told = shared.news.wait_timeout(told, LOOK).unwrap_or_else(PoisonError::into_inner).0;
+            }
+        };
+        stream.write_all(&bytes)?;
+    }
+}
+
+/// Reads what a client says, so that it can say it and its end is noticed. Requests are not answered: everything is told anyway.
+fn listen(mut stream: &TcpStream, shared: &Shared, gone: &AtomicBool) -> io::Result<()> {
+    stream.set_read_timeout(Some(LOOK))?;
+    let mut decoder = Decoder::default();
+    let mut bytes = [0; 4096];
+    while !shared.has_ended() && !gone.load(Ordering::Acquire) {
+        match stream.read(&mut bytes) {
+            Ok(0) => return Ok(()),
+            Ok(count) => {
+                let new = bytes.get(..count).unwrap_or_default();
+                decoder.feed(new, |_| {}).map_err(|broken| io::Error::new(ErrorKind::InvalidData, broken))?;
+            }
+            Err(error) if is_pause(&error) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}
+
+/// Whether nothing has arrived, rather than anything being wrong.
+pub(super) fn is_pause(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
+}
+
+/// The address to serve at: `HOST[:PORT]`, this machine alone where no host is given.
+///
+/// # Errors
+/// [`IgtlError::Address`].
+pub fn address(text: &str) -> Result<SocketAddr, IgtlError> {
+    let (host, port) = match text.strip_prefix(':') {
+        Some(port) => super::host_and_port(&format!("127.0.0.1:{port}"))?,
+        None => super::host_and_port(text)?,
+    };
+    let fault = |problem: String| IgtlError::Address { text: text.to_owned(), problem };
+    let mut found = (host.as_str(), port).to_socket_addrs().map_err(|error| fault(error.to_string()))?;
+    found.next().ok_or_else(|| fault("no such host".to_owned()))
+}

@@ -1,0 +1,184 @@
+//! A tracker or PLUS server that tells where the needle is: a thread of its own reads, and connects again when the connection is lost.
+
+use super::message::{Message, MessageError};
+use super::server::is_pause;
+use super::wire::{Arrival, Broken, Decoder};
+use super::{IgtlError, host_and_port};
+use std::io::{self, Read};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{self, Receiver, SyncSender, TrySendError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How long a connection may take.
+const CONNECT: Duration = Duration::from_secs(3);
+/// Time between two attempts.
+const RECONNECT: Duration = Duration::from_secs(1);
+/// How long a peer may stop in the middle of a message.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How often the thread looks whether it is still wanted.
+const LOOK: Duration = Duration::from_millis(100);
+/// Most that waits to be taken: seconds of a quick tracker.
+const QUEUE: usize = 256;
+
+/// What has happened on the connection.
+#[derive(Debug)]
+pub enum News {
+    /// A message, and when it had arrived.
+    Message(Message, Instant),
+    /// One that cannot be read.
+    Unreadable(MessageError),
+    /// One of a type that is not read: type and device name.
+    Passed(String, String),
+    /// The connection is gone, and why; it is tried again.
+    Lost(String),
+    /// It is there again.
+    Back,
+}
+
+/// A connection. Dropping it ends it.
+#[derive(Debug)]
+pub struct Source {
+    address: String,
+    news: Receiver<News>,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    ended: AtomicBool,
+    /// Messages that nobody took in time.
+    dropped: AtomicU64,
+}
+
+/// The connection is of no use any more.
+#[derive(Debug, thiserror::Error)]
+enum Gone {
+    #[error("the peer has closed the connection")]
+    Closed,
+    #[error("the peer stopped in the middle of a message")]
+    Stalled,
+    #[error(transparent)]
+    Broken(#[from] Broken),
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    #[error("nobody listens any more")]
+    Unwanted,
+}
+
+impl Source {
+    /// Connects to `HOST[:PORT]`. The first connection must succeed; later ones are tried until they do.
+    ///
+    /// # Errors
+    /// [`IgtlError`].
+    pub fn connect(address: &str) -> Result<Self, IgtlError> {
+        let (host, port) = host_and_port(address)?;
+        let address = if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") };
+        let cannot = |cause| IgtlError::Connect { address: address.clone(), cause };
+        let stream = open(&host, port).map_err(cannot)?;
+        let (sender, news) = mpsc::sync_channel(QUEUE);
+        let shared = Arc::new(Shared::default());
+        let own = shared.clone();
+        let thread = std::thread::Builder::new()
+            .name("igtl source".into())
+            .spawn(move || run(stream, &host, port, &sender, &own))
+            .map_err(IgtlError::Thread)?;
+        Ok(Self { address, news, shared, thread: Some(thread) })
+    }
+
+    /// Who it is.
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+
+    /// What has happened since the last look. Never waits.
+    pub fn news(&self) -> impl Iterator<Item = News> + '_ {
+        self.news.try_iter()
+    }
+
+    /// Messages that were dropped because nobody took them in time.
+    pub fn dropped(&self) -> u64 {
+        self.shared.dropped.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Source {
+    fn drop(&mut self) {
+        self.shared.ended.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Opens a connection to the first address of the host that answers.
+fn open(host: &str, port: u16) -> io::Result<TcpStream> {
+    let mut last = io::Error::new(io::ErrorKind::NotFound, "no such host");
+    for address in (host, port).to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, CONNECT) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
+}
+
+/// Until nobody wants it any more.
+fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<News>, shared: &Shared) {
+    let tell = |news: News| match sender.try_send(news) {
+        Ok(()) => {}
+        Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
+            shared.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    };
+    let mut connection = Some(stream);
+    while let Some(stream) = connection.take() {
+        match listen(stream, &tell, shared) {
+            Err(Gone::Unwanted) | Ok(()) => return,
+            Err(gone) => tell(News::Lost(gone.to_string())),
+        }
+        while connection.is_none() && !shared.ended.load(Ordering::Acquire) {
+            let next = Instant::now() + RECONNECT;
+            while Instant::now() < next && !shared.ended.load(Ordering::Acquire) {
+                std::thread::sleep(LOOK);
+            }
+            connection = open(host, port).ok();
+            if connection.is_some() {
+                tell(News::Back);
+            }
+        }
+    }
+}
+
+/// One connection, to its end.
+fn listen(mut stream: TcpStream, tell: &impl Fn(News), shared: &Shared) -> Result<(), Gone> {
+    stream.set_read_timeout(Some(LOOK))?;
+    let mut decoder = Decoder::default();
+    let mut bytes = vec![0; 1 << 16];
+    let mut heard = Instant::now();
+    while !shared.ended.load(Ordering::Acquire) {
+        match stream.read(&mut bytes) {
+            Ok(0) => return Err(Gone::Closed),
+            Ok(count) => {
+                heard = Instant::now();
+                decoder.feed(bytes.get(..count).unwrap_or_default(), |arrival| {
+                    tell(match arrival {
+                        Arrival::Message(message) => News::Message(message, heard),
+                        Arrival::Unreadable(why) => News::Unreadable(why),
+                        Arrival::Passed(kind, device) => News::Passed(kind, device),
+                    });
+                })?;
+            }
+            Err(error) if is_pause(&error) => {
+                if decoder.is_inside() && heard.elapsed() > PATIENCE {
+                    return Err(Gone::Stalled);
+                }
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Err(Gone::Unwanted)
+}

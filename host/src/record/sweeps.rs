@@ -1,0 +1,108 @@
+//! The sweeps of a motion program: one per hold that asks for one, or all that a tracker tells.
+
+use super::{RecordError, Recorder, Ultrasound, Witness};
+use crate::link::{Batch, Program};
+use crate::sweep::SweepTask;
+use std::collections::BTreeMap;
+
+/// Time a hold has lasted before a sweep is taken: the guide has settled before, the tissue's quickest creep follows.
+const SWEEP_DELAY_S: f64 = 0.3;
+/// How far a tracker's shape can be ahead of the samples that have arrived.
+const AHEAD_S: f64 = 0.1;
+
+/// Follows a program and sees to its sweeps.
+pub(super) struct Sweeps<'a> {
+    ultrasound: Ultrasound<'a>,
+    /// Steps that still want a sweep, with the device times of their first and their last sample so far.
+    wanted: BTreeMap<u8, Option<[f64; 2]>>,
+    under_way: Option<(SweepTask, u8, f64)>,
+}
+
+impl<'a> Sweeps<'a> {
+    pub fn new(program: &Program, ultrasound: Ultrasound<'a>) -> Self {
+        let has_one = !matches!(ultrasound, Ultrasound::Absent);
+        let wanted = (0u8..).zip(&program.steps).filter(|(_, step)| step.sweep && has_one);
+        Self { wanted: wanted.map(|(index, _)| (index, None)).collect(), ultrasound, under_way: None }
+    }
+
+    /// Looks at samples, after they have been recorded.
+    pub fn follow(
+        &mut self,
+        batch: &Batch,
+        recorder: &mut Recorder,
+        witness: &mut dyn Witness,
+    ) -> Result<(), RecordError> {
+        if let (Some(first), Some(last)) = (batch.points.first(), batch.points.last())
+            && let Some(seen) = batch.step.and_then(|step| self.wanted.get_mut(&step))
+        {
+            let [from_s, _] = seen.unwrap_or([first.time_s, first.time_s]);
+            *seen = Some([from_s, last.time_s]);
+        }
+        match &mut self.ultrasound {
+            Ultrasound::Absent => Ok(()),
+            Ultrasound::Command(_) => self.run_command(batch, recorder, witness),
+            Ultrasound::Tracker(tracker) => {
+                tracker.samples(batch);
+                let times_s = recorder.track(tracker, witness)?;
+                let told = |seen: &Option<[f64; 2]>| {
+                    let [from_s, to_s] = seen.unwrap_or([f64::INFINITY; 2]);
+                    times_s.iter().any(|time_s| (from_s..=to_s + AHEAD_S).contains(time_s))
+                };
+                self.wanted.retain(|_, seen| !told(seen));
+                Ok(())
+            }
+        }
+    }
+
+    /// Starts the command in a hold that wants a sweep, and takes what it has printed.
+    fn run_command(
+        &mut self,
+        batch: &Batch,
+        recorder: &mut Recorder,
+        witness: &mut dyn Witness,
+    ) -> Result<(), RecordError> {
+        if let Some((task, step, time_s)) = self.under_way.take() {
+            match task.finished() {
+                Ok(sweep) => {
+                    if batch.step != Some(step) {
+                        return Err(RecordError::HoldTooShort { number: usize::from(step) + 1 });
+                    }
+                    let sweep = sweep?;
+                    recorder.sweep(&sweep, time_s)?;
+                    witness.sweep(&sweep, time_s);
+                }
+                Err(task) if batch.step == Some(step) => self.under_way = Some((task, step, time_s)),
+                Err(_) => return Err(RecordError::HoldTooShort { number: usize::from(step) + 1 }),
+            }
+        }
+        let Some((step, [from_s, _])) = batch.step.and_then(|step| Some((step, (*self.wanted.get(&step)?)?)))
+        else {
+            return Ok(());
+        };
+        // The sample is chosen by its own time: where batches begin and end differs from run to run.
+        let due = batch.points.iter().find(|point| point.time_s >= from_s + SWEEP_DELAY_S);
+        if let (Ultrasound::Command(command), Some(due)) = (&self.ultrasound, due) {
+            self.wanted.remove(&step);
+            self.under_way = Some((SweepTask::start(command)?, step, due.time_s));
+        }
+        Ok(())
+    }
+
+    /// Whether every hold that wanted a sweep had one.
+    pub fn check_complete(&self) -> Result<(), RecordError> {
+        let number = |step: &u8| usize::from(*step) + 1;
+        if let Some((_, step, _)) = &self.under_way {
+            return Err(RecordError::HoldTooShort { number: number(step) });
+        }
+        match self.wanted.first_key_value() {
+            Some((step, Some(_))) => Err(match self.ultrasound {
+                Ultrasound::Tracker(_) => RecordError::HoldNotTracked { number: number(step) },
+                Ultrasound::Command(_) | Ultrasound::Absent => {
+                    RecordError::HoldTooShort { number: number(step) }
+                }
+            }),
+            Some((step, None)) => Err(RecordError::HoldNotSeen { number: number(step) }),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Other people's OpenIGTLink: `pyigtl` for Python, and the C++ library's examples as Debian packages them.
+//!
+//! Both are set up in `target/peers` when they are first needed; where they cannot be had, the reason is told instead. Nothing is
+//! installed in the system.
+
+use crate::images::root;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Mutex;
+
+/// Debian's packages: the library, its headers, its examples.
+const PACKAGES: [&str; 3] = ["libopenigtlink1.11", "libopenigtlink-dev", "openigtlink-examples"];
+/// One set-up at a time.
+static SET_UP: Mutex<()> = Mutex::new(());
+
+/// A process that is ended when it is dropped.
+#[derive(Debug)]
+pub struct Running(pub Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Folder of a set-up, once it is complete; `make` makes it.
+fn folder(name: &str, make: impl FnOnce(&Path) -> Result<(), String>) -> Result<PathBuf, String> {
+    let _turn = SET_UP.lock();
+    let folder = root().join("target/peers").join(name);
+    let complete = folder.join("complete");
+    if !complete.exists() {
+        let cannot = |error: std::io::Error| format!("{}: {error}", folder.display());
+        // What an earlier attempt has left.
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).map_err(cannot)?;
+        make(&folder)?;
+        fs::write(&complete, "").map_err(cannot)?;
+    }
+    Ok(folder)
+}
+
+fn run(command: &mut Command) -> Result<Output, String> {
+    let name = command.get_program().to_string_lossy().into_owned();
+    let output = command.stdin(Stdio::null()).output().map_err(|error| format!("{name}: {error}"))?;
+    if output.status.success() {
+        return Ok(output);
+    }
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    Err(format!("{name} failed: {}", said.lines().last().unwrap_or_default()))
+}
+
+/// A Python that has `pyigtl`.
+///
+/// # Errors
+/// Why there is none.
+pub fn python() -> Result<PathBuf, String> {
+    let made = folder("python", |folder| {
+        run(Command::new("python3").args(["-m", "venv"]).arg(folder))?;
+        let requirements = scripts().join("requirements.txt");
+        let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
+        run(Command::new(folder.join("bin/python")).args(pip).arg(requirements)).map(|_| ())
+    })?;
+    Ok(made.join("bin/python"))
+}
+
+/// Scripts for that Python.
+pub fn scripts() -> PathBuf {
+    root().join("tests/peers")
+}
+
+/// Folder with the C++ library's examples as programs.
+///
+/// # Errors
+/// Why there is none.
+pub fn examples(names: &[&str]) -> Result<PathBuf, String> {
+    folder("openigtlink", |folder| {
+        run(Command::new("apt-get").args(["download", "--quiet"]).args(PACKAGES).current_dir(folder))?;
+        for entry in fs::read_dir(folder).map_err(|error| error.to_string())?.flatten() {
+            if entry.path().extension().is_some_and(|kind| kind == "deb") {
+                run(Command::new("dpkg-deb").arg("--extract").arg(entry.path()).arg(folder))?;
+            }
+        }
+        let library = folder.join("usr/lib/libOpenIGTLink.so.1.11");
+        for name in names {
+            let source =
+                folder.join("usr/share/doc/openigtlink-examples/examples").join(format!("{name}.cxx"));
+            let program = folder.join(Path::new(name).file_name().unwrap_or_default());
+            let mut compiler = Command::new("g++");
+            compiler.args(["-w", "-pthread", "-o"]).arg(program).arg(source).arg("-I");
+            compiler.arg(folder.join("usr/include/openigtlink")).arg(&library);
+            run(compiler.arg(format!("-Wl,-rpath,{}", folder.join("usr/lib").display())))?;
+        }
+        Ok(())
+    })
+}
