@@ -7,6 +7,7 @@ pub mod cosim;
 pub mod demo;
 pub mod images;
 pub mod qemu;
+pub mod readme;
 pub mod setup;
 pub mod size;
 pub mod stress;

@@ -1,9 +1,11 @@
 //! The firmware in QEMU against the simulated rig, from end to end: driven with the host library and with the program
-//! `guide`. They need QEMU, so `cargo test` leaves them out and `cargo xtask test` runs them.
+//! `guide`. They need QEMU, so `cargo test` leaves them out and `cargo xtask test` runs them; what README.md shows
+//! without a rig is held to the programs by both.
 
 mod hazards;
 mod library;
 mod machine;
 mod ports;
 mod program;
+mod readme;
 mod rig_matches;
