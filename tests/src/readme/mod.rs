@@ -96,7 +96,8 @@ pub fn run(args: &Args) -> Result<()> {
     for (block, _) in &fresh {
         println!("made anew: {}", block.place());
     }
-    let fresh: Vec<(Block, String)> = fresh.into_iter().map(|(block, text)| (block.clone(), text)).collect();
+    let fresh: Vec<(Block, String)> =
+        fresh.into_iter().map(|(block, text)| (block.clone(), same::shown(&text))).collect();
     page.replace(fresh);
     if let Some(drawn) = drawn {
         pictures::take(&page, &drawn)?;

@@ -5,17 +5,21 @@ use regex::Regex;
 use similar::TextDiff;
 use std::sync::LazyLock;
 
-/// What differs by nature, and what stands for it in a comparison.
-const EVERYWHERE: [(&str, &str); 5] = [
+/// What differs by nature, and what stands for it on the page too.
+const SHOWN: [(&str, &str); 2] = [
     // The folder of a run of the rig.
     (r"[^\s']*/needle-guide-\w{6}/", "/tmp/needle-guide-AbCdEf/"),
+    // The commit that the firmware was built from.
+    (r"(firmware \d+\.\d+\.\d+) \([^)]*\)", "$1 (1a2b3c4d5)"),
+];
+
+/// What differs by nature, and what stands for it in a comparison.
+const COMPARED: [(&str, &str); 3] = [
     // Seconds of this machine.
     (r"(start of QEMU to K:) [0-9.]+ s", "$1 0 s"),
     // How long a raw recording is depends on when the host asked for the stream.
     (r"\d+ bytes", "0 bytes"),
     (r"(?m)^samples    .* of the device's clock$", "samples"),
-    // The commit that the firmware was built from.
-    (r"(firmware \d+\.\d+\.\d+) \([^)]*\)", "$1 (0)"),
 ];
 
 /// On a live screen, which shows the moment: what is drawn in plots, numbers, and the room that they take.
@@ -24,14 +28,23 @@ const LIVE: [(&str, &str); 3] = [(r"(?m)^.*│.*$", "│"), (r"[-+]?\d[\d.]*", "
 /// The part of the rig that shows the moment.
 const LIVE_PART: &str = "live";
 
-static PATTERNS: LazyLock<[Vec<(Regex, &str)>; 2]> = LazyLock::new(|| {
-    let compiled = |list: &[(&str, &'static str)]| {
-        list.iter()
-            .map(|(pattern, with)| (Regex::new(pattern).expect("patterns are constants"), *with))
-            .collect()
-    };
-    [compiled(&EVERYWHERE), compiled(&LIVE)]
-});
+/// Patterns, and what stands for what they find.
+type Stand = Vec<(Regex, &'static str)>;
+
+fn compiled(list: &[(&str, &'static str)]) -> Stand {
+    let one = |(pattern, with): &(&str, _)| (Regex::new(pattern).expect("patterns are constants"), *with);
+    list.iter().map(one).collect()
+}
+
+fn replaced(text: &str, stand: &Stand) -> String {
+    stand.iter().fold(text.to_owned(), |text, (pattern, with)| pattern.replace_all(&text, *with).into_owned())
+}
+
+/// The text as the page shows it.
+pub fn shown(text: &str) -> String {
+    static PATTERNS: LazyLock<Stand> = LazyLock::new(|| compiled(&SHOWN));
+    replaced(text, &PATTERNS)
+}
 
 /// Whether the block says this already.
 pub fn same(block: &Block, fresh: &str) -> bool {
@@ -47,13 +60,10 @@ pub fn told(block: &Block, fresh: &str) -> String {
 }
 
 fn normal(block: &Block, text: &str) -> String {
-    let live = block.made == Made::Rig(LIVE_PART.to_owned());
-    let [everywhere, moment] = &*PATTERNS;
-    let mut text = format!("{}\n", text.trim_end());
-    for (pattern, with) in everywhere.iter().chain(moment.iter().filter(|_| live)) {
-        text = pattern.replace_all(&text, *with).into_owned();
-    }
-    text
+    static EVERYWHERE: LazyLock<Stand> = LazyLock::new(|| compiled(&COMPARED));
+    static MOMENT: LazyLock<Stand> = LazyLock::new(|| compiled(&LIVE));
+    let text = replaced(&shown(&format!("{}\n", text.trim_end())), &EVERYWHERE);
+    if block.made == Made::Rig(LIVE_PART.to_owned()) { replaced(&text, &MOMENT) } else { text }
 }
 
 #[cfg(test)]
