@@ -88,6 +88,8 @@ fn typed(page: &Page) -> Vec<(usize, String)> {
         } else if let Some(command) = line.strip_prefix("<!-- readme: long ") {
             found.push((number + 1, command.trim_end_matches(" -->").to_owned()));
         } else {
+            // What is broken over two lines would be read the wrong way round.
+            assert!(line.matches('`').count().is_multiple_of(2), "README.md:{}: code has no end", number + 1);
             found.extend(line.split('`').skip(1).step_by(2).map(|code| (number + 1, code.to_owned())));
         }
     }
