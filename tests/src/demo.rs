@@ -84,6 +84,14 @@ impl Outcome {
         value.and_then(Value::as_f64).with_context(|| format!("identify gave no {field} by {method}"))
     }
 
+    /// Relative error of the identified modulus.
+    ///
+    /// # Errors
+    /// Where the result has none.
+    pub fn error(&self) -> Result<f64> {
+        Ok(self.number("likelihood", "k_kpa")? / (self.truth.modulus_pa * 1e-3) - 1.0)
+    }
+
     /// Share of the measured tip positions beyond what was seen that lie inside the predicted bands.
     pub fn share_inside(&self) -> f64 {
         let (mut inside, mut all) = (0.0, 0.0);
@@ -140,24 +148,7 @@ impl Outcome {
 pub fn run(args: &Args) -> Result<()> {
     setup::ensure_all()?;
     let outcome = procedure(&this_program()?, args.seed, &args.out, &mut |text| print!("{text}"))?;
-    let true_kpa = outcome.truth.modulus_pa * 1e-3;
-    let found_kpa = outcome.number("likelihood", "k_kpa")?;
-    let [low_kpa, high_kpa] = outcome.interval_kpa()?;
-    let error = found_kpa / true_kpa - 1.0;
-    let inside = (low_kpa..=high_kpa).contains(&true_kpa);
-    println!("what nobody told the estimator (seed {}):", args.seed);
-    println!("  true K           {true_kpa:.2} kPa");
-    println!("  identified K     {found_kpa:.2} kPa, off by {:+.1} %", 100.0 * error);
-    let verdict = if inside { "contains" } else { "misses" };
-    println!("  95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K");
-    println!("  start of QEMU to K: {:.1} s", outcome.elapsed.as_secs_f64());
-    println!(
-        "  tip beyond 50 mm: off by {:.2} mm on average ({:.2} mm by a quadratic), {:.0} % inside the 95 % bands",
-        outcome.path_error_mm(None),
-        outcome.path_error_mm(Some("quadratic")),
-        100.0 * outcome.share_inside()
-    );
-    println!("the session is in {}", args.out.join(SESSION).display());
+    print!("{}", judgement(&outcome, args.seed, &args.out)?);
     println!();
     println!(
         "another rig, which hides an effect; the firmware runs the diagnostic staircase at three depths:\n"
@@ -165,14 +156,40 @@ pub fn run(args: &Args) -> Result<()> {
     let found = hidden::diagnosis(&this_program()?, args.seed, &args.out, &hidden::PLAN, &mut |text| {
         print!("{text}")
     })?;
-    let values: Vec<String> = found.hidden.values.iter().map(f64::to_string).collect();
-    println!("what the rig hid (seed {}): {} {}", args.seed, found.hidden.id, values.join(", "));
+    println!("{}", found.told(args.seed));
     println!("figures and the augmented model are in {}", args.out.display());
-    let lost = outcome.lost_samples();
+    let (lost, error) = (outcome.lost_samples(), outcome.error()?);
     ensure!(lost == 0.0, "{lost} samples were lost on the way");
     ensure!(error.abs() < 0.1, "the identified modulus is off by {:.0} %", 100.0 * error);
     ensure!(found.is_in_class(), "the hidden effect {} is not found", found.hidden.id);
     Ok(())
+}
+
+/// What was found against what was true, in words.
+///
+/// # Errors
+/// Where the result lacks a number.
+pub fn judgement(outcome: &Outcome, seed: u64, out: &Path) -> Result<String> {
+    let true_kpa = outcome.truth.modulus_pa * 1e-3;
+    let found_kpa = outcome.number("likelihood", "k_kpa")?;
+    let [low_kpa, high_kpa] = outcome.interval_kpa()?;
+    let verdict = if (low_kpa..=high_kpa).contains(&true_kpa) { "contains" } else { "misses" };
+    Ok(format!(
+        "what nobody told the estimator (seed {seed}):
+  true K           {true_kpa:.2} kPa
+  identified K     {found_kpa:.2} kPa, off by {:+.1} %
+  95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K
+  start of QEMU to K: {:.1} s
+  tip beyond 50 mm: off by {:.2} mm on average ({:.2} mm by a quadratic), {:.0} % inside the 95 % bands
+the session is in {}
+",
+        100.0 * outcome.error()?,
+        outcome.elapsed.as_secs_f64(),
+        outcome.path_error_mm(None),
+        outcome.path_error_mm(Some("quadratic")),
+        100.0 * outcome.share_inside(),
+        out.join(SESSION).display(),
+    ))
 }
 
 const SESSION: &str = "phantom";
@@ -279,9 +296,11 @@ impl Typist<'_> {
     }
 
     fn echo(&mut self, arguments: &[&str]) {
-        let quoted = arguments.iter().map(|argument| match argument.contains(' ') {
-            true => format!("\"{argument}\""),
-            false => (*argument).to_owned(),
+        let quoted = arguments.iter().map(|argument| match *argument {
+            // Long commands go on in the next line; which they are must not depend on how long paths are.
+            "--rig" | "--sweep-command" => format!("\\\n    {argument}"),
+            text if text.contains(' ') => format!("\"{text}\""),
+            text => text.to_owned(),
         });
         (self.say)(&format!("$ guide {}\n", quoted.collect::<Vec<_>>().join(" ")));
     }

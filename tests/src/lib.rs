@@ -8,6 +8,7 @@ pub mod demo;
 pub mod images;
 pub mod peers;
 pub mod qemu;
+pub mod readme;
 pub mod setup;
 pub mod size;
 pub mod stress;

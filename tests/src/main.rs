@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{cosim, demo, setup, size, stress, study, suite, timing, tracking};
+use tests::{cosim, demo, readme, setup, size, stress, study, suite, timing, tracking};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -26,6 +26,8 @@ enum Task {
     Setup,
     /// Build the image for the board and compare its flash and RAM use with the committed figures
     Size(size::Args),
+    /// Make the outputs and pictures of README.md anew, or compare them
+    Readme(readme::Args),
     /// Make a table of the documentation, or one that comes with the tool
     Study(study::Args),
     /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
@@ -61,6 +63,7 @@ fn run(task: Task) -> Result<()> {
         Task::Lint => suite::lint(),
         Task::Setup => setup::ensure_all(),
         Task::Size(args) => size::run(&args),
+        Task::Readme(args) => readme::run(&args),
         Task::Study(args) => study::run(&args),
         Task::Tracking => {
             println!("{}", tracking::run()?);

@@ -20,9 +20,12 @@ pub struct Args {
     /// What they are drawn from
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Steering runs of each kind
-    #[arg(long, default_value_t = 120)]
+    /// Steering runs of each kind for the estimators of others
+    #[arg(long, default_value_t = 60)]
     runs: usize,
+    /// Steering runs of each kind for the sound estimator
+    #[arg(long, default_value_t = 1000)]
+    sound_runs: usize,
     /// Blind sessions of every effect and strength
     #[arg(long, default_value_t = 4)]
     repeats: usize,
@@ -92,10 +95,17 @@ fn insertion(args: &Args) -> Result<()> {
 }
 
 fn steering(args: &Args) -> Result<()> {
-    ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
-    let cells = host::track::study::study(args.runs, 20, args.seed, |name| name.starts_with(&args.method))?;
+    for (option, runs) in [("--runs", args.runs), ("--sound-runs", args.sound_runs)] {
+        ensure!((1..=100_000).contains(&runs), "{option} is {runs}, expected 1 to 100000");
+    }
+    let runs = |method: &str| match method {
+        _ if !method.starts_with(&args.method) => 0,
+        _ if method.starts_with("sound") => args.sound_runs,
+        _ => args.runs,
+    };
+    let cells = host::track::study::study(runs, 20, args.seed)?;
     println!(
-        "| method | motion | tip noise, mm | converged | after, mm | tip error RMS, mm | largest, mm | stiffness off by | damping off by | in the 95 % interval |\n\
+        "| method | motion | tip noise, mm | converged | from, mm | tip error RMS, mm | largest, mm | stiffness off by | damping off by | held by the 95 % interval: stiffness, damping |\n\
          |---|---|---|---|---|---|---|---|---|---|"
     );
     for cell in &cells {
@@ -129,7 +139,10 @@ fn steering(args: &Args) -> Result<()> {
             share(cell.coverage[1]),
         );
     }
-    println!("{} runs of each kind, seed {}", args.runs, args.seed);
+    println!(
+        "{} runs of each kind, {} of the sound estimator, seed {}",
+        args.runs, args.sound_runs, args.seed
+    );
     Ok(())
 }
 

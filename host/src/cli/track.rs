@@ -89,7 +89,10 @@ struct Text<'a>(&'a Tracking);
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let runs = &self.0.runs;
-        let width = runs.iter().map(|run| run.id.chars().count()).fold(9, usize::max);
+        let ids = runs.iter().map(|run| run.id.chars().count());
+        let methods =
+            runs.iter().flat_map(|run| &run.compare).map(|other| "- ".len() + other.method.chars().count());
+        let width = ids.chain(methods).fold(9, usize::max);
         writeln!(
             f,
             "mean over the inserted part at the end of the run (95 % interval); tip simulated with what was known then"

@@ -40,9 +40,13 @@ pub(super) fn pool(runs: &[Fitted], options: &Options, warnings: &mut Vec<String
         // Runs that differ more than their noise tell how well a shared K is known.
         estimate.sd_ln = estimate.sd_ln.max((q / freedom / weight).sqrt());
         estimate.quantile = student_975(freedom);
+        // Smaller ones are lost in the rounding of the distribution.
+        let p = match p.unwrap_or_default() {
+            p if p < 1e-12 => "p below 1e-12".to_owned(),
+            p => format!("p = {p:.2e}"),
+        };
         warnings.push(format!(
-            "the runs disagree on K beyond their noise (p = {:.2e}): the pooled interval is widened, and one K may not describe this tissue",
-            p.unwrap_or_default()
+            "the runs disagree on K beyond their noise ({p}): the pooled interval is widened, and one K may not describe this tissue"
         ));
     }
     let k_kpa = estimate.k_kpa();

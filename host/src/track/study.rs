@@ -76,16 +76,11 @@ pub struct Cell {
     pub coverage: [Option<f64>; 2],
 }
 
-/// Runs every method on `runs` runs per cell; `only` leaves methods out.
+/// Runs every method on as many runs per cell as `runs` says; those with none are left out.
 ///
 /// # Errors
 /// Where the model cannot be evaluated, which it can for these rigs.
-pub fn study(
-    runs: usize,
-    tissues: usize,
-    seed: u64,
-    only: impl Fn(&str) -> bool,
-) -> Result<Vec<Cell>, TrackError> {
+pub fn study(runs: impl Fn(&str) -> usize, tissues: usize, seed: u64) -> Result<Vec<Cell>, TrackError> {
     let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
     let dynamics = Dynamics::steel(&rig.needle, LENGTH_M, FIXTURE_KG);
     let mut cells = Vec::new();
@@ -102,7 +97,9 @@ pub fn study(
         }
         for tip_sd_mm in TIP_SD_MM {
             let sensors = Sensors { base_m: BASE_SD_M, force_n: FORCE_SD_N, tip_m: 1e-3 * tip_sd_mm };
-            for method in METHODS.into_iter().filter(|method| only(method)) {
+            for (method, runs) in
+                METHODS.map(|method| (method, runs(method))).into_iter().filter(|(_, runs)| *runs > 0)
+            {
                 let mut judged = Vec::new();
                 for number in 0..runs {
                     let (tissue, truth) = &truths[number % truths.len()];

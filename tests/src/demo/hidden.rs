@@ -34,6 +34,12 @@ impl Found {
         ids.any(|id| id.as_str() == Some(&self.hidden.id))
     }
 
+    /// What was hidden, in words.
+    pub fn told(&self, seed: u64) -> String {
+        let values: Vec<String> = self.hidden.values.iter().map(f64::to_string).collect();
+        format!("what the rig hid (seed {seed}): {} {}", self.hidden.id, values.join(", "))
+    }
+
     /// Share of the removable gap that is gone on runs that no fit has seen.
     pub fn removed(&self) -> Option<f64> {
         self.diagnosis.pointer("/gap/removed").and_then(Value::as_f64)

@@ -1,5 +1,6 @@
 //! The firmware in QEMU against the simulated rig, from end to end: driven with the host library and with the program
-//! `guide`. They need QEMU, so `cargo test` leaves them out and `cargo xtask test` runs them.
+//! `guide`. They need QEMU, so `cargo test` leaves them out and `cargo xtask test` runs them; what README.md shows
+//! without a rig is held to the programs by both.
 
 mod hazards;
 mod igtl;
@@ -7,4 +8,5 @@ mod library;
 mod machine;
 mod ports;
 mod program;
+mod readme;
 mod rig_matches;

@@ -8,22 +8,33 @@ use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 use tests::bench::Bench;
-use tests::demo::hidden::diagnosis;
-use tests::demo::{Outcome, procedure};
+use tests::demo::hidden::{PLAN, diagnosis};
+use tests::demo::{Outcome, judgement, procedure};
 use tests::images::build_guide;
+use tests::readme::{self, shell::Shell};
 
-fn run_procedure(seed: u64) -> (Outcome, String) {
+const XTASK: &str = env!("CARGO_BIN_EXE_xtask");
+
+/// What the procedure finds, its recording, and what README.md shows of it.
+fn run_procedure(seed: u64) -> (Outcome, String, String) {
     let folder = tempfile::tempdir().unwrap();
-    let xtask = Path::new(env!("CARGO_BIN_EXE_xtask"));
-    let outcome = procedure(xtask, seed, folder.path(), &mut |_| {}).unwrap();
-    let force = std::fs::read_to_string(folder.path().join("phantom/d30-1.force.csv")).unwrap();
-    (outcome, force)
+    let out = readme::rig::out(folder.path());
+    let mut said = String::new();
+    let outcome = procedure(Path::new(XTASK), seed, &out, &mut |text| said.push_str(text)).unwrap();
+    said.push_str(&judgement(&outcome, seed, &out).unwrap());
+    if seed == readme::rig::SEED {
+        let shell = Shell::new(build_guide().unwrap(), folder.path());
+        readme::check_console("recording", &shell).unwrap();
+    }
+    let force = std::fs::read_to_string(out.join("phantom/d30-1.force.csv")).unwrap();
+    (outcome, force, readme::rig::as_shown(&said, folder.path(), Path::new(XTASK)))
 }
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn the_procedure_finds_the_modulus_that_nobody_told_it_and_repeats_exactly() {
-    let (outcome, force) = run_procedure(2);
+    let (outcome, force, said) = run_procedure(readme::rig::SEED);
+    readme::check_part("demo", &said).unwrap();
     let true_kpa = outcome.truth.modulus_pa * 1e-3;
     let [low_kpa, high_kpa] = outcome.interval_kpa().unwrap();
     assert!((low_kpa..=high_kpa).contains(&true_kpa), "{true_kpa} kPa is not in {low_kpa} to {high_kpa} kPa");
@@ -48,12 +59,12 @@ fn the_procedure_finds_the_modulus_that_nobody_told_it_and_repeats_exactly() {
         outcome.share_inside()
     );
 
-    let (again, force_again) = run_procedure(2);
+    let (again, force_again, _) = run_procedure(readme::rig::SEED);
     assert!(force == force_again, "the same seed gave another recording");
     assert_eq!(outcome.identified["pooled"], again.identified["pooled"]);
     assert_eq!(outcome.identified["runs"], again.identified["runs"]);
     assert_eq!(outcome.predicted, again.predicted);
-    let (other, _) = run_procedure(4);
+    let (other, _, _) = run_procedure(4);
     assert_ne!(other.truth, outcome.truth);
     assert_ne!(other.identified["pooled"], outcome.identified["pooled"]);
 }
@@ -63,21 +74,24 @@ fn the_procedure_finds_the_modulus_that_nobody_told_it_and_repeats_exactly() {
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_hidden_effect_is_found_from_what_the_firmware_records() {
     let folder = tempfile::tempdir().unwrap();
-    let xtask = Path::new(env!("CARGO_BIN_EXE_xtask"));
-    let found = diagnosis(xtask, 1, folder.path(), &[(20.0, 1), (40.0, 1)], &mut |_| {}).unwrap();
+    let (out, mut said) = (readme::rig::out(folder.path()), String::new());
+    let seed = readme::rig::SEED;
+    let found = diagnosis(Path::new(XTASK), seed, &out, &PLAN, &mut |text| said.push_str(text)).unwrap();
+    said.push_str(&found.told(seed));
+    readme::check_part("hidden", &readme::rig::as_shown(&said, folder.path(), Path::new(XTASK))).unwrap();
     assert!(found.is_in_class(), "{found:#?}");
     assert!(found.removed().unwrap() > 0.9, "{found:#?}");
-    assert!(
-        folder.path().join("model.toml").exists() && folder.path().join("figures/residuals.svg").exists()
-    );
+    assert!(out.join("model.toml").exists() && out.join("figures/residuals.svg").exists());
 }
 
-/// Without a schedule, as by hand: move there, and the status says so.
+/// Without a schedule, as by hand: what README.md types, then move there, and the status says so.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_move_by_hand_arrives() {
     let bench = Bench::start(RigConfig::default(), 21, 4.0, Duration::from_secs(60)).unwrap();
     let guide = build_guide().unwrap();
+    let shell = Shell::new(guide.clone(), bench.folder()).with_port(bench.port());
+    readme::check_console("live", &shell).unwrap();
     let output = Command::new(guide)
         .args(["move", "--port", &bench.port(), "--x-mm", "-0.5", "--y-mm", "0.7", "--json"])
         .output()

@@ -1,0 +1,184 @@
+//! README.md as lines, and the blocks in it that are made.
+
+use anyhow::{Context, Result, bail, ensure};
+use std::fs;
+use std::ops::Range;
+use std::path::Path;
+
+/// What makes a block.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Made {
+    /// Its own commands, without a rig.
+    Quick,
+    /// Nobody: it is a file that later commands read.
+    File(String),
+    /// A part of what a rig shows.
+    Rig(String),
+    /// A command that takes long.
+    Long(String),
+}
+
+/// A marked block: what stands in a fence, or a table.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Block {
+    /// What makes it.
+    pub made: Made,
+    /// Its lines, without the fence, counted from 0.
+    range: Range<usize>,
+    lines: Vec<String>,
+}
+
+impl Block {
+    /// Its lines.
+    pub fn lines(&self) -> &[String] {
+        &self.lines
+    }
+
+    /// Its lines, each with its end.
+    pub fn text(&self) -> String {
+        self.lines.iter().map(|line| format!("{line}\n")).collect()
+    }
+
+    /// File and number of a line of it.
+    pub fn place_of(&self, line: usize) -> String {
+        format!("README.md:{}", self.range.start + line + 1)
+    }
+
+    /// File and number of its first line.
+    pub fn place(&self) -> String {
+        self.place_of(0)
+    }
+
+    /// Whether it is a table of Markdown.
+    pub fn is_table(&self) -> bool {
+        self.lines.first().is_some_and(|line| line.starts_with('|'))
+    }
+}
+
+/// The page.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Page {
+    lines: Vec<String>,
+}
+
+impl Page {
+    /// Reads it.
+    ///
+    /// # Errors
+    /// Where there is none.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let text = fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display()))?;
+        Ok(Self::of(&text))
+    }
+
+    /// From its text.
+    pub fn of(text: &str) -> Self {
+        Self { lines: text.lines().map(str::to_owned).collect() }
+    }
+
+    /// Its lines.
+    pub fn lines(&self) -> &[String] {
+        &self.lines
+    }
+
+    /// The marked blocks.
+    ///
+    /// # Errors
+    /// Where a mark is not understood, has no block after it, or a fence has no end.
+    pub fn blocks(&self) -> Result<Vec<Block>> {
+        let mut blocks = Vec::new();
+        for (number, line) in self.lines.iter().enumerate() {
+            let Some(mark) = line.strip_prefix("<!-- readme: ").and_then(|rest| rest.strip_suffix(" -->"))
+            else {
+                continue;
+            };
+            let place = || format!("README.md:{}: `{mark}`", number + 1);
+            let made = match mark.split_once(' ') {
+                None if mark == "quick" => Made::Quick,
+                Some(("file", name)) => Made::File(name.to_owned()),
+                Some(("rig", part)) => Made::Rig(part.to_owned()),
+                Some(("long", command)) => Made::Long(command.to_owned()),
+                _ => bail!("{}: expected `quick`, `file NAME`, `rig PART` or `long COMMAND`", place()),
+            };
+            let range = self.block_after(number).with_context(place)?;
+            ensure!(!range.is_empty(), "{}: the block is empty", place());
+            blocks.push(Block { made, lines: self.lines[range.clone()].to_vec(), range });
+        }
+        Ok(blocks)
+    }
+
+    fn block_after(&self, mark: usize) -> Result<Range<usize>> {
+        let first = mark + 1;
+        let is =
+            |line: usize, what: &dyn Fn(&str) -> bool| self.lines.get(line).is_some_and(|line| what(line));
+        let end = |from: usize, what: &dyn Fn(&str) -> bool| {
+            (from..self.lines.len()).find(|line| what(&self.lines[*line]))
+        };
+        if is(first, &|line| line.starts_with("```")) {
+            let end = end(first + 1, &|line| line == "```").context("the block has no end")?;
+            return Ok(first + 1..end);
+        }
+        // A table stands apart from a comment, else it is shown as text.
+        if is(first, &str::is_empty) && is(first + 1, &|line| line.starts_with('|')) {
+            let end = end(first + 1, &|line| !line.starts_with('|')).unwrap_or(self.lines.len());
+            return Ok(first + 1..end);
+        }
+        bail!("expected a fence in the next line, or a table after an empty one")
+    }
+
+    /// Gives blocks of this page another text.
+    pub fn replace(&mut self, mut fresh: Vec<(Block, String)>) {
+        // From the end, so that the places before it stay right.
+        fresh.sort_by_key(|(block, _)| std::cmp::Reverse(block.range.start));
+        for (block, text) in fresh {
+            self.lines.splice(block.range, text.lines().map(str::to_owned));
+        }
+    }
+
+    /// Writes it.
+    ///
+    /// # Errors
+    /// Where that is not possible.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        let text: String = self.lines.iter().map(|line| format!("{line}\n")).collect();
+        fs::write(path, text).with_context(|| format!("{}: cannot write", path.display()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "# A\n<!-- readme: quick -->\n```console\n$ guide ports\nnone\n```\n\n\
+                        <!-- readme: long cargo x -->\n\n| a |\n|---|\n| 1 |\n\n```text\nleft alone\n```\n";
+
+    #[test]
+    fn marked_blocks_are_found_and_replaced() {
+        let mut page = Page::of(TEXT);
+        let blocks = page.blocks().unwrap();
+        assert_eq!(blocks.len(), 2);
+        assert_eq!(
+            (&blocks[0].made, blocks[0].place(), blocks[0].text().as_str()),
+            (&Made::Quick, "README.md:4".to_owned(), "$ guide ports\nnone\n")
+        );
+        assert_eq!((blocks[1].is_table(), blocks[1].lines().len()), (true, 3));
+        let fresh = ["$ guide ports\none\ntwo", "| a |\n|---|\n| 2 |"];
+        page.replace(blocks.into_iter().zip(fresh.map(str::to_owned)).collect());
+        assert_eq!(page, Page::of(&TEXT.replace("none", "one\ntwo").replace("| 1 |", "| 2 |")));
+    }
+
+    #[test]
+    fn marks_that_are_not_understood_are_named() {
+        for (text, word) in [
+            ("<!-- readme: slow -->\n```\na\n```\n", "README.md:1: `slow`: expected `quick`"),
+            ("<!-- readme: quick -->\ntext\n", "expected a fence"),
+            ("<!-- readme: quick -->\n```\nno end\n", "has no end"),
+            ("<!-- readme: quick -->\n```\n```\n", "is empty"),
+        ] {
+            let error = format!("{:#}", Page::of(text).blocks().unwrap_err());
+            assert!(error.contains(word), "{error}");
+        }
+    }
+}

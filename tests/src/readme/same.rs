@@ -1,0 +1,95 @@
+//! Whether a block says what its command says now, but for what differs from run to run.
+
+use super::page::{Block, Made};
+use regex::Regex;
+use similar::TextDiff;
+use std::sync::LazyLock;
+
+/// What differs by nature, and what stands for it on the page too.
+const SHOWN: [(&str, &str); 2] = [
+    // The folder of a run of the rig.
+    (r"[^\s']*/needle-guide-\w{6}/", "/tmp/needle-guide-AbCdEf/"),
+    // The commit that the firmware was built from.
+    (r"(firmware \d+\.\d+\.\d+) \([^)]*\)", "$1 (1a2b3c4d5)"),
+];
+
+/// What differs by nature, and what stands for it in a comparison.
+const COMPARED: [(&str, &str); 3] = [
+    // Seconds of this machine.
+    (r"(start of QEMU to K:) [0-9.]+ s", "$1 0 s"),
+    // How long a raw recording is depends on when the host asked for the stream.
+    (r"\d+ bytes", "0 bytes"),
+    (r"(?m)^samples    .* of the device's clock$", "samples"),
+];
+
+/// On a live screen, which shows the moment: what is drawn in plots, numbers, and the room that they take.
+const LIVE: [(&str, &str); 3] = [(r"(?m)^.*│.*$", "│"), (r"[-+]?\d[\d.]*", "0"), (r"[ \t]+", " ")];
+
+/// The part of the rig that shows the moment.
+const LIVE_PART: &str = "live";
+
+/// Patterns, and what stands for what they find.
+type Stand = Vec<(Regex, &'static str)>;
+
+fn compiled(list: &[(&str, &'static str)]) -> Stand {
+    let one = |(pattern, with): &(&str, _)| (Regex::new(pattern).expect("patterns are constants"), *with);
+    list.iter().map(one).collect()
+}
+
+fn replaced(text: &str, stand: &Stand) -> String {
+    stand.iter().fold(text.to_owned(), |text, (pattern, with)| pattern.replace_all(&text, *with).into_owned())
+}
+
+/// The text as the page shows it.
+pub fn shown(text: &str) -> String {
+    static PATTERNS: LazyLock<Stand> = LazyLock::new(|| compiled(&SHOWN));
+    replaced(text, &PATTERNS)
+}
+
+/// Whether the block says this already.
+pub fn same(block: &Block, fresh: &str) -> bool {
+    normal(block, &block.text()) == normal(block, fresh)
+}
+
+/// The difference, with its place.
+pub fn told(block: &Block, fresh: &str) -> String {
+    let (shown, fresh) = (normal(block, &block.text()), normal(block, fresh));
+    let diff = TextDiff::from_lines(&shown, &fresh);
+    let diff = diff.unified_diff().context_radius(2).header("README.md", "the command").to_string();
+    format!("{}: the output is another one:\n{diff}", block.place())
+}
+
+fn normal(block: &Block, text: &str) -> String {
+    static EVERYWHERE: LazyLock<Stand> = LazyLock::new(|| compiled(&COMPARED));
+    static MOMENT: LazyLock<Stand> = LazyLock::new(|| compiled(&LIVE));
+    let text = replaced(&shown(&format!("{}\n", text.trim_end())), &EVERYWHERE);
+    if block.made == Made::Rig(LIVE_PART.to_owned()) { replaced(&text, &MOMENT) } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::readme::page::Page;
+
+    fn block(made: &str, text: &str) -> Block {
+        let page = format!("<!-- readme: {made} -->\n```console\n{text}\n```\n");
+        Page::of(&page).blocks().unwrap().remove(0)
+    }
+
+    #[test]
+    fn only_what_differs_by_nature_is_forgiven() {
+        let shown = block("rig demo", "$ guide home --port /tmp/needle-guide-KP2mC9/serial\nK 14.44 kPa");
+        assert!(same(&shown, "$ guide home --port /var/needle-guide-a1b2c3/serial\nK 14.44 kPa\n"));
+        let other = "$ guide home --port /tmp/needle-guide-KP2mC9/serial\nK 14.45 kPa\n";
+        assert!(!same(&shown, other));
+        let told = told(&shown, other);
+        assert!(told.starts_with("README.md:3: ") && told.contains("-K 14.44 kPa\n+K 14.45 kPa"), "{told}");
+    }
+
+    #[test]
+    fn a_live_screen_may_show_another_moment_but_no_other_fields() {
+        let shown = block("rig live", "   2.0│  ⠰⠶y\n y     +0.787 mm\n state    idle");
+        assert!(same(&shown, "   3.0│ ⠰⠶⠶⠶⠶y\n y    -10.79 mm\n state    idle\n"));
+        assert!(!same(&shown, "   3.0│ ⠰⠶⠶⠶⠶y\n y    -10.79 mm\n state    fault\n"));
+    }
+}

@@ -1,0 +1,119 @@
+//! Console blocks: the commands in them, run in one folder.
+
+use super::page::Block;
+use anyhow::{Context, Result, bail, ensure};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Where the commands of console blocks run, and what stands for what the page names.
+#[derive(Debug, Clone)]
+pub struct Shell {
+    guide: PathBuf,
+    folder: PathBuf,
+    port: Option<String>,
+}
+
+impl Shell {
+    /// Runs this `guide` in this folder.
+    pub fn new(guide: PathBuf, folder: &Path) -> Self {
+        Self { guide, folder: folder.to_owned(), port: None }
+    }
+
+    /// With this port in place of the page's.
+    #[must_use]
+    pub fn with_port(self, port: String) -> Self {
+        Self { port: Some(port), ..self }
+    }
+
+    /// Folder that the commands run in.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The block with what its commands print now.
+    ///
+    /// # Errors
+    /// Where a command fails, or is none of `guide`; the error names its line.
+    pub fn run(&self, block: &Block) -> Result<String> {
+        let mut text = String::new();
+        let mut said_before = false;
+        for command in commands(block.lines()) {
+            let place = || format!("{}: `{}`", block.place_of(command.line), command.joined);
+            let said = self.say(&command.joined).with_context(place)?;
+            if said_before {
+                text.push('\n');
+            }
+            said_before = !said.is_empty();
+            for line in command.shown.iter().map(String::as_str).chain(said.lines()) {
+                text.push_str(line.trim_end());
+                text.push('\n');
+            }
+        }
+        ensure!(!text.is_empty(), "{}: no line begins with `$ `", block.place());
+        Ok(text)
+    }
+
+    fn say(&self, command: &str) -> Result<String> {
+        let words = shlex::split(command).context("quotes without an end")?;
+        let [program, arguments @ ..] = words.as_slice() else { bail!("no command") };
+        ensure!(program == "guide", "only commands of `guide` are run");
+        let mut arguments = arguments.to_vec();
+        if let Some((port, at)) =
+            self.port.as_ref().zip(arguments.iter().position(|argument| argument == "--port"))
+            && let Some(named) = arguments.get_mut(at + 1)
+        {
+            named.clone_from(port);
+        }
+        let output = Command::new(&self.guide)
+            .args(&arguments)
+            .current_dir(&self.folder)
+            .stdin(Stdio::null())
+            // The width of help and the colours are those of no terminal, whoever calls.
+            .env_remove("COLUMNS")
+            .env("NO_COLOR", "1")
+            .output()
+            .context("cannot start")?;
+        let complaint = String::from_utf8_lossy(&output.stderr);
+        ensure!(output.status.success(), "fails: {}", complaint.trim());
+        Ok(String::from_utf8(output.stdout)?)
+    }
+}
+
+struct Typed {
+    /// Of the block, counted from 0.
+    line: usize,
+    shown: Vec<String>,
+    joined: String,
+}
+
+/// The commands of a console block: lines after `$ `, with those that a backslash continues.
+fn commands(lines: &[String]) -> Vec<Typed> {
+    let mut found: Vec<Typed> = Vec::new();
+    let mut goes_on = false;
+    for (number, line) in lines.iter().enumerate() {
+        let typed = line.strip_prefix("$ ");
+        if let Some(text) = typed {
+            found.push(Typed { line: number, shown: vec![line.clone()], joined: text.to_owned() });
+        } else if goes_on && let Some(last) = found.last_mut() {
+            last.shown.push(line.clone());
+            last.joined = format!("{} {}", last.joined.trim_end_matches('\\').trim_end(), line.trim_start());
+        }
+        goes_on = (typed.is_some() || goes_on) && line.ends_with('\\');
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_are_joined_over_their_lines() {
+        let text = ["$ guide a \\", "    --b 'c d' \\", "    --e", "said \\", "said", "$ guide f"];
+        let commands = commands(&text.map(str::to_owned));
+        let joined: Vec<(usize, &str)> =
+            commands.iter().map(|typed| (typed.line, typed.joined.as_str())).collect();
+        assert_eq!(joined, [(0, "guide a --b 'c d' --e"), (5, "guide f")]);
+        assert_eq!(commands[0].shown.len(), 3);
+    }
+}
