@@ -76,10 +76,10 @@ pub enum ProgramError {
         problem: &'static str,
     },
     /// No steps or too many, with staircases as the moves and holds that they stand for.
-    #[error("{name}: {count} steps{}, expected 1 to {MAX_STEPS}", expanded(*count, *written))]
+    #[error("{place}: {count} steps{}, expected 1 to {MAX_STEPS}", expanded(*count, *written))]
     Length {
-        /// File or name.
-        name: String,
+        /// Where the step begins that is too many; where there is none, the file.
+        place: Place,
         /// How many there are for the device.
         count: usize,
         /// How many the file has.
@@ -161,6 +161,7 @@ impl Program {
         let mut steps: Vec<PlannedStep> = Vec::new();
         let mut target_um = [0; 2];
         let mut count = 0;
+        let mut too_many = None;
         for (number, (place, step)) in (1..).zip(&written) {
             let planned = step.plan(target_um).map_err(|problem| ProgramError::Step {
                 place: place.clone(),
@@ -170,13 +171,17 @@ impl Program {
             let mut targets = planned.iter().filter_map(|planned| target(planned.step));
             target_um = targets.next_back().unwrap_or(target_um);
             count += planned.len();
+            if count > MAX_STEPS {
+                too_many.get_or_insert(place);
+            }
             // What the device cannot hold is counted only.
             steps.extend(planned.into_iter().take(MAX_STEPS.saturating_sub(steps.len())));
         }
         if (1..=MAX_STEPS).contains(&count) {
             Ok(Self { name: title, steps })
         } else {
-            Err(ProgramError::Length { name: name.to_owned(), count, written: written.len() })
+            let place = too_many.cloned().unwrap_or_else(|| Place::at(Path::new(name), "", 0));
+            Err(ProgramError::Length { place, count, written: written.len() })
         }
     }
 }

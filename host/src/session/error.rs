@@ -160,7 +160,10 @@ fn article(noun: &str) -> &'static str {
 
 /// The two halves of a parser's message: what is wrong, and what it expected where it says so.
 pub(crate) fn split_message(message: &str, otherwise: &str) -> (Problem, String) {
-    let (what, expected) = message.split_once(", expected ").unwrap_or((message, otherwise));
+    let (what, expected) = match message.strip_prefix("expected ") {
+        Some(expected) => ("unexpected text", expected),
+        None => message.split_once(", expected ").unwrap_or((message, otherwise)),
+    };
     (Problem::Syntax(what.trim().to_owned()), expected.trim().to_owned())
 }
 

@@ -26,11 +26,7 @@ impl<'d> Fields<'d> {
     ) -> Result<T, SessionError> {
         let document = DeTable::parse(text).map_err(|error| {
             let offset = error.span().map_or(0, |span| span.start);
-            let (problem, expected) = if is_decimal_comma(text, offset) {
-                (Problem::Syntax("a comma in a number".to_owned()), "a decimal point".to_owned())
-            } else {
-                split_message(error.message(), "TOML")
-            };
+            let (problem, expected) = syntax(error.message(), text, offset);
             let place = Place::at(path, text, offset);
             SessionError::Field { place, field: "syntax".to_owned(), problem, expected }
         })?;
@@ -117,11 +113,21 @@ impl<'d> Fields<'d> {
     /// Refuses fields that are not among `known`, for tables in which a misspelt field must not pass unseen.
     pub fn only(&self, known: &[&str]) -> Result<(), SessionError> {
         let names = || if known.is_empty() { "nothing here".to_owned() } else { known.join(", ") };
-        match self.table.iter().find(|(key, _)| !known.contains(&key.get_ref().as_ref())) {
+        let unknown = self.table.iter().filter(|(key, _)| !known.contains(&key.get_ref().as_ref()));
+        match unknown.min_by_key(|(key, _)| key.span().start) {
             Some((key, _)) => {
                 let name = key.get_ref().to_string();
                 Err(self.fault(key.span().start, &name, Problem::Unknown(name.clone()), names()))
             }
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses a field that is not among `known` and looks like one that is and is not there; others are left alone.
+    pub fn none_misspelt(&self, known: &[&str]) -> Result<(), SessionError> {
+        let own = || self.names().filter(|name| !known.contains(name));
+        match known.iter().find(|name| self.get(name).is_none() && misspelt(name, own()).is_some()) {
+            Some(name) => Err(self.missing(name, "this name, or one that does not look like it")),
             None => Ok(()),
         }
     }
@@ -318,7 +324,8 @@ impl<'d> Fields<'d> {
 
     /// A table such as `[rig]`.
     pub fn table(&self, name: &str) -> Result<Fields<'d>, SessionError> {
-        let missing = || self.missing(name, format!("a table [{name}]"));
+        let dot = if self.name.is_empty() { "" } else { "." };
+        let missing = || self.missing(name, format!("a table [{}{dot}{name}]", self.name));
         self.optional_table(name)?.ok_or_else(missing)
     }
 
@@ -352,13 +359,29 @@ impl<'d> Fields<'d> {
     }
 }
 
-/// Whether a comma stands between digits.
-fn is_decimal_comma(text: &str, offset: usize) -> bool {
+/// A fault of the syntax in words, better ones than the parser's where it misleads.
+fn syntax(message: &str, text: &str, offset: usize) -> (Problem, String) {
     let digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
-    let bytes = text.as_bytes();
-    bytes.get(offset) == Some(&b',')
-        && digit(offset.checked_sub(1).and_then(|before| bytes.get(before)))
-        && digit(bytes.get(offset + 1))
+    let (at, before) = (text.as_bytes().get(offset..), offset.checked_sub(1));
+    let at = at.unwrap_or_default();
+    let (what, expected) = if at.first() == Some(&b',')
+        && digit(at.get(1))
+        && digit(before.and_then(|before| text.as_bytes().get(before)))
+    {
+        ("a comma in a number", "a decimal point")
+    } else if message.starts_with("string values must be quoted") {
+        match at.iter().find(|byte| !matches!(byte, b' ' | b'\t')) {
+            None | Some(b'\n' | b'\r' | b'#') => ("no value", "a number, a list, or text in quotation marks"),
+            Some(_) => ("text without quotation marks", "a number, a list, or text in straight ones (\")"),
+        }
+    } else if message.starts_with("duplicate key") {
+        ("this name is there twice", "every name once in a table")
+    } else if message.contains("recurs") {
+        ("nested too deeply", "lists and tables as the format has them")
+    } else {
+        return split_message(message, "TOML");
+    };
+    (Problem::Syntax(what.to_owned()), expected.to_owned())
 }
 
 /// The number that a decimal text times a power of ten is nearest to.

@@ -2,6 +2,7 @@
 
 use super::error::{Problem, SessionError, read_text};
 use super::fields::Fields;
+use super::survey::{NEEDLE, NOISE, RIG};
 use super::table::{Column, Table};
 use super::{
     DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Mark, Noise, Provenance, Session,
@@ -104,6 +105,11 @@ impl Setup {
                 Some(session) => session.optional_text("name")?,
                 None => None,
             };
+            // What is left out here has a usual value, and nobody checks the file: a slip must not pass for that.
+            file.none_misspelt(&["needle", "rig", "noise"])?;
+            for (table, known) in [("needle", &NEEDLE[..]), ("rig", &RIG), ("noise", &NOISE)] {
+                file.optional_table(table)?.map_or(Ok(()), |fields| fields.none_misspelt(known))?;
+            }
             Ok(Self {
                 name: name.unwrap_or_default(),
                 rig: rig(file)?,

@@ -28,10 +28,10 @@ pub struct Survey {
 const TABLES: [&str; 8] =
     ["session", "needle", "rig", "noise", "lateral", "insertion", "indentation", "steering"];
 const SESSION: [&str; 2] = ["format", "name"];
-const NEEDLE: [&str; 5] =
+pub(super) const NEEDLE: [&str; 5] =
     ["youngs_modulus_gpa", "outer_diameter_mm", "inner_diameter_mm", "bevel_angle_deg", "length_mm"];
-const RIG: [&str; 3] = ["guide2_mm", "entry_mm", "fixture_mass_kg"];
-const NOISE: [&str; 4] = ["force_n", "displacement_mm", "shape_mm", "tip_mm"];
+pub(super) const RIG: [&str; 3] = ["guide2_mm", "entry_mm", "fixture_mass_kg"];
+pub(super) const NOISE: [&str; 4] = ["force_n", "displacement_mm", "shape_mm", "tip_mm"];
 
 /// A kind of run: its table, its fields, its files with their columns and whether they may be without rows, its numbers.
 struct Kind {

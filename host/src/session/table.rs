@@ -235,7 +235,11 @@ struct Absent {
 fn absent(header: &csv::StringRecord, column: &Column, known: &[Column]) -> Absent {
     const SEPARATORS: [(char, &str); 3] = [(';', "semicolons"), ('\t', "tabs"), (' ', "spaces")];
     let only = if header.len() == 1 { header.get(0).unwrap_or_default() } else { "" };
-    if let Some((_, name)) = SEPARATORS.iter().find(|(separator, _)| only.contains(*separator)) {
+    let separator = SEPARATORS.iter().find(|(separator, _)| {
+        only.split(*separator).any(|name| known.iter().any(|column| column.name == name.trim()))
+            && only.contains(*separator)
+    });
+    if let Some((_, name)) = separator {
         let problem = Problem::Syntax(format!("missing, the header is parted by {name}"));
         let expected = "commas between columns, and decimal points".to_owned();
         return Absent { index: 0, problem, expected };

@@ -197,9 +197,13 @@ impl LateralPlan {
         }
         let end_s = plan.holds().last().map_or(0.0, |hold| hold.from_s + plan.hold_s);
         let points = plan.depth_m / plan.spacing_m * plan.levels_m.len() as f64;
-        if end_s * plan.rate_hz > MOST_ROWS || points > MOST_ROWS {
-            let expected = format!("at most {MOST_ROWS} rows and shape points in a run");
-            return Err(fields.field_fault("levels_mm", Problem::Count(plan.levels_m.len()), expected));
+        let sizes = [
+            ("rate_hz", (end_s * plan.rate_hz).ceil(), "rows", "levels_mm, hold_s and rate_hz make them"),
+            ("spacing_mm", points.ceil(), "shape points", "depth_mm, levels_mm and spacing_mm make them"),
+        ];
+        if let Some((field, count, what, why)) = sizes.into_iter().find(|(_, count, ..)| *count > MOST_ROWS) {
+            let problem = Problem::Syntax(format!("{count} {what}"));
+            return Err(fields.field_fault(field, problem, format!("at most {MOST_ROWS} in a run: {why}")));
         }
         Ok(plan)
     }

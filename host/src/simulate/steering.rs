@@ -140,9 +140,12 @@ fn run(fields: &Fields<'_>, id: String) -> Result<Plan, SessionError> {
         let expected = format!("less than depth_mm, {}", plan.depth_mm);
         return Err(fields.field_fault("straight_mm", Problem::OutOfRange(plan.straight_mm), expected));
     }
-    if 1e3 * plan.depth_mm / plan.speed_mm_s / plan.period_ms > MOST_SAMPLES {
-        let expected = format!("at most {MOST_SAMPLES} samples in a run");
-        return Err(fields.field_fault("period_ms", Problem::OutOfRange(plan.period_ms), expected));
+    let samples = (1e3 * plan.depth_mm / plan.speed_mm_s / plan.period_ms).ceil();
+    if samples > MOST_SAMPLES {
+        let problem = Problem::Syntax(format!("{samples} samples"));
+        let expected =
+            format!("at most {MOST_SAMPLES} in a run: depth_mm, speed_mm_s and period_ms make them");
+        return Err(fields.field_fault("period_ms", problem, expected));
     }
     Ok(plan)
 }

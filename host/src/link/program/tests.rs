@@ -29,7 +29,7 @@ fn mistakes_name_the_step_or_the_line() {
         "p.toml:4:1: step 2: expected exactly one of `move_x_mm`/`move_y_mm`, `ramp_x_mm`/`ramp_y_mm`, \
          `staircase_x_mm`/`staircase_y_mm`, `hold_s`, `tare_s`"
     );
-    assert_eq!(message("name = 'p'"), "p.toml: 0 steps, expected 1 to 64");
+    assert_eq!(message("name = 'p'"), "p.toml:1:1: 0 steps, expected 1 to 64");
     assert!(
         message("name = 'p'\n[[step]]\nhold_ms = 1")
             .contains("p.toml:3:1: step.hold_ms: \"hold_ms\" is not known")
@@ -110,6 +110,6 @@ fn mistakes_in_ramps_and_staircases_are_named() {
     let message = Program::parse("p", &format!("name = 'p'\n{stairs}[[step]]\nhold_s = 1\n")).unwrap_err();
     assert_eq!(
         message.to_string(),
-        "p: 65 steps on the device (2 in the file; each level of a staircase is a move and a hold), expected 1 to 64"
+        "p:7:1: 65 steps on the device (2 in the file; each level of a staircase is a move and a hold), expected 1 to 64"
     );
 }
