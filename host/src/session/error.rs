@@ -129,14 +129,9 @@ pub enum Problem {
     /// Nothing of this name, but of one that looks like it.
     #[error("missing, but there is \"{0}\"")]
     Misspelt(String),
-    /// A file that is named here cannot be read.
-    #[error("cannot read {}: {cause}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the operating system said.
-        cause: String,
-    },
+    /// A file that is named here cannot be read: its path, and what the operating system said.
+    #[error("cannot read {0}")]
+    Unreadable(String),
     /// A name used twice.
     #[error("\"{0}\" is there twice")]
     Duplicate(String),

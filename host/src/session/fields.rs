@@ -103,7 +103,7 @@ impl<'d> Fields<'d> {
         match read(&path) {
             Ok(content) => Ok((path, content)),
             Err(SessionError::Io { path, cause, .. }) => {
-                let problem = Problem::Unreadable { path, cause: cause.to_string() };
+                let problem = Problem::Unreadable(format!("{}: {cause}", path.display()));
                 Err(self.field_fault(field, problem, "a file that can be read"))
             }
             Err(other) => Err(other),
