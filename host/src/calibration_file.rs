@@ -259,7 +259,7 @@ falling_mm = [20.1, -19.0]
             ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[9.31e-7, 0.0]]", "force_n_per_code: a list of 1"),
             ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[1e-7, 0.0], [1]]", "1 is out of range"),
             ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[1e-7, 0.0], [0]]", "force_n_per_code: a list of 1"),
-            ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[1, 2]", "force_n_per_code: this is a integer"),
+            ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[1, 2]", "force_n_per_code: this is an integer"),
             ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[1e-7, 2e-7], [2e-7, 4e-7]]", "the two rows say the same"),
             ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[1e-7, 0], [0, 0]]", "the two rows say the same"),
             (

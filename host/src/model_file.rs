@@ -24,7 +24,7 @@
 
 use crate::model::effects::{EFFECTS, Effect, ParameterInfo, effect};
 use crate::session::fields::Fields;
-use crate::session::{Problem, SessionError, read_text, replace};
+use crate::session::{Problem, SessionError, distance, read_text, replace};
 use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -90,7 +90,7 @@ impl ModelFile {
             file.only(&["model", "tissue", "tip", "effect"])?;
             let model = file.table("model")?;
             model.only(&["format", "learned_from"])?;
-            model.number("format", [1.0, 1.0])?;
+            model.format()?;
             Ok(Self { learned_from: model.optional_text("learned_from")?, ..Self::tables(file, &[])? })
         })
     }
@@ -258,22 +258,6 @@ pub fn expected_ids(id: &str) -> String {
         ids = EFFECTS.iter().map(|effect| effect.id()).collect();
     }
     format!("one of {}", ids.join(", "))
-}
-
-/// Number of characters to be changed, added or left out to make one text of another.
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, from) in a.chars().enumerate() {
-        let mut next = vec![i + 1];
-        for ((to, pair), left) in b.iter().zip(row.windows(2)).zip(0..) {
-            let &[diagonal, above] = pair else { continue };
-            let beside = next.get(left).copied().unwrap_or(usize::MAX - 1);
-            next.push((diagonal + usize::from(from != *to)).min(above + 1).min(beside + 1));
-        }
-        row = next;
-    }
-    row.last().copied().unwrap_or_default()
 }
 
 /// A number divided by a power of ten such that reading it, scaled back, gives the same number to the last bit.

@@ -3,8 +3,10 @@
 //! The sensors' noise is white and normal, drawn from a seed, each run from its own stream: one more run changes no other.
 
 mod plan;
+mod steering;
 
 pub use plan::{Axis, InsertionPlan, LateralPlan, SimulationPlan, SweepLevels};
+pub use steering::SteeringPlan;
 
 use crate::model::{
     Channels, DriveSample, Experiment, Insertion, Lateral, Model, ModelError, Profile, Rig, ShapePoint,

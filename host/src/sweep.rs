@@ -3,9 +3,11 @@
 //! The output is CSV with a header: `z_mm` and `deflection_y_mm`, and where they are known `deflection_x_mm` and `time_s` (on
 //! the device's clock); other columns are ignored.
 
-use crate::session::ShapeRow;
+use crate::session::{SessionError, ShapeRow, ShapeSeries};
 use std::io::Read;
+use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::Arc;
 use std::sync::mpsc::{self, TryRecvError};
 
 /// Largest output of a sweep command, bytes.
@@ -33,13 +35,11 @@ pub enum SweepError {
         said: String,
     },
     /// Its output is no sweep.
-    #[error("the sweep command's output: line {line}: {problem}")]
-    Output {
-        /// Line of the output, from 1.
-        line: u64,
-        /// What is wrong and what was expected.
-        problem: String,
-    },
+    #[error(transparent)]
+    Output(Arc<SessionError>),
+    /// Its output could not be read.
+    #[error("the sweep command's output: {0}")]
+    Read(String),
 }
 
 /// One sweep along the needle.
@@ -52,40 +52,18 @@ impl Sweep {
     /// Reads the CSV text of a sweep.
     ///
     /// # Errors
-    /// [`SweepError::Output`] with the line.
+    /// [`SweepError::Output`] with line, column and field.
     pub fn parse(text: &str) -> Result<Self, SweepError> {
-        let fault = |line: u64, problem: String| SweepError::Output { line, problem };
-        let mut reader =
-            csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
-        let headers = reader.headers().map_err(|error| fault(1, error.to_string()))?.clone();
-        let column = |name: &str| headers.iter().position(|header| header == name);
-        let required =
-            |name: &str| column(name).ok_or_else(|| fault(1, format!("no column `{name}`, expected one")));
-        let (z, y) = (required("z_mm")?, required("deflection_y_mm")?);
-        let (x, time) = (column("deflection_x_mm"), column("time_s"));
-        let mut rows = Vec::new();
-        for record in reader.records() {
-            let record = record
-                .map_err(|error| fault(error.position().map_or(1, csv::Position::line), error.to_string()))?;
-            let line = record.position().map_or(1, csv::Position::line);
-            let number = |column: usize| {
-                let cell = record.get(column).unwrap_or_default();
-                let value = cell.parse::<f64>().ok().filter(|value| value.is_finite());
-                value.ok_or_else(|| fault(line, format!("`{cell}`, expected a number")))
-            };
-            let optional = |column: Option<usize>| column.map(number).transpose();
-            let row = ShapeRow {
-                time_s: 0.0,
-                z_m: number(z)? * 1e-3,
-                deflection_y_m: number(y)? * 1e-3,
-                deflection_x_m: optional(x)?.unwrap_or(0.0) * 1e-3,
-            };
-            rows.push((optional(time)?, row));
-        }
-        if rows.is_empty() {
-            return Err(fault(1, "no samples, expected at least one".to_owned()));
-        }
-        Ok(Self { rows })
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let shape = ShapeSeries::parse(Path::new("the sweep command's output"), text)
+            .map_err(|fault| SweepError::Output(Arc::new(fault)))?;
+        let own = |column: &Option<Vec<f64>>, row: usize| column.as_ref().and_then(|c| c.get(row)).copied();
+        let row = |(row, (z_m, deflection_y_m)): (usize, (&f64, &f64))| {
+            let deflection_x_m = own(&shape.x_m, row).unwrap_or(0.0);
+            let (z_m, deflection_y_m) = (*z_m, *deflection_y_m);
+            (own(&shape.time_s, row), ShapeRow { time_s: 0.0, z_m, deflection_y_m, deflection_x_m })
+        };
+        Ok(Self { rows: shape.z_m.iter().zip(&shape.y_m).enumerate().map(row).collect() })
     }
 
     /// Samples that say when they were taken.
@@ -129,7 +107,7 @@ impl SweepTask {
             let read = child.stdout.take().map(|stdout| stdout.take(OUTPUT_LIMIT).read_to_string(&mut text));
             let outcome = match (read, child.wait()) {
                 (Some(Ok(_)), Ok(status)) if status.success() => Sweep::parse(&text),
-                (Some(Err(error)), _) => Err(SweepError::Output { line: 1, problem: error.to_string() }),
+                (Some(Err(error)), _) => Err(SweepError::Read(error.to_string())),
                 (_, Ok(status)) => {
                     let said = said.and_then(|said| said.join().ok()).unwrap_or_default();
                     let said = said.lines().last().unwrap_or_default().to_owned();
@@ -148,9 +126,7 @@ impl SweepTask {
         match self.0.try_recv() {
             Ok(outcome) => Ok(outcome),
             Err(TryRecvError::Empty) => Err(self),
-            Err(TryRecvError::Disconnected) => {
-                Ok(Err(SweepError::Output { line: 1, problem: "the reader stopped".to_owned() }))
-            }
+            Err(TryRecvError::Disconnected) => Ok(Err(SweepError::Read("its reader stopped".to_owned()))),
         }
     }
 }
@@ -199,11 +175,18 @@ mod tests {
     #[test]
     fn faults_name_the_line() {
         let message = |text: &str| Sweep::parse(text).unwrap_err().to_string();
-        assert!(message("z_mm,u\n1,2\n").contains("no column `deflection_y_mm`"));
-        assert!(message("z_mm,deflection_y_mm\n1,2\n3,x\n").contains("line 3: `x`, expected a number"));
-        assert!(message("z_mm,deflection_y_mm\n1,nan\n").contains("line 2"));
-        assert!(message("z_mm,deflection_y_mm\n").contains("no samples"));
-        assert!(message("z_mm,deflection_y_mm\n1,2,3\n").contains("line 2"));
+        for (text, expected) in [
+            ("z_mm,u\n1,2\n", ":1:1: deflection_y_mm: missing, expected a header with z_mm, deflection_y_mm"),
+            ("z_mm,deflection_y_mm\n1,2\n3,x\n", ":3:3: deflection_y_mm: \"x\" is not a number"),
+            ("z_mm,deflection_y_mm\n1,nan\n", ":2:3: deflection_y_mm: not a finite number"),
+            ("z_mm,deflection_y_mm\n", ":1:1: rows: no rows"),
+            ("z_mm,deflection_y_mm\n1,2,3\n", ":2:4: row: 3 cells, expected 2"),
+            // What no session could be read with afterwards.
+            ("z_mm,deflection_y_mm\n-1,0\n", ":2:1: z_mm: -1 is out of range"),
+        ] {
+            let said = message(text);
+            assert!(said.starts_with(&format!("the sweep command's output{expected}")), "{said}");
+        }
     }
 
     #[test]

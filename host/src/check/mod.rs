@@ -89,7 +89,7 @@ impl Check {
 
 /// Checks the session in a folder. Whatever is wrong, there is a result.
 pub fn check(dir: &Path) -> Check {
-    let Survey { session, faults, unknown } = Session::survey(dir);
+    let Survey { session, faults, unknown, misspelt, outside } = Session::survey(dir);
     let mut findings: Vec<Finding> = Vec::new();
     for fault in &faults {
         let finding = Finding::error(fault);
@@ -99,6 +99,14 @@ pub fn check(dir: &Path) -> Check {
         }
     }
     findings.extend(unknown.iter().map(|(place, name)| Finding::unknown(place, name)));
+    findings.extend(misspelt.iter().map(|(place, name, meant)| Finding {
+        expected: Some(format!("{meant}, if that is meant")),
+        ..Finding::at(Severity::Warning, place, format!("header: \"{name}\" is not known, ignored"))
+    }));
+    findings.extend(outside.iter().map(|(place, name)| Finding {
+        expected: Some("a file in it, so that the folder can be moved as a whole".to_owned()),
+        ..Finding::at(Severity::Warning, place, format!("{name}: leads out of the session's folder"))
+    }));
     let mut abilities = Vec::new();
     let mut empty = false;
     if let Some(session) = &session {

@@ -4,13 +4,12 @@ use super::output::Output;
 use anyhow::{Context, ensure};
 use host::model::effects::Effect;
 use host::model_file::ModelFile;
-use host::rig::steering::{self, Inclusion, SteeringRig, Tissue, TissueLayer};
+use host::rig::steering::{self, Tissue};
 use host::session::{InsertionRun, LateralRun, SessionWriter, Setup, SteeringRun};
-use host::simulate::{Sensors, SimulationPlan};
-use serde::{Deserialize, Serialize};
+use host::simulate::{Sensors, SimulationPlan, SteeringPlan};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Make a session from the forward model: lateral runs, insertions, steering runs
@@ -40,24 +39,6 @@ pub struct Args {
     /// What the noise is drawn from
     #[arg(long, default_value_t = 1)]
     seed: u64,
-}
-
-/// What the file has for steering runs.
-#[derive(Deserialize)]
-struct File {
-    #[serde(default)]
-    tissue: SteeringTissue,
-    #[serde(default)]
-    steering: Vec<steering::Plan>,
-}
-
-/// The part of the tissue that steering runs see; its other fields are checked where they are read.
-#[derive(Deserialize, Default)]
-struct SteeringTissue {
-    #[serde(default)]
-    layers: Vec<TissueLayer>,
-    #[serde(default)]
-    inclusions: Vec<Inclusion>,
 }
 
 /// Noise of steering runs where the file states none: a stage's motors, a force sensor, an electromagnetic tracker.
@@ -129,21 +110,18 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 pub fn make(config: &Path, model: Option<&ModelFile>, folder: &Path, seed: u64) -> anyhow::Result<Made> {
     let mut setup = Setup::read(config)?;
     let plan = SimulationPlan::read(config, model)?;
-    let text = fs::read_to_string(config).with_context(|| format!("{}: cannot read", config.display()))?;
-    let File { tissue: SteeringTissue { layers, inclusions }, steering } =
-        toml::from_str(&text).with_context(|| config.display().to_string())?;
+    let steering = SteeringPlan::read(config, &setup)?;
     let name = config.display();
     ensure!(
-        !steering.is_empty() || !plan.is_empty(),
-        "{name}: lateral, insertion, steering: missing, expected at least one [[lateral]], [[insertion]] or [[steering]]"
+        !steering.runs.is_empty() || !plan.is_empty(),
+        "{name}:1:1: lateral, insertion, steering: missing, expected at least one [[lateral]], [[insertion]] or [[steering]]"
     );
-    let tissue = Tissue { layers, inclusions };
     if setup.name.is_empty()
         && let Some(own) = folder.file_name()
     {
         setup.name = own.to_string_lossy().into_owned();
     }
-    let steered = steered(config, &setup, &tissue, &steering, seed)?;
+    let steered = steered(config, &setup, &steering, seed)?;
     let simulated = plan
         .carry_out(&setup.rig, Sensors::new(&setup.noise), seed)
         .with_context(|| format!("{name}: cannot simulate"))?;
@@ -160,7 +138,7 @@ pub fn make(config: &Path, model: Option<&ModelFile>, folder: &Path, seed: u64) 
         schema: "guide.simulate/1",
         session: folder.display().to_string(),
         seed,
-        runs: steered.iter().map(|run| One::new(run, &tissue)).collect(),
+        runs: steered.iter().map(|run| One::new(run, &steering.tissue)).collect(),
         lateral: simulated.lateral.iter().map(Recorded::lateral).collect(),
         insertion: simulated.insertion.iter().map(Recorded::insertion).collect(),
         truth,
@@ -168,35 +146,22 @@ pub fn make(config: &Path, model: Option<&ModelFile>, folder: &Path, seed: u64) 
 }
 
 /// The steering runs, as the sensors see them.
-fn steered(
-    config: &Path,
-    setup: &Setup,
-    tissue: &Tissue,
-    plans: &[steering::Plan],
-    seed: u64,
-) -> anyhow::Result<Vec<SteeringRun>> {
-    if plans.is_empty() {
+fn steered(config: &Path, setup: &Setup, plan: &SteeringPlan, seed: u64) -> anyhow::Result<Vec<SteeringRun>> {
+    if plan.runs.is_empty() {
         return Ok(Vec::new());
     }
     let name = config.display();
-    tissue.check().with_context(|| format!("{name}: [tissue]"))?;
-    let length_m = setup.rig.needle.length_m.with_context(|| {
-        format!("{name}: [needle] length_mm: missing, expected the length from the fixture to the tip")
-    })?;
-    let fixture_mass_kg = setup
-        .fixture_mass_kg
-        .with_context(|| format!("{name}: [rig] fixture_mass_kg: missing, expected 0 to 100 kg"))?;
     let sensors = steering::Sensors {
         base_m: setup.noise.displacement_m.unwrap_or(BASE_SD_M),
         force_n: setup.noise.force_n.unwrap_or(FORCE_SD_N),
         tip_m: setup.noise.tip_m.unwrap_or(TIP_SD_M),
     };
-    let rig = SteeringRig::new(setup.rig.clone(), length_m, fixture_mass_kg, tissue)?;
-    let measured = |(number, plan): (u64, &steering::Plan)| {
-        let truth = rig.carry_out(plan).with_context(|| format!("{name}: steering {:?}", plan.id))?;
+    let rig = plan.rig(&setup.rig).with_context(|| format!("{name}: cannot simulate"))?;
+    let measured = |(number, run): (u64, &steering::Plan)| {
+        let truth = rig.carry_out(run).with_context(|| format!("{name}: steering {:?}", run.id))?;
         Ok(truth.measure(sensors, seed, number))
     };
-    (0..).zip(plans).map(measured).collect()
+    (0..).zip(&plan.runs).map(measured).collect()
 }
 
 impl One {

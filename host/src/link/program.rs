@@ -23,8 +23,9 @@
 //!
 //! The device knows moves, ramps, holds and tares, [`MAX_STEPS`] of them; staircases become moves and holds here.
 
+use crate::session::fields::Fields;
+use crate::session::{Place, SessionError, read_text};
 use protocol::{MAX_STEPS, Step};
-use serde::Deserialize;
 use std::path::Path;
 
 /// Names and texts of the programs that come with the tool.
@@ -56,36 +57,29 @@ pub struct Program {
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramError {
     /// The file cannot be read, and no built-in program has that name.
-    #[error("{name}: {cause}; it is no built-in program either ({known})", known = known())]
+    #[error("{fault}; it is no built-in program either ({known})", known = known())]
     Read {
-        /// File or name.
-        name: String,
-        /// Why.
-        cause: std::io::Error,
+        /// What the operating system said.
+        fault: SessionError,
     },
     /// The file is not a program.
-    #[error("{name}: {cause}")]
-    Parse {
-        /// File or name.
-        name: String,
-        /// Where and why.
-        cause: Box<toml::de::Error>,
-    },
+    #[error(transparent)]
+    File(#[from] SessionError),
     /// A step makes no sense.
-    #[error("{name}: step {number}: {problem}")]
+    #[error("{place}: step {number}: {problem}")]
     Step {
-        /// File or name.
-        name: String,
+        /// Where the step begins.
+        place: Place,
         /// Number of the step, from 1.
         number: usize,
         /// What is wrong and what was expected.
         problem: &'static str,
     },
     /// No steps or too many, with staircases as the moves and holds that they stand for.
-    #[error("{name}: {count} steps{}, expected 1 to {MAX_STEPS}", expanded(*count, *written))]
+    #[error("{place}: {count} steps{}, expected 1 to {MAX_STEPS}", expanded(*count, *written))]
     Length {
-        /// File or name.
-        name: String,
+        /// Where the step begins that is too many; where there is none, the file.
+        place: Place,
         /// How many there are for the device.
         count: usize,
         /// How many the file has.
@@ -105,16 +99,15 @@ fn known() -> String {
     BUILT_IN.map(|(name, _)| name).join(", ")
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    name: String,
-    #[serde(default)]
-    step: Vec<FileStep>,
-}
+/// Positions of guide 2 that a program may ask for; a device knows its own travel.
+const TARGET_MM: [f64; 2] = [-1_000.0, 1_000.0];
+const SPEED_MM_S: [f64; 2] = [0.001, 1_000.0];
+const DURATION_S: [f64; 2] = [0.001, 86_400.0];
+/// Largest number of levels of a staircase: each is a move and a hold.
+const MAX_LEVELS: f64 = MAX_STEPS as f64 / 2.0;
 
-#[derive(Deserialize, Clone, Copy)]
-#[serde(deny_unknown_fields)]
+/// A step as the file has it.
+#[derive(Clone, Copy)]
 struct FileStep {
     move_x_mm: Option<f64>,
     move_y_mm: Option<f64>,
@@ -127,7 +120,6 @@ struct FileStep {
     speed_mm_s: Option<f64>,
     hold_s: Option<f64>,
     tare_s: Option<f64>,
-    #[serde(default)]
     sweep: bool,
 }
 
@@ -140,8 +132,10 @@ impl Program {
         match BUILT_IN.iter().find(|(known, _)| *known == name) {
             Some((_, text)) => Self::parse(name, text),
             None => {
-                let text = std::fs::read_to_string(Path::new(name))
-                    .map_err(|cause| ProgramError::Read { name: name.to_owned(), cause })?;
+                let text = read_text(Path::new(name)).map_err(|fault| match fault {
+                    SessionError::Io { .. } => ProgramError::Read { fault },
+                    other => other.into(),
+                })?;
                 Self::parse(name, &text)
             }
         }
@@ -158,27 +152,36 @@ impl Program {
     }
 
     fn parse(name: &str, text: &str) -> Result<Self, ProgramError> {
-        let file: File = toml::from_str(text)
-            .map_err(|cause| ProgramError::Parse { name: name.to_owned(), cause: Box::new(cause) })?;
+        let (title, written) = Fields::parse(Path::new(name), text, |file| {
+            file.only(&["name", "step"])?;
+            let steps = file.tables("step")?;
+            let steps = steps.iter().map(|fields| Ok((fields.place(), FileStep::read(fields)?)));
+            Ok((file.text("name")?, steps.collect::<Result<Vec<_>, SessionError>>()?))
+        })?;
         let mut steps: Vec<PlannedStep> = Vec::new();
         let mut target_um = [0; 2];
         let mut count = 0;
-        for (index, step) in file.step.iter().enumerate() {
+        let mut too_many = None;
+        for (number, (place, step)) in (1..).zip(&written) {
             let planned = step.plan(target_um).map_err(|problem| ProgramError::Step {
-                name: name.to_owned(),
-                number: index + 1,
+                place: place.clone(),
+                number,
                 problem,
             })?;
             let mut targets = planned.iter().filter_map(|planned| target(planned.step));
             target_um = targets.next_back().unwrap_or(target_um);
             count += planned.len();
+            if count > MAX_STEPS {
+                too_many.get_or_insert(place);
+            }
             // What the device cannot hold is counted only.
             steps.extend(planned.into_iter().take(MAX_STEPS.saturating_sub(steps.len())));
         }
         if (1..=MAX_STEPS).contains(&count) {
-            Ok(Self { name: file.name, steps })
+            Ok(Self { name: title, steps })
         } else {
-            Err(ProgramError::Length { name: name.to_owned(), count, written: file.step.len() })
+            let place = too_many.cloned().unwrap_or_else(|| Place::at(Path::new(name), "", 0));
+            Err(ProgramError::Length { place, count, written: written.len() })
         }
     }
 }
@@ -191,10 +194,39 @@ fn target(step: Step) -> Option<[i32; 2]> {
     }
 }
 
-/// Largest number of levels of a staircase.
-const MAX_LEVELS: u32 = MAX_STEPS as u32 / 2;
-
 impl FileStep {
+    fn read(fields: &Fields<'_>) -> Result<Self, SessionError> {
+        fields.only(&[
+            "move_x_mm",
+            "move_y_mm",
+            "ramp_x_mm",
+            "ramp_y_mm",
+            "duration_s",
+            "staircase_x_mm",
+            "staircase_y_mm",
+            "levels",
+            "speed_mm_s",
+            "hold_s",
+            "tare_s",
+            "sweep",
+        ])?;
+        let target = |field: &str| fields.optional_number(field, TARGET_MM);
+        Ok(Self {
+            move_x_mm: target("move_x_mm")?,
+            move_y_mm: target("move_y_mm")?,
+            ramp_x_mm: target("ramp_x_mm")?,
+            ramp_y_mm: target("ramp_y_mm")?,
+            duration_s: fields.optional_number("duration_s", DURATION_S)?,
+            staircase_x_mm: target("staircase_x_mm")?,
+            staircase_y_mm: target("staircase_y_mm")?,
+            levels: fields.optional_whole("levels", [1.0, MAX_LEVELS])?.map(|levels| levels as u32),
+            speed_mm_s: fields.optional_number("speed_mm_s", SPEED_MM_S)?,
+            hold_s: fields.optional_number("hold_s", DURATION_S)?,
+            tare_s: fields.optional_number("tare_s", DURATION_S)?,
+            sweep: fields.flag("sweep")?,
+        })
+    }
+
     /// The device's steps for this one, after a step that led to `from_um`.
     fn plan(self, from_um: [i32; 2]) -> Result<Vec<PlannedStep>, &'static str> {
         let pair = |x: Option<f64>, y: Option<f64>| {
@@ -245,11 +277,6 @@ impl FileStep {
         hold_s: f64,
     ) -> Result<Vec<PlannedStep>, &'static str> {
         let levels = self.levels.ok_or("a staircase needs `levels`")?;
-        if !(1..=MAX_LEVELS).contains(&levels) {
-            return Err(
-                "`levels` must lie between 1 and 32: each is a move and a hold, and a program has 64 steps",
-            );
-        }
         if micrometres(target_mm)? == from_um {
             return Err("a staircase must lead to another place than it starts from");
         }
@@ -268,7 +295,7 @@ impl FileStep {
 
 /// A position (x, y) as the device takes it.
 fn micrometres(target_mm: [f64; 2]) -> Result<[i32; 2], &'static str> {
-    if target_mm.iter().all(|target| target.abs() <= 1_000.0) {
+    if target_mm.iter().all(|target| (TARGET_MM[0]..=TARGET_MM[1]).contains(target)) {
         Ok(target_mm.map(|target| (target * 1e3).round() as i32))
     } else {
         Err("the target must be a number of millimetres within 1000")
@@ -281,7 +308,7 @@ fn micrometres(target_mm: [f64; 2]) -> Result<[i32; 2], &'static str> {
 /// Says what was expected of a value that no rig could take; the device checks against its own limits.
 pub fn move_to(target_mm: [f64; 2], speed_mm_s: f64) -> Result<Step, &'static str> {
     let [x_um, y_um] = micrometres(target_mm)?;
-    if !(0.001..=1_000.0).contains(&speed_mm_s) {
+    if !(SPEED_MM_S[0]..=SPEED_MM_S[1]).contains(&speed_mm_s) {
         return Err("`speed_mm_s` must lie between 0.001 and 1000");
     }
     Ok(Step::Move { x_um, y_um, speed_um_s: (speed_mm_s * 1e3).round() as u32 })
@@ -292,7 +319,7 @@ pub fn move_to(target_mm: [f64; 2], speed_mm_s: f64) -> Result<Step, &'static st
 /// # Errors
 /// Says what was expected of a value that is no duration.
 pub fn milliseconds(duration_s: f64) -> Result<u32, &'static str> {
-    if (0.001..=86_400.0).contains(&duration_s) {
+    if (DURATION_S[0]..=DURATION_S[1]).contains(&duration_s) {
         Ok((duration_s * 1e3).round() as u32)
     } else {
         Err("a duration must lie between 0.001 s and a day")
@@ -300,107 +327,4 @@ pub fn milliseconds(duration_s: f64) -> Result<u32, &'static str> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_built_in_programs_are_sound() {
-        for (name, _) in BUILT_IN {
-            let program = Program::load(name).unwrap();
-            assert!(program.steps.iter().any(|step| step.sweep), "{name} takes no sweep");
-            // Whatever is held at the end is held at rest.
-            let mut steps = program.steps.iter().rev().map(|planned| planned.step);
-            let last = steps.find(|step| matches!(step, Step::Move { .. }));
-            assert!(matches!(last, Some(Step::Move { x_um: 0, y_um: 0, .. })), "{name}");
-        }
-    }
-
-    #[test]
-    fn a_move_names_its_axes_and_speed() {
-        let program = Program::parse("p", "name = 'p'\n[[step]]\nmove_x_mm = -0.5\nspeed_mm_s = 2").unwrap();
-        assert_eq!(program.device_steps(), [Step::Move { x_um: -500, y_um: 0, speed_um_s: 2_000 }]);
-    }
-
-    #[test]
-    fn mistakes_name_the_step_or_the_line() {
-        let message = |text: &str| Program::parse("p.toml", text).unwrap_err().to_string();
-        let both = "name = 'p'\n[[step]]\nhold_s = 1\n[[step]]\nhold_s = 1\ntare_s = 1\n";
-        assert_eq!(
-            message(both),
-            "p.toml: step 2: expected exactly one of `move_x_mm`/`move_y_mm`, `ramp_x_mm`/`ramp_y_mm`, \
-             `staircase_x_mm`/`staircase_y_mm`, `hold_s`, `tare_s`"
-        );
-        assert_eq!(message("name = 'p'"), "p.toml: 0 steps, expected 1 to 64");
-        assert!(message("name = 'p'\n[[step]]\nhold_ms = 1").contains("line 3"));
-        let sweep = "name = 'p'\n[[step]]\nmove_y_mm = 1\nsweep = true\n";
-        assert!(message(sweep).contains("belongs to a hold"));
-        assert!(message("name = 'p'\n[[step]]\nhold_s = nan").contains("between 0.001 s"));
-        assert!(message("name = 'p'\n[[step]]\nmove_y_mm = inf").contains("within 1000"));
-        assert!(
-            Program::load("no-such")
-                .unwrap_err()
-                .to_string()
-                .contains("displace, staircase, quick-staircase")
-        );
-    }
-
-    #[test]
-    fn ramps_and_staircases() {
-        let text = "name = 'p'\n[[step]]\nramp_x_mm = 0.4\nduration_s = 2.5\n[[step]]\nstaircase_y_mm = 0.9\nlevels = 3\n\
-                    hold_s = 1\nspeed_mm_s = 2\nsweep = true\n[[step]]\nstaircase_x_mm = -1\nlevels = 1\nhold_s = 0.5\n";
-        let program = Program::parse("p", text).unwrap();
-        let move_to = |x_um, y_um, speed_um_s| Step::Move { x_um, y_um, speed_um_s };
-        let (long, short) = (Step::Hold { duration_ms: 1_000 }, Step::Hold { duration_ms: 500 });
-        assert_eq!(
-            program.device_steps(),
-            [
-                Step::Ramp { x_um: 400, y_um: 0, duration_ms: 2_500 },
-                move_to(267, 300, 2_000),
-                long,
-                move_to(133, 600, 2_000),
-                long,
-                move_to(0, 900, 2_000),
-                long,
-                move_to(-1_000, 0, 1_000),
-                short,
-            ]
-        );
-        let sweeps: Vec<usize> =
-            (0..).zip(&program.steps).filter(|(_, s)| s.sweep).map(|(index, _)| index).collect();
-        assert_eq!(sweeps, [2, 4, 6]);
-    }
-
-    #[test]
-    fn mistakes_in_ramps_and_staircases_are_named() {
-        for (step, expected) in [
-            ("ramp_y_mm = 1", "step 1: a ramp needs `duration_s`"),
-            ("ramp_y_mm = 1\nduration_s = 0", "a duration must lie between"),
-            (
-                "ramp_y_mm = 1\nduration_s = 1\nspeed_mm_s = 1",
-                "`speed_mm_s` belongs to a move or a staircase",
-            ),
-            ("ramp_y_mm = nan\nduration_s = 1", "within 1000"),
-            ("hold_s = 1\nduration_s = 1", "`duration_s` belongs to a ramp"),
-            ("hold_s = 1\nlevels = 1", "`levels` belongs to a staircase"),
-            ("move_y_mm = 1\nramp_y_mm = 1\nduration_s = 1", "expected exactly one of"),
-            ("staircase_y_mm = 1\nlevels = 2", "a staircase needs `hold_s`"),
-            ("staircase_y_mm = 1\nhold_s = 2", "a staircase needs `levels`"),
-            ("staircase_y_mm = 1\nhold_s = 2\nlevels = 0", "`levels` must lie between 1 and 32"),
-            ("staircase_y_mm = 1\nhold_s = 2\nlevels = 4000000000", "`levels` must lie between 1 and 32"),
-            ("staircase_y_mm = 1\nhold_s = 2\nlevels = -1", "line 5"),
-            ("staircase_y_mm = 0\nhold_s = 2\nlevels = 2", "must lead to another place"),
-        ] {
-            let message =
-                Program::parse("p", &format!("name = 'p'\n[[step]]\n{step}")).unwrap_err().to_string();
-            assert!(message.contains(expected), "{message}");
-        }
-        let stairs = "[[step]]\nstaircase_y_mm = 1\nlevels = 32\nhold_s = 1\n";
-        assert_eq!(Program::parse("p", &format!("name = 'p'\n{stairs}")).unwrap().steps.len(), 64);
-        let message =
-            Program::parse("p", &format!("name = 'p'\n{stairs}[[step]]\nhold_s = 1\n")).unwrap_err();
-        assert_eq!(
-            message.to_string(),
-            "p: 65 steps on the device (2 in the file; each level of a staircase is a move and a hold), expected 1 to 64"
-        );
-    }
-}
+mod tests;

@@ -110,7 +110,7 @@ fn faults_are_named_with_their_place() {
         &["tissue.k_kpa: 0 is out of range, expected a number from 0.01"],
     );
     fails(with("load_n", "load_kg"), "8:1", &["tip.load_kg", "load_n, load_ci95_n"]);
-    fails(with("format = 1", "format = 2"), "2:10", &["model.format: 2 is out of range"]);
+    fails(with("format = 1", "format = 2"), "2:10", &["model.format: 2 is not known, expected 1"]);
     fails(with("[model]", "[modle]"), "1:2", &["\"modle\" is not known", "model, tissue, tip, effect"]);
     fails("[tissue]\nk_kpa = 1".to_owned(), "1:1", &["model: missing"]);
     fails(with("12.1", ""), "5:", &["syntax"]);

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// The operating system refused.
-    #[error("{}: cannot {action} at byte {offset}: {cause}", path.display())]
+    #[error("{}: cannot {action}{}: {cause}", path.display(), at_byte(*offset))]
     Io {
         /// The file.
         path: PathBuf,
@@ -19,7 +19,7 @@ pub enum RecordingError {
         cause: std::io::Error,
     },
     /// The file is something else.
-    #[error("{}: byte 0: this is no recording: it does not begin as an MCAP file does, nor holds any of its records", path.display())]
+    #[error("{}: byte 0: this is no recording: it does not begin as an MCAP file does, nor holds any of its records, expected one of guide record or guide acquire", path.display())]
     NotMcap {
         /// The file.
         path: PathBuf,
@@ -35,7 +35,7 @@ pub enum RecordingError {
         name: String,
     },
     /// No frame of a guide is in it.
-    #[error("{}: holds no intact frame of a guide in {bytes} bytes", path.display())]
+    #[error("{}: holds no intact frame of a guide in {bytes} bytes, expected a recording of guide record or guide acquire", path.display())]
     NoFrames {
         /// The file.
         path: PathBuf,
@@ -91,6 +91,11 @@ pub enum RecordingError {
         /// The file.
         path: PathBuf,
     },
+}
+
+/// Where something failed; that it was the beginning says nothing.
+fn at_byte(offset: u64) -> String {
+    if offset == 0 { String::new() } else { format!(" at byte {offset}") }
 }
 
 impl RecordingError {

@@ -9,7 +9,6 @@ use crate::model::{
     BaseDrive, Dynamics, Experiment, Foundation, Layer, Model, ModelError, Rig, check, predict,
 };
 use crate::session::SteeringRun;
-use serde::Deserialize;
 use std::f64::consts::TAU;
 
 /// Modes of the truth.
@@ -18,8 +17,7 @@ const MODES: usize = 10;
 const SLICE_M: f64 = 0.5e-3;
 
 /// Tissue down to a depth.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TissueLayer {
     /// Lower face; the last layer goes on below its own.
     pub bottom_mm: f64,
@@ -30,8 +28,7 @@ pub struct TissueLayer {
 }
 
 /// A lump or a bubble: stiffness and damping times `1 + (factor - 1)` of a bell of this width.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inclusion {
     /// Where its middle is.
     pub depth_mm: f64,
@@ -42,13 +39,11 @@ pub struct Inclusion {
 }
 
 /// What the tissue really is.
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tissue {
     /// From the surface down; at least one.
     pub layers: Vec<TissueLayer>,
     /// Anywhere in it.
-    #[serde(default)]
     pub inclusions: Vec<Inclusion>,
 }
 
@@ -134,52 +129,26 @@ impl Tissue {
 }
 
 /// What is done in one run.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Name of the run.
     pub id: String,
     /// Speed of insertion.
     pub speed_mm_s: f64,
     /// How deep.
-    #[serde(default = "Plan::depth_mm")]
     pub depth_mm: f64,
     /// How far sideways the base goes, evenly, until the needle is in.
-    #[serde(default = "Plan::lateral_mm")]
     pub lateral_mm: f64,
     /// The needle is supported: it goes in straight this far before it is moved sideways.
-    #[serde(default)]
     pub straight_mm: f64,
     /// The base moves to and fro by this much too, which tells damping from stiffness.
-    #[serde(default)]
     pub wobble_mm: f64,
     /// How often.
-    #[serde(default = "Plan::wobble_hz")]
     pub wobble_hz: f64,
     /// Time between samples.
-    #[serde(default = "Plan::period_ms")]
     pub period_ms: f64,
     /// Disturbances, at random depths: the tip jerks and rings, the force jumps for a moment.
-    #[serde(default)]
     pub disturbances: usize,
-}
-
-impl Plan {
-    fn depth_mm() -> f64 {
-        80.0
-    }
-
-    fn lateral_mm() -> f64 {
-        20.0
-    }
-
-    fn wobble_hz() -> f64 {
-        0.5
-    }
-
-    fn period_ms() -> f64 {
-        20.0
-    }
 }
 
 /// Standard deviations of the sensors.

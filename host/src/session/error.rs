@@ -1,6 +1,8 @@
 //! What can be wrong with a session, and where.
 
 use std::fmt;
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// Why a session could not be read or written.
@@ -77,12 +79,14 @@ impl Place {
     /// The place `offset` bytes into `text`, the content of the file at `path`.
     pub(crate) fn at(path: &Path, text: &str, offset: usize) -> Self {
         let before = text.get(..offset).unwrap_or(text);
-        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
-        Self {
-            path: path.to_owned(),
-            line: before.matches('\n').count() + 1,
-            column: before[line_start..].chars().count() + 1,
+        let (mut line, mut line_start) = (1, 0);
+        for (at, end) in before.match_indices(['\n', '\r']) {
+            line_start = at + end.len();
+            // Of a carriage return and a newline the newline counts.
+            line += usize::from(end == "\n" || !text.get(line_start..).is_some_and(|t| t.starts_with('\n')));
         }
+        let column = before.get(line_start..).unwrap_or_default().chars().count() + 1;
+        Self { path: path.to_owned(), line, column }
     }
 }
 
@@ -117,14 +121,26 @@ pub enum Problem {
     #[error("{0} does not exceed the value before it")]
     NotIncreasing(f64),
     /// Another kind of value.
-    #[error("this is a {0}")]
+    #[error("this is {article} {0}", article = article(.0))]
     WrongType(&'static str),
+    /// A number with a fraction where there can be none.
+    #[error("{0} is not a whole number")]
+    NotWhole(f64),
+    /// Nothing of this name, but of one that looks like it.
+    #[error("missing, but there is \"{0}\"")]
+    Misspelt(String),
+    /// A file that is named here cannot be read: its path, and what the operating system said.
+    #[error("cannot read {0}")]
+    Unreadable(String),
     /// A name used twice.
     #[error("\"{0}\" is there twice")]
     Duplicate(String),
     /// A name that means nothing here.
     #[error("\"{0}\" is not known")]
     Unknown(String),
+    /// A version of the format that is not read.
+    #[error("{0} is not known")]
+    Unsupported(String),
     /// A list of another length.
     #[error("a list of {0}")]
     Count(usize),
@@ -133,25 +149,60 @@ pub enum Problem {
     Syntax(String),
 }
 
+fn article(noun: &str) -> &'static str {
+    if noun.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" }
+}
+
+/// The two halves of a parser's message: what is wrong, and what it expected where it says so.
+pub(crate) fn split_message(message: &str, otherwise: &str) -> (Problem, String) {
+    let (what, expected) = match message.strip_prefix("expected ") {
+        Some(expected) => ("unexpected text", expected),
+        None => message.split_once(", expected ").unwrap_or((message, otherwise)),
+    };
+    (Problem::Syntax(what.trim().to_owned()), expected.trim().to_owned())
+}
+
+/// Most bytes that are read of what has no end of its own, such as a device.
+const MOST_BYTES: u64 = 64 << 20;
+
 /// Reads a whole text file, without a byte order mark.
 pub(crate) fn read_text(path: &Path) -> Result<String, SessionError> {
-    let bytes = std::fs::read(path).map_err(|cause| SessionError::Io {
+    let bytes = read_bytes(path).map_err(|cause| SessionError::Io {
         path: path.to_owned(),
         action: "read",
         cause,
     })?;
+    let fault = |place, what: &str, expected: &str| SessionError::Field {
+        place,
+        field: "text".to_owned(),
+        problem: Problem::Syntax(what.to_owned()),
+        expected: expected.to_owned(),
+    };
+    if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
+        return Err(fault(Place::at(path, "", 0), "this is UTF-16", "UTF-8 text (save it as UTF-8)"));
+    }
     let mut text = String::from_utf8(bytes).map_err(|error| {
         let good = error.utf8_error().valid_up_to();
         let valid = String::from_utf8_lossy(error.as_bytes().get(..good).unwrap_or_default()).into_owned();
-        SessionError::Field {
-            place: Place::at(path, &valid, good),
-            field: "text".to_owned(),
-            problem: Problem::Syntax("a byte that is not UTF-8".to_owned()),
-            expected: "UTF-8 text".to_owned(),
-        }
+        fault(Place::at(path, &valid, good), "a byte that is not UTF-8", "UTF-8 text")
     })?;
     if text.starts_with('\u{feff}') {
         text.drain(..'\u{feff}'.len_utf8());
     }
-    Ok(text)
+    // A power cut leaves such bytes, UTF-16 without its mark has them, and no number is written with them.
+    match text.find('\0') {
+        Some(nul) => Err(fault(Place::at(path, &text, nul), "a NUL byte", "UTF-8 text without any")),
+        None => Ok(text),
+    }
+}
+
+fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
+    let file = File::open(path)?;
+    let mut bytes = Vec::new();
+    if file.metadata()?.is_file() {
+        (&file).read_to_end(&mut bytes)?;
+    } else if (&file).take(MOST_BYTES + 1).read_to_end(&mut bytes)? as u64 > MOST_BYTES {
+        return Err(io::Error::other("this is no file, and does not end"));
+    }
+    Ok(bytes)
 }

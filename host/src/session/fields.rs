@@ -1,7 +1,8 @@
 //! Typed access to the fields of a session, model or plan file, every fault with its place.
 
-use super::error::{Place, Problem, SessionError};
-use std::path::Path;
+use super::error::{Place, Problem, SessionError, split_message};
+use super::names::misspelt;
+use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -23,11 +24,11 @@ impl<'d> Fields<'d> {
         text: &str,
         use_fields: impl FnOnce(&Fields<'_>) -> Result<T, SessionError>,
     ) -> Result<T, SessionError> {
-        let document = DeTable::parse(text).map_err(|error| SessionError::Field {
-            place: Place::at(path, text, error.span().map_or(0, |span| span.start)),
-            field: "syntax".to_owned(),
-            problem: Problem::Syntax(error.message().to_owned()),
-            expected: "TOML".to_owned(),
+        let document = DeTable::parse(text).map_err(|error| {
+            let offset = error.span().map_or(0, |span| span.start);
+            let (problem, expected) = syntax(error.message(), text, offset);
+            let place = Place::at(path, text, offset);
+            SessionError::Field { place, field: "syntax".to_owned(), problem, expected }
         })?;
         use_fields(&Fields { path, text, name: String::new(), offset: 0, table: document.get_ref() })
     }
@@ -58,14 +59,75 @@ impl<'d> Fields<'d> {
         self.fault(offset, field, problem, expected)
     }
 
+    /// A fault of a field that is not there; one that looks like it is pointed at.
+    fn missing(&self, field: &str, expected: impl Into<String>) -> SessionError {
+        let found = misspelt(field, self.names()).map(str::to_owned);
+        let key = found.as_ref().and_then(|found| self.table.iter().find(|(key, _)| key.get_ref() == found));
+        let offset = key.map_or(self.offset, |(key, _)| key.span().start);
+        self.fault(offset, field, found.map_or(Problem::Missing, Problem::Misspelt), expected)
+    }
+
+    /// Where the table starts.
+    pub fn place(&self) -> Place {
+        Place::at(self.path, self.text, self.offset)
+    }
+
+    /// Where a field's value stands, or the table where there is none.
+    pub fn place_of(&self, field: &str) -> Place {
+        let offset = self.get(field).map_or(self.offset, |value| value.span().start);
+        Place::at(self.path, self.text, offset)
+    }
+
+    /// The number of the format, of which there is one so far.
+    pub fn format(&self) -> Result<(), SessionError> {
+        const EXPECTED: &str = "1, the format that this version of guide knows";
+        let problem = match self.get("format").map(Spanned::get_ref) {
+            None => return Err(self.missing("format", EXPECTED)),
+            Some(DeValue::Integer(number)) if number.as_str() == "1" => return Ok(()),
+            Some(DeValue::Float(number)) if number.as_str() == "1.0" => return Ok(()),
+            Some(DeValue::Integer(number)) => Problem::Unsupported(number.as_str().to_owned()),
+            Some(DeValue::Float(number)) => Problem::Unsupported(number.as_str().to_owned()),
+            Some(other) => Problem::WrongType(other.type_str()),
+        };
+        Err(self.field_fault("format", problem, EXPECTED))
+    }
+
+    /// Reads the file that a field names, in `dir`. That it cannot be read is a fault of the field.
+    pub fn file<T>(
+        &self,
+        dir: &Path,
+        field: &str,
+        read: impl FnOnce(&Path) -> Result<T, SessionError>,
+    ) -> Result<(PathBuf, T), SessionError> {
+        let path = dir.join(self.text(field)?);
+        match read(&path) {
+            Ok(content) => Ok((path, content)),
+            Err(SessionError::Io { path, cause, .. }) => {
+                let problem = Problem::Unreadable(format!("{}: {cause}", path.display()));
+                Err(self.field_fault(field, problem, "a file that can be read"))
+            }
+            Err(other) => Err(other),
+        }
+    }
+
     /// Refuses fields that are not among `known`, for tables in which a misspelt field must not pass unseen.
     pub fn only(&self, known: &[&str]) -> Result<(), SessionError> {
         let names = || if known.is_empty() { "nothing here".to_owned() } else { known.join(", ") };
-        match self.table.iter().find(|(key, _)| !known.contains(&key.get_ref().as_ref())) {
+        let unknown = self.table.iter().filter(|(key, _)| !known.contains(&key.get_ref().as_ref()));
+        match unknown.min_by_key(|(key, _)| key.span().start) {
             Some((key, _)) => {
                 let name = key.get_ref().to_string();
                 Err(self.fault(key.span().start, &name, Problem::Unknown(name.clone()), names()))
             }
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses a field that is not among `known` and looks like one that is and is not there; others are left alone.
+    pub fn none_misspelt(&self, known: &[&str]) -> Result<(), SessionError> {
+        let own = || self.names().filter(|name| !known.contains(name));
+        match known.iter().find(|name| self.get(name).is_none() && misspelt(name, own()).is_some()) {
+            Some(name) => Err(self.missing(name, "this name, or one that does not look like it")),
             None => Ok(()),
         }
     }
@@ -186,9 +248,18 @@ impl<'d> Fields<'d> {
                 number.map(|number| [number, shifted(&text, power).unwrap_or(number)])
             }
             DeValue::Integer(integer) => {
-                let whole = i64::from_str_radix(&integer.as_str().replace('_', ""), integer.radix()).ok();
-                let scaled = |whole: i64| shifted(&whole.to_string(), power).unwrap_or(whole as f64);
-                whole.map(|whole| [whole as f64, scaled(whole)])
+                let text = integer.as_str().replace('_', "");
+                // Beyond 64 bits only its size matters.
+                let whole = i64::from_str_radix(&text, integer.radix())
+                    .map_or_else(|_| text.parse().ok(), |n| Some(n as f64));
+                whole.map(|whole| {
+                    [
+                        whole,
+                        shifted(&text, power)
+                            .filter(|_| integer.radix() == 10)
+                            .unwrap_or(whole * 10f64.powi(power)),
+                    ]
+                })
             }
             other => return Err(fault(Problem::WrongType(other.type_str()))),
         };
@@ -202,9 +273,31 @@ impl<'d> Fields<'d> {
 
     /// A number within `[least, most]`.
     pub fn number(&self, field: &str, [least, most]: [f64; 2]) -> Result<f64, SessionError> {
-        let missing =
-            || self.field_fault(field, Problem::Missing, format!("a number from {least} to {most}"));
+        let missing = || self.missing(field, format!("a number from {least} to {most}"));
         self.optional_number(field, [least, most])?.ok_or_else(missing)
+    }
+
+    /// A whole number within `[least, most]`, where there is one.
+    pub fn optional_whole(&self, field: &str, [least, most]: [f64; 2]) -> Result<Option<f64>, SessionError> {
+        let number = self.optional_number(field, [least, most])?;
+        match number.filter(|number| number.fract() != 0.0) {
+            Some(number) => {
+                let expected = format!("a whole number from {least} to {most}");
+                Err(self.field_fault(field, Problem::NotWhole(number), expected))
+            }
+            None => Ok(number),
+        }
+    }
+
+    /// Whether something is so; not where nothing is said.
+    pub fn flag(&self, field: &str) -> Result<bool, SessionError> {
+        match self.get(field).map(Spanned::get_ref) {
+            None => Ok(false),
+            Some(DeValue::Boolean(flag)) => Ok(*flag),
+            Some(other) => {
+                Err(self.field_fault(field, Problem::WrongType(other.type_str()), "true or false"))
+            }
+        }
     }
 
     /// A string that is not empty, where there is one.
@@ -221,7 +314,7 @@ impl<'d> Fields<'d> {
 
     /// A string that is not empty.
     pub fn text(&self, field: &str) -> Result<String, SessionError> {
-        self.optional_text(field)?.ok_or_else(|| self.field_fault(field, Problem::Missing, "a string"))
+        self.optional_text(field)?.ok_or_else(|| self.missing(field, "a string"))
     }
 
     /// A table such as `[rig]`, where there is one.
@@ -231,7 +324,8 @@ impl<'d> Fields<'d> {
 
     /// A table such as `[rig]`.
     pub fn table(&self, name: &str) -> Result<Fields<'d>, SessionError> {
-        let missing = || self.field_fault(name, Problem::Missing, format!("a table [{name}]"));
+        let dot = if self.name.is_empty() { "" } else { "." };
+        let missing = || self.missing(name, format!("a table [{}{dot}{name}]", self.name));
         self.optional_table(name)?.ok_or_else(missing)
     }
 
@@ -263,6 +357,31 @@ impl<'d> Fields<'d> {
             )),
         }
     }
+}
+
+/// A fault of the syntax in words, better ones than the parser's where it misleads.
+fn syntax(message: &str, text: &str, offset: usize) -> (Problem, String) {
+    let digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
+    let (at, before) = (text.as_bytes().get(offset..), offset.checked_sub(1));
+    let at = at.unwrap_or_default();
+    let (what, expected) = if at.first() == Some(&b',')
+        && digit(at.get(1))
+        && digit(before.and_then(|before| text.as_bytes().get(before)))
+    {
+        ("a comma in a number", "a decimal point")
+    } else if message.starts_with("string values must be quoted") {
+        match at.iter().find(|byte| !matches!(byte, b' ' | b'\t')) {
+            None | Some(b'\n' | b'\r' | b'#') => ("no value", "a number, a list, or text in quotation marks"),
+            Some(_) => ("text without quotation marks", "a number, a list, or text in straight ones (\")"),
+        }
+    } else if message.starts_with("duplicate key") {
+        ("this name is there twice", "every name once in a table")
+    } else if message.contains("recurs") {
+        ("nested too deeply", "lists and tables as the format has them")
+    } else {
+        return split_message(message, "TOML");
+    };
+    (Problem::Syntax(what.to_owned()), expected.to_owned())
 }
 
 /// The number that a decimal text times a power of ten is nearest to.

@@ -7,6 +7,7 @@
 mod error;
 pub(crate) mod fields;
 pub mod import;
+mod names;
 mod read;
 mod survey;
 mod table;
@@ -15,6 +16,7 @@ mod write;
 
 pub(crate) use error::read_text;
 pub use error::{Place, Problem, SessionError};
+pub(crate) use names::distance;
 pub use survey::Survey;
 pub(crate) use write::{FILE_NAME, is_file_name, replace};
 pub use write::{ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow};

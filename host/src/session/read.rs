@@ -2,6 +2,7 @@
 
 use super::error::{Problem, SessionError, read_text};
 use super::fields::Fields;
+use super::survey::{NEEDLE, NOISE, RIG};
 use super::table::{Column, Table};
 use super::{
     DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Mark, Noise, Provenance, Session,
@@ -28,9 +29,9 @@ pub(super) const FORCE_COLUMNS: [Column; 8] = [
     Column::required("force_y_n", 1.0, FORCE_N),
     Column::optional("displacement_x_mm", MM, [-50.0, 50.0]),
     Column::optional("force_x_n", 1.0, FORCE_N),
-    Column::optional("lost_before", 1.0, [0.0, 1e12]),
-    Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).blank(),
-    Column::optional("moving", 1.0, [0.0, 1.0]).blank(),
+    Column::optional("lost_before", 1.0, [0.0, 1e12]).whole(),
+    Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).whole().blank(),
+    Column::optional("moving", 1.0, [0.0, 1.0]).whole().blank(),
 ];
 pub(super) const SHAPE_COLUMNS: [Column; 4] = [
     Column::optional("time_s", 1.0, TIME_S),
@@ -68,7 +69,7 @@ impl Session {
         let text = read_text(&path)?;
         Fields::parse(&path, &text, |file| {
             let session = file.table("session")?;
-            session.number("format", [1.0, 1.0])?;
+            session.format()?;
             Ok(Self {
                 dir: dir.to_owned(),
                 name: session.optional_text("name")?,
@@ -104,6 +105,11 @@ impl Setup {
                 Some(session) => session.optional_text("name")?,
                 None => None,
             };
+            // What is left out here has a usual value, and nobody checks the file: a slip must not pass for that.
+            file.none_misspelt(&["needle", "rig", "noise"])?;
+            for (table, known) in [("needle", &NEEDLE[..]), ("rig", &RIG), ("noise", &NOISE)] {
+                file.optional_table(table)?.map_or(Ok(()), |fields| fields.none_misspelt(known))?;
+            }
             Ok(Self {
                 name: name.unwrap_or_default(),
                 rig: rig(file)?,
@@ -184,10 +190,8 @@ fn runs<T>(
 
 pub(super) fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, SessionError> {
     let depth_m = MM * fields.number("depth_mm", DEPTH_RANGE_MM)?;
-    let force_path = dir.join(fields.text("force")?);
-    let shape_path = dir.join(fields.text("shape")?);
-    let force = ForceSeries::read(&force_path)?;
-    let shape = ShapeSeries::read(&shape_path)?;
+    let (force_path, force) = fields.file(dir, "force", ForceSeries::read)?;
+    let (shape_path, shape) = fields.file(dir, "shape", ShapeSeries::read)?;
     let provenance = provenance(fields)?;
     Ok(LateralRun { id, depth_m, force_path, shape_path, provenance, force, shape })
 }
@@ -199,6 +203,7 @@ impl ForceSeries {
     /// [`SessionError`] for the first fault found, with its place.
     pub fn read(path: &Path) -> Result<Self, SessionError> {
         let mut force = Table::read_recording(path, &FORCE_COLUMNS)?;
+        let header_line = force.header_line;
         let marks = marks(force.take("step"), force.take("moving"));
         let force = Self {
             time_s: force.take_required("time_s"),
@@ -209,15 +214,17 @@ impl ForceSeries {
             lost_before: force.take("lost_before"),
             marks,
         };
-        if force.displacement_x_m.is_some() != force.force_x_n.is_some() {
-            return Err(SessionError::Field {
-                place: super::Place { path: path.to_owned(), line: 1, column: 1 },
-                field: "displacement_x_mm, force_x_n".to_owned(),
-                problem: Problem::Missing,
-                expected: "both columns or none".to_owned(),
-            });
-        }
-        Ok(force)
+        let (missing, beside) = match (&force.displacement_x_m, &force.force_x_n) {
+            (None, Some(_)) => ("displacement_x_mm", "force_x_n"),
+            (Some(_), None) => ("force_x_n", "displacement_x_mm"),
+            _ => return Ok(force),
+        };
+        Err(SessionError::Field {
+            place: super::Place { path: path.to_owned(), line: header_line, column: 1 },
+            field: missing.to_owned(),
+            problem: Problem::Missing,
+            expected: format!("both columns or none, as there is {beside}"),
+        })
     }
 }
 
@@ -227,13 +234,24 @@ impl ShapeSeries {
     /// # Errors
     /// [`SessionError`] for the first fault found, with its place.
     pub fn read(path: &Path) -> Result<Self, SessionError> {
-        let mut shape = Table::read_recording(path, &SHAPE_COLUMNS)?;
-        Ok(Self {
+        Ok(Self::of(Table::read_recording(path, &SHAPE_COLUMNS)?))
+    }
+
+    /// Reads a shape of at least one point from a text; `name` is what messages call it.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub(crate) fn parse(name: &Path, text: &str) -> Result<Self, SessionError> {
+        Ok(Self::of(Table::parse(name, text, &SHAPE_COLUMNS, 1)?))
+    }
+
+    fn of(mut shape: Table) -> Self {
+        Self {
             time_s: shape.take("time_s"),
             z_m: shape.take_required("z_mm"),
             y_m: shape.take_required("deflection_y_mm"),
             x_m: shape.take("deflection_x_mm"),
-        })
+        }
     }
 }
 
@@ -265,8 +283,7 @@ pub(super) fn provenance(fields: &Fields<'_>) -> Result<Provenance, SessionError
 }
 
 pub(super) fn insertion(dir: &Path, fields: &Fields<'_>, id: String) -> Result<InsertionRun, SessionError> {
-    let path = dir.join(fields.text("path")?);
-    let mut table = Table::read(&path, &INSERTION_COLUMNS)?;
+    let (path, mut table) = fields.file(dir, "path", |path| Table::read(path, &INSERTION_COLUMNS))?;
     Ok(InsertionRun {
         id,
         path,
@@ -288,15 +305,13 @@ pub(super) fn indentation(
 ) -> Result<IndentationRun, SessionError> {
     let indenter_radius_m = MM * fields.number("indenter_radius_mm", RADIUS_MM)?;
     let poisson = fields.number("poisson", POISSON)?;
-    let path = dir.join(fields.text("data")?);
-    let mut table = Table::read(&path, &INDENTATION_COLUMNS)?;
+    let (path, mut table) = fields.file(dir, "data", |path| Table::read(path, &INDENTATION_COLUMNS))?;
     let (depth_m, force_n) = (table.take_required("depth_mm"), table.take_required("force_n"));
     Ok(IndentationRun { id, path, indenter_radius_m, poisson, depth_m, force_n })
 }
 
 pub(super) fn steering(dir: &Path, fields: &Fields<'_>, id: String) -> Result<SteeringRun, SessionError> {
-    let path = dir.join(fields.text("data")?);
-    let mut table = Table::read(&path, &STEERING_COLUMNS)?;
+    let (path, mut table) = fields.file(dir, "data", |path| Table::read(path, &STEERING_COLUMNS))?;
     Ok(SteeringRun {
         id,
         path,

@@ -3,11 +3,11 @@
 use super::error::{Place, Problem, SessionError, read_text};
 use super::fields::Fields;
 use super::read;
-use super::table::{Column, Table};
+use super::table::{Column, Table, misspelt_columns};
 use super::{DEPTH_RANGE_MM, Session};
 use crate::model::Rig;
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Component, Path};
 
 /// All that reading a session tells.
 #[derive(Debug, Default)]
@@ -19,15 +19,19 @@ pub struct Survey {
     pub faults: Vec<SessionError>,
     /// Fields that are not part of the format, which are ignored: a misspelt one looks like this.
     pub unknown: Vec<(Place, String)>,
+    /// Columns that are not part of the format, with the name of one that is, is not there, and was perhaps meant.
+    pub misspelt: Vec<(Place, String, &'static str)>,
+    /// Files that are named in a way that leads out of the session's folder.
+    pub outside: Vec<(Place, String)>,
 }
 
 const TABLES: [&str; 8] =
     ["session", "needle", "rig", "noise", "lateral", "insertion", "indentation", "steering"];
 const SESSION: [&str; 2] = ["format", "name"];
-const NEEDLE: [&str; 5] =
+pub(super) const NEEDLE: [&str; 5] =
     ["youngs_modulus_gpa", "outer_diameter_mm", "inner_diameter_mm", "bevel_angle_deg", "length_mm"];
-const RIG: [&str; 3] = ["guide2_mm", "entry_mm", "fixture_mass_kg"];
-const NOISE: [&str; 4] = ["force_n", "displacement_mm", "shape_mm", "tip_mm"];
+pub(super) const RIG: [&str; 3] = ["guide2_mm", "entry_mm", "fixture_mass_kg"];
+pub(super) const NOISE: [&str; 4] = ["force_n", "displacement_mm", "shape_mm", "tip_mm"];
 
 /// A kind of run: its table, its fields, its files with their columns and whether they may be without rows, its numbers.
 struct Kind {
@@ -93,7 +97,7 @@ impl Survey {
             }
         }
         let head = file.table("session").and_then(|session| {
-            session.number("format", [1.0, 1.0])?;
+            session.format()?;
             session.optional_text("name")
         });
         let name = self.keep(head).flatten();
@@ -143,12 +147,32 @@ impl Survey {
                 let problem = Problem::Duplicate(id.clone());
                 self.faults.push(fields.field_fault("id", problem, "one run per id"));
             }
+            self.files(dir, &fields, kind);
             match read(&fields, id) {
                 Ok(run) => runs.push(run),
                 Err(first) => self.parts(dir, &fields, kind, first),
             }
         }
         runs
+    }
+
+    /// What may not be meant in a run's files.
+    fn files(&mut self, dir: &Path, fields: &Fields<'_>, kind: &Kind) {
+        for (name, columns, _) in kind.files {
+            let Ok(file) = fields.text(name) else { continue };
+            let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+            if !Path::new(&file).components().all(inside) {
+                self.outside.push((fields.place_of(name), format!("{}.{name}", kind.name)));
+            }
+            let path = dir.join(file);
+            let Ok(text) = read_text(&path) else { continue };
+            for one in misspelt_columns(&path, &text, columns) {
+                // Two runs may share a file.
+                if !self.misspelt.contains(&one) {
+                    self.misspelt.push(one);
+                }
+            }
+        }
     }
 
     /// Every fault of a run's parts; `first` is the one at which reading it stopped.
@@ -158,10 +182,8 @@ impl Survey {
             self.keep(fields.number(name, *range));
         }
         for (name, columns, may_be_empty) in kind.files {
-            let Some(file) = self.keep(fields.text(name)) else { continue };
-            let path = dir.join(file);
             let read = if *may_be_empty { Table::read_recording } else { Table::read };
-            self.keep(read(&path, columns));
+            self.keep(fields.file(dir, name, |path| read(path, columns)));
         }
         if kind.name == LATERAL.name {
             self.keep(read::provenance(fields));
@@ -217,9 +239,9 @@ mod tests {
             "session.toml:19:6: lateral.id: \"a\" is there twice",
             "f.csv:1:1: force_y_n: missing",
             "s.csv:2:4: deflection_y_mm: \"x\" is not a number",
-            "none.csv: cannot read",
+            "session.toml:23:8: insertion.path: cannot read none.csv",
             "session.toml:28:1: steering.id: missing",
-            "session.toml:29:8: steering.data: this is a integer",
+            "session.toml:29:8: steering.data: this is an integer",
         ];
         assert_eq!(faults.len(), begins.len(), "{faults:#?}");
         for (fault, begin) in faults.iter().zip(begins) {

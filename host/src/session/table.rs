@@ -1,6 +1,7 @@
 //! Numeric CSV tables: named columns in any order, `#` comments, every fault with its place.
 
 use super::error::{Place, Problem, SessionError, read_text};
+use super::names::misspelt;
 use std::path::Path;
 
 /// A column the format knows: its name in the file, the factor to SI and the values that can be right, in the file's
@@ -19,17 +20,19 @@ pub struct Column {
     pub increasing: bool,
     /// Whether a cell may be empty: its value is NaN then.
     pub blank: bool,
+    /// Whether a value with a fraction is none.
+    pub whole: bool,
 }
 
 impl Column {
     /// A column that must be there.
     pub const fn required(name: &'static str, to_si: f64, range: [f64; 2]) -> Self {
-        Self { name, required: true, to_si, range, increasing: false, blank: false }
+        Self { name, required: true, to_si, range, increasing: false, blank: false, whole: false }
     }
 
     /// A column that may be there.
     pub const fn optional(name: &'static str, to_si: f64, range: [f64; 2]) -> Self {
-        Self { name, required: false, to_si, range, increasing: false, blank: false }
+        Self { name, required: false, to_si, range, increasing: false, blank: false, whole: false }
     }
 
     /// The same, with values that must increase.
@@ -43,12 +46,20 @@ impl Column {
         self.blank = true;
         self
     }
+
+    /// The same, with whole numbers only.
+    pub const fn whole(mut self) -> Self {
+        self.whole = true;
+        self
+    }
 }
 
 /// The known columns of a table, in SI.
 #[derive(Debug)]
 pub struct Table {
     columns: Vec<(&'static str, Vec<f64>)>,
+    /// Line of the header.
+    pub(super) header_line: usize,
 }
 
 impl Table {
@@ -93,13 +104,16 @@ impl Table {
             .trim(csv::Trim::All)
             .from_reader(text.as_bytes());
         let mut record = csv::StringRecord::new();
-        let fault = |record: &csv::StringRecord, index: usize, field: &str, problem, expected: String| {
+        let place = |record: &csv::StringRecord, index: usize| {
             let start = record.position().map_or(0, csv::Position::byte) as usize;
-            let place = Place::at(path, text, cell_offset(text, start, index));
-            SessionError::Field { place, field: field.to_owned(), problem, expected }
+            Place::at(path, text, cell_offset(text, start, index))
         };
-        let mut next = |record: &mut csv::StringRecord| {
-            reader.read_record(record).map_err(|error| {
+        let fault = |record: &csv::StringRecord, index: usize, field: &str, problem, expected: String| {
+            SessionError::Field { place: place(record, index), field: field.to_owned(), problem, expected }
+        };
+        // The next line that is not blank.
+        let mut next = |record: &mut csv::StringRecord| loop {
+            let there = reader.read_record(record).map_err(|error| {
                 let offset = error.position().map_or(0, csv::Position::byte) as usize;
                 SessionError::Field {
                     place: Place::at(path, text, offset),
@@ -107,7 +121,15 @@ impl Table {
                     problem: Problem::Syntax(error.to_string()),
                     expected: "comma-separated values".to_owned(),
                 }
-            })
+            })?;
+            // A quotation mark that is never closed would swallow the rows that follow.
+            if let Some(index) = record.iter().position(|cell| cell.contains(['\n', '\r'])) {
+                let problem = Problem::Syntax("a quotation mark that is not closed on its line".to_owned());
+                return Err(fault(record, index, "row", problem, "quotation marks in pairs".to_owned()));
+            }
+            if !there || record.len() != 1 || record.get(0) != Some("") {
+                return Ok(there);
+            }
         };
 
         next(&mut record)?;
@@ -123,21 +145,36 @@ impl Table {
                 }
                 (Some(index), None) => found.push((index, *column, Vec::new())),
                 (None, _) if column.required => {
-                    let names: Vec<_> = known.iter().filter(|c| c.required).map(|c| c.name).collect();
-                    let expected = format!("a header with {}", names.join(", "));
-                    return Err(fault(&header, 0, column.name, Problem::Missing, expected));
+                    let Absent { index, problem, expected } = absent(&header, column, known);
+                    return Err(fault(&header, index, column.name, problem, expected));
                 }
                 (None, _) => {}
             }
         }
+        let width = header.len();
         let mut rows = 0;
         while next(&mut record)? {
             rows += 1;
+            let beyond = (width..record.len()).any(|index| record.get(index) != Some(""));
+            let short = found.iter().any(|(index, ..)| *index >= record.len());
+            if beyond || short {
+                let problem = Problem::Syntax(match record.len() {
+                    1 => "1 cell".to_owned(),
+                    count => format!("{count} cells"),
+                });
+                let comma = if beyond { "; numbers with a decimal point, not a comma" } else { "" };
+                let expected = format!("{width}, one for each column of the header{comma}");
+                return Err(fault(&record, width.min(record.len()), "row", problem, expected));
+            }
             for (index, column, values) in &mut found {
                 let value = cell(record.get(*index), column, values.last().copied()).map_err(|problem| {
                     let [least, most] = column.range;
-                    let expected = match problem {
+                    let expected = match &problem {
                         Problem::NotIncreasing(_) => "increasing values".to_owned(),
+                        Problem::NotWhole(_) => format!("a whole number from {least} to {most}"),
+                        Problem::NotANumber(text) if text.replace(',', ".").parse::<f64>().is_ok() => {
+                            format!("a number from {least} to {most}, with a decimal point")
+                        }
                         _ => format!("a number from {least} to {most}"),
                     };
                     fault(&record, *index, column.name, problem, expected)
@@ -158,7 +195,62 @@ impl Table {
             .into_iter()
             .map(|(_, c, values)| (c.name, values.iter().map(|v| v * c.to_si).collect()))
             .collect();
-        Ok(Self { columns })
+        Ok(Self { columns, header_line: place(&header, 0).line })
+    }
+}
+
+/// Optional columns that are not in the header of a text, where one stands that looks like a misspelt one: its place, its name and
+/// the name that was perhaps meant.
+pub(super) fn misspelt_columns(
+    path: &Path,
+    text: &str,
+    known: &[Column],
+) -> Vec<(Place, String, &'static str)> {
+    let is_comment = |line: &str| line.starts_with('#') || line.trim().is_empty();
+    let mut start = 0;
+    let header = text.split_inclusive(['\n', '\r']).find(|line| {
+        let found = !is_comment(line);
+        start += if found { 0 } else { line.len() };
+        found
+    });
+    let names: Vec<&str> =
+        header.unwrap_or_default().split(',').map(|name| name.trim().trim_matches('"')).collect();
+    let others = || names.iter().copied().filter(|name| known.iter().all(|column| column.name != *name));
+    let mut found = Vec::new();
+    for column in known.iter().filter(|column| !column.required && !names.contains(&column.name)) {
+        let Some(name) = misspelt(column.name, others()) else { continue };
+        let index = names.iter().position(|other| *other == name).unwrap_or_default();
+        found.push((Place::at(path, text, cell_offset(text, start, index)), name.to_owned(), column.name));
+    }
+    found
+}
+
+/// A required column that is not in the header: which cell shows it, what is wrong and what was expected.
+struct Absent {
+    index: usize,
+    problem: Problem,
+    expected: String,
+}
+
+fn absent(header: &csv::StringRecord, column: &Column, known: &[Column]) -> Absent {
+    const SEPARATORS: [(char, &str); 3] = [(';', "semicolons"), ('\t', "tabs"), (' ', "spaces")];
+    let only = if header.len() == 1 { header.get(0).unwrap_or_default() } else { "" };
+    let separator = SEPARATORS.iter().find(|(separator, _)| {
+        only.split(*separator).any(|name| known.iter().any(|column| column.name == name.trim()))
+            && only.contains(*separator)
+    });
+    if let Some((_, name)) = separator {
+        let problem = Problem::Syntax(format!("missing, the header is parted by {name}"));
+        let expected = "commas between columns, and decimal points".to_owned();
+        return Absent { index: 0, problem, expected };
+    }
+    let names: Vec<_> = known.iter().filter(|c| c.required).map(|c| c.name).collect();
+    let expected = format!("a header with {}", names.join(", "));
+    let others = header.iter().filter(|name| known.iter().all(|column| column.name != *name));
+    let meant = misspelt(column.name, others);
+    match meant.and_then(|meant| Some((meant, header.iter().position(|name| name == meant)?))) {
+        Some((meant, index)) => Absent { index, problem: Problem::Misspelt(meant.to_owned()), expected },
+        None => Absent { index: 0, problem: Problem::Missing, expected },
     }
 }
 
@@ -175,6 +267,8 @@ fn cell(text: Option<&str>, column: &Column, before: Option<f64>) -> Result<f64,
         Err(Problem::OutOfRange(value))
     } else if column.increasing && before.is_some_and(|before| value <= before) {
         Err(Problem::NotIncreasing(value))
+    } else if column.whole && value.fract() != 0.0 {
+        Err(Problem::NotWhole(value))
     } else {
         Ok(value)
     }
@@ -183,7 +277,7 @@ fn cell(text: Option<&str>, column: &Column, before: Option<f64>) -> Result<f64,
 /// Byte offset of the cell `index` of the record that starts at or after `start` (comments may come first).
 fn cell_offset(text: &str, start: usize, index: usize) -> usize {
     let mut line_start = start.min(text.len());
-    for line in text.get(line_start..).unwrap_or_default().split_inclusive('\n') {
+    for line in text.get(line_start..).unwrap_or_default().split_inclusive(['\n', '\r']) {
         if !line.starts_with('#') && !line.trim().is_empty() {
             let mut quoted = false;
             let comma = |(_, c): &(usize, char)| {
@@ -231,6 +325,14 @@ mod tests {
         for (text, message) in [
             ("", "a.csv:1:1: time_s: missing, expected a header with time_s, force_y_n"),
             ("time_s\n1\n", "a.csv:1:1: force_y_n: missing, expected a header with time_s, force_y_n"),
+            (
+                "# c\ntime_s,forse_y_n\n",
+                "a.csv:2:8: force_y_n: missing, but there is \"forse_y_n\", expected a header with time_s, force_y_n",
+            ),
+            (
+                "time_s;force_y_n\n0;1\n",
+                "a.csv:1:1: time_s: missing, the header is parted by semicolons, expected commas between columns, and decimal points",
+            ),
             ("time_s,force_y_n\n", "a.csv:1:1: rows: no rows, expected at least one row below the header"),
             (
                 "time_s,force_y_n,time_s\n",
@@ -245,7 +347,18 @@ mod tests {
                 "a.csv:2:3: force_y_n: not a finite number, expected a number from -200 to 200",
             ),
             ("time_s,force_y_n\n0,\n", "a.csv:2:3: force_y_n: empty, expected a number from -200 to 200"),
-            ("time_s,force_y_n\n0\n", "a.csv:2:2: force_y_n: empty, expected a number from -200 to 200"),
+            (
+                "time_s,force_y_n\n0\n",
+                "a.csv:2:2: row: 1 cell, expected 2, one for each column of the header",
+            ),
+            (
+                "time_s,force_y_n\r0,1\r0,1,5\r",
+                "a.csv:3:4: row: 3 cells, expected 2, one for each column of the header; numbers with a decimal point, not a comma",
+            ),
+            (
+                "time_s,force_y_n,note\n0,1,\"loose\n1,1,\n",
+                "a.csv:2:5: row: a quotation mark that is not closed on its line, expected quotation marks in pairs",
+            ),
             (
                 "time_s,force_y_n\n0,1000\n",
                 "a.csv:2:3: force_y_n: 1000 is out of range, expected a number from -200 to 200",

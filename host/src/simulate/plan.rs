@@ -88,6 +88,25 @@ pub(super) struct Hold {
     pub level_m: f64,
 }
 
+/// Names of runs, each of which becomes the name of files.
+#[derive(Default)]
+pub(super) struct RunIds(HashSet<String>);
+
+impl RunIds {
+    pub(super) fn read(&mut self, fields: &Fields<'_>) -> Result<String, SessionError> {
+        let id = fields.text("id")?;
+        if !is_file_name(&id) {
+            let problem = Problem::Syntax(format!("\"{id}\" cannot be part of a file name"));
+            return Err(fields.field_fault("id", problem, FILE_NAME));
+        }
+        if self.0.insert(id.clone()) {
+            Ok(id)
+        } else {
+            Err(fields.field_fault("id", Problem::Duplicate(id), "one run per id"))
+        }
+    }
+}
+
 impl SimulationPlan {
     /// Reads the tables `[tissue]`, `[tip]`, `[[effect]]`, `[[lateral]]` and `[[insertion]]` of a file; `model` replaces what it
     /// says. Other tables are left alone.
@@ -99,28 +118,16 @@ impl SimulationPlan {
         Fields::parse(path, &text, |file| {
             // Layers and inclusions are those of steering runs.
             let own = ModelFile::tables(file, &["layers", "inclusions"])?;
-            let mut ids = HashSet::new();
-            let mut id = |fields: &Fields<'_>| {
-                let id = fields.text("id")?;
-                if !is_file_name(&id) {
-                    let problem = Problem::Syntax(format!("\"{id}\" cannot be part of a file name"));
-                    return Err(fields.field_fault("id", problem, FILE_NAME));
-                }
-                if ids.insert(id.clone()) {
-                    Ok(id)
-                } else {
-                    Err(fields.field_fault("id", Problem::Duplicate(id), "one run per id"))
-                }
-            };
+            let mut ids = RunIds::default();
             let lateral: Vec<LateralPlan> = file
                 .tables("lateral")?
                 .iter()
-                .map(|fields| LateralPlan::read(fields, id(fields)?))
+                .map(|fields| LateralPlan::read(fields, ids.read(fields)?))
                 .collect::<Result<_, _>>()?;
             let insertion: Vec<InsertionPlan> = file
                 .tables("insertion")?
                 .iter()
-                .map(|fields| InsertionPlan::read(fields, id(fields)?))
+                .map(|fields| InsertionPlan::read(fields, ids.read(fields)?))
                 .collect::<Result<_, _>>()?;
             let plan = Self {
                 model: match model {
@@ -190,9 +197,13 @@ impl LateralPlan {
         }
         let end_s = plan.holds().last().map_or(0.0, |hold| hold.from_s + plan.hold_s);
         let points = plan.depth_m / plan.spacing_m * plan.levels_m.len() as f64;
-        if end_s * plan.rate_hz > MOST_ROWS || points > MOST_ROWS {
-            let expected = format!("at most {MOST_ROWS} rows and shape points in a run");
-            return Err(fields.field_fault("levels_mm", Problem::Count(plan.levels_m.len()), expected));
+        let sizes = [
+            ("rate_hz", (end_s * plan.rate_hz).ceil(), "rows", "levels_mm, hold_s and rate_hz make them"),
+            ("spacing_mm", points.ceil(), "shape points", "depth_mm, levels_mm and spacing_mm make them"),
+        ];
+        if let Some((field, count, what, why)) = sizes.into_iter().find(|(_, count, ..)| *count > MOST_ROWS) {
+            let problem = Problem::Syntax(format!("{count} {what}"));
+            return Err(fields.field_fault(field, problem, format!("at most {MOST_ROWS} in a run: {why}")));
         }
         Ok(plan)
     }

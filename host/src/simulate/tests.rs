@@ -129,9 +129,12 @@ fn faults_in_a_plan_are_named_with_their_place() {
     fails(&with("axis = \"z\""), &["plan.toml:6:8: lateral.axis: \"z\" is not known", "\"y\" or \"x\""]);
     fails(&with("levels_mm = []"), &["6:13: lateral.levels_mm: empty"]);
     fails(&with("levels_mm = [0, 99]"), &["6:17: lateral.levels_mm: 99 is out of range", "-50 to 50"]);
-    fails(&with("levels_mm = 1"), &["this is a integer", "a list of numbers"]);
+    fails(&with("levels_mm = 1"), &["this is an integer", "a list of numbers"]);
     fails(&with("hold_s = 0.6"), &["lateral.hold_s: 0.6 is out of range, expected 20 rows or more: 1 s"]);
-    fails(&with("rate_hz = 1000\nhold_s = 3600"), &["a list of 9, expected at most 1000000 rows"]);
+    fails(
+        &with("rate_hz = 1000\nhold_s = 3600"),
+        &["lateral.rate_hz: ", " rows, expected at most 1000000 in a run"],
+    );
     fails(&with("[[lateral]]\nid = \"a\"\ndepth_mm = 2"), &["7:6: lateral.id: \"a\" is there twice"]);
     fails(&with("[[insertion]]\nid = \"a\"\ndepth_mm = 20"), &["insertion.id: \"a\" is there twice"]);
     fails(

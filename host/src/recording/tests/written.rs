@@ -125,7 +125,7 @@ fn an_existing_file_is_not_overwritten() {
     let path = folder.path().join("a.mcap");
     fs::write(&path, "precious").expect("writes");
     let error = Writer::create(&path, false).expect_err("refused").to_string();
-    assert!(error.contains("a.mcap: cannot create at byte 0"), "{error}");
+    assert!(error.contains("a.mcap: cannot create"), "{error}");
     assert_eq!(fs::read(&path).expect("reads"), b"precious");
 }
 

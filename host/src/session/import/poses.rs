@@ -97,8 +97,8 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
         }
         let count = numbers.len();
         if width.is_some_and(|width| width != count) {
-            let expected = format!("{} on every line", width.unwrap_or_default());
-            return Err(fault(offset, "pose", Problem::Count(count), &expected));
+            let expected = format!("{} on every line as before", width.unwrap_or_default());
+            return Err(fault(offset, "pose", numbers_there(count), &expected));
         }
         width = Some(count);
         let position = match layout.get_or_insert(Layout::Plain) {
@@ -111,7 +111,9 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
     }
     let end = text.len();
     if found.len() < 2 {
-        return Err(fault(end, "pose", Problem::Count(found.len()), "two poses or more"));
+        let problem =
+            Problem::Syntax(format!("{} in the file", if found.is_empty() { "none" } else { "one" }));
+        return Err(fault(end, "pose", problem, "two poses or more"));
     }
 
     let steps: Vec<f64> =
@@ -256,8 +258,12 @@ fn plain(numbers: &[f64]) -> Result<Option<[f64; 3]>, (Problem, &'static str)> {
                 )),
             }
         }
-        count => Err((Problem::Count(count), WIDTHS)),
+        count => Err((numbers_there(count), WIDTHS)),
     }
+}
+
+fn numbers_there(count: usize) -> Problem {
+    Problem::Syntax(format!("{count} number{}", if count == 1 { "" } else { "s" }))
 }
 
 fn pick(numbers: &[f64], columns: [usize; 3]) -> Option<[f64; 3]> {

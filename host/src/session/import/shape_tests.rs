@@ -116,8 +116,8 @@ fn faults_of_markups_name_their_place() {
         ("[12, ", "[9000, ", 4, "position 9000, expected millimetres"),
         ("[12, ", "[\"12\", ", 4, "invalid type: string \"12\""),
         ("[12, ", "[", 4, "invalid length 2"),
-        ("\"Curve\"", "\"Plane\"", 1, "\"Plane\" is not known, expected Curve, ClosedCurve, Line, Fiducial"),
-        ("]}]}", "]}]", 7, "EOF while parsing"),
+        ("\"Curve\"", "\"Plane\"", 1, "type \"Plane\", expected Curve, ClosedCurve, Line, Fiducial"),
+        ("]}]}", "]}]", 7, "the file ends in"),
     ] {
         assert!(good.contains(from), "{from} is not in {good}");
         let said =
@@ -178,12 +178,12 @@ fn faults_of_poses_name_their_place() {
         ("0 0 0\n0 0 x\n", "n.csv:2:5: pose: \"x\" is not a number, expected a number"),
         ("0,0,0\n0,,1\n", "n.csv:2:3: pose: empty"),
         ("0 0 0\n0 0 inf\n", "n.csv:2:5: pose: not a finite number"),
-        ("0 0 0\n\n0 0 1 2\n", "n.csv:3:1: pose: a list of 4, expected 3 on every line"),
-        ("0 0 0 0\n", "n.csv:1:1: pose: a list of 4, expected 3 (x y z), 7"),
+        ("0 0 0\n\n0 0 1 2\n", "n.csv:3:1: pose: 4 numbers, expected 3 on every line as before"),
+        ("0 0 0 0\n", "n.csv:1:1: pose: 4 numbers, expected 3 (x y z), 7"),
         ("0 0 0 1 1 0 0\n", "n.csv:1:1: pose: a quaternion of length 1.414"),
         ("1 2 3 4 5 6 7 8 9 1 2 3 4 5 6 7\n", "n.csv:1:1: pose: no matrix of a pose"),
         ("a,b,c\n0,0,1\n", "n.csv:1:1: header: no columns of a position"),
-        ("# nothing\n", "pose: a list of 0, expected two poses or more"),
+        ("# nothing\n", "pose: none in the file, expected two poses or more"),
         (
             "0 0 0\n0 0 1\n0 0 2\n0 0 3\n0 0 90\n",
             "n.csv:5:1: pose: 87.00 mm from the pose before, expected about 1.00 mm",

@@ -1,6 +1,7 @@
 //! Curves drawn in 3D Slicer (`.mrk.json`) as the shape of a needle: control points in patient coordinates.
 
 use super::frame::NeedlePoints;
+use crate::session::error::split_message;
 use crate::session::{Place, Problem, SessionError, read_text};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, Unexpected, Visitor};
@@ -21,7 +22,7 @@ struct Markups {
 #[serde(rename_all = "camelCase")]
 struct Markup {
     #[serde(rename = "type")]
-    kind: Option<String>,
+    kind: Option<Kind>,
     coordinate_system: System,
     /// Looked at where it is read: there is but one unit.
     #[serde(rename = "coordinateUnits")]
@@ -44,6 +45,9 @@ enum System {
     Ras,
 }
 
+/// One of [`KINDS`].
+struct Kind(String);
+
 struct Units;
 
 struct Position([f64; 3]);
@@ -59,12 +63,10 @@ pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
         // The place is told apart from the words.
         let words = error.to_string();
         let words = words.rsplit_once(" at line ").map_or(words.as_str(), |(words, _)| words).to_owned();
-        SessionError::Field {
-            place: place(error.line().max(1), error.column().max(1)),
-            field: "markups".to_owned(),
-            problem: Problem::Syntax(words),
-            expected: "a markups file of 3D Slicer (.mrk.json)".to_owned(),
-        }
+        let words = words.replace("EOF while parsing", "the file ends in");
+        let (problem, expected) = split_message(&words, "a markups file of 3D Slicer (.mrk.json)");
+        let place = place(error.line().max(1), error.column().max(1));
+        SessionError::Field { place, field: "markups".to_owned(), problem, expected }
     })?;
     let fault = |field: &str, problem, expected: String| {
         Err(SessionError::Field { place: place(1, 1), field: field.to_owned(), problem, expected })
@@ -73,9 +75,6 @@ pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
         [markup] => markup,
         other => return fault("markups", Problem::Count(other.len()), "one curve per file".to_owned()),
     };
-    if let Some(kind) = markup.kind.as_ref().filter(|kind| !KINDS.contains(&kind.as_str())) {
-        return fault("markups.type", Problem::Unknown(kind.clone()), KINDS.join(", "));
-    }
     let sign = match markup.coordinate_system {
         System::Lps => -1.0,
         System::Ras => 1.0,
@@ -91,7 +90,7 @@ pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
     if left_out > 0 {
         points.notes.push(format!("{}: {left_out} control points are not placed: left out", path.display()));
     }
-    if markup.kind.as_deref() == Some("ClosedCurve") {
+    if markup.kind.as_ref().is_some_and(|Kind(kind)| kind == "ClosedCurve") {
         points.notes.push(format!("{}: a closed curve is taken as an open one", path.display()));
     }
     Ok(points)
@@ -124,6 +123,17 @@ impl<'de> Deserialize<'de> for System {
             }
         }
         deserializer.deserialize_any(Word)
+    }
+}
+
+impl<'de> Deserialize<'de> for Kind {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let kind = String::deserialize(deserializer)?;
+        if KINDS.contains(&kind.as_str()) {
+            Ok(Self(kind))
+        } else {
+            Err(D::Error::custom(format!("type \"{kind}\", expected {}", KINDS.join(", "))))
+        }
     }
 }
 
