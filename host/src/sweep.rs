@@ -180,7 +180,7 @@ mod tests {
             ("z_mm,deflection_y_mm\n1,2\n3,x\n", ":3:3: deflection_y_mm: \"x\" is not a number"),
             ("z_mm,deflection_y_mm\n1,nan\n", ":2:3: deflection_y_mm: not a finite number"),
             ("z_mm,deflection_y_mm\n", ":1:1: rows: no rows"),
-            ("z_mm,deflection_y_mm\n1,2,3\n", ":2:4: row: 3 cells, expected 2"),
+            ("z_mm,deflection_y_mm\n1,2,3\n", ":2:5: row: 3 cells, expected 2"),
             // What no session could be read with afterwards.
             ("z_mm,deflection_y_mm\n-1,0\n", ":2:1: z_mm: -1 is out of range"),
         ] {

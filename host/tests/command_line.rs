@@ -316,8 +316,8 @@ fn steering_faults_name_their_place() {
         let said = failure(&["simulate", "--config", path(&config), "--out", path(&out)]);
         assert!(said.contains(expected), "{said}");
     };
-    fails(&STEERING.replace("length_mm = 130.0", ""), "[needle] length_mm: missing");
-    fails(&STEERING.replace("fixture_mass_kg = 0.3", ""), "[rig] fixture_mass_kg: missing");
+    fails(&STEERING.replace("length_mm = 130.0", ""), "steering.toml:2:1: needle.length_mm: missing");
+    fails(&STEERING.replace("fixture_mass_kg = 0.3", ""), "rig.fixture_mass_kg: missing");
     fails(&STEERING.replace("speed_mm_s = 8", "speed_mm_s = 0"), "speed_mm_s: 0 is out of range");
     fails(&STEERING.replace("bottom_mm = 80", "bottom_mm = -1"), "bottom_mm: -1 is out of range");
     fails(&STEERING.replace("speed_mm_s", "speed_mph"), "speed_mph");
@@ -328,7 +328,7 @@ fn steering_faults_name_their_place() {
             "layers = [{ bottom_mm = 80, stiffness_n_per_m2 = 20000, damping_n_s_per_m2 = 1000 }]",
             "",
         ),
-        "layers: 0 is out of range",
+        "tissue.layers: missing, expected at least one layer",
     );
 
     let session = writer(folder.path());

@@ -239,7 +239,7 @@ mod tests {
             "session.toml:19:6: lateral.id: \"a\" is there twice",
             "f.csv:1:1: force_y_n: missing",
             "s.csv:2:4: deflection_y_mm: \"x\" is not a number",
-            "session.toml:23:8: insertion.path: cannot read none.csv",
+            "session.toml:25:8: insertion.path: cannot read none.csv",
             "session.toml:28:1: steering.id: missing",
             "session.toml:29:8: steering.data: this is an integer",
         ];

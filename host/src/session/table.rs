@@ -353,7 +353,7 @@ mod tests {
             ),
             (
                 "time_s,force_y_n\r0,1\r0,1,5\r",
-                "a.csv:3:4: row: 3 cells, expected 2, one for each column of the header; numbers with a decimal point, not a comma",
+                "a.csv:3:5: row: 3 cells, expected 2, one for each column of the header; numbers with a decimal point, not a comma",
             ),
             (
                 "time_s,force_y_n,note\n0,1,\"loose\n1,1,\n",

@@ -110,6 +110,6 @@ fn mistakes_in_ramps_and_staircases_are_named() {
     let message = Program::parse("p", &format!("name = 'p'\n{stairs}[[step]]\nhold_s = 1\n")).unwrap_err();
     assert_eq!(
         message.to_string(),
-        "p:7:1: 65 steps on the device (2 in the file; each level of a staircase is a move and a hold), expected 1 to 64"
+        "p:6:1: 65 steps on the device (2 in the file; each level of a staircase is a move and a hold), expected 1 to 64"
     );
 }

@@ -116,7 +116,7 @@ fn faults_of_markups_name_their_place() {
         ("[12, ", "[9000, ", 4, "position 9000, expected millimetres"),
         ("[12, ", "[\"12\", ", 4, "invalid type: string \"12\""),
         ("[12, ", "[", 4, "invalid length 2"),
-        ("\"Curve\"", "\"Plane\"", 1, "type \"Plane\", expected Curve, ClosedCurve, Line, Fiducial"),
+        ("\"Curve\"", "\"Plane\"", 2, "type \"Plane\", expected Curve, ClosedCurve, Line, Fiducial"),
         ("]}]}", "]}]", 7, "the file ends in"),
     ] {
         assert!(good.contains(from), "{from} is not in {good}");
