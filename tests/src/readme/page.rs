@@ -5,6 +5,9 @@ use std::fs;
 use std::ops::Range;
 use std::path::Path;
 
+/// How the line begins that says when a block was made.
+const SIGNED: &str = "Made on ";
+
 /// What makes a block.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Made {
@@ -14,7 +17,7 @@ pub enum Made {
     File(String),
     /// A part of what a rig shows.
     Rig(String),
-    /// A command that takes long.
+    /// A command that takes long. Below the block a line says when it was.
     Long(String),
 }
 
@@ -127,13 +130,24 @@ impl Page {
         bail!("expected a fence in the next line, or a table after an empty one")
     }
 
-    /// Gives blocks of this page another text.
-    pub fn replace(&mut self, mut fresh: Vec<(Block, String)>) {
+    /// Gives blocks of this page another text; those that take long say below that they are of this day.
+    pub fn replace(&mut self, mut fresh: Vec<(Block, String)>, today: &str) {
         // From the end, so that the places before it stay right.
         fresh.sort_by_key(|(block, _)| std::cmp::Reverse(block.range.start));
         for (block, text) in fresh {
+            if let Made::Long(command) = &block.made {
+                self.sign(block.range.end, &format!("{SIGNED}{today} by `{command}`."));
+            }
             self.lines.splice(block.range, text.lines().map(str::to_owned));
         }
+    }
+
+    /// Puts a line below a block that ends before this one, in the place of an earlier one.
+    fn sign(&mut self, end: usize, words: &str) {
+        let below = end + usize::from(self.lines.get(end).is_some_and(|line| line == "```"));
+        let is_signed = self.lines.get(below + 1).is_some_and(|line| line.starts_with(SIGNED));
+        let replaced = if is_signed { below..below + 2 } else { below..below };
+        self.lines.splice(replaced, [String::new(), words.to_owned()]);
     }
 
     /// Writes it.
@@ -165,8 +179,12 @@ mod tests {
         );
         assert_eq!((blocks[1].is_table(), blocks[1].lines().len()), (true, 3));
         let fresh = ["$ guide ports\none\ntwo", "| a |\n|---|\n| 2 |"];
-        page.replace(blocks.into_iter().zip(fresh.map(str::to_owned)).collect());
-        assert_eq!(page, Page::of(&TEXT.replace("none", "one\ntwo").replace("| 1 |", "| 2 |")));
+        for today in ["2024-02-29", "2024-03-01"] {
+            let blocks = page.blocks().unwrap();
+            page.replace(blocks.into_iter().zip(fresh.map(str::to_owned)).collect(), today);
+            let signed = format!("| 2 |\n\nMade on {today} by `cargo x`.");
+            assert_eq!(page, Page::of(&TEXT.replace("none", "one\ntwo").replace("| 1 |", &signed)));
+        }
     }
 
     #[test]
