@@ -157,8 +157,8 @@ impl Block for LateralData {
         let predicted = self.predicted(shared, displacements_m)?;
         let mut residuals = Vec::new();
         for plane in 0..self.planes {
-            let of = |series: &crate::model::Series| -> Vec<f64> {
-                if plane == 0 { series.y.clone() } else { series.x.clone().unwrap_or_default() }
+            let of = |series: &'_ crate::model::Series| -> &'_ [f64] {
+                if plane == 0 { &series.y } else { series.x.as_deref().unwrap_or_default() }
             };
             let offset_n = offsets_n.get(plane).copied().unwrap_or_default();
             let against = |predicted: f64, measured: Option<&Measured>| {

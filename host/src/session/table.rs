@@ -90,7 +90,6 @@ impl Table {
             .has_headers(false)
             .flexible(true)
             .comment(Some(b'#'))
-            .trim(csv::Trim::All)
             .from_reader(text.as_bytes());
         let mut record = csv::StringRecord::new();
         let fault = |record: &csv::StringRecord, index: usize, field: &str, problem, expected: String| {
@@ -115,7 +114,7 @@ impl Table {
         let mut found = Vec::new();
         for column in known {
             let mut places =
-                header.iter().enumerate().filter(|(_, name)| *name == column.name).map(|(i, _)| i);
+                header.iter().enumerate().filter(|(_, name)| name.trim() == column.name).map(|(i, _)| i);
             match (places.next(), places.next()) {
                 (Some(_), Some(again)) => {
                     let problem = Problem::Duplicate(column.name.to_owned());
@@ -134,7 +133,9 @@ impl Table {
         while next(&mut record)? {
             rows += 1;
             for (index, column, values) in &mut found {
-                let value = cell(record.get(*index), column, values.last().copied()).map_err(|problem| {
+                // Here, and not by the reader, which would make a new record of every row.
+                let text = record.get(*index).map(str::trim);
+                let value = cell(text, column, values.last().copied()).map_err(|problem| {
                     let [least, most] = column.range;
                     let expected = match problem {
                         Problem::NotIncreasing(_) => "increasing values".to_owned(),
