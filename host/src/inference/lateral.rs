@@ -7,7 +7,9 @@
 
 use super::{Block, Fit, Parameter, Prior};
 use crate::model::effects::{Effect, ParameterInfo};
-use crate::model::{Channels, DriveSample, Experiment, Lateral, Model, ModelError, Rig, Series, ShapePoint, predict};
+use crate::model::{
+    Channels, DriveSample, Experiment, Lateral, Model, ModelError, Rig, Series, ShapePoint, predict,
+};
 
 mod course;
 

@@ -281,7 +281,8 @@ impl Response<'_> {
         let (Some(start_m), Some(series)) = (beam.starts_m.get(piece), beam.series.get(piece)) else {
             return f64::NAN;
         };
-        derivative(&series[self.load], order, (z_m - start_m) / beam.length_m) / beam.length_m.powi(order as i32)
+        derivative(&series[self.load], order, (z_m - start_m) / beam.length_m)
+            / beam.length_m.powi(order as i32)
     }
 }
 
@@ -359,9 +360,12 @@ fn derivative(series: &[f64; TERMS], order: usize, x: f64) -> f64 {
     if order == 0 {
         let square = x * x;
         let fourth = square * square;
-        let [a, b, c, d] = series.as_chunks().0.iter().rev().fold([0.0; 4], |sums, of: &[f64; 4]| {
-            std::array::from_fn(|i| sums[i] * fourth + of[i])
-        });
+        let [a, b, c, d] = series
+            .as_chunks()
+            .0
+            .iter()
+            .rev()
+            .fold([0.0; 4], |sums, of: &[f64; 4]| std::array::from_fn(|i| sums[i] * fourth + of[i]));
         return (a + x * b) + square * (c + x * d);
     }
     let factors = &FALLING[order];

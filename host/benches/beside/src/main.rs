@@ -36,7 +36,8 @@ fn main() -> Result<()> {
     let rows = rows::measure(&mut clock, python.as_ref(), &machine, &cache, seed.into())?;
     let scaling = scaling::measure(&mut clock, &cache)?;
     let version = python.map(|python| python.version()).transpose()?;
-    let text = Page { machine: &machine, python: version, seed, wire: &wire, rows: &rows, scaling: &scaling }.text()?;
+    let text = Page { machine: &machine, python: version, seed, wire: &wire, rows: &rows, scaling: &scaling }
+        .text()?;
     std::fs::write(&page, text).with_context(|| page.display().to_string())?;
     println!("wrote {}", page.display());
     Ok(())

@@ -81,11 +81,20 @@ impl Page<'_> {
                 Some(least_s) => (format!("{limit}: {}", time(*least_s)), digits(row.ours_s / least_s)),
                 None => (limit.clone(), "-".to_owned()),
             };
-            writeln!(page, "| {} | {} | {name} | {seconds} | {ratio} | {limit} | {far} |", row.name, time(row.ours_s))?;
+            writeln!(
+                page,
+                "| {} | {} | {name} | {seconds} | {ratio} | {limit} | {far} |",
+                row.name,
+                time(row.ours_s)
+            )?;
         }
         let Some(ours) = self.wire.first() else { return Ok(()) };
-        let fastest = |of: fn(&Measured) -> f64| self.wire.iter().skip(1).min_by(|a, b| of(a).total_cmp(&of(b)));
-        for (name, of) in [("frame encode, per sample", (|way| way.encode_s) as fn(&Measured) -> f64), ("frame decode, per sample", |way| way.decode_s)] {
+        let fastest =
+            |of: fn(&Measured) -> f64| self.wire.iter().skip(1).min_by(|a, b| of(a).total_cmp(&of(b)));
+        for (name, of) in [
+            ("frame encode, per sample", (|way| way.encode_s) as fn(&Measured) -> f64),
+            ("frame decode, per sample", |way| way.decode_s),
+        ] {
             let Some(best) = fastest(of) else { continue };
             let line_s = ours.bytes / LINE;
             writeln!(
@@ -118,7 +127,11 @@ impl Page<'_> {
                     Ok(seconds) => (time(*seconds), digits(seconds / row.ours_s)),
                     Err(why) => (format!("does not run here: {why}"), "-".to_owned()),
                 };
-                writeln!(page, "| {} | {} | {seconds} | {ratio} | {off} | {} |", row.name, peer.name, row.same)?;
+                writeln!(
+                    page,
+                    "| {} | {} | {seconds} | {ratio} | {off} | {} |",
+                    row.name, peer.name, row.same
+                )?;
             }
         }
         Ok(())
@@ -195,7 +208,11 @@ impl Page<'_> {
             let Some(row) = self.rows.iter().find(|row| row.name == name) else { continue };
             for peer in &row.peers {
                 if let Ok(seconds) = peer.seconds {
-                    goal(&format!("{name}: {least} times faster than {}", peer.name), seconds / row.ours_s, least)?;
+                    goal(
+                        &format!("{name}: {least} times faster than {}", peer.name),
+                        seconds / row.ours_s,
+                        least,
+                    )?;
                 }
             }
         }

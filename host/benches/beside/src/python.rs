@@ -40,7 +40,9 @@ impl Python {
         if fs::read_to_string(&stamp).ok().as_ref() != Some(&wanted) {
             println!("Python: installing {}", wanted.split_whitespace().collect::<Vec<_>>().join(", "));
             run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&environment))?;
-            run(Command::new(&program).args(["-m", "pip", "install", "--quiet", "-r"]).arg(scripts.join("requirements.txt")))?;
+            run(Command::new(&program)
+                .args(["-m", "pip", "install", "--quiet", "-r"])
+                .arg(scripts.join("requirements.txt")))?;
             fs::write(&stamp, wanted)?;
         }
         Ok(Self { program, scripts: scripts.to_owned(), cache: cache.to_owned() })

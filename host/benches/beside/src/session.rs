@@ -25,7 +25,10 @@ pub fn write(folder: &Path, rows: usize) -> Result<usize> {
         fs::write(folder.join(name), text)
     };
     for run in 0..RUNS {
-        write!(session, "\n[[lateral]]\nid = \"l{run}\"\ndepth_mm = 30\nforce = \"f{run}.csv\"\nshape = \"s{run}.csv\"\n")?;
+        write!(
+            session,
+            "\n[[lateral]]\nid = \"l{run}\"\ndepth_mm = 30\nforce = \"f{run}.csv\"\nshape = \"s{run}.csv\"\n"
+        )?;
         let mut force = "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n\n".to_owned();
         for row in 0..rows {
             let time_s = 1e-3 * row as f64;

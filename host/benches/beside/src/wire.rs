@@ -11,8 +11,7 @@ mod proto;
 use crate::clock::Clock;
 use anyhow::{Result, ensure};
 use protocol::{
-    Envelope, EnvelopeReceiver, MAX_FRAME_TO_HOST, Message, Packer, Received, Sample, Samples, State,
-    encode_envelope,
+    Envelope, EnvelopeReceiver, MAX_FRAME_TO_HOST, Message, Packer, Received, Sample, State, encode_envelope,
 };
 use std::hint::black_box;
 
@@ -66,13 +65,6 @@ pub fn samples(seed: u32) -> Vec<Sample> {
 /// Device time of a sample.
 fn time_us(index: usize) -> u64 {
     10_000_000 + u64::from(PERIOD_US) * index as u64
-}
-
-/// The samples as the firmware's packer makes batches of them.
-pub fn batches(samples: &[Sample]) -> Vec<Samples> {
-    let mut packer = Packer::new(PERIOD_US);
-    let push = |(index, sample): (usize, &Sample)| packer.push(time_us(index), State::Holding, 2, 0, *sample);
-    samples.iter().enumerate().filter_map(push).collect()
 }
 
 /// Our own frames.

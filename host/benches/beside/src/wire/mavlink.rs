@@ -105,9 +105,17 @@ impl Message for Telemetry {
 
 fn encode(samples: &[Sample], id: u32, size: usize, line: &mut Vec<u8>) {
     for (sequence, batch) in samples.chunks(size).enumerate() {
-        let mut message =
-            Telemetry { id, t_us: time_us(size * sequence), count: batch.len(), state: 3, step: 2, ..Telemetry::default() };
-        for (to, Sample { position_counts: [px, py], force_counts: [fx, fy] }) in message.samples.iter_mut().zip(batch) {
+        let mut message = Telemetry {
+            id,
+            t_us: time_us(size * sequence),
+            count: batch.len(),
+            state: 3,
+            step: 2,
+            ..Telemetry::default()
+        };
+        for (to, Sample { position_counts: [px, py], force_counts: [fx, fy] }) in
+            message.samples.iter_mut().zip(batch)
+        {
             *to = [*px, *py, *fx, *fy];
         }
         let mut raw = MAVLinkV2MessageRaw::new();
