@@ -50,7 +50,7 @@ impl Page<'_> {
             page,
             "# Beside what one would take instead, and how cost grows\n\n\
              Written by `cargo xtask bench --seed {}` in one run, {today}; one core of {}; {python} (one thread).\n\
-             Times are the least of many repeats: what it takes when nothing else disturbs. Ratios vary less from run to run than times.\n",
+             Times are the least of many repeats, which other load on the machine disturbs least; they still differ from run to run.\n",
             self.seed, self.machine.cpu
         )?;
         self.table(&mut page)?;

@@ -90,7 +90,7 @@ pub fn measure(clock: &mut Clock, cache: &Path) -> Result<Vec<Growing>> {
     study.grow(
         "finite elements: elements",
         &[200, 400, 800, 1600, 3200],
-        (1.0, "a banded system; Newton steps grow from two as rounding grows with finer elements"),
+        (1.0, "a banded system per Newton step"),
         |count| {
             let problem = BeamProblem::new(&rig, uniform.clone(), mechanics::DEPTH_M);
             let elements = Elements::new(&problem, 0.1 / count as f64)?;
@@ -157,7 +157,7 @@ pub fn measure(clock: &mut Clock, cache: &Path) -> Result<Vec<Growing>> {
     study.grow(
         "identification: effects",
         &[1, 2, 4, 8],
-        (1.0, "two model runs per unknown and step; the number of steps varies"),
+        (1.0, "at most: two model runs per unknown and step, and some that do not grow"),
         |count| {
             let effects = nuisances.iter().take(count).map(|id| effect(id).with_context(|| (*id).to_owned()));
             let effects = effects.collect::<Result<Vec<_>>>()?;
