@@ -1,13 +1,10 @@
-//! Speed of one identification: one lateral run at 30 mm, 1.2 mm, 40 shape samples. `host/benches/identify.py` does the same
-//! with NumPy and SciPy; where Python has them, both are timed in this one run.
+//! Speed of one identification: one lateral run at 30 mm, 1.2 mm, 40 shape samples. Beside SciPy: `cargo xtask bench`.
 
 use criterion::Criterion;
 use host::inference::energy::{Balance, energy_modulus};
 use host::inference::{LateralData, LevelData, Measured, Parameter, ShapeDatum, fit};
 use host::model::{Beam, Foundation, Needle, Rig};
 use std::hint::black_box;
-use std::process::Command;
-use std::time::Instant;
 
 const DEPTH_M: f64 = 0.03;
 const SAMPLES: usize = 40;
@@ -65,33 +62,9 @@ fn energy(criterion: &mut Criterion) {
     });
 }
 
-/// The same by SciPy's least squares, where there is one, and the ratio.
-fn scipy() {
-    const ROUNDS: u32 = 1000;
-    let data = data();
-    let began = Instant::now();
-    for _ in 0..ROUNDS {
-        black_box(fit(black_box(&[LN_K]), black_box(&data)).expect("fits"));
-    }
-    let own_us = 1e6 * began.elapsed().as_secs_f64() / f64::from(ROUNDS);
-    let k_kpa = 1e-3 * fit(&[LN_K], &data).expect("fits").shared[0].exp();
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/identify.py");
-    let output = Command::new("python3").arg(script).output().ok().filter(|output| output.status.success());
-    let text = output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
-    let numbers: Vec<f64> = text.split_whitespace().filter_map(|word| word.parse().ok()).collect();
-    match numbers[..] {
-        [scipy_us, scipy_k_kpa] => println!(
-            "scipy       {scipy_us:.0} us (K = {scipy_k_kpa:.3} kPa), here {own_us:.0} us (K = {k_kpa:.3} kPa): ratio {:.0}",
-            scipy_us / own_us
-        ),
-        _ => println!("scipy: python3 with NumPy and SciPy is not there"),
-    }
-}
-
 fn main() {
     let mut criterion = Criterion::default().configure_from_args();
     likelihood(&mut criterion);
     energy(&mut criterion);
     criterion.final_summary();
-    scipy();
 }

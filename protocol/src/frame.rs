@@ -1,21 +1,22 @@
 //! Frames: how a message becomes bytes on the line, and how the receiver finds it again.
 
-use crate::{Command, Envelope};
+use crate::{Command, Envelope, stuffing};
 use core::marker::PhantomData;
-use crc::{CRC_32_ISO_HDLC, Crc};
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use postcard::experimental::max_size::MaxSize;
 use serde::{Serialize, de::DeserializeOwned};
 
 /// The checksum of every frame, CRC-32/ISO-HDLC: the one of zlib, Ethernet and PNG, so that a recording can be checked with
 /// any language's standard library. At these frame lengths (below 2974 bits) it finds every error of up to 4 bits and every
-/// burst of up to 32. One table of 1 KiB, in flash.
-pub(crate) static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// burst of up to 32. One table of 1 KiB, in flash; where memory is plenty sixteen of them, which take as many bytes at once.
+pub(crate) static CRC: Crc<u32, Table<TABLES>> = Crc::<u32, Table<TABLES>>::new(&CRC_32_ISO_HDLC);
+const TABLES: usize = if cfg!(target_pointer_width = "64") { 16 } else { 1 };
 
 pub(crate) const CRC_BYTES: usize = 4;
 
 /// Bytes between the delimiters for a message that encodes to `payload` bytes at most.
 const fn body_bytes(payload: usize) -> usize {
-    cobs::max_encoding_length(payload + CRC_BYTES)
+    payload + CRC_BYTES + 1
 }
 
 /// Most bytes between the delimiters of a frame from the device.
@@ -69,7 +70,7 @@ pub(crate) fn seal<'a>(
 
     let (first, rest) = output.split_first_mut().ok_or(EncodeError::OutputTooShort)?;
     *first = 0;
-    let body = cobs::try_encode(plain, rest).map_err(|_| EncodeError::OutputTooShort)?;
+    let body = stuffing::done(plain, rest).ok_or(EncodeError::OutputTooShort)?;
     *rest.get_mut(body).ok_or(EncodeError::OutputTooShort)? = 0;
     output.get(..body + 2).ok_or(EncodeError::OutputTooShort)
 }
@@ -188,7 +189,31 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
 
     /// Takes a chunk and yields its events. Bytes beyond the last event asked for are not taken: exhaust it.
     pub fn feed<'a>(&'a mut self, chunk: &'a [u8]) -> impl Iterator<Item = Received<T>> + 'a {
-        chunk.iter().filter_map(|&byte| self.push(byte))
+        let mut rest = chunk;
+        core::iter::from_fn(move || {
+            while !rest.is_empty() {
+                // Up to a delimiter as many bytes at once as there is room for, then one that makes an event or not.
+                let (ordinary, _) = rest.split_at_checked(stuffing::ordinary(rest)).unwrap_or((rest, &[]));
+                let taken = match self.body.extend_from_slice(ordinary) {
+                    _ if self.dropping => ordinary.len(),
+                    Ok(()) => ordinary.len(),
+                    Err(_) => self.fill(ordinary),
+                };
+                let (byte, later) = rest.get(taken..)?.split_first()?;
+                rest = later;
+                if let Some(event) = self.push(*byte) {
+                    return Some(event);
+                }
+            }
+            None
+        })
+    }
+
+    /// Takes as many bytes as fit and says how many.
+    fn fill(&mut self, bytes: &[u8]) -> usize {
+        let room = N - self.body.len();
+        let fits = bytes.get(..room).unwrap_or(bytes);
+        self.body.extend_from_slice(fits).map_or(0, |()| fits.len())
     }
 
     /// What could not be used so far.
@@ -199,7 +224,7 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
 
 /// Reads a complete body: checksum first, then the message, of which nothing may be left over.
 fn open<T: Incoming>(body: &mut [u8]) -> Received<T> {
-    let plain = cobs::decode_in_place(body).ok().and_then(|length| body.get(..length));
+    let plain = stuffing::undone(body);
     let Some((payload, crc)) = plain.and_then(|plain| plain.split_last_chunk::<CRC_BYTES>()) else {
         return Received::Corrupt;
     };

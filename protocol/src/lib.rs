@@ -161,6 +161,7 @@ pub mod frame;
 pub mod pack;
 #[cfg(test)]
 mod properties;
+mod stuffing;
 mod text;
 mod to_device;
 mod to_host;

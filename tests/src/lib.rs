@@ -3,6 +3,7 @@
 #![deny(missing_docs)]
 
 pub mod bench;
+pub mod beside;
 pub mod cosim;
 pub mod demo;
 pub mod images;

@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{cosim, demo, readme, setup, size, stress, study, suite, timing, tracking};
+use tests::{beside, cosim, demo, readme, setup, size, stress, study, suite, timing, tracking};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -24,6 +24,8 @@ enum Task {
     Lint,
     /// Install what is missing: the microcontroller's Rust target, QEMU
     Setup,
+    /// Measure the programs beside what one would take instead, and how their cost grows; write the page of it
+    Bench(beside::Args),
     /// Build the image for the board and compare its flash and RAM use with the committed figures
     Size(size::Args),
     /// Make the outputs and pictures of README.md anew, or compare them
@@ -62,6 +64,7 @@ fn run(task: Task) -> Result<()> {
         Task::Test => suite::run(),
         Task::Lint => suite::lint(),
         Task::Setup => setup::ensure_all(),
+        Task::Bench(args) => beside::run(&args),
         Task::Size(args) => size::run(&args),
         Task::Readme(args) => readme::run(&args),
         Task::Study(args) => study::run(&args),

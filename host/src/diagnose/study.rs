@@ -16,8 +16,8 @@ use crate::model::predict;
 use crate::session::Session;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use serde::Serialize;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 /// What is hidden in a session.
@@ -108,25 +108,12 @@ pub fn cases(size: Size, seed: u64) -> Vec<(Hidden, u64)> {
 
 /// Makes and diagnoses the sessions of a study on all cores, in order.
 pub fn run(cases: &[(Hidden, u64)], tell: impl Fn(usize) + Sync) -> Vec<Outcome> {
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let mut done = Vec::new();
-        loop {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            let Some((hidden, seed)) = cases.get(number) else { return done };
-            if let Some(outcome) = outcome(hidden, *seed) {
-                done.push((number, outcome));
-            }
-            tell(number);
-        }
+    let of_case = |(number, (hidden, seed)): (usize, &(Hidden, u64))| {
+        let outcome = outcome(hidden, *seed);
+        tell(number);
+        outcome
     };
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut all: Vec<(usize, Outcome)> = std::thread::scope(|scope| {
-        let running: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        running.into_iter().filter_map(|thread| thread.join().ok()).flatten().collect()
-    });
-    all.sort_by_key(|(number, _)| *number);
-    all.into_iter().map(|(_, outcome)| outcome).collect()
+    cases.par_iter().enumerate().filter_map(of_case).collect()
 }
 
 /// The session that hides something, and its truth.

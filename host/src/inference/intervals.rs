@@ -5,6 +5,7 @@ use super::{Block, Fit, FitError, LateralData, Measured, Parameter, Prior, fit};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
 
 /// Standard deviation that pins a parameter: its misfit is far below rounding of chi-square.
 const PINNED_SD: f64 = 1e-7;
@@ -63,7 +64,7 @@ pub fn profile_interval<B: Block>(
 }
 
 /// The first shared parameter as found on `count` sets of data drawn from the fit, in increasing order: what repeats of the
-/// same experiment would give. Sets without a fit are left out.
+/// same experiment would give. Sets without a fit are left out. On all cores; the result does not depend on how many there are.
 pub fn bootstrap(
     shared: &[Parameter],
     blocks: &[LateralData],
@@ -71,11 +72,14 @@ pub fn bootstrap(
     count: usize,
     seed: u64,
 ) -> Vec<f64> {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut near = shared.to_vec();
     near.iter_mut().zip(&best.shared).for_each(|(parameter, found)| parameter.start = *found);
     let mut found: Vec<f64> = (0..count)
-        .filter_map(|_| {
+        .into_par_iter()
+        .filter_map(|number| {
+            // A stream of its own: a draw is the same whichever thread takes it, and when.
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            random.set_stream(number as u64);
             let drawn: Vec<LateralData> = blocks
                 .iter()
                 .zip(&best.residuals)
@@ -170,6 +174,18 @@ mod tests {
         assert!(((high - low) / (3.92 * sd) - 1.0).abs() < 0.12, "{low} {high} {sd}");
         assert_eq!(drawn, bootstrap(&[LN_K], &blocks, &best, 400, 3), "the same seed");
         assert_ne!(drawn, bootstrap(&[LN_K], &blocks, &best, 400, 4));
+    }
+
+    #[test]
+    fn draws_do_not_depend_on_the_number_of_threads() {
+        let blocks = data(25e-6);
+        let best = fit(&[LN_K], &blocks).expect("fits");
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let drawn = pool.install(|| bootstrap(&[LN_K], &blocks, &best, 50, 3));
+            drawn.into_iter().map(f64::to_bits).collect::<Vec<_>>()
+        };
+        assert_eq!(on(1), on(4));
     }
 
     /// Poor data: the profile is lopsided in ln K, and its ends are where chi-square really has risen.

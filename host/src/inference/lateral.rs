@@ -7,7 +7,9 @@
 
 use super::{Block, Fit, Parameter, Prior};
 use crate::model::effects::{Effect, ParameterInfo};
-use crate::model::{Channels, DriveSample, Experiment, Lateral, Model, ModelError, Rig, ShapePoint, predict};
+use crate::model::{
+    Channels, DriveSample, Experiment, Lateral, Model, ModelError, Rig, Series, ShapePoint, predict,
+};
 
 mod course;
 
@@ -144,6 +146,11 @@ impl LateralData {
     }
 }
 
+/// The values of one plane.
+fn of_plane(series: &Series, plane: usize) -> &[f64] {
+    if plane == 0 { &series.y } else { series.x.as_deref().unwrap_or_default() }
+}
+
 impl Block for LateralData {
     fn nuisances(&self) -> Vec<Parameter> {
         let offsets = (0..self.offsets()).map(|_| Parameter::free(0.0, 1e-3));
@@ -157,22 +164,19 @@ impl Block for LateralData {
         let predicted = self.predicted(shared, displacements_m)?;
         let mut residuals = Vec::new();
         for plane in 0..self.planes {
-            let of = |series: &crate::model::Series| -> Vec<f64> {
-                if plane == 0 { series.y.clone() } else { series.x.clone().unwrap_or_default() }
-            };
             let offset_n = offsets_n.get(plane).copied().unwrap_or_default();
             let against = |predicted: f64, measured: Option<&Measured>| {
                 measured.map_or(f64::NAN, |measured| (measured.value - predicted) / measured.sd)
             };
-            for (predicted, level) in of(&predicted.displacement_m).iter().zip(&self.levels) {
+            for (predicted, level) in of_plane(&predicted.displacement_m, plane).iter().zip(&self.levels) {
                 residuals.push(against(*predicted, level.displacement_m.get(plane)));
             }
-            let forces = of(&predicted.force_n);
+            let forces = of_plane(&predicted.force_n, plane);
             for (predicted, level) in forces.iter().zip(&self.levels).filter(|_| self.uses_force) {
                 residuals.push(against(predicted + offset_n, level.force_n.get(plane)));
             }
             let points = self.levels.iter().flat_map(|level| &level.shape);
-            for (predicted, point) in of(&predicted.shape_m).iter().zip(points) {
+            for (predicted, point) in of_plane(&predicted.shape_m, plane).iter().zip(points) {
                 let measured = point.deflection_m.get(plane).copied().unwrap_or(f64::NAN);
                 residuals.push((measured - predicted) / self.shape_sd_m);
             }

@@ -61,7 +61,7 @@ pub struct Beam {
     /// Where each piece starts.
     starts_m: Vec<f64>,
     /// Series of each piece in `(z - start) / length_m`, for 1 N at guide 2 and 1 N at the tip.
-    series: [Vec<[f64; TERMS]>; 2],
+    series: Vec<[[f64; TERMS]; 2]>,
     guide2_m_per_n: f64,
 }
 
@@ -101,15 +101,13 @@ impl BeamProblem {
             let scaled = piece.scaled(length_m, stiffness);
             let reach = piece.length_m / length_m;
             let last = i + 1 == n;
-            for column in 0..4 {
-                let mut start = [0.0; 4];
-                start[column] = 1.0;
-                let series = expand(start, scaled);
-                for order in if last { 2..4 } else { 0..4 } {
-                    let row = 4 * i + if last { order } else { order + 2 };
-                    let mut value = derivative(&series, order, reach);
+            let ends = derivatives(&expand(UNIT, scaled), reach);
+            for order in if last { 2..4 } else { 0..4 } {
+                let row = 4 * i + if last { order } else { order + 2 };
+                for column in 0..4 {
+                    let mut value = ends[order][column];
                     if order == 3 {
-                        value += scaled.axial * derivative(&series, 1, reach);
+                        value += scaled.axial * ends[1][column];
                     }
                     system.set(row, 4 * i + column, value);
                 }
@@ -132,21 +130,15 @@ impl BeamProblem {
         system.right[4 * n - 1][1] = -cubed;
         let states = system.solve().ok_or(ModelError::Singular)?;
 
-        let series_of = |load: usize| -> Vec<[f64; TERMS]> {
-            pieces
-                .iter()
-                .zip(states.chunks_exact(4))
-                .map(|(piece, state)| {
-                    let start = [state[0][load], state[1][load], state[2][load], state[3][load]];
-                    expand(start, piece.scaled(length_m, stiffness))
-                })
-                .collect()
-        };
+        let series = pieces.iter().zip(states.as_chunks().0).map(|(piece, state)| {
+            let both = expand(*state, piece.scaled(length_m, stiffness));
+            [both.map(|of| of[0]), both.map(|of| of[1])]
+        });
         let mut beam = Beam {
             bending_stiffness_n_m2: stiffness,
             length_m,
             starts_m: pieces.iter().map(|piece| piece.start_m).collect(),
-            series: [series_of(0), series_of(1)],
+            series: series.collect(),
             guide2_m_per_n: 0.0,
         };
         beam.guide2_m_per_n = beam.guide2_force().deflection_m(self.guide2_m);
@@ -220,12 +212,12 @@ impl Beam {
 
     /// Response to 1 N at guide 2.
     pub fn guide2_force(&self) -> Response<'_> {
-        Response { beam: self, series: &self.series[0] }
+        Response { beam: self, load: 0 }
     }
 
     /// Response to 1 N at the tip, guide 2 free.
     pub fn tip_force(&self) -> Response<'_> {
-        Response { beam: self, series: &self.series[1] }
+        Response { beam: self, load: 1 }
     }
 
     /// Length of the beam from guide 1 to the tip.
@@ -255,7 +247,8 @@ impl Beam {
 #[derive(Debug, Clone, Copy)]
 pub struct Response<'a> {
     beam: &'a Beam,
-    series: &'a [[f64; TERMS]],
+    /// 0: at guide 2, 1: at the tip.
+    load: usize,
 }
 
 impl Response<'_> {
@@ -285,10 +278,11 @@ impl Response<'_> {
     fn derivative(&self, z_m: f64, order: usize) -> f64 {
         let beam = self.beam;
         let piece = beam.starts_m.partition_point(|start_m| *start_m <= z_m).saturating_sub(1);
-        let (Some(start_m), Some(series)) = (beam.starts_m.get(piece), self.series.get(piece)) else {
+        let (Some(start_m), Some(series)) = (beam.starts_m.get(piece), beam.series.get(piece)) else {
             return f64::NAN;
         };
-        derivative(series, order, (z_m - start_m) / beam.length_m) / beam.length_m.powi(order as i32)
+        derivative(&series[self.load], order, (z_m - start_m) / beam.length_m)
+            / beam.length_m.powi(order as i32)
     }
 }
 
@@ -319,13 +313,22 @@ impl Piece {
     }
 }
 
-/// Coefficients of the solution that starts with the given value and derivatives.
-fn expand(start: [f64; 4], scaled: Scaled) -> [f64; TERMS] {
-    let mut series = [0.0; TERMS];
-    series[..4].copy_from_slice(&[start[0], start[1], start[2] / 2.0, start[3] / 6.0]);
+/// Value and derivatives at the start of four solutions: one of them is 1 in each.
+const UNIT: [[f64; 4]; 4] =
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+
+/// Coefficients of `C` solutions, side by side, that start with the given values and derivatives: chains of operations that do not
+/// wait for one another.
+fn expand<const C: usize>(start: [[f64; C]; 4], scaled: Scaled) -> [[f64; C]; TERMS] {
+    let mut series = [[0.0; C]; TERMS];
+    for ((first, start), factorial) in series.iter_mut().zip(start).zip([1.0, 1.0, 2.0, 6.0]) {
+        *first = start.map(|value| value / factorial);
+    }
     for n in 0..TERMS - 4 {
-        let bent = scaled.axial * FALLING[2][n + 2] * series[n + 2];
-        series[n + 4] = -(scaled.modulus * series[n] + bent) / FALLING[4][n + 4];
+        for c in 0..C {
+            let bent = scaled.axial * FALLING[2][n + 2] * series[n + 2][c];
+            series[n + 4][c] = -(scaled.modulus * series[n][c] + bent) / FALLING[4][n + 4];
+        }
     }
     series
 }
@@ -351,20 +354,45 @@ const FALLING: [[f64; TERMS]; 5] = {
     factors
 };
 
-/// Derivative of the series at `x`, by Horner's rule.
+/// Derivative of the series at `x`, by Horner's rule; the value itself in four sums of every fourth term, which do not wait for one
+/// another.
 fn derivative(series: &[f64; TERMS], order: usize, x: f64) -> f64 {
     if order == 0 {
-        return series.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient);
+        let square = x * x;
+        let fourth = square * square;
+        let [a, b, c, d] = series
+            .as_chunks()
+            .0
+            .iter()
+            .rev()
+            .fold([0.0; 4], |sums, of: &[f64; 4]| std::array::from_fn(|i| sums[i] * fourth + of[i]));
+        return (a + x * b) + square * (c + x * d);
     }
     let factors = &FALLING[order];
     let terms = series.iter().zip(factors).skip(order).rev();
     terms.fold(0.0, |sum, (coefficient, factor)| sum * x + factor * coefficient)
 }
 
+/// Value and three derivatives at `x` of `C` series.
+fn derivatives<const C: usize>(series: &[[f64; C]; TERMS], x: f64) -> [[f64; C]; 4] {
+    let mut sums = [[0.0; C]; 4];
+    for (n, coefficients) in series.iter().enumerate().rev() {
+        for (order, sum) in sums.iter_mut().enumerate().take(n + 1) {
+            let factor = FALLING[order][n];
+            for (sum, coefficient) in sum.iter_mut().zip(coefficients) {
+                *sum = *sum * x + factor * coefficient;
+            }
+        }
+    }
+    sums
+}
+
 /// Sub- and super-diagonals of the beam system; pivoting fills as many more super-diagonals as there are sub-diagonals.
 const LOWER: usize = 5;
 const UPPER: usize = 2;
 const WIDTH: usize = 2 * LOWER + UPPER + 1;
+/// Columns from a pivot on that its row can reach.
+const REACH: usize = LOWER + UPPER + 1;
 
 /// A banded linear system with two right-hand sides.
 struct Banded {
@@ -401,17 +429,18 @@ impl Banded {
                 }
                 self.right.swap(k, pivot);
             }
-            for row in k + 1..=below {
-                let factor = self.rows[row][k + LOWER - row] / self.rows[k][LOWER];
+            let (done, rest) = self.rows.split_at_mut(k + 1);
+            let from: [f64; REACH] = std::array::from_fn(|j| done[k][LOWER + j]);
+            let right = self.right[k];
+            for (step, row) in rest.iter_mut().take(below - k).enumerate() {
+                // Beyond the last column there are zeros.
+                let first = LOWER - 1 - step;
+                let factor = row[first] / from[0];
                 if factor == 0.0 {
                     continue;
                 }
-                for j in k..=right_end {
-                    self.rows[row][j + LOWER - row] -= factor * self.rows[k][j + LOWER - k];
-                }
-                for load in 0..2 {
-                    self.right[row][load] -= factor * self.right[k][load];
-                }
+                row[first..first + REACH].iter_mut().zip(&from).for_each(|(to, from)| *to -= factor * from);
+                self.right[k + 1 + step].iter_mut().zip(right).for_each(|(to, from)| *to -= factor * from);
             }
         }
         for k in (0..size).rev() {

@@ -267,8 +267,12 @@ fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Ch
         model.effects.iter().for_each(|(effect, values)| effect.look(values, &mut seen));
         let (between, share) = place_in(&times_s, point.time_s)?;
         if seen.z_m != weighed_at_m {
-            for (weights, response) in weights.iter_mut().zip(responses) {
-                response.shape_at(seen.z_m, weights);
+            let [of_y, of_x] = &mut weights;
+            first.shape_at(seen.z_m, of_y);
+            if alike {
+                of_x.clone_from(of_y);
+            } else {
+                second.shape_at(seen.z_m, of_x);
             }
             weighed_at_m = seen.z_m;
         }

@@ -13,6 +13,7 @@ use crate::session::{InsertionRun, Noise, Session};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal, Uniform};
+use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -59,26 +60,31 @@ pub struct Cell {
     pub count: usize,
 }
 
-/// Runs `sessions` sessions of six insertions each.
+/// Runs `sessions` sessions of six insertions each, on all cores; every session has its own stream of the seed.
 ///
 /// # Errors
 /// Where the model cannot be evaluated, which it can for these rigs.
 pub fn study(sessions: usize, seed: u64) -> Result<Vec<Cell>, super::PredictError> {
     let mut samples: Vec<Vec<Sample>> = vec![Vec::new(); METHODS.len() * UNTIL_MM.len() * DEPTHS_MM.len()];
-    for number in 0..sessions {
+    let of_session = |number: usize| {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(number as u64);
         let drawn = draw(&mut rng)?;
+        let mut placed = Vec::new();
         for (row, until_mm) in UNTIL_MM.into_iter().enumerate() {
             for (method, sample, insertion) in drawn.judge(until_mm)? {
                 for (column, depth_mm) in DEPTHS_MM.into_iter().enumerate() {
                     let index = (method * UNTIL_MM.len() + row) * DEPTHS_MM.len() + column;
                     let true_mm = 1e3 * drawn.truth_m[insertion][depth_mm];
-                    samples[index].push(Sample { true_mm, ..sample(depth_mm) });
+                    placed.push((index, Sample { true_mm, ..sample(depth_mm) }));
                 }
             }
         }
-    }
+        Ok(placed)
+    };
+    let of_sessions: Vec<Vec<(usize, Sample)>> =
+        (0..sessions).into_par_iter().map(of_session).collect::<Result<_, super::PredictError>>()?;
+    of_sessions.into_iter().flatten().for_each(|(index, sample)| samples[index].push(sample));
     let cells = samples.iter().enumerate().map(|(index, samples)| {
         let (row, column) = (index / DEPTHS_MM.len(), index % DEPTHS_MM.len());
         let (method, until) = (row / UNTIL_MM.len(), row % UNTIL_MM.len());

@@ -102,9 +102,11 @@ fn a_fault_costs_nothing_that_had_arrived() {
 
 #[test]
 fn a_hold_that_is_over_before_its_sweep_is_an_error() {
+    let (_, ended, _) = record(playing(&[Act::Complete]), &hold(true));
+    assert!(matches!(ended, Err(RecordError::HoldNotSeen { number: 1 })), "{ended:?}");
     let program = [Act::Batch(32), Act::Complete];
     let (_, ended, _) = record(playing(&program), &hold(true));
-    assert!(matches!(ended, Err(RecordError::HoldNotSeen { number: 1 })), "{ended:?}");
+    assert!(matches!(ended, Err(RecordError::HoldTooShort { number: 1 })), "{ended:?}");
     let mut program = vec![Act::Batch(32); 11];
     program.push(Act::Complete);
     let (session, ended, _) = record(playing(&program), &hold(true));

@@ -101,7 +101,6 @@ impl Table {
             .has_headers(false)
             .flexible(true)
             .comment(Some(b'#'))
-            .trim(csv::Trim::All)
             .from_reader(text.as_bytes());
         let mut record = csv::StringRecord::new();
         let place = |record: &csv::StringRecord, index: usize| {
@@ -137,7 +136,7 @@ impl Table {
         let mut found = Vec::new();
         for column in known {
             let mut places =
-                header.iter().enumerate().filter(|(_, name)| *name == column.name).map(|(i, _)| i);
+                header.iter().enumerate().filter(|(_, name)| name.trim() == column.name).map(|(i, _)| i);
             match (places.next(), places.next()) {
                 (Some(_), Some(again)) => {
                     let problem = Problem::Duplicate(column.name.to_owned());
@@ -167,7 +166,9 @@ impl Table {
                 return Err(fault(&record, width.min(record.len()), "row", problem, expected));
             }
             for (index, column, values) in &mut found {
-                let value = cell(record.get(*index), column, values.last().copied()).map_err(|problem| {
+                // Here, and not by the reader, which would make a new record of every row.
+                let text = record.get(*index).map(str::trim);
+                let value = cell(text, column, values.last().copied()).map_err(|problem| {
                     let [least, most] = column.range;
                     let expected = match &problem {
                         Problem::NotIncreasing(_) => "increasing values".to_owned(),

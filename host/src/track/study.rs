@@ -13,6 +13,7 @@ use crate::model::{Dynamics, Needle, Rig};
 use crate::rig::steering::{Inclusion, Plan, Sensors, SteeringRig, Tissue, TissueLayer, Truth};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 /// Speeds of insertion, mm/s.
 const SPEEDS_MM_S: [f64; 3] = [8.0, 4.0, 2.0];
@@ -76,7 +77,8 @@ pub struct Cell {
     pub coverage: [Option<f64>; 2],
 }
 
-/// Runs every method on as many runs per cell as `runs` says; those with none are left out.
+/// Runs every method on as many runs per cell as `runs` says, on all cores, each with its own stream of the seed; methods with none
+/// are left out.
 ///
 /// # Errors
 /// Where the model cannot be evaluated, which it can for these rigs.
@@ -100,16 +102,17 @@ pub fn study(runs: impl Fn(&str) -> usize, tissues: usize, seed: u64) -> Result<
             for (method, runs) in
                 METHODS.map(|method| (method, runs(method))).into_iter().filter(|(_, runs)| *runs > 0)
             {
-                let mut judged = Vec::new();
-                for number in 0..runs {
+                let of_run = |number: usize| {
                     let (tissue, truth) = &truths[number % truths.len()];
                     let run = truth.measure(sensors, seed, number as u64);
                     let mut estimator = make(method, &rig.needle, &dynamics, sensors)?;
                     let reports: Vec<Report> =
                         samples(&run).filter_map(|sample| estimator.update(&sample)).collect();
                     let last = estimator.finish().or(reports.last().copied());
-                    judged.push(judge(tissue, truth, motion.straight_mm, &reports, last));
-                }
+                    Ok(judge(tissue, truth, motion.straight_mm, &reports, last))
+                };
+                let judged: Vec<Judged> =
+                    (0..runs).into_par_iter().map(of_run).collect::<Result<_, TrackError>>()?;
                 cells.push(summarise(method, motion, tip_sd_mm, &judged));
             }
         }

@@ -84,7 +84,9 @@ pub fn run(args: &Args) -> Result<()> {
         fresh.extend(long(&blocks, &args.only)?);
     }
     // What takes long says when it was made last, though it is the same.
-    fresh.retain(|(block, text)| matches!(block.made, Made::Long(_)) && !args.check || !same::same(block, text));
+    fresh.retain(|(block, text)| {
+        matches!(block.made, Made::Long(_)) && !args.check || !same::same(block, text)
+    });
     if args.check {
         let mut complaints: Vec<String> = fresh.iter().map(|(block, text)| same::told(block, text)).collect();
         complaints.extend(drawn.iter().flat_map(|drawn| pictures::differing(&page, drawn)));

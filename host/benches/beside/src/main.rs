@@ -1,0 +1,44 @@
+//! Measures the guide's programs beside what one would take instead, and how their cost grows; writes the page of it.
+//! `cargo xtask bench` runs it.
+#![forbid(unsafe_code)]
+
+mod clock;
+mod estimators;
+mod machine;
+mod mechanics;
+mod page;
+mod python;
+mod rows;
+mod scaling;
+mod session;
+mod wire;
+
+use anyhow::{Context, Result};
+use clock::Clock;
+use page::Page;
+use std::path::PathBuf;
+
+fn main() -> Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let cache = PathBuf::from(arguments.next().context("usage: beside CACHE PAGE [SEED]")?);
+    let page = PathBuf::from(arguments.next().context("usage: beside CACHE PAGE [SEED]")?);
+    let seed = arguments.next().map_or(Ok(1), |seed| seed.parse())?;
+    std::fs::create_dir_all(&cache)?;
+    let mut clock = Clock::new(&cache.join("criterion"));
+    let machine = machine::Machine::new(&mut clock)?;
+    let scripts = concat!(env!("CARGO_MANIFEST_DIR"), "/../peers");
+    let python = python::Python::new(scripts.as_ref(), &cache);
+    if let Err(why) = &python {
+        println!("peers in Python are left out: {why:#}");
+    }
+    let python = python.ok();
+    let wire = wire::measure(&mut clock, seed)?;
+    let rows = rows::measure(&mut clock, python.as_ref(), &machine, &cache, seed.into())?;
+    let scaling = scaling::measure(&mut clock, &cache)?;
+    let version = python.map(|python| python.version()).transpose()?;
+    let text = Page { machine: &machine, python: version, seed, wire: &wire, rows: &rows, scaling: &scaling }
+        .text()?;
+    std::fs::write(&page, text).with_context(|| page.display().to_string())?;
+    println!("wrote {}", page.display());
+    Ok(())
+}
