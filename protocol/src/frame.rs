@@ -1,6 +1,6 @@
 //! Frames: how a message becomes bytes on the line, and how the receiver finds it again.
 
-use crate::{Command, Envelope, stuffing};
+use crate::{Command, Envelope};
 use core::marker::PhantomData;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use postcard::experimental::max_size::MaxSize;
@@ -16,7 +16,7 @@ pub(crate) const CRC_BYTES: usize = 4;
 
 /// Bytes between the delimiters for a message that encodes to `payload` bytes at most.
 const fn body_bytes(payload: usize) -> usize {
-    payload + CRC_BYTES + 1
+    cobs::max_encoding_length(payload + CRC_BYTES)
 }
 
 /// Most bytes between the delimiters of a frame from the device.
@@ -70,7 +70,7 @@ pub(crate) fn seal<'a>(
 
     let (first, rest) = output.split_first_mut().ok_or(EncodeError::OutputTooShort)?;
     *first = 0;
-    let body = stuffing::done(plain, rest).ok_or(EncodeError::OutputTooShort)?;
+    let body = cobs::try_encode(plain, rest).map_err(|_| EncodeError::OutputTooShort)?;
     *rest.get_mut(body).ok_or(EncodeError::OutputTooShort)? = 0;
     output.get(..body + 2).ok_or(EncodeError::OutputTooShort)
 }
@@ -193,7 +193,9 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
         core::iter::from_fn(move || {
             while !rest.is_empty() {
                 // Up to a delimiter as many bytes at once as there is room for, then one that makes an event or not.
-                let (ordinary, _) = rest.split_at_checked(stuffing::ordinary(rest)).unwrap_or((rest, &[]));
+                let (ordinary, _) = memchr::memchr(0, rest)
+                    .and_then(|zero| rest.split_at_checked(zero))
+                    .unwrap_or((rest, &[]));
                 let taken = match self.body.extend_from_slice(ordinary) {
                     _ if self.dropping => ordinary.len(),
                     Ok(()) => ordinary.len(),
@@ -224,7 +226,7 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
 
 /// Reads a complete body: checksum first, then the message, of which nothing may be left over.
 fn open<T: Incoming>(body: &mut [u8]) -> Received<T> {
-    let plain = stuffing::undone(body);
+    let plain = cobs::decode_in_place(body).ok().and_then(|length| body.get(..length));
     let Some((payload, crc)) = plain.and_then(|plain| plain.split_last_chunk::<CRC_BYTES>()) else {
         return Received::Corrupt;
     };

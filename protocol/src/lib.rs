@@ -161,7 +161,6 @@ pub mod frame;
 pub mod pack;
 #[cfg(test)]
 mod properties;
-mod stuffing;
 mod text;
 mod to_device;
 mod to_host;

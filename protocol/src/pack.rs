@@ -99,18 +99,7 @@ impl Packer {
 
 fn append(packed: &mut Packed, Sample { position_counts: [px, py], force_counts: [fx, fy] }: Sample) {
     let mut encoded = [0; WORST];
-    let mut places = encoded.iter_mut();
-    for number in [px, py, fx, fy] {
-        // Postcard's zigzag and varint, without its way through serde.
-        let mut left = ((number << 1) ^ (number >> 31)) as u32;
-        while left >= 0x80 {
-            places.next().into_iter().for_each(|place| *place = left as u8 | 0x80);
-            left >>= 7;
-        }
-        places.next().into_iter().for_each(|place| *place = left as u8);
-    }
-    let left = places.len();
-    let fits = encoded.get(..WORST - left).is_some_and(|bytes| packed.append(bytes));
+    let fits = postcard::to_slice(&[px, py, fx, fy], &mut encoded).is_ok_and(|bytes| packed.append(bytes));
     assert!(fits, "room for a whole sample is left after every push");
 }
 

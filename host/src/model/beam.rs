@@ -104,12 +104,9 @@ impl BeamProblem {
             let ends = derivatives(&expand(UNIT, scaled), reach);
             for order in if last { 2..4 } else { 0..4 } {
                 let row = 4 * i + if last { order } else { order + 2 };
-                for column in 0..4 {
-                    let mut value = ends[order][column];
-                    if order == 3 {
-                        value += scaled.axial * ends[1][column];
-                    }
-                    system.set(row, 4 * i + column, value);
+                let sheared = if order == 3 { scaled.axial } else { 0.0 };
+                for (column, (value, slope)) in ends[order].iter().zip(ends[1]).enumerate() {
+                    system.set(row, 4 * i + column, value + sheared * slope);
                 }
             }
             if let Some(next) = pieces.get(i + 1) {
@@ -325,10 +322,9 @@ fn expand<const C: usize>(start: [[f64; C]; 4], scaled: Scaled) -> [[f64; C]; TE
         *first = start.map(|value| value / factorial);
     }
     for n in 0..TERMS - 4 {
-        for c in 0..C {
-            let bent = scaled.axial * FALLING[2][n + 2] * series[n + 2][c];
-            series[n + 4][c] = -(scaled.modulus * series[n][c] + bent) / FALLING[4][n + 4];
-        }
+        let bent = scaled.axial * FALLING[2][n + 2];
+        let next = |c: usize| -(scaled.modulus * series[n][c] + bent * series[n + 2][c]) / FALLING[4][n + 4];
+        series[n + 4] = std::array::from_fn(next);
     }
     series
 }
