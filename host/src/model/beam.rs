@@ -10,7 +10,10 @@
 //! zero upwards. The unknowns are value and three derivatives at the start of every piece; continuity and boundary
 //! conditions give a banded system, solved with partial pivoting. A layer is a few more pieces.
 
+mod system;
+
 use super::{Foundation, ModelError, Rig, check};
+use system::Banded;
 
 /// Terms of the series; the last ones are below 1e-15 of the first for pieces up to the characteristic length.
 const TERMS: usize = 24;
@@ -104,9 +107,9 @@ impl BeamProblem {
             let ends = derivatives(&expand(UNIT, scaled), reach);
             for order in if last { 2..4 } else { 0..4 } {
                 let row = 4 * i + if last { order } else { order + 2 };
-                let sheared = if order == 3 { scaled.axial } else { 0.0 };
-                for (column, (value, slope)) in ends[order].iter().zip(ends[1]).enumerate() {
-                    system.set(row, 4 * i + column, value + sheared * slope);
+                for (column, (value, slope)) in ends[order].into_iter().zip(ends[1]).enumerate() {
+                    let pulled = if order == 3 { value + scaled.axial * slope } else { value };
+                    system.set(row, 4 * i + column, pulled);
                 }
             }
             if let Some(next) = pieces.get(i + 1) {
@@ -322,9 +325,10 @@ fn expand<const C: usize>(start: [[f64; C]; 4], scaled: Scaled) -> [[f64; C]; TE
         *first = start.map(|value| value / factorial);
     }
     for n in 0..TERMS - 4 {
-        let bent = scaled.axial * FALLING[2][n + 2];
-        let next = |c: usize| -(scaled.modulus * series[n][c] + bent * series[n + 2][c]) / FALLING[4][n + 4];
-        series[n + 4] = std::array::from_fn(next);
+        series[n + 4] = std::array::from_fn(|c| {
+            let bent = scaled.axial * FALLING[2][n + 2] * series[n + 2][c];
+            -(scaled.modulus * series[n][c] + bent) / FALLING[4][n + 4]
+        });
     }
     series
 }
@@ -381,74 +385,6 @@ fn derivatives<const C: usize>(series: &[[f64; C]; TERMS], x: f64) -> [[f64; C];
         }
     }
     sums
-}
-
-/// Sub- and super-diagonals of the beam system; pivoting fills as many more super-diagonals as there are sub-diagonals.
-const LOWER: usize = 5;
-const UPPER: usize = 2;
-const WIDTH: usize = 2 * LOWER + UPPER + 1;
-/// Columns from a pivot on that its row can reach.
-const REACH: usize = LOWER + UPPER + 1;
-
-/// A banded linear system with two right-hand sides.
-struct Banded {
-    /// Row i, column j at `rows[i][j + LOWER - i]`.
-    rows: Vec<[f64; WIDTH]>,
-    right: Vec<[f64; 2]>,
-}
-
-impl Banded {
-    fn new(size: usize) -> Self {
-        Self { rows: vec![[0.0; WIDTH]; size], right: vec![[0.0; 2]; size] }
-    }
-
-    fn set(&mut self, row: usize, column: usize, value: f64) {
-        self.rows[row][column + LOWER - row] = value;
-    }
-
-    /// Gaussian elimination with partial pivoting; nothing where a pivot vanishes.
-    fn solve(mut self) -> Option<Vec<[f64; 2]>> {
-        let size = self.rows.len();
-        for k in 0..size {
-            let below = (k + LOWER).min(size - 1);
-            let right_end = (k + LOWER + UPPER).min(size - 1);
-            let at = |row: usize| self.rows[row][k + LOWER - row].abs();
-            let pivot = (k..=below).max_by(|a, b| at(*a).total_cmp(&at(*b)))?;
-            if at(pivot) == 0.0 || !at(pivot).is_finite() {
-                return None;
-            }
-            if pivot != k {
-                for j in k..=right_end {
-                    let (mine, other) = (self.rows[k][j + LOWER - k], self.rows[pivot][j + LOWER - pivot]);
-                    self.rows[k][j + LOWER - k] = other;
-                    self.rows[pivot][j + LOWER - pivot] = mine;
-                }
-                self.right.swap(k, pivot);
-            }
-            let (done, rest) = self.rows.split_at_mut(k + 1);
-            let from: [f64; REACH] = std::array::from_fn(|j| done[k][LOWER + j]);
-            let right = self.right[k];
-            for (step, row) in rest.iter_mut().take(below - k).enumerate() {
-                // Beyond the last column there are zeros.
-                let first = LOWER - 1 - step;
-                let factor = row[first] / from[0];
-                if factor == 0.0 {
-                    continue;
-                }
-                row[first..first + REACH].iter_mut().zip(&from).for_each(|(to, from)| *to -= factor * from);
-                self.right[k + 1 + step].iter_mut().zip(right).for_each(|(to, from)| *to -= factor * from);
-            }
-        }
-        for k in (0..size).rev() {
-            let right_end = (k + LOWER + UPPER).min(size - 1);
-            for load in 0..2 {
-                let known: f64 =
-                    (k + 1..=right_end).map(|j| self.rows[k][j + LOWER - k] * self.right[j][load]).sum();
-                self.right[k][load] = (self.right[k][load] - known) / self.rows[k][LOWER];
-            }
-        }
-        Some(self.right)
-    }
 }
 
 #[cfg(test)]
