@@ -104,7 +104,7 @@ impl<'a> Device<'a> {
                 let now_us = self.device_ms() * 1_000;
                 ensure!(event.t_us <= now_us, "an event of {} us came at {now_us} us", event.t_us);
                 match event.kind {
-                    EventKind::Tared(tare) => self.books.tared(tare.zero_counts),
+                    EventKind::Tared(tare) => self.books.tared(event.t_us / 1_000, tare.zero_counts),
                     EventKind::Faulted { fault } => {
                         self.told.push((fault, event.t_us / 1_000 + self.rig().started()));
                     }

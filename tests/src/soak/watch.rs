@@ -5,7 +5,7 @@ use anyhow::{Result, ensure};
 use protocol::{Counters, Status};
 
 /// Bytes of the device's stack that have never been used, at least.
-pub const STACK_LEAST_BYTES: u32 = 16 * 1024;
+pub const STACK_LEAST_BYTES: u32 = 48 * 1024;
 /// Places of the way out, as the firmware has them.
 const OUTBOX_PLACES: u8 = 24;
 /// How much this process may grow in [`WINDOW_MS`], bytes: less than a hundredth of the samples of that time.

@@ -23,6 +23,8 @@ pub struct Books {
     /// Zero of the force channels in counts, and how often a tare may have changed it unheard.
     zero: [i32; 2],
     tares: u32,
+    /// A zero that was told, and the time of the last sample before it.
+    told: Option<(u64, [i32; 2])>,
     force: Option<[i32; 2]>,
     span_ms: u64,
     samples: u64,
@@ -42,6 +44,7 @@ impl Books {
             until_ms: None,
             zero: [0; 2],
             tares: 0,
+            told: None,
             force: None,
             span_ms: 0,
             samples: 0,
@@ -90,7 +93,7 @@ impl Books {
         if let Some(until_ms) = self.until_ms.take() {
             self.unheard += base.saturating_sub(self.base + until_ms);
         }
-        (self.base, self.zero, self.tares) = (base, [0; 2], 0);
+        (self.base, self.zero, self.tares, self.told) = (base, [0; 2], 0, None);
         // The time since the start is part of the next gap.
         self.until_ms = Some(0);
         self.reopen(true);
@@ -101,9 +104,9 @@ impl Books {
         self.tares += count;
     }
 
-    /// A tare is told.
-    pub fn tared(&mut self, zero: [i32; 2]) {
-        self.zero = zero;
+    /// A tare is told: the samples after that time have this zero.
+    pub fn tared(&mut self, t_ms: u64, zero: [i32; 2]) {
+        self.told = Some((t_ms, zero));
         self.tares = self.tares.saturating_sub(1);
     }
 
@@ -177,6 +180,9 @@ impl Books {
                 position(&sensed)
             );
         }
+        if let Some((_, zero)) = self.told.take_if(|(told_ms, _)| t_ms > *told_ms) {
+            self.zero = zero;
+        }
         let seen = point.force_n.map(|force_n| (force_n / 50e-6).round() as i32);
         let relative = |period: &Period| {
             let counts = self.calibration.force_counts(period.force_codes);
@@ -201,7 +207,8 @@ impl Books {
                 relative(&sensed)
             );
             // The tare's own words were lost; what it has done is seen here.
-            self.tared([0, 1].map(|axis| absolute[axis] - seen[axis]));
+            self.zero = [0, 1].map(|axis| absolute[axis] - seen[axis]);
+            self.tares -= 1;
         }
         self.force = Some(seen);
         Ok(())
