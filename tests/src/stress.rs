@@ -199,8 +199,7 @@ impl Trial<'_> {
                 self.books.compare(&batch, self.bench.rig())?;
             }
         }
-        let (samples, missing, span_ms) =
-            (self.books.samples(), self.books.missing(), self.books.span_ms());
+        let (samples, missing, span_ms) = (self.books.samples(), self.books.missing(), self.books.span_ms());
         let Counters { control_overruns, .. } = status.counters;
         ensure!(samples + missing == span_ms, "{samples} samples and {missing} lost in {span_ms} ms");
         ensure!(control_overruns == 0, "{control_overruns} late control periods");

@@ -64,13 +64,7 @@ mod tests {
 
     fn period(number: u64) -> Period {
         let force_codes = [number as i32, 0];
-        Period {
-            potentiometer_codes: [0; 2],
-            force_codes,
-            released: true,
-            slow: false,
-            force_repeats: false,
-        }
+        Period { potentiometer_codes: [0; 2], force_codes, released: true, slow: false, force_repeats: false }
     }
 
     #[test]

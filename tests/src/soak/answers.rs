@@ -19,19 +19,12 @@ pub fn is_active(state: State) -> bool {
 }
 
 /// The answer in a state. `sound`: what an idle device without a fault says to it.
-pub fn expected(
-    request: &Request,
-    state: State,
-    fault: Option<Fault>,
-    sound: Result<(), Refusal>,
-) -> Answer {
+pub fn expected(request: &Request, state: State, fault: Option<Fault>, sound: Result<(), Refusal>) -> Answer {
     let of_content = sound.map_or_else(Answer::Refused, |()| Answer::Accepted);
     match request {
-        Request::Hello
-        | Request::Status
-        | Request::Calibration
-        | Request::Stream { .. }
-        | Request::Stop => Answer::Accepted,
+        Request::Hello | Request::Status | Request::Calibration | Request::Stream { .. } | Request::Stop => {
+            Answer::Accepted
+        }
         Request::ClearFault => of_content,
         Request::Run { .. } if let Some(fault) = fault => Answer::Refused(Refusal::Faulted { fault }),
         Request::Run { .. }
@@ -39,7 +32,11 @@ pub fn expected(
         | Request::Limits { .. }
         | Request::LoadCalibration { .. }
         | Request::StoreCalibration { .. } => {
-            if is_active(state) { Answer::Refused(Refusal::Busy) } else { of_content }
+            if is_active(state) {
+                Answer::Refused(Refusal::Busy)
+            } else {
+                of_content
+            }
         }
     }
 }

@@ -146,8 +146,7 @@ impl Device<'_> {
         let last = plan.steps.len() - 1;
         for (index, step) in plan.steps.iter().enumerate() {
             let sound = if index == last { plan.loads } else { Ok(()) };
-            let answer =
-                self.order(Request::LoadStep { index: index as u8, step: *step }, sound, None)?;
+            let answer = self.order(Request::LoadStep { index: index as u8, step: *step }, sound, None)?;
             if answer != Answer::Accepted {
                 return Ok(answer);
             }
@@ -199,8 +198,7 @@ impl Device<'_> {
         let reach_um = self.reach_um();
         let y_um = if at_um > 0 { -reach_um } else { reach_um };
         let speed_um_s = u32::try_from(reach_um).unwrap_or(1_000).min(1_800);
-        let steps =
-            vec![Step::Move { x_um, y_um, speed_um_s }, Step::Hold { duration_ms: hold_ms }];
+        let steps = vec![Step::Move { x_um, y_um, speed_um_s }, Step::Hold { duration_ms: hold_ms }];
         let plan = Plan::new("fault", steps);
         let answer = self.start(&plan)?;
         Ok(answer == Answer::Accepted)
@@ -266,7 +264,10 @@ impl Device<'_> {
             return self.status().map(drop);
         }
         let answer = self.client()?.request(Request::Calibration);
-        ensure!(matches!(answer, Err(LinkError::Unanswered { .. })), "{answer:?} through a cable that is cut");
+        ensure!(
+            matches!(answer, Err(LinkError::Unanswered { .. })),
+            "{answer:?} through a cable that is cut"
+        );
         self.tally.command("calibration", Answer::Unanswered);
         Ok(())
     }

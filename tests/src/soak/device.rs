@@ -277,7 +277,10 @@ impl<'a> Device<'a> {
         self.drain()?;
         let client = self.client.take().context("no client is connected")?;
         let (said, booked) = (client.losses().samples_missing, self.books.lost_of_client());
-        ensure!(said == booked, "the client says {said} samples are lost, {booked} are missing between batches");
+        ensure!(
+            said == booked,
+            "the client says {said} samples are lost, {booked} are missing between batches"
+        );
         Ok(())
     }
 

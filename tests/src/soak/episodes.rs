@@ -210,8 +210,8 @@ impl Device<'_> {
         self.set_limits(self.force_mn, SILENT_MS)?;
         let status = self.status()?;
         ensure!(status.fault.is_none(), "fault {:?} without a cause", status.fault);
-        let begun = Self::motors_are_cool(&status)
-            && self.move_for_a_fault(status.position_counts, 600_000)?;
+        let begun =
+            Self::motors_are_cool(&status) && self.move_for_a_fault(status.position_counts, 600_000)?;
         if begun {
             let status = self.status()?;
             let heard_ms = status.t_us / 1_000 + self.rig().started();

@@ -82,8 +82,9 @@ pub fn causes() -> Vec<Cause> {
             ..nothing()
         }),
         // Beyond the range is more urgent where it is that too.
-        latched("force beyond limit", 2, &[Fault::ForceLimit, Fault::ForceRange], |_, reaches_n| {
-            Injection { force_spike_n: Some([reaches_n, 0.0]), ..nothing() }
+        latched("force beyond limit", 2, &[Fault::ForceLimit, Fault::ForceRange], |_, reaches_n| Injection {
+            force_spike_n: Some([reaches_n, 0.0]),
+            ..nothing()
         }),
         latched("force beyond range", 2, &[Fault::ForceRange], |_, reaches_n| Injection {
             force_spike_n: Some([9.0_f64.copysign(reaches_n), 0.0]),

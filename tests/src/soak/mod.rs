@@ -126,7 +126,9 @@ impl Display for Survived {
                 "  host: {first} KiB after warming up, {last} KiB at the end (limit: {} KiB more per 10 minutes)",
                 GROWTH_LIMIT_BYTES / 1024
             ),
-            None => write!(f, "  host: this system does not say how large a process is (no /proc/self/statm)"),
+            None => {
+                write!(f, "  host: this system does not say how large a process is (no /proc/self/statm)")
+            }
         }
     }
 }
@@ -149,7 +151,8 @@ pub fn run(args: Args) -> Result<Survived> {
     if let Err(error) = outcome {
         let (rig_s, device_s) = (device.now_ms() as f64 * 1e-3, device.device_ms() as f64 * 1e-3);
         let log = bench.log();
-        let last = log.iter().skip(log.len().saturating_sub(LOG_LINES)).cloned().collect::<Vec<_>>().join("\n  ");
+        let last =
+            log.iter().skip(log.len().saturating_sub(LOG_LINES)).cloned().collect::<Vec<_>>().join("\n  ");
         return Err(error.context(format!(
             "seed {}, device time {device_s:.3} s (rig {rig_s:.3} s); the firmware's last words:\n  {last}\n",
             args.seed
@@ -182,7 +185,6 @@ fn soak(device: &mut Device<'_>, duration_ms: u64) -> Result<()> {
     device.listen_from_now()?;
     // The guide starts where it happens to be.
     device.home()?;
-    device.rig().take_reach();
     let until_ms = device.now_ms() + duration_ms;
     let causes = faults::causes();
     while device.now_ms() < until_ms {
