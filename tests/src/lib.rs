@@ -12,11 +12,13 @@ pub mod qemu;
 pub mod readme;
 pub mod setup;
 pub mod size;
+pub mod soak;
 pub mod stress;
 pub mod study;
 pub mod suite;
 pub mod timing;
 pub mod tracking;
+pub mod trial;
 pub mod wire;
 
 #[cfg(test)]

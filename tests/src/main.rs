@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{beside, cosim, demo, readme, setup, size, stress, study, suite, timing, tracking};
+use tests::{beside, cosim, demo, readme, setup, size, soak, stress, study, suite, timing, tracking};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -36,6 +36,9 @@ enum Task {
     Tracking,
     /// Run the firmware on a bad cable: flipped bits, cuts, programs; nothing wrong may arrive, nothing be lost uncounted
     Stress(stress::Args),
+    /// Run the firmware for an hour of its time with random commands, faults, restarts, cuts and flipped bits; what must hold is
+    /// checked throughout
+    Soak(soak::Args),
     /// Run the control core on the target, in QEMU: instructions per control period
     Timing,
     /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
@@ -74,6 +77,10 @@ fn run(task: Task) -> Result<()> {
         }
         Task::Stress(args) => {
             println!("{}", stress::run(args)?);
+            Ok(())
+        }
+        Task::Soak(args) => {
+            println!("{}", soak::run(args)?);
             Ok(())
         }
         Task::Timing => {

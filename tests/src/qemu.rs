@@ -3,6 +3,7 @@
 use crate::setup::QEMU;
 use anyhow::{Context, Result, bail};
 use defmt_decoder::{DecodeError, Table};
+use std::collections::VecDeque;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
@@ -16,11 +17,14 @@ const ICOUNT_SHIFT: u32 = 2;
 /// How often the end of QEMU is looked for.
 const POLL: Duration = Duration::from_millis(20);
 
+/// Lines of the firmware's log that are kept, so that a run of hours takes no more memory than one of minutes.
+const LOG_LINES: usize = 2_000;
+
 /// A running QEMU. Dropping it ends it.
 #[derive(Debug)]
 pub struct Qemu {
     child: Arc<Mutex<Child>>,
-    log: Arc<Mutex<Vec<String>>>,
+    log: Arc<Mutex<VecDeque<String>>>,
     decoder: Option<JoinHandle<()>>,
     serial: PathBuf,
     _turn: Turn,
@@ -64,7 +68,7 @@ impl Qemu {
             .stderr(Stdio::piped())
             .spawn()
             .with_context(|| format!("cannot start {QEMU}"))?;
-        let log = Arc::new(Mutex::new(Vec::new()));
+        let log = Arc::new(Mutex::new(VecDeque::new()));
         let stdout = child.stdout.take().context("QEMU has no output")?;
         let mut stderr = child.stderr.take().context("QEMU has no error output")?;
         let image = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
@@ -93,9 +97,9 @@ impl Qemu {
         &self.serial
     }
 
-    /// The firmware's log so far, and QEMU's own messages.
+    /// The end of the firmware's log so far, and QEMU's own messages.
     pub fn log(&self) -> Vec<String> {
-        self.log.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.log.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
     }
 
     /// Waits for the firmware to end by itself; returns its exit code.
@@ -166,8 +170,14 @@ fn kill_after(child: Arc<Mutex<Child>>, limit: Duration) -> Result<()> {
     Ok(())
 }
 
-fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<Vec<String>>) {
-    let say = |line: String| log.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) {
+    let say = |line: String| {
+        let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
+        if log.len() == LOG_LINES {
+            log.pop_front();
+        }
+        log.push_back(line);
+    };
     let table = match Table::parse(image) {
         Ok(Some(table)) => table,
         _ => return say("(the image has no log table)".to_owned()),

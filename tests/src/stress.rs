@@ -4,10 +4,10 @@
 //! counted as lost; control must never be late.
 
 use crate::bench::Bench;
+use crate::trial::{Books, Cuts};
 use crate::wire::{Direction, NoisyWire};
 use anyhow::{Result, bail, ensure};
-use firmware::calibration::Calibration;
-use host::link::{Batch, Client, LinkError, LinkLosses, Telemetry};
+use host::link::{Client, LinkError, LinkLosses, Telemetry};
 use host::rig::config::RigConfig;
 use protocol::{Counters, Load, Request, State, Step, program_crc};
 use rand::{RngExt, SeedableRng};
@@ -97,26 +97,16 @@ impl Display for Survived {
 pub fn run(args: Args) -> Result<Survived> {
     let limit = Duration::from_secs_f64(60.0 + args.minutes * 60.0 * SLOWEST);
     let bench = Bench::start(RigConfig::default(), args.seed, SPEED, limit)?;
-    bench.rig().keep_codes();
+    bench.rig().keep_history();
     let wire = NoisyWire::connect(&bench.folder().join("serial"), args.seed)?;
     let client = Client::connect(&wire.port())?;
     for direction in [Direction::ToDevice, Direction::ToHost] {
         wire.bit_error_rate(direction, args.bit_error_rate);
     }
-    let random = ChaCha8Rng::seed_from_u64(args.seed);
-    let mut trial = Trial {
-        bench: &bench,
-        wire: &wire,
-        client,
-        random,
-        calibration: Calibration::default(),
-        first_ms: None,
-        next_ms: 0,
-        samples: 0,
-        missing: 0,
-        cuts: 0,
-        programs: 0,
-    };
+    let mut random = ChaCha8Rng::seed_from_u64(args.seed);
+    let cuts = Cuts::new(bench.rig().steps(), &mut random);
+    let books = Books::new(bench.rig().started());
+    let mut trial = Trial { bench: &bench, wire: &wire, client, random, cuts, books, programs: 0 };
     let survived = trial.run((args.minutes * 60e3) as u64)?;
     drop(trial);
     drop(wire);
@@ -129,13 +119,8 @@ struct Trial<'a> {
     wire: &'a NoisyWire,
     client: Client,
     random: ChaCha8Rng,
-    calibration: Calibration,
-    first_ms: Option<u64>,
-    /// Time that the next sample should have.
-    next_ms: u64,
-    samples: u64,
-    missing: u64,
-    cuts: u32,
+    cuts: Cuts,
+    books: Books,
     programs: u32,
 }
 
@@ -145,28 +130,17 @@ impl Trial<'_> {
         self.ask(Request::Limits { force_mn: 5_000, silence_ms: 60_000 })?;
         self.ask(Request::Stream { enable: true })?;
         let began_ms = self.bench.rig().steps();
-        let (mut cut_ms, mut mend_ms) = (began_ms + self.between(2_000, 20_000), u64::MAX);
         let mut program_ms = began_ms + 1_000;
         while self.bench.rig().steps() < began_ms + duration_ms {
             self.listen(Duration::from_millis(20))?;
             let now_ms = self.bench.rig().steps();
-            if now_ms >= mend_ms {
-                self.wire.mend();
-                (cut_ms, mend_ms) = (now_ms + self.between(2_000, 20_000), u64::MAX);
-            } else if now_ms >= cut_ms {
-                self.wire.cut();
-                self.cuts += 1;
-                (cut_ms, mend_ms) = (u64::MAX, now_ms + self.between(20, 3_000));
-            } else if mend_ms == u64::MAX && now_ms >= program_ms {
+            self.cuts.step(now_ms, self.wire, &mut self.random);
+            if !self.cuts.is_cut() && now_ms >= program_ms {
                 self.program()?;
-                program_ms = now_ms + self.between(4_000, 12_000);
+                program_ms = now_ms + self.random.random_range(4_000..12_000);
             }
         }
         self.finish()
-    }
-
-    fn between(&mut self, low: u64, high: u64) -> u64 {
-        self.random.random_range(low..high)
     }
 
     /// Asks until it is done; a question whose answer was lost is asked again.
@@ -201,42 +175,9 @@ impl Trial<'_> {
         let mut next = self.client.next(timeout)?;
         while let Some(telemetry) = next {
             if let Telemetry::Samples(batch) = telemetry {
-                self.compare(&batch)?;
+                self.books.compare(&batch, self.bench.rig())?;
             }
             next = self.client.waiting();
-        }
-        Ok(())
-    }
-
-    /// Every sample is what the sensors gave, and every gap is as long as it is said to be.
-    fn compare(&mut self, batch: &Batch) -> Result<()> {
-        self.missing += batch.lost_before;
-        let mut lost = batch.lost_before;
-        for point in &batch.points {
-            let t_ms = (point.time_s * 1e3).round() as u64;
-            if self.first_ms.is_none() {
-                (self.first_ms, self.next_ms) = (Some(t_ms), t_ms + std::mem::take(&mut lost));
-                self.missing = 0;
-            }
-            ensure!(
-                t_ms == self.next_ms + lost,
-                "the sample of {t_ms} ms comes after that of {} ms, and {lost} are said to be lost",
-                self.next_ms.saturating_sub(1)
-            );
-            lost = 0;
-            self.next_ms = t_ms + 1;
-            self.samples += 1;
-            // The reading of a period is what the rig gave at its begin, in reply to the request before.
-            let Some((potentiometers, force)) = self.bench.rig().codes(t_ms - 1) else {
-                bail!("a sample of {t_ms} ms, which the rig has not seen");
-            };
-            let position_counts = self.calibration.position_um(potentiometers, [0.5; 2]).map(f32::round);
-            let force_counts = self.calibration.force_counts(force);
-            for axis in [0, 1] {
-                let seen = [point.displacement_m[axis] * 1e6, point.force_n[axis] / 50e-6].map(f64::round);
-                let sensed = [f64::from(position_counts[axis]), f64::from(force_counts[axis])];
-                ensure!(seen == sensed, "the sample of {t_ms} ms says {seen:?} where {sensed:?} was sensed");
-            }
         }
         Ok(())
     }
@@ -255,28 +196,23 @@ impl Trial<'_> {
         self.client.request(Request::Stream { enable: false })?;
         while let Some(telemetry) = self.client.waiting() {
             if let Telemetry::Samples(batch) = telemetry {
-                self.compare(&batch)?;
+                self.books.compare(&batch, self.bench.rig())?;
             }
         }
-        let span_ms = self.next_ms - self.first_ms.unwrap_or(self.next_ms);
+        let (samples, missing, span_ms) = (self.books.samples(), self.books.missing(), self.books.span_ms());
         let Counters { control_overruns, .. } = status.counters;
-        ensure!(
-            self.samples + self.missing == span_ms,
-            "{} samples and {} lost in {span_ms} ms",
-            self.samples,
-            self.missing
-        );
+        ensure!(samples + missing == span_ms, "{samples} samples and {missing} lost in {span_ms} ms");
         ensure!(control_overruns == 0, "{control_overruns} late control periods");
         ensure!(status.state != State::Faulted, "fault {:?}", status.fault);
         let flipped = |direction| self.wire.counters(direction).flipped_bits;
         Ok(Survived {
             duration_s: span_ms as f64 * 1e-3,
-            samples: self.samples,
-            losses: LinkLosses { samples_missing: self.missing, ..self.client.losses() },
+            samples,
+            losses: LinkLosses { samples_missing: missing, ..self.client.losses() },
             counters: status.counters,
             load: status.load,
             flipped_bits: [flipped(Direction::ToDevice), flipped(Direction::ToHost)],
-            cuts: self.cuts,
+            cuts: self.cuts.count(),
             programs: self.programs,
         })
     }

@@ -99,6 +99,8 @@ pub(super) struct Electronics {
     reaction: Option<Reaction>,
     /// A motor has been driven for so many periods on end.
     driven_periods: u64,
+    /// No input has been high from this period on.
+    released_since: Option<u64>,
     /// What happens once and has not yet.
     reset_force: bool,
     brown_out: bool,
@@ -116,6 +118,7 @@ impl Electronics {
             pending: None,
             reaction: None,
             driven_periods: 0,
+            released_since: None,
             reset_force: false,
             brown_out: false,
             panic: false,
@@ -138,6 +141,10 @@ impl Electronics {
         self.reaction
     }
 
+    pub(super) fn released_since(&self) -> Option<u64> {
+        self.released_since
+    }
+
     pub(super) fn bridges_driven(&self) -> bool {
         self.driven_periods > 0
     }
@@ -152,7 +159,9 @@ impl Electronics {
     ) -> BridgeInputs {
         let [x1, x2, y1, y2] = request.compare;
         self.driven_periods = if x1 != x2 || y1 != y2 { self.driven_periods + 1 } else { 0 };
-        self.observe(period, request.compare == [0; 4]);
+        let released = request.compare == [0; 4];
+        self.released_since = released.then(|| self.released_since.unwrap_or(period));
+        self.observe(period, released);
         if let Some(injection) = self.next.take() {
             self.begin(period, injection);
         }

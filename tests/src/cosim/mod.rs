@@ -7,11 +7,14 @@
 //! | part | does |
 //! |---|---|
 //! | [`injection`] | what goes wrong between rig and firmware, and how soon the firmware reacts |
+//! | [`history`] | what passed between them in each of the last periods |
 //! | [`sweeps`] | the rig's ultrasound |
 
+mod history;
 mod injection;
 mod sweeps;
 
+pub use history::{History, KEPT_PERIODS, Period};
 pub use injection::{Injection, LINE_BYTES, Reaction, Trigger};
 pub use sweeps::take_sweep;
 
@@ -46,12 +49,22 @@ struct State {
     steps: u64,
     /// Starts of the firmware after the first.
     resets: u64,
-    /// What was sensed in each period, if it is to be kept.
-    kept: Option<Vec<Sensed>>,
+    /// Period in which the firmware started last.
+    started: u64,
+    /// How far guide 2 really was from the middle and how hard it was pressed, at most since this was last asked.
+    reach: Reach,
+    /// What passed in each of the last periods, if it is to be kept.
+    history: Option<History>,
 }
 
-/// Codes of the potentiometers and of the force channels.
-pub type Sensed = ([u16; 2], [i32; 2]);
+/// The most of both axes.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Reach {
+    /// Distance from the middle, metres.
+    pub position_m: f64,
+    /// Force, newtons.
+    pub force_n: f64,
+}
 
 /// The running rig.
 #[derive(Debug)]
@@ -83,9 +96,15 @@ impl Cosim {
             )
             .with_context(|| format!("cannot make the pipe {}", path.display()))?;
         }
-        let state =
-            State { rig, electronics: Electronics::new(codes_per_n), steps: 0, resets: 0, kept: None };
-        let state = Arc::new(Mutex::new(state));
+        let state = Arc::new(Mutex::new(State {
+            rig,
+            electronics: Electronics::new(codes_per_n),
+            steps: 0,
+            resets: 0,
+            started: 0,
+            reach: Reach::default(),
+            history: None,
+        }));
         let stop = Arc::new(AtomicBool::new(false));
         sweeps::serve(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;
         let worker = thread::Builder::new().name("rig".into()).spawn({
@@ -121,16 +140,31 @@ impl Cosim {
         lock(&self.state).steps
     }
 
-    /// From now on what is sensed is kept.
-    pub fn keep_codes(&self) {
+    /// From now on what passes is kept, for the last [`KEPT_PERIODS`].
+    pub fn keep_history(&self) {
         let mut state = lock(&self.state);
-        let until_now = state.steps as usize;
-        state.kept.get_or_insert_with(|| vec![([0; 2], [0; 2]); until_now]);
+        let from = state.steps;
+        state.history.get_or_insert_with(|| History::new(from));
     }
 
-    /// What was sensed in a period since the start; `None` where it has not been yet, or is not kept.
-    pub fn codes(&self, step: u64) -> Option<Sensed> {
-        lock(&self.state).kept.as_ref()?.get(usize::try_from(step).ok()?).copied()
+    /// What passed in a period since the start; `None` where it has not been yet, or is not kept.
+    pub fn period(&self, step: u64) -> Option<Period> {
+        lock(&self.state).history.as_ref()?.get(step)
+    }
+
+    /// Period in which the firmware started last: zero of its clock.
+    pub fn started(&self) -> u64 {
+        lock(&self.state).started
+    }
+
+    /// The period from whose request on no input of a bridge has been high; `None` while one is.
+    pub fn released_since(&self) -> Option<u64> {
+        lock(&self.state).electronics.released_since()
+    }
+
+    /// How far the guide went and how hard it was pressed since this was last asked.
+    pub fn take_reach(&self) -> Reach {
+        std::mem::take(&mut lock(&self.state).reach)
     }
 
     /// How often the firmware has started again.
@@ -199,16 +233,28 @@ fn serve(state: &Mutex<State>, stop: &AtomicBool, folder: &Path, speed: f64) -> 
 
 /// One period; the reply, and the periods since the start.
 fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> (PlantReply, u64) {
-    let State { rig, electronics, steps, resets, kept } = state;
+    let State { rig, electronics, steps, resets, started, reach, history } = state;
     if request.step == 0 && *steps > 0 {
         *resets += 1;
+        *started = *steps;
     }
     let inputs = electronics.command(*steps, request, rig.position_m());
     let codes = rig.step(inputs, PERIOD_S);
     *steps += 1;
     let reply = electronics.sense(request.step, codes, power_off);
-    if let Some(kept) = kept {
-        kept.push((reply.potentiometer_codes, reply.force_codes));
+    if let Some(history) = history {
+        // Only who keeps the history asks for these, and they take time.
+        for (position_m, force_n) in rig.position_m().into_iter().zip(rig.force_n()) {
+            reach.position_m = reach.position_m.max(position_m.abs());
+            reach.force_n = reach.force_n.max(force_n.abs());
+        }
+        history.push(Period {
+            potentiometer_codes: reply.potentiometer_codes,
+            force_codes: reply.force_codes,
+            released: request.compare == [0; 4],
+            slow: reply.potentiometer_conversion_us > 0,
+            force_repeats: !reply.force_ready || reply.corrupt_force_crc || reply.reset_force_converter,
+        });
     }
     (reply, *steps)
 }

@@ -49,7 +49,7 @@ pub enum Group {
     Quick,
     /// What needs the firmware in QEMU: minutes
     Rig,
-    /// Tables of studies, stress and timing: up to hours
+    /// Tables of studies, stress, soak and timing: up to hours
     Long,
 }
 

@@ -74,3 +74,13 @@ fn a_bad_cable_costs_samples_that_are_counted_and_nothing_else() {
     assert!(survived.samples > 10_000 && survived.cuts > 0 && survived.programs > 0, "{survived}");
     assert!(survived.losses.frames_corrupt > 10 && survived.flipped_bits[1] > 10, "{survived}");
 }
+
+/// Some seconds of everything at random: see `cargo xtask soak` for longer.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn random_commands_faults_and_restarts_leave_nothing_that_must_hold_behind() {
+    let survived = tests::soak::run(tests::soak::Args { minutes: 0.3, seed: 1 }).unwrap();
+    println!("{survived}");
+    assert!(survived.samples > 8_000 && survived.tally.commands() > 50, "{survived}");
+    assert!(survived.tally.fault_kinds() > 1, "{survived}");
+}
