@@ -57,7 +57,8 @@ pub fn root() -> &'static Path {
     tests.parent().unwrap_or(tests)
 }
 
-fn target_dir() -> PathBuf {
+/// Folder of all builds.
+pub(crate) fn target_dir() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
 

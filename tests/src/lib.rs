@@ -5,6 +5,8 @@
 pub mod bench;
 pub mod cosim;
 pub mod demo;
+pub mod fuzz;
+pub mod fuzzed;
 pub mod images;
 pub mod peers;
 pub mod qemu;

@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{cosim, demo, readme, setup, size, stress, study, suite, timing, tracking};
+use tests::{cosim, demo, fuzz, readme, setup, size, stress, study, suite, timing, tracking};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -34,6 +34,8 @@ enum Task {
     Tracking,
     /// Run the firmware on a bad cable: flipped bits, cuts, programs; nothing wrong may arrive, nothing be lost uncounted
     Stress(stress::Args),
+    /// Feed every reader of bytes with made-up inputs; says which one makes it fail
+    Fuzz(fuzz::Args),
     /// Run the control core on the target, in QEMU: instructions per control period
     Timing,
     /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
@@ -73,6 +75,7 @@ fn run(task: Task) -> Result<()> {
             println!("{}", stress::run(args)?);
             Ok(())
         }
+        Task::Fuzz(args) => fuzz::run(&args),
         Task::Timing => {
             println!("{}", timing::run()?);
             Ok(())
