@@ -6,6 +6,8 @@ pub mod bench;
 pub mod beside;
 pub mod cosim;
 pub mod demo;
+pub mod fuzz;
+pub mod fuzzed;
 pub mod images;
 pub mod peers;
 pub mod qemu;

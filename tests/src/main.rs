@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{beside, cosim, demo, readme, setup, size, soak, stress, study, suite, timing, tracking};
+use tests::{beside, cosim, demo, fuzz, readme, setup, size, soak, stress, study, suite, timing, tracking};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -39,6 +39,8 @@ enum Task {
     /// Run the firmware for an hour of its time with random commands, faults, restarts, cuts and flipped bits; what must hold is
     /// checked throughout
     Soak(soak::Args),
+    /// Feed every reader of bytes with made-up inputs; says which one makes it fail
+    Fuzz(fuzz::Args),
     /// Run the control core on the target, in QEMU: instructions per control period
     Timing,
     /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
@@ -83,6 +85,7 @@ fn run(task: Task) -> Result<()> {
             println!("{}", soak::run(args)?);
             Ok(())
         }
+        Task::Fuzz(args) => fuzz::run(&args),
         Task::Timing => {
             println!("{}", timing::run()?);
             Ok(())

@@ -1,0 +1,146 @@
+//! What the fuzz targets do with bytes. `cargo xtask fuzz` makes the bytes; the ordinary tests run those that are kept in
+//! `tests/fuzz/corpus`.
+//!
+//! | target | what is fed | what must hold beside that nothing panics, hangs or grows |
+//! |---|---|---|
+//! | [`receiver`] | bytes in pieces to the receivers of both ends | the books balance; pieces do not matter; a sound frame after a zero byte arrives |
+//! | [`messages`] | payloads of every type | what is read is written and read again as the same |
+//! | [`device`] | commands and readings to the control core | bridges off in a fault; duty within its range; one answer per command; targets within travel |
+//! | [`session`] | a session's files | a check tells what stops a reader |
+//! | [`recording`] | a raw recording | what is recovered is sound and holds the same frames |
+//! | [`igtl`] | bytes in pieces to the decoder of OpenIGTLink | it keeps one message at most; what is read is written and read again as the same |
+//! | [`files`] | every other kind of file | |
+
+pub mod device;
+pub mod files;
+pub mod igtl;
+pub mod messages;
+pub mod receiver;
+pub mod recording;
+pub mod session;
+
+/// A target: its name, what it does, and the longest input that it is given.
+pub struct Target {
+    /// Name of the target, of its program and of its folder in the corpus.
+    pub name: &'static str,
+    /// What it does with an input. It panics where something is wrong.
+    pub run: fn(&[u8]),
+    /// Most bytes of an input: what is longer takes time and finds nothing new.
+    pub most_bytes: usize,
+}
+
+/// All of them.
+pub const TARGETS: [Target; 7] = [
+    Target { name: "receiver", run: receiver::run, most_bytes: 2_048 },
+    Target { name: "messages", run: messages::run, most_bytes: 256 },
+    Target { name: "device", run: device::run, most_bytes: 1_024 },
+    Target { name: "session", run: session::run, most_bytes: 8_192 },
+    Target { name: "recording", run: recording::run, most_bytes: 4_096 },
+    Target { name: "igtl", run: igtl::run, most_bytes: 4_096 },
+    Target { name: "files", run: files::run, most_bytes: 4_096 },
+];
+
+/// Bytes taken one field after the other; zeros where they have ended.
+pub(crate) struct Bytes<'a>(pub &'a [u8]);
+
+impl<'a> Bytes<'a> {
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub(crate) fn take(&mut self, length: usize) -> &'a [u8] {
+        let (head, rest) = self.0.split_at(length.min(self.0.len()));
+        self.0 = rest;
+        head
+    }
+
+    pub(crate) fn array<const N: usize>(&mut self) -> [u8; N] {
+        let mut field = [0; N];
+        let head = self.take(N);
+        field[..head.len()].copy_from_slice(head);
+        field
+    }
+
+    pub(crate) fn u8(&mut self) -> u8 {
+        u8::from_le_bytes(self.array())
+    }
+
+    pub(crate) fn u16(&mut self) -> u16 {
+        u16::from_le_bytes(self.array())
+    }
+
+    pub(crate) fn i32(&mut self) -> i32 {
+        i32::from_le_bytes(self.array())
+    }
+
+    /// Bytes after their length, which has one byte.
+    pub(crate) fn sized(&mut self) -> &'a [u8] {
+        let length = self.u8();
+        self.take(length.into())
+    }
+}
+
+/// A folder that is gone afterwards, in memory where the system has a place for that: a target needs one thousands of times.
+pub(crate) fn folder() -> tempfile::TempDir {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a folder")
+}
+
+/// A frame of this payload, or of as much of it as a frame holds: written apart from the protocol's own code.
+pub(crate) fn sealed(payload: &[u8]) -> Vec<u8> {
+    const MOST_PAYLOAD: usize = 249;
+    let payload = &payload[..payload.len().min(MOST_PAYLOAD)];
+    let plain = [payload, &protocol::calibration_crc(payload).to_le_bytes()].concat();
+    let mut frame = vec![0];
+    // Below 254 bytes, stuffing is one count before every run without zeros.
+    for run in plain.split(|&byte| byte == 0) {
+        frame.push(run.len() as u8 + 1);
+        frame.extend_from_slice(run);
+    }
+    frame.push(0);
+    frame
+}
+
+#[cfg(test)]
+mod tests {
+    use super::TARGETS;
+    use crate::images::root;
+    use std::collections::BTreeSet;
+    use std::fs;
+
+    #[test]
+    fn every_kept_input_still_runs() {
+        let corpus = root().join("tests/fuzz/corpus");
+        let mut bytes = 0;
+        for target in &TARGETS {
+            let inputs = fs::read_dir(corpus.join(target.name)).expect("every target has inputs");
+            let mut paths: Vec<_> = inputs.map(|entry| entry.expect("an entry").path()).collect();
+            paths.sort();
+            assert!(!paths.is_empty(), "{}: no inputs", target.name);
+            for path in paths {
+                // Told where it fails.
+                println!("{}", path.display());
+                let input = fs::read(&path).expect("reads");
+                assert!(input.len() <= target.most_bytes, "{} bytes", input.len());
+                (target.run)(&input);
+                bytes += input.len();
+            }
+        }
+        assert!(bytes < 400_000, "the corpus has {bytes} bytes");
+    }
+
+    #[test]
+    fn every_target_has_a_program_and_every_folder_a_target() {
+        let names: BTreeSet<String> = TARGETS.iter().map(|target| target.name.to_owned()).collect();
+        let in_folder = |folder: &str| -> BTreeSet<String> {
+            let entries = fs::read_dir(root().join("tests/fuzz").join(folder)).expect("a folder");
+            let stem = |path: std::path::PathBuf| path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+            entries.filter_map(|entry| stem(entry.expect("an entry").path())).collect()
+        };
+        assert_eq!(in_folder("targets"), names);
+        assert_eq!(in_folder("corpus"), names);
+        let manifest = fs::read_to_string(root().join("tests/fuzz/Cargo.toml")).expect("reads");
+        for name in names {
+            assert!(manifest.contains(&format!("name = \"{name}\"")), "{name}: not built");
+        }
+    }
+}
