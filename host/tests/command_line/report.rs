@@ -88,7 +88,7 @@ fn a_report_is_made_where_analyses_fail() {
 /// The first of the names under which browsers of this family are installed.
 fn browser() -> Option<PathBuf> {
     let folders: Vec<PathBuf> = std::env::split_paths(&std::env::var_os("PATH")?).collect();
-    let names = ["chromium", "google-chrome", "chromium-browser"];
+    let names = ["chromium", "google-chrome", "chromium-browser", "chromium-headless-shell"];
     names
         .iter()
         .flat_map(|name| folders.iter().map(move |folder| folder.join(name)))
