@@ -64,6 +64,8 @@ pub struct Client {
     hello: Hello,
     /// Number of the frame that the hello came in.
     hello_sequence: u32,
+    /// Number of the frame that was taken last.
+    sequence: u32,
 }
 
 impl Client {
@@ -99,6 +101,7 @@ impl Client {
                                 open_question: None,
                                 hello,
                                 hello_sequence: sequence,
+                                sequence,
                             });
                         }
                     }
@@ -252,7 +255,8 @@ impl Client {
         force_n(&self.hello, counts)
     }
 
-    /// Sends a command until it is answered; a status or a calibration that comes before the answer is returned with it.
+    /// Sends a command until it is answered; a status or a calibration that comes directly before the answer is returned with it. A
+    /// status further before was told unasked, and may be from before the question.
     fn ask(&mut self, request: Request) -> Result<Option<Message>, LinkError> {
         let id = self.take_id();
         // Its answer may still come; it is not asked again under its old number.
@@ -264,11 +268,16 @@ impl Client {
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
                 match self.receive(left)? {
-                    Some(Message::Ack { id: answered }) if answered == id => return Ok(told),
+                    Some(Message::Ack { id: answered }) if answered == id => {
+                        let before = self.sequence.wrapping_sub(1);
+                        return Ok(told.and_then(|(sequence, said)| (sequence == before).then_some(said)));
+                    }
                     Some(Message::Refused { id: answered, refusal }) if answered == id => {
                         return Err(LinkError::Refused { command: name(&request), refusal });
                     }
-                    Some(said @ (Message::Status(_) | Message::Calibration(_))) => told = Some(said),
+                    Some(said @ (Message::Status(_) | Message::Calibration(_))) => {
+                        told = Some((self.sequence, said));
+                    }
                     _ => {}
                 }
             }
@@ -289,6 +298,7 @@ impl Client {
         let port = || self.wire.name().to_owned();
         let (message, lost_before) = match received {
             Received::Frame { frame, lost_before } if frame.boot_id == self.boot_id => {
+                self.sequence = frame.sequence;
                 (frame.message, lost_before)
             }
             Received::Nothing => return Ok(None),

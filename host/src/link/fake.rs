@@ -53,7 +53,7 @@ pub struct Script {
     pub mute: bool,
     /// Number of answers (after the hello's) that get lost.
     pub lost_answers: usize,
-    /// Number of statuses that get lost, while their answers arrive.
+    /// Number of statuses that get lost, while their answers arrive, and an older one that nobody asked for.
     pub lost_statuses: usize,
     /// Says late, when a program is loaded, that the one before was stopped.
     pub late_end: bool,
@@ -220,6 +220,7 @@ impl Device {
                 let status = Status { force_limit_mn, silence_limit_ms, ..status };
                 if self.script.lost_statuses > 0 {
                     self.script.lost_statuses -= 1;
+                    self.send(far, Message::Status(Status { position_counts: [8, 9], ..status }));
                     self.sequence += 1;
                 } else {
                     self.send(far, Message::Status(status));

@@ -110,7 +110,7 @@ fn a_device_that_never_answers_a_command_is_given_up() {
 }
 
 #[test]
-fn a_lost_status_is_asked_for_again() {
+fn a_lost_status_is_asked_for_again_and_an_older_one_is_not_taken_for_it() {
     let device = FakeDevice::start(Script { lost_statuses: 2, ..Script::default() });
     let mut client = Client::connect(&device.port).expect("connects");
     assert_eq!(client.status().expect("the third arrives").position_counts, [1, 2]);

@@ -176,8 +176,8 @@ impl<'a> Device<'a> {
                         "a status asked for between {from_ms} and {until_ms} ms of the rig says {t_ms} ms"
                     );
                     self.heard_ms = from_ms + self.rig().started();
+                    // It comes among the rest too, and is looked at there in its order.
                     self.drain()?;
-                    self.watch.status(&status)?;
                     if let Some(deadline_ms) = self.deadline_ms.filter(|_| is_active(status.state)) {
                         let over_ms = (t_ms + self.rig().started()).saturating_sub(deadline_ms);
                         ensure!(over_ms == 0, "a program runs {over_ms} ms longer than it can");
