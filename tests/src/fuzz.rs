@@ -53,7 +53,8 @@ pub fn run(args: &Args) -> Result<()> {
     let host = nightly_host()?;
     let cargo_fuzz = ensure_cargo_fuzz()?;
     let folder = std::path::absolute(target_dir().join("fuzz"))?;
-    let is_chosen = |target: &&Target| args.targets.is_empty() || args.targets.iter().any(|name| name == target.name);
+    let is_chosen =
+        |target: &&Target| args.targets.is_empty() || args.targets.iter().any(|name| name == target.name);
     let chosen: Vec<&Target> = TARGETS.iter().filter(is_chosen).collect();
     for target in &chosen {
         build(&cargo_fuzz, &folder, target)?;
@@ -90,7 +91,9 @@ impl fmt::Display for Row {
 fn nightly_host() -> Result<String> {
     let said = Command::new("rustup").args(["run", "nightly", "rustc", "-vV"]).stdin(Stdio::null()).output();
     let said = said.ok().filter(|output| output.status.success());
-    let said = said.with_context(|| format!("fuzzing needs a nightly compiler for its sanitizer; install it: {BY_HAND}"))?;
+    let said = said.with_context(|| {
+        format!("fuzzing needs a nightly compiler for its sanitizer; install it: {BY_HAND}")
+    })?;
     let text = String::from_utf8_lossy(&said.stdout);
     let host = text.lines().find_map(|line| line.strip_prefix("host: "));
     Ok(host.context("rustc does not say what it builds for")?.to_owned())
@@ -207,7 +210,8 @@ mod tests {
         assert_eq!(outcome(quiet), expected);
         let crashed = "#7\tNEW    cov: 8 ft: 9\nartifact_prefix='a/'; Test unit written to a/crash-1\n\
                        stat::number_of_executed_units: 7\nstat::average_exec_per_sec:     0\n";
-        let expected = Outcome { executions: 7, per_second: 0, coverage: 8, found: Some("a/crash-1".to_owned()) };
+        let expected =
+            Outcome { executions: 7, per_second: 0, coverage: 8, found: Some("a/crash-1".to_owned()) };
         assert_eq!(outcome(crashed), expected);
     }
 }

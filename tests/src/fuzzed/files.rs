@@ -7,7 +7,7 @@ use firmware::calibration::Calibration;
 use host::calibration_file;
 use host::link::Program;
 use host::model_file::ModelFile;
-use host::rig::RigConfig;
+use host::rig::config::RigConfig;
 use host::session::Setup;
 use host::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, poses, slicer, trajcontrol};
 use host::simulate::SimulationPlan;

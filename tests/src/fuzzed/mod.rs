@@ -133,7 +133,8 @@ mod tests {
         let names: BTreeSet<String> = TARGETS.iter().map(|target| target.name.to_owned()).collect();
         let in_folder = |folder: &str| -> BTreeSet<String> {
             let entries = fs::read_dir(root().join("tests/fuzz").join(folder)).expect("a folder");
-            let stem = |path: std::path::PathBuf| path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+            let stem =
+                |path: std::path::PathBuf| path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
             entries.filter_map(|entry| stem(entry.expect("an entry").path())).collect()
         };
         assert_eq!(in_folder("targets"), names);

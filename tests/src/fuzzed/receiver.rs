@@ -68,7 +68,11 @@ where
     assert_eq!(longer, expected.overlong as usize);
 
     let after: Vec<_> = receiver.feed(frame).collect();
-    assert_eq!(after.last(), Some(&Received::Frame(sound.clone())), "a sound frame after a zero byte arrives");
+    assert_eq!(
+        after.last(),
+        Some(&Received::Frame(sound.clone())),
+        "a sound frame after a zero byte arrives"
+    );
     let frames = whole.into_iter().filter_map(|event| match event {
         Received::Frame(frame) => Some(frame),
         _ => None,
