@@ -1,6 +1,6 @@
 //! The messages that are written and read, and their bytes: big-endian, texts padded with zeros, lengths in millimetres.
 
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion};
 use std::time::Duration;
 
 /// Longest text of a STRING message, bytes: its length is sent in 16 bits.
@@ -186,7 +186,7 @@ impl Content {
             }
             Self::Position(pose) => {
                 let turn = Matrix3::from_columns(&pose.axes.map(Into::into));
-                let turn = UnitQuaternion::from_matrix(&turn);
+                let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn));
                 let floats = pose.position_mm.into_iter().chain(turn.coords.iter().copied());
                 body.extend(floats.flat_map(f32::to_be_bytes));
             }
@@ -226,11 +226,10 @@ impl Message {
         bytes.extend(1u16.to_be_bytes());
         bytes.extend(padded::<TYPE_BYTES>(self.content.kind()));
         bytes.extend(padded::<DEVICE_BYTES>(&self.device));
-        let seconds = u32::try_from(self.stamp.as_secs()).unwrap_or(u32::MAX);
-        // A second has 2^32 parts.
+        // A second has 2^32 parts. What is later than can be said is said as late as can be.
         let parts = (u64::from(self.stamp.subsec_nanos()) << 32) / 1_000_000_000;
-        bytes.extend(seconds.to_be_bytes());
-        bytes.extend((parts as u32).to_be_bytes());
+        let said = u32::try_from(self.stamp.as_secs()).map(|seconds| [seconds, parts as u32]);
+        bytes.extend(said.unwrap_or([u32::MAX; 2]).into_iter().flat_map(u32::to_be_bytes));
         bytes.extend((body.len() as u64).to_be_bytes());
         bytes.extend(super::wire::CRC.checksum(&body).to_be_bytes());
         bytes.extend(body);
@@ -278,6 +277,9 @@ fn position(body: &[u8]) -> Option<Pose> {
         }
         _ => floats::<4>(turn)?,
     };
+    // By its largest part first: the length of one of 1e30 is beyond all numbers, and would leave axes of no length.
+    let largest = [i, j, k, w].map(f32::abs).into_iter().fold(0.0, f32::max);
+    let [i, j, k, w] = [i, j, k, w].map(|part| part / largest);
     let quaternion = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
     let columns = quaternion.to_rotation_matrix().into_inner();
     Some(Pose { axes: columns.data.0, position_mm })
@@ -312,10 +314,11 @@ fn text(device: &str, body: &[u8]) -> Result<String, MessageError> {
     if encoding != ASCII && encoding != UTF_8 {
         return Err(fault("its encoding is neither ASCII (3) nor UTF-8 (106)"));
     }
-    // Some senders count a closing zero or none, or fill the body up.
+    // Some senders count a closing zero or none, or fill the body or the text up.
     let bytes = bytes.get(..length).ok_or_else(|| fault("its text is longer than the body"))?;
-    let bytes = bytes.strip_suffix(&[0]).unwrap_or(bytes);
-    String::from_utf8(bytes.to_vec()).map_err(|_| fault("its text is no UTF-8"))
+    let end = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+    String::from_utf8(bytes.get(..end).unwrap_or_default().to_vec())
+        .map_err(|_| fault("its text is no UTF-8"))
 }
 
 /// Values of a sensor.

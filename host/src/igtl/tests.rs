@@ -60,14 +60,48 @@ fn another_implementations_bytes_are_read_and_written() {
 
 #[test]
 fn a_quaternion_becomes_axes() {
-    let sent = message("NeedleTipToReference", 1, Content::Position(POSE));
-    let (arrivals, ..) = decoded(&sent.to_bytes(), 64);
-    let [Arrival::Message(Message { content: Content::Position(read), .. })] = arrivals.as_slice() else {
-        panic!("{arrivals:?}");
-    };
-    assert_eq!(read.position_mm, POSE.position_mm);
-    let off = read.axes.iter().flatten().zip(POSE.axes.iter().flatten()).map(|(a, b)| (a - b).abs());
-    assert!(off.fold(0.0, f32::max) < 1e-6, "{read:?}");
+    let half_a_turn = Pose { axes: [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]], ..POSE };
+    for pose in [POSE, half_a_turn] {
+        let sent = message("NeedleTipToReference", 1, Content::Position(pose));
+        let (arrivals, ..) = decoded(&sent.to_bytes(), 64);
+        let [Arrival::Message(Message { content: Content::Position(read), .. })] = arrivals.as_slice() else {
+            panic!("{arrivals:?}");
+        };
+        assert_eq!(read.position_mm, pose.position_mm);
+        let off = read.axes.iter().flatten().zip(pose.axes.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(off.fold(0.0, f32::max) < 1e-6, "{read:?}");
+    }
+}
+
+#[test]
+fn a_quaternion_of_any_length_is_turned_into_axes_or_refused() {
+    for (length, is_read) in [(1e30_f32, true), (1e-30, true), (0.0, false), (f32::INFINITY, false)] {
+        let mut turned = message("Tip", 1, Content::Position(POSE)).to_bytes();
+        let body = turned.split_off(HEADER_BYTES);
+        let half = [0.0, 0.0, length, length].into_iter().flat_map(f32::to_be_bytes);
+        let body: Vec<u8> = body[..12].iter().copied().chain(half).collect();
+        turned[50..58].copy_from_slice(&super::wire::CRC.checksum(&body).to_be_bytes());
+        turned.extend(body);
+        let (arrivals, ..) = decoded(&turned, 64);
+        let [Arrival::Message(Message { content: Content::Position(read), .. })] = &arrivals[..] else {
+            assert!(!is_read && matches!(arrivals[..], [Arrival::Unreadable(_)]), "{length}: {arrivals:?}");
+            continue;
+        };
+        let off = read.axes.iter().flatten().zip(POSE.axes.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(is_read && off.fold(0.0, f32::max) < 1e-6, "{length}: {read:?}");
+    }
+}
+
+#[test]
+fn zeros_behind_a_text_and_the_latest_stamp_are_read_as_they_are_written() {
+    let padded = message("Note", 0, Content::Text("tip\0\0".to_owned()));
+    let mut latest = message("Note", 0, Content::Text("tip".to_owned()));
+    latest.stamp = Duration::from_secs(1 << 32);
+    for (sent, expected) in [(&padded, Duration::ZERO), (&latest, latest.stamp)] {
+        let (arrivals, ..) = decoded(&sent.to_bytes(), 64);
+        let [Arrival::Message(read)] = &arrivals[..] else { panic!("{arrivals:?}") };
+        assert_eq!((&read.content, read.stamp), (&Content::Text("tip".to_owned()), expected));
+    }
 }
 
 #[test]

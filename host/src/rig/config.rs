@@ -1,7 +1,7 @@
 //! The constants of a simulated rig.
 
 use crate::model::{Needle, Rig};
-use crate::session::{SessionError, Setup};
+use crate::session::{SessionError, Setup, read_text};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -213,13 +213,10 @@ impl RigConfig {
             #[serde(default)]
             simulation: Simulation,
         }
-        let Setup { rig, .. } = Setup::read(path)?;
+        // Read once: a pipe gives its text only once.
+        let text = read_text(path)?;
+        let Setup { rig, .. } = Setup::parse(path, &text)?;
         let name = || path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|cause| SessionError::Io {
-            path: path.to_owned(),
-            action: "read",
-            cause,
-        })?;
         let File { simulation } = toml::from_str(&text)
             .map_err(|cause| ConfigError::Parse { path: name(), cause: Box::new(cause) })?;
         simulation.check()?;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 /// Why a session could not be read or written.
@@ -201,7 +201,8 @@ fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     if file.metadata()?.is_file() {
         (&file).read_to_end(&mut bytes)?;
-    } else if (&file).take(MOST_BYTES + 1).read_to_end(&mut bytes)? as u64 > MOST_BYTES {
+    // No text has a NUL byte: what is behind one is not waited for.
+    } else if BufReader::new((&file).take(MOST_BYTES + 1)).read_until(0, &mut bytes)? as u64 > MOST_BYTES {
         return Err(io::Error::other("this is no file, and does not end"));
     }
     Ok(bytes)
