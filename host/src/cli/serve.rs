@@ -29,7 +29,7 @@ const LOOK_AT_FILES: Duration = Duration::from_secs(1);
 /// Publish results and live values over OpenIGTLink (3D Slicer, PLUS and others): guide, force, needle, tip, modulus, predicted path
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  guide serve phantom-a --igtl\n  guide serve phantom-a --igtl --port /dev/ttyACM0 --depth-mm 30\n  guide serve \
+    after_help = "Example:\n  guide serve phantom-a --igtl\n  guide serve phantom-a --igtl --port /dev/ttyACM0 --depth-mm 30\n  guide serve \
                         phantom-a --igtl=0.0.0.0:18944"
 )]
 pub struct Args {

@@ -102,6 +102,7 @@ impl Table {
             .flexible(true)
             .comment(Some(b'#'))
             .from_reader(text.as_bytes());
+        let is_blank = |cell: &str| cell.trim().is_empty();
         let mut record = csv::StringRecord::new();
         let place = |record: &csv::StringRecord, index: usize| {
             let start = record.position().map_or(0, csv::Position::byte) as usize;
@@ -126,17 +127,18 @@ impl Table {
                 let problem = Problem::Syntax("a quotation mark that is not closed on its line".to_owned());
                 return Err(fault(record, index, "row", problem, "quotation marks in pairs".to_owned()));
             }
-            if !there || record.len() != 1 || record.get(0) != Some("") {
+            if !there || record.len() != 1 || !record.get(0).is_some_and(is_blank) {
                 return Ok(there);
             }
         };
 
         next(&mut record)?;
-        let header = record.clone();
+        let mut header = record.clone();
+        header.trim();
         let mut found = Vec::new();
         for column in known {
             let mut places =
-                header.iter().enumerate().filter(|(_, name)| name.trim() == column.name).map(|(i, _)| i);
+                header.iter().enumerate().filter(|(_, name)| *name == column.name).map(|(i, _)| i);
             match (places.next(), places.next()) {
                 (Some(_), Some(again)) => {
                     let problem = Problem::Duplicate(column.name.to_owned());
@@ -154,7 +156,7 @@ impl Table {
         let mut rows = 0;
         while next(&mut record)? {
             rows += 1;
-            let beyond = (width..record.len()).any(|index| record.get(index) != Some(""));
+            let beyond = record.iter().skip(width).any(|cell| !is_blank(cell));
             let short = found.iter().any(|(index, ..)| *index >= record.len());
             if beyond || short {
                 let problem = Problem::Syntax(match record.len() {
