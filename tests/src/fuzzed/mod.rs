@@ -102,30 +102,68 @@ pub(crate) fn sealed(payload: &[u8]) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use super::TARGETS;
+    use super::{TARGETS, Target};
     use crate::images::root;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
     use std::collections::BTreeSet;
     use std::fs;
+    use std::path::PathBuf;
+
+    /// The kept inputs of a target, with their paths, in order.
+    fn kept(target: &Target) -> Vec<(PathBuf, Vec<u8>)> {
+        let folder = root().join("tests/fuzz/corpus").join(target.name);
+        let entries = fs::read_dir(folder).expect("every target has inputs");
+        let mut inputs: Vec<_> = entries
+            .map(|entry| entry.expect("an entry").path())
+            .map(|path| (path.clone(), fs::read(path).expect("reads")))
+            .collect();
+        inputs.sort();
+        assert!(!inputs.is_empty(), "{}: no inputs", target.name);
+        inputs
+    }
 
     #[test]
     fn every_kept_input_still_runs() {
-        let corpus = root().join("tests/fuzz/corpus");
         let mut bytes = 0;
         for target in &TARGETS {
-            let inputs = fs::read_dir(corpus.join(target.name)).expect("every target has inputs");
-            let mut paths: Vec<_> = inputs.map(|entry| entry.expect("an entry").path()).collect();
-            paths.sort();
-            assert!(!paths.is_empty(), "{}: no inputs", target.name);
-            for path in paths {
+            for (path, input) in kept(target) {
                 // Told where it fails.
                 println!("{}", path.display());
-                let input = fs::read(&path).expect("reads");
                 assert!(input.len() <= target.most_bytes, "{} bytes", input.len());
                 (target.run)(&input);
                 bytes += input.len();
             }
         }
         assert!(bytes < 400_000, "the corpus has {bytes} bytes");
+    }
+
+    #[test]
+    fn kept_inputs_that_are_damaged_still_run() {
+        const ROUNDS: usize = 300;
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        for target in &TARGETS {
+            let inputs = kept(target);
+            for round in 0..ROUNDS {
+                let (path, input) = &inputs[random.random_range(0..inputs.len())];
+                println!("{}, round {round}", path.display());
+                let (_, other) = &inputs[random.random_range(0..inputs.len())];
+                let mut damaged = input.clone();
+                match round % 3 {
+                    0 => damaged.truncate(random.random_range(0..=input.len())),
+                    1 => damaged.extend(&other[random.random_range(0..=other.len())..]),
+                    _ => {}
+                }
+                for _ in 0..random.random_range(0..4) {
+                    if !damaged.is_empty() {
+                        let at = random.random_range(0..damaged.len());
+                        damaged[at] = random.random();
+                    }
+                }
+                damaged.truncate(target.most_bytes);
+                (target.run)(&damaged);
+            }
+        }
     }
 
     #[test]
