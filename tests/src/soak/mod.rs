@@ -139,8 +139,8 @@ impl Display for Survived {
 /// Where anything does not hold; the error names the seed and the device's time.
 pub fn run(args: Args) -> Result<Survived> {
     let limit = Duration::from_secs_f64(60.0 + args.minutes * 60.0 * SLOWEST);
-    let began = Instant::now();
     let bench = Bench::start(RigConfig::default(), args.seed, SPEED, limit)?;
+    let began = Instant::now();
     bench.rig().keep_history();
     let wire = NoisyWire::connect(&bench.folder().join("serial"), args.seed)?;
     let mut random = ChaCha8Rng::seed_from_u64(args.seed);
