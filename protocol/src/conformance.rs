@@ -58,6 +58,7 @@ tests![
     link::output_of_any_length_is_filled_or_refused,
     link::text_is_cut_between_characters,
     batches::packed_bytes_are_golden,
+    batches::packed_differences_are_golden,
     batches::extreme_samples_survive,
     batches::batch_closes_when_full,
     batches::batch_closes_before_it_overflows,

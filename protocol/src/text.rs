@@ -83,11 +83,6 @@ impl Packed {
     pub fn from_slice(bytes: &[u8]) -> Option<Self> {
         heapless::Vec::from_slice(bytes).ok().map(Self)
     }
-
-    /// Appends all of the bytes or, where they do not fit, none, and says which.
-    pub(crate) fn append(&mut self, bytes: &[u8]) -> bool {
-        self.0.extend_from_slice(bytes).is_ok()
-    }
 }
 
 impl Deref for Packed {

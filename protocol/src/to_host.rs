@@ -221,7 +221,7 @@ pub struct Samples {
     pub step: u8,
     /// Number of samples, at least 1.
     pub count: u8,
-    /// The samples, delta-coded: see [`crate::pack`].
+    /// The samples, in as few bits as they need: see [`crate::pack`].
     pub packed: Packed,
 }
 

@@ -34,6 +34,20 @@ pub(super) fn packed_bytes_are_golden() -> Verdict {
     check(unpacked.eq([T_US, T_US + 2_000, T_US + 4_000].into_iter().zip(readings)), "other samples came out")
 }
 
+pub(super) fn packed_differences_are_golden() -> Verdict {
+    let readings = [sample(0, 7, 0, 0), sample(1_000, 7, 0, 0), sample(2_001, 7, 0, 0)];
+    let mut packer = Packer::new(PERIOD_US);
+    for (index, &reading) in (0..).zip(&readings) {
+        check(push(&mut packer, index, reading).is_none(), "a batch closed early")?;
+    }
+    let batch = packer.flush().ok_or("the batch did not come out")?;
+    // One bit of difference over 1000, from -1000 on; no bits over 7, over 0 and over 0; then three times one bit.
+    let golden = [0x81, 0xD0, 0x0F, 0xCF, 0x0F, 0, 14, 0, 0, 0, 0, 0b100];
+    check(*batch.packed == golden, "packed differences have other bytes than their golden ones")?;
+    let unpacked = batch.unpack(PERIOD_US).map_err(|_| "the golden batch was refused")?;
+    check(unpacked.map(|(_, sample)| sample).eq(readings), "other samples came out")
+}
+
 /// Pushes samples, checks every batch's samples against what went in, in order, and that all come out. Returns the batches.
 fn round_trip(count: u64, reading: impl Fn(u64) -> Sample) -> Result<u64, &'static str> {
     let mut packer = Packer::new(PERIOD_US);
@@ -78,16 +92,15 @@ pub(super) fn batch_closes_when_full() -> Verdict {
 }
 
 pub(super) fn batch_closes_before_it_overflows() -> Verdict {
-    // Twenty bytes a sample: ten of them leave no room for an eleventh.
-    let worst = |index: u64| {
-        if index.is_multiple_of(2) {
-            sample(i32::MIN, i32::MIN, i32::MIN, i32::MIN)
-        } else {
-            sample(0, 0, 0, 0)
-        }
-    };
-    let batches = round_trip(100, worst)?;
-    check(batches == 10, "batches of the largest samples have another length")
+    // Sixteen bytes a sample after heads of six to eleven bytes: twelve of them leave no room for a thirteenth.
+    let mut noise = Noise(1);
+    let mut readings = [Sample::default(); 100];
+    for reading in &mut readings {
+        let [px, py, fx, fy] = [(); 4].map(|()| noise.bits());
+        *reading = sample(px, py, fx, fy);
+    }
+    let batches = round_trip(100, |index| readings.get(index as usize).copied().unwrap_or_default())?;
+    check(batches == 9, "batches of the largest samples have another length")
 }
 
 pub(super) fn batch_closes_when_the_sample_does_not_continue_it() -> Verdict {
@@ -136,21 +149,29 @@ pub(super) fn damaged_batches_are_refused_whole() -> Verdict {
 
     check(refused(&good).is_none(), "a good batch was refused")?;
     check(refused(&with_count(0)) == Some(UnpackError::Empty), "a count of 0 was accepted")?;
-    check(
-        refused(&with_count(2)) == Some(UnpackError::Trailing { bytes: 4 }),
-        "a count too low was accepted",
-    )?;
-    for count in 4..=u8::MAX {
-        let broken = Some(UnpackError::Broken { index: 3, count });
-        check(refused(&with_count(count)) == broken, "a count too high was accepted")?;
+    for count in (1..=u8::MAX).filter(|count| *count != good.count) {
+        // Sixteen bits a sample.
+        let length = Some(UnpackError::Length { expected: 2 * usize::from(count), found: 6 });
+        check(refused(&with_count(count)) == length, "another count was accepted")?;
     }
+    let channels = [0, 0, 0, 1, 1, 1, 2, 2, 3, 3, 3, 3];
     for length in 0..good.packed.len() {
         let cut = good.packed.get(..length).and_then(with_bytes).ok_or("test bytes too long")?;
-        check(matches!(refused(&cut), Some(UnpackError::Broken { .. })), "a cut batch was accepted")?;
+        let expected = match channels.get(length) {
+            Some(&channel) => UnpackError::Head { channel },
+            None => UnpackError::Length { expected: 6, found: length - channels.len() },
+        };
+        check(refused(&cut) == Some(expected), "a cut batch was accepted")?;
     }
-    let endless = with_bytes(&[0xFF; PACKED_BYTES]).ok_or("test bytes too long")?;
-    let broken = Some(UnpackError::Broken { index: 0, count: 3 });
-    check(refused(&endless) == broken, "an endless number was accepted")
+    let head = Some(UnpackError::Head { channel: 0 });
+    // Widths of 127 and of 33 bits, a base without an end.
+    for bytes in
+        [&[0xFF; PACKED_BYTES][..], &[33, 0, 0, 0, 0, 0, 0, 0], &[0, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0]]
+    {
+        let wrong = with_bytes(bytes).ok_or("test bytes too long")?;
+        check(refused(&wrong) == head, "a wrong head was accepted")?;
+    }
+    Ok(())
 }
 
 /// With realistic noise: what the documentation of [`crate::pack`] says.
@@ -173,21 +194,26 @@ pub(super) fn bytes_per_sample_are_as_documented() -> Verdict {
     }
     check(samples == 3_200, "batches were not closed by their number of samples")?;
     let per_1000 = |bytes: usize| bytes * 1_000 / samples;
-    check((5_400..5_460).contains(&per_1000(packed_bytes)), "packed bytes per sample are not 5.4")?;
-    check((6_250..6_300).contains(&per_1000(line_bytes)), "bytes per sample on the line are not 6.3")
+    check((3_700..3_750).contains(&per_1000(packed_bytes)), "packed bytes per sample are not 3.7")?;
+    check((4_500..4_550).contains(&per_1000(line_bytes)), "bytes per sample on the line are not 4.5")
 }
 
 /// Nearly normal noise: a sum of twelve uniform numbers, from a linear congruential generator.
 struct Noise(u32);
 
 impl Noise {
+    fn uniform(&mut self) -> u32 {
+        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        self.0 >> 16
+    }
+
+    /// Any number at all.
+    fn bits(&mut self) -> i32 {
+        (self.uniform() << 16 | self.uniform()) as i32
+    }
+
     fn next(&mut self, sd: i64) -> i32 {
-        let sum: i64 = (0..12)
-            .map(|_| {
-                self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                i64::from(self.0 >> 16)
-            })
-            .sum();
+        let sum: i64 = (0..12).map(|_| i64::from(self.uniform())).sum();
         i32::try_from((sum - 6 * 65_536) * sd / 65_536).unwrap_or_default()
     }
 }

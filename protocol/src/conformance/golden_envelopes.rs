@@ -55,7 +55,9 @@ fn happened(kind: EventKind) -> Envelope {
 /// The batch that `batches::packed_bytes_are_golden` packs.
 pub(super) fn samples(state: State) -> Samples {
     let packed = [
-        0xE8, 0x07, 0xE7, 0x07, 0x00, 0xC0, 0x9A, 0x0C, 0x01, 0x02, 0x80, 0x01, 0x7F, 0x00, 0x00, 0x00, 0x00,
+        // One bit over 499, one bit over -500, seven bits over 0, seven bits over 99,936; then three times sixteen bits.
+        0x01, 0xE6, 0x07, 0x01, 0xE7, 0x07, 0x07, 0x00, 0x07, 0xC0, 0x99, 0x0C, 0x01, 0x80, 0x02, 0x01, 0x02,
+        0x01,
     ];
     Samples {
         t_us: 10_000_000,
@@ -212,27 +214,27 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
     },
     Golden {
         message: || batch(State::Idle),
-        frame: "0010d487cb8d0af0a2040380ade204c80108020311e807e70709c09a0c010280017f01010105039c402a00",
+        frame: "0010d487cb8d0af0a2040380ade204c8010b02031201e60701e707070f07c0990c01800201020102f8f85500",
     },
     Golden {
         message: || batch(State::Pending),
-        frame: "0018d487cb8d0af0a2040380ade204c80101020311e807e70709c09a0c010280017f010101059d1f9ab500",
+        frame: "001bd487cb8d0af0a2040380ade204c8010102031201e60701e707070f07c0990c018002010201c29cd04200",
     },
     Golden {
         message: || batch(State::Moving),
-        frame: "0018d487cb8d0af0a2040380ade204c80102020311e807e70709c09a0c010280017f010101057e9d84ce00",
+        frame: "001bd487cb8d0af0a2040380ade204c8010202031201e60701e707070f07c0990c0180020102018231a87b00",
     },
     Golden {
         message: || batch(State::Holding),
-        frame: "0018d487cb8d0af0a2040380ade204c80103020311e807e70709c09a0c010280017f01010105e01e5e5100",
+        frame: "001bd487cb8d0af0a2040380ade204c8010302031201e60701e707070f07c0990c0180020102014255806c00",
     },
     Golden {
         message: || batch(State::Taring),
-        frame: "0018d487cb8d0af0a2040380ade204c80104020311e807e70709c09a0c010280017f01010105b898b93800",
+        frame: "001bd487cb8d0af0a2040380ade204c8010402031201e60701e707070f07c0990c018002010201026b590900",
     },
     Golden {
         message: || batch(State::Faulted),
-        frame: "0018d487cb8d0af0a2040380ade204c80105020311e807e70709c09a0c010280017f01010105261b63a700",
+        frame: "001bd487cb8d0af0a2040380ade204c8010502031201e60701e707070f07c0990c018002010201c20f711e00",
     },
     Golden {
         message: || happened(EventKind::StepStarted { index: 0 }),

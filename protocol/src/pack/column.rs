@@ -1,0 +1,182 @@
+//! One channel of a batch: how few bits hold all of its readings, and their bits.
+
+/// Channels of a sample.
+pub(super) const CHANNELS: usize = 4;
+/// Most bytes of a column's head: its width, the base and the start.
+pub(super) const MAX_HEAD: usize = 1 + 2 * MAX_NUMBER;
+/// Most bytes of an `i32` as postcard writes it.
+const MAX_NUMBER: usize = 5;
+/// Set in the first byte of the head of a column that holds differences.
+const DIFFERENCES: u8 = 0x80;
+/// Most bits of a reading.
+const MAX_WIDTH: u8 = 32;
+
+/// How one channel of a batch is written: every reading, or every difference from the one before, as what it has more than the
+/// least of them (`base`), in `width` bits.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Column {
+    /// Bits of each reading, at most 32.
+    pub width: u8,
+    /// What is added to each.
+    pub base: i32,
+    /// For differences: what the first is added to.
+    pub start: Option<i32>,
+}
+
+impl Column {
+    /// Reads a head, and gives what follows it.
+    pub fn read(bytes: &[u8]) -> Option<(Self, &[u8])> {
+        let (first, rest) = bytes.split_first()?;
+        let width = first & !DIFFERENCES;
+        if width > MAX_WIDTH {
+            return None;
+        }
+        let (base, rest) = postcard::take_from_bytes(rest).ok()?;
+        if first & DIFFERENCES == 0 {
+            return Some((Self { width, base, start: None }, rest));
+        }
+        let (start, rest) = postcard::take_from_bytes(rest).ok()?;
+        Some((Self { width, base, start: Some(start) }, rest))
+    }
+
+    /// Writes the head.
+    pub fn write(&self, output: &mut Writer<'_>) {
+        output.byte(self.width | if self.start.is_some() { DIFFERENCES } else { 0 });
+        for number in core::iter::once(self.base).chain(self.start) {
+            output.number(number);
+        }
+    }
+
+    /// Bits of the head and of `count` readings.
+    pub fn bits(&self, count: u8) -> usize {
+        let head = 1 + number_bytes(self.base) + self.start.map_or(0, number_bytes);
+        8 * head + usize::from(count) * usize::from(self.width)
+    }
+
+    /// What is written for `reading`, which comes after `last`; less than 2 to the power of the width.
+    pub fn rest(&self, last: i32, reading: i32) -> u32 {
+        reading.wrapping_sub(if self.start.is_some() { last } else { 0 }).wrapping_sub(self.base) as u32
+    }
+}
+
+/// Bytes of a number as postcard writes it: zigzag, then seven bits a byte.
+fn number_bytes(number: i32) -> usize {
+    let zigzag = (number << 1 ^ number >> 31) as u32;
+    (38 - (zigzag | 1).leading_zeros() as usize) / 7
+}
+
+/// The least and the greatest of some numbers.
+#[derive(Debug, Clone, Copy)]
+struct Range {
+    least: i32,
+    greatest: i32,
+}
+
+impl Range {
+    const fn of(number: i32) -> Self {
+        Self { least: number, greatest: number }
+    }
+
+    fn with(self, number: i32) -> Self {
+        Self { least: self.least.min(number), greatest: self.greatest.max(number) }
+    }
+
+    fn width(self) -> u8 {
+        let most = self.greatest.wrapping_sub(self.least) as u32;
+        (u32::BITS - most.leading_zeros()) as u8
+    }
+}
+
+/// What must be known of a channel's readings to write them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spread {
+    first: i32,
+    readings: Range,
+    /// None of a single reading.
+    differences: Option<Range>,
+}
+
+impl Spread {
+    /// Of one reading.
+    pub const fn of(reading: i32) -> Self {
+        Self { first: reading, readings: Range::of(reading), differences: None }
+    }
+
+    /// With one more, which comes after `last`.
+    pub fn with(&self, last: i32, reading: i32) -> Self {
+        let difference = reading.wrapping_sub(last);
+        Self {
+            first: self.first,
+            readings: self.readings.with(reading),
+            differences: Some(self.differences.map_or(Range::of(difference), |range| range.with(difference))),
+        }
+    }
+
+    /// The shorter way to write `count` of them: as they are, or as differences.
+    pub fn column(&self, count: u8) -> Column {
+        let plain = Column { width: self.readings.width(), base: self.readings.least, start: None };
+        let Some(range) = self.differences else { return plain };
+        // The first of them is the least difference more than the start, and so a zero.
+        let start = self.first.wrapping_sub(range.least);
+        let differences = Column { width: range.width(), base: range.least, start: Some(start) };
+        if differences.bits(count) < plain.bits(count) { differences } else { plain }
+    }
+}
+
+/// Writes bytes, then bits, the lowest first, from the start of a buffer. What does not fit is left out: see [`Writer::end`].
+pub(super) struct Writer<'a> {
+    buffer: &'a mut [u8],
+    length: usize,
+    bits: u64,
+    filled: u32,
+}
+
+impl<'a> Writer<'a> {
+    pub fn new(buffer: &'a mut [u8]) -> Self {
+        Self { buffer, length: 0, bits: 0, filled: 0 }
+    }
+
+    fn byte(&mut self, byte: u8) {
+        if let Some(place) = self.buffer.get_mut(self.length) {
+            *place = byte;
+        }
+        self.length += 1;
+    }
+
+    fn number(&mut self, number: i32) {
+        let mut encoded = [0; MAX_NUMBER];
+        let bytes = postcard::to_slice(&number, &mut encoded).map_or(&[][..], |bytes| bytes);
+        bytes.iter().for_each(|byte| self.byte(*byte));
+    }
+
+    /// Adds the lowest `width` bits of a number that has no others.
+    pub fn bits(&mut self, number: u32, width: u8) {
+        self.bits |= u64::from(number) << self.filled;
+        self.filled += u32::from(width);
+        while self.filled >= u8::BITS {
+            self.byte(self.bits as u8);
+            self.bits >>= u8::BITS;
+            self.filled -= u8::BITS;
+        }
+    }
+
+    /// Fills the last byte with zeros and gives all, if it fitted.
+    pub fn end(mut self) -> Option<&'a [u8]> {
+        if self.filled > 0 {
+            self.byte(self.bits as u8);
+        }
+        self.buffer.get(..self.length)
+    }
+}
+
+/// Reads the `width` bits that begin at bit `at`; beyond the end there are zeros.
+pub(super) fn bits(bytes: &[u8], at: usize, width: u8) -> u32 {
+    let tail = bytes.get(at / 8..).unwrap_or_default();
+    let word = tail.first_chunk().copied().unwrap_or_else(|| {
+        let mut word = [0; 8];
+        word.iter_mut().zip(tail).for_each(|(to, from)| *to = *from);
+        word
+    });
+    // At most 7 and 32 bits of the 64.
+    (u64::from_le_bytes(word) >> (at % 8) & ((1 << width) - 1)) as u32
+}
