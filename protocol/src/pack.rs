@@ -20,7 +20,7 @@
 mod column;
 
 use crate::{PACKED_BYTES, Packed, Samples, State, Step};
-use column::{CHANNELS, Column, MAX_HEAD, Spread, Writer};
+use column::{CHANNELS, Column, MAX_HEAD, Readings, Spread, Writer};
 use postcard::experimental::max_size::MaxSize;
 
 /// Most samples in a batch.
@@ -126,9 +126,12 @@ impl Open {
         for (spread, (last, reading)) in spreads.iter_mut().zip(pairs) {
             *spread = spread.with(last, reading);
         }
-        let bits: usize =
-            spreads.iter().map(|spread| spread.column(self.count() + 1).bits(self.count() + 1)).sum();
-        if bits.div_ceil(8) > PACKED_BYTES || self.samples.push(sample).is_err() {
+        let count = self.count() + 1;
+        let fits = |bits: usize| bits.div_ceil(8) <= PACKED_BYTES;
+        // Mostly there is room for more than they could take.
+        let fits = fits(spreads.iter().map(|spread| spread.most_bits(count)).sum())
+            || fits(spreads.iter().map(|spread| spread.column(count).bits(count)).sum());
+        if !fits || self.samples.push(sample).is_err() {
             return false;
         }
         (self.last, self.spreads) = (sample, spreads);
@@ -140,13 +143,11 @@ impl Open {
         let mut buffer = [0; PACKED_BYTES];
         let mut writer = Writer::new(&mut buffer);
         columns.iter().for_each(|column| column.write(&mut writer));
-        let mut last = columns.map(|column| column.start.unwrap_or_default());
+        let mut readings = columns.map(|column| column.readings());
         for sample in &self.samples {
-            let readings = sample.channels();
-            for (column, (last, reading)) in columns.iter().zip(last.into_iter().zip(readings)) {
-                writer.bits(column.rest(last, reading), column.width);
+            for (readings, reading) in readings.iter_mut().zip(sample.channels()) {
+                writer.bits(readings.written(reading), readings.width);
             }
-            last = readings;
         }
         let packed = writer.end().and_then(Packed::from_slice);
         assert!(packed.is_some(), "a sample is added only where it fits");
@@ -193,37 +194,55 @@ impl Samples {
         if rest.len() != expected {
             return Err(UnpackError::Length { expected, found: rest.len() });
         }
-        let last = columns.map(|column| column.start.unwrap_or_default());
-        Ok(Unpacked { columns, bits: rest, at: 0, left: self.count, next_us: self.t_us, period_us, last })
+        Ok(Unpacked {
+            channels: columns.map(|column| column.readings()),
+            bits: rest,
+            at: 0,
+            width: widths as u32,
+            left: self.count,
+            next_us: self.t_us,
+            period_us,
+        })
     }
 }
 
 /// The samples of a batch, each with its device time in microseconds: see [`Samples::unpack`].
 #[derive(Debug, Clone)]
 pub struct Unpacked<'a> {
-    columns: [Column; CHANNELS],
+    channels: [Readings; CHANNELS],
     bits: &'a [u8],
     at: usize,
+    /// Bits of a sample.
+    width: u32,
     left: u8,
     next_us: u64,
     period_us: u32,
-    last: [i32; CHANNELS],
 }
 
 impl Iterator for Unpacked<'_> {
     type Item = (u64, Sample);
 
+    #[inline]
     fn next(&mut self) -> Option<Self::Item> {
         self.left = self.left.checked_sub(1)?;
-        for (column, last) in self.columns.iter().zip(&mut self.last) {
-            let rest = column::bits(self.bits, self.at, column.width);
-            self.at += usize::from(column.width);
-            let before = if column.start.is_some() { *last } else { 0 };
-            *last = before.wrapping_add(column.base).wrapping_add(rest as i32);
-        }
+        let counts = if self.width <= column::MAX_AT_ONCE {
+            let mut bits = column::bits(self.bits, self.at);
+            self.at += self.width as usize;
+            self.channels.each_mut().map(|channel| {
+                let written = column::lowest(bits, channel.width);
+                bits >>= channel.width;
+                channel.read(written)
+            })
+        } else {
+            self.channels.each_mut().map(|channel| {
+                let bits = column::bits(self.bits, self.at);
+                self.at += usize::from(channel.width);
+                channel.read(column::lowest(bits, channel.width))
+            })
+        };
         let t_us = self.next_us;
         self.next_us = t_us.saturating_add(u64::from(self.period_us));
-        Some((t_us, Sample::of(self.last)))
+        Some((t_us, Sample::of(counts)))
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {

@@ -53,9 +53,38 @@ impl Column {
         8 * head + usize::from(count) * usize::from(self.width)
     }
 
-    /// What is written for `reading`, which comes after `last`; less than 2 to the power of the width.
-    pub fn rest(&self, last: i32, reading: i32) -> u32 {
-        reading.wrapping_sub(if self.start.is_some() { last } else { 0 }).wrapping_sub(self.base) as u32
+    /// To write or to read the readings, in their order.
+    pub fn readings(&self) -> Readings {
+        let keep = if self.start.is_some() { !0 } else { 0 };
+        Readings { width: self.width, keep, base: self.base, last: self.start.unwrap_or_default() }
+    }
+}
+
+/// The readings of a column, one after the other.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Readings {
+    /// Bits of each.
+    pub width: u8,
+    /// All ones where differences are written.
+    keep: i32,
+    base: i32,
+    last: i32,
+}
+
+impl Readings {
+    /// What is written for the next reading; less than 2 to the power of the width.
+    #[inline]
+    pub fn written(&mut self, reading: i32) -> u32 {
+        let before = (self.last & self.keep).wrapping_add(self.base);
+        self.last = reading;
+        reading.wrapping_sub(before) as u32
+    }
+
+    /// The next reading, for which this was written.
+    #[inline]
+    pub fn read(&mut self, written: u32) -> i32 {
+        self.last = (self.last & self.keep).wrapping_add(self.base).wrapping_add(written as i32);
+        self.last
     }
 }
 
@@ -110,6 +139,11 @@ impl Spread {
             readings: self.readings.with(reading),
             differences: Some(self.differences.map_or(Range::of(difference), |range| range.with(difference))),
         }
+    }
+
+    /// Bits that `count` of them take at most.
+    pub fn most_bits(&self, count: u8) -> usize {
+        8 * (1 + MAX_NUMBER) + usize::from(count) * usize::from(self.readings.width())
     }
 
     /// The shorter way to write `count` of them: as they are, or as differences.
@@ -169,14 +203,23 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Reads the `width` bits that begin at bit `at`; beyond the end there are zeros.
-pub(super) fn bits(bytes: &[u8], at: usize, width: u8) -> u32 {
+/// Bits that [`bits`] has of any place: of the 64 of a word, up to seven come before it.
+pub(super) const MAX_AT_ONCE: u32 = u64::BITS - 7;
+
+/// The bits from bit `at` on, [`MAX_AT_ONCE`] and some; beyond the end there are zeros.
+#[inline]
+pub(super) fn bits(bytes: &[u8], at: usize) -> u64 {
     let tail = bytes.get(at / 8..).unwrap_or_default();
     let word = tail.first_chunk().copied().unwrap_or_else(|| {
         let mut word = [0; 8];
         word.iter_mut().zip(tail).for_each(|(to, from)| *to = *from);
         word
     });
-    // At most 7 and 32 bits of the 64.
-    (u64::from_le_bytes(word) >> (at % 8) & ((1 << width) - 1)) as u32
+    u64::from_le_bytes(word) >> (at % 8)
+}
+
+/// The lowest `width` of these bits.
+#[inline]
+pub(super) fn lowest(bits: u64, width: u8) -> u32 {
+    (bits & ((1 << width) - 1)) as u32
 }
