@@ -1,10 +1,8 @@
 //! What tests do to the electronics between rig and firmware, and how soon the firmware lets go of the motors.
 
+use super::line::{LINE_BAUD, Line};
 use firmware::plant::{FORCE_CODE_MAX, FULL_SCALE, POTENTIOMETER_CODE_MAX, PlantReply, PlantRequest};
 use host::rig::{BridgeInputs, Codes};
-
-/// What the serial line of 460,800 baud (8 bits, no parity, one stop bit) carries in a period.
-pub const LINE_BYTES: u16 = 46;
 
 /// What is injected; by default nothing. Axes are 0 for x and 1 for y.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -38,8 +36,8 @@ pub struct Injection {
     /// Time of a potentiometer's conversion beyond its normal one, microseconds; [`firmware::plant::NEVER`] for one that does
     /// not end.
     pub conversion_us: u16,
-    /// Bytes that the line towards the host carries per period; by default [`LINE_BYTES`].
-    pub line_bytes: Option<u16>,
+    /// Rate of the line towards the host, bits per second; by default that of [`super::LINE_BAUD`].
+    pub line_baud: Option<u32>,
     /// The supply sags, once: the core resets.
     pub brown_out: bool,
     /// The program panics, once.
@@ -107,6 +105,7 @@ pub(super) struct Electronics {
     panic: bool,
     /// Force codes of the last reply.
     force_codes: [i32; 2],
+    line: Line,
 }
 
 impl Electronics {
@@ -123,6 +122,7 @@ impl Electronics {
             brown_out: false,
             panic: false,
             force_codes: [0; 2],
+            line: Line::default(),
         }
     }
 
@@ -227,7 +227,7 @@ impl Electronics {
             potentiometer_codes: potentiometers(&injection, codes.potentiometer),
             force_codes: self.force_codes,
             potentiometer_conversion_us: injection.conversion_us,
-            line_bytes: injection.line_bytes.unwrap_or(LINE_BYTES),
+            line_bytes: self.line.bytes(injection.line_baud.unwrap_or(LINE_BAUD)),
             emergency_stop: injection.emergency_stop,
             force_ready: !injection.force_silent,
             corrupt_force_crc: injection.corrupt_force,
@@ -304,7 +304,7 @@ mod tests {
         let expected = PlantReply {
             potentiometer_codes: CODES.potentiometer,
             force_codes: CODES.bridge,
-            line_bytes: LINE_BYTES,
+            line_bytes: 46,
             force_ready: true,
             ..PlantReply::default()
         };
@@ -331,7 +331,7 @@ mod tests {
         let injection = Injection {
             potentiometer_jump_codes: [-3_000, 50],
             conversion_us: 30,
-            line_bytes: Some(3),
+            line_baud: Some(35_000),
             ..Injection::default()
         };
         let reply = with(injection).1;

@@ -12,10 +12,12 @@
 
 mod history;
 mod injection;
+mod line;
 mod sweeps;
 
 pub use history::{History, KEPT_PERIODS, Period};
-pub use injection::{Injection, LINE_BYTES, Reaction, Trigger};
+pub use injection::{Injection, Reaction, Trigger};
+pub use line::{BITS_PER_BYTE, LINE_BAUD};
 pub use sweeps::take_sweep;
 
 use anyhow::{Context, Result, bail};

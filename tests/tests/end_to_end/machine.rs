@@ -8,7 +8,7 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 use tests::bench::Bench;
-use tests::cosim::{Injection, Trigger};
+use tests::cosim::{BITS_PER_BYTE, Injection, Trigger};
 use tests::wire::{Direction, NoisyWire};
 
 /// Everything ends after this, whatever hangs.
@@ -82,8 +82,8 @@ fn the_line_carries_no_more_than_its_rate() {
     let mut client = Client::connect(&wire.port()).unwrap();
     client.request(Request::Stream { enable: true }).unwrap();
     let carried = || wire.counters(Direction::ToHost).bytes;
-    let line = |line_bytes| bench.rig().inject(Injection { line_bytes, ..Injection::default() });
-    line(Some(3));
+    let line = |line_baud| bench.rig().inject(Injection { line_baud, ..Injection::default() });
+    line(Some(30_000));
     pass(&bench, 50);
     let from = carried();
     let periods = pass(&bench, 200);
@@ -93,6 +93,46 @@ fn the_line_carries_no_more_than_its_rate() {
     line(None);
     client.request(Request::Stream { enable: false }).unwrap();
     assert_eq!(client.losses(), Default::default(), "late is not lost");
+    drop(client);
+    bench.stop().unwrap();
+}
+
+/// A line that the samples fill carries all of them: so many samples a second as fit need no reserve of more than a tenth.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_line_filled_to_nine_tenths_loses_nothing() {
+    let bench = bench(36);
+    let wire = NoisyWire::connect(Path::new(&bench.port()), 1).unwrap();
+    let mut client = Client::connect(&wire.port()).unwrap();
+    client.request(Request::Stream { enable: true }).unwrap();
+    let (mut samples, mut lost) = (0, 0);
+    // Bytes and periods while it listens.
+    let mut listen = |client: &mut Client, periods: u64| {
+        let (bytes, from) = (wire.counters(Direction::ToHost).bytes, bench.rig().steps());
+        while bench.rig().steps() < from + periods {
+            if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
+                (samples, lost) = (samples + batch.points.len() as u64, lost + batch.lost_before);
+            }
+        }
+        (wire.counters(Direction::ToHost).bytes - bytes, bench.rig().steps() - from)
+    };
+    let (bytes, periods) = listen(&mut client, 4_000);
+    let needed_baud = (bytes * u64::from(BITS_PER_BYTE) * 1_000).div_ceil(periods) as u32;
+    let line_baud = needed_baud * 100 / 96;
+    bench.rig().inject(Injection { line_baud: Some(line_baud), ..Injection::default() });
+    let (bytes, periods) = listen(&mut client, 40_000);
+    let used = (bytes * u64::from(BITS_PER_BYTE) * 1_000) as f64 / periods as f64 / f64::from(line_baud);
+    let counters = client.status().unwrap().counters;
+    bench.rig().inject(Injection::default());
+    client.request(Request::Stream { enable: false }).unwrap();
+    assert!((0.9..1.0).contains(&used), "{used} of {line_baud} baud are used");
+    assert!(samples > 43_000, "{samples} samples");
+    assert_eq!(
+        (lost, counters.samples_dropped, counters.messages_dropped),
+        (0, 0, 0),
+        "at {used} of {line_baud} baud"
+    );
+    assert_eq!(client.losses(), Default::default());
     drop(client);
     bench.stop().unwrap();
 }
@@ -114,7 +154,7 @@ fn a_line_too_slow_for_the_samples_costs_whole_batches() {
         }
     };
     listen(&mut client, 200);
-    bench.rig().inject(Injection { line_bytes: Some(3), ..Injection::default() });
+    bench.rig().inject(Injection { line_baud: Some(22_000), ..Injection::default() });
     listen(&mut client, 4_000);
     bench.rig().inject(Injection::default());
     listen(&mut client, 1_000);

@@ -38,7 +38,7 @@ const NOTHING: Injection = Injection {
     weak: None,
     runaway: None,
     conversion_us: 0,
-    line_bytes: None,
+    line_baud: None,
     brown_out: false,
     panic: false,
     freeze: false,
