@@ -17,8 +17,8 @@ INSIDE = np.arange(NODES - 1) >= round(ENTRY / STEP)
 LUMPED = STEP * 0.5 * (np.append(INSIDE, False).astype(float) + np.append(False, INSIDE))
 
 
-def closed_form():
-    at_guide2, inside = unit_shape(K, Z)
+def closed_form(k=K):
+    at_guide2, inside = unit_shape(k, Z)
     return np.append(at_guide2, inside)
 
 
@@ -41,8 +41,8 @@ SPRINGS = L / 420 * np.array([[156, 22 * L, 54, -13 * L], [22 * L, 4 * L**2, 13 
                               [54, 13 * L, 156, -22 * L], [-13 * L, -3 * L**2, -22 * L, 4 * L**2]])
 
 
-def elements():
-    local = BENDING[None] + K * INSIDE[:, None, None] * SPRINGS[None]
+def elements(k=K):
+    local = BENDING[None] + k * INSIDE[:, None, None] * SPRINGS[None]
     banded = np.zeros((4, 2 * NODES))
     at = 2 * np.arange(NODES - 1)
     for i in range(4):
@@ -55,7 +55,7 @@ def elements():
     return np.append(u[2 * LOADED], hermite(u[0::2], u[1::2], Z))
 
 
-def opensees():
+def opensees(k=K):
     import openseespy.opensees as ops
 
     ops.wipe()
@@ -68,7 +68,7 @@ def opensees():
         if LUMPED[i] > 0:
             ops.node(1000 + i, float(X[i]), 0.0)
             ops.fix(1000 + i, 1, 1, 1)
-            ops.uniaxialMaterial("Elastic", i, float(K * LUMPED[i]))
+            ops.uniaxialMaterial("Elastic", i, float(k * LUMPED[i]))
             ops.element("zeroLength", 1000 + i, 1000 + i, i, "-mat", i, "-dir", 2)
     ops.fix(0, 1, 1, 1)
     ops.timeSeries("Constant", 1)
@@ -86,7 +86,7 @@ def opensees():
     return np.append(u[LOADED], hermite(u, slope, Z))
 
 
-def pynite():
+def pynite(k=K):
     from Pynite import FEModel3D
 
     model = FEModel3D()
@@ -98,7 +98,7 @@ def pynite():
         if i > 0:
             model.add_member(f"M{i}", f"N{i - 1}", f"N{i}", "steel", "needle")
         if LUMPED[i] > 0:
-            model.def_support_spring(f"N{i}", "DY", float(K * LUMPED[i]))
+            model.def_support_spring(f"N{i}", "DY", float(k * LUMPED[i]))
     model.def_support("N0", True, True, True, True, True, True)
     model.add_node_load(f"N{LOADED}", "FY", 1.0)
     model.analyze_linear()
@@ -107,7 +107,7 @@ def pynite():
     return np.append(u[LOADED], hermite(u, slope, Z))
 
 
-def frames():
+def frames(k=K):
     from anastruct import SystemElements
 
     model = SystemElements(EI=EI, EA=1.0)
@@ -115,7 +115,7 @@ def frames():
         model.add_element([[float(X[i - 1]), 0.0], [float(X[i]), 0.0]])
     model.add_support_fixed(node_id=1)
     for i in np.flatnonzero(LUMPED):
-        model.add_support_spring(node_id=int(i) + 1, translation=2, k=float(K * LUMPED[i]))
+        model.add_support_spring(node_id=int(i) + 1, translation=2, k=float(k * LUMPED[i]))
     model.point_load(node_id=LOADED + 1, Fy=1.0)
     model.solve()
     told = model.get_node_results_system()
@@ -124,12 +124,15 @@ def frames():
     return np.append(u[LOADED], hermite(u, slope, Z))
 
 
+PEERS = [
+    ("NumPy, closed form", closed_form),
+    ("SciPy, Hermite elements of 1 mm, `solveh_banded`", elements),
+    ("OpenSeesPy, elements of 1 mm", opensees),
+    ("PyNite, elements of 1 mm", pynite),
+    ("anastruct, elements of 1 mm", frames),
+]
+
+
 if __name__ == "__main__":
     assert SAMPLES == len(Z)
-    told([
-        ("NumPy, closed form", closed_form),
-        ("SciPy, Hermite elements of 1 mm, `solveh_banded`", elements),
-        ("OpenSeesPy, elements of 1 mm", opensees),
-        ("PyNite, elements of 1 mm", pynite),
-        ("anastruct, elements of 1 mm", frames),
-    ])
+    told(PEERS)

@@ -9,7 +9,7 @@ use super::whiten::Whitener;
 use crate::inference::{Block, Fit, FitError, Parameter, Prior, fit};
 use crate::model::effects::{Effect, ParameterInfo};
 use crate::model::{Cache, Channels, Model, ModelError, Rig, TipLaw, predict_with};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Modulus of soft tissue, and the standard deviation of its logarithm.
 const TYPICAL_MODULUS_PA: f64 = 15e3;
@@ -64,7 +64,7 @@ pub(super) struct Layout {
     pub kinds: [bool; 2],
     pub effects: Vec<&'static dyn Effect>,
     /// Needles that were solved lately.
-    pub cache: Rc<Cache>,
+    pub cache: Arc<Cache>,
 }
 
 impl Layout {

@@ -17,6 +17,7 @@ use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
 
 /// One way in which an effect may act: a place or time, and the directions of its amplitudes.
 #[derive(Debug, Clone)]
@@ -134,38 +135,45 @@ impl Scores {
     pub fn new(fitted: &Fitted, runs: &[Prepared]) -> Result<Self, FitError> {
         let residuals = stacked(&fitted.fit.residuals);
         let basis = parameter_basis(fitted, runs)?;
-        let mut directions = Vec::new();
-        let mut ways = Vec::new();
         let known = |effect: &dyn Effect| fitted.layout.effects.iter().any(|e| e.id() == effect.id());
-        for effect in EFFECTS.into_iter().filter(|effect| !known(*effect)) {
+        let of_effect = |effect: &'static dyn Effect| {
             let layout = fitted.layout.with(effect);
-            let mut of_effect = Vec::new();
-            for mut way in ways_of(effect) {
-                for probe in &way.probes {
-                    let mut values = fitted.values().to_vec();
-                    let infos = effect.parameters().iter().zip(probe);
-                    values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-                    // An effect that is impossible at this size (a needle that buckles) has no direction.
-                    let of_run = |(run, plain): (&Prepared, &Vec<f64>)| {
-                        let kind = usize::from(run.run.kind == Kind::Insertion);
-                        let shows = effect.shows_in()[kind];
-                        if shows { run.residuals(&layout, &values) } else { Ok(plain.clone()) }
-                    };
-                    let changed: Result<Vec<_>, _> =
-                        runs.iter().zip(&fitted.fit.residuals).map(of_run).collect();
-                    let changed = changed.ok().map(|changed| stacked(&changed));
-                    let direction = changed.map(|changed| &residuals - changed);
-                    let mut direction = direction.unwrap_or_else(|| DVector::zeros(residuals.len()));
-                    if direction.iter().any(|v| !v.is_finite()) {
-                        direction.fill(0.0);
-                    }
-                    direction -= &basis * basis.tr_mul(&direction);
-                    way.columns.push(directions.len());
-                    directions.push(direction);
+            let directions = |probe: &Vec<f64>| {
+                let mut values = fitted.values().to_vec();
+                let infos = effect.parameters().iter().zip(probe);
+                values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+                // An effect that is impossible at this size (a needle that buckles) has no direction.
+                let of_run = |(run, plain): (&Prepared, &Vec<f64>)| {
+                    let kind = usize::from(run.run.kind == Kind::Insertion);
+                    let shows = effect.shows_in()[kind];
+                    if shows { run.residuals(&layout, &values) } else { Ok(plain.clone()) }
+                };
+                let changed: Result<Vec<_>, _> = runs.iter().zip(&fitted.fit.residuals).map(of_run).collect();
+                let direction = changed.ok().map(|changed| &residuals - stacked(&changed));
+                let mut direction = direction.unwrap_or_else(|| DVector::zeros(residuals.len()));
+                if direction.iter().any(|v| !v.is_finite()) {
+                    direction.fill(0.0);
                 }
-                of_effect.push(way);
-            }
-            ways.push((effect, of_effect));
+                direction -= &basis * basis.tr_mul(&direction);
+                direction
+            };
+            let with_directions = |way: Way| {
+                let directions: Vec<DVector<f64>> = way.probes.iter().map(directions).collect();
+                (way, directions)
+            };
+            (effect, ways_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
+        };
+        let unknown: Vec<&'static dyn Effect> =
+            EFFECTS.into_iter().filter(|effect| !known(*effect)).collect();
+        let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();
+        let (mut ways, mut directions) = (Vec::new(), Vec::new());
+        for (effect, of_effect) in all {
+            let numbered = |(mut way, mut more): (Way, Vec<DVector<f64>>)| {
+                way.columns.extend(directions.len()..directions.len() + more.len());
+                directions.append(&mut more);
+                way
+            };
+            ways.push((effect, of_effect.into_iter().map(numbered).collect()));
         }
         if directions.is_empty() {
             return Ok(Self { ways, gram: DMatrix::zeros(0, 0), along: DVector::zeros(0) });

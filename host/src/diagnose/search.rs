@@ -5,6 +5,7 @@ use super::score::{Score, Scores, jacobian, stacked};
 use crate::inference::FitError;
 use crate::model::effects::Effect;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// Share of parametric draws of a session that lacks nothing in which something may be named: well below the one in a hundred that is
 /// promised, because sessions have outliers and rounding that the draws do not have.
@@ -71,7 +72,7 @@ pub(super) fn weigh(base: &Fitted, runs: &[Prepared], scores: &Scores, most: usi
     let ranked = scores.ranked();
     let best = ranked.first().map_or(0.0, |score| score.log_evidence);
     let mut candidates: Vec<Candidate> = ranked
-        .into_iter()
+        .into_par_iter()
         .enumerate()
         .map(|(rank, score)| {
             let behind = BEHIND.max(BEHIND_SHARE * best);

@@ -53,6 +53,19 @@ fn effects_of_every_family_are_named() {
 }
 
 #[test]
+fn the_diagnosis_does_not_depend_on_the_number_of_threads() {
+    let session = session(&truth(vec![("rig.backlash", vec![0.06])]), &Design::four_runs(), 3);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        // Written out, numbers differ where any of their bits does.
+        pool.install(|| {
+            format!("{:?}", diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis"))
+        })
+    };
+    assert_eq!(on(1), on(4));
+}
+
+#[test]
 fn an_effect_of_the_tip_is_named_beside_lateral_runs() {
     let values = vec![0.02];
     let found = diagnosed(&truth(vec![("tip.rate", values.clone())]), &Design::insertions(), 4);

@@ -1,11 +1,11 @@
-//! Needles that were solved lately: runs at one depth share their needle, and so do models that differ in what sensors do.
+//! Needles that were solved lately: runs at one depth share their needle, and so do models that differ in what sensors do. Threads
+//! share them too; what is solved depends on nothing but what is asked, so that it does not matter which of them did it.
 
 use super::growth::{Growth, Guide2Grip};
 use super::lateral::Response;
 use super::{BeamProblem, ModelError};
-use std::cell::RefCell;
 use std::collections::VecDeque;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How many of each kind are kept.
 const KEPT: usize = 48;
@@ -13,8 +13,8 @@ const KEPT: usize = 48;
 /// Needles that were solved lately, by what was solved.
 #[derive(Debug, Default)]
 pub struct Cache {
-    responses: RefCell<VecDeque<(BeamProblem, f64, Rc<Response>)>>,
-    growths: RefCell<VecDeque<Grown>>,
+    responses: Mutex<VecDeque<(BeamProblem, f64, Arc<Response>)>>,
+    growths: Mutex<VecDeque<Grown>>,
 }
 
 /// A needle that grew, by what was solved.
@@ -24,18 +24,19 @@ struct Grown {
     depths_m: Vec<f64>,
     grip: Guide2Grip,
     slopes: bool,
-    growth: Rc<Growth>,
+    growth: Arc<Growth>,
 }
 
 impl Cache {
-    pub(super) fn response(&self, problem: &BeamProblem, most_m: f64) -> Result<Rc<Response>, ModelError> {
+    pub(super) fn response(&self, problem: &BeamProblem, most_m: f64) -> Result<Arc<Response>, ModelError> {
         // How far the needle is moved matters only where the tissue stiffens.
         let most_m = if problem.law.inverse_u0_per_m == 0.0 { 0.0 } else { most_m };
-        let mut known = self.responses.borrow_mut();
-        if let Some((.., response)) = known.iter().find(|(p, m, _)| *m == most_m && p == problem) {
+        let is_it = |(p, m, _): &&(BeamProblem, f64, Arc<Response>)| *m == most_m && p == problem;
+        if let Some((.., response)) = locked(&self.responses).iter().find(is_it) {
             return Ok(response.clone());
         }
-        let response = Rc::new(Response::new(problem, most_m)?);
+        let response = Arc::new(Response::new(problem, most_m)?);
+        let mut known = locked(&self.responses);
         known.truncate(KEPT - 1);
         known.push_front((problem.clone(), most_m, response.clone()));
         Ok(response)
@@ -47,22 +48,27 @@ impl Cache {
         depths_m: &[f64],
         grip: Guide2Grip,
         slopes: bool,
-    ) -> Result<Rc<Growth>, ModelError> {
+    ) -> Result<Arc<Growth>, ModelError> {
         // A needle that grows does not care how deep it was meant to go in the end, nor how the tissue would relax.
         let mut key = problem.clone();
         (key.depth_m, key.law) = (0.0, Default::default());
-        let mut known = self.growths.borrow_mut();
         let is_it = |grown: &&Grown| {
             grown.grip == grip && grown.slopes == slopes && grown.problem == key && grown.depths_m == depths_m
         };
-        if let Some(grown) = known.iter().find(is_it) {
+        if let Some(grown) = locked(&self.growths).iter().find(is_it) {
             return Ok(grown.growth.clone());
         }
         let solve = if slopes { Growth::new } else { Growth::without_slopes };
-        let growth = Rc::new(solve(problem, depths_m.to_vec(), grip)?);
+        let growth = Arc::new(solve(problem, depths_m.to_vec(), grip)?);
+        let mut known = locked(&self.growths);
         known.truncate(KEPT - 1);
         let depths_m = depths_m.to_vec();
         known.push_front(Grown { problem: key, depths_m, grip, slopes, growth: growth.clone() });
         Ok(growth)
     }
+}
+
+/// Nothing is solved under a lock, so that nothing that panics leaves it half done.
+fn locked<T>(kept: &Mutex<T>) -> MutexGuard<'_, T> {
+    kept.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -9,7 +9,7 @@ use crate::model::growth::{Acting, Growth, Guide2Grip};
 use crate::model::insertion::grid_m;
 use crate::model::{Insertion, Model, ModelError};
 use nalgebra::{DMatrix, DVector};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Stretch of depth over which the tip load changes linearly; the needle smooths what is shorter.
 const STRETCH_M: f64 = 5e-3;
@@ -160,21 +160,21 @@ fn bases(
     model.rig.entry_m = model.rig.guide2_m + candidate.gap_m;
     model.foundation = model.foundation.scaled(candidate.modulus_factor)?;
     let problem = model.problem(last_m)?;
-    let mut shared: Option<(Rc<Growth>, Rc<Blocks>)> = None;
+    let mut shared: Option<(Arc<Growth>, Arc<Blocks>)> = None;
     let mut bases = Vec::with_capacity(paths.len());
     for path in paths {
         let (growth, blocks) = if path.is_turned() || has_jumps(&path.done) || layout.coupled {
             let growth =
                 Growth::new(&problem, grid_m(last_m, STEP_M, &jumps_m(&path.done)), Guide2Grip::Holding)?;
-            let blocks = Rc::new(blocks(&growth, layout, Some(&path.done)));
-            (Rc::new(growth), blocks)
+            let blocks = Arc::new(blocks(&growth, layout, Some(&path.done)));
+            (Arc::new(growth), blocks)
         } else {
             match &shared {
                 Some(shared) => shared.clone(),
                 None => {
                     let growth = Growth::new(&problem, grid_m(last_m, STEP_M, &[]), Guide2Grip::Holding)?;
-                    let blocks = Rc::new(blocks(&growth, layout, None));
-                    shared.insert((Rc::new(growth), blocks)).clone()
+                    let blocks = Arc::new(blocks(&growth, layout, None));
+                    shared.insert((Arc::new(growth), blocks)).clone()
                 }
             }
         };
@@ -250,13 +250,13 @@ fn blocks(growth: &Growth, layout: &Layout, done: Option<&Insertion>) -> Blocks 
 #[derive(Debug, Clone)]
 pub(super) struct Basis {
     nodes_m: Vec<f64>,
-    blocks: Rc<Blocks>,
+    blocks: Arc<Blocks>,
     /// What guide 2 does to the tip, per plane, on arriving and on leaving.
     guide2_m: [Vec<[f64; 2]>; 2],
 }
 
 impl Basis {
-    fn new(growth: &Growth, blocks: Rc<Blocks>, done: &Insertion) -> Self {
+    fn new(growth: &Growth, blocks: Arc<Blocks>, done: &Insertion) -> Self {
         let nodes_m = growth.depths_m().to_vec();
         let by_guide2 = |plane: usize| -> Vec<[f64; 2]> {
             let Some(profile) = done.guide2_m.as_ref().map(|planes| &planes[plane]) else {
