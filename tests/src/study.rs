@@ -3,6 +3,7 @@
 mod diagnosis;
 
 use crate::images;
+use crate::readme;
 use anyhow::{Context, Result, ensure};
 use host::predict::study::{Cell, METHODS, study};
 use std::fmt::Write as _;
@@ -11,9 +12,9 @@ use std::fmt::Write as _;
 #[derive(clap::Args)]
 pub struct Args {
     /// Which: K/E of needles (part of the tool), the prediction of insertions, the online estimators on steering runs, or the blind
-    /// study of the diagnosis
+    /// study of the diagnosis; without a name all that the documentation quotes, as it quotes them, written where it has them
     #[arg(value_parser = ["modulus-relation", "insertion", "steering", "diagnose"])]
-    name: String,
+    name: Option<String>,
     /// Sessions of six insertions each
     #[arg(long, default_value_t = 40)]
     sessions: usize,
@@ -45,11 +46,15 @@ pub fn run(args: &Args) -> Result<()> {
     if cfg!(debug_assertions) {
         return optimised();
     }
-    match args.name.as_str() {
-        "insertion" => insertion(args),
-        "steering" => steering(args),
-        "diagnose" => diagnosis::run(args.repeats, args.seed, &args.only),
-        _ => modulus_relation(),
+    match args.name.as_deref() {
+        Some("insertion") => insertion(args),
+        Some("steering") => steering(args),
+        Some("diagnose") => diagnosis::run(args.repeats, args.seed, &args.only),
+        Some(_) => modulus_relation(),
+        None => {
+            modulus_relation()?;
+            readme::make_long("cargo xtask study")
+        }
     }
 }
 

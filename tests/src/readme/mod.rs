@@ -108,6 +108,14 @@ pub fn run(args: &Args) -> Result<()> {
     page.write(path())
 }
 
+/// Makes the long blocks anew whose command holds this.
+///
+/// # Errors
+/// Where a command fails.
+pub fn make_long(only: &str) -> Result<()> {
+    run(&Args { check: false, group: Some(Group::Long), only: only.to_owned() })
+}
+
 /// Compares the quick blocks and the pictures with what the commands say now.
 ///
 /// # Errors

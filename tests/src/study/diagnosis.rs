@@ -7,6 +7,7 @@ use host::diagnose::study::{Hidden, Outcome, Size, cases, run as run_cases};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use time::OffsetDateTime;
 
 /// An effect can be told apart where its expected log evidence over the nearest rival is above this, and must be in its class where
 /// its expected gain of chi-square is.
@@ -34,8 +35,9 @@ pub fn run(repeats: usize, seed: u64, only: &str) -> Result<()> {
         outcomes.iter().for_each(|outcome| println!("{}", line(outcome)));
         return Ok(());
     }
+    let today = OffsetDateTime::now_utc().date();
     let text = format!(
-        "# Blind study of `guide diagnose`\n\n`cargo xtask study diagnose --repeats {repeats} --seed {seed}`: {} sessions.\n\n{}\n{}",
+        "# Blind study of `guide diagnose`\n\n{} sessions, made on {today} by `cargo xtask study diagnose --repeats {repeats} --seed {seed}`.\n\n{}\n{}",
         outcomes.len(),
         goals(&outcomes),
         confusion(&outcomes)
