@@ -1,45 +1,23 @@
 //! Speed of the prediction: the insertion model, learning from five insertions, and one step of the live form (a reading goes in, the
 //! path to 140 mm with its band comes out), which has to keep up with a tracker at 100 Hz.
 
+#![allow(dead_code, reason = "the modules are those of the page of benches, which says more of them")]
+
+#[path = "beside/src/clock.rs"]
+mod clock;
+#[path = "beside/src/estimators.rs"]
+mod estimators;
+#[path = "beside/src/mechanics.rs"]
+mod mechanics;
+
 use criterion::Criterion;
 use host::inference::insertion::{Belief, Candidates, Learned, Live, TipPath, Tissue, learn};
 use host::model::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip};
 use host::model::insertion::grid_m;
-use host::model::{Model, Needle, Rig};
-use host::session::InsertionRun;
+use mechanics::insertion_model as model;
 use std::hint::black_box;
 
 const READING_M: f64 = 0.1e-3;
-
-fn model() -> Model {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.085 };
-    Model::uniform(rig, 12e3).expect("a model")
-}
-
-/// Six insertions to 140 mm, a row per millimetre, with errors that repeat.
-fn paths() -> Vec<TipPath> {
-    let problem = model().problem(0.14).expect("a problem");
-    let growth = Growth::new(&problem, grid_m(0.14, 1e-3, &[]), Guide2Grip::Holding).expect("grows");
-    let path = |number: usize| {
-        let load_n = 0.2 + 0.01 * (3.0 * number as f64).sin();
-        let states = growth.under_load(|_| Acting { load_n: [load_n; 2], guide2_m: [0.0; 2] });
-        let error = |row: usize| READING_M * (2.0 * (row + 100 * number) as f64).sin();
-        let run = InsertionRun {
-            id: format!("i{number}"),
-            path: format!("i{number}.csv").into(),
-            depth_m: growth.depths_m().to_vec(),
-            tip_y_m: states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect(),
-            tip_x_m: None,
-            time_s: None,
-            rotation_rad: None,
-            guide2_y_m: None,
-            guide2_x_m: None,
-            base_force_y_n: None,
-        };
-        TipPath::new(&run).expect("an insertion")
-    };
-    (0..6).map(path).collect()
-}
 
 fn learned(paths: &[TipPath]) -> (Candidates, Learned) {
     let tissue = Tissue { model: model(), modulus_sd_ln: 0.2, gap_m: 0.025, gap_sd_ln: 0.7 };
@@ -58,7 +36,7 @@ fn main() {
             growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] })
         });
     });
-    let paths = paths();
+    let paths = estimators::paths().expect("insertions");
     criterion.bench_function("learn from five insertions", |bencher| {
         bencher.iter(|| learned(black_box(&paths)));
     });

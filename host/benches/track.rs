@@ -1,47 +1,28 @@
 //! Cost of the online estimators: a whole steering run of 1001 samples (80 mm at 4 mm/s, one every 20 ms), so that milliseconds here
 //! are microseconds per update; the longest single update of the sound one; and the comparators on the same samples.
 
+#![allow(dead_code, reason = "the modules are those of the page of benches, which says more of them")]
+
+#[path = "beside/src/clock.rs"]
+mod clock;
+#[path = "beside/src/estimators.rs"]
+mod estimators;
+#[path = "beside/src/mechanics.rs"]
+mod mechanics;
+
 use criterion::Criterion;
-use firmware::steering::Sample;
-use host::model::{Dynamics, Needle, Rig};
-use host::rig::steering::{Plan, Sensors, SteeringRig, Tissue, TissueLayer};
+use estimators::SENSORS;
 use host::track::kalman::{Kalman, Kind, Told};
-use host::track::method::{Method, samples};
+use host::track::method::Method;
 use host::track::published::{Printed, Published};
 use host::track::sound::{Sound, settings};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-const SENSORS: Sensors = Sensors { base_m: 2e-5, force_n: 0.05, tip_m: 2e-4 };
-
-fn recorded(rig: &Rig) -> Vec<Sample<f64>> {
-    let layer = |bottom_mm, stiffness_n_per_m2| TissueLayer {
-        bottom_mm,
-        stiffness_n_per_m2,
-        damping_n_s_per_m2: 1e3,
-    };
-    let tissue = Tissue { layers: vec![layer(40.0, 1.5e4), layer(80.0, 4e4)], inclusions: Vec::new() };
-    let plan = Plan {
-        id: "s4".to_owned(),
-        speed_mm_s: 4.0,
-        depth_mm: 80.0,
-        lateral_mm: 20.0,
-        straight_mm: 0.0,
-        wobble_mm: 0.0,
-        wobble_hz: 0.5,
-        period_ms: 20.0,
-        disturbances: 0,
-    };
-    let rig = SteeringRig::new(rig.clone(), 0.13, 0.3, &tissue).expect("a rig");
-    let run = rig.carry_out(&plan).expect("a plan").measure(SENSORS, 1, 0);
-    samples(&run).collect()
-}
-
 fn main() {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let (rig, dynamics) = estimators::steered();
     let needle = &rig.needle;
-    let dynamics = Dynamics::steel(needle, 0.13, 0.3);
-    let run = recorded(&rig);
+    let run = estimators::steering(1).expect("a run");
     let printed = Printed::default();
     let told = Told {
         start: [printed.start[1], printed.start[0]],

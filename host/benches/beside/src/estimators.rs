@@ -64,10 +64,18 @@ pub fn recursive(clock: &mut Clock, data: &Rows) -> Result<Own> {
     Ok(Own { result: work(), seconds: clock.seconds("recursive least squares", work)? / ROWS as f64 })
 }
 
-/// A whole steering run of 1001 samples through the online estimator; seconds per sample.
-pub fn online(clock: &mut Clock, seed: u64) -> Result<f64> {
+/// The needle and the rig of the steering run.
+pub fn steered() -> (Rig, Dynamics) {
     let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
     let dynamics = Dynamics::steel(&rig.needle, 0.13, 0.3);
+    (rig, dynamics)
+}
+
+/// What its sensors are off by.
+pub const SENSORS: Sensors = Sensors { base_m: 2e-5, force_n: 0.05, tip_m: 2e-4 };
+
+/// A whole steering run of 1001 samples: 80 mm at 4 mm/s, one every 20 ms.
+pub fn steering(seed: u64) -> Result<Vec<Sample<f64>>> {
     let layer = |bottom_mm, stiffness_n_per_m2| TissueLayer {
         bottom_mm,
         stiffness_n_per_m2,
@@ -85,9 +93,14 @@ pub fn online(clock: &mut Clock, seed: u64) -> Result<f64> {
         period_ms: 20.0,
         disturbances: 0,
     };
-    let sensors = Sensors { base_m: 2e-5, force_n: 0.05, tip_m: 2e-4 };
-    let run = SteeringRig::new(rig.clone(), 0.13, 0.3, &tissue)?.carry_out(&plan)?.measure(sensors, seed, 0);
-    let run: Vec<Sample<f64>> = samples(&run).collect();
+    let run = SteeringRig::new(steered().0, 0.13, 0.3, &tissue)?.carry_out(&plan)?.measure(SENSORS, seed, 0);
+    Ok(samples(&run).collect())
+}
+
+/// The run through the online estimator; seconds per sample.
+pub fn online(clock: &mut Clock, seed: u64) -> Result<f64> {
+    let (rig, dynamics) = steered();
+    let run = steering(seed)?;
     let start = settings::<f64>(&rig.needle, &dynamics)?;
     let seconds = clock.seconds("online estimator", || {
         let mut method = Sound::new(start).expect("the layout fits");
@@ -108,7 +121,7 @@ pub struct PredictionSize {
 }
 
 /// Six insertions to 140 mm, a row per millimetre, with errors that repeat.
-fn paths() -> Result<Vec<TipPath>> {
+pub fn paths() -> Result<Vec<TipPath>> {
     let problem = insertion_model().problem(0.14)?;
     let growth = Growth::new(&problem, grid_m(0.14, 1e-3, &[]), Guide2Grip::Holding)?;
     let path = |number: usize| {

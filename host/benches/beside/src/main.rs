@@ -4,6 +4,7 @@
 
 mod clock;
 mod estimators;
+mod link;
 mod machine;
 mod mechanics;
 mod page;

@@ -1,9 +1,10 @@
 //! The page: tables in Markdown.
 
+use crate::link::{BATCH, SAMPLES};
 use crate::machine::Machine;
 use crate::rows::Row;
 use crate::scaling::Growing;
-use crate::wire::{BATCH, Measured, SAMPLES};
+use crate::wire::Measured;
 use anyhow::Result;
 use std::fmt::Write;
 use time::OffsetDateTime;

@@ -1,6 +1,7 @@
 //! JSON by `serde_json`, a line per message.
 
-use super::{BATCH, BOOT_ID, PERIOD_US, Way, time_us};
+use super::Way;
+use crate::link::{BATCH, BOOT_ID, PERIOD_US, time_us};
 use protocol::Sample;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,8 @@
 //! MAVLink 2 by `mavlink-core`: its frames, its checksum, its cut of trailing zeros; two messages of a dialect of our own, made as
 //! its generator makes them. A payload has at most 255 bytes, which is 15 samples.
 
-use super::{PERIOD_US, Way, time_us};
+use super::Way;
+use crate::link::{PERIOD_US, time_us};
 use mavlink_core::bytes::Bytes;
 use mavlink_core::bytes_mut::BytesMut;
 use mavlink_core::error::ParserError;

@@ -1,7 +1,8 @@
 //! Protocol buffers by `prost`, each message with its length before it: batches of samples as messages, batches of packed columns,
 //! and a message per sample. No checksum.
 
-use super::{BATCH, BOOT_ID, PERIOD_US, Way, time_us};
+use super::Way;
+use crate::link::{BATCH, BOOT_ID, PERIOD_US, time_us};
 use prost::Message;
 use protocol::Sample;
 
