@@ -45,6 +45,8 @@ const SLOWEST: f64 = 6.0;
 const WARM_MS: u64 = 120_000;
 /// Silence of the host that is allowed while it is not silent on purpose: a bad line costs a client some seconds.
 const PATIENT_MS: u32 = 60_000;
+/// How often it says how far it is, milliseconds of the rig's.
+const TOLD_EVERY_MS: u64 = 300_000;
 /// Lines of the firmware's log that are told with a failure.
 const LOG_LINES: usize = 12;
 
@@ -185,9 +187,15 @@ fn soak(device: &mut Device<'_>, duration_ms: u64) -> Result<()> {
     device.listen_from_now()?;
     // The guide starts where it happens to be.
     device.home()?;
-    let until_ms = device.now_ms() + duration_ms;
+    let began_ms = device.now_ms();
     let causes = faults::causes();
-    while device.now_ms() < until_ms {
+    let mut told = 0;
+    while device.now_ms() < began_ms + duration_ms {
+        let minutes = (device.now_ms() - began_ms) / TOLD_EVERY_MS * (TOLD_EVERY_MS / 60_000);
+        if minutes > told {
+            told = minutes;
+            eprintln!("{minutes} of {:.0} minutes", duration_ms as f64 / 60e3);
+        }
         match device.random.random_range(0..100) {
             0..70 => device.command()?,
             70..74 => device.host_is_silent()?,
