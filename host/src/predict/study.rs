@@ -278,3 +278,18 @@ fn cut(lines: &[Vec<f64>], modulus_pa: f64, load_n: &[f64]) -> Vec<f64> {
     }
     path_m
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_does_not_depend_on_the_number_of_threads() {
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            // Written out, numbers differ where any of their bits does.
+            pool.install(|| format!("{:?}", study(2, 1).expect("a study")))
+        };
+        assert_eq!(on(1), on(4));
+    }
+}

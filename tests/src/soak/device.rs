@@ -18,7 +18,7 @@ const LOOK: Duration = Duration::from_millis(5);
 /// Time by this computer's clock in which the rig goes on, or it hangs.
 const HANGS: Duration = Duration::from_secs(30);
 /// How often a question on a bad line is asked anew, each time with the client's own repeats.
-const ATTEMPTS: u32 = 8;
+pub const ATTEMPTS: u32 = 8;
 
 /// Everything about the device under trial.
 pub struct Device<'a> {

@@ -2,7 +2,7 @@
 
 use super::PATIENT_MS;
 use super::answers::Answer;
-use super::device::Device;
+use super::device::{ATTEMPTS, Device};
 use super::faults::{Cause, Leads};
 use crate::cosim::{Injection, Trigger};
 use anyhow::{Result, bail, ensure};
@@ -148,13 +148,27 @@ impl Device<'_> {
     fn clear(&mut self) -> Result<()> {
         let since = self.rig().released_since();
         ensure!(since.is_some(), "a bridge is on in a latched fault");
-        let cleared = self.until("the fault is cleared", CLEARS_MS, |device| {
-            let answer = device.ask(Request::ClearFault)?;
-            let refused = Answer::Refused(Refusal::CauseRemains);
-            ensure!(answer != Answer::Refused(Refusal::Busy), "clear was refused as busy");
-            Ok(answer != refused && answer == Answer::Accepted)
-        })?;
-        ensure!(cleared, "the fault could not be cleared in {CLEARS_MS} ms");
+        let from_ms = self.now_ms();
+        let mut lost = 0;
+        loop {
+            // A cable that is cut is waited for, and what is lost on a bad one is no answer: neither is the device's time.
+            let asked_ms = self.now_ms();
+            match self.ask(Request::ClearFault)? {
+                Answer::Accepted => break,
+                Answer::Refused(Refusal::CauseRemains) => {
+                    ensure!(
+                        asked_ms - from_ms < CLEARS_MS,
+                        "the cause remained for {CLEARS_MS} ms after its end"
+                    );
+                }
+                Answer::Refused(refusal) => bail!("clear was refused with {refusal:?}"),
+                Answer::Unanswered => {
+                    lost += 1;
+                    ensure!(lost < ATTEMPTS, "{ATTEMPTS} questions to clear the fault were lost");
+                }
+            }
+            self.tick()?;
+        }
         let status = self.status()?;
         ensure!(status.state == State::Idle, "{:?} ({:?}) after it was cleared", status.state, status.fault);
         ensure!(self.rig().released_since() == since, "a bridge was on though nothing was started");
