@@ -3,6 +3,7 @@
 use crate::cosim::Cosim;
 use crate::images::{self, Image};
 use crate::qemu::{self, Qemu};
+use crate::terminals::Terminals;
 use anyhow::{Result, ensure};
 use host::rig::config::RigConfig;
 use std::path::Path;
@@ -15,6 +16,7 @@ use tempfile::TempDir;
 pub struct Bench {
     qemu: Option<Qemu>,
     cosim: Option<Cosim>,
+    terminals: Terminals,
     folder: TempDir,
 }
 
@@ -30,7 +32,8 @@ impl Bench {
         let turn = qemu::turn();
         let cosim = Cosim::start(config, seed, folder.path(), speed)?;
         let qemu = Qemu::start(turn, &elf, folder.path(), limit)?;
-        let bench = Self { qemu: Some(qemu), cosim: Some(cosim), folder };
+        let terminals = Terminals::watch()?;
+        let bench = Self { qemu: Some(qemu), cosim: Some(cosim), terminals, folder };
         bench.await_first_steps(limit)?;
         Ok(bench)
     }
@@ -62,6 +65,11 @@ impl Bench {
     /// After [`Self::stop`].
     pub fn rig(&self) -> &Cosim {
         self.cosim.as_ref().expect("the bench runs")
+    }
+
+    /// Whether this computer's pseudo terminals, over which the link goes, keep up.
+    pub fn terminals(&self) -> &Terminals {
+        &self.terminals
     }
 
     /// The firmware's log so far.
@@ -106,5 +114,10 @@ impl Drop for Bench {
         // QEMU first: the rig's thread then sees the end of its pipe.
         self.qemu = None;
         self.cosim = None;
+        if thread::panicking()
+            && let Some(stall) = self.terminals.stall()
+        {
+            eprintln!("{stall}");
+        }
     }
 }

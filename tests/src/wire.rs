@@ -4,10 +4,8 @@
 //! once, unless told otherwise: bits flip at a given rate, the cable is cut and mended, a mad host babbles. What flips comes
 //! from a seed; where it falls depends on nothing but the number of bits that went before.
 
-mod pty;
-
+use crate::pty::{Pty, make_raw, wait};
 use anyhow::{Context, Result};
-use pty::{Pty, make_raw, wait};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::event::{PollFlags, Timespec};

@@ -90,6 +90,8 @@ pub struct Survived {
     pub outbox_most: u8,
     /// Furthest from the middle, metres, and hardest, newtons.
     pub reach: crate::cosim::Reach,
+    /// Longest that this computer's pseudo terminals kept a byte, seconds.
+    pub terminals_s: f64,
     /// Size of this process after warming up and at the end, bytes; nothing where the system does not say.
     pub memory_bytes: Option<[u64; 2]>,
 }
@@ -123,15 +125,16 @@ impl Display for Survived {
             self.outbox_most, self.messages_dropped
         )?;
         match self.memory_bytes.map(|bytes| bytes.map(|bytes| bytes / 1024)) {
-            Some([first, last]) => write!(
+            Some([first, last]) => writeln!(
                 f,
                 "  host: {first} KiB after warming up, {last} KiB at the end (limit: {} KiB more per 10 minutes)",
                 GROWTH_LIMIT_BYTES / 1024
             ),
             None => {
-                write!(f, "  host: this system does not say how large a process is (no /proc/self/statm)")
+                writeln!(f, "  host: this system does not say how large a process is (no /proc/self/statm)")
             }
-        }
+        }?;
+        write!(f, "  this computer's pseudo terminals kept a byte for {:.2} s at most", self.terminals_s)
     }
 }
 
@@ -155,8 +158,9 @@ pub fn run(args: Args) -> Result<Survived> {
         let log = bench.log();
         let last =
             log.iter().skip(log.len().saturating_sub(LOG_LINES)).cloned().collect::<Vec<_>>().join("\n  ");
+        let stall = bench.terminals().stall().map_or(String::new(), |stall| format!("\n{stall}"));
         return Err(error.context(format!(
-            "seed {}, device time {device_s:.3} s (rig {rig_s:.3} s); the firmware's last words:\n  {last}\n",
+            "seed {}, device time {device_s:.3} s (rig {rig_s:.3} s); the firmware's last words:\n  {last}{stall}\n",
             args.seed
         )));
     }
@@ -175,6 +179,7 @@ pub fn run(args: Args) -> Result<Survived> {
         stack_free_bytes: watch.stack_free_bytes,
         outbox_most: watch.outbox_most,
         reach: watch.reach,
+        terminals_s: bench.terminals().longest().as_secs_f64(),
         memory_bytes: memory.first_bytes.zip(memory.last_bytes).map(|(first, last)| [first, last]),
     };
     drop(wire);

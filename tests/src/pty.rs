@@ -9,17 +9,17 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 /// A pseudo terminal that passes bytes as they are.
 #[derive(Debug)]
-pub(super) struct Pty {
-    pub(super) master: OwnedFd,
+pub(crate) struct Pty {
+    pub(crate) master: OwnedFd,
     /// Kept open, so that the master can be read whether somebody has the terminal or not.
-    pub(super) slave: OwnedFd,
+    pub(crate) slave: OwnedFd,
     /// Where it is opened.
-    pub(super) name: String,
+    pub(crate) name: String,
 }
 
 impl Pty {
     /// A new one.
-    pub(super) fn open() -> Result<Self> {
+    pub(crate) fn open() -> Result<Self> {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
         grantpt(&master)?;
         unlockpt(&master)?;
@@ -33,7 +33,7 @@ impl Pty {
 }
 
 /// Has a terminal pass bytes as they are.
-pub(super) fn make_raw(terminal: BorrowedFd<'_>) -> Result<()> {
+pub(crate) fn make_raw(terminal: BorrowedFd<'_>) -> Result<()> {
     let mut settings = tcgetattr(terminal)?;
     settings.make_raw();
     tcsetattr(terminal, OptionalActions::Now, &settings)?;
@@ -41,7 +41,7 @@ pub(super) fn make_raw(terminal: BorrowedFd<'_>) -> Result<()> {
 }
 
 /// Waits until something can be done; false if nothing can.
-pub(super) fn wait(fd: BorrowedFd<'_>, what: PollFlags, patience: &Timespec) -> bool {
+pub(crate) fn wait(fd: BorrowedFd<'_>, what: PollFlags, patience: &Timespec) -> bool {
     let mut fds = [PollFd::from_borrowed_fd(fd, what)];
     poll(&mut fds, Some(patience)).is_ok_and(|ready| ready > 0)
 }
