@@ -16,7 +16,7 @@ pub(crate) const CRC_BYTES: usize = 4;
 
 /// Bytes between the delimiters for a message that encodes to `payload` bytes at most.
 const fn body_bytes(payload: usize) -> usize {
-    cobs::max_encoding_length(payload + CRC_BYTES)
+    corncobs::max_encoded_len(payload + CRC_BYTES) - 1
 }
 
 /// Most bytes between the delimiters of a frame from the device.
@@ -70,9 +70,10 @@ pub(crate) fn seal<'a>(
 
     let (first, rest) = output.split_first_mut().ok_or(EncodeError::OutputTooShort)?;
     *first = 0;
-    let body = cobs::try_encode(plain, rest).map_err(|_| EncodeError::OutputTooShort)?;
-    *rest.get_mut(body).ok_or(EncodeError::OutputTooShort)? = 0;
-    output.get(..body + 2).ok_or(EncodeError::OutputTooShort)
+    // Of so few bytes the stuffed ones are as many as the most.
+    let stuffed = rest.get_mut(..corncobs::max_encoded_len(plain.len())).ok_or(EncodeError::OutputTooShort)?;
+    let end = 1 + corncobs::encode_buf(plain, stuffed);
+    output.get(..end).ok_or(EncodeError::OutputTooShort)
 }
 
 /// A message that a [`Receiver`] can receive, and what can be saved of it where its types are not ours.
@@ -167,14 +168,14 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
     /// Takes one byte. Delimiters with nothing between them are no event.
     pub fn push(&mut self, byte: u8) -> Option<Received<T>> {
         if byte != 0 {
-            if self.dropping || self.body.push(byte).is_ok() {
+            if self.dropping || self.fill(&[byte]) > 0 {
                 return None;
             }
             self.dropping = true;
             self.losses.overlong = self.losses.overlong.saturating_add(1);
             return Some(Received::Overlong);
         }
-        let event = if self.dropping || self.body.is_empty() { None } else { Some(open(&mut self.body)) };
+        let event = if self.dropping || self.body.is_empty() { None } else { Some(self.open()) };
         self.dropping = false;
         self.body.clear();
         match event {
@@ -196,11 +197,7 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
                 let (ordinary, _) = memchr::memchr(0, rest)
                     .and_then(|zero| rest.split_at_checked(zero))
                     .unwrap_or((rest, &[]));
-                let taken = match self.body.extend_from_slice(ordinary) {
-                    _ if self.dropping => ordinary.len(),
-                    Ok(()) => ordinary.len(),
-                    Err(_) => self.fill(ordinary),
-                };
+                let taken = if self.dropping { ordinary.len() } else { self.fill(ordinary) };
                 let (byte, later) = rest.get(taken..)?.split_first()?;
                 rest = later;
                 if let Some(event) = self.push(*byte) {
@@ -218,23 +215,23 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
         self.body.extend_from_slice(fits).map_or(0, |()| fits.len())
     }
 
+    /// Reads the body, which is complete: checksum first, then the message, of which nothing may be left over.
+    fn open(&mut self) -> Received<T> {
+        let plain = corncobs::decode_in_place(&mut self.body).ok().and_then(|length| self.body.get(..length));
+        let Some((payload, crc)) = plain.and_then(|plain| plain.split_last_chunk::<CRC_BYTES>()) else {
+            return Received::Corrupt;
+        };
+        if CRC.checksum(payload) != u32::from_le_bytes(*crc) {
+            return Received::Corrupt;
+        }
+        match postcard::take_from_bytes(payload) {
+            Ok((message, [])) => Received::Frame(message),
+            _ => Received::Unreadable(T::salvage(payload)),
+        }
+    }
+
     /// What could not be used so far.
     pub const fn losses(&self) -> Losses {
         self.losses
-    }
-}
-
-/// Reads a complete body: checksum first, then the message, of which nothing may be left over.
-fn open<T: Incoming>(body: &mut [u8]) -> Received<T> {
-    let plain = cobs::decode_in_place(body).ok().and_then(|length| body.get(..length));
-    let Some((payload, crc)) = plain.and_then(|plain| plain.split_last_chunk::<CRC_BYTES>()) else {
-        return Received::Corrupt;
-    };
-    if CRC.checksum(payload) != u32::from_le_bytes(*crc) {
-        return Received::Corrupt;
-    }
-    match postcard::take_from_bytes(payload) {
-        Ok((message, [])) => Received::Frame(message),
-        _ => Received::Unreadable(T::salvage(payload)),
     }
 }
