@@ -60,7 +60,7 @@ fn frames(clock: &mut Clock) -> Result<()> {
     link::encode(&samples, &mut line);
     clock.seconds("decode 3200 samples", || {
         let mut sum = 0_u64;
-        link::decode(black_box(&line), &mut |t_us, sample| {
+        link::decode(black_box(&line), |t_us, sample| {
             sum = sum.wrapping_add(t_us).wrapping_add(sample.force_counts[0] as u64);
         });
         sum

@@ -71,7 +71,8 @@ pub(crate) fn seal<'a>(
     let (first, rest) = output.split_first_mut().ok_or(EncodeError::OutputTooShort)?;
     *first = 0;
     // Of so few bytes the stuffed ones are as many as the most.
-    let stuffed = rest.get_mut(..corncobs::max_encoded_len(plain.len())).ok_or(EncodeError::OutputTooShort)?;
+    let stuffed =
+        rest.get_mut(..corncobs::max_encoded_len(plain.len())).ok_or(EncodeError::OutputTooShort)?;
     let end = 1 + corncobs::encode_buf(plain, stuffed);
     output.get(..end).ok_or(EncodeError::OutputTooShort)
 }

@@ -20,7 +20,7 @@
 mod column;
 
 use crate::{PACKED_BYTES, Packed, Samples, State, Step};
-use column::{CHANNELS, Column, MAX_HEAD, Readings, Spread, Writer};
+use column::{CHANNELS, Column, MAX_HEAD, Reader, Spread, Writer};
 use postcard::experimental::max_size::MaxSize;
 
 /// Most samples in a batch.
@@ -195,7 +195,7 @@ impl Samples {
             return Err(UnpackError::Length { expected, found: rest.len() });
         }
         Ok(Unpacked {
-            channels: columns.map(|column| column.readings()),
+            channels: Reader::of(&columns),
             bits: rest,
             at: 0,
             width: widths as u32,
@@ -209,7 +209,7 @@ impl Samples {
 /// The samples of a batch, each with its device time in microseconds: see [`Samples::unpack`].
 #[derive(Debug, Clone)]
 pub struct Unpacked<'a> {
-    channels: [Readings; CHANNELS],
+    channels: [Reader; CHANNELS],
     bits: &'a [u8],
     at: usize,
     /// Bits of a sample.
@@ -225,20 +225,13 @@ impl Iterator for Unpacked<'_> {
     #[inline]
     fn next(&mut self) -> Option<Self::Item> {
         self.left = self.left.checked_sub(1)?;
+        let (bytes, at) = (self.bits, self.at);
+        self.at += self.width as usize;
         let counts = if self.width <= column::MAX_AT_ONCE {
-            let mut bits = column::bits(self.bits, self.at);
-            self.at += self.width as usize;
-            self.channels.each_mut().map(|channel| {
-                let written = column::lowest(bits, channel.width);
-                bits >>= channel.width;
-                channel.read(written)
-            })
+            let bits = column::bits(bytes, at);
+            self.channels.each_mut().map(|channel| channel.of_sample(bits))
         } else {
-            self.channels.each_mut().map(|channel| {
-                let bits = column::bits(self.bits, self.at);
-                self.at += usize::from(channel.width);
-                channel.read(column::lowest(bits, channel.width))
-            })
+            self.channels.each_mut().map(|channel| channel.at(bytes, at))
         };
         let t_us = self.next_us;
         self.next_us = t_us.saturating_add(u64::from(self.period_us));

@@ -218,8 +218,37 @@ pub(super) fn bits(bytes: &[u8], at: usize) -> u64 {
     u64::from_le_bytes(word) >> (at % 8)
 }
 
-/// The lowest `width` of these bits.
-#[inline]
-pub(super) fn lowest(bits: u64, width: u8) -> u32 {
-    (bits & ((1 << width) - 1)) as u32
+/// A column's bits in every sample, one sample after the other.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reader {
+    /// Bits of the sample before its own.
+    shift: u32,
+    /// As many ones as it has bits.
+    mask: u32,
+    readings: Readings,
+}
+
+impl Reader {
+    /// Of columns in their order.
+    pub fn of(columns: &[Column; CHANNELS]) -> [Self; CHANNELS] {
+        let mut shift = 0;
+        columns.map(|column| {
+            let mask = ((1_u64 << column.width) - 1) as u32;
+            let reader = Self { shift, mask, readings: column.readings() };
+            shift += u32::from(column.width);
+            reader
+        })
+    }
+
+    /// The next reading, where all bits of the sample are at hand.
+    #[inline]
+    pub fn of_sample(&mut self, bits: u64) -> i32 {
+        self.readings.read((bits >> self.shift) as u32 & self.mask)
+    }
+
+    /// The same where they are not: the sample begins at bit `at`.
+    #[inline]
+    pub fn at(&mut self, bytes: &[u8], at: usize) -> i32 {
+        self.readings.read(bits(bytes, at + self.shift as usize) as u32 & self.mask)
+    }
 }

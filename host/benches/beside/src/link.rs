@@ -52,7 +52,7 @@ pub fn encode(samples: &[Sample], line: &mut Vec<u8>) {
 }
 
 /// Reads the line, giving every sample with its time.
-pub fn decode(line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
+pub fn decode(line: &[u8], mut take: impl FnMut(u64, Sample)) {
     let mut receiver = EnvelopeReceiver::new();
     for received in receiver.feed(line) {
         let Received::Frame(Envelope { message: Message::Samples(batch), .. }) = received else {

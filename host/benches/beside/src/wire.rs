@@ -31,8 +31,8 @@ trait Way {
     fn name(&self) -> &'static str;
     /// Writes all samples to the line.
     fn encode(&self, samples: &[Sample], line: &mut Vec<u8>);
-    /// Reads the line, giving every sample with its time.
-    fn decode(&self, line: &[u8], take: &mut dyn FnMut(u64, Sample));
+    /// Reads the line and sums every sample with its time.
+    fn decode(&self, line: &[u8], sums: &mut Sums);
 }
 
 /// Our own frames.
@@ -47,21 +47,33 @@ impl Way for Ours {
         link::encode(samples, line);
     }
 
-    fn decode(&self, line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
-        link::decode(line, take);
+    fn decode(&self, line: &[u8], sums: &mut Sums) {
+        link::decode(line, |t_us, sample| sums.take(t_us, sample));
     }
 }
 
-/// Sum over everything that was read: what makes two ways the same.
-fn sum_of(way: &dyn Way, line: &[u8]) -> (u64, i64, usize) {
-    let (mut times, mut counts, mut samples) = (0_u64, 0_i64, 0);
-    way.decode(line, &mut |t_us, sample| {
+/// Sums over everything that was read: what makes two ways the same.
+#[derive(Default, PartialEq, Eq)]
+struct Sums {
+    times_us: u64,
+    counts: i64,
+    samples: usize,
+}
+
+impl Sums {
+    #[inline]
+    fn take(&mut self, t_us: u64, sample: Sample) {
         let Sample { position_counts: [a, b], force_counts: [c, d] } = sample;
-        times = times.wrapping_add(t_us);
-        counts += i64::from(a) - 3 * i64::from(b) + 5 * i64::from(c) - 7 * i64::from(d);
-        samples += 1;
-    });
-    (times, counts, samples)
+        self.times_us = self.times_us.wrapping_add(t_us);
+        self.counts += i64::from(a) - 3 * i64::from(b) + 5 * i64::from(c) - 7 * i64::from(d);
+        self.samples += 1;
+    }
+}
+
+fn sums_of(way: &dyn Way, line: &[u8]) -> Sums {
+    let mut sums = Sums::default();
+    way.decode(line, &mut sums);
+    sums
 }
 
 /// Measures all ways; ours is first.
@@ -82,11 +94,14 @@ pub fn measure(clock: &mut Clock, seed: u32) -> Result<Vec<Measured>> {
     for way in ways {
         let mut line = Vec::new();
         way.encode(&samples, &mut line);
-        let sum = sum_of(way, &line);
-        ensure!(sum.2 == SAMPLES, "{}: {} samples", way.name(), sum.2);
-        ensure!(*first.get_or_insert(sum) == sum, "{}: other samples", way.name());
+        let sums = sums_of(way, &line);
+        ensure!(sums.samples == SAMPLES, "{}: {} samples", way.name(), sums.samples);
+        match &first {
+            None => first = Some(sums),
+            Some(ours) => ensure!(*ours == sums, "{}: other samples", way.name()),
+        }
         let bytes = line.len() as f64 / SAMPLES as f64;
-        let decode_s = clock.seconds(&format!("decode {}", way.name()), || sum_of(way, black_box(&line)))?;
+        let decode_s = clock.seconds(&format!("decode {}", way.name()), || sums_of(way, black_box(&line)))?;
         let encode_s = clock.seconds(&format!("encode {}", way.name()), || {
             line.clear();
             way.encode(black_box(&samples), &mut line);

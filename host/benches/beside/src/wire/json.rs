@@ -1,6 +1,6 @@
 //! JSON by `serde_json`, a line per message.
 
-use super::Way;
+use super::{Sums, Way};
 use crate::link::{BATCH, BOOT_ID, PERIOD_US, time_us};
 use protocol::Sample;
 use serde::{Deserialize, Serialize};
@@ -70,11 +70,11 @@ impl Way for Batch {
         }
     }
 
-    fn decode(&self, line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
+    fn decode(&self, line: &[u8], sums: &mut Sums) {
         for line in lines(line) {
             let batch: Batched = serde_json::from_slice(line).expect("a batch");
             let times = (batch.t_us..).step_by(PERIOD_US as usize);
-            times.zip(batch.samples).for_each(|(t_us, numbers)| take(t_us, sample(numbers)));
+            times.zip(batch.samples).for_each(|(t_us, numbers)| sums.take(t_us, sample(numbers)));
         }
     }
 }
@@ -102,10 +102,10 @@ impl Way for Single {
         }
     }
 
-    fn decode(&self, line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
+    fn decode(&self, line: &[u8], sums: &mut Sums) {
         for line in lines(line) {
             let one: One = serde_json::from_slice(line).expect("a sample");
-            take(one.t_us, sample(one.sample));
+            sums.take(one.t_us, sample(one.sample));
         }
     }
 }

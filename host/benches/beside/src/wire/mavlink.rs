@@ -1,7 +1,7 @@
 //! MAVLink 2 by `mavlink-core`: its frames, its checksum, its cut of trailing zeros; two messages of a dialect of our own, made as
 //! its generator makes them. A payload has at most 255 bytes, which is 15 samples.
 
-use super::Way;
+use super::{Sums, Way};
 use crate::link::{PERIOD_US, time_us};
 use mavlink_core::bytes::Bytes;
 use mavlink_core::bytes_mut::BytesMut;
@@ -126,12 +126,12 @@ fn encode(samples: &[Sample], id: u32, size: usize, line: &mut Vec<u8>) {
     }
 }
 
-fn decode(line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
+fn decode(line: &[u8], sums: &mut Sums) {
     let mut reader = MavlinkReader::new(line);
     while let Ok((_, message)) = reader.read_message::<Telemetry>(MavlinkVersion::V2) {
         let times = (message.t_us..).step_by(PERIOD_US as usize);
         for (t_us, [px, py, fx, fy]) in times.zip(&message.samples[..message.count]) {
-            take(t_us, Sample { position_counts: [*px, *py], force_counts: [*fx, *fy] });
+            sums.take(t_us, Sample { position_counts: [*px, *py], force_counts: [*fx, *fy] });
         }
     }
 }
@@ -148,8 +148,8 @@ impl Way for Batch {
         encode(samples, BATCH_ID, MOST, line);
     }
 
-    fn decode(&self, line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
-        decode(line, take);
+    fn decode(&self, line: &[u8], sums: &mut Sums) {
+        decode(line, sums);
     }
 }
 
@@ -165,7 +165,7 @@ impl Way for Single {
         encode(samples, SINGLE_ID, 1, line);
     }
 
-    fn decode(&self, line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
-        decode(line, take);
+    fn decode(&self, line: &[u8], sums: &mut Sums) {
+        decode(line, sums);
     }
 }

@@ -1,7 +1,7 @@
 //! Protocol buffers by `prost`, each message with its length before it: batches of samples as messages, batches of packed columns,
 //! and a message per sample. No checksum.
 
-use super::Way;
+use super::{Sums, Way};
 use crate::link::{BATCH, BOOT_ID, PERIOD_US, time_us};
 use prost::Message;
 use protocol::Sample;
@@ -94,10 +94,10 @@ impl Way for Batch {
         }
     }
 
-    fn decode(&self, line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
+    fn decode(&self, line: &[u8], sums: &mut Sums) {
         each(line, |batch: Readings| {
             let times = (batch.head.unwrap_or_default().t_us..).step_by(PERIOD_US as usize);
-            times.zip(&batch.readings).for_each(|(t_us, reading)| take(t_us, sample(reading)));
+            times.zip(&batch.readings).for_each(|(t_us, reading)| sums.take(t_us, sample(reading)));
         });
     }
 }
@@ -124,13 +124,13 @@ impl Way for Columns {
         }
     }
 
-    fn decode(&self, line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
+    fn decode(&self, line: &[u8], sums: &mut Sums) {
         each(line, |batch: Packed| {
             let times = (batch.head.unwrap_or_default().t_us..).step_by(PERIOD_US as usize);
             let positions = batch.position_x.iter().zip(&batch.position_y);
             let forces = batch.force_x.iter().zip(&batch.force_y);
             for (t_us, ((&px, &py), (&fx, &fy))) in times.zip(positions.zip(forces)) {
-                take(t_us, Sample { position_counts: [px, py], force_counts: [fx, fy] });
+                sums.take(t_us, Sample { position_counts: [px, py], force_counts: [fx, fy] });
             }
         });
     }
@@ -158,9 +158,9 @@ impl Way for Single {
         }
     }
 
-    fn decode(&self, line: &[u8], take: &mut dyn FnMut(u64, Sample)) {
+    fn decode(&self, line: &[u8], sums: &mut Sums) {
         each(line, |one: One| {
-            take(one.head.unwrap_or_default().t_us, sample(&one.reading.unwrap_or_default()));
+            sums.take(one.head.unwrap_or_default().t_us, sample(&one.reading.unwrap_or_default()));
         });
     }
 }
