@@ -129,30 +129,30 @@ pub fn fit<B: Block>(shared: &[Parameter], blocks: &[B]) -> Result<Fit, FitError
                 damping = (damping * 0.1).max(1e-12);
             } else if step.is_negligible(shared, &parameters) {
                 // Below the steps of the derivatives the residuals need not be smooth.
-                return finish(point, shared, &parameters, blocks);
+                return finish(point, residuals, normal, shared, &parameters);
             } else {
                 damping *= 10.0;
             }
         }
         if settled || !moved {
-            return if moved {
-                finish(point, shared, &parameters, blocks)
-            } else {
-                Err(FitError::NotConverged)
-            };
+            if !moved {
+                return Err(FitError::NotConverged);
+            }
+            let normal = Normal::at(&point, &residuals, shared, &parameters, blocks)?;
+            return finish(point, residuals, normal, shared, &parameters);
         }
     }
     Err(FitError::NotConverged)
 }
 
-fn finish<B: Block>(
+/// The fit at a point, given its residuals and normal equations.
+fn finish(
     point: Point,
+    residuals: Vec<Vec<f64>>,
+    normal: Normal,
     shared: &[Parameter],
     parameters: &[Vec<Parameter>],
-    blocks: &[B],
 ) -> Result<Fit, FitError> {
-    let residuals = point.residuals(blocks)?;
-    let normal = Normal::at(&point, &residuals, shared, parameters, blocks)?;
     let covariance = normal.covariance().ok_or(FitError::Undetermined)?;
     let priors = shared.iter().filter(|parameter| parameter.prior.is_some()).count();
     let count = residuals.iter().map(Vec::len).sum::<usize>() + priors;

@@ -115,6 +115,11 @@ impl LateralData {
         if self.force_offset && self.uses_force { self.planes } else { 0 }
     }
 
+    /// Number of shape points of all levels.
+    fn points(&self) -> usize {
+        self.levels.iter().map(|level| level.shape.len()).sum()
+    }
+
     /// What the sensors should read for shared parameters and true displacements, level by level and plane by plane.
     fn predicted(&self, shared: &[f64], displacements_m: &[f64]) -> Result<Channels, ModelError> {
         let (ln_k, mut values) =
@@ -137,11 +142,12 @@ impl LateralData {
             y_m: of_level.first().copied().unwrap_or_default(),
             x_m: of_level.get(1).copied().unwrap_or_default(),
         });
-        let points = self.levels.iter().enumerate();
-        let shape = points.flat_map(|(level, data)| {
-            data.shape.iter().map(move |point| ShapePoint { time_s: time_s(level), z_m: point.z_m })
-        });
-        let lateral = Lateral { depth_m: self.depth_m, drive: drive.collect(), shape: shape.collect() };
+        let mut shape = Vec::with_capacity(self.points());
+        for (level, data) in self.levels.iter().enumerate() {
+            let time_s = time_s(level);
+            shape.extend(data.shape.iter().map(|point| ShapePoint { time_s, z_m: point.z_m }));
+        }
+        let lateral = Lateral { depth_m: self.depth_m, drive: drive.collect(), shape };
         predict(&model, &Experiment::Lateral(lateral))
     }
 }
@@ -162,7 +168,7 @@ impl Block for LateralData {
     fn residuals(&self, shared: &[f64], nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
         let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
         let predicted = self.predicted(shared, displacements_m)?;
-        let mut residuals = Vec::new();
+        let mut residuals = Vec::with_capacity(self.planes * (2 * self.levels.len() + self.points()));
         for plane in 0..self.planes {
             let offset_n = offsets_n.get(plane).copied().unwrap_or_default();
             let against = |predicted: f64, measured: Option<&Measured>| {
@@ -230,7 +236,7 @@ pub struct ChannelFit {
 /// Chi-square of displacement, force and shape of block `block` of a fit.
 pub fn channel_fits(data: &LateralData, fit: &Fit, block: usize) -> [ChannelFit; 3] {
     let levels = data.levels.len();
-    let points: usize = data.levels.iter().map(|level| level.shape.len()).sum();
+    let points = data.points();
     let mut channels = [ChannelFit { chi_square: 0.0, count: 0 }; 3];
     let mut residuals = fit.residuals.get(block).into_iter().flatten();
     for _ in 0..data.planes {

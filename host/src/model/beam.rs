@@ -4,19 +4,21 @@
 //! `u' = compliance EI u''`), free at the tip (`u'' = 0`, `EI u''' + (P - G) u' = -F_t`); see Paper A (Lehmann et al.), section
 //! II, for the problem. P: axial load over the whole needle; G: shear layer of the tissue; k: spring at the surface.
 //!
-//! Within a piece of constant K the solution is the entire function `sum b_n x^n` with
-//! `b_(n+4) = -((K/EI) b_n + ((P - G)/EI) (n+1)(n+2) b_(n+2)) / ((n+1)(n+2)(n+3)(n+4))`. Pieces are kept shorter than the characteristic length
-//! `(4 EI/K)^(1/4)`, where the series converges to the last digit within 24 terms without cancellation, for any K from
-//! zero upwards. The unknowns are value and three derivatives at the start of every piece; continuity and boundary
-//! conditions give a banded system, solved with partial pivoting. A layer is a few more pieces.
+//! Within a piece of constant K the solution is an entire function, summed as a power series ([`series`]). Pieces are kept shorter than
+//! the characteristic length `(4 EI/K)^(1/4)`, where the series converges to the last digit within 24 terms without cancellation, for any K
+//! from zero upwards. Continuity and boundary conditions are solved from the tip to guide 1 and back ([`sweep`]). A layer is a few
+//! more pieces.
 
-mod system;
+mod series;
+mod sweep;
 
 use super::{Foundation, ModelError, Rig, check};
-use system::Banded;
+use series::{Equation, Series};
+use sweep::{Beyond, LOADS, Link};
 
-/// Terms of the series; the last ones are below 1e-15 of the first for pieces up to the characteristic length.
-const TERMS: usize = 24;
+/// The loads.
+const GUIDE2: usize = 0;
+const TIP: usize = 1;
 /// More pieces than this mean a modulus that no needle bends in.
 const MAX_PIECES: f64 = 2000.0;
 
@@ -61,10 +63,7 @@ pub struct TissueLaw {
 pub struct Beam {
     bending_stiffness_n_m2: f64,
     length_m: f64,
-    /// Where each piece starts.
-    starts_m: Vec<f64>,
-    /// Series of each piece in `(z - start) / length_m`, for 1 N at guide 2 and 1 N at the tip.
-    series: Vec<[[f64; TERMS]; 2]>,
+    spans: Vec<Span>,
     guide2_m_per_n: f64,
 }
 
@@ -90,55 +89,43 @@ impl BeamProblem {
     /// # Errors
     /// [`ModelError::OutOfRange`] where a length, stiffness or compliance is out of range.
     pub fn solve(&self) -> Result<Beam, ModelError> {
-        let pieces = self.pieces()?;
-        let length_m = self.entry_m + self.depth_m;
+        let mut pieces = self.pieces()?;
         let stiffness = self.bending_stiffness_n_m2;
-        let cubed = length_m.powi(3) / stiffness;
+        let force = 1.0 / stiffness;
 
-        let n = pieces.len();
-        let mut system = Banded::new(4 * n);
-        system.set(0, 0, 1.0);
-        system.set(1, 1, -1.0);
-        system.set(1, 2, self.clamp_compliance_rad_per_n_m * stiffness / length_m);
-        for (i, piece) in pieces.iter().enumerate() {
-            let scaled = piece.scaled(length_m, stiffness);
-            let reach = piece.length_m / length_m;
-            let last = i + 1 == n;
-            let ends = derivatives(&expand(UNIT, scaled), reach);
-            for order in if last { 2..4 } else { 0..4 } {
-                let row = 4 * i + if last { order } else { order + 2 };
-                for (column, (value, slope)) in ends[order].into_iter().zip(ends[1]).enumerate() {
-                    let pulled = if order == 3 { value + scaled.axial * slope } else { value };
-                    system.set(row, 4 * i + column, pulled);
-                }
+        let mut beyond = Beyond::default();
+        beyond.add(0.0, TIP, force);
+        let mut last = true;
+        for piece in pieces.iter_mut().rev() {
+            if piece.ends_at_guide2 {
+                beyond.add(0.0, GUIDE2, force);
             }
-            if let Some(next) = pieces.get(i + 1) {
-                for order in 0..4 {
-                    system.set(4 * i + 2 + order, 4 * (i + 1) + order, -1.0);
-                }
-                system.set(4 * i + 5, 4 * (i + 1) + 1, -next.scaled(length_m, stiffness).axial);
-                if piece.ends_at_entry {
-                    system.set(4 * i + 5, 4 * (i + 1), -self.skin_n_per_m * cubed);
-                }
-                if piece.ends_at_guide2 {
-                    system.right[4 * i + 5][0] = -cubed;
-                }
-            } else if piece.ends_at_guide2 {
-                system.right[4 * i + 3][0] = -cubed;
+            if piece.ends_at_entry && !last {
+                beyond.add(self.skin_n_per_m * force, GUIDE2, 0.0);
             }
+            last = false;
+            let linked = Link::new(piece.equation, piece.fundamental, piece.length_m, beyond);
+            (piece.link, beyond) = linked.ok_or(ModelError::Singular)?;
         }
-        system.right[4 * n - 1][1] = -cubed;
-        let states = system.solve().ok_or(ModelError::Singular)?;
 
-        let series = pieces.iter().zip(states.as_chunks().0).map(|(piece, state)| {
-            let both = expand(*state, piece.scaled(length_m, stiffness));
-            [both.map(|of| of[0]), both.map(|of| of[1])]
-        });
+        let mut deflection_m = [0.0; LOADS];
+        let mut slope = beyond.slope(self.clamp_compliance_rad_per_n_m * stiffness);
+        let mut spans = Vec::new();
+        spans.resize_with(pieces.len(), Span::default);
+        for (piece, span) in pieces.iter().zip(&mut spans) {
+            let per_m = 1.0 / piece.length_m;
+            (span.start_m, span.per_m) = (piece.start_m, per_m);
+            let start = [deflection_m, slope.map(|slope| slope * piece.length_m)];
+            let (states, [end_m, turned_m]) = piece.link.hand_on(piece.equation, start);
+            for (state, series) in states.into_iter().zip(&mut span.series) {
+                piece.equation.expand(state, series);
+            }
+            (deflection_m, slope) = (end_m, turned_m.map(|turned_m| turned_m * per_m));
+        }
         let mut beam = Beam {
             bending_stiffness_n_m2: stiffness,
-            length_m,
-            starts_m: pieces.iter().map(|piece| piece.start_m).collect(),
-            series: series.collect(),
+            length_m: self.entry_m + self.depth_m,
+            spans,
             guide2_m_per_n: 0.0,
         };
         beam.guide2_m_per_n = beam.guide2_force().deflection_m(self.guide2_m);
@@ -163,7 +150,7 @@ impl BeamProblem {
     /// The needle cut into pieces of constant foundation modulus, none longer than the characteristic length.
     fn pieces(&self) -> Result<Vec<Piece>, ModelError> {
         self.check()?;
-        let stiffness = self.bending_stiffness_n_m2;
+        let per_stiffness = 1.0 / self.bending_stiffness_n_m2;
         let (outside_n, inside_n) = (self.axial_load_n, self.axial_load_n - self.shear_n);
         let mut pieces: Vec<Piece> = Vec::new();
         let mut start_m = 0.0;
@@ -172,23 +159,28 @@ impl BeamProblem {
         let inside = inside.map(|(thickness_m, modulus_pa)| (thickness_m, modulus_pa, inside_n));
         for (number, (thickness_m, modulus_pa, axial_n)) in outside.into_iter().chain(inside).enumerate() {
             if thickness_m > 0.0 {
-                let bends =
-                    (modulus_pa / (4.0 * stiffness)).powf(0.25).max((axial_n.abs() / stiffness).sqrt());
-                let count = (thickness_m * bends).ceil().max(1.0);
+                let (modulus, axial) = (modulus_pa * per_stiffness, axial_n * per_stiffness);
+                let root = modulus.sqrt();
+                let reach = thickness_m * (0.5 * root).max(axial.abs()).sqrt();
+                let count = if reach <= 1.0 { 1.0 } else { reach.ceil() };
                 check("modulus_pa", modulus_pa, "a modulus that lets the needle bend", count <= MAX_PIECES)?;
-                let length_m = thickness_m / count;
-                for i in 0..count as usize {
-                    let start_m = start_m + i as f64 * length_m;
-                    let (ends_at_guide2, ends_at_entry) = (false, false);
-                    pieces.push(Piece {
-                        start_m,
-                        length_m,
-                        modulus_pa,
-                        axial_n,
-                        ends_at_guide2,
-                        ends_at_entry,
-                    });
-                }
+                let length_m = if count == 1.0 { thickness_m } else { thickness_m / count };
+                let square = length_m * length_m;
+                let root = (axial.abs() + root) * square;
+                let equation = Equation::new(modulus * square * square, axial * square, root);
+                let piece = Piece {
+                    start_m,
+                    length_m,
+                    equation,
+                    fundamental: equation.fundamental(),
+                    ends_at_guide2: false,
+                    ends_at_entry: false,
+                    link: Link::default(),
+                };
+                pieces.extend(
+                    (0..count as usize)
+                        .map(|i| Piece { start_m: start_m + i as f64 * length_m, ..piece.clone() }),
+                );
                 start_m += thickness_m;
             }
             if let Some(piece) = pieces.last_mut() {
@@ -212,12 +204,12 @@ impl Beam {
 
     /// Response to 1 N at guide 2.
     pub fn guide2_force(&self) -> Response<'_> {
-        Response { beam: self, load: 0 }
+        Response { beam: self, load: GUIDE2 }
     }
 
     /// Response to 1 N at the tip, guide 2 free.
     pub fn tip_force(&self) -> Response<'_> {
-        Response { beam: self, load: 1 }
+        Response { beam: self, load: TIP }
     }
 
     /// Length of the beam from guide 1 to the tip.
@@ -247,16 +239,19 @@ impl Beam {
 #[derive(Debug, Clone, Copy)]
 pub struct Response<'a> {
     beam: &'a Beam,
-    /// 0: at guide 2, 1: at the tip.
+    /// [`GUIDE2`] or [`TIP`].
     load: usize,
 }
 
-impl Response<'_> {
+impl<'a> Response<'a> {
     /// Deflection `u`, in m per N.
+    #[inline]
     pub fn deflection_m(&self, z_m: f64) -> f64 {
         let inside_m = z_m.clamp(0.0, self.beam.length_m);
+        let Some((span, x)) = self.place(inside_m) else { return f64::NAN };
+        let at_m = series::value(&span.series[self.load], x);
         let straight_m = z_m - inside_m;
-        self.derivative(inside_m, 0) + if straight_m == 0.0 { 0.0 } else { straight_m * self.slope(inside_m) }
+        if straight_m == 0.0 { at_m } else { at_m + straight_m * self.slope(inside_m) }
     }
 
     /// Slope `u'`, in 1 per N.
@@ -276,115 +271,47 @@ impl Response<'_> {
     }
 
     fn derivative(&self, z_m: f64, order: usize) -> f64 {
-        let beam = self.beam;
-        let piece = beam.starts_m.partition_point(|start_m| *start_m <= z_m).saturating_sub(1);
-        let (Some(start_m), Some(series)) = (beam.starts_m.get(piece), beam.series.get(piece)) else {
-            return f64::NAN;
-        };
-        derivative(&series[self.load], order, (z_m - start_m) / beam.length_m)
-            / beam.length_m.powi(order as i32)
+        let Some((span, x)) = self.place(z_m) else { return f64::NAN };
+        series::derivative(&span.series[self.load], order, x) * span.per_m.powi(order as i32)
+    }
+
+    /// The span in which a place is, and where in it.
+    #[inline]
+    fn place(&self, z_m: f64) -> Option<(&'a Span, f64)> {
+        let spans = &self.beam.spans;
+        // In uniform tissue that is not deep it is the last one that is asked for.
+        let span = spans.last().filter(|last| last.start_m <= z_m).or_else(|| self.search(z_m))?;
+        Some((span, (z_m - span.start_m) * span.per_m))
+    }
+
+    #[inline(never)]
+    fn search(&self, z_m: f64) -> Option<&'a Span> {
+        let spans = &self.beam.spans;
+        spans.get(spans.partition_point(|span| span.start_m <= z_m).saturating_sub(1))
     }
 }
 
-/// A stretch of constant foundation modulus.
+/// A stretch of constant foundation modulus, while it is being solved.
+#[derive(Clone)]
 struct Piece {
     start_m: f64,
     length_m: f64,
-    modulus_pa: f64,
-    /// P - G.
-    axial_n: f64,
+    equation: Equation,
+    /// Of the equation's fundamental solution.
+    fundamental: [f64; 4],
     ends_at_guide2: bool,
     ends_at_entry: bool,
+    link: Link,
 }
 
-/// `K length^4 / EI` and `(P - G) length^2 / EI`.
-#[derive(Clone, Copy)]
-struct Scaled {
-    modulus: f64,
-    axial: f64,
-}
-
-impl Piece {
-    fn scaled(&self, length_m: f64, stiffness_n_m2: f64) -> Scaled {
-        Scaled {
-            modulus: self.modulus_pa * length_m.powi(4) / stiffness_n_m2,
-            axial: self.axial_n * length_m * length_m / stiffness_n_m2,
-        }
-    }
-}
-
-/// Value and derivatives at the start of four solutions: one of them is 1 in each.
-const UNIT: [[f64; 4]; 4] =
-    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
-
-/// Coefficients of `C` solutions, side by side, that start with the given values and derivatives: chains of operations that do not
-/// wait for one another.
-fn expand<const C: usize>(start: [[f64; C]; 4], scaled: Scaled) -> [[f64; C]; TERMS] {
-    let mut series = [[0.0; C]; TERMS];
-    for ((first, start), factorial) in series.iter_mut().zip(start).zip([1.0, 1.0, 2.0, 6.0]) {
-        *first = start.map(|value| value / factorial);
-    }
-    for n in 0..TERMS - 4 {
-        series[n + 4] = std::array::from_fn(|c| {
-            let bent = scaled.axial * FALLING[2][n + 2] * series[n + 2][c];
-            -(scaled.modulus * series[n][c] + bent) / FALLING[4][n + 4]
-        });
-    }
-    series
-}
-
-/// `n! / (n - order)!`: what the derivative of an order makes of `x^n`.
-const FALLING: [[f64; TERMS]; 5] = {
-    let mut factors = [[0.0; TERMS]; 5];
-    let mut order = 0;
-    while order < 5 {
-        let mut n = order;
-        while n < TERMS {
-            let mut factor = 1.0;
-            let mut k = n + 1 - order;
-            while k <= n {
-                factor *= k as f64;
-                k += 1;
-            }
-            factors[order][n] = factor;
-            n += 1;
-        }
-        order += 1;
-    }
-    factors
-};
-
-/// Derivative of the series at `x`, by Horner's rule; the value itself in four sums of every fourth term, which do not wait for one
-/// another.
-fn derivative(series: &[f64; TERMS], order: usize, x: f64) -> f64 {
-    if order == 0 {
-        let square = x * x;
-        let fourth = square * square;
-        let [a, b, c, d] = series
-            .as_chunks()
-            .0
-            .iter()
-            .rev()
-            .fold([0.0; 4], |sums, of: &[f64; 4]| std::array::from_fn(|i| sums[i] * fourth + of[i]));
-        return (a + x * b) + square * (c + x * d);
-    }
-    let factors = &FALLING[order];
-    let terms = series.iter().zip(factors).skip(order).rev();
-    terms.fold(0.0, |sum, (coefficient, factor)| sum * x + factor * coefficient)
-}
-
-/// Value and three derivatives at `x` of `C` series.
-fn derivatives<const C: usize>(series: &[[f64; C]; TERMS], x: f64) -> [[f64; C]; 4] {
-    let mut sums = [[0.0; C]; 4];
-    for (n, coefficients) in series.iter().enumerate().rev() {
-        for (order, sum) in sums.iter_mut().enumerate().take(n + 1) {
-            let factor = FALLING[order][n];
-            for (sum, coefficient) in sum.iter_mut().zip(coefficients) {
-                *sum = *sum * x + factor * coefficient;
-            }
-        }
-    }
-    sums
+/// A stretch of constant foundation modulus, solved.
+#[derive(Debug, Clone, Default)]
+struct Span {
+    start_m: f64,
+    /// 1 over its length.
+    per_m: f64,
+    /// Deflection per load in `(z - start) / length`.
+    series: [Series; LOADS],
 }
 
 #[cfg(test)]

@@ -163,13 +163,6 @@ pub struct Series {
     pub x: Option<Vec<f64>>,
 }
 
-impl Series {
-    fn push(&mut self, y: f64, x: f64) {
-        self.y.push(y);
-        self.x.get_or_insert_default().push(x);
-    }
-}
-
 /// What the sensors read, predicted or measured: one value per drive sample, shape point or depth.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channels {
@@ -260,6 +253,7 @@ fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Ch
         motions[plane].force_n.iter().map(|force_n| force_n + added_n).collect::<Vec<_>>()
     });
     channels.force_n = Series { y: force_y, x: Some(force_x) };
+    let [mut shape_y_m, mut shape_x_m] = [0, 1].map(|_| Vec::with_capacity(lateral.shape.len()));
     let mut weights = [Vec::new(), Vec::new()];
     let mut weighed_at_m = f64::NAN;
     for point in &lateral.shape {
@@ -281,8 +275,10 @@ fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Ch
             let moved_m: f64 = coefficients.zip(&weights[plane]).map(|(c, weight)| c * weight).sum();
             moved_m + rest.deflection_m(plane, seen.z_m)
         });
-        channels.shape_m.push(y_m, x_m);
+        shape_y_m.push(y_m);
+        shape_x_m.push(x_m);
     }
+    channels.shape_m = Series { y: shape_y_m, x: Some(shape_x_m) };
     let seen = Seen { time_s: &times_s, commanded_m: commanded_m.each_ref().map(Vec::as_slice) };
     channels.displacement_m = Series { y: commanded_m[0].clone(), x: Some(commanded_m[1].clone()) };
     model.observe(&seen, &mut channels);

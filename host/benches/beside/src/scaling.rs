@@ -76,7 +76,7 @@ pub fn measure(clock: &mut Clock, cache: &Path) -> Result<Vec<Growing>> {
     study.grow(
         "beam: layers",
         &[16, 32, 64, 128, 256],
-        (1.0, "a banded system, a piece per layer"),
+        (1.0, "two sweeps, a piece per layer"),
         |layers| {
             let upper = (1..layers).map(|i| Layer {
                 bottom_m: mechanics::DEPTH_M * i as f64 / layers as f64,
