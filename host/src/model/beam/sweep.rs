@@ -117,12 +117,10 @@ impl Link {
             [u[i], v[i], b * u[i] + c * v[i] + moment[i], third]
         });
         let [[to_u, to_u_by_v], [to_v, to_v_by_v]] = onward;
-        let (mut end_u, mut end_v) = ([0.0; LOADS], [0.0; LOADS]);
-        for i in 0..LOADS {
-            let (free_u, free_v) = (u[i] - loaded[0][i], v[i] - loaded[1][i]);
-            end_u[i] = to_u * free_u + to_u_by_v * free_v;
-            end_v[i] = to_v * free_u + to_v_by_v * free_v;
-        }
+        let free_u: PerLoad = std::array::from_fn(|i| u[i] - loaded[0][i]);
+        let free_v: PerLoad = std::array::from_fn(|i| v[i] - loaded[1][i]);
+        let end_u = std::array::from_fn(|i| to_u * free_u[i] + to_u_by_v * free_v[i]);
+        let end_v = std::array::from_fn(|i| to_v * free_u[i] + to_v_by_v * free_v[i]);
         (states, [end_u, end_v])
     }
 }
