@@ -114,6 +114,8 @@ pub fn online(clock: &mut Clock, seed: u64) -> Result<f64> {
 pub struct PredictionSize {
     /// Parts of the mixture.
     pub parts: usize,
+    /// Different candidates of modulus and gap among them.
+    pub candidates: usize,
     /// Unknowns of each.
     pub unknowns: usize,
     /// Depths at which the path is told.
@@ -161,8 +163,10 @@ pub fn prediction(clock: &mut Clock) -> Result<(f64, PredictionSize)> {
         live.push(0.07, black_box([2e-3, 0.0]));
         live.belief().tip_m(&depths_m)
     })?;
+    let [parts, different] = learned.counts();
     let size = PredictionSize {
-        parts: learned.scales.len(),
+        parts,
+        candidates: different,
         unknowns: candidates.layout.unknowns(),
         depths: depths_m.len(),
     };

@@ -132,12 +132,13 @@ pub fn measure(
 
     let (seconds, size) = estimators::prediction(clock)?;
     let unknowns = size.unknowns as f64;
-    let flops = size.parts as f64
-        * (2.0 * unknowns * unknowns * (2.0 + size.depths as f64) + 4.0 * unknowns * size.depths as f64);
-    let limit = by_flops(machine, flops, "covariances of the path in all parts");
+    // Per part the update, its covariance into the sum, and the means; per candidate the variances.
+    let flops = size.parts as f64 * (6.0 * unknowns * unknowns + 2.0 * unknowns * size.depths as f64)
+        + size.candidates as f64 * 2.0 * unknowns * (unknowns + 1.0) * size.depths as f64;
+    let limit = by_flops(machine, flops, "update and means of every part, variances of every candidate");
     let own = Own { seconds, result: Vec::new() };
     let same = format!(
-        "size: {} parts, {} unknowns, {} depths; other numbers",
+        "size: {} parts, {} unknowns, {} depths; other numbers, and a covariance per part, ours sums those of one candidate",
         size.parts, size.unknowns, size.depths
     );
     table.row("prediction, one reading and the path anew", "predict", &size, (&own, 1.0), &same, limit)?;

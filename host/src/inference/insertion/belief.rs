@@ -19,7 +19,7 @@ pub struct Moments {
     pub sd: f64,
 }
 
-/// One candidate's normal distribution of the unknowns, as standard normal numbers were before.
+/// A normal distribution.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
     /// One column per right-hand side.
@@ -42,6 +42,11 @@ impl Normal {
         self.covariance.ger(-1.0 / total, &spread, &spread, 1.0);
         ln_likelihood
     }
+
+    /// The distribution of `map` times what this is the distribution of.
+    pub fn mapped(&self, map: &DMatrix<f64>) -> Self {
+        Self { mean: map * &self.mean, covariance: map * &self.covariance * map.transpose() }
+    }
 }
 
 /// Belief about one insertion.
@@ -50,26 +55,24 @@ pub struct Belief<'c> {
     candidates: &'c Candidates,
     /// Which recording's plan is followed.
     path: usize,
-    /// Possible sizes of the unknowns, with the map from standard normal numbers to unknowns.
-    scales: Vec<(Scales, DMatrix<f64>)>,
+    /// Possible sizes of the unknowns.
+    scales: Vec<Scales>,
     parts: Vec<Part>,
 }
 
 impl<'c> Belief<'c> {
     /// Before anything of recording `path` is seen.
     pub fn new(candidates: &'c Candidates, path: usize, learned: &Learned) -> Self {
-        let scales = learned.scales.iter().map(|scales| (*scales, scales.map(&candidates.layout))).collect();
-        Self { candidates, path, scales, parts: learned.parts.clone() }
+        Self { candidates, path, scales: learned.scales.clone(), parts: learned.parts.clone() }
     }
 
     /// Takes in the tip at one depth.
     pub fn update(&mut self, bin: &Bin) {
         for Part { candidate, scales, ln_weight, normal } in &mut self.parts {
             let basis = &self.candidates.bases[*candidate][self.path];
-            let (scales, map) = &self.scales[*scales];
-            let variance = scales.variance_m2(bin.rows, bin.moving);
+            let variance = self.scales[*scales].variance_m2(bin.rows, bin.moving);
             for (row, measured) in rows(basis, bin, self.candidates.layout.planes) {
-                *ln_weight += normal.update(&map.tr_mul(&row), &measured, variance);
+                *ln_weight += normal.update(&row, &measured, variance);
             }
         }
     }
@@ -77,6 +80,15 @@ impl<'c> Belief<'c> {
     /// Takes in a whole recording.
     pub fn update_all(&mut self, path: &TipPath) {
         path.bins.iter().for_each(|bin| self.update(bin));
+    }
+
+    /// Believes what `other` does, which began as this one did; nothing is allocated.
+    fn believe(&mut self, other: &Self) {
+        for (part, other) in self.parts.iter_mut().zip(&other.parts) {
+            part.ln_weight = other.ln_weight;
+            part.normal.mean.copy_from(&other.normal.mean);
+            part.normal.covariance.copy_from(&other.normal.covariance);
+        }
     }
 
     /// Whether any part explains what was taken in with a likelihood that is a number.
@@ -87,12 +99,18 @@ impl<'c> Belief<'c> {
     /// Tip position at each depth, per plane; the scatter of single depths about a smooth path is part of it, the noise of a reading
     /// is not. m.
     pub fn tip_m(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
-        self.moments(depths_m.len(), |basis, block| {
+        let rows = |basis: &Basis, block: usize| {
             let rows: Vec<_> =
                 depths_m.iter().map(|depth_m| basis.row(block, *depth_m, false).transpose()).collect();
             DMatrix::from_rows(&rows)
-        })
-        .of_tips(depths_m)
+        };
+        let by_guide2 = |basis: &Basis, plane: usize| {
+            DVector::from_iterator(
+                depths_m.len(),
+                depths_m.iter().map(|depth_m| basis.guide2_m(plane, *depth_m, false)),
+            )
+        };
+        self.moments(depths_m.len(), rows, by_guide2, |scales| scales.irregularity_m.powi(2))
     }
 
     /// Tip load at each depth in the needle's own frame, per plane, N.
@@ -102,7 +120,7 @@ impl<'c> Belief<'c> {
             DMatrix::from_rows(&depths_m.iter().map(at).collect::<Vec<_>>())
         };
         let rows: Vec<_> = (0..self.blocks()).map(rows).collect();
-        self.moments(depths_m.len(), |_, block| rows[block].clone()).of_unknowns()
+        self.of_unknowns(depths_m.len(), |block| rows[block].clone())
     }
 
     /// Angle of entry per plane, rad.
@@ -113,7 +131,7 @@ impl<'c> Belief<'c> {
             row[(0, 1 + block * layout.of_plane())] = 1.0;
             row
         };
-        self.moments(1, |_, block| angle(block)).of_unknowns().swap_remove(0)
+        self.of_unknowns(1, angle).swap_remove(0)
     }
 
     /// Factor on the modulus, and gap in m: means and standard deviations of their logarithms.
@@ -143,7 +161,7 @@ impl<'c> Belief<'c> {
 
     /// Mean of the logarithm of a size.
     pub fn typical(&self, size: impl Fn(&Scales) -> f64) -> f64 {
-        self.mixed(|part| size(&self.scales[part.scales].0).ln()).mean.exp()
+        self.mixed(|part| size(&self.scales[part.scales]).ln()).mean.exp()
     }
 
     /// Moments over the parts of what is certain in each.
@@ -174,82 +192,62 @@ impl<'c> Belief<'c> {
         if self.candidates.layout.coupled { 2 } else { 1 }
     }
 
-    /// Linear functions of the unknowns, `count` of them per block, in every part that counts.
-    fn moments(&self, count: usize, rows: impl Fn(&Basis, usize) -> DMatrix<f64>) -> Spread<'_, '_> {
-        let layout = &self.candidates.layout;
-        // Parts with the same candidate have the same rows.
-        let mut of_candidate: Vec<Vec<DMatrix<f64>>> = vec![Vec::new(); self.candidates.list.len()];
-        let parts = self.shares().into_iter().map(|(part, share)| {
-            let Part { candidate, scales, normal, .. } = &self.parts[part];
-            let known = &mut of_candidate[*candidate];
-            if known.is_empty() {
-                let basis = &self.candidates.bases[*candidate][self.path];
-                known.extend((0..self.blocks()).map(|block| rows(basis, block)));
-            }
-            let of_block = |rows: &DMatrix<f64>| {
-                let rows = rows * &self.scales[*scales].1;
-                let spread = &rows * &normal.covariance;
-                let variances = (0..count).map(|i| rows.row(i).dot(&spread.row(i))).collect::<Vec<f64>>();
-                (&rows * &normal.mean, variances)
-            };
-            let blocks: Vec<_> = known.iter().map(of_block).collect();
-            let planes = (0..layout.planes).map(|plane| {
-                let (means, variances) = &blocks[plane.min(blocks.len() - 1)];
-                let side = if layout.coupled { 0 } else { plane };
-                (0..count).map(|i| (means[(i, side)], variances[i])).collect()
-            });
-            OfPart { part, share, planes: planes.collect() }
-        });
-        Spread { belief: self, count, parts: parts.collect() }
+    /// Linear functions of the unknowns that are the same for all candidates.
+    fn of_unknowns(&self, count: usize, rows: impl Fn(usize) -> DMatrix<f64>) -> Vec<Vec<Moments>> {
+        self.moments(count, |_, block| rows(block), |_, _| DVector::zeros(count), |_| 0.0)
     }
-}
 
-/// Values and variances in every part that counts.
-struct Spread<'b, 'c> {
-    belief: &'b Belief<'c>,
-    count: usize,
-    parts: Vec<OfPart>,
-}
-
-/// Value and variance of every function in one part.
-struct OfPart {
-    /// Number among the parts of the belief.
-    part: usize,
-    share: f64,
-    /// Per plane, per function.
-    planes: Vec<Vec<(f64, f64)>>,
-}
-
-impl Spread<'_, '_> {
-    /// Moments over the parts, per function and plane; `beside` adds to value and variance.
-    fn mixed(&self, beside: impl Fn(&Part, usize, usize) -> (f64, f64)) -> Vec<Vec<Moments>> {
-        let of = |i: usize, plane: usize| {
-            let (mut mean, mut square) = (0.0, 0.0);
-            for OfPart { part, share, planes } in &self.parts {
-                let (value, variance) = planes[plane][i];
-                let (more, more_variance) = beside(&self.belief.parts[*part], plane, i);
-                mean += share * (value + more);
-                square += share * ((value + more).powi(2) + variance + more_variance);
+    /// Linear functions of the unknowns over the parts that count: `count` of them per block, with what `beside` adds to each of a
+    /// plane and the variance that is added to all. Moments per function and plane.
+    ///
+    /// Parts of one candidate have the same functions, so that the sum of their variances is the variance under the sum of their
+    /// covariances, each by its share: the costly product is done once for each candidate.
+    fn moments(
+        &self,
+        count: usize,
+        rows: impl Fn(&Basis, usize) -> DMatrix<f64>,
+        beside: impl Fn(&Basis, usize) -> DVector<f64>,
+        variance: impl Fn(&Scales) -> f64,
+    ) -> Vec<Vec<Moments>> {
+        let layout = &self.candidates.layout;
+        let mut shares = self.shares();
+        shares.sort_by_key(|(part, _)| self.parts[*part].candidate);
+        // Mean and mean square, per plane.
+        let mut sums = vec![[DVector::zeros(count), DVector::zeros(count)]; layout.planes];
+        let mut value = DVector::zeros(count);
+        let mut covariance = DMatrix::zeros(layout.unknowns(), layout.unknowns());
+        for same in shares.chunk_by(|(a, _), (b, _)| self.parts[*a].candidate == self.parts[*b].candidate) {
+            let candidate = same.first().map_or(0, |(part, _)| self.parts[*part].candidate);
+            let basis = &self.candidates.bases[candidate][self.path];
+            let rows: Vec<_> = (0..self.blocks()).map(|block| rows(basis, block)).collect();
+            let beside: Vec<_> = (0..layout.planes).map(|plane| beside(basis, plane)).collect();
+            covariance.fill(0.0);
+            let mut own = 0.0;
+            for (part, share) in same {
+                let Part { scales, normal, .. } = &self.parts[*part];
+                covariance.zip_apply(&normal.covariance, |sum, covariance| *sum += share * covariance);
+                own += share * variance(&self.scales[*scales]);
+                for (plane, [mean, square]) in sums.iter_mut().enumerate() {
+                    value.copy_from(&beside[plane]);
+                    let rows = &rows[plane.min(rows.len() - 1)];
+                    let side = if layout.coupled { 0 } else { plane };
+                    value.gemv(1.0, rows, &normal.mean.column(side), 1.0);
+                    mean.axpy(*share, &value, 1.0);
+                    square.zip_apply(&value, |square, value| *square += share * value * value);
+                }
             }
+            let variances: Vec<_> =
+                rows.iter().map(|rows| (rows * &covariance).component_mul(rows).column_sum()).collect();
+            for (plane, [_, square]) in sums.iter_mut().enumerate() {
+                let variances = &variances[plane.min(variances.len() - 1)];
+                square.zip_apply(variances, |square, variance| *square += variance + own);
+            }
+        }
+        let of = |i: usize, [mean, square]: &[DVector<f64>; 2]| {
+            let (mean, square) = (mean[i], square[i]);
             Moments { mean, sd: (square - mean * mean).max(0.0).sqrt() }
         };
-        let planes = self.belief.candidates.layout.planes;
-        (0..self.count).map(|i| (0..planes).map(|plane| of(i, plane)).collect()).collect()
-    }
-
-    /// Of unknowns.
-    fn of_unknowns(&self) -> Vec<Vec<Moments>> {
-        self.mixed(|_, _, _| (0.0, 0.0))
-    }
-
-    /// Of tips: what guide 2 does is added, and the irregularity.
-    fn of_tips(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
-        let Belief { candidates, scales, path, .. } = self.belief;
-        self.mixed(|part, plane, i| {
-            let basis = &candidates.bases[part.candidate][*path];
-            let irregularity_m = scales[part.scales].0.irregularity_m;
-            (basis.guide2_m(plane, depths_m[i], false), irregularity_m.powi(2))
-        })
+        (0..count).map(|i| sums.iter().map(|sums| of(i, sums)).collect()).collect()
     }
 }
 
@@ -268,46 +266,42 @@ pub(super) fn rows(basis: &Basis, bin: &Bin, planes: usize) -> Vec<(DVector<f64>
 /// Readings at one depth are gathered to one bin, as they are in a recording.
 #[derive(Debug, Clone)]
 pub struct Live<'c> {
+    /// Without the bin that readings still go to.
     settled: Belief<'c>,
-    /// The bin that readings still go to, and the belief with it.
-    open: Option<(Vec<[f64; 3]>, Belief<'c>)>,
+    /// With it.
+    now: Belief<'c>,
+    /// Depth, vertical and horizontal tip position of each of its readings, m.
+    open: Vec<[f64; 3]>,
 }
 
 impl<'c> Live<'c> {
     /// Follows an insertion.
     pub fn new(belief: Belief<'c>) -> Self {
-        Self { settled: belief, open: None }
+        Self { settled: belief.clone(), now: belief, open: Vec::new() }
     }
 
     /// Takes in one reading: depth, vertical and horizontal tip position, m.
     pub fn push(&mut self, depth_m: f64, tip_m: [f64; 2]) {
-        let same =
-            |readings: &[[f64; 3]]| readings.first().is_some_and(|first| (first[0] - depth_m).abs() < 0.5e-3);
-        let mut readings = match self.open.take() {
-            Some((readings, _)) if same(&readings) => readings,
-            Some((_, belief)) => {
-                self.settled = belief;
-                Vec::new()
-            }
-            None => Vec::new(),
-        };
-        readings.push([depth_m, tip_m[0], tip_m[1]]);
-        let column = |i: usize| readings.iter().map(|reading| reading[i]).collect::<Vec<_>>();
-        let mean_m = column(0).iter().sum::<f64>() / readings.len() as f64;
-        let bin = Bin {
+        if self.open.first().is_some_and(|first| (first[0] - depth_m).abs() < 0.5e-3) {
+            self.now.believe(&self.settled);
+        } else {
+            self.settled.believe(&self.now);
+            self.open.clear();
+        }
+        self.open.push([depth_m, tip_m[0], tip_m[1]]);
+        let column = |i: usize| self.open.iter().map(|reading| reading[i]).collect::<Vec<_>>();
+        let mean_m = column(0).iter().sum::<f64>() / self.open.len() as f64;
+        self.now.update(&Bin {
             depth_m: mean_m,
             tip_m: [super::path::median(column(1)), super::path::median(column(2))],
-            rows: readings.len() as f64,
+            rows: self.open.len() as f64,
             moving: false,
             leaving: false,
-        };
-        let mut belief = self.settled.clone();
-        belief.update(&bin);
-        self.open = Some((readings, belief));
+        });
     }
 
     /// What is believed now.
     pub fn belief(&self) -> &Belief<'c> {
-        self.open.as_ref().map_or(&self.settled, |(_, belief)| belief)
+        &self.now
     }
 }

@@ -26,6 +26,16 @@ pub struct Learned {
     pub(super) parts: Vec<Part>,
 }
 
+impl Learned {
+    /// How many combinations there are, and how many different candidates are among them: what a prediction costs.
+    pub fn counts(&self) -> [usize; 2] {
+        let mut candidates: Vec<_> = self.parts.iter().map(|part| part.candidate).collect();
+        candidates.sort_unstable();
+        candidates.dedup();
+        [self.parts.len(), candidates.len()]
+    }
+}
+
 /// One candidate with one set of sizes, and what then is believed of the next insertion.
 #[derive(Debug, Clone)]
 pub(super) struct Part {
@@ -35,7 +45,7 @@ pub(super) struct Part {
     pub scales: usize,
     /// Logarithm of its weight, up to a constant.
     pub ln_weight: f64,
-    /// In standard normal numbers of an insertion's own part.
+    /// Of the unknowns of an insertion.
     pub normal: Normal,
 }
 
@@ -88,7 +98,8 @@ pub fn learn(
         let used = if alone { &[][..] } else { &designs[candidate] };
         let Evidence { ln, next } = Evidence::new(layout, used, &scales);
         let ln_weight = candidates.list[candidate].ln_prior + ln_prior + ln - ln_drawn - shares[candidate].1;
-        learned.parts.push(Part { candidate, scales: learned.scales.len(), ln_weight, normal: next });
+        let normal = next.mapped(&scales.map(layout));
+        learned.parts.push(Part { candidate, scales: learned.scales.len(), ln_weight, normal });
         learned.scales.push(scales);
     }
     // What a part weighs before the insertion is seen says little where it was drawn to suit what is seen.
@@ -193,6 +204,7 @@ impl Design {
 /// Log evidence of a set of recordings, and what they say about the next one.
 struct Evidence {
     ln: f64,
+    /// In standard normal numbers of an insertion's own part.
     next: Normal,
 }
 

@@ -95,7 +95,7 @@ fn evidence_and_belief_are_those_of_one_dense_distribution() {
 
     let learned = Learned {
         scales: vec![scales],
-        parts: vec![Part { candidate: 0, scales: 0, ln_weight: 0.0, normal: next }],
+        parts: vec![Part { candidate: 0, scales: 0, ln_weight: 0.0, normal: next.mapped(&map) }],
     };
     let mut belief = Belief::new(&candidates, 2, &learned);
     paths[2].bins[..4].iter().for_each(|bin| belief.update(bin));
