@@ -231,6 +231,14 @@ impl Beam {
     pub fn deflection_m(&self, displacement_m: f64, z_m: f64) -> f64 {
         self.force_n(displacement_m) * self.guide2_force().deflection_m(z_m)
     }
+
+    /// Deflections at many places while guide 2 is held at `displacement_m`.
+    pub fn deflections_m(&self, displacement_m: f64, z_m: &[f64]) -> Vec<f64> {
+        let force_n = self.force_n(displacement_m);
+        let mut all_m = self.guide2_force().deflections_m(z_m);
+        all_m.iter_mut().for_each(|at_m| *at_m *= force_n);
+        all_m
+    }
 }
 
 /// The needle under one unit force: deflection, slope, moment and shear at any `z`.
@@ -252,6 +260,37 @@ impl<'a> Response<'a> {
         let at_m = series::value(&span.series[self.load], x);
         let straight_m = z_m - inside_m;
         if straight_m == 0.0 { at_m } else { at_m + straight_m * self.slope(inside_m) }
+    }
+
+    /// Deflections at many places, in m per N; as [`Response::deflection_m`] at each, but faster where neighbours lie in one layer.
+    pub fn deflections_m(&self, z_m: &[f64]) -> Vec<f64> {
+        let mut all_m = vec![0.0; z_m.len()];
+        let (mut rest_m, mut to_m) = (z_m, all_m.as_mut_slice());
+        while let Some(first_m) = rest_m.first() {
+            let (count, span) = self.stretch(rest_m);
+            let (these_m, later_m) = rest_m.split_at(count.max(1));
+            let (at_m, later_at_m) = to_m.split_at_mut(these_m.len());
+            match span {
+                Some(span) if count > 0 => {
+                    series::values(&span.series[self.load], span.start_m, span.per_m, these_m, at_m);
+                }
+                _ => at_m.fill(self.deflection_m(*first_m)),
+            }
+            (rest_m, to_m) = (later_m, later_at_m);
+        }
+        all_m
+    }
+
+    /// How many of these places, from the first one on, lie within the needle and in one span, and which.
+    fn stretch(&self, z_m: &[f64]) -> (usize, Option<&'a Span>) {
+        let spans = &self.beam.spans;
+        let Some(number) = z_m.first().and_then(|first_m| self.number(*first_m)) else { return (0, None) };
+        let start_m = spans.get(number).map_or(0.0, |span| span.start_m);
+        let within = |z_m: &&f64| match spans.get(number + 1) {
+            Some(next) => (start_m..next.start_m).contains(*z_m),
+            None => (start_m..=self.beam.length_m).contains(*z_m),
+        };
+        (z_m.iter().take_while(within).count(), spans.get(number))
     }
 
     /// Slope `u'`, in 1 per N.
@@ -278,16 +317,26 @@ impl<'a> Response<'a> {
     /// The span in which a place is, and where in it.
     #[inline]
     fn place(&self, z_m: f64) -> Option<(&'a Span, f64)> {
-        let spans = &self.beam.spans;
-        // In uniform tissue that is not deep it is the last one that is asked for.
-        let span = spans.last().filter(|last| last.start_m <= z_m).or_else(|| self.search(z_m))?;
+        let span = self.beam.spans.get(self.number(z_m)?)?;
         Some((span, (z_m - span.start_m) * span.per_m))
     }
 
-    #[inline(never)]
-    fn search(&self, z_m: f64) -> Option<&'a Span> {
+    /// Number of the span in which a place is; the first or last one beyond the ends.
+    #[inline]
+    fn number(&self, z_m: f64) -> Option<usize> {
         let spans = &self.beam.spans;
-        spans.get(spans.partition_point(|span| span.start_m <= z_m).saturating_sub(1))
+        // In uniform tissue that is not deep it is the last one that is asked for.
+        match spans.last() {
+            Some(last) if last.start_m <= z_m => Some(spans.len() - 1),
+            _ => self.search(z_m),
+        }
+    }
+
+    #[inline(never)]
+    fn search(&self, z_m: f64) -> Option<usize> {
+        let spans = &self.beam.spans;
+        let after = spans.partition_point(|span| span.start_m <= z_m);
+        (!spans.is_empty()).then(|| after.saturating_sub(1))
     }
 }
 

@@ -344,6 +344,29 @@ proptest! {
     }
 
     /// Without tissue it is a cantilever: u(c2) = c2^3 / 3 EI, and straight beyond guide 2.
+    /// Many places at once, in any order, on both ends of every layer and beyond the needle: one by one they are the same.
+    #[test]
+    fn many_places_at_once_are_each_of_them(
+        problem in any_problem(),
+        shares in proptest::collection::vec(-0.3..1.3f64, 0..60),
+        sorted in any::<bool>(),
+    ) {
+        let beam = problem.solve().expect("solves");
+        let edges_m = beam.spans.iter().map(|span| span.start_m).chain([beam.length_m(), f64::NAN]);
+        let mut places_m: Vec<f64> = shares.iter().map(|share| share * beam.length_m()).chain(edges_m).collect();
+        if sorted {
+            places_m.sort_by(f64::total_cmp);
+        }
+        for response in [beam.guide2_force(), beam.tip_force()] {
+            let all_m = response.deflections_m(&places_m);
+            prop_assert_eq!(all_m.len(), places_m.len());
+            for (z_m, at_m) in places_m.iter().zip(all_m) {
+                let alone_m = response.deflection_m(*z_m);
+                prop_assert!(at_m == alone_m || (at_m.is_nan() && alone_m.is_nan()), "{at_m} is not {alone_m} at {z_m}");
+            }
+        }
+    }
+
     #[test]
     fn no_tissue_is_a_cantilever(guide2 in 0.01..0.1, gap in 0.0..0.05, depth in 0.0..0.2, log_k in -14.0..-9.0f64) {
         for k in [0.0, 10f64.powf(log_k)] {

@@ -101,18 +101,23 @@ impl Response {
         motion
     }
 
-    /// Weight of every coefficient in the deflection at `z_m`.
-    pub fn shape_at(&self, z_m: f64, weights: &mut Vec<f64>) {
-        weights.clear();
-        match &self.relaxing {
-            Some(relaxing) => weights.extend(relaxing.beams.iter().map(|beam| beam.deflection_m(1.0, z_m))),
-            None => weights.push(self.beam.guide2_force().deflection_m(z_m)),
-        }
+    /// Weight of every coefficient in the deflection at each of these places.
+    pub fn shape_at(&self, z_m: &[f64]) -> Vec<Vec<f64>> {
+        let mut weights = match &self.relaxing {
+            Some(relaxing) => relaxing.beams.iter().map(|beam| beam.deflections_m(1.0, z_m)).collect(),
+            None => vec![self.beam.guide2_force().deflections_m(z_m)],
+        };
         if let Some(stiffening) = &self.stiffening {
-            let linear = stiffening.linear.deflection_m(z_m) / stiffening.nodes_m[0];
-            let shapes = stiffening.shapes.iter().zip(stiffening.nodes_m);
-            weights.extend(shapes.map(|(shape, node_m)| shape.deflection_m(z_m) / node_m - linear));
+            let linear: Vec<f64> =
+                z_m.iter().map(|z_m| stiffening.linear.deflection_m(*z_m) / stiffening.nodes_m[0]).collect();
+            weights.extend(stiffening.shapes.iter().zip(stiffening.nodes_m).map(|(shape, node_m)| {
+                z_m.iter()
+                    .zip(&linear)
+                    .map(|(z_m, linear)| shape.deflection_m(*z_m) / node_m - linear)
+                    .collect()
+            }));
         }
+        weights
     }
 }
 

@@ -253,27 +253,27 @@ fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Ch
         motions[plane].force_n.iter().map(|force_n| force_n + added_n).collect::<Vec<_>>()
     });
     channels.force_n = Series { y: force_y, x: Some(force_x) };
-    let [mut shape_y_m, mut shape_x_m] = [0, 1].map(|_| Vec::with_capacity(lateral.shape.len()));
-    let mut weights = [Vec::new(), Vec::new()];
-    let mut weighed_at_m = f64::NAN;
-    for point in &lateral.shape {
+    // Where the points are, as they are seen: a place once as long as it stays, and its number for each point.
+    let mut places_m: Vec<f64> = Vec::with_capacity(lateral.shape.len());
+    let place = |point: &ShapePoint| {
         let mut seen = *point;
         model.effects.iter().for_each(|(effect, values)| effect.look(values, &mut seen));
-        let (between, share) = place_in(&times_s, point.time_s)?;
-        if seen.z_m != weighed_at_m {
-            let [of_y, of_x] = &mut weights;
-            first.shape_at(seen.z_m, of_y);
-            if alike {
-                of_x.clone_from(of_y);
-            } else {
-                second.shape_at(seen.z_m, of_x);
-            }
-            weighed_at_m = seen.z_m;
+        if places_m.last() != Some(&seen.z_m) {
+            places_m.push(seen.z_m);
         }
+        places_m.len() - 1
+    };
+    let places: Vec<usize> = lateral.shape.iter().map(place).collect();
+    let of_y = first.shape_at(&places_m);
+    let of_x = if alike { None } else { Some(second.shape_at(&places_m)) };
+    let weights = [&of_y, of_x.as_ref().unwrap_or(&of_y)];
+    let [mut shape_y_m, mut shape_x_m] = [0, 1].map(|_| Vec::with_capacity(lateral.shape.len()));
+    for (point, place) in lateral.shape.iter().zip(places) {
+        let (between, share) = place_in(&times_s, point.time_s)?;
         let [y_m, x_m] = [0, 1].map(|plane| {
             let coefficients = motions[plane].between(between, share);
-            let moved_m: f64 = coefficients.zip(&weights[plane]).map(|(c, weight)| c * weight).sum();
-            moved_m + rest.deflection_m(plane, seen.z_m)
+            let moved_m: f64 = coefficients.zip(weights[plane]).map(|(c, weight)| c * weight[place]).sum();
+            moved_m + rest.deflection_m(plane, places_m[place])
         });
         shape_y_m.push(y_m);
         shape_x_m.push(x_m);

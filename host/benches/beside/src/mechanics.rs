@@ -45,8 +45,8 @@ pub fn beam(clock: &mut Clock) -> Result<Own> {
     Own::of(clock, "beam solve", || {
         let beam = Beam::solve(black_box(&rig), &foundation, DEPTH_M).expect("solves");
         let response = beam.guide2_force();
-        let all = [rig.guide2_m].into_iter().chain(places(SAMPLES));
-        all.map(|z_m| response.deflection_m(z_m)).collect()
+        let all: Vec<f64> = [rig.guide2_m].into_iter().chain(places(SAMPLES)).collect();
+        response.deflections_m(&all)
     })
 }
 

@@ -3,6 +3,8 @@
 //! `sum b_n x^n` with `b_(n+4) = -(t b_n / ((n+1)(n+2)(n+3)(n+4)) + a b_(n+2) / ((n+3)(n+4)))`. The magnitude of the roots of
 //! `r^4 + a r^2 + t` is at most the fourth root of `s = (|a| + sqrt(t))^2`, so that `b_n` is at most `s^(n/4) / n!` of the start.
 
+use pulp::{Arch, Simd, WithSimd};
+
 /// Terms are counted in groups of four; so many suffice for pieces up to the characteristic length, where `s` is at most 9.
 pub(super) const GROUPS: usize = 6;
 const TERMS: usize = 4 * GROUPS;
@@ -68,8 +70,45 @@ impl Equation {
     }
 }
 
+/// Values of a series at places that lie in its piece, several at once where the processor can: the same numbers on all of them, as
+/// nothing is summed in another order.
+pub(super) fn values(series: &Series, start_m: f64, per_m: f64, z_m: &[f64], values: &mut [f64]) {
+    let Some(([[a, b], [c, d]], rest)) = series.split_first_chunk() else { return };
+    if rest.as_flattened().iter().all(|term| *term == 0.0) {
+        // In the open it is a cubic.
+        for (at, z_m) in values.iter_mut().zip(z_m) {
+            let x = (z_m - start_m) * per_m;
+            let square = x * x;
+            *at = a + c * square + x * (b + d * square);
+        }
+        return;
+    }
+    Arch::new().dispatch(Values { series, start_m, per_m, z_m, values });
+}
+
+/// What [`values`] is asked.
+struct Values<'a> {
+    series: &'a Series,
+    start_m: f64,
+    per_m: f64,
+    z_m: &'a [f64],
+    values: &'a mut [f64],
+}
+
+impl WithSimd for Values<'_> {
+    type Output = ();
+
+    // Into the function that is compiled for wide registers.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (at, z_m) in self.values.iter_mut().zip(self.z_m) {
+            *at = value(self.series, (z_m - self.start_m) * self.per_m);
+        }
+    }
+}
+
 /// Value of a series at x. All terms, of which the last may be zeros: short chains without a branch take less time than few terms.
-#[inline]
+#[inline(always)]
 pub(super) fn value(series: &Series, x: f64) -> f64 {
     let square = x * x;
     let fourth = square * square;
