@@ -116,6 +116,10 @@ fn steering(args: &Args) -> Result<()> {
     for cell in &cells {
         let share =
             |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.0} %", 100.0 * share));
+        let held = match cell.coverage {
+            [None, None] => "-".to_owned(),
+            [stiffness, damping] => format!("{}, {}", share(stiffness), share(damping)),
+        };
         let error = |i: usize| {
             let told = if cell.told[i] < 1.0 {
                 format!(" (told in {:.0} %)", 100.0 * cell.told[i])
@@ -129,7 +133,7 @@ fn steering(args: &Args) -> Result<()> {
             }
         };
         println!(
-            "| {} | {} | {} | {} of {} | {:.0} | {:.2} | {:.2} | {} | {} | {}, {} |",
+            "| {} | {} | {} | {} of {} | {:.0} | {:.2} | {:.2} | {} | {} | {held} |",
             cell.method,
             cell.motion.name,
             cell.tip_sd_mm,
@@ -140,8 +144,6 @@ fn steering(args: &Args) -> Result<()> {
             cell.tip_mm[1],
             error(0),
             error(1),
-            share(cell.coverage[0]),
-            share(cell.coverage[1]),
         );
     }
     println!(
