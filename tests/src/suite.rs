@@ -152,6 +152,7 @@ fn conformance_line(line: &str) -> Option<Counts> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
 
     #[test]
     fn counts_are_read_from_the_lines_of_both_runners() {
@@ -160,5 +161,31 @@ mod tests {
         assert_eq!(result_line("test a::b ... ok"), None);
         assert_eq!(conformance_line("42 passed, 1 failed"), Some(Counts { passed: 42, failed: 1 }));
         assert_eq!(conformance_line("done"), None);
+    }
+
+    /// Packages with the features that they are built with.
+    fn built(arguments: &[&str]) -> BTreeSet<String> {
+        let tree = images::cargo()
+            .args(["tree", "--offline", "--quiet", "--prefix", "none", "--format", "{p} [{f}]"])
+            .args(arguments)
+            .output()
+            .expect("cargo runs");
+        assert!(tree.status.success(), "{}", String::from_utf8_lossy(&tree.stderr));
+        let text = String::from_utf8(tree.stdout).expect("text");
+        // Behind a package there may be a star for one whose own dependencies were listed before, and whether it is a macro.
+        text.lines().map(|line| line.replace(" (*)", "").replace(" (proc-macro)", "")).collect()
+    }
+
+    /// What xtask is built with would be built a second time for the tests if these asked for other features: minutes.
+    #[test]
+    fn xtask_and_the_tests_share_one_build() {
+        let of_tests = built(&["--workspace", "--edges", "normal,build,dev"]);
+        let of_xtask = built(&["--package", "tests", "--edges", "normal,build"]);
+        assert!(of_xtask.len() > 100);
+        let twice: Vec<_> = of_xtask.difference(&of_tests).collect();
+        assert!(
+            twice.is_empty(),
+            "with other features in the tests: {twice:?}; ask for them in tests/Cargo.toml"
+        );
     }
 }
