@@ -24,6 +24,9 @@ pub enum Image {
 }
 
 impl Image {
+    /// All of them, those first that most tests need.
+    pub const ALL: [Self; 5] = [Self::Qemu, Self::Conformance, Self::Tracking, Self::Timing, Self::Flash];
+
     const fn binary(self) -> &'static str {
         match self {
             Self::Flash | Self::Qemu => "firmware",

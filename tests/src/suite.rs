@@ -55,7 +55,10 @@ impl Counts {
 /// Where a test failed or something could not be built.
 pub fn run() -> Result<()> {
     setup::ensure_all()?;
+    // Meanwhile, on cores that wait for the last crate of the tests. What goes wrong is said where the image is used.
+    let images = std::thread::spawn(|| Image::ALL.map(images::build));
     let mut counts = host()?;
+    drop(images.join());
     println!("\n     Running the protocol's tests on the target, in QEMU");
     match conformance() {
         Ok(found) => counts += found,

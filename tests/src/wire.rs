@@ -190,8 +190,8 @@ fn to_device(shared: &Shared, device: BorrowedFd<'_>, host: BorrowedFd<'_>, seed
         owed -= owed.floor();
         random.fill_bytes(&mut nonsense);
         if !nonsense.is_empty() && !shared.is_cut() {
-            let taken = rustix::io::write(device, &nonsense).unwrap_or_default();
-            shared.lane(Direction::ToDevice).counters.babbled += taken as u64;
+            let mut lane = shared.lane(Direction::ToDevice);
+            lane.counters.babbled += rustix::io::write(device, &nonsense).unwrap_or_default() as u64;
         }
     }
 }
@@ -222,15 +222,15 @@ fn carry(
     let mut left = &*bytes;
     while !left.is_empty() && !shared.is_cut() && !shared.stops() {
         if wait(to, PollFlags::OUT, patience) {
-            left = &left[rustix::io::write(to, left).unwrap_or_default()..];
+            // Held while they are written: whoever has read them finds them counted.
+            let mut lane = shared.lane(direction);
+            let taken = rustix::io::write(to, left).unwrap_or_default();
+            left = &left[taken..];
+            lane.counters.bytes += taken as u64;
+            lane.counters.flipped_bits += if left.is_empty() { flipped } else { 0 };
         }
     }
-    let mut lane = shared.lane(direction);
-    lane.counters.bytes += (bytes.len() - left.len()) as u64;
-    lane.counters.dropped += left.len() as u64;
-    if left.is_empty() {
-        lane.counters.flipped_bits += flipped;
-    }
+    shared.lane(direction).counters.dropped += left.len() as u64;
 }
 
 /// Which bits flip: each with the same probability, independent of all others. The distance to the next one is drawn
