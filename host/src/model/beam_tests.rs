@@ -343,7 +343,6 @@ proptest! {
         prop_assert!((there - back).abs() < 1e-10 * scale, "{there} {back}");
     }
 
-    /// Without tissue it is a cantilever: u(c2) = c2^3 / 3 EI, and straight beyond guide 2.
     /// Many places at once, in any order, on both ends of every layer and beyond the needle: one by one they are the same.
     #[test]
     fn many_places_at_once_are_each_of_them(
@@ -367,6 +366,7 @@ proptest! {
         }
     }
 
+    /// Without tissue it is a cantilever: u(c2) = c2^3 / 3 EI, and straight beyond guide 2.
     #[test]
     fn no_tissue_is_a_cantilever(guide2 in 0.01..0.1, gap in 0.0..0.05, depth in 0.0..0.2, log_k in -14.0..-9.0f64) {
         for k in [0.0, 10f64.powf(log_k)] {
