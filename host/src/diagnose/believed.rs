@@ -220,12 +220,22 @@ struct Seen<'a> {
 }
 
 impl Block for Seen<'_> {
+    /// There are no nuisances: the residuals themselves.
+    type Ready<'a>
+        = Vec<f64>
+    where
+        Self: 'a;
+
     fn nuisances(&self) -> Vec<Parameter> {
         Vec::new()
     }
 
-    fn residuals(&self, shared: &[f64], _: &[f64]) -> Result<Vec<f64>, ModelError> {
+    fn ready(&self, shared: &[f64]) -> Result<Vec<f64>, ModelError> {
         self.prepared.residuals(self.layout, shared)
+    }
+
+    fn residuals(&self, ready: &Vec<f64>, _: &[f64]) -> Result<Vec<f64>, ModelError> {
+        Ok(ready.clone())
     }
 }
 

@@ -65,7 +65,8 @@ pub(super) fn start(data: &LateralData) -> Parameter {
     let chi_square = |ln_k: f64| {
         let mut shared = vec![ln_k];
         shared.extend(&neutral);
-        let residuals = data.residuals(&shared, &nuisances).unwrap_or_else(|_| vec![f64::INFINITY]);
+        let residuals = data.ready(&shared).and_then(|ready| data.residuals(&ready, &nuisances));
+        let residuals = residuals.unwrap_or_else(|_| vec![f64::INFINITY]);
         residuals.iter().map(|r| r * r).sum::<f64>()
     };
     let grid = (1..28).map(|i| parameter.least + (parameter.most - parameter.least) * f64::from(i) / 28.0);

@@ -48,14 +48,25 @@ impl Parameter {
 
 /// One run's data.
 pub trait Block {
+    /// The model at values of the shared parameters, for any nuisances.
+    type Ready<'a>
+    where
+        Self: 'a;
+
     /// Its nuisances.
     fn nuisances(&self) -> Vec<Parameter>;
+
+    /// What does not depend on the nuisances, done once for all of them.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    fn ready(&self, shared: &[f64]) -> Result<Self::Ready<'_>, ModelError>;
 
     /// `(measured - predicted) / sigma` of everything measured, always in the same order and number.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    fn residuals(&self, shared: &[f64], nuisances: &[f64]) -> Result<Vec<f64>, ModelError>;
+    fn residuals(&self, ready: &Self::Ready<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError>;
 }
 
 /// The best parameters and what is known about them.
@@ -102,53 +113,48 @@ const MAX_STEPS: usize = 200;
 /// [`FitError`]: nothing is returned that is not a minimum.
 pub fn fit<B: Block>(shared: &[Parameter], blocks: &[B]) -> Result<Fit, FitError> {
     let parameters: Vec<Vec<Parameter>> = blocks.iter().map(Block::nuisances).collect();
-    let mut point = Point {
+    let start = Point {
         shared: shared.iter().map(|p| p.start.clamp(p.least, p.most)).collect(),
         nuisances: parameters.iter().map(|of| of.iter().map(|p| p.start).collect()).collect(),
     };
-    let mut residuals = point.residuals(blocks)?;
-    let mut chi_square = sum_of_squares(&residuals) + point.prior_squares(shared);
+    let mut best = Tried::at(start, shared, blocks)?;
     let mut damping = 1e-4;
     for _ in 0..MAX_STEPS {
-        let normal = Normal::at(&point, &residuals, shared, &parameters, blocks)?;
-        let (mut moved, mut settled) = (false, false);
-        while !moved && damping < 1e12 {
-            let Some(step) = normal.step(damping, &point.shared, shared) else {
+        let normal = Normal::at(&best, shared, &parameters, blocks)?;
+        loop {
+            if damping >= 1e12 {
+                return Err(FitError::NotConverged);
+            }
+            let Some(step) = normal.step(damping, &best.point.shared, shared) else {
                 damping *= 10.0;
                 continue;
             };
-            let next = point.moved(&step, shared);
-            let tried = next.residuals(blocks);
-            let value = tried
-                .as_ref()
-                .map_or(f64::INFINITY, |residuals| sum_of_squares(residuals) + next.prior_squares(shared));
-            // A drop far below the unit of chi-square is no progress any more.
-            settled = (chi_square - value).abs() <= 1e-8 * (1.0 + 1e-4 * chi_square);
-            if let (true, Ok(tried)) = (value <= chi_square || settled, tried) {
-                (point, residuals, chi_square, moved) = (next, tried, value.min(chi_square), true);
-                damping = (damping * 0.1).max(1e-12);
-            } else if step.is_negligible(shared, &parameters) {
+            let next = Tried::at(best.point.moved(&step, shared), shared, blocks);
+            let drop = next.as_ref().map_or(f64::NEG_INFINITY, |next| best.chi_square - next.chi_square);
+            // A drop far below the unit of chi-square is no progress any more. So little changes no derivative: the equations of the
+            // point before are those of this one.
+            let settled = drop.abs() <= 1e-8 * (1.0 + 1e-4 * best.chi_square);
+            match next {
+                Ok(next) if settled => return finish(next, normal, shared, &parameters),
+                Ok(next) if drop >= 0.0 => {
+                    best = next;
+                    damping = (damping * 0.1).max(1e-12);
+                    break;
+                }
                 // Below the steps of the derivatives the residuals need not be smooth.
-                return finish(point, residuals, normal, shared, &parameters);
-            } else {
-                damping *= 10.0;
+                _ if step.is_negligible(shared, &parameters) => {
+                    return finish(best, normal, shared, &parameters);
+                }
+                _ => damping *= 10.0,
             }
-        }
-        if settled || !moved {
-            if !moved {
-                return Err(FitError::NotConverged);
-            }
-            let normal = Normal::at(&point, &residuals, shared, &parameters, blocks)?;
-            return finish(point, residuals, normal, shared, &parameters);
         }
     }
     Err(FitError::NotConverged)
 }
 
-/// The fit at a point, given its residuals and normal equations.
-fn finish(
-    point: Point,
-    residuals: Vec<Vec<f64>>,
+/// The fit at a point, given its normal equations.
+fn finish<B: Block>(
+    Tried { point, residuals, chi_square, .. }: Tried<'_, B>,
     normal: Normal,
     shared: &[Parameter],
     parameters: &[Vec<Parameter>],
@@ -164,16 +170,12 @@ fn finish(
     Ok(Fit {
         at_bound: at_bound.collect(),
         covariance,
-        chi_square: sum_of_squares(&residuals) + point.prior_squares(shared),
+        chi_square,
         degrees_of_freedom: count.saturating_sub(unknowns),
         shared: point.shared,
         nuisances: point.nuisances,
         residuals,
     })
-}
-
-fn sum_of_squares(residuals: &[Vec<f64>]) -> f64 {
-    residuals.iter().flatten().map(|r| r * r).sum()
 }
 
 /// Values of all parameters.
@@ -184,12 +186,6 @@ struct Point {
 }
 
 impl Point {
-    fn residuals<B: Block>(&self, blocks: &[B]) -> Result<Vec<Vec<f64>>, FitError> {
-        let of_block =
-            |(block, nuisances): (&B, &Vec<f64>)| finite(block.residuals(&self.shared, nuisances)?);
-        blocks.iter().zip(&self.nuisances).map(of_block).collect()
-    }
-
     fn prior_squares(&self, shared: &[Parameter]) -> f64 {
         let squared =
             |(value, p): (&f64, &Parameter)| p.prior.map_or(0.0, |prior| prior.residual(*value).powi(2));
@@ -208,8 +204,36 @@ impl Point {
     }
 }
 
+/// A point and how well the data are met there.
+struct Tried<'a, B: Block + 'a> {
+    point: Point,
+    /// The model of each block at the shared parameters.
+    ready: Vec<B::Ready<'a>>,
+    residuals: Vec<Vec<f64>>,
+    chi_square: f64,
+}
+
+impl<'a, B: Block> Tried<'a, B> {
+    fn at(point: Point, shared: &[Parameter], blocks: &'a [B]) -> Result<Self, FitError> {
+        let ready: Vec<_> =
+            blocks.iter().map(|block| block.ready(&point.shared)).collect::<Result<_, _>>()?;
+        let of_blocks = blocks.iter().zip(&ready).zip(&point.nuisances);
+        let residuals = of_blocks
+            .map(|((block, ready), nuisances)| finite(block.residuals(ready, nuisances)?))
+            .collect::<Result<Vec<_>, _>>()?;
+        let squares: f64 = residuals.iter().flatten().map(|r| r * r).sum();
+        let chi_square = squares + point.prior_squares(shared);
+        Ok(Self { point, ready, residuals, chi_square })
+    }
+}
+
 fn finite(residuals: Vec<f64>) -> Result<Vec<f64>, FitError> {
-    if residuals.iter().all(|r| r.is_finite()) { Ok(residuals) } else { Err(FitError::NotFinite) }
+    // Without a way out of the loop several are looked at at once.
+    if residuals.iter().fold(true, |all, r| all & r.is_finite()) {
+        Ok(residuals)
+    } else {
+        Err(FitError::NotFinite)
+    }
 }
 
 /// A step of all parameters.
@@ -247,8 +271,7 @@ struct Normal {
 
 impl Normal {
     fn at<B: Block>(
-        point: &Point,
-        residuals: &[Vec<f64>],
+        Tried { point, ready, residuals, .. }: &Tried<'_, B>,
         shared: &[Parameter],
         parameters: &[Vec<Parameter>],
         blocks: &[B],
@@ -264,18 +287,17 @@ impl Normal {
                 normal.shared_gradient[i] += prior.residual(*value) / prior.sd;
             }
         }
-        for (((block, nuisances), of_block), residuals) in
-            blocks.iter().zip(&point.nuisances).zip(parameters).zip(residuals)
-        {
+        let of_blocks = blocks.iter().zip(ready).zip(&point.nuisances).zip(parameters).zip(residuals);
+        for ((((block, ready), nuisances), of_block), residuals) in of_blocks {
             // Minus the derivative of the residuals, one column per parameter.
-            let by_shared =
-                columns(residuals.len(), &point.shared, shared, |values| block.residuals(values, nuisances))?;
-            let by_own = columns(residuals.len(), nuisances, of_block, |values| {
-                block.residuals(&point.shared, values)
+            let by_shared = columns(residuals.len(), &point.shared, shared, |values| {
+                block.residuals(&block.ready(values)?, nuisances)
             })?;
+            let by_own =
+                columns(residuals.len(), nuisances, of_block, |values| block.residuals(ready, values))?;
             let residuals = DVector::from_column_slice(residuals);
-            normal.shared += by_shared.tr_mul(&by_shared);
-            normal.shared_gradient += by_shared.tr_mul(&residuals);
+            normal.shared.gemm_tr(1.0, &by_shared, &by_shared, 1.0);
+            normal.shared_gradient.gemv_tr(1.0, &by_shared, &residuals, 1.0);
             normal.blocks.push(BlockNormal {
                 own: by_own.tr_mul(&by_own),
                 cross: by_own.tr_mul(&by_shared),
@@ -294,13 +316,17 @@ impl Normal {
         for block in &self.blocks {
             let own = damped(&block.own, damping).cholesky()?;
             let (cross, own_gradient) = (own.solve(&block.cross), own.solve(&block.own_gradient));
-            reduced -= block.cross.tr_mul(&cross);
-            gradient -= block.cross.tr_mul(&own_gradient);
+            reduced.gemm_tr(-1.0, &block.cross, &cross, 1.0);
+            gradient.gemv_tr(-1.0, &block.cross, &own_gradient, 1.0);
             solved.push((cross, own_gradient));
         }
         let room = values.iter().zip(parameters).map(|(value, p)| [p.least - value, p.most - value]);
         let shared = bounded_step(reduced, gradient, &room.collect::<Vec<_>>())?;
-        let nuisances = solved.into_iter().map(|(cross, own)| own - cross * &shared).collect();
+        let of_block = |(cross, mut own): (DMatrix<f64>, DVector<f64>)| {
+            own.gemv(-1.0, &cross, &shared, 1.0);
+            own
+        };
+        let nuisances = solved.into_iter().map(of_block).collect();
         Some(Step { shared, nuisances })
     }
 
@@ -348,7 +374,7 @@ fn columns(
     parameters: &[Parameter],
     residuals: impl Fn(&[f64]) -> Result<Vec<f64>, ModelError>,
 ) -> Result<DMatrix<f64>, FitError> {
-    let mut jacobian = DMatrix::zeros(rows, values.len());
+    let mut jacobian = Vec::with_capacity(rows * values.len());
     let mut shifted = values.to_vec();
     for (column, (value, parameter)) in values.iter().zip(parameters).enumerate() {
         let mut at = |value: f64| {
@@ -359,12 +385,12 @@ fn columns(
         let from = (value - parameter.step).max(parameter.least);
         let to = (value + parameter.step).min(parameter.most);
         let (below, above) = (at(from)?, at(to)?);
-        for (row, (below, above)) in below.iter().zip(&above).take(rows).enumerate() {
-            jacobian[(row, column)] = (below - above) / (to - from);
-        }
+        let per_unit = 1.0 / (to - from);
+        jacobian.extend(below.iter().zip(&above).take(rows).map(|(below, above)| (below - above) * per_unit));
+        jacobian.resize(rows * (column + 1), 0.0);
         shifted[column] = *value;
     }
-    Ok(jacobian)
+    Ok(DMatrix::from_vec(rows, values.len(), jacobian))
 }
 
 #[cfg(test)]

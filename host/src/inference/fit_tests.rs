@@ -6,12 +6,18 @@ use super::*;
 struct Decay(Vec<f64>);
 
 impl Block for Decay {
+    type Ready<'a> = f64;
+
     fn nuisances(&self) -> Vec<Parameter> {
         vec![Parameter::free(1.0, 1e-5)]
     }
 
-    fn residuals(&self, shared: &[f64], nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
-        let predicted = |t: usize| nuisances[0] * (-shared[0] * t as f64).exp();
+    fn ready(&self, shared: &[f64]) -> Result<f64, ModelError> {
+        Ok(shared[0])
+    }
+
+    fn residuals(&self, rate: &f64, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
+        let predicted = |t: usize| nuisances[0] * (-rate * t as f64).exp();
         Ok(self.0.iter().enumerate().map(|(t, y)| (y - predicted(t)) / 0.1).collect())
     }
 }
@@ -67,11 +73,15 @@ fn what_is_free_is_fitted_beside_what_is_at_its_bound() {
     /// Two measurements of `a` and one of `a + b`, all as 1, 1 and -3.
     struct Sum;
     impl Block for Sum {
+        type Ready<'a> = [f64; 2];
+
         fn nuisances(&self) -> Vec<Parameter> {
             Vec::new()
         }
-        fn residuals(&self, shared: &[f64], _: &[f64]) -> Result<Vec<f64>, ModelError> {
-            let (a, b) = (shared[0], shared[1]);
+        fn ready(&self, shared: &[f64]) -> Result<[f64; 2], ModelError> {
+            Ok([shared[0], shared[1]])
+        }
+        fn residuals(&self, [a, b]: &[f64; 2], _: &[f64]) -> Result<Vec<f64>, ModelError> {
             Ok(vec![1.0 - a, 1.0 - a, -3.0 - a - b])
         }
     }

@@ -7,13 +7,15 @@
 
 use super::{Block, Fit, Parameter, Prior};
 use crate::model::effects::{Effect, ParameterInfo};
-use crate::model::{
-    Channels, DriveSample, Experiment, Lateral, Model, ModelError, Rig, Series, ShapePoint, predict,
-};
+use crate::model::{DriveSample, Model, ModelError, Mounted, Rig, Series, ShapePoint, Sight};
+use std::borrow::Cow;
 
 mod course;
 
 pub use course::{Course, Fixed};
+
+/// A true displacement is not expected further beyond a measured one than this, standard deviations.
+const FAR_SD: f64 = 4.0;
 
 /// A measured value and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,8 +122,8 @@ impl LateralData {
         self.levels.iter().map(|level| level.shape.len()).sum()
     }
 
-    /// What the sensors should read for shared parameters and true displacements, level by level and plane by plane.
-    fn predicted(&self, shared: &[f64], displacements_m: &[f64]) -> Result<Channels, ModelError> {
+    /// Tissue and effects of these shared parameters.
+    fn model(&self, shared: &[f64]) -> Result<Model, ModelError> {
         let (ln_k, mut values) =
             shared.split_first().map_or((f64::NAN, shared), |(ln_k, rest)| (*ln_k, rest));
         let mut model = Model::uniform(self.rig.clone(), ln_k.exp())?;
@@ -133,22 +135,42 @@ impl LateralData {
             model.effects.push((*effect, own.to_vec()));
             values = rest;
         }
+        Ok(model)
+    }
+
+    /// How guide 2 moves through these true displacements of the levels.
+    fn drive(&self, displacements_m: &[f64]) -> Vec<DriveSample> {
         if let Some(fixed) = &self.fixed {
-            return fixed.predicted(&model, self, displacements_m);
+            return fixed.drive(self.planes, displacements_m);
         }
-        let time_s = |level: usize| level as f64;
-        let drive = displacements_m.chunks(self.planes).enumerate().map(|(level, of_level)| DriveSample {
-            time_s: time_s(level),
+        let of_levels = displacements_m.chunks(self.planes).enumerate();
+        let sample = |(level, of_level): (usize, &[f64])| DriveSample {
+            time_s: level as f64,
             y_m: of_level.first().copied().unwrap_or_default(),
             x_m: of_level.get(1).copied().unwrap_or_default(),
-        });
+        };
+        of_levels.map(sample).collect()
+    }
+
+    /// When and where the shape was seen.
+    fn shape(&self) -> Vec<ShapePoint> {
+        if let Some(fixed) = &self.fixed {
+            return fixed.shape(&self.levels);
+        }
         let mut shape = Vec::with_capacity(self.points());
         for (level, data) in self.levels.iter().enumerate() {
-            let time_s = time_s(level);
+            let time_s = level as f64;
             shape.extend(data.shape.iter().map(|point| ShapePoint { time_s, z_m: point.z_m }));
         }
-        let lateral = Lateral { depth_m: self.depth_m, drive: drive.collect(), shape };
-        predict(&model, &Experiment::Lateral(lateral))
+        shape
+    }
+
+    /// How far guide 2 may have been in each plane; true displacements are not far from the measured ones.
+    fn most_m(&self) -> [f64; 2] {
+        let measured = self.levels.iter().flat_map(|level| &level.displacement_m);
+        let farthest_m = measured.map(|m| m.value.abs() + FAR_SD * m.sd).fold(0.0, f64::max);
+        let rows_m = self.fixed.as_ref().map_or(0.0, Fixed::farthest_m);
+        [farthest_m.max(rows_m); 2]
     }
 }
 
@@ -158,16 +180,26 @@ fn of_plane(series: &Series, plane: usize) -> &[f64] {
 }
 
 impl Block for LateralData {
+    type Ready<'a> = Mounted<'a>;
+
     fn nuisances(&self) -> Vec<Parameter> {
         let offsets = (0..self.offsets()).map(|_| Parameter::free(0.0, 1e-3));
         let true_m = self.levels.iter().flat_map(|level| &level.displacement_m);
         offsets.chain(true_m.map(|measured| Parameter::free(measured.value, 1e-6))).collect()
     }
 
+    fn ready(&self, shared: &[f64]) -> Result<Mounted<'_>, ModelError> {
+        let sight = Sight { shape: &self.shape(), most_m: self.most_m(), planes: self.planes };
+        Mounted::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
+    }
+
     /// Plane by plane: displacements, forces, shape points.
-    fn residuals(&self, shared: &[f64], nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
+    fn residuals(&self, ready: &Mounted<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
         let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
-        let predicted = self.predicted(shared, displacements_m)?;
+        let mut predicted = ready.moved(&self.drive(displacements_m))?;
+        if let Some(fixed) = &self.fixed {
+            predicted = fixed.at_levels(predicted);
+        }
         let mut residuals = Vec::with_capacity(self.planes * (2 * self.levels.len() + self.points()));
         for plane in 0..self.planes {
             let offset_n = offsets_n.get(plane).copied().unwrap_or_default();
@@ -181,10 +213,15 @@ impl Block for LateralData {
             for (predicted, level) in forces.iter().zip(&self.levels).filter(|_| self.uses_force) {
                 residuals.push(against(predicted + offset_n, level.force_n.get(plane)));
             }
-            let points = self.levels.iter().flat_map(|level| &level.shape);
-            for (predicted, point) in of_plane(&predicted.shape_m, plane).iter().zip(points) {
-                let measured = point.deflection_m.get(plane).copied().unwrap_or(f64::NAN);
-                residuals.push((measured - predicted) / self.shape_sd_m);
+            let mut shape_m = of_plane(&predicted.shape_m, plane);
+            for level in &self.levels {
+                let (of_level_m, others_m) = shape_m.split_at(level.shape.len().min(shape_m.len()));
+                let off = |(predicted, point): (&f64, &ShapeDatum)| {
+                    let measured = if plane == 0 { point.deflection_m[0] } else { point.deflection_m[1] };
+                    (measured - predicted) / self.shape_sd_m
+                };
+                residuals.extend(of_level_m.iter().zip(&level.shape).map(off));
+                shape_m = others_m;
             }
         }
         Ok(residuals)

@@ -110,7 +110,7 @@ impl BeamProblem {
 
         let mut deflection_m = [0.0; LOADS];
         let mut slope = beyond.slope(self.clamp_compliance_rad_per_n_m * stiffness);
-        let mut spans = Vec::new();
+        let mut spans = Vec::with_capacity(pieces.len());
         spans.resize_with(pieces.len(), Span::default);
         for (piece, span) in pieces.iter().zip(&mut spans) {
             let per_m = 1.0 / piece.length_m;
@@ -264,7 +264,8 @@ impl<'a> Response<'a> {
 
     /// Deflections at many places, in m per N; as [`Response::deflection_m`] at each, but faster where neighbours lie in one layer.
     pub fn deflections_m(&self, z_m: &[f64]) -> Vec<f64> {
-        let mut all_m = vec![0.0; z_m.len()];
+        let mut all_m = Vec::with_capacity(z_m.len());
+        all_m.resize(z_m.len(), 0.0);
         let (mut rest_m, mut to_m) = (z_m, all_m.as_mut_slice());
         while let Some(first_m) = rest_m.first() {
             let (count, span) = self.stretch(rest_m);

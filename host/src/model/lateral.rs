@@ -16,6 +16,7 @@ use super::elements::{Deformed, Elements, Guide2, Reaction};
 use super::quadrature::integrate;
 use super::{Beam, BeamProblem, ModelError};
 use nalgebra::{DMatrix, DVector};
+use smallvec::SmallVec;
 
 /// Between the actuator and the needle, in both planes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -55,11 +56,15 @@ pub(super) struct Response {
     stiffening: Option<Stiffening>,
 }
 
+/// A number for every drive sample; the few of a run that is known by its holds are kept in place.
+pub(super) type Samples = SmallVec<[f64; 8]>;
+
 /// Force and coefficients of the shapes at every drive sample.
 #[derive(Debug)]
 pub(super) struct Motion {
     pub force_n: Vec<f64>,
-    coefficients: Vec<Vec<f64>>,
+    /// Coefficient by coefficient.
+    coefficients: Samples,
 }
 
 impl Response {
@@ -83,13 +88,13 @@ impl Response {
 
     /// Moves guide 2.
     pub fn moved(&self, times_s: &[f64], commanded_m: &[f64], drive: Drive) -> Motion {
-        let pressed_m: Vec<f64> = commanded_m.iter().map(|m| drive.beyond_clearance_m(*m)).collect();
+        let pressed_m: Samples = commanded_m.iter().map(|m| drive.beyond_clearance_m(*m)).collect();
         let mut motion = match &self.relaxing {
             Some(relaxing) => relaxing.moved(times_s, &pressed_m, drive.frame_compliance_m_per_n),
             None => {
                 let compliance = 1.0 / self.beam.lateral_stiffness_n_per_m() + drive.frame_compliance_m_per_n;
                 let force_n: Vec<f64> = pressed_m.iter().map(|m| m / compliance).collect();
-                Motion { coefficients: vec![force_n.clone()], force_n }
+                Motion { coefficients: Samples::from_slice(&force_n), force_n }
             }
         };
         if let Some(stiffening) = &self.stiffening {
@@ -101,21 +106,19 @@ impl Response {
         motion
     }
 
-    /// Weight of every coefficient in the deflection at each of these places.
-    pub fn shape_at(&self, z_m: &[f64]) -> Vec<Vec<f64>> {
+    /// Weight of every coefficient in the deflection at each of these places, coefficient by coefficient.
+    pub fn shape_at(&self, z_m: &[f64]) -> Vec<f64> {
         let mut weights = match &self.relaxing {
-            Some(relaxing) => relaxing.beams.iter().map(|beam| beam.deflections_m(1.0, z_m)).collect(),
-            None => vec![self.beam.guide2_force().deflections_m(z_m)],
+            Some(relaxing) => relaxing.beams.iter().flat_map(|beam| beam.deflections_m(1.0, z_m)).collect(),
+            None => self.beam.guide2_force().deflections_m(z_m),
         };
         if let Some(stiffening) = &self.stiffening {
             let linear: Vec<f64> =
                 z_m.iter().map(|z_m| stiffening.linear.deflection_m(*z_m) / stiffening.nodes_m[0]).collect();
-            weights.extend(stiffening.shapes.iter().zip(stiffening.nodes_m).map(|(shape, node_m)| {
-                z_m.iter()
-                    .zip(&linear)
-                    .map(|(z_m, linear)| shape.deflection_m(*z_m) / node_m - linear)
-                    .collect()
-            }));
+            for (shape, node_m) in stiffening.shapes.iter().zip(stiffening.nodes_m) {
+                let more = |(z_m, linear): (&f64, &f64)| shape.deflection_m(*z_m) / node_m - linear;
+                weights.extend(z_m.iter().zip(&linear).map(more));
+            }
         }
         weights
     }
@@ -124,7 +127,7 @@ impl Response {
 impl Motion {
     /// Coefficients at a share of the way between two drive samples.
     pub fn between(&self, [from, to]: [usize; 2], share: f64) -> impl Iterator<Item = f64> {
-        self.coefficients.iter().map(move |values| {
+        self.coefficients.chunks_exact(self.force_n.len().max(1)).map(move |values| {
             let (a, b) = (values[from], values[to]);
             if from == to { a } else { a + share * (b - a) }
         })
@@ -235,12 +238,14 @@ impl Relaxing {
         let rates: Vec<f64> =
             modes.eigenvalues.iter().map(|t| (1.0 - t).max(0.0) / self.relaxation_s).collect();
         let mut state = vec![0.0; count];
-        let shapes = self.beams.len();
-        let mut motion =
-            Motion { force_n: Vec::with_capacity(pressed_m.len()), coefficients: vec![Vec::new(); shapes] };
+        let samples = pressed_m.len();
+        let mut motion = Motion {
+            force_n: Vec::with_capacity(samples),
+            coefficients: SmallVec::from_elem(0.0, self.beams.len() * samples),
+        };
         let mut before: Option<(f64, f64)> = None;
         let mut step = Step::default();
-        for (time_s, pressed) in times_s.iter().zip(pressed_m) {
+        for (i, (time_s, pressed)) in times_s.iter().zip(pressed_m).enumerate() {
             if let Some((before_s, before_m)) = before {
                 step.prepare(time_s - before_s, &rates);
                 for (k, y) in state.iter_mut().enumerate() {
@@ -251,8 +256,8 @@ impl Relaxing {
             let remembered =
                 |row: &dyn Fn(usize) -> f64| state.iter().enumerate().map(|(k, y)| row(k) * y).sum::<f64>();
             motion.force_n.push(pressed / total - remembered(&|k| force_by_memory[k]));
-            for (j, values) in motion.coefficients.iter_mut().enumerate() {
-                values.push(direct[j] * pressed + remembered(&|k| by_memory[(j, k)]));
+            for (j, values) in motion.coefficients.chunks_exact_mut(samples).enumerate() {
+                values[i] = direct[j] * pressed + remembered(&|k| by_memory[(j, k)]);
             }
         }
         motion
@@ -345,8 +350,8 @@ impl Stiffening {
     ) {
         let more = self.stiffness_n_per_m();
         let extra_n = |m: f64| m * self.weights(m).iter().zip(more).map(|(w, k)| w * k).sum::<f64>();
-        let first = motion.coefficients.len();
-        motion.coefficients.resize(first + NODES, Vec::with_capacity(pressed_m.len()));
+        let (first, samples) = (motion.coefficients.len(), pressed_m.len());
+        motion.coefficients.resize(first + NODES * samples, 0.0);
         for (i, pressed) in pressed_m.iter().enumerate() {
             // The needle's own displacement where the frame gives: pressed = w + C (k w + extra(w)).
             let mut at_m = pressed / (1.0 + compliance_m_per_n * linear);
@@ -358,13 +363,11 @@ impl Stiffening {
             }
             let needed_m = pressed / (1.0 + compliance_m_per_n * linear) - at_m;
             motion.force_n[i] += extra_n(at_m) - linear * needed_m;
-            if let Some(values) = motion.coefficients.first_mut() {
-                // The part without stiffening was moved too far by what the frame gives more.
-                values[i] -= per_metre * needed_m;
-            }
-            let weights = self.weights(at_m);
-            for (values, weight) in motion.coefficients[first..].iter_mut().zip(weights) {
-                values.push(at_m * weight);
+            // The part without stiffening was moved too far by what the frame gives more.
+            motion.coefficients[i] -= per_metre * needed_m;
+            let of_nodes = motion.coefficients[first..].chunks_exact_mut(samples);
+            for (values, weight) in of_nodes.zip(self.weights(at_m)) {
+                values[i] = at_m * weight;
             }
         }
     }

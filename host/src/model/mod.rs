@@ -15,6 +15,7 @@ pub mod growth;
 pub mod insertion;
 mod lateral;
 pub mod modes;
+mod mounted;
 #[cfg(test)]
 pub(crate) mod peer;
 mod predict;
@@ -28,6 +29,7 @@ pub use cache::Cache;
 pub use foundation::{Foundation, Layer};
 pub use insertion::{BevelLoad, Cutting, Insertion, Profile, TipLaw};
 pub use lateral::Drive;
+pub use mounted::{Mounted, Sight};
 pub use predict::{
     Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Plane, Series, ShapePoint,
     predict, predict_with,

@@ -3,10 +3,10 @@
 use super::cache::Cache;
 use super::effects::{Effect, Seen};
 use super::insertion::{self, Insertion, TipLaw};
-use super::lateral::Drive;
-use super::rest::Rest;
+use super::mounted::{self, Mounted, Sight};
 use super::steering::{self, Dynamics, Steering};
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig};
+use std::borrow::Cow;
 
 /// What is believed: the hardware and the tissue.
 #[derive(Debug, Clone)]
@@ -74,7 +74,7 @@ impl Model {
         Ok(problem)
     }
 
-    fn observe(&self, seen: &Seen<'_>, channels: &mut Channels) {
+    pub(super) fn observe(&self, seen: &Seen<'_>, channels: &mut Channels) {
         self.effects.iter().for_each(|(effect, values)| effect.observe(values, seen, channels));
     }
 }
@@ -179,7 +179,7 @@ pub struct Channels {
 }
 
 impl Channels {
-    fn two_planes() -> Self {
+    pub(super) fn two_planes() -> Self {
         let empty = || Series { y: Vec::new(), x: Some(Vec::new()) };
         Self {
             displacement_m: empty(),
@@ -230,59 +230,8 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
 }
 
 fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Channels, ModelError> {
-    let mut drive = Drive::default();
-    model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
-    let times_s: Vec<f64> = lateral.drive.iter().map(|sample| sample.time_s).collect();
-    let commanded_m: [Vec<f64>; 2] =
-        [|s: &DriveSample| s.y_m, |s: &DriveSample| s.x_m].map(|of| lateral.drive.iter().map(of).collect());
-    let problems =
-        [model.problem_in(Plane::Y, lateral.depth_m)?, model.problem_in(Plane::X, lateral.depth_m)?];
-    let most_m = commanded_m.each_ref().map(|plane| plane.iter().map(|m| m.abs()).fold(0.0, f64::max));
-    // Where nothing sets the planes apart they have one response.
-    let alike = problems[0] == problems[1];
-    let both_m = most_m[0].max(most_m[1]);
-    let first = cache.response(&problems[0], if alike { both_m } else { most_m[0] })?;
-    let second = if alike { first.clone() } else { cache.response(&problems[1], most_m[1])? };
-    let responses = [&first, &second];
-
-    let rest = Rest::of(model, &problems);
-    let mut channels = Channels::two_planes();
-    let motions = [0, 1].map(|plane| responses[plane].moved(&times_s, &commanded_m[plane], drive));
-    let [force_y, force_x] = [0, 1].map(|plane| {
-        let added_n = rest.force_n(plane);
-        motions[plane].force_n.iter().map(|force_n| force_n + added_n).collect::<Vec<_>>()
-    });
-    channels.force_n = Series { y: force_y, x: Some(force_x) };
-    // Where the points are, as they are seen: a place once as long as it stays, and its number for each point.
-    let mut places_m: Vec<f64> = Vec::with_capacity(lateral.shape.len());
-    let place = |point: &ShapePoint| {
-        let mut seen = *point;
-        model.effects.iter().for_each(|(effect, values)| effect.look(values, &mut seen));
-        if places_m.last() != Some(&seen.z_m) {
-            places_m.push(seen.z_m);
-        }
-        places_m.len() - 1
-    };
-    let places: Vec<usize> = lateral.shape.iter().map(place).collect();
-    let of_y = first.shape_at(&places_m);
-    let of_x = if alike { None } else { Some(second.shape_at(&places_m)) };
-    let weights = [&of_y, of_x.as_ref().unwrap_or(&of_y)];
-    let [mut shape_y_m, mut shape_x_m] = [0, 1].map(|_| Vec::with_capacity(lateral.shape.len()));
-    for (point, place) in lateral.shape.iter().zip(places) {
-        let (between, share) = place_in(&times_s, point.time_s)?;
-        let [y_m, x_m] = [0, 1].map(|plane| {
-            let coefficients = motions[plane].between(between, share);
-            let moved_m: f64 = coefficients.zip(weights[plane]).map(|(c, weight)| c * weight[place]).sum();
-            moved_m + rest.deflection_m(plane, places_m[place])
-        });
-        shape_y_m.push(y_m);
-        shape_x_m.push(x_m);
-    }
-    channels.shape_m = Series { y: shape_y_m, x: Some(shape_x_m) };
-    let seen = Seen { time_s: &times_s, commanded_m: commanded_m.each_ref().map(Vec::as_slice) };
-    channels.displacement_m = Series { y: commanded_m[0].clone(), x: Some(commanded_m[1].clone()) };
-    model.observe(&seen, &mut channels);
-    Ok(channels)
+    let sight = Sight { shape: &lateral.shape, most_m: mounted::most_m(&lateral.drive), planes: 2 };
+    Mounted::new(Cow::Borrowed(model), lateral.depth_m, sight, Some(cache))?.moved(&lateral.drive)
 }
 
 /// Small forces: the linear needle, without what lies between actuator and needle.
@@ -311,17 +260,6 @@ fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Resu
     let mut channels = Channels { tip_m, ..Channels::two_planes() };
     model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]] }, &mut channels);
     Ok(channels)
-}
-
-/// The drive samples around a time and the share of the way between them; the first or last one beyond the ends.
-fn place_in(times_s: &[f64], time_s: f64) -> Result<([usize; 2], f64), ModelError> {
-    let next = times_s.partition_point(|sample_s| *sample_s <= time_s);
-    match (next.checked_sub(1), times_s.get(next)) {
-        (Some(a), Some(b_s)) => Ok(([a, next], (time_s - times_s[a]) / (b_s - times_s[a]))),
-        (Some(last), None) => Ok(([last, last], 0.0)),
-        (None, Some(_)) => Ok(([0, 0], 0.0)),
-        (None, None) => Err(ModelError::NoDrive),
-    }
 }
 
 #[cfg(test)]

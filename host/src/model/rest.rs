@@ -33,15 +33,14 @@ impl Rest {
         self.0[plane].force_n
     }
 
-    /// Deflection at `z_m`.
-    pub fn deflection_m(&self, plane: usize, z_m: f64) -> f64 {
-        let Plane { curvature_per_m, guide2_m, .. } = self.0[plane];
-        if curvature_per_m == 0.0 {
-            return 0.0;
+    /// Puts the deflections at these places behind others.
+    pub fn add_deflections_m(&self, plane: usize, z_m: &[f64], to_m: &mut Vec<f64>) {
+        let plane = &self.0[plane];
+        if plane.curvature_per_m == 0.0 {
+            to_m.resize(to_m.len() + z_m.len(), 0.0);
+        } else {
+            to_m.extend(z_m.iter().map(|z_m| plane.deflection_m(*z_m)));
         }
-        let beyond_m = (z_m - guide2_m).max(0.0);
-        let [at_m, slope] = self.0[plane].before_guide2(z_m.min(guide2_m));
-        at_m + slope * beyond_m + 0.5 * curvature_per_m * beyond_m * beyond_m
     }
 }
 
@@ -55,6 +54,12 @@ impl Plane {
         let compliance = guide2_m.powi(3) / (3.0 * stiffness_n_m2) + clamp_rad_per_n_m * guide2_m * guide2_m;
         let force_n = -0.5 * curvature_per_m * guide2_m * guide2_m / compliance;
         Self { curvature_per_m, stiffness_n_m2, guide2_m, clamp_rad_per_n_m, force_n }
+    }
+
+    fn deflection_m(&self, z_m: f64) -> f64 {
+        let beyond_m = (z_m - self.guide2_m).max(0.0);
+        let [at_m, slope] = self.before_guide2(z_m.min(self.guide2_m));
+        at_m + slope * beyond_m + 0.5 * self.curvature_per_m * beyond_m * beyond_m
     }
 
     /// Deflection and slope between guide 1 and guide 2.

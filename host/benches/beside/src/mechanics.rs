@@ -108,13 +108,19 @@ pub fn insertion(clock: &mut Clock) -> Result<Own> {
 pub fn model_runs() -> Result<usize> {
     struct Counted(LateralData, Cell<usize>);
     impl Block for Counted {
+        type Ready<'a> = <LateralData as Block>::Ready<'a>;
+
         fn nuisances(&self) -> Vec<Parameter> {
             self.0.nuisances()
         }
 
-        fn residuals(&self, shared: &[f64], nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
+        fn ready(&self, shared: &[f64]) -> Result<Self::Ready<'_>, ModelError> {
             self.1.set(self.1.get() + 1);
-            self.0.residuals(shared, nuisances)
+            self.0.ready(shared)
+        }
+
+        fn residuals(&self, ready: &Self::Ready<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
+            self.0.residuals(ready, nuisances)
         }
     }
     let data = [Counted(run(SAMPLES), Cell::new(0))];

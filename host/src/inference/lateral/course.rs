@@ -4,11 +4,9 @@
 //! such effects are given, the forward model is driven along the recorded displacement, the rows of every hold at that hold's true
 //! displacement, and its force is averaged over the rows of the hold as the measured one was.
 
-use super::LateralData;
+use super::LevelData;
 use crate::model::effects::Effect;
-use crate::model::{
-    Channels, DriveSample, Experiment, Lateral, Model, ModelError, Series, ShapePoint, predict,
-};
+use crate::model::{Channels, DriveSample, Series, ShapePoint};
 use std::ops::Range;
 
 /// Effects whose values are known.
@@ -36,23 +34,15 @@ pub struct Course {
 }
 
 impl Fixed {
-    /// What the sensors should read at the levels of `data` for true displacements, level by level and plane by plane.
-    ///
-    /// # Errors
-    /// As [`predict`].
-    pub(super) fn predicted(
-        &self,
-        model: &Model,
-        data: &LateralData,
-        displacements_m: &[f64],
-    ) -> Result<Channels, ModelError> {
+    /// The recorded motion of guide 2 with its holds at the true displacements of the levels, of so many planes.
+    pub(super) fn drive(&self, planes: usize, displacements_m: &[f64]) -> Vec<DriveSample> {
         let course = &self.course;
         let mut planes_m = course.displacement_m.clone();
         for (plane, column) in planes_m.iter_mut().enumerate() {
             for (level, hold) in course.holds.iter().enumerate() {
                 let Some(rows) = column.get_mut(hold.clone()) else { continue };
-                let known = plane.checked_sub(self.first_plane).filter(|own| *own < data.planes);
-                let unknown = known.and_then(|own| displacements_m.get(level * data.planes + own));
+                let known = plane.checked_sub(self.first_plane).filter(|own| *own < planes);
+                let unknown = known.and_then(|own| displacements_m.get(level * planes + own));
                 // A plane that is no part of the data rests at the mean of what was read.
                 let at_m = unknown.copied().unwrap_or_else(|| mean(rows));
                 rows.fill(at_m);
@@ -60,23 +50,35 @@ impl Fixed {
         }
         let [y_m, x_m] = &planes_m;
         let rows = course.time_s.iter().zip(y_m.iter().zip(x_m));
-        let drive = rows.map(|(time_s, (y_m, x_m))| DriveSample { time_s: *time_s, y_m: *y_m, x_m: *x_m });
-        let points = data.levels.iter().flat_map(|level| &level.shape).zip(&course.shape_time_s);
-        let shape = points.map(|(point, time_s)| ShapePoint { time_s: *time_s, z_m: point.z_m });
-        let lateral = Lateral { depth_m: data.depth_m, drive: drive.collect(), shape: shape.collect() };
-        let seen = predict(model, &Experiment::Lateral(lateral))?;
-        let levels = |series: &Series| {
+        rows.map(|(time_s, (y_m, x_m))| DriveSample { time_s: *time_s, y_m: *y_m, x_m: *x_m }).collect()
+    }
+
+    /// When and where the shape of these levels was seen.
+    pub(super) fn shape(&self, levels: &[LevelData]) -> Vec<ShapePoint> {
+        let points = levels.iter().flat_map(|level| &level.shape).zip(&self.course.shape_time_s);
+        points.map(|(point, time_s)| ShapePoint { time_s: *time_s, z_m: point.z_m }).collect()
+    }
+
+    /// Furthest recorded displacement.
+    pub(super) fn farthest_m(&self) -> f64 {
+        self.course.displacement_m.iter().flatten().fold(0.0, |most: f64, m| most.max(m.abs()))
+    }
+
+    /// What the sensors should read at the levels, of what they should read all along.
+    pub(super) fn at_levels(&self, seen: Channels) -> Channels {
+        let holds = &self.course.holds;
+        let levels = |series: Series| {
             let of = |values: &[f64]| -> Vec<f64> {
-                course.holds.iter().map(|hold| mean(values.get(hold.clone()).unwrap_or_default())).collect()
+                holds.iter().map(|hold| mean(values.get(hold.clone()).unwrap_or_default())).collect()
             };
             self.ordered(Series { y: of(&series.y), x: series.x.as_deref().map(of) })
         };
-        Ok(Channels {
-            displacement_m: levels(&seen.displacement_m),
-            force_n: levels(&seen.force_n),
+        Channels {
+            displacement_m: levels(seen.displacement_m),
+            force_n: levels(seen.force_n),
             shape_m: self.ordered(seen.shape_m),
             ..Channels::default()
-        })
+        }
     }
 
     /// The planes in the order of the data.
