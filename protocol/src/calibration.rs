@@ -77,5 +77,5 @@ impl CalibrationRecord {
 
 /// Checksum of an encoded record, as `Request::StoreCalibration` carries it.
 pub fn calibration_crc(bytes: &[u8]) -> u32 {
-    crate::frame::CRC.checksum(bytes)
+    crate::checksum::crc32(bytes)
 }

@@ -1,16 +1,10 @@
 //! Frames: how a message becomes bytes on the line, and how the receiver finds it again.
 
+use crate::checksum::crc32;
 use crate::{Command, Envelope};
 use core::marker::PhantomData;
-use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use postcard::experimental::max_size::MaxSize;
 use serde::{Serialize, de::DeserializeOwned};
-
-/// The checksum of every frame, CRC-32/ISO-HDLC: the one of zlib, Ethernet and PNG, so that a recording can be checked with
-/// any language's standard library. At these frame lengths (below 2974 bits) it finds every error of up to 4 bits and every
-/// burst of up to 32. One table of 1 KiB, in flash; where memory is plenty sixteen of them, which take as many bytes at once.
-pub(crate) static CRC: Crc<u32, Table<TABLES>> = Crc::<u32, Table<TABLES>>::new(&CRC_32_ISO_HDLC);
-const TABLES: usize = if cfg!(target_pointer_width = "64") { 16 } else { 1 };
 
 pub(crate) const CRC_BYTES: usize = 4;
 
@@ -66,7 +60,7 @@ pub(crate) fn seal<'a>(
 ) -> Result<&'a [u8], EncodeError> {
     let plain = plain.get_mut(..payload + CRC_BYTES).ok_or(EncodeError::OutputTooShort)?;
     let (head, tail) = plain.split_at_mut(payload);
-    tail.copy_from_slice(&CRC.checksum(head).to_le_bytes());
+    tail.copy_from_slice(&crc32(head).to_le_bytes());
 
     let (first, rest) = output.split_first_mut().ok_or(EncodeError::OutputTooShort)?;
     *first = 0;
@@ -167,6 +161,7 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
     }
 
     /// Takes one byte. Delimiters with nothing between them are no event.
+    #[inline]
     pub fn push(&mut self, byte: u8) -> Option<Received<T>> {
         if byte != 0 {
             if self.dropping || self.fill(&[byte]) > 0 {
@@ -217,12 +212,13 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
     }
 
     /// Reads the body, which is complete: checksum first, then the message, of which nothing may be left over.
+    #[inline]
     fn open(&mut self) -> Received<T> {
         let plain = corncobs::decode_in_place(&mut self.body).ok().and_then(|length| self.body.get(..length));
         let Some((payload, crc)) = plain.and_then(|plain| plain.split_last_chunk::<CRC_BYTES>()) else {
             return Received::Corrupt;
         };
-        if CRC.checksum(payload) != u32::from_le_bytes(*crc) {
+        if crc32(payload) != u32::from_le_bytes(*crc) {
             return Received::Corrupt;
         }
         match postcard::take_from_bytes(payload) {

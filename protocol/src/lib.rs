@@ -155,6 +155,7 @@
 extern crate std;
 
 pub mod calibration;
+mod checksum;
 #[cfg(any(test, feature = "conformance"))]
 pub mod conformance;
 pub mod frame;

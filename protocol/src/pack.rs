@@ -19,6 +19,7 @@
 
 mod column;
 
+use crate::checksum::Digest;
 use crate::{PACKED_BYTES, Packed, Samples, State, Step};
 use column::{CHANNELS, Column, MAX_HEAD, Reader, Spread, Writer};
 use postcard::experimental::max_size::MaxSize;
@@ -248,7 +249,7 @@ impl ExactSizeIterator for Unpacked<'_> {}
 /// Checksum of a motion program, for `Request::Run`: the frame's CRC-32 over the steps as they are encoded in `LoadStep`,
 /// one after the other.
 pub fn program_crc(steps: &[Step]) -> u32 {
-    let mut digest = crate::frame::CRC.digest();
+    let mut digest = Digest::new();
     for step in steps {
         let mut encoded = [0; Step::POSTCARD_MAX_SIZE];
         match postcard::to_slice(step, &mut encoded) {
@@ -256,5 +257,5 @@ pub fn program_crc(steps: &[Step]) -> u32 {
             Err(_) => unreachable!("a step fits its own largest size"),
         }
     }
-    digest.finalize()
+    digest.finish()
 }

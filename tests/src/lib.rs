@@ -9,6 +9,7 @@ pub mod demo;
 pub mod fuzz;
 pub mod fuzzed;
 pub mod images;
+mod numbers;
 pub mod peers;
 mod pty;
 pub mod qemu;

@@ -4,6 +4,7 @@
 //! counted as lost; control must never be late.
 
 use crate::bench::Bench;
+use crate::numbers::{minutes, share};
 use crate::trial::{Books, Cuts};
 use crate::wire::{Direction, NoisyWire};
 use anyhow::{Result, bail, ensure};
@@ -24,10 +25,10 @@ const SLOWEST: f64 = 2.0;
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Args {
     /// How long, minutes of the device's time
-    #[arg(long, default_value_t = 10.0, value_name = "MINUTES")]
+    #[arg(long, default_value_t = 10.0, value_name = "MINUTES", value_parser = minutes, allow_negative_numbers = true)]
     pub minutes: f64,
     /// Share of the bits that flip, both ways
-    #[arg(long, default_value_t = 1e-5, value_name = "SHARE")]
+    #[arg(long, default_value_t = 1e-5, value_name = "SHARE", value_parser = share, allow_negative_numbers = true)]
     pub bit_error_rate: f64,
     /// Seed of the rig, the errors, the cuts and the programs
     #[arg(long, default_value_t = 1)]

@@ -24,6 +24,7 @@ mod watch;
 
 use crate::bench::Bench;
 use crate::cosim::Injection;
+use crate::numbers::minutes;
 use crate::wire::NoisyWire;
 use anyhow::{Result, ensure};
 use device::Device;
@@ -54,7 +55,7 @@ const LOG_LINES: usize = 12;
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Args {
     /// How long, minutes of the device's time
-    #[arg(long, default_value_t = 60.0, value_name = "MINUTES")]
+    #[arg(long, default_value_t = 60.0, value_name = "MINUTES", value_parser = minutes, allow_negative_numbers = true)]
     pub minutes: f64,
     /// Seed of the rig and of all that is done to it
     #[arg(long, default_value_t = 1)]
