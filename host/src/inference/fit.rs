@@ -1,12 +1,15 @@
 //! Weighted least squares with parameters shared by all blocks of data and nuisances of each block.
 //!
 //! Levenberg and Marquardt's method on residuals already divided by their standard deviations. Jacobians are central
-//! differences. The nuisances are eliminated block by block (Schur complement), so the work grows linearly with the
+//! differences, on the way there one-sided ones. The nuisances are eliminated block by block (Schur complement), so the work grows linearly with the
 //! number of runs. The covariance is the inverse of `J^T J` of all parameters together, restricted to the shared ones:
 //! their uncertainty includes that of the nuisances.
 
+mod normal;
+
 use crate::model::ModelError;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
+use normal::{Differences, NEAR, NEGLIGIBLE, Normal, Step};
 
 /// Where a parameter starts and may go.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -119,8 +122,9 @@ pub fn fit<B: Block>(shared: &[Parameter], blocks: &[B]) -> Result<Fit, FitError
     };
     let mut best = Tried::at(start, shared, blocks)?;
     let mut damping = 1e-4;
+    let mut differences = Differences::OneSided;
     for _ in 0..MAX_STEPS {
-        let normal = Normal::at(&best, shared, &parameters, blocks)?;
+        let normal = Normal::at(&best, shared, &parameters, blocks, differences)?;
         loop {
             if damping >= 1e12 {
                 return Err(FitError::NotConverged);
@@ -135,15 +139,24 @@ pub fn fit<B: Block>(shared: &[Parameter], blocks: &[B]) -> Result<Fit, FitError
             // point before are those of this one.
             let settled = drop.abs() <= 1e-8 * (1.0 + 1e-4 * best.chi_square);
             match next {
-                Ok(next) if settled => return finish(next, normal, shared, &parameters),
-                Ok(next) if drop >= 0.0 => {
+                Ok(next) if settled && differences == Differences::Central => {
+                    return finish(next, normal, shared, &parameters);
+                }
+                Ok(next) if settled || drop >= 0.0 => {
                     best = next;
                     damping = (damping * 0.1).max(1e-12);
+                    if settled || step.is_within(NEAR, shared, &parameters) {
+                        differences = Differences::Central;
+                    }
                     break;
                 }
                 // Below the steps of the derivatives the residuals need not be smooth.
-                _ if step.is_negligible(shared, &parameters) => {
-                    return finish(best, normal, shared, &parameters);
+                _ if step.is_within(NEGLIGIBLE, shared, &parameters) => {
+                    if differences == Differences::Central {
+                        return finish(best, normal, shared, &parameters);
+                    }
+                    differences = Differences::Central;
+                    break;
                 }
                 _ => damping *= 10.0,
             }
@@ -234,163 +247,6 @@ fn finite(residuals: Vec<f64>) -> Result<Vec<f64>, FitError> {
     } else {
         Err(FitError::NotFinite)
     }
-}
-
-/// A step of all parameters.
-struct Step {
-    shared: DVector<f64>,
-    nuisances: Vec<DVector<f64>>,
-}
-
-/// A step of this share of a difference is none.
-const NEGLIGIBLE: f64 = 1e-3;
-
-impl Step {
-    /// Whether no parameter moves by more than a small share of the step of its differences.
-    fn is_negligible(&self, shared: &[Parameter], blocks: &[Vec<Parameter>]) -> bool {
-        let small = |(step, parameter): (&f64, &Parameter)| step.abs() < NEGLIGIBLE * parameter.step;
-        let mut of_blocks = self.nuisances.iter().zip(blocks);
-        self.shared.iter().zip(shared).all(small)
-            && of_blocks.all(|(steps, of)| steps.iter().zip(of).all(small))
-    }
-}
-
-/// The normal equations of one block: `[shared, cross^T; cross, own] step = [shared_gradient; own_gradient]`.
-struct BlockNormal {
-    own: DMatrix<f64>,
-    cross: DMatrix<f64>,
-    own_gradient: DVector<f64>,
-}
-
-/// The normal equations of all blocks.
-struct Normal {
-    shared: DMatrix<f64>,
-    shared_gradient: DVector<f64>,
-    blocks: Vec<BlockNormal>,
-}
-
-impl Normal {
-    fn at<B: Block>(
-        Tried { point, ready, residuals, .. }: &Tried<'_, B>,
-        shared: &[Parameter],
-        parameters: &[Vec<Parameter>],
-        blocks: &[B],
-    ) -> Result<Self, FitError> {
-        let mut normal = Self {
-            shared: DMatrix::zeros(shared.len(), shared.len()),
-            shared_gradient: DVector::zeros(shared.len()),
-            blocks: Vec::with_capacity(blocks.len()),
-        };
-        for (i, (value, parameter)) in point.shared.iter().zip(shared).enumerate() {
-            if let Some(prior) = parameter.prior {
-                normal.shared[(i, i)] += prior.sd.powi(-2);
-                normal.shared_gradient[i] += prior.residual(*value) / prior.sd;
-            }
-        }
-        let of_blocks = blocks.iter().zip(ready).zip(&point.nuisances).zip(parameters).zip(residuals);
-        for ((((block, ready), nuisances), of_block), residuals) in of_blocks {
-            // Minus the derivative of the residuals, one column per parameter.
-            let by_shared = columns(residuals.len(), &point.shared, shared, |values| {
-                block.residuals(&block.ready(values)?, nuisances)
-            })?;
-            let by_own =
-                columns(residuals.len(), nuisances, of_block, |values| block.residuals(ready, values))?;
-            let residuals = DVector::from_column_slice(residuals);
-            normal.shared.gemm_tr(1.0, &by_shared, &by_shared, 1.0);
-            normal.shared_gradient.gemv_tr(1.0, &by_shared, &residuals, 1.0);
-            normal.blocks.push(BlockNormal {
-                own: by_own.tr_mul(&by_own),
-                cross: by_own.tr_mul(&by_shared),
-                own_gradient: by_own.tr_mul(&residuals),
-            });
-        }
-        Ok(normal)
-    }
-
-    /// The damped step; nothing where the equations are not positive definite. A shared parameter that would leave its range
-    /// goes to its bound, and the others go where they are best with it there.
-    fn step(&self, damping: f64, values: &[f64], parameters: &[Parameter]) -> Option<Step> {
-        let mut reduced = damped(&self.shared, damping);
-        let mut gradient = self.shared_gradient.clone();
-        let mut solved = Vec::with_capacity(self.blocks.len());
-        for block in &self.blocks {
-            let own = damped(&block.own, damping).cholesky()?;
-            let (cross, own_gradient) = (own.solve(&block.cross), own.solve(&block.own_gradient));
-            reduced.gemm_tr(-1.0, &block.cross, &cross, 1.0);
-            gradient.gemv_tr(-1.0, &block.cross, &own_gradient, 1.0);
-            solved.push((cross, own_gradient));
-        }
-        let room = values.iter().zip(parameters).map(|(value, p)| [p.least - value, p.most - value]);
-        let shared = bounded_step(reduced, gradient, &room.collect::<Vec<_>>())?;
-        let of_block = |(cross, mut own): (DMatrix<f64>, DVector<f64>)| {
-            own.gemv(-1.0, &cross, &shared, 1.0);
-            own
-        };
-        let nuisances = solved.into_iter().map(of_block).collect();
-        Some(Step { shared, nuisances })
-    }
-
-    fn covariance(&self) -> Option<DMatrix<f64>> {
-        let mut reduced = self.shared.clone();
-        for block in &self.blocks {
-            reduced -= block.cross.tr_mul(&block.own.clone().cholesky()?.solve(&block.cross));
-        }
-        Some(reduced.cholesky()?.inverse())
-    }
-}
-
-/// Solves `matrix step = right`, keeping every step within its room.
-fn bounded_step(
-    mut matrix: DMatrix<f64>,
-    mut right: DVector<f64>,
-    room: &[[f64; 2]],
-) -> Option<DVector<f64>> {
-    loop {
-        let step = matrix.clone().cholesky()?.solve(&right);
-        let beyond = step.iter().zip(room).position(|(step, [least, most])| step < least || step > most);
-        let Some(index) = beyond else { return Some(step) };
-        let [least, most] = room[index];
-        // A step that is known: its column moves to the right-hand side. The margin keeps rounding from finding it again.
-        let known = step[index].clamp(least, most) * (1.0 - 1e-12);
-        for row in 0..right.len() {
-            right[row] -= matrix[(row, index)] * known;
-            (matrix[(row, index)], matrix[(index, row)]) = (0.0, 0.0);
-        }
-        (matrix[(index, index)], right[index]) = (1.0, known);
-    }
-}
-
-fn damped(matrix: &DMatrix<f64>, damping: f64) -> DMatrix<f64> {
-    let mut damped = matrix.clone();
-    for i in 0..damped.nrows() {
-        damped[(i, i)] *= 1.0 + damping;
-    }
-    damped
-}
-
-fn columns(
-    rows: usize,
-    values: &[f64],
-    parameters: &[Parameter],
-    residuals: impl Fn(&[f64]) -> Result<Vec<f64>, ModelError>,
-) -> Result<DMatrix<f64>, FitError> {
-    let mut jacobian = Vec::with_capacity(rows * values.len());
-    let mut shifted = values.to_vec();
-    for (column, (value, parameter)) in values.iter().zip(parameters).enumerate() {
-        let mut at = |value: f64| {
-            shifted[column] = value;
-            finite(residuals(&shifted)?)
-        };
-        // At a bound only the inner side.
-        let from = (value - parameter.step).max(parameter.least);
-        let to = (value + parameter.step).min(parameter.most);
-        let (below, above) = (at(from)?, at(to)?);
-        let per_unit = 1.0 / (to - from);
-        jacobian.extend(below.iter().zip(&above).take(rows).map(|(below, above)| (below - above) * per_unit));
-        jacobian.resize(rows * (column + 1), 0.0);
-        shifted[column] = *value;
-    }
-    Ok(DMatrix::from_vec(rows, values.len(), jacobian))
 }
 
 #[cfg(test)]

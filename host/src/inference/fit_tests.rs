@@ -28,24 +28,42 @@ fn decay(amplitude: f64, rate: f64, count: usize) -> Decay {
     Decay((0..count).map(|t| amplitude * (-rate * t as f64).exp()).collect())
 }
 
+/// Information of a run about the rate, after its amplitude is eliminated.
+fn information(amplitude: f64, count: usize) -> f64 {
+    let e = |t: usize| (-0.3 * t as f64).exp();
+    let (mut aa, mut ar, mut rr) = (0.0, 0.0, 0.0);
+    for t in 0..count {
+        let (by_a, by_r) = (e(t) / 0.1, -amplitude * t as f64 * e(t) / 0.1);
+        (aa, ar, rr) = (aa + by_a * by_a, ar + by_a * by_r, rr + by_r * by_r);
+    }
+    rr - ar * ar / aa
+}
+
 #[test]
 fn shared_rate_and_own_amplitudes_are_found() {
     let fit = fit(&[RATE], &[decay(3.0, 0.3, 6), decay(-1.0, 0.3, 4)]).expect("fits");
     assert!((fit.shared[0] - 0.3).abs() < 1e-6 && fit.chi_square < 1e-8);
     assert!((fit.nuisances[0][0] - 3.0).abs() < 1e-5 && (fit.nuisances[1][0] + 1.0).abs() < 1e-5);
     assert_eq!((fit.degrees_of_freedom, fit.at_bound[0]), (7, false));
-    // The information of the shared rate is the sum of what the runs have after their amplitudes are eliminated.
-    let information = |amplitude: f64, count: usize| {
-        let e = |t: usize| (-0.3 * t as f64).exp();
-        let (mut aa, mut ar, mut rr) = (0.0, 0.0, 0.0);
-        for t in 0..count {
-            let (by_a, by_r) = (e(t) / 0.1, -amplitude * t as f64 * e(t) / 0.1);
-            (aa, ar, rr) = (aa + by_a * by_a, ar + by_a * by_r, rr + by_r * by_r);
-        }
-        rr - ar * ar / aa
-    };
     let expected = 1.0 / (information(3.0, 6) + information(-1.0, 4));
     assert!((fit.covariance[(0, 0)] / expected - 1.0).abs() < 1e-5);
+}
+
+/// With steps so long that one-sided differences are off by percents: on the way they do, at the end they are central.
+#[test]
+fn the_covariance_is_of_central_differences() {
+    let rate = Parameter { step: 0.02, ..RATE };
+    let fit = fit(&[rate], &[decay(3.0, 0.3, 6), decay(-1.0, 0.3, 4)]).expect("fits");
+    let expected = 1.0 / (information(3.0, 6) + information(-1.0, 4));
+    assert!((fit.covariance[(0, 0)] / expected - 1.0).abs() < 2e-3, "{}", fit.covariance[(0, 0)] / expected);
+    assert!((fit.shared[0] - 0.3).abs() < 1e-6);
+}
+
+#[test]
+fn an_upper_bound_is_reached_from_below() {
+    let most = 0.2;
+    let fit = fit(&[Parameter { start: 0.1, most, ..RATE }], &[decay(3.0, 0.3, 6)]).expect("fits");
+    assert_eq!((fit.shared[0], fit.at_bound[0]), (most, true));
 }
 
 #[test]
