@@ -79,7 +79,7 @@ impl Display for Begun {
         }
         if self.example {
             writeln!(f, "session      {dir}: made up; what is in it is known: see {PLAN}, but last")?;
-            for command in ["check", "identify", "predict", "track", "diagnose"] {
+            for command in ["check", "identify", "predict", "track", "diagnose", "report"] {
                 writeln!(f, "try          guide {command} {dir}")?;
             }
             Ok(())

@@ -8,6 +8,7 @@
 use super::{Block, Fit, Parameter, Prior};
 use crate::model::effects::{Effect, ParameterInfo};
 use crate::model::{DriveSample, Model, ModelError, Mounted, Rig, Series, ShapePoint, Sight};
+use smallvec::SmallVec;
 use std::borrow::Cow;
 
 mod course;
@@ -139,9 +140,9 @@ impl LateralData {
     }
 
     /// How guide 2 moves through these true displacements of the levels.
-    fn drive(&self, displacements_m: &[f64]) -> Vec<DriveSample> {
+    fn drive(&self, displacements_m: &[f64]) -> SmallVec<[DriveSample; 8]> {
         if let Some(fixed) = &self.fixed {
-            return fixed.drive(self.planes, displacements_m);
+            return fixed.drive(self.planes, displacements_m).into();
         }
         let of_levels = displacements_m.chunks(self.planes).enumerate();
         let sample = |(level, of_level): (usize, &[f64])| DriveSample {

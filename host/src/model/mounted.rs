@@ -49,12 +49,20 @@ impl<'a> Mounted<'a> {
     ) -> Result<Self, ModelError> {
         let mut drive = Drive::default();
         model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
-        let problems = problems(&model, depth_m)?;
+        let problems = Problems::of(&model, depth_m)?;
         let places = Places::of(&model, shape);
         let needles = Needles::new(&problems, most_m, &places.z_m, cache)?;
         // An effect may bring what happens in one plane into the other.
         let both = planes > 1 || !model.effects.is_empty();
-        Ok(Self { rest: Rest::of(&model, &problems), needles, drive, depth_m, places, both, model })
+        Ok(Self {
+            rest: Rest::of(&model, [&problems.y, problems.x()]),
+            needles,
+            drive,
+            depth_m,
+            places,
+            both,
+            model,
+        })
     }
 
     /// What the sensors should read while guide 2 is told to move like this, in increasing time.
@@ -67,7 +75,7 @@ impl<'a> Mounted<'a> {
         let needles = if self.needles.reach(most_m(drive)) {
             &self.needles
         } else {
-            let problems = problems(&self.model, self.depth_m)?;
+            let problems = Problems::of(&self.model, self.depth_m)?;
             further = Needles::new(&problems, most_m(drive), &self.places.z_m, None)?;
             &further
         };
@@ -100,15 +108,15 @@ impl<'a> Mounted<'a> {
         times_s: &[f64],
         told_m: &[f64],
     ) -> Result<(Vec<f64>, Vec<f64>), ModelError> {
-        let mut motion = needles.responses[plane].moved(times_s, told_m, self.drive);
+        let Needle { response, weights } = needles.of_plane(plane);
+        let mut motion = response.moved(times_s, told_m, self.drive);
         let Places { z_m, pictures } = &self.places;
         let mut shape_m = Vec::with_capacity(pictures.iter().map(|picture| picture.places.len()).sum());
         for Picture { time_s, places } in pictures {
             let (between, share) = place_in(times_s, *time_s)?;
             let first = shape_m.len();
             self.rest.add_deflections_m(plane, &z_m[places.clone()], &mut shape_m);
-            for (coefficient, weights) in
-                motion.between(between, share).zip(needles.weights(plane).chunks_exact(z_m.len()))
+            for (coefficient, weights) in motion.between(between, share).zip(weights.chunks_exact(z_m.len()))
             {
                 let moved_m = shape_m[first..].iter_mut().zip(&weights[places.clone()]);
                 moved_m.for_each(|(at_m, weight)| *at_m += coefficient * weight);
@@ -120,9 +128,23 @@ impl<'a> Mounted<'a> {
     }
 }
 
-/// The needle in each plane.
-fn problems(model: &Model, depth_m: f64) -> Result<[BeamProblem; 2], ModelError> {
-    Ok([model.problem_in(Plane::Y, depth_m)?, model.problem_in(Plane::X, depth_m)?])
+/// The needle in each plane, as it is to be solved.
+struct Problems {
+    y: BeamProblem,
+    /// Where something sets the planes apart.
+    x: Option<BeamProblem>,
+}
+
+impl Problems {
+    fn of(model: &Model, depth_m: f64) -> Result<Self, ModelError> {
+        let y = model.problem_in(Plane::Y, depth_m)?;
+        let x = if model.effects.is_empty() { None } else { Some(model.problem_in(Plane::X, depth_m)?) };
+        Ok(Self { x: x.filter(|x| *x != y), y })
+    }
+
+    fn x(&self) -> &BeamProblem {
+        self.x.as_ref().unwrap_or(&self.y)
+    }
 }
 
 /// How far guide 2 is told to go in each plane.
@@ -151,11 +173,14 @@ impl Places {
         let mut all = Self { z_m: Vec::with_capacity(shape.len()), pictures: Vec::new() };
         for picture in shape.chunk_by(|a, b| a.time_s == b.time_s) {
             let first = all.z_m.len();
-            all.z_m.extend(picture.iter().map(|point| {
-                let mut seen = *point;
-                model.effects.iter().for_each(|(effect, values)| effect.look(values, &mut seen));
-                seen.z_m
-            }));
+            all.z_m.extend(picture.iter().map(|point| point.z_m));
+            if !model.effects.is_empty() {
+                for (point, z_m) in picture.iter().zip(&mut all.z_m[first..]) {
+                    let mut seen = *point;
+                    model.effects.iter().for_each(|(effect, values)| effect.look(values, &mut seen));
+                    *z_m = seen.z_m;
+                }
+            }
             let mut places = first..all.z_m.len();
             let before = all.pictures.last().map(|before| before.places.clone());
             if let Some(before) = before.filter(|before| all.z_m[before.clone()] == all.z_m[first..]) {
@@ -168,46 +193,51 @@ impl Places {
     }
 }
 
-/// The needle as it answers in each plane up to a displacement.
+/// The needle as it answers up to a displacement.
 #[derive(Debug, Clone)]
 struct Needles {
-    responses: [Arc<Response>; 2],
-    /// What the coefficients of a motion weigh at every place, coefficient by coefficient; the second where the planes differ.
-    of_y: Vec<f64>,
-    of_x: Option<Vec<f64>>,
-    /// How far these are good for; nothing where no displacement changes them.
+    y: Needle,
+    /// Where something sets the planes apart.
+    x: Option<Needle>,
+    /// How far these are good for in each plane; nothing where no displacement changes them.
     most_m: Option<[f64; 2]>,
+}
+
+/// The needle in a plane.
+#[derive(Debug, Clone)]
+struct Needle {
+    response: Arc<Response>,
+    /// What the coefficients of a motion weigh at every place, coefficient by coefficient.
+    weights: Vec<f64>,
 }
 
 impl Needles {
     fn new(
-        problems: &[BeamProblem; 2],
+        problems: &Problems,
         [y_m, x_m]: [f64; 2],
         z_m: &[f64],
         cache: Option<&Cache>,
     ) -> Result<Self, ModelError> {
-        let [in_y, in_x] = problems;
-        let solve = |problem: &BeamProblem, most_m: f64| match cache {
-            Some(cache) => cache.response(problem, most_m),
-            None => Ok(Arc::new(Response::new(problem, most_m)?)),
+        let solved = |problem: &BeamProblem, most_m: f64| {
+            let response = match cache {
+                Some(cache) => cache.response(problem, most_m)?,
+                None => Arc::new(Response::new(problem, most_m)?),
+            };
+            Ok::<_, ModelError>(Needle { weights: response.shape_at(z_m), response })
         };
-        // Where nothing sets the planes apart they have one response.
-        let alike = in_y == in_x;
-        let [y_m, x_m] = if alike { [y_m.max(x_m); 2] } else { [y_m, x_m] };
-        let first = solve(in_y, y_m)?;
-        let second = if alike { first.clone() } else { solve(in_x, x_m)? };
-        let of_y = first.shape_at(z_m);
-        let of_x = (!alike).then(|| second.shape_at(z_m));
-        let stiffens = problems.iter().any(|problem| problem.law.inverse_u0_per_m != 0.0);
-        Ok(Self { responses: [first, second], of_y, of_x, most_m: stiffens.then_some([y_m, x_m]) })
+        let most_m = if problems.x.is_some() { [y_m, x_m] } else { [y_m.max(x_m); 2] };
+        let y = solved(&problems.y, most_m[0])?;
+        let x = problems.x.as_ref().map(|x| solved(x, most_m[1])).transpose()?;
+        let stiffens = [&problems.y, problems.x()].into_iter().any(|p| p.law.inverse_u0_per_m != 0.0);
+        Ok(Self { y, x, most_m: stiffens.then_some(most_m) })
     }
 
     fn reach(&self, [y_m, x_m]: [f64; 2]) -> bool {
         self.most_m.is_none_or(|[most_y_m, most_x_m]| y_m <= most_y_m && x_m <= most_x_m)
     }
 
-    fn weights(&self, plane: usize) -> &[f64] {
-        if plane == 0 { &self.of_y } else { self.of_x.as_ref().unwrap_or(&self.of_y) }
+    fn of_plane(&self, plane: usize) -> &Needle {
+        self.x.as_ref().filter(|_| plane == 1).unwrap_or(&self.y)
     }
 }
 

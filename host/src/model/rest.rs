@@ -22,10 +22,10 @@ struct Plane {
 
 impl Rest {
     /// As the effects of a model make it.
-    pub fn of(model: &Model, problems: &[BeamProblem; 2]) -> Self {
+    pub fn of(model: &Model, problems: [&BeamProblem; 2]) -> Self {
         let mut curvature_per_m = [0.0; 2];
         model.effects.iter().for_each(|(effect, values)| effect.rest(values, &mut curvature_per_m));
-        Self([0, 1].map(|plane| Plane::new(curvature_per_m[plane], &problems[plane])))
+        Self([0, 1].map(|plane| Plane::new(curvature_per_m[plane], problems[plane])))
     }
 
     /// Force of guide 2 on the needle.

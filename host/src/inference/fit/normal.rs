@@ -44,17 +44,18 @@ impl Step {
     }
 }
 
-/// The normal equations of one block: `[shared, cross^T; cross, own] step = [shared_gradient; own_gradient]`.
+/// The normal equations of one block.
 struct BlockNormal {
+    /// Of its nuisances.
     own: DMatrix<f64>,
-    cross: DMatrix<f64>,
-    own_gradient: DVector<f64>,
+    /// By the shared parameters and, in the last column, the gradient.
+    right: DMatrix<f64>,
 }
 
 /// The normal equations of all blocks.
 pub(super) struct Normal {
+    /// Of the shared parameters, with the gradient in the last column (and row, as the residuals are one more column of the Jacobian).
     shared: DMatrix<f64>,
-    shared_gradient: DVector<f64>,
     blocks: Vec<BlockNormal>,
 }
 
@@ -66,33 +67,28 @@ impl Normal {
         blocks: &[B],
         differences: Differences,
     ) -> Result<Self, FitError> {
-        let mut normal = Self {
-            shared: DMatrix::zeros(shared.len(), shared.len()),
-            shared_gradient: DVector::zeros(shared.len()),
-            blocks: Vec::with_capacity(blocks.len()),
-        };
+        let last = shared.len();
+        let mut normal =
+            Self { shared: DMatrix::zeros(last + 1, last + 1), blocks: Vec::with_capacity(blocks.len()) };
         for (i, (value, parameter)) in point.shared.iter().zip(shared).enumerate() {
             if let Some(prior) = parameter.prior {
                 normal.shared[(i, i)] += prior.sd.powi(-2);
-                normal.shared_gradient[i] += prior.residual(*value) / prior.sd;
+                normal.shared[(i, last)] += prior.residual(*value) / prior.sd;
             }
         }
         let of_blocks = blocks.iter().zip(ready).zip(&point.nuisances).zip(parameters).zip(residuals);
         for ((((block, ready), nuisances), of_block), residuals) in of_blocks {
-            let by_shared = columns(residuals, &point.shared, shared, differences, |values| {
+            let mut by_shared = columns(residuals, &point.shared, shared, differences, |values| {
                 block.residuals(&block.ready(values)?, nuisances)
             })?;
+            by_shared.extend_from_slice(residuals);
+            let by_shared = DMatrix::from_vec(residuals.len(), last + 1, by_shared);
             let by_own = columns(residuals, nuisances, of_block, differences, |values| {
                 block.residuals(ready, values)
             })?;
-            let residuals = DVector::from_column_slice(residuals);
+            let by_own = DMatrix::from_vec(residuals.len(), nuisances.len(), by_own);
             normal.shared.gemm_tr(1.0, &by_shared, &by_shared, 1.0);
-            normal.shared_gradient.gemv_tr(1.0, &by_shared, &residuals, 1.0);
-            normal.blocks.push(BlockNormal {
-                own: by_own.tr_mul(&by_own),
-                cross: by_own.tr_mul(&by_shared),
-                own_gradient: by_own.tr_mul(&residuals),
-            });
+            normal.blocks.push(BlockNormal { own: by_own.tr_mul(&by_own), right: by_own.tr_mul(&by_shared) });
         }
         Ok(normal)
     }
@@ -100,20 +96,15 @@ impl Normal {
     /// The damped step; nothing where the equations are not positive definite. A shared parameter that would leave its range
     /// goes to its bound, and the others go where they are best with it there.
     pub fn step(&self, damping: f64, values: &[f64], parameters: &[Parameter]) -> Option<Step> {
-        let mut reduced = damped(&self.shared, damping);
-        let mut gradient = self.shared_gradient.clone();
-        let mut solved = Vec::with_capacity(self.blocks.len());
-        for block in &self.blocks {
-            let own = damped(&block.own, damping).cholesky()?;
-            let (cross, own_gradient) = (own.solve(&block.cross), own.solve(&block.own_gradient));
-            reduced.gemm_tr(-1.0, &block.cross, &cross, 1.0);
-            gradient.gemv_tr(-1.0, &block.cross, &own_gradient, 1.0);
-            solved.push((cross, own_gradient));
-        }
-        let room = values.iter().zip(parameters).map(|(value, p)| [p.least - value, p.most - value]);
-        let shared = bounded_step(reduced, gradient, &room.collect::<Vec<_>>())?;
-        let of_block = |(cross, mut own): (DMatrix<f64>, DVector<f64>)| {
-            own.gemv(-1.0, &cross, &shared, 1.0);
+        let (reduced, solved) = self.reduced(damping)?;
+        let last = parameters.len();
+        let shared = bounded_step(reduced, |i| {
+            let (value, Parameter { least, most, .. }) = (values[i], &parameters[i]);
+            [least - value, most - value]
+        })?;
+        let of_block = |solved: DMatrix<f64>| {
+            let mut own = solved.column(last).into_owned();
+            own.gemv(-1.0, &solved.columns(0, last), &shared, 1.0);
             own
         };
         let nuisances = solved.into_iter().map(of_block).collect();
@@ -121,32 +112,44 @@ impl Normal {
     }
 
     pub fn covariance(&self) -> Option<DMatrix<f64>> {
-        let mut reduced = self.shared.clone();
-        for block in &self.blocks {
-            reduced -= block.cross.tr_mul(&block.own.clone().cholesky()?.solve(&block.cross));
+        let (reduced, _) = self.reduced(0.0)?;
+        let count = reduced.nrows().saturating_sub(1);
+        Some(reduced.resize(count, count, 0.0).cholesky()?.inverse())
+    }
+
+    /// The equations of the shared parameters with the nuisances where they are best, and how these follow, block by block.
+    fn reduced(&self, damping: f64) -> Option<(DMatrix<f64>, Vec<DMatrix<f64>>)> {
+        let mut reduced = damped(&self.shared, damping);
+        let mut solved = Vec::with_capacity(self.blocks.len());
+        for BlockNormal { own, right } in &self.blocks {
+            let follow = damped(own, damping).cholesky()?.solve(right);
+            reduced.gemm_tr(-1.0, right, &follow, 1.0);
+            solved.push(follow);
         }
-        Some(reduced.cholesky()?.inverse())
+        Some((reduced, solved))
     }
 }
 
-/// Solves `matrix step = right`, keeping every step within its room.
-fn bounded_step(
-    mut matrix: DMatrix<f64>,
-    mut right: DVector<f64>,
-    room: &[[f64; 2]],
-) -> Option<DVector<f64>> {
+/// Solves equations whose last column is their right-hand side, keeping every step within its room.
+fn bounded_step(mut equations: DMatrix<f64>, room: impl Fn(usize) -> [f64; 2]) -> Option<DVector<f64>> {
+    let last = equations.nrows().checked_sub(1)?;
     loop {
-        let step = matrix.clone().cholesky()?.solve(&right);
-        let beyond = step.iter().zip(room).position(|(step, [least, most])| step < least || step > most);
-        let Some(index) = beyond else { return Some(step) };
-        let [least, most] = room[index];
+        let matrix = equations.view((0, 0), (last, last)).into_owned();
+        let mut step = equations.view((0, last), (last, 1)).column(0).into_owned();
+        matrix.cholesky()?.solve_mut(&mut step);
+        let beyond = step.iter().enumerate().find(|(i, step)| {
+            let [least, most] = room(*i);
+            **step < least || **step > most
+        });
+        let Some((index, beyond)) = beyond else { return Some(step) };
+        let [least, most] = room(index);
         // A step that is known: its column moves to the right-hand side. The margin keeps rounding from finding it again.
-        let known = step[index].clamp(least, most) * (1.0 - 1e-12);
-        for row in 0..right.len() {
-            right[row] -= matrix[(row, index)] * known;
-            (matrix[(row, index)], matrix[(index, row)]) = (0.0, 0.0);
+        let known = beyond.clamp(least, most) * (1.0 - 1e-12);
+        for row in 0..last {
+            equations[(row, last)] -= equations[(row, index)] * known;
+            (equations[(row, index)], equations[(index, row)]) = (0.0, 0.0);
         }
-        (matrix[(index, index)], right[index]) = (1.0, known);
+        (equations[(index, index)], equations[(index, last)]) = (1.0, known);
     }
 }
 
@@ -158,16 +161,16 @@ fn damped(matrix: &DMatrix<f64>, damping: f64) -> DMatrix<f64> {
     damped
 }
 
-/// Minus the derivatives of the residuals, which are `here` at the point itself.
+/// Minus the derivatives of the residuals, which are `here` at the point itself: column by column.
 fn columns(
     here: &[f64],
     values: &[f64],
     parameters: &[Parameter],
     differences: Differences,
     residuals: impl Fn(&[f64]) -> Result<Vec<f64>, ModelError>,
-) -> Result<DMatrix<f64>, FitError> {
+) -> Result<Vec<f64>, FitError> {
     let rows = here.len();
-    let mut jacobian = Vec::with_capacity(rows * values.len());
+    let mut jacobian = Vec::with_capacity(rows * (values.len() + 1));
     let mut shifted = values.to_vec();
     for (column, (value, parameter)) in values.iter().zip(parameters).enumerate() {
         let mut at = |end: f64| {
@@ -185,5 +188,5 @@ fn columns(
         jacobian.resize(rows * (column + 1), 0.0);
         shifted[column] = *value;
     }
-    Ok(DMatrix::from_vec(rows, values.len(), jacobian))
+    Ok(jacobian)
 }
