@@ -14,6 +14,7 @@ use super::score::{NOISE_TOLERANCE, parameter_basis, stacked};
 use crate::model::ModelError;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
+use std::cmp::Reverse;
 
 /// A model is inadequate where chance makes residuals as smooth as these in fewer sessions than this.
 const LEVEL: f64 = 1e-4;
@@ -298,7 +299,8 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Result<Vec<Region>,
     }
     let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / f64::from(looked_at.max(1) as u32));
     found.retain(|region| region.sigma.abs() > threshold);
-    found.sort_by(|a, b| b.sigma.abs().total_cmp(&a.sigma.abs()));
+    // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
+    found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));
     let mut kept: Vec<Region> = Vec::new();
     for region in found {
         let same = |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
