@@ -1,9 +1,9 @@
 //! Weighted least squares with parameters shared by all blocks of data and nuisances of each block.
 //!
 //! Levenberg and Marquardt's method on residuals already divided by their standard deviations. Jacobians are central
-//! differences, on the way there one-sided ones. The nuisances are eliminated block by block (Schur complement), so the work grows linearly with the
-//! number of runs. The covariance is the inverse of `J^T J` of all parameters together, restricted to the shared ones:
-//! their uncertainty includes that of the nuisances.
+//! differences, on the way there one-sided ones. The nuisances are eliminated block by block (Schur complement), so the
+//! work grows linearly with the number of runs. The covariance is the inverse of `J^T J` of all parameters together,
+//! restricted to the shared ones: their uncertainty includes that of the nuisances.
 
 mod normal;
 
@@ -16,7 +16,7 @@ use normal::{Differences, NEAR, NEGLIGIBLE, Normal, Step};
 pub struct Parameter {
     /// First guess.
     pub start: f64,
-    /// Step of the central differences.
+    /// Step of the differences.
     pub step: f64,
     /// Least value.
     pub least: f64,

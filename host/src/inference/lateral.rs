@@ -190,7 +190,9 @@ impl Block for LateralData {
     }
 
     fn ready(&self, shared: &[f64]) -> Result<Mounted<'_>, ModelError> {
-        let sight = Sight { shape: &self.shape(), most_m: self.most_m(), planes: self.planes };
+        // A course is one of both planes, whichever of them the data are of.
+        let planes = if self.fixed.is_some() { 2 } else { self.planes };
+        let sight = Sight { shape: &self.shape(), most_m: self.most_m(), planes };
         Mounted::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
     }
 

@@ -104,7 +104,7 @@ pub fn insertion(clock: &mut Clock) -> Result<Own> {
     })
 }
 
-/// How many times the identification runs the model.
+/// How many needles the identification solves.
 pub fn model_runs() -> Result<usize> {
     struct Counted(LateralData, Cell<usize>);
     impl Block for Counted {

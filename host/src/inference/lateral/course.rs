@@ -93,3 +93,49 @@ impl Fixed {
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inference::{Block, LateralData, Measured, ShapeDatum};
+    use crate::model::{Needle, Rig};
+
+    /// A course that no effect looks at changes nothing, whichever plane the data are of.
+    #[test]
+    fn a_course_without_effects_is_its_holds() {
+        let measured = |value: f64| vec![Measured { value, sd: 1.0 }];
+        let level = LevelData {
+            displacement_m: measured(1e-3),
+            force_n: measured(1.0),
+            shape: vec![ShapeDatum { z_m: 0.09, deflection_m: [1e-3, 0.0] }],
+        };
+        let holds = LateralData {
+            rig: Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 },
+            depth_m: 0.03,
+            planes: 1,
+            levels: vec![level],
+            shape_sd_m: 1.0,
+            force_offset: false,
+            uses_force: true,
+            effects: Vec::new(),
+            fixed: None,
+        };
+        let residuals = |data: &LateralData| {
+            let ready = data.ready(&[16e3_f64.ln()]).expect("solves");
+            data.residuals(&ready, &[1.1e-3]).expect("moves")
+        };
+        let plain = residuals(&holds);
+        for first_plane in [0, 1] {
+            let mut displacement_m = [vec![0.0; 3], vec![0.0; 3]];
+            displacement_m[first_plane] = vec![0.0, 1e-3, 1e-3];
+            let course = Course {
+                time_s: vec![0.0, 1.0, 2.0],
+                displacement_m,
+                holds: vec![1..3],
+                shape_time_s: vec![1.5],
+            };
+            let fixed = Some(Fixed { effects: Vec::new(), course, first_plane });
+            assert_eq!(residuals(&LateralData { fixed, ..holds.clone() }), plain, "{first_plane}");
+        }
+    }
+}
