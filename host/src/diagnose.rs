@@ -5,12 +5,15 @@
 //! | runs as numbers with their places | `data`, `cells` |
 //! | split: what is learned from, what judges | `split` |
 //! | noise, and residuals made independent | `noise`, `whiten` |
-//! | fit: the forward model with what is unknown | `believed` |
+//! | what is unknown | `believed` |
+//! | what every rig leaves behind any model | `discrepancy` |
+//! | evidence with that discrepancy, and fits | `evidence`, `posterior` |
 //! | where it disagrees, and whether at all | `adequacy` |
 //! | score every effect, margin by bootstrap | `score` |
 //! | refit, accept, add, repeat; rivals | `search` |
 //! | what would tell rivals apart | `next` |
 //! | before and after on what was held out | `split` |
+//! | what remains, and whether it matters | `remaining` |
 //! | the result | `story`, `results` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
@@ -21,8 +24,12 @@ mod believed;
 pub mod blind;
 mod cells;
 mod data;
+mod discrepancy;
+mod evidence;
 mod next;
 mod noise;
+mod posterior;
+mod remaining;
 mod results;
 mod score;
 mod search;
@@ -40,13 +47,17 @@ pub use results::{
 
 use crate::inference::FitError;
 use crate::model::effects::Effect;
-use crate::model::{Channels, ModelError, predict};
+use crate::model::ModelError;
 use crate::session::Session;
 use adequacy::{Adequacy, regions};
-use believed::{Fitted, Layout, Prepared, Scale};
+use believed::{Layout, Prepared, Scale};
 use data::{Kind, Run};
+use discrepancy::patterns;
+use evidence::Patterns;
 use noise::Noise;
-use search::{Found, search};
+use posterior::{Fitted, MAX_ROUNDS};
+use remaining::Remaining;
+use search::{Found, Search};
 use split::{Training, split};
 use std::path::PathBuf;
 use story::Story;
@@ -113,18 +124,22 @@ pub fn diagnose(
         effects: options.given.iter().map(|(effect, _)| *effect).collect(),
         cache: Default::default(),
     };
-    let (prepared, start) = fit_start(&layout, &runs, &noise, &options.given)?;
-    let before = Adequacy::of(&start, &prepared)?;
-    let where_before = regions(&start, &prepared)?;
+    let Start { runs: prepared, patterns, fitted: start } =
+        fit_start(&layout, &runs, &noise, &options.given)?;
+    let before = Adequacy::of(&start, &prepared, &patterns)?;
+    let where_before = regions(&start, &prepared);
+    let judge = held_out.judge(&start, &prepared, &noise)?;
     tell(&format!("{} effects are scored", crate::model::effects::EFFECTS.len() - layout.effects.len()));
-    let found = search(&start, &prepared, options.seed, &mut tell)?;
-    let after = Adequacy::of(&found.fitted, &prepared)?;
+    let search = Search { start: &start, runs: &prepared, patterns: &patterns, judge: &judge, seed: options.seed };
+    let found = search.run(&mut tell)?;
+    let after = Adequacy::of(&found.fitted, &prepared, &patterns)?;
 
-    let verdict = verdict(&found, &before, &after, held_out.is_empty());
+    let verdict = verdict(&found, &before, judge.share(&start, &found.fitted));
     let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
     let final_fit = if is_named { &found.fitted } else { &start };
-    tell("the runs that were held out are looked at");
-    let gap = held_out.gap(&start, final_fit, &noise, options.seed)?;
+    tell("the runs that were held out are compared");
+    let gap = judge.gap(&start, final_fit, options.seed)?;
+    let remaining = Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
     let story = Story {
         session,
         options,
@@ -136,9 +151,9 @@ pub fn diagnose(
         adequacy: [&before, &after],
         verdict,
         split: rule,
-        held_out: held_out.ids().len(),
+        held_out: judge.runs(),
     };
-    Ok(story.told(where_before.iter().map(story::region).collect(), gap, warnings))
+    Ok(story.told(where_before.iter().map(story::region).collect(), gap, remaining, warnings))
 }
 
 /// How a session would be divided.
@@ -182,38 +197,50 @@ fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> 
     if runs.is_empty() { Err(DiagnoseError::AllFailed { reasons: warnings }) } else { Ok((runs, warnings)) }
 }
 
-/// Fits the starting model: twice, because what makes residuals independent needs to know about what to expect.
+/// The starting model, fitted, and what everything after it works on.
+struct Start {
+    runs: Vec<Prepared>,
+    patterns: Patterns,
+    fitted: Fitted,
+}
+
+/// Fits the starting model: twice, because what makes residuals independent, and what the discrepancy looks like, need to know about
+/// what to expect. The first time there is noise alone.
 fn fit_start(
     layout: &Layout,
     runs: &[Run],
     noise: &Noise,
     given: &[(&'static dyn Effect, Vec<f64>)],
-) -> Result<(Vec<Prepared>, Fitted), DiagnoseError> {
+) -> Result<Start, DiagnoseError> {
     let mut values = layout.first_values();
     let infos = given.iter().flat_map(|(effect, values)| effect.parameters().iter().zip(values));
     for (value, (info, given)) in values[layout.own()..].iter_mut().zip(infos) {
         *value = Scale::of(info).inside(*given);
     }
-    let mut prepared = Vec::new();
-    for _ in 0..2 {
-        let of_run = |run: &Run| -> Result<Prepared, ModelError> {
-            let model = layout.model(&values, run.kind)?;
-            let expected: Channels = predict(&model, &run.experiment)?;
-            Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, noise, &model, &expected)? })
+    let prepared = |values: &[f64]| -> Result<Vec<Prepared>, ModelError> {
+        let of_run = |run: &Run| {
+            let model = layout.model(values, run.kind)?;
+            Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, noise, &model)? })
         };
-        prepared = runs.iter().map(of_run).collect::<Result<_, _>>()?;
-        values = Fitted::new(layout, &prepared, &values)?.values().to_vec();
-    }
-    let start = Fitted::new(layout, &prepared, &values)?;
-    Ok((prepared, start))
+        runs.iter().map(of_run).collect()
+    };
+    let first = prepared(&values)?;
+    let beside_noise = Fitted::new(layout, &first, &Patterns::none(&first), &values, &[], MAX_ROUNDS)?;
+    let values = beside_noise.values();
+    let runs = prepared(values)?;
+    let patterns = patterns(layout, values, &runs)?;
+    let fitted = Fitted::new(layout, &runs, &patterns, values, &patterns.everyday(), MAX_ROUNDS)?;
+    Ok(Start { runs, patterns, fitted })
 }
 
-fn verdict(found: &Found, before: &Adequacy, after: &Adequacy, thin: bool) -> Verdict {
+/// Nothing is named that leaves the larger part of the gap.
+const NAMED_SHARE: f64 = 0.5;
+
+fn verdict(found: &Found, before: &Adequacy, share: f64) -> Verdict {
     match found.members.is_empty() {
         true if before.is_adequate() => Verdict::Adequate,
         true => Verdict::Unexplained,
-        // Without anything to prove it on nothing is named.
-        false if thin || !after.is_adequate() || absorbs(found) => Verdict::Unexplained,
+        false if share < NAMED_SHARE || absorbs(found) => Verdict::Unexplained,
         false if found.members.iter().all(|member| member.class.len() == 1) => Verdict::Named,
         false => Verdict::Ambiguous,
     }

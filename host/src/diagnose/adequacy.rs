@@ -8,10 +8,12 @@
 //! * which interval of which coordinate stands out most, in one channel, alike or opposite on both sides of zero ([`regions`]): a scan,
 //!   its significance corrected for the number of intervals looked at.
 
-use super::believed::{Fitted, Prepared};
+use super::believed::Prepared;
 use super::data::{Channel, Datum, Kind};
-use super::score::{NOISE_TOLERANCE, parameter_basis, stacked};
-use crate::model::ModelError;
+use super::evidence::Patterns;
+use super::posterior::Fitted;
+use super::score::{NOISE_TOLERANCE, stacked};
+use crate::inference::FitError;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 use std::cmp::Reverse;
@@ -24,14 +26,23 @@ const LEAST_DIRECTION: f64 = 1e-9;
 const BINS: usize = 8;
 const MOST_REGIONS: usize = 5;
 
-/// How much smooth structure is left.
-#[derive(Debug, Clone)]
-pub(super) struct Adequacy {
-    /// Chi-square in smooth functions, and their number.
+/// Chi-square in smooth functions of the coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Structure {
     pub chi_square: f64,
+    /// Number of the functions.
     pub functions: usize,
     /// Probability of more by chance.
     pub p: f64,
+}
+
+/// How much smooth structure is left.
+#[derive(Debug, Clone)]
+pub(super) struct Adequacy {
+    /// Beside noise alone.
+    pub noise: Structure,
+    /// Beside noise and the discrepancy that every rig has.
+    pub everyday: Structure,
     /// Reduced chi-square of every channel: sum of squares and number.
     pub channels: Vec<(Channel, f64, usize)>,
     /// Standard deviation of the smooth discrepancy per channel, SI.
@@ -43,71 +54,92 @@ impl Adequacy {
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    pub fn of(fitted: &Fitted, runs: &[Prepared]) -> Result<Self, ModelError> {
-        let residuals = stacked(&fitted.fit.residuals);
-        let basis = parameter_basis(fitted, runs)?;
+    pub fn of(fitted: &Fitted, runs: &[Prepared], patterns: &Patterns) -> Result<Self, FitError> {
+        let residuals = stacked(&fitted.residuals);
         let plain = smooth_functions(runs);
-        let seen: Vec<DVector<f64>> = plain.iter().map(|column| whitened(runs, column)).collect();
         let channels = channel_squares(runs, &residuals);
-        if seen.is_empty() {
-            return Ok(Self { chi_square: 0.0, functions: 0, p: 1.0, channels, discrepancy: Vec::new() });
+        let nothing = Structure { chi_square: 0.0, functions: 0, p: 1.0 };
+        if plain.is_empty() {
+            return Ok(Self { noise: nothing, everyday: nothing, channels, discrepancy: Vec::new() });
         }
-        let seen = DMatrix::from_columns(&seen);
-        let mut free = seen.clone();
-        free -= &basis * basis.tr_mul(&seen);
+        let mut columns: Vec<DVector<f64>> = plain.iter().map(|column| whitened(runs, column)).collect();
         // Functions of very different sizes: each of length one.
-        let scale = DVector::from_fn(free.ncols(), |j, _| 1.0 / seen.column(j).norm().max(f64::MIN_POSITIVE));
-        for (mut column, scale) in free.column_iter_mut().zip(scale.iter()) {
-            column *= *scale;
-        }
-        let eigen = free.tr_mul(&free).symmetric_eigen();
-        let along = free.tr_mul(&residuals);
-        let largest = eigen.eigenvalues.max();
-        let mut chi_square = 0.0;
-        let mut functions = 0;
-        let mut coefficients = DVector::zeros(free.ncols());
-        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-            if *value > LEAST_DIRECTION * largest {
-                let projected = vector.dot(&along);
-                chi_square += projected * projected / value;
-                functions += 1;
-                // Only what is more than noise belongs to the discrepancy.
-                let shrunk = (1.0 - value / (projected * projected)).max(0.0);
-                coefficients.axpy(shrunk * projected / value, &vector, 1.0);
-            }
-        }
-        let p = ChiSquared::new(functions as f64)
-            .map_or(1.0, |distribution| distribution.sf(chi_square / NOISE_TOLERANCE));
-        let mut discrepancy = vec![0.0; residuals.len()];
+        let scale: Vec<f64> = columns.iter().map(|column| 1.0 / column.norm().max(f64::MIN_POSITIVE)).collect();
+        columns.iter_mut().zip(&scale).for_each(|(column, scale)| *column *= *scale);
+        columns.push(residuals);
+        let all = DMatrix::from_columns(&columns);
+        let mut start = 0;
+        let of_run = |run: &Prepared| {
+            let rows = run.run.data.len();
+            start += rows;
+            all.rows(start - rows, rows).into_owned()
+        };
+        let of_runs: Vec<DMatrix<f64>> = runs.iter().map(of_run).collect();
+        let structure = |sizes: &[f64]| {
+            let products = fitted.beside_parameters(patterns, sizes, &of_runs);
+            products.map(|products| structure(&products)).ok_or(FitError::Undetermined)
+        };
+        let (noise, coefficients) = structure(&vec![0.0; patterns.groups.len()])?;
+        let (everyday, _) = structure(&patterns.everyday())?;
+        let mut discrepancy = vec![0.0; all.nrows()];
         for ((column, scale), coefficient) in plain.iter().zip(scale.iter()).zip(coefficients.iter()) {
             discrepancy.iter_mut().zip(column).for_each(|(sum, f)| *sum += coefficient * scale * f);
         }
         let discrepancy = Channel::ALL
             .into_iter()
             .filter_map(|channel| {
-                let of_channel = all(runs).zip(&discrepancy).filter(|((_, d), _)| d.channel == channel);
+                let of_channel = all_data(runs).zip(&discrepancy).filter(|((_, d), _)| d.channel == channel);
                 let (sum, count) =
                     of_channel.fold((0.0, 0), |(sum, n), (_, value)| (sum + value * value, n + 1));
                 (count > 0).then(|| (channel, (sum / f64::from(count)).sqrt()))
             })
             .collect();
-        Ok(Self { chi_square, functions, p, channels, discrepancy })
+        Ok(Self { noise, everyday, channels, discrepancy })
     }
 
-    /// Whether nothing is missing as far as this session tells.
+    /// Whether nothing is missing but what every rig has.
     pub fn is_adequate(&self) -> bool {
-        self.p >= LEVEL
+        self.everyday.p >= LEVEL
+    }
+
+    /// Whether what is left is noise.
+    pub fn is_within_noise(&self) -> bool {
+        self.noise.p >= LEVEL
     }
 }
 
+/// Structure in residuals, the last of the columns whose scalar products these are, along all before it; and the coefficients of the
+/// functions, less what noise makes of them.
+fn structure(products: &DMatrix<f64>) -> (Structure, DVector<f64>) {
+    let count = products.ncols() - 1;
+    let eigen = products.view((0, 0), (count, count)).into_owned().symmetric_eigen();
+    let along = products.view((0, count), (count, 1)).column(0).into_owned();
+    let largest = eigen.eigenvalues.max();
+    let (mut chi_square, mut functions) = (0.0, 0);
+    let mut coefficients = DVector::zeros(count);
+    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        if *value > LEAST_DIRECTION * largest {
+            let projected = vector.dot(&along);
+            chi_square += projected * projected / value;
+            functions += 1;
+            // Only what is more than noise belongs to the discrepancy.
+            let shrunk = (1.0 - value / (projected * projected)).max(0.0);
+            coefficients.axpy(shrunk * projected / value, &vector, 1.0);
+        }
+    }
+    let p = ChiSquared::new(functions as f64)
+        .map_or(1.0, |distribution| distribution.sf(chi_square / NOISE_TOLERANCE));
+    (Structure { chi_square, functions, p }, coefficients)
+}
+
 /// Every datum with its run.
-fn all(runs: &[Prepared]) -> impl Iterator<Item = (&Prepared, &Datum)> {
+fn all_data(runs: &[Prepared]) -> impl Iterator<Item = (&Prepared, &Datum)> {
     runs.iter().flat_map(|run| run.run.data.iter().map(move |datum| (run, datum)))
 }
 
 fn channel_squares(runs: &[Prepared], residuals: &DVector<f64>) -> Vec<(Channel, f64, usize)> {
     let of = |channel: Channel| {
-        let squares = all(runs).zip(residuals.iter()).filter(|((_, d), _)| d.channel == channel);
+        let squares = all_data(runs).zip(residuals.iter()).filter(|((_, d), _)| d.channel == channel);
         let (sum, count) = squares.fold((0.0, 0), |(sum, n), (_, r)| (sum + r * r, n + 1));
         (channel, sum, count)
     };
@@ -131,7 +163,7 @@ fn whitened(runs: &[Prepared], column: &[f64]) -> DVector<f64> {
 /// Smooth functions of the coordinates, one channel and kind of run each, in SI.
 fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
     let lateral = || runs.iter().filter(|run| run.run.kind == Kind::Lateral);
-    let most = |of: &dyn Fn(&Datum) -> f64| all(runs).map(|(_, d)| of(d).abs()).fold(1e-9, f64::max);
+    let most = |of: &dyn Fn(&Datum) -> f64| all_data(runs).map(|(_, d)| of(d).abs()).fold(1e-9, f64::max);
     let (most_level_m, most_depth_m) = (most(&|d| d.place.level_m), most(&|d| d.place.depth_m));
     let depths =
         lateral().map(|run| run.run.depth_m).fold((f64::MAX, f64::MIN), |(l, h), d| (l.min(d), h.max(d)));
@@ -199,7 +231,7 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
             let belongs = |run: &Prepared, d: &Datum| {
                 d.channel == channel && (of_tip || (run.run.kind == Kind::Lateral && run.run.axis == axis))
             };
-            if !all(runs).any(|(run, d)| belongs(run, d)) {
+            if !all_data(runs).any(|(run, d)| belongs(run, d)) {
                 continue;
             }
             for function in &functions {
@@ -207,7 +239,7 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
                     let value = |(run, d): (&Prepared, &Datum)| {
                         if belongs(run, d) { factor(run) * function(d) } else { 0.0 }
                     };
-                    all(runs).map(value).collect()
+                    all_data(runs).map(value).collect()
                 };
                 columns.push(column(&|_| 1.0));
                 if !of_tip && active && several_depths {
@@ -253,17 +285,14 @@ const COORDINATES: [Coordinate; 5] = [
 ];
 
 /// Where a fit and the data differ beyond chance, most significant first, one region per channel and coordinate.
-///
-/// # Errors
-/// Where the model cannot be evaluated.
-pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Result<Vec<Region>, ModelError> {
-    let residuals = stacked(&fitted.fit.residuals);
-    let basis = parameter_basis(fitted, runs)?;
+pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Vec<Region> {
+    let residuals = stacked(&fitted.residuals);
+    let basis = orthonormal(&fitted.jacobian);
     let mut found: Vec<Region> = Vec::new();
     let mut looked_at = 0;
     for channel in Channel::ALL {
         for (name, coordinate) in COORDINATES {
-            let values: Vec<Option<f64>> = all(runs)
+            let values: Vec<Option<f64>> = all_data(runs)
                 .map(|(run, d)| (d.channel == channel).then(|| coordinate(run, d)).flatten())
                 .collect();
             let edges = edges(&values);
@@ -282,7 +311,7 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Result<Vec<Region>,
                             Some(value) if place(&edges, *value) == bin => sign(d),
                             _ => 0.0,
                         };
-                        let column: Vec<f64> = all(runs).zip(&values).map(member).collect();
+                        let column: Vec<f64> = all_data(runs).zip(&values).map(member).collect();
                         let mut seen = whitened(runs, &column);
                         seen -= &basis * basis.tr_mul(&seen);
                         seen
@@ -308,7 +337,28 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Result<Vec<Region>,
             kept.push(region);
         }
     }
-    Ok(kept)
+    kept
+}
+
+/// Orthonormal columns that span what these do (one matrix per run), nearly dependent ones skipped.
+fn orthonormal(jacobian: &[DMatrix<f64>]) -> DMatrix<f64> {
+    let rows = jacobian.iter().map(DMatrix::nrows).sum();
+    let count = jacobian.first().map_or(0, DMatrix::ncols);
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    for j in 0..count {
+        let mut rest = DVector::from_iterator(rows, jacobian.iter().flat_map(|of_run| of_run.column(j).into_owned().data.as_vec().clone()));
+        let before = rest.norm();
+        for _ in 0..2 {
+            for known in &basis {
+                let along = known.dot(&rest);
+                rest.axpy(-along, known, 1.0);
+            }
+        }
+        if rest.norm() > 1e-6 * before && before > 0.0 {
+            basis.push(rest.normalize());
+        }
+    }
+    if basis.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&basis) }
 }
 
 /// Bins of a coordinate: its distinct values where these are few, else equal counts; least and greatest of each.

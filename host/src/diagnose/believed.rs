@@ -6,7 +6,7 @@
 
 use super::data::{Kind, Run, Source};
 use super::whiten::Whitener;
-use crate::inference::{Block, Fit, FitError, Parameter, Prior, fit};
+use crate::inference::{Parameter, Prior};
 use crate::model::effects::{Effect, ParameterInfo};
 use crate::model::{Cache, Channels, Model, ModelError, Rig, TipLaw, predict_with};
 use std::sync::Arc;
@@ -171,25 +171,30 @@ impl Layout {
     }
 }
 
-/// Measured less predicted, in SI, in the order of the run's data.
-pub(super) fn differences(run: &Run, predicted: &Channels) -> Vec<f64> {
+/// What a run's data should be, in SI, in their order.
+pub(super) fn predicted(run: &Run, channels: &Channels) -> Vec<f64> {
     let of = |datum: &super::data::Datum| {
         let plane = datum.channel.plane();
         let values = |series: &crate::model::Series, index: usize| match plane {
             0 => series.y.get(index).copied(),
             _ => series.x.as_ref().and_then(|x| x.get(index)).copied(),
         };
-        let predicted = match &datum.source {
+        let value = match &datum.source {
             Source::Force(cells) => {
-                let sum: Option<f64> = cells.iter().map(|i| values(&predicted.force_n, *i)).sum();
+                let sum: Option<f64> = cells.iter().map(|i| values(&channels.force_n, *i)).sum();
                 sum.map(|sum| sum / cells.len() as f64)
             }
-            Source::Shape(index) => values(&predicted.shape_m, *index),
-            Source::Tip(index) => values(&predicted.tip_m, *index),
+            Source::Shape(index) => values(&channels.shape_m, *index),
+            Source::Tip(index) => values(&channels.tip_m, *index),
         };
-        datum.measured - predicted.unwrap_or(f64::NAN)
+        value.unwrap_or(f64::NAN)
     };
     run.data.iter().map(of).collect()
+}
+
+/// Measured less predicted, in SI, in the order of the run's data.
+pub(super) fn differences(run: &Run, channels: &Channels) -> Vec<f64> {
+    run.data.iter().zip(predicted(run, channels)).map(|(datum, value)| datum.measured - value).collect()
 }
 
 /// A run with what makes its residuals independent.
@@ -210,87 +215,6 @@ impl Prepared {
         let mut residuals = differences(&self.run, &predicted);
         self.whitener.apply(&mut residuals);
         Ok(residuals)
-    }
-}
-
-/// A run seen through a layout, as the fit wants it.
-struct Seen<'a> {
-    prepared: &'a Prepared,
-    layout: &'a Layout,
-}
-
-impl Block for Seen<'_> {
-    /// There are no nuisances: the residuals themselves.
-    type Ready<'a>
-        = Vec<f64>
-    where
-        Self: 'a;
-
-    fn nuisances(&self) -> Vec<Parameter> {
-        Vec::new()
-    }
-
-    fn ready(&self, shared: &[f64]) -> Result<Vec<f64>, ModelError> {
-        self.prepared.residuals(self.layout, shared)
-    }
-
-    fn residuals(&self, ready: &Vec<f64>, _: &[f64]) -> Result<Vec<f64>, ModelError> {
-        Ok(ready.clone())
-    }
-}
-
-/// A fitted layout.
-#[derive(Debug, Clone)]
-pub(super) struct Fitted {
-    pub layout: Layout,
-    pub fit: Fit,
-    /// Logarithm of the evidence by Laplace's method, up to what all layouts share.
-    pub log_evidence: f64,
-}
-
-impl Fitted {
-    /// Fits a layout to runs.
-    ///
-    /// # Errors
-    /// [`FitError`] where there is no best fit.
-    pub fn new(layout: &Layout, runs: &[Prepared], starts: &[f64]) -> Result<Self, FitError> {
-        let parameters = layout.parameters(starts);
-        let blocks: Vec<Seen<'_>> = runs.iter().map(|prepared| Seen { prepared, layout }).collect();
-        let fit = fit(&parameters, &blocks)?;
-        let log_priors: f64 = parameters.iter().filter_map(|p| p.prior).map(|prior| prior.sd.ln()).sum();
-        let determinant = fit.covariance.clone().cholesky().ok_or(FitError::Undetermined)?;
-        let log_determinant = 2.0 * determinant.l().diagonal().map(f64::ln).sum();
-        let log_evidence = -0.5 * fit.chi_square + 0.5 * log_determinant - log_priors;
-        Ok(Self { layout: layout.clone(), fit, log_evidence })
-    }
-
-    /// Values inside the fits.
-    pub fn values(&self) -> &[f64] {
-        &self.fit.shared
-    }
-
-    /// A parameter in its own unit with its interval of 95 %.
-    pub fn estimate(&self, effect: usize, parameter: usize) -> (f64, [f64; 2]) {
-        let info = &self.layout.effects[effect].parameters()[parameter];
-        let scale = Scale::of(info);
-        let at = self.layout.first_of(effect) + parameter;
-        let (value, sd) = (self.values()[at], self.fit.covariance[(at, at)].sqrt());
-        let [least, most] = info.range;
-        let end = |sds: f64| scale.outside(value + sds * sd).clamp(least, most);
-        (scale.outside(value), [end(-NORMAL_975), end(NORMAL_975)])
-    }
-
-    /// Of the modulus, Pa.
-    pub fn modulus_pa(&self) -> (f64, [f64; 2]) {
-        let (value, sd) = (self.values()[0], self.fit.covariance[(0, 0)].sqrt());
-        (value.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (value + sds * sd).exp()))
-    }
-
-    /// Of the tip load, N, where there are insertions.
-    pub fn tip_load_n(&self) -> Option<(f64, [f64; 2])> {
-        let value = self.layout.kinds[1].then(|| self.values()[1])?;
-        let sd = self.fit.covariance[(1, 1)].sqrt();
-        Some((value, [-NORMAL_975, NORMAL_975].map(|sds| value + sds * sd)))
     }
 }
 

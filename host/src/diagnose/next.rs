@@ -4,9 +4,10 @@
 //! parameters could still do about it given what the session has told of them: the expected divergence. The best measurement is the
 //! one whose least divergence over all pairs is greatest.
 
-use super::believed::{Fitted, Layout};
+use super::believed::Layout;
 use super::data::{Kind, Run};
 use super::noise::Noise;
+use super::posterior::Fitted;
 use super::results::NextMeasurement;
 use crate::model::effects::{Effect, Seen};
 use crate::model::{
@@ -85,7 +86,7 @@ fn divergence(a: &Fitted, b: &Fitted, planned: &Planned, noise: &Noise) -> Resul
         columns.push((at(&b.layout, &values)? - &expected) * (towards / parameter.step));
     }
     let jacobian = DMatrix::from_columns(&columns);
-    let told = b.fit.covariance.clone().try_inverse().ok_or(ModelError::Singular)?;
+    let told = b.covariance.clone().try_inverse().ok_or(ModelError::Singular)?;
     let normal = (jacobian.transpose() * &jacobian + told).cholesky().ok_or(ModelError::Singular)?;
     let along = jacobian.transpose() * &difference;
     Ok(difference.norm_squared() - along.dot(&normal.solve(&along)))

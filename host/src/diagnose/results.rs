@@ -58,6 +58,8 @@ pub struct Diagnosis {
     pub given_effects: Vec<FoundEffect>,
     /// Effects that improve the fit without explaining it: no names.
     pub partial: Vec<String>,
+    /// What remains between the final model and the measurement, and whether it matters.
+    pub remaining: RemainingResult,
     /// Smooth structure in the residuals before and after.
     pub adequacy: [AdequacyResult; 2],
     /// Standard deviation of the smooth discrepancy that is left, by channel and unit; where something is unexplained.
@@ -172,6 +174,33 @@ pub struct GapSide {
     pub rmse: BTreeMap<String, f64>,
 }
 
+/// How much remains.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RemainingSize {
+    /// Nothing but noise.
+    WithinNoise,
+    /// Structure that moves K by no more than its interval.
+    Small,
+    /// Structure that matters.
+    Large,
+}
+
+/// What remains between the final model and the measurement.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RemainingResult {
+    /// How much, in a word.
+    pub size: RemainingSize,
+    /// Root mean square of the smooth misfit that is left, by channel and unit.
+    pub rms: BTreeMap<String, f64>,
+    /// Share of the held-out misfit above noise that is left; nothing where there was none.
+    pub share_of_gap: Option<f64>,
+    /// Relative change of K where the discrepancy is left out of the fit.
+    pub k_change_without_discrepancy: f64,
+    /// The imperfections that the evidence finds larger than in an ordinary rig, with their size as a multiple of the ordinary one.
+    pub above_everyday: BTreeMap<String, f64>,
+}
+
 /// An effect's rank.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ranked {
@@ -192,8 +221,10 @@ pub struct AdequacyResult {
     pub chi_square: f64,
     /// Number of these functions.
     pub functions: usize,
-    /// Probability of more by chance.
+    /// Probability of more by chance, beside noise alone.
     pub p: f64,
+    /// The same beside noise and the small imperfections that every rig and tissue has.
+    pub p_beside_everyday_discrepancy: f64,
     /// Reduced chi-square of every channel.
     pub channels: BTreeMap<String, f64>,
 }

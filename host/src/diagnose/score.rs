@@ -8,10 +8,11 @@
 //! Under the current model the residuals are independent normal numbers, so that all scores of a session that lacks nothing are
 //! drawn from the same projections: the parametric bootstrap of the whole search ([`Scores::margin`]).
 
-use super::believed::{Fitted, Prepared, Scale, prior};
+use super::believed::{Prepared, Scale, prior};
 use super::data::Kind;
+use super::evidence::Patterns;
+use super::posterior::Fitted;
 use crate::inference::FitError;
-use crate::model::ModelError;
 use crate::model::effects::{EFFECTS, Effect, neutral};
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -67,98 +68,37 @@ pub(super) fn stacked(residuals: &[Vec<f64>]) -> DVector<f64> {
     DVector::from_iterator(residuals.iter().map(Vec::len).sum(), residuals.iter().flatten().copied())
 }
 
-/// An orthonormal basis of what the parameters of a fit can do to the residuals.
-///
-/// # Errors
-/// Where the model cannot be evaluated.
-pub(super) fn parameter_basis(fitted: &Fitted, runs: &[Prepared]) -> Result<DMatrix<f64>, ModelError> {
-    let jacobian = jacobian(fitted, runs)?;
-    Ok(orthonormal(&jacobian))
-}
-
-/// Derivative of the predictions, in standard deviations, with respect to the parameters.
-///
-/// # Errors
-/// Where the model cannot be evaluated.
-pub(super) fn jacobian(fitted: &Fitted, runs: &[Prepared]) -> Result<DMatrix<f64>, ModelError> {
-    let values = fitted.values();
-    let parameters = fitted.layout.parameters(values);
-    let mut columns = Vec::with_capacity(values.len());
-    for (index, parameter) in parameters.iter().enumerate() {
-        let (from, to) = (
-            (values[index] - parameter.step).max(parameter.least),
-            (values[index] + parameter.step).min(parameter.most),
-        );
-        let at = |value: f64| {
-            let mut values = values.to_vec();
-            values[index] = value;
-            all_residuals(runs, &fitted.layout, &values)
-        };
-        columns.push((at(from)? - at(to)?) / (to - from));
-    }
-    Ok(DMatrix::from_columns(&columns))
-}
-
-fn all_residuals(
-    runs: &[Prepared],
-    layout: &super::believed::Layout,
-    values: &[f64],
-) -> Result<DVector<f64>, ModelError> {
-    let of_runs: Result<Vec<_>, _> = runs.iter().map(|run| run.residuals(layout, values)).collect();
-    Ok(stacked(&of_runs?))
-}
-
-/// Orthonormal columns that span the same, nearly dependent ones left out.
-pub(super) fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut basis: Vec<DVector<f64>> = Vec::new();
-    for column in columns.column_iter() {
-        let mut rest = column.into_owned();
-        let before = rest.norm();
-        for _ in 0..2 {
-            for known in &basis {
-                let along = known.dot(&rest);
-                rest.axpy(-along, known, 1.0);
-            }
-        }
-        if rest.norm() > 1e-6 * before && before > 0.0 {
-            basis.push(rest.normalize());
-        }
-    }
-    if basis.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&basis) }
-}
-
 impl Scores {
-    /// Scores all effects that are not in the model.
+    /// Scores all effects that are not in the model, in the metric of the discrepancy that every rig has.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    pub fn new(fitted: &Fitted, runs: &[Prepared]) -> Result<Self, FitError> {
-        let residuals = stacked(&fitted.fit.residuals);
-        let basis = parameter_basis(fitted, runs)?;
+    pub fn new(fitted: &Fitted, runs: &[Prepared], patterns: &Patterns) -> Result<Self, FitError> {
         let known = |effect: &dyn Effect| fitted.layout.effects.iter().any(|e| e.id() == effect.id());
         let of_effect = |effect: &'static dyn Effect| {
             let layout = fitted.layout.with(effect);
-            let directions = |probe: &Vec<f64>| {
+            let direction = |probe: &Vec<f64>| -> Vec<DVector<f64>> {
                 let mut values = fitted.values().to_vec();
                 let infos = effect.parameters().iter().zip(probe);
                 values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-                // An effect that is impossible at this size (a needle that buckles) has no direction.
                 let of_run = |(run, plain): (&Prepared, &Vec<f64>)| {
                     let kind = usize::from(run.run.kind == Kind::Insertion);
-                    let shows = effect.shows_in()[kind];
-                    if shows { run.residuals(&layout, &values) } else { Ok(plain.clone()) }
+                    let none = || DVector::zeros(plain.len());
+                    if !effect.shows_in()[kind] {
+                        return none();
+                    }
+                    // An effect that is impossible at this size (a needle that buckles) has no direction.
+                    match run.residuals(&layout, &values) {
+                        Ok(changed) if changed.iter().all(|v| v.is_finite()) => {
+                            DVector::from_iterator(plain.len(), plain.iter().zip(changed).map(|(a, b)| a - b))
+                        }
+                        _ => none(),
+                    }
                 };
-                let changed: Result<Vec<_>, _> = runs.iter().zip(&fitted.fit.residuals).map(of_run).collect();
-                let direction = changed.ok().map(|changed| &residuals - stacked(&changed));
-                let mut direction = direction.unwrap_or_else(|| DVector::zeros(residuals.len()));
-                if direction.iter().any(|v| !v.is_finite()) {
-                    direction.fill(0.0);
-                }
-                direction -= &basis * basis.tr_mul(&direction);
-                direction
+                runs.iter().zip(&fitted.residuals).map(of_run).collect()
             };
             let with_directions = |way: Way| {
-                let directions: Vec<DVector<f64>> = way.probes.iter().map(directions).collect();
+                let directions: Vec<Vec<DVector<f64>>> = way.probes.iter().map(direction).collect();
                 (way, directions)
             };
             (effect, ways_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
@@ -168,19 +108,28 @@ impl Scores {
         let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();
         let (mut ways, mut directions) = (Vec::new(), Vec::new());
         for (effect, of_effect) in all {
-            let numbered = |(mut way, mut more): (Way, Vec<DVector<f64>>)| {
+            let numbered = |(mut way, mut more): (Way, Vec<Vec<DVector<f64>>>)| {
                 way.columns.extend(directions.len()..directions.len() + more.len());
                 directions.append(&mut more);
                 way
             };
             ways.push((effect, of_effect.into_iter().map(numbered).collect()));
         }
-        if directions.is_empty() {
+        let count = directions.len();
+        if count == 0 {
             return Ok(Self { ways, gram: DMatrix::zeros(0, 0), along: DVector::zeros(0) });
         }
-        let directions = DMatrix::from_columns(&directions);
-        let gram = directions.tr_mul(&directions);
-        let along = directions.tr_mul(&residuals);
+        let columns = |(number, residuals): (usize, &Vec<f64>)| {
+            let mut columns: Vec<DVector<f64>> = directions.iter().map(|of_runs| of_runs[number].clone()).collect();
+            columns.push(DVector::from_column_slice(residuals));
+            DMatrix::from_columns(&columns)
+        };
+        let columns: Vec<DMatrix<f64>> = fitted.residuals.iter().enumerate().map(columns).collect();
+        let everyday = patterns.everyday();
+        let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+        let metric = fitted.beside_parameters(patterns, &sizes, &columns).ok_or(FitError::Undetermined)?;
+        let gram = metric.view((0, 0), (count, count)).into_owned();
+        let along = metric.view((0, count), (count, 1)).column(0).into_owned();
         Ok(Self { ways, gram, along })
     }
 

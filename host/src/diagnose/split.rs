@@ -3,9 +3,12 @@
 //! What is held out goes into [`HeldOut`], which has one use: the gap of two models on it. Nothing else can look inside, so that no
 //! fit, noise estimate, threshold or selection depends on it.
 
-use super::believed::{Fitted, Prepared, differences};
+use super::believed::{Prepared, differences};
 use super::data::{Channel, Kind, Run, Source};
+use super::discrepancy;
+use super::evidence::Patterns;
 use super::noise::Noise;
+use super::posterior::{self, Fitted};
 use super::results::{Gap, GapSide, ResidualPoint};
 use crate::model::{ModelError, predict};
 use rand::{RngExt, SeedableRng};
@@ -91,14 +94,74 @@ fn last_of_repeats(runs: &[Run]) -> Vec<usize> {
 }
 
 impl HeldOut {
-    /// Whether anything is held out.
-    pub fn is_empty(&self) -> bool {
-        self.runs.is_empty()
-    }
-
     /// Names of the runs that it is from.
     pub fn ids(&self) -> Vec<String> {
         self.runs.iter().map(|run| run.id.clone()).collect()
+    }
+
+    /// Ready to judge models that are tried beside a start, which was fitted to the training runs.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn judge(self, start: &Fitted, training: &[Prepared], noise: &Noise) -> Result<Judge, ModelError> {
+        let prepared = |run: Run| {
+            let model = start.layout.model(start.values(), run.kind)?;
+            Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
+        };
+        let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
+        let instruments = |runs: &[Prepared]| discrepancy::of_instruments(&start.layout, start.values(), runs);
+        Ok(Judge {
+            of_held_out: instruments(&runs)?,
+            of_training: instruments(training)?,
+            readings: training.iter().map(|run| run.run.data.len()).sum(),
+            runs,
+        })
+    }
+}
+
+/// Judges models by misfits, and by what was held out. The misfit is that of the physics: zeros, drift, axes and offsets of single
+/// runs are the instruments' own, and beside the noise of a mean a zero would rule all sums.
+#[derive(Debug)]
+pub(super) struct Judge {
+    runs: Vec<Prepared>,
+    of_held_out: Patterns,
+    of_training: Patterns,
+    /// Number of training data.
+    readings: usize,
+}
+
+impl Judge {
+    /// Number of runs of which something is held out.
+    pub fn runs(&self) -> usize {
+        self.runs.len()
+    }
+
+    /// Share of the gap of one model above noise, in training, that another one removes: beside noise alone or beside noise and
+    /// instruments, whichever is larger. A gap is only what is more than chance.
+    pub fn share(&self, before: &Fitted, after: &Fitted) -> f64 {
+        let count = self.readings as f64;
+        let share = |before: f64, after: f64| {
+            let removed = before - after;
+            let gap = before - count - 2.0 * (2.0 * count).sqrt();
+            if removed > 0.0 { removed / gap.max(removed) } else { 0.0 }
+        };
+        let squares = |fitted: &Fitted| fitted.residuals.iter().flatten().map(|r| r * r).sum::<f64>();
+        let beside_noise = share(squares(before), squares(after));
+        let everyday = self.of_training.everyday();
+        let misfit = |fitted: &Fitted| fitted.misfit(&self.of_training, &everyday);
+        let beside_instruments =
+            misfit(before).zip(misfit(after)).map_or(0.0, |(before, after)| share(before, after));
+        beside_noise.max(beside_instruments)
+    }
+
+    /// Whether the misfit of what was held out is smaller under the second model; nothing can be accepted where nothing is held out.
+    pub fn held_out_shrinks(&self, before: &Fitted, after: &Fitted) -> bool {
+        let everyday = self.of_held_out.everyday();
+        let misfit = |fitted: &Fitted| {
+            let residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
+            posterior::misfit(&self.of_held_out, &everyday, &residuals)
+        };
+        !self.runs.is_empty() && misfit(before).zip(misfit(after)).is_some_and(|(before, after)| after < before)
     }
 
     /// How far two models are from what was held out, and how much of the removable gap the second one removes. Nothing where
@@ -106,24 +169,14 @@ impl HeldOut {
     ///
     /// # Errors
     /// Where a model cannot be evaluated.
-    pub fn gap(
-        &self,
-        before: &Fitted,
-        after: &Fitted,
-        noise: &Noise,
-        seed: u64,
-    ) -> Result<Option<Gap>, ModelError> {
+    pub fn gap(&self, before: &Fitted, after: &Fitted, seed: u64) -> Result<Option<Gap>, ModelError> {
         if self.runs.is_empty() {
             return Ok(None);
         }
         let mut sides = [Tally::default(), Tally::default()];
-        for run in &self.runs {
-            let model = before.layout.model(before.values(), run.kind)?;
-            let expected = predict(&model, &run.experiment)?;
-            let whitener = super::whiten::Whitener::new(run, noise, &model, &expected)?;
-            let prepared = Prepared { run: run.clone(), whitener };
+        for prepared in &self.runs {
             for (side, fitted) in sides.iter_mut().zip([before, after]) {
-                side.add(&prepared, fitted)?;
+                side.add(prepared, fitted)?;
             }
         }
         let points = points(&self.runs, &sides);
@@ -151,7 +204,7 @@ impl HeldOut {
         let quantile = |p: f64| draws.get(((draws.len() as f64 - 1.0) * p).round() as usize).copied();
         let interval = share.and(quantile(0.025).zip(quantile(0.975))).map(|(low, high)| [low, high]);
         Ok(Some(Gap {
-            heldout_runs: self.ids(),
+            heldout_runs: self.runs.iter().map(|run| run.run.id.clone()).collect(),
             before: before.side(),
             after: after.side(),
             removed: share,
@@ -162,8 +215,8 @@ impl HeldOut {
 }
 
 /// Residuals under both models with their places.
-fn points(runs: &[Run], sides: &[Tally; 2]) -> Vec<ResidualPoint> {
-    let data = runs.iter().flat_map(|run| &run.data);
+fn points(runs: &[Prepared], sides: &[Tally; 2]) -> Vec<ResidualPoint> {
+    let data = runs.iter().flat_map(|run| &run.run.data);
     let both = sides[0].plain.iter().zip(&sides[1].plain);
     data.zip(both)
         .map(|(datum, (before, after))| {

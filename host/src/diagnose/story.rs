@@ -1,11 +1,12 @@
 //! The result of a diagnosis, put together from what the steps found.
 
 use super::adequacy::{Adequacy, Region};
-use super::believed::Fitted;
 use super::data::{Kind, Run};
 use super::noise::Noise;
+use super::posterior::Fitted;
 use super::results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, Gap, Ranked, RegionResult, SCHEMA, Verdict,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, Gap, Ranked, RegionResult, RemainingResult, SCHEMA,
+    Verdict,
 };
 use super::search::{Found, Member};
 use super::{Options, next};
@@ -13,6 +14,9 @@ use crate::model::effects::{Effect, effect};
 use crate::model_file::{LearnedEffect, ModelFile};
 use crate::session::Session;
 use std::collections::BTreeMap;
+
+/// Leaders that are reported where nothing is named.
+const PARTIAL: usize = 3;
 
 /// What the result is made of.
 pub(super) struct Story<'a> {
@@ -32,7 +36,13 @@ pub(super) struct Story<'a> {
 
 impl Story<'_> {
     /// The result.
-    pub fn told(&self, regions: Vec<RegionResult>, gap: Option<Gap>, warnings: Vec<String>) -> Diagnosis {
+    pub fn told(
+        &self,
+        regions: Vec<RegionResult>,
+        gap: Option<Gap>,
+        remaining: RemainingResult,
+        warnings: Vec<String>,
+    ) -> Diagnosis {
         let Self { verdict, final_fit, adequacy, .. } = *self;
         let members = &self.found.members;
         let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
@@ -75,8 +85,9 @@ impl Story<'_> {
             partial: if is_named {
                 Vec::new()
             } else {
-                members.iter().map(|member| member.effect.id().to_owned()).collect()
+                self.partial()
             },
+            remaining,
             adequacy: adequacy.map(adequacy_result),
             discrepancy: discrepancy
                 .iter()
@@ -99,17 +110,28 @@ impl Story<'_> {
 
     fn effect(&self, member: &Member) -> FoundEffect {
         let fitted = &self.found.fitted;
-        let index = fitted.layout.effects.iter().position(|e| e.id() == member.effect.id()).unwrap_or(0);
-        let parameters = member.effect.parameters().iter().enumerate().map(|(number, info)| {
-            let (value, ci95) = fitted.estimate(index, number);
+        let effect = fitted.layout.effects[member.index];
+        let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
+            let (value, ci95) = fitted.estimate(member.index, number);
             (info.name.to_owned(), Estimate { value, ci95 })
         });
         FoundEffect {
-            id: member.effect.id().to_owned(),
+            id: effect.id().to_owned(),
             parameters: parameters.collect(),
             log_evidence_gain: member.gain,
             class: member.class.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
         }
+    }
+
+    /// What improves the fit without explaining the larger part of the gap: what the search added, else its leaders.
+    fn partial(&self) -> Vec<String> {
+        let members = &self.found.members;
+        if !members.is_empty() {
+            let effects = &self.found.fitted.layout.effects;
+            return members.iter().map(|member| effects[member.index].id().to_owned()).collect();
+        }
+        let strong = self.found.first.iter().filter(|candidate| candidate.gain() > self.found.margin);
+        strong.take(PARTIAL).map(|candidate| candidate.id().to_owned()).collect()
     }
 
     /// The effects of the starting model as the final fit has them.
@@ -226,9 +248,10 @@ pub(super) fn region(region: &Region) -> RegionResult {
 fn adequacy_result(adequacy: &Adequacy) -> AdequacyResult {
     let channels = adequacy.channels.iter();
     AdequacyResult {
-        chi_square: adequacy.chi_square,
-        functions: adequacy.functions,
-        p: adequacy.p,
+        chi_square: adequacy.noise.chi_square,
+        functions: adequacy.noise.functions,
+        p: adequacy.noise.p,
+        p_beside_everyday_discrepancy: adequacy.everyday.p,
         channels: channels.map(|(channel, sum, n)| (channel.name().to_owned(), sum / *n as f64)).collect(),
     }
 }

@@ -5,8 +5,10 @@
 //! all rivals to them give the expected gain of chi-square and the expected log evidence over the nearest rival.
 
 use super::blind::{self, Design, Foreign, Truth, strengths};
-use super::search::{MOST_LEADERS, one_sided, weigh};
-use super::{Diagnosis, Options, Verdict, diagnose, fit_start, runs_of, split};
+use super::evidence::Patterns;
+use super::posterior::{Fitted, MAX_ROUNDS};
+use super::search::{MAX_LEADERS, Search, one_sided};
+use super::{Diagnosis, Options, Start, Verdict, diagnose, fit_start, runs_of, split};
 use crate::diagnose::believed::{Layout, differences};
 use crate::diagnose::data::Kind;
 use crate::diagnose::noise::Noise;
@@ -217,7 +219,7 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
     let (id, values) = truth.effects.first()?;
     let hidden = effect(id)?;
     let (runs, _) = runs_of(session).ok()?;
-    let (training, _) = split(runs);
+    let (training, held_out) = split(runs);
     let noise = Noise::of(&training.runs, &session.noise);
     let layout = Layout {
         rig: session.rig.clone(),
@@ -225,7 +227,8 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
         effects: Vec::new(),
         cache: Default::default(),
     };
-    let (mut prepared, start) = fit_start(&layout, &training.runs, &noise, &[]).ok()?;
+    let Start { runs: mut prepared, patterns, fitted: start } =
+        fit_start(&layout, &training.runs, &noise, &[]).ok()?;
     let mut own = layout.first_values();
     own[0] = (1e3 * truth.k_kpa).ln();
     if let Some(load) = own.get_mut(1) {
@@ -239,9 +242,15 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
         let off = differences(&run.run, &predict(&model, &run.run.experiment).ok()?);
         run.run.data.iter_mut().zip(off).for_each(|(datum, off)| datum.measured -= off);
     }
-    let plain = super::Fitted::new(&layout, &prepared, start.values()).ok()?;
-    let scores = Scores::new(&plain, &prepared).ok()?;
-    let candidates = weigh(&plain, &prepared, &scores, MOST_LEADERS);
+    let fit = |patterns: &Patterns, sizes: &[f64]| {
+        Fitted::new(&layout, &prepared, patterns, start.values(), sizes, MAX_ROUNDS).ok()
+    };
+    let plain = fit(&patterns, &start.sizes)?;
+    let misfit = fit(&Patterns::none(&prepared), &[])?.residuals.iter().flatten().map(|r| r * r).sum();
+    let scores = Scores::new(&plain, &prepared, &patterns).ok()?;
+    let judge = held_out.judge(&plain, &prepared, &noise).ok()?;
+    let search = Search { start: &plain, runs: &prepared, patterns: &patterns, judge: &judge, seed: 1 };
+    let candidates = search.weigh(&plain, &scores, MAX_LEADERS);
     let gain_of = |of_hidden: bool| {
         candidates
             .iter()
@@ -256,5 +265,5 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
     let rival = gain_of(false);
     // Nothing at all is a rival too.
     let nearest = rival.map_or(0.0, |(gain, _)| gain).max(0.0);
-    Some((plain.fit.chi_square, own - nearest, rival.map(|(_, id)| id.to_owned())))
+    Some((misfit, own - nearest, rival.map(|(_, id)| id.to_owned())))
 }

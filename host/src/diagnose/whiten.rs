@@ -2,19 +2,17 @@
 //!
 //! The covariance of a run's numbers has blocks (forces of a plane; one sweep; one path) from the sensors' noise, and a few patterns
 //! on top: where guide 2 stands in a hold is known only as well as the mean of its readings, and moves force and shape of that hold
-//! together; a tip sensor's zero and the tip load of an insertion are not known exactly. With `C = L L^T + V V^T` and the
+//! together; a tip sensor's zero is not known exactly. With `C = L L^T + V V^T` and the
 //! singular values s of `L^-1 V = U S W^T`, the residual r becomes `x - U (1 - 1/sqrt(1 + s^2)) U^T x`, `x = L^-1 r`.
 
 use super::data::{Channel, Run, Source};
 use super::noise::Noise;
-use crate::model::{Channels, Experiment, Model, ModelError, Plane};
+use crate::model::{Experiment, Model, ModelError, Plane};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 /// Uncertainty of a tip sensor's zero.
 const TIP_ZERO_SD_M: f64 = 1e-3;
-/// How far the tip load differs between insertions that are meant to be alike.
-const LOAD_SD: f64 = 0.02;
 /// Correlations over more memories than this are none.
 const REACH: f64 = 8.0;
 
@@ -34,11 +32,11 @@ struct Slopes {
 }
 
 impl Whitener {
-    /// For a run, given about what is to be expected of it. Nothing where the noise makes no sense.
+    /// For a run, given about the model that is to be expected of it.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    pub fn new(run: &Run, noise: &Noise, model: &Model, expected: &Channels) -> Result<Self, ModelError> {
+    pub fn new(run: &Run, noise: &Noise, model: &Model) -> Result<Self, ModelError> {
         let slopes = slopes(run, model)?;
         let mut blocks = Vec::new();
         let mut start = 0;
@@ -59,7 +57,7 @@ impl Whitener {
         }
         let mut whitener =
             Self { blocks, patterns: DMatrix::zeros(run.data.len(), 0), shrink: DVector::zeros(0) };
-        let columns = patterns(run, noise, &slopes, expected);
+        let columns = patterns(run, noise, &slopes);
         let columns: Vec<DVector<f64>> = columns
             .into_iter()
             .map(|mut column| {
@@ -183,7 +181,7 @@ fn along_line(sensor: &super::noise::Sensor, apart_m: f64, same: bool) -> f64 {
 }
 
 /// What moves many numbers together, one standard deviation of each.
-fn patterns(run: &Run, noise: &Noise, slopes: &Slopes, expected: &Channels) -> Vec<Vec<f64>> {
+fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
     let mut patterns = Vec::new();
     match &run.experiment {
         Experiment::Lateral(_) => {
@@ -220,12 +218,6 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes, expected: &Channels) -> V
                     patterns.push(of(&|_| TIP_ZERO_SD_M));
                 }
             }
-            let load = |d: &super::data::Datum| match d.source {
-                Source::Tip(index) if d.channel == Channel::TipY => LOAD_SD * expected.tip_m.y[index],
-                Source::Tip(index) => LOAD_SD * expected.tip_m.x.as_ref().map_or(0.0, |x| x[index]),
-                _ => 0.0,
-            };
-            patterns.push(run.data.iter().map(load).collect());
         }
     }
     patterns

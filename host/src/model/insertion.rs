@@ -31,6 +31,14 @@ impl Profile {
         Self(vec![[0.0, value]])
     }
 
+    /// The same with every value larger by `by`.
+    pub fn shifted(&self, by: f64) -> Self {
+        match self.0.as_slice() {
+            [] => Self::constant(by),
+            knots => Self(knots.iter().map(|[depth_m, value]| [*depth_m, value + by]).collect()),
+        }
+    }
+
     /// Value on arriving at a depth.
     pub fn before(&self, depth_m: f64) -> f64 {
         self.between(self.0.partition_point(|[knot_m, _]| *knot_m < depth_m), depth_m)

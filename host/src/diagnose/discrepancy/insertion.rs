@@ -1,0 +1,129 @@
+//! Patterns in insertions: how pushes that are meant to be alike differ, and what tracker and guides are off by.
+
+use super::{Around, GroupPatterns, Scope};
+use crate::diagnose::data::Kind;
+use crate::diagnose::evidence::Group;
+use crate::model::insertion::Cutting;
+use crate::model::{Experiment, Insertion, ModelError, Profile};
+use std::f64::consts::PI;
+
+/// Smooth changes over depth have waves of twice this length over their number, numbers from 1 up to these.
+const SMOOTH_M: f64 = 100e-3;
+const LOAD_WAVES: usize = 4;
+const PATH_WAVES: usize = 3;
+/// Knots of a smooth load.
+const KNOT_M: f64 = 4e-3;
+/// Steps of the differences.
+const LN_STEP: f64 = 1e-3;
+const SHIFT_STEP_M: f64 = 1e-4;
+const ROLL_STEP_RAD: f64 = 1e-3;
+
+/// All groups; lateral runs have none of their patterns.
+pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
+    let mut groups = Vec::new();
+    let mut add = |name: &'static str,
+                   (everyday, tail): (f64, f64),
+                   scope: Scope,
+                   of: &dyn Fn(&Around<'_>) -> Result<Vec<Vec<f64>>, ModelError>|
+     -> Result<(), ModelError> {
+        let of_run = |around: &Around<'_>| {
+            if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) }
+        };
+        let of_runs = all.iter().map(of_run).collect::<Result<_, _>>()?;
+        let group = Group { name, everyday, tail: Some(tail) };
+        groups.push(GroupPatterns { group, scope, of_runs, instrument: false });
+        Ok(())
+    };
+    let modulus = |around: &Around<'_>| {
+        let slope = around.slope(LN_STEP, |model, _| {
+            model.foundation = model.foundation.scaled(LN_STEP.exp())?;
+            Ok(())
+        });
+        Ok(vec![slope?])
+    };
+    let entry = |around: &Around<'_>| {
+        let slope = around.slope(SHIFT_STEP_M, |model, _| {
+            model.rig.entry_m += SHIFT_STEP_M;
+            Ok(())
+        });
+        Ok(vec![slope?])
+    };
+    let roll = |around: &Around<'_>| {
+        let slope = around.slope(ROLL_STEP_RAD, |model, _| {
+            model.tip.along_bevel.roll_rad += ROLL_STEP_RAD;
+            Ok(())
+        });
+        Ok(vec![slope?])
+    };
+    add("modulus from insertion to insertion", (0.03, 1.0), Scope::Own, &modulus)?;
+    add("tip load from insertion to insertion", (0.03, 3.0), Scope::Own, &|around| {
+        Ok(vec![under_load(around, &|_| 1.0)?])
+    })?;
+    add("angle of entry from insertion to insertion", (3e-3, 1.0), Scope::Own, &|around| Ok(linear(around)))?;
+    add("surface from insertion to insertion", (0.5e-3, 1.0), Scope::Own, &entry)?;
+    add("roll from insertion to insertion", (0.02, 1.0), Scope::Own, &roll)?;
+    let waves = |around: &Around<'_>| {
+        let wave = |k: usize| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos());
+        (1..=LOAD_WAVES).map(wave).collect::<Result<Vec<_>, _>>()
+    };
+    add("tip load over depth of one insertion", (0.02, 1.0), Scope::Own, &waves)?;
+    add("tip load over depth", (0.02, 1.0), Scope::Shared, &waves)?;
+    add("drift of the path of one insertion", (30e-6, 1.0), Scope::Own, &|around| Ok(smooth(around)))?;
+    add("smooth error of the path", (30e-6, 1.0), Scope::Shared, &|around| Ok(smooth(around)))?;
+    add("tilt of the tracker", (4e-3, 1.0), Scope::Shared, &|around| Ok(linear(around)))?;
+    add("guide 2 off", (50e-6, 1.0), Scope::Shared, &guide2)?;
+    add("place of the surface in insertions", (1e-3, 1.0), Scope::Shared, &entry)?;
+    add("roll of the bevel", (0.02, 1.0), Scope::Shared, &roll)?;
+    groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
+    Ok(groups)
+}
+
+/// Change of the path where the tip load is larger by a share that varies with depth.
+fn under_load(around: &Around<'_>, share: &dyn Fn(f64) -> f64) -> Result<Vec<f64>, ModelError> {
+    let last_m = around.run.depth_m;
+    let count = (last_m / KNOT_M).ceil().max(1.0) as usize;
+    around.slope(1.0, |model, _| {
+        if let Cutting::Load(planes) = &mut model.tip.cutting {
+            for profile in planes {
+                let at = |depth_m: f64| [depth_m, profile.before(depth_m) * (1.0 + share(depth_m))];
+                let knots = (0..=count).map(|i| at(last_m * i as f64 / count as f64));
+                *profile = Profile::new(knots.collect())?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// In each plane something that grows with depth.
+fn linear(around: &Around<'_>) -> Vec<Vec<f64>> {
+    let of = |plane: usize| {
+        around.each(|_, datum| if datum.channel.plane() == plane { datum.place.depth_m } else { 0.0 })
+    };
+    [0, 1].into_iter().map(of).collect()
+}
+
+/// In each plane something smooth in depth.
+fn smooth(around: &Around<'_>) -> Vec<Vec<f64>> {
+    let of = |(plane, k): (usize, usize)| {
+        around.each(|_, datum| {
+            let wave = (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos();
+            if datum.channel.plane() == plane { wave } else { 0.0 }
+        })
+    };
+    [0, 1].into_iter().flat_map(|plane| (1..=PATH_WAVES).map(move |k| (plane, k))).map(of).collect()
+}
+
+/// In each plane guide 2 is off by a constant.
+fn guide2(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
+    let of = |plane: usize| {
+        around.slope(SHIFT_STEP_M, |_, experiment| {
+            if let Experiment::Insertion(Insertion { guide2_m: Some(planes), .. }) = experiment {
+                if let Some(profile) = planes.get_mut(plane) {
+                    *profile = profile.shifted(SHIFT_STEP_M);
+                }
+            }
+            Ok(())
+        })
+    };
+    [0, 1].into_iter().map(of).collect()
+}

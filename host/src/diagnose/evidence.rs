@@ -1,0 +1,378 @@
+//! Evidence of a model that is never exact: its discrepancy is part of the covariance.
+//!
+//! Whitened data of all runs: `r = J d + Phi a + e`, `e ~ N(0, I)`, `d ~ N(m, I)` the parameters in units of their priors, and
+//! `a_j ~ N(0, s_g^2)` the amplitudes of the discrepancy's patterns, whose groups g have one size each. With `B = [Phi, J]`,
+//! `L = diag(s, 1)`, `A = B^T B`, `b = B^T (r - J m)` and `M = I + L A L`
+//!
+//! `-ln Z = (r'^T r' - b^T L M^-1 L b) / 2 + ln det(M) / 2 - ln p(s)`
+//!
+//! and its derivative by `ln s_g` is the sum of `1 - (M^-1)_jj - (M^-1 L b)_j^2` over the patterns of the group. Patterns of one run
+//! alone are eliminated run by run before those that runs share (Schur's complement): the work grows linearly with the runs.
+//!
+//! Kennedy and O'Hagan, "Bayesian calibration of computer models" (2001); Brynjarsdottir and O'Hagan, "Learning about physical
+//! parameters: the importance of model discrepancy" (2014).
+
+use super::believed::Prepared;
+use argmin::core::{CostFunction, Executor, Gradient, State};
+use argmin::solver::linesearch::MoreThuenteLineSearch;
+use argmin::solver::quasinewton::LBFGS;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use std::cell::RefCell;
+
+/// Below its everyday size the logarithm of a size is normal with this standard deviation; above it the size itself is, in everyday
+/// sizes. A tail that is not Gaussian in the size would let the discrepancy explain what an effect does.
+const LN_SD_BELOW: f64 = 1.5;
+/// No size is smaller than this share of its everyday one: it has no influence there.
+const MIN_SHARE: f64 = 1e-4;
+/// Steps of the search for the sizes, and the largest change of a logarithm of a size in one.
+const MAX_STEPS: u64 = 12;
+const MAX_SIZE_STEP: f64 = 6.0;
+
+/// Patterns whose amplitudes have one size.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Group {
+    /// What it stands for.
+    pub name: &'static str,
+    /// Size in an ordinary rig and tissue, in the unit of its patterns.
+    pub everyday: f64,
+    /// Standard deviation of a size above the everyday one, in everyday sizes; nothing where the size is known.
+    pub tail: Option<f64>,
+}
+
+/// The patterns of all runs, whitened.
+#[derive(Debug, Clone)]
+pub(super) struct Patterns {
+    pub groups: Vec<Group>,
+    /// Group of each pattern that runs share.
+    shared_groups: Vec<usize>,
+    shared_gram: DMatrix<f64>,
+    runs: Vec<RunPatterns>,
+}
+
+/// The patterns in the data of one run.
+#[derive(Debug, Clone)]
+pub(super) struct RunPatterns {
+    /// Group of each pattern that is of this run alone.
+    pub own_groups: Vec<usize>,
+    /// Readings by patterns of this run.
+    pub own: DMatrix<f64>,
+    /// Readings by patterns that runs share.
+    pub shared: DMatrix<f64>,
+    own_gram: DMatrix<f64>,
+    own_by_shared: DMatrix<f64>,
+}
+
+impl RunPatterns {
+    /// Of whitened patterns.
+    pub fn new(own_groups: Vec<usize>, own: DMatrix<f64>, shared: DMatrix<f64>) -> Self {
+        Self { own_gram: own.tr_mul(&own), own_by_shared: own.tr_mul(&shared), own_groups, own, shared }
+    }
+}
+
+impl Patterns {
+    /// Patterns of runs in the order of the runs.
+    pub fn new(groups: Vec<Group>, shared_groups: Vec<usize>, runs: Vec<RunPatterns>) -> Self {
+        let count = shared_groups.len();
+        let mut shared_gram = DMatrix::zeros(count, count);
+        runs.iter().for_each(|run| shared_gram.gemm_tr(1.0, &run.shared, &run.shared, 1.0));
+        Self { groups, shared_groups, shared_gram, runs }
+    }
+
+    /// No discrepancy at all: noise alone.
+    pub fn none(runs: &[Prepared]) -> Self {
+        let of_run = |run: &Prepared| {
+            let none = DMatrix::zeros(run.run.data.len(), 0);
+            RunPatterns::new(Vec::new(), none.clone(), none)
+        };
+        Self::new(Vec::new(), Vec::new(), runs.iter().map(of_run).collect())
+    }
+
+    /// Everyday sizes of all groups.
+    pub fn everyday(&self) -> Vec<f64> {
+        self.groups.iter().map(|group| group.everyday).collect()
+    }
+
+    /// Scalar products of columns with the patterns and with each other; `columns` has one matrix per run, readings by columns.
+    pub fn products(&self, columns: &[DMatrix<f64>]) -> Products {
+        let count = columns.first().map_or(0, DMatrix::ncols);
+        let mut products = Products {
+            own: Vec::with_capacity(self.runs.len()),
+            shared: DMatrix::zeros(self.shared_groups.len(), count),
+            among: DMatrix::zeros(count, count),
+        };
+        for (run, columns) in self.runs.iter().zip(columns) {
+            products.own.push(run.own.tr_mul(columns));
+            products.shared.gemm_tr(1.0, &run.shared, columns, 1.0);
+            products.among.gemm_tr(1.0, columns, columns, 1.0);
+        }
+        products
+    }
+
+    /// Scalar products of columns in the metric of noise and discrepancy, `C^T S^-1 C` with `S = I + Phi diag(s^2) Phi^T`; nothing
+    /// where a size makes no sense.
+    pub fn in_metric(&self, sizes: &[f64], products: &Products) -> Option<DMatrix<f64>> {
+        let reduced = self.reduced(sizes, products, 0)?;
+        Some(reduced.rest)
+    }
+
+    /// Minus the logarithm of the prior of sizes, and its derivatives by their logarithms.
+    pub fn size_prior(&self, sizes: &[f64]) -> (f64, Vec<f64>) {
+        let of_group = |(group, size): (&Group, &f64)| {
+            let Some(tail) = group.tail else { return (0.0, 0.0) };
+            let share = size / group.everyday;
+            if share < 1.0 {
+                let ln = share.ln() / LN_SD_BELOW;
+                (0.5 * ln * ln, ln / LN_SD_BELOW)
+            } else {
+                let above = (share - 1.0) / tail;
+                (0.5 * above * above, above * share / tail)
+            }
+        };
+        let all: Vec<(f64, f64)> = self.groups.iter().zip(sizes).map(of_group).collect();
+        (all.iter().map(|(value, _)| value).sum(), all.into_iter().map(|(_, slope)| slope).collect())
+    }
+
+    /// Eliminates the patterns: first those of single runs, then the shared ones together with the first `parameters` columns,
+    /// whose prior is of unit variance.
+    fn reduced(&self, sizes: &[f64], products: &Products, parameters: usize) -> Option<Reduced> {
+        let shared = self.shared_groups.len();
+        let columns = products.among.ncols();
+        let own_side = shared + columns;
+        let mut all = DMatrix::zeros(own_side, own_side);
+        let size_of = |group: &usize| sizes.get(*group).copied().unwrap_or(0.0);
+        let shared_sizes: Vec<f64> = self.shared_groups.iter().map(size_of).collect();
+        for i in 0..shared {
+            for j in 0..=i {
+                all[(i, j)] = shared_sizes[i] * self.shared_gram[(i, j)] * shared_sizes[j];
+            }
+            for j in 0..columns {
+                all[(shared + j, i)] = shared_sizes[i] * products.shared[(i, j)];
+            }
+            all[(i, i)] += 1.0;
+        }
+        for i in 0..columns {
+            for j in 0..=i {
+                all[(shared + i, shared + j)] = products.among[(i, j)];
+            }
+        }
+        for i in 0..parameters {
+            all[(shared + i, shared + i)] += 1.0;
+        }
+        let mut half_ln_determinant = 0.0;
+        let mut runs = Vec::with_capacity(self.runs.len());
+        for (run, own_products) in self.runs.iter().zip(&products.own) {
+            let own_sizes: Vec<f64> = run.own_groups.iter().map(size_of).collect();
+            let own = own_sizes.len();
+            let mut matrix = DMatrix::from_fn(own, own, |i, j| own_sizes[i] * run.own_gram[(i, j)] * own_sizes[j]);
+            for i in 0..own {
+                matrix[(i, i)] += 1.0;
+            }
+            let factor = matrix.cholesky()?;
+            half_ln_determinant += ln_diagonal(&factor);
+            let mut right = DMatrix::zeros(own, own_side);
+            for i in 0..own {
+                for j in 0..shared {
+                    right[(i, j)] = own_sizes[i] * run.own_by_shared[(i, j)] * shared_sizes[j];
+                }
+                for j in 0..columns {
+                    right[(i, shared + j)] = own_sizes[i] * own_products[(i, j)];
+                }
+            }
+            factor.l_dirty().solve_lower_triangular_mut(&mut right);
+            all.gemm_tr(-1.0, &right, &right, 1.0);
+            runs.push((factor, right));
+        }
+        let kept = shared + parameters;
+        let mut matrix = all.view((0, 0), (kept, kept)).into_owned();
+        matrix.fill_upper_triangle_with_lower_triangle();
+        let factor = matrix.cholesky()?;
+        half_ln_determinant += ln_diagonal(&factor);
+        let mut solved = all.view((kept, 0), (own_side - kept, kept)).transpose();
+        let right = solved.clone();
+        factor.l_dirty().solve_lower_triangular_mut(&mut solved);
+        let mut rest = all.view((kept, kept), (own_side - kept, own_side - kept)).into_owned();
+        rest.gemm_tr(-1.0, &solved, &solved, 1.0);
+        rest.fill_upper_triangle_with_lower_triangle();
+        Some(Reduced { half_ln_determinant, runs, factor, right, rest })
+    }
+
+    /// Evidence at these sizes of parameters and residuals: the last column of `products` are the residuals (less what the prior
+    /// means of the parameters predict), all before it the parameters' sensitivities.
+    pub fn evidence(&self, sizes: &[f64], products: &Products) -> Option<Evidence> {
+        let parameters = products.among.ncols().checked_sub(1)?;
+        let reduced = self.reduced(sizes, products, parameters)?;
+        let shared = self.shared_groups.len();
+        let covariance = reduced.factor.inverse();
+        let amplitudes = &covariance * reduced.right.column(0);
+        let (prior, mut gradient) = self.size_prior(sizes);
+        for (j, group) in self.shared_groups.iter().enumerate() {
+            gradient[*group] += 1.0 - covariance[(j, j)] - amplitudes[j] * amplitudes[j];
+        }
+        for (run, (factor, right)) in self.runs.iter().zip(&reduced.runs) {
+            let Some(upper) = factor.l_dirty().tr_solve_lower_triangular(right) else { continue };
+            let kept = shared + parameters;
+            let by_shared = upper.columns(0, kept);
+            let own = upper.column(upper.ncols() - 1) - by_shared * &amplitudes;
+            let spread = by_shared * &covariance;
+            let inverse = factor.inverse();
+            for (j, group) in run.own_groups.iter().enumerate() {
+                let variance = inverse[(j, j)] + spread.row(j).dot(&by_shared.row(j));
+                gradient[*group] += 1.0 - variance - own[j] * own[j];
+            }
+        }
+        for (slope, group) in gradient.iter_mut().zip(&self.groups) {
+            if group.tail.is_none() {
+                *slope = 0.0;
+            }
+        }
+        let minus_ln = 0.5 * reduced.rest[(0, 0)] + reduced.half_ln_determinant + prior;
+        Some(Evidence {
+            minus_ln,
+            half_ln_determinant: reduced.half_ln_determinant,
+            size_prior: prior,
+            gradient,
+            mean: amplitudes.rows(shared, parameters).into_owned(),
+            covariance: covariance.view((shared, shared), (parameters, parameters)).into_owned(),
+            shared_mean: DVector::from_fn(shared, |j, _| {
+                amplitudes[j] * sizes.get(self.shared_groups[j]).copied().unwrap_or(0.0)
+            }),
+            whole: covariance,
+        })
+    }
+
+    /// Sizes at which the evidence is largest, from a start.
+    pub fn likeliest_sizes(&self, start: &[f64], products: &Products) -> Vec<f64> {
+        let free: Vec<usize> = (0..self.groups.len()).filter(|g| self.groups[*g].tail.is_some()).collect();
+        let logarithms: Vec<f64> = free.iter().map(|g| start[*g].max(MIN_SHARE * self.groups[*g].everyday).ln()).collect();
+        if free.is_empty() {
+            return start.to_vec();
+        }
+        let cost = Cost { patterns: self, products, free: &free, start, last: RefCell::new(None) };
+        let found = search(cost, &logarithms).unwrap_or(logarithms);
+        let mut sizes = start.to_vec();
+        for (group, ln) in free.iter().zip(found) {
+            sizes[*group] = ln.exp().max(MIN_SHARE * self.groups[*group].everyday);
+        }
+        sizes
+    }
+
+    /// Groups of the shared patterns.
+    pub fn shared_groups(&self) -> &[usize] {
+        &self.shared_groups
+    }
+}
+
+/// Scalar products of columns with all patterns and with each other.
+#[derive(Debug, Clone)]
+pub(super) struct Products {
+    /// With the patterns of each run, in its order.
+    own: Vec<DMatrix<f64>>,
+    shared: DMatrix<f64>,
+    pub among: DMatrix<f64>,
+}
+
+impl Products {
+    /// Those of the columns times `map`.
+    pub fn mapped(&self, map: &DMatrix<f64>) -> Self {
+        Self {
+            own: self.own.iter().map(|own| own * map).collect(),
+            shared: &self.shared * map,
+            among: map.tr_mul(&(&self.among * map)),
+        }
+    }
+}
+
+/// What is left once the patterns are eliminated.
+struct Reduced {
+    half_ln_determinant: f64,
+    /// Factor and right-hand sides (in the factor's space) of every run's own patterns.
+    runs: Vec<(Cholesky<f64, Dyn>, DMatrix<f64>)>,
+    /// Of the shared patterns and parameters.
+    factor: Cholesky<f64, Dyn>,
+    /// Their right-hand sides: one column for each of the remaining columns.
+    right: DMatrix<f64>,
+    /// Scalar products of the remaining columns in the metric.
+    rest: DMatrix<f64>,
+}
+
+/// Evidence and what follows from it at some sizes.
+#[derive(Debug, Clone)]
+pub(super) struct Evidence {
+    /// Minus its logarithm, the prior of the sizes with it.
+    pub minus_ln: f64,
+    /// Half the logarithm of the determinant of `M`, and minus the logarithm of the prior of the sizes: parts of it.
+    pub half_ln_determinant: f64,
+    pub size_prior: f64,
+    /// By the logarithms of the sizes.
+    pub gradient: Vec<f64>,
+    /// Posterior mean of the parameters, in units of their priors and from the prior means.
+    pub mean: DVector<f64>,
+    /// Their posterior covariance.
+    pub covariance: DMatrix<f64>,
+    /// Posterior mean of the shared patterns' amplitudes.
+    pub shared_mean: DVector<f64>,
+    /// Covariance of the shared patterns, in their sizes, and the parameters together.
+    pub whole: DMatrix<f64>,
+}
+
+fn ln_diagonal(factor: &Cholesky<f64, Dyn>) -> f64 {
+    factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum()
+}
+
+/// Minus the log evidence as a function of the logarithms of the free sizes.
+struct Cost<'a> {
+    patterns: &'a Patterns,
+    products: &'a Products,
+    free: &'a [usize],
+    start: &'a [f64],
+    /// The last point with its value and slopes: both are asked for one after the other.
+    last: RefCell<Option<(Vec<f64>, f64, Vec<f64>)>>,
+}
+
+impl Cost<'_> {
+    fn at(&self, x: &[f64]) -> (f64, Vec<f64>) {
+        if let Some((_, value, slopes)) = self.last.borrow().as_ref().filter(|(point, ..)| point == x) {
+            return (*value, slopes.clone());
+        }
+        let mut sizes = self.start.to_vec();
+        for (group, ln) in self.free.iter().zip(x) {
+            sizes[*group] = ln.clamp(-60.0, 30.0).exp();
+        }
+        let (value, slopes) = match self.patterns.evidence(&sizes, self.products) {
+            Some(evidence) if evidence.minus_ln.is_finite() => {
+                (evidence.minus_ln, self.free.iter().map(|g| evidence.gradient[*g]).collect())
+            }
+            _ => (f64::MAX, vec![0.0; x.len()]),
+        };
+        *self.last.borrow_mut() = Some((x.to_vec(), value, slopes.clone()));
+        (value, slopes)
+    }
+}
+
+impl CostFunction for Cost<'_> {
+    type Param = Vec<f64>;
+    type Output = f64;
+
+    fn cost(&self, x: &Vec<f64>) -> Result<f64, argmin::core::Error> {
+        Ok(self.at(x).0)
+    }
+}
+
+impl Gradient for Cost<'_> {
+    type Param = Vec<f64>;
+    type Gradient = Vec<f64>;
+
+    fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, argmin::core::Error> {
+        Ok(self.at(x).1)
+    }
+}
+
+fn search(cost: Cost<'_>, start: &[f64]) -> Option<Vec<f64>> {
+    let line = MoreThuenteLineSearch::new().with_bounds(1e-4, MAX_SIZE_STEP).ok()?;
+    let solver = LBFGS::new(line, 7).with_tolerance_cost(1e-3).ok()?.with_tolerance_grad(1e-2).ok()?;
+    let run = Executor::new(cost, solver)
+        .configure(|state| state.param(start.to_vec()).max_iters(MAX_STEPS))
+        .run();
+    run.ok()?.state().get_best_param().cloned()
+}
+
