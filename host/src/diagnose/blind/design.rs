@@ -90,6 +90,25 @@ impl Default for NoisePlan {
 }
 
 impl NoisePlan {
+    /// Perfect instruments at the same rate.
+    pub fn none(&self) -> Self {
+        Self {
+            force_n: 0.0,
+            force_step_n: 0.0,
+            displacement_mm: 0.0,
+            shape_mm: 0.0,
+            pixel_mm: 0.0,
+            tip_mm: 0.0,
+            outlier_share: 0.0,
+            ..self.clone()
+        }
+    }
+
+    /// A quiet force sensor, as on a bench: the zero of a tare is far above what a hold's mean scatters by.
+    pub fn quiet_force() -> Self {
+        Self { force_n: 0.005, force_step_n: 0.0005, ..Self::default() }
+    }
+
     /// As a careful laboratory states it: rounding of the shape counted, correlation and outliers not.
     pub(super) fn statement(&self) -> Noise {
         Noise {

@@ -166,7 +166,8 @@ fn tissue<'a>(world: &'a World, plane: usize, [entry, last]: [usize; 2], period_
     let springs = |node: usize| {
         let depth_m = STEP_M * (node as f64 - entry as f64);
         let end_m = STEP_M * (last as f64 - entry as f64);
-        let (from_m, to_m) = ((depth_m - 0.5 * STEP_M).max(0.0), (depth_m + 0.5 * STEP_M).min(end_m));
+        // Above the surface there are no springs, wherever the surface really is.
+        let (from_m, to_m) = (depth_m - 0.5 * STEP_M, (depth_m + 0.5 * STEP_M).min(end_m));
         if to_m > from_m { world.springs_n_per_m(plane, from_m, to_m) } else { 0.0 }
     };
     let decay = (-period_s / world.tau_s).exp();
@@ -181,6 +182,18 @@ fn tissue<'a>(world: &'a World, plane: usize, [entry, last]: [usize; 2], period_
         // Exact for a deflection that changes evenly between samples.
         arrival: world.tau_s / period_s * (1.0 - decay),
     }
+}
+
+/// Mean of a function of depth over the tissue that a run touches, each depth by the squared deflection there.
+pub(super) fn touched(world: &World, plane: usize, depth_m: f64, of: &dyn Fn(f64) -> f64) -> f64 {
+    let motion = march(world, plane, depth_m, &[MM], 1.0, &[0]);
+    let entry = node_at(world.entry_m);
+    let (mut weighted, mut all) = (0.0, 0.0);
+    for (node, deflection_m) in motion.shape_m.iter().flatten().enumerate().skip(entry) {
+        weighted += deflection_m * deflection_m * of((node - entry) as f64 * STEP_M);
+        all += deflection_m * deflection_m;
+    }
+    weighted / all
 }
 
 /// Newton's method from the last deflection.

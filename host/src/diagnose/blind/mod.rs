@@ -14,20 +14,28 @@
 //! | `lateral` | a lateral run marched in time |
 //! | `insertion` | the path of the tip |
 //! | `sensors` | what the instruments make of it |
+//! | `background`, `flaws` | small imperfections: kinds and sizes, and what they are in each run |
+//! | `gap` | how far a session lies from what a simpler truth would give |
 
+mod background;
 mod chain;
 mod design;
 mod effects;
+mod flaws;
+mod gap;
 mod insertion;
 mod lateral;
 mod sensors;
 mod world;
 
+pub use background::{Background, Imperfection};
 pub use design::{Design, InsertionPlan, LateralPlan, NoisePlan};
 pub use effects::strengths;
+pub use gap::{Misfit, misfit};
 
 use crate::model::{Needle, Rig};
 use crate::session::{Noise, Session};
+use flaws::Flaws;
 use world::World;
 
 const MM: f64 = 1e-3;
@@ -96,13 +104,25 @@ impl Foreign {
 /// Where an effect has an unknown id, no value or too many values, or a plan has an axis other than 0 and 1: a blind test of a
 /// misspelt truth would prove nothing.
 pub fn session(truth: &Truth, design: &Design, seed: u64) -> Session {
+    session_on(truth, &Background::default(), design, seed)
+}
+
+/// The same in a laboratory with small imperfections of its own.
+///
+/// # Panics
+/// As [`session`].
+pub fn session_on(truth: &Truth, background: &Background, design: &Design, seed: u64) -> Session {
     let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
     let world = World::new(truth, &rig);
     let noise = &design.noise;
-    let lateral =
-        (0..).zip(&design.lateral).map(|(i, plan)| sensors::lateral_run(&world, plan, noise, seed, i));
-    let insertion =
-        (0..).zip(&design.insertion).map(|(i, plan)| sensors::insertion_run(&world, plan, noise, seed, i));
+    let lateral = (0..).zip(&design.lateral).map(|(run, plan)| {
+        let flaws = Flaws::new(background, run);
+        sensors::lateral_run(&flaws.world(&world, 0), &flaws, plan, noise, seed, run)
+    });
+    let insertion = (0..).zip(&design.insertion).map(|(run, plan)| {
+        let flaws = Flaws::new(background, run);
+        sensors::insertion_run(&flaws.world(&world, 1), &flaws, plan, noise, seed, run)
+    });
     Session {
         dir: "blind".into(),
         name: Some("blind".to_owned()),
@@ -114,6 +134,25 @@ pub fn session(truth: &Truth, design: &Design, seed: u64) -> Session {
         steering: Vec::new(),
         rig,
     }
+}
+
+/// Mean of the modulus over the tissue that the runs of a session touch, as a multiple of the stated one: at every depth by the
+/// squared deflection there, which is what the force at guide 2 responds to; over lateral runs, or insertions where there are no others.
+pub fn touched_modulus(truth: &Truth, background: &Background, design: &Design) -> f64 {
+    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let world = World::new(truth, &rig);
+    let lateral = (0..).zip(&design.lateral).map(|(run, plan)| {
+        let tissue = Flaws::new(background, run).tissue(0);
+        lateral::touched(&world, plan.axis, MM * plan.depth_mm, &|depth_m| tissue.at(depth_m))
+    });
+    let insertion = (0..).zip(&design.insertion).map(|(run, plan)| {
+        let tissue = Flaws::new(background, run).tissue(1);
+        let steps = 200;
+        let depth_m = |step: usize| (step as f64 + 0.5) / steps as f64 * MM * plan.depth_mm;
+        (0..steps).map(|step| tissue.at(depth_m(step))).sum::<f64>() / steps as f64
+    });
+    let factors: Vec<f64> = if design.lateral.is_empty() { insertion.collect() } else { lateral.collect() };
+    factors.iter().sum::<f64>() / factors.len().max(1) as f64
 }
 
 #[cfg(test)]

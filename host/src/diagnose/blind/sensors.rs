@@ -2,6 +2,7 @@
 
 use super::chain::{STEP_M, between, node_at};
 use super::design::{InsertionPlan, LateralPlan, NoisePlan};
+use super::flaws::Flaws;
 use super::insertion::{load_n, tip_path};
 use super::lateral::march;
 use super::world::World;
@@ -13,13 +14,13 @@ use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::{PI, TAU};
 
 /// Shares of the variance that are correlated.
-const CORRELATED_FORCE: f64 = 0.5;
-const CORRELATED_SHAPE: f64 = 0.3;
+pub(super) const CORRELATED_FORCE: f64 = 0.5;
+pub(super) const CORRELATED_SHAPE: f64 = 0.3;
 /// Sizes of outliers in standard deviations.
 const OUTLIER_SD: [f64; 2] = [6.0, 12.0];
 /// First sample of a sweep below the surface, and the distance between samples.
 const FIRST_SAMPLE_M: f64 = 0.5 * MM;
-const SAMPLE_SPACING_M: f64 = MM;
+pub(super) const SAMPLE_SPACING_M: f64 = MM;
 /// Foreign things: drift to and fro, times per run; part of the squared force; edge of the warped image.
 const SINE_N: f64 = 0.12;
 const SINES_PER_RUN: f64 = 3.0;
@@ -206,6 +207,7 @@ fn read_forces(
 /// Where the plan's axis is neither 0 nor 1.
 pub(super) fn lateral_run(
     world: &World,
+    flaws: &Flaws<'_>,
     plan: &LateralPlan,
     noise: &NoisePlan,
     seed: u64,
@@ -222,7 +224,13 @@ pub(super) fn lateral_run(
     let mut commanded_m = [vec![0.0; count], vec![0.0; count]];
     commanded_m[plan.axis] = course.sampled(&time_s);
     let depth_m = STEP_M * node_at(MM * plan.depth_mm) as f64;
-    let motions = [0, 1].map(|plane| march(world, plane, depth_m, &commanded_m[plane], period_s, &keep));
+    let [mut y, mut x] =
+        [0, 1].map(|plane| march(world, plane, depth_m, &commanded_m[plane], period_s, &keep));
+    flaws.mix(&mut [&mut y.force_n, &mut x.force_n]);
+    for (y_m, x_m) in y.shape_m.iter_mut().zip(&mut x.shape_m) {
+        flaws.mix(&mut [y_m, x_m]);
+    }
+    let motions = [y, x];
     let phase = Random::new(seed, Part::Foreign, run).uniform();
     let forces_n = motions.each_ref().map(|motion| motion.force_n.clone());
     let [mut force_y_n, mut force_x_n] = read_forces(world, &time_s, &commanded_m, forces_n, phase);
@@ -234,17 +242,20 @@ pub(super) fn lateral_run(
         noise.outlier_share,
     );
     let mut random = Random::new(seed, Part::Force, run);
-    for force_n in [&mut force_y_n, &mut force_x_n] {
+    for (plane, force_n) in (0..).zip([&mut force_y_n, &mut force_x_n]) {
+        flaws.force(plane, &time_s, force_n);
         add(force_n, random.errors(&spread, count), noise.force_step_n);
     }
     let [mut displacement_y_m, mut displacement_x_m] = commanded_m;
     let spread = Spread::new(MM * noise.displacement_mm, 0.0, period_s, 0.0, 0.0);
     let mut random = Random::new(seed, Part::Displacement, run);
-    for displacement_m in [&mut displacement_y_m, &mut displacement_x_m] {
+    for (plane, displacement_m) in (0..).zip([&mut displacement_y_m, &mut displacement_x_m]) {
+        flaws.displacement(plane, &time_s, displacement_m);
         add(displacement_m, random.errors(&spread, count), 0.0);
     }
     let shapes_m = motions.each_ref().map(|motion| motion.shape_m.as_slice());
-    let shape = shape(world, depth_m, &sweeps_s, shapes_m, noise, Random::new(seed, Part::Shape, run));
+    let random = Random::new(seed, Part::Shape, run);
+    let shape = shape(world, flaws, depth_m, &sweeps_s, shapes_m, noise, random);
     LateralRun {
         id: plan.id.clone(),
         depth_m,
@@ -267,6 +278,7 @@ pub(super) fn lateral_run(
 /// Sweeps along the needle as imaged.
 fn shape(
     world: &World,
+    flaws: &Flaws<'_>,
     depth_m: f64,
     sweeps_s: &[f64],
     shapes_m: [&[Vec<f64>]; 2],
@@ -299,6 +311,7 @@ fn shape(
                     + warp_m(world, at_m / depth_m)
             };
             let mut values_m: Vec<f64> = depths_m.iter().map(seen).collect();
+            flaws.shape(plane as u64, &depths_m, &mut values_m);
             add(&mut values_m, random.errors(&spread, count), MM * noise.pixel_mm);
             seen_m.extend(values_m);
         }
@@ -317,6 +330,7 @@ fn warp_m(world: &World, share: f64) -> f64 {
 /// An insertion as recorded.
 pub(super) fn insertion_run(
     world: &World,
+    flaws: &Flaws<'_>,
     plan: &InsertionPlan,
     noise: &NoisePlan,
     seed: u64,
@@ -338,6 +352,7 @@ pub(super) fn insertion_run(
             .zip(&depth_m)
             .map(|([arriving_m, _], depth_m)| arriving_m + straight * depth_m)
             .collect();
+        flaws.tip(plane as u64, &depth_m, &mut tip_m);
         add(&mut tip_m, random.errors(&spread, steps + 1), 0.0);
         tip_m
     });

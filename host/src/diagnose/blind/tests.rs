@@ -15,18 +15,8 @@ fn world(truth: &Truth) -> World {
     World::new(truth, &Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 })
 }
 
-fn quiet(mut design: Design) -> Design {
-    design.noise = NoisePlan {
-        force_n: 0.0,
-        force_step_n: 0.0,
-        displacement_mm: 0.0,
-        shape_mm: 0.0,
-        pixel_mm: 0.0,
-        tip_mm: 0.0,
-        outlier_share: 0.0,
-        ..design.noise
-    };
-    design
+fn quiet(design: Design) -> Design {
+    Design { noise: design.noise.none(), ..design }
 }
 
 /// A run in each plane and two insertions, without noise.

@@ -7,6 +7,53 @@ use crate::model::Rig;
 const LUMP_M: [f64; 2] = [8e-3, 14e-3];
 const LUMP_TIMES: f64 = 4.0;
 
+/// A sine over a length or a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Wave {
+    pub amplitude: f64,
+    pub per_length: f64,
+    pub phase: f64,
+}
+
+impl Wave {
+    pub fn at(&self, at: f64) -> f64 {
+        self.amplitude * (self.per_length * at + self.phase).sin()
+    }
+}
+
+/// How the tissue of a run differs a little from what it should be.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Inhomogeneity {
+    /// Factor of the whole.
+    pub factor: f64,
+    /// Ripples of the modulus over depth, as shares.
+    pub waves: Vec<Wave>,
+    /// Share that is missing in the middle of a soft spot, its depth and its width.
+    pub soft_spot: [f64; 3],
+    /// Depth of the real surface below the stated one.
+    pub surface_m: f64,
+}
+
+impl Default for Inhomogeneity {
+    fn default() -> Self {
+        Self { factor: 1.0, waves: Vec::new(), soft_spot: [0.0, 0.0, 1.0], surface_m: 0.0 }
+    }
+}
+
+impl Inhomogeneity {
+    /// Factor of the modulus at a depth below the real surface.
+    pub fn at(&self, depth_m: f64) -> f64 {
+        let [missing, middle_m, width_m] = self.soft_spot;
+        let spot = if missing == 0.0 {
+            0.0
+        } else {
+            missing.min(0.95) * (-0.5 * ((depth_m - middle_m) / width_m).powi(2)).exp()
+        };
+        let waves: f64 = self.waves.iter().map(|wave| wave.at(depth_m)).sum();
+        self.factor * (1.0 + waves).max(0.05) * (1.0 - spot)
+    }
+}
+
 /// The truth, SI; pairs are of the planes y and x.
 #[derive(Debug, Clone)]
 pub(super) struct World {
@@ -47,6 +94,9 @@ pub(super) struct World {
     pub entry_angle_rad: [f64; 2],
     pub bevel_roll_rad: f64,
     pub rate_n_s_per_m: f64,
+    /// Imperfections: of the tissue, and guide 2 away from the line of the clamp.
+    pub tissue: Inhomogeneity,
+    pub guide_offset_m: [f64; 2],
 }
 
 impl World {
@@ -101,6 +151,8 @@ impl World {
             entry_angle_rad: pair("tip.entry_angle", 1.0),
             bevel_roll_rad: one("tip.bevel_roll"),
             rate_n_s_per_m: one("tip.rate") / MM,
+            tissue: Inhomogeneity::default(),
+            guide_offset_m: [0.0; 2],
         }
     }
 
@@ -109,9 +161,10 @@ impl World {
         self.foreign == Some(foreign)
     }
 
-    /// Stiffness of the tissue between two depths below the surface, for deflections in a plane, N/m: the integral of K. The
-    /// depths may lie outside the tissue, where there is none.
+    /// Stiffness of the tissue between two depths below the stated surface, for deflections in a plane, N/m: the integral of K.
+    /// The depths may lie outside the tissue, where there is none.
     pub fn springs_n_per_m(&self, plane: usize, from_m: f64, to_m: f64) -> f64 {
+        let [from_m, to_m] = [from_m, to_m].map(|depth_m| depth_m - self.tissue.surface_m);
         let mut faces_m: Vec<f64> = [0.0, self.gap_m, self.layer_boundary_m]
             .into_iter()
             .chain(LUMP_M)
@@ -119,7 +172,7 @@ impl World {
             .chain([from_m, to_m])
             .collect();
         faces_m.sort_by(f64::total_cmp);
-        // K is linear in every piece, so its middle gives the integral.
+        // K is linear in every piece, or smooth over much more than its length: its middle gives the integral.
         let pieces = faces_m.windows(2).map(|piece| {
             let [top_m, bottom_m] = [piece[0], piece[1]];
             self.modulus_pa(0.5 * (top_m + bottom_m)) * (bottom_m - top_m)
@@ -136,6 +189,6 @@ impl World {
         let lump = self.has(Foreign::StiffInclusion) && (LUMP_M[0]..LUMP_M[1]).contains(&depth_m);
         let layer = if depth_m < self.layer_boundary_m { 1.0 } else { self.layer_ratio };
         let factor = layer * (1.0 + self.gradient_per_m * depth_m).max(0.0);
-        self.k_pa * factor * if lump { LUMP_TIMES } else { 1.0 }
+        self.k_pa * factor * self.tissue.at(depth_m) * if lump { LUMP_TIMES } else { 1.0 }
     }
 }
