@@ -12,7 +12,7 @@
 mod series;
 mod sweep;
 
-use super::{Foundation, ModelError, Rig, check};
+use super::{Foundation, ModelError, Rig, Support, check};
 use series::{Equation, Series};
 use sweep::{Beyond, LOADS, Link};
 
@@ -41,8 +41,12 @@ pub struct BeamProblem {
     pub shear_n: f64,
     /// Spring at the surface, k.
     pub skin_n_per_m: f64,
-    /// The tissue.
+    /// The tissue: K of springs, or E of a body.
     pub foundation: Foundation,
+    /// What the tissue is made of.
+    pub support: Support,
+    /// Radius of the needle, on which the stiffness of a body depends.
+    pub radius_m: f64,
     /// What the tissue does beyond a linear spring; [`BeamProblem::solve`] leaves it out.
     pub law: TissueLaw,
 }
@@ -80,6 +84,8 @@ impl BeamProblem {
             shear_n: 0.0,
             skin_n_per_m: 0.0,
             foundation,
+            support: Support::Springs,
+            radius_m: 0.5 * rig.needle.outer_diameter_m,
             law: TissueLaw::default(),
         }
     }
@@ -89,6 +95,7 @@ impl BeamProblem {
     /// # Errors
     /// [`ModelError::OutOfRange`] where a length, stiffness or compliance is out of range.
     pub fn solve(&self) -> Result<Beam, ModelError> {
+        self.support.needs_springs("the needle's deflection")?;
         let mut pieces = self.pieces()?;
         let stiffness = self.bending_stiffness_n_m2;
         let force = 1.0 / stiffness;
@@ -144,7 +151,9 @@ impl BeamProblem {
         check("clamp_compliance_rad_per_n_m", compliance, "0 or more", compliance >= 0.0)?;
         check("axial_load_n", self.axial_load_n, "a finite number", true)?;
         check("shear_n", self.shear_n, "0 or more", self.shear_n >= 0.0)?;
-        check("skin_n_per_m", self.skin_n_per_m, "0 or more", self.skin_n_per_m >= 0.0)
+        check("skin_n_per_m", self.skin_n_per_m, "0 or more", self.skin_n_per_m >= 0.0)?;
+        check("radius_m", self.radius_m, "more than 0", self.radius_m > 0.0)?;
+        self.support.check()
     }
 
     /// The needle cut into pieces of constant foundation modulus, none longer than the characteristic length.

@@ -82,6 +82,7 @@ impl Elements {
     /// [`ModelError::OutOfRange`] for lengths or stiffness out of range, or more elements than make sense.
     pub fn new(problem: &BeamProblem, element_m: f64) -> Result<Self, ModelError> {
         problem.check()?;
+        problem.support.needs_springs("a needle cut into elements")?;
         let length_m = problem.entry_m + problem.depth_m;
         let count = length_m / element_m;
         check("element_m", element_m, "a hundred-thousandth of the needle or more", count <= MOST_ELEMENTS)?;

@@ -97,6 +97,7 @@ impl Growth {
         slopes: bool,
     ) -> Result<Self, ModelError> {
         problem.check()?;
+        problem.support.needs_springs("an insertion")?;
         if grip == Guide2Grip::Holding {
             let gap_m = problem.entry_m - problem.guide2_m;
             check(

@@ -1,9 +1,9 @@
 //! The forward model: what every sensor should read, given what is believed and what was done.
 //!
 //! [`predict`] is the one entry: identification, simulation and diagnosis all call it. It is pure: no clock, no
-//! randomness, no input or output. Underneath, [`BeamProblem`] is the needle as a beam on an elastic foundation and
-//! [`Beam`] its exact solution per unit load; the model is linear, so displacement levels are multiples of one
-//! [`Beam`].
+//! randomness, no input or output. Underneath, [`BeamProblem`] is the needle as a beam in the tissue, which is a row of springs or
+//! an elastic body ([`Support`]), and [`Beam`] its solution per unit load; the model is linear, so displacement levels are multiples
+//! of one [`Beam`].
 
 mod banded;
 mod beam;
@@ -23,6 +23,7 @@ mod quadrature;
 mod rest;
 mod rig;
 pub mod steering;
+mod support;
 
 pub use beam::{Beam, BeamProblem, Response, TissueLaw};
 pub use cache::Cache;
@@ -36,6 +37,7 @@ pub use predict::{
 };
 pub use rig::{Needle, Rig};
 pub use steering::{BaseDrive, Dynamics, Steering};
+pub use support::Support;
 
 /// Why the model could not be evaluated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -59,6 +61,12 @@ pub enum ModelError {
     /// Newton's method does not come to an end.
     #[error("the equilibrium of the needle is not found")]
     NotConverged,
+    /// What an elastic body around the needle has no model of.
+    #[error("{what} is not available on an elastic body, expected tissue made of springs")]
+    NotOnBody {
+        /// Name of the effect or of the experiment.
+        what: &'static str,
+    },
     /// The equations have no unique solution in floating point.
     #[error("the beam equations are singular in floating point")]
     Singular,

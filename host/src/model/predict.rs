@@ -5,7 +5,7 @@ use super::effects::{Effect, Seen};
 use super::insertion::{self, Insertion, TipLaw};
 use super::mounted::{self, Mounted, Sight};
 use super::steering::{self, Dynamics, Steering};
-use super::{Beam, BeamProblem, Foundation, ModelError, Rig};
+use super::{Beam, BeamProblem, Foundation, ModelError, Rig, Support};
 use std::borrow::Cow;
 
 /// What is believed: the hardware and the tissue.
@@ -13,8 +13,10 @@ use std::borrow::Cow;
 pub struct Model {
     /// Needle, guides and tissue surface.
     pub rig: Rig,
-    /// The tissue.
+    /// The tissue: the foundation modulus K of springs, or Young's modulus E of a body.
     pub foundation: Foundation,
+    /// What the tissue is made of.
+    pub support: Support,
     /// The tip, in insertions.
     pub tip: TipLaw,
     /// What moves and resists motion, in steering runs.
@@ -30,6 +32,7 @@ impl PartialEq for Model {
         };
         self.rig == other.rig
             && self.foundation == other.foundation
+            && self.support == other.support
             && self.tip == other.tip
             && self.dynamics == other.dynamics
             && named(self) == named(other)
@@ -37,13 +40,30 @@ impl PartialEq for Model {
 }
 
 impl Model {
-    /// Uniform tissue and no effects.
+    /// Uniform tissue made of springs of a foundation modulus K, and no effects.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] where the modulus is negative or not finite.
     pub fn uniform(rig: Rig, modulus_pa: f64) -> Result<Self, ModelError> {
+        Self::on(rig, Support::Springs, modulus_pa)
+    }
+
+    /// A uniform elastic body of this Young's modulus and Poisson's ratio, and no effects.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the modulus is negative or not finite, or Poisson's ratio not in 0 to 0.5.
+    pub fn body(rig: Rig, youngs_pa: f64, poisson: f64) -> Result<Self, ModelError> {
+        Self::on(rig, Support::Body { poisson }, youngs_pa)
+    }
+
+    /// Uniform tissue made of springs or a body, of this K or E, and no effects.
+    ///
+    /// # Errors
+    /// As [`Self::uniform`] and [`Self::body`].
+    pub fn on(rig: Rig, support: Support, modulus_pa: f64) -> Result<Self, ModelError> {
+        support.check()?;
         let foundation = Foundation::uniform(modulus_pa)?;
-        Ok(Self { rig, foundation, tip: TipLaw::default(), dynamics: None, effects: Vec::new() })
+        Ok(Self { rig, foundation, support, tip: TipLaw::default(), dynamics: None, effects: Vec::new() })
     }
 
     /// The needle inserted to `depth_m`, solved for unit loads.
@@ -67,7 +87,9 @@ impl Model {
     /// # Errors
     /// [`ModelError::OutOfRange`] where an effect's values are impossible.
     pub fn problem_in(&self, plane: Plane, depth_m: f64) -> Result<BeamProblem, ModelError> {
-        let mut problem = BeamProblem::new(&self.rig, self.foundation.clone(), depth_m);
+        let foundation = self.foundation.clone();
+        let mut problem =
+            BeamProblem { support: self.support, ..BeamProblem::new(&self.rig, foundation, depth_m) };
         for (effect, values) in &self.effects {
             effect.beam(values, plane, &mut problem)?;
         }
@@ -213,6 +235,7 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
         Experiment::Insertion(inserted) => predict_insertion(model, inserted, cache),
         Experiment::Steering(run) => {
             let dynamics = model.dynamics.as_ref().ok_or(ModelError::NoDynamics)?;
+            model.support.needs_springs("a steering run")?;
             let problem = model.problem(run.depth_m.iter().copied().fold(0.0, f64::max))?;
             let moved = steering::simulate(&model.rig.needle, &problem.foundation, dynamics, run)?;
             let one_plane = |y: Vec<f64>| Series { y, x: None };
