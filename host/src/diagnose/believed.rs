@@ -48,12 +48,19 @@ impl Scale {
     }
 }
 
-/// Prior of an effect's parameter inside the fits: mean and standard deviation of a uniform one over the likely values.
+/// Sizes that a careful laboratory would overlook reach so many times as far as those of an ordinary rig.
+const OVERLOOKED: f64 = 3.0;
+
+/// Prior of an effect's parameter inside the fits: mean and standard deviation of a uniform one over the likely values, or of sizes
+/// that may be overlooked, whichever is narrower.
 pub(super) fn prior(info: &ParameterInfo) -> Prior {
     let scale = Scale::of(info);
     let [low, high] = info.likely.map(|end| scale.inside(end));
     let mean = if info.nodes.is_empty() { scale.inside(info.neutral) } else { 0.5 * (low + high) };
-    Prior { mean, sd: (high - low) / 12f64.sqrt() }
+    let likely = (high - low) / 12f64.sqrt();
+    let overlooked = scale.inside(info.neutral + info.prior_sd) - scale.inside(info.neutral);
+    let sd = if info.nodes.is_empty() { likely.min(OVERLOOKED * overlooked) } else { likely };
+    Prior { mean, sd }
 }
 
 /// Which parameters are unknown.

@@ -87,6 +87,15 @@ impl Patterns {
         Self::new(Vec::new(), Vec::new(), runs.iter().map(of_run).collect())
     }
 
+    /// Only those of known size: the tolerances of what is stated. The others have size 0.
+    pub fn of_known_size(&self) -> Self {
+        let mut known = self.clone();
+        for group in known.groups.iter_mut().filter(|group| group.tail.is_some()) {
+            (group.everyday, group.tail) = (0.0, None);
+        }
+        known
+    }
+
     /// Everyday sizes of all groups.
     pub fn everyday(&self) -> Vec<f64> {
         self.groups.iter().map(|group| group.everyday).collect()

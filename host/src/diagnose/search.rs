@@ -1,5 +1,6 @@
 //! The search: score, refit, accept, add, repeat; and which rivals explain the data as well.
 
+use super::adequacy::Adequacy;
 use super::believed::{Layout, NORMAL_975, Prepared, Scale};
 use super::evidence::Patterns;
 use super::posterior::{Fitted, MAX_ROUNDS};
@@ -11,7 +12,7 @@ use rayon::prelude::*;
 
 /// Share of parametric draws of a session that lacks nothing in which something may be named: well below the one in a hundred that is
 /// promised, because sessions have outliers and rounding that the draws do not have.
-const FALSE_ALARMS: f64 = 0.001;
+const FALSE_ALARMS: f64 = 0.01;
 /// Parametric draws for the margin.
 const DRAWS: usize = 4000;
 /// Log evidence without which nothing is named, whatever the draws.
@@ -165,6 +166,10 @@ impl Search<'_> {
             let Some((id, fitted, gain)) = chosen else { break };
             report(&format!("{id} is missing: log evidence + {gain:.1}, needed {needed:.1}"));
             current = self.without_needless(fitted, given, needed);
+            // Where nothing but noise is left there is nothing to be explained.
+            if Adequacy::of(&current, self.runs, self.patterns)?.is_within_noise() {
+                break;
+            }
         }
         // A better effect in the place of one that was taken early shows only once the others are there.
         let mut members = self.members(&current, &first, given, margin)?;

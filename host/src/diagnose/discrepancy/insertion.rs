@@ -22,7 +22,7 @@ const ROLL_STEP_RAD: f64 = 1e-3;
 pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
     let mut groups = Vec::new();
     let mut add = |name: &'static str,
-                   (everyday, tail): (f64, f64),
+                   (everyday, tail): (f64, Option<f64>),
                    scope: Scope,
                    of: &dyn Fn(&Around<'_>) -> Result<Vec<Vec<f64>>, ModelError>|
      -> Result<(), ModelError> {
@@ -30,7 +30,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) }
         };
         let of_runs = all.iter().map(of_run).collect::<Result<_, _>>()?;
-        let group = Group { name, everyday, tail: Some(tail) };
+        let group = Group { name, everyday, tail };
         groups.push(GroupPatterns { group, scope, of_runs, instrument: false });
         Ok(())
     };
@@ -55,25 +55,26 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         });
         Ok(vec![slope?])
     };
-    add("modulus from insertion to insertion", (0.03, 1.0), Scope::Own, &modulus)?;
-    add("tip load from insertion to insertion", (0.03, 3.0), Scope::Own, &|around| {
+    // The size of something that happens once cannot be found from it: it is known.
+    add("modulus from insertion to insertion", (0.03, Some(1.0)), Scope::Own, &modulus)?;
+    add("tip load from insertion to insertion", (0.03, Some(1.5)), Scope::Own, &|around| {
         Ok(vec![under_load(around, &|_| 1.0)?])
     })?;
-    add("angle of entry from insertion to insertion", (3e-3, 1.0), Scope::Own, &|around| Ok(linear(around)))?;
-    add("surface from insertion to insertion", (0.5e-3, 1.0), Scope::Own, &entry)?;
-    add("roll from insertion to insertion", (0.02, 1.0), Scope::Own, &roll)?;
+    add("angle of entry from insertion to insertion", (3e-3, Some(1.0)), Scope::Own, &|around| Ok(linear(around)))?;
+    add("surface from insertion to insertion", (0.5e-3, Some(1.0)), Scope::Own, &entry)?;
+    add("roll from insertion to insertion", (0.02, Some(1.0)), Scope::Own, &roll)?;
     let waves = |around: &Around<'_>| {
         let wave = |k: usize| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos());
         (1..=LOAD_WAVES).map(wave).collect::<Result<Vec<_>, _>>()
     };
-    add("tip load over depth of one insertion", (0.02, 1.0), Scope::Own, &waves)?;
-    add("tip load over depth", (0.02, 1.0), Scope::Shared, &waves)?;
-    add("drift of the path of one insertion", (30e-6, 1.0), Scope::Own, &|around| Ok(smooth(around)))?;
-    add("smooth error of the path", (30e-6, 1.0), Scope::Shared, &|around| Ok(smooth(around)))?;
-    add("tilt of the tracker", (4e-3, 1.0), Scope::Shared, &|around| Ok(linear(around)))?;
-    add("guide 2 off", (50e-6, 1.0), Scope::Shared, &guide2)?;
-    add("place of the surface in insertions", (1e-3, 1.0), Scope::Shared, &entry)?;
-    add("roll of the bevel", (0.02, 1.0), Scope::Shared, &roll)?;
+    add("tip load over depth of one insertion", (0.02, Some(1.0)), Scope::Own, &waves)?;
+    add("tip load over depth", (0.02, Some(1.0)), Scope::Shared, &waves)?;
+    add("drift of the path of one insertion", (30e-6, Some(1.0)), Scope::Own, &|around| Ok(smooth(around)))?;
+    add("smooth error of the path", (30e-6, Some(1.0)), Scope::Shared, &|around| Ok(smooth(around)))?;
+    add("tilt of the tracker", (4e-3, None), Scope::Shared, &|around| Ok(linear(around)))?;
+    add("guide 2 off", (50e-6, None), Scope::Shared, &guide2)?;
+    add("place of the surface in insertions", (1e-3, None), Scope::Shared, &entry)?;
+    add("roll of the bevel", (0.03, None), Scope::Shared, &roll)?;
     groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
     Ok(groups)
 }

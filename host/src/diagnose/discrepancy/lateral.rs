@@ -177,6 +177,12 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         };
         Ok((0..around.run.parts()).map(of).collect())
     })?;
+    add(found("force on the way", 0.003), Scope::Own, false, &mut |_, around| {
+        Ok(vec![around.each(|i, datum| match part(around, i) {
+            Part { force: true, driven: true, .. } if datum.place.hold_s.is_none() => datum.place.direction,
+            _ => 0.0,
+        })])
+    })?;
     add(found("drift of the force in one run", 0.003), Scope::Own, true, &mut |_, around| {
         let length_s = around.run.data.iter().map(|d| d.place.time_s).fold(1e-3, f64::max);
         let of = |plane: usize| {

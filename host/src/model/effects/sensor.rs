@@ -213,8 +213,8 @@ impl Effect for ShapeOffset {
     fn parameters(&self) -> &'static [ParameterInfo] {
         const {
             &[
-                ParameterInfo::new("offset_mm", 0.0, [-20.0, 20.0], [-1.0, 1.0], 0.5),
-                ParameterInfo::new("offset_x_mm", 0.0, [-20.0, 20.0], [-1.0, 1.0], 0.5),
+                ParameterInfo::new("offset_mm", 0.0, [-20.0, 20.0], [-0.5, 0.5], 0.5),
+                ParameterInfo::new("offset_x_mm", 0.0, [-20.0, 20.0], [-0.5, 0.5], 0.5),
             ]
         }
     }
