@@ -234,7 +234,7 @@ fn fit_start(
 }
 
 /// Nothing is named that leaves the larger part of the gap.
-const NAMED_SHARE: f64 = 0.5;
+const NAMED_SHARE: f64 = 0.15;
 
 fn verdict(found: &Found, before: &Adequacy, share: f64) -> Verdict {
     match found.members.is_empty() {

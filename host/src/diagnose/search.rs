@@ -16,7 +16,7 @@ const FALSE_ALARMS: f64 = 0.01;
 /// Parametric draws for the margin.
 const DRAWS: usize = 4000;
 /// Log evidence without which nothing is named, whatever the draws.
-const MIN_GAIN: f64 = 4.0;
+const MIN_GAIN: f64 = 5.0;
 /// An effect explains at least this share of what is left; one of strong evidence may be a part of several.
 const SHARE: f64 = 0.5;
 const SHARE_OF_STRONG: f64 = 0.15;
@@ -157,7 +157,10 @@ impl Search<'_> {
             // With every step the search looks again; the margin is that of its own directions.
             let needed = scores.margin(FALSE_ALARMS, DRAWS, self.seed).max(MIN_GAIN);
             let candidates = self.weigh(&current, &scores, MAX_LEADERS);
-            let chosen = candidates.iter().find(|candidate| self.is_accepted(candidate, &current, needed));
+            let chosen = candidates.iter().find(|candidate| {
+                self.is_accepted(candidate, &current, needed)
+                    && self.gain_over_best(candidate, &current) > needed
+            });
             let chosen = chosen
                 .and_then(|candidate| candidate.refit.clone().map(|(fit, gain)| (candidate.id(), fit, gain)));
             if first.is_empty() {
@@ -206,6 +209,14 @@ impl Search<'_> {
             && !at_bound
             && self.judge.share(current, fitted) >= needed
             && self.judge.held_out_shrinks(current, fitted)
+    }
+
+    /// Log evidence over the fit without the effect, which may have a better one where the discrepancy has the sizes it has with the
+    /// effect.
+    fn gain_over_best(&self, candidate: &Candidate, current: &Fitted) -> f64 {
+        let Some((fitted, gain)) = &candidate.refit else { return f64::NEG_INFINITY };
+        let again = self.fit(&current.layout, current.values(), &fitted.sizes, MAX_ROUNDS);
+        gain - again.map_or(0.0, |again| (again.log_evidence - current.log_evidence).max(0.0))
     }
 
     /// Skips what is no longer needed once something better is there.

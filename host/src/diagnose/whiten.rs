@@ -13,6 +13,8 @@ use std::ops::Range;
 
 /// Uncertainty of a tip sensor's zero.
 const TIP_ZERO_SD_M: f64 = 1e-3;
+/// No actuator's reading is right to better than this, however long it is averaged.
+const PLACE_SD_M: f64 = 3e-6;
 /// Correlations over more memories than this are none.
 const REACH: f64 = 8.0;
 
@@ -188,7 +190,7 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
             for plane in 0..2 {
                 for part in 0..run.parts() {
                     let (count, length_s) = hold_size(run, part);
-                    let sd_m = noise.displacement.of_mean(count, length_s).sqrt();
+                    let sd_m = noise.displacement.of_mean(count, length_s).sqrt().hypot(PLACE_SD_M);
                     let moved = |d: &super::data::Datum| {
                         let here = d.part == part && d.channel.plane() == plane && d.place.hold_s.is_some();
                         match &d.source {
