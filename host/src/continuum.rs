@@ -7,7 +7,9 @@
 //! 60 mm it is more than a little: there the shape asks for softer springs than the force, and K is a number of the test as
 //! much as of the tissue. Young's modulus found through the relation for that very test is not affected.
 
+mod fields;
 mod mesh;
+pub mod operator;
 mod solve;
 pub mod study;
 

@@ -58,6 +58,27 @@ impl Mesh {
         Self { radii_m, depths_m, needle: (top, bottom) }
     }
 
+    /// Tissue around a needle whose deflection varies along it: no cell beside the needle is longer than `depth / cells`, and
+    /// every one of `faces_m` is a line.
+    pub fn along(radius_m: f64, depth_m: f64, resolution: Resolution, cells: f64, faces_m: &[f64]) -> Self {
+        let Resolution { first, growth, reach } = resolution;
+        let longest_m = depth_m / cells;
+        let first_m = (first * radius_m).min(longest_m);
+        let mut radii_m = vec![0.0];
+        radii_m.extend(graded(first_m, growth, reach * depth_m).into_iter().map(|r_m| radius_m + r_m));
+        let half = capped(first_m, growth, longest_m, 0.5 * depth_m);
+        let mut depths_m = half.clone();
+        depths_m.pop();
+        depths_m.extend(half.iter().rev().map(|z_m| depth_m - z_m));
+        snap(&mut depths_m, faces_m);
+        let bottom = depths_m.len() - 1;
+        let mut below: Vec<f64> =
+            graded(first_m, growth, reach * depth_m).into_iter().map(|z_m| depth_m + z_m).collect();
+        snap(&mut below, faces_m);
+        depths_m.extend(below.into_iter().skip(1));
+        Self { radii_m, depths_m, needle: (0, bottom) }
+    }
+
     /// Whether a cell is inside the needle.
     pub fn is_needle(&self, radial: usize, axial: usize) -> bool {
         radial == 0 && (self.needle.0..self.needle.1).contains(&axial)
@@ -69,6 +90,38 @@ fn graded(first: f64, growth: f64, end: f64) -> Vec<f64> {
     let sum = |count: i32| first * (growth.powi(count) - 1.0) / (growth - 1.0);
     let count = (1..200).find(|count| sum(*count) >= end).unwrap_or(200);
     (0..=count).map(|i| end * sum(i) / sum(count)).collect()
+}
+
+/// From 0 to `end` in steps that grow geometrically from `first` until they are `longest`.
+fn capped(first: f64, growth: f64, longest: f64, end: f64) -> Vec<f64> {
+    let mut lines = vec![0.0];
+    let (mut at, mut step) = (0.0, first);
+    while at < end {
+        at += step;
+        step = (step * growth).min(longest);
+        lines.push(at);
+    }
+    lines.into_iter().map(|line| line * end / at).collect()
+}
+
+/// Moves the line nearest to each face there; the ends stay, and so does a line that is a face already.
+fn snap(lines: &mut Vec<f64>, faces: &[f64]) {
+    let (Some(first), Some(last)) = (lines.first().copied(), lines.last().copied()) else { return };
+    for face in faces.iter().copied().filter(|face| *face > first && *face < last) {
+        let far = |line: &f64| (line - face).abs();
+        let movable = |line: &f64| *line > first && *line < last && faces.iter().all(|other| other != line);
+        let nearest = (0..lines.len()).filter(|i| movable(&lines[*i]));
+        let nearest = nearest.min_by(|a, b| far(&lines[*a]).total_cmp(&far(&lines[*b])));
+        let ordered =
+            |at: usize| at > 0 && lines[at - 1] < face && lines.get(at + 1).is_none_or(|next| *next > face);
+        match nearest.filter(|at| ordered(*at)) {
+            Some(at) => lines[at] = face,
+            None => {
+                let at = lines.partition_point(|line| *line < face);
+                lines.insert(at, face);
+            }
+        }
+    }
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ pub struct WallStiffness {
 
 /// An unknown that a degree of freedom stands for.
 #[derive(Debug, Clone, Copy)]
-enum Unknown {
+pub(super) enum Unknown {
     Fixed,
     /// Sign and index.
     Free(f64, usize),
@@ -44,8 +44,7 @@ pub fn wall_stiffness(mesh: &Mesh, poisson: f64) -> Result<WallStiffness, ModelE
     let numbering = Numbering::new(mesh);
     let (free, walls) = (numbering.free, numbering.walls);
     let shear = 0.5 / (1.0 + poisson);
-    // 1 / lambda; nothing for an incompressible body.
-    let bulk_compliance = (1.0 + poisson) * (1.0 - 2.0 * poisson) / poisson.max(1e-6);
+    let bulk_compliance = bulk_compliance(poisson);
 
     let mut inner: Vec<Triplet<usize, usize, f64>> = Vec::new();
     let mut coupling = Mat::<f64>::zeros(free, walls);
@@ -90,6 +89,11 @@ pub fn wall_stiffness(mesh: &Mesh, poisson: f64) -> Result<WallStiffness, ModelE
     }
 }
 
+/// `1 / lambda` per unit of Young's modulus; nothing for an incompressible body.
+pub(super) fn bulk_compliance(poisson: f64) -> f64 {
+    (1.0 + poisson) * (1.0 - 2.0 * poisson) / poisson.max(1e-6)
+}
+
 /// Nodes along the needle: ends and middles of its cells.
 fn wall_depths_m(mesh: &Mesh) -> Vec<f64> {
     let (top, bottom) = mesh.needle;
@@ -101,17 +105,18 @@ fn wall_depths_m(mesh: &Mesh) -> Vec<f64> {
 }
 
 /// Which unknown every degree of freedom is.
-struct Numbering {
+pub(super) struct Numbering {
     /// U, V, W of every node of the quadratic mesh, row by row of depth.
     displacements: Vec<[Unknown; 3]>,
     /// Pressure of every corner.
     pressures: Vec<Unknown>,
-    free: usize,
+    /// How many unknowns are free.
+    pub(super) free: usize,
     walls: usize,
 }
 
 impl Numbering {
-    fn new(mesh: &Mesh) -> Self {
+    pub(super) fn new(mesh: &Mesh) -> Self {
         let (columns, rows) = (2 * mesh.radii_m.len() - 1, 2 * mesh.depths_m.len() - 1);
         let (top, bottom) = (2 * mesh.needle.0, 2 * mesh.needle.1);
         let mut free = 0;
@@ -150,7 +155,7 @@ impl Numbering {
     }
 
     /// The 27 displacements of a cell, node by node, and its 4 pressures.
-    fn of_cell(&self, mesh: &Mesh, radial: usize, axial: usize) -> [Unknown; 31] {
+    pub(super) fn of_cell(&self, mesh: &Mesh, radial: usize, axial: usize) -> [Unknown; 31] {
         let columns = 2 * mesh.radii_m.len() - 1;
         let mut unknowns = [Unknown::Fixed; 31];
         for node in 0..9 {
@@ -171,7 +176,7 @@ fn quadratic(x: f64) -> ([f64; 3], [f64; 3]) {
 }
 
 /// Stiffness of a cell, without the factor pi.
-fn cell_matrix(
+pub(super) fn cell_matrix(
     mesh: &Mesh,
     radial: usize,
     axial: usize,

@@ -9,11 +9,13 @@
 //! from zero upwards. Continuity and boundary conditions are solved from the tip to guide 1 and back ([`sweep`]). A layer is a few
 //! more pieces.
 
+mod in_body;
 mod series;
 mod sweep;
 
 use super::{Foundation, ModelError, Rig, Support, check};
-use series::{Equation, Series};
+pub(super) use series::Equation;
+use series::Series;
 use sweep::{Beyond, LOADS, Link};
 
 /// The loads.
@@ -69,6 +71,8 @@ pub struct Beam {
     length_m: f64,
     spans: Vec<Span>,
     guide2_m_per_n: f64,
+    /// Twice the energy of an elastic body under 1 N at guide 2; 0 where the tissue is made of springs.
+    body_m_per_n: f64,
 }
 
 impl BeamProblem {
@@ -95,7 +99,9 @@ impl BeamProblem {
     /// # Errors
     /// [`ModelError::OutOfRange`] where a length, stiffness or compliance is out of range.
     pub fn solve(&self) -> Result<Beam, ModelError> {
-        self.support.needs_springs("the needle's deflection")?;
+        if self.support.is_body() {
+            return self.solve_in_body();
+        }
         let mut pieces = self.pieces()?;
         let stiffness = self.bending_stiffness_n_m2;
         let force = 1.0 / stiffness;
@@ -134,10 +140,10 @@ impl BeamProblem {
             length_m: self.entry_m + self.depth_m,
             spans,
             guide2_m_per_n: 0.0,
+            body_m_per_n: 0.0,
         };
         beam.guide2_m_per_n = beam.guide2_force().deflection_m(self.guide2_m);
-        let positive = beam.guide2_m_per_n.is_finite() && beam.guide2_m_per_n > 0.0;
-        if positive { Ok(beam) } else { Err(ModelError::Singular) }
+        beam.checked()
     }
 
     /// Refuses what no needle can be.
@@ -209,6 +215,17 @@ impl Beam {
     /// As [`BeamProblem::solve`].
     pub fn solve(rig: &Rig, foundation: &Foundation, depth_m: f64) -> Result<Self, ModelError> {
         BeamProblem::new(rig, foundation.clone(), depth_m).solve()
+    }
+
+    /// Refuses a needle that yields no stiffness.
+    fn checked(self) -> Result<Self, ModelError> {
+        let positive = self.guide2_m_per_n.is_finite() && self.guide2_m_per_n > 0.0;
+        if positive { Ok(self) } else { Err(ModelError::Singular) }
+    }
+
+    /// Twice the energy of an elastic body while guide 2 is held at 1 m, N/m.
+    pub(super) fn body_n_per_m(&self) -> f64 {
+        self.body_m_per_n * self.lateral_stiffness_n_per_m().powi(2)
     }
 
     /// Response to 1 N at guide 2.

@@ -7,6 +7,8 @@
 //! the last rows change: a step costs one back substitution, linear in the length. The path is linear between nodes and its
 //! newest end implicit: second order in the step.
 
+mod in_body;
+
 use super::banded::Banded;
 use super::elements::{GAUSS, add_tension, bending_stiffness, hermite};
 use super::{BeamProblem, ModelError, check};
@@ -97,7 +99,6 @@ impl Growth {
         slopes: bool,
     ) -> Result<Self, ModelError> {
         problem.check()?;
-        problem.support.needs_springs("an insertion")?;
         if grip == Guide2Grip::Holding {
             let gap_m = problem.entry_m - problem.guide2_m;
             check(
@@ -112,6 +113,10 @@ impl Growth {
         check("depth_m", first_m, "0 first", first_m == 0.0)?;
         for pair in depths_m.windows(2) {
             check("depth_m", pair[1], "increasing depths", pair[1] > pair[0])?;
+        }
+        if problem.support.is_body() {
+            let rows = in_body::rows(problem, &depths_m, grip, slopes)?;
+            return Ok(Self { depths_m, rows });
         }
         let mut beam = GrowingBeam::new(problem, grip);
         let mut rows = Vec::with_capacity(depths_m.len());

@@ -10,8 +10,10 @@
 //!   `M_ij = (F_j - F_i) / (k_j - k_i)`. The modes of the memory decay exactly over each sample;
 //! * stiffening tissue, `K u (1 + (u/u0)^2)`: finite elements at a few displacements, interpolated in the square of the
 //!   displacement, as a difference to the same elements without stiffening. Beside relaxation the stiffening part is taken as
-//!   instantaneous.
+//!   instantaneous. An elastic body stiffens by a reaction of its own, `k u (u/u0)^2` at every point, with k the mean line load of
+//!   the body on a rigid needle per deflection.
 
+use super::body::Stiffened;
 use super::elements::{Deformed, Elements, Guide2, Reaction};
 use super::quadrature::integrate;
 use super::{Beam, BeamProblem, ModelError};
@@ -159,7 +161,10 @@ impl Relaxing {
             })
             .collect::<Result<_, _>>()?;
         let force_n: Vec<f64> = beams.iter().map(Beam::lateral_stiffness_n_per_m).collect();
-        let stored = |beam: &Beam| -> f64 {
+        let stored = |beam: &Beam, share: f64| -> f64 {
+            if problem.support.is_body() {
+                return beam.body_n_per_m() / share;
+            }
             let mut top_m = 0.0;
             let mut stored = 0.0;
             for (thickness_m, modulus_pa) in problem.foundation.parts(problem.depth_m) {
@@ -171,7 +176,11 @@ impl Relaxing {
         };
         let count = SHARES.len();
         let tissue = DMatrix::from_fn(count, count, |i, j| {
-            if i == j { stored(&beams[i]) } else { (force_n[j] - force_n[i]) / (SHARES[j] - SHARES[i]) }
+            if i == j {
+                stored(&beams[i], SHARES[i])
+            } else {
+                (force_n[j] - force_n[i]) / (SHARES[j] - SHARES[i])
+            }
         });
         let needle = DMatrix::from_fn(count, count, |i, j| {
             let half = |i: usize, j: usize| force_n[j] - SHARES[j] * tissue[(i, j)];
@@ -306,10 +315,16 @@ struct Stiffening {
 
 impl Stiffening {
     fn new(problem: &BeamProblem, most_m: f64) -> Result<Self, ModelError> {
-        let elements = Elements::new(problem, ELEMENT_M)?;
         // Chebyshev's points in the square of the displacement.
         let angle = |j: usize| (2.0 * j as f64 + 1.0) * std::f64::consts::PI / (2.0 * NODES as f64);
         let nodes_m = std::array::from_fn(|j| most_m * (0.5 + 0.5 * angle(j).cos()).sqrt());
+        if problem.support.is_body() {
+            let body = Stiffened::new(problem)?;
+            let shapes =
+                nodes_m.iter().map(|node_m| body.held(*node_m, true)).collect::<Result<Vec<_>, _>>()?;
+            return Ok(Self { linear: body.held(nodes_m[0], false)?, nodes_m, shapes });
+        }
+        let elements = Elements::new(problem, ELEMENT_M)?;
         let per_m2 = problem.law.inverse_u0_per_m.powi(2);
         let foundation = &problem.foundation;
         let springs = |depth_m: f64, stretch_m: f64| {

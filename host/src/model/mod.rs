@@ -7,6 +7,7 @@
 
 mod banded;
 mod beam;
+pub mod body;
 mod cache;
 pub mod effects;
 pub mod elements;

@@ -14,11 +14,11 @@ const TERMS: usize = 4 * GROUPS;
 const MOST: [f64; GROUPS - 1] = [0.0, 2e-13, 2.6e-5, 2.3e-2, 0.91];
 
 /// Coefficients of a solution, two by two, as the recursion gives them.
-pub(super) type Series = [[f64; 2]; TERMS / 2];
+pub(in crate::model) type Series = [[f64; 2]; TERMS / 2];
 
 /// What the equation of a piece of length h is in `x`.
-#[derive(Clone, Copy)]
-pub(super) struct Equation {
+#[derive(Debug, Clone, Copy)]
+pub(in crate::model) struct Equation {
     /// t, `K h^4 / EI`.
     pub modulus: f64,
     /// a, `(P - G) h^2 / EI`.

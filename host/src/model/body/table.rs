@@ -1,0 +1,198 @@
+//! The tables of the body's stiffness, interpolated: barycentric in Chebyshev's nodes of ln(depth/radius) and of Poisson's ratio.
+
+use super::ModelError;
+pub(in crate::model) use crate::continuum::operator::MODES;
+pub(super) use crate::continuum::operator::SLICES as SLICE_ENDS;
+use crate::continuum::operator::{FIELDS, POISSON, RATIOS, UNIFORM, VARIED, nodes};
+use std::cell::RefCell;
+use std::f64::consts::PI;
+use std::sync::{Arc, LazyLock};
+
+/// Stiffness against Legendre coefficients.
+pub(in crate::model) type Matrix = [[f64; MODES]; MODES];
+/// Slices of depth.
+pub(super) const SLICES: usize = SLICE_ENDS.len() + 1;
+
+const ENTRIES: usize = MODES * (MODES + 1) / 2;
+const FIELD_ENTRIES: usize = FIELDS * (FIELDS + 1) / 2;
+/// Fields that leave the needle where it is.
+const INNER: usize = FIELDS - MODES;
+/// How many interpolated matrices a thread keeps: a fit asks for the same few depths again and again.
+const KEPT: usize = 8;
+
+static TEXT: &str = include_str!("../../continuum/uniform.csv");
+static BYTES: &[u8] = include_bytes!("../../continuum/varied.f32");
+
+/// Entries of every ratio and Poisson's ratio.
+static UNIFORM_TABLE: LazyLock<Vec<[f64; ENTRIES]>> = LazyLock::new(|| {
+    let lines = TEXT.lines().filter(|line| !line.starts_with('#'));
+    lines
+        .map(|line| {
+            let mut cells = line.split(',').skip(2).map(|cell| cell.parse().unwrap_or(f64::NAN));
+            std::array::from_fn(|_| cells.next().unwrap_or(f64::NAN))
+        })
+        .collect()
+});
+
+/// Weights of Chebyshev's nodes at a place.
+fn weights(range: [f64; 2], count: usize, at: f64) -> Vec<f64> {
+    let nodes = nodes(range, count);
+    if let Some(same) = nodes.iter().position(|node| *node == at) {
+        return (0..count).map(|i| if i == same { 1.0 } else { 0.0 }).collect();
+    }
+    let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
+    let raw = nodes.iter().enumerate().map(|(i, node)| {
+        let angle = (i as f64 + 0.5) * PI / count as f64;
+        sign(i) * angle.sin() / (at - node)
+    });
+    let raw: Vec<f64> = raw.collect();
+    let sum: f64 = raw.iter().sum();
+    raw.into_iter().map(|weight| weight / sum).collect()
+}
+
+/// What the stiffness of a long needle depends on Poisson's ratio by; what is left of the dependence is nearly a straight line.
+fn by_poisson(poisson: f64) -> f64 {
+    (1.0 - poisson) / ((1.0 + poisson) * (3.0 - 4.0 * poisson))
+}
+
+/// The uniform body's matrices at every ratio for one Poisson's ratio.
+fn of_poisson(poisson: f64) -> Vec<[f64; ENTRIES]> {
+    let [ratios, count] = UNIFORM;
+    let weights = weights(POISSON, count, poisson);
+    let factors: Vec<f64> = nodes(POISSON, count)
+        .into_iter()
+        .zip(weights)
+        .map(|(node, weight)| weight * by_poisson(poisson) / by_poisson(node))
+        .collect();
+    let mut found = vec![[0.0; ENTRIES]; ratios];
+    for (entries, rows) in found.iter_mut().zip(UNIFORM_TABLE.chunks_exact(count)) {
+        for (row, factor) in rows.iter().zip(&factors) {
+            entries.iter_mut().zip(row).for_each(|(entry, value)| *entry += factor * value);
+        }
+    }
+    found
+}
+
+thread_local! {
+    static LATELY: RefCell<Lately> = RefCell::default();
+}
+
+/// What a thread interpolated lately.
+#[derive(Default)]
+struct Lately {
+    by_poisson: Vec<(f64, Arc<Vec<[f64; ENTRIES]>>)>,
+    uniform: Vec<([f64; 2], Matrix)>,
+    varied: Vec<([f64; 2], Arc<Varied>)>,
+}
+
+/// A value that was computed lately, or computed anew.
+fn kept<K: PartialEq + Copy, V: Clone>(known: &mut Vec<(K, V)>, key: K, make: impl FnOnce() -> V) -> V {
+    if let Some((_, value)) = known.iter().find(|(of, _)| *of == key) {
+        return value.clone();
+    }
+    let value = make();
+    known.truncate(KEPT - 1);
+    known.insert(0, (key, value.clone()));
+    value
+}
+
+/// Stiffness per unit of Young's modulus and of depth.
+pub(super) fn uniform(ratio: f64, poisson: f64) -> Matrix {
+    LATELY.with_borrow_mut(|Lately { by_poisson, uniform, .. }| {
+        kept(uniform, [ratio, poisson], || {
+            let of_poisson = kept(by_poisson, poisson, || Arc::new(of_poisson(poisson)));
+            let weights = weights(RATIOS.map(f64::ln), UNIFORM[0], ratio.ln());
+            let mut entries = [0.0; ENTRIES];
+            for (row, weight) in of_poisson.iter().zip(weights) {
+                entries.iter_mut().zip(row).for_each(|(entry, value)| *entry += weight * value);
+            }
+            symmetric(&entries)
+        })
+    })
+}
+
+fn symmetric(lower: &[f64]) -> Matrix {
+    std::array::from_fn(|i| std::array::from_fn(|j| lower[place(i.max(j), i.min(j))]))
+}
+
+/// Place of an entry on or below the diagonal.
+const fn place(row: usize, column: usize) -> usize {
+    row * (row + 1) / 2 + column
+}
+
+/// Mutual energies of the fields of a body whose modulus varies, slice by slice.
+pub(super) struct Varied(Vec<[f64; FIELD_ENTRIES]>);
+
+impl Varied {
+    /// Interpolated for a ratio of depth to radius and a Poisson's ratio.
+    pub fn at(ratio: f64, poisson: f64) -> Arc<Self> {
+        LATELY.with_borrow_mut(|lately| {
+            kept(&mut lately.varied, [ratio, poisson], || Arc::new(Self::interpolated(ratio, poisson)))
+        })
+    }
+
+    fn interpolated(ratio: f64, poisson: f64) -> Self {
+        let of_ratio = weights(super::VARIED_RANGE.map(f64::ln), VARIED[0], ratio.ln());
+        let of_poisson = weights(super::VARIED_POISSON, VARIED[1], poisson);
+        let poissons = nodes(super::VARIED_POISSON, VARIED[1]);
+        let mut slices = vec![[0.0; FIELD_ENTRIES]; SLICES];
+        let mut rest = BYTES;
+        for by_ratio in of_ratio {
+            for (by_node, node) in of_poisson.iter().zip(&poissons) {
+                let weight = by_ratio * by_node * self::by_poisson(poisson) / self::by_poisson(*node);
+                for entry in slices.iter_mut().flatten() {
+                    let Some((bytes, later)) = rest.split_first_chunk() else { break };
+                    *entry += weight * f64::from(f32::from_le_bytes(*bytes));
+                    rest = later;
+                }
+            }
+        }
+        Self(slices)
+    }
+
+    /// Stiffness per unit of depth for these moduli of the slices, the changes of the fields eliminated.
+    pub fn stiffness(&self, moduli: &[f64; SLICES]) -> Result<Matrix, ModelError> {
+        let mut entries = [0.0; FIELD_ENTRIES];
+        for (slice, modulus) in self.0.iter().zip(moduli) {
+            entries.iter_mut().zip(slice).for_each(|(entry, value)| *entry += modulus * value);
+        }
+        // Cholesky's factor of the inner block, and the outer rows through it.
+        let mut factor = [[0.0; INNER]; INNER];
+        let mut outer = [[0.0; INNER]; MODES];
+        for i in 0..INNER {
+            for j in 0..=i {
+                let known: f64 = (0..j).map(|k| factor[i][k] * factor[j][k]).sum();
+                let value = entries[place(MODES + i, MODES + j)] - known;
+                factor[i][j] = if i > j {
+                    value / factor[j][j]
+                } else if value > 0.0 {
+                    value.sqrt()
+                } else {
+                    return Err(ModelError::Singular);
+                };
+            }
+        }
+        for (mode, row) in outer.iter_mut().enumerate() {
+            for i in 0..INNER {
+                let known: f64 = (0..i).map(|k| factor[i][k] * row[k]).sum();
+                row[i] = (entries[place(MODES + i, mode)] - known) / factor[i][i];
+            }
+        }
+        let mut matrix = symmetric(&entries);
+        for (i, row) in matrix.iter_mut().enumerate() {
+            for (j, value) in row.iter_mut().enumerate() {
+                *value -= (0..INNER).map(|k| outer[i][k] * outer[j][k]).sum::<f64>();
+            }
+        }
+        Ok(matrix)
+    }
+
+    /// Stiffness of a uniform body, in which no field changes.
+    pub fn one(&self) -> Matrix {
+        let mut entries = [0.0; ENTRIES];
+        for slice in &self.0 {
+            entries.iter_mut().zip(slice).for_each(|(entry, value)| *entry += value);
+        }
+        symmetric(&entries)
+    }
+}

@@ -1,0 +1,98 @@
+//! The needle in an elastic body at every depth of an insertion: at each the operator of that depth acts on `u - u_t`.
+//!
+//! What the cut path does to the tip follows from the needle's shape under a unit load at the tip (reciprocity): the body's line
+//! load on that shape is the weight of the path. The path is projected on the polynomials of the deflection.
+
+use super::{Growth, Guide2Grip, Response, Row};
+use crate::model::body::{Load, Ritz, powers, surface_m};
+use crate::model::elements::GAUSS;
+use crate::model::{BeamProblem, Foundation, ModelError, Support};
+
+/// Depths closer than this to where the body begins are not in it.
+const LEAST_M: f64 = 1e-9;
+
+/// Responses of the tip at every depth.
+pub(super) fn rows(
+    problem: &BeamProblem,
+    depths_m: &[f64],
+    grip: Guide2Grip,
+    slopes: bool,
+) -> Result<Vec<Row>, ModelError> {
+    let from_m = surface_m(&problem.foundation);
+    let bare = depths_m.partition_point(|depth_m| depth_m - from_m <= LEAST_M);
+    let free = BeamProblem { support: Support::Springs, foundation: Foundation::none(), ..problem.clone() };
+    let mut rows = Growth::solved(&free, depths_m[..bare].to_vec(), grip, slopes)?.rows;
+    let mut at = problem.clone();
+    for node in bare..depths_m.len() {
+        at.depth_m = depths_m[node];
+        let Some(ritz) = Ritz::new(&at)? else { return Err(ModelError::Singular) };
+        let solved = ritz.factor()?;
+        let pushed = ritz.shape(&solved, Load::Guide2);
+        let stiffness = ritz.work(Load::Guide2, &pushed).recip();
+        let response = |load: Load| {
+            let mut shape = ritz.shape(&solved, load);
+            let mut guide2 = 0.0;
+            if grip == Guide2Grip::Holding {
+                let moved = ritz.work(Load::Guide2, &shape);
+                shape = shape.plus(&pushed.scaled(-moved * stiffness));
+                guide2 = ritz.work(load, &pushed) * stiffness;
+            }
+            let path = Path { ritz: &ritz, problem: &at, from_m };
+            let path = path.weights(&shape, &depths_m[..=node]);
+            Response { load: ritz.work(Load::Tip, &shape), guide2, path }
+        };
+        let slope = if slopes { response(Load::TipMoment) } else { Response::default() };
+        rows.push(Row { deflection: response(Load::Tip), slope });
+    }
+    Ok(rows)
+}
+
+/// What the cut path does to the needle at one depth.
+struct Path<'a> {
+    ritz: &'a Ritz,
+    problem: &'a BeamProblem,
+    from_m: f64,
+}
+
+impl Path<'_> {
+    /// Weights of the path at the start and the end of every element.
+    fn weights(&self, shape: &super::super::body::Shape, nodes_m: &[f64]) -> Vec<[f64; 2]> {
+        let Self { ritz, problem, from_m } = *self;
+        let [_, depth_m] = ritz.body_m();
+        let mut line_load = ritz.tissue_forces(&ritz.coefficients(shape));
+        // From forces against the coefficients to the line load that does the same work.
+        for (degree, force) in line_load.iter_mut().enumerate() {
+            *force *= (2 * degree + 1) as f64 / depth_m;
+        }
+        let line_load = powers(&line_load);
+        let load_n_per_m =
+            |s_m: f64| line_load.iter().rev().fold(0.0, |sum, term| sum * (s_m - from_m) / depth_m + term);
+        let deflection_m = |s_m: f64| ritz.at(shape, problem.entry_m + s_m)[0];
+        let mut all = Vec::with_capacity(nodes_m.len() - 1);
+        for (number, ends) in nodes_m.windows(2).enumerate() {
+            let (start_m, end_m) = (ends[0], ends[1]);
+            let length_m = end_m - start_m;
+            let mut weight = [0.0; 2];
+            let inside_m = start_m.max(from_m);
+            if inside_m < end_m {
+                for (x, share) in GAUSS {
+                    let s_m = inside_m + x * (end_m - inside_m);
+                    let load_n = share * (end_m - inside_m) * load_n_per_m(s_m);
+                    let along = (s_m - start_m) / length_m;
+                    weight[0] += load_n * (1.0 - along);
+                    weight[1] += load_n * along;
+                }
+            }
+            if problem.shear_n > 0.0 {
+                let pull_n = problem.shear_n * (deflection_m(start_m) - deflection_m(end_m)) / length_m;
+                weight[0] += pull_n;
+                weight[1] -= pull_n;
+            }
+            if number == 0 {
+                weight[0] += problem.skin_n_per_m * ritz.surface_m(shape);
+            }
+            all.push(weight);
+        }
+        all
+    }
+}
