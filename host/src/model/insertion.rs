@@ -80,6 +80,8 @@ pub struct Insertion {
     pub guide2_m: Option<[Profile; 2]>,
     /// Speed of the insertion against depth, m/s.
     pub speed_m_per_s: Profile,
+    /// Whether the slope of the needle at the tip is measured too; it takes twice the time.
+    pub tip_direction: bool,
 }
 
 /// How the tip cuts.
@@ -129,16 +131,25 @@ impl TipLaw {
     }
 }
 
-/// Tip position at the depths of an insertion.
+/// The tip in both planes at the depths of an insertion.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Tip {
+    /// Its position.
+    pub position_m: Series,
+    /// Slope of the needle there; nothing where that is not asked for.
+    pub direction_rad: Series,
+}
+
+/// The tip at the depths of an insertion.
 ///
 /// # Errors
 /// As [`Growth::new`], and [`ModelError::OutOfRange`] for depths that are negative.
-pub(super) fn tip_m(
+pub(super) fn tip(
     problems: &[BeamProblem; 2],
     law: &TipLaw,
     insertion: &Insertion,
     cache: &Cache,
-) -> Result<Series, ModelError> {
+) -> Result<Tip, ModelError> {
     let mut last_m = DEFAULT_STEP_M;
     for depth_m in &insertion.depth_m {
         check("depth_m", *depth_m, "0 or more", *depth_m >= 0.0)?;
@@ -156,22 +167,40 @@ pub(super) fn tip_m(
     jumps_m.extend(law.along_bevel.steps.iter().map(|[depth_m, _]| *depth_m));
     jumps_m.extend(insertion.speed_m_per_s.jumps_m());
     let grid_m = grid_m(last_m, DEFAULT_STEP_M, &jumps_m);
-    let slopes = matches!(law.cutting, Cutting::Angle(_));
+    let slopes = insertion.tip_direction || matches!(law.cutting, Cutting::Angle(_));
     let growths = [
         cache.growth(&problems[0], &grid_m, grip, slopes)?,
         cache.growth(&problems[1], &grid_m, grip, slopes)?,
     ];
-    let plane = |plane: usize| -> Vec<f64> {
+    let plane = |plane: usize| -> [Vec<f64>; 2] {
         let growth = &growths[plane];
         let states = states(growth, law, insertion, plane);
         let straight = law.entry_angle_rad[plane].tan();
-        insertion
-            .depth_m
-            .iter()
-            .map(|depth_m| tip_at(growth.depths_m(), &states, *depth_m) + straight * depth_m)
-            .collect()
+        let at = |nodes: &[[f64; 2]], depth_m: f64| at_depth(growth.depths_m(), nodes, depth_m);
+        let tips_m: Vec<[f64; 2]> = states.iter().map(|state| state.tip_m).collect();
+        let depths_m = insertion.depth_m.iter();
+        let position_m = depths_m.clone().map(|depth_m| at(&tips_m, *depth_m) + straight * depth_m).collect();
+        let mut direction_rad = Vec::new();
+        if insertion.tip_direction {
+            let slopes = growth.tip_slopes(&states, |node| guide2(growth, insertion, plane, node));
+            direction_rad = depths_m.map(|depth_m| at(&slopes, *depth_m) + straight).collect();
+        }
+        [position_m, direction_rad]
     };
-    Ok(Series { y: plane(0), x: Some(plane(1)) })
+    let ([y_m, y_rad], [x_m, x_rad]) = (plane(0), plane(1));
+    Ok(Tip {
+        position_m: Series { y: y_m, x: Some(x_m) },
+        direction_rad: Series { y: y_rad, x: Some(x_rad) },
+    })
+}
+
+/// Displacement of guide 2 at a node, on arriving and on leaving.
+fn guide2(growth: &Growth, insertion: &Insertion, plane: usize, node: usize) -> [f64; 2] {
+    let depth_m = growth.depths_m()[node];
+    match &insertion.guide2_m {
+        Some(planes) => [planes[plane].before(depth_m), planes[plane].after(depth_m)],
+        None => [0.0; 2],
+    }
 }
 
 /// From 0 to `last_m` in steps of at most `step_m`, with nodes at `also_m` (where these lie inside).
@@ -194,10 +223,7 @@ pub fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
 
 fn states(growth: &Growth, law: &TipLaw, insertion: &Insertion, plane: usize) -> Vec<TipState> {
     let depth_m = |node: usize| growth.depths_m()[node];
-    let guide2 = |node: usize| match &insertion.guide2_m {
-        Some(planes) => [planes[plane].before(depth_m(node)), planes[plane].after(depth_m(node))],
-        None => [0.0; 2],
-    };
+    let guide2 = |node: usize| guide2(growth, insertion, plane, node);
     // Load and cutting angle are fixed to the needle: they turn with it.
     let turned = |[y, x]: [f64; 2], angle_rad: f64| {
         let (sin, cos) = angle_rad.sin_cos();
@@ -231,16 +257,16 @@ fn states(growth: &Growth, law: &TipLaw, insertion: &Insertion, plane: usize) ->
     }
 }
 
-/// Tip on arriving at a depth; linear between nodes.
-fn tip_at(nodes_m: &[f64], states: &[TipState], depth_m: f64) -> f64 {
+/// A quantity on arriving at a depth, from those at the nodes on arriving and on leaving; linear between nodes.
+fn at_depth(nodes_m: &[f64], values: &[[f64; 2]], depth_m: f64) -> f64 {
     let next = nodes_m.partition_point(|node_m| *node_m < depth_m);
-    match (next.checked_sub(1).and_then(|i| Some((nodes_m.get(i)?, states.get(i)?))), states.get(next)) {
-        (Some((from_m, from)), Some(to)) => {
+    match (next.checked_sub(1).and_then(|i| Some((nodes_m.get(i)?, values.get(i)?))), values.get(next)) {
+        (Some((from_m, [_, from])), Some([to, _])) => {
             let share = (depth_m - from_m) / (nodes_m[next] - from_m);
-            from.tip_m[1] + share * (to.tip_m[0] - from.tip_m[1])
+            from + share * (to - from)
         }
-        (Some((_, only)), None) => only.tip_m[1],
-        (None, Some(only)) => only.tip_m[0],
+        (Some((_, [_, left])), None) => *left,
+        (None, Some([arriving, _])) => *arriving,
         (None, None) => f64::NAN,
     }
 }

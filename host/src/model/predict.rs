@@ -196,6 +196,9 @@ pub struct Channels {
     pub shape_m: Series,
     /// Position of the tip at every depth of an insertion, or time of a steering run.
     pub tip_m: Series,
+    /// Slope of the needle at the tip at every depth of an insertion, where it is measured
+    /// ([`Insertion::tip_direction`]).
+    pub tip_direction_rad: Series,
     /// Lateral position of the base at every time of a steering run.
     pub base_m: Series,
 }
@@ -208,6 +211,7 @@ impl Channels {
             force_n: empty(),
             shape_m: empty(),
             tip_m: empty(),
+            tip_direction_rad: empty(),
             base_m: Series::default(),
         }
     }
@@ -279,8 +283,9 @@ fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Resu
     let problems = [model.problem_in(Plane::Y, deepest_m)?, model.problem_in(Plane::X, deepest_m)?];
     let mut law = model.tip.clone();
     model.effects.iter().for_each(|(effect, values)| effect.tip(values, &mut law));
-    let tip_m = insertion::tip_m(&problems, &law, inserted, cache)?;
-    let mut channels = Channels { tip_m, ..Channels::two_planes() };
+    let insertion::Tip { position_m, direction_rad } = insertion::tip(&problems, &law, inserted, cache)?;
+    let mut channels =
+        Channels { tip_m: position_m, tip_direction_rad: direction_rad, ..Channels::two_planes() };
     model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]] }, &mut channels);
     Ok(channels)
 }

@@ -217,6 +217,7 @@ impl Grid {
             Some(Bin {
                 depth_m: self.depth_m[i],
                 tip_m: [1e-3 * y_mm, 1e-3 * x_mm],
+                direction_rad: [None; 2],
                 rows: 1.0,
                 moving: false,
                 leaving: false,

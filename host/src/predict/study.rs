@@ -233,6 +233,8 @@ pub(super) fn insertion_session(rig: Rig, tip_sd_m: Option<f64>, recorded: Vec<R
         guide2_y_m: None,
         guide2_x_m: None,
         base_force_y_n: None,
+        tip_direction_y_rad: None,
+        tip_direction_x_rad: None,
     };
     Session {
         dir: PathBuf::new(),

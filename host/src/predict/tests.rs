@@ -182,6 +182,8 @@ proptest! {
                 guide2_y_m: Some(column(4)),
                 guide2_x_m: None,
                 base_force_y_n: None,
+                tip_direction_y_rad: None,
+                tip_direction_x_rad: None,
             }
         };
         let mut session = insertion_session(rig(), None, Vec::new());

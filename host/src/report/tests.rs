@@ -179,7 +179,9 @@ fn what_fails_is_said_in_its_section() {
         rotation_rad: none.clone(),
         guide2_y_m: none.clone(),
         guide2_x_m: none.clone(),
-        base_force_y_n: none,
+        base_force_y_n: none.clone(),
+        tip_direction_y_rad: none.clone(),
+        tip_direction_x_rad: none,
     });
     let list = || vec![0.0, 0.001];
     bad.steering.push(SteeringRun {

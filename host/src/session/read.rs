@@ -39,7 +39,9 @@ pub(super) const SHAPE_COLUMNS: [Column; 4] = [
     Column::required("deflection_y_mm", MM, LATERAL_MM),
     Column::optional("deflection_x_mm", MM, LATERAL_MM),
 ];
-pub(super) const INSERTION_COLUMNS: [Column; 8] = [
+/// Slope of the needle at the tip: beyond one in one no insertion is straight ahead.
+const DIRECTION_MRAD: [f64; 2] = [-1000.0, 1000.0];
+pub(super) const INSERTION_COLUMNS: [Column; 10] = [
     Column::required("depth_mm", MM, [-50.0, 500.0]),
     Column::required("tip_y_mm", MM, LATERAL_MM),
     Column::optional("tip_x_mm", MM, LATERAL_MM),
@@ -48,6 +50,8 @@ pub(super) const INSERTION_COLUMNS: [Column; 8] = [
     Column::optional("guide2_y_mm", MM, [-50.0, 50.0]),
     Column::optional("guide2_x_mm", MM, [-50.0, 50.0]),
     Column::optional("base_force_y_n", 1.0, FORCE_N),
+    Column::optional("tip_direction_y_mrad", 1e-3, DIRECTION_MRAD).blank(),
+    Column::optional("tip_direction_x_mrad", 1e-3, DIRECTION_MRAD).blank(),
 ];
 pub(super) const INDENTATION_COLUMNS: [Column; 2] =
     [Column::required("depth_mm", MM, [-50.0, 100.0]), Column::required("force_n", 1.0, FORCE_N)];
@@ -167,6 +171,7 @@ pub(super) fn noise(file: &Fields<'_>) -> Result<Noise, SessionError> {
         displacement_m: sd_m("displacement_mm")?,
         shape_m: sd_m("shape_mm")?,
         tip_m: sd_m("tip_mm")?,
+        tip_direction_rad: noise.optional_scaled("tip_direction_mrad", [1e-6, 1000.0], -3)?,
     })
 }
 
@@ -295,6 +300,8 @@ pub(super) fn insertion(dir: &Path, fields: &Fields<'_>, id: String) -> Result<I
         guide2_y_m: table.take("guide2_y_mm"),
         guide2_x_m: table.take("guide2_x_mm"),
         base_force_y_n: table.take("base_force_y_n"),
+        tip_direction_y_rad: table.take("tip_direction_y_mrad"),
+        tip_direction_x_rad: table.take("tip_direction_x_mrad"),
     })
 }
 

@@ -31,7 +31,8 @@ const SESSION: [&str; 2] = ["format", "name"];
 pub(super) const NEEDLE: [&str; 5] =
     ["youngs_modulus_gpa", "outer_diameter_mm", "inner_diameter_mm", "bevel_angle_deg", "length_mm"];
 pub(super) const RIG: [&str; 3] = ["guide2_mm", "entry_mm", "fixture_mass_kg"];
-pub(super) const NOISE: [&str; 4] = ["force_n", "displacement_mm", "shape_mm", "tip_mm"];
+pub(super) const NOISE: [&str; 5] =
+    ["force_n", "displacement_mm", "shape_mm", "tip_mm", "tip_direction_mrad"];
 
 /// A kind of run: its table, its fields, its files with their columns and whether they may be without rows, its numbers.
 struct Kind {

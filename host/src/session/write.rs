@@ -4,11 +4,12 @@
 //! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
 
 mod imported;
+mod insertion;
 mod lateral;
 
 pub use lateral::{ForceRow, LateralWriter, ShapeRow};
 
-use super::{InsertionRun, Noise, Session, SessionError, SteeringRun};
+use super::{Noise, Session, SessionError, SteeringRun};
 use crate::model::Rig;
 use std::fmt::Write as _;
 use std::fs::{self, File};
@@ -88,34 +89,6 @@ impl SessionWriter {
     pub fn lateral(&mut self, id: &str, depth_m: f64) -> Result<LateralWriter<'_>, SessionError> {
         self.check_id(id, &self.lateral_ids)?;
         Ok(LateralWriter::new(self, id, depth_m))
-    }
-
-    /// Writes a whole insertion: `<id>.csv` with the columns it has, and its entry in `session.toml`.
-    ///
-    /// # Errors
-    /// As [`Self::lateral`]; [`SessionError::NotFinite`].
-    pub fn insertion(&mut self, run: &InsertionRun) -> Result<(), SessionError> {
-        self.check_id(&run.id, &self.insertion_ids)?;
-        let optional =
-            |name, column: &Option<Vec<f64>>, factor| column.clone().map(|values| (name, values, factor));
-        let degrees = 180.0 / std::f64::consts::PI;
-        let columns: Vec<(&'static str, Vec<f64>, f64)> = [
-            optional("time_s", &run.time_s, 1.0),
-            Some(("depth_mm", run.depth_m.clone(), 1e3)),
-            Some(("tip_y_mm", run.tip_y_m.clone(), 1e3)),
-            optional("tip_x_mm", &run.tip_x_m, 1e3),
-            optional("rotation_deg", &run.rotation_rad, degrees),
-            optional("guide2_y_mm", &run.guide2_y_m, 1e3),
-            optional("guide2_x_mm", &run.guide2_x_m, 1e3),
-            optional("base_force_y_n", &run.base_force_y_n, 1.0),
-        ]
-        .into_iter()
-        .flatten()
-        .collect();
-        self.table(&run.id, &columns)?;
-        enter(&self.dir, &format!("\n[[insertion]]\nid = \"{0}\"\npath = \"{0}.csv\"\n", run.id))?;
-        self.insertion_ids.push(run.id.clone());
-        Ok(())
     }
 
     /// Writes a whole steering run: `<id>.csv` and its entry in `session.toml`.
@@ -237,6 +210,7 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
             ("displacement_mm", noise.displacement_m.map(|sd_m| 1e3 * sd_m)),
             ("shape_mm", noise.shape_m.map(|sd_m| 1e3 * sd_m)),
             ("tip_mm", noise.tip_m.map(|sd_m| 1e3 * sd_m)),
+            ("tip_direction_mrad", noise.tip_direction_rad.map(|sd_rad| 1e3 * sd_rad)),
         ],
     )?;
     Ok(text)

@@ -24,7 +24,8 @@ fn made(text: &str, sensors: Sensors, seed: u64) -> Simulated {
     plan(text).expect("a plan").carry_out(&rig(), sensors, seed).expect("carried out")
 }
 
-const NONE: Sensors = Sensors { force_n: 0.0, displacement_m: 0.0, shape_m: 0.0, tip_m: 0.0 };
+const NONE: Sensors =
+    Sensors { force_n: 0.0, displacement_m: 0.0, shape_m: 0.0, tip_m: 0.0, tip_direction_rad: None };
 
 #[test]
 fn a_lateral_plan_goes_through_its_levels() {

@@ -134,6 +134,7 @@ impl Recipe {
             displacement_m: Some(1e-3 * self.displacement_sd_mm),
             shape_m: Some(1e-3 * self.shape_sd_mm),
             tip_m: None,
+            tip_direction_rad: None,
         }
     }
 }

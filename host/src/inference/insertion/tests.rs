@@ -25,6 +25,8 @@ fn run(rows: &[[f64; 6]]) -> InsertionRun {
         guide2_y_m: Some(column(4, 1e-3)),
         guide2_x_m: Some(column(5, 1e-3)),
         base_force_y_n: None,
+        tip_direction_y_rad: None,
+        tip_direction_x_rad: None,
     }
 }
 

@@ -39,6 +39,7 @@ fn insertion() -> Experiment {
         rotation_rad: Profile::new(vec![[0.045, 0.0], [0.045, 3.0]]).expect("a profile"),
         guide2_m: Some(Default::default()),
         speed_m_per_s: Profile::constant(5e-3),
+        ..Insertion::default()
     })
 }
 
