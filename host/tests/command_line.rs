@@ -26,7 +26,7 @@ mod shell;
 const K_PA: f64 = 12e3;
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
 fn guide(arguments: &[&str]) -> Output {

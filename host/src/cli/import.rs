@@ -197,7 +197,7 @@ pub fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
             out.note("needle and rig are assumed: 18 gauge, guide 2 at 60 mm, tissue at 70 mm (--rig says otherwise)");
             Setup {
                 name: String::new(),
-                rig: Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 },
+                rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
                 fixture_mass_kg: None,
                 noise: Noise::default(),
             }

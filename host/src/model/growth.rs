@@ -15,8 +15,9 @@ use super::{BeamProblem, ModelError, check};
 pub const DEFAULT_STEP_M: f64 = 0.5e-3;
 const MOST_STEPS: f64 = 20_000.0;
 /// Steps shorter than this add no element of their own: the stiffness of one grows with the inverse cube of its length, and beside
-/// that of the tissue vanishes in rounding. The needle is then taken where the step before began, a fiftieth of a millimetre off.
-const LEAST_ELEMENT_M: f64 = 0.02e-3;
+/// that of the tissue vanishes in rounding (an element of a fiftieth of a millimetre costs one part in ten thousand of the path). The
+/// needle is then taken where the step before began.
+const LEAST_ELEMENT_M: f64 = 0.04e-3;
 
 /// What guide 2 does while the needle is inserted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -118,6 +119,10 @@ impl Growth {
         check("depth_m", first_m, "0 first", first_m == 0.0)?;
         for pair in depths_m.windows(2) {
             check("depth_m", pair[1], "increasing depths", pair[1] > pair[0])?;
+        }
+        if problem.only_guide {
+            let holds = grip == Guide2Grip::Holding;
+            check("guide2_m", problem.guide2_m, "the only guide, holding the needle", holds)?;
         }
         let mut beam = GrowingBeam::new(problem, grip);
         let mut rows = Vec::with_capacity(depths_m.len());
@@ -277,7 +282,7 @@ impl<'p> GrowingBeam<'p> {
             stiffness: Banded::new(2),
             factor: Banded::new(0),
             factored_rows: 0,
-            held: (grip == Guide2Grip::Holding).then_some(2),
+            held: (grip == Guide2Grip::Holding).then_some(if problem.only_guide { 0 } else { 2 }),
             coupling: Vec::new(),
             rows: 2,
             path_loads: Vec::new(),
@@ -291,8 +296,8 @@ impl<'p> GrowingBeam<'p> {
         }
         beam.stiffness.add(0, 0, 1.0);
         beam.extend(problem.guide2_m, None);
-        if beam.held.is_some() {
-            beam.stiffness.add(2, 2, 1.0);
+        if let Some(row @ 1..) = beam.held {
+            beam.stiffness.add(row, row, 1.0);
         }
         beam
     }

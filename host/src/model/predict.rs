@@ -90,6 +90,8 @@ impl Model {
         let foundation = self.foundation.clone();
         let mut problem =
             BeamProblem { support: self.support, ..BeamProblem::new(&self.rig, foundation, depth_m) };
+        problem.clamp_compliance_rad_per_n_m =
+            self.rig.rear_compliance_rad_per_n_m(if plane == Plane::Y { 0 } else { 1 });
         for (effect, values) in &self.effects {
             effect.beam(values, plane, &mut problem)?;
         }
@@ -296,7 +298,7 @@ mod tests {
     use crate::model::Needle;
 
     fn model() -> Model {
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         Model::uniform(rig, 16e3).expect("valid")
     }
 

@@ -18,7 +18,7 @@ const UNTIL_50: Options = Options {
 };
 
 fn rig() -> Rig {
-    Rig { needle: crate::model::Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.085 }
+    Rig::two_guides(crate::model::Needle::gauge_18(), 0.06, 0.085)
 }
 
 /// Three insertions to 120 mm with a constant load each, both planes, without noise; K = 11 kPa.

@@ -22,7 +22,7 @@ fn empty() -> Session {
     Session {
         dir: PathBuf::from("made-up"),
         name: None,
-        rig: Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 },
+        rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
         fixture_mass_kg: None,
         noise: Noise::default(),
         lateral: Vec::new(),

@@ -6,6 +6,7 @@
 
 mod error;
 pub(crate) mod fields;
+mod hardware;
 pub mod import;
 mod names;
 mod read;

@@ -10,7 +10,7 @@ mod lateral;
 pub use lateral::{ForceRow, LateralWriter, ShapeRow};
 
 use super::{Noise, Session, SessionError, SteeringRun};
-use crate::model::Rig;
+use crate::model::{Guides, Rig};
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::Write;
@@ -177,6 +177,9 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
         if fields.iter().any(|(_, value)| value.is_some()) {
             let _ = write!(text, "\n[{name}]\n");
         }
+        if name == "needle" && !rig.needle.stiffness_known {
+            text.push_str("bending_stiffness = \"unknown\"\n");
+        }
         for (field, value) in fields {
             if let Some(value) = value {
                 let _ = writeln!(text, "{field} = {}", number(path, field, *value)?);
@@ -185,6 +188,10 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
         Ok::<(), SessionError>(())
     };
     let needle = &rig.needle;
+    let (guide2_m, guides, rear) = match rig.guides {
+        Guides::Two => (Some(rig.guide2_m), None, [None; 2]),
+        Guides::One { rear_rotation_n_m_per_rad } => (None, Some(1.0), rear_rotation_n_m_per_rad),
+    };
     table(
         "needle",
         &[
@@ -198,8 +205,11 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
     table(
         "rig",
         &[
-            ("guide2_mm", Some(1e3 * rig.guide2_m)),
+            ("guides", guides),
+            ("guide2_mm", guide2_m.map(|guide2_m| 1e3 * guide2_m)),
             ("entry_mm", Some(1e3 * rig.entry_m)),
+            ("rear_rotation_y_n_m_per_rad", rear[0]),
+            ("rear_rotation_x_n_m_per_rad", rear[1]),
             ("fixture_mass_kg", *fixture_mass_kg),
         ],
     )?;
@@ -230,12 +240,21 @@ fn number(path: &Path, field: &'static str, value: f64) -> Result<String, Sessio
 /// Refuses another needle or rig; differences below a part in a million are rounding.
 fn same_rig(path: &Path, there: &Rig, new: &Rig) -> Result<(), SessionError> {
     let (a, b) = (&there.needle, &new.needle);
+    let guides = |rig: &Rig| if rig.has_one_guide() { 1.0 } else { 2.0 };
+    // 0 where it is not known.
+    let rear = |rig: &Rig, plane: usize| match rig.guides {
+        Guides::One { rear_rotation_n_m_per_rad: stiffness } => stiffness[plane].unwrap_or_default(),
+        Guides::Two => 0.0,
+    };
     for (field, there, new) in [
         ("youngs_modulus_gpa", 1e-9 * a.youngs_modulus_pa, 1e-9 * b.youngs_modulus_pa),
         ("outer_diameter_mm", 1e3 * a.outer_diameter_m, 1e3 * b.outer_diameter_m),
         ("inner_diameter_mm", 1e3 * a.inner_diameter_m, 1e3 * b.inner_diameter_m),
         ("guide2_mm", 1e3 * there.guide2_m, 1e3 * new.guide2_m),
         ("entry_mm", 1e3 * there.entry_m, 1e3 * new.entry_m),
+        ("guides", guides(there), guides(new)),
+        ("rear_rotation_y_n_m_per_rad", rear(there, 0), rear(new, 0)),
+        ("rear_rotation_x_n_m_per_rad", rear(there, 1), rear(new, 1)),
     ] {
         if (there - new).abs() > 1e-6 * there.abs().max(new.abs()) {
             return Err(SessionError::OtherRig { path: path.to_owned(), field, there, new });

@@ -10,7 +10,7 @@ use std::fs;
 const LATERAL: &str = "[tissue]\nk_kpa = 12\n[[lateral]]\nid = \"a\"\ndepth_mm = 30\n";
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
 fn plan(text: &str) -> Result<SimulationPlan, SessionError> {

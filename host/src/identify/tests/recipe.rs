@@ -51,7 +51,7 @@ impl Default for Recipe {
 }
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
 impl Recipe {

@@ -8,7 +8,7 @@ use crate::session::InsertionRun;
 use std::path::PathBuf;
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.08 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.08)
 }
 
 /// A recording of columns of equal length: depth, y, x in mm; rotation in degrees; guide 2 in mm.

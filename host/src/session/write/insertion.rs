@@ -86,7 +86,7 @@ mod tests {
     use crate::session::{InsertionRun, Noise, Session, SessionError, SessionWriter, Setup};
 
     fn setup() -> Setup {
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         let noise = Noise { tip_direction_rad: Some(0.8e-3), ..Noise::default() };
         Setup { name: String::new(), rig, fixture_mass_kg: None, noise }
     }
