@@ -16,8 +16,8 @@ pub use layers::Layers;
 pub use residuals::ResidualResult;
 pub use results::{
     Bootstrap, ChannelResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult, Identification,
-    Likelihood, Methods, NoiseResult, NuisanceResult, Pooled, Profile, Reference, RelationResult, RunResult,
-    ShapeResult, YoungsModulus,
+    KPerEi, Likelihood, Methods, NoiseResult, NuisanceResult, Pooled, Profile, Reference, RelationResult,
+    RunResult, ShapeResult, YoungsModulus,
 };
 
 use crate::continuum::Contact;
@@ -243,12 +243,21 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         "Young's modulus depends on the relation: {least:.1} to {most:.1} kPa by those known; K does not"
     ));
     let reference = reference::reference(session, &fitted, &youngs_by, &mut warnings);
+    let k_per_ei = KPerEi::of(&session.rig.needle, pooled.k_kpa, pooled.ci95_kpa);
+    if k_per_ei.is_some() {
+        warnings.push(
+            "the needle's bending stiffness is not known: forces are not used, and every modulus refers to the bending stiffness of the \
+             reference needle; only K/(E I) is identified"
+                .to_owned(),
+        );
+    }
     Ok(Identification {
         schema: results::SCHEMA,
         session: session.name.clone(),
         effects: options.fixed.iter().map(|(effect, _)| effect.id()).collect(),
         runs,
         pooled,
+        k_per_ei,
         directions,
         layers,
         youngs_modulus_kpa: youngs,

@@ -183,7 +183,7 @@ mod tests {
 
     fn question() -> Question {
         Question {
-            rig: Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 },
+            rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
             modulus_range_pa: [16e3, 16e3],
             force_sd_n: 0.1,
             displacement_sd_m: 15e-6,

@@ -54,6 +54,10 @@ impl Default for Options {
 /// Modulus of soft tissue where nothing is known of it, and the standard deviation of its logarithm.
 const TYPICAL_MODULUS_PA: f64 = 15e3;
 const TYPICAL_MODULUS_SD_LN: f64 = 1.0;
+/// The same where the needle's bending stiffness is not known either, for the reference needle's: two standard deviations reach from
+/// soft tissue about a stiff needle to stiff tissue about a thin one, 600 kPa.
+const REFERENCE_MODULUS_PA: f64 = 30e3;
+const REFERENCE_MODULUS_SD_LN: f64 = 1.5;
 /// How far the modulus felt in an insertion may be from that of a lateral run (standard deviation of the logarithm): faster
 /// motion, tissue that was cut.
 const INSERTION_SD_LN: f64 = 0.1;
@@ -164,7 +168,17 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
             Err(why) => warnings.push(format!("the modulus is not known from the lateral runs: {why}")),
         }
     }
-    with(Foundation::uniform(TYPICAL_MODULUS_PA)?, TYPICAL_MODULUS_SD_LN)
+    let (modulus_pa, sd_ln) = if session.rig.needle.stiffness_known {
+        (TYPICAL_MODULUS_PA, TYPICAL_MODULUS_SD_LN)
+    } else {
+        warnings.push(
+            "the needle's bending stiffness is not known: moduli and tip loads refer to that of the reference needle, only K/(E I) is \
+             determined"
+                .to_owned(),
+        );
+        (REFERENCE_MODULUS_PA, REFERENCE_MODULUS_SD_LN)
+    };
+    with(Foundation::uniform(modulus_pa)?, sd_ln)
 }
 
 /// What all insertions of a session have in common.

@@ -34,6 +34,8 @@ pub struct Sensors {
     pub shape_m: f64,
     /// Position of the tip.
     pub tip_m: f64,
+    /// Slope of the needle at the tip, where a sensor measures it.
+    pub tip_direction_rad: Option<f64>,
 }
 
 impl Sensors {
@@ -44,6 +46,7 @@ impl Sensors {
             displacement_m: stated.displacement_m.unwrap_or(0.01e-3),
             shape_m: stated.shape_m.unwrap_or(0.025e-3),
             tip_m: stated.tip_m.unwrap_or(0.05e-3),
+            tip_direction_rad: stated.tip_direction_rad,
         }
     }
 }
@@ -207,16 +210,21 @@ fn insertion(
         rotation_rad,
         guide2_m: Some(Default::default()),
         speed_m_per_s: Profile::constant(plan.speed_m_per_s),
+        tip_direction: sensors.tip_direction_rad.is_some(),
     };
-    let tip_m = predict(model, &Experiment::Insertion(done))?.tip_m;
-    let mut seen = |values: Vec<f64>| -> Vec<f64> {
-        values.into_iter().map(|value| value + sensors.tip_m * noise.draw()).collect()
+    let Channels { tip_m, tip_direction_rad, .. } = predict(model, &Experiment::Insertion(done))?;
+    let mut seen = |values: Vec<f64>, sd: f64| -> Vec<f64> {
+        values.into_iter().map(|value| value + sd * noise.draw()).collect()
     };
     Ok(InsertionRun {
         id: plan.id.clone(),
         path: format!("{}.csv", plan.id).into(),
-        tip_y_m: seen(tip_m.y),
-        tip_x_m: tip_m.x.map(seen),
+        tip_y_m: seen(tip_m.y, sensors.tip_m),
+        tip_x_m: tip_m.x.map(|x_m| seen(x_m, sensors.tip_m)),
+        tip_direction_y_rad: sensors.tip_direction_rad.map(|sd_rad| seen(tip_direction_rad.y, sd_rad)),
+        tip_direction_x_rad: sensors
+            .tip_direction_rad
+            .and_then(|sd_rad| tip_direction_rad.x.map(|x_rad| seen(x_rad, sd_rad))),
         time_s: Some(depth_m.iter().map(|depth_m| depth_m / plan.speed_m_per_s).collect()),
         rotation_rad: plan
             .turn_at_m

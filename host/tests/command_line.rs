@@ -26,7 +26,7 @@ mod shell;
 const K_PA: f64 = 12e3;
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
 fn guide(arguments: &[&str]) -> Output {
@@ -226,10 +226,24 @@ fn recordings_of_others_are_imported() {
     );
     let found = json(&["predict", path(&out), "--json"]);
     assert!(found["insertions"][0]["mae_mm"].as_f64().expect("measured") < 0.3);
+    assert_eq!(done["insertions"][0]["skipped"][0]["reason"], "silent");
     assert!(
         failure(&["import", "trajcontrol", "nowhere.csv", "--out", path(&out)])
             .contains("nowhere.csv: cannot read")
     );
+    // A file that cannot be read, a folder without recordings and a name that is taken cost themselves only.
+    let nothing = folder.path().join("nothing");
+    fs::create_dir(&nothing).expect("a folder");
+    fs::write(folder.path().join("run_3.csv"), rows + "210,0,0.1,50.5,0.1,-0.025,0.02\n").expect("writes");
+    let third = folder.path().join("run_3.csv");
+    let again = recordings.join("run_1.csv");
+    let mixed = ["nowhere.csv", path(&nothing), path(&again), path(&third)];
+    let more = json(&[&["import", "trajcontrol"], &mixed[..], &["--out", path(&out), "--json"]].concat());
+    assert_eq!(more["insertions"][0]["id"], "run_3");
+    assert_eq!(more["insertions"][0]["skipped"][1]["reason"], "jump");
+    assert_eq!(more["left_out"].as_array().map(Vec::len), Some(3));
+    json(&["check", path(&out), "--json"]);
+    assert_eq!(json(&["predict", path(&out), "--json"])["insertions"].as_array().map(Vec::len), Some(3));
     // A second time their names are taken.
     let again = failure(&["import", "trajcontrol", path(&recordings), "--out", path(&out)]);
     assert!(again.contains("\"run_1\" is taken"), "{again}");

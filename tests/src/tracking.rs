@@ -104,7 +104,7 @@ fn recorded() -> Result<SteeringRun> {
         layers: vec![layer(40.0, 1.5e4, 1e3), layer(80.0, 4e4, 2e3)],
         inclusions: vec![Inclusion { depth_mm: 12.0, width_mm: 3.0, factor: 1.8 }],
     };
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let plan = Plan {
         id: "target".to_owned(),
         speed_mm_s: 4.0,

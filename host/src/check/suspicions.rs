@@ -29,6 +29,8 @@ const LEFT_OUT: f64 = 0.2;
 /// Standard deviations that sensors have: of force, newtons, and of lengths, millimetres.
 const FORCE_SD_N: [f64; 2] = [1e-5, 2.0];
 const LENGTH_SD_MM: [f64; 2] = [1e-4, 2.0];
+/// And of slopes of the needle, milliradians.
+const DIRECTION_SD_MRAD: [f64; 2] = [0.01, 50.0];
 
 /// All that looks wrong.
 pub fn of(session: &Session) -> Vec<Finding> {
@@ -90,6 +92,11 @@ impl Found {
             ("shape_mm", noise.shape_m.map(mm), lateral, LENGTH_SD_MM, "mm"),
             ("tip_mm", noise.tip_m.map(mm), tip || steering, LENGTH_SD_MM, "mm"),
         ];
+        let directed = session.insertion.iter().any(|run| run.tip_direction_y_rad.is_some());
+        let mrad = noise.tip_direction_rad.map(|sd_rad| 1e3 * sd_rad);
+        let stated =
+            stated.into_iter().chain([("tip_direction_mrad", mrad, directed, DIRECTION_SD_MRAD, "mrad")]);
+        let stated: Vec<_> = stated.collect();
         let missing: Vec<&str> =
             stated.iter().filter(|(_, sd, used, ..)| sd.is_none() && *used).map(|(name, ..)| *name).collect();
         if !missing.is_empty() {

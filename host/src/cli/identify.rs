@@ -6,7 +6,8 @@ use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host::figures;
 use host::identify::{
-    Bootstrap, Directions, Identification, Layers, NuisanceResult, Options, RunResult, YoungsBy, identify,
+    Bootstrap, Directions, Identification, KPerEi, Layers, NuisanceResult, Options, RunResult, YoungsBy,
+    identify,
 };
 use host::levels::HoldCriteria;
 use host::model::effects::{EFFECTS, Effect, effect};
@@ -145,6 +146,7 @@ impl Display for Text<'_> {
             effects,
             runs,
             pooled,
+            k_per_ei,
             directions,
             layers,
             youngs_modulus_kpa: youngs,
@@ -172,6 +174,13 @@ impl Display for Text<'_> {
             "pooled       K {pooled_text} kPa, sd {:.2} kPa, {} {plural}",
             pooled.sd_kpa, pooled.runs
         )?;
+        if let Some(KPerEi { k_per_ei_per_m4: ratio, ci95_per_m4: [low, high], reference_ei_n_m2 }) = k_per_ei
+        {
+            writeln!(
+                f,
+                "K/(E I)      {ratio:.3e} ({low:.3e} to {high:.3e}) 1/m^4; moduli are for E I = {reference_ei_n_m2:.4} N m^2"
+            )?;
+        }
         if let Some(Directions { y, x, ratio_x_to_y, ratio_ci95: [low, high] }) = directions {
             let (y, x) = (estimate(y.k_kpa, y.ci95_kpa), estimate(x.k_kpa, x.ci95_kpa));
             writeln!(

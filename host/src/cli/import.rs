@@ -2,10 +2,11 @@
 
 use super::import_shapes::{self, ShapeArgs, Source};
 use super::output::Output;
-use anyhow::{Context, ensure};
+use anyhow::ensure;
 use host::inference::insertion::TipPath;
 use host::model::{Needle, Rig};
-use host::session::{InsertionRun, Noise, SessionWriter, Setup, import};
+use host::session::import::{Recording, Skipped};
+use host::session::{Noise, SessionWriter, Setup, import};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::fs;
@@ -64,6 +65,17 @@ struct One {
     rows: usize,
     deepest_mm: f64,
     guide2_moves: bool,
+    tip_direction: bool,
+    skipped: Vec<SkippedRows>,
+    remarks: Vec<String>,
+}
+
+/// Rows of a recording that are no readings.
+#[derive(Serialize)]
+struct SkippedRows {
+    #[serde(flatten)]
+    rows: Skipped,
+    meaning: String,
 }
 
 #[derive(Serialize)]
@@ -89,36 +101,64 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         insertions: Vec::new(),
         left_out: Vec::new(),
     };
-    let mut runs: Vec<InsertionRun> = Vec::new();
-    for path in recordings(&args.paths)? {
-        let read = import::trajcontrol(&path).map_err(|error| error.to_string());
-        let checked = read.and_then(|run| match TipPath::new(&run) {
-            Ok(_) => Ok(run),
-            Err(why) => Err(format!("{}: {why}", path.display())),
-        });
-        match checked {
-            Ok(run) => runs.push(run),
+    let mut recordings: Vec<Recording> = Vec::new();
+    for path in files(&args.paths, &mut imported.left_out) {
+        match read(&path) {
+            Ok(recording) => recordings.push(recording),
             Err(reason) => imported.left_out.push(LeftOut { path, reason }),
         }
     }
-    let reasons: Vec<_> = imported.left_out.iter().map(|left| left.reason.as_str()).collect();
-    ensure!(!runs.is_empty(), "no recording is an insertion: {}", reasons.join("; "));
+    let reasons = |imported: &Imported| {
+        imported.left_out.iter().map(|left| left.reason.clone()).collect::<Vec<_>>().join("; ")
+    };
+    ensure!(!recordings.is_empty(), "no recording is an insertion: {}", reasons(&imported));
     let mut session = SessionWriter::open(&args.out, &setup(args, out)?)?;
-    for run in &runs {
-        session.insertion(run)?;
-        let moves = |column: &Option<Vec<f64>>| column.iter().flatten().any(|m| m.abs() > 1e-4);
-        imported.insertions.push(One {
-            id: run.id.clone(),
-            rows: run.depth_m.len(),
-            deepest_mm: 1e3 * run.depth_m.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-            guide2_moves: moves(&run.guide2_x_m) || moves(&run.guide2_y_m),
-        });
+    for recording in recordings {
+        // One that cannot be written costs itself only.
+        match session.insertion(&recording.run) {
+            Ok(()) => imported.insertions.push(One::new(recording)),
+            Err(why) => {
+                imported.left_out.push(LeftOut { path: recording.run.path, reason: why.to_string() });
+            }
+        }
     }
+    ensure!(!imported.insertions.is_empty(), "no recording can be written: {}", reasons(&imported));
     out.result(&imported, Text(&imported))
 }
 
+/// A recording that is an insertion, or why it is none.
+fn read(path: &Path) -> Result<Recording, String> {
+    let recording = import::trajcontrol(path).map_err(|error| error.to_string())?;
+    match TipPath::new(&recording.run) {
+        Ok(_) => Ok(recording),
+        Err(why) => {
+            let skipped: String =
+                recording.skipped.iter().map(|skipped| format!("; skipped {skipped}")).collect();
+            Err(format!("{}: {why}{skipped}", path.display()))
+        }
+    }
+}
+
+impl One {
+    fn new(Recording { run, skipped, remarks }: Recording) -> Self {
+        let moves = |column: &Option<Vec<f64>>| column.iter().flatten().any(|m| m.abs() > 1e-4);
+        Self {
+            rows: run.depth_m.len(),
+            deepest_mm: 1e3 * run.depth_m.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            guide2_moves: moves(&run.guide2_x_m) || moves(&run.guide2_y_m),
+            tip_direction: run.tip_direction_y_rad.is_some(),
+            skipped: skipped
+                .into_iter()
+                .map(|rows| SkippedRows { meaning: rows.reason.to_string(), rows })
+                .collect(),
+            remarks,
+            id: run.id,
+        }
+    }
+}
+
 /// Files as given, and the CSV files in folders, in order of their names.
-fn recordings(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+fn files(paths: &[PathBuf], left_out: &mut Vec<LeftOut>) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for path in paths {
         if !path.is_dir() {
@@ -127,14 +167,24 @@ fn recordings(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         }
         let is_csv =
             |file: &Path| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-        let entries = fs::read_dir(path).with_context(|| format!("{}: cannot read", path.display()))?;
-        let mut inside: Vec<_> =
-            entries.filter_map(Result::ok).map(|entry| entry.path()).filter(|file| is_csv(file)).collect();
-        ensure!(!inside.is_empty(), "{}: no CSV files, expected recordings", path.display());
+        let mut inside: Vec<_> = match fs::read_dir(path) {
+            Ok(entries) => {
+                entries.filter_map(Result::ok).map(|entry| entry.path()).filter(|file| is_csv(file)).collect()
+            }
+            Err(cause) => {
+                let reason = format!("{}: cannot read: {cause}", path.display());
+                left_out.push(LeftOut { path: path.clone(), reason });
+                continue;
+            }
+        };
+        if inside.is_empty() {
+            let reason = format!("{}: no CSV files, expected recordings", path.display());
+            left_out.push(LeftOut { path: path.clone(), reason });
+        }
         inside.sort();
         found.extend(inside);
     }
-    Ok(found)
+    found
 }
 
 /// Needle and rig: as told, as in the session that is added to, or usual ones.
@@ -147,7 +197,7 @@ pub fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
             out.note("needle and rig are assumed: 18 gauge, guide 2 at 60 mm, tissue at 70 mm (--rig says otherwise)");
             Setup {
                 name: String::new(),
-                rig: Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 },
+                rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
                 fixture_mass_kg: None,
                 noise: Noise::default(),
             }
@@ -165,9 +215,17 @@ struct Text<'a>(&'a Imported);
 
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for One { id, rows, deepest_mm, guide2_moves } in &self.0.insertions {
+        for One { id, rows, deepest_mm, guide2_moves, tip_direction, skipped, remarks } in &self.0.insertions
+        {
             let moves = if *guide2_moves { ", guide 2 moves" } else { "" };
-            writeln!(f, "insertion    {id}: {rows} rows to {deepest_mm:.1} mm{moves}")?;
+            let direction = if *tip_direction { ", tip direction" } else { "" };
+            writeln!(f, "insertion    {id}: {rows} rows to {deepest_mm:.1} mm{moves}{direction}")?;
+            for SkippedRows { rows, .. } in skipped {
+                writeln!(f, "skipped      {id}: {rows}")?;
+            }
+            for remark in remarks {
+                writeln!(f, "note         {id}: {remark}")?;
+            }
         }
         for LeftOut { reason, .. } in &self.0.left_out {
             writeln!(f, "left out     {reason}")?;

@@ -159,6 +159,14 @@ impl Display for Text<'_> {
                 learned.k_kpa,
                 learned.gap_mm
             )?;
+            if let Some(found) = &learned.k_per_ei {
+                let [low, high] = found.ci95_per_m4;
+                writeln!(
+                    f,
+                    "K/(E I)      {:.3e} ({low:.3e} to {high:.3e}) 1/m^4; K is for E I = {:.4} N m^2",
+                    found.k_per_ei_per_m4, found.reference_ei_n_m2
+                )?;
+            }
         }
         if self.compare {
             write_comparison(f, &good)?;

@@ -32,7 +32,7 @@ pub fn table(mut progress: impl FnMut(u32)) -> Result<String, FitError> {
             inner_diameter_m: 1e-3 * inner_mm,
             ..Needle::gauge_18()
         };
-        let rig = Rig { needle: needle.clone(), guide2_m: GUIDE2_M, entry_m: ENTRY_M };
+        let rig = Rig::two_guides(needle.clone(), GUIDE2_M, ENTRY_M);
         for depth_mm in DEPTHS_MM {
             for poisson in POISSON {
                 let bonded = Continuum::solve(
@@ -75,7 +75,7 @@ mod tests {
         let stated: f64 = row.split(',').nth(6).expect("a ratio").parse().expect("a number");
         let body = Continuum::solve(&Needle::gauge_18(), 0.03, 0.5, Contact::Bonded, Resolution::DEFAULT)
             .expect("solves");
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m: GUIDE2_M, entry_m: ENTRY_M };
+        let rig = Rig::two_guides(Needle::gauge_18(), GUIDE2_M, ENTRY_M);
         let computed = body.foundation_modulus_pa(&rig, 16e3, &Run::default()).expect("a modulus") / 16e3;
         assert!((computed - stated).abs() < 1e-3, "{computed} {stated}");
         for row in rows {

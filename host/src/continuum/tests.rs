@@ -63,7 +63,7 @@ const FLEXIBLE: [(f64, f64, f64); 6] = [
 /// The reference's ratio is that of the springs with the same stiffness at guide 2: force alone has the say.
 #[test]
 fn flexible_needles_agree_with_the_reference() {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let force_only = Run { force_sd_n: 1e-4, displacement_sd_m: 1e-7, shape_sd_m: 1.0, ..Run::default() };
     for (youngs_pa, depth_m, expected) in FLEXIBLE {
         let body = solve(depth_m, 0.5, Resolution::DEFAULT, false);
@@ -79,7 +79,7 @@ fn the_stiffness_is_symmetric_and_one_sided_contact_is_softer() {
     let matrix = &body.wall.matrix_m;
     let largest = matrix.amax();
     assert!((matrix - matrix.transpose()).amax() < 1e-6 * largest);
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let one_sided = Continuum { contact: Contact::OneSided, ..body.clone() };
     let (bonded, touched) = (
         body.foundation_modulus_pa(&rig, 16e3, &Run::default()).expect("a modulus"),
@@ -104,7 +104,7 @@ fn a_test_in_the_continuum_gives_its_modulus_back() {
             inner_diameter_m: 1e-3 * inner_mm,
             ..Needle::gauge_18()
         };
-        let rig = Rig { needle: needle.clone(), guide2_m: 0.06, entry_m: 0.07 };
+        let rig = Rig::two_guides(needle.clone(), 0.06, 0.07);
         let solve = |resolution| Continuum::solve(&needle, depth_m, poisson, Contact::Bonded, resolution);
         let finer = Resolution { first: 0.4, growth: 1.4, ..Resolution::DEFAULT };
         let body = solve(finer).expect("solves");

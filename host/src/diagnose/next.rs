@@ -215,6 +215,7 @@ fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
             rotation_rad: Profile::new(knots).unwrap_or_default(),
             guide2_m: Some(Default::default()),
             speed_m_per_s: Profile::constant(speed_m_per_s),
+            ..Insertion::default()
         }))
     };
     if insertions().next().is_some() {

@@ -73,7 +73,8 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
         shape_sd_m,
         force_offset: used.len() > displaced.len(),
-        uses_force: true,
+        // A force says how stiff needle and tissue are together, and nothing where neither is known.
+        uses_force: session.rig.needle.stiffness_known,
         effects: options.nuisances.clone(),
         fixed: (!options.fixed.is_empty()).then(|| Fixed {
             effects: options.fixed.clone(),
@@ -84,8 +85,11 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
     if !data.force_offset {
         warnings.push("no hold at zero displacement: the force sensor's zero is taken as right".to_owned());
     }
-    let balances = balances(&used, &noise, planes, shape_of);
+    let mut balances = balances(&used, &noise, planes, shape_of);
     check_sign(run, &balances)?;
+    if !session.rig.needle.stiffness_known {
+        balances.clear();
+    }
     let holds = found.iter().map(|level| hold_result(level, &noise)).collect();
     let source = |stated: Option<f64>| if stated.is_some() { "stated" } else { "estimated" };
     let stated = session.noise;

@@ -3,6 +3,7 @@
 
 use super::{Layers, ResidualResult};
 use crate::inference::{ChannelFit, ShapeFit};
+use crate::model::Needle;
 use crate::session::LateralRun;
 use serde::Serialize;
 
@@ -23,6 +24,9 @@ pub struct Identification {
     pub runs: Vec<RunResult>,
     /// K of all runs together.
     pub pooled: Pooled,
+    /// K over the needle's bending stiffness, where that is not known; K itself then refers to the reference needle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub k_per_ei: Option<KPerEi>,
     /// K of each plane; nothing where guide 2 was displaced in one plane only.
     pub directions: Option<Directions>,
     /// Two layers; nothing where they were not asked for or the runs do not determine them.
@@ -260,6 +264,30 @@ pub struct Pooled {
     pub runs: usize,
     /// Whether the runs agree (Cochran's Q); nothing for one run.
     pub heterogeneity: Option<Heterogeneity>,
+}
+
+/// What shapes and paths determine of a tissue where the needle's bending stiffness is not known.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct KPerEi {
+    /// Foundation modulus over bending stiffness, `K/(E I)`.
+    pub k_per_ei_per_m4: f64,
+    /// Its 95 % interval.
+    pub ci95_per_m4: [f64; 2],
+    /// The bending stiffness `E I` that moduli refer to, by convention.
+    pub reference_ei_n_m2: f64,
+}
+
+impl KPerEi {
+    /// Of a modulus that was computed with the reference's bending stiffness; nothing where the needle's own is known.
+    pub(crate) fn of(needle: &Needle, k_kpa: f64, ci95_kpa: [f64; 2]) -> Option<Self> {
+        let reference_ei_n_m2 = needle.bending_stiffness_n_m2();
+        let per_m4 = |kpa: f64| 1e3 * kpa / reference_ei_n_m2;
+        (!needle.stiffness_known).then(|| Self {
+            k_per_ei_per_m4: per_m4(k_kpa),
+            ci95_per_m4: ci95_kpa.map(per_m4),
+            reference_ei_n_m2,
+        })
+    }
 }
 
 /// Profile likelihood of K: all other unknowns fitted anew at every K.

@@ -40,9 +40,13 @@ pub struct EnergyModulus {
 /// Least number of shape points inside the tissue.
 pub const LEAST_POINTS: usize = 3;
 
-/// Applies the energy balance to one level; nothing where fewer than three points lie inside the tissue or they do not
+/// Applies the energy balance to one level; nothing where there is no guide 1, fewer than three points lie inside the tissue or they do not
 /// determine a quadratic.
 pub fn energy_modulus(rig: &Rig, depth_m: f64, balance: &Balance) -> Option<EnergyModulus> {
+    // Its polynomials are clamped at guide 1.
+    if rig.has_one_guide() {
+        return None;
+    }
     let shape: Vec<(f64, f64)> = balance
         .shape_m
         .iter()
@@ -124,7 +128,7 @@ mod tests {
     ];
 
     fn exact(guide2_m: f64, entry_m: f64, depth_m: f64) -> (Rig, Balance) {
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m, entry_m };
+        let rig = Rig::two_guides(Needle::gauge_18(), guide2_m, entry_m);
         let beam = Beam::solve(&rig, &Foundation::uniform(16e3).expect("valid"), depth_m).expect("solves");
         let count = (1e3 * depth_m).round() as usize;
         let z_m = (0..=count).map(|i| entry_m + 1e-3 * i as f64);

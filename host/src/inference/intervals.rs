@@ -135,7 +135,7 @@ mod tests {
     const LN_K: Parameter = Parameter { start: 9.5, step: 1e-4, least: 2.0, most: 16.0, prior: None };
 
     fn data(shape_sd_m: f64) -> Vec<LateralData> {
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         let beam = Beam::solve(&rig, &Foundation::uniform(16e3).expect("valid"), 0.03).expect("solves");
         let point = |i: u32| {
             let z_m = 0.07 + 1e-3 * f64::from(i);

@@ -10,7 +10,7 @@ const K_PA: f64 = 16e3;
 const LN_K: Parameter = Parameter { start: 9.0, step: 1e-4, least: 2.0, most: 16.0, prior: None };
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
 /// Force and shape at 1.2 mm and K = 16 kPa; shape points at the centres of 1 mm cells.

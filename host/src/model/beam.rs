@@ -1,7 +1,7 @@
 //! The needle as a beam on an elastic foundation, solved exactly.
 //!
 //! `EI u'''' + ((P - G) u')' + K(z) u = F delta(z - c2) - k u delta(z - c)`, clamped at guide 1 (`u = 0`, and `u' = 0` or
-//! `u' = compliance EI u''`), free at the tip (`u'' = 0`, `EI u''' + (P - G) u' = -F_t`); see Paper A (Lehmann et al.), section
+//! `u' = compliance EI u''`; where guide 2 is the only guide it is at 0, and its force there stands for `u = 0`), free at the tip (`u'' = 0`, `EI u''' + (P - G) u' = -F_t`); see Paper A (Lehmann et al.), section
 //! II, for the problem. P: axial load over the whole needle; G: shear layer of the tissue; k: spring at the surface.
 //!
 //! Within a piece of constant K the solution is an entire function, summed as a power series ([`series`]). Pieces are kept shorter than
@@ -35,7 +35,9 @@ pub struct BeamProblem {
     pub entry_m: f64,
     /// Length of the needle inside the tissue.
     pub depth_m: f64,
-    /// Rotation of the needle in guide 1 per moment; 0 is a perfect clamp.
+    /// Whether guide 2 is the only guide, at 0.
+    pub only_guide: bool,
+    /// Rotation of the needle in guide 1, or in its only guide, per moment; 0 is a perfect clamp.
     pub clamp_compliance_rad_per_n_m: f64,
     /// Compressive axial load of the needle, P: energy `-P/2 int_0^L u'^2`.
     pub axial_load_n: f64,
@@ -62,6 +64,10 @@ pub struct TissueLaw {
     pub relaxing_share: f64,
     /// Time in which it relaxes.
     pub relaxation_s: f64,
+    /// Yielding, 1 over the line load at the surface that the reaction does not exceed, m/N.
+    pub inverse_yield_m_per_n: f64,
+    /// Depth over which that load grows by e; beside a yield of more than 0 it is more than 0.
+    pub yield_depth_m: f64,
 }
 
 /// The needle's response to unit forces at guide 2 and at the tip.
@@ -76,14 +82,15 @@ pub struct Beam {
 }
 
 impl BeamProblem {
-    /// The needle of `rig`, inserted to `depth_m`, perfectly clamped in guide 1.
+    /// The needle of `rig`, inserted to `depth_m`, perfectly clamped in guide 1 or held in its only guide as it is vertically.
     pub fn new(rig: &Rig, foundation: Foundation, depth_m: f64) -> Self {
         Self {
             bending_stiffness_n_m2: rig.needle.bending_stiffness_n_m2(),
             guide2_m: rig.guide2_m,
             entry_m: rig.entry_m,
             depth_m,
-            clamp_compliance_rad_per_n_m: 0.0,
+            only_guide: rig.has_one_guide(),
+            clamp_compliance_rad_per_n_m: rig.rear_compliance_rad_per_n_m(0),
             axial_load_n: 0.0,
             shear_n: 0.0,
             skin_n_per_m: 0.0,
@@ -100,6 +107,9 @@ impl BeamProblem {
     /// [`ModelError::OutOfRange`] where a length, stiffness or compliance is out of range.
     pub fn solve(&self) -> Result<Beam, ModelError> {
         if self.support.is_body() {
+            if self.only_guide {
+                self.support.needs_springs("a rig of one guide")?;
+            }
             return self.solve_in_body();
         }
         let mut pieces = self.pieces()?;
@@ -121,8 +131,13 @@ impl BeamProblem {
             (piece.link, beyond) = linked.ok_or(ModelError::Singular)?;
         }
 
-        let mut deflection_m = [0.0; LOADS];
-        let mut slope = beyond.slope(self.clamp_compliance_rad_per_n_m * stiffness);
+        let compliance = self.clamp_compliance_rad_per_n_m * stiffness;
+        let (mut deflection_m, mut slope) = if self.only_guide {
+            beyond.add(0.0, GUIDE2, force);
+            beyond.free(compliance)
+        } else {
+            ([0.0; LOADS], beyond.slope(compliance))
+        };
         let mut spans = Vec::with_capacity(pieces.len());
         spans.resize_with(pieces.len(), Span::default);
         for (piece, span) in pieces.iter().zip(&mut spans) {
@@ -151,7 +166,11 @@ impl BeamProblem {
         let stiffness = self.bending_stiffness_n_m2;
         let compliance = self.clamp_compliance_rad_per_n_m;
         check("bending_stiffness_n_m2", stiffness, "more than 0", stiffness > 0.0)?;
-        check("guide2_m", self.guide2_m, "more than 0", self.guide2_m > 0.0)?;
+        if self.only_guide {
+            check("guide2_m", self.guide2_m, "0, as it is the only guide", self.guide2_m == 0.0)?;
+        } else {
+            check("guide2_m", self.guide2_m, "more than 0", self.guide2_m > 0.0)?;
+        }
         check("entry_m", self.entry_m, "guide2_m or more", self.entry_m >= self.guide2_m)?;
         check("depth_m", self.depth_m, "0 or more", self.depth_m >= 0.0)?;
         check("clamp_compliance_rad_per_n_m", compliance, "0 or more", compliance >= 0.0)?;

@@ -6,7 +6,7 @@ use crate::model::{Layer, Needle, peer};
 use proptest::prelude::*;
 
 fn rig(guide2_m: f64, entry_m: f64) -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m, entry_m }
+    Rig::two_guides(Needle::gauge_18(), guide2_m, entry_m)
 }
 
 fn uniform(guide2_m: f64, entry_m: f64, depth_m: f64, modulus_pa: f64) -> BeamProblem {

@@ -29,8 +29,8 @@ struct Grown {
 
 impl Cache {
     pub(super) fn response(&self, problem: &BeamProblem, most_m: f64) -> Result<Arc<Response>, ModelError> {
-        // How far the needle is moved matters only where the tissue stiffens.
-        let most_m = if problem.law.inverse_u0_per_m == 0.0 { 0.0 } else { most_m };
+        // How far the needle is moved matters only where the tissue is not linear.
+        let most_m = if problem.law.is_nonlinear() { most_m } else { 0.0 };
         let is_it = |(p, m, _): &&(BeamProblem, f64, Arc<Response>)| *m == most_m && p == problem;
         if let Some((.., response)) = locked(&self.responses).iter().find(is_it) {
             return Ok(response.clone());
@@ -49,7 +49,8 @@ impl Cache {
         grip: Guide2Grip,
         slopes: bool,
     ) -> Result<Arc<Growth>, ModelError> {
-        // A needle that grows does not care how deep it was meant to go in the end, nor how the tissue would relax.
+        // A needle that grows does not care how deep it was meant to go in the end, nor how the tissue would relax; what yields is not
+        // solved here.
         let mut key = problem.clone();
         (key.depth_m, key.law) = (0.0, Default::default());
         let is_it = |grown: &&Grown| {

@@ -57,6 +57,7 @@ pub enum Guide2 {
 pub struct Elements {
     bending_stiffness_n_m2: f64,
     entry_m: f64,
+    only_guide: bool,
     clamp_compliance_rad_per_n_m: f64,
     axial_load_n: f64,
     shear_n: f64,
@@ -106,6 +107,7 @@ impl Elements {
         Ok(Self {
             bending_stiffness_n_m2: problem.bending_stiffness_n_m2,
             entry_m: problem.entry_m,
+            only_guide: problem.only_guide,
             clamp_compliance_rad_per_n_m: problem.clamp_compliance_rad_per_n_m,
             axial_load_n: problem.axial_load_n,
             shear_n: problem.shear_n,
@@ -133,7 +135,8 @@ impl Elements {
             Guide2::Force(_) => None,
         };
         let rigid = self.clamp_compliance_rad_per_n_m == 0.0;
-        let fixed = |index: usize| index == 0 || (rigid && index == 1) || Some(index) == held;
+        let clamped = !self.only_guide;
+        let fixed = |index: usize| (clamped && index == 0) || (rigid && index == 1) || Some(index) == held;
 
         let mut unknowns = vec![0.0; size];
         if let (Guide2::Held(displacement_m), Some(index)) = (guide2, held) {

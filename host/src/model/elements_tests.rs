@@ -7,7 +7,7 @@ use crate::model::{Beam, Layer, Needle, Rig};
 const STRAIGHT: fn(f64) -> f64 = |_| 0.0;
 
 fn problem(guide2_m: f64, entry_m: f64, depth_m: f64, foundation: Foundation) -> BeamProblem {
-    BeamProblem::new(&Rig { needle: Needle::gauge_18(), guide2_m, entry_m }, foundation, depth_m)
+    BeamProblem::new(&Rig::two_guides(Needle::gauge_18(), guide2_m, entry_m), foundation, depth_m)
 }
 
 fn uniform(modulus_pa: f64) -> Foundation {
@@ -96,7 +96,7 @@ fn graded_stiffness_is_the_limit_of_many_layers() {
     let layers =
         (0..399).map(|i| Layer { bottom_m: 1e-4 * f64::from(i + 1), modulus_pa: middle_pa(f64::from(i)) });
     let layers = Foundation::layered(layers.collect(), middle_pa(399.0)).expect("layers");
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let beam = Beam::solve(&rig, &layers, 0.04).expect("solves");
     for z_m in [0.06, 0.08, 0.11] {
         assert_close(deformed.deflection_m(z_m), beam.guide2_force().deflection_m(z_m), 2e-6);

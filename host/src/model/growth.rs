@@ -16,6 +16,10 @@ use super::{BeamProblem, ModelError, check};
 /// Step that keeps the path within one part in ten thousand for needles in tissue.
 pub const DEFAULT_STEP_M: f64 = 0.5e-3;
 const MOST_STEPS: f64 = 20_000.0;
+/// Steps shorter than this add no element of their own: the stiffness of one grows with the inverse cube of its length, and beside
+/// that of the tissue vanishes in rounding (an element of a fiftieth of a millimetre costs one part in ten thousand of the path). The
+/// needle is then taken where the step before began.
+const LEAST_ELEMENT_M: f64 = 0.04e-3;
 
 /// What guide 2 does while the needle is inserted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,7 +34,10 @@ pub enum Guide2Grip {
 #[derive(Debug, Clone)]
 pub struct Growth {
     depths_m: Vec<f64>,
+    /// Per node; nodes with no element between them share theirs.
     rows: Vec<Row>,
+    /// Per element of tissue: the nodes at which its path starts and ends.
+    elements: Vec<[usize; 2]>,
 }
 
 /// What moves the tip at one depth.
@@ -114,19 +121,32 @@ impl Growth {
         for pair in depths_m.windows(2) {
             check("depth_m", pair[1], "increasing depths", pair[1] > pair[0])?;
         }
+        if problem.only_guide {
+            let holds = grip == Guide2Grip::Holding;
+            check("guide2_m", problem.guide2_m, "the only guide, holding the needle", holds)?;
+            problem.support.needs_springs("a rig of one guide")?;
+        }
         if problem.support.is_body() {
             let rows = in_body::rows(problem, &depths_m, grip, slopes)?;
-            return Ok(Self { depths_m, rows });
+            let elements = (1..depths_m.len()).map(|node| [node - 1, node]).collect();
+            return Ok(Self { depths_m, rows, elements });
         }
         let mut beam = GrowingBeam::new(problem, grip);
         let mut rows = Vec::with_capacity(depths_m.len());
         beam.extend(problem.entry_m - beam.length_m, None);
-        rows.push(beam.row(slopes)?);
-        for pair in depths_m.windows(2) {
-            beam.extend(pair[1] - pair[0], Some(pair[0]));
-            rows.push(beam.row(slopes)?);
+        let mut newest = beam.row(slopes)?;
+        let mut elements = Vec::with_capacity(depths_m.len());
+        let mut reached_m = 0.0;
+        for (node, depth_m) in depths_m.iter().enumerate() {
+            if depth_m - reached_m >= LEAST_ELEMENT_M {
+                beam.extend(depth_m - reached_m, Some(reached_m));
+                newest = beam.row(slopes)?;
+                elements.push([node - 1, node]);
+                reached_m = *depth_m;
+            }
+            rows.push(newest.clone());
         }
-        Ok(Self { depths_m, rows })
+        Ok(Self { depths_m, rows, elements })
     }
 
     /// Depths of the nodes.
@@ -140,7 +160,7 @@ impl Growth {
         for (node, row) in self.rows.iter().enumerate() {
             let Acting { load_n, guide2_m } = acting(node);
             let response = &row.deflection;
-            let (known_m, newest) = response.known(&states);
+            let (known_m, newest) = self.known(response, &states);
             let arriving_m =
                 (known_m + response.load * load_n[0] + response.guide2 * guide2_m[0]) / (1.0 - newest);
             let jump_m =
@@ -162,8 +182,8 @@ impl Growth {
         for (node, row) in self.rows.iter().enumerate() {
             let (angle, held_m) = (angle_rad(node), guide2_m(node));
             let (deflection, slope) = (&row.deflection, &row.slope);
-            let (known_m, newest) = deflection.known(&states);
-            let (known_slope, newest_slope) = slope.known(&states);
+            let (known_m, newest) = self.known(deflection, &states);
+            let (known_slope, newest_slope) = self.known(slope, &states);
             let (known_m, known_slope) =
                 (known_m + deflection.guide2 * held_m, known_slope + slope.guide2 * held_m);
             let state =
@@ -197,26 +217,46 @@ impl Growth {
         nodes
             .map(|(node, (row, (tip_m, held_m)))| {
                 let response = &row.deflection;
-                let (known_m, newest) = response.known(&states[..node]);
+                let (known_m, newest) = self.known(response, &states[..node]);
                 (tip_m * (1.0 - newest) - known_m - response.guide2 * held_m) / response.load
             })
             .collect()
     }
-}
 
-impl Response {
+    /// Slope of the needle at its tip at every node, on arriving and on leaving, where the tip went like this while guide 2 was
+    /// displaced by `guide2_m` (per node, on arriving and on leaving). NaN where this was solved without slopes.
+    pub fn tip_slopes(&self, states: &[TipState], guide2_m: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 2]> {
+        let nodes = self.rows.iter().zip(states).enumerate();
+        nodes
+            .map(|(node, (Row { slope, .. }, state))| {
+                let (known, newest) = self.known(slope, &states[..node]);
+                // The springs at the tip rest where it arrived.
+                let resting = known + newest * state.tip_m[0];
+                let held_m = guide2_m(node);
+                [0, 1].map(|side| resting + slope.load * state.load_n[side] + slope.guide2 * held_m[side])
+            })
+            .collect()
+    }
+
     /// What the path up to the node before the newest contributes, and the factor of the newest node.
-    fn known(&self, before: &[TipState]) -> (f64, f64) {
+    fn known(&self, response: &Response, before: &[TipState]) -> (f64, f64) {
         let mut known = 0.0;
         let mut newest = 0.0;
-        for (element, [start, end]) in self.path.iter().enumerate() {
-            known += start * before[element].tip_m[1];
-            match before.get(element + 1) {
+        for ([start, end], [from, to]) in response.path.iter().zip(&self.elements) {
+            known += start * before[*from].tip_m[1];
+            match before.get(*to) {
                 Some(state) => known += end * state.tip_m[0],
                 None => newest = *end,
             }
         }
         (known, newest)
+    }
+}
+
+impl Response {
+    /// Of what was not solved.
+    fn none() -> Self {
+        Self { load: f64::NAN, guide2: f64::NAN, path: Vec::new() }
     }
 }
 
@@ -249,7 +289,7 @@ impl<'p> GrowingBeam<'p> {
             stiffness: Banded::new(2),
             factor: Banded::new(0),
             factored_rows: 0,
-            held: (grip == Guide2Grip::Holding).then_some(2),
+            held: (grip == Guide2Grip::Holding).then_some(if problem.only_guide { 0 } else { 2 }),
             coupling: Vec::new(),
             rows: 2,
             path_loads: Vec::new(),
@@ -263,8 +303,8 @@ impl<'p> GrowingBeam<'p> {
         }
         beam.stiffness.add(0, 0, 1.0);
         beam.extend(problem.guide2_m, None);
-        if beam.held.is_some() {
-            beam.stiffness.add(2, 2, 1.0);
+        if let Some(row @ 1..) = beam.held {
+            beam.stiffness.add(row, row, 1.0);
         }
         beam
     }
@@ -350,7 +390,7 @@ impl<'p> GrowingBeam<'p> {
         // The last node's rows change with the next element.
         self.factored_rows = self.rows - 2;
         let deflection = self.response([1.0, 0.0]);
-        let slope = if slopes { self.response([0.0, 1.0]) } else { Response::default() };
+        let slope = if slopes { self.response([0.0, 1.0]) } else { Response::none() };
         Ok(Row { deflection, slope })
     }
 

@@ -10,7 +10,7 @@ use crate::model::{
 const DEPTHS_M: [f64; 8] = [0.01, 0.03, 0.05, 0.07, 0.08, 0.1, 0.12, 0.14];
 
 fn model(modulus_pa: f64, guide2_m: f64, entry_m: f64) -> Model {
-    Model::uniform(Rig { needle: Needle::gauge_18(), guide2_m, entry_m }, modulus_pa).expect("a model")
+    Model::uniform(Rig::two_guides(Needle::gauge_18(), guide2_m, entry_m), modulus_pa).expect("a model")
 }
 
 fn tip(model: &Model, insertion: Insertion) -> Vec<f64> {
@@ -358,7 +358,7 @@ fn without_tissue_it_is_a_cantilever() {
 fn the_step_is_of_second_order() {
     let layers = vec![Layer { bottom_m: 0.0317, modulus_pa: 6e3 }];
     let foundation = Foundation::layered(layers, 25e3).expect("layers");
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let problem = BeamProblem::new(&rig, foundation, 0.1);
     let end = |step_m: f64| {
         let growth =
@@ -403,7 +403,7 @@ fn both_planes_turn_together() {
 
 #[test]
 fn impossible_insertions_are_refused() {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.07, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.07, 0.07);
     let touching = Model::uniform(rig, 1e4).expect("a model");
     let held = Insertion { depth_m: vec![0.01], guide2_m: Some(Default::default()), ..Insertion::default() };
     assert!(predict(&touching, &Experiment::Insertion(held)).is_err());
@@ -421,4 +421,96 @@ fn grids_hold_their_fixed_depths() {
         assert!(nodes_m.contains(&depth_m) && nodes_m.contains(&0.1));
         assert!(nodes_m.windows(2).all(|pair| pair[1] > pair[0] && pair[1] - pair[0] < 1.0001e-3));
     }
+}
+
+/// Jumps a micrometre or a nanometre apart, as recorded depths at rest have them, are solved; the tip is where it is when they are
+/// one jump.
+#[test]
+fn steps_of_micrometres_are_no_singular_equations() {
+    let mut model = model(10360.0, 0.06, 0.07);
+    model.tip = TipLaw::load([0.2, 0.0]);
+    let through = |offsets_m: [f64; 3]| {
+        let mut knots = vec![[0.0, 0.0]];
+        let mut held_m = 0.0;
+        for offset_m in offsets_m {
+            let at_m = 0.05 + offset_m;
+            knots.push([at_m, held_m]);
+            held_m += 0.5e-3;
+            knots.push([at_m, held_m]);
+        }
+        let guide2_m = Some([Profile::new(knots).expect("a profile"), Profile::default()]);
+        let insertion = Insertion { depth_m: DEPTHS_M.to_vec(), guide2_m, ..Insertion::default() };
+        tip(&model, insertion)
+    };
+    let at_once = through([0.0; 3]);
+    for offsets_m in [
+        [0.0, 1e-9, 2e-9],
+        [0.0, 1e-7, 1e-6],
+        [0.0, 1e-6, 5e-6],
+        [0.0, 1e-5, 3.9e-5],
+        [0.0, 0.0, 4.1e-5],
+        [0.0, 4.1e-5, 4.1e-5],
+    ] {
+        assert_within_spread(&through(offsets_m), &at_once);
+    }
+}
+
+/// The slope that is reported is the difference of the needle's deflection from that of a rigid extension of the tip: by reciprocity a
+/// moment at the tip does to the tip's position what a force there does to its slope.
+#[test]
+fn slopes_are_those_of_the_needle() {
+    let model = model(10360.0, 0.06, 0.07);
+    let problem = model.problem(0.08).expect("a problem");
+    let nodes_m = grid_m(0.08, 0.25e-3, &[]);
+    let growth = Growth::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
+    // Straight tissue that was never cut: the path is 0 but for the newest node, and the needle that of the beam on its foundation.
+    let states: Vec<TipState> = nodes_m.iter().map(|_| TipState::default()).collect();
+    let last = nodes_m.len() - 1;
+    let held_m = 1e-3;
+    let slopes = growth.tip_slopes(&states, |_| [held_m; 2]);
+    let beam = problem.solve().expect("solves");
+    let expected = beam.guide2_force().slope(0.07 + 0.08) * beam.force_n(held_m);
+    // `states` say that the tip stays at 0, so that the last spring rests there too: the same as a foundation at rest at 0.
+    assert!(
+        (slopes[last][0] - expected).abs() < 1e-4 * expected.abs().max(1e-4),
+        "{} {expected}",
+        slopes[last][0]
+    );
+    // Half the displacement on leaving, half the slope.
+    let halved = growth.tip_slopes(&states, |_| [held_m, 0.5 * held_m]);
+    assert!((halved[last][1] - 0.5 * slopes[last][1]).abs() < 1e-12);
+    let without = Growth::without_slopes(&problem, nodes_m, Guide2Grip::Holding).expect("grows");
+    assert!(without.tip_slopes(&states, |_| [held_m; 2])[last][0].is_nan());
+}
+
+/// A needle that cuts straight ahead of itself measures the slope of its own path, and an angle of entry is part of both.
+#[test]
+fn the_direction_of_a_needle_that_cuts_straight_is_the_slope_of_its_path() {
+    let mut model = model(10360.0, 0.06, 0.07);
+    let angle_rad = 0.03;
+    model.tip = TipLaw {
+        cutting: Cutting::Angle([angle_rad, 0.0]),
+        entry_angle_rad: [0.01, -0.02],
+        ..TipLaw::default()
+    };
+    let h_m = 0.5e-3;
+    let insertion = Insertion {
+        depth_m: vec![0.06 - h_m, 0.06, 0.06 + h_m],
+        guide2_m: Some(Default::default()),
+        tip_direction: true,
+        ..Insertion::default()
+    };
+    let channels = predict(&model, &Experiment::Insertion(insertion.clone())).expect("predicts");
+    let path_slope = |m: &[f64]| (m[2] - m[0]) / (2.0 * h_m);
+    let direction = |rad: &[f64]| 0.25 * rad[0] + 0.5 * rad[1] + 0.25 * rad[2];
+    let (tip_x, direction_x) =
+        (channels.tip_m.x.expect("two planes"), channels.tip_direction_rad.x.expect("two planes"));
+    let y = path_slope(&channels.tip_m.y) - direction(&channels.tip_direction_rad.y);
+    assert!((y - angle_rad).abs() < 1e-6, "{y}");
+    assert!((path_slope(&tip_x) - direction(&direction_x)).abs() < 1e-12);
+    assert!((direction_x[0] - (-0.02f64).tan()).abs() < 1e-12);
+    // Not asked for, not computed.
+    let insertion = Insertion { tip_direction: false, ..insertion };
+    let channels = predict(&model, &Experiment::Insertion(insertion)).expect("predicts");
+    assert!(channels.tip_direction_rad.y.is_empty());
 }

@@ -4,8 +4,8 @@
 //! path cut so far, and the load that the bevel takes at the tip. The load turns with the needle about its axis.
 
 use super::cache::Cache;
-use super::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip, TipState};
-use super::{BeamProblem, ModelError, Series, check};
+use super::growth::{Acting, DEFAULT_STEP_M, Guide2Grip};
+use super::{BeamProblem, ModelError, Series, check, yielding};
 
 /// A quantity against insertion depth: linear between knots, constant beyond them. Two knots at one depth are a jump.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -80,6 +80,8 @@ pub struct Insertion {
     pub guide2_m: Option<[Profile; 2]>,
     /// Speed of the insertion against depth, m/s.
     pub speed_m_per_s: Profile,
+    /// Whether the slope of the needle at the tip is measured too; it takes twice the time.
+    pub tip_direction: bool,
 }
 
 /// How the tip cuts.
@@ -96,6 +98,10 @@ pub enum Cutting {
 pub struct TipLaw {
     /// How it cuts.
     pub cutting: Cutting,
+    /// Angle at which the bevel makes the path leave the needle, beside what the load does, vertical and horizontal before the needle is
+    /// turned, rad: the path is that under the load plus that of a tip that cuts at this angle ([`Cutting::Angle`]) and takes no other
+    /// load. The needle is linear, so that the path's slope beside the needle's is larger by this angle everywhere.
+    pub cut_angle_rad: [f64; 2],
     /// Angle between the needle and the axis along which depth is measured, vertical and horizontal: a straight part of the path.
     pub entry_angle_rad: [f64; 2],
     /// What the load along the bevel is beside that: vertical before the needle is turned.
@@ -118,7 +124,12 @@ pub struct BevelLoad {
 impl Default for TipLaw {
     fn default() -> Self {
         let cutting = Cutting::Load([Profile::default(), Profile::default()]);
-        Self { cutting, entry_angle_rad: [0.0; 2], along_bevel: BevelLoad::default() }
+        Self {
+            cutting,
+            cut_angle_rad: [0.0; 2],
+            entry_angle_rad: [0.0; 2],
+            along_bevel: BevelLoad::default(),
+        }
     }
 }
 
@@ -129,16 +140,25 @@ impl TipLaw {
     }
 }
 
-/// Tip position at the depths of an insertion.
+/// The tip in both planes at the depths of an insertion.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Tip {
+    /// Its position.
+    pub position_m: Series,
+    /// Slope of the needle there; nothing where that is not asked for.
+    pub direction_rad: Series,
+}
+
+/// The tip at the depths of an insertion.
 ///
 /// # Errors
 /// As [`Growth::new`], and [`ModelError::OutOfRange`] for depths that are negative.
-pub(super) fn tip_m(
+pub(super) fn tip(
     problems: &[BeamProblem; 2],
     law: &TipLaw,
     insertion: &Insertion,
     cache: &Cache,
-) -> Result<Series, ModelError> {
+) -> Result<Tip, ModelError> {
     let mut last_m = DEFAULT_STEP_M;
     for depth_m in &insertion.depth_m {
         check("depth_m", *depth_m, "0 or more", *depth_m >= 0.0)?;
@@ -155,23 +175,82 @@ pub(super) fn tip_m(
     }
     jumps_m.extend(law.along_bevel.steps.iter().map(|[depth_m, _]| *depth_m));
     jumps_m.extend(insertion.speed_m_per_s.jumps_m());
-    let grid_m = grid_m(last_m, DEFAULT_STEP_M, &jumps_m);
-    let slopes = matches!(law.cutting, Cutting::Angle(_));
-    let growths = [
-        cache.growth(&problems[0], &grid_m, grip, slopes)?,
-        cache.growth(&problems[1], &grid_m, grip, slopes)?,
-    ];
-    let plane = |plane: usize| -> Vec<f64> {
-        let growth = &growths[plane];
-        let states = states(growth, law, insertion, plane);
+    let drawn = Drawn { law, insertion, grip, jumps_m, last_m };
+    let [[y_m, y_rad], [x_m, x_rad]] =
+        [drawn.plane(0, &problems[0], cache)?, drawn.plane(1, &problems[1], cache)?];
+    Ok(Tip {
+        position_m: Series { y: y_m, x: Some(x_m) },
+        direction_rad: Series { y: y_rad, x: Some(x_rad) },
+    })
+}
+
+/// An insertion, and what is on its way.
+struct Drawn<'a> {
+    law: &'a TipLaw,
+    insertion: &'a Insertion,
+    grip: Guide2Grip,
+    /// Depths at which anything jumps.
+    jumps_m: Vec<f64>,
+    last_m: f64,
+}
+
+impl Drawn<'_> {
+    /// Position of the tip and slope of the needle there in one plane, at every depth that is asked for.
+    fn plane(&self, plane: usize, problem: &BeamProblem, cache: &Cache) -> Result<[Vec<f64>; 2], ModelError> {
+        let Self { law, insertion, grip, last_m, .. } = *self;
+        let yields = problem.law.inverse_yield_m_per_n != 0.0;
+        let grid_m = grid_m(last_m, if yields { yielding::STEP_M } else { DEFAULT_STEP_M }, &self.jumps_m);
+        let angled = law.cut_angle_rad != [0.0; 2];
+        let slopes = insertion.tip_direction || angled || matches!(law.cutting, Cutting::Angle(_));
+        let guide2 = |node: usize| guide2(&grid_m, insertion, plane, node);
+        let (mut tips_m, mut directions) = if yields {
+            let Cutting::Load(load) = &law.cutting else {
+                return check("cutting", f64::NAN, "a load on the tip, where the tissue yields", false)
+                    .map(|()| Default::default());
+            };
+            let loads = loads(&grid_m, load, law, insertion, plane);
+            let acting = |node: usize| Acting { load_n: loads(node), guide2_m: guide2(node) };
+            let (states, directions) = yielding::under_load(problem, &grid_m, grip, acting)?;
+            (states.iter().map(|state| state.tip_m).collect::<Vec<_>>(), directions)
+        } else {
+            let growth = cache.growth(problem, &grid_m, grip, slopes)?;
+            let states = match &law.cutting {
+                Cutting::Load(load) => {
+                    let loads = loads(&grid_m, load, law, insertion, plane);
+                    growth.under_load(|node| Acting { load_n: loads(node), guide2_m: guide2(node) })
+                }
+                Cutting::Angle(angle_rad) => growth
+                    .at_cut_angle(angles(&grid_m, *angle_rad, law, insertion, plane), |node| guide2(node)[0]),
+            };
+            let directions =
+                if insertion.tip_direction { growth.tip_slopes(&states, guide2) } else { Vec::new() };
+            (states.iter().map(|state| state.tip_m).collect(), directions)
+        };
+        if angled {
+            let growth = cache.growth(problem, &grid_m, grip, true)?;
+            let angle_rad = angles(&grid_m, law.cut_angle_rad, law, insertion, plane);
+            let states = growth.at_cut_angle(angle_rad, |_| 0.0);
+            let add = |to: &mut Vec<[f64; 2]>, more: Vec<[f64; 2]>| {
+                to.iter_mut().zip(more).for_each(|(to, more)| *to = [to[0] + more[0], to[1] + more[1]]);
+            };
+            add(&mut directions, growth.tip_slopes(&states, |_| [0.0; 2]));
+            add(&mut tips_m, states.iter().map(|state| state.tip_m).collect());
+        }
         let straight = law.entry_angle_rad[plane].tan();
-        insertion
-            .depth_m
-            .iter()
-            .map(|depth_m| tip_at(growth.depths_m(), &states, *depth_m) + straight * depth_m)
-            .collect()
-    };
-    Ok(Series { y: plane(0), x: Some(plane(1)) })
+        let depths_m = insertion.depth_m.iter();
+        let position_m = depths_m.clone().map(|m| at_depth(&grid_m, &tips_m, *m) + straight * m).collect();
+        let asked = if insertion.tip_direction { insertion.depth_m.as_slice() } else { &[] };
+        let direction_rad = asked.iter().map(|m| at_depth(&grid_m, &directions, *m) + straight).collect();
+        Ok([position_m, direction_rad])
+    }
+}
+
+/// Displacement of guide 2 at a node, on arriving and on leaving.
+fn guide2(nodes_m: &[f64], insertion: &Insertion, plane: usize, node: usize) -> [f64; 2] {
+    match &insertion.guide2_m {
+        Some(planes) => [planes[plane].before(nodes_m[node]), planes[plane].after(nodes_m[node])],
+        None => [0.0; 2],
+    }
 }
 
 /// From 0 to `last_m` in steps of at most `step_m`, with nodes at `also_m` (where these lie inside).
@@ -192,55 +271,65 @@ pub fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
     nodes_m
 }
 
-fn states(growth: &Growth, law: &TipLaw, insertion: &Insertion, plane: usize) -> Vec<TipState> {
-    let depth_m = |node: usize| growth.depths_m()[node];
-    let guide2 = |node: usize| match &insertion.guide2_m {
-        Some(planes) => [planes[plane].before(depth_m(node)), planes[plane].after(depth_m(node))],
-        None => [0.0; 2],
-    };
-    // Load and cutting angle are fixed to the needle: they turn with it.
-    let turned = |[y, x]: [f64; 2], angle_rad: f64| {
-        let (sin, cos) = angle_rad.sin_cos();
-        [cos * y - sin * x, sin * y + cos * x][plane]
-    };
+/// What is fixed to the needle turns with it: its part in a plane.
+fn turned([y, x]: [f64; 2], angle_rad: f64, plane: usize) -> f64 {
+    let (sin, cos) = angle_rad.sin_cos();
+    [cos * y - sin * x, sin * y + cos * x][plane]
+}
+
+/// The tip load in a plane at every node, on arriving and on leaving.
+fn loads<'a>(
+    nodes_m: &'a [f64],
+    [y, x]: &'a [Profile; 2],
+    law: &'a TipLaw,
+    insertion: &'a Insertion,
+    plane: usize,
+) -> impl Fn(usize) -> [f64; 2] + 'a {
     let rotation = &insertion.rotation_rad;
     let BevelLoad { slope_n_per_m, steps, rate_n_s_per_m, roll_rad } = &law.along_bevel;
     let speed = &insertion.speed_m_per_s;
     // On arriving at a depth a jump there is not yet felt, on leaving it is.
-    let more_n = |z_m: f64, leaving: bool| {
+    let more_n = move |z_m: f64, leaving: bool| {
         let stepped = steps.iter().filter(|[at_m, _]| *at_m < z_m || (leaving && *at_m == z_m));
         let speed_m_per_s = if leaving { speed.after(z_m) } else { speed.before(z_m) };
         slope_n_per_m * z_m + stepped.map(|[_, n]| n).sum::<f64>() + rate_n_s_per_m * speed_m_per_s
     };
-    match &law.cutting {
-        Cutting::Load([y, x]) => growth.under_load(|node| {
-            let z_m = depth_m(node);
-            let load_n = [
-                turned([y.before(z_m) + more_n(z_m, false), x.before(z_m)], rotation.before(z_m) + roll_rad),
-                turned([y.after(z_m) + more_n(z_m, true), x.after(z_m)], rotation.after(z_m) + roll_rad),
-            ];
-            Acting { load_n, guide2_m: guide2(node) }
-        }),
-        Cutting::Angle(angle_rad) => growth.at_cut_angle(
-            |node| {
-                let z_m = depth_m(node);
-                [rotation.before(z_m), rotation.after(z_m)].map(|turn| turned(*angle_rad, turn + roll_rad))
-            },
-            |node| guide2(node)[0],
-        ),
+    move |node| {
+        let z_m = nodes_m[node];
+        let arriving = [y.before(z_m) + more_n(z_m, false), x.before(z_m)];
+        let leaving = [y.after(z_m) + more_n(z_m, true), x.after(z_m)];
+        [
+            turned(arriving, rotation.before(z_m) + roll_rad, plane),
+            turned(leaving, rotation.after(z_m) + roll_rad, plane),
+        ]
     }
 }
 
-/// Tip on arriving at a depth; linear between nodes.
-fn tip_at(nodes_m: &[f64], states: &[TipState], depth_m: f64) -> f64 {
+/// The angle at which the tip cuts in a plane at every node, on arriving and on leaving.
+fn angles<'a>(
+    nodes_m: &'a [f64],
+    angle_rad: [f64; 2],
+    law: &'a TipLaw,
+    insertion: &'a Insertion,
+    plane: usize,
+) -> impl Fn(usize) -> [f64; 2] + 'a {
+    let (rotation, roll_rad) = (&insertion.rotation_rad, law.along_bevel.roll_rad);
+    move |node| {
+        let z_m = nodes_m[node];
+        [rotation.before(z_m), rotation.after(z_m)].map(|turn| turned(angle_rad, turn + roll_rad, plane))
+    }
+}
+
+/// A quantity on arriving at a depth, from those at the nodes on arriving and on leaving; linear between nodes.
+fn at_depth(nodes_m: &[f64], values: &[[f64; 2]], depth_m: f64) -> f64 {
     let next = nodes_m.partition_point(|node_m| *node_m < depth_m);
-    match (next.checked_sub(1).and_then(|i| Some((nodes_m.get(i)?, states.get(i)?))), states.get(next)) {
-        (Some((from_m, from)), Some(to)) => {
+    match (next.checked_sub(1).and_then(|i| Some((nodes_m.get(i)?, values.get(i)?))), values.get(next)) {
+        (Some((from_m, [_, from])), Some([to, _])) => {
             let share = (depth_m - from_m) / (nodes_m[next] - from_m);
-            from.tip_m[1] + share * (to.tip_m[0] - from.tip_m[1])
+            from + share * (to - from)
         }
-        (Some((_, only)), None) => only.tip_m[1],
-        (None, Some(only)) => only.tip_m[0],
+        (Some((_, [_, left])), None) => *left,
+        (None, Some([arriving, _])) => *arriving,
         (None, None) => f64::NAN,
     }
 }

@@ -8,13 +8,13 @@
 //!   instantaneous and the relaxed one span what the needle does on its way between them (rational Krylov space). In this basis
 //!   the stiffnesses are known from the forces alone: `A + k_j M` applied to shape j is its force, so that
 //!   `M_ij = (F_j - F_i) / (k_j - k_i)`. The modes of the memory decay exactly over each sample;
-//! * stiffening tissue, `K u (1 + (u/u0)^2)`: finite elements at a few displacements, interpolated in the square of the
+//! * stiffening tissue, `K u (1 + (u/u0)^2)`, and tissue that yields ([`yielding`](super::yielding)): finite elements at a few displacements, interpolated in the square of the
 //!   displacement, as a difference to the same elements without stiffening. Beside relaxation the stiffening part is taken as
 //!   instantaneous. An elastic body stiffens by a reaction of its own, `k u (u/u0)^2` at every point, with k the mean line load of
 //!   the body on a rigid needle per deflection.
 
 use super::body::Stiffened;
-use super::elements::{Deformed, Elements, Guide2, Reaction};
+use super::elements::{Deformed, Elements, Guide2};
 use super::quadrature::integrate;
 use super::{Beam, BeamProblem, ModelError};
 use nalgebra::{DMatrix, DVector};
@@ -76,7 +76,8 @@ impl Response {
     /// As [`BeamProblem::solve`].
     pub fn new(problem: &BeamProblem, most_m: f64) -> Result<Self, ModelError> {
         let law = problem.law;
-        let stretch = (law.inverse_u0_per_m * most_m).powi(2);
+        let yielding = law.inverse_yield_m_per_n * problem.foundation.modulus_pa(0.0);
+        let stretch = (law.inverse_u0_per_m * most_m).powi(2).max((yielding * most_m).powi(2));
         Ok(Self {
             beam: problem.solve()?,
             relaxing: if law.relaxing_share > 0.0 { Some(Relaxing::new(problem)?) } else { None },
@@ -318,6 +319,9 @@ impl Stiffening {
         // Chebyshev's points in the square of the displacement.
         let angle = |j: usize| (2.0 * j as f64 + 1.0) * std::f64::consts::PI / (2.0 * NODES as f64);
         let nodes_m = std::array::from_fn(|j| most_m * (0.5 + 0.5 * angle(j).cos()).sqrt());
+        if problem.law.inverse_yield_m_per_n > 0.0 {
+            problem.support.needs_springs("tissue that yields")?;
+        }
         if problem.support.is_body() {
             let body = Stiffened::new(problem)?;
             let shapes =
@@ -325,16 +329,9 @@ impl Stiffening {
             return Ok(Self { linear: body.held(nodes_m[0], false)?, nodes_m, shapes });
         }
         let elements = Elements::new(problem, ELEMENT_M)?;
-        let per_m2 = problem.law.inverse_u0_per_m.powi(2);
-        let foundation = &problem.foundation;
-        let springs = |depth_m: f64, stretch_m: f64| {
-            let modulus_pa = foundation.modulus_pa(depth_m);
-            let more = per_m2 * stretch_m * stretch_m;
-            Reaction {
-                force_n_per_m: modulus_pa * stretch_m * (1.0 + more),
-                tangent_pa: modulus_pa * (1.0 + 3.0 * more),
-            }
-        };
+        let (law, foundation) = (problem.law, &problem.foundation);
+        let springs =
+            |depth_m: f64, stretch_m: f64| law.reaction(foundation.modulus_pa(depth_m), depth_m, stretch_m);
         let solve = |node_m: &f64| elements.solve(&springs, |_| 0.0, Guide2::Held(*node_m), 0.0);
         let shapes = nodes_m.iter().map(solve).collect::<Result<Vec<_>, _>>()?;
         let linear = elements.solve(foundation, |_| 0.0, Guide2::Held(nodes_m[0]), 0.0)?;

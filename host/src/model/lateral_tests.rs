@@ -1,10 +1,11 @@
 //! Relaxing and stiffening needles against independent solutions.
 
 use super::*;
+use crate::model::elements::Reaction;
 use crate::model::{Foundation, Needle, Rig, TissueLaw};
 
 fn problem(law: TissueLaw, foundation: Foundation) -> BeamProblem {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let mut problem = BeamProblem::new(&rig, foundation, 0.04);
     problem.law = law;
     problem

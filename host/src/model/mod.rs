@@ -25,6 +25,7 @@ mod rest;
 mod rig;
 pub mod steering;
 mod support;
+mod yielding;
 
 pub use beam::{Beam, BeamProblem, Response, TissueLaw};
 pub use cache::Cache;
@@ -36,7 +37,7 @@ pub use predict::{
     Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Plane, Series, ShapePoint,
     predict, predict_with,
 };
-pub use rig::{Needle, Rig};
+pub use rig::{Guides, Needle, Rig};
 pub use steering::{BaseDrive, Dynamics, Steering};
 pub use support::Support;
 

@@ -173,7 +173,7 @@ const CONVERGENCE: [([f64; 4], [Row; 4]); 5] = [
 #[test]
 fn convergence_is_that_of_the_reference() {
     for ([guide2_m, entry_m, depth_m, modulus_pa], rows) in CONVERGENCE {
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m, entry_m };
+        let rig = Rig::two_guides(Needle::gauge_18(), guide2_m, entry_m);
         let foundation = Foundation::uniform(modulus_pa).expect("a modulus");
         let exact = Beam::solve(&rig, &foundation, depth_m).expect("solves");
         let exact = exact.guide2_force();
@@ -195,7 +195,7 @@ fn convergence_is_that_of_the_reference() {
 
 #[test]
 fn what_it_cannot_do_is_refused() {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let mut problem = BeamProblem::new(&rig, Foundation::uniform(16e3).expect("a modulus"), 0.03);
     assert!(RayleighRitz::solve(&problem, 0).is_err());
     problem.clamp_compliance_rad_per_n_m = 0.1;
@@ -238,7 +238,7 @@ const TIP_LOADS: [(f64, [f64; 5]); 3] = [
 
 #[test]
 fn the_tip_load_of_a_path_matches_the_reference() {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.02, entry_m: 0.042 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.02, 0.042);
     for (depth_m, loads_n) in TIP_LOADS {
         let foundation = Foundation::uniform(10360.0).expect("a modulus");
         let problem = BeamProblem::new(&rig, foundation, depth_m);

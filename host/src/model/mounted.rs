@@ -138,7 +138,8 @@ struct Problems {
 impl Problems {
     fn of(model: &Model, depth_m: f64) -> Result<Self, ModelError> {
         let y = model.problem_in(Plane::Y, depth_m)?;
-        let x = if model.effects.is_empty() { None } else { Some(model.problem_in(Plane::X, depth_m)?) };
+        let same = model.effects.is_empty() && !model.rig.has_one_guide();
+        let x = if same { None } else { Some(model.problem_in(Plane::X, depth_m)?) };
         Ok(Self { x: x.filter(|x| *x != y), y })
     }
 
@@ -228,7 +229,7 @@ impl Needles {
         let most_m = if problems.x.is_some() { [y_m, x_m] } else { [y_m.max(x_m); 2] };
         let y = solved(&problems.y, most_m[0])?;
         let x = problems.x.as_ref().map(|x| solved(x, most_m[1])).transpose()?;
-        let stiffens = [&problems.y, problems.x()].into_iter().any(|p| p.law.inverse_u0_per_m != 0.0);
+        let stiffens = [&problems.y, problems.x()].into_iter().any(|p| p.law.is_nonlinear());
         Ok(Self { y, x, most_m: stiffens.then_some(most_m) })
     }
 
@@ -259,7 +260,7 @@ mod tests {
     use crate::model::{Needle, Rig};
 
     fn model(effects: &[(&str, &[f64])]) -> Model {
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         let mut model = Model::uniform(rig, 16e3).expect("valid");
         let named = |(id, values): &(&str, &[f64])| (effect(id).expect("an effect"), values.to_vec());
         model.effects = effects.iter().map(named).collect();

@@ -90,6 +90,8 @@ impl Model {
         let foundation = self.foundation.clone();
         let mut problem =
             BeamProblem { support: self.support, ..BeamProblem::new(&self.rig, foundation, depth_m) };
+        problem.clamp_compliance_rad_per_n_m =
+            self.rig.rear_compliance_rad_per_n_m(if plane == Plane::Y { 0 } else { 1 });
         for (effect, values) in &self.effects {
             effect.beam(values, plane, &mut problem)?;
         }
@@ -196,6 +198,9 @@ pub struct Channels {
     pub shape_m: Series,
     /// Position of the tip at every depth of an insertion, or time of a steering run.
     pub tip_m: Series,
+    /// Slope of the needle at the tip at every depth of an insertion, where it is measured
+    /// ([`Insertion::tip_direction`]).
+    pub tip_direction_rad: Series,
     /// Lateral position of the base at every time of a steering run.
     pub base_m: Series,
 }
@@ -208,6 +213,7 @@ impl Channels {
             force_n: empty(),
             shape_m: empty(),
             tip_m: empty(),
+            tip_direction_rad: empty(),
             base_m: Series::default(),
         }
     }
@@ -279,8 +285,9 @@ fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Resu
     let problems = [model.problem_in(Plane::Y, deepest_m)?, model.problem_in(Plane::X, deepest_m)?];
     let mut law = model.tip.clone();
     model.effects.iter().for_each(|(effect, values)| effect.tip(values, &mut law));
-    let tip_m = insertion::tip_m(&problems, &law, inserted, cache)?;
-    let mut channels = Channels { tip_m, ..Channels::two_planes() };
+    let insertion::Tip { position_m, direction_rad } = insertion::tip(&problems, &law, inserted, cache)?;
+    let mut channels =
+        Channels { tip_m: position_m, tip_direction_rad: direction_rad, ..Channels::two_planes() };
     model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]] }, &mut channels);
     Ok(channels)
 }
@@ -291,7 +298,7 @@ mod tests {
     use crate::model::Needle;
 
     fn model() -> Model {
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         Model::uniform(rig, 16e3).expect("valid")
     }
 

@@ -52,7 +52,9 @@ impl Plane {
             return Self::default();
         }
         let compliance = guide2_m.powi(3) / (3.0 * stiffness_n_m2) + clamp_rad_per_n_m * guide2_m * guide2_m;
-        let force_n = -0.5 * curvature_per_m * guide2_m * guide2_m / compliance;
+        // The only guide bends nothing: the needle lies free on its curve from there on.
+        let force_n =
+            if problem.only_guide { 0.0 } else { -0.5 * curvature_per_m * guide2_m * guide2_m / compliance };
         Self { curvature_per_m, stiffness_n_m2, guide2_m, clamp_rad_per_n_m, force_n }
     }
 

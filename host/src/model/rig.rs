@@ -16,6 +16,10 @@ pub struct Needle {
     pub bevel_angle_rad: Option<f64>,
     /// Length of the whole needle, where known.
     pub length_m: Option<f64>,
+    /// Whether modulus and diameters are those of the needle. Where they are not, they are those of a reference needle: shapes and paths
+    /// determine no more than the ratio of the foundation's modulus to the bending stiffness, `K/(E I)`, and every modulus and force
+    /// that is computed refers to the bending stiffness of the reference.
+    pub stiffness_known: bool,
 }
 
 impl Needle {
@@ -27,6 +31,7 @@ impl Needle {
             inner_diameter_m: 1.0e-3,
             bevel_angle_rad: None,
             length_m: None,
+            stiffness_known: true,
         }
     }
 
@@ -36,15 +41,32 @@ impl Needle {
     }
 }
 
-/// The needle in its guides in front of the tissue. Positions are measured along the needle from guide 1.
+/// What holds the needle outside the tissue.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Guides {
+    /// Guide 1, in which the needle is clamped, and the actuated guide 2.
+    #[default]
+    Two,
+    /// The actuated guide alone. The needle's rear is held by whoever pushes it: with the slope it happens to have, against which an
+    /// elastic moment works, `EI u''(0) = k_r (u'(0) - slope)`. The slope tilts needle and path as a whole: it is the angle of entry
+    /// of an insertion ([`TipLaw::entry_angle_rad`](super::TipLaw)).
+    One {
+        /// Moment per slope k_r, vertical and horizontal; nothing where it is not known.
+        rear_rotation_n_m_per_rad: [Option<f64>; 2],
+    },
+}
+
+/// The needle in its guides in front of the tissue. Positions are measured along the needle from guide 1, or from the only guide.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rig {
     /// The needle.
     pub needle: Needle,
-    /// Position of the actuated guide 2.
+    /// Position of the actuated guide 2; 0 where it is the only one.
     pub guide2_m: f64,
     /// Position of the tissue surface; not before guide 2.
     pub entry_m: f64,
+    /// What holds the needle.
+    pub guides: Guides,
 }
 
 impl Rig {
@@ -57,7 +79,40 @@ impl Rig {
         check("youngs_modulus_pa", e, "more than 0", e > 0.0)?;
         check("outer_diameter_m", od, "more than 0", od > 0.0)?;
         check("inner_diameter_m", id, "0 or more, less than the outer diameter", id >= 0.0 && id < od)?;
-        check("guide2_m", self.guide2_m, "more than 0", self.guide2_m > 0.0)?;
+        match self.guides {
+            Guides::Two => check("guide2_m", self.guide2_m, "more than 0", self.guide2_m > 0.0)?,
+            Guides::One { rear_rotation_n_m_per_rad } => {
+                check("guide2_m", self.guide2_m, "0, as it is the only guide", self.guide2_m == 0.0)?;
+                for stiffness in rear_rotation_n_m_per_rad.into_iter().flatten() {
+                    check("rear_rotation_n_m_per_rad", stiffness, "more than 0", stiffness > 0.0)?;
+                }
+            }
+        }
         check("entry_m", self.entry_m, "guide2_m or more", self.entry_m >= self.guide2_m)
     }
+
+    /// Two guides, in the first of which the needle is clamped.
+    pub fn two_guides(needle: Needle, guide2_m: f64, entry_m: f64) -> Self {
+        Self { needle, guide2_m, entry_m, guides: Guides::Two }
+    }
+
+    /// Whether the actuated guide is the only one.
+    pub fn has_one_guide(&self) -> bool {
+        matches!(self.guides, Guides::One { .. })
+    }
+
+    /// How far the needle turns per moment where the beam begins, rad/(N m), vertical (0) or horizontal (1): nothing in a clamp. Where a
+    /// rear is not known it is taken as one that does not turn; what it gives is `rig.rear_rotation` of the effects.
+    pub fn rear_compliance_rad_per_n_m(&self, plane: usize) -> f64 {
+        match self.guides {
+            Guides::Two => 0.0,
+            Guides::One { rear_rotation_n_m_per_rad: stiffness } => {
+                stiffness.get(plane).copied().flatten().map_or(0.0, f64::recip)
+            }
+        }
+    }
 }
+
+#[cfg(test)]
+#[path = "rig_tests.rs"]
+mod tests;

@@ -1,6 +1,7 @@
 //! The result of a prediction, as `guide predict --json` prints it. Additive only: fields may be added, never removed or changed
 //! in meaning.
 
+use crate::identify::KPerEi;
 use crate::inference::insertion::{Belief, Bin, Moments, TipPath, Tissue, median, of_median};
 use crate::session::InsertionRun;
 use serde::Serialize;
@@ -97,6 +98,9 @@ pub struct LearnedResult {
     pub k_kpa: f64,
     /// Its 95 % interval.
     pub k_ci95_kpa: [f64; 2],
+    /// K over the needle's bending stiffness, where that is not known; K itself then refers to the reference needle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub k_per_ei: Option<KPerEi>,
     /// Effective gap between guide 2 and the tissue.
     pub gap_mm: f64,
     /// Its 95 % interval.
@@ -127,10 +131,12 @@ impl LearnedResult {
         let angles = belief.entry_angle_rad();
         // Wander grows with the square root of depth.
         let over_100_mm = 0.1f64.sqrt();
+        let (k_kpa, k_ci95_kpa) = (surface_kpa * factor.mean.exp(), interval(factor, surface_kpa));
         Self {
             from: others.iter().map(|other| other.id.clone()).collect(),
-            k_kpa: surface_kpa * factor.mean.exp(),
-            k_ci95_kpa: interval(factor, surface_kpa),
+            k_kpa,
+            k_ci95_kpa,
+            k_per_ei: KPerEi::of(&tissue.model.rig.needle, k_kpa, k_ci95_kpa),
             gap_mm: 1e3 * gap.mean.exp(),
             gap_ci95_mm: interval(gap, 1e3),
             entry_angle_deg: angles.iter().map(|angle| angle.mean.to_degrees()).collect(),
@@ -217,6 +223,7 @@ impl Grid {
             Some(Bin {
                 depth_m: self.depth_m[i],
                 tip_m: [1e-3 * y_mm, 1e-3 * x_mm],
+                direction_rad: [None; 2],
                 rows: 1.0,
                 moving: false,
                 leaving: false,

@@ -170,7 +170,7 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, super::PredictError> {
         |sd: f64, rng: &mut ChaCha8Rng| Normal::new(0.0, sd).map_or(0.0, |normal| normal.sample(rng));
     let guide2_m = 0.06;
     let gap_m = uniform(0.015, 0.045, rng);
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m, entry_m: guide2_m + gap_m };
+    let rig = Rig::two_guides(Needle::gauge_18(), guide2_m, guide2_m + gap_m);
     let effective = Rig { entry_m: guide2_m + gap_m * normal(GAP_SD_LN, rng).exp(), ..rig.clone() };
     let shared_angle_rad = normal(SHARED_ANGLE_SD_RAD, rng);
     let modulus_pa = uniform(6e3, 18e3, rng);
@@ -233,6 +233,8 @@ pub(super) fn insertion_session(rig: Rig, tip_sd_m: Option<f64>, recorded: Vec<R
         guide2_y_m: None,
         guide2_x_m: None,
         base_force_y_n: None,
+        tip_direction_y_rad: None,
+        tip_direction_x_rad: None,
     };
     Session {
         dir: PathBuf::new(),

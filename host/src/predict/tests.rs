@@ -18,7 +18,7 @@ const UNTIL_50: Options = Options {
 };
 
 fn rig() -> Rig {
-    Rig { needle: crate::model::Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.085 }
+    Rig::two_guides(crate::model::Needle::gauge_18(), 0.06, 0.085)
 }
 
 /// Three insertions to 120 mm with a constant load each, both planes, without noise; K = 11 kPa.
@@ -182,6 +182,8 @@ proptest! {
                 guide2_y_m: Some(column(4)),
                 guide2_x_m: None,
                 base_force_y_n: None,
+                tip_direction_y_rad: None,
+                tip_direction_x_rad: None,
             }
         };
         let mut session = insertion_session(rig(), None, Vec::new());

@@ -15,7 +15,7 @@ const OPTIONS: RunOptions = RunOptions { start_us: None, stream: true, interrupt
 const SWEEP: &str = r"printf 'z_mm,deflection_y_mm\n80,0.5\n90,0.25\n'";
 
 fn setup() -> Setup {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     Setup { name: "phantom".to_owned(), rig, fixture_mass_kg: None, noise: Noise::default() }
 }
 

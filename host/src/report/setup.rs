@@ -2,6 +2,7 @@
 
 use super::page::{Block, Outcome, Section, count, number, value, word, words};
 use crate::levels::{HoldCriteria, levels};
+use crate::model::Guides;
 use crate::session::{LateralRun, Provenance, Session};
 
 /// Needle, rig and runs.
@@ -21,13 +22,29 @@ fn rig(session: &Session) -> Block {
     let needle = &rig.needle;
     let mm = |m: Option<f64>, digits: usize| value(m.map(|m| 1e3 * m), digits);
     let row = |name: &str, value: String, unit: &str| vec![name.to_owned(), value, unit.to_owned()];
-    let mut rows = vec![
-        row("needle, Young's modulus", value(Some(1e-9 * needle.youngs_modulus_pa), 1), "GPa"),
-        row("needle, outer diameter", mm(Some(needle.outer_diameter_m), 3), "mm"),
-        row("needle, inner diameter", mm(Some(needle.inner_diameter_m), 3), "mm"),
-        row("guide 2, from guide 1", mm(Some(rig.guide2_m), 1), "mm"),
-        row("tissue surface, from guide 1", mm(Some(rig.entry_m), 1), "mm"),
-    ];
+    let mut rows = Vec::new();
+    let of_needle = if needle.stiffness_known { "needle" } else { "reference needle (stiffness not known)" };
+    rows.push(row(
+        &format!("{of_needle}, Young's modulus"),
+        value(Some(1e-9 * needle.youngs_modulus_pa), 1),
+        "GPa",
+    ));
+    rows.push(row(&format!("{of_needle}, outer diameter"), mm(Some(needle.outer_diameter_m), 3), "mm"));
+    rows.push(row(&format!("{of_needle}, inner diameter"), mm(Some(needle.inner_diameter_m), 3), "mm"));
+    match rig.guides {
+        Guides::Two => {
+            rows.push(row("guide 2, from guide 1", mm(Some(rig.guide2_m), 1), "mm"));
+            rows.push(row("tissue surface, from guide 1", mm(Some(rig.entry_m), 1), "mm"));
+        }
+        Guides::One { rear_rotation_n_m_per_rad } => {
+            rows.push(row("tissue surface, from the only guide", mm(Some(rig.entry_m), 1), "mm"));
+            for (plane, stiffness) in ["vertical", "horizontal"].into_iter().zip(rear_rotation_n_m_per_rad) {
+                let stiffness =
+                    stiffness.map_or("not known".to_owned(), |stiffness| value(Some(stiffness), 2));
+                rows.push(row(&format!("rotation of the needle's rear, {plane}"), stiffness, "N m/rad"));
+            }
+        }
+    }
     let stated = [
         ("needle, length", needle.length_m.map(|m| 1e3 * m), 1, "mm"),
         ("needle, bevel angle", needle.bevel_angle_rad.map(f64::to_degrees), 1, "degrees"),
@@ -36,6 +53,7 @@ fn rig(session: &Session) -> Block {
         ("noise of a displacement reading, stated", noise.displacement_m.map(|m| 1e3 * m), 4, "mm"),
         ("noise of a deflection reading, stated", noise.shape_m.map(|m| 1e3 * m), 4, "mm"),
         ("noise of a tip reading, stated", noise.tip_m.map(|m| 1e3 * m), 4, "mm"),
+        ("noise of a tip direction, stated", noise.tip_direction_rad.map(|rad| 1e3 * rad), 3, "mrad"),
     ];
     let stated = stated.into_iter().filter(|(_, found, ..)| found.is_some());
     rows.extend(stated.map(|(name, found, digits, unit)| row(name, value(found, digits), unit)));

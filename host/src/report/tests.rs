@@ -22,7 +22,7 @@ fn empty() -> Session {
     Session {
         dir: PathBuf::from("made-up"),
         name: None,
-        rig: Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 },
+        rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
         fixture_mass_kg: None,
         noise: Noise::default(),
         lateral: Vec::new(),
@@ -179,7 +179,9 @@ fn what_fails_is_said_in_its_section() {
         rotation_rad: none.clone(),
         guide2_y_m: none.clone(),
         guide2_x_m: none.clone(),
-        base_force_y_n: none,
+        base_force_y_n: none.clone(),
+        tip_direction_y_rad: none.clone(),
+        tip_direction_x_rad: none,
     });
     let list = || vec![0.0, 0.001];
     bad.steering.push(SteeringRun {

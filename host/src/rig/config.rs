@@ -75,7 +75,7 @@ impl HiddenEffect {
 
 impl Default for RigConfig {
     fn default() -> Self {
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         Self { rig, simulation: Simulation::default() }
     }
 }

@@ -100,5 +100,7 @@ fn insert(
         guide2_y_m: None,
         guide2_x_m: None,
         base_force_y_n: None,
+        tip_direction_y_rad: None,
+        tip_direction_x_rad: None,
     })
 }

@@ -285,7 +285,7 @@ mod tests {
     }
 
     fn rig(tissue: &Tissue) -> SteeringRig {
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         SteeringRig::new(rig, 0.13, 0.3, tissue).expect("a rig")
     }
 

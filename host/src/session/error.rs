@@ -54,6 +54,18 @@ pub enum SessionError {
         /// What is accepted.
         expected: &'static str,
     },
+    /// A value to be written is one that the format does not have.
+    #[error("{}: {field}: {value} is out of range, expected a number from {} to {}", path.display(), range[0], range[1])]
+    OutOfRange {
+        /// The file.
+        path: PathBuf,
+        /// Name of the column.
+        field: &'static str,
+        /// The value, in the unit of the column.
+        value: f64,
+        /// Least and greatest value that the format has.
+        range: [f64; 2],
+    },
     /// A value to be written is NaN or infinite.
     #[error("{}: {field}: a value to be written is not a finite number, expected one", path.display())]
     NotFinite {

@@ -6,6 +6,7 @@
 
 mod error;
 pub(crate) mod fields;
+mod hardware;
 pub mod import;
 mod names;
 mod read;
@@ -61,6 +62,8 @@ pub struct Noise {
     pub shape_m: Option<f64>,
     /// Position of the tip.
     pub tip_m: Option<f64>,
+    /// Slope of the needle at the tip.
+    pub tip_direction_rad: Option<f64>,
 }
 
 /// A lateral run at one depth: guide 2 pushed sideways, force and shape measured.
@@ -152,7 +155,7 @@ pub struct ShapeSeries {
 }
 
 /// An insertion: where the tip was at each depth; columns of equal length.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct InsertionRun {
     /// Its name.
     pub id: String,
@@ -174,6 +177,11 @@ pub struct InsertionRun {
     pub guide2_x_m: Option<Vec<f64>>,
     /// Vertical force at the base.
     pub base_force_y_n: Option<Vec<f64>>,
+    /// Vertical slope of the needle at the tip, `du_y/dz`, as a direction sensor in the tip measures it; a constant tilt of the sensor in
+    /// the needle is part of it. NaN in rows without a reading.
+    pub tip_direction_y_rad: Option<Vec<f64>>,
+    /// Horizontal slope of the needle at the tip.
+    pub tip_direction_x_rad: Option<Vec<f64>>,
 }
 
 /// An indentation with a flat cylindrical punch.

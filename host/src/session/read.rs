@@ -2,13 +2,13 @@
 
 use super::error::{Problem, SessionError, read_text};
 use super::fields::Fields;
+use super::hardware::{fixture_mass_kg, noise, rig};
 use super::survey::{NEEDLE, NOISE, RIG};
 use super::table::{Column, Table};
 use super::{
-    DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Mark, Noise, Provenance, Session,
-    Setup, ShapeSeries, SteeringRun,
+    DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Mark, Provenance, Session, Setup,
+    ShapeSeries, SteeringRun,
 };
-use crate::model::{Needle, Rig};
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -18,7 +18,7 @@ const TIME_S: [f64; 2] = [-1e10, 1e10];
 const DEPTH_MM: [f64; 2] = [0.0, 500.0];
 const LATERAL_MM: [f64; 2] = [-200.0, 200.0];
 const FORCE_N: [f64; 2] = [-200.0, 200.0];
-const SD_MM: [f64; 2] = [1e-9, 50.0];
+pub(super) const SD_MM: [f64; 2] = [1e-9, 50.0];
 /// Radius of a punch, and Poisson's ratio of the tissue under it.
 pub(super) const RADIUS_MM: [f64; 2] = [0.05, 100.0];
 pub(super) const POISSON: [f64; 2] = [0.0, 0.5];
@@ -39,7 +39,9 @@ pub(super) const SHAPE_COLUMNS: [Column; 4] = [
     Column::required("deflection_y_mm", MM, LATERAL_MM),
     Column::optional("deflection_x_mm", MM, LATERAL_MM),
 ];
-pub(super) const INSERTION_COLUMNS: [Column; 8] = [
+/// Slope of the needle at the tip: beyond one in one no insertion is straight ahead.
+const DIRECTION_MRAD: [f64; 2] = [-1000.0, 1000.0];
+pub(super) const INSERTION_COLUMNS: [Column; 10] = [
     Column::required("depth_mm", MM, [-50.0, 500.0]),
     Column::required("tip_y_mm", MM, LATERAL_MM),
     Column::optional("tip_x_mm", MM, LATERAL_MM),
@@ -48,6 +50,8 @@ pub(super) const INSERTION_COLUMNS: [Column; 8] = [
     Column::optional("guide2_y_mm", MM, [-50.0, 50.0]),
     Column::optional("guide2_x_mm", MM, [-50.0, 50.0]),
     Column::optional("base_force_y_n", 1.0, FORCE_N),
+    Column::optional("tip_direction_y_mrad", 1e-3, DIRECTION_MRAD).blank(),
+    Column::optional("tip_direction_x_mrad", 1e-3, DIRECTION_MRAD).blank(),
 ];
 pub(super) const INDENTATION_COLUMNS: [Column; 2] =
     [Column::required("depth_mm", MM, [-50.0, 100.0]), Column::required("force_n", 1.0, FORCE_N)];
@@ -118,56 +122,6 @@ impl Setup {
             })
         })
     }
-}
-
-fn rig(file: &Fields<'_>) -> Result<Rig, SessionError> {
-    let needle = needle(file)?;
-    let [guide2_m, entry_m] = guides_m(file)?;
-    Ok(Rig { needle, guide2_m, entry_m })
-}
-
-pub(super) fn needle(file: &Fields<'_>) -> Result<Needle, SessionError> {
-    let needle = file.table("needle")?;
-    let outer_mm = needle.number("outer_diameter_mm", [0.05, 10.0])?;
-    let inner_mm = needle.number("inner_diameter_mm", [0.0, 10.0])?;
-    if inner_mm >= outer_mm {
-        let expected = format!("less than the outer diameter of {outer_mm} mm");
-        return Err(needle.field_fault("inner_diameter_mm", Problem::OutOfRange(inner_mm), expected));
-    }
-    Ok(Needle {
-        youngs_modulus_pa: 1e9 * needle.number("youngs_modulus_gpa", [0.1, 1000.0])?,
-        outer_diameter_m: MM * outer_mm,
-        inner_diameter_m: MM * inner_mm,
-        bevel_angle_rad: needle.optional_number("bevel_angle_deg", [0.0, 90.0])?.map(f64::to_radians),
-        length_m: needle.optional_number("length_mm", [10.0, 2000.0])?.map(|length_mm| MM * length_mm),
-    })
-}
-
-/// Guide 2 and the tissue's surface.
-pub(super) fn guides_m(file: &Fields<'_>) -> Result<[f64; 2], SessionError> {
-    let rig = file.table("rig")?;
-    let guide2_mm = rig.number("guide2_mm", [1.0, 1000.0])?;
-    let entry_mm = rig.number("entry_mm", [1.0, 1000.0])?;
-    if entry_mm < guide2_mm {
-        let expected = format!("at least guide2_mm, {guide2_mm}");
-        return Err(rig.field_fault("entry_mm", Problem::OutOfRange(entry_mm), expected));
-    }
-    Ok([MM * guide2_mm, MM * entry_mm])
-}
-
-pub(super) fn fixture_mass_kg(file: &Fields<'_>) -> Result<Option<f64>, SessionError> {
-    file.table("rig")?.optional_number("fixture_mass_kg", [0.0, 100.0])
-}
-
-pub(super) fn noise(file: &Fields<'_>) -> Result<Noise, SessionError> {
-    let Some(noise) = file.optional_table("noise")? else { return Ok(Noise::default()) };
-    let sd_m = |field| Ok::<_, SessionError>(noise.optional_number(field, SD_MM)?.map(|sd_mm| MM * sd_mm));
-    Ok(Noise {
-        force_n: noise.optional_number("force_n", [1e-9, 100.0])?,
-        displacement_m: sd_m("displacement_mm")?,
-        shape_m: sd_m("shape_mm")?,
-        tip_m: sd_m("tip_mm")?,
-    })
 }
 
 /// The runs of one kind; their ids are unique.
@@ -295,6 +249,8 @@ pub(super) fn insertion(dir: &Path, fields: &Fields<'_>, id: String) -> Result<I
         guide2_y_m: table.take("guide2_y_mm"),
         guide2_x_m: table.take("guide2_x_mm"),
         base_force_y_n: table.take("base_force_y_n"),
+        tip_direction_y_rad: table.take("tip_direction_y_mrad"),
+        tip_direction_x_rad: table.take("tip_direction_x_mrad"),
     })
 }
 

@@ -2,9 +2,9 @@
 
 use super::error::{Place, Problem, SessionError, read_text};
 use super::fields::Fields;
-use super::read;
 use super::table::{Column, Table, misspelt_columns};
 use super::{DEPTH_RANGE_MM, Session};
+use super::{hardware, read};
 use crate::model::Rig;
 use std::collections::HashSet;
 use std::path::{Component, Path};
@@ -28,10 +28,24 @@ pub struct Survey {
 const TABLES: [&str; 8] =
     ["session", "needle", "rig", "noise", "lateral", "insertion", "indentation", "steering"];
 const SESSION: [&str; 2] = ["format", "name"];
-pub(super) const NEEDLE: [&str; 5] =
-    ["youngs_modulus_gpa", "outer_diameter_mm", "inner_diameter_mm", "bevel_angle_deg", "length_mm"];
-pub(super) const RIG: [&str; 3] = ["guide2_mm", "entry_mm", "fixture_mass_kg"];
-pub(super) const NOISE: [&str; 4] = ["force_n", "displacement_mm", "shape_mm", "tip_mm"];
+pub(super) const NEEDLE: [&str; 6] = [
+    "youngs_modulus_gpa",
+    "outer_diameter_mm",
+    "inner_diameter_mm",
+    "bevel_angle_deg",
+    "length_mm",
+    "bending_stiffness",
+];
+pub(super) const RIG: [&str; 6] = [
+    "guide2_mm",
+    "entry_mm",
+    "fixture_mass_kg",
+    "guides",
+    "rear_rotation_y_n_m_per_rad",
+    "rear_rotation_x_n_m_per_rad",
+];
+pub(super) const NOISE: [&str; 5] =
+    ["force_n", "displacement_mm", "shape_mm", "tip_mm", "tip_direction_mrad"];
 
 /// A kind of run: its table, its fields, its files with their columns and whether they may be without rows, its numbers.
 struct Kind {
@@ -101,20 +115,22 @@ impl Survey {
             session.optional_text("name")
         });
         let name = self.keep(head).flatten();
-        let needle = self.keep(read::needle(file));
-        let guides_m = self.keep(read::guides_m(file));
+        let needle = self.keep(hardware::needle(file));
+        let guides_m = self.keep(hardware::guides_m(file));
+        // What is wrong with both is said once.
+        let guides = guides_m.and_then(|_| self.keep(hardware::guides(file)));
         // Without a table [rig] that has been said already.
         let fixture_mass_kg = match file.table("rig") {
-            Ok(_) => self.keep(read::fixture_mass_kg(file)).flatten(),
+            Ok(_) => self.keep(hardware::fixture_mass_kg(file)).flatten(),
             Err(_) => None,
         };
-        let noise = self.keep(read::noise(file)).unwrap_or_default();
+        let noise = self.keep(hardware::noise(file)).unwrap_or_default();
         let lateral = self.runs(dir, file, &LATERAL, |fields, id| read::lateral(dir, fields, id));
         let insertion = self.runs(dir, file, &INSERTION, |fields, id| read::insertion(dir, fields, id));
         let indentation = self.runs(dir, file, &INDENTATION, |fields, id| read::indentation(dir, fields, id));
         let steering = self.runs(dir, file, &STEERING, |fields, id| read::steering(dir, fields, id));
-        if let (Some(needle), Some([guide2_m, entry_m])) = (needle, guides_m) {
-            let rig = Rig { needle, guide2_m, entry_m };
+        if let (Some(needle), Some([guide2_m, entry_m]), Some(guides)) = (needle, guides_m, guides) {
+            let rig = Rig { needle, guide2_m, entry_m, guides };
             let dir = dir.to_owned();
             self.session = Some(Session {
                 dir,

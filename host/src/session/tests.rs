@@ -43,7 +43,7 @@ fn message(dir: &TempDir) -> String {
 }
 
 fn setup() -> Setup {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     Setup { name: "a \"quoted\" name".to_owned(), rig, fixture_mass_kg: None, noise: Noise::default() }
 }
 

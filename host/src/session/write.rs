@@ -4,12 +4,13 @@
 //! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
 
 mod imported;
+mod insertion;
 mod lateral;
 
 pub use lateral::{ForceRow, LateralWriter, ShapeRow};
 
-use super::{InsertionRun, Noise, Session, SessionError, SteeringRun};
-use crate::model::Rig;
+use super::{Noise, Session, SessionError, SteeringRun};
+use crate::model::{Guides, Rig};
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::Write;
@@ -88,34 +89,6 @@ impl SessionWriter {
     pub fn lateral(&mut self, id: &str, depth_m: f64) -> Result<LateralWriter<'_>, SessionError> {
         self.check_id(id, &self.lateral_ids)?;
         Ok(LateralWriter::new(self, id, depth_m))
-    }
-
-    /// Writes a whole insertion: `<id>.csv` with the columns it has, and its entry in `session.toml`.
-    ///
-    /// # Errors
-    /// As [`Self::lateral`]; [`SessionError::NotFinite`].
-    pub fn insertion(&mut self, run: &InsertionRun) -> Result<(), SessionError> {
-        self.check_id(&run.id, &self.insertion_ids)?;
-        let optional =
-            |name, column: &Option<Vec<f64>>, factor| column.clone().map(|values| (name, values, factor));
-        let degrees = 180.0 / std::f64::consts::PI;
-        let columns: Vec<(&'static str, Vec<f64>, f64)> = [
-            optional("time_s", &run.time_s, 1.0),
-            Some(("depth_mm", run.depth_m.clone(), 1e3)),
-            Some(("tip_y_mm", run.tip_y_m.clone(), 1e3)),
-            optional("tip_x_mm", &run.tip_x_m, 1e3),
-            optional("rotation_deg", &run.rotation_rad, degrees),
-            optional("guide2_y_mm", &run.guide2_y_m, 1e3),
-            optional("guide2_x_mm", &run.guide2_x_m, 1e3),
-            optional("base_force_y_n", &run.base_force_y_n, 1.0),
-        ]
-        .into_iter()
-        .flatten()
-        .collect();
-        self.table(&run.id, &columns)?;
-        enter(&self.dir, &format!("\n[[insertion]]\nid = \"{0}\"\npath = \"{0}.csv\"\n", run.id))?;
-        self.insertion_ids.push(run.id.clone());
-        Ok(())
     }
 
     /// Writes a whole steering run: `<id>.csv` and its entry in `session.toml`.
@@ -204,6 +177,9 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
         if fields.iter().any(|(_, value)| value.is_some()) {
             let _ = write!(text, "\n[{name}]\n");
         }
+        if name == "needle" && !rig.needle.stiffness_known {
+            text.push_str("bending_stiffness = \"unknown\"\n");
+        }
         for (field, value) in fields {
             if let Some(value) = value {
                 let _ = writeln!(text, "{field} = {}", number(path, field, *value)?);
@@ -212,6 +188,10 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
         Ok::<(), SessionError>(())
     };
     let needle = &rig.needle;
+    let (guide2_m, guides, rear) = match rig.guides {
+        Guides::Two => (Some(rig.guide2_m), None, [None; 2]),
+        Guides::One { rear_rotation_n_m_per_rad } => (None, Some(1.0), rear_rotation_n_m_per_rad),
+    };
     table(
         "needle",
         &[
@@ -225,8 +205,11 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
     table(
         "rig",
         &[
-            ("guide2_mm", Some(1e3 * rig.guide2_m)),
+            ("guides", guides),
+            ("guide2_mm", guide2_m.map(|guide2_m| 1e3 * guide2_m)),
             ("entry_mm", Some(1e3 * rig.entry_m)),
+            ("rear_rotation_y_n_m_per_rad", rear[0]),
+            ("rear_rotation_x_n_m_per_rad", rear[1]),
             ("fixture_mass_kg", *fixture_mass_kg),
         ],
     )?;
@@ -237,6 +220,7 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
             ("displacement_mm", noise.displacement_m.map(|sd_m| 1e3 * sd_m)),
             ("shape_mm", noise.shape_m.map(|sd_m| 1e3 * sd_m)),
             ("tip_mm", noise.tip_m.map(|sd_m| 1e3 * sd_m)),
+            ("tip_direction_mrad", noise.tip_direction_rad.map(|sd_rad| 1e3 * sd_rad)),
         ],
     )?;
     Ok(text)
@@ -256,12 +240,21 @@ fn number(path: &Path, field: &'static str, value: f64) -> Result<String, Sessio
 /// Refuses another needle or rig; differences below a part in a million are rounding.
 fn same_rig(path: &Path, there: &Rig, new: &Rig) -> Result<(), SessionError> {
     let (a, b) = (&there.needle, &new.needle);
+    let guides = |rig: &Rig| if rig.has_one_guide() { 1.0 } else { 2.0 };
+    // 0 where it is not known.
+    let rear = |rig: &Rig, plane: usize| match rig.guides {
+        Guides::One { rear_rotation_n_m_per_rad: stiffness } => stiffness[plane].unwrap_or_default(),
+        Guides::Two => 0.0,
+    };
     for (field, there, new) in [
         ("youngs_modulus_gpa", 1e-9 * a.youngs_modulus_pa, 1e-9 * b.youngs_modulus_pa),
         ("outer_diameter_mm", 1e3 * a.outer_diameter_m, 1e3 * b.outer_diameter_m),
         ("inner_diameter_mm", 1e3 * a.inner_diameter_m, 1e3 * b.inner_diameter_m),
         ("guide2_mm", 1e3 * there.guide2_m, 1e3 * new.guide2_m),
         ("entry_mm", 1e3 * there.entry_m, 1e3 * new.entry_m),
+        ("guides", guides(there), guides(new)),
+        ("rear_rotation_y_n_m_per_rad", rear(there, 0), rear(new, 0)),
+        ("rear_rotation_x_n_m_per_rad", rear(there, 1), rear(new, 1)),
     ] {
         if (there - new).abs() > 1e-6 * there.abs().max(new.abs()) {
             return Err(SessionError::OtherRig { path: path.to_owned(), field, there, new });

@@ -10,7 +10,7 @@ use std::fs;
 const LATERAL: &str = "[tissue]\nk_kpa = 12\n[[lateral]]\nid = \"a\"\ndepth_mm = 30\n";
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
 fn plan(text: &str) -> Result<SimulationPlan, SessionError> {
@@ -24,7 +24,8 @@ fn made(text: &str, sensors: Sensors, seed: u64) -> Simulated {
     plan(text).expect("a plan").carry_out(&rig(), sensors, seed).expect("carried out")
 }
 
-const NONE: Sensors = Sensors { force_n: 0.0, displacement_m: 0.0, shape_m: 0.0, tip_m: 0.0 };
+const NONE: Sensors =
+    Sensors { force_n: 0.0, displacement_m: 0.0, shape_m: 0.0, tip_m: 0.0, tip_direction_rad: None };
 
 #[test]
 fn a_lateral_plan_goes_through_its_levels() {

@@ -83,7 +83,7 @@ pub struct Cell {
 /// # Errors
 /// Where the model cannot be evaluated, which it can for these rigs.
 pub fn study(runs: impl Fn(&str) -> usize, tissues: usize, seed: u64) -> Result<Vec<Cell>, TrackError> {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let dynamics = Dynamics::steel(&rig.needle, LENGTH_M, FIXTURE_KG);
     let mut cells = Vec::new();
     let drawn: Vec<Tissue> = (0..tissues as u64).map(|number| draw(seed, number)).collect();

@@ -12,7 +12,7 @@ use firmware::steering::{Refused, Sample, Seen};
 const ORDINARY: Sensors = Sensors { base_m: 2e-5, force_n: 0.05, tip_m: 2e-4 };
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
 fn dynamics() -> Dynamics {

@@ -42,7 +42,8 @@ pub fn run(data: &[u8]) {
             shape(poses(&path, Some(LengthUnit::Metres)).ok());
         }
         7 => {
-            if let Ok(run) = trajcontrol(&path) {
+            if let Ok(recording) = trajcontrol(&path) {
+                let run = recording.run;
                 assert_eq!(run.depth_m.len(), run.tip_y_m.len());
                 assert!(run.depth_m.iter().chain(&run.tip_y_m).all(|value| value.is_finite()));
             }

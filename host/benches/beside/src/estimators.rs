@@ -66,7 +66,7 @@ pub fn recursive(clock: &mut Clock, data: &Rows) -> Result<Own> {
 
 /// The needle and the rig of the steering run.
 pub fn steered() -> (Rig, Dynamics) {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let dynamics = Dynamics::steel(&rig.needle, 0.13, 0.3);
     (rig, dynamics)
 }
@@ -141,6 +141,8 @@ pub fn paths() -> Result<Vec<TipPath>> {
             guide2_y_m: None,
             guide2_x_m: None,
             base_force_y_n: None,
+            tip_direction_y_rad: None,
+            tip_direction_x_rad: None,
         };
         TipPath::new(&run).context("an insertion")
     };

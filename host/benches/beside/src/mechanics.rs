@@ -31,7 +31,7 @@ impl Own {
 }
 
 pub fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
 /// Where the shape is looked at: the centres of so many cells of the needle in the tissue.

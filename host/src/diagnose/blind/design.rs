@@ -116,6 +116,7 @@ impl NoisePlan {
             displacement_m: Some(MM * self.displacement_mm),
             shape_m: Some(MM * self.shape_mm.hypot(self.pixel_mm / 12f64.sqrt())),
             tip_m: Some(MM * self.tip_mm),
+            tip_direction_rad: None,
         }
     }
 }

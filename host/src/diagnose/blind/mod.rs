@@ -112,7 +112,7 @@ pub fn session(truth: &Truth, design: &Design, seed: u64) -> Session {
 /// # Panics
 /// As [`session`].
 pub fn session_on(truth: &Truth, background: &Background, design: &Design, seed: u64) -> Session {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let world = World::new(truth, &rig);
     let noise = &design.noise;
     let lateral = (0..).zip(&design.lateral).map(|(run, plan)| {
@@ -139,7 +139,7 @@ pub fn session_on(truth: &Truth, background: &Background, design: &Design, seed:
 /// Mean of the modulus over the tissue that the runs of a session touch, as a multiple of the stated one: at every depth by the
 /// squared deflection there, which is what the force at guide 2 responds to; over lateral runs, or insertions where there are no others.
 pub fn touched_modulus(truth: &Truth, background: &Background, design: &Design) -> f64 {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let world = World::new(truth, &rig);
     let lateral = (0..).zip(&design.lateral).map(|(run, plan)| {
         let tissue = Flaws::new(background, run).tissue(0);

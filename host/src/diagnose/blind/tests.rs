@@ -12,7 +12,7 @@ fn truth(effects: Vec<(&'static str, Vec<f64>)>) -> Truth {
 }
 
 fn world(truth: &Truth) -> World {
-    World::new(truth, &Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 })
+    World::new(truth, &Rig::two_guides(Needle::gauge_18(), 0.06, 0.07))
 }
 
 fn quiet(design: Design) -> Design {
@@ -108,7 +108,7 @@ fn the_tip_meets_the_exact_path() {
     let needle = Needle::gauge_18();
     let path = |k_kpa: f64, entry_m: f64, guide2_m: Option<f64>, turn_m: f64| {
         let truth = Truth { k_kpa, ..truth(vec![]) };
-        let mut world = World::new(&truth, &Rig { needle: needle.clone(), guide2_m: 0.06, entry_m });
+        let mut world = World::new(&truth, &Rig::two_guides(needle.clone(), 0.06, entry_m));
         world.guide2_m = guide2_m;
         tip_path(&world, 0, 0.14, |step| insertion::load_n(&world, 0.0, Some(node_at(turn_m)), step)[0])
     };

@@ -51,7 +51,7 @@ impl Default for Recipe {
 }
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
 impl Recipe {
@@ -134,6 +134,7 @@ impl Recipe {
             displacement_m: Some(1e-3 * self.displacement_sd_mm),
             shape_m: Some(1e-3 * self.shape_sd_mm),
             tip_m: None,
+            tip_direction_rad: None,
         }
     }
 }

@@ -294,6 +294,7 @@ impl<'c> Live<'c> {
         self.now.update(&Bin {
             depth_m: mean_m,
             tip_m: [super::path::median(column(1)), super::path::median(column(2))],
+            direction_rad: [None; 2],
             rows: self.open.len() as f64,
             moving: false,
             leaving: false,

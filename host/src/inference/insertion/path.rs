@@ -69,6 +69,8 @@ pub struct Bin {
     pub depth_m: f64,
     /// Median tip position, vertical and horizontal (0 where that was not measured).
     pub tip_m: [f64; 2],
+    /// Median slope of the needle at the tip, vertical and horizontal, of the rows in which it was measured.
+    pub direction_rad: [Option<f64>; 2],
     /// Number of rows.
     pub rows: f64,
     /// Whether the needle was on its way: a single reading, in a recording in which it rests.
@@ -103,6 +105,8 @@ pub struct TipPath {
 pub(super) struct Row {
     depth_m: f64,
     tip_m: [f64; 2],
+    /// NaN where it was not measured.
+    direction_rad: [f64; 2],
     rotation_rad: f64,
     guide2_m: [f64; 2],
 }
@@ -186,6 +190,8 @@ fn advancing(run: &InsertionRun) -> Vec<Row> {
         rows.push(Row {
             depth_m: depth_m.max(0.0),
             tip_m: [tip_y_m, tip_x_m.unwrap_or(0.0)],
+            direction_rad: [&run.tip_direction_y_rad, &run.tip_direction_x_rad]
+                .map(|column| at(column).unwrap_or(f64::NAN)),
             rotation_rad: at(&run.rotation_rad).unwrap_or(0.0),
             guide2_m: [at(&run.guide2_y_m).unwrap_or(0.0), at(&run.guide2_x_m).unwrap_or(0.0)],
         });
@@ -283,8 +289,20 @@ fn bins(rows: &[Row], done: &Insertion) -> Vec<Bin> {
         .map(|group| {
             let depth_m = group.iter().map(|(_, _, row)| row.depth_m).sum::<f64>() / group.len() as f64;
             let plane = |plane: usize| median(group.iter().map(|(_, _, row)| row.tip_m[plane]).collect());
+            let direction = |plane: usize| {
+                let measured = group.iter().map(|(_, _, row)| row.direction_rad[plane]);
+                let measured: Vec<f64> = measured.filter(|slope| slope.is_finite()).collect();
+                (!measured.is_empty()).then(|| median(measured))
+            };
             let leaving = group.first().is_some_and(|(_, leaving, _)| *leaving);
-            Bin { depth_m, tip_m: [plane(0), plane(1)], rows: group.len() as f64, moving: false, leaving }
+            Bin {
+                depth_m,
+                tip_m: [plane(0), plane(1)],
+                direction_rad: [direction(0), direction(1)],
+                rows: group.len() as f64,
+                moving: false,
+                leaving,
+            }
         })
         .collect();
     bins.sort_by(|a, b| a.depth_m.total_cmp(&b.depth_m));

@@ -8,7 +8,7 @@ use crate::session::InsertionRun;
 use std::path::PathBuf;
 
 fn rig() -> Rig {
-    Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.08 }
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.08)
 }
 
 /// A recording of columns of equal length: depth, y, x in mm; rotation in degrees; guide 2 in mm.
@@ -25,6 +25,8 @@ fn run(rows: &[[f64; 6]]) -> InsertionRun {
         guide2_y_m: Some(column(4, 1e-3)),
         guide2_x_m: Some(column(5, 1e-3)),
         base_force_y_n: None,
+        tip_direction_y_rad: None,
+        tip_direction_x_rad: None,
     }
 }
 

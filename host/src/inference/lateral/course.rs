@@ -110,7 +110,7 @@ mod tests {
             shape: vec![ShapeDatum { z_m: 0.09, deflection_m: [1e-3, 0.0] }],
         };
         let holds = LateralData {
-            rig: Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 },
+            rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
             depth_m: 0.03,
             planes: 1,
             levels: vec![level],

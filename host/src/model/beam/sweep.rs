@@ -59,6 +59,18 @@ impl Beyond {
         let turned = compliance / (1.0 - compliance * self.spring[1]);
         self.moment.map(|m| turned * m)
     }
+
+    /// Deflection and slope of a needle that begins here, free to move, in a bearing that turns by `compliance` per m: `q = 0` and
+    /// `u' = compliance m`. Not finite where nothing holds it.
+    pub fn free(&self, compliance: f64) -> (PerLoad, PerLoad) {
+        let [b, c, s] = self.spring;
+        let turned = compliance / (1.0 - compliance * c);
+        let deflection: PerLoad = std::array::from_fn(|load| {
+            (b * turned * self.moment[load] - self.shear[load]) / (s - b * b * turned)
+        });
+        let slope = std::array::from_fn(|load| turned * (b * deflection[load] + self.moment[load]));
+        (deflection, slope)
+    }
 }
 
 /// How a piece hands on deflection and slope; in units of its length.

@@ -104,7 +104,7 @@ pub trait Effect: Debug + Sync {
 }
 
 /// Every effect there is.
-pub static EFFECTS: [&dyn Effect; 28] = [
+pub static EFFECTS: [&dyn Effect; 31] = [
     &tissue::Layers,
     &tissue::Gradient,
     &tissue::Stiffening,
@@ -113,10 +113,12 @@ pub static EFFECTS: [&dyn Effect; 28] = [
     &tissue::EntryGap,
     &tissue::Skin,
     &tissue::Anisotropy,
+    &tissue::Yield,
     &rig::ClampCompliance,
     &rig::FrameCompliance,
     &rig::Backlash,
     &rig::Friction,
+    &rig::RearRotation,
     &sensor::ForceBias,
     &sensor::ForceGain,
     &sensor::ForceDrift,
@@ -133,6 +135,7 @@ pub static EFFECTS: [&dyn Effect; 28] = [
     &tip::EntryAngle,
     &tip::BevelRoll,
     &tip::Rate,
+    &tip::CutAngle,
 ];
 
 /// The effect of an id.

@@ -35,6 +35,39 @@ impl Effect for ClampCompliance {
     }
 }
 
+/// `rig.rear_rotation`.
+#[derive(Debug)]
+pub(super) struct RearRotation;
+
+impl Effect for RearRotation {
+    fn id(&self) -> &'static str {
+        "rig.rear_rotation"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the needle turns where it is held, more in one plane: EI u''(0) = u'(0) / (compliance of the rig + this one)"
+    }
+
+    fn signature(&self) -> &'static str {
+        "force per displacement, or the tip's answer to guide 2, alike at every depth; in each plane"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const {
+            &[
+                ParameterInfo::new("compliance_y_rad_per_n_m", 0.0, [0.0, 100.0], [0.0, 10.0], 0.5),
+                ParameterInfo::new("compliance_x_rad_per_n_m", 0.0, [0.0, 100.0], [0.0, 10.0], 0.5),
+            ]
+        }
+    }
+
+    fn beam(&self, values: &[f64], plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        let at = if plane == Plane::Y { 0 } else { 1 };
+        problem.clamp_compliance_rad_per_n_m += values.get(at).copied().unwrap_or_default();
+        Ok(())
+    }
+}
+
 /// `rig.frame_compliance`.
 #[derive(Debug)]
 pub(super) struct FrameCompliance;

@@ -39,11 +39,12 @@ fn insertion() -> Experiment {
         rotation_rad: Profile::new(vec![[0.045, 0.0], [0.045, 3.0]]).expect("a profile"),
         guide2_m: Some(Default::default()),
         speed_m_per_s: Profile::constant(5e-3),
+        ..Insertion::default()
     })
 }
 
 fn plain() -> Model {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: GUIDE2_M, entry_m: ENTRY_M };
+    let rig = Rig::two_guides(Needle::gauge_18(), GUIDE2_M, ENTRY_M);
     let mut model = Model::uniform(rig, 16e3).expect("valid");
     model.tip = TipLaw::load([0.2, 0.0]);
     model
@@ -287,4 +288,71 @@ fn the_tip_takes_other_loads() {
     }
     let slope = path(&with("tip.load_slope", &[1e-3]));
     assert_close(path(&stairs).y[3], slope.y[3], 2e-3);
+}
+
+/// The path leaves the needle at the angle more than it did, in both planes and wherever the needle is turned to; the needle's direction
+/// itself hardly changes where it cuts straight on.
+#[test]
+fn a_cut_angle_is_the_slope_of_the_path_beside_the_needles() {
+    let h_m = 0.5e-3;
+    let run = |values: Option<&[f64]>, rotation: f64| {
+        let mut model = values.map_or_else(plain, |values| with("tip.cut_angle", values));
+        model.tip = TipLaw::load([0.2, -0.1]);
+        let inserted = Insertion {
+            depth_m: vec![0.05 - h_m, 0.05, 0.05 + h_m],
+            rotation_rad: Profile::constant(rotation),
+            guide2_m: Some(Default::default()),
+            tip_direction: true,
+            ..Insertion::default()
+        };
+        let seen = channels(&model, &Experiment::Insertion(inserted));
+        let off = |tip_m: &[f64], rad: &[f64]| {
+            (tip_m[2] - tip_m[0]) / (2.0 * h_m) - (0.25 * rad[0] + 0.5 * rad[1] + 0.25 * rad[2])
+        };
+        let (tip, rad) = (seen.tip_m, seen.tip_direction_rad);
+        [off(&tip.y, &rad.y), off(&tip.x.expect("x"), &rad.x.expect("x"))]
+    };
+    let before = run(None, 0.0);
+    let after = run(Some(&[0.04, -0.01]), 0.0);
+    assert!((after[0] - before[0] - 0.04).abs() < 1e-6, "{after:?} {before:?}");
+    assert!((after[1] - before[1] + 0.01).abs() < 1e-6, "{after:?} {before:?}");
+    // A quarter turn: what was upwards is to the side.
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let (before, after) = (run(None, quarter), run(Some(&[0.04, -0.01]), quarter));
+    assert!((after[0] - before[0] - 0.01).abs() < 1e-6, "{after:?} {before:?}");
+    assert!((after[1] - before[1] - 0.04).abs() < 1e-6, "{after:?} {before:?}");
+}
+
+/// In a lateral run the needle in tissue that yields is that of the elements, whatever the displacement; far from yielding it is linear.
+#[test]
+fn tissue_that_yields_gives_way() {
+    let model = with("tissue.yield", &[20.0, 8.0]);
+    let problem = model.problem(0.03).expect("a problem");
+    let elements = crate::model::elements::Elements::new(&problem, 0.5e-3).expect("cut");
+    let springs = |depth_m: f64, stretch_m: f64| {
+        // 50 N/m at the surface, e times as much every 8 mm.
+        let linear_n_per_m = 16e3 * stretch_m;
+        let share = linear_n_per_m / (50.0 * (depth_m / 8e-3).exp());
+        let root = (1.0 + share * share).sqrt();
+        crate::model::elements::Reaction {
+            force_n_per_m: linear_n_per_m / root,
+            tangent_pa: 16e3 / root.powi(3),
+        }
+    };
+    let shape = vec![ShapePoint { time_s: 0.0, z_m: 0.09 }];
+    for (held_m, least) in [(0.1e-3, 0.999), (1.5e-3, 0.9), (4e-3, 0.6)] {
+        let drive = vec![DriveSample { time_s: 0.0, y_m: held_m, x_m: 0.0 }];
+        let pushed = Experiment::Lateral(Lateral { depth_m: 0.03, drive, shape: shape.clone() });
+        let seen = channels(&model, &pushed);
+        let held = crate::model::elements::Guide2::Held(held_m);
+        let expected = elements.solve(&springs, |_| 0.0, held, 0.0).expect("solves");
+        assert_close(seen.force_n.y[0], expected.guide2_force_n, 2e-3);
+        assert_close(seen.shape_m.y[0], expected.deflection_m(0.09), 2e-3);
+        let linear = channels(&plain(), &pushed).force_n.y[0];
+        assert!(seen.force_n.y[0] < linear && seen.force_n.y[0] > least * linear, "{held_m}");
+    }
+    // A tip that only cuts at an angle has no load to solve for, and is refused.
+    let mut angled = model;
+    angled.tip.cutting = crate::model::Cutting::Angle([0.02, 0.0]);
+    assert!(predict(&angled, &insertion()).is_err());
 }

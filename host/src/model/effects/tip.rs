@@ -168,3 +168,40 @@ impl Effect for Rate {
         law.along_bevel.rate_n_s_per_m += first(values) / MM;
     }
 }
+
+/// `tip.cut_angle`.
+#[derive(Debug)]
+pub(super) struct CutAngle;
+
+impl Effect for CutAngle {
+    fn id(&self) -> &'static str {
+        "tip.cut_angle"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the bevel makes the path leave the needle at an angle, beside what the tip load does"
+    }
+
+    fn signature(&self) -> &'static str {
+        "slope of the path against the needle's direction at the tip"
+    }
+
+    fn shows_in(&self) -> [bool; 2] {
+        [false, true]
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const {
+            &[
+                ParameterInfo::new("angle_rad", 0.0, [-0.5, 0.5], [-0.1, 0.1], 0.02),
+                ParameterInfo::new("angle_x_rad", 0.0, [-0.5, 0.5], [-0.1, 0.1], 0.02),
+            ]
+        }
+    }
+
+    fn tip(&self, values: &[f64], law: &mut TipLaw) {
+        let &[y_rad, x_rad] = values else { return };
+        law.cut_angle_rad[0] += y_rad;
+        law.cut_angle_rad[1] += x_rad;
+    }
+}

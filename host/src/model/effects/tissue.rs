@@ -2,7 +2,7 @@
 
 use super::{Effect, MM, ParameterInfo, first};
 use crate::model::predict::Plane;
-use crate::model::{BeamProblem, Foundation, Layer, ModelError};
+use crate::model::{BeamProblem, Foundation, Layer, ModelError, check};
 
 /// `tissue.layers`.
 #[derive(Debug)]
@@ -258,6 +258,52 @@ impl Effect for Anisotropy {
     fn beam(&self, values: &[f64], plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
         if let (Plane::X, Some(ratio)) = (plane, values.first()) {
             problem.foundation = problem.foundation.scaled(*ratio)?;
+        }
+        Ok(())
+    }
+}
+
+/// `tissue.yield`.
+#[derive(Debug)]
+pub(super) struct Yield;
+
+impl Effect for Yield {
+    fn id(&self) -> &'static str {
+        "tissue.yield"
+    }
+
+    fn physics(&self) -> &'static str {
+        "the tissue yields near the surface: K s / sqrt(1 + (K s / p_y)^2), p_y = exp(depth / d) / inverse yield"
+    }
+
+    fn signature(&self) -> &'static str {
+        "the tip answers large motions of guide 2 less than in proportion, most while shallow"
+    }
+
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        const {
+            &[
+                ParameterInfo::new("inverse_yield_mm_per_n", 0.0, [0.0, 1000.0], [0.0, 100.0], 10.0),
+                ParameterInfo {
+                    nodes: &[5.0, 10.0, 20.0],
+                    ..ParameterInfo::new("depth_mm", 10.0, [0.5, 200.0], [2.0, 50.0], 5.0)
+                },
+            ]
+        }
+    }
+
+    fn beam(&self, values: &[f64], _plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        let &[inverse_yield_mm_per_n, depth_mm] = values else { return Ok(()) };
+        if inverse_yield_mm_per_n != 0.0 {
+            check(
+                "inverse_yield_mm_per_n",
+                inverse_yield_mm_per_n,
+                "0 or more",
+                inverse_yield_mm_per_n > 0.0,
+            )?;
+            check("depth_mm", depth_mm, "more than 0", depth_mm > 0.0)?;
+            problem.law.inverse_yield_m_per_n = inverse_yield_mm_per_n * MM;
+            problem.law.yield_depth_m = depth_mm * MM;
         }
         Ok(())
     }

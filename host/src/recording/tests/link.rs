@@ -15,7 +15,7 @@ use std::sync::atomic::AtomicBool;
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn setup() -> Setup {
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     Setup { name: "phantom".to_owned(), rig, fixture_mass_kg: None, noise: session::Noise::default() }
 }
 

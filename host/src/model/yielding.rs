@@ -1,0 +1,190 @@
+//! An insertion into tissue that yields: what the linear needle of [`Growth`](super::growth::Growth) cannot do.
+//!
+//! The reaction of the tissue per length is that of a soil that yields, `K s / sqrt(1 + (K s / p_y)^2)` with the stretch `s` from the cut
+//! path and a yield load that grows with depth, `p_y = p_0 exp(depth / d)`: near the free surface tissue gives way upwards. It is elastic:
+//! unloading goes back on the same curve. At every depth the needle is solved by finite elements ([`Elements`]) and Newton's method; the
+//! path is linear between depths and its newest end implicit, as in the linear needle.
+
+use super::elements::{Elements, Guide2, Reaction};
+use super::growth::{Acting, Guide2Grip, TipState};
+use super::{BeamProblem, ModelError, TissueLaw, check};
+
+/// Step of the insertion.
+pub(super) const STEP_M: f64 = 1e-3;
+/// Length of an element: a step's, so that rounding makes no more of them.
+const ELEMENT_M: f64 = STEP_M * (1.0 + 1e-9);
+/// The newest end of the path has come to rest when it moves by less than this.
+const RESTS_M: f64 = 1e-9;
+const MOST_ROUNDS: usize = 20;
+
+impl TissueLaw {
+    /// Reaction of tissue that yields, and stiffens, to a stretch at a depth.
+    pub(super) fn reaction(&self, modulus_pa: f64, depth_m: f64, stretch_m: f64) -> Reaction {
+        let more = (self.inverse_u0_per_m * stretch_m).powi(2);
+        let force_n_per_m = modulus_pa * stretch_m * (1.0 + more);
+        let tangent_pa = modulus_pa * (1.0 + 3.0 * more);
+        let inverse_m_per_n = self.inverse_yield_m_per_n * (-depth_m / self.yield_depth_m).exp();
+        if self.inverse_yield_m_per_n == 0.0 {
+            return Reaction { force_n_per_m, tangent_pa };
+        }
+        let root = (1.0 + (inverse_m_per_n * force_n_per_m).powi(2)).sqrt();
+        Reaction { force_n_per_m: force_n_per_m / root, tangent_pa: tangent_pa / root.powi(3) }
+    }
+
+    /// Whether the reaction is not in proportion to the stretch.
+    pub(super) fn is_nonlinear(&self) -> bool {
+        self.inverse_u0_per_m != 0.0 || self.inverse_yield_m_per_n != 0.0
+    }
+}
+
+/// The tip's way under given loads, and the slope of the needle there, at every depth of `nodes_m`, on arriving and on leaving.
+///
+/// # Errors
+/// [`ModelError::OutOfRange`] for problems out of range and a shear layer, which is not combined with yielding; as
+/// [`Elements::solve`].
+pub(super) fn under_load(
+    problem: &BeamProblem,
+    nodes_m: &[f64],
+    grip: Guide2Grip,
+    acting: impl Fn(usize) -> Acting,
+) -> Result<(Vec<TipState>, Vec<[f64; 2]>), ModelError> {
+    check("shear_n", problem.shear_n, "0, where the tissue yields", problem.shear_n == 0.0)?;
+    let (law, foundation) = (problem.law, &problem.foundation);
+    // An insertion is the first loading of fresh tissue: what stiffens is not part of it, as for the linear needle.
+    let law = TissueLaw { inverse_u0_per_m: 0.0, ..law };
+    let springs =
+        |depth_m: f64, stretch_m: f64| law.reaction(foundation.modulus_pa(depth_m), depth_m, stretch_m);
+    let mut states: Vec<TipState> = Vec::with_capacity(nodes_m.len());
+    let mut slopes = Vec::with_capacity(nodes_m.len());
+    for (node, depth_m) in nodes_m.iter().enumerate() {
+        let here = BeamProblem { depth_m: *depth_m, ..problem.clone() };
+        let elements = Elements::new(&here, ELEMENT_M)?;
+        let Acting { load_n, guide2_m } = acting(node);
+        let tip_z_m = problem.entry_m + depth_m;
+        let solve = |newest_m: f64, side: usize| {
+            let path_m = |z_m: f64| path_m(nodes_m, &states, newest_m, z_m - problem.entry_m);
+            let guide2 = match grip {
+                Guide2Grip::Holding => Guide2::Held(guide2_m[side]),
+                Guide2Grip::Free => Guide2::Force(0.0),
+            };
+            let needle = elements.solve(&springs, path_m, guide2, load_n[side])?;
+            Ok::<_, ModelError>((needle.deflection_m(tip_z_m), needle.tip_slope()))
+        };
+        let mut newest_m = states.last().map_or(0.0, |state| state.tip_m[1]);
+        let mut arrived = solve(newest_m, 0)?;
+        // The last element's springs follow the tip: they are few beside all others, and so each round settles most of the rest.
+        for _ in 0..MOST_ROUNDS {
+            if (arrived.0 - newest_m).abs() < RESTS_M {
+                break;
+            }
+            newest_m = arrived.0;
+            arrived = solve(newest_m, 0)?;
+        }
+        let at_rest = load_n[0] == load_n[1] && guide2_m[0] == guide2_m[1];
+        let left = if at_rest { arrived } else { solve(arrived.0, 1)? };
+        states.push(TipState { tip_m: [arrived.0, left.0], load_n });
+        slopes.push([arrived.1, left.1]);
+    }
+    Ok((states, slopes))
+}
+
+/// The cut path at a depth: linear from where the tip left a node to where it arrived at the next.
+fn path_m(nodes_m: &[f64], before: &[TipState], newest_m: f64, depth_m: f64) -> f64 {
+    let next = nodes_m.partition_point(|node_m| *node_m <= depth_m).min(before.len());
+    let Some(from) = next.checked_sub(1) else { return newest_m };
+    let (from_m, left_m) = (nodes_m[from], before[from].tip_m[1]);
+    let arrived_m = before.get(next).map_or(newest_m, |state| state.tip_m[0]);
+    match nodes_m.get(next) {
+        Some(to_m) => left_m + (arrived_m - left_m) * (depth_m - from_m) / (to_m - from_m),
+        None => arrived_m,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::insertion::grid_m;
+    use super::super::{Beam, Foundation, Needle, Rig};
+    use super::*;
+    use crate::model::growth::Growth;
+
+    fn problem(inverse_yield_m_per_n: f64, depth_m: f64) -> BeamProblem {
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
+        let mut problem = BeamProblem::new(&rig, Foundation::uniform(60e3).expect("a modulus"), depth_m);
+        (problem.law.inverse_yield_m_per_n, problem.law.yield_depth_m) = (inverse_yield_m_per_n, 0.01);
+        problem
+    }
+
+    fn acting(node: usize) -> Acting {
+        let moved = if node > 30 { 1e-3 } else { 0.0 };
+        let before = if node > 31 { 1e-3 } else { 0.0 };
+        Acting { load_n: [0.2; 2], guide2_m: [before, moved] }
+    }
+
+    /// Tissue that yields at a load that is never reached is the linear one.
+    #[test]
+    fn tissue_far_from_yielding_is_linear() {
+        let problem = problem(1e-9, 0.06);
+        let nodes_m = grid_m(0.06, STEP_M, &[]);
+        let growth = Growth::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
+        let linear = growth.under_load(acting);
+        let expected = growth.tip_slopes(&linear, |node| acting(node).guide2_m);
+        let (states, slopes) = under_load(&problem, &nodes_m, Guide2Grip::Holding, acting).expect("solves");
+        for (i, (a, b)) in states.iter().zip(&linear).enumerate() {
+            for side in 0..2 {
+                assert!((a.tip_m[side] - b.tip_m[side]).abs() < 2e-8, "{i}: {a:?} {b:?}");
+                assert!((slopes[i][side] - expected[i][side]).abs() < 2e-6, "{i}");
+            }
+        }
+    }
+
+    /// Statics: whatever the tissue does, its reactions hold the needle in balance, and none exceeds the yield load.
+    #[test]
+    fn reactions_balance_and_stay_below_the_yield_load() {
+        let law =
+            TissueLaw { inverse_yield_m_per_n: 1.0 / 60.0, yield_depth_m: 0.01, ..TissueLaw::default() };
+        for (depth_m, most_n_per_m) in [(0.0, 60.0), (0.02, 60.0 * 2f64.exp())] {
+            let Reaction { force_n_per_m, tangent_pa } = law.reaction(60e3, depth_m, 0.1);
+            assert!(force_n_per_m < most_n_per_m && force_n_per_m > 0.99 * most_n_per_m);
+            assert!(tangent_pa > 0.0);
+            let small = law.reaction(60e3, depth_m, 1e-6);
+            assert!((small.force_n_per_m / 0.06 - 1.0).abs() < 1e-4);
+            // The tangent is the derivative.
+            let [a, b] = [0.999e-3, 1.001e-3].map(|m| law.reaction(60e3, depth_m, m).force_n_per_m);
+            let tangent = law.reaction(60e3, depth_m, 1e-3).tangent_pa;
+            assert!(((b - a) / 2e-6 / tangent - 1.0).abs() < 1e-5);
+        }
+        // The needle gives further into tissue that yields, and less force holds it.
+        let elements = |problem: &BeamProblem| {
+            let law = problem.law;
+            let springs = move |depth_m: f64, stretch_m: f64| law.reaction(60e3, depth_m, stretch_m);
+            let held = Guide2::Held(2e-3);
+            Elements::new(problem, 0.5e-3).expect("cut").solve(&springs, |_| 0.0, held, 0.0).expect("solves")
+        };
+        let (hard, soft) = (elements(&problem(0.0, 0.03)), elements(&problem(1.0 / 60.0, 0.03)));
+        let linear = Beam::solve(
+            &Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
+            &Foundation::uniform(60e3).expect("a modulus"),
+            0.03,
+        );
+        assert!((hard.guide2_force_n / linear.expect("solves").force_n(2e-3) - 1.0).abs() < 1e-4);
+        assert!(soft.guide2_force_n < 0.95 * hard.guide2_force_n && soft.guide2_force_n > 0.0);
+    }
+
+    /// Half the step makes a difference of a few parts in a thousand, after a jump of 3 mm in tissue that yields at 50 N/m.
+    #[test]
+    fn a_yielding_path_does_not_depend_on_the_step() {
+        let problem = problem(1.0 / 50.0, 0.05);
+        let tip_m = |step_m: f64| {
+            let nodes_m = grid_m(0.05, step_m, &[0.03]);
+            let guide2_m = |m: f64| if m > 0.03 { 3e-3 } else { 0.0 };
+            let acting = |node: usize| {
+                let depth_m: f64 = nodes_m[node];
+                Acting { load_n: [0.2; 2], guide2_m: [guide2_m(depth_m), guide2_m(depth_m + 1e-9)] }
+            };
+            let (states, _) = under_load(&problem, &nodes_m, Guide2Grip::Holding, acting).expect("solves");
+            states.last().map_or(f64::NAN, |state| state.tip_m[1])
+        };
+        let (coarse, fine) = (tip_m(1e-3), tip_m(0.5e-3));
+        assert!((coarse - fine).abs() < 5e-3 * fine.abs(), "{coarse} {fine}");
+    }
+}
