@@ -41,13 +41,13 @@ pub mod words;
 
 pub use data::Channel;
 pub use results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, Gap, GapSide, NextMeasurement, Ranked, RegionResult,
-    ResidualPoint, Verdict,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, GapSide, NextMeasurement, Ranked,
+    RegionResult, RemainingResult, RemainingSize, ResidualPoint, Verdict,
 };
 
 use crate::inference::FitError;
 use crate::model::effects::Effect;
-use crate::model::ModelError;
+use crate::model::{ModelError, Support};
 use crate::session::Session;
 use adequacy::{Adequacy, regions};
 use believed::{Layout, Prepared, Scale};
@@ -58,7 +58,7 @@ use noise::Noise;
 use posterior::{Fitted, MAX_ROUNDS};
 use remaining::Remaining;
 use search::{Found, Search};
-use split::{Training, split};
+use split::{Judge, Training, split};
 use std::path::PathBuf;
 use story::Story;
 use whiten::Whitener;
@@ -70,11 +70,30 @@ pub struct Options {
     pub given: Vec<(&'static dyn Effect, Vec<f64>)>,
     /// Seed of the bootstraps.
     pub seed: u64,
+    /// What the tissue is taken for.
+    pub foundation: FoundationChoice,
+    /// Poisson's ratio of the tissue where it is a body, 0 to 0.5.
+    pub poisson: f64,
 }
+
+/// What the tissue is taken for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FoundationChoice {
+    /// Springs or a body, as the evidence has it.
+    #[default]
+    Auto,
+    /// Springs (Winkler).
+    Springs,
+    /// An elastic body.
+    Body,
+}
+
+/// Poisson's ratio of soft tissue and gels.
+pub const INCOMPRESSIBLE: f64 = 0.5;
 
 impl Default for Options {
     fn default() -> Self {
-        Self { given: Vec::new(), seed: 1 }
+        Self { given: Vec::new(), seed: 1, foundation: FoundationChoice::Auto, poisson: INCOMPRESSIBLE }
     }
 }
 
@@ -120,18 +139,18 @@ pub fn diagnose(
     let noise = Noise::of(&runs, &session.noise);
     let layout = Layout {
         rig: session.rig.clone(),
+        support: Support::Springs,
         kinds: [Kind::Lateral, Kind::Insertion].map(|kind| runs.iter().any(|run| run.kind == kind)),
         effects: options.given.iter().map(|(effect, _)| *effect).collect(),
         cache: Default::default(),
     };
-    let Start { runs: prepared, patterns, fitted: start } =
-        fit_start(&layout, &runs, &noise, &options.given)?;
+    let start = fit_start(&layout, &runs, &noise, &options.given)?;
+    let judge = held_out.judge(&start.fitted, &start.runs, &noise)?;
+    tell(&format!("{} effects are scored", crate::model::effects::EFFECTS.len() - layout.effects.len()));
+    let (foundation, start, found) = choose(start, &judge, options, &mut tell)?;
+    let Start { runs: prepared, patterns, fitted: start } = start;
     let before = Adequacy::of(&start, &prepared, &patterns)?;
     let where_before = regions(&start, &prepared);
-    let judge = held_out.judge(&start, &prepared, &noise)?;
-    tell(&format!("{} effects are scored", crate::model::effects::EFFECTS.len() - layout.effects.len()));
-    let search = Search { start: &start, runs: &prepared, patterns: &patterns, judge: &judge, seed: options.seed };
-    let found = search.run(&mut tell)?;
     let after = Adequacy::of(&found.fitted, &prepared, &patterns)?;
 
     let verdict = verdict(&found, &before, judge.share(&start, &found.fitted));
@@ -150,6 +169,7 @@ pub fn diagnose(
         noise: &noise,
         adequacy: [&before, &after],
         verdict,
+        foundation,
         split: rule,
         held_out: judge.runs(),
     };
@@ -232,6 +252,68 @@ fn fit_start(
     let fitted = Fitted::new(layout, &runs, &patterns, values, &patterns.everyday(), MAX_ROUNDS)?;
     Ok(Start { runs, patterns, fitted })
 }
+
+/// Searches on springs and, where the evidence is for it, on an elastic body, and takes what explains the runs best. A body is taken
+/// where its evidence is larger by the margin: springs are the simpler model.
+fn choose(
+    springs: Start,
+    judge: &Judge,
+    options: &Options,
+    mut report: impl FnMut(&str),
+) -> Result<(FoundationResult, Start, Found), DiagnoseError> {
+    let search = |start: &Start, report: &mut dyn FnMut(&str)| {
+        let Start { runs, patterns, fitted } = start;
+        Search { start: fitted, runs, patterns, judge, seed: options.seed }.run(report)
+    };
+    let body = match options.foundation {
+        FoundationChoice::Springs => None,
+        FoundationChoice::Body | FoundationChoice::Auto => {
+            springs.on(Support::Body { poisson: options.poisson }).ok()
+        }
+    };
+    let Some(body) = body else {
+        let found = search(&springs, &mut report)?;
+        return Ok((FoundationResult::springs(None, &springs.fitted), springs, found));
+    };
+    let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
+    let comparison = Some((gain, body.fitted.clone()));
+    let only_body = options.foundation == FoundationChoice::Body;
+    let (first, second) = if only_body || gain > FOUNDATION_MARGIN { (body, springs) } else { (springs, body) };
+    report(&format!("tissue as {}: log evidence of a body over springs {gain:+.1}", first.fitted.layout.support.name()));
+    let found = search(&first, &mut report)?;
+    // Effects that stand in for the other foundation are needed on one of them only.
+    let plain = found.members.is_empty();
+    let other = if plain || only_body { None } else { search(&second, &mut report).ok() };
+    let second_is_body = second.fitted.layout.support.is_body();
+    let ahead = if second_is_body { FOUNDATION_MARGIN } else { 0.0 };
+    match other {
+        Some(other) if other.fitted.log_evidence > found.fitted.log_evidence + ahead => {
+            let springs = if second_is_body { &first } else { &second };
+            let result = FoundationResult::of(&other.fitted, &springs.fitted, comparison);
+            Ok((result, second, other))
+        }
+        _ => {
+            let springs = if second_is_body { &first } else { &second };
+            let result = FoundationResult::of(&found.fitted, &springs.fitted, comparison);
+            Ok((result, first, found))
+        }
+    }
+}
+
+impl Start {
+    /// The same runs on another foundation.
+    fn on(&self, support: Support) -> Result<Self, FitError> {
+        let layout = Layout { support, ..self.fitted.layout.clone() };
+        let (values, sizes) = (self.fitted.values(), &self.fitted.sizes);
+        let everyday = self.patterns.everyday();
+        let sizes: Vec<f64> = sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+        let fitted = Fitted::new(&layout, &self.runs, &self.patterns, values, &sizes, MAX_ROUNDS)?;
+        Ok(Self { fitted, runs: self.runs.clone(), patterns: self.patterns.clone() })
+    }
+}
+
+/// Log evidence by which a body has to be ahead of springs.
+const FOUNDATION_MARGIN: f64 = 2.0;
 
 /// Nothing is named that leaves the larger part of the gap.
 const NAMED_SHARE: f64 = 0.15;

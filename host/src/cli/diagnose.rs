@@ -3,7 +3,9 @@
 use super::output::{Output, figures_file, spinner};
 use anyhow::Context;
 use host::diagnose::words::{channel, quantity, unit};
-use host::diagnose::{Diagnosis, FoundEffect, Gap, Options, diagnose};
+use host::diagnose::{
+    Diagnosis, FoundEffect, FoundationChoice, Gap, INCOMPRESSIBLE, Options, RemainingSize, diagnose,
+};
 use host::figures;
 use host::model::effects::effect;
 use host::model_file::ModelFile;
@@ -29,16 +31,48 @@ pub struct Args {
     /// Draw residuals before and after, the ranking and the gap as SVG files into this folder
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
+    /// Take the tissue for springs or for an elastic body; without it the evidence decides
+    #[arg(long, value_enum, default_value = "auto")]
+    foundation: Foundation,
+    /// Poisson's ratio of the tissue where it is an elastic body
+    #[arg(long, default_value_t = INCOMPRESSIBLE, value_parser = poisson)]
+    poisson: f64,
     /// Seed of the bootstraps
     #[arg(long, default_value_t = 1)]
     seed: u64,
+}
+
+/// What the tissue is taken for.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Foundation {
+    /// As the evidence has it
+    Auto,
+    /// Independent springs (Winkler)
+    Springs,
+    /// An elastic body
+    Body,
+}
+
+/// Poisson's ratio of a tissue.
+fn poisson(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "expected a number, 0 to 0.5".to_owned())?;
+    if (0.0..=0.5).contains(&value) { Ok(value) } else { Err("expected 0 to 0.5".to_owned()) }
 }
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let session = Session::read(&args.dir)?;
     let given = args.model.as_deref().map(ModelFile::read).transpose()?;
-    let options = Options { given: given.map(|file| file.effects()).unwrap_or_default(), seed: args.seed };
+    let options = Options {
+        given: given.map(|file| file.effects()).unwrap_or_default(),
+        seed: args.seed,
+        foundation: match args.foundation {
+            Foundation::Auto => FoundationChoice::Auto,
+            Foundation::Springs => FoundationChoice::Springs,
+            Foundation::Body => FoundationChoice::Body,
+        },
+        poisson: args.poisson,
+    };
     let progress = spinner();
     let found = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
@@ -95,13 +129,12 @@ impl Display for Text<'_> {
         if !found.partial.is_empty() {
             writeln!(
                 f,
-                "partial      {} would improve the fit, but what is left is no noise: not named",
+                "partial      {} improves the fit but does not explain the larger part of the misfit: not named",
                 found.partial.join(", ")
             )?;
         }
-        for (name, sd) in &found.discrepancy {
-            writeln!(f, "left         {}: {} (smooth discrepancy)", channel(name), quantity(name, *sd))?;
-        }
+        write_remaining(f, found)?;
+        write_foundation(f, found)?;
         let [low, high] = found.k_ci95_kpa;
         write!(f, "model        K {:.2} kPa ({low:.2} to {high:.2})", found.k_kpa)?;
         if let (Some(load_n), Some([low, high])) = (found.tip_load_n, found.tip_load_ci95_n) {
@@ -131,6 +164,42 @@ impl Display for Text<'_> {
             None => Ok(()),
         }
     }
+}
+
+/// How much remains, whether it matters, and which imperfections are larger than usual.
+fn write_remaining(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result {
+    let remaining = &found.remaining;
+    let size = match remaining.size {
+        RemainingSize::WithinNoise => "within noise",
+        RemainingSize::Small => "small: K moves by less than its interval",
+        RemainingSize::Large => "large: K moves by more than its interval where it is not allowed for",
+    };
+    let rms: Vec<String> = remaining.rms.iter().map(|(name, rms)| quantity(name, *rms)).collect();
+    writeln!(f, "remaining    {size}; smooth misfit (RMS) {}", rms.join(", "))?;
+    if !remaining.above_everyday.is_empty() {
+        let times: Vec<String> =
+            remaining.above_everyday.iter().map(|(name, times)| format!("{name} ({times:.1} times)")).collect();
+        writeln!(f, "             more than in an ordinary rig: {}", times.join(", "))?;
+    }
+    Ok(())
+}
+
+/// What the tissue was taken for, and what the other foundation gives.
+fn write_foundation(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result {
+    let foundation = &found.foundation;
+    let Some(gain) = foundation.log_evidence_of_body else { return Ok(()) };
+    match (foundation.youngs_modulus_kpa, foundation.youngs_modulus_of_plain_body_kpa) {
+        (Some(e), _) => {
+            let [low, high] = e.ci95;
+            writeln!(f, "tissue       an elastic body: E {:.2} kPa ({low:.2} to {high:.2})", e.value)?;
+        }
+        (None, Some(e)) => {
+            let [low, high] = e.ci95;
+            writeln!(f, "tissue       springs; as an elastic body E {:.2} kPa ({low:.2} to {high:.2})", e.value)?;
+        }
+        (None, None) => {}
+    }
+    writeln!(f, "             log evidence of a body over springs, without effects: {gain:+.1}")
 }
 
 fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result {

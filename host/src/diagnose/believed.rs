@@ -8,7 +8,7 @@ use super::data::{Kind, Run, Source};
 use super::whiten::Whitener;
 use crate::inference::{Parameter, Prior};
 use crate::model::effects::{Effect, ParameterInfo};
-use crate::model::{Cache, Channels, Model, ModelError, Rig, TipLaw, predict_with};
+use crate::model::{Cache, Channels, Model, ModelError, Rig, Support, TipLaw, predict_with};
 use std::sync::Arc;
 
 /// Modulus of soft tissue, and the standard deviation of its logarithm.
@@ -67,6 +67,8 @@ pub(super) fn prior(info: &ParameterInfo) -> Prior {
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
     pub rig: Rig,
+    /// What the tissue is made of; the modulus is K of springs, or E of a body.
+    pub support: Support,
     /// Whether there are lateral runs and insertions.
     pub kinds: [bool; 2],
     pub effects: Vec<&'static dyn Effect>,
@@ -166,7 +168,7 @@ impl Layout {
     /// [`ModelError::OutOfRange`] where a value is impossible.
     pub fn model(&self, values: &[f64], kind: Kind) -> Result<Model, ModelError> {
         let apart = if kind == Kind::Insertion && self.own() == 3 { values[2] } else { 0.0 };
-        let mut model = Model::uniform(self.rig.clone(), (values[0] + apart).exp())?;
+        let mut model = Model::on(self.rig.clone(), self.support, (values[0] + apart).exp())?;
         if self.kinds[1] {
             model.tip = TipLaw::load([values[1], 0.0]);
         }

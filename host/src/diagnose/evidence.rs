@@ -242,10 +242,6 @@ impl Patterns {
             gradient,
             mean: amplitudes.rows(shared, parameters).into_owned(),
             covariance: covariance.view((shared, shared), (parameters, parameters)).into_owned(),
-            shared_mean: DVector::from_fn(shared, |j, _| {
-                amplitudes[j] * sizes.get(self.shared_groups[j]).copied().unwrap_or(0.0)
-            }),
-            whole: covariance,
         })
     }
 
@@ -264,11 +260,6 @@ impl Patterns {
         }
         sizes
     }
-
-    /// Groups of the shared patterns.
-    pub fn shared_groups(&self) -> &[usize] {
-        &self.shared_groups
-    }
 }
 
 /// Scalar products of columns with all patterns and with each other.
@@ -278,17 +269,6 @@ pub(super) struct Products {
     own: Vec<DMatrix<f64>>,
     shared: DMatrix<f64>,
     pub among: DMatrix<f64>,
-}
-
-impl Products {
-    /// Those of the columns times `map`.
-    pub fn mapped(&self, map: &DMatrix<f64>) -> Self {
-        Self {
-            own: self.own.iter().map(|own| own * map).collect(),
-            shared: &self.shared * map,
-            among: map.tr_mul(&(&self.among * map)),
-        }
-    }
 }
 
 /// What is left once the patterns are eliminated.
@@ -318,10 +298,6 @@ pub(super) struct Evidence {
     pub mean: DVector<f64>,
     /// Their posterior covariance.
     pub covariance: DMatrix<f64>,
-    /// Posterior mean of the shared patterns' amplitudes.
-    pub shared_mean: DVector<f64>,
-    /// Covariance of the shared patterns, in their sizes, and the parameters together.
-    pub whole: DMatrix<f64>,
 }
 
 fn ln_diagonal(factor: &Cholesky<f64, Dyn>) -> f64 {

@@ -8,7 +8,6 @@ use super::believed::{Layout, NORMAL_975, Prepared, Scale};
 use super::evidence::{Evidence, Patterns, Products};
 use crate::inference::{FitError, Parameter};
 use nalgebra::{DMatrix, DVector};
-use std::sync::Arc;
 
 /// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
 const SETTLED_SD: f64 = 0.05;
@@ -39,7 +38,6 @@ pub(super) struct Fitted {
     pub log_evidence: f64,
     /// Whether the last step was a short one.
     pub settled: bool,
-    evidence: Arc<Evidence>,
 }
 
 /// Residuals and sensitivities at a point.
@@ -174,11 +172,6 @@ impl Fitted {
     /// Squares of the whitened residuals in the metric of noise and discrepancy of these sizes.
     pub fn misfit(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
         misfit(patterns, sizes, &self.residuals)
-    }
-
-    /// Mean amplitudes of the patterns that runs share.
-    pub fn shared_amplitudes(&self) -> &DVector<f64> {
-        &self.evidence.shared_mean
     }
 }
 
@@ -357,6 +350,5 @@ fn finish(
         sizes,
         log_evidence,
         settled,
-        evidence: Arc::new(evidence),
     })
 }

@@ -1,6 +1,8 @@
 //! What a diagnosis says, as it goes into JSON.
 
 use super::data::Channel;
+use super::posterior::Fitted;
+use crate::model::Support;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -43,7 +45,9 @@ pub struct Diagnosis {
     pub ranking: Vec<Ranked>,
     /// The model with what was added, where it was written.
     pub model_file: Option<String>,
-    /// Modulus under the final model.
+    /// What the tissue was taken for, springs or an elastic body, and what the evidence says of both.
+    pub foundation: FoundationResult,
+    /// Foundation modulus: that of the final model on springs; on a body that of the plain springs, the equivalent modulus.
     pub k_kpa: f64,
     /// Its interval of 95 %.
     pub k_ci95_kpa: [f64; 2],
@@ -76,6 +80,56 @@ pub struct Diagnosis {
     pub limits: Vec<String>,
     /// Remarks.
     pub warnings: Vec<String>,
+}
+
+/// Springs or an elastic body.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FoundationResult {
+    /// `springs` or `body`.
+    pub used: &'static str,
+    /// Log evidence of a body over springs, both without effects; nothing where one of them was not tried.
+    pub log_evidence_of_body: Option<f64>,
+    /// Young's modulus, where the tissue is taken for a body: of the final model.
+    pub youngs_modulus_kpa: Option<Estimate>,
+    /// Poisson's ratio that it was found with.
+    pub poisson: Option<f64>,
+    /// Young's modulus of a body without effects, whether it is used or not.
+    pub youngs_modulus_of_plain_body_kpa: Option<Estimate>,
+    /// Modulus of springs without effects.
+    pub k_of_plain_springs_kpa: Estimate,
+}
+
+impl FoundationResult {
+    /// Where only springs were tried.
+    pub(super) fn springs(body: Option<(f64, Fitted)>, plain: &Fitted) -> Self {
+        Self {
+            used: "springs",
+            log_evidence_of_body: body.as_ref().map(|(gain, _)| *gain),
+            youngs_modulus_kpa: None,
+            poisson: None,
+            youngs_modulus_of_plain_body_kpa: body.as_ref().map(|(_, body)| modulus_kpa(body)),
+            k_of_plain_springs_kpa: modulus_kpa(plain),
+        }
+    }
+
+    /// Of the final fit, the plain springs, and the plain body with its log evidence over them.
+    pub(super) fn of(last: &Fitted, springs: &Fitted, body: Option<(f64, Fitted)>) -> Self {
+        let plain = Self::springs(body, springs);
+        match last.layout.support {
+            Support::Springs => plain,
+            Support::Body { poisson } => Self {
+                used: "body",
+                youngs_modulus_kpa: Some(modulus_kpa(last)),
+                poisson: Some(poisson),
+                ..plain
+            },
+        }
+    }
+}
+
+fn modulus_kpa(fitted: &Fitted) -> Estimate {
+    let (value, ci95) = fitted.modulus_pa();
+    Estimate { value: 1e-3 * value, ci95: ci95.map(|end| 1e-3 * end) }
 }
 
 /// An effect that is missing.

@@ -5,7 +5,7 @@ use super::data::{Kind, Run};
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, Gap, Ranked, RegionResult, RemainingResult, SCHEMA,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, Ranked, RegionResult, RemainingResult, SCHEMA,
     Verdict,
 };
 use super::search::{Found, Member};
@@ -29,6 +29,7 @@ pub(super) struct Story<'a> {
     pub noise: &'a Noise,
     pub adequacy: [&'a Adequacy; 2],
     pub verdict: Verdict,
+    pub foundation: FoundationResult,
     pub split: String,
     /// Number of runs of which something was held out.
     pub held_out: usize,
@@ -50,7 +51,14 @@ impl Story<'_> {
         let next_measurement = classes
             .filter_map(|member| next::next_measurement(&member.class, self.all, self.noise))
             .max_by(|a, b| a.expected_divergence.total_cmp(&b.expected_divergence));
-        let (k_pa, k_ci95_pa) = final_fit.modulus_pa();
+        // On a body the foundation modulus is that of plain springs.
+        let foundation = self.foundation.clone();
+        let (k_kpa, k_ci95_kpa) = if final_fit.layout.support.is_body() {
+            (foundation.k_of_plain_springs_kpa.value, foundation.k_of_plain_springs_kpa.ci95)
+        } else {
+            let (k_pa, k_ci95_pa) = final_fit.modulus_pa();
+            (1e-3 * k_pa, k_ci95_pa.map(|end| 1e-3 * end))
+        };
         let tip = final_fit.tip_load_n();
         let discrepancy =
             if verdict == Verdict::Unexplained { adequacy[0].discrepancy.as_slice() } else { &[] };
@@ -76,8 +84,9 @@ impl Story<'_> {
                 })
                 .collect(),
             model_file: None,
-            k_kpa: 1e-3 * k_pa,
-            k_ci95_kpa: k_ci95_pa.map(|end| 1e-3 * end),
+            foundation,
+            k_kpa,
+            k_ci95_kpa,
             tip_load_n: tip.map(|(value, _)| value),
             tip_load_ci95_n: tip.map(|(_, ends)| ends),
             given: self.options.given.iter().map(|(effect, _)| effect.id().to_owned()).collect(),

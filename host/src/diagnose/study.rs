@@ -14,7 +14,7 @@ use crate::diagnose::data::Kind;
 use crate::diagnose::noise::Noise;
 use crate::diagnose::score::Scores;
 use crate::model::effects::{EFFECTS, effect};
-use crate::model::predict;
+use crate::model::{Support, predict};
 use crate::session::Session;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -156,11 +156,6 @@ pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
     let both = matches!(hidden, Hidden::Nothing) && uniform(0.0, 1.0) < 0.3;
     let design = if needs_insertions || both { Design::insertions() } else { Design::nine_runs() };
     let truth = Truth { k_kpa: uniform(8.0, 20.0), tip_load_n: uniform(0.12, 0.25), effects, foreign };
-    if let Some(times) = std::env::var_os("IMPERFECT") {
-        let times: f64 = times.to_string_lossy().parse().unwrap_or(1.0);
-        let background = blind::Background::drawn(&truth, &design, seed).times(times);
-        return (blind::session_on(&truth, &background, &design, seed), truth);
-    }
     (blind::session(&truth, &design, seed), truth)
 }
 
@@ -169,10 +164,6 @@ fn outcome(hidden: &Hidden, seed: u64) -> Option<Outcome> {
     let started = Instant::now();
     let found = diagnose(&session, &Options { seed, ..Options::default() }, |_| {}).ok()?;
     let seconds = started.elapsed().as_secs_f64();
-    if std::env::var_os("RANK").is_some() {
-        let top: Vec<_> = found.ranking.iter().take(6).map(|r| format!("{} {:.1} ({:.0}{})", r.id, r.log_evidence_gain, r.score_chi2, if r.refitted {"*"} else {""})).collect();
-        eprintln!("{hidden:?} margin {:.1}: {} | not told {:?} | K {:.3} {:?} truth {:.3} | {:?} | {seconds:.1} s", found.margin, top.join(", "), found.not_told, found.k_kpa, found.k_ci95_kpa, truth.k_kpa, found.remaining);
-    }
     let expected = match hidden {
         Hidden::One(..) => expected(&session, &truth),
         _ => None,
@@ -232,6 +223,7 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
     let noise = Noise::of(&training.runs, &session.noise);
     let layout = Layout {
         rig: session.rig.clone(),
+        support: Support::Springs,
         kinds: [Kind::Lateral, Kind::Insertion].map(|kind| training.runs.iter().any(|run| run.kind == kind)),
         effects: Vec::new(),
         cache: Default::default(),

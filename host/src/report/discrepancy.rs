@@ -33,7 +33,7 @@ pub(super) fn warning(found: &Diagnosis) -> Option<String> {
     match found.verdict {
         Verdict::Adequate => None,
         Verdict::Unexplained => Some(
-            "model and measurement disagree, and no effect explains it: intervals do not include what is missing"
+            "model and measurement disagree, and no effect explains it: the intervals of this page but the diagnosis's do not include what is missing"
                 .to_owned(),
         ),
         Verdict::Named | Verdict::Ambiguous => Some(format!(
@@ -88,7 +88,7 @@ fn story(found: &Diagnosis) -> String {
     }
     if !found.partial.is_empty() {
         more(format!(
-            "{} would improve the fit, but what is left is no noise: not named.",
+            "{} improves the fit but does not explain the larger part of the misfit: not named.",
             found.partial.join(", ")
         ));
     }
