@@ -44,7 +44,7 @@ pub struct Args {
     #[command(flatten)]
     imperfect: imperfect::Options,
     #[command(flatten)]
-    hidden: hidden::Options,
+    hidden: hidden::Seeds,
 }
 
 /// Makes the table.

@@ -10,7 +10,7 @@ const NEAR: f64 = 0.03;
 
 /// Options of `cargo xtask study demo`.
 #[derive(clap::Args, Debug, Clone)]
-pub struct Options {
+pub struct Seeds {
     /// Seeds of the demonstration's rigs that hide an effect
     #[arg(long, default_value_t = 20)]
     pub seeds: u64,
@@ -23,7 +23,7 @@ pub struct Options {
 ///
 /// # Errors
 /// Where a command fails.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &Seeds) -> Result<()> {
     ensure!((1..=1000).contains(&options.seeds), "--seeds is {}, expected 1 to 1000", options.seeds);
     setup::ensure_all()?;
     let (xtask, folder) = (this_program()?, tempfile::tempdir()?);

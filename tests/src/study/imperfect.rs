@@ -206,4 +206,23 @@ mod tests {
         assert!(close(&written.force.force_y_n, &read.force.force_y_n));
         assert!(close(&written.shape.y_m, &read.shape.y_m));
     }
+
+    #[test]
+    fn zz_sample() {
+        let count: usize = std::env::var("SAMPLE").ok().and_then(|n| n.parse().ok()).unwrap_or(0);
+        if count == 0 {
+            return;
+        }
+        let seed = 11;
+        let cases = drawn_cases(&Options { kind: None, factor: 1.0, write: None }, count, seed);
+        let outcomes = judged(&cases).unwrap();
+        println!(
+            "{}\n{}",
+            table::measures_table(&[(format!("seed {seed}"), outcomes.clone())]),
+            table::confusion(&outcomes)
+        );
+        for o in &outcomes {
+            println!("{}\n", o.line());
+        }
+    }
 }

@@ -46,6 +46,9 @@ pub fn measures(outcomes: &[Outcome]) -> Vec<(&'static str, &'static str, String
     let seconds: Vec<f64> = outcomes.iter().map(|o| o.seconds).collect();
     let mean_s = seconds.iter().sum::<f64>() / seconds.len().max(1) as f64;
     let slowest_s = seconds.iter().copied().fold(0.0, f64::max);
+    let removed: Vec<f64> =
+        outcomes.iter().filter(|o| !o.named().is_empty()).filter_map(Outcome::removed).collect();
+    let mean_removed = removed.iter().sum::<f64>() / removed.len().max(1) as f64;
     let preferred: BTreeMap<&str, usize> =
         outcomes.iter().filter_map(Outcome::foundation).fold(BTreeMap::new(), |mut counts, foundation| {
             *counts.entry(foundation).or_default() += 1;
@@ -79,6 +82,11 @@ pub fn measures(outcomes: &[Outcome]) -> Vec<(&'static str, &'static str, String
             "accepted though the held-out misfit grows",
             "0",
             Share::of(outcomes.iter(), Outcome::has_grown).to_string(),
+        ),
+        (
+            "removable held-out misfit that is gone where something is named",
+            "",
+            if removed.is_empty() { "-".to_owned() } else { format!("mean {:.1} %", 100.0 * mean_removed) },
         ),
         ("true parameters in their 95 % intervals", ">= 90 %", covered.to_string()),
         ("true modulus in its 95 % interval", ">= 90 %", modulus.to_string()),
