@@ -141,7 +141,7 @@ impl Outcome {
     }
 }
 
-/// Runs the demonstration and judges it.
+/// Runs the demonstration and judges it. Whether the hidden effect is found is a result that is printed, not an error.
 ///
 /// # Errors
 /// Where a command fails, samples were lost, or the modulus is off by more than a tenth.
@@ -161,7 +161,6 @@ pub fn run(args: &Args) -> Result<()> {
     let (lost, error) = (outcome.lost_samples(), outcome.error()?);
     ensure!(lost == 0.0, "{lost} samples were lost on the way");
     ensure!(error.abs() < 0.1, "the identified modulus is off by {:.0} %", 100.0 * error);
-    ensure!(found.is_in_class(), "the hidden effect {} is not found", found.hidden.id);
     Ok(())
 }
 
@@ -270,7 +269,7 @@ fn sweep_command(xtask: &Path, bench: &Bench) -> String {
 }
 
 /// Path of this program, from the working folder where it lies in it.
-fn this_program() -> Result<PathBuf> {
+pub(crate) fn this_program() -> Result<PathBuf> {
     let path = std::env::current_exe().context("cannot find this program")?;
     let folder = std::env::current_dir().context("cannot find the working folder")?;
     Ok(path.strip_prefix(folder).map(Path::to_owned).unwrap_or(path))

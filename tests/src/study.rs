@@ -1,6 +1,8 @@
 //! `cargo xtask study`: tables of the documentation, made anew.
 
 mod diagnosis;
+mod hidden;
+mod imperfect;
 
 use crate::images;
 use crate::readme;
@@ -11,11 +13,11 @@ use std::fmt::Write as _;
 /// Options of `cargo xtask study`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Which: K/E of needles (part of the tool), the prediction of insertions, the online estimators on steering runs, or the blind
-    /// study of the diagnosis; without a name all that the documentation quotes, as it quotes them, written where it has them
-    #[arg(value_parser = ["modulus-relation", "insertion", "steering", "diagnose"])]
+    /// Which: K/E of needles (part of the tool), the prediction of insertions, the online estimators on steering runs, the blind
+    /// study of the diagnosis, the same with imperfections, or the end of the demonstration for many seeds; without a name all that the documentation quotes, as it quotes them, written where it has them
+    #[arg(value_parser = ["modulus-relation", "insertion", "steering", "diagnose", "imperfect", "demo"])]
     name: Option<String>,
-    /// Sessions of six insertions each
+    /// Sessions of six insertions each, or imperfect ones of all kinds
     #[arg(long, default_value_t = 40)]
     sessions: usize,
     /// What they are drawn from
@@ -30,12 +32,19 @@ pub struct Args {
     /// Blind sessions of every effect and strength
     #[arg(long, default_value_t = 4)]
     repeats: usize,
-    /// Only blind sessions whose names hold this, printed one by one
+    /// Only blind sessions whose names hold this, printed one by one; imperfect ones by number too, as #12
     #[arg(long, default_value = "")]
     only: String,
     /// Only methods whose names begin like this
     #[arg(long, default_value = "")]
     method: String,
+    /// Seed of a second column of the blind study; drawn anew without it
+    #[arg(long)]
+    fresh_seed: Option<u64>,
+    #[command(flatten)]
+    imperfect: imperfect::Options,
+    #[command(flatten)]
+    hidden: hidden::Seeds,
 }
 
 /// Makes the table.
@@ -49,13 +58,23 @@ pub fn run(args: &Args) -> Result<()> {
     match args.name.as_deref() {
         Some("insertion") => insertion(args),
         Some("steering") => steering(args),
-        Some("diagnose") => diagnosis::run(args.repeats, args.seed, &args.only),
+        Some("diagnose") => diagnosis::run(args.repeats, [args.seed, fresh(args.fresh_seed)], &args.only),
+        Some("imperfect") => imperfect::run(&args.imperfect, args.sessions, args.seed, &args.only),
+        Some("demo") => hidden::run(&args.hidden),
         Some(_) => modulus_relation(),
         None => {
             modulus_relation()?;
             readme::make_long("cargo xtask study")
         }
     }
+}
+
+/// A seed that nobody has used while building: from the clock, unless it is stated to repeat a study.
+fn fresh(stated: Option<u64>) -> u64 {
+    stated.unwrap_or_else(|| {
+        let now = time::OffsetDateTime::now_utc().unix_timestamp_nanos();
+        (now / 1000 % 1_000_000_000) as u64
+    })
 }
 
 /// The same command, built with optimisation.

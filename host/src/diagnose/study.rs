@@ -19,8 +19,6 @@ use crate::session::Session;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
-use std::panic::resume_unwind;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 /// What is hidden in a session.
@@ -110,30 +108,14 @@ pub fn cases(size: Size, seed: u64) -> Vec<(Hidden, u64)> {
 }
 
 /// Makes and diagnoses the sessions of a study on all cores, in order.
-///
-/// Each core has a pool of its own: in a common one a thread that waits for others takes up another session, whose time would be
-/// that of the session that waits too.
 pub fn run(cases: &[(Hidden, u64)], tell: impl Fn(usize) + Sync) -> Vec<Outcome> {
-    let next = AtomicUsize::new(0);
-    let some = || {
-        let mut outcomes = Vec::new();
-        loop {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            let Some((hidden, seed)) = cases.get(number) else { return outcomes };
-            outcomes.extend(outcome(hidden, *seed).map(|outcome| (number, outcome)));
-            tell(number);
-        }
-    };
-    let alone = || match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
-        Ok(pool) => pool.install(some),
-        Err(_) => some(),
-    };
-    let mut all: Vec<_> = std::thread::scope(|scope| {
-        let cores: Vec<_> = (0..rayon::current_num_threads()).map(|_| scope.spawn(alone)).collect();
-        cores.into_iter().flat_map(|core| core.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    let outcomes = blind::on_all_cores(cases.len(), |number| {
+        let (hidden, seed) = &cases[number];
+        let outcome = outcome(hidden, *seed);
+        tell(number);
+        outcome
     });
-    all.sort_by_key(|(number, _)| *number);
-    all.into_iter().map(|(_, outcome)| outcome).collect()
+    outcomes.into_iter().flatten().collect()
 }
 
 /// The session that hides something, and its truth.

@@ -1,5 +1,6 @@
 //! The constants of a simulated rig.
 
+use super::imperfections::Imperfections;
 use crate::model::{Needle, Rig};
 use crate::session::{SessionError, Setup, read_text};
 use serde::Deserialize;
@@ -40,6 +41,8 @@ pub struct Simulation {
     pub ultrasound: UltrasoundConfig,
     /// Effects that the user of the rig does not know of.
     pub effects: Vec<HiddenEffect>,
+    /// What is a little off beside them.
+    pub imperfections: Imperfections,
 }
 
 /// An effect that the rig has: of the tissue, the guides or the ultrasound; what needs a history or acts on the force sensor's
@@ -89,6 +92,7 @@ impl Default for Simulation {
             force: ForceConfig::default(),
             ultrasound: UltrasoundConfig::default(),
             effects: Vec::new(),
+            imperfections: Imperfections::default(),
         }
     }
 }
@@ -231,7 +235,7 @@ impl Simulation {
     /// [`ConfigError::Value`] for the first value out of its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = "a positive number";
-        let Self { depth_mm, modulus_kpa, actuator, force, ultrasound, effects } = self;
+        let Self { depth_mm, modulus_kpa, actuator, force, ultrasound, effects, imperfections } = self;
         let is_known = |effect: &&HiddenEffect| {
             HIDDEN.iter().any(|(id, values)| *id == effect.id && values.len() == effect.values.len())
         };
@@ -259,8 +263,10 @@ impl Simulation {
             ("ultrasound.spacing_mm", ultrasound.spacing_mm, ultrasound.spacing_mm >= 0.01, "at least 0.01"),
             ("ultrasound.pixel_mm", ultrasound.pixel_mm, ultrasound.pixel_mm > 0.0, positive),
         ];
-        match checks.into_iter().find(|(_, _, sound, _)| !sound) {
-            Some((field, value, _, expected)) => Err(ConfigError::Value { field, value, expected }),
+        let fault = checks.into_iter().find(|(_, _, sound, _)| !sound);
+        let fault = fault.map(|(field, value, _, expected)| (field, value, expected));
+        match fault.or_else(|| imperfections.fault()) {
+            Some((field, value, expected)) => Err(ConfigError::Value { field, value, expected }),
             None => Ok(()),
         }
     }

@@ -8,12 +8,14 @@
 //! | part | models |
 //! |---|---|
 //! | [`actuator`] | dead band, speed limit, lag, end stops, potentiometer with noise |
+//! | [`imperfections`] | what is a little off in every rig |
 //! | [`insertions`] | the needle inserted by hand, its tip tracked |
 //! | [`steering`] | the needle steered at its base while it goes in |
 //! | [`config`] | every constant, from a TOML file or by default |
 
 pub mod actuator;
 pub mod config;
+pub mod imperfections;
 pub mod insertions;
 pub mod steering;
 
@@ -84,6 +86,8 @@ pub struct SimulatedRig {
     effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     actuators: [Actuator; 2],
     bridge_offset_n: [f64; 2],
+    /// Since the start.
+    time_s: f64,
     force_noise: Noise,
     sweep_noise: Noise,
 }
@@ -97,7 +101,8 @@ impl SimulatedRig {
         let RigConfig { rig, simulation } = config;
         simulation.check()?;
         let mut random = stream(seed, Stream::Truth);
-        let modulus_pa = within(&mut random, simulation.modulus_kpa) * 1e3;
+        let modulus_pa =
+            within(&mut random, simulation.modulus_kpa) * 1e3 * simulation.imperfections.modulus_factor;
         let bridge_offset_n = [(); 2].map(|()| within(&mut random, simulation.force.offset_n));
         let actuators = [Stream::PotentiometerX, Stream::PotentiometerY]
             .map(|noise| Actuator::new(&simulation.actuator, &mut random, Noise::new(seed, noise)));
@@ -118,6 +123,7 @@ impl SimulatedRig {
             effects: model.effects,
             actuators,
             bridge_offset_n,
+            time_s: 0.0,
             force_noise: Noise::new(seed, Stream::Force),
             sweep_noise: Noise::new(seed, Stream::Sweep),
             entry_m,
@@ -131,16 +137,19 @@ impl SimulatedRig {
             actuator.step(inputs, period_s);
         }
         let [force_x, force_y] = self.force_n();
+        self.time_s += period_s;
+        let [drift_x, drift_y] = self.simulation.imperfections.drift_n(self.time_s);
         let [offset_x, offset_y] = self.bridge_offset_n;
         Codes {
             potentiometer: self.actuators.each_mut().map(Actuator::potentiometer_code),
-            bridge: [force_x + offset_x, force_y + offset_y].map(|force_n| self.bridge_code(force_n)),
+            bridge: [force_x + offset_x + drift_x, force_y + offset_y + drift_y]
+                .map(|force_n| self.bridge_code(force_n)),
         }
     }
 
     /// Takes an ultrasound sweep along the needle inside the tissue, as it lies now.
     pub fn sweep(&mut self) -> Vec<ShapeSample> {
-        let ultrasound = &self.simulation.ultrasound;
+        let Simulation { ultrasound, imperfections, .. } = &self.simulation;
         let (spacing_m, pixel_m) = (ultrasound.spacing_mm * 1e-3, ultrasound.pixel_mm * 1e-3);
         let pressed_m = self.position_m().map(|position_m| self.drive.beyond_clearance_m(position_m));
         let count = (self.truth.depth_m / spacing_m + 1e-9) as usize;
@@ -158,11 +167,13 @@ impl SimulatedRig {
             .zip(y)
             .enumerate()
             .map(|(index, (x_m, y_m))| {
-                let deflection_m = [x_m, y_m].map(|bent_m| {
+                let z_m = self.entry_m + (index + 1) as f64 * spacing_m;
+                let [x_off_m, y_off_m] = imperfections.pattern_m(z_m);
+                let deflection_m = [x_m + x_off_m, y_m + y_off_m].map(|bent_m| {
                     let seen_m = bent_m + noise_m * self.sweep_noise.draw();
                     (seen_m / pixel_m).round() * pixel_m
                 });
-                ShapeSample { z_m: self.entry_m + (index + 1) as f64 * spacing_m, deflection_m }
+                ShapeSample { z_m, deflection_m }
             })
             .collect()
     }
@@ -229,6 +240,7 @@ pub(crate) enum Stream {
     Steering,
     LateralPlans,
     InsertionPlans,
+    Imperfections,
 }
 
 fn stream(seed: u64, part: Stream) -> ChaCha8Rng {

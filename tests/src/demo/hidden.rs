@@ -5,6 +5,7 @@ use crate::bench::Bench;
 use crate::images;
 use anyhow::{Context, Result};
 use host::rig::config::{HiddenEffect, RigConfig};
+use host::rig::imperfections::Imperfections;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -22,22 +23,80 @@ pub const PLAN: [(f64, usize); 3] = [(20.0, 1), (30.0, 2), (40.0, 1)];
 pub struct Found {
     /// What the rig hid.
     pub hidden: HiddenEffect,
+    /// Modulus of the tissue, the mean over the staircases: it differs a little from start to start.
+    pub true_k_kpa: f64,
     /// `guide diagnose --json`.
     pub diagnosis: Value,
 }
 
 impl Found {
-    /// Whether the hidden effect is named, or in the class that is.
-    pub fn is_in_class(&self) -> bool {
-        let classes = self.diagnosis["effects"].as_array().into_iter().flatten();
-        let mut ids = classes.flat_map(|effect| effect["class"].as_array().into_iter().flatten());
-        ids.any(|id| id.as_str() == Some(&self.hidden.id))
+    /// Classes of the effects that are named.
+    pub fn classes(&self) -> Vec<Vec<&str>> {
+        let is_named = matches!(self.verdict(), "named" | "ambiguous");
+        let effects = self.diagnosis["effects"].as_array().into_iter().flatten().filter(|_| is_named);
+        effects
+            .map(|effect| {
+                effect["class"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
+            })
+            .collect()
     }
 
-    /// What was hidden, in words.
+    /// The verdict of the diagnosis.
+    pub fn verdict(&self) -> &str {
+        self.diagnosis["verdict"].as_str().unwrap_or("no verdict")
+    }
+
+    /// Whether the hidden effect is named, or in the class that is.
+    pub fn is_in_class(&self) -> bool {
+        self.classes().iter().any(|class| class.contains(&self.hidden.id.as_str()))
+    }
+
+    /// Whether it is named, alone in its class.
+    pub fn is_named(&self) -> bool {
+        self.classes().contains(&vec![self.hidden.id.as_str()])
+    }
+
+    /// Classes that are named and do not hold the hidden effect.
+    pub fn further(&self) -> Vec<Vec<&str>> {
+        let is_other = |class: &Vec<&str>| !class.contains(&self.hidden.id.as_str());
+        self.classes().into_iter().filter(is_other).collect()
+    }
+
+    /// The modulus that the diagnosis reports, against the true one, as a share, and whether its interval holds that.
+    pub fn modulus_error(&self) -> Option<(f64, bool)> {
+        let interval = &self.diagnosis["k_ci95_kpa"];
+        let (low, high) = (interval.get(0)?.as_f64()?, interval.get(1)?.as_f64()?);
+        let error = self.diagnosis["k_kpa"].as_f64()? / self.true_k_kpa - 1.0;
+        Some((error, (low..=high).contains(&self.true_k_kpa)))
+    }
+
+    /// What was hidden and what came of it, in words.
     pub fn told(&self, seed: u64) -> String {
         let values: Vec<String> = self.hidden.values.iter().map(f64::to_string).collect();
-        format!("what the rig hid (seed {seed}): {} {}", self.hidden.id, values.join(", "))
+        let list = |classes: Vec<Vec<&str>>| {
+            classes.iter().map(|class| class.join(" or ")).collect::<Vec<_>>().join("; ")
+        };
+        let found = if self.is_named() {
+            "found: named".to_owned()
+        } else if self.is_in_class() {
+            format!("found: one of {}", list(self.classes()))
+        } else if self.classes().is_empty() {
+            let partial = self.diagnosis["partial"].as_array().into_iter().flatten();
+            let partial: Vec<&str> = partial.filter_map(Value::as_str).collect();
+            let helps = if partial.is_empty() {
+                String::new()
+            } else {
+                format!("; these explain a part: {}", partial.join(", "))
+            };
+            format!("not found: the verdict is {}{helps}", self.verdict())
+        } else {
+            format!("not found: named is {}", list(self.classes()))
+        };
+        let further = match self.further() {
+            further if further.is_empty() || !self.is_in_class() => String::new(),
+            further => format!("; named beside it, and not there: {}", list(further)),
+        };
+        format!("what the rig hid (seed {seed}): {} {}\n{found}{further}", self.hidden.id, values.join(", "))
     }
 
     /// Share of the removable gap that is gone on runs that no fit has seen.
@@ -46,7 +105,8 @@ impl Found {
     }
 }
 
-/// Lets the firmware run the diagnostic staircase on rigs that hide the seed's effect, one per depth, and diagnoses the session.
+/// Lets the firmware run the diagnostic staircase on rigs that hide the seed's effect behind small imperfections, one per depth, and
+/// diagnoses the session.
 ///
 /// # Errors
 /// Where a command fails.
@@ -69,10 +129,12 @@ pub fn diagnosis(
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let hidden = HiddenEffect::of_seed(seed);
     let mut guide = Typist { program: guide, say };
-    for (depth_mm, staircases) in plan {
+    let (mut modulus_kpa, mut runs) = (0.0, 0.0);
+    for (start, (depth_mm, staircases)) in (0..).zip(plan) {
         let mut config = RigConfig::default();
         config.simulation.depth_mm = *depth_mm;
         config.simulation.effects = vec![hidden.clone()];
+        config.simulation.imperfections = Imperfections::of_seed(seed, start);
         let bench = Bench::start(config, seed, SPEED, LIMIT)?;
         let (port, sweep) = (bench.port(), sweep_command(xtask, &bench));
         guide.output(&["home", "--port", &port, "--at-s", HOME_AT])?;
@@ -86,6 +148,8 @@ pub fn diagnosis(
             guide.echo(&arguments);
             guide.output(&arguments)?;
         }
+        modulus_kpa += *staircases as f64 * 1e-3 * bench.rig().rig(|rig| rig.truth().modulus_pa);
+        runs += *staircases as f64;
         bench.stop()?;
     }
     (guide.say)("\n");
@@ -93,5 +157,5 @@ pub fn diagnosis(
     guide.shown(&diagnose)?;
     let diagnosis = serde_json::from_str(&guide.output(&["diagnose", session, "--json"])?)
         .context("guide diagnose --json printed no JSON")?;
-    Ok(Found { hidden, diagnosis })
+    Ok(Found { hidden, true_k_kpa: modulus_kpa / runs, diagnosis })
 }

@@ -14,12 +14,46 @@ use time::OffsetDateTime;
 const APART: f64 = 5.0;
 const GAIN: f64 = 40.0;
 
-/// Runs the study and writes its tables where the documentation has them; only some of its sessions are printed one by one.
+/// Imperfect sessions for every repeat of the study.
+const IMPERFECT: usize = 30;
+
+/// Runs the study with two seeds, the one used while building and a fresh one, and writes its tables where the documentation has
+/// them; only some of its sessions, of the first seed, are printed one by one.
 ///
 /// # Errors
 /// Where the tables cannot be written.
-pub fn run(repeats: usize, seed: u64, only: &str) -> Result<()> {
+pub fn run(repeats: usize, seeds: [u64; 2], only: &str) -> Result<()> {
     ensure!((1..=1000).contains(&repeats), "--repeats is {repeats}, expected 1 to 1000");
+    let [seed, fresh] = seeds;
+    let outcomes = outcomes(repeats, seed, only)?;
+    if !only.is_empty() {
+        outcomes.iter().for_each(|outcome| println!("{}", line(outcome)));
+        return Ok(());
+    }
+    let again = self::outcomes(repeats, fresh, only)?;
+    let imperfect = super::imperfect::tables(IMPERFECT * repeats, seeds)?;
+    let today = OffsetDateTime::now_utc().date();
+    let text = format!(
+        "# Blind study of `guide diagnose`\n\nMade on {today} by `cargo xtask study diagnose --repeats {repeats} --seed {seed} --fresh-seed {fresh}`. The first \
+         seed was used while building, the second never before.\n\n## Nothing but one effect, two, or something without a name\n\n\
+         {} and {} sessions.\n\n{}\n{}\n## Effects behind small imperfections, elastic bodies, insertions\n\n\
+         Modulus: the mean over the tissue that was touched.\n\n{imperfect}",
+        outcomes.len(),
+        again.len(),
+        goals([(seed, &outcomes), (fresh, &again)]),
+        confusion(&outcomes),
+    );
+    let path = images::root().join("host/src/diagnose/study.md");
+    std::fs::write(&path, &text).with_context(|| format!("{}: cannot write", path.display()))?;
+    print!("{text}");
+    for outcome in outcomes.iter().chain(&again).filter(|outcome| is_surprise(outcome)) {
+        eprintln!("{}", line(outcome));
+    }
+    Ok(())
+}
+
+/// Outcomes of the sessions whose names hold `only`.
+fn outcomes(repeats: usize, seed: u64, only: &str) -> Result<Vec<Outcome>> {
     let size = Size { nothing: 40 * repeats, one: repeats, pairs: 12 * repeats, foreign: 2 * repeats };
     let mut cases = cases(size, seed);
     cases.retain(|(hidden, _)| name(hidden).contains(only));
@@ -31,24 +65,7 @@ pub fn run(repeats: usize, seed: u64, only: &str) -> Result<()> {
         }
     });
     ensure!(outcomes.len() == cases.len(), "{} sessions fail", cases.len() - outcomes.len());
-    if !only.is_empty() {
-        outcomes.iter().for_each(|outcome| println!("{}", line(outcome)));
-        return Ok(());
-    }
-    let today = OffsetDateTime::now_utc().date();
-    let text = format!(
-        "# Blind study of `guide diagnose`\n\n{} sessions, made on {today} by `cargo xtask study diagnose --repeats {repeats} --seed {seed}`.\n\n{}\n{}",
-        outcomes.len(),
-        goals(&outcomes),
-        confusion(&outcomes)
-    );
-    let path = images::root().join("host/src/diagnose/study.md");
-    std::fs::write(&path, &text).with_context(|| format!("{}: cannot write", path.display()))?;
-    print!("{text}");
-    for outcome in outcomes.iter().filter(|outcome| is_surprise(outcome)) {
-        eprintln!("{}", line(outcome));
-    }
-    Ok(())
+    Ok(outcomes)
 }
 
 fn name(hidden: &Hidden) -> String {
@@ -102,7 +119,18 @@ impl std::fmt::Display for Share {
     }
 }
 
-fn goals(outcomes: &[Outcome]) -> String {
+/// Goals and what was reached with each seed.
+fn goals(sets: [(u64, &[Outcome]); 2]) -> String {
+    let [(seed, first), (fresh, second)] = sets;
+    let mut text = format!("| measure | goal | seed {seed} | seed {fresh} |\n|---|---|---|---|\n");
+    for ((measure, goal, reached), (.., again)) in reached(first).into_iter().zip(reached(second)) {
+        let _ = writeln!(text, "| {measure} | {goal} | {reached} | {again} |");
+    }
+    text
+}
+
+/// Measure, goal and what was reached.
+fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); 10] {
     let ones = || {
         outcomes.iter().filter_map(|o| if let Hidden::One(id, _) = &o.hidden { Some((o, *id)) } else { None })
     };
@@ -137,7 +165,7 @@ fn goals(outcomes: &[Outcome]) -> String {
         ones().filter(|(_, id)| !id.starts_with("tip.")).map(|(o, _)| o.seconds).collect();
     let mean_seconds = seconds.iter().sum::<f64>() / seconds.len().max(1) as f64;
     let slowest = seconds.iter().copied().fold(0.0, f64::max);
-    let rows = [
+    [
         (
             "false alarm on effect-free sessions",
             "<= 2 %",
@@ -180,12 +208,7 @@ fn goals(outcomes: &[Outcome]) -> String {
             "<= 2 s",
             format!("mean {mean_seconds:.2} s, slowest {slowest:.2} s (all cores busy)"),
         ),
-    ];
-    let mut text = String::from("| measure | goal | reached |\n|---|---|---|\n");
-    for (measure, goal, reached) in rows {
-        let _ = writeln!(text, "| {measure} | {goal} | {reached} |");
-    }
-    text
+    ]
 }
 
 /// One row per effect: what became of it, and what else was said.

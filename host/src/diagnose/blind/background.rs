@@ -95,7 +95,7 @@ const KINDS: [(Imperfection, &str, [f64; 2], Scope, bool); 26] = [
     (I::ForceCreep, "force_creep", [0.003, 0.006], Scope::Lateral, false),
     (I::DisplacementDrift, "displacement_drift_mm", [0.003, 0.008], Scope::Lateral, false),
     (I::DisplacementPeriodic, "displacement_periodic_mm", [0.003, 0.008], Scope::Lateral, false),
-    (I::SoftSpot, "soft_spot", [0.1, 0.2], Scope::Lateral, false),
+    (I::SoftSpot, "soft_spot", [0.1, 0.2], Scope::Both, false),
     (I::EntryPerRun, "entry_per_run_mm", [0.1, 0.25], Scope::Lateral, false),
     (I::TrackerTilt, "tracker_tilt_degrees", [0.1, 0.3], Scope::Insertion, true),
     (I::GuideOffset, "guide_offset_mm", [0.02, 0.05], Scope::Insertion, true),

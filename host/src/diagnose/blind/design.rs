@@ -140,9 +140,13 @@ impl Design {
         Self { lateral, insertion, noise: NoisePlan::default() }
     }
 
-    /// Both axes at three depths, y twice.
+    /// Both axes at 20, 30 and 40 mm, y twice.
     pub fn nine_runs() -> Self {
-        let depths_mm = [20.0, 30.0, 40.0];
+        Self::nine_runs_at([20.0, 30.0, 40.0])
+    }
+
+    /// Both axes at three depths, y twice.
+    pub fn nine_runs_at(depths_mm: [f64; 3]) -> Self {
         let y = depths_mm.iter().flat_map(|mm| [staircase(0, *mm, "a"), staircase(0, *mm, "b")]);
         let x = depths_mm.iter().map(|mm| staircase(1, *mm, "a"));
         Self::of(y.chain(x).collect(), Vec::new())

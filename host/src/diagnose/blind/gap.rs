@@ -24,20 +24,25 @@ pub struct Misfit {
 /// What a model that is `model` but for modulus and tip load, which adapt, leaves of a session of `truth` on a background.
 pub fn misfit(truth: &Truth, background: &Background, model: &Truth, design: &Design) -> Misfit {
     let quiet = Design { noise: design.noise.none(), ..design.clone() };
-    let weights = [1.0, 0.0].map(|correlated| Weights::new(&design.noise, correlated));
     let measured = session_on(truth, background, &quiet, 1);
     let nothing = Background::default();
-    let parameters = 1 + usize::from(!design.insertion.is_empty());
-    let predict = |values: &[f64]| {
-        let load = values.get(1).copied().unwrap_or(0.0);
-        let model = Truth {
-            k_kpa: model.k_kpa * values[0].exp(),
-            tip_load_n: model.tip_load_n * load.exp(),
-            ..model.clone()
-        };
+    let predict = |[modulus, load]: [f64; 2]| {
+        let model =
+            Truth { k_kpa: model.k_kpa * modulus, tip_load_n: model.tip_load_n * load, ..model.clone() };
         session_on(&model, &nothing, &quiet, 1)
     };
-    let off = |values: &[f64]| weights[0].residuals(&measured, &predict(values));
+    misfit_of(&measured, &predict, &design.noise)
+}
+
+/// The same of any noiseless session and a model of such sessions with factors of modulus and tip load.
+pub fn misfit_of(measured: &Session, model: &dyn Fn([f64; 2]) -> Session, noise: &NoisePlan) -> Misfit {
+    let weights = [1.0, 0.0].map(|correlated| Weights::new(noise, correlated));
+    let parameters = 1 + usize::from(!measured.insertion.is_empty());
+    let predict = |values: &[f64]| {
+        let factor = |number: usize| values.get(number).map_or(1.0, |value| value.exp());
+        model([factor(0), factor(1)])
+    };
+    let off = |values: &[f64]| weights[0].residuals(measured, &predict(values));
     let mut values = vec![0.0; parameters];
     let mut residuals = off(&values);
     for _ in 0..STEPS {
@@ -62,7 +67,7 @@ pub fn misfit(truth: &Truth, background: &Background, model: &Truth, design: &De
             break;
         }
     }
-    let white = weights[1].residuals(&measured, &predict(&values));
+    let white = weights[1].residuals(measured, &predict(&values));
     Misfit { chi2: residuals.norm_squared(), per_reading: white.norm_squared() / white.len().max(1) as f64 }
 }
 

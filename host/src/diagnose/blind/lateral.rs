@@ -97,7 +97,7 @@ impl Tissue<'_> {
 }
 
 /// Rest of a bent needle that guide 2 holds at zero in tissue without stress: its force and the deflection at a place.
-fn rest(world: &World, plane: usize) -> (f64, impl Fn(f64) -> f64) {
+pub(super) fn rest(world: &World, plane: usize) -> (f64, impl Fn(f64) -> f64) {
     let (bend_per_m, guide2_m) = (world.prebend_per_m[plane], world.guide2_m.unwrap_or(0.0));
     let force_n =
         if guide2_m > 0.0 { -3.0 * world.bending_n_m2 * bend_per_m / (2.0 * guide2_m) } else { 0.0 };

@@ -15,10 +15,13 @@
 //! | `insertion` | the path of the tip |
 //! | `sensors` | what the instruments make of it |
 //! | `background`, `flaws` | small imperfections: kinds and sizes, and what they are in each run |
+//! | `body` | tissue as an elastic body, from a solver of its own |
 //! | `gap` | how far a session lies from what a simpler truth would give |
 
 mod background;
+pub mod body;
 mod chain;
+mod cores;
 mod design;
 mod effects;
 mod flaws;
@@ -29,13 +32,16 @@ mod sensors;
 mod world;
 
 pub use background::{Background, Imperfection};
+pub use cores::on_all_cores;
 pub use design::{Design, InsertionPlan, LateralPlan, NoisePlan};
 pub use effects::strengths;
-pub use gap::{Misfit, misfit};
+pub use gap::{Misfit, misfit, misfit_of};
 
 use crate::model::{Needle, Rig};
 use crate::session::{Noise, Session};
+use chain::{STEP_M, node_at};
 use flaws::Flaws;
+use sensors::LateralPart;
 use world::World;
 
 const MM: f64 = 1e-3;
@@ -117,7 +123,13 @@ pub fn session_on(truth: &Truth, background: &Background, design: &Design, seed:
     let noise = &design.noise;
     let lateral = (0..).zip(&design.lateral).map(|(run, plan)| {
         let flaws = Flaws::new(background, run);
-        sensors::lateral_run(&flaws.world(&world, 0), &flaws, plan, noise, seed, run)
+        let world = flaws.world(&world, 0);
+        let depth_m = STEP_M * node_at(MM * plan.depth_mm) as f64;
+        let march = |plane: usize, commanded_m: &[f64], keep: &[usize]| {
+            lateral::march(&world, plane, depth_m, commanded_m, 1.0 / noise.rate_hz, keep)
+        };
+        let part = LateralPart { world: &world, flaws: &flaws, plan, noise, seed, run };
+        sensors::lateral_run(&part, &march)
     });
     let insertion = (0..).zip(&design.insertion).map(|(run, plan)| {
         let flaws = Flaws::new(background, run);
@@ -155,5 +167,7 @@ pub fn touched_modulus(truth: &Truth, background: &Background, design: &Design) 
     factors.iter().sum::<f64>() / factors.len().max(1) as f64
 }
 
+#[cfg(test)]
+mod background_tests;
 #[cfg(test)]
 mod tests;

@@ -4,7 +4,7 @@ use super::chain::{STEP_M, between, node_at};
 use super::design::{InsertionPlan, LateralPlan, NoisePlan};
 use super::flaws::Flaws;
 use super::insertion::{load_n, tip_path};
-use super::lateral::march;
+use super::lateral::Motion;
 use super::world::World;
 use super::{Foreign, MM};
 use crate::session::{ForceSeries, InsertionRun, LateralRun, ShapeSeries};
@@ -201,18 +201,27 @@ fn read_forces(
     })
 }
 
-/// A lateral run as recorded.
+/// What a lateral run is made of.
+#[derive(Clone, Copy)]
+pub(super) struct LateralPart<'a> {
+    pub world: &'a World,
+    pub flaws: &'a Flaws<'a>,
+    pub plan: &'a LateralPlan,
+    pub noise: &'a NoisePlan,
+    pub seed: u64,
+    /// Its number in its list.
+    pub run: u64,
+}
+
+/// A lateral run as recorded; `march` moves guide 2 in a plane through these displacements and keeps the shape at some samples.
 ///
 /// # Panics
 /// Where the plan's axis is neither 0 nor 1.
 pub(super) fn lateral_run(
-    world: &World,
-    flaws: &Flaws<'_>,
-    plan: &LateralPlan,
-    noise: &NoisePlan,
-    seed: u64,
-    run: u64,
+    part: &LateralPart<'_>,
+    march: &dyn Fn(usize, &[f64], &[usize]) -> Motion,
 ) -> LateralRun {
+    let LateralPart { world, flaws, plan, noise, seed, run } = *part;
     assert!(plan.axis < 2, "{}: axis {}, expected 0 (y) or 1 (x)", plan.id, plan.axis);
     let course = Course::new(plan);
     let period_s = 1.0 / noise.rate_hz;
@@ -224,8 +233,7 @@ pub(super) fn lateral_run(
     let mut commanded_m = [vec![0.0; count], vec![0.0; count]];
     commanded_m[plan.axis] = course.sampled(&time_s);
     let depth_m = STEP_M * node_at(MM * plan.depth_mm) as f64;
-    let [mut y, mut x] =
-        [0, 1].map(|plane| march(world, plane, depth_m, &commanded_m[plane], period_s, &keep));
+    let [mut y, mut x] = [0, 1].map(|plane| march(plane, &commanded_m[plane], &keep));
     flaws.mix(&mut [&mut y.force_n, &mut x.force_n]);
     for (y_m, x_m) in y.shape_m.iter_mut().zip(&mut x.shape_m) {
         flaws.mix(&mut [y_m, x_m]);
