@@ -138,7 +138,7 @@ impl Bodies {
         if let Some(id) = body.effects.iter().map(|(id, _)| *id).find(is_impossible) {
             return Err(BodyError::Effect(id));
         }
-        let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         let truth =
             Truth { k_kpa: body.youngs_kpa, tip_load_n: 0.0, effects: body.effects.clone(), foreign: None };
         let world = World::new(&truth, &rig);
