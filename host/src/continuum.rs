@@ -18,7 +18,7 @@ pub use solve::WallStiffness;
 
 use crate::inference::{FitError, LateralData, LevelData, Measured, Parameter, ShapeDatum, fit};
 use crate::model::elements::Deformed;
-use crate::model::{ModelError, Needle, Rig, check};
+use crate::model::{ModelError, Needle, Rig, Support, check};
 use mesh::Mesh;
 use nalgebra::{DMatrix, DVector};
 
@@ -159,6 +159,7 @@ impl Continuum {
         };
         let data = LateralData {
             rig: rig.clone(),
+            support: Support::Springs,
             depth_m: self.depth_m,
             planes: 1,
             levels: vec![level],

@@ -4,6 +4,7 @@
 //! beam, which is the recommended one. Pooled: one likelihood fit of all runs with a shared K. A run that cannot be
 //! identified is reported with its reason and left out of the pool; it never contributes a number.
 
+mod body;
 mod fitting;
 mod layers;
 mod pool;
@@ -12,6 +13,7 @@ mod reference;
 mod residuals;
 mod results;
 
+pub use body::{BodyResult, FoundationChoice, FoundationResult};
 pub use layers::Layers;
 pub use residuals::ResidualResult;
 pub use results::{
@@ -79,6 +81,10 @@ pub struct Options {
     pub relation: YoungsBy,
     /// Poisson's ratio of the tissue in that relation.
     pub poisson: f64,
+    /// Its standard deviation, which widens the interval of Young's modulus from an elastic body.
+    pub poisson_sd: f64,
+    /// What the tissue is taken as.
+    pub foundation: FoundationChoice,
     /// What counts as a hold.
     pub criteria: HoldCriteria,
     /// Effects whose parameters are unknown too, with their priors: the interval of K then includes them.
@@ -100,6 +106,8 @@ impl Default for Options {
         Self {
             relation: YoungsBy::Published(Relation::Vesic),
             poisson: 0.5,
+            poisson_sd: 0.0,
+            foundation: FoundationChoice::Auto,
             criteria: HoldCriteria::default(),
             nuisances: Vec::new(),
             fixed: Vec::new(),
@@ -223,6 +231,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         return Err(IdentifyError::AllFailed { reasons });
     }
     let pooled = pool::pool(&fitted, options, &mut warnings);
+    let foundation = body::compare(&fitted, &pooled, options, &mut warnings);
     let directions = pool::directions(&fitted, options.criteria.zero_m);
     let layers = if options.layers { layers::layers(&fitted) } else { None };
     if options.layers && layers.is_none() {
@@ -238,10 +247,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let depth_m = depths_m / fitted.len() as f64;
     let mut youngs_by = reference::Youngs::new(session, &fitted, depth_m, options, &mut warnings);
     let youngs = youngs_by.of_pooled(&pooled, &mut warnings);
-    let [least, most] = youngs.range_kpa;
-    warnings.push(format!(
-        "Young's modulus depends on the relation: {least:.1} to {most:.1} kPa by those known; K does not"
-    ));
+    let youngs = reference::headline(youngs, &foundation, options, &mut warnings);
     let reference = reference::reference(session, &fitted, &youngs_by, &mut warnings);
     let k_per_ei = KPerEi::of(&session.rig.needle, pooled.k_kpa, pooled.ci95_kpa);
     if k_per_ei.is_some() {
@@ -260,6 +266,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         k_per_ei,
         directions,
         layers,
+        foundation,
         youngs_modulus_kpa: youngs,
         reference,
         warnings,
@@ -280,6 +287,7 @@ struct Fitted {
     ln_k: f64,
     variance: f64,
     known_noise: bool,
+    known_shape_noise: bool,
 }
 
 fn identify_run(
@@ -330,6 +338,7 @@ fn identify_run(
         ln_k: estimate.ln_k,
         variance: estimate.sd_ln.powi(2),
         known_noise: prepared.known_noise,
+        known_shape_noise: prepared.known_shape_noise,
     };
     Ok((result, fitted))
 }

@@ -143,6 +143,7 @@ fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> 
             [rig.entry_m, rig.entry_m + depth_m].map(|z_m| beam.deflection_m(displacement_m, z_m).abs());
 
         let data = LateralData {
+            support: crate::model::Support::Springs,
             rig: rig.clone(),
             depth_m,
             planes: 1,

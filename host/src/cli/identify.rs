@@ -6,8 +6,8 @@ use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host::figures;
 use host::identify::{
-    Bootstrap, Directions, Identification, KPerEi, Layers, NuisanceResult, Options, RunResult, YoungsBy,
-    identify,
+    Bootstrap, Directions, FoundationChoice, FoundationResult, Identification, KPerEi, Layers, NuisanceResult,
+    Options, RunResult, YoungsBy, identify,
 };
 use host::levels::HoldCriteria;
 use host::model::effects::{EFFECTS, Effect, effect};
@@ -31,6 +31,12 @@ pub struct Args {
     /// Poisson's ratio of the tissue in that relation, 0 to 0.5
     #[arg(long, default_value_t = 0.5, value_name = "RATIO", value_parser = poisson)]
     poisson: f64,
+    /// Standard deviation of Poisson's ratio: it widens the interval of E from an elastic body
+    #[arg(long, default_value_t = 0.0, value_name = "SD", value_parser = poisson)]
+    poisson_sd: f64,
+    /// What the tissue is made of: independent springs, an elastic body, or what the evidence of the runs decides for
+    #[arg(long, default_value = "auto", value_parser = foundation())]
+    foundation: FoundationChoice,
     /// Take an effect's parameters as unknown, so that the interval of K includes them: may be given more than once
     #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
     nuisance: Vec<&'static dyn Effect>,
@@ -66,6 +72,12 @@ fn relation() -> impl TypedValueParser<Value = YoungsBy> {
     })
 }
 
+fn foundation() -> impl TypedValueParser<Value = FoundationChoice> {
+    PossibleValuesParser::new(FoundationChoice::ALL.map(FoundationChoice::name)).map(|name| {
+        FoundationChoice::ALL.into_iter().find(|choice| choice.name() == name).unwrap_or_default()
+    })
+}
+
 fn poisson(text: &str) -> Result<f64, String> {
     let ratio: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
     if (0.0..=0.5).contains(&ratio) { Ok(ratio) } else { Err("expected 0 to 0.5".to_owned()) }
@@ -93,6 +105,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let options = Options {
         relation: args.relation,
         poisson: args.poisson,
+        poisson_sd: args.poisson_sd,
+        foundation: args.foundation,
         criteria: HoldCriteria::default(),
         nuisances,
         fixed,
@@ -149,6 +163,7 @@ impl Display for Text<'_> {
             k_per_ei,
             directions,
             layers,
+            foundation,
             youngs_modulus_kpa: youngs,
             reference,
             warnings,
@@ -211,12 +226,17 @@ impl Display for Text<'_> {
         if let Some(Bootstrap { ci95_kpa: [low, high], count, seed }) = &pooled.bootstrap {
             writeln!(f, "bootstrap    K {low:.2} to {high:.2} kPa, {count} draws, seed {seed}")?;
         }
-        let youngs_text = estimate(Some(youngs.value), Some(youngs.ci95));
-        writeln!(
-            f,
-            "Young's      E {youngs_text} kPa by `{}`, Poisson's ratio {}; by other relations:",
-            youngs.relation, youngs.poisson
-        )?;
+        write_foundation(f, foundation)?;
+        match &youngs.refused {
+            Some(why) => writeln!(f, "Young's      E is not reported: {why}")?,
+            None => writeln!(
+                f,
+                "Young's      E {} kPa by `{}`, Poisson's ratio {}; by relations of K:",
+                estimate(youngs.value, youngs.ci95),
+                youngs.relation,
+                youngs.poisson
+            )?,
+        }
         for other in youngs.relations.iter().filter(|other| other.relation != youngs.relation) {
             writeln!(
                 f,
@@ -241,6 +261,20 @@ impl Display for Text<'_> {
         }
         Ok(())
     }
+}
+
+/// What the tissue was taken as, and by how much.
+fn write_foundation(f: &mut fmt::Formatter<'_>, foundation: &FoundationResult) -> fmt::Result {
+    let FoundationResult { used, by, log_evidence_gain, body, body_error } = foundation;
+    let gain = log_evidence_gain.map_or(String::new(), |gain| {
+        format!("; evidence of an elastic body against springs {gain:+.1} nats")
+    });
+    writeln!(f, "tissue       {used}, {by}{gain}")?;
+    if let Some(body) = body {
+        let found = estimate(Some(body.youngs_modulus_kpa), Some(body.ci95_kpa));
+        writeln!(f, "  body       E {found} kPa, Poisson's ratio {} (sd {})", body.poisson, body.poisson_sd)?;
+    }
+    body_error.iter().try_for_each(|why| writeln!(f, "  body       no fit: {why}"))
 }
 
 fn write_run(f: &mut fmt::Formatter<'_>, run: &RunResult, width: usize) -> fmt::Result {

@@ -4,6 +4,7 @@ use super::{HoldResult, NoiseResult, Options, RunError};
 use crate::inference::energy::{Balance, LEAST_POINTS};
 use crate::inference::{Course, Fixed, LateralData, LevelData, Measured, ShapeDatum};
 use crate::levels::{HoldCriteria, Level, Mean, Path, levels};
+use crate::model::Support;
 use crate::session::{LateralRun, Session};
 
 /// Standard deviation of a deflection before its residuals tell more.
@@ -68,6 +69,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
     let shape_sd_m = session.noise.shape_m.unwrap_or(FIRST_SHAPE_SD_M);
     let data = LateralData {
         rig: session.rig.clone(),
+        support: Support::Springs,
         depth_m: run.depth_m,
         planes,
         levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),

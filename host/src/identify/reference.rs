@@ -1,7 +1,7 @@
 //! Young's modulus and the comparison with indentation.
 
-use super::{Fitted, Options, Pooled, Reference, RelationResult, YoungsBy, YoungsModulus};
-use crate::continuum::{Continuum, RELATIVE_ERROR, Resolution, Run};
+use super::{Fitted, FoundationResult, Options, Pooled, Reference, RelationResult, YoungsBy, YoungsModulus};
+use crate::continuum::{Contact, Continuum, RELATIVE_ERROR, Resolution, Run};
 use crate::inference::LateralData;
 use crate::inference::modulus::{Relation, Sample, punch_modulus_pa, welch_p};
 use crate::model::Rig;
@@ -88,14 +88,51 @@ impl<'s> Youngs<'s> {
             value * (by_k.hypot(error).copysign(by_k)).exp()
         };
         YoungsModulus {
-            value,
-            ci95: pooled.ci95_kpa.map(end),
+            value: Some(value),
+            ci95: Some(pooled.ci95_kpa.map(end)),
+            refused: None,
             relation: self.relation.name(),
             poisson: self.poisson,
             range_kpa: [values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max)],
             relations,
         }
     }
+}
+
+/// Young's modulus as it is reported: that of the body where springs and body were compared and the body is used, else K's
+/// through the relation. K of springs with effects of the tissue is pushed through no relation, which knows none of them.
+pub(super) fn headline(
+    mut youngs: YoungsModulus,
+    foundation: &FoundationResult,
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> YoungsModulus {
+    let bonded = options.relation == YoungsBy::Continuum(Contact::Bonded);
+    let mut all = options.fixed.iter().map(|(effect, _)| effect.id());
+    let effects = all.any(|id| id.starts_with("tissue."));
+    match &foundation.body {
+        Some(body) if bonded && (effects || foundation.used == "body") => {
+            (youngs.value, youngs.ci95) = (Some(body.youngs_modulus_kpa), Some(body.ci95_kpa));
+            youngs.relation = "body";
+            return youngs;
+        }
+        _ if effects => {
+            let why =
+                foundation.body_error.as_deref().unwrap_or("no elastic body with these effects was fitted");
+            (youngs.value, youngs.ci95) = (None, None);
+            youngs.refused = Some(format!(
+                "the model has effects of the tissue, and relations between K and E are those of uniform tissue: {why}"
+            ));
+            youngs.relations.clear();
+        }
+        _ => {
+            let [least, most] = youngs.range_kpa;
+            warnings.push(format!(
+                "Young's modulus depends on the relation: {least:.1} to {most:.1} kPa by those known; K does not"
+            ));
+        }
+    }
+    youngs
 }
 
 /// The most displaced hold of a run, as the relation needs it.

@@ -1,7 +1,7 @@
 //! The result of an identification, as `guide identify --json` prints it. Additive only: fields may be added, never
 //! removed or changed in meaning.
 
-use super::{Layers, ResidualResult};
+use super::{FoundationResult, Layers, ResidualResult};
 use crate::inference::{ChannelFit, ShapeFit};
 use crate::model::Needle;
 use crate::session::LateralRun;
@@ -31,7 +31,9 @@ pub struct Identification {
     pub directions: Option<Directions>,
     /// Two layers; nothing where they were not asked for or the runs do not determine them.
     pub layers: Option<Layers>,
-    /// Young's modulus of the tissue, by a named relation.
+    /// Springs against an elastic body.
+    pub foundation: FoundationResult,
+    /// Young's modulus of the tissue: from an elastic body, or by a named relation.
     pub youngs_modulus_kpa: YoungsModulus,
     /// Comparison with indentation; nothing without such a measurement.
     pub reference: Option<Reference>,
@@ -336,14 +338,16 @@ pub struct Heterogeneity {
     pub p: f64,
 }
 
-/// Young's modulus by a named relation.
+/// Young's modulus, from an elastic body or by a named relation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct YoungsModulus {
-    /// The modulus.
-    pub value: f64,
-    /// K's 95 % interval through the relation; the choice of relation is not in it.
-    pub ci95: [f64; 2],
-    /// The relation.
+    /// The modulus; nothing where it is refused.
+    pub value: Option<f64>,
+    /// Its 95 % interval: that of the body, or K's through the relation; the choice of relation is not in it.
+    pub ci95: Option<[f64; 2]>,
+    /// Why there is no modulus.
+    pub refused: Option<String>,
+    /// `body`, or the relation.
     pub relation: &'static str,
     /// Poisson's ratio in it.
     pub poisson: f64,

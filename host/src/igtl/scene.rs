@@ -158,8 +158,8 @@ impl Scene {
             k_kpa: found.pooled.k_kpa,
             sd_kpa: found.pooled.sd_kpa,
             ci95_kpa: found.pooled.ci95_kpa,
-            youngs_modulus_kpa: found.youngs_modulus_kpa.value,
-            youngs_modulus_ci95_kpa: found.youngs_modulus_kpa.ci95,
+            youngs_modulus_kpa: found.youngs_modulus_kpa.value.unwrap_or(f64::NAN),
+            youngs_modulus_ci95_kpa: found.youngs_modulus_kpa.ci95.unwrap_or([f64::NAN; 2]),
             relation: found.youngs_modulus_kpa.relation,
             warnings: found.warnings.len(),
         };

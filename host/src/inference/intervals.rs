@@ -147,6 +147,7 @@ mod tests {
             shape: (1..30).map(point).collect(),
         };
         vec![LateralData {
+            support: crate::model::Support::Springs,
             rig,
             depth_m: 0.03,
             planes: 1,

@@ -7,7 +7,7 @@
 
 use super::{Block, Fit, Parameter, Prior};
 use crate::model::effects::{Effect, ParameterInfo};
-use crate::model::{DriveSample, Model, ModelError, Mounted, Rig, Series, ShapePoint, Sight};
+use crate::model::{DriveSample, Model, ModelError, Mounted, Rig, Series, ShapePoint, Sight, Support};
 use smallvec::SmallVec;
 use std::borrow::Cow;
 
@@ -52,6 +52,8 @@ pub struct LevelData {
 pub struct LateralData {
     /// Needle, guides and tissue surface.
     pub rig: Rig,
+    /// What the tissue is made of: the shared modulus is K of springs or E of a body.
+    pub support: Support,
     /// Length of the needle inside the tissue.
     pub depth_m: f64,
     /// Number of planes with data: 1 or 2.
@@ -118,6 +120,11 @@ impl LateralData {
         if self.force_offset && self.uses_force { self.planes } else { 0 }
     }
 
+    /// Number of deflections that were measured, over all planes.
+    pub fn shape_values(&self) -> usize {
+        self.planes * self.points()
+    }
+
     /// Number of shape points of all levels.
     fn points(&self) -> usize {
         self.levels.iter().map(|level| level.shape.len()).sum()
@@ -127,7 +134,7 @@ impl LateralData {
     fn model(&self, shared: &[f64]) -> Result<Model, ModelError> {
         let (ln_k, mut values) =
             shared.split_first().map_or((f64::NAN, shared), |(ln_k, rest)| (*ln_k, rest));
-        let mut model = Model::uniform(self.rig.clone(), ln_k.exp())?;
+        let mut model = Model::on(self.rig.clone(), self.support, ln_k.exp())?;
         if let Some(fixed) = &self.fixed {
             model.effects.extend(fixed.effects.iter().cloned());
         }

@@ -38,6 +38,7 @@ fn data(
         shape: shape.iter().map(point).collect(),
     };
     LateralData {
+        support: crate::model::Support::Springs,
         rig: rig(),
         depth_m,
         planes: 1,

@@ -26,7 +26,7 @@ pub(super) fn facts(found: &Identification) -> Vec<Fact> {
             "Young's modulus E (95 %)",
             format!(
                 "{} kPa by {} (Poisson's ratio {}); {least:.1} to {most:.1} kPa by the relations known",
-                estimate(Some(youngs.value), Some(youngs.ci95), 2),
+                estimate(youngs.value, youngs.ci95, 2),
                 youngs.relation,
                 youngs.poisson
             ),
@@ -148,7 +148,7 @@ fn relations(found: &Identification) -> Block {
     let rows = youngs.relations.iter().map(|one| {
         let is_chosen = one.relation == youngs.relation;
         let modulus = match is_chosen {
-            true => estimate(Some(youngs.value), Some(youngs.ci95), 2),
+            true => estimate(youngs.value, youngs.ci95, 2),
             false => value(Some(one.youngs_modulus_kpa), 2),
         };
         vec![one.relation.to_owned(), modulus, one.validity.to_owned()]

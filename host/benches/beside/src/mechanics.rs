@@ -66,6 +66,7 @@ pub fn run(samples: usize) -> LateralData {
         shape: shape.collect(),
     };
     LateralData {
+        support: host::model::Support::Springs,
         rig: rig(),
         depth_m: DEPTH_M,
         planes: 1,

@@ -110,6 +110,7 @@ mod tests {
             shape: vec![ShapeDatum { z_m: 0.09, deflection_m: [1e-3, 0.0] }],
         };
         let holds = LateralData {
+            support: crate::model::Support::Springs,
             rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
             depth_m: 0.03,
             planes: 1,

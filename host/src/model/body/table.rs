@@ -23,16 +23,39 @@ const KEPT: usize = 8;
 static TEXT: &str = include_str!("../../continuum/uniform.csv");
 static BYTES: &[u8] = include_bytes!("../../continuum/varied.f32");
 
-/// Entries of every ratio and Poisson's ratio.
+/// Entries of every ratio and Poisson's ratio, as [`scaled`] makes them.
 static UNIFORM_TABLE: LazyLock<Vec<[f64; ENTRIES]>> = LazyLock::new(|| {
     let lines = TEXT.lines().filter(|line| !line.starts_with('#'));
+    let [_, of_poisson] = UNIFORM;
+    let poissons = nodes(POISSON, of_poisson);
     lines
-        .map(|line| {
+        .zip(poissons.into_iter().cycle())
+        .map(|(line, poisson)| {
             let mut cells = line.split(',').skip(2).map(|cell| cell.parse().unwrap_or(f64::NAN));
-            std::array::from_fn(|_| cells.next().unwrap_or(f64::NAN))
+            let raw: [f64; ENTRIES] = std::array::from_fn(|_| cells.next().unwrap_or(f64::NAN));
+            let diagonal: [f64; MODES] = std::array::from_fn(|i| raw[place(i, i)]);
+            scaled(&raw, &diagonal, poisson)
         })
         .collect()
 });
+
+/// Entries that vary smoothly and little over the table: of the diagonal the logarithm, without what Poisson's ratio does to a long
+/// needle; all others over the roots of their diagonal entries.
+fn scaled<const N: usize>(raw: &[f64; N], diagonal: &[f64], poisson: f64) -> [f64; N] {
+    let mut entries = *raw;
+    for i in 0..diagonal.len() {
+        for j in 0..i {
+            entries[place(i, j)] /= (diagonal[i] * diagonal[j]).sqrt();
+        }
+        entries[place(i, i)] = (diagonal[i] / by_poisson(poisson)).ln();
+    }
+    entries
+}
+
+/// Roots of the diagonal that [`scaled`] entries stand for.
+fn roots<const COUNT: usize>(entries: &[f64], poisson: f64) -> [f64; COUNT] {
+    std::array::from_fn(|i| (entries[place(i, i)].exp() * by_poisson(poisson)).sqrt())
+}
 
 /// Weights of Chebyshev's nodes at a place.
 fn weights(range: [f64; 2], count: usize, at: f64) -> Vec<f64> {
@@ -55,19 +78,14 @@ fn by_poisson(poisson: f64) -> f64 {
     (1.0 - poisson) / ((1.0 + poisson) * (3.0 - 4.0 * poisson))
 }
 
-/// The uniform body's matrices at every ratio for one Poisson's ratio.
+/// The uniform body's entries at every ratio for one Poisson's ratio.
 fn of_poisson(poisson: f64) -> Vec<[f64; ENTRIES]> {
     let [ratios, count] = UNIFORM;
     let weights = weights(POISSON, count, poisson);
-    let factors: Vec<f64> = nodes(POISSON, count)
-        .into_iter()
-        .zip(weights)
-        .map(|(node, weight)| weight * by_poisson(poisson) / by_poisson(node))
-        .collect();
     let mut found = vec![[0.0; ENTRIES]; ratios];
     for (entries, rows) in found.iter_mut().zip(UNIFORM_TABLE.chunks_exact(count)) {
-        for (row, factor) in rows.iter().zip(&factors) {
-            entries.iter_mut().zip(row).for_each(|(entry, value)| *entry += factor * value);
+        for (row, weight) in rows.iter().zip(&weights) {
+            entries.iter_mut().zip(row).for_each(|(entry, value)| *entry += weight * value);
         }
     }
     found
@@ -106,7 +124,11 @@ pub(super) fn uniform(ratio: f64, poisson: f64) -> Matrix {
             for (row, weight) in of_poisson.iter().zip(weights) {
                 entries.iter_mut().zip(row).for_each(|(entry, value)| *entry += weight * value);
             }
-            symmetric(&entries)
+            let roots: [f64; MODES] = roots(&entries, poisson);
+            let matrix = symmetric(&entries);
+            std::array::from_fn(|i| {
+                std::array::from_fn(|j| roots[i] * roots[j] * if i == j { 1.0 } else { matrix[i][j] })
+            })
         })
     })
 }
@@ -119,6 +141,32 @@ fn symmetric(lower: &[f64]) -> Matrix {
 const fn place(row: usize, column: usize) -> usize {
     row * (row + 1) / 2 + column
 }
+
+/// Logarithms of the fields' energies, and the mutual ones of every slice over their roots.
+type Scaled = ([f64; FIELDS], Vec<[f64; FIELD_ENTRIES]>);
+
+static VARIED_TABLE: LazyLock<Vec<Scaled>> = LazyLock::new(|| {
+    let poissons = nodes(super::VARIED_POISSON, VARIED[1]);
+    let (numbers, _) = BYTES.as_chunks();
+    let values: Vec<f64> = numbers.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes))).collect();
+    let nodes = values.chunks_exact(SLICES * FIELD_ENTRIES).zip(poissons.into_iter().cycle());
+    nodes
+        .map(|(of_node, poisson)| {
+            let (slices, _) = of_node.as_chunks::<FIELD_ENTRIES>();
+            let mut slices = slices.to_vec();
+            let energies: [f64; FIELDS] =
+                std::array::from_fn(|i| slices.iter().map(|slice| slice[place(i, i)]).sum());
+            for slice in &mut slices {
+                for i in 0..FIELDS {
+                    for j in 0..=i {
+                        slice[place(i, j)] /= (energies[i] * energies[j]).sqrt();
+                    }
+                }
+            }
+            (energies.map(|energy| (energy / by_poisson(poisson)).ln()), slices)
+        })
+        .collect()
+});
 
 /// Mutual energies of the fields of a body whose modulus varies, slice by slice.
 pub(super) struct Varied(Vec<[f64; FIELD_ENTRIES]>);
@@ -134,16 +182,21 @@ impl Varied {
     fn interpolated(ratio: f64, poisson: f64) -> Self {
         let of_ratio = weights(super::VARIED_RANGE.map(f64::ln), VARIED[0], ratio.ln());
         let of_poisson = weights(super::VARIED_POISSON, VARIED[1], poisson);
-        let poissons = nodes(super::VARIED_POISSON, VARIED[1]);
+        let weights = of_ratio.iter().flat_map(|a| of_poisson.iter().map(move |b| a * b));
+        // Logarithms of every field's energy, and shares of the slices in mutual energies.
+        let mut energies = [0.0; FIELDS];
         let mut slices = vec![[0.0; FIELD_ENTRIES]; SLICES];
-        let mut rest = BYTES;
-        for by_ratio in of_ratio {
-            for (by_node, node) in of_poisson.iter().zip(&poissons) {
-                let weight = by_ratio * by_node * self::by_poisson(poisson) / self::by_poisson(*node);
-                for entry in slices.iter_mut().flatten() {
-                    let Some((bytes, later)) = rest.split_first_chunk() else { break };
-                    *entry += weight * f64::from(f32::from_le_bytes(*bytes));
-                    rest = later;
+        for (weight, (of_fields, shares)) in weights.zip(VARIED_TABLE.iter()) {
+            energies.iter_mut().zip(of_fields).for_each(|(sum, ln)| *sum += weight * ln);
+            for (sum, share) in slices.iter_mut().flatten().zip(shares.iter().flatten()) {
+                *sum += weight * share;
+            }
+        }
+        let roots = energies.map(|ln| (ln.exp() * by_poisson(poisson)).sqrt());
+        for slice in &mut slices {
+            for i in 0..FIELDS {
+                for j in 0..=i {
+                    slice[place(i, j)] *= roots[i] * roots[j];
                 }
             }
         }
