@@ -13,7 +13,7 @@ use crate::diagnose::believed::{Layout, differences};
 use crate::diagnose::data::Kind;
 use crate::diagnose::noise::Noise;
 use crate::diagnose::score::Scores;
-use crate::model::effects::{EFFECTS, effect};
+use crate::model::effects::effect;
 use crate::model::{Support, predict};
 use crate::session::Session;
 use rand::{RngExt, SeedableRng};
@@ -89,14 +89,15 @@ pub fn cases(size: Size, seed: u64) -> Vec<(Hidden, u64)> {
     let mut cases = Vec::new();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     cases.extend((0..size.nothing).map(|_| Hidden::Nothing));
-    for effect in EFFECTS {
+    let ids: Vec<&'static str> = blind::ids().collect();
+    for id in &ids {
         for strength in 0..3 {
-            cases.extend((0..size.one).map(|_| Hidden::One(effect.id(), strength)));
+            cases.extend((0..size.one).map(|_| Hidden::One(id, strength)));
         }
     }
     let is_tip = |id: &str| id.starts_with("tip.");
     while cases.iter().filter(|hidden| matches!(hidden, Hidden::Pair(..))).count() < size.pairs {
-        let [a, b] = [0, 1].map(|_| EFFECTS[random.random_range(0..EFFECTS.len())].id());
+        let [a, b] = [0, 1].map(|_| ids[random.random_range(0..ids.len())]);
         if a < b && !is_tip(a) && !is_tip(b) {
             cases.push(Hidden::Pair(a, b));
         }

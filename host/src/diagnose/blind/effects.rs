@@ -38,8 +38,7 @@ pub fn strengths(id: &str) -> Option<[Vec<f64>; 3]> {
     Some(values.map(<[f64]>::to_vec))
 }
 
-/// Every id.
-#[cfg(test)]
-pub(super) fn ids() -> impl Iterator<Item = &'static str> {
+/// Every id that the generator has.
+pub fn ids() -> impl Iterator<Item = &'static str> {
     STRENGTHS.iter().map(|(id, _)| *id)
 }

@@ -34,7 +34,7 @@ mod world;
 pub use background::{Background, Imperfection};
 pub use cores::on_all_cores;
 pub use design::{Design, InsertionPlan, LateralPlan, NoisePlan};
-pub use effects::strengths;
+pub use effects::{ids, strengths};
 pub use gap::{Misfit, misfit, misfit_of};
 
 use crate::model::{Needle, Rig};

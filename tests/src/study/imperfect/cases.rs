@@ -5,7 +5,8 @@ use host::diagnose::blind::body::{Bodies, Body, BodyError};
 use host::diagnose::blind::{
     Background, Design, NoisePlan, Truth, misfit, misfit_of, session_on, strengths, touched_modulus,
 };
-use host::model::effects::{EFFECTS, effect};
+use host::diagnose::blind::ids;
+use host::model::effects::effect;
 use host::session::Session;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -91,7 +92,7 @@ fn case(kind: Kind, number: usize, random: &mut ChaCha8Rng, factor: f64) -> Case
     }
     let (k_kpa, tip_load_n) = (uniform(7.0, 22.0), uniform(0.12, 0.25));
     let (youngs_kpa, poisson) = (uniform(12.0, 32.0), [0.45, 0.48, 0.495, 0.5][number % 4]);
-    let lateral = EFFECTS.iter().map(|effect| effect.id()).filter(|id| !id.starts_with("tip."));
+    let lateral = ids().filter(|id| !id.starts_with("tip."));
     let ids: Vec<&'static str> = match kind {
         Kind::Effects => lateral.collect(),
         Kind::Background => Vec::new(),
