@@ -41,8 +41,8 @@ pub mod words;
 
 pub use data::Channel;
 pub use results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, GapSide, NextMeasurement, Ranked,
-    RegionResult, RemainingResult, RemainingSize, ResidualPoint, Verdict,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, GapSide, NextMeasurement,
+    Ranked, RegionResult, RemainingResult, RemainingSize, ResidualPoint, Verdict,
 };
 
 use crate::inference::FitError;
@@ -158,7 +158,8 @@ pub fn diagnose(
     let final_fit = if is_named { &found.fitted } else { &start };
     tell("the runs that were held out are compared");
     let gap = judge.gap(&start, final_fit, options.seed)?;
-    let remaining = Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
+    let remaining =
+        Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
     let story = Story {
         session,
         options,
@@ -278,8 +279,12 @@ fn choose(
     let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
     let comparison = Some((gain, body.fitted.clone()));
     let only_body = options.foundation == FoundationChoice::Body;
-    let (first, second) = if only_body || gain > FOUNDATION_MARGIN { (body, springs) } else { (springs, body) };
-    report(&format!("tissue as {}: log evidence of a body over springs {gain:+.1}", first.fitted.layout.support.name()));
+    let (first, second) =
+        if only_body || gain > FOUNDATION_MARGIN { (body, springs) } else { (springs, body) };
+    report(&format!(
+        "tissue as {}: log evidence of a body over springs {gain:+.1}",
+        first.fitted.layout.support.name()
+    ));
     let found = search(&first, &mut report)?;
     // Effects that stand in for the other foundation are needed on one of them only.
     let plain = found.members.is_empty();

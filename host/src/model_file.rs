@@ -7,6 +7,9 @@
 //! [tissue]
 //! k_kpa = 12.1                      # optional, with the table
 //! k_ci95_kpa = [11.8, 12.4]         # optional
+//! foundation = "body"               # optional: springs (k_kpa counts) or body (youngs_kpa does)
+//! poisson = 0.5                     # optional, of a body
+//! youngs_kpa = 12.9                 # optional; youngs_ci95_kpa too
 //! [tip]
 //! load_n = 0.2                      # optional; load_ci95_n too
 //! [[effect]]
@@ -22,6 +25,7 @@
 //! A parameter that does nothing at its neutral value may be left out beside another one; a place or a time may not. What is
 //! not known here is refused: a misspelt name would change the model without a word.
 
+use crate::model::Support;
 use crate::model::effects::{EFFECTS, Effect, ParameterInfo, effect};
 use crate::session::fields::Fields;
 use crate::session::{Problem, SessionError, distance, read_text, replace};
@@ -49,6 +53,12 @@ pub struct ModelFile {
     pub modulus_pa: Option<f64>,
     /// Its 95 % interval.
     pub modulus_ci95_pa: Option<[f64; 2]>,
+    /// What the tissue is made of, where it is stated.
+    pub support: Option<Support>,
+    /// Young's modulus of an elastic body.
+    pub youngs_pa: Option<f64>,
+    /// Its 95 % interval.
+    pub youngs_ci95_pa: Option<[f64; 2]>,
     /// Load of the tip in insertions.
     pub tip_load_n: Option<f64>,
     /// Its 95 % interval.
@@ -99,7 +109,11 @@ impl ModelFile {
     pub(crate) fn tables(file: &Fields<'_>, more: &[&str]) -> Result<Self, SessionError> {
         let mut found = Self::default();
         if let Some(tissue) = file.optional_table("tissue")? {
-            tissue.only(&[&["k_kpa", "k_ci95_kpa"], more].concat())?;
+            let own = ["k_kpa", "k_ci95_kpa", "foundation", "poisson", "youngs_kpa", "youngs_ci95_kpa"];
+            tissue.only(&[&own, more].concat())?;
+            found.support = support(&tissue)?;
+            found.youngs_pa = tissue.optional_scaled("youngs_kpa", K_KPA, KILO)?;
+            found.youngs_ci95_pa = tissue.optional_interval("youngs_ci95_kpa", ANY, KILO)?;
             found.modulus_pa = tissue.optional_scaled("k_kpa", K_KPA, KILO)?;
             found.modulus_ci95_pa = tissue.optional_interval("k_ci95_kpa", ANY, KILO)?;
         }
@@ -143,21 +157,35 @@ impl ModelFile {
             };
             Ok::<(), SessionError>(())
         };
-        let mut table = |name: &str, fields: [(&'static str, Option<&[f64]>); 2], unit: i32| {
-            if fields.iter().any(|(_, values)| values.is_some()) {
-                let _ = write!(text, "\n[{name}]\n");
-            }
-            for (field, values) in fields {
-                values.map_or(Ok(()), |values| line(&mut text, field, values, unit))?;
-            }
-            Ok::<(), SessionError>(())
-        };
         let one = |value: &'_ Option<f64>| value.map(|value| vec![value]);
         let (modulus, load) = (one(&self.modulus_pa), one(&self.tip_load_n));
         let interval = |ends: &'_ Option<[f64; 2]>| ends.map(|ends| ends.to_vec());
         let (of_modulus, of_load) = (interval(&self.modulus_ci95_pa), interval(&self.tip_load_ci95_n));
-        table("tissue", [("k_kpa", modulus.as_deref()), ("k_ci95_kpa", of_modulus.as_deref())], KILO)?;
-        table("tip", [("load_n", load.as_deref()), ("load_ci95_n", of_load.as_deref())], 0)?;
+        let (youngs, of_youngs) = (one(&self.youngs_pa), interval(&self.youngs_ci95_pa));
+        let fields = [
+            ("k_kpa", modulus.as_deref()),
+            ("k_ci95_kpa", of_modulus.as_deref()),
+            ("youngs_kpa", youngs.as_deref()),
+            ("youngs_ci95_kpa", of_youngs.as_deref()),
+        ];
+        if fields.iter().any(|(_, values)| values.is_some()) || self.support.is_some() {
+            text.push_str("\n[tissue]\n");
+        }
+        if let Some(support) = self.support {
+            let _ = writeln!(text, "foundation = \"{}\"", support.name());
+            if let Support::Body { poisson } = support {
+                line(&mut text, "poisson", &[poisson], 0)?;
+            }
+        }
+        for (field, values) in fields {
+            values.map_or(Ok(()), |values| line(&mut text, field, values, KILO))?;
+        }
+        if load.is_some() || of_load.is_some() {
+            text.push_str("\n[tip]\n");
+        }
+        for (field, values) in [("load_n", load.as_deref()), ("load_ci95_n", of_load.as_deref())] {
+            values.map_or(Ok(()), |values| line(&mut text, field, values, 0))?;
+        }
         for learned in &self.effects {
             let _ = write!(text, "\n[[effect]]\nid = \"{}\"\n", learned.effect.id());
             if let Some(gain) = learned.log_evidence_gain {
@@ -193,12 +221,35 @@ impl ModelFile {
         if other.modulus_pa.is_some() {
             (self.modulus_pa, self.modulus_ci95_pa) = (other.modulus_pa, other.modulus_ci95_pa);
         }
+        if other.support.is_some() {
+            self.support = other.support;
+        }
+        if other.youngs_pa.is_some() {
+            (self.youngs_pa, self.youngs_ci95_pa) = (other.youngs_pa, other.youngs_ci95_pa);
+        }
         if other.tip_load_n.is_some() {
             (self.tip_load_n, self.tip_load_ci95_n) = (other.tip_load_n, other.tip_load_ci95_n);
         }
         self.effects.retain(|own| other.effects.iter().all(|theirs| theirs.effect.id() != own.effect.id()));
         self.effects.extend(other.effects.iter().cloned());
         self
+    }
+}
+
+/// What the tissue is made of, where a file states it.
+fn support(tissue: &Fields<'_>) -> Result<Option<Support>, SessionError> {
+    let poisson = tissue.optional_number("poisson", [0.0, 0.5])?;
+    match tissue.optional_text("foundation")?.as_deref() {
+        None if poisson.is_some() => {
+            Err(tissue.field_fault("foundation", Problem::Missing, "\"body\" beside a Poisson's ratio"))
+        }
+        None => Ok(None),
+        Some("springs") => Ok(Some(Support::Springs)),
+        Some("body") => Ok(Some(Support::Body { poisson: poisson.unwrap_or(0.5) })),
+        Some(other) => {
+            let problem = Problem::Unknown(other.to_owned());
+            Err(tissue.field_fault("foundation", problem, "springs or body"))
+        }
     }
 }
 

@@ -66,7 +66,9 @@ impl SimulationPlan {
     /// # Errors
     /// [`ModelError::OutOfRange`] where the modulus is impossible.
     pub fn model(&self, rig: &Rig) -> Result<Model, ModelError> {
-        let mut model = Model::uniform(rig.clone(), self.model.modulus_pa.unwrap_or(0.0))?;
+        let support = self.model.support.unwrap_or_default();
+        let modulus_pa = if support.is_body() { self.model.youngs_pa } else { self.model.modulus_pa };
+        let mut model = Model::on(rig.clone(), support, modulus_pa.unwrap_or(0.0))?;
         model.tip = TipLaw::load([self.model.tip_load_n.unwrap_or(0.0), 0.0]);
         model.effects = self.model.effects();
         Ok(model)

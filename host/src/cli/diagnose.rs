@@ -177,8 +177,11 @@ fn write_remaining(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result
     let rms: Vec<String> = remaining.rms.iter().map(|(name, rms)| quantity(name, *rms)).collect();
     writeln!(f, "remaining    {size}; smooth misfit (RMS) {}", rms.join(", "))?;
     if !remaining.above_everyday.is_empty() {
-        let times: Vec<String> =
-            remaining.above_everyday.iter().map(|(name, times)| format!("{name} ({times:.1} times)")).collect();
+        let times: Vec<String> = remaining
+            .above_everyday
+            .iter()
+            .map(|(name, times)| format!("{name} ({times:.1} times)"))
+            .collect();
         writeln!(f, "             more than in an ordinary rig: {}", times.join(", "))?;
     }
     Ok(())
@@ -195,7 +198,11 @@ fn write_foundation(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Resul
         }
         (None, Some(e)) => {
             let [low, high] = e.ci95;
-            writeln!(f, "tissue       springs; as an elastic body E {:.2} kPa ({low:.2} to {high:.2})", e.value)?;
+            writeln!(
+                f,
+                "tissue       springs; as an elastic body E {:.2} kPa ({low:.2} to {high:.2})",
+                e.value
+            )?;
         }
         (None, None) => {}
     }

@@ -6,10 +6,11 @@ use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host::figures;
 use host::identify::{
-    Bootstrap, Directions, FoundationChoice, FoundationResult, Identification, KPerEi, Layers, NuisanceResult,
-    Options, RunResult, YoungsBy, identify,
+    Bootstrap, Directions, FoundationChoice, FoundationResult, Identification, KPerEi, Layers,
+    NuisanceResult, Options, RunResult, YoungsBy, identify,
 };
 use host::levels::HoldCriteria;
+use host::model::Support;
 use host::model::effects::{EFFECTS, Effect, effect};
 use host::model_file::ModelFile;
 use host::session::Session;
@@ -89,8 +90,14 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let mut nuisances = args.nuisance.clone();
     nuisances.sort_by_key(|effect| effect.id());
     nuisances.dedup_by_key(|effect| effect.id());
-    let fixed = args.model.as_deref().map(ModelFile::read).transpose()?.map(|model| model.effects());
-    let fixed = fixed.unwrap_or_default();
+    let model = args.model.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
+    let fixed = model.effects();
+    // What the command line says goes before what the model was learned on.
+    let (foundation, poisson) = match (args.foundation, model.support) {
+        (FoundationChoice::Auto, Some(Support::Body { poisson })) => (FoundationChoice::Body, poisson),
+        (FoundationChoice::Auto, Some(Support::Springs)) => (FoundationChoice::Springs, args.poisson),
+        (choice, _) => (choice, args.poisson),
+    };
     for nuisance in &nuisances {
         let id = nuisance.id();
         ensure!(
@@ -104,9 +111,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     );
     let options = Options {
         relation: args.relation,
-        poisson: args.poisson,
+        poisson,
         poisson_sd: args.poisson_sd,
-        foundation: args.foundation,
+        foundation,
         criteria: HoldCriteria::default(),
         nuisances,
         fixed,

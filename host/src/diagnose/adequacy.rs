@@ -64,7 +64,8 @@ impl Adequacy {
         }
         let mut columns: Vec<DVector<f64>> = plain.iter().map(|column| whitened(runs, column)).collect();
         // Functions of very different sizes: each of length one.
-        let scale: Vec<f64> = columns.iter().map(|column| 1.0 / column.norm().max(f64::MIN_POSITIVE)).collect();
+        let scale: Vec<f64> =
+            columns.iter().map(|column| 1.0 / column.norm().max(f64::MIN_POSITIVE)).collect();
         columns.iter_mut().zip(&scale).for_each(|(column, scale)| *column *= *scale);
         columns.push(residuals);
         let all = DMatrix::from_columns(&columns);
@@ -346,7 +347,10 @@ fn orthonormal(jacobian: &[DMatrix<f64>]) -> DMatrix<f64> {
     let count = jacobian.first().map_or(0, DMatrix::ncols);
     let mut basis: Vec<DVector<f64>> = Vec::new();
     for j in 0..count {
-        let mut rest = DVector::from_iterator(rows, jacobian.iter().flat_map(|of_run| of_run.column(j).into_owned().data.as_vec().clone()));
+        let mut rest = DVector::from_iterator(
+            rows,
+            jacobian.iter().flat_map(|of_run| of_run.column(j).into_owned().data.as_vec().clone()),
+        );
         let before = rest.norm();
         for _ in 0..2 {
             for known in &basis {

@@ -172,7 +172,8 @@ impl Patterns {
         for (run, own_products) in self.runs.iter().zip(&products.own) {
             let own_sizes: Vec<f64> = run.own_groups.iter().map(size_of).collect();
             let own = own_sizes.len();
-            let mut matrix = DMatrix::from_fn(own, own, |i, j| own_sizes[i] * run.own_gram[(i, j)] * own_sizes[j]);
+            let mut matrix =
+                DMatrix::from_fn(own, own, |i, j| own_sizes[i] * run.own_gram[(i, j)] * own_sizes[j]);
             for i in 0..own {
                 matrix[(i, i)] += 1.0;
             }
@@ -248,7 +249,8 @@ impl Patterns {
     /// Sizes at which the evidence is largest, from a start.
     pub fn likeliest_sizes(&self, start: &[f64], products: &Products) -> Vec<f64> {
         let free: Vec<usize> = (0..self.groups.len()).filter(|g| self.groups[*g].tail.is_some()).collect();
-        let logarithms: Vec<f64> = free.iter().map(|g| start[*g].max(MIN_SHARE * self.groups[*g].everyday).ln()).collect();
+        let logarithms: Vec<f64> =
+            free.iter().map(|g| start[*g].max(MIN_SHARE * self.groups[*g].everyday).ln()).collect();
         if free.is_empty() {
             return start.to_vec();
         }
@@ -355,9 +357,7 @@ impl Gradient for Cost<'_> {
 fn search(cost: Cost<'_>, start: &[f64]) -> Option<Vec<f64>> {
     let line = MoreThuenteLineSearch::new().with_bounds(1e-4, MAX_SIZE_STEP).ok()?;
     let solver = LBFGS::new(line, 7).with_tolerance_cost(1e-3).ok()?.with_tolerance_grad(1e-2).ok()?;
-    let run = Executor::new(cost, solver)
-        .configure(|state| state.param(start.to_vec()).max_iters(MAX_STEPS))
-        .run();
+    let run =
+        Executor::new(cost, solver).configure(|state| state.param(start.to_vec()).max_iters(MAX_STEPS)).run();
     run.ok()?.state().get_best_param().cloned()
 }
-

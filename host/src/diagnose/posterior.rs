@@ -305,7 +305,8 @@ fn descend(
     let before = squares(patterns, sizes, parameters, from).ok_or(FitError::Undetermined)?;
     let mut share = 1.0;
     for _ in 0..=MAX_HALVINGS {
-        let values: Vec<f64> = from.values.iter().zip(step).map(|(value, step)| value + share * step).collect();
+        let values: Vec<f64> =
+            from.values.iter().zip(step).map(|(value, step)| value + share * step).collect();
         share *= 0.5;
         // Where the model has no solution the step was too long.
         let Ok(residuals) = residuals(layout, runs, &values) else { continue };

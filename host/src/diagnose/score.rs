@@ -120,7 +120,8 @@ impl Scores {
             return Ok(Self { ways, gram: DMatrix::zeros(0, 0), along: DVector::zeros(0) });
         }
         let columns = |(number, residuals): (usize, &Vec<f64>)| {
-            let mut columns: Vec<DVector<f64>> = directions.iter().map(|of_runs| of_runs[number].clone()).collect();
+            let mut columns: Vec<DVector<f64>> =
+                directions.iter().map(|of_runs| of_runs[number].clone()).collect();
             columns.push(DVector::from_column_slice(residuals));
             DMatrix::from_columns(&columns)
         };

@@ -109,7 +109,8 @@ impl HeldOut {
             Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
         };
         let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
-        let instruments = |runs: &[Prepared]| discrepancy::of_instruments(&start.layout, start.values(), runs);
+        let instruments =
+            |runs: &[Prepared]| discrepancy::of_instruments(&start.layout, start.values(), runs);
         Ok(Judge {
             of_held_out: instruments(&runs)?,
             of_training: instruments(training)?,
@@ -161,7 +162,8 @@ impl Judge {
             let residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
             posterior::misfit(&self.of_held_out, &everyday, &residuals)
         };
-        !self.runs.is_empty() && misfit(before).zip(misfit(after)).is_some_and(|(before, after)| after < before)
+        !self.runs.is_empty()
+            && misfit(before).zip(misfit(after)).is_some_and(|(before, after)| after < before)
     }
 
     /// How far two models are from what was held out, and how much of the removable gap the second one removes. Nothing where

@@ -5,11 +5,12 @@ use super::data::{Kind, Run};
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, Ranked, RegionResult, RemainingResult, SCHEMA,
-    Verdict,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, Ranked, RegionResult,
+    RemainingResult, SCHEMA, Verdict,
 };
 use super::search::{Found, Member};
 use super::{Options, next};
+use crate::model::Support;
 use crate::model::effects::{Effect, effect};
 use crate::model_file::{LearnedEffect, ModelFile};
 use crate::session::Session;
@@ -91,11 +92,7 @@ impl Story<'_> {
             tip_load_ci95_n: tip.map(|(_, ends)| ends),
             given: self.options.given.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
             given_effects: self.given_effects(final_fit),
-            partial: if is_named {
-                Vec::new()
-            } else {
-                self.partial()
-            },
+            partial: if is_named { Vec::new() } else { self.partial() },
             remaining,
             adequacy: adequacy.map(adequacy_result),
             discrepancy: discrepancy
@@ -219,6 +216,9 @@ impl Diagnosis {
             learned_from: self.session.clone(),
             modulus_pa: Some(pa(self.k_kpa)),
             modulus_ci95_pa: Some(self.k_ci95_kpa.map(pa)),
+            support: self.foundation.poisson.map(|poisson| Support::Body { poisson }),
+            youngs_pa: self.foundation.youngs_modulus_kpa.map(|found| pa(found.value)),
+            youngs_ci95_pa: self.foundation.youngs_modulus_kpa.map(|found| found.ci95.map(pa)),
             tip_load_n: self.tip_load_n,
             tip_load_ci95_n: self.tip_load_ci95_n,
             effects: effects

@@ -127,3 +127,6 @@ fn varied(foundation: &Foundation, from_m: f64, depth_m: f64) -> Option<[f64; ta
 pub(super) fn surface_m(foundation: &Foundation) -> f64 {
     foundation.gap_m()
 }
+
+#[cfg(test)]
+mod tests;

@@ -124,7 +124,6 @@ impl Growth {
         if problem.only_guide {
             let holds = grip == Guide2Grip::Holding;
             check("guide2_m", problem.guide2_m, "the only guide, holding the needle", holds)?;
-            problem.support.needs_springs("a rig of one guide")?;
         }
         if problem.support.is_body() {
             let rows = in_body::rows(problem, &depths_m, grip, slopes)?;

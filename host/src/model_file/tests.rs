@@ -155,12 +155,26 @@ prop_compose! {
         learned_from in proptest::option::of("[ -~\\n\u{e4}]{1,20}x"),
         modulus_pa in proptest::option::of(10.0..1e7f64),
         modulus_ci95_pa in interval(),
+        support in proptest::option::of(proptest::option::of(0.0..0.5f64)),
+        youngs_pa in proptest::option::of(10.0..1e7f64),
+        youngs_ci95_pa in interval(),
         tip_load_n in proptest::option::of(-50.0..50.0f64),
         tip_load_ci95_n in interval(),
         effects in proptest::sample::subsequence((0..EFFECTS.len()).collect::<Vec<_>>(), 0..5)
             .prop_flat_map(|indices| indices.into_iter().map(learned).collect::<Vec<_>>()),
     ) -> ModelFile {
-        ModelFile { learned_from, modulus_pa, modulus_ci95_pa, tip_load_n, tip_load_ci95_n, effects }
+        let support = support.map(|of| of.map_or(Support::Springs, |poisson| Support::Body { poisson }));
+        ModelFile {
+            learned_from,
+            modulus_pa,
+            modulus_ci95_pa,
+            support,
+            youngs_pa,
+            youngs_ci95_pa,
+            tip_load_n,
+            tip_load_ci95_n,
+            effects,
+        }
     }
 }
 

@@ -137,7 +137,16 @@ impl SimulationPlan {
                 lateral,
                 insertion,
             };
-            if plan.model.modulus_pa.is_none() && !plan.is_empty() {
+            let on_body = plan.model.support.is_some_and(|support| support.is_body());
+            let missing = if on_body { plan.model.youngs_pa } else { plan.model.modulus_pa }.is_none();
+            if missing && on_body && !plan.is_empty() {
+                return Err(file.field_fault(
+                    "tissue.youngs_kpa",
+                    Problem::Missing,
+                    "Young's modulus of the body, 0.01 to 10000 kPa",
+                ));
+            }
+            if missing && !plan.is_empty() {
                 let tissue = file.optional_table("tissue")?;
                 return Err(tissue.as_ref().unwrap_or(file).field_fault(
                     if tissue.is_some() { "k_kpa" } else { "tissue.k_kpa" },

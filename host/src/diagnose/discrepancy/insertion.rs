@@ -60,7 +60,9 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     add("tip load from insertion to insertion", (0.03, Some(1.5)), Scope::Own, &|around| {
         Ok(vec![under_load(around, &|_| 1.0)?])
     })?;
-    add("angle of entry from insertion to insertion", (3e-3, Some(1.0)), Scope::Own, &|around| Ok(linear(around)))?;
+    add("angle of entry from insertion to insertion", (3e-3, Some(1.0)), Scope::Own, &|around| {
+        Ok(linear(around))
+    })?;
     add("surface from insertion to insertion", (0.5e-3, Some(1.0)), Scope::Own, &entry)?;
     add("roll from insertion to insertion", (0.02, Some(1.0)), Scope::Own, &roll)?;
     let waves = |around: &Around<'_>| {

@@ -102,15 +102,24 @@ impl Ritz {
     fn place(&mut self, problem: &BeamProblem) -> Result<(), ModelError> {
         let clamp = problem.clamp_compliance_rad_per_n_m;
         let mut start = Section::default();
-        if clamp > 0.0 {
-            start[1].push((0, 1.0));
-            self.stiffness[0][0] += 1.0 / clamp;
+        if problem.only_guide {
+            // Guide 2 moves the needle where it begins.
+            start[0].push((0, 1.0));
             self.count = 1;
         }
+        if clamp > 0.0 {
+            start[1].push((self.count, 1.0));
+            self.stiffness[self.count][self.count] += 1.0 / clamp;
+            self.count += 1;
+        }
+        let first_guide = problem.only_guide.then(|| start.clone());
         let (outside_n, inside_n) = (problem.axial_load_n, problem.axial_load_n - problem.shear_n);
         let faces = [(problem.guide2_m, outside_n), (problem.entry_m, outside_n), (self.body_m, inside_n)];
-        let ends: Vec<f64> =
-            faces.iter().map(|(face_m, _)| *face_m).filter(|m| self.body_m - m > LEAST_M).collect();
+        let ends: Vec<f64> = faces
+            .iter()
+            .map(|(face_m, _)| *face_m)
+            .filter(|m| *m > LEAST_M && self.body_m - m > LEAST_M)
+            .collect();
         // Nodes above the body are those that do not lie where it begins, or on one another.
         let mut nodes_m: Vec<f64> = Vec::with_capacity(2);
         for end_m in ends {
@@ -136,6 +145,9 @@ impl Ritz {
         };
         (self.guide2, self.surface) =
             (section(problem.guide2_m, self.count), section(problem.entry_m, self.count));
+        if let Some(first_guide) = first_guide {
+            self.guide2 = first_guide;
+        }
         let mut start_m = 0.0;
         for (face_m, axial_n) in faces {
             if face_m - start_m <= LEAST_M {
