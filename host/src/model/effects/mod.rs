@@ -17,7 +17,7 @@ mod tissue;
 use super::insertion::TipLaw;
 use super::lateral::Drive;
 use super::predict::Plane;
-use super::{BeamProblem, Channels, ModelError, ShapePoint};
+use super::{BeamProblem, Channels, ModelError, Rig, ShapePoint};
 use std::fmt::Debug;
 
 const MM: f64 = 1e-3;
@@ -77,6 +77,11 @@ pub trait Effect: Debug + Sync {
     /// Where it can show: in lateral runs, in insertions.
     fn shows_in(&self) -> [bool; 2] {
         [true, true]
+    }
+
+    /// Whether a rig can have it at all.
+    fn applies_to(&self, _rig: &Rig) -> bool {
+        true
     }
 
     /// Changes the beam problem of a plane.

@@ -3,7 +3,7 @@
 use super::{Effect, MM, ParameterInfo, Seen, first};
 use crate::model::lateral::Drive;
 use crate::model::predict::Plane;
-use crate::model::{BeamProblem, Channels, ModelError};
+use crate::model::{BeamProblem, Channels, ModelError, Rig};
 
 /// Guide 2 has turned round once it has come back by so much: less is the noise of its sensor.
 const REVERSAL_M: f64 = 0.05e-3;
@@ -27,6 +27,11 @@ impl Effect for ClampCompliance {
 
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("compliance_rad_per_n_m", 0.0, [0.0, 20.0], [0.0, 5.0], 0.1)] }
+    }
+
+    /// A needle in one guide turns there by what is stated of the rig.
+    fn applies_to(&self, rig: &Rig) -> bool {
+        !rig.has_one_guide()
     }
 
     fn beam(&self, values: &[f64], _plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
@@ -59,6 +64,10 @@ impl Effect for RearRotation {
                 ParameterInfo::new("compliance_x_rad_per_n_m", 0.0, [0.0, 100.0], [0.0, 10.0], 0.5),
             ]
         }
+    }
+
+    fn applies_to(&self, rig: &Rig) -> bool {
+        rig.has_one_guide()
     }
 
     fn beam(&self, values: &[f64], plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
