@@ -228,8 +228,11 @@ impl Case {
         }
     }
 
-    /// Whether its tissue is a body.
-    pub fn is_body(&self) -> bool {
-        matches!(self.tissue, Tissue::Body(_))
+    /// Poisson's ratio where the tissue is a body: a laboratory states it.
+    pub fn poisson(&self) -> Option<f64> {
+        match &self.tissue {
+            Tissue::Springs(_) => None,
+            Tissue::Body(body) => Some(body.poisson),
+        }
     }
 }
