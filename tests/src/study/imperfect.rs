@@ -181,9 +181,9 @@ mod tests {
         for case in &cases {
             let needs_one = case.kind == Kind::Effects;
             assert!(!needs_one || case.hidden().is_some());
-            assert_eq!(case.is_body(), case.kind == Kind::Body);
+            assert_eq!(case.poisson().is_some(), case.kind == Kind::Body);
             // An ordinary background is there wherever springs are.
-            assert!(case.is_body() || case.background.parts.len() >= 4, "{}", case.description());
+            assert!(case.kind == Kind::Body || case.background.parts.len() >= 4, "{}", case.description());
         }
         // A larger background is the same one, larger.
         let larger = drawn_cases(&Options { factor: 5.0, ..options }, 12, 3);
@@ -205,24 +205,5 @@ mod tests {
         let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-7);
         assert!(close(&written.force.force_y_n, &read.force.force_y_n));
         assert!(close(&written.shape.y_m, &read.shape.y_m));
-    }
-
-    #[test]
-    fn zz_sample() {
-        let count: usize = std::env::var("SAMPLE").ok().and_then(|n| n.parse().ok()).unwrap_or(0);
-        if count == 0 {
-            return;
-        }
-        let seed = 11;
-        let cases = drawn_cases(&Options { kind: None, factor: 1.0, write: None }, count, seed);
-        let outcomes = judged(&cases).unwrap();
-        println!(
-            "{}\n{}",
-            table::measures_table(&[(format!("seed {seed}"), outcomes.clone())]),
-            table::confusion(&outcomes)
-        );
-        for o in &outcomes {
-            println!("{}\n", o.line());
-        }
     }
 }

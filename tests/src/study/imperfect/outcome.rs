@@ -39,7 +39,9 @@ impl Outcome {
     /// Diagnoses a drawn session.
     pub fn of(case: &Case, drawn: &Drawn) -> Self {
         let started = Instant::now();
-        let found = diagnose(&drawn.session, &Options { seed: case.seed, ..Options::default() }, |_| {});
+        let default = Options { seed: case.seed, ..Options::default() };
+        let options = Options { poisson: case.poisson().unwrap_or(default.poisson), ..default };
+        let found = diagnose(&drawn.session, &options, |_| {});
         let seconds = started.elapsed().as_secs_f64();
         let diagnosis = found
             .map_err(|error| error.to_string())
@@ -134,10 +136,10 @@ impl Outcome {
         Some([list.get(0)?.as_f64()?, list.get(1)?.as_f64()?])
     }
 
-    /// The modulus: the value and interval that belong to this tissue, K of springs or Young's modulus of a body.
+    /// The modulus: the value and interval that belong to this tissue, K of springs, or Young's modulus where a body is taken for one.
     pub fn modulus(&self) -> Option<(f64, [f64; 2])> {
-        let (value, interval) = if self.case.is_body() {
-            ("/youngs_modulus_kpa", "/youngs_modulus_ci95_kpa")
+        let (value, interval) = if self.case.poisson().is_some() {
+            ("/foundation/youngs_modulus_kpa/value", "/foundation/youngs_modulus_kpa/ci95")
         } else {
             ("/k_kpa", "/k_ci95_kpa")
         };
@@ -174,10 +176,9 @@ impl Outcome {
         of.collect()
     }
 
-    /// What tissue the evidence preferred, where the diagnosis says so.
+    /// What the diagnosis took the tissue for, springs or a body.
     pub fn foundation(&self) -> Option<&str> {
-        let foundation = self.field("/foundation")?;
-        foundation.as_str().or_else(|| foundation.get("preferred")?.as_str())
+        self.field("/foundation/used")?.as_str()
     }
 
     /// Whether this is an outcome to look into.
