@@ -5,6 +5,7 @@ use crate::inference::energy::{Balance, LEAST_POINTS};
 use crate::inference::{Course, Fixed, LateralData, LevelData, Measured, ShapeDatum};
 use crate::levels::{HoldCriteria, Level, Mean, Path, levels};
 use crate::model::Support;
+use crate::model::effects::{Effect, effect};
 use crate::session::{LateralRun, Session};
 
 /// Standard deviation of a deflection before its residuals tell more.
@@ -16,6 +17,8 @@ const LEAST_DISPLACEMENT_SD_M: f64 = 1e-6;
 const LEAST_FORCE_SD_N: f64 = 1e-4;
 /// Points this far beyond the ends of the needle are taken as on it.
 const BEYOND_M: f64 = 0.5e-3;
+/// How an only guide gives.
+const REAR_ROTATION: &str = "rig.rear_rotation";
 /// Least time between rows of a run's course.
 const COURSE_STEP_S: f64 = 0.05;
 
@@ -77,7 +80,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         force_offset: used.len() > displaced.len(),
         // A force says how stiff needle and tissue are together, and nothing where neither is known.
         uses_force: session.rig.needle.stiffness_known,
-        effects: options.nuisances.clone(),
+        effects: nuisances(session, options),
         fixed: (!options.fixed.is_empty()).then(|| Fixed {
             effects: options.fixed.clone(),
             course: course(session, run, &used),
@@ -111,6 +114,20 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         known_noise: stated.force_n.is_some() && stated.displacement_m.is_some() && stated.shape_m.is_some(),
         warnings,
     })
+}
+
+/// What was asked for, and how the needle turns in an only guide of which that is not known.
+fn nuisances(session: &Session, options: &Options) -> Vec<&'static dyn Effect> {
+    let mut effects = options.nuisances.clone();
+    let unknown = session.rig.rear_is_unknown();
+    let is_there = effects
+        .iter()
+        .chain(options.fixed.iter().map(|(effect, _)| effect))
+        .any(|effect| effect.id() == REAR_ROTATION);
+    if unknown && !is_there {
+        effects.extend(effect(REAR_ROTATION));
+    }
+    effects
 }
 
 fn check_levels(

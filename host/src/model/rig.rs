@@ -101,6 +101,16 @@ impl Rig {
         matches!(self.guides, Guides::One { .. })
     }
 
+    /// Whether it has one guide, of which nobody knows how the needle turns in it in one of the planes.
+    pub fn rear_is_unknown(&self) -> bool {
+        match self.guides {
+            Guides::Two => false,
+            Guides::One { rear_rotation_n_m_per_rad } => {
+                rear_rotation_n_m_per_rad.iter().any(Option::is_none)
+            }
+        }
+    }
+
     /// How far the needle turns per moment where the beam begins, rad/(N m), vertical (0) or horizontal (1): nothing in a clamp. Where a
     /// rear is not known it is taken as one that does not turn; what it gives is `rig.rear_rotation` of the effects.
     pub fn rear_compliance_rad_per_n_m(&self, plane: usize) -> f64 {

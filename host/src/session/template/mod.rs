@@ -25,7 +25,8 @@ pub const TABLES: [(&str, &str); 5] = [
     (
         "i1.csv",
         "# An insertion. Needed: depth_mm (of the tip below the surface), tip_y_mm (from the straight needle's line). Optional: tip_x_mm,\n\
-         # time_s, rotation_deg (about the needle's axis), guide2_y_mm, guide2_x_mm, base_force_y_n.\n\
+         # time_s, rotation_deg (about the needle's axis), guide2_y_mm, guide2_x_mm, base_force_y_n, tip_direction_y_mrad\n\
+         # and tip_direction_x_mrad (slope of the needle at the tip; a cell may be empty).\n\
          depth_mm,tip_y_mm\n",
     ),
     (
