@@ -123,7 +123,7 @@ pub fn plan(plan: &Plan) -> Result<String, FigureError> {
         let area = area.titled("half-width of the 95 % interval of K", (FONT, 22)).map_err(failed)?;
         let depths = range(plan.choices.iter().map(|choice| choice.depth_mm));
         // Widths span decades: powers of ten on the axis.
-        let decades = |choice: &Choice| choice.half_width_percent.max(1e-3).log10();
+        let decades = |choice: &Choice| choice.half_width_percent.clamp(1e-3, 1e3).log10();
         let widths = range(plan.choices.iter().map(decades));
         let mut chart = ChartBuilder::on(&area)
             .margin(12)
