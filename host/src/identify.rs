@@ -6,6 +6,7 @@
 
 mod body;
 mod fitting;
+mod indentation;
 mod layers;
 mod pool;
 mod prepare;
@@ -17,9 +18,9 @@ pub use body::{BodyResult, FoundationChoice, FoundationResult};
 pub use layers::Layers;
 pub use residuals::ResidualResult;
 pub use results::{
-    Bootstrap, ChannelResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult, Identification,
-    KPerEi, Likelihood, Methods, NoiseResult, NuisanceResult, Pooled, Profile, Reference, RelationResult,
-    RunResult, ShapeResult, YoungsModulus,
+    Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult,
+    Identification, IndentationResult, KPerEi, Likelihood, Methods, NoiseResult, NuisanceResult, Pooled,
+    Profile, Reference, RelationResult, RunResult, ShapeResult, YoungsModulus,
 };
 
 use crate::continuum::Contact;
@@ -248,7 +249,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let mut youngs_by = reference::Youngs::new(session, &fitted, depth_m, options, &mut warnings);
     let youngs = youngs_by.of_pooled(&pooled, &mut warnings);
     let youngs = reference::headline(youngs, &foundation, options, &mut warnings);
-    let reference = reference::reference(session, &fitted, &youngs_by, &mut warnings);
+    let reference = indentation::reference(session, &runs, &fitted, (&youngs_by, &youngs), &mut warnings);
     let k_per_ei = KPerEi::of(&session.rig.needle, pooled.k_kpa, pooled.ci95_kpa);
     if k_per_ei.is_some() {
         warnings.push(

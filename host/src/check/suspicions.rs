@@ -12,7 +12,7 @@ const LEAST_FORCE_N: f64 = 1e-3;
 /// A displacement that should be felt and seen.
 const MOVED_M: f64 = 0.1e-3;
 /// Lateral motions below this are nothing a rig does on purpose; a thousand times as much is: metres for millimetres.
-const LEAST_MOTION_M: f64 = 0.02e-3;
+pub(crate) const LEAST_MOTION_M: f64 = 0.02e-3;
 /// Guide 2 goes a few millimetres at most.
 const MOST_DISPLACEMENT_M: f64 = 15e-3;
 /// A needle is not bent by so many times the displacement of its guide.

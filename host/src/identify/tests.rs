@@ -265,7 +265,16 @@ fn indentation_is_compared_by_welch() {
         let unit_n = 1.0 / punch_modulus_pa(2.1e-3, 0.5, 1.0, 1.0);
         let force_n = depth_m.iter().map(|depth_m| modulus_pa * unit_n * depth_m).collect();
         let (id, path) = (id.to_owned(), "ref.csv".into());
-        IndentationRun { id, path, indenter_radius_m: 2.1e-3, poisson: 0.5, depth_m, force_n }
+        IndentationRun {
+            id,
+            path,
+            indenter: Default::default(),
+            indenter_radius_m: 2.1e-3,
+            tissue_thickness_m: None,
+            poisson: 0.5,
+            depth_m,
+            force_n,
+        }
     };
     session.indentation = vec![punch("1", 15e3), punch("2", 17e3), punch("3", 18e3)];
     let result = identified(&session);
