@@ -4,7 +4,7 @@
 mod abilities;
 mod suspicions;
 
-pub(crate) use suspicions::LEAST_MOTION_M;
+pub(crate) use suspicions::{LEAST_MOTION_M, suspicions_of_identification};
 
 use crate::session::{Place, Session, SessionError, Survey};
 use serde::Serialize;

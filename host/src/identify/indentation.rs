@@ -15,8 +15,8 @@ const BENT: f64 = 0.1;
 const BENT_SE: f64 = 3.0;
 /// A sphere pressed in by more than this share of its radius strains the tissue beyond Hertz.
 const DEEP_SPHERE: f64 = 0.2;
-/// A punch wider than this share of the thickness senses the base.
-const THIN: f64 = 0.1;
+/// Contact radius over thickness at which an incompressible layer is 6 % stiffer than a half space.
+const THIN: f64 = 0.05;
 /// Reference and runs differ by a factor of two this closely (in ln) where a diameter was taken for a radius.
 const TWOFOLD: f64 = 0.2;
 
@@ -41,12 +41,15 @@ pub(super) fn reference(
             }
         }
     }
+    warnings.extend(half_space(session));
     let moduli_pa: Vec<f64> = indentations.iter().map(|one| 1e3 * one.youngs_modulus_kpa).collect();
     let mean_pa = (!moduli_pa.is_empty()).then(|| moduli_pa.iter().sum::<f64>() / moduli_pa.len() as f64)?;
     let sample = Sample::of(&moduli_pa);
     let against = |values: &[f64]| welch_p(Sample::of(values)?, sample?);
     let k_pa: Vec<f64> = fitted.iter().map(|run| run.ln_k.exp()).collect();
-    let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| youngs.of_modulus(*k_pa)).collect();
+    // Where E is refused for the pooled K it is for every run.
+    let of_run = |k_pa: f64| youngs.of_modulus(k_pa).filter(|_| pooled.value.is_some());
+    let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| of_run(*k_pa)).collect();
     warnings.extend(twofold(1e-3 * mean_pa, pooled));
     let ci95_kpa = match (sample, indentations.as_slice()) {
         (Some(Sample { mean, sd, count }), _) => {
@@ -65,7 +68,7 @@ pub(super) fn reference(
         t_test_p: against(&k_pa),
         t_test_p_youngs: against(&youngs_pa),
         runs: indentations.len(),
-        depths: depths(runs, youngs, against),
+        depths: depths(runs, of_run, against),
         indentations,
     })
 }
@@ -73,12 +76,12 @@ pub(super) fn reference(
 /// Mean and standard deviation of the runs of every depth, tested against the indentations: Paper A (Lehmann et al.), Table I.
 fn depths(
     runs: &[RunResult],
-    youngs: &Youngs<'_>,
+    of_run: impl Fn(f64) -> Option<f64>,
     against: impl Fn(&[f64]) -> Option<f64>,
 ) -> Vec<DepthResult> {
     let mut groups: Vec<(f64, Vec<f64>)> = Vec::new();
     for run in runs {
-        let Some(k_kpa) = run.methods.likelihood.k_kpa else { continue };
+        let Some(k_kpa) = run.methods.likelihood.k_kpa.filter(|_| run.left_out.is_none()) else { continue };
         match groups.iter_mut().find(|(depth_mm, _)| (depth_mm - run.depth_mm).abs() <= 1e3 * SAME_DEPTH_M) {
             Some((_, values)) => values.push(1e3 * k_kpa),
             None => groups.push((run.depth_mm, vec![1e3 * k_kpa])),
@@ -86,7 +89,7 @@ fn depths(
     }
     groups.sort_by(|a, b| a.0.total_cmp(&b.0));
     let result = |(depth_mm, k_pa): (f64, Vec<f64>)| {
-        let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| youngs.of_modulus(*k_pa)).collect();
+        let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| of_run(*k_pa)).collect();
         let mean_kpa = |values: &[f64]| 1e-3 * values.iter().sum::<f64>() / values.len() as f64;
         let sd_kpa = |values: &[f64]| Sample::of(values).map(|sample| 1e-3 * sample.sd);
         DepthResult {
@@ -169,26 +172,34 @@ fn remarks(run: &IndentationRun, found: &Indented) -> Vec<String> {
             "{:.0} % of the tissue's thickness deep: beyond small strain",
             100.0 * found.deepest_m / thickness_m
         )),
-        Some(_) => {}
-        None => {
-            let contact_m = match run.indenter {
-                Indenter::Flat => radius_m,
-                Indenter::Sphere => (radius_m * found.deepest_m).sqrt(),
-            };
-            remarks.push(format!(
-                "tissue_thickness_mm is not stated: taken as a half space, right within a few per cent above {:.0} mm",
-                1e3 * contact_m / THIN * 2.0
-            ));
-        }
+        Some(_) | None => {}
     }
     remarks
 }
 
+/// That tissue is taken as a half space where its thickness is not stated, and from which thickness on that is right.
+fn half_space(session: &Session) -> Option<String> {
+    let unstated = || session.indentation.iter().filter(|run| run.tissue_thickness_m.is_none());
+    let contact_m = |run: &IndentationRun| match run.indenter {
+        Indenter::Flat => run.indenter_radius_m,
+        Indenter::Sphere => (run.indenter_radius_m * run.depth_m.iter().copied().fold(0.0, f64::max)).sqrt(),
+    };
+    let widest_m = unstated().map(contact_m).fold(0.0, f64::max);
+    (unstated().next().is_some()).then(|| {
+        format!(
+            "tissue_thickness_mm of indentations is not stated: the tissue is taken as a half space, which makes the reference 6 % too \
+             stiff where it is {:.0} mm thick, and more where it is thinner",
+            1e3 * widest_m / THIN
+        )
+    })
+}
+
 /// A factor of two between indentation and runs: a diameter was taken for a radius, or the other way round.
 fn twofold(mean_kpa: f64, youngs: &YoungsModulus) -> Option<String> {
-    let apart = (mean_kpa / youngs.value).ln();
+    let (value_kpa, [low_kpa, high_kpa]) = youngs.value.zip(youngs.ci95)?;
+    let apart = (mean_kpa / value_kpa).ln();
     let two = std::f64::consts::LN_2;
-    let inside = |kpa: f64| (youngs.ci95[0] / 1.1..=youngs.ci95[1] * 1.1).contains(&kpa);
+    let inside = |kpa: f64| (low_kpa / 1.1..=high_kpa * 1.1).contains(&kpa);
     let near = |expected: f64, kpa: f64| (apart - expected).abs() < TWOFOLD && inside(kpa);
     if near(-two, 2.0 * mean_kpa) {
         Some(

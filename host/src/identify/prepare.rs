@@ -1,5 +1,6 @@
 //! From a run's recording to data for the fit: levels, noise, checks.
 
+use super::belong::check_shape_sign;
 use super::{HoldResult, NoiseResult, Options, RunError};
 use crate::inference::energy::{Balance, LEAST_POINTS};
 use crate::inference::{Course, Fixed, LateralData, LevelData, Measured, ShapeDatum};
@@ -72,6 +73,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
     }
     let mut balances = balances(&used, &noise, planes, shape_of);
     check_sign(run, &balances)?;
+    check_shape_sign(run, &data)?;
     if !session.rig.needle.stiffness_known {
         balances.clear();
     }

@@ -3,6 +3,7 @@
 
 use super::{FoundationResult, Layers, ResidualResult};
 use crate::inference::{ChannelFit, ShapeFit};
+use crate::levels::Unused;
 use crate::model::Needle;
 use crate::session::LateralRun;
 use serde::Serialize;
@@ -37,6 +38,8 @@ pub struct Identification {
     pub youngs_modulus_kpa: YoungsModulus,
     /// Comparison with indentation; nothing without such a measurement.
     pub reference: Option<Reference>,
+    /// What of the recordings is not used, with its reason.
+    pub unused: Vec<Unused>,
     /// What to know before trusting the numbers.
     pub warnings: Vec<String>,
 }
@@ -71,6 +74,8 @@ pub struct RunResult {
     pub warnings: Vec<String>,
     /// Why there are no numbers.
     pub error: Option<String>,
+    /// Why the run is not in what is pooled, though it has numbers of its own.
+    pub left_out: Option<String>,
 }
 
 impl RunResult {
@@ -90,6 +95,7 @@ impl RunResult {
             degrees_of_freedom: None,
             warnings: Vec::new(),
             error: Some(why),
+            left_out: None,
         }
     }
 }
