@@ -279,7 +279,7 @@ fn sweeps_that_no_hold_takes_are_listed_with_their_reasons() {
     let last = lost.len() - 40;
     lost[last] = 2.0;
     run.force.lost_before = Some(lost);
-    let rig = crate::model::Rig { needle: crate::model::Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = crate::model::Rig::two_guides(crate::model::Needle::gauge_18(), 0.06, 0.07);
     let found = unused(&run, &rig, &HoldCriteria::default());
     let parts: Vec<(&str, usize)> = found.iter().map(|part| (part.part, part.count)).collect();
     let hold = levels(&run, &HoldCriteria::default())[2].displacement_y_m.samples;

@@ -54,6 +54,7 @@ pub fn protocols() -> Vec<StudyProtocol> {
         displacement_m: 1e-3 * displacement_mm,
         shape_m: 1e-3 * shape_mm,
         tip_m: 0.05e-3,
+        tip_direction_rad: None,
     };
     let example = StudyProtocol {
         name: "example: 20 mm, 1.2 mm, 20 Hz",
@@ -170,6 +171,7 @@ impl StudyProtocol {
                 displacement_m: Some(self.sensors.displacement_m),
                 shape_m: Some(self.sensors.shape_m),
                 tip_m: None,
+                tip_direction_rad: None,
             },
             lateral: made.lateral,
             insertion: Vec::new(),
