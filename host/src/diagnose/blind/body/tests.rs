@@ -80,7 +80,7 @@ fn stiffness(depth_m: f64, poisson: f64, fineness: Fineness) -> f64 {
 #[test]
 fn a_coarse_mesh_is_within_a_percent_of_the_project_s_other_solver() {
     use crate::continuum::{Contact, Continuum, Resolution};
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.07 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
     let other =
         Continuum::solve(&rig.needle, 0.02, 0.49, Contact::Bonded, Resolution::DEFAULT).expect("solves");
     let expected = other.lateral_stiffness_n_per_m(&rig, 20e3).expect("a stiffness");
