@@ -209,6 +209,11 @@ fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> 
     let lateral = session.lateral.iter().map(|run| (&run.id, Run::lateral(run, &session.rig)));
     let insertion = session.insertion.iter().map(|run| (&run.id, Run::insertion(run)));
     let (mut runs, mut warnings) = (Vec::new(), Vec::new());
+    let criteria = crate::levels::HoldCriteria::default();
+    for run in &session.lateral {
+        let unused = crate::levels::unused(run, &session.rig, &criteria);
+        warnings.extend(crate::levels::summary(&unused).iter().map(|what| format!("run {}: {what}", run.id)));
+    }
     for (id, run) in lateral.chain(insertion) {
         match run {
             Ok(run) => runs.push(run),

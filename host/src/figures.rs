@@ -18,6 +18,8 @@ use std::ops::Range;
 
 const FONT: &str = "sans-serif";
 const WIDTH: u32 = 900;
+/// Height of a line of a legend, pixels.
+const LEGEND_LINE: f64 = 20.0;
 const GREY: RGBColor = RGBColor(110, 110, 110);
 
 /// Why a figure could not be drawn.
@@ -43,7 +45,8 @@ pub fn shape(run: &RunResult) -> Result<String, FigureError> {
         let (above, below) = area.split_vertically(430);
         let z_mm = range(run.shape.iter().flat_map(|shape| &shape.z_mm).copied());
         let seen = run.shape.iter().flat_map(|shape| shape.measured_mm.iter().chain(&shape.fitted_mm));
-        let mut chart = axes(&above, z_mm.clone(), range(seen.copied()), "deflection, mm", "")?;
+        let deflections = headroom(range(seen.copied()), run.shape.len(), 370);
+        let mut chart = axes(&above, z_mm.clone(), deflections, "deflection, mm", "")?;
         for (index, shape) in run.shape.iter().enumerate() {
             let colour = Palette99::pick(index).to_rgba();
             chart
@@ -72,6 +75,13 @@ pub fn shape(run: &RunResult) -> Result<String, FigureError> {
         area.present().map_err(failed)?;
     }
     Ok(svg)
+}
+
+/// A range with room above the data for a legend of so many lines in so many pixels; at most as much again.
+fn headroom(range: Range<f64>, lines: usize, pixels: u32) -> Range<f64> {
+    let share = (LEGEND_LINE * lines as f64 + 8.0) / f64::from(pixels);
+    let share = share.min(0.5);
+    range.start..range.end + (range.end - range.start) * share / (1.0 - share)
 }
 
 /// Rise of chi-square over K; nothing where the profile was not asked for.
@@ -123,8 +133,8 @@ pub fn plan(plan: &Plan) -> Result<String, FigureError> {
         let area = area.titled("half-width of the 95 % interval of K", (FONT, 22)).map_err(failed)?;
         let depths = range(plan.choices.iter().map(|choice| choice.depth_mm));
         // Widths span decades: powers of ten on the axis.
-        let decades = |choice: &Choice| choice.half_width_percent.max(1e-3).log10();
-        let widths = range(plan.choices.iter().map(decades));
+        let decades = |choice: &Choice| choice.half_width_percent.clamp(1e-3, 1e3).log10();
+        let widths = headroom(range(plan.choices.iter().map(decades)), lines.len(), 460);
         let mut chart = ChartBuilder::on(&area)
             .margin(12)
             .x_label_area_size(46)

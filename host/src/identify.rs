@@ -4,8 +4,10 @@
 //! beam, which is the recommended one. Pooled: one likelihood fit of all runs with a shared K. A run that cannot be
 //! identified is reported with its reason and left out of the pool; it never contributes a number.
 
+mod belong;
 mod body;
 mod fitting;
+mod indentation;
 mod layers;
 mod pool;
 mod prepare;
@@ -17,16 +19,17 @@ pub use body::{BodyResult, FoundationChoice, FoundationResult};
 pub use layers::Layers;
 pub use residuals::ResidualResult;
 pub use results::{
-    Bootstrap, ChannelResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult, Identification,
-    KPerEi, Likelihood, Methods, NoiseResult, NuisanceResult, Pooled, Profile, Reference, RelationResult,
-    RunResult, ShapeResult, YoungsModulus,
+    Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult,
+    Identification, IndentationResult, KPerEi, Likelihood, Methods, NoiseResult, NuisanceResult, Pooled,
+    Profile, Reference, RelationResult, RunResult, ShapeResult, YoungsModulus,
 };
 
+use crate::check::suspicions_of_identification;
 use crate::continuum::Contact;
 use crate::inference::energy::energy_modulus;
 use crate::inference::modulus::Relation;
 use crate::inference::{FitError, LateralData, channel_fits, shape_fits};
-use crate::levels::HoldCriteria;
+use crate::levels::{HoldCriteria, Unused, unused_of_session};
 use crate::model::effects::Effect;
 use crate::session::{LateralRun, Session};
 use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};
@@ -166,6 +169,14 @@ pub enum RunError {
         /// Displacement.
         displacement_mm: f64,
     },
+    /// Near the surface the needle follows guide 2; here it goes the other way.
+    #[error("{}: deflection_y_mm: {slope:.2} times the displacement of guide 2 near the surface, expected a needle that follows it; is the sign of the shape or of the displacement turned?", path.display())]
+    ShapeSign {
+        /// The shape file.
+        path: PathBuf,
+        /// Deflection over displacement.
+        slope: f64,
+    },
     /// The modulus runs to the end of the range.
     #[error("{}: K runs to its bound of {bound_kpa} kPa, expected force and shape that a tissue explains", path.display())]
     AtBound {
@@ -194,8 +205,10 @@ pub enum IdentifyError {
         path: PathBuf,
     },
     /// None of its runs can be identified.
-    #[error("no run can be identified: {}", reasons.iter().map(|(id, why)| format!("{id}: {why}")).collect::<Vec<_>>().join("; "))]
+    #[error("no run can be identified: {}", suspicions.iter().cloned().chain(reasons.iter().map(|(id, why)| format!("{id}: {why}"))).collect::<Vec<_>>().join("; "))]
     AllFailed {
+        /// What looks wrong with units and signs, before anything is fitted.
+        suspicions: Vec<String>,
         /// Id and reason of each run.
         reasons: Vec<(String, RunError)>,
     },
@@ -212,7 +225,10 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let mut runs = Vec::new();
     let mut fitted = Vec::new();
     let mut reasons = Vec::new();
-    let mut warnings = Vec::new();
+    // Units and signs come before physics.
+    let suspicions = suspicions_of_identification(session);
+    let mut warnings = suspicions.clone();
+    let mut unused = unused_of_session(session, &options.criteria);
     for run in &session.lateral {
         match identify_run(session, run, options) {
             Ok((result, of_run)) => {
@@ -223,13 +239,15 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
             Err(why) => {
                 warnings.push(format!("run {} is left out: {why}", run.id));
                 runs.push(RunResult::failed(run, why.to_string()));
+                unused.push(Unused::run(run, why.to_string()));
                 reasons.push((run.id.clone(), why));
             }
         }
     }
     if fitted.is_empty() {
-        return Err(IdentifyError::AllFailed { reasons });
+        return Err(IdentifyError::AllFailed { suspicions, reasons });
     }
+    unused.extend(belong::set_apart(&mut runs, &mut fitted, &mut warnings));
     let pooled = pool::pool(&fitted, options, &mut warnings);
     let foundation = body::compare(&fitted, &pooled, options, &mut warnings);
     let directions = pool::directions(&fitted, options.criteria.zero_m);
@@ -248,7 +266,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let mut youngs_by = reference::Youngs::new(session, &fitted, depth_m, options, &mut warnings);
     let youngs = youngs_by.of_pooled(&pooled, &mut warnings);
     let youngs = reference::headline(youngs, &foundation, options, &mut warnings);
-    let reference = reference::reference(session, &fitted, &youngs_by, &mut warnings);
+    let reference = indentation::reference(session, &runs, &fitted, (&youngs_by, &youngs), &mut warnings);
     let k_per_ei = KPerEi::of(&session.rig.needle, pooled.k_kpa, pooled.ci95_kpa);
     if k_per_ei.is_some() {
         warnings.push(
@@ -269,6 +287,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         foundation,
         youngs_modulus_kpa: youngs,
         reference,
+        unused,
         warnings,
     })
 }
@@ -332,6 +351,7 @@ fn identify_run(
         degrees_of_freedom: Some(best.degrees_of_freedom),
         warnings: prepared.warnings,
         error: None,
+        left_out: None,
     };
     let fitted = Fitted {
         data: prepared.data,

@@ -2,13 +2,19 @@
 //! displacement and position of guide 2.
 //!
 //! The covariance at the truth is the Cramer-Rao bound, which the likelihood reaches; so the plan is what
-//! [`identify`](crate::identify) will report. K is not known beforehand: every figure is the worst over a range of K.
+//! [`identify`](crate::identify) will report: noise is that of one reading and averages over the readings of a hold, true
+//! displacements and the force sensor's zero are unknown. K is not known beforehand: every figure is the worst over a range of K.
+//! [`study`] compares the plan with the scatter of simulated sessions.
+
+pub mod study;
 
 use crate::inference::{
     FitError, LateralData, LevelData, Measured, Parameter, ShapeDatum, effect_parameters, fit,
 };
+use crate::levels::{HoldCriteria, trimmed_s};
 use crate::model::effects::Effect;
-use crate::model::{Beam, Foundation, ModelError, Rig};
+use crate::model::{Beam, Foundation, ModelError, Rig, Support};
+use crate::session::DEPTH_RANGE_MM;
 use serde::Serialize;
 
 /// What is asked.
@@ -18,14 +24,21 @@ pub struct Question {
     pub rig: Rig,
     /// Foundation moduli that the tissue may have, least and greatest.
     pub modulus_range_pa: [f64; 2],
-    /// Standard deviation of a hold's force.
+    /// Standard deviation of one reading of the force.
     pub force_sd_n: f64,
-    /// Standard deviation of a hold's displacement.
+    /// Standard deviation of one reading of the displacement.
     pub displacement_sd_m: f64,
     /// Standard deviation of one deflection of the shape.
     pub shape_sd_m: f64,
     /// Distance between points of the shape.
     pub shape_spacing_m: f64,
+    /// Readings per second of force and displacement.
+    pub rate_hz: f64,
+    /// Length of every hold.
+    pub hold_s: f64,
+    /// Holds of the run, as multiples of the displacement: 0 is a hold at zero displacement, which determines the force sensor's
+    /// zero; without one the zero is taken as right, as `identify` does.
+    pub levels: Vec<f64>,
     /// Effects whose parameters are unknown too, with their priors.
     pub nuisances: Vec<&'static dyn Effect>,
     /// Insertion depths to choose from.
@@ -58,7 +71,7 @@ pub struct Choice {
     pub depth_mm: f64,
     /// Displacement of guide 2.
     pub displacement_mm: f64,
-    /// Half the width of the 95 % interval of K.
+    /// Half the width of the 95 % interval of K; infinite (`null` in JSON) beyond 1000 %, where K is not identifiable.
     pub half_width_percent: f64,
     /// Largest lateral force.
     pub force_n: f64,
@@ -75,15 +88,78 @@ pub struct Choice {
 pub struct Plan {
     /// Name and version of this form.
     pub schema: &'static str,
+    /// The run that is assumed.
+    pub protocol: Protocol,
     /// All of them, by guide position, depth and displacement.
     pub choices: Vec<Choice>,
     /// The narrowest interval within the limits; nothing where none keeps them.
     pub best: Option<Choice>,
 }
 
+/// The run for which the intervals hold.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Protocol {
+    /// Readings per second.
+    pub rate_hz: f64,
+    /// Length of every hold.
+    pub hold_s: f64,
+    /// Holds, as multiples of the displacement.
+    pub levels: Vec<f64>,
+    /// Readings that a hold's mean is made of: without those at its ends, which may still be motion.
+    pub readings_per_hold: f64,
+    /// Standard deviation of one reading of the force.
+    pub force_sd_n: f64,
+    /// Standard deviation of one reading of the displacement.
+    pub displacement_sd_mm: f64,
+    /// Standard deviation of one deflection of the shape.
+    pub shape_sd_mm: f64,
+}
+
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
+    /// A quantity is none that a run can have.
+    #[error("{field}: {value}, expected {least} to {most}")]
+    OutOfRange {
+        /// The quantity, with unit.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// Least valid value.
+        least: f64,
+        /// Greatest valid value.
+        most: f64,
+    },
+    /// Nothing is displaced, or nothing is to choose from.
+    #[error("{field}: {problem}")]
+    Empty {
+        /// The quantity.
+        field: &'static str,
+        /// What is missing.
+        problem: &'static str,
+    },
+    /// A hold has too few readings to be detected.
+    #[error(
+        "hold_s: {hold_s} s at {rate_hz} Hz are {readings:.0} readings, expected {LEAST_READINGS:.0} or more"
+    )]
+    FewReadings {
+        /// Length of a hold.
+        hold_s: f64,
+        /// Readings per second.
+        rate_hz: f64,
+        /// Readings in it.
+        readings: f64,
+    },
+    /// Too few points of the shape to identify anything.
+    #[error("spacing_mm: {spacing_mm} leaves {found} shape points in {depth_mm} mm of depth, expected at least {LEAST_POINTS}: at most {:.3}", depth_mm / LEAST_POINTS as f64)]
+    FewPoints {
+        /// Distance between points.
+        spacing_mm: f64,
+        /// Insertion depth.
+        depth_mm: f64,
+        /// Number of points.
+        found: usize,
+    },
     /// The experiment cannot be modelled.
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -92,15 +168,93 @@ pub enum PlanError {
     Fit(#[from] FitError),
 }
 
-/// Number of moduli that the range is looked at.
+/// Fewest shape points that `identify` accepts.
+const LEAST_POINTS: usize = crate::inference::energy::LEAST_POINTS;
+/// Number of moduli of the range at which a choice is evaluated.
 const MODULI: u32 = 5;
 const LN_STEP: f64 = 1e-4;
+/// An interval wider than this is none.
+const MOST_HALF_WIDTH_PERCENT: f64 = 1e3;
+/// Fewest readings of a hold.
+const LEAST_READINGS: f64 = 20.0;
+
+impl Question {
+    /// Readings of which a hold's mean is made: detection cuts off what may still be motion at its ends.
+    pub fn readings_per_hold(&self) -> f64 {
+        (self.rate_hz * (self.hold_s - trimmed_s(1.0 / self.rate_hz))).floor().max(1.0)
+    }
+
+    fn protocol(&self) -> Protocol {
+        Protocol {
+            rate_hz: self.rate_hz,
+            hold_s: self.hold_s,
+            levels: self.levels.clone(),
+            readings_per_hold: self.readings_per_hold(),
+            force_sd_n: self.force_sd_n,
+            displacement_sd_mm: 1e3 * self.displacement_sd_m,
+            shape_sd_mm: 1e3 * self.shape_sd_m,
+        }
+    }
+
+    fn check(&self) -> Result<(), PlanError> {
+        let within = |field: &'static str, values: &[f64], scale: f64, [least, most]: [f64; 2]| {
+            // Lengths in millimetres, without the digits that scaling leaves behind.
+            let value = |value: &f64| (1e9 * scale * value).round() / 1e9;
+            let wrong = values.iter().map(value).find(|value| !(least..=most).contains(value));
+            wrong.map_or(Ok(()), |value| Err(PlanError::OutOfRange { field, value, least, most }))
+        };
+        for (field, empty) in [
+            ("depth_mm", self.depths_m.is_empty()),
+            ("displacement_mm", self.displacements_m.is_empty()),
+            ("guide2_mm", self.guide2_m.is_empty()),
+        ] {
+            if empty {
+                return Err(PlanError::Empty {
+                    field,
+                    problem: "nothing to choose from, expected one value or more",
+                });
+            }
+        }
+        within("k_kpa", &self.modulus_range_pa, 1e-3, [0.01, 1e4])?;
+        within("depth_mm", &self.depths_m, 1e3, DEPTH_RANGE_MM)?;
+        within("displacement_mm", &self.displacements_m, 1e3, [0.01, 50.0])?;
+        within("guide2_mm", &self.guide2_m, 1e3, [1.0, 1e3])?;
+        within("spacing_mm", &[self.shape_spacing_m], 1e3, [0.05, 100.0])?;
+        within("rate_hz", &[self.rate_hz], 1.0, [1.0, 1e5])?;
+        within("hold_s", &[self.hold_s], 1.0, [HoldCriteria::default().min_duration_s, 3600.0])?;
+        within("levels", &self.levels, 1.0, [-1.0, 1.0])?;
+        within("force_n", &[self.force_sd_n], 1.0, [1e-9, 100.0])?;
+        within("displacement_mm (noise)", &[self.displacement_sd_m], 1e3, [1e-6, 10.0])?;
+        within("shape_mm (noise)", &[self.shape_sd_m], 1e3, [1e-6, 10.0])?;
+        if self.levels.iter().all(|level| *level == 0.0) {
+            return Err(PlanError::Empty {
+                field: "levels",
+                problem: "no displaced hold, expected one or more",
+            });
+        }
+        let (hold_s, rate_hz, readings) = (self.hold_s, self.rate_hz, self.hold_s * self.rate_hz);
+        if readings < LEAST_READINGS * (1.0 - 1e-9) {
+            return Err(PlanError::FewReadings { hold_s, rate_hz, readings });
+        }
+        let few = self.depths_m.iter().find(|depth_m| self.points(**depth_m) < LEAST_POINTS);
+        few.map_or(Ok(()), |depth_m| {
+            let (spacing_mm, depth_mm) = (1e3 * self.shape_spacing_m, 1e3 * depth_m);
+            Err(PlanError::FewPoints { spacing_mm, depth_mm, found: self.points(*depth_m) })
+        })
+    }
+
+    /// Shape points of a sweep at a depth.
+    fn points(&self, depth_m: f64) -> usize {
+        (depth_m / self.shape_spacing_m + 1e-9).floor() as usize
+    }
+}
 
 /// Works out every choice.
 ///
 /// # Errors
-/// [`PlanError`] where a choice cannot be modelled.
+/// [`PlanError`] where a quantity is out of range or a choice cannot be modelled.
 pub fn plan(question: &Question) -> Result<Plan, PlanError> {
+    question.check()?;
     let mut choices = Vec::new();
     for guide2_m in &question.guide2_m {
         let rig = Rig { guide2_m: *guide2_m, ..question.rig.clone() };
@@ -110,9 +264,10 @@ pub fn plan(question: &Question) -> Result<Plan, PlanError> {
             }
         }
     }
-    let kept = choices.iter().filter(|choice| choice.within_limits).copied();
+    let is_kept = |choice: &&Choice| choice.within_limits && choice.half_width_percent.is_finite();
+    let kept = choices.iter().filter(is_kept).copied();
     let best = kept.min_by(|a, b| a.half_width_percent.total_cmp(&b.half_width_percent));
-    Ok(Plan { schema: "guide.plan/1", choices, best })
+    Ok(Plan { schema: "guide.plan/1", protocol: question.protocol(), choices, best })
 }
 
 fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> Result<Choice, PlanError> {
@@ -136,34 +291,19 @@ fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> 
         // The moment is greatest at guide 1 or at guide 2.
         let moment_n_m = unit.moment_n_m(0.0).abs().max(unit.moment_n_m(rig.guide2_m).abs()) * force_n;
         let strain = 0.5 * rig.needle.outer_diameter_m * moment_n_m / stiffness;
-        let points = (depth_m / question.shape_spacing_m + 1e-9).floor() as usize;
-        let z_m = |i: usize| rig.entry_m + (i as f64 + 0.5) * depth_m / points.max(1) as f64;
-        let at = |i: usize| beam.deflection_m(displacement_m, z_m(i));
         let ends =
             [rig.entry_m, rig.entry_m + depth_m].map(|z_m| beam.deflection_m(displacement_m, z_m).abs());
 
-        let data = LateralData {
-            support: crate::model::Support::Springs,
-            rig: rig.clone(),
-            depth_m,
-            planes: 1,
-            levels: vec![LevelData {
-                displacement_m: vec![Measured { value: displacement_m, sd: question.displacement_sd_m }],
-                force_n: vec![Measured { value: force_n, sd: question.force_sd_n }],
-                shape: (0..points).map(|i| ShapeDatum { z_m: z_m(i), deflection_m: [at(i), 0.0] }).collect(),
-            }],
-            shape_sd_m: question.shape_sd_m,
-            force_offset: false,
-            uses_force: true,
-            effects: question.nuisances.clone(),
-            fixed: None,
-        };
+        let data = data(question, rig, &beam, depth_m, displacement_m);
         let mut unknowns = vec![Parameter::free(modulus_pa.ln(), LN_STEP)];
         unknowns.extend(effect_parameters(&question.nuisances));
         let fit = fit(&unknowns, &[data])?;
         let sd_ln = fit.covariance.get((0, 0)).copied().unwrap_or(f64::NAN).sqrt();
         let half_width_percent = 100.0 * ((1.959_963_984_540_054 * sd_ln).exp() - 1.0);
 
+        // No number is larger than this, and none is none.
+        let half_width_percent =
+            if half_width_percent <= MOST_HALF_WIDTH_PERCENT { half_width_percent } else { f64::INFINITY };
         choice.half_width_percent = choice.half_width_percent.max(half_width_percent);
         choice.force_n = choice.force_n.max(force_n);
         choice.needle_strain_percent = choice.needle_strain_percent.max(100.0 * strain);
@@ -176,78 +316,38 @@ fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> 
     Ok(choice)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::model::Needle;
-    use crate::model::effects::effect;
-
-    fn question() -> Question {
-        Question {
-            rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
-            modulus_range_pa: [16e3, 16e3],
-            force_sd_n: 0.1,
-            displacement_sd_m: 15e-6,
-            shape_sd_m: 25e-6,
-            shape_spacing_m: 1e-3,
-            nuisances: Vec::new(),
-            depths_m: vec![0.02, 0.03, 0.04],
-            displacements_m: vec![1.2e-3],
-            guide2_m: vec![0.06],
-            limits: Limits { force_n: 4.0, needle_strain: 2e-3, deflection_m: 2e-3 },
+/// The run as it would be measured, without noise.
+fn data(question: &Question, rig: &Rig, beam: &Beam, depth_m: f64, displacement_m: f64) -> LateralData {
+    let of_mean = question.readings_per_hold().sqrt();
+    let points = question.points(depth_m);
+    let z_m = |i: usize| rig.entry_m + (i as f64 + 0.5) * depth_m / points.max(1) as f64;
+    let (least, most) =
+        question.levels.iter().fold((0.0_f64, 0.0_f64), |(least, most), at| (least.min(*at), most.max(*at)));
+    let level = |level: &f64| {
+        let at_m = level * displacement_m;
+        // The shape is swept at zero and at the extremes.
+        let points = if [0.0, least, most].contains(level) { points } else { 0 };
+        let point =
+            |i: usize| ShapeDatum { z_m: z_m(i), deflection_m: [beam.deflection_m(at_m, z_m(i)), 0.0] };
+        LevelData {
+            displacement_m: vec![Measured { value: at_m, sd: question.displacement_sd_m / of_mean }],
+            force_n: vec![Measured { value: beam.force_n(at_m), sd: question.force_sd_n / of_mean }],
+            shape: (0..points).map(point).collect(),
         }
-    }
-
-    #[test]
-    fn half_widths_are_those_of_the_reference_bound() {
-        let plan = plan(&question()).expect("a plan");
-        let bounds = [0.05517608893544766, 0.02335154058660031, 0.013981029964844035];
-        for (choice, sd_ln) in plan.choices.iter().zip(bounds) {
-            let expected = 100.0 * (f64::exp(1.959964 * sd_ln) - 1.0);
-            assert!((choice.half_width_percent / expected - 1.0).abs() < 1e-3, "{choice:?}");
-        }
-        assert_eq!(plan.best.expect("a best").depth_mm, 40.0);
-        assert!((plan.choices[1].force_n - 1.309563697895257).abs() < 1e-9);
-    }
-
-    #[test]
-    fn the_worst_of_the_range_counts_and_limits_are_kept() {
-        let wide = Question { modulus_range_pa: [8e3, 32e3], ..question() };
-        let wide_plan = plan(&wide).expect("a plan");
-        let narrow_plan = plan(&question()).expect("a plan");
-        for (wide, narrow) in wide_plan.choices.iter().zip(&narrow_plan.choices) {
-            assert!(wide.half_width_percent >= narrow.half_width_percent && wide.force_n > narrow.force_n);
-        }
-        let gentle = Question { limits: Limits { force_n: 1.4, ..question().limits }, ..question() };
-        assert_eq!(plan(&gentle).expect("a plan").best.expect("a best").depth_mm, 30.0);
-        let nothing = Question { limits: Limits { force_n: 0.1, ..question().limits }, ..question() };
-        assert_eq!(plan(&nothing).expect("a plan").best, None);
-    }
-
-    /// Without tissue guide 2 bends a cantilever of its own length: a moment of `3 EI u / L^2` at the clamp.
-    #[test]
-    fn needle_strain_is_that_of_a_cantilever_where_there_is_no_tissue() {
-        let air = Question { modulus_range_pa: [1e-3, 1e-3], force_sd_n: 1e-9, ..question() };
-        let expected = 100.0 * 0.5 * Needle::gauge_18().outer_diameter_m * 3.0 * 1.2e-3 / 0.06f64.powi(2);
-        let found = plan(&air).expect("air is a foundation too").choices[0].needle_strain_percent;
-        assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
-    }
-
-    #[test]
-    fn the_figure_has_a_line_per_displacement() {
-        let question = Question { displacements_m: vec![0.6e-3, 1.2e-3], ..question() };
-        let figure = crate::figures::plan(&plan(&question).expect("a plan")).expect("a figure");
-        assert!(figure.contains("guide 2 at 60 mm, 0.6 mm") && figure.matches("<circle").count() == 6);
-    }
-
-    #[test]
-    fn nuisances_widen() {
-        let nuisances = ["rig.clamp_compliance", "sensor.depth_shift"];
-        let nuisances = nuisances.iter().map(|id| effect(id).expect("an effect")).collect();
-        let plain = plan(&question()).expect("a plan");
-        let honest = plan(&Question { nuisances, ..question() }).expect("a plan");
-        for (plain, honest) in plain.choices.iter().zip(&honest.choices) {
-            assert!(honest.half_width_percent > 1.02 * plain.half_width_percent, "{plain:?} {honest:?}");
-        }
+    };
+    LateralData {
+        support: Support::Springs,
+        rig: rig.clone(),
+        depth_m,
+        planes: 1,
+        levels: question.levels.iter().map(level).collect(),
+        shape_sd_m: question.shape_sd_m,
+        force_offset: question.levels.contains(&0.0),
+        uses_force: true,
+        effects: question.nuisances.clone(),
+        fixed: None,
     }
 }
+
+#[cfg(test)]
+mod tests;

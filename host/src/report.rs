@@ -136,22 +136,31 @@ impl Report {
         let folder = session.dir.file_name().map(|name| name.to_string_lossy().into_owned());
         let name = session.name.clone().filter(|name| !name.trim().is_empty()).or(folder);
         let mut summary = Vec::new();
-        summary.extend(identification.found().into_iter().flat_map(identification::facts));
+        // What the first warning disowns is no headline.
+        let headline = diagnosis.found().and_then(discrepancy::headline);
+        let is_short = headline.is_some();
+        summary.extend(headline);
+        summary.extend(
+            identification.found().into_iter().flat_map(|found| identification::facts(found, is_short)),
+        );
         summary.extend(prediction.found().into_iter().flat_map(insertions::facts));
         summary.extend(tracking.found().into_iter().flat_map(steering::facts));
         summary.extend(diagnosis.found().into_iter().flat_map(discrepancy::facts));
+        let warnings = warnings(session, analyses);
+        let mut sections = vec![
+            setup::section(session),
+            identification::section(session, identification),
+            insertions::section(prediction),
+            steering::section(tracking),
+            discrepancy::section(diagnosis),
+            origin.section(),
+        ];
+        sections.iter_mut().for_each(|section| section.without_notes(&warnings));
         Self {
             name: name.unwrap_or_else(|| "session".to_owned()),
-            warnings: warnings(session, analyses),
+            warnings,
             summary,
-            sections: vec![
-                setup::section(session),
-                identification::section(session, identification),
-                insertions::section(prediction),
-                steering::section(tracking),
-                discrepancy::section(diagnosis),
-                origin.section(),
-            ],
+            sections,
             date: origin.date.clone(),
         }
     }

@@ -155,7 +155,8 @@ fn lateral(
             z_m: model.rig.entry_m + (point + 1) as f64 * plan.spacing_m,
         }));
     }
-    let done = Lateral { depth_m: plan.depth_m, drive: drive.collect(), shape: shape.clone() };
+    let (depth_m, drive) = (plan.depth_m, drive.collect());
+    let done = Lateral { depth_m, drive, shape: shape.clone(), reversal_m: [0.0; 2] };
     let Channels { displacement_m, force_n, shape_m, .. } = predict(model, &Experiment::Lateral(done))?;
     let mut seen = |values: Vec<f64>, sd: f64| -> Vec<f64> {
         values.into_iter().map(|value| value + sd * noise.draw()).collect()

@@ -10,6 +10,7 @@ pub mod published;
 pub mod results;
 pub mod sound;
 pub mod study;
+mod units;
 
 use crate::model::{Dynamics, ModelError};
 use crate::session::{Session, SteeringRun};
@@ -38,6 +39,9 @@ pub enum TrackError {
     )]
     NoLength,
 }
+
+/// Segments of the estimator: its memory is fixed, on the host as in the firmware.
+const SEGMENTS: usize = 2;
 
 /// What is asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,10 +83,11 @@ pub fn tracker(session: &Session, options: &Options) -> Result<SoundTracker<f64>
     let dynamics = dynamics(session, options)?;
     let mut settings = sound::settings::<f64>(&session.rig.needle, &dynamics)?;
     settings.segment_m = options.segment_m;
+    settings.layout.segments = SEGMENTS;
     // Deeper runs than the cells and segments were made for: longer ones.
     let deepest_m = session.steering.iter().flat_map(|run| &run.depth_m).copied().fold(0.0, f64::max);
     settings.cell_m = settings.cell_m.max(1.001 * deepest_m / sound::CELLS as f64);
-    settings.segment_m = settings.segment_m.max(deepest_m / settings.layout.segments as f64);
+    settings.segment_m = settings.segment_m.max(deepest_m / SEGMENTS as f64);
     settings.start = options.start.unwrap_or(settings.start);
     settings.force_sd_n = session.noise.force_n.unwrap_or(0.0);
     settings.tip_sd_m = session.noise.tip_m.unwrap_or(0.0);
@@ -105,11 +110,29 @@ pub fn track(session: &Session, options: &Options) -> Result<Tracking, TrackErro
                 .to_owned(),
         );
     }
+    let used_m = tracker(session, options)?.settings().segment_m;
+    if used_m > options.segment_m * (1.0 + 1e-9) {
+        warnings.push(format!(
+            "segments of {:.0} mm, not of {:.0} mm: the estimator has {SEGMENTS}, and they reach the depth of the runs only so. Near a \
+             boundary of layers inside a segment stiffness and damping are smoothed, and intervals do not include that",
+            1e3 * used_m,
+            1e3 * options.segment_m
+        ));
+    }
     let runs: Result<Vec<_>, _> = session.steering.iter().map(|run| one(session, options, run)).collect();
     Ok(Tracking { schema: results::SCHEMA, session: session.name.clone(), runs: runs?, warnings })
 }
 
-fn one(session: &Session, options: &Options, run: &SteeringRun) -> Result<TrackResult, TrackError> {
+/// A run that has gone through the estimator.
+struct Through {
+    tracker: SoundTracker<f64>,
+    estimates: Vec<Estimate<f64>>,
+    /// Rows that the estimator refused.
+    left_out: Vec<(usize, Refused)>,
+    last: Option<Estimate<f64>>,
+}
+
+fn run_through(session: &Session, options: &Options, run: &SteeringRun) -> Result<Through, TrackError> {
     let mut tracker = tracker(session, options)?;
     let mut estimates: Vec<Estimate<f64>> = Vec::new();
     let mut left_out: Vec<(usize, Refused)> = Vec::new();
@@ -120,7 +143,15 @@ fn one(session: &Session, options: &Options, run: &SteeringRun) -> Result<TrackR
         }
     }
     let last = tracker.finish();
-    let mut result = TrackResult::new(&run.id, &estimates, last);
+    Ok(Through { tracker, estimates, left_out, last })
+}
+
+fn one(session: &Session, options: &Options, run: &SteeringRun) -> Result<TrackResult, TrackError> {
+    let Through { tracker, estimates, left_out, last } = run_through(session, options, run)?;
+    // Units and signs before tissue and motion: what is wrong with them explains the rest.
+    let units = units::explain(session, options, run, last.map(|last| last.misfit))?;
+    let mut result = TrackResult::new(&run.id, &estimates, last, units.is_none());
+    result.warnings.splice(0..0, units);
     result.field = last.map(|last| FieldResult::new(&tracker, last.depth_m));
     if let Some((row, refused)) = left_out.first() {
         result.warnings.push(results::left_out(left_out.len(), *row, *refused, run));

@@ -4,6 +4,8 @@
 mod abilities;
 mod suspicions;
 
+pub(crate) use suspicions::{LEAST_MOTION_M, suspicions_of_identification};
+
 use crate::session::{Place, Session, SessionError, Survey};
 use serde::Serialize;
 use std::fmt;

@@ -2,17 +2,19 @@
 
 use super::Finding;
 use crate::inference::insertion::TipPath;
-use crate::session::{ForceSeries, InsertionRun, LateralRun, Session, SteeringRun};
+use crate::session::{ForceSeries, IndentationRun, InsertionRun, LateralRun, Session, SteeringRun};
 use std::path::Path;
 
 /// Forces beyond this are beyond the sensors that such a guide has, newtons.
 const MOST_FORCE_N: f64 = 20.0;
+/// Indentation forces beyond this are none that soft tissue takes, newtons.
+const MOST_INDENTATION_N: f64 = 100.0;
 /// Forces below this are none beside a displacement of [`MOVED_M`].
 const LEAST_FORCE_N: f64 = 1e-3;
 /// A displacement that should be felt and seen.
 const MOVED_M: f64 = 0.1e-3;
 /// Lateral motions below this are nothing a rig does on purpose; a thousand times as much is: metres for millimetres.
-const LEAST_MOTION_M: f64 = 0.02e-3;
+pub(crate) const LEAST_MOTION_M: f64 = 0.02e-3;
 /// Guide 2 goes a few millimetres at most.
 const MOST_DISPLACEMENT_M: f64 = 15e-3;
 /// A needle is not bent by so many times the displacement of its guide.
@@ -45,13 +47,26 @@ pub fn of(session: &Session) -> Vec<Finding> {
     }
     session.insertion.iter().for_each(|run| found.insertion(run));
     session.steering.iter().for_each(|run| found.steering(run));
-    for run in &session.indentation {
-        let deepest_m = largest(&run.depth_m);
-        found.when(deepest_m < LEAST_MOTION_M, &run.path, || {
-            (format!("depth_mm: {} mm at most", mm(deepest_m)), "millimetres: is this in metres?")
-        });
-    }
+    session.indentation.iter().for_each(|run| found.indentation(run));
     found.findings
+}
+
+/// What looks wrong with units and sizes of what `identify` reads; noise that is merely not stated is no part of it.
+pub(crate) fn suspicions_of_identification(session: &Session) -> Vec<String> {
+    let mut found = Found { findings: Vec::new() };
+    let file = session.dir.join("session.toml");
+    found.needle(session, &file);
+    found.noise(session, &file);
+    for run in &session.lateral {
+        found.lateral(session, run, &file);
+    }
+    session.indentation.iter().for_each(|run| found.indentation(run));
+    // Gaps and losses are reported with the holds that they spoil.
+    let is_unit = |finding: &&Finding| {
+        let of_series = ["lost_before:", "time_s: no rows"].iter().any(|what| finding.what.starts_with(what));
+        finding.expected.is_some() && !of_series
+    };
+    found.findings.iter().filter(is_unit).map(ToString::to_string).collect()
 }
 
 struct Found {
@@ -261,6 +276,28 @@ impl Found {
                 format!("depth_mm: {left_out} of {rows} rows are before the surface, drawn back, or misread");
             (what, "rows that go into the tissue")
         });
+    }
+
+    fn indentation(&mut self, run: &IndentationRun) {
+        let deepest_m = largest(&run.depth_m);
+        self.when(deepest_m < LEAST_MOTION_M, &run.path, || {
+            (format!("depth_mm: {} mm at most", mm(deepest_m)), "millimetres: is this in metres?")
+        });
+        let most_n = largest(&run.force_n);
+        self.when(most_n > MOST_INDENTATION_N, &run.path, || {
+            (format!("force_n: {most_n:.1} N at most"), "newtons: are these millinewtons?")
+        });
+        let deepest_mm = mm(deepest_m);
+        self.when(
+            run.tissue_thickness_m.is_some_and(|thickness_m| thickness_m < deepest_m),
+            &run.path,
+            || {
+                (
+                    format!("depth_mm: {deepest_mm} mm at most, deeper than tissue_thickness_mm"),
+                    "tissue thicker than the indentation is deep",
+                )
+            },
+        );
     }
 
     fn steering(&mut self, run: &SteeringRun) {

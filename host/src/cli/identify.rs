@@ -7,7 +7,7 @@ use clap::builder::TypedValueParser;
 use host::figures;
 use host::identify::{
     Bootstrap, Directions, FoundationChoice, FoundationResult, Identification, KPerEi, Layers,
-    NuisanceResult, Options, RunResult, YoungsBy, identify,
+    NuisanceResult, Options, Reference, RunResult, YoungsBy, identify,
 };
 use host::levels::HoldCriteria;
 use host::model::Support;
@@ -129,7 +129,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         draw(&result, folder, out)?;
     }
     out.result(&result, Text(&result))?;
-    if !result.runs.iter().all(|run| run.error.is_none()) {
+    if !result.runs.iter().all(|run| run.error.is_none() && run.left_out.is_none()) {
         out.note("some runs are left out; see the warnings");
     }
     Ok(())
@@ -252,16 +252,7 @@ impl Display for Text<'_> {
             )?;
         }
         if let Some(reference) = reference {
-            let sd = reference.sd_kpa.map_or(String::new(), |sd| format!(" (sd {sd:.2})"));
-            let p = |p: Option<f64>| p.map_or("-".to_owned(), |p| format!("{p:.3}"));
-            writeln!(
-                f,
-                "reference    {:.2} kPa{sd} from {} indentations; t-test against K: p = {}, against E: p = {}",
-                reference.k_kpa,
-                reference.runs,
-                p(reference.t_test_p),
-                p(reference.t_test_p_youngs)
-            )?;
+            write_reference(f, reference)?;
         }
         for warning in warnings {
             writeln!(f, "note         {warning}")?;
@@ -284,6 +275,40 @@ fn write_foundation(f: &mut fmt::Formatter<'_>, foundation: &FoundationResult) -
     body_error.iter().try_for_each(|why| writeln!(f, "  body       no fit: {why}"))
 }
 
+fn write_reference(f: &mut fmt::Formatter<'_>, reference: &Reference) -> fmt::Result {
+    let sd = reference.sd_kpa.map_or(String::new(), |sd| format!(", sd {sd:.2} kPa"));
+    let p = |p: Option<f64>| match p {
+        Some(p) if p < 0.001 => "p < 0.001".to_owned(),
+        Some(p) => format!("p = {p:.3}"),
+        None => "-".to_owned(),
+    };
+    let plural = if reference.runs == 1 { "" } else { "s" };
+    writeln!(
+        f,
+        "reference    E {} kPa{sd} from {} indentation{plural}; t-test against K: {}, against E: {}",
+        estimate(Some(reference.k_kpa), reference.ci95_kpa),
+        reference.runs,
+        p(reference.t_test_p),
+        p(reference.t_test_p_youngs)
+    )?;
+    for one in &reference.depths {
+        let sd = one.k_sd_kpa.map_or(String::new(), |sd| format!(" +- {sd:.2}"));
+        let youngs = one.youngs_modulus_kpa.map_or("-".to_owned(), |kpa| format!("{kpa:.2}"));
+        let youngs_sd = one.youngs_modulus_sd_kpa.map_or(String::new(), |sd| format!(" +- {sd:.2}"));
+        let plural = if one.runs == 1 { "" } else { "s" };
+        writeln!(
+            f,
+            "             {:>5.1} mm, {} run{plural}: K {:.2}{sd} kPa, {}; E {youngs}{youngs_sd} kPa, {}",
+            one.depth_mm,
+            one.runs,
+            one.k_kpa,
+            p(one.t_test_p),
+            p(one.t_test_p_youngs)
+        )?;
+    }
+    Ok(())
+}
+
 fn write_run(f: &mut fmt::Formatter<'_>, run: &RunResult, width: usize) -> fmt::Result {
     let methods = &run.methods;
     let likelihood = estimate(methods.likelihood.k_kpa, methods.likelihood.ci95_kpa);
@@ -293,8 +318,10 @@ fn write_run(f: &mut fmt::Formatter<'_>, run: &RunResult, width: usize) -> fmt::
     let printed = estimate(methods.energy_as_printed.k_kpa, None);
     writeln!(
         f,
-        "  {:<width$}  {:>5.1} mm   {likelihood:<22}  {without_force:<22}  {energy:<22}  {printed}",
-        run.id, run.depth_mm
+        "  {:<width$}  {:>5.1} mm   {likelihood:<22}  {without_force:<22}  {energy:<22}  {printed}{}",
+        run.id,
+        run.depth_mm,
+        if run.left_out.is_some() { "  (not pooled)" } else { "" }
     )
 }
 

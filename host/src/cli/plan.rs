@@ -36,6 +36,15 @@ pub struct Args {
     /// Distance between points of the shape, millimetres
     #[arg(long, default_value_t = 1.0, value_name = "MM")]
     spacing_mm: f64,
+    /// Readings of force and displacement per second
+    #[arg(long, default_value_t = 20.0, value_name = "HZ")]
+    rate_hz: f64,
+    /// Length of every hold, seconds
+    #[arg(long, default_value_t = 3.0, value_name = "S")]
+    hold_s: f64,
+    /// Holds of the run as multiples of the displacement; a hold at 0 determines the force sensor's zero
+    #[arg(long, num_args = 1.., value_name = "SHARE", default_values_t = [0.0, 1.0], allow_negative_numbers = true)]
+    levels: Vec<f64>,
     /// Largest lateral force, newtons
     #[arg(long, default_value_t = 4.0, value_name = "N")]
     force_limit_n: f64,
@@ -64,18 +73,16 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         let wrong = values.iter().find(|value| !(value.is_finite() && **value > 0.0));
         wrong.map_or(Ok(()), |value| Err(anyhow::anyhow!("{name}: {value}, expected positive numbers")))
     };
-    positive("--k-kpa", &args.k_kpa)?;
-    positive("--depth-mm", &args.depth_mm)?;
-    positive("--displacement-mm", &args.displacement_mm)?;
-    positive("--guide2-mm", &args.guide2_mm)?;
-    positive("--spacing-mm", &[args.spacing_mm])?;
+    positive("--force-limit-n", &[args.force_limit_n])?;
+    positive("--strain-limit-percent", &[args.strain_limit_percent])?;
+    positive("--deflection-limit-mm", &[args.deflection_limit_mm])?;
     let range = [args.k_kpa.first(), args.k_kpa.get(1)].map(|k| 1e3 * k.copied().unwrap_or_default());
     ensure!(range[0] <= range[1], "--k-kpa: the greatest modulus is below the least");
     let Setup { rig, noise, .. } = Setup::read(&args.rig)?;
     let metres = |mm: &[f64]| mm.iter().map(|mm| 1e-3 * mm).collect::<Vec<_>>();
     let guide2_m = if args.guide2_mm.is_empty() { vec![rig.guide2_m] } else { metres(&args.guide2_mm) };
     if noise.force_n.is_none() || noise.displacement_m.is_none() || noise.shape_m.is_none() {
-        out.note("what [noise] does not state is taken as 0.05 N, 0.02 mm, 0.03 mm");
+        out.note("what [noise] does not state is taken as 0.05 N, 0.02 mm, 0.03 mm (one reading)");
     }
     let question = Question {
         modulus_range_pa: range,
@@ -83,6 +90,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         displacement_sd_m: noise.displacement_m.unwrap_or(DISPLACEMENT_SD_M),
         shape_sd_m: noise.shape_m.unwrap_or(SHAPE_SD_M),
         shape_spacing_m: 1e-3 * args.spacing_mm,
+        rate_hz: args.rate_hz,
+        hold_s: args.hold_s,
+        levels: args.levels.clone(),
         nuisances: args.nuisance.clone(),
         depths_m: metres(&args.depth_mm),
         displacements_m: metres(&args.displacement_mm),
@@ -107,8 +117,17 @@ struct Text<'a>(&'a Plan);
 
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Plan { choices, best, .. } = self.0;
+        let Plan { choices, best, protocol, .. } = self.0;
+        let levels: Vec<String> = protocol.levels.iter().map(|level| format!("{level}")).collect();
         writeln!(f, "half-width of the 95 % interval of K, worst over the range; * keeps all limits")?;
+        writeln!(
+            f,
+            "run          holds at {} times the displacement, {} s each at {} Hz: means of {:.0} readings",
+            levels.join(", "),
+            protocol.hold_s,
+            protocol.rate_hz,
+            protocol.readings_per_hold
+        )?;
         writeln!(f, "  guide 2     depth  displacement    K +-     force   needle strain   in tissue")?;
         for choice in choices {
             write_choice(f, choice)?;
@@ -118,20 +137,24 @@ impl Display for Text<'_> {
                 writeln!(f, "best within the limits")?;
                 write_choice(f, choice)
             }
-            None => writeln!(f, "no choice keeps the limits"),
+            None => writeln!(f, "no choice keeps the limits and identifies K"),
         }
     }
 }
 
 fn write_choice(f: &mut fmt::Formatter<'_>, choice: &Choice) -> fmt::Result {
+    let half_width = match choice.half_width_percent {
+        width if width.is_finite() => format!("{width:>5.2} %"),
+        _ => ">1000 %".to_owned(),
+    };
     writeln!(
         f,
-        "{} {:>5.1} mm  {:>5.1} mm     {:>5.2} mm   {:>5.1} %  {:>5.2} N         {:>5.3} %    {:>5.2} mm",
+        "{} {:>5.1} mm  {:>5.1} mm     {:>5.2} mm   {}  {:>5.2} N         {:>5.3} %    {:>5.2} mm",
         if choice.within_limits { '*' } else { ' ' },
         choice.guide2_mm,
         choice.depth_mm,
         choice.displacement_mm,
-        choice.half_width_percent,
+        half_width,
         choice.force_n,
         choice.needle_strain_percent,
         choice.deflection_mm,

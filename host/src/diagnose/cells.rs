@@ -93,6 +93,19 @@ pub(super) fn stood(cells: &Cells, holds: usize) -> Vec<[f64; 2]> {
     sums.into_iter().map(|[y, x, count]| [y / count, x / count]).collect()
 }
 
+/// Cells of every hold.
+pub(super) fn held(cells: &Cells) -> Vec<Range<usize>> {
+    let mut start = 0;
+    let mut found = Vec::new();
+    for same in cells.hold.chunk_by(|a, b| a == b) {
+        if same.first().is_some_and(Option::is_some) {
+            found.push(start..start + same.len());
+        }
+        start += same.len();
+    }
+    found
+}
+
 /// Stretches of cells over which forces are averaged.
 pub(super) fn stretches(cells: &Cells) -> Vec<Range<usize>> {
     let mut stretches = Vec::new();

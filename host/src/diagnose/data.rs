@@ -4,9 +4,9 @@
 //! stretches of a tenth of a second. Within a hold guide 2 stands where the mean of its readings says. Readings far off their
 //! neighbours are left out; whether they are is seen from the readings alone, never from a model.
 
-use super::cells::{Cells, cells, stood, stretches};
+use super::cells::{Cells, cells, held, stood, stretches};
 use crate::inference::insertion::{Bin, TipPath};
-use crate::levels::{HoldCriteria, Level, levels};
+use crate::levels::{HoldCriteria, Level, levels, reversal_m, reversal_of_means_m};
 use crate::model::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapePoint};
 use crate::session::{InsertionRun, LateralRun};
 
@@ -200,9 +200,13 @@ impl Run {
             };
             DriveSample { time_s: cells.time_s[i], y_m: at(0), x_m: at(1) }
         });
-        let experiment =
-            Experiment::Lateral(Lateral { depth_m: run.depth_m, drive: drive.collect(), shape: points });
-        let (id, depth_m) = (run.id.clone(), run.depth_m);
+        let (id, depth_m, drive) = (run.id.clone(), run.depth_m, drive.collect());
+        let experiment = Experiment::Lateral(Lateral {
+            depth_m,
+            drive,
+            shape: points,
+            reversal_m: cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &held(&cells))),
+        });
         Ok(Self { id, kind: Kind::Lateral, depth_m, axis, experiment, data, cells, speed_m_per_s: 0.0 })
     }
 
@@ -282,15 +286,21 @@ fn speed(run: &InsertionRun) -> Option<f64> {
 }
 
 fn hold_places(holds: &[Level], axis: usize, depth_m: f64) -> Vec<Place> {
-    let mut before_m = 0.0;
+    // A mean's standard error from its own scatter; what moves by less has not moved.
+    let error_m = |hold: &Level| {
+        let mean = [Some(hold.displacement_y_m), hold.displacement_x_m][axis];
+        mean.map_or(0.0, |mean| mean.standard_error(mean.scatter))
+    };
+    let reversal_m = reversal_of_means_m(&holds.iter().map(error_m).collect::<Vec<_>>());
+    let mut extreme_m = 0.0;
     let mut direction = 0.0;
     let place = |hold: &Level| {
         let level_m = hold.displacement_m()[axis];
-        let moved_m: f64 = level_m - before_m;
-        if moved_m.abs() > HoldCriteria::default().still_m {
+        let moved_m: f64 = level_m - extreme_m;
+        if moved_m * direction > 0.0 || moved_m.abs() > reversal_m {
             direction = moved_m.signum();
+            extreme_m = level_m;
         }
-        before_m = level_m;
         Place { depth_m, level_m, direction, hold_s: Some(0.0), time_s: 0.0 }
     };
     holds.iter().map(place).collect()
@@ -313,7 +323,7 @@ fn sweep(
     let z_m: Vec<f64> = indices.iter().map(|i| run.shape.z_m[*i].min(tip_m)).collect();
     let first = points.len();
     for (index, z_m) in indices.iter().zip(&z_m) {
-        let time_s = run.shape.time_s.as_ref().map_or(middle_s, |times_s| times_s[*index]);
+        let time_s = run.shape.time_s.as_ref().map_or(middle_s, |times_s| hold.observed_s(times_s[*index]));
         points.push(ShapePoint { time_s, z_m: *z_m });
     }
     let planes = [Some(&run.shape.y_m), run.shape.x_m.as_ref()];

@@ -104,7 +104,7 @@ fn seen(
             let model = layout.model(values, Kind::Lateral)?;
             let one = |force_n| Series { y: vec![force_n], x: Some(vec![0.0]) };
             let mut channels = Channels { force_n: one(WEIGHT_N), ..Channels::default() };
-            let seen = Seen { time_s: &[0.0], commanded_m: [&[0.0], &[0.0]] };
+            let seen = Seen { time_s: &[0.0], commanded_m: [&[0.0], &[0.0]], reversal_m: [0.0; 2] };
             // Weights are hung on the sensor: friction and drift of the guide have no part in it.
             model.effects.iter().for_each(|(effect, values)| effect.observe(values, &seen, &mut channels));
             let sd = noise.force.of_mean(60, 3.0).sqrt();
@@ -281,6 +281,6 @@ impl Staircase<'_> {
                     .map(|i| ShapePoint { time_s: sweep_s, z_m: entry_m + (i as f64 + 0.5) * SPACING_M }),
             );
         }
-        Experiment::Lateral(Lateral { depth_m: self.depth_m, drive, shape })
+        Experiment::Lateral(Lateral { depth_m: self.depth_m, drive, shape, reversal_m: [0.0; 2] })
     }
 }

@@ -1,6 +1,6 @@
 //! Figures of one lateral run: force against displacement, and what the fit leaves of every reading.
 
-use super::{Area, FONT, FigureError, GREY, WIDTH, axes, failed, legend, range};
+use super::{Area, FONT, FigureError, GREY, WIDTH, axes, failed, headroom, legend, range};
 use crate::identify::{ResidualResult, RunResult};
 use crate::session::LateralRun;
 use plotters::prelude::*;
@@ -37,6 +37,7 @@ pub fn force(run: &LateralRun, found: &RunResult) -> Result<String, FigureError>
         let area = area.titled(&title, (FONT, 22)).map_err(failed)?;
         let all = || planes.iter().flat_map(|(.., points)| points);
         let (x, y) = (range(all().map(|at| at.0)), range(all().map(|at| at.1)));
+        let y = headroom(y, planes.len() + 2, 400);
         let mut chart = axes(&area, x, y, "force, N", "displacement of guide 2, mm")?;
         for (name, colour, points) in planes {
             chart

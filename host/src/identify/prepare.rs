@@ -1,12 +1,14 @@
 //! From a run's recording to data for the fit: levels, noise, checks.
 
+use super::belong::check_shape_sign;
 use super::{HoldResult, NoiseResult, Options, RunError};
 use crate::inference::energy::{Balance, LEAST_POINTS};
 use crate::inference::{Course, Fixed, LateralData, LevelData, Measured, ShapeDatum};
-use crate::levels::{HoldCriteria, Level, Mean, Path, levels};
+use crate::levels::{BEYOND_TIP_M, HoldCriteria, Level, Mean, Path, levels, reversal_m, summary, unused};
 use crate::model::Support;
 use crate::model::effects::{Effect, effect};
 use crate::session::{LateralRun, Session};
+use std::ops::Range;
 
 /// Standard deviation of a deflection before its residuals tell more.
 const FIRST_SHAPE_SD_M: f64 = 25e-6;
@@ -15,8 +17,6 @@ pub(super) const LEAST_SHAPE_SD_M: f64 = 1e-6;
 /// No displacement and no force is known better than this.
 const LEAST_DISPLACEMENT_SD_M: f64 = 1e-6;
 const LEAST_FORCE_SD_N: f64 = 1e-4;
-/// Points this far beyond the ends of the needle are taken as on it.
-const BEYOND_M: f64 = 0.5e-3;
 /// How an only guide gives.
 const REAR_ROTATION: &str = "rig.rear_rotation";
 /// Least time between rows of a run's course.
@@ -39,16 +39,8 @@ pub(super) struct Prepared {
 pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) -> Result<Prepared, RunError> {
     let criteria = &options.criteria;
     let found = levels(run, criteria);
-    let mut warnings = Vec::new();
+    let mut warnings: Vec<String> = summary(&unused(run, &session.rig, criteria));
     let used: Vec<&Level> = found.iter().filter(|level| level.lost_samples == 0).collect();
-    for (number, level) in found.iter().enumerate().filter(|(_, level)| level.lost_samples > 0) {
-        let [from_s, to_s] = level.time_s;
-        warnings.push(format!(
-            "hold {} ({from_s:.2} to {to_s:.2} s) lost {} samples: not used",
-            number + 1,
-            level.lost_samples
-        ));
-    }
     let displaced: Vec<&Level> = used.iter().copied().filter(|level| level.path != Path::Zero).collect();
     check_levels(run, criteria, &found, &used, &displaced)?;
 
@@ -59,14 +51,6 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         displaced.iter().flat_map(|level| shape_of(level)).filter(|p| p.z_m >= session.rig.entry_m).count();
     if inside < LEAST_POINTS {
         return Err(RunError::TooFewPoints { path: run.shape_path.clone(), found: inside });
-    }
-    let seen: usize = used.iter().map(|level| shape_of(level).len()).sum();
-    if seen < run.shape.z_m.len() {
-        warnings.push(format!(
-            "{} of {} shape points lie outside the needle or the usable holds: not used",
-            run.shape.z_m.len() - seen,
-            run.shape.z_m.len()
-        ));
     }
 
     let shape_sd_m = session.noise.shape_m.unwrap_or(FIRST_SHAPE_SD_M);
@@ -92,6 +76,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
     }
     let mut balances = balances(&used, &noise, planes, shape_of);
     check_sign(run, &balances)?;
+    check_shape_sign(run, &data)?;
     if !session.rig.needle.stiffness_known {
         balances.clear();
     }
@@ -174,7 +159,7 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
     let at = |values: &[f64]| values.get(index).copied();
     let (z_m, y_m) = (at(&run.shape.z_m)?, at(&run.shape.y_m)?);
     let x_m = run.shape.x_m.as_deref().and_then(at).unwrap_or(0.0);
-    let on_needle = (0.0..=tip_m + BEYOND_M).contains(&z_m);
+    let on_needle = (0.0..=tip_m + BEYOND_TIP_M).contains(&z_m);
     on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m] })
 }
 
@@ -198,7 +183,7 @@ fn course(session: &Session, run: &LateralRun, used: &[&Level]) -> Course {
     };
     let seen_s = |level: &Level, index: usize| {
         let own_s = run.shape.time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
-        own_s.unwrap_or(0.5 * (level.time_s[0] + level.time_s[1]))
+        own_s.map_or(0.5 * (level.time_s[0] + level.time_s[1]), |stamp_s| level.observed_s(stamp_s))
     };
     let on_needle = |level: &&Level| -> Vec<f64> {
         let indices = level.shape.iter().filter(|index| shape_point(session, run, **index).is_some());
@@ -206,9 +191,12 @@ fn course(session: &Session, run: &LateralRun, used: &[&Level]) -> Course {
     };
     let still = || vec![0.0; time_s.len()];
     let displacement_x_m = run.force.displacement_x_m.as_deref().map_or_else(still, thinned);
+    let displacement_m = [thinned(&run.force.displacement_y_m), displacement_x_m];
+    let holds: Vec<Range<usize>> = used.iter().map(rows).collect();
     Course {
-        displacement_m: [thinned(&run.force.displacement_y_m), displacement_x_m],
-        holds: used.iter().map(rows).collect(),
+        reversal_m: displacement_m.each_ref().map(|readings_m| reversal_m(readings_m, &holds)),
+        displacement_m,
+        holds,
         shape_time_s: used.iter().flat_map(on_needle).collect(),
         time_s,
     }

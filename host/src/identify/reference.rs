@@ -1,11 +1,11 @@
-//! Young's modulus and the comparison with indentation.
+//! Young's modulus from K.
 
-use super::{Fitted, FoundationResult, Options, Pooled, Reference, RelationResult, YoungsBy, YoungsModulus};
+use super::{Fitted, FoundationResult, Options, Pooled, RelationResult, YoungsBy, YoungsModulus};
 use crate::continuum::{Contact, Continuum, RELATIVE_ERROR, Resolution, Run};
 use crate::inference::LateralData;
-use crate::inference::modulus::{Relation, Sample, punch_modulus_pa, welch_p};
+use crate::inference::modulus::Relation;
 use crate::model::Rig;
-use crate::session::{IndentationRun, Session};
+use crate::session::Session;
 
 /// The relations between K and Young's modulus, for the needle, depth and noise of a session.
 pub(super) struct Youngs<'s> {
@@ -55,6 +55,11 @@ impl<'s> Youngs<'s> {
             }
             (YoungsBy::Continuum(_), None) => None,
         }
+    }
+
+    /// Young's modulus by the relation in use.
+    pub fn of_modulus(&self, modulus_pa: f64) -> Option<f64> {
+        self.by(self.relation, modulus_pa)
     }
 
     /// By every relation there is, for the pooled K.
@@ -150,53 +155,4 @@ fn typical(data: &LateralData) -> Option<Run> {
         shape_sd_m: data.shape_sd_m,
         spacing_m: data.depth_m / level.shape.len().max(3) as f64,
     })
-}
-
-pub(super) fn reference(
-    session: &Session,
-    runs: &[Fitted],
-    youngs: &Youngs,
-    warnings: &mut Vec<String>,
-) -> Option<Reference> {
-    let mut indentations_pa = Vec::new();
-    for indentation in &session.indentation {
-        match indentation_modulus_pa(indentation) {
-            Some(modulus_pa) => indentations_pa.push(modulus_pa),
-            None => warnings.push(format!(
-                "indentation {} is left out: {}: force_n: no modulus, expected positive force at positive depth",
-                indentation.id,
-                indentation.path.display()
-            )),
-        }
-    }
-    if indentations_pa.is_empty() {
-        return None;
-    }
-    let mean_pa = indentations_pa.iter().sum::<f64>() / indentations_pa.len() as f64;
-    let sample = Sample::of(&indentations_pa);
-    let moduli_pa: Vec<f64> = runs.iter().map(|run| run.ln_k.exp()).collect();
-    let youngs_pa: Vec<f64> =
-        moduli_pa.iter().filter_map(|modulus_pa| youngs.by(youngs.relation, *modulus_pa)).collect();
-    let against = |values: &[f64]| welch_p(Sample::of(values)?, sample?);
-    Some(Reference {
-        k_kpa: 1e-3 * mean_pa,
-        sd_kpa: sample.map(|sample| 1e-3 * sample.sd),
-        t_test_p: against(&moduli_pa),
-        t_test_p_youngs: against(&youngs_pa),
-        runs: indentations_pa.len(),
-    })
-}
-
-/// Mean over depth; the first fifth is left out, where the contact is not yet complete and noise is divided by little.
-fn indentation_modulus_pa(run: &IndentationRun) -> Option<f64> {
-    let deepest_m = run.depth_m.iter().copied().fold(0.0, f64::max);
-    let moduli: Vec<f64> = run
-        .depth_m
-        .iter()
-        .zip(&run.force_n)
-        .filter(|(depth_m, _)| **depth_m > 0.2 * deepest_m)
-        .map(|(depth_m, force_n)| punch_modulus_pa(run.indenter_radius_m, run.poisson, *depth_m, *force_n))
-        .collect();
-    let mean = moduli.iter().sum::<f64>() / moduli.len() as f64;
-    (mean > 0.0 && mean.is_finite()).then_some(mean)
 }

@@ -6,6 +6,7 @@
 //! offset they are the zero of the run, with the uncertainty of their own.
 
 use super::{Block, Fit, Parameter, Prior};
+use crate::levels::reversal_of_means_m;
 use crate::model::effects::{Effect, ParameterInfo};
 use crate::model::{DriveSample, Model, ModelError, Mounted, Rig, Series, ShapePoint, Sight, Support};
 use smallvec::SmallVec;
@@ -173,6 +174,17 @@ impl LateralData {
         shape
     }
 
+    /// Motion back by less is noise of the displacement: of the course, or of the means of the holds.
+    fn reversal_m(&self) -> [f64; 2] {
+        if let Some(fixed) = &self.fixed {
+            return fixed.course.reversal_m;
+        }
+        [0, 1].map(|plane| {
+            let of_levels = self.levels.iter().filter_map(|level| level.displacement_m.get(plane));
+            reversal_of_means_m(&of_levels.map(|measured| measured.sd).collect::<Vec<_>>())
+        })
+    }
+
     /// How far guide 2 may have been in each plane; true displacements are not far from the measured ones.
     fn most_m(&self) -> [f64; 2] {
         let measured = self.levels.iter().flat_map(|level| &level.displacement_m);
@@ -199,7 +211,8 @@ impl Block for LateralData {
     fn ready(&self, shared: &[f64]) -> Result<Mounted<'_>, ModelError> {
         // A course is one of both planes, whichever of them the data are of.
         let planes = if self.fixed.is_some() { 2 } else { self.planes };
-        let sight = Sight { shape: &self.shape(), most_m: self.most_m(), planes };
+        let sight =
+            Sight { shape: &self.shape(), most_m: self.most_m(), planes, reversal_m: self.reversal_m() };
         Mounted::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
     }
 

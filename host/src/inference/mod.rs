@@ -3,10 +3,11 @@
 //! [`fit`] is weighted least squares over parameters shared by all runs and nuisances of each run; [`LateralData`] is a
 //! lateral run as one of its blocks. [`energy`] is the energy balance of Paper A (Lehmann et al.), for comparison.
 //! [`insertion`] is the tip load and the path of a needle that advances.
-//! [`modulus`] relates the foundation modulus to Young's modulus and to indentation.
+//! [`modulus`] relates the foundation modulus to Young's modulus; [`indentation`] is an independent measurement of the latter.
 
 pub mod energy;
 mod fit;
+pub mod indentation;
 pub mod insertion;
 pub mod intervals;
 mod lateral;

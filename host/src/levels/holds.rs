@@ -35,7 +35,13 @@ pub struct Hold {
     pub time_s: [f64; 2],
 }
 
-const BIN_S: f64 = 0.05;
+/// Length of a bin.
+pub(super) const BIN_S: f64 = 0.05;
+/// How much detection cuts off a hold, at both ends together, where rows come with this period: a bin, or a row, at either end.
+pub fn trimmed_s(period_s: f64) -> f64 {
+    2.0 * BIN_S.max(period_s)
+}
+
 /// Fewest bins of a hold.
 const MIN_BINS: usize = 8;
 /// Bins on either side of a stretch that tell whether it is part of a ramp.
@@ -271,7 +277,7 @@ fn drift(plane: &[f64], part: &Range<usize>) -> f64 {
 }
 
 /// Standard deviation of the noise of a bin: from second differences, and never below the rounding of the values.
-fn noise(bins: &[f64]) -> f64 {
+pub(super) fn noise(bins: &[f64]) -> f64 {
     let second: Vec<f64> = bins.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).abs()).collect();
     // Median of the magnitude of a normal variable, and the variance of a second difference.
     let white = median(second) / (0.6745 * 6f64.sqrt());

@@ -4,12 +4,18 @@
 //! holds, gives each its mean displacement and force with honest standard errors, and assigns the shape sweeps to them.
 
 mod holds;
+mod motion;
 mod statistics;
+mod sweeps;
+mod unused;
 
-pub use holds::{Hold, HoldCriteria, find_holds, find_marked_holds};
+pub use holds::{Hold, HoldCriteria, find_holds, find_marked_holds, trimmed_s};
+pub use motion::{reversal_m, reversal_of_means_m};
 pub use statistics::{Mean, mean};
+pub use unused::{BEYOND_TIP_M, Unused, summary, unused, unused_of_session};
 
-use crate::session::{LateralRun, ShapeSeries};
+use crate::session::LateralRun;
+use sweeps::Stray;
 
 /// Where a level lies on the way of guide 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,13 +60,24 @@ impl Level {
         let [y, x] = self.displacement_m();
         y.hypot(x)
     }
+
+    /// The time at which guide 2 was as it was for a shape point with this stamp: the stamp itself, but within the hold.
+    pub fn observed_s(&self, stamp_s: f64) -> f64 {
+        stamp_s.max(self.time_s[0]).min(self.time_s[1])
+    }
 }
 
 /// The levels of a run, in order of time.
 ///
-/// A shape point belongs to the hold that contains its time; points at other times (ramps) belong to none. Without
+/// A shape point belongs to the hold that contains its time, or that begins or ends within three samples (at least 0.15 s)
+/// of it while guide 2 stood; points at other times (ramps) belong to none and are listed by [`unused`]. Without
 /// times the shape belongs to the last hold that is not at zero displacement.
 pub fn levels(run: &LateralRun, criteria: &HoldCriteria) -> Vec<Level> {
+    survey(run, criteria).0
+}
+
+/// The levels, and the shape points that belong to none.
+fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Level>, Vec<Stray>) {
     let force = &run.force;
     let mut planes = vec![force.displacement_y_m.as_slice()];
     planes.extend(force.displacement_x_m.as_deref());
@@ -88,8 +105,8 @@ pub fn levels(run: &LateralRun, criteria: &HoldCriteria) -> Vec<Level> {
         })
         .collect();
     name_paths(&mut levels, criteria);
-    assign_shape(&mut levels, &run.shape);
-    levels
+    let strays = sweeps::assign(&mut levels, &run.shape, force, criteria);
+    (levels, strays)
 }
 
 /// Zero is what is close to zero in itself and beside the largest level, or too close to be told from it; the rest is
@@ -110,25 +127,6 @@ fn name_paths(levels: &mut [Level], criteria: &HoldCriteria) {
             Path::Unloading
         };
         before = [y, x];
-    }
-}
-
-fn assign_shape(levels: &mut [Level], shape: &ShapeSeries) {
-    match &shape.time_s {
-        Some(times_s) => {
-            for (index, time_s) in times_s.iter().enumerate() {
-                let hold =
-                    levels.iter_mut().find(|level| (level.time_s[0]..=level.time_s[1]).contains(time_s));
-                if let Some(level) = hold {
-                    level.shape.push(index);
-                }
-            }
-        }
-        None => {
-            if let Some(last) = levels.iter_mut().rev().find(|level| level.path != Path::Zero) {
-                last.shape = (0..shape.z_m.len()).collect();
-            }
-        }
     }
 }
 

@@ -1,7 +1,7 @@
-//! Holds and levels on made-up series.
+//! Holds and levels on generated series.
 
 use super::*;
-use crate::session::{ForceSeries, Mark};
+use crate::session::{ForceSeries, Mark, ShapeSeries};
 use crate::testing::Noise;
 use std::path::PathBuf;
 
@@ -217,4 +217,100 @@ fn a_hold_after_a_ramp_that_has_not_settled_is_found() {
     let found = levels(&run, &HoldCriteria::default());
     assert_eq!(found.len(), 2);
     assert!((1e3 * found[1].displacement_y_m.value - 1.0).abs() < 0.002, "{:?}", found[1]);
+}
+
+/// Time of the last row of every hold of [`staircase`].
+fn hold_ends_s(levels_mm: &[f64], hold_s: f64, speed_mm_s: f64, rate_hz: f64) -> Vec<f64> {
+    let marks = marks(levels_mm, hold_s, speed_mm_s, rate_hz, true);
+    let ends =
+        (0..marks.len()).filter(|row| marks.get(row + 1).is_none_or(|next| next.step != marks[*row].step));
+    ends.filter(|row| marks[*row].moving == Some(false)).map(|row| row as f64 / rate_hz).collect()
+}
+
+#[test]
+fn a_sweep_stamped_within_the_last_sample_of_a_hold_belongs_to_it() {
+    let steps = [0.0, 0.4, 1.2, 0.0, -1.2, 0.0];
+    for rate_hz in [10.0, 20.0, 50.0, 1000.0] {
+        for speed_mm_s in [0.2, 1.0, 5.0] {
+            let mut run = staircase(&steps, 3.0, speed_mm_s, rate_hz, 0.01, 0.0);
+            let ends_s = hold_ends_s(&steps, 3.0, speed_mm_s, rate_hz);
+            for share in [-1.0, 0.0, 0.5, 0.9] {
+                // Where a move takes less than a sample the stamp is that of the next hold as well.
+                if share > 0.5 && 0.4 / speed_mm_s * rate_hz < 1.0 {
+                    continue;
+                }
+                let stamps = ends_s.iter().flat_map(|end_s| [end_s + share / rate_hz; 4]);
+                run.shape = ShapeSeries {
+                    time_s: Some(stamps.collect()),
+                    z_m: (0..4 * steps.len()).map(|i| 0.075 + 0.005 * (i % 4) as f64).collect(),
+                    y_m: vec![0.0; 4 * steps.len()],
+                    x_m: None,
+                };
+                let (found, strays) = survey(&run, &HoldCriteria::default());
+                let case = format!("{rate_hz} Hz, {speed_mm_s} mm/s, {share} samples after the last");
+                assert_eq!(strays, [], "{case}");
+                for (number, level) in found.iter().enumerate() {
+                    assert_eq!(level.shape, (4 * number..4 * number + 4).collect::<Vec<_>>(), "{case}");
+                    let observed_s = level.observed_s(ends_s[number] + share / rate_hz);
+                    // A slow ramp is still within the tolerance of a hold for a while.
+                    assert!(
+                        observed_s <= ends_s[number] + 0.05 / speed_mm_s,
+                        "{case}: the needle moves at {observed_s} s"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn sweeps_that_no_hold_takes_are_listed_with_their_reasons() {
+    let steps = [0.0, 1.2, 0.0];
+    let mut run = staircase(&steps, 3.0, 0.5, 50.0, 0.01, 0.0);
+    // A scan that starts in the first hold and goes on while guide 2 moves, a sweep on the way back, one after the end, and in the
+    // second hold a point beyond the tip.
+    let ends_s = hold_ends_s(&steps, 3.0, 0.5, 50.0);
+    let scan = (0..8).map(|i| ends_s[0] - 0.85 + 0.2 * f64::from(i));
+    let stamps = scan.chain([ends_s[1] + 1.0, 40.0, ends_s[1] - 1.0]);
+    let z_m = [0.072, 0.075, 0.078, 0.081, 0.084, 0.087, 0.090, 0.093, 0.080, 0.080, 0.150];
+    run.shape =
+        ShapeSeries { time_s: Some(stamps.collect()), z_m: z_m.to_vec(), y_m: vec![0.0; 11], x_m: None };
+    let mut lost = vec![0.0; run.force.time_s.len()];
+    let last = lost.len() - 40;
+    lost[last] = 2.0;
+    run.force.lost_before = Some(lost);
+    let rig = crate::model::Rig::two_guides(crate::model::Needle::gauge_18(), 0.06, 0.07);
+    let found = unused(&run, &rig, &HoldCriteria::default());
+    let parts: Vec<(&str, usize)> = found.iter().map(|part| (part.part, part.count)).collect();
+    let hold = levels(&run, &HoldCriteria::default())[2].displacement_y_m.samples;
+    assert_eq!(
+        parts,
+        [("hold", hold), ("points", 3), ("sweep", 1), ("sweep", 1), ("points", 1)],
+        "{found:#?}"
+    );
+    let reasons =
+        ["lost 2 samples", "guide 2 moves", "guide 2 moves", "both clocks", "100.0 mm from guide 1"];
+    for (part, reason) in found.iter().zip(reasons) {
+        assert!(part.reason.contains(reason), "{part}");
+    }
+    assert_eq!(summary(&found).len(), 5);
+    assert_eq!(summary(&[found[2].clone(), found[2].clone()])[0].split(" (").next(), Some("2 sweeps"));
+}
+
+#[test]
+fn noise_of_a_displacement_is_no_motion_and_a_small_step_is() {
+    for (rate_hz, noise_mm) in [(20.0, 0.01), (200.0, 0.01), (1000.0, 0.002), (20.0, 0.03)] {
+        let still = staircase(&[0.0], 60.0, 1.0, rate_hz, noise_mm, 0.0);
+        let readings_m = &still.force.displacement_y_m;
+        let threshold_m = reversal_m(readings_m, &[]);
+        let span_m = readings_m.iter().fold(0.0_f64, |most, m| most.max(*m))
+            - readings_m.iter().fold(0.0_f64, |least, m| least.min(*m));
+        assert!(span_m < threshold_m && threshold_m < 12e-3 * noise_mm, "{rate_hz} Hz: {threshold_m}");
+    }
+    // Rounding to steps that toggle, and an exact staircase.
+    let coarse = staircase(&[0.004, 1.2, 0.004], 3.0, 1.0, 100.0, 0.003, 0.01);
+    let threshold_m = reversal_m(&coarse.force.displacement_y_m, &[0..300]);
+    assert!((0.01e-3..0.06e-3).contains(&threshold_m), "{threshold_m}");
+    let exact = staircase(&[0.0, 1.2, 0.0], 3.0, 1.0, 100.0, 0.0, 0.0);
+    assert!(reversal_m(&exact.force.displacement_y_m, &[0..300]) < 0.05e-3);
 }

@@ -20,7 +20,7 @@ mod mounted;
 #[cfg(test)]
 pub(crate) mod peer;
 mod predict;
-mod quadrature;
+pub(crate) mod quadrature;
 mod rest;
 mod rig;
 pub mod steering;

@@ -23,6 +23,8 @@ pub struct Mounted<'a> {
     needles: Needles,
     /// Whether the horizontal plane is predicted too.
     both: bool,
+    /// Motion back by less is noise of the displacement.
+    reversal_m: [f64; 2],
 }
 
 /// What will be done with a mounted needle and seen of it.
@@ -34,6 +36,8 @@ pub struct Sight<'a> {
     pub most_m: [f64; 2],
     /// Planes that are looked at: 1, the vertical one, or 2.
     pub planes: usize,
+    /// Motion back by this or less is noise of the displacement in each plane; 0 where the motion is exact.
+    pub reversal_m: [f64; 2],
 }
 
 impl<'a> Mounted<'a> {
@@ -44,7 +48,7 @@ impl<'a> Mounted<'a> {
     pub fn new(
         model: Cow<'a, Model>,
         depth_m: f64,
-        Sight { shape, most_m, planes }: Sight<'_>,
+        Sight { shape, most_m, planes, reversal_m }: Sight<'_>,
         cache: Option<&Cache>,
     ) -> Result<Self, ModelError> {
         let mut drive = Drive::default();
@@ -61,6 +65,7 @@ impl<'a> Mounted<'a> {
             depth_m,
             places,
             both,
+            reversal_m,
             model,
         })
     }
@@ -96,7 +101,8 @@ impl<'a> Mounted<'a> {
             channels.shape_m.x = Some(shape_x_m);
             channels.tip_m.x = Some(Vec::new());
         }
-        self.model.observe(&Seen { time_s: &times_s, commanded_m: [&y_m, &x_m] }, &mut channels);
+        let seen = Seen { time_s: &times_s, commanded_m: [&y_m, &x_m], reversal_m: self.reversal_m };
+        self.model.observe(&seen, &mut channels);
         Ok(channels)
     }
 
@@ -280,7 +286,7 @@ mod tests {
     }
 
     fn mounted(model: &Model, most_m: f64, planes: usize) -> Mounted<'_> {
-        let sight = Sight { shape: &shape(), most_m: [most_m; 2], planes };
+        let sight = Sight { shape: &shape(), most_m: [most_m; 2], planes, reversal_m: [0.0; 2] };
         Mounted::new(Cow::Borrowed(model), 0.03, sight, None).expect("mounts")
     }
 

@@ -134,6 +134,8 @@ pub struct Lateral {
     pub drive: Vec<DriveSample>,
     /// Points at which the shape was seen.
     pub shape: Vec<ShapePoint>,
+    /// Motion back by this or less is noise of `drive`, vertical and horizontal; 0 where `drive` is the commanded motion.
+    pub reversal_m: [f64; 2],
 }
 
 /// A lateral run that is driven by force: a weight, or an actuator under force control.
@@ -251,7 +253,7 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
                 base_m: one_plane(moved.base_m),
                 ..Channels::default()
             };
-            let seen = Seen { time_s: &run.time_s, commanded_m: [&[], &[]] };
+            let seen = Seen { time_s: &run.time_s, commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
             model.observe(&seen, &mut channels);
             Ok(channels)
         }
@@ -259,8 +261,9 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
 }
 
 fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Channels, ModelError> {
-    let sight = Sight { shape: &lateral.shape, most_m: mounted::most_m(&lateral.drive), planes: 2 };
-    Mounted::new(Cow::Borrowed(model), lateral.depth_m, sight, Some(cache))?.moved(&lateral.drive)
+    let Lateral { depth_m, drive, shape, reversal_m } = lateral;
+    let sight = Sight { shape, most_m: mounted::most_m(drive), planes: 2, reversal_m: *reversal_m };
+    Mounted::new(Cow::Borrowed(model), *depth_m, sight, Some(cache))?.moved(drive)
 }
 
 /// Small forces: the linear needle, without what lies between actuator and needle.
@@ -276,7 +279,8 @@ fn predict_forced(model: &Model, forced: &LateralForce, cache: &Cache) -> Result
         x_m: sample.x_n / stiffness_x,
     };
     let drive = forced.drive.iter().map(moved).collect();
-    let lateral = Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone() };
+    let lateral =
+        Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone(), reversal_m: [0.0; 2] };
     predict_lateral(model, &lateral, cache)
 }
 
@@ -288,7 +292,7 @@ fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Resu
     let insertion::Tip { position_m, direction_rad } = insertion::tip(&problems, &law, inserted, cache)?;
     let mut channels =
         Channels { tip_m: position_m, tip_direction_rad: direction_rad, ..Channels::two_planes() };
-    model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]] }, &mut channels);
+    model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] }, &mut channels);
     Ok(channels)
 }
 
@@ -312,7 +316,7 @@ mod tests {
     #[test]
     fn planes_are_multiples_of_one_response() {
         let shape = vec![ShapePoint { time_s: 1.0, z_m: 0.09 }, ShapePoint { time_s: 0.5, z_m: 0.09 }];
-        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape };
+        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape, reversal_m: [0.0; 2] };
         let channels = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
         // 1.2 mm at 16 kPa and 30 mm takes 1.309563697895257 N.
         assert!((channels.force_n.y[1] / 1.309_563_697_895_257 - 1.0).abs() < 1e-10);
@@ -324,7 +328,7 @@ mod tests {
     #[test]
     fn force_and_displacement_drive_alike() {
         let shape = vec![ShapePoint { time_s: 0.7, z_m: 0.09 }];
-        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape: shape.clone() };
+        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape: shape.clone(), reversal_m: [0.0; 2] };
         let moved = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
         let force_x = moved.force_n.x.as_ref().expect("two planes");
         let forces = drive()
@@ -345,7 +349,8 @@ mod tests {
     #[test]
     fn shape_without_drive_is_an_error() {
         let shape = vec![ShapePoint { time_s: 1.0, z_m: 0.09 }];
-        let experiment = Experiment::Lateral(Lateral { depth_m: 0.03, drive: vec![], shape });
+        let experiment =
+            Experiment::Lateral(Lateral { depth_m: 0.03, drive: vec![], shape, reversal_m: [0.0; 2] });
         assert_eq!(predict(&model(), &experiment), Err(ModelError::NoDrive));
     }
 }

@@ -27,6 +27,18 @@ pub(super) fn facts(found: &Diagnosis) -> Vec<Fact> {
     vec![Fact::new("Diagnosis", verdict)]
 }
 
+/// K with what is missing, as the first of the facts; nothing where nothing is named.
+pub(super) fn headline(found: &Diagnosis) -> Option<Fact> {
+    let names: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
+    matches!(found.verdict, Verdict::Named | Verdict::Ambiguous).then(|| {
+        let modulus = estimate(Some(found.k_kpa), Some(found.k_ci95_kpa), 2);
+        Fact::new(
+            format!("Foundation modulus K with {} (95 %)", names.join(" and ")),
+            format!("{modulus} kPa; guide identify --model takes it into the other results"),
+        )
+    })
+}
+
 /// What the results of the other sections lack; nothing where nothing is missing.
 pub(super) fn warning(found: &Diagnosis) -> Option<String> {
     let names: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();

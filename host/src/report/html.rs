@@ -75,6 +75,7 @@ fn block(block: &Block) -> Markup {
         Block::Notes(notes) => html! { ul class="notes" { @for note in notes { li { (note) } } } },
         Block::Table(of) => table(of),
         Block::Figure(of) => figure(of),
+        Block::Screen(parts) => html! { div class="screen" { @for part in parts { (self::block(part)) } } },
     }
 }
 

@@ -1,21 +1,29 @@
 //! The section on the tissue's modulus: every method side by side, shapes, forces, residuals, the indentation beside it.
 
-use super::page::{Block, FIGURES, Fact, Outcome, Section, count, estimate, number, thinned, value, words};
+use super::page::{
+    Block, FIGURES, Fact, Outcome, Section, count, estimate, number, p_value, thinned, value, words,
+};
 use crate::figures;
-use crate::identify::{Directions, Identification, RunResult};
+use crate::identify::{DepthResult, Directions, Identification, IndentationResult, RunResult};
 use crate::session::Session;
 
 /// Shape points drawn of one run, and the least of one hold.
 const POINTS: usize = 300;
 const POINTS_OF_HOLD: usize = 8;
-/// Facts for the summary.
-pub(super) fn facts(found: &Identification) -> Vec<Fact> {
+/// Depths closer than this are repeats of each other.
+const SAME_DEPTH_MM: f64 = 0.5;
+/// Facts for the summary; `is_short` where the model is known to lack something.
+pub(super) fn facts(found: &Identification, is_short: bool) -> Vec<Fact> {
+    let of = |name: &str| match is_short {
+        true => format!("{name}, without what the model lacks"),
+        false => name.to_owned(),
+    };
     let pooled = &found.pooled;
     let youngs = &found.youngs_modulus_kpa;
     let [least, most] = youngs.range_kpa;
     vec![
         Fact::new(
-            "Foundation modulus K, pooled (95 %)",
+            of("Foundation modulus K, pooled (95 %)"),
             format!(
                 "{} kPa, {}",
                 estimate(Some(pooled.k_kpa), Some(pooled.ci95_kpa), 2),
@@ -23,7 +31,7 @@ pub(super) fn facts(found: &Identification) -> Vec<Fact> {
             ),
         ),
         Fact::new(
-            "Young's modulus E (95 %)",
+            of("Young's modulus E (95 %)"),
             format!(
                 "{} kPa by {} (Poisson's ratio {}); {least:.1} to {most:.1} kPa by the relations known",
                 estimate(youngs.value, youngs.ci95, 2),
@@ -45,11 +53,19 @@ pub(super) fn section(session: &Session, outcome: &Outcome<Identification>) -> S
         blocks.push(fits(found));
         blocks.extend(pooled(found));
         blocks.push(relations(found));
-        blocks.extend(reference(found));
+        blocks.extend(reference(found).into_iter().flatten());
         blocks.push(Block::Notes(found.warnings.clone()));
         let good: Vec<_> = found.runs.iter().filter(|run| run.error.is_none()).collect();
+        let mut depths_mm: Vec<f64> = Vec::new();
         for run in good.iter().take(FIGURES) {
-            blocks.extend(figures_of(session, run));
+            // On paper one run of every depth: the tables have all.
+            let figures = figures_of(session, run);
+            if depths_mm.iter().any(|depth_mm| (depth_mm - run.depth_mm).abs() < SAME_DEPTH_MM) {
+                blocks.push(Block::Screen(figures));
+            } else {
+                depths_mm.push(run.depth_mm);
+                blocks.extend(figures);
+            }
         }
         if good.len() > FIGURES {
             blocks.push(Block::Text(format!(
@@ -128,8 +144,10 @@ fn pooled(found: &Identification) -> Vec<Block> {
     let mut blocks = Vec::new();
     if let Some(test) = &found.pooled.heterogeneity {
         blocks.push(Block::Text(format!(
-            "Whether the runs share one K: Cochran's Q {:.2} with {} degrees of freedom, p = {:.3}.",
-            test.q, test.degrees_of_freedom, test.p
+            "Whether the runs share one K: Cochran's Q {:.2} with {} degrees of freedom, p: {}.",
+            test.q,
+            test.degrees_of_freedom,
+            p_value(Some(test.p))
         )));
     }
     if let Some(Directions { y, x, ratio_x_to_y, ratio_ci95 }) = &found.directions {
@@ -157,25 +175,75 @@ fn relations(found: &Identification) -> Block {
     Block::table(caption, [words("relation"), number("E, kPa"), words("holds for")], rows.collect())
 }
 
-fn reference(found: &Identification) -> Option<Block> {
+fn reference(found: &Identification) -> Option<Vec<Block>> {
     let reference = found.reference.as_ref()?;
+    let indentation = |one: &IndentationResult| {
+        vec![
+            one.id.clone(),
+            one.indenter.to_owned(),
+            estimate(Some(one.youngs_modulus_kpa), one.ci95_kpa, 2),
+            value(one.contact_mm, 3),
+            value(one.force_offset_n, 4),
+            value(Some(one.nonlinearity_percent), 1),
+            value(Some(one.thickness_factor), 3),
+        ]
+    };
+    let depth = |one: &DepthResult| {
+        vec![
+            value(Some(one.depth_mm), 1),
+            one.runs.to_string(),
+            value(Some(one.k_kpa), 2),
+            value(one.k_sd_kpa, 2),
+            p_value(one.t_test_p),
+            value(one.youngs_modulus_kpa, 2),
+            value(one.youngs_modulus_sd_kpa, 2),
+            p_value(one.t_test_p_youngs),
+        ]
+    };
     let row = vec![
         "indentation".to_owned(),
-        value(Some(reference.k_kpa), 2),
+        estimate(Some(reference.k_kpa), reference.ci95_kpa, 2),
         value(reference.sd_kpa, 2),
         reference.runs.to_string(),
-        value(reference.t_test_p, 3),
-        value(reference.t_test_p_youngs, 3),
+        p_value(reference.t_test_p),
+        p_value(reference.t_test_p_youngs),
     ];
     let columns = [
         words("reference"),
-        number("E, kPa"),
+        number("E, kPa (95 %)"),
         number("sd, kPa"),
         number("indentations"),
         number("p against K"),
         number("p against E"),
     ];
-    Some(Block::table("Independent indentation, and Welch's t-test against the runs", columns, vec![row]))
+    let of_one = [
+        words("indentation"),
+        words("indenter"),
+        number("E, kPa (95 %)"),
+        number("contact, mm"),
+        number("force offset, N"),
+        number("not linear, %"),
+        number("thickness factor"),
+    ];
+    let of_depth = [
+        number("depth, mm"),
+        number("runs"),
+        number("K, kPa"),
+        number("sd, kPa"),
+        number("p against indentation"),
+        number("E, kPa"),
+        number("sd, kPa"),
+        number("p against indentation"),
+    ];
+    Some(vec![
+        Block::table("Independent indentation, and Welch's t-test against the runs", columns, vec![row]),
+        Block::table("Every indentation", of_one, reference.indentations.iter().map(indentation).collect()),
+        Block::table(
+            "The runs of every depth, mean and standard deviation, with Welch's t-test",
+            of_depth,
+            reference.depths.iter().map(depth).collect(),
+        ),
+    ])
 }
 
 fn figures_of(session: &Session, run: &RunResult) -> Vec<Block> {

@@ -45,7 +45,7 @@ fn over_insertions(loads_n: &[f64]) -> Option<String> {
         0 => None,
         1 => Some(format!("{mean_n:+.3} N")),
         several => Some(format!(
-            "{mean_n:+.3} N, mean of {} ({least_n:+.3} to {most_n:+.3})",
+            "{mean_n:+.3} N, mean of {}; least {least_n:+.3} N, greatest {most_n:+.3} N",
             count(several, "insertion")
         )),
     }

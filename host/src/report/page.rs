@@ -83,6 +83,18 @@ pub struct Section {
     pub content: Outcome<Vec<Block>>,
 }
 
+impl Section {
+    /// Takes out notes that are among the warnings at the top: everything is said once.
+    pub(super) fn without_notes(&mut self, said: &[String]) {
+        let Outcome::Found(blocks) = &mut self.content else { return };
+        for block in blocks {
+            if let Block::Notes(notes) = block {
+                notes.retain(|note| !said.contains(note));
+            }
+        }
+    }
+}
+
 /// A part of a section.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Block {
@@ -96,6 +108,8 @@ pub enum Block {
     Table(Table),
     /// A figure.
     Figure(Figure),
+    /// Parts for the screen; paper goes without.
+    Screen(Vec<Block>),
 }
 
 /// A table.
@@ -160,8 +174,27 @@ impl Block {
 /// A value with its interval, `-` where there is none.
 pub(super) fn estimate(value: Option<f64>, ci95: Option<[f64; 2]>, digits: usize) -> String {
     match (value, ci95) {
-        (Some(value), Some([low, high])) => format!("{value:.digits$} ({low:.digits$} to {high:.digits$})"),
-        (value, _) => value.map_or("-".to_owned(), |value| format!("{value:.digits$}")),
+        (Some(value), Some([low, high])) => {
+            format!("{} ({} to {})", fixed(value, digits), fixed(low, digits), fixed(high, digits))
+        }
+        (value, _) => value.map_or("-".to_owned(), |value| fixed(value, digits)),
+    }
+}
+
+/// A number with so many digits; what is rounded to zero has no sign.
+pub(super) fn fixed(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.chars().all(|c| matches!(c, '0' | '.')) => zero.to_owned(),
+        _ => text,
+    }
+}
+
+/// A probability; of small ones only that they are.
+pub(super) fn p_value(p: Option<f64>) -> String {
+    match p {
+        Some(p) if p < 0.001 => "< 0.001".to_owned(),
+        p => value(p, 3),
     }
 }
 

@@ -193,8 +193,16 @@ fn what_fails_is_said_in_its_section() {
         base_force_y_n: list(),
         tip_y_m: list(),
     });
-    let indentation =
-        IndentationRun { id, path, indenter_radius_m: 2e-3, poisson: 0.5, depth_m: list(), force_n: list() };
+    let indentation = IndentationRun {
+        id,
+        path,
+        indenter: Default::default(),
+        indenter_radius_m: 2e-3,
+        tissue_thickness_m: None,
+        poisson: 0.5,
+        depth_m: list(),
+        force_n: list(),
+    };
     bad.indentation.push(indentation);
     let analyses = Analyses::of(&bad, &Options::default(), |_| {});
     let failures = analyses.failures();

@@ -22,6 +22,7 @@ pub use survey::Survey;
 pub(crate) use write::{FILE_NAME, is_file_name, replace};
 pub use write::{ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow};
 
+use crate::inference::indentation::Indenter;
 use crate::model::Rig;
 use std::path::PathBuf;
 
@@ -184,15 +185,19 @@ pub struct InsertionRun {
     pub tip_direction_x_rad: Option<Vec<f64>>,
 }
 
-/// An indentation with a flat cylindrical punch.
+/// An indentation with a flat cylindrical punch or a sphere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IndentationRun {
     /// Its name.
     pub id: String,
     /// Its file, for messages.
     pub path: PathBuf,
-    /// Radius of the punch.
+    /// Form of the indenter.
+    pub indenter: Indenter,
+    /// Radius of the punch or the sphere.
     pub indenter_radius_m: f64,
+    /// Thickness of the tissue on a rigid base, where it is stated.
+    pub tissue_thickness_m: Option<f64>,
     /// Poisson's ratio of the tissue.
     pub poisson: f64,
     /// Indentation depth.

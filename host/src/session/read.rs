@@ -9,6 +9,7 @@ use super::{
     DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Mark, Provenance, Session, Setup,
     ShapeSeries, SteeringRun,
 };
+use crate::inference::indentation::Indenter;
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -21,6 +22,7 @@ const FORCE_N: [f64; 2] = [-200.0, 200.0];
 pub(super) const SD_MM: [f64; 2] = [1e-9, 50.0];
 /// Radius of a punch, and Poisson's ratio of the tissue under it.
 pub(super) const RADIUS_MM: [f64; 2] = [0.05, 100.0];
+pub(super) const THICKNESS_MM: [f64; 2] = [0.1, 1000.0];
 pub(super) const POISSON: [f64; 2] = [0.0, 0.5];
 
 pub(super) const FORCE_COLUMNS: [Column; 8] = [
@@ -259,11 +261,30 @@ pub(super) fn indentation(
     fields: &Fields<'_>,
     id: String,
 ) -> Result<IndentationRun, SessionError> {
+    let indenter = match fields.optional_text("indenter")? {
+        None => Indenter::default(),
+        Some(name) => {
+            Indenter::ALL.into_iter().find(|indenter| indenter.name() == name).ok_or_else(|| {
+                fields.field_fault("indenter", Problem::Unknown(name), "\"flat\" or \"sphere\"")
+            })?
+        }
+    };
     let indenter_radius_m = MM * fields.number("indenter_radius_mm", RADIUS_MM)?;
+    let tissue_thickness_m =
+        fields.optional_number("tissue_thickness_mm", THICKNESS_MM)?.map(|thickness_mm| MM * thickness_mm);
     let poisson = fields.number("poisson", POISSON)?;
     let (path, mut table) = fields.file(dir, "data", |path| Table::read(path, &INDENTATION_COLUMNS))?;
     let (depth_m, force_n) = (table.take_required("depth_mm"), table.take_required("force_n"));
-    Ok(IndentationRun { id, path, indenter_radius_m, poisson, depth_m, force_n })
+    Ok(IndentationRun {
+        id,
+        path,
+        indenter,
+        indenter_radius_m,
+        tissue_thickness_m,
+        poisson,
+        depth_m,
+        force_n,
+    })
 }
 
 pub(super) fn steering(dir: &Path, fields: &Fields<'_>, id: String) -> Result<SteeringRun, SessionError> {

@@ -69,7 +69,7 @@ const INSERTION: Kind = Kind {
 };
 const INDENTATION: Kind = Kind {
     name: "indentation",
-    fields: &["id", "indenter_radius_mm", "poisson", "data"],
+    fields: &["id", "indenter", "indenter_radius_mm", "tissue_thickness_mm", "poisson", "data"],
     files: &[("data", &read::INDENTATION_COLUMNS, false)],
     numbers: &[("indenter_radius_mm", read::RADIUS_MM), ("poisson", read::POISSON)],
 };

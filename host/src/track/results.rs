@@ -177,12 +177,19 @@ pub struct CompareResult {
 
 impl TrackResult {
     /// Of the estimates of a run, in order, and what is known at its end.
-    pub(super) fn new(id: &str, estimates: &[Estimate<f64>], last: Option<Estimate<f64>>) -> Self {
+    /// `is_sound`: whether units and signs are not what is wrong with it; else nothing is said of tissue and motion.
+    pub(super) fn new(
+        id: &str,
+        estimates: &[Estimate<f64>],
+        last: Option<Estimate<f64>>,
+        is_sound: bool,
+    ) -> Self {
         let list = |of: &dyn Fn(&Estimate<f64>) -> f64| estimates.iter().map(of).collect::<Vec<_>>();
         let offs: Vec<[f64; 2]> =
             estimates.iter().map(|one| [one.depth_m, one.tip_m - one.measured_tip_m]).collect();
         let mut warnings = Vec::new();
-        match last {
+        match last.filter(|_| is_sound) {
+            None if !is_sound => {}
             None => warnings.push("too short for a single row: nothing can be told".to_owned()),
             Some(last) => {
                 if last.stiffness.seen != Seen::Yes {

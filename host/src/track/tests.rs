@@ -220,3 +220,65 @@ fn rests_and_offsets_are_taken() {
     assert!(estimate.stiffness.low < mean[0] && mean[0] < estimate.stiffness.high, "{estimate:?} {mean:?}");
     assert!(estimate.stiffness.high / estimate.stiffness.low < 2.5, "{estimate:?}");
 }
+
+/// A session of one run with stated noise.
+fn session(run: SteeringRun) -> crate::session::Session {
+    let mut needle = rig().needle;
+    needle.length_m = Some(0.13);
+    crate::session::Session {
+        dir: "s".into(),
+        name: None,
+        rig: Rig { needle, ..rig() },
+        fixture_mass_kg: Some(0.3),
+        noise: crate::session::Noise {
+            force_n: Some(0.05),
+            displacement_m: Some(2e-5),
+            shape_m: None,
+            tip_m: Some(2e-4),
+            tip_direction_rad: None,
+        },
+        lateral: Vec::new(),
+        insertion: Vec::new(),
+        indentation: Vec::new(),
+        steering: vec![run],
+    }
+}
+
+/// A wrong sign or unit is named, and no motion is advised that would not help.
+#[test]
+fn signs_and_units_are_diagnosed_before_tissue() {
+    let good = run(&plan(4.0, 20.0, 0.0), ORDINARY, 7);
+    let warned = |change: &dyn Fn(&mut SteeringRun)| {
+        let mut run = good.clone();
+        change(&mut run);
+        let found = super::track(&session(run), &super::Options::default()).expect("tracked");
+        found.runs[0].warnings.clone()
+    };
+    let times = |values: &mut Vec<f64>, factor: f64| values.iter_mut().for_each(|value| *value *= factor);
+    let sound = warned(&|_| {});
+    assert!(!sound.iter().any(|what| what.contains("sign") || what.contains("metres")), "{sound:?}");
+    let cases: [(&dyn Fn(&mut SteeringRun), &str); 5] = [
+        (&|run| times(&mut run.base_force_y_n, -1.0), "sign of"),
+        (&|run| times(&mut run.tip_y_m, -1.0), "sign of tip_y_mm"),
+        (&|run| times(&mut run.tip_y_m, 1e-3), "in metres"),
+        (&|run| times(&mut run.depth_m, 1e-3), "depth_mm: 0.08"),
+        (&|run| times(&mut run.base_force_y_n, 1e3), "in millinewtons"),
+    ];
+    for (change, expected) in cases {
+        let warnings = warned(change);
+        assert!(warnings.first().is_some_and(|what| what.contains(expected)), "{expected}: {warnings:?}");
+        assert!(!warnings.iter().any(|what| what.contains("move the base")), "{warnings:?}");
+    }
+}
+
+/// A segment length that the estimator cannot have is not taken in silence.
+#[test]
+fn segments_that_are_not_as_asked_are_said() {
+    let asked = |segment_m: f64| {
+        let options = super::Options { segment_m, ..super::Options::default() };
+        let found = super::track(&session(run(&plan(8.0, 20.0, 0.0), ORDINARY, 8)), &options);
+        found.expect("tracked").warnings
+    };
+    assert!(asked(0.02).iter().any(|what| what.contains("segments of 40 mm, not of 20 mm")));
+    assert!(!asked(0.04).iter().any(|what| what.contains("segments")));
+}

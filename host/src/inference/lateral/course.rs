@@ -27,6 +27,8 @@ pub struct Course {
     pub time_s: Vec<f64>,
     /// Recorded displacement of guide 2, vertical and horizontal.
     pub displacement_m: [Vec<f64>; 2],
+    /// Motion back by this or less is noise of that displacement.
+    pub reversal_m: [f64; 2],
     /// Rows of every level, in the order of the levels.
     pub holds: Vec<Range<usize>>,
     /// Time of every shape point, level by level.
@@ -132,6 +134,7 @@ mod tests {
             let course = Course {
                 time_s: vec![0.0, 1.0, 2.0],
                 displacement_m,
+                reversal_m: [0.0; 2],
                 holds: vec![1..3],
                 shape_time_s: vec![1.5],
             };

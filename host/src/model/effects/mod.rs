@@ -58,6 +58,8 @@ pub struct Seen<'a> {
     pub time_s: &'a [f64],
     /// Displacement that guide 2 was told, vertical and horizontal; empty in insertions and steering runs.
     pub commanded_m: [&'a [f64]; 2],
+    /// Motion back by this or less is noise of the displacement, vertical and horizontal: guide 2 has not turned round.
+    pub reversal_m: [f64; 2],
 }
 
 /// A way in which rig, tissue or sensors differ from the plain model.

@@ -5,8 +5,8 @@ use crate::model::lateral::Drive;
 use crate::model::predict::Plane;
 use crate::model::{BeamProblem, Channels, ModelError, Rig};
 
-/// Guide 2 has turned round once it has come back by so much: less is the noise of its sensor.
-const REVERSAL_M: f64 = 0.05e-3;
+/// Motion that is rounding of the numbers.
+const LEAST_REVERSAL_M: f64 = 1e-9;
 
 /// `rig.clamp_compliance`.
 #[derive(Debug)]
@@ -165,21 +165,26 @@ impl Effect for Friction {
     fn observe(&self, values: &[f64], seen: &Seen<'_>, channels: &mut Channels) {
         let friction_n = first(values);
         let planes = [Some(&mut channels.force_n.y), channels.force_n.x.as_mut()];
-        for (force_n, commanded_m) in planes.into_iter().zip(seen.commanded_m) {
-            for (force_n, direction) in force_n.into_iter().flatten().zip(directions(commanded_m)) {
+        for ((force_n, commanded_m), reversal_m) in
+            planes.into_iter().zip(seen.commanded_m).zip(seen.reversal_m)
+        {
+            let directions = directions(commanded_m, reversal_m);
+            for (force_n, direction) in force_n.into_iter().flatten().zip(directions) {
                 *force_n += friction_n * direction;
             }
         }
     }
 }
 
-/// Sign of the last motion at every sample; 0 before the first.
-fn directions(commanded_m: &[f64]) -> impl Iterator<Item = f64> {
+/// Sign of the last motion at every sample; 0 before the first. Guide 2 has turned round once it has come back by more than
+/// `reversal_m`.
+fn directions(commanded_m: &[f64], reversal_m: f64) -> impl Iterator<Item = f64> {
+    let reversal_m = reversal_m.max(LEAST_REVERSAL_M);
     let mut direction = 0.0;
     let mut extreme_m = commanded_m.first().copied().unwrap_or_default();
     commanded_m.iter().map(move |at_m| {
         let moved_m = at_m - extreme_m;
-        if moved_m * direction > 0.0 || moved_m.abs() >= REVERSAL_M {
+        if moved_m * direction > 0.0 || moved_m.abs() > reversal_m {
             direction = moved_m.signum();
             extreme_m = *at_m;
         }

@@ -30,7 +30,8 @@ fn lateral(depth_m: f64) -> Experiment {
             .into_iter()
             .filter(move |p| p.z_m <= ENTRY_M + depth_m)
     };
-    Experiment::Lateral(Lateral { depth_m, drive, shape: at(5.5).chain(at(7.0)).chain(at(9.7)).collect() })
+    let shape = at(5.5).chain(at(7.0)).chain(at(9.7)).collect();
+    Experiment::Lateral(Lateral { depth_m, drive, shape, reversal_m: [0.0; 2] })
 }
 
 fn insertion() -> Experiment {
@@ -200,6 +201,26 @@ fn the_rig_comes_between_actuator_and_needle() {
     }
 }
 
+/// A displacement channel with noise turns round in every sample; guide 2 does not.
+#[test]
+fn friction_follows_the_motion_and_not_the_noise_of_its_sensor() {
+    let Experiment::Lateral(mut noisy) = lateral(0.03) else { panic!("lateral") };
+    let mut noise = crate::testing::Noise::new(5);
+    for sample in &mut noisy.drive {
+        sample.y_m += 1e-5 * noise.normal();
+        sample.x_m = 1e-4 + 1e-5 * noise.normal();
+    }
+    noisy.reversal_m = [8e-5; 2];
+    let noisy = Experiment::Lateral(noisy);
+    let plain = channels(&plain(), &noisy).force_n;
+    let dry = channels(&with("rig.friction", &[0.05]), &noisy).force_n;
+    let added: Vec<f64> = dry.y.iter().zip(&plain.y).map(|(dry, plain)| dry - plain).collect();
+    for (i, expected) in [(10, 0.0), (25, 0.05), (39, 0.05), (59, 0.05), (79, -0.05), (99, -0.05)] {
+        assert!((added[i] - expected).abs() < 1e-12, "{i}: {}", added[i]);
+    }
+    assert_eq!(dry.x, plain.x);
+}
+
 #[test]
 fn the_tissue_changes_as_it_says() {
     let experiment = lateral(0.03);
@@ -342,7 +363,8 @@ fn tissue_that_yields_gives_way() {
     let shape = vec![ShapePoint { time_s: 0.0, z_m: 0.09 }];
     for (held_m, least) in [(0.1e-3, 0.999), (1.5e-3, 0.9), (4e-3, 0.6)] {
         let drive = vec![DriveSample { time_s: 0.0, y_m: held_m, x_m: 0.0 }];
-        let pushed = Experiment::Lateral(Lateral { depth_m: 0.03, drive, shape: shape.clone() });
+        let pushed =
+            Experiment::Lateral(Lateral { depth_m: 0.03, drive, shape: shape.clone(), reversal_m: [0.0; 2] });
         let seen = channels(&model, &pushed);
         let held = crate::model::elements::Guide2::Held(held_m);
         let expected = elements.solve(&springs, |_| 0.0, held, 0.0).expect("solves");

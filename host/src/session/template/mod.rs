@@ -36,7 +36,9 @@ pub const TABLES: [(&str, &str); 5] = [
     ),
     (
         "ref1.csv",
-        "# An indentation: how deep the punch is pressed in, and the force on it.\ndepth_mm,force_n\n",
+        "# An indentation. Needed: depth_mm, force_n (on the indenter, positive when pressed in). Contact point and force offset are\n\
+         # fitted: rows from before contact help, rows on the way back are not used.\n\
+         depth_mm,force_n\n",
     ),
 ];
 
