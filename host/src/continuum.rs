@@ -103,7 +103,9 @@ impl Continuum {
     /// [`ModelError::OutOfRange`], [`ModelError::Singular`].
     pub fn response(&self, rig: &Rig, youngs_pa: f64) -> Result<Deformed, ModelError> {
         check("youngs_modulus_pa", youngs_pa, "more than 0", youngs_pa > 0.0)?;
-        let mut nodes_m = vec![0.0, rig.guide2_m];
+        // An only guide is where the needle begins.
+        let guide2 = usize::from(!rig.has_one_guide());
+        let mut nodes_m = if rig.has_one_guide() { vec![0.0] } else { vec![0.0, rig.guide2_m] };
         if rig.entry_m > rig.guide2_m {
             nodes_m.push(rig.entry_m);
         }
@@ -130,12 +132,26 @@ impl Continuum {
                 stiffness[(2 * (entry + i), 2 * (entry + j))] += scale * value;
             }
         }
-        let free = stiffness.view((2, 2), (size - 2, size - 2)).into_owned();
-        let mut load = DVector::zeros(size - 2);
-        load[0] = 1.0;
-        let solution = free.cholesky().ok_or(ModelError::Singular)?.solve(&load);
-        let mut states = vec![[0.0; 2]];
-        states.extend(solution.as_slice().chunks_exact(2).map(|state| [state[0], state[1]]));
+        let compliance = rig.rear_compliance_rad_per_n_m(0);
+        if compliance > 0.0 {
+            stiffness[(1, 1)] += 1.0 / compliance;
+        }
+        let is_free = |row: &usize| match row {
+            0 => guide2 == 0,
+            1 => guide2 == 0 && compliance > 0.0,
+            _ => true,
+        };
+        let free: Vec<usize> = (0..size).filter(is_free).collect();
+        let matrix = DMatrix::from_fn(free.len(), free.len(), |i, j| stiffness[(free[i], free[j])]);
+        let load = DVector::from_iterator(
+            free.len(),
+            free.iter().map(|row| if *row == 2 * guide2 { 1.0 } else { 0.0 }),
+        );
+        let solution = matrix.cholesky().ok_or(ModelError::Singular)?.solve(&load);
+        let mut states = vec![[0.0; 2]; nodes_m.len()];
+        for (row, value) in free.iter().zip(solution.iter()) {
+            states[row / 2][row % 2] = *value;
+        }
         Ok(Deformed::new(nodes_m, states, 1.0))
     }
 

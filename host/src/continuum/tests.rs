@@ -121,3 +121,19 @@ fn a_test_in_the_continuum_gives_its_modulus_back() {
         }
     }
 }
+
+/// An only guide in front of a body that hardly gives: the needle between two clamps where its rear does not turn, and a cantilever where it
+/// turns freely.
+#[test]
+fn one_guide_in_front_of_a_hard_body_is_a_beam_by_hand() {
+    use crate::model::Guides;
+    let body = solve(0.02, 0.5, Resolution::DEFAULT, false);
+    let needle = Needle::gauge_18();
+    let gap_m = 0.03;
+    for (rear, factor) in [(None, 12.0), (Some(1e-4), 3.0)] {
+        let guides = Guides::One { rear_rotation_n_m_per_rad: [rear; 2] };
+        let rig = Rig { needle: needle.clone(), guide2_m: 0.0, entry_m: gap_m, guides };
+        let stiffness = body.lateral_stiffness_n_per_m(&rig, 1e12).expect("solves");
+        assert_close(stiffness, factor * needle.bending_stiffness_n_m2() / gap_m.powi(3), 0.12);
+    }
+}

@@ -1,8 +1,9 @@
 //! The needle as a beam on an elastic foundation, solved exactly.
 //!
 //! `EI u'''' + ((P - G) u')' + K(z) u = F delta(z - c2) - k u delta(z - c)`, clamped at guide 1 (`u = 0`, and `u' = 0` or
-//! `u' = compliance EI u''`; where guide 2 is the only guide it is at 0, and its force there stands for `u = 0`), free at the tip (`u'' = 0`, `EI u''' + (P - G) u' = -F_t`); see Paper A (Lehmann et al.), section
-//! II, for the problem. P: axial load over the whole needle; G: shear layer of the tissue; k: spring at the surface.
+//! `u' = compliance EI u''`; where guide 2 is the only guide it is at 0, and its force there stands for `u = 0`), free at the tip
+//! (`u'' = 0`, `EI u''' + (P - G) u' = -F_t`); see Paper A (Lehmann et al.), section II, for the problem. P: axial load over the whole
+//! needle; G: shear layer of the tissue; k: spring at the surface.
 //!
 //! Within a piece of constant K the solution is an entire function, summed as a power series ([`series`]). Pieces are kept shorter than
 //! the characteristic length `(4 EI/K)^(1/4)`, where the series converges to the last digit within 24 terms without cancellation, for any K

@@ -8,7 +8,8 @@
 //!   instantaneous and the relaxed one span what the needle does on its way between them (rational Krylov space). In this basis
 //!   the stiffnesses are known from the forces alone: `A + k_j M` applied to shape j is its force, so that
 //!   `M_ij = (F_j - F_i) / (k_j - k_i)`. The modes of the memory decay exactly over each sample;
-//! * stiffening tissue, `K u (1 + (u/u0)^2)`, and tissue that yields ([`yielding`](super::yielding)): finite elements at a few displacements, interpolated in the square of the
+//! * stiffening tissue, `K u (1 + (u/u0)^2)`, and tissue that yields ([`yielding`](super::yielding)): finite elements at a few
+//!   displacements, interpolated in the square of the
 //!   displacement, as a difference to the same elements without stiffening. Beside relaxation the stiffening part is taken as
 //!   instantaneous. An elastic body stiffens by a reaction of its own, `k u (u/u0)^2` at every point, with k the mean line load of
 //!   the body on a rigid needle per deflection.
@@ -76,7 +77,8 @@ impl Response {
     /// As [`BeamProblem::solve`].
     pub fn new(problem: &BeamProblem, most_m: f64) -> Result<Self, ModelError> {
         let law = problem.law;
-        let yielding = law.inverse_yield_m_per_n * problem.foundation.modulus_pa(0.0);
+        let stiffest_pa = problem.foundation.parts(problem.depth_m).map(|(_, pa)| pa).fold(0.0, f64::max);
+        let yielding = law.inverse_yield_m_per_n * stiffest_pa;
         let stretch = (law.inverse_u0_per_m * most_m).powi(2).max((yielding * most_m).powi(2));
         Ok(Self {
             beam: problem.solve()?,
