@@ -257,7 +257,8 @@ fn signs_and_units_are_diagnosed_before_tissue() {
     let times = |values: &mut Vec<f64>, factor: f64| values.iter_mut().for_each(|value| *value *= factor);
     let sound = warned(&|_| {});
     assert!(!sound.iter().any(|what| what.contains("sign") || what.contains("metres")), "{sound:?}");
-    let cases: [(&dyn Fn(&mut SteeringRun), &str); 5] = [
+    type Case<'a> = (&'a dyn Fn(&mut SteeringRun), &'a str);
+    let cases: [Case<'_>; 5] = [
         (&|run| times(&mut run.base_force_y_n, -1.0), "sign of"),
         (&|run| times(&mut run.tip_y_m, -1.0), "sign of tip_y_mm"),
         (&|run| times(&mut run.tip_y_m, 1e-3), "in metres"),
