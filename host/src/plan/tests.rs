@@ -151,6 +151,6 @@ fn what_is_not_identifiable_has_no_half_width() {
     };
     let plan = plan(&question).expect("a plan");
     assert_eq!((plan.choices[0].half_width_percent, plan.best), (f64::INFINITY, None));
-    let json = serde_json::to_value(&plan.choices[0]).expect("serialises");
+    let json = serde_json::to_value(plan.choices[0]).expect("serialises");
     assert!(json["half_width_percent"].is_null(), "{json}");
 }
