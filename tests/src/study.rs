@@ -1,6 +1,7 @@
 //! `cargo xtask study`: tables of the documentation, made anew.
 
 mod diagnosis;
+mod tipload;
 
 use crate::images;
 use crate::readme;
@@ -11,11 +12,12 @@ use std::fmt::Write as _;
 /// Options of `cargo xtask study`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Which: K/E of needles (part of the tool), the prediction of insertions, the online estimators on steering runs, or the blind
-    /// study of the diagnosis; without a name all that the documentation quotes, as it quotes them, written where it has them
-    #[arg(value_parser = ["modulus-relation", "insertion", "steering", "diagnose"])]
+    /// Which: K/E of needles (part of the tool), the prediction of insertions, the coverage of tip load, K and gap, the online
+    /// estimators on steering runs, or the blind study of the diagnosis; without a name all that the documentation quotes, as it
+    /// quotes them, written where it has them
+    #[arg(value_parser = ["modulus-relation", "insertion", "tipload", "steering", "diagnose"])]
     name: Option<String>,
-    /// Sessions of six insertions each
+    /// Sessions of insertions
     #[arg(long, default_value_t = 40)]
     sessions: usize,
     /// What they are drawn from
@@ -36,6 +38,9 @@ pub struct Args {
     /// Only methods whose names begin like this
     #[arg(long, default_value = "")]
     method: String,
+    /// Print every insertion of the study of tip loads
+    #[arg(long)]
+    verbose: bool,
 }
 
 /// Makes the table.
@@ -48,6 +53,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     match args.name.as_deref() {
         Some("insertion") => insertion(args),
+        Some("tipload") => tipload::run(args.sessions, args.seed, args.verbose),
         Some("steering") => steering(args),
         Some("diagnose") => diagnosis::run(args.repeats, args.seed, &args.only),
         Some(_) => modulus_relation(),
