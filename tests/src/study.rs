@@ -32,7 +32,7 @@ pub struct Args {
     /// Blind sessions of every effect and strength
     #[arg(long, default_value_t = 4)]
     repeats: usize,
-    /// Only blind sessions whose names hold this, printed one by one
+    /// Only blind sessions, or worlds of the study of tip loads, whose names hold this
     #[arg(long, default_value = "")]
     only: String,
     /// Only methods whose names begin like this
@@ -53,7 +53,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     match args.name.as_deref() {
         Some("insertion") => insertion(args),
-        Some("tipload") => tipload::run(args.sessions, args.seed, args.verbose),
+        Some("tipload") => tipload::run(args.sessions, args.seed, &args.only, args.verbose),
         Some("steering") => steering(args),
         Some("diagnose") => diagnosis::run(args.repeats, args.seed, &args.only),
         Some(_) => modulus_relation(),
