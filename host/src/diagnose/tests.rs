@@ -43,7 +43,7 @@ fn a_session_that_lacks_nothing_is_adequate() {
 #[test]
 fn effects_of_every_family_are_named() {
     for (id, values) in [
-        ("tissue.layers", vec![2.2, 15.0]),
+        ("tissue.stiffening", vec![0.5]),
         ("rig.backlash", vec![0.06]),
         ("sensor.delay", vec![0.12]),
         ("needle.prebend", vec![0.1, -0.05]),
@@ -90,7 +90,13 @@ fn two_effects_are_both_named() {
     let found = diagnosed(&truth(both), &Design::four_runs(), 6);
     let mut ids: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
     ids.sort_unstable();
-    assert_eq!((found.verdict, ids), (Verdict::Named, vec!["rig.friction", "tissue.skin"]));
+    assert_eq!(ids, ["rig.friction", "tissue.skin"]);
+    // Layers stand for a skin where little else tells them apart.
+    let others = |effect: &FoundEffect| {
+        effect.class.iter().filter(|id| **id != effect.id).cloned().collect::<Vec<_>>()
+    };
+    let all: Vec<String> = found.effects.iter().flat_map(others).collect();
+    assert!(all.iter().all(|id| id.starts_with("tissue.")), "{all:?}");
 }
 
 #[test]
@@ -121,9 +127,9 @@ fn a_session_that_cannot_serve_says_so() {
     assert!(found.limits.iter().any(|limit| limit.contains("one depth")) && !found.not_told.is_empty());
 }
 
-/// Whatever the held-out runs hold, nothing but the gap depends on it.
+/// Whatever the held-out runs hold, no fit, size, score or margin depends on it; a name may be refused for it, never given.
 #[test]
-fn held_out_runs_change_nothing_but_the_gap() {
+fn held_out_runs_refuse_names_and_change_nothing_else() {
     let session = session(&truth(vec![("rig.friction", vec![0.1])]), &Design::four_runs(), 9);
     let plain = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
     let held = plain.gap.as_ref().expect("a gap").heldout_runs.clone();
@@ -134,7 +140,12 @@ fn held_out_runs_change_nothing_but_the_gap() {
     }
     let spoilt = diagnose(&other, &Options::default(), |_| {}).expect("a diagnosis");
     assert_ne!(plain.gap, spoilt.gap);
-    assert_eq!(Diagnosis { gap: None, ..plain }, Diagnosis { gap: None, ..spoilt });
+    let same = |d: &Diagnosis| {
+        let ranking: Vec<_> = d.ranking.iter().map(|r| (r.id.clone(), r.log_evidence_gain)).collect();
+        (d.regions.clone(), d.margin, d.noise.clone(), ranking, d.adequacy[0].clone())
+    };
+    assert_eq!(same(&plain), same(&spoilt));
+    assert_eq!((plain.verdict, spoilt.verdict), (Verdict::Named, Verdict::Unexplained));
 }
 
 /// The augmented model explains the session, and the file holds it.

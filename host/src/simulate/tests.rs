@@ -144,7 +144,7 @@ fn faults_in_a_plan_are_named_with_their_place() {
     );
     fails(&LATERAL.replace("k_kpa = 12", "layers = []"), &["1:1: tissue.k_kpa: missing"]);
     fails(&LATERAL.replace("[tissue]\nk_kpa = 12\n", ""), &["tissue.k_kpa: missing"]);
-    fails(&LATERAL.replace("k_kpa", "k_pa"), &["2:1: tissue.k_pa", "k_kpa, k_ci95_kpa, layers, inclusions"]);
+    fails(&LATERAL.replace("k_kpa", "k_pa"), &["2:1: tissue.k_pa", "k_kpa, k_ci95_kpa, foundation, poisson"]);
 }
 
 /// Lateral runs as a plan says, with ordinary noise.
