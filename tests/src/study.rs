@@ -14,10 +14,13 @@ use std::fmt::Write as _;
 /// Options of `cargo xtask study`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Which: K/E of needles (part of the tool), the prediction of insertions, the coverage of tip load, K and gap, the online
-    /// estimators on steering runs, the blind study of the diagnosis, the same with imperfections, or the end of the demonstration
-    /// for many seeds; without a name all that the documentation quotes, as it quotes them, written where it has them
-    #[arg(value_parser = ["modulus-relation", "insertion", "tipload", "steering", "diagnose", "imperfect", "demo"])]
+    /// Which: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's deflection (part of the forward
+    /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
+    /// study of the diagnosis, the same with imperfections, or the end of the demonstration for many seeds; without a name all that
+    /// the documentation quotes, as it quotes them, written where it has them
+    #[arg(value_parser = [
+        "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "demo",
+    ])]
     name: Option<String>,
     /// Sessions of insertions, or imperfect ones of all kinds
     #[arg(long, default_value_t = 40)]
@@ -67,6 +70,7 @@ pub fn run(args: &Args) -> Result<()> {
         Some("diagnose") => diagnosis::run(args.repeats, [args.seed, fresh(args.fresh_seed)], &args.only),
         Some("imperfect") => imperfect::run(&args.imperfect, args.sessions, args.seed, &args.only),
         Some("demo") => hidden::run(&args.hidden),
+        Some("operator") => operator(),
         Some(_) => modulus_relation(),
         None => {
             modulus_relation()?;
@@ -92,6 +96,18 @@ fn optimised() -> Result<()> {
         .status()
         .context("cannot run cargo")?;
     ensure!(status.success(), "the study failed");
+    Ok(())
+}
+
+/// Computes the tables of an elastic body's stiffness and puts them where the forward model has them from.
+fn operator() -> Result<()> {
+    use host::continuum::operator::{uniform_table, varied_table};
+    let progress =
+        |ratio: f64, poisson: f64| eprintln!("depth {ratio:.2} radii, Poisson's ratio {poisson:.3}");
+    let folder = images::root().join("host/src/continuum");
+    std::fs::write(folder.join("uniform.csv"), uniform_table(progress)?)?;
+    std::fs::write(folder.join("varied.f32"), varied_table(progress)?)?;
+    println!("{}", folder.display());
     Ok(())
 }
 
