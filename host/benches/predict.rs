@@ -41,6 +41,8 @@ fn session() -> Session {
             states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect()
         };
         InsertionRun {
+            tip_direction_y_rad: None,
+            tip_direction_x_rad: None,
             id: format!("i{number}"),
             path: format!("i{number}.csv").into(),
             depth_m: growth.depths_m().to_vec(),

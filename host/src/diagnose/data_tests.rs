@@ -6,6 +6,8 @@ use super::*;
 fn recorded(rows: &[[f64; 3]]) -> InsertionRun {
     let column = |i: usize, unit: f64| rows.iter().map(|row| unit * row[i]).collect::<Vec<_>>();
     InsertionRun {
+        tip_direction_y_rad: None,
+        tip_direction_x_rad: None,
         id: "i".to_owned(),
         path: "i.csv".into(),
         depth_m: column(0, 1e-3),

@@ -388,7 +388,7 @@ fn two_layers_are_found_from_runs_at_four_depths() {
 #[test]
 fn youngs_modulus_by_the_continuum_lies_between_the_published_ones() {
     let asked = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
-    let mut session = session(vec![Recipe::default().run("a", &mut Noise::new(71))]);
+    let session = session(vec![Recipe::default().run("a", &mut Noise::new(71))]);
     let result = identify(&session, &asked).expect("identifies");
     let youngs = &result.youngs_modulus_kpa;
     assert_eq!(youngs.relation, "continuum");
