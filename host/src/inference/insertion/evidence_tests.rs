@@ -18,7 +18,14 @@ fn paths(noise: &mut Noise) -> Vec<TipPath> {
             .map(|i| {
                 let depth_m = 1e-3 * (7.0 * i as f64 + number as f64);
                 let tip_m = [1.0, 2.0].map(|a| 1e-3 + a * 0.04 * depth_m + 1e-4 * noise.normal());
-                Bin { depth_m, tip_m, rows: 1.0 + (i % 3) as f64, moving: i % 4 == 0, leaving: false, direction_rad: Default::default() }
+                Bin {
+                    depth_m,
+                    tip_m,
+                    rows: 1.0 + (i % 3) as f64,
+                    moving: i % 4 == 0,
+                    leaving: false,
+                    direction_rad: Default::default(),
+                }
             })
             .collect(),
         deepest_m: 0.06,
