@@ -3,6 +3,7 @@
 mod diagnosis;
 mod hidden;
 mod imperfect;
+mod tipload;
 
 use crate::images;
 use crate::readme;
@@ -13,9 +14,10 @@ use std::fmt::Write as _;
 /// Options of `cargo xtask study`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Which: K/E of needles (part of the tool), the prediction of insertions, the online estimators on steering runs, the blind
+    /// Which: K/E of needles (part of the tool), the prediction of insertions, the coverage of their tip loads, the online
+    /// estimators on steering runs, the blind
     /// study of the diagnosis, the same with imperfections, or the end of the demonstration for many seeds; without a name all that the documentation quotes, as it quotes them, written where it has them
-    #[arg(value_parser = ["modulus-relation", "insertion", "steering", "diagnose", "imperfect", "demo"])]
+    #[arg(value_parser = ["modulus-relation", "insertion", "tipload", "steering", "diagnose", "imperfect", "demo"])]
     name: Option<String>,
     /// Sessions of six insertions each, or imperfect ones of all kinds
     #[arg(long, default_value_t = 40)]
@@ -45,6 +47,9 @@ pub struct Args {
     imperfect: imperfect::Options,
     #[command(flatten)]
     hidden: hidden::Seeds,
+    /// Print every insertion of the study of tip loads
+    #[arg(long)]
+    verbose: bool,
 }
 
 /// Makes the table.
@@ -57,6 +62,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     match args.name.as_deref() {
         Some("insertion") => insertion(args),
+        Some("tipload") => tipload::run(args.sessions, args.seed, args.verbose),
         Some("steering") => steering(args),
         Some("diagnose") => diagnosis::run(args.repeats, [args.seed, fresh(args.fresh_seed)], &args.only),
         Some("imperfect") => imperfect::run(&args.imperfect, args.sessions, args.seed, &args.only),

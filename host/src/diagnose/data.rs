@@ -5,7 +5,7 @@
 //! neighbours are left out; whether they are is seen from the readings alone, never from a model.
 
 use super::cells::{Cells, cells, held, stood, stretches};
-use crate::inference::insertion::{Bin, TipPath};
+use crate::inference::insertion::{Bin, TipPath, median};
 use crate::levels::{HoldCriteria, Level, levels, reversal_m, reversal_of_means_m};
 use crate::model::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapePoint};
 use crate::session::{InsertionRun, LateralRun};
@@ -134,6 +134,11 @@ const IDLE_M: f64 = 0.05e-3;
 const BEYOND_M: f64 = 0.5e-3;
 /// Depth of a part of an insertion.
 const PART_M: f64 = 20e-3;
+/// A change of the rotation or of guide 2 within this length is a step, not a ramp; a rotation is one beyond this angle.
+const STEP_LENGTH_M: f64 = 1e-3;
+const ROTATION_STEP_RAD: f64 = 0.02;
+/// Cells of depth over which the speed of an insertion is measured: shorter than the pushes of a hand.
+const SPEED_CELL_M: f64 = 0.2e-3;
 
 impl Run {
     /// A lateral run; the reason where it has no hold.
@@ -260,14 +265,20 @@ impl Run {
         }
     }
 
-    /// Whether the needle of an insertion is turned in a part: its path has a kink there, which is no noise.
+    /// Whether the needle of an insertion is turned in a part, or guide 2 moved (at rest or over a millimetre): the path has a step or
+    /// a kink there that belongs to the model, not to the noise.
     pub fn turns_in(&self, part: usize) -> bool {
-        match &self.experiment {
-            Experiment::Insertion(done) => {
-                done.rotation_rad.jumps_m().any(|depth_m| (depth_m / PART_M) as usize == part)
-            }
-            _ => false,
-        }
+        let Experiment::Insertion(done) = &self.experiment else { return false };
+        let from_m = PART_M * part as f64;
+        let cells = (PART_M / STEP_LENGTH_M).round() as usize;
+        let steps = |profile: &Profile, still: f64| {
+            (0..cells).any(|cell| {
+                let cell_m = from_m + STEP_LENGTH_M * cell as f64;
+                (profile.after(cell_m + STEP_LENGTH_M) - profile.before(cell_m)).abs() > still
+            })
+        };
+        steps(&done.rotation_rad, ROTATION_STEP_RAD)
+            || done.guide2_m.iter().flatten().any(|profile| steps(profile, IDLE_M))
     }
 
     /// Number of its parts.
@@ -276,13 +287,33 @@ impl Run {
     }
 }
 
-/// Mean speed of an insertion.
+/// Speed at which an insertion advances, m/s: the median over cells of depth, so that rests between pushes do not count. Nothing where
+/// no times are recorded or fewer than two cells are crossed.
 fn speed(run: &InsertionRun) -> Option<f64> {
     let times_s = run.time_s.as_ref()?;
-    let last = (0..run.depth_m.len()).max_by(|a, b| run.depth_m[*a].total_cmp(&run.depth_m[*b]))?;
-    let first = (0..=last).find(|i| run.depth_m[*i] >= 0.0)?;
-    let seconds = times_s.get(last)? - times_s.get(first)?;
-    (seconds > 0.0).then(|| (run.depth_m[last] - run.depth_m[first]) / seconds)
+    // When the deepest depth so far first reached each face of a cell.
+    let mut faces_s: Vec<f64> = Vec::new();
+    let mut before: Option<(f64, f64)> = None;
+    for (depth_m, time_s) in run.depth_m.iter().copied().zip(times_s.iter().copied()) {
+        let (deepest_m, since_s) = before.unwrap_or((depth_m, time_s));
+        if depth_m <= deepest_m {
+            // A rest ends with its last row: what is crossed then is crossed from there on.
+            before = Some((deepest_m, time_s));
+            continue;
+        }
+        loop {
+            let face_m = SPEED_CELL_M * faces_s.len() as f64;
+            if face_m > depth_m {
+                break;
+            }
+            let share = ((face_m - deepest_m) / (depth_m - deepest_m)).max(0.0);
+            faces_s.push(since_s + share * (time_s - since_s));
+        }
+        before = Some((depth_m, time_s));
+    }
+    let crossings = faces_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|seconds| *seconds > 0.0);
+    let seconds: Vec<f64> = crossings.collect();
+    (seconds.len() >= 2).then(|| SPEED_CELL_M / median(seconds))
 }
 
 fn hold_places(holds: &[Level], axis: usize, depth_m: f64) -> Vec<Place> {
@@ -351,3 +382,7 @@ fn sweep(
         }
     }
 }
+
+#[cfg(test)]
+#[path = "data_tests.rs"]
+mod tests;
