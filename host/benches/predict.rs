@@ -1,4 +1,4 @@
-//! Speed of the prediction: the insertion model, learning from five insertions, and one step of the live form (a reading goes in, the
+//! Speed of the prediction: the insertion model, a whole session of twelve insertions on one core, learning from five insertions, and one step of the live form (a reading goes in, the
 //! path to 140 mm with its band comes out), which has to keep up with a tracker at 100 Hz.
 
 #![allow(dead_code, reason = "the modules are those of the page of benches, which says more of them")]
@@ -14,6 +14,8 @@ use criterion::Criterion;
 use host::inference::insertion::{Belief, Candidates, Learned, Live, TipPath, Tissue, learn};
 use host::model::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip};
 use host::model::insertion::grid_m;
+use host::predict::{Options, predict};
+use host::session::{InsertionRun, Noise, Session};
 use mechanics::insertion_model as model;
 use std::hint::black_box;
 
@@ -26,6 +28,44 @@ fn learned(paths: &[TipPath]) -> (Candidates, Learned) {
     (candidates, learned)
 }
 
+/// Twelve insertions to 120 mm in two planes, a row per millimetre, with errors that repeat.
+fn session() -> Session {
+    let model = model();
+    let problem = model.problem(0.12).expect("a problem");
+    let growth = Growth::new(&problem, grid_m(0.12, 1e-3, &[]), Guide2Grip::Holding).expect("grows");
+    let run = |number: usize| {
+        let tip_m = |plane: usize| {
+            let load_n = [0.2, 0.02][plane] * (1.0 + 0.03 * (3.0 * number as f64).sin());
+            let states = growth.under_load(|_| Acting { load_n: [load_n; 2], guide2_m: [0.0; 2] });
+            let error = |row: usize| 7e-5 * (2.0 * (row + 131 * number + 57 * plane) as f64).sin();
+            states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect()
+        };
+        InsertionRun {
+            id: format!("i{number}"),
+            path: format!("i{number}.csv").into(),
+            depth_m: growth.depths_m().to_vec(),
+            tip_y_m: tip_m(0),
+            tip_x_m: Some(tip_m(1)),
+            time_s: None,
+            rotation_rad: None,
+            guide2_y_m: None,
+            guide2_x_m: None,
+            base_force_y_n: None,
+        }
+    };
+    Session {
+        dir: Default::default(),
+        name: None,
+        rig: model.rig.clone(),
+        fixture_mass_kg: None,
+        noise: Noise { tip_m: Some(0.05e-3), ..Noise::default() },
+        lateral: Vec::new(),
+        insertion: (0..12).map(run).collect(),
+        indentation: Vec::new(),
+        steering: Vec::new(),
+    }
+}
+
 fn main() {
     let mut criterion = Criterion::default().configure_from_args().sample_size(20);
     let problem = model().problem(0.14).expect("a problem");
@@ -36,12 +76,19 @@ fn main() {
             growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] })
         });
     });
+    let whole = session();
+    criterion.bench_function(
+        "predict twelve insertions, each from the others and its first 50 mm",
+        |bencher| {
+            bencher.iter(|| predict(black_box(&whole), &Options::default()).expect("predicts"));
+        },
+    );
     let paths = estimators::paths().expect("insertions");
     criterion.bench_function("learn from five insertions", |bencher| {
         bencher.iter(|| learned(black_box(&paths)));
     });
     let (candidates, learned) = learned(&paths);
-    let mut followed = Live::new(Belief::new(&candidates, 0, &learned));
+    let mut followed = Live::new(Belief::new(&candidates, &learned));
     for bin in paths[0].bins.iter().take_while(|bin| bin.depth_m < 0.0695) {
         followed.push(bin.depth_m, bin.tip_m);
     }

@@ -11,7 +11,9 @@ pub use results::{CompareResult, InsertionResult, LearnedResult, PlaneResult, Pr
 use crate::identify::{self, identify};
 use crate::inference::insertion::baselines::Baseline;
 use crate::inference::insertion::published::published;
-use crate::inference::insertion::{Belief, Candidates, PathError, TipPath, Tissue, learn, row_scatter_m};
+use crate::inference::insertion::{
+    Belief, Candidates, Determined, PathError, Start, TipPath, Tissue, learn_from, row_scatter_m, start,
+};
 use crate::model::effects::Effect;
 use crate::model::{Foundation, Layer, Model, ModelError};
 use crate::session::{InsertionRun, Session};
@@ -105,7 +107,15 @@ pub fn predict(session: &Session, options: &Options) -> Result<Prediction, Predi
     let reach_m = paths.iter().map(|path| path.deepest_m).chain(options.to_m).fold(options.until_m, f64::max);
     let candidates = Candidates::new(&tissue, &paths, reach_m)?;
 
-    let workflow = Workflow { session, tissue: &tissue, options, candidates: &candidates, paths: &paths };
+    let begins = if options.learn { begin(session, options, &candidates, &paths) } else { None };
+    let workflow = Workflow {
+        session,
+        tissue: &tissue,
+        options,
+        candidates: &candidates,
+        paths: &paths,
+        start: begins.as_ref(),
+    };
     let mut number = 0;
     let mut insertions = Vec::new();
     for (run, path) in runs.iter().zip(read) {
@@ -188,6 +198,17 @@ struct Workflow<'a> {
     options: &'a Options,
     candidates: &'a Candidates,
     paths: &'a [TipPath],
+    /// Where the search of every fold begins.
+    start: Option<&'a Start>,
+}
+
+/// Where the search of every fold begins: found once, from nothing that lies beyond the depth from which anything is predicted.
+fn begin(session: &Session, options: &Options, candidates: &Candidates, paths: &[TipPath]) -> Option<Start> {
+    // Numbers must stay those of the candidates: all recordings, or none.
+    let seen: Option<Vec<TipPath>> = paths.iter().map(|path| path.until(options.until_m).ok()).collect();
+    let runs: Vec<_> = session.insertion.iter().map(|run| (run, options.until_m)).collect();
+    let reading_m = session.noise.tip_m.or_else(|| row_scatter_m(&runs)).unwrap_or(0.0);
+    start(candidates, &seen?, reading_m)
 }
 
 impl Workflow<'_> {
@@ -204,8 +225,15 @@ impl Workflow<'_> {
         let mut known = self.paths.to_vec();
         known[number] = seen.clone();
         let [reading_m, shown_m] = self.reading_m(run, !earlier.is_empty());
-        let learned = learn(self.candidates, &known, &earlier, number, reading_m);
-        let mut belief = Belief::new(self.candidates, number, &learned);
+        let learned = learn_from(
+            self.candidates,
+            &known,
+            &earlier,
+            number,
+            reading_m,
+            self.start.filter(|_| from_others),
+        );
+        let mut belief = Belief::new(self.candidates, &learned);
         belief.update_all(&seen);
         if !belief.is_sound() {
             return Err(PathError::Unexplained);
@@ -234,11 +262,9 @@ impl Workflow<'_> {
         result.learned = Some(LearnedResult::new(&belief, self.tissue, &others, reading_m));
         result.compare = compare;
         result.warnings = warnings(&seen, path);
-        for (name, at_end) in ["the modulus", "the effective gap"].into_iter().zip(belief.at_end()) {
-            if at_end {
-                result.warnings.push(format!(
-                    "{name} runs to the end of its range: the path asks for something the model lacks"
-                ));
+        for (name, determined) in ["the modulus", "the effective gap"].into_iter().zip(belief.determined()) {
+            if let Some(warning) = end_of_range(name, determined) {
+                result.warnings.push(warning);
             }
         }
         Ok(result)
@@ -255,6 +281,19 @@ impl Workflow<'_> {
         let (stated_m, seen_m) = (self.session.noise.tip_m, row_scatter_m(&told));
         [stated_m.or(seen_m).unwrap_or(0.0), seen_m.or(stated_m).unwrap_or(0.0)]
     }
+}
+
+/// What to do where a quantity runs to an end of its range.
+fn end_of_range(name: &str, determined: Determined) -> Option<String> {
+    let end = match determined {
+        Determined::LowerBound => "upper",
+        Determined::UpperBound => "lower",
+        Determined::Identified | Determined::NotIdentified => return None,
+    };
+    Some(format!(
+        "{name} runs to the {end} end of its range, its value is a bound: check needle and guides in session.toml, state the modulus \
+         (--k-kpa), or let guide diagnose name what the model lacks (--model)"
+    ))
 }
 
 /// Tip reading of the needle at the surface: the mean over the first two millimetres.

@@ -34,7 +34,8 @@ pub struct Args {
     /// Blind sessions of every effect and strength
     #[arg(long, default_value_t = 4)]
     repeats: usize,
-    /// Only blind sessions whose names hold this, printed one by one; imperfect ones by number too, as #12
+    /// Only blind sessions whose names hold this, printed one by one; imperfect ones by number too, as #12; worlds of the study of tip
+    /// loads
     #[arg(long, default_value = "")]
     only: String,
     /// Only methods whose names begin like this
@@ -62,7 +63,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     match args.name.as_deref() {
         Some("insertion") => insertion(args),
-        Some("tipload") => tipload::run(args.sessions, args.seed, args.verbose),
+        Some("tipload") => tipload::run(args.sessions, args.seed, &args.only, args.verbose),
         Some("steering") => steering(args),
         Some("diagnose") => diagnosis::run(args.repeats, [args.seed, fresh(args.fresh_seed)], &args.only),
         Some("imperfect") => imperfect::run(&args.imperfect, args.sessions, args.seed, &args.only),

@@ -149,35 +149,20 @@ impl Display for Text<'_> {
         for insertion in &good {
             write_insertion(f, insertion, width)?;
         }
-        if let Some(learned) = good.first().and_then(|one| one.learned.as_ref()) {
-            let [k_low, k_high] = learned.k_ci95_kpa;
-            let [gap_low, gap_high] = learned.gap_ci95_mm;
+        write_learned(f, &good, width)?;
+        if let Some(found) = good.first().and_then(|one| one.learned.as_ref()?.k_per_ei.as_ref()) {
+            let [low, high] = found.ci95_per_m4;
             writeln!(
                 f,
-                "rig and tissue ({}): K {:.1} ({k_low:.1} to {k_high:.1}) kPa, effective gap {:.0} ({gap_low:.0} to {gap_high:.0}) mm",
-                good.first().map_or("", |one| &one.id),
-                learned.k_kpa,
-                learned.gap_mm
+                "K/(E I)      {:.3e} ({low:.3e} to {high:.3e}) 1/m^4; K is for E I = {:.4} N m^2",
+                found.k_per_ei_per_m4, found.reference_ei_n_m2
             )?;
-            if let Some(found) = &learned.k_per_ei {
-                let [low, high] = found.ci95_per_m4;
-                writeln!(
-                    f,
-                    "K/(E I)      {:.3e} ({low:.3e} to {high:.3e}) 1/m^4; K is for E I = {:.4} N m^2",
-                    found.k_per_ei_per_m4, found.reference_ei_n_m2
-                )?;
-            }
         }
         if self.compare {
             write_comparison(f, &good)?;
         }
-        for warning in &self.result.warnings {
-            writeln!(f, "note         {warning}")?;
-        }
-        for insertion in &good {
-            for warning in &insertion.warnings {
-                writeln!(f, "note         {}: {warning}", insertion.id)?;
-            }
+        for message in self.result.messages() {
+            writeln!(f, "note         {message}")?;
         }
         Ok(())
     }
@@ -215,6 +200,23 @@ fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usi
         let tip = [at(tip_x), at(low), at(high)];
         let measured = one.measured_x_mm.as_deref().and_then(seen);
         plane(f, "", "x", force(one.tip_force_x_n, one.tip_force_x_sd_n), tip, measured)?;
+    }
+    Ok(())
+}
+
+/// Modulus and gap of every insertion.
+fn write_learned(f: &mut fmt::Formatter<'_>, good: &[&InsertionResult], width: usize) -> fmt::Result {
+    let learned: Vec<_> = good.iter().filter_map(|one| Some((&one.id, one.learned.as_ref()?))).collect();
+    if learned.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        f,
+        "rig and tissue of each insertion (95 % interval; tip load, K, gap and path integrate over each other)"
+    )?;
+    writeln!(f, "  {:<width$}  K                              effective gap", "insertion")?;
+    for (id, learned) in learned {
+        writeln!(f, "  {id:<width$}  {:<29}  {}", learned.modulus_text(), learned.gap_text())?;
     }
     Ok(())
 }

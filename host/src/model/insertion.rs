@@ -54,6 +54,11 @@ impl Profile {
         self.0.windows(2).filter(|pair| pair[0][0] == pair[1][0]).map(|pair| pair[0][0])
     }
 
+    /// Values at the knots.
+    pub fn values(&self) -> impl Iterator<Item = f64> {
+        self.0.iter().map(|[_, value]| *value)
+    }
+
     /// Whether the value is the same at every depth.
     pub fn is_constant(&self) -> bool {
         self.0.windows(2).all(|pair| pair[0][1] == pair[1][1])
@@ -253,12 +258,15 @@ fn guide2(nodes_m: &[f64], insertion: &Insertion, plane: usize, node: usize) -> 
     }
 }
 
+/// Nodes closer than this make the beam singular in floating point; what differs by less happens at one depth.
+const LEAST_STEP_M: f64 = 1e-6;
+
 /// From 0 to `last_m` in steps of at most `step_m`, with nodes at `also_m` (where these lie inside).
 pub fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
-    let mut fixed_m: Vec<f64> =
-        also_m.iter().copied().filter(|m| *m > 0.0 && *m < last_m).chain([last_m]).collect();
+    let inside = |m: &f64| *m > LEAST_STEP_M && *m < last_m - LEAST_STEP_M;
+    let mut fixed_m: Vec<f64> = also_m.iter().copied().filter(inside).chain([last_m]).collect();
     fixed_m.sort_by(f64::total_cmp);
-    fixed_m.dedup();
+    fixed_m.dedup_by(|b, a| *b - *a < LEAST_STEP_M);
     let mut nodes_m = vec![0.0];
     let mut start_m = 0.0;
     for end_m in fixed_m {

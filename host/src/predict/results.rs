@@ -2,15 +2,16 @@
 //! in meaning.
 
 use crate::identify::KPerEi;
-use crate::inference::insertion::{Belief, Bin, Moments, TipPath, Tissue, median, of_median};
+use crate::inference::insertion::{Belief, Bin, Determined, Moments, TipPath, Tissue, median, of_median};
 use crate::session::InsertionRun;
 use serde::Serialize;
 
 /// Name and version of this form.
 pub(super) const SCHEMA: &str = "guide.predict/1";
 
-/// Half-width of a 95 % interval in standard deviations.
+/// Half-width of a 95 % interval in standard deviations, and the distance of a bound that holds with 95 %.
 const NORMAL_975: f64 = 1.959_963_984_540_054;
+const NORMAL_95: f64 = 1.644_853_626_951_472_7;
 /// A measured value is the median of the rows this close to the depth.
 const NEAR_M: f64 = 1.3e-3;
 
@@ -25,6 +26,30 @@ pub struct Prediction {
     pub insertions: Vec<InsertionResult>,
     /// What the user should know.
     pub warnings: Vec<String>,
+}
+
+impl Prediction {
+    /// What the user should know: of the session, then of its insertions, each message once with the insertions that it is about.
+    pub fn messages(&self) -> Vec<String> {
+        let mut said: Vec<(&str, Vec<&str>)> = Vec::new();
+        for one in &self.insertions {
+            for warning in &one.warnings {
+                match said.iter_mut().find(|(text, _)| text == warning) {
+                    Some((_, ids)) => ids.push(&one.id),
+                    None => said.push((warning, vec![&one.id])),
+                }
+            }
+        }
+        let predicted = self.insertions.iter().filter(|one| one.error.is_none()).count();
+        let about = |(text, ids): (&str, Vec<&str>)| {
+            if ids.len() == predicted && predicted > 2 {
+                format!("all {predicted} insertions: {text}")
+            } else {
+                format!("{}: {text}", ids.join(", "))
+            }
+        };
+        self.warnings.iter().cloned().chain(said.into_iter().map(about)).collect()
+    }
 }
 
 /// One insertion. Lists have one value per depth; the horizontal plane is `null` where it was not measured.
@@ -94,18 +119,23 @@ pub struct PlaneResult {
 pub struct LearnedResult {
     /// Insertions learned from.
     pub from: Vec<String>,
-    /// Foundation modulus just below the surface.
+    /// Foundation modulus just below the surface, of this insertion: what all insertions share and its own difference.
     pub k_kpa: f64,
-    /// Its 95 % interval.
+    /// Its 95 % interval. Of a bound: the value that holds with 95 %, and the end of the range.
     pub k_ci95_kpa: [f64; 2],
+    /// `identified`, `lower_bound`, `upper_bound` or `not_identified`.
+    pub k_status: &'static str,
     /// K over the needle's bending stiffness, where that is not known; K itself then refers to the reference needle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub k_per_ei: Option<KPerEi>,
     /// Effective gap between guide 2 and the tissue.
     pub gap_mm: f64,
-    /// Its 95 % interval.
+    /// Its 95 % interval, as that of the modulus.
     pub gap_ci95_mm: [f64; 2],
-    /// Angle between the needle and the axis of depth, vertical and horizontal.
+    /// As `k_status`.
+    pub gap_status: &'static str,
+    /// Angle between the needle and the axis of depth, vertical and horizontal; a tilt of the tracker cannot be told from it and is
+    /// part of it.
     pub entry_angle_deg: Vec<f64>,
     /// Their standard deviations.
     pub entry_angle_sd_deg: Vec<f64>,
@@ -125,28 +155,58 @@ impl LearnedResult {
     pub(super) fn new(belief: &Belief<'_>, tissue: &Tissue, others: &[&TipPath], reading_m: f64) -> Self {
         let surface_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
         let [factor, gap] = belief.ln_modulus_factor_and_gap();
-        let interval = |ln: Moments, unit: f64| {
-            [-1.0, 1.0].map(|sign| unit * (ln.mean + sign * NORMAL_975 * ln.sd).exp())
+        let [k_determined, gap_determined] = belief.determined();
+        let [[k_low, k_high], [gap_low, gap_high]] = belief.range();
+        let interval = |ln: Moments, determined: Determined, unit: f64, [low, high]: [f64; 2]| {
+            let at = |sds: f64| unit * (ln.mean + sds * ln.sd).exp();
+            match determined {
+                Determined::LowerBound => [at(-NORMAL_95), (unit * high).max(at(0.0))],
+                Determined::UpperBound => [(unit * low).min(at(0.0)), at(NORMAL_95)],
+                Determined::Identified | Determined::NotIdentified => [at(-NORMAL_975), at(NORMAL_975)],
+            }
         };
         let angles = belief.entry_angle_rad();
-        // Wander grows with the square root of depth.
-        let over_100_mm = 0.1f64.sqrt();
-        let (k_kpa, k_ci95_kpa) = (surface_kpa * factor.mean.exp(), interval(factor, surface_kpa));
+        let k_kpa = surface_kpa * factor.mean.exp();
+        let k_ci95_kpa = interval(factor, k_determined, surface_kpa, [k_low, k_high]);
         Self {
             from: others.iter().map(|other| other.id.clone()).collect(),
             k_kpa,
             k_ci95_kpa,
             k_per_ei: KPerEi::of(&tissue.model.rig.needle, k_kpa, k_ci95_kpa),
+            k_status: k_determined.name(),
             gap_mm: 1e3 * gap.mean.exp(),
-            gap_ci95_mm: interval(gap, 1e3),
+            gap_ci95_mm: interval(gap, gap_determined, 1e3, [gap_low, gap_high]),
+            gap_status: gap_determined.name(),
             entry_angle_deg: angles.iter().map(|angle| angle.mean.to_degrees()).collect(),
             entry_angle_sd_deg: angles.iter().map(|angle| angle.sd.to_degrees()).collect(),
-            load_scatter_n: belief.typical(|scales| scales.load_n[1]),
-            wander_n: belief.typical(|scales| scales.wander_n[1]) * over_100_mm,
-            shared_wander_n: belief.typical(|scales| scales.wander_n[0]) * over_100_mm,
+            load_scatter_n: belief.typical(|scales| scales.load_n),
+            wander_n: belief.typical(|scales| scales.wander_over_n(0.1)[1]),
+            shared_wander_n: belief.typical(|scales| scales.wander_over_n(0.1)[0]),
             irregularity_mm: 1e3 * belief.typical(|scales| scales.irregularity_m),
             reading_mm: 1e3 * reading_m,
         }
+    }
+}
+
+impl LearnedResult {
+    /// Modulus with its interval, in kPa, as text.
+    pub fn modulus_text(&self) -> String {
+        estimate_text(self.k_kpa, self.k_ci95_kpa, self.k_status, "kPa")
+    }
+
+    /// Gap with its interval, in mm, as text.
+    pub fn gap_text(&self) -> String {
+        estimate_text(self.gap_mm, self.gap_ci95_mm, self.gap_status, "mm")
+    }
+}
+
+/// A value with its interval; nothing at the end of a range is given as a value.
+fn estimate_text(value: f64, [low, high]: [f64; 2], status: &str, unit: &str) -> String {
+    match status {
+        "lower_bound" => format!("above {low:.1} {unit}"),
+        "upper_bound" => format!("below {high:.1} {unit}"),
+        "not_identified" => format!("not identifiable ({low:.1} to {high:.1} {unit})"),
+        _ => format!("{value:.1} ({low:.1} to {high:.1}) {unit}"),
     }
 }
 

@@ -48,6 +48,60 @@ fn a_constant_load_and_its_path_are_found() {
     }
 }
 
+/// With nothing known of modulus and gap beforehand, both and the tip load are found between the points of any grid, each insertion with
+/// its own interval.
+#[test]
+fn load_modulus_and_gap_are_found_together() {
+    for (modulus_pa, gap_m) in [(11.7e3, 0.025), (18.4e3, 0.031)] {
+        let rig = Rig { entry_m: 0.06 + gap_m, ..rig() };
+        let mut noise = Noise::new(11);
+        let paths = (0..6).map(|_| {
+            let exact = truth(&rig, modulus_pa, 120, |_| 0.2).expect("solves");
+            (exact.iter().map(|u_m| u_m + 0.05e-3 * noise.normal()).collect(), None, None)
+        });
+        let mut session = insertion_session(rig.clone(), Some(0.05e-3), paths.collect());
+        session.rig.entry_m = 0.085;
+        let found = predict(&session, &UNTIL_50).expect("predicts");
+        for one in &found.insertions {
+            let (load_n, sd_n) = (one.tip_force_n.expect("a load"), one.tip_force_sd_n.expect("its sd"));
+            assert!((load_n - 0.2).abs() < 2.5 * sd_n && sd_n < 0.05, "{load_n} +- {sd_n} N");
+            let learned = one.learned.as_ref().expect("learned");
+            assert_eq!((learned.k_status, learned.gap_status), ("identified", "identified"));
+            for ([low, high], value) in
+                [(learned.k_ci95_kpa, 1e-3 * modulus_pa), (learned.gap_ci95_mm, 1e3 * gap_m)]
+            {
+                assert!(low < value && value < high && high < 8.0 * low, "{low} to {high} for {value}");
+            }
+        }
+    }
+}
+
+/// Where the path says nothing of the modulus its value is not given as found.
+#[test]
+fn what_is_not_identifiable_is_not_given_as_found() {
+    let mut noise = Noise::new(12);
+    let path = |_| ((0..=60).map(|_| 0.3e-3 * noise.normal()).collect(), None, None);
+    let session = insertion_session(rig(), Some(0.3e-3), (0..4).map(path).collect());
+    let found = predict(&session, &UNTIL_50).expect("predicts");
+    for one in &found.insertions {
+        let learned = one.learned.as_ref().expect("learned");
+        assert_ne!(learned.k_status, "identified", "{:?}", learned.k_ci95_kpa);
+        assert!(!learned.modulus_text().starts_with(|c: char| c.is_ascii_digit()));
+    }
+}
+
+#[test]
+fn a_message_is_given_once_with_its_insertions() {
+    let one = |id: &str, warnings: &[&str]| InsertionResult {
+        id: id.to_owned(),
+        warnings: warnings.iter().map(|text| (*text).to_owned()).collect(),
+        ..InsertionResult::default()
+    };
+    let insertions = vec![one("a", &["x", "y"]), one("b", &["x"]), one("c", &["x"])];
+    let found = Prediction { schema: "", session: None, insertions, warnings: vec!["first".to_owned()] };
+    assert_eq!(found.messages(), ["first", "all 3 insertions: x", "a: y"]);
+}
+
 /// Not a digit of the prediction depends on where this insertion went beyond what was seen.
 #[test]
 fn nothing_beyond_is_used() {

@@ -51,11 +51,9 @@ fn over_insertions(loads_n: &[f64]) -> Option<String> {
     }
 }
 
-/// Everything that the user should know, insertion by insertion.
+/// Everything that the user should know, each message once.
 pub(super) fn warnings(found: &Prediction) -> Vec<String> {
-    let own = found.insertions.iter();
-    let own = own.flat_map(|one| one.warnings.iter().map(|warning| format!("{}: {warning}", one.id)));
-    found.warnings.iter().cloned().chain(own).collect()
+    found.messages()
 }
 
 /// The section.
@@ -196,14 +194,14 @@ fn learned(good: &[&InsertionResult]) -> Option<Block> {
         .filter_map(|one| {
             let learned = one.learned.as_ref()?;
             let from = if learned.from.is_empty() { "-".to_owned() } else { learned.from.join(", ") };
-            Some(vec![
-                one.id.clone(),
-                from,
-                estimate(Some(learned.k_kpa), Some(learned.k_ci95_kpa), 1),
-                estimate(Some(learned.gap_mm), Some(learned.gap_ci95_mm), 0),
-            ])
+            Some(vec![one.id.clone(), from, learned.modulus_text(), learned.gap_text()])
         })
         .collect();
-    let columns = [words("insertion"), words("learned from"), number("K, kPa"), number("effective gap, mm")];
-    (!rows.is_empty()).then(|| Block::table("Rig and tissue as learned", columns, rows))
+    let columns =
+        [words("insertion"), words("learned from"), number("K (95 %)"), number("effective gap (95 %)")];
+    (!rows.is_empty()).then(|| {
+        let title = "Modulus and gap of each insertion with 95 % intervals, from the others and what is known of its own path; \
+                     the gap reaches from guide 2 to where the tissue begins to hold the needle";
+        Block::table(title, columns, rows)
+    })
 }

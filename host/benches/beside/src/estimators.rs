@@ -155,7 +155,7 @@ pub fn prediction(clock: &mut Clock) -> Result<(f64, PredictionSize)> {
     let tissue = Believed { model: insertion_model(), modulus_sd_ln: 0.2, gap_m: 0.025, gap_sd_ln: 0.7 };
     let candidates = Candidates::new(&tissue, &paths, 0.14)?;
     let learned: Learned = learn(&candidates, &paths, &[1, 2, 3, 4, 5], 0, 1e-4);
-    let mut followed = Live::new(Belief::new(&candidates, 0, &learned));
+    let mut followed = Live::new(Belief::new(&candidates, &learned));
     for bin in paths[0].bins.iter().take_while(|bin| bin.depth_m < 0.0695) {
         followed.push(bin.depth_m, bin.tip_m);
     }

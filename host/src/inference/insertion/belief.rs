@@ -1,14 +1,20 @@
-//! What is believed of one insertion's unknowns: a normal distribution per candidate of modulus and gap, updated by each tip
+//! What is known of one insertion's unknowns: a normal distribution per candidate of modulus and gap and sizes, updated by each tip
 //! position (a Kalman filter over unknowns that do not change, which makes it a smoother of the tip load).
 
-use super::basis::{Basis, Candidates};
-use super::learn::{Learned, Part};
+use super::candidates::{Candidate, Candidates};
+use super::layout::{ANGLE, ENTRY, Layout, MODULUS};
+use super::learn::{Learned, Node, Part};
 use super::path::{Bin, TipPath};
 use super::scales::Scales;
 use nalgebra::{DMatrix, DVector};
 
-/// Candidates below this share of the weight are left out of a prediction.
+/// Parts below this share of the weight are left out of a prediction.
 const LEAST_WEIGHT: f64 = 1e-4;
+/// A mean so many standard deviations of the prior from its middle, or an interval that reaches further, is at an end of the range.
+const END: f64 = 2.5;
+const END_OF_INTERVAL: f64 = 3.2;
+/// A posterior at least this wide, against the prior, says nothing of its own.
+const UNINFORMED: f64 = 0.8;
 
 /// Mean and standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -19,60 +25,78 @@ pub struct Moments {
     pub sd: f64,
 }
 
-/// A normal distribution.
+/// Whether the data determine a quantity.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Determined {
+    /// They do: the interval is theirs.
+    Identified,
+    /// It runs to the upper end of its range: the lower end of the interval is a lower bound.
+    LowerBound,
+    /// It runs to the lower end of its range: the upper end of the interval is an upper bound.
+    UpperBound,
+    /// The interval is that of what was assumed beforehand.
+    NotIdentified,
+}
+
+impl Determined {
+    /// As results have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Identified => "identified",
+            Self::LowerBound => "lower_bound",
+            Self::UpperBound => "upper_bound",
+            Self::NotIdentified => "not_identified",
+        }
+    }
+}
+
+/// A normal distribution of one vector of unknowns.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
-    /// One column per right-hand side.
-    pub mean: DMatrix<f64>,
-    /// The same for all of them.
+    pub mean: DVector<f64>,
     pub covariance: DMatrix<f64>,
 }
 
 impl Normal {
     /// Takes in one measured combination of the unknowns; returns its log likelihood.
-    fn update(&mut self, row: &DVector<f64>, measured: &[f64], variance: f64) -> f64 {
+    fn update(&mut self, row: &DVector<f64>, measured: f64, variance: f64) -> f64 {
         let spread = &self.covariance * row;
         let total = row.dot(&spread) + variance;
-        let mut ln_likelihood = 0.0;
-        for (mut mean, value) in self.mean.column_iter_mut().zip(measured) {
-            let error = value - row.dot(&mean);
-            mean.axpy(error / total, &spread, 1.0);
-            ln_likelihood -= 0.5 * (error * error / total + total.ln());
-        }
+        let error = measured - row.dot(&self.mean);
+        self.mean.axpy(error / total, &spread, 1.0);
         self.covariance.ger(-1.0 / total, &spread, &spread, 1.0);
-        ln_likelihood
-    }
-
-    /// The distribution of `map` times what this is the distribution of.
-    pub fn mapped(&self, map: &DMatrix<f64>) -> Self {
-        Self { mean: map * &self.mean, covariance: map * &self.covariance * map.transpose() }
+        -0.5 * (error * error / total + total.ln())
     }
 }
 
-/// Belief about one insertion.
+/// What is known of one insertion.
 #[derive(Debug, Clone)]
 pub struct Belief<'c> {
     candidates: &'c Candidates,
-    /// Which recording's plan is followed.
-    path: usize,
     /// Possible sizes of the unknowns.
     scales: Vec<Scales>,
+    nodes: Vec<Node>,
     parts: Vec<Part>,
 }
 
 impl<'c> Belief<'c> {
-    /// Before anything of recording `path` is seen.
-    pub fn new(candidates: &'c Candidates, path: usize, learned: &Learned) -> Self {
-        Self { candidates, path, scales: learned.scales.clone(), parts: learned.parts.clone() }
+    /// Before anything of the insertion that was learned for is known.
+    pub fn new(candidates: &'c Candidates, learned: &Learned) -> Self {
+        let Learned { scales, parts, nodes } = learned.clone();
+        Self { candidates, scales, nodes, parts }
     }
 
     /// Takes in the tip at one depth.
     pub fn update(&mut self, bin: &Bin) {
-        for Part { candidate, scales, ln_weight, normal } in &mut self.parts {
-            let basis = &self.candidates.bases[*candidate][self.path];
-            let variance = self.scales[*scales].variance_m2(bin.rows, bin.moving);
-            for (row, measured) in rows(basis, bin, self.candidates.layout.planes) {
-                *ln_weight += normal.update(&row, &measured, variance);
+        let layout = &self.candidates.layout;
+        for plane in 0..layout.planes {
+            let rows: Vec<_> =
+                self.nodes.iter().map(|node| node.basis.row(plane, bin.depth_m, bin.leaving)).collect();
+            let (system, _) = layout.place(plane);
+            for Part { node, scales, ln_weight, normals } in &mut self.parts {
+                let variance = self.scales[*scales].variance_m2(bin.rows, bin.moving);
+                let (row, guide2_m) = &rows[*node];
+                *ln_weight += normals[system].update(row, bin.tip_m[plane] - guide2_m, variance);
             }
         }
     }
@@ -82,12 +106,14 @@ impl<'c> Belief<'c> {
         path.bins.iter().for_each(|bin| self.update(bin));
     }
 
-    /// Believes what `other` does, which began as this one did; nothing is allocated.
-    fn believe(&mut self, other: &Self) {
+    /// Takes over what `other` knows, which began as this one did; nothing is allocated.
+    fn copy_from(&mut self, other: &Self) {
         for (part, other) in self.parts.iter_mut().zip(&other.parts) {
             part.ln_weight = other.ln_weight;
-            part.normal.mean.copy_from(&other.normal.mean);
-            part.normal.covariance.copy_from(&other.normal.covariance);
+            for (normal, other) in part.normals.iter_mut().zip(&other.normals) {
+                normal.mean.copy_from(&other.mean);
+                normal.covariance.copy_from(&other.covariance);
+            }
         }
     }
 
@@ -99,78 +125,96 @@ impl<'c> Belief<'c> {
     /// Tip position at each depth, per plane; the scatter of single depths about a smooth path is part of it, the noise of a reading
     /// is not. m.
     pub fn tip_m(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
-        let rows = |basis: &Basis, block: usize| {
-            let rows: Vec<_> =
-                depths_m.iter().map(|depth_m| basis.row(block, *depth_m, false).transpose()).collect();
-            DMatrix::from_rows(&rows)
-        };
-        let by_guide2 = |basis: &Basis, plane: usize| {
-            DVector::from_iterator(
-                depths_m.len(),
-                depths_m.iter().map(|depth_m| basis.guide2_m(plane, *depth_m, false)),
-            )
-        };
-        self.moments(depths_m.len(), rows, by_guide2, |scales| scales.irregularity_m.powi(2))
+        let depths = || depths_m.iter().map(|depth_m| (*depth_m, false));
+        self.moments(
+            depths_m.len(),
+            |node, plane| node.basis.rows(plane, depths()),
+            |scales| scales.irregularity_m.powi(2),
+        )
     }
 
     /// Tip load at each depth in the needle's own frame, per plane, N.
     pub fn load_n(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
-        let rows = |block: usize| {
-            let at = |depth_m: &f64| self.candidates.layout.load_rows(*depth_m)[block].transpose();
-            DMatrix::from_rows(&depths_m.iter().map(at).collect::<Vec<_>>())
+        let layout = &self.candidates.layout;
+        let rows = |plane: usize| {
+            let rows: Vec<_> =
+                depths_m.iter().map(|depth_m| layout.load_row(plane, *depth_m).transpose()).collect();
+            (DMatrix::from_rows(&rows), vec![0.0; depths_m.len()])
         };
-        let rows: Vec<_> = (0..self.blocks()).map(rows).collect();
-        self.of_unknowns(depths_m.len(), |block| rows[block].clone())
+        let of_plane: Vec<_> = (0..layout.planes).map(rows).collect();
+        self.moments(depths_m.len(), |_, plane| of_plane[plane].clone(), |_| 0.0)
     }
 
-    /// Angle of entry per plane, rad.
+    /// Angle of entry per plane, rad; a tilt of the tracker against the rig is part of it.
     pub fn entry_angle_rad(&self) -> Vec<Moments> {
         let layout = &self.candidates.layout;
-        let angle = |block: usize| {
+        let row = |plane: usize| {
             let mut row = DMatrix::zeros(1, layout.unknowns());
-            row[(0, 1 + block * layout.of_plane())] = 1.0;
-            row
+            row[(0, layout.place(plane).1 + ANGLE)] = 1.0;
+            (row, vec![0.0])
         };
-        self.of_unknowns(1, angle).swap_remove(0)
+        self.moments(1, |_, plane| row(plane), |_| 0.0).swap_remove(0)
     }
 
-    /// Factor on the modulus, and gap in m: means and standard deviations of their logarithms.
+    /// Factor on the modulus of this insertion, and its gap in m: means and standard deviations of their logarithms.
     pub fn ln_modulus_factor_and_gap(&self) -> [Moments; 2] {
-        let Candidates { list, steps_ln: [modulus_step, gap_step], .. } = self.candidates;
-        // A candidate stands for all values nearer to it than to its neighbours.
-        let wide =
-            |moments: Moments, step: f64| Moments { sd: moments.sd.hypot(step / 12f64.sqrt()), ..moments };
-        let factor = self.mixed(|part| list[part.candidate].modulus_factor.ln());
-        let gap = self.mixed(|part| list[part.candidate].gap_m.ln());
-        [wide(factor, *modulus_step), wide(gap, *gap_step)]
+        let layout = &self.candidates.layout;
+        let modulus = self.mixed(|part, node, scales| {
+            let own = own(part, layout, MODULUS, scales.modulus_ln);
+            Moments { mean: node.candidate.modulus_ln + own.mean, sd: own.sd }
+        });
+        let gap = self.mixed(|part, node, scales| {
+            let own = own(part, layout, ENTRY, scales.shared_and_own_entry_m());
+            // The surface lies before guide 2 nowhere.
+            let gap_m = (node.gap_m + own.mean).max(0.1 * node.gap_m);
+            Moments { mean: gap_m.ln(), sd: own.sd / gap_m }
+        });
+        [modulus, gap]
     }
 
-    /// Whether modulus and gap lie at an end of what was considered.
-    pub fn at_end(&self) -> [bool; 2] {
-        let Candidates { list, steps_ln, .. } = self.candidates;
-        let of = |value: &dyn Fn(usize) -> f64, step: f64| {
-            let most = (0..list.len()).map(value).fold(0.0, |most: f64, ln| most.max(ln.abs()));
-            step > 0.0 && self.mixed(|part| value(part.candidate)).mean.abs() > most - 0.5 * step
+    /// Whether the data determine modulus and gap.
+    pub fn determined(&self) -> [Determined; 2] {
+        let of = |value: &dyn Fn(&Node) -> f64, sd: f64| {
+            let Moments { mean, sd: found } = self.mixed(|_, node, _| Moments { mean: value(node), sd: 0.0 });
+            // What is given beforehand to a few per cent is not asked of the data.
+            let is_given = sd <= GIVEN_LN;
+            if is_given {
+                Determined::Identified
+            } else if mean > END * sd || mean + 2.0 * found > END_OF_INTERVAL * sd {
+                Determined::LowerBound
+            } else if mean < -END * sd || mean - 2.0 * found < -END_OF_INTERVAL * sd {
+                Determined::UpperBound
+            } else if found > UNINFORMED * sd {
+                Determined::NotIdentified
+            } else {
+                Determined::Identified
+            }
         };
-        let middle_ln = list.iter().map(|candidate| candidate.gap_m.ln()).sum::<f64>() / list.len() as f64;
-        [
-            of(&|i| list[i].modulus_factor.ln(), steps_ln[0]),
-            of(&|i| list[i].gap_m.ln() - middle_ln, steps_ln[1]),
-        ]
+        let [modulus_sd, gap_sd] = self.candidates.prior_sds();
+        [of(&|node| node.candidate.modulus_ln, modulus_sd), of(&|node| node.candidate.gap_ln, gap_sd)]
+    }
+
+    /// Ends of the range of the modulus, as factors, and of the gap, m.
+    pub fn range(&self) -> [[f64; 2]; 2] {
+        let ends = |modulus_ln: f64, gap_ln: f64| self.candidates.clamped(Candidate { modulus_ln, gap_ln });
+        let low = ends(f64::NEG_INFINITY, f64::NEG_INFINITY);
+        let high = ends(f64::INFINITY, f64::INFINITY);
+        [[low, high].map(|end| end.modulus_ln.exp()), [low, high].map(|end| self.candidates.gap_m(end))]
     }
 
     /// Mean of the logarithm of a size.
     pub fn typical(&self, size: impl Fn(&Scales) -> f64) -> f64 {
-        self.mixed(|part| size(&self.scales[part.scales]).ln()).mean.exp()
+        self.mixed(|_, _, scales| Moments { mean: size(scales).ln(), sd: 0.0 }).mean.exp()
     }
 
-    /// Moments over the parts of what is certain in each.
-    fn mixed(&self, value: impl Fn(&Part) -> f64) -> Moments {
+    /// Moments over the parts.
+    fn mixed(&self, of: impl Fn(&Part, &Node, &Scales) -> Moments) -> Moments {
         let (mut mean, mut square) = (0.0, 0.0);
         for (part, share) in self.shares() {
-            let value = value(&self.parts[part]);
-            mean += share * value;
-            square += share * value * value;
+            let part = &self.parts[part];
+            let value = of(part, &self.nodes[part.node], &self.scales[part.scales]);
+            mean += share * value.mean;
+            square += share * (value.mean * value.mean + value.sd * value.sd);
         }
         Moments { mean, sd: (square - mean * mean).max(0.0).sqrt() }
     }
@@ -187,81 +231,78 @@ impl<'c> Belief<'c> {
         shares
     }
 
-    /// Blocks of rows: one for both planes, or one per plane where they are coupled.
-    fn blocks(&self) -> usize {
-        if self.candidates.layout.coupled { 2 } else { 1 }
-    }
-
-    /// Linear functions of the unknowns that are the same for all candidates.
-    fn of_unknowns(&self, count: usize, rows: impl Fn(usize) -> DMatrix<f64>) -> Vec<Vec<Moments>> {
-        self.moments(count, |_, block| rows(block), |_, _| DVector::zeros(count), |_| 0.0)
-    }
-
-    /// Linear functions of the unknowns over the parts that count: `count` of them per block, with what `beside` adds to each of a
-    /// plane and the variance that is added to all. Moments per function and plane.
+    /// Linear functions of the unknowns over the parts that count: `count` of them per plane, as rows with what is added to each, and
+    /// the variance that is added to all. Moments per function and plane.
     ///
     /// Parts of one candidate have the same functions, so that the sum of their variances is the variance under the sum of their
     /// covariances, each by its share: the costly product is done once for each candidate.
     fn moments(
         &self,
         count: usize,
-        rows: impl Fn(&Basis, usize) -> DMatrix<f64>,
-        beside: impl Fn(&Basis, usize) -> DVector<f64>,
+        rows: impl Fn(&Node, usize) -> (DMatrix<f64>, Vec<f64>),
         variance: impl Fn(&Scales) -> f64,
     ) -> Vec<Vec<Moments>> {
         let layout = &self.candidates.layout;
         let mut shares = self.shares();
-        shares.sort_by_key(|(part, _)| self.parts[*part].candidate);
-        // Mean and mean square, per plane.
-        let mut sums = vec![[DVector::zeros(count), DVector::zeros(count)]; layout.planes];
-        let mut value = DVector::zeros(count);
+        shares.sort_by_key(|(part, _)| self.parts[*part].node);
+        // Mean and mean square, per plane. Squares are taken about the first part's values: digits count.
+        let mut sums =
+            vec![[DVector::zeros(count), DVector::zeros(count), DVector::zeros(count)]; layout.planes];
         let mut covariance = DMatrix::zeros(layout.unknowns(), layout.unknowns());
-        for same in shares.chunk_by(|(a, _), (b, _)| self.parts[*a].candidate == self.parts[*b].candidate) {
-            let candidate = same.first().map_or(0, |(part, _)| self.parts[*part].candidate);
-            let basis = &self.candidates.bases[candidate][self.path];
-            let rows: Vec<_> = (0..self.blocks()).map(|block| rows(basis, block)).collect();
-            let beside: Vec<_> = (0..layout.planes).map(|plane| beside(basis, plane)).collect();
-            covariance.fill(0.0);
-            let mut own = 0.0;
-            for (part, share) in same {
-                let Part { scales, normal, .. } = &self.parts[*part];
-                covariance.zip_apply(&normal.covariance, |sum, covariance| *sum += share * covariance);
-                own += share * variance(&self.scales[*scales]);
-                for (plane, [mean, square]) in sums.iter_mut().enumerate() {
-                    value.copy_from(&beside[plane]);
-                    let rows = &rows[plane.min(rows.len() - 1)];
-                    let side = if layout.coupled { 0 } else { plane };
-                    value.gemv(1.0, rows, &normal.mean.column(side), 1.0);
+        for (number, same) in
+            shares.chunk_by(|(a, _), (b, _)| self.parts[*a].node == self.parts[*b].node).enumerate()
+        {
+            let node = &self.nodes[same.first().map_or(0, |(part, _)| self.parts[*part].node)];
+            for (plane, [about, mean, square]) in sums.iter_mut().enumerate() {
+                let (rows, beside) = rows(node, plane);
+                let beside = DVector::from_vec(beside);
+                let (system, _) = layout.place(plane);
+                covariance.fill(0.0);
+                let mut own = 0.0;
+                for (i, (part, share)) in same.iter().enumerate() {
+                    let Part { scales, normals, .. } = &self.parts[*part];
+                    let Normal { mean: unknowns, covariance: part_covariance } = &normals[system];
+                    covariance.zip_apply(part_covariance, |sum, value| *sum += share * value);
+                    own += share * variance(&self.scales[*scales]);
+                    let value = &rows * unknowns + &beside;
+                    if number == 0 && i == 0 {
+                        about.copy_from(&value);
+                    }
+                    let value = value - &*about;
                     mean.axpy(*share, &value, 1.0);
                     square.zip_apply(&value, |square, value| *square += share * value * value);
                 }
-            }
-            let variances: Vec<_> =
-                rows.iter().map(|rows| (rows * &covariance).component_mul(rows).column_sum()).collect();
-            for (plane, [_, square]) in sums.iter_mut().enumerate() {
-                let variances = &variances[plane.min(variances.len() - 1)];
-                square.zip_apply(variances, |square, variance| *square += variance + own);
+                let variances = (&rows * &covariance).component_mul(&rows).column_sum();
+                square.zip_apply(&variances, |square, variance| *square += variance + own);
             }
         }
-        let of = |i: usize, [mean, square]: &[DVector<f64>; 2]| {
+        let of = |i: usize, [about, mean, square]: &[DVector<f64>; 3]| {
             let (mean, square) = (mean[i], square[i]);
-            Moments { mean, sd: (square - mean * mean).max(0.0).sqrt() }
+            Moments { mean: about[i] + mean, sd: (square - mean * mean).max(0.0).sqrt() }
         };
         (0..count).map(|i| sums.iter().map(|sums| of(i, sums)).collect()).collect()
     }
 }
 
-/// Rows of the design for a bin, each with its right-hand sides; what guide 2 does is taken off.
-pub(super) fn rows(basis: &Basis, bin: &Bin, planes: usize) -> Vec<(DVector<f64>, Vec<f64>)> {
-    let rest = |plane: usize| bin.tip_m[plane] - basis.guide2_m(plane, bin.depth_m, bin.leaving);
-    let row = |block: usize| basis.row(block, bin.depth_m, bin.leaving);
-    match basis.blocks() {
-        1 => vec![(row(0), (0..planes).map(rest).collect())],
-        _ => (0..planes).map(|plane| (row(plane), vec![rest(plane)])).collect(),
+/// A prior of the logarithm not wider than this was given.
+const GIVEN_LN: f64 = 0.3;
+
+/// An unknown that both planes have: what each of them says, with the prior counted once.
+fn own(part: &Part, layout: &Layout, unknown: usize, prior_sd: f64) -> Moments {
+    let (mut precision, mut pull) = (0.0, 0.0);
+    for plane in 0..layout.planes {
+        let (system, at) = layout.place(plane);
+        let normal = &part.normals[system];
+        let variance = normal.covariance[(at + unknown, at + unknown)].max(1e-30);
+        pull += normal.mean[at + unknown] / variance;
+        precision += 1.0 / variance;
     }
+    let prior = prior_sd.powi(-2);
+    precision = (precision - (layout.planes as f64 - 1.0) * prior).max(prior);
+    Moments { mean: pull / precision, sd: precision.sqrt().recip() }
 }
 
-/// Belief that follows a needle while it moves: readings come one by one, predictions may be asked for at any time.
+/// Follows a needle while it moves: readings come one by one, predictions may be asked for at any time.
 ///
 /// Readings at one depth are gathered to one bin, as they are in a recording.
 #[derive(Debug, Clone)]
@@ -283,9 +324,9 @@ impl<'c> Live<'c> {
     /// Takes in one reading: depth, vertical and horizontal tip position, m.
     pub fn push(&mut self, depth_m: f64, tip_m: [f64; 2]) {
         if self.open.first().is_some_and(|first| (first[0] - depth_m).abs() < 0.5e-3) {
-            self.now.believe(&self.settled);
+            self.now.copy_from(&self.settled);
         } else {
-            self.settled.believe(&self.now);
+            self.settled.copy_from(&self.now);
             self.open.clear();
         }
         self.open.push([depth_m, tip_m[0], tip_m[1]]);
@@ -301,7 +342,7 @@ impl<'c> Live<'c> {
         });
     }
 
-    /// What is believed now.
+    /// What is known now.
     pub fn belief(&self) -> &Belief<'c> {
         &self.now
     }

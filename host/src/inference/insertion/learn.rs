@@ -1,108 +1,123 @@
 //! Learning from earlier insertions of the same rig and tissue: empirical Bayes.
 //!
-//! The unknowns of an insertion are what all insertions share plus its own part. How large the parts are ([`Scales`]) is found by
-//! maximising the evidence of the earlier insertions; what is shared, and which candidates of modulus and gap are how likely, is
-//! then their posterior, which is the prior of the next insertion. The evidence is that of a linear model with normal unknowns: per
-//! insertion its own part is integrated out, then the shared part; no step costs more than the cube of the number of unknowns.
+//! How large the unknowns' parts are ([`Scales`]) and which modulus and gap are how likely follows from the evidence of the earlier
+//! insertions. The evidence has one top, or several: each is climbed (Gauss and Newton for modulus and gap, a quasi-Newton method for the
+//! scales), and around each a grid in the principal axes of its curvature covers whatever weighs anything. Draws of scales and grid
+//! points, weighted by their posterior, then stand for it: what is predicted integrates over all of it.
 
-use super::basis::{Basis, Candidates, Layout};
-use super::belief::{Normal, rows};
+use super::basis::Basis;
+use super::belief::Normal;
+use super::candidates::{Candidate, Candidates, Responses};
+use super::evidence::{Evidence, System};
 use super::path::TipPath;
-use super::scales::{COUNT, Scales};
-use argmin::core::{CostFunction, Executor, Gradient, State};
-use argmin::solver::linesearch::MoreThuenteLineSearch;
-use argmin::solver::quasinewton::LBFGS;
-use nalgebra::{Cholesky, DMatrix, Dyn};
+use super::scales::{COUNT, Known, MOVING, Scales};
+use super::search;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use std::collections::HashMap;
+use std::sync::Arc;
 
-/// What earlier insertions tell about the next.
+/// What earlier insertions say about the next.
 #[derive(Debug, Clone)]
 pub struct Learned {
     /// Possible sizes of the unknowns.
     pub scales: Vec<Scales>,
     /// Possible combinations of candidate and sizes.
     pub(super) parts: Vec<Part>,
+    /// The candidates of the parts, with the responses of the next insertion.
+    pub(super) nodes: Vec<Node>,
 }
 
 impl Learned {
     /// How many combinations there are, and how many different candidates are among them: what a prediction costs.
     pub fn counts(&self) -> [usize; 2] {
-        let mut candidates: Vec<_> = self.parts.iter().map(|part| part.candidate).collect();
-        candidates.sort_unstable();
-        candidates.dedup();
-        [self.parts.len(), candidates.len()]
+        [self.parts.len(), self.nodes.len()]
     }
 }
 
-/// One candidate with one set of sizes, and what then is believed of the next insertion.
+/// A candidate with the responses of the next insertion.
+#[derive(Debug, Clone)]
+pub(super) struct Node {
+    pub candidate: Candidate,
+    pub gap_m: f64,
+    pub basis: Arc<Basis>,
+}
+
+/// One candidate with one set of sizes, and what then is known of the next insertion.
 #[derive(Debug, Clone)]
 pub(super) struct Part {
-    /// Number among the candidates.
-    pub candidate: usize,
+    /// Number among the nodes.
+    pub node: usize,
     /// Number among the scales.
     pub scales: usize,
     /// Logarithm of its weight, up to a constant.
     pub ln_weight: f64,
-    /// Of the unknowns of an insertion.
-    pub normal: Normal,
+    /// Per vector of unknowns of an insertion.
+    pub normals: Vec<Normal>,
+}
+
+/// Where the search for a posterior begins, found once for all folds of a session.
+#[derive(Debug, Clone)]
+pub struct Start {
+    candidates: Vec<Candidate>,
+    likeliest: Vec<f64>,
 }
 
 /// Learns from the recordings `earlier` (numbers among `paths`).
 ///
-/// Where there are none, the sizes of the unknowns are looked for near those that suit what is seen of the insertion itself,
-/// `only_seen`; nothing else is taken from it. `paths` are those the candidates were made for, each seen as far as it may be.
+/// Where there are none, the sizes of the unknowns are searched near those that suit what is known of the insertion itself,
+/// `next`; nothing else is taken from it. `paths` are those the candidates were made for, each as far as it may be used.
 pub fn learn(
     candidates: &Candidates,
     paths: &[TipPath],
     earlier: &[usize],
-    only_seen: usize,
+    next: usize,
     reading_m: f64,
 ) -> Learned {
-    let alone = earlier.is_empty();
-    let training: Vec<usize> = if alone { vec![only_seen] } else { earlier.to_vec() };
-    let layout = &candidates.layout;
-    let of_candidate = |bases: &Vec<Basis>| {
-        training.iter().map(|i| Design::new(&bases[*i], &paths[*i], layout)).collect::<Vec<_>>()
-    };
-    let designs: Vec<_> = candidates.bases.iter().map(of_candidate).collect();
-    let posterior = |scales: &Scales, candidate: usize| {
-        candidates.list[candidate].ln_prior + Evidence::new(layout, &designs[candidate], scales).ln
-    };
-    let all =
-        |scales: &Scales| (0..candidates.list.len()).map(|i| posterior(scales, i)).collect::<Vec<f64>>();
-    let best = |all: &[f64]| (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b])).unwrap_or_default();
+    learn_from(candidates, paths, earlier, next, reading_m, None)
+}
 
-    let mut likeliest = vec![0.0; COUNT];
-    let mut weights = all(&Scales::typical(reading_m));
-    for _ in 0..2 {
-        let candidate = best(&weights);
-        let cost = Cost { evidence: &|scales: &Scales| posterior(scales, candidate), reading_m };
-        likeliest = search(cost, &likeliest).unwrap_or(likeliest);
-        weights = all(&Scales::from_logarithms(&likeliest, reading_m));
-        if best(&weights) == candidate {
-            break;
-        }
-    }
-    let candidate = best(&weights);
-    let cost = Cost { evidence: &|scales: &Scales| posterior(scales, candidate), reading_m };
-    let mut learned = Learned { scales: Vec::new(), parts: Vec::new() };
-    let shares = cumulative_shares(&weights);
-    for (number, (draw, ln_drawn)) in draws(&cost, &likeliest).into_iter().enumerate() {
-        let scales = Scales::from_logarithms(&draw, reading_m);
-        let ln_prior = -0.5 * draw.iter().map(|x| x * x).sum::<f64>();
-        // Candidates in proportion to their weight, evenly among the draws: multiples of the golden ratio.
+/// The same, with the search beginning where [`start`] ended for recordings of the same session.
+pub fn learn_from(
+    candidates: &Candidates,
+    paths: &[TipPath],
+    earlier: &[usize],
+    next: usize,
+    reading_m: f64,
+    start: Option<&Start>,
+) -> Learned {
+    let alone = earlier.is_empty();
+    let training: &[usize] = if alone { &[next] } else { earlier };
+    let (fold, start) = Fold::new(candidates, paths, training, reading_m, start);
+    let tops = fold.tops(&start);
+    let Some(best) = tops.first() else {
+        return Learned { scales: Vec::new(), parts: Vec::new(), nodes: Vec::new() };
+    };
+    let grid = fold.grid(&tops);
+    let mut learned = Learned { scales: Vec::new(), parts: Vec::new(), nodes: Vec::new() };
+    let shares = cumulative_shares(&grid);
+    let mut number_of: HashMap<usize, usize> = HashMap::new();
+    for (number, (draw, ln_drawn)) in fold.draws(best).into_iter().enumerate() {
+        let ln_scales = -0.5 * draw.iter().map(|x| x * x).sum::<f64>();
+        // Candidates in proportion to their share, evenly among the draws: multiples of the golden ratio.
         let place = (number as f64 * GOLDEN_RATIO).fract();
-        let candidate = shares.partition_point(|(end, _)| *end <= place).min(shares.len() - 1);
-        let used = if alone { &[][..] } else { &designs[candidate] };
-        let Evidence { ln, next } = Evidence::new(layout, used, &scales);
-        let ln_weight = candidates.list[candidate].ln_prior + ln_prior + ln - ln_drawn - shares[candidate].1;
-        let normal = next.mapped(&scales.map(layout));
-        learned.parts.push(Part { candidate, scales: learned.scales.len(), ln_weight, normal });
+        let drawn = shares.partition_point(|(end, _)| *end <= place).min(shares.len() - 1);
+        let GridPoint { solved, ln_area, .. } = &grid[drawn];
+        let scales = fold.scales(&draw, solved);
+        let used: Vec<&[System]> =
+            if alone { Vec::new() } else { solved.systems.iter().map(Vec::as_slice).collect() };
+        let Some(evidence) = Evidence::new(&candidates.layout, &used, &scales, false) else { continue };
+        let ln_weight = solved.ln_prior + ln_area + ln_scales + evidence.ln - ln_drawn - shares[drawn].1;
+        let node = *number_of.entry(drawn).or_insert_with(|| {
+            learned.nodes.push(solved.node(candidates, next));
+            learned.nodes.len() - 1
+        });
+        let normals = evidence.next(&candidates.layout, &scales);
+        learned.parts.push(Part { node, scales: learned.scales.len(), ln_weight, normals });
         learned.scales.push(scales);
     }
-    // What a part weighs before the insertion is seen says little where it was drawn to suit what is seen.
+    // What a part weighs before the insertion begins says little where it was drawn to suit the insertion itself.
     if !alone {
         let most = learned.parts.iter().map(|part| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
         learned.parts.retain(|part| part.ln_weight > most - LEAST_LN_WEIGHT);
@@ -110,205 +125,365 @@ pub fn learn(
     learned
 }
 
-/// Steps of the search for the scales.
-const MOST_STEPS: u64 = 40;
+/// Where the search begins for every fold of a session: from what is known of all its recordings up to the depth from which they are
+/// predicted, so that nothing beyond it plays a part.
+pub fn start(candidates: &Candidates, seen: &[TipPath], reading_m: f64) -> Option<Start> {
+    let training: Vec<usize> = (0..seen.len()).collect();
+    let (fold, start) = Fold::new(candidates, seen, &training, reading_m, None);
+    let tops = fold.tops(&start);
+    let likeliest = tops.first()?.likeliest.clone();
+    let candidates = tops.iter().map(|top| top.solved.candidate).collect();
+    Some(Start { candidates, likeliest })
+}
+
 /// Parts further behind than this (natural logarithm) before an insertion begins are given up.
-const LEAST_LN_WEIGHT: f64 = 6.0;
-/// Draws of scales and candidate, in pairs on both sides of the likeliest scales.
-const PAIRS: usize = 64;
+const LEAST_LN_WEIGHT: f64 = 7.0;
+/// Grid points further behind the best one than this are not used, and so many standard deviations apart are two of them.
+const LEAST_LN_POINT: f64 = 7.0;
+const GRID_SDS: f64 = 1.25;
+const MOST_POINTS: usize = 160;
+/// Tops further behind the best one than this are given up.
+const LEAST_LN_TOP: f64 = 7.0;
+/// Spacing of the first scan, of the logarithms, and tops that are climbed from it.
+const SCAN_LN: f64 = 0.5;
+const MOST_TOPS: usize = 3;
+/// Steps of a climb, and how often a step that leads down is halved.
+const MOST_STEPS: usize = 8;
+const MOST_HALVINGS: usize = 4;
+/// Steps below this part of a standard deviation end a climb.
+const SMALL_STEP: f64 = 0.1;
+/// Rounds of climbs, of candidate and scales in turn.
+const MOST_ROUNDS: usize = 3;
+/// Draws of scales and candidate, in pairs on both sides of the likeliest scales; their spread against the posterior's.
+const PAIRS: usize = 40;
+const SPREAD: f64 = 1.1;
+/// Grid points are drawn with this power of their weight: scales that differ from the likeliest make the posterior wider.
+const FLATTENED: f64 = 0.6;
 /// The draws are always the same.
 const SEED: u64 = 20;
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_8;
 
-/// For each candidate, the sum of the shares up to and including it, and the logarithm of its own.
-fn cumulative_shares(ln_weights: &[f64]) -> Vec<(f64, f64)> {
-    let most = ln_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let total: f64 = ln_weights.iter().map(|weight| (weight - most).exp()).sum();
-    let mut end = 0.0;
-    let share = |weight: &f64| {
-        let ln = weight - most - total.ln();
-        end += ln.exp();
-        (end, ln)
-    };
-    ln_weights.iter().map(share).collect()
-}
-
-/// Draws about the likeliest scales from a normal distribution as wide as the posterior along each scale, with the logarithm of its
-/// density: points of an integration over the scales by importance sampling.
-fn draws(cost: &Cost<'_>, likeliest: &[f64]) -> Vec<(Vec<f64>, f64)> {
-    const STEP: f64 = 0.3;
-    let at = |i: usize, step: f64| {
-        let mut moved = likeliest.to_vec();
-        moved[i] += step;
-        cost.cost(&moved).unwrap_or(f64::MAX)
-    };
-    let least = cost.cost(&likeliest.to_vec()).unwrap_or(f64::MAX);
-    let sds: Vec<f64> = (0..likeliest.len())
-        .map(|i| {
-            let bend = (at(i, STEP) - 2.0 * least + at(i, -STEP)) / (STEP * STEP);
-            // The prior has unit width; a posterior may not seem wider.
-            1.0 / bend.max(1.0).sqrt()
-        })
-        .collect();
-    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-    let mut draws = Vec::with_capacity(2 * PAIRS);
-    for _ in 0..PAIRS {
-        let z: Vec<f64> = likeliest.iter().map(|_| StandardNormal.sample(&mut rng)).collect();
-        let ln = -0.5 * z.iter().map(|z: &f64| z * z).sum::<f64>();
-        for sign in [-1.0, 1.0] {
-            let draw = likeliest.iter().zip(&sds).zip(&z).map(|((x, sd), z)| x + sign * sd * z);
-            draws.push((draw.collect(), ln));
-        }
-    }
-    draws
-}
-
-/// One recording's measured values as a linear function of its unknowns, summed up: rows with as many readings have the same
-/// variance, and all that is ever asked of them is their sum of squares.
-struct Design {
-    groups: Vec<Group>,
-}
-
-/// Rows with the same number of readings, at rest or not.
-struct Group {
-    readings: f64,
-    moving: bool,
-    count: usize,
-    /// `B^T B`, `B^T y` and `y^T y` of the rows.
-    squares: DMatrix<f64>,
-    told: DMatrix<f64>,
-    measured: f64,
-}
-
-impl Design {
-    fn new(basis: &Basis, path: &TipPath, layout: &Layout) -> Self {
-        let mut bins: Vec<_> = path.bins.iter().collect();
-        bins.sort_by(|a, b| a.rows.total_cmp(&b.rows).then(a.moving.cmp(&b.moving)));
-        let groups = bins.chunk_by(|a, b| (a.rows, a.moving) == (b.rows, b.moving)).map(|bins| {
-            let all: Vec<_> = bins.iter().flat_map(|bin| rows(basis, bin, layout.planes)).collect();
-            let design = DMatrix::from_fn(all.len(), layout.unknowns(), |i, j| all[i].0[j]);
-            let measured = DMatrix::from_fn(all.len(), layout.sides(), |i, j| all[i].1[j]);
-            Group {
-                readings: bins.first().map_or(1.0, |bin| bin.rows),
-                moving: bins.first().is_some_and(|bin| bin.moving),
-                count: all.len(),
-                squares: design.transpose() * &design,
-                told: design.transpose() * &measured,
-                measured: measured.norm_squared(),
-            }
-        });
-        Self { groups: groups.collect() }
-    }
-}
-
-/// Log evidence of a set of recordings, and what they say about the next one.
-struct Evidence {
-    ln: f64,
-    /// In standard normal numbers of an insertion's own part.
-    next: Normal,
-}
-
-impl Evidence {
-    fn new(layout: &Layout, designs: &[Design], scales: &Scales) -> Self {
-        let (map, ratios) = (scales.map(layout), scales.shared_ratios(layout));
-        let (unknowns, sides) = (map.ncols(), layout.sides());
-        let mut information = DMatrix::<f64>::zeros(unknowns, unknowns);
-        let mut pull = DMatrix::<f64>::zeros(unknowns, sides);
-        let mut ln = 0.0;
-        let map_t = map.transpose();
-        for design in designs {
-            let mut squares = DMatrix::<f64>::zeros(layout.unknowns(), layout.unknowns());
-            let mut told = DMatrix::<f64>::zeros(layout.unknowns(), sides);
-            let mut measured = 0.0;
-            for group in &design.groups {
-                let variance = scales.variance_m2(group.readings, group.moving);
-                squares.zip_apply(&group.squares, |sum, square| *sum += square / variance);
-                told.zip_apply(&group.told, |sum, told| *sum += told / variance);
-                measured += group.measured / variance;
-                ln -= 0.5 * (sides * group.count) as f64 * variance.ln();
-            }
-            // In standard normal numbers: the own part has unit variance.
-            let told = &map_t * told;
-            let squares = &map_t * squares * &map;
-            let Some(total) = Cholesky::new(squares + DMatrix::identity(unknowns, unknowns)) else {
-                return Self::impossible(unknowns, sides);
-            };
-            let inverse = total.inverse();
-            let own = &inverse * &told;
-            ln -= sides as f64 * half_ln_determinant(&total) + 0.5 * (measured - told.dot(&own));
-            // With the own part integrated out, (A^-1 + I)^-1 = I - (I + A)^-1 is left of the information A.
-            information += DMatrix::identity(unknowns, unknowns) - inverse;
-            pull += own;
-        }
-        let scale = |matrix: &DMatrix<f64>| {
-            DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| ratios[i] * matrix[(i, j)])
-        };
-        let scaled = scale(&scale(&information).transpose()) + DMatrix::identity(unknowns, unknowns);
-        let pull = scale(&pull);
-        let Some(shared) = Cholesky::new(scaled) else { return Self::impossible(unknowns, sides) };
-        let mean = shared.solve(&pull);
-        ln += 0.5 * pull.dot(&mean) - sides as f64 * half_ln_determinant(&shared);
-        let covariance = scale(&scale(&shared.inverse()).transpose()) + DMatrix::identity(unknowns, unknowns);
-        Self { ln, next: Normal { mean: scale(&mean), covariance } }
-    }
-
-    fn impossible(unknowns: usize, sides: usize) -> Self {
-        let next = Normal {
-            mean: DMatrix::zeros(unknowns, sides),
-            covariance: DMatrix::identity(unknowns, unknowns),
-        };
-        Self { ln: f64::NEG_INFINITY, next }
-    }
-}
-
-/// Half the logarithm of the determinant of the factored matrix.
-fn half_ln_determinant(factor: &Cholesky<f64, Dyn>) -> f64 {
-    factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum()
-}
-
-/// Minus the log posterior of the scales.
-struct Cost<'e> {
-    evidence: &'e dyn Fn(&Scales) -> f64,
+/// The recordings that are learned from.
+struct Fold<'a> {
+    candidates: &'a Candidates,
+    paths: &'a [TipPath],
+    training: &'a [usize],
     reading_m: f64,
 }
 
-impl CostFunction for Cost<'_> {
-    type Param = Vec<f64>;
-    type Output = f64;
+/// A candidate with what every recording's values say of it.
+struct Solved {
+    candidate: Candidate,
+    ln_prior: f64,
+    responses: Responses,
+    /// Mean of the loads that suit the recordings, per plane, N.
+    load_n: [f64; 2],
+    systems: Vec<Vec<System>>,
+}
 
-    fn cost(&self, x: &Vec<f64>) -> Result<f64, argmin::core::Error> {
-        let prior = 0.5 * x.iter().map(|x| x * x).sum::<f64>();
-        let cost = prior - (self.evidence)(&Scales::from_logarithms(x, self.reading_m));
-        Ok(if cost.is_finite() { cost } else { f64::MAX })
+impl Solved {
+    fn recordings(&self) -> Vec<&[System]> {
+        self.systems.iter().map(Vec::as_slice).collect()
+    }
+
+    fn node(&self, candidates: &Candidates, next: usize) -> Node {
+        let nodes_m = Arc::new(candidates.nodes_m(next));
+        let basis = Basis::new(candidates, &self.responses, self.candidate, next, nodes_m, self.load_n);
+        Node { candidate: self.candidate, gap_m: candidates.gap_m(self.candidate), basis: Arc::new(basis) }
     }
 }
 
-impl Gradient for Cost<'_> {
-    type Param = Vec<f64>;
-    type Gradient = Vec<f64>;
+/// A top of the posterior.
+struct Top {
+    solved: Arc<Solved>,
+    likeliest: Vec<f64>,
+    ln: f64,
+    /// Covariance of the logarithms of modulus and gap.
+    covariance: [[f64; 2]; 2],
+}
 
-    fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, argmin::core::Error> {
-        const STEP: f64 = 1e-3;
-        let here = self.cost(x)?;
-        let slope = |i: usize| {
-            let mut moved = x.clone();
-            moved[i] += STEP;
-            Ok((self.cost(&moved)? - here) / STEP)
+/// A point of a grid about a top.
+struct GridPoint {
+    solved: Arc<Solved>,
+    ln: f64,
+    /// Logarithm of the area that it stands for.
+    ln_area: f64,
+}
+
+impl<'a> Fold<'a> {
+    /// With where its search begins: as given, or from a scan.
+    fn new(
+        candidates: &'a Candidates,
+        paths: &'a [TipPath],
+        training: &'a [usize],
+        reading_m: f64,
+        start: Option<&Start>,
+    ) -> (Self, Start) {
+        let fold = Self { candidates, paths, training, reading_m };
+        let start = start.cloned().unwrap_or_else(|| {
+            let likeliest = vec![0.0; COUNT];
+            Start { candidates: fold.scan(&likeliest), likeliest }
+        });
+        (fold, start)
+    }
+
+    /// Every recording at a candidate; nothing out of range or where the model has no answer.
+    fn solve(&self, candidate: Candidate) -> Option<Solved> {
+        let ln_prior = self.candidates.ln_prior(candidate)?;
+        let responses = self.candidates.responses(candidate).ok()?;
+        let gap_m = self.candidates.gap_m(candidate);
+        let mut load_n = [0.0; 2];
+        let systems = self.training.iter().map(|path| {
+            let nodes_m = Arc::new(self.candidates.nodes_m(*path));
+            let mut basis = Basis::without_own(self.candidates, &responses, *path, nodes_m);
+            let own_n = basis.fitted_load_n(&self.paths[*path]);
+            load_n.iter_mut().zip(own_n).for_each(|(sum, own_n)| *sum += own_n / self.training.len() as f64);
+            basis.set_load(gap_m, own_n);
+            System::of(&basis, &self.paths[*path], &self.candidates.layout)
+        });
+        let systems = systems.collect();
+        Some(Solved { candidate, ln_prior, responses, load_n, systems })
+    }
+
+    /// Sizes at a candidate: those of the tip load are shares of the load that the paths ask for there.
+    fn scales(&self, x: &[f64], solved: &Solved) -> Scales {
+        let load_n = solved.load_n[0].hypot(solved.load_n[1]);
+        Scales::from_logarithms(x, Known { reading_m: self.reading_m, load_n })
+    }
+
+    fn evidence(&self, solved: &Solved, scales: &Scales, searching: bool) -> Option<Evidence> {
+        Evidence::new(&self.candidates.layout, &solved.recordings(), scales, searching)
+    }
+
+    fn ln_posterior(&self, solved: &Solved, x: &[f64]) -> f64 {
+        self.evidence(solved, &self.scales(x, solved), false)
+            .map_or(f64::NEG_INFINITY, |found| solved.ln_prior + found.ln)
+    }
+
+    /// Tops of the posterior, the highest first.
+    fn tops(&self, start: &Start) -> Vec<Top> {
+        let mut tops: Vec<Top> = Vec::new();
+        for candidate in start.candidates.iter().copied().take(MOST_TOPS) {
+            // The scales that suit the first top suit the others well enough to compare them.
+            let from = tops.first().map_or(&start.likeliest, |top| &top.likeliest);
+            let Some(top) = self.climb(candidate, from, tops.is_empty()) else { continue };
+            let is_known = |known: &Top| {
+                let [a, b] = [known, &top].map(|top| top.solved.candidate);
+                let apart = [a.modulus_ln - b.modulus_ln, a.gap_ln - b.gap_ln];
+                (0..2).all(|i| apart[i].abs() < 3.0 * known.covariance[i][i].sqrt() + 1e-6)
+            };
+            if !tops.iter().any(is_known) {
+                tops.push(top);
+            }
+        }
+        tops.sort_by(|a, b| b.ln.total_cmp(&a.ln));
+        let most = tops.first().map_or(0.0, |top| top.ln);
+        tops.retain(|top| top.ln > most - LEAST_LN_TOP);
+        tops
+    }
+
+    /// Candidates of a coarse grid that no neighbour beats, the best first.
+    fn scan(&self, likeliest: &[f64]) -> Vec<Candidate> {
+        let [modulus, gap] = self.candidates.prior_sds().map(|sd| (2.5 * sd / SCAN_LN).ceil() as i32);
+        let mut found: HashMap<[i32; 2], f64> = HashMap::new();
+        for k in -modulus..=modulus {
+            for g in -gap..=gap {
+                let at = |i: i32| SCAN_LN * f64::from(i);
+                let candidate = self.candidates.clamped(Candidate { modulus_ln: at(k), gap_ln: at(g) });
+                if let Some(solved) = self.solve(candidate) {
+                    found.insert([k, g], self.ln_posterior(&solved, likeliest));
+                }
+            }
+        }
+        let is_top = |[k, g]: [i32; 2], ln: f64| {
+            let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [k + i, g + j]));
+            around.filter_map(|at| found.get(&at)).all(|other| *other <= ln)
         };
-        (0..x.len()).map(slope).collect()
+        let mut tops: Vec<_> = found.iter().filter(|(at, ln)| ln.is_finite() && is_top(**at, **ln)).collect();
+        tops.sort_by(|a, b| b.1.total_cmp(a.1).then(a.0.cmp(b.0)));
+        let candidate = |[k, g]: &[i32; 2]| {
+            let at = |i: &i32| SCAN_LN * f64::from(*i);
+            self.candidates.clamped(Candidate { modulus_ln: at(k), gap_ln: at(g) })
+        };
+        tops.into_iter().map(|(at, _)| candidate(at)).collect()
+    }
+
+    /// Climbs from a candidate, in modulus and gap and, where asked, in the scales.
+    fn climb(&self, candidate: Candidate, likeliest: &[f64], scales_too: bool) -> Option<Top> {
+        let mut likeliest = likeliest.to_vec();
+        let mut solved = self.solve(candidate)?;
+        let mut covariance = [[0.0; 2]; 2];
+        let rounds = if scales_too { MOST_ROUNDS } else { 1 };
+        for _ in 0..rounds {
+            let from = solved.candidate;
+            (solved, covariance) = self.climb_candidate(solved, &likeliest)?;
+            let moved =
+                [solved.candidate.modulus_ln - from.modulus_ln, solved.candidate.gap_ln - from.gap_ln];
+            if scales_too {
+                let before = likeliest.clone();
+                likeliest = search::likeliest(&self.cost(&solved), &likeliest, &self.active());
+                let change = likeliest.iter().zip(&before).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                if change < 0.2 && (0..2).all(|i| moved[i].abs() < 0.3 * covariance[i][i].sqrt() + 1e-6) {
+                    break;
+                }
+            }
+        }
+        let ln = self.ln_posterior(&solved, &likeliest);
+        ln.is_finite().then(|| Top { solved: Arc::new(solved), likeliest, ln, covariance })
+    }
+
+    /// Gauss and Newton for modulus and gap: the best candidate and the covariance there.
+    fn climb_candidate(&self, mut solved: Solved, likeliest: &[f64]) -> Option<(Solved, [[f64; 2]; 2])> {
+        let sds = self.candidates.prior_sds();
+        let mut ln = self.ln_posterior(&solved, likeliest);
+        for _ in 0..MOST_STEPS {
+            let (pull, information) = self.step(&solved, likeliest)?;
+            let at = [solved.candidate.modulus_ln, solved.candidate.gap_ln];
+            let (step, covariance) = newton(pull, information, at, sds);
+            let scaled = |i: usize| step[i].abs() > SMALL_STEP * covariance[i][i].sqrt();
+            let mut share = 1.0;
+            let mut better = None;
+            while better.is_none() && share > 0.5f64.powi(MOST_HALVINGS as i32) && (scaled(0) || scaled(1)) {
+                let to = self.candidates.clamped(Candidate {
+                    modulus_ln: at[0] + share * step[0],
+                    gap_ln: at[1] + share * step[1],
+                });
+                let moved = self.solve(to).map(|moved| (self.ln_posterior(&moved, likeliest), moved));
+                better = moved.filter(|(moved, _)| *moved > ln);
+                share *= 0.5;
+            }
+            match better {
+                Some((higher, moved)) => (ln, solved) = (higher, moved),
+                None => return Some((solved, covariance)),
+            }
+        }
+        let (pull, information) = self.step(&solved, likeliest)?;
+        let covariance = newton(pull, information, [0.0; 2], sds).1;
+        Some((solved, covariance))
+    }
+
+    /// Where the evidence about a candidate has its top.
+    fn step(&self, solved: &Solved, likeliest: &[f64]) -> Option<([f64; 2], [[f64; 2]; 2])> {
+        let scales = self.scales(likeliest, solved);
+        Some(self.evidence(solved, &scales, true)?.step(&self.candidates.layout, &scales))
+    }
+
+    /// Which scales the recordings can say anything of.
+    fn active(&self) -> Vec<usize> {
+        let moving = self.training.iter().any(|path| self.paths[*path].bins.iter().any(|bin| bin.moving));
+        (0..COUNT).filter(|scale| moving || *scale != MOVING).collect()
+    }
+
+    /// Minus the log posterior of the scales at a candidate.
+    fn cost<'s>(&'s self, solved: &'s Solved) -> impl Fn(&[f64]) -> f64 + 's {
+        move |x: &[f64]| {
+            let prior = 0.5 * x.iter().map(|x| x * x).sum::<f64>();
+            let cost = prior - self.ln_posterior(solved, x);
+            if cost.is_finite() { cost } else { f64::MAX }
+        }
+    }
+
+    /// Points about the tops, in the principal axes of each, as far as any of them weighs anything.
+    fn grid(&self, tops: &[Top]) -> Vec<GridPoint> {
+        let mut grid: Vec<GridPoint> = Vec::new();
+        let mut most = f64::NEG_INFINITY;
+        for top in tops {
+            let [[a, b], [_, d]] = top.covariance;
+            // Lower triangular root of the covariance.
+            let first = a.max(0.0).sqrt();
+            let across = if first > 0.0 { b / first } else { 0.0 };
+            let second = (d - across * across).max(0.0).sqrt();
+            let middle = top.solved.candidate;
+            let ln_area = [first, second].iter().filter(|sd| **sd > 0.0).map(|sd| (GRID_SDS * sd).ln()).sum();
+            let mut open = vec![[0_i32; 2]];
+            let mut known: Vec<[i32; 2]> = open.clone();
+            while let Some(at) = open.pop() {
+                let [i, j] = at.map(|i| GRID_SDS * f64::from(i));
+                let candidate = Candidate {
+                    modulus_ln: middle.modulus_ln + first * i,
+                    gap_ln: middle.gap_ln + across * i + second * j,
+                };
+                let Some(solved) = self.solve(candidate) else { continue };
+                let ln = self.ln_posterior(&solved, &top.likeliest);
+                if ln < top.ln.max(most) - LEAST_LN_POINT || !ln.is_finite() {
+                    continue;
+                }
+                most = most.max(ln);
+                grid.push(GridPoint { solved: Arc::new(solved), ln, ln_area });
+                for (di, dj) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
+                    let next = [at[0] + di, at[1] + dj];
+                    let is_flat = (di != 0 && first == 0.0) || (dj != 0 && second == 0.0);
+                    if !is_flat && !known.contains(&next) && known.len() < MOST_POINTS {
+                        known.push(next);
+                        // The nearest first, so that whatever is left out is far.
+                        open.insert(0, next);
+                    }
+                }
+            }
+        }
+        grid.retain(|point| point.ln > most - LEAST_LN_POINT);
+        grid
+    }
+
+    /// Draws about the likeliest scales from a normal distribution a little wider than the posterior along each scale, with the
+    /// logarithm of its density: points of an integration over the scales by importance sampling.
+    fn draws(&self, top: &Top) -> Vec<(Vec<f64>, f64)> {
+        let sds = search::widths(&self.cost(&top.solved), &top.likeliest, &self.active());
+        let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+        let mut draws = Vec::with_capacity(2 * PAIRS);
+        for _ in 0..PAIRS {
+            let z: Vec<f64> = sds.iter().map(|_| StandardNormal.sample(&mut rng)).collect();
+            let ln = -0.5 * z.iter().map(|z: &f64| z * z).sum::<f64>();
+            for sign in [-1.0, 1.0] {
+                let moved = top.likeliest.iter().zip(&sds).zip(&z);
+                draws.push((moved.map(|((x, sd), z)| x + sign * SPREAD * sd * z).collect(), ln));
+            }
+        }
+        draws
     }
 }
 
-/// The likeliest scales, by a quasi-Newton method; nothing where it fails.
-fn search(cost: Cost<'_>, start: &[f64]) -> Option<Vec<f64>> {
-    let line = MoreThuenteLineSearch::new().with_bounds(1e-3, 8.0).ok()?;
-    let solver = LBFGS::new(line, 7).with_tolerance_cost(1e-3).ok()?.with_tolerance_grad(1e-2).ok()?;
-    let run = Executor::new(cost, solver)
-        .configure(|state| state.param(start.to_vec()).max_iters(MOST_STEPS))
-        .run();
-    run.ok()?.state().get_best_param().cloned()
+/// Step and covariance of a quadratic top with a normal prior; no step where the prior leaves no freedom.
+fn newton(
+    pull: [f64; 2],
+    mut information: [[f64; 2]; 2],
+    at: [f64; 2],
+    sds: [f64; 2],
+) -> ([f64; 2], [[f64; 2]; 2]) {
+    let mut right = pull;
+    for i in 0..2 {
+        if sds[i] > 0.0 {
+            let precision = sds[i].powi(-2);
+            right[i] -= precision * at[i];
+            // What the path says may not make it less certain than the prior.
+            information[i][i] = information[i][i].max(0.0) + precision;
+        }
+    }
+    let free: Vec<usize> = (0..2).filter(|i| sds[*i] > 0.0).collect();
+    let mut covariance = [[0.0; 2]; 2];
+    match free.as_slice() {
+        [0, 1] => {
+            let [[a, b], [_, d]] = information;
+            let determinant = (a * d - b * b).max(1e-9 * a * d);
+            covariance = [[d / determinant, -b / determinant], [-b / determinant, a / determinant]];
+        }
+        [i] => covariance[*i][*i] = 1.0 / information[*i][*i],
+        _ => {}
+    }
+    let step = [0, 1].map(|i| covariance[i][0] * right[0] + covariance[i][1] * right[1]);
+    (step, covariance)
 }
 
-#[cfg(test)]
-#[path = "learn_tests.rs"]
-mod tests;
+/// For each point, the sum of the flattened shares up to and including it, and the logarithm of its own.
+fn cumulative_shares(grid: &[GridPoint]) -> Vec<(f64, f64)> {
+    let flattened = |point: &GridPoint| FLATTENED * (point.ln + point.ln_area);
+    let most = grid.iter().map(flattened).fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = grid.iter().map(|point| (flattened(point) - most).exp()).sum();
+    let mut end = 0.0;
+    let share = |point: &GridPoint| {
+        let ln = flattened(point) - most - total.ln();
+        end += ln.exp();
+        (end, ln)
+    };
+    grid.iter().map(share).collect()
+}

@@ -17,6 +17,8 @@ const BEFORE_SURFACE_M: f64 = 0.5e-3;
 const BIN_M: f64 = 1e-3;
 /// Positions of guide 2 that differ by less are the same.
 const GUIDE2_STILL_M: f64 = 0.05e-3;
+/// Rests whose depths differ by less are one: what is done there happens at one depth.
+const REST_M: f64 = 0.1e-3;
 /// Rotations that differ by less are the same.
 pub(super) const ROTATION_STILL_RAD: f64 = 0.02;
 /// A recording rests where at least this share of its rows is in bins of three or more.
@@ -203,7 +205,7 @@ fn advancing(run: &InsertionRun) -> Vec<Row> {
         let mut stays_m = f64::INFINITY;
         for row in rows.iter_mut().rev() {
             stays_m = stays_m.min(row.depth_m);
-            row.depth_m = stays_m;
+            row.depth_m = REST_M * (stays_m / REST_M).round();
         }
     }
     rows

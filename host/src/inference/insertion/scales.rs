@@ -1,22 +1,29 @@
 //! How large the unknowns of an insertion are, and what that makes of standard normal numbers.
 
-use super::basis::{LEADING, Layout};
-use nalgebra::{DMatrix, DVector};
+use super::layout::{ANGLE, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET, WANDER};
 use std::f64::consts::FRAC_PI_2;
 
 /// How large the unknowns are: standard deviations of what all insertions share, and of each insertion's own part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scales {
-    /// Shared and own offset of the tip sensor, m.
-    pub offset_m: [f64; 2],
-    /// Shared and own angle of entry, rad.
-    pub entry_angle_rad: [f64; 2],
-    /// Shared and own tip load at the surface, N.
-    pub load_n: [f64; 2],
-    /// Shared and own wander of the tip load, N per square root of a metre of depth.
+    /// Own offset of the tip sensor, m.
+    pub offset_m: f64,
+    /// Own angle of entry, rad.
+    pub entry_angle_rad: f64,
+    /// Own tip load, N.
+    pub load_n: f64,
+    /// Shared tip load, N: wide, in proportion to what the paths ask for, so that its size weighs no modulus against another.
+    pub shared_load_n: f64,
+    /// Shared and own wander of the tip load about its mean, N.
     pub wander_n: [f64; 2],
     /// Depth over which the wander is forgotten, m.
     pub memory_m: f64,
+    /// Own difference of the logarithm of the modulus.
+    pub modulus_ln: f64,
+    /// Own place of the tissue surface, m.
+    pub entry_m: f64,
+    /// Own slow drift of the tracker, m.
+    pub drift_m: f64,
     /// Of the tip about a smooth path at single depths, m.
     pub irregularity_m: f64,
     /// More of it while the needle is on its way, m.
@@ -25,42 +32,79 @@ pub struct Scales {
     pub reading_m: f64,
 }
 
+/// What is known before the sizes are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Known {
+    /// Noise of one reading of the tip, m.
+    pub reading_m: f64,
+    /// About how large the tip load is at a candidate, N.
+    pub load_n: f64,
+}
+
 /// Scales that are found.
 pub(super) const COUNT: usize = 11;
-/// Their middles and the standard deviations of their logarithms: weak, physical.
+/// Their middles and the standard deviations of their logarithms: weak, physical. Those of the tip load are shares of it.
 const TYPICAL: [(f64, f64); COUNT] = [
-    (1e-3, 2.0),
     (0.3e-3, 1.5),
-    (0.02, 1.5),
     (0.005, 1.5),
-    (0.3, 1.0),
     (0.05, 1.0),
-    (0.05, 1.5),
-    (0.05, 1.5),
+    (0.02, 1.5),
+    (0.02, 1.5),
     (0.1, 1.0),
-    (0.04e-3, 0.7),
+    (0.03, 1.0),
+    (0.2e-3, 1.0),
+    (0.01e-3, 1.5),
+    (0.03e-3, 1.0),
     (0.1e-3, 1.0),
 ];
-/// No path is smoother than this, m: about what the finest tracker resolves. Below it the candidates of modulus and gap would be too
-/// far apart.
-const LEAST_IRREGULARITY_M: f64 = 20e-6;
-impl Scales {
-    /// Before anything is learned.
-    pub fn typical(reading_m: f64) -> Self {
-        Self::from_logarithms(&[0.0; COUNT], reading_m)
-    }
+/// Number of the last one, which matters only where a needle that rests was read on its way.
+pub(super) const MOVING: usize = COUNT - 1;
+/// Loads below this are as large, N: where a tip takes hardly any, nothing is known to a share of it.
+const LEAST_LOAD_N: f64 = 0.02;
+/// No path is smoother than this, m: the model is solved in steps.
+const LEAST_IRREGULARITY_M: f64 = 3e-6;
+/// What all insertions of a session share has one value in each plane, which says little of a size: these are wide. Offset (m), angle
+/// (rad), load (a multiple of its size).
+const SHARED_OFFSET_M: f64 = 0.1;
+const SHARED_ANGLE_RAD: f64 = 0.05;
+const SHARED_LOAD: f64 = 2.0;
+/// Guide 2 against its zero, shared and own, m: clearance and mounting. The place of the surface that all insertions share, m.
+const GUIDE2_M: [f64; 2] = [0.05e-3, 0.01e-3];
+const SHARED_ENTRY_M: f64 = 0.3e-3;
+/// Drift that repeats from insertion to insertion, against that of each: a field of the tracker that is bent a little.
+const SHARED_DRIFT: f64 = 0.5;
+/// Steps of the logarithms of modulus and gap that a search may take at once, and the part of it that stands for one insertion.
+const TRUST_LN: f64 = 0.3;
+const SEARCHED_OWN_LN: f64 = 1e-3;
 
-    /// From distances to the typical ones, in standard deviations.
-    pub(super) fn from_logarithms(x: &[f64], reading_m: f64) -> Self {
-        let at = |i: usize| TYPICAL[i].0 * (x[i] * TYPICAL[i].1).clamp(-12.0, 12.0).exp();
+/// Standard deviations of one plane's unknowns before the wander, and how those of their shared parts compare.
+pub(super) struct Map {
+    pub sds: [f64; WANDER],
+    pub ratios: [f64; WANDER],
+    /// Stationary standard deviation of the wander, and how much of it is left after a stretch between knots.
+    pub wander_n: f64,
+    pub wander_ratio: f64,
+    pub forgets: f64,
+}
+
+impl Scales {
+    /// From distances to the typical ones, in standard deviations, for tip loads of about `load_n`.
+    pub(super) fn from_logarithms(x: &[f64], known: Known) -> Self {
+        let Known { reading_m, load_n } = known;
+        let load_n = load_n.max(LEAST_LOAD_N);
+        let at = |i: usize| TYPICAL[i].0 * (x[i] * TYPICAL[i].1).clamp(-9.0, 9.0).exp();
         Self {
-            offset_m: [at(0), at(1)],
-            entry_angle_rad: [at(2), at(3)],
-            load_n: [at(4), at(5)],
-            wander_n: [at(6), at(7)],
-            memory_m: at(8),
+            offset_m: at(0),
+            entry_angle_rad: at(1),
+            load_n: load_n * at(2),
+            shared_load_n: SHARED_LOAD * load_n,
+            wander_n: [load_n * at(3), load_n * at(4)],
+            memory_m: at(5),
+            modulus_ln: at(6),
+            entry_m: at(7),
+            drift_m: at(8),
             irregularity_m: at(9).max(LEAST_IRREGULARITY_M),
-            moving_m: at(10),
+            moving_m: at(MOVING),
             reading_m,
         }
     }
@@ -71,58 +115,88 @@ impl Scales {
         self.irregularity_m.powi(2) + moving_m.powi(2) + self.reading_m.powi(2) * of_median(rows)
     }
 
-    /// From independent standard normal numbers to an insertion's own unknowns: a row of the design times this is what each of these
-    /// numbers does to the tip. In one plane: offset, angle, mean load, wander at the surface, push of the wander in each stretch.
-    /// The wander is stationary: it forgets exponentially along the depth.
-    pub(super) fn map(&self, layout: &Layout) -> DMatrix<f64> {
-        let (of_plane, knots_m) = (layout.of_plane(), &layout.knots_m);
-        let numbers = numbers(layout);
-        let left = |from_m: f64, to_m: f64| (-(to_m - from_m) / self.memory_m).exp();
-        // What is left of a push at `from_m` at the end of a stretch, less what was left at its start.
-        let forgotten =
-            |from_m: f64, stretch: usize| left(from_m, knots_m[stretch + 1]) - left(from_m, knots_m[stretch]);
-        let mut map = DMatrix::zeros(layout.unknowns(), layout.unknowns() / of_plane * numbers);
-        for plane in 0..layout.unknowns() / of_plane {
-            let (row, column) = (plane * of_plane, plane * numbers);
-            map[(row, column)] = self.offset_m[1];
-            map[(row + 1, column + 1)] = self.entry_angle_rad[1];
-            map[(row + 2, column + 2)] = self.load_n[1];
-            let stationary_n = self.wander_n[1] * (0.5 * self.memory_m).sqrt();
-            map[(row + 2, column + 3)] = stationary_n;
-            for stretch in 0..knots_m.len() - 1 {
-                map[(row + LEADING + stretch, column + 3)] = stationary_n * forgotten(knots_m[0], stretch);
-                // Variance that makes the wander stationary whatever the stretch.
-                let push_n =
-                    stationary_n * (1.0 - left(knots_m[stretch], knots_m[stretch + 1]).powi(2)).sqrt();
-                map[(row + LEADING + stretch, column + 4 + stretch)] = push_n;
-                for later in stretch + 1..knots_m.len() - 1 {
-                    map[(row + LEADING + later, column + 4 + stretch)] =
-                        push_n * forgotten(knots_m[stretch + 1], later);
-                }
-            }
+    /// Sizes of a plane's unknowns. `searching`: modulus and gap that all insertions share may step away from the candidate.
+    pub(super) fn map(&self, layout: &Layout, searching: bool) -> Map {
+        let mut sds = [0.0; WANDER];
+        let mut ratios = [0.0; WANDER];
+        let mut set = |i: usize, [shared, own]: [f64; 2]| {
+            sds[i] = own;
+            ratios[i] = if own > 0.0 { shared / own } else { 0.0 };
+        };
+        set(OFFSET, [SHARED_OFFSET_M, self.offset_m]);
+        set(ANGLE, [SHARED_ANGLE_RAD, self.entry_angle_rad]);
+        set(GUIDE2, GUIDE2_M);
+        set(MODULUS, [if searching { TRUST_LN } else { 0.0 }, self.modulus_ln]);
+        set(ENTRY, [SHARED_ENTRY_M, self.entry_m]);
+        set(GAP, if searching { [TRUST_LN, SEARCHED_OWN_LN] } else { [0.0; 2] });
+        for number in 0..DRIFTS {
+            let own_m = self.drift_m / ((number + 1) as f64).sqrt();
+            set(DRIFT + number, [SHARED_DRIFT * own_m, own_m]);
         }
-        map
+        set(LOAD, [self.shared_load_n, self.load_n]);
+        let stretch_m = layout.knots_m.get(1).copied().unwrap_or(1.0);
+        Map {
+            sds,
+            ratios,
+            wander_n: self.wander_n[1],
+            wander_ratio: self.wander_n[0] / self.wander_n[1],
+            forgets: (-stretch_m / self.memory_m).exp(),
+        }
     }
 
-    /// Standard deviation of the shared part over that of the own part.
-    pub(super) fn shared_ratios(&self, layout: &Layout) -> DVector<f64> {
-        let ratio = |[shared, own]: [f64; 2]| shared / own;
-        let numbers = numbers(layout);
-        DVector::from_fn(layout.unknowns() / layout.of_plane() * numbers, |i, _| match i % numbers {
-            0 => ratio(self.offset_m),
-            1 => ratio(self.entry_angle_rad),
-            2 => ratio(self.load_n),
-            _ => ratio(self.wander_n),
-        })
+    /// How far shared and own wander move the load over a distance, N.
+    pub fn wander_over_n(&self, distance_m: f64) -> [f64; 2] {
+        let share = (2.0 * (1.0 - (-distance_m / self.memory_m).exp())).sqrt();
+        self.wander_n.map(|wander_n| share * wander_n)
+    }
+
+    /// Standard deviation of the place of an insertion's surface, m.
+    pub(super) fn shared_and_own_entry_m(&self) -> f64 {
+        SHARED_ENTRY_M.hypot(self.entry_m)
+    }
+
+    /// Variance of a step of the search, of the logarithm.
+    pub(super) fn trust_variance() -> f64 {
+        TRUST_LN * TRUST_LN
+    }
+}
+
+impl Map {
+    /// From a vector in the unknowns' units of `length` per plane to standard normal numbers, transposed: `D^T v`. The wander is
+    /// stationary and forgets exponentially along the depth.
+    pub fn pull_back(&self, values: &mut [f64], length: usize) {
+        for plane in values.chunks_exact_mut(length) {
+            plane.iter_mut().zip(self.sds).for_each(|(value, sd)| *value *= sd);
+            let push = (1.0 - self.forgets * self.forgets).sqrt();
+            let mut sum = 0.0;
+            for knot in (WANDER..length).rev() {
+                sum = plane[knot] + self.forgets * sum;
+                plane[knot] = self.wander_n * sum * if knot > WANDER { push } else { 1.0 };
+            }
+        }
+    }
+
+    /// From standard normal numbers to the unknowns: `D v`.
+    pub fn push_forward(&self, values: &mut [f64], length: usize) {
+        for plane in values.chunks_exact_mut(length) {
+            plane.iter_mut().zip(self.sds).for_each(|(value, sd)| *value *= sd);
+            let push = (1.0 - self.forgets * self.forgets).sqrt();
+            let mut wander = 0.0;
+            for (knot, value) in plane.iter_mut().enumerate().skip(WANDER) {
+                let fresh = if knot > WANDER { push * *value } else { *value };
+                wander = self.forgets * wander + fresh;
+                *value = self.wander_n * wander;
+            }
+        }
+    }
+
+    /// Shared over own standard deviation of the unknown at a place of a vector.
+    pub fn ratio(&self, place: usize, length: usize) -> f64 {
+        self.ratios.get(place % length).copied().unwrap_or(self.wander_ratio)
     }
 }
 
 /// Variance of the median of so many readings over that of one.
 pub(crate) fn of_median(readings: f64) -> f64 {
     if readings > 2.0 { FRAC_PI_2 / readings } else { 1.0 / readings }
-}
-
-/// Standard normal numbers behind the unknowns of one plane: the wander has one more than stretches, its value at the surface.
-fn numbers(layout: &Layout) -> usize {
-    layout.of_plane() + 1
 }

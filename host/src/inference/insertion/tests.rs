@@ -1,7 +1,9 @@
 //! Against dense normal algebra, the forward model, and what the recordings of hands contain.
 
-use super::basis::Candidates;
-use super::scales::Scales;
+use super::basis::Basis;
+use super::candidates::Candidate;
+use super::layout::{ENTRY, LOAD, MODULUS, WANDER};
+use super::scales::{COUNT, Known};
 use super::*;
 use crate::model::{Cutting, Experiment, Insertion, Model, Needle, Profile, Rig, TipLaw, predict};
 use crate::session::InsertionRun;
@@ -35,9 +37,14 @@ fn tissue(sd_ln: f64) -> Tissue {
     Tissue { model, modulus_sd_ln: sd_ln, gap_m: 0.02, gap_sd_ln: sd_ln }
 }
 
-/// The rows of the design, times unknowns, are what the forward model predicts: guide 2 moved, at rest and on the way; needle turned.
-#[test]
-fn the_design_is_the_forward_model() {
+fn basis(candidates: &Candidates, candidate: Candidate, load_n: [f64; 2]) -> Basis {
+    let responses = candidates.responses(candidate).expect("responses");
+    let nodes_m = std::sync::Arc::new(candidates.nodes_m(0));
+    Basis::new(candidates, &responses, candidate, 0, nodes_m, load_n)
+}
+
+/// Guide 2 moved, at rest and on the way; needle turned out of its plane.
+fn moved() -> TipPath {
     let rows: Vec<[f64; 6]> = (0..=80)
         .map(|mm| {
             let d = f64::from(mm);
@@ -46,11 +53,37 @@ fn the_design_is_the_forward_model() {
             [d, 0.0, 0.0, turned, moved, 0.02 * d]
         })
         .collect();
-    let path = TipPath::new(&run(&rows)).expect("an insertion");
+    TipPath::new(&run(&rows)).expect("an insertion")
+}
+
+/// The forward model at another modulus and gap, the tissue beginning later than the depth says.
+fn forward_m(
+    path: &TipPath,
+    loads: [Profile; 2],
+    at: Candidate,
+    entry_m: f64,
+    depths_m: &[f64],
+) -> [Vec<f64>; 2] {
+    let mut rig = rig();
+    rig.entry_m = rig.guide2_m + 0.02 * at.gap_ln.exp() + entry_m;
+    let mut model = Model::uniform(rig, 12e3 * at.modulus_ln.exp()).expect("a model");
+    model.tip = TipLaw { cutting: Cutting::Load(loads), ..TipLaw::default() };
+    let depth_m = depths_m.iter().map(|depth_m| depth_m - entry_m).collect();
+    let insertion = Insertion { depth_m, ..path.done.clone() };
+    let tip_m = predict(&model, &Experiment::Insertion(insertion)).expect("predicts").tip_m;
+    [tip_m.y, tip_m.x.expect("two planes")]
+}
+
+const AWAY: Candidate = Candidate { modulus_ln: 0.11, gap_ln: -0.37 };
+
+/// The rows of the design, times unknowns, are what the forward model predicts, also between the points that are solved.
+#[test]
+fn the_design_is_the_forward_model() {
+    let path = moved();
     assert!(path.is_turned());
-    let candidates = Candidates::new(&tissue(0.0), std::slice::from_ref(&path), 0.08).expect("candidates");
+    let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.08).expect("candidates");
     let layout = &candidates.layout;
-    assert!(layout.coupled && candidates.list.len() == 1);
+    assert!(layout.coupled);
     let load = |plane: f64| {
         let knots = layout.knots_m.iter().enumerate();
         Profile::new(knots.map(|(i, m)| [*m, 0.1 * plane + 0.01 * (i as f64 * plane).sin()]).collect())
@@ -60,24 +93,57 @@ fn the_design_is_the_forward_model() {
     let mut unknowns = vec![0.0; layout.unknowns()];
     for (plane, profile) in loads.iter().enumerate() {
         let at = plane * layout.of_plane();
-        unknowns[at + 2] = profile.before(0.0);
-        for (i, pair) in layout.knots_m.windows(2).enumerate() {
-            unknowns[at + 3 + i] = profile.before(pair[1]) - profile.before(pair[0]);
+        unknowns[at + LOAD] = 0.03;
+        for (knot, depth_m) in layout.knots_m.iter().enumerate() {
+            unknowns[at + WANDER + knot] = profile.before(*depth_m) - 0.03;
         }
     }
-    let mut model = Model::uniform(rig(), 12e3).expect("a model");
-    model.tip = TipLaw { cutting: Cutting::Load(loads), ..TipLaw::default() };
-    let insertion = Insertion { depth_m: vec![0.0, 0.013, 0.035, 0.041, 0.08], ..path.done.clone() };
-    let tip_m = predict(&model, &Experiment::Insertion(insertion.clone())).expect("predicts").tip_m;
-    let basis = &candidates.bases[0][0];
-    for (i, depth_m) in insertion.depth_m.iter().enumerate() {
-        for (plane, expected_m) in
-            [tip_m.y[i], tip_m.x.as_ref().expect("two planes")[i]].into_iter().enumerate()
-        {
-            let row = basis.row(plane, *depth_m, false);
-            let tip_m: f64 = row.iter().zip(&unknowns).map(|(row, unknown)| row * unknown).sum();
-            let tip_m = tip_m + basis.guide2_m(plane, *depth_m, false);
-            assert!((tip_m - expected_m).abs() < 1e-6, "{tip_m} is not {expected_m} at {depth_m}");
+    let depths_m = [0.0, 0.013, 0.035, 0.041, 0.08];
+    let expected_m = forward_m(&path, loads, AWAY, 0.0, &depths_m);
+    let basis = basis(&candidates, AWAY, [0.0; 2]);
+    for (plane, expected_m) in expected_m.iter().enumerate() {
+        for (depth_m, expected_m) in depths_m.iter().zip(expected_m) {
+            let (row, guide2_m) = basis.row(plane, *depth_m, false);
+            let tip_m = guide2_m + row.iter().zip(&unknowns).map(|(row, unknown)| row * unknown).sum::<f64>();
+            assert!((tip_m - expected_m).abs() < 2e-6, "{tip_m} is not {expected_m} at {depth_m}");
+        }
+    }
+}
+
+/// A little more modulus, or tissue that begins a little later, moves the tip as the forward model says.
+#[test]
+fn differences_of_one_insertion_are_those_of_the_forward_model() {
+    let path = moved();
+    let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.08).expect("candidates");
+    let load_n = [0.2, -0.1];
+    let basis = basis(&candidates, AWAY, load_n);
+    let loads = || load_n.map(Profile::constant);
+    // Depths away from the jumps, which a shift of depth moves.
+    let depths_m = [0.012, 0.025, 0.055, 0.07];
+    let before_m = forward_m(&path, loads(), AWAY, 0.0, &depths_m);
+    let stiffer = Candidate { modulus_ln: AWAY.modulus_ln + 0.02, ..AWAY };
+    let stiffer_m = forward_m(&path, loads(), stiffer, 0.0, &depths_m);
+    for plane in 0..2 {
+        let (_, at) = candidates.layout.place(plane);
+        for (i, depth_m) in depths_m.into_iter().enumerate() {
+            let (row, _) = basis.row(plane, depth_m, false);
+            let (found_m, expected_m) = (0.02 * row[at + MODULUS], stiffer_m[plane][i] - before_m[plane][i]);
+            assert!((found_m - expected_m).abs() < 2e-6, "{found_m} is not {expected_m} at {depth_m}");
+        }
+    }
+    // Nothing done at a depth: what is done at rest would move with the surface in the forward model, and does not for the recorded depth.
+    let straight: Vec<[f64; 6]> = (0..=80).map(|mm| [f64::from(mm), 0.0, 0.0, 0.0, 0.0, 0.0]).collect();
+    let path = TipPath::new(&run(&straight)).expect("an insertion");
+    let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.08).expect("candidates");
+    let basis = self::basis(&candidates, AWAY, load_n);
+    let [before_m, later_m] =
+        [0.0, 0.2e-3].map(|entry_m| forward_m(&path, loads(), AWAY, entry_m, &depths_m));
+    for plane in 0..2 {
+        let (_, at) = candidates.layout.place(plane);
+        for (i, depth_m) in depths_m.into_iter().enumerate() {
+            let (row, _) = basis.row(plane, depth_m, false);
+            let (found_m, expected_m) = (0.2e-3 * row[at + ENTRY], later_m[plane][i] - before_m[plane][i]);
+            assert!((found_m - expected_m).abs() < 2e-6, "{found_m} is not {expected_m} at {depth_m}");
         }
     }
 }
@@ -88,15 +154,51 @@ fn the_wander_is_stationary() {
     let path =
         TipPath::new(&run(&[0.0, 20.0, 40.0, 60.0, 80.0].map(|d| [d, 0.0, 0.0, 0.0, 0.0, 0.0]))).expect("ok");
     let layout = Layout::new(&[path], 0.08);
-    let scales = Scales { load_n: [1.0, 1e-12], ..Scales::typical(0.0) };
-    let map = scales.map(&layout);
-    let load = |depth_m: f64| map.transpose() * &layout.load_rows(depth_m)[0];
-    let variance = 0.5 * scales.memory_m * scales.wander_n[1].powi(2);
-    for [a_m, b_m] in [[0.0, 0.0], [0.0, 0.03], [0.02, 0.075], [0.08, 0.08]] {
-        let expected = variance * (-f64::abs(a_m - b_m) / scales.memory_m).exp();
-        let found = load(a_m).dot(&load(b_m));
+    let scales = Scales::from_logarithms(&[0.0; COUNT], Known { reading_m: 0.0, load_n: 0.2 });
+    let map = scales.map(&layout, false);
+    // What the wander's standard normal numbers do to the load at a depth.
+    let load = |depth_m: f64| {
+        let mut row: Vec<f64> = layout.load_row(0, depth_m).iter().copied().collect();
+        row[LOAD] = 0.0;
+        map.pull_back(&mut row, layout.of_plane());
+        row
+    };
+    for [a_m, b_m] in [[0.0, 0.0], [0.0, 0.03], [0.015, 0.075], [0.075, 0.075]] {
+        let expected = scales.wander_n[1].powi(2) * (-f64::abs(a_m - b_m) / scales.memory_m).exp();
+        let found: f64 = load(a_m).iter().zip(load(b_m)).map(|(a, b)| a * b).sum();
         assert!((found / expected - 1.0).abs() < 1e-9, "{found} is not {expected} between {a_m} and {b_m}");
     }
+}
+
+/// Half turns mirror the load in its plane: they couple nothing.
+#[test]
+fn half_turns_leave_the_planes_apart() {
+    let turned = |degrees: f64| {
+        let row = |mm: i32| [f64::from(mm), 0.0, 0.0, if mm > 30 { degrees } else { 0.0 }, 0.0, 0.0];
+        let path = TipPath::new(&run(&(0..=60).map(row).collect::<Vec<_>>())).expect("an insertion");
+        Layout::new(&[path], 0.06).coupled
+    };
+    assert_eq!([180.0, -180.0, 360.0, 90.0].map(turned), [false, false, false, true]);
+}
+
+/// Steps of guide 2 at depths that differ by less than anything measured are at one depth: the beam stays solvable.
+#[test]
+fn rests_that_nearly_coincide_are_one() {
+    let rows: Vec<[f64; 6]> = (0..=60)
+        .flat_map(|mm| {
+            let at = |d: f64, guide: f64| [d, 0.0, 0.0, 0.0, guide, 0.0];
+            let d = f64::from(mm);
+            if mm % 5 == 0 {
+                vec![at(d, 0.0), at(d + 1e-7, 0.2), at(d + 2e-7, 0.5), at(d + 3e-7, 0.0)]
+            } else {
+                vec![at(d, 0.0)]
+            }
+        })
+        .collect();
+    let path = TipPath::new(&run(&rows)).expect("an insertion");
+    let candidates = Candidates::new(&tissue(0.5), std::slice::from_ref(&path), 0.06).expect("candidates");
+    let nodes_m = candidates.nodes_m(0);
+    assert!(nodes_m.windows(2).all(|pair| pair[1] - pair[0] > 0.05e-3));
 }
 
 #[test]
@@ -155,9 +257,9 @@ fn live_and_recorded_agree() {
     let paths = [path];
     let candidates = Candidates::new(&tissue(0.5), &paths, 0.1).expect("candidates");
     let learned = learn(&candidates, &paths, &[], 0, 0.05e-3);
-    let mut recorded = Belief::new(&candidates, 0, &learned);
+    let mut recorded = Belief::new(&candidates, &learned);
     recorded.update_all(&paths[0]);
-    let mut live = Live::new(Belief::new(&candidates, 0, &learned));
+    let mut live = Live::new(Belief::new(&candidates, &learned));
     rows.iter().for_each(|row| live.push(1e-3 * row[0], [1e-3 * row[1], 1e-3 * row[2]]));
     for (a, b) in recorded.tip_m(&[0.1])[0].iter().zip(&live.belief().tip_m(&[0.1])[0]) {
         assert!((a.mean - b.mean).abs() < 1e-9 && (a.sd - b.sd).abs() < 1e-9);

@@ -41,16 +41,16 @@ struct Line {
     sessions: usize,
 }
 
-/// Runs the study and prints its table; `verbose` prints every insertion too.
+/// Runs the study on the worlds whose names hold `only` and prints its table; `verbose` prints every insertion too.
 ///
 /// # Errors
 /// Where a session cannot be predicted, which all of them can.
-pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
+pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> {
     ensure!((1..=10_000).contains(&sessions), "--sessions is {sessions}, expected 1 to 10000");
     let mut lines = Vec::new();
-    for (name, imperfections) in [("plain", Imperfections::default()), ("imperfect", Imperfections::small())]
-    {
-        for until_mm in UNTIL_MM {
+    let worlds = [("plain", Imperfections::default()), ("imperfect", Imperfections::small())];
+    for (name, imperfections) in worlds {
+        for until_mm in UNTIL_MM.into_iter().filter(|until_mm| format!("{name} {until_mm}").contains(only)) {
             lines.push(line(name, imperfections, until_mm, sessions, seed, verbose)?);
         }
     }

@@ -1,0 +1,80 @@
+//! The likeliest sizes of the unknowns, by a quasi-Newton method, and how wide the posterior is about them.
+
+use argmin::core::{CostFunction, Executor, Gradient, State};
+use argmin::solver::linesearch::MoreThuenteLineSearch;
+use argmin::solver::quasinewton::LBFGS;
+
+/// Steps of the search.
+const MOST_STEPS: u64 = 30;
+/// Step of the differences that give a slope, and of those that give a curvature.
+const SLOPE_STEP: f64 = 1e-3;
+const BEND_STEP: f64 = 0.3;
+
+/// A function of some of the numbers of a point.
+struct Along<'c> {
+    cost: &'c dyn Fn(&[f64]) -> f64,
+    point: &'c [f64],
+    active: &'c [usize],
+}
+
+impl Along<'_> {
+    fn at(&self, x: &[f64]) -> Vec<f64> {
+        let mut point = self.point.to_vec();
+        self.active.iter().zip(x).for_each(|(i, x)| point[*i] = *x);
+        point
+    }
+}
+
+impl CostFunction for Along<'_> {
+    type Param = Vec<f64>;
+    type Output = f64;
+
+    fn cost(&self, x: &Vec<f64>) -> Result<f64, argmin::core::Error> {
+        Ok((self.cost)(&self.at(x)))
+    }
+}
+
+impl Gradient for Along<'_> {
+    type Param = Vec<f64>;
+    type Gradient = Vec<f64>;
+
+    fn gradient(&self, x: &Vec<f64>) -> Result<Vec<f64>, argmin::core::Error> {
+        let here = (self.cost)(&self.at(x));
+        let slope = |i: usize| {
+            let mut moved = x.clone();
+            moved[i] += SLOPE_STEP;
+            ((self.cost)(&self.at(&moved)) - here) / SLOPE_STEP
+        };
+        Ok((0..x.len()).map(slope).collect())
+    }
+}
+
+/// The point of least cost near `start`, with only the `active` numbers free; `start` where the search fails.
+pub(super) fn likeliest(cost: &dyn Fn(&[f64]) -> f64, start: &[f64], active: &[usize]) -> Vec<f64> {
+    let along = Along { cost, point: start, active };
+    let from: Vec<f64> = active.iter().map(|i| start[*i]).collect();
+    let best = || {
+        let line = MoreThuenteLineSearch::new().with_bounds(1e-3, 8.0).ok()?;
+        let solver = LBFGS::new(line, 7).with_tolerance_cost(1e-2).ok()?.with_tolerance_grad(5e-2).ok()?;
+        let problem = Along { cost, point: start, active };
+        let run =
+            Executor::new(problem, solver).configure(|state| state.param(from).max_iters(MOST_STEPS)).run();
+        run.ok()?.state().get_best_param().cloned()
+    };
+    best().map_or_else(|| start.to_vec(), |x| along.at(&x))
+}
+
+/// Standard deviation of the posterior along each number; never wider than the prior, which has unit width.
+pub(super) fn widths(cost: &dyn Fn(&[f64]) -> f64, point: &[f64], active: &[usize]) -> Vec<f64> {
+    let least = cost(point);
+    let at = |i: usize, step: f64| {
+        let mut moved = point.to_vec();
+        moved[i] += step;
+        cost(&moved)
+    };
+    let width = |i: usize| {
+        let bend = (at(i, BEND_STEP) - 2.0 * least + at(i, -BEND_STEP)) / (BEND_STEP * BEND_STEP);
+        1.0 / bend.max(1.0).sqrt()
+    };
+    (0..point.len()).map(|i| if active.contains(&i) { width(i) } else { 1.0 }).collect()
+}
