@@ -51,6 +51,8 @@ fn session() -> Session {
             guide2_y_m: None,
             guide2_x_m: None,
             base_force_y_n: None,
+            tip_direction_y_rad: None,
+            tip_direction_x_rad: None,
         }
     };
     Session {

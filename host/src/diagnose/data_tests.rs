@@ -16,6 +16,8 @@ fn recorded(rows: &[[f64; 3]]) -> InsertionRun {
         guide2_y_m: Some(column(2, 1e-3)),
         guide2_x_m: None,
         base_force_y_n: None,
+        tip_direction_y_rad: None,
+        tip_direction_x_rad: None,
     }
 }
 

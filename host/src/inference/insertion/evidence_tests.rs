@@ -18,7 +18,14 @@ fn paths(noise: &mut Noise) -> Vec<TipPath> {
             .map(|i| {
                 let depth_m = 1e-3 * (7.0 * i as f64 + number as f64);
                 let tip_m = [1.0, 2.0].map(|a| 1e-3 + a * 0.04 * depth_m + 1e-4 * noise.normal());
-                Bin { depth_m, tip_m, rows: 1.0 + (i % 3) as f64, moving: i % 4 == 0, leaving: false }
+                Bin {
+                    depth_m,
+                    tip_m,
+                    direction_rad: [None; 2],
+                    rows: 1.0 + (i % 3) as f64,
+                    moving: i % 4 == 0,
+                    leaving: false,
+                }
             })
             .collect(),
         deepest_m: 0.06,
@@ -42,7 +49,7 @@ fn paths(noise: &mut Noise) -> Vec<TipPath> {
 fn evidence_and_prediction_are_those_of_one_dense_distribution() {
     let mut noise = Noise::new(3);
     let paths = paths(&mut noise);
-    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.08 };
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.08);
     let model = Model::uniform(rig, 12e3).expect("a model");
     let tissue = Tissue { model, modulus_sd_ln: 0.5, gap_m: 0.02, gap_sd_ln: 0.5 };
     let candidates = Candidates::new(&tissue, &paths, 0.06).expect("candidates");

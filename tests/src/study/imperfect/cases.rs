@@ -2,10 +2,10 @@
 
 use clap::ValueEnum;
 use host::diagnose::blind::body::{Bodies, Body, BodyError};
+use host::diagnose::blind::ids;
 use host::diagnose::blind::{
     Background, Design, NoisePlan, Truth, misfit, misfit_of, session_on, strengths, touched_modulus,
 };
-use host::diagnose::blind::ids;
 use host::model::effects::effect;
 use host::session::Session;
 use rand::{RngExt, SeedableRng};

@@ -99,6 +99,7 @@ pub fn world(seed: u64, number: usize, imperfections: Imperfections) -> World {
         inner_diameter_m: MM * inner_mm,
         bevel_angle_rad: None,
         length_m: None,
+        stiffness_known: true,
     };
     let on_node = |length_m: f64| STEP_M * node_at(length_m) as f64;
     let modulus_pa = random.uniform(6e3, 25e3);
@@ -108,7 +109,7 @@ pub fn world(seed: u64, number: usize, imperfections: Imperfections) -> World {
     let stated_m = gap_m * (STATED_GAP_SD_LN * random.normal()).exp();
     let count = random.whole(6, 12);
     let bending_n_m2 = needle.bending_stiffness_n_m2();
-    let rig = Rig { needle, guide2_m: GUIDE2_M, entry_m: GUIDE2_M + stated_m };
+    let rig = Rig::two_guides(needle, GUIDE2_M, GUIDE2_M + stated_m);
     let roll_rad = 0.1 * random.normal();
     let shared = Shared {
         tilt_rad: [0; 3].map(|_| imperfections.tilt_rad * random.normal()),
@@ -249,6 +250,8 @@ fn record(
         guide2_y_m: (kind == 2).then_some(guide2_y_m),
         guide2_x_m: None,
         base_force_y_n: None,
+        tip_direction_y_rad: None,
+        tip_direction_x_rad: None,
     }
 }
 

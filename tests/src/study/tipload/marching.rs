@@ -166,7 +166,7 @@ mod tests {
     #[test]
     fn the_forward_model_agrees() {
         use host::model::{Experiment, Insertion, Model, Profile, Rig, TipLaw, predict};
-        let rig = Rig { needle: host::model::Needle::gauge_18(), guide2_m: 0.06, entry_m: 0.085 };
+        let rig = Rig::two_guides(host::model::Needle::gauge_18(), 0.06, 0.085);
         let needle = Needle {
             bending_n_m2: rig.needle.bending_stiffness_n_m2(),
             guide2_m: 0.06,
