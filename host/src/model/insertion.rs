@@ -258,15 +258,12 @@ fn guide2(nodes_m: &[f64], insertion: &Insertion, plane: usize, node: usize) -> 
     }
 }
 
-/// Nodes closer than this make the beam singular in floating point; what differs by less happens at one depth.
-const LEAST_STEP_M: f64 = 1e-6;
-
 /// From 0 to `last_m` in steps of at most `step_m`, with nodes at `also_m` (where these lie inside).
 pub fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
-    let inside = |m: &f64| *m > LEAST_STEP_M && *m < last_m - LEAST_STEP_M;
+    let inside = |m: &f64| *m > 0.0 && *m < last_m;
     let mut fixed_m: Vec<f64> = also_m.iter().copied().filter(inside).chain([last_m]).collect();
     fixed_m.sort_by(f64::total_cmp);
-    fixed_m.dedup_by(|b, a| *b - *a < LEAST_STEP_M);
+    fixed_m.dedup();
     let mut nodes_m = vec![0.0];
     let mut start_m = 0.0;
     for end_m in fixed_m {
