@@ -37,6 +37,9 @@ struct GroupPatterns {
     instrument: bool,
 }
 
+/// Patterns of one run.
+type Made = Result<Vec<Vec<f64>>, ModelError>;
+
 /// A run around which patterns are made.
 struct Around<'a> {
     run: &'a Run,

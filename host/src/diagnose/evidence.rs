@@ -306,6 +306,9 @@ fn ln_diagonal(factor: &Cholesky<f64, Dyn>) -> f64 {
     factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum()
 }
 
+/// A point with the value and the slopes there.
+type Evaluated = (Vec<f64>, f64, Vec<f64>);
+
 /// Minus the log evidence as a function of the logarithms of the free sizes.
 struct Cost<'a> {
     patterns: &'a Patterns,
@@ -313,7 +316,7 @@ struct Cost<'a> {
     free: &'a [usize],
     start: &'a [f64],
     /// The last point with its value and slopes: both are asked for one after the other.
-    last: RefCell<Option<(Vec<f64>, f64, Vec<f64>)>>,
+    last: RefCell<Option<Evaluated>>,
 }
 
 impl Cost<'_> {
@@ -361,3 +364,7 @@ fn search(cost: Cost<'_>, start: &[f64]) -> Option<Vec<f64>> {
         Executor::new(cost, solver).configure(|state| state.param(start.to_vec()).max_iters(MAX_STEPS)).run();
     run.ok()?.state().get_best_param().cloned()
 }
+
+#[cfg(test)]
+#[path = "evidence_tests.rs"]
+mod tests;

@@ -213,14 +213,14 @@ pub(super) struct LateralPart<'a> {
     pub run: u64,
 }
 
+/// What moves guide 2 in a plane through displacements and keeps the shape at some samples.
+type March<'a> = dyn Fn(usize, &[f64], &[usize]) -> Motion + 'a;
+
 /// A lateral run as recorded; `march` moves guide 2 in a plane through these displacements and keeps the shape at some samples.
 ///
 /// # Panics
 /// Where the plan's axis is neither 0 nor 1.
-pub(super) fn lateral_run(
-    part: &LateralPart<'_>,
-    march: &dyn Fn(usize, &[f64], &[usize]) -> Motion,
-) -> LateralRun {
+pub(super) fn lateral_run(part: &LateralPart<'_>, march: &March<'_>) -> LateralRun {
     let LateralPart { world, flaws, plan, noise, seed, run } = *part;
     assert!(plan.axis < 2, "{}: axis {}, expected 0 (y) or 1 (x)", plan.id, plan.axis);
     let course = Course::new(plan);

@@ -1,6 +1,6 @@
 //! Patterns in insertions: how pushes that are meant to be alike differ, and what tracker and guides are off by.
 
-use super::{Around, GroupPatterns, Scope};
+use super::{Around, GroupPatterns, Made, Scope};
 use crate::diagnose::data::Kind;
 use crate::diagnose::evidence::Group;
 use crate::model::insertion::Cutting;
@@ -24,7 +24,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     let mut add = |name: &'static str,
                    (everyday, tail): (f64, Option<f64>),
                    scope: Scope,
-                   of: &dyn Fn(&Around<'_>) -> Result<Vec<Vec<f64>>, ModelError>|
+                   of: &dyn Fn(&Around<'_>) -> Made|
      -> Result<(), ModelError> {
         let of_run = |around: &Around<'_>| {
             if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) }
@@ -120,10 +120,10 @@ fn smooth(around: &Around<'_>) -> Vec<Vec<f64>> {
 fn guide2(around: &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError> {
     let of = |plane: usize| {
         around.slope(SHIFT_STEP_M, |_, experiment| {
-            if let Experiment::Insertion(Insertion { guide2_m: Some(planes), .. }) = experiment {
-                if let Some(profile) = planes.get_mut(plane) {
-                    *profile = profile.shifted(SHIFT_STEP_M);
-                }
+            if let Experiment::Insertion(Insertion { guide2_m: Some(planes), .. }) = experiment
+                && let Some(profile) = planes.get_mut(plane)
+            {
+                *profile = profile.shifted(SHIFT_STEP_M);
             }
             Ok(())
         })

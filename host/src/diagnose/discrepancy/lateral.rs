@@ -1,6 +1,6 @@
 //! Patterns in lateral runs: what a careful laboratory would not notice, in tissue, image, force sensor and guides.
 
-use super::{Around, GroupPatterns, Scope};
+use super::{Around, GroupPatterns, Made, Scope};
 use crate::diagnose::believed::predicted;
 use crate::diagnose::data::{Kind, Source};
 use crate::diagnose::evidence::Group;
@@ -55,7 +55,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     let mut add = |group: Group,
                    scope: Scope,
                    instrument: bool,
-                   of: &mut dyn FnMut(usize, &Around<'_>) -> Result<Vec<Vec<f64>>, ModelError>|
+                   of: &mut dyn FnMut(usize, &Around<'_>) -> Made|
      -> Result<(), ModelError> {
         let of_run = |(number, around): (usize, &Around<'_>)| {
             if lateral(around) { of(number, around) } else { Ok(Vec::new()) }

@@ -135,7 +135,7 @@ mod tests {
                 time_s: vec![0.0, 1.0, 2.0],
                 displacement_m,
                 reversal_m: [0.0; 2],
-                holds: vec![1..3],
+                holds: std::iter::once(1..3).collect(),
                 shape_time_s: vec![1.5],
             };
             let fixed = Some(Fixed { effects: Vec::new(), course, first_plane });

@@ -104,7 +104,7 @@ fn case(kind: Kind, number: usize, random: &mut ChaCha8Rng, factor: f64) -> Case
             3 => lateral.filter(|id| !NO_BODY_EFFECTS.contains(id)).collect(),
             _ => Vec::new(),
         },
-        Kind::Insertions if number % 3 == 0 => Vec::new(),
+        Kind::Insertions if number.is_multiple_of(3) => Vec::new(),
         Kind::Insertions => INSERTION_EFFECTS.to_vec(),
     };
     let id = ids.get((uniform(0.0, 1.0) * ids.len() as f64) as usize).copied();

@@ -1,0 +1,113 @@
+//! The evidence by elimination against the same by dense matrices.
+
+use super::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+const ROWS: [usize; 3] = [9, 12, 7];
+const PARAMETERS: usize = 2;
+
+fn random(rng: &mut ChaCha8Rng, rows: usize, columns: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(rows, columns, |_, _| StandardNormal.sample(rng))
+}
+
+/// Patterns of three groups: one of single runs, one shared, one shared of known size. With the columns of parameters and residuals.
+fn drawn() -> (Patterns, Vec<DMatrix<f64>>) {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let group = |name, everyday, tail| Group { name, everyday, tail };
+    let groups =
+        vec![group("own", 0.5, Some(1.0)), group("shared", 0.2, Some(0.5)), group("known", 0.3, None)];
+    let runs =
+        ROWS.map(|rows| RunPatterns::new(vec![0, 0], random(&mut rng, rows, 2), random(&mut rng, rows, 3)));
+    let columns = ROWS.map(|rows| random(&mut rng, rows, PARAMETERS + 1));
+    (Patterns::new(groups, vec![1, 1, 2], runs.to_vec()), columns.to_vec())
+}
+
+/// All patterns of all runs times their sizes, and all columns.
+fn dense(patterns: &Patterns, columns: &[DMatrix<f64>], sizes: &[f64]) -> (DMatrix<f64>, DMatrix<f64>) {
+    let rows: usize = ROWS.iter().sum();
+    let mut all = DMatrix::zeros(rows, 2 * ROWS.len() + 3);
+    let mut right = DMatrix::zeros(rows, PARAMETERS + 1);
+    let mut start = 0;
+    for (number, (run, columns)) in patterns.runs.iter().zip(columns).enumerate() {
+        let count = columns.nrows();
+        all.view_mut((start, 2 * number), (count, 2)).copy_from(&(&run.own * sizes[0]));
+        for (j, group) in patterns.shared_groups.iter().enumerate() {
+            let column = run.shared.column(j) * sizes[*group];
+            all.view_mut((start, 2 * ROWS.len() + j), (count, 1)).copy_from(&column);
+        }
+        right.view_mut((start, 0), (count, PARAMETERS + 1)).copy_from(columns);
+        start += count;
+    }
+    (all, right)
+}
+
+fn minus_ln(patterns: &Patterns, columns: &[DMatrix<f64>], sizes: &[f64]) -> f64 {
+    let (all, right) = dense(patterns, columns, sizes);
+    let jacobian = right.columns(0, PARAMETERS).into_owned();
+    let residuals = right.column(PARAMETERS).into_owned();
+    let rows = all.nrows();
+    let covariance =
+        DMatrix::identity(rows, rows) + &all * all.transpose() + &jacobian * jacobian.transpose();
+    let factor = covariance.cholesky().expect("positive");
+    0.5 * residuals.dot(&factor.solve(&residuals)) + ln_diagonal(&factor) + patterns.size_prior(sizes).0
+}
+
+#[test]
+fn elimination_gives_the_evidence_of_dense_matrices() {
+    let (patterns, columns) = drawn();
+    let products = patterns.products(&columns);
+    for sizes in [[0.5, 0.2, 0.3], [1.7, 0.01, 0.3], [0.02, 0.9, 0.3]] {
+        let found = patterns.evidence(&sizes, &products).expect("evidence");
+        let expected = minus_ln(&patterns, &columns, &sizes);
+        assert!((found.minus_ln - expected).abs() < 1e-10, "{} for {expected}", found.minus_ln);
+        let (all, right) = dense(&patterns, &columns, &sizes);
+        let rows = all.nrows();
+        let metric = (DMatrix::identity(rows, rows) + &all * all.transpose()).try_inverse().expect("regular");
+        let expected = right.transpose() * &metric * &right;
+        let found_metric = patterns.in_metric(&sizes, &products).expect("a metric");
+        assert!((found_metric - &expected).norm() < 1e-9);
+        // The posterior of the parameters, whose priors have unit variance.
+        let jacobian = right.columns(0, PARAMETERS).into_owned();
+        let information =
+            DMatrix::identity(PARAMETERS, PARAMETERS) + jacobian.transpose() * &metric * &jacobian;
+        let covariance = information.try_inverse().expect("regular");
+        let mean = &covariance * jacobian.transpose() * &metric * right.column(PARAMETERS);
+        assert!((found.covariance - covariance).norm() < 1e-10 && (found.mean - mean).norm() < 1e-10);
+    }
+}
+
+#[test]
+fn slopes_are_those_of_differences() {
+    let (patterns, columns) = drawn();
+    let products = patterns.products(&columns);
+    let sizes = [0.7, 0.35, 0.3];
+    let found = patterns.evidence(&sizes, &products).expect("evidence");
+    for group in 0..2 {
+        let at = |ln: f64| {
+            let mut sizes = sizes;
+            sizes[group] *= ln.exp();
+            minus_ln(&patterns, &columns, &sizes)
+        };
+        let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
+        assert!((found.gradient[group] - slope).abs() < 1e-6, "{} for {slope}", found.gradient[group]);
+    }
+    assert_eq!(found.gradient[2], 0.0);
+}
+
+#[test]
+fn likeliest_sizes_are_a_minimum_and_leave_known_ones() {
+    let (patterns, columns) = drawn();
+    let products = patterns.products(&columns);
+    let found = patterns.likeliest_sizes(&patterns.everyday(), &products);
+    let least = minus_ln(&patterns, &columns, &found);
+    for group in 0..2 {
+        for factor in [0.8, 1.25] {
+            let mut sizes = found.clone();
+            sizes[group] *= factor;
+            assert!(minus_ln(&patterns, &columns, &sizes) > least - 1e-3, "{group} {factor}");
+        }
+    }
+    assert_eq!(found[2], 0.3);
+}
