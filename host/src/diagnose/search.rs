@@ -34,6 +34,8 @@ const MAX_EFFECTS: usize = 3;
 /// A rival within these odds of the best is as good, and, if its predictions are the same within noise, within the second ones.
 const CLASS: f64 = 4.0;
 const CLASS_ALIKE: f64 = 6.0;
+/// A misfit (chi-square) that is smaller by this is clearly smaller.
+const CLEARLY: f64 = 10.0;
 /// Squared distance of predictions within noise.
 const ALIKE: f64 = 6.0;
 
@@ -157,9 +159,18 @@ impl Search<'_> {
             // With every step the search looks again; the margin is that of its own directions.
             let needed = scores.margin(FALSE_ALARMS, DRAWS, self.seed).max(MIN_GAIN);
             let candidates = self.weigh(&current, &scores, MAX_LEADERS);
-            let chosen = candidates.iter().find(|candidate| {
+            let mut accepted = candidates.iter().filter(|candidate| {
                 self.is_accepted(candidate, &current, needed)
                     && self.gain_over_best(candidate, &current) > needed
+            });
+            // Of those whose evidence is as good, the one whose physics leaves least to be explained.
+            let chosen = accepted.next().map(|first| {
+                let misfit = |candidate: &Candidate| {
+                    candidate.refit.as_ref().map_or(f64::INFINITY, |(fitted, _)| self.judge.misfit(fitted))
+                };
+                let as_good = accepted.filter(|other| first.gain() - other.gain() < CLASS);
+                let all = std::iter::once(first).chain(as_good);
+                all.min_by(|a, b| misfit(a).total_cmp(&misfit(b))).unwrap_or(first)
             });
             let chosen = chosen
                 .and_then(|candidate| candidate.refit.clone().map(|(fit, gain)| (candidate.id(), fit, gain)));
@@ -276,12 +287,13 @@ impl Search<'_> {
                     class.push((candidate.score.effect, rival.clone(), *gain));
                 }
             }
-            class.sort_by(|a, b| b.2.total_cmp(&a.2));
-            // A rival counts as better only where it is clearly so.
-            if class[0].0.id() != effect.id() && class[0].2 - own < 0.5 {
-                let at = class.iter().position(|(rival, ..)| rival.id() == effect.id()).unwrap_or(0);
-                class.swap(0, at);
-            }
+            // First the one whose physics leaves least; a rival counts as better only where it is clearly so.
+            let own_misfit = self.judge.misfit(fitted);
+            let misfit = |(rival, fit, _): &(&'static dyn Effect, Fitted, f64)| {
+                let misfit = self.judge.misfit(fit);
+                if rival.id() == effect.id() { misfit - CLEARLY.min(0.5 * own_misfit) } else { misfit }
+            };
+            class.sort_by(|a, b| misfit(a).total_cmp(&misfit(b)));
             let class = class.into_iter().map(|(effect, fitted, _)| (effect, fitted)).collect();
             members.push(Member { index, gain: own, class });
         }

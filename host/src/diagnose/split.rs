@@ -155,6 +155,11 @@ impl Judge {
         beside_noise.max(beside_instruments)
     }
 
+    /// Misfit of the training data to the physics of a fit, beside noise and instruments.
+    pub fn misfit(&self, fitted: &Fitted) -> f64 {
+        fitted.misfit(&self.of_training, &self.of_training.everyday()).unwrap_or(f64::INFINITY)
+    }
+
     /// Whether the misfit of what was held out is smaller under the second model; nothing can be accepted where nothing is held out.
     pub fn held_out_shrinks(&self, before: &Fitted, after: &Fitted) -> bool {
         let everyday = self.of_held_out.everyday();
