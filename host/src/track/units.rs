@@ -76,7 +76,8 @@ pub(super) fn explain(
     misfit: Option<f64>,
 ) -> Result<Option<String>, TrackError> {
     let deepest_m = run.depth_m.iter().map(|depth_m| depth_m.abs()).fold(0.0, f64::max);
-    if !run.depth_m.is_empty() && deepest_m < LEAST_DEPTH_M {
+    // A run that does not advance at all is no matter of units.
+    if deepest_m > 0.0 && deepest_m < LEAST_DEPTH_M {
         return Ok(Some(format!("depth_mm: {:.4} at most: is it in metres?", 1e3 * deepest_m)));
     }
     let moved = |values: &[f64]| {
