@@ -248,8 +248,13 @@ fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
     }
     guide(&bench, &["clear"]);
     assert_eq!(guide(&bench, &["calibration"])["crc"], stored["crc"]);
-    let tare = guide(&bench, &["tare"]);
-    assert_eq!((&tare["verdict"], &tare["readings"]), (&Value::from("good"), &Value::from(1_000)), "{tare}");
+    // Noise of a second looks like a drift once in some twenty times; not time after time.
+    let good = (0..4).any(|_| {
+        let tare = guide(&bench, &["tare"]);
+        assert_eq!(tare["readings"], Value::from(1_000), "{tare}");
+        tare["verdict"] == "good"
+    });
+    assert!(good, "no tare is good");
 
     let rig_file = bench.folder().join("rig.toml");
     std::fs::write(
