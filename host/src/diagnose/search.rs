@@ -10,8 +10,8 @@ use crate::inference::FitError;
 use crate::model::effects::Effect;
 use rayon::prelude::*;
 
-/// Share of parametric draws of a session that lacks nothing in which something may be named: well below the one in a hundred that is
-/// promised, because sessions have outliers and rounding that the draws do not have.
+/// Share of parametric draws of a session that lacks nothing in which something may be named; [`MIN_GAIN`] is mostly above the margin
+/// that follows, for outliers and rounding that the draws do not have.
 const FALSE_ALARMS: f64 = 0.01;
 /// Parametric draws for the margin.
 const DRAWS: usize = 4000;
@@ -191,7 +191,9 @@ impl Search<'_> {
             let better = members.iter().find_map(|member| {
                 let (best, fitted) = member.class.first()?;
                 let own = current.layout.effects.get(member.index)?;
-                (best.id() != own.id()).then(|| fitted.clone())
+                // Nor may it make the held-out misfit grow.
+                let is_better = best.id() != own.id() && self.judge.held_out_shrinks(&current, fitted);
+                is_better.then(|| fitted.clone())
             });
             let Some(better) = better else { break };
             current = better;
