@@ -42,20 +42,21 @@ pub mod words;
 pub use data::Channel;
 pub use results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, GapSide, NextMeasurement,
-    Ranked, RegionResult, RemainingResult, RemainingSize, ResidualPoint, Verdict,
+    Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize, ResidualPoint, Verdict,
 };
 
 use crate::inference::FitError;
 use crate::model::effects::Effect;
-use crate::model::{ModelError, Support};
+use crate::model::{Experiment, Insertion, ModelError, Support};
 use crate::session::Session;
 use adequacy::{Adequacy, regions};
-use believed::{Layout, Prepared, Scale};
-use data::{Kind, Run};
+use believed::{Layout, Prepared, Scale, kinds};
+use data::Run;
 use discrepancy::patterns;
 use evidence::Patterns;
 use noise::Noise;
 use posterior::{Fitted, MAX_ROUNDS};
+use rayon::prelude::*;
 use remaining::Remaining;
 use search::{Found, Search};
 use split::{Judge, Training, split};
@@ -74,6 +75,8 @@ pub struct Options {
     pub foundation: FoundationChoice,
     /// Poisson's ratio of the tissue where it is a body, 0 to 0.5.
     pub poisson: f64,
+    /// The session to compare with: what it determines is carried over, and what differs from it is looked for.
+    pub reference: Option<Session>,
 }
 
 /// What the tissue is taken for.
@@ -93,7 +96,13 @@ pub const INCOMPRESSIBLE: f64 = 0.5;
 
 impl Default for Options {
     fn default() -> Self {
-        Self { given: Vec::new(), seed: 1, foundation: FoundationChoice::Auto, poisson: INCOMPRESSIBLE }
+        Self {
+            given: Vec::new(),
+            seed: 1,
+            foundation: FoundationChoice::Auto,
+            poisson: INCOMPRESSIBLE,
+            reference: None,
+        }
     }
 }
 
@@ -132,20 +141,33 @@ pub fn diagnose(
     options: &Options,
     mut tell: impl FnMut(&str),
 ) -> Result<Diagnosis, DiagnoseError> {
-    let (runs, warnings) = runs_of(session)?;
+    let (runs, mut warnings) = runs_of(session)?;
     let all: Vec<Run> = runs.clone();
-    let (Training { runs, rule }, held_out) = split(runs);
+    let (Training { mut runs, rule }, held_out) = split(runs);
     tell(&rule);
     let noise = Noise::of(&runs, &session.noise);
-    let layout = Layout {
-        rig: session.rig.clone(),
-        support: Support::Springs,
-        kinds: [Kind::Lateral, Kind::Insertion].map(|kind| runs.iter().any(|run| run.kind == kind)),
-        effects: options.given.iter().map(|(effect, _)| *effect).collect(),
-        cache: Default::default(),
-    };
-    let start = fit_start(&layout, &runs, &noise, &options.given)?;
-    let judge = held_out.judge(&start.fitted, &start.runs, &noise)?;
+    let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
+    let mut layout = Layout::new(&session.rig, &runs, given);
+    let mut noises = Noises { session: noise, reference: noise };
+    let mut sizes = Vec::new();
+    if let Some(reference) = &options.reference {
+        tell("the reference is fitted");
+        let (mut of_reference, skipped) = runs_of(reference)?;
+        of_reference.iter_mut().for_each(|run| run.is_reference = true);
+        warnings.extend(skipped.into_iter().map(|what| format!("reference: {what}")));
+        noises.reference = Noise::of(&of_reference, &reference.noise);
+        let alone = Layout { rig: reference.rig.clone(), kinds: kinds(&of_reference), ..layout.clone() };
+        let fitted = fit_start(&alone, &of_reference, &noises, &options.given, &[])?;
+        let found = fitted.patterns.groups.iter().zip(&fitted.fitted.sizes);
+        let found = found.filter(|(group, _)| group.tail.is_some());
+        sizes = found.map(|(group, size)| (group.name, *size)).collect();
+        layout.reference = Some(reference.rig.clone());
+        runs.extend(of_reference);
+        layout.kinds = kinds(&runs);
+        share_nodes(&mut runs);
+    }
+    let start = fit_start(&layout, &runs, &noises, &options.given, &sizes)?;
+    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &sizes)?;
     tell(&format!("{} effects are scored", crate::model::effects::EFFECTS.len() - layout.effects.len()));
     let (foundation, start, found) = choose(start, &judge, options, &mut tell)?;
     let Start { runs: prepared, patterns, fitted: start } = start;
@@ -220,7 +242,28 @@ fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> 
             Err(why) => warnings.push(format!("run {id} is left out: {why}")),
         }
     }
+    share_nodes(&mut runs);
     if runs.is_empty() { Err(DiagnoseError::AllFailed { reasons: warnings }) } else { Ok((runs, warnings)) }
+}
+
+/// Lets all insertions use the same solutions.
+fn share_nodes(runs: &mut [Run]) {
+    Insertion::share_nodes(runs.iter_mut().filter_map(|run| match &mut run.experiment {
+        Experiment::Insertion(done) => Some(done),
+        _ => None,
+    }));
+}
+
+/// Noise of a session and of its reference.
+struct Noises {
+    session: Noise,
+    reference: Noise,
+}
+
+impl Noises {
+    fn of(&self, run: &Run) -> &Noise {
+        if run.is_reference { &self.reference } else { &self.session }
+    }
 }
 
 /// The starting model, fitted, and what everything after it works on.
@@ -231,32 +274,44 @@ struct Start {
 }
 
 /// Fits the starting model: twice, because what makes residuals independent, and what the discrepancy looks like, need to know about
-/// what to expect. The first time there is noise alone.
+/// what to expect. The first time there is noise alone. `sizes` are those of the reference's discrepancy.
 fn fit_start(
     layout: &Layout,
     runs: &[Run],
-    noise: &Noise,
+    noises: &Noises,
     given: &[(&'static dyn Effect, Vec<f64>)],
+    sizes: &[(&'static str, f64)],
 ) -> Result<Start, DiagnoseError> {
-    let mut values = layout.first_values();
+    let mut first_values = layout.first_values();
     let infos = given.iter().flat_map(|(effect, values)| effect.parameters().iter().zip(values));
-    for (value, (info, given)) in values[layout.own()..].iter_mut().zip(infos) {
+    for (value, (info, given)) in first_values[layout.own()..].iter_mut().zip(infos) {
         *value = Scale::of(info).inside(*given);
     }
     let prepared = |values: &[f64]| -> Result<Vec<Prepared>, ModelError> {
         let of_run = |run: &Run| {
-            let model = layout.model(values, run.kind)?;
-            Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, noise, &model)? })
+            let model = layout.model_of(values, run.kind, run.is_reference)?;
+            Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, noises.of(run), &model)? })
         };
         runs.iter().map(of_run).collect()
     };
-    let first = prepared(&values)?;
-    let beside_noise = Fitted::new(layout, &first, &Patterns::none(&first), &values, &[], MAX_ROUNDS)?;
-    let values = beside_noise.values();
-    let runs = prepared(values)?;
-    let patterns = patterns(layout, values, &runs)?;
-    let fitted = Fitted::new(layout, &runs, &patterns, values, &patterns.everyday(), MAX_ROUNDS)?;
-    Ok(Start { runs, patterns, fitted })
+    let first = prepared(&first_values)?;
+    let none = Patterns::none(&first);
+    let ends = layout.starts(&first_values);
+    let mut ends: Vec<Fitted> = ends
+        .par_iter()
+        .map(|values| Fitted::new(layout, &first, &none, values, &[], MAX_ROUNDS))
+        .collect::<Result<_, _>>()?;
+    ends.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    let best = ends.first().ok_or(FitError::Undetermined)?.values();
+    let runs = prepared(best)?;
+    let patterns = patterns(layout, best, &runs, sizes)?;
+    let everyday = patterns.everyday();
+    let fits: Vec<Fitted> = ends
+        .par_iter()
+        .map(|end| Fitted::new(layout, &runs, &patterns, end.values(), &everyday, MAX_ROUNDS))
+        .collect::<Result<_, _>>()?;
+    let best = fits.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
+    Ok(Start { runs, patterns, fitted: best.ok_or(FitError::Undetermined)? })
 }
 
 /// Searches on springs and, where the evidence is for it, on an elastic body, and takes what explains the runs best. A body is taken
@@ -291,9 +346,11 @@ fn choose(
         first.fitted.layout.support.name()
     ));
     let found = search(&first, &mut report)?;
-    // Effects that stand in for the other foundation are needed on one of them only.
-    let plain = found.members.is_empty();
-    let other = if plain || only_body { None } else { search(&second, &mut report).ok() };
+    // Effects that stand in for the other foundation are needed on one of them only; and what has no name on one may have one on the
+    // other, which has effects of its own.
+    let is_adequate =
+        found.members.is_empty() && Adequacy::of(&first.fitted, &first.runs, &first.patterns)?.is_adequate();
+    let other = if is_adequate || only_body { None } else { search(&second, &mut report).ok() };
     let second_is_body = second.fitted.layout.support.is_body();
     let ahead = if second_is_body { FOUNDATION_MARGIN } else { 0.0 };
     match other {

@@ -214,6 +214,7 @@ fn insertion(
         guide2_m: Some(Default::default()),
         speed_m_per_s: Profile::constant(plan.speed_m_per_s),
         tip_direction: sensors.tip_direction_rad.is_some(),
+        ..Insertion::default()
     };
     let Channels { tip_m, tip_direction_rad, .. } = predict(model, &Experiment::Insertion(done))?;
     let mut seen = |values: Vec<f64>, sd: f64| -> Vec<f64> {

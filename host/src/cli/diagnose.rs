@@ -17,7 +17,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide diagnose phantom-a\n  guide diagnose phantom-a --out model.toml --plots figures\n  \
-                  guide diagnose phantom-a --model model.toml"
+                  guide diagnose phantom-a --model model.toml\n  guide diagnose phantom-a-repaired --reference phantom-a"
 )]
 pub struct Args {
     /// Session folder (holds session.toml)
@@ -25,6 +25,10 @@ pub struct Args {
     /// Start from the model of an earlier diagnosis: its effects are in the model from the beginning
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// Compare with this session: the rig, the tissue and what both leave unexplained are taken from it; only a changed modulus and
+    /// effects that it has not can be found
+    #[arg(long, value_name = "DIR")]
+    reference: Option<PathBuf>,
     /// Write the model with what was added to this file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -72,6 +76,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             Foundation::Body => FoundationChoice::Body,
         },
         poisson: args.poisson,
+        reference: args.reference.as_deref().map(Session::read).transpose()?,
     };
     let progress = spinner();
     let found = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
@@ -135,6 +140,7 @@ impl Display for Text<'_> {
         }
         write_remaining(f, found)?;
         write_foundation(f, found)?;
+        write_reference(f, found)?;
         let [low, high] = found.k_ci95_kpa;
         write!(f, "model        K {:.2} kPa ({low:.2} to {high:.2})", found.k_kpa)?;
         if let (Some(load_n), Some([low, high])) = (found.tip_load_n, found.tip_load_ci95_n) {
@@ -207,6 +213,18 @@ fn write_foundation(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Resul
         (None, None) => {}
     }
     writeln!(f, "             log evidence of a body over springs, without effects: {gain:+.1}")
+}
+
+/// How the session differs from its reference.
+fn write_reference(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result {
+    let Some(reference) = &found.reference else { return Ok(()) };
+    let name = reference.session.as_deref().unwrap_or("without a name");
+    let ([from, to], [low, high]) = (reference.modulus_kpa.ci95, reference.modulus_ratio.ci95);
+    writeln!(
+        f,
+        "reference    {name}: modulus {:.2} kPa ({from:.2} to {to:.2}); this session has {:.3} times that ({low:.3} to {high:.3})",
+        reference.modulus_kpa.value, reference.modulus_ratio.value
+    )
 }
 
 fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result {

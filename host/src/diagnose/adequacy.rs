@@ -82,14 +82,20 @@ impl Adequacy {
         };
         let (noise, coefficients) = structure(&vec![0.0; patterns.groups.len()])?;
         let (everyday, _) = structure(&patterns.everyday())?;
-        let mut discrepancy = vec![0.0; all.nrows()];
-        for ((column, scale), coefficient) in plain.iter().zip(scale.iter()).zip(coefficients.iter()) {
-            discrepancy.iter_mut().zip(column).for_each(|(sum, f)| *sum += coefficient * scale * f);
-        }
+        // The parameters' part off, and back from independent residuals to what was measured.
+        let smooth: Vec<DVector<f64>> =
+            of_runs.iter().map(|columns| columns.columns(0, plain.len()) * &coefficients).collect();
+        let left = fitted.less_parameters(&smooth).ok_or(FitError::Undetermined)?;
+        let undone = runs.iter().zip(left).map(|(run, mut left)| {
+            run.whitener.undo(&mut left);
+            left
+        });
+        let discrepancy: Vec<f64> = undone.flatten().collect();
         let discrepancy = Channel::ALL
             .into_iter()
             .filter_map(|channel| {
-                let of_channel = all_data(runs).zip(&discrepancy).filter(|((_, d), _)| d.channel == channel);
+                let of_channel = all_data(runs).zip(&discrepancy);
+                let of_channel = of_channel.filter(|((run, d), _)| d.channel == channel && is_asked(run));
                 let (sum, count) =
                     of_channel.fold((0.0, 0), |(sum, n), (_, value)| (sum + value * value, n + 1));
                 (count > 0).then(|| (channel, (sum / f64::from(count)).sqrt()))
@@ -133,6 +139,11 @@ fn structure(products: &DMatrix<f64>) -> (Structure, DVector<f64>) {
     (Structure { chi_square, functions, p }, coefficients)
 }
 
+/// Data that can show that a model is not adequate: the reference is no part of the question.
+fn is_asked(run: &Prepared) -> bool {
+    !run.run.is_reference
+}
+
 /// Every datum with its run.
 fn all_data(runs: &[Prepared]) -> impl Iterator<Item = (&Prepared, &Datum)> {
     runs.iter().flat_map(|run| run.run.data.iter().map(move |datum| (run, datum)))
@@ -140,7 +151,8 @@ fn all_data(runs: &[Prepared]) -> impl Iterator<Item = (&Prepared, &Datum)> {
 
 fn channel_squares(runs: &[Prepared], residuals: &DVector<f64>) -> Vec<(Channel, f64, usize)> {
     let of = |channel: Channel| {
-        let squares = all_data(runs).zip(residuals.iter()).filter(|((_, d), _)| d.channel == channel);
+        let squares = all_data(runs).zip(residuals.iter());
+        let squares = squares.filter(|((run, d), _)| d.channel == channel && is_asked(run));
         let (sum, count) = squares.fold((0.0, 0), |(sum, n), (_, r)| (sum + r * r, n + 1));
         (channel, sum, count)
     };
@@ -186,7 +198,7 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
     for channel in Channel::ALL {
         for axis in 0..2 {
             let of_force = matches!(channel, Channel::ForceY | Channel::ForceX);
-            let of_tip = matches!(channel, Channel::TipY | Channel::TipX);
+            let of_tip = channel.is_of_insertions();
             let active = channel.plane() == axis;
             let mut functions: Vec<Function<'_>> = Vec::new();
             if of_tip {
@@ -230,7 +242,9 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
                 }
             }
             let belongs = |run: &Prepared, d: &Datum| {
-                d.channel == channel && (of_tip || (run.run.kind == Kind::Lateral && run.run.axis == axis))
+                d.channel == channel
+                    && is_asked(run)
+                    && (of_tip || (run.run.kind == Kind::Lateral && run.run.axis == axis))
             };
             if !all_data(runs).any(|(run, d)| belongs(run, d)) {
                 continue;
@@ -294,7 +308,7 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Vec<Region> {
     for channel in Channel::ALL {
         for (name, coordinate) in COORDINATES {
             let values: Vec<Option<f64>> = all_data(runs)
-                .map(|(run, d)| (d.channel == channel).then(|| coordinate(run, d)).flatten())
+                .map(|(run, d)| (d.channel == channel && is_asked(run)).then(|| coordinate(run, d)).flatten())
                 .collect();
             let edges = edges(&values);
             if edges.len() < 2 {

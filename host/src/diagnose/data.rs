@@ -25,12 +25,24 @@ pub enum Channel {
     TipY,
     /// Horizontal tip position.
     TipX,
+    /// Vertical slope of the needle at its tip.
+    TipDirectionY,
+    /// Horizontal slope of the needle at its tip.
+    TipDirectionX,
 }
 
 impl Channel {
     /// Every one there is.
-    pub const ALL: [Self; 6] =
-        [Self::ForceY, Self::ForceX, Self::ShapeY, Self::ShapeX, Self::TipY, Self::TipX];
+    pub const ALL: [Self; 8] = [
+        Self::ForceY,
+        Self::ForceX,
+        Self::ShapeY,
+        Self::ShapeX,
+        Self::TipY,
+        Self::TipX,
+        Self::TipDirectionY,
+        Self::TipDirectionX,
+    ];
 
     /// Its name in results.
     pub fn name(self) -> &'static str {
@@ -41,6 +53,8 @@ impl Channel {
             Self::ShapeX => "shape_x",
             Self::TipY => "tip_y",
             Self::TipX => "tip_x",
+            Self::TipDirectionY => "tip_direction_y",
+            Self::TipDirectionX => "tip_direction_x",
         }
     }
 
@@ -48,6 +62,7 @@ impl Channel {
     pub fn unit(self) -> &'static str {
         match self {
             Self::ForceY | Self::ForceX => "N",
+            Self::TipDirectionY | Self::TipDirectionX => "mrad",
             _ => "mm",
         }
     }
@@ -60,11 +75,16 @@ impl Channel {
         }
     }
 
+    /// Whether insertions have it, not lateral runs.
+    pub fn is_of_insertions(self) -> bool {
+        matches!(self, Self::TipY | Self::TipX | Self::TipDirectionY | Self::TipDirectionX)
+    }
+
     /// 0 for the vertical plane, 1 for the horizontal one.
     pub fn plane(self) -> usize {
         match self {
-            Self::ForceY | Self::ShapeY | Self::TipY => 0,
-            Self::ForceX | Self::ShapeX | Self::TipX => 1,
+            Self::ForceY | Self::ShapeY | Self::TipY | Self::TipDirectionY => 0,
+            Self::ForceX | Self::ShapeX | Self::TipX | Self::TipDirectionX => 1,
         }
     }
 }
@@ -78,6 +98,8 @@ pub(super) enum Source {
     Shape(usize),
     /// A depth of an insertion.
     Tip(usize),
+    /// The same, of the needle's slope there.
+    Direction(usize),
 }
 
 /// Where a measured number lies.
@@ -106,6 +128,14 @@ pub(super) struct Datum {
     pub part: usize,
 }
 
+impl Datum {
+    /// Of a bin of an insertion.
+    fn of_bin(bin: &Bin, channel: Channel, measured: f64, source: Source) -> Self {
+        let place = Place { depth_m: bin.depth_m, level_m: 0.0, direction: 0.0, hold_s: None, time_s: 0.0 };
+        Self { channel, measured, source, place, part: (bin.depth_m / PART_M) as usize }
+    }
+}
+
 /// What kind of run it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -126,6 +156,8 @@ pub(super) struct Run {
     pub cells: Cells,
     /// Speed of an insertion; 0 where it is not told.
     pub speed_m_per_s: f64,
+    /// Whether it is of the session that the one under diagnosis is compared with.
+    pub is_reference: bool,
 }
 
 /// Guide 2 has not moved in a plane in which no hold is further from zero.
@@ -137,6 +169,8 @@ const PART_M: f64 = 20e-3;
 /// A change of the rotation or of guide 2 within this length is a step, not a ramp; a rotation is one beyond this angle.
 const STEP_LENGTH_M: f64 = 1e-3;
 const ROTATION_STEP_RAD: f64 = 0.02;
+/// Rests that are enough for an insertion.
+const ENOUGH_RESTS: usize = 12;
 /// Cells of depth over which the speed of an insertion is measured: shorter than the pushes of a hand.
 const SPEED_CELL_M: f64 = 0.2e-3;
 
@@ -159,7 +193,12 @@ impl Run {
         let start_s = cells.time_s.first().copied().unwrap_or_default();
 
         let mut data = Vec::new();
-        let planes = if run.force.force_x_n.is_some() { 2 } else { 1 };
+        // Forces mean nothing beside a bending stiffness that is not known.
+        let planes = match (rig.needle.stiffness_known, &run.force.force_x_n) {
+            (false, _) => 0,
+            (true, None) => 1,
+            (true, Some(_)) => 2,
+        };
         for plane in 0..planes {
             for stretch in stretches(&cells) {
                 let usable: Vec<usize> =
@@ -212,32 +251,50 @@ impl Run {
             shape: points,
             reversal_m: cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &held(&cells))),
         });
-        Ok(Self { id, kind: Kind::Lateral, depth_m, axis, experiment, data, cells, speed_m_per_s: 0.0 })
+        Ok(Self {
+            id,
+            kind: Kind::Lateral,
+            depth_m,
+            axis,
+            experiment,
+            data,
+            cells,
+            speed_m_per_s: 0.0,
+            is_reference: false,
+        })
     }
 
     /// An insertion; the reason where it is none.
     pub fn insertion(run: &InsertionRun) -> Result<Self, String> {
         let path = TipPath::new(run).map_err(|why| format!("{}: {why}", run.path.display()))?;
+        let path = at_rest(path);
         let speed_m_per_s = speed(run).unwrap_or(0.0);
         let leaving_m = |bin: &Bin| bin.depth_m + if bin.leaving { 1e-7 } else { 0.0 };
         let done = Insertion {
             depth_m: path.bins.iter().map(leaving_m).collect(),
             speed_m_per_s: Profile::constant(speed_m_per_s),
+            tip_direction: path.bins.iter().flat_map(|bin| bin.direction_rad).flatten().next().is_some(),
             ..path.done.clone()
         };
         let mut data = Vec::new();
         for plane in 0..path.planes {
             for (index, bin) in path.bins.iter().enumerate() {
-                let place =
-                    Place { depth_m: bin.depth_m, level_m: 0.0, direction: 0.0, hold_s: None, time_s: 0.0 };
-                data.push(Datum {
-                    channel: [Channel::TipY, Channel::TipX][plane],
-                    measured: bin.tip_m[plane],
-                    source: Source::Tip(index),
-                    place,
-                    part: (bin.depth_m / PART_M) as usize,
-                });
+                data.push(Datum::of_bin(
+                    bin,
+                    [Channel::TipY, Channel::TipX][plane],
+                    bin.tip_m[plane],
+                    Source::Tip(index),
+                ));
             }
+        }
+        for plane in 0..path.planes {
+            let measured = path.bins.iter().enumerate();
+            let measured = measured.filter_map(|(index, bin)| Some((index, bin, bin.direction_rad[plane]?)));
+            let channel = [Channel::TipDirectionY, Channel::TipDirectionX][plane];
+            data.extend(
+                measured
+                    .map(|(index, bin, slope)| Datum::of_bin(bin, channel, slope, Source::Direction(index))),
+            );
         }
         Ok(Self {
             id: run.id.clone(),
@@ -248,6 +305,7 @@ impl Run {
             data,
             cells: Cells::default(),
             speed_m_per_s,
+            is_reference: false,
         })
     }
 
@@ -285,6 +343,12 @@ impl Run {
     pub fn parts(&self) -> usize {
         self.data.iter().map(|datum| datum.part + 1).max().unwrap_or(0)
     }
+}
+
+/// Without what was read on the way, in a recording in which the needle rests often enough: guides and needle lag behind there.
+fn at_rest(path: TipPath) -> TipPath {
+    let resting: Vec<Bin> = path.bins.iter().filter(|bin| !bin.moving).copied().collect();
+    if resting.len() < ENOUGH_RESTS { path } else { path.with_bins(resting) }
 }
 
 /// Speed at which an insertion advances, m/s: the median over cells of depth, so that rests between pushes do not count. Nothing where

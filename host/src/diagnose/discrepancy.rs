@@ -35,6 +35,8 @@ struct GroupPatterns {
     of_runs: Vec<Vec<Vec<f64>>>,
     /// Whether it is a matter of the instruments alone: zeros, drift, axes, offsets of a run.
     instrument: bool,
+    /// Whether it is new whenever needle or tissue are mounted anew.
+    mounted: bool,
 }
 
 /// Patterns of one run.
@@ -68,15 +70,51 @@ impl Around<'_> {
     }
 }
 
-/// The patterns of all runs around a model, whitened as the runs are.
+/// The patterns of all runs around a model, whitened as the runs are. `sizes` are those that the reference was found to have, by name:
+/// what is larger there than usual is so everywhere.
 ///
 /// # Errors
 /// Where the model cannot be evaluated.
-pub(super) fn patterns(layout: &Layout, values: &[f64], runs: &[Prepared]) -> Result<Patterns, ModelError> {
-    Ok(whitened(groups(layout, values, runs)?, runs))
+pub(super) fn patterns(
+    layout: &Layout,
+    values: &[f64],
+    runs: &[Prepared],
+    sizes: &[(&'static str, f64)],
+) -> Result<Patterns, ModelError> {
+    let mut groups = sized(groups(layout, values, runs)?, sizes);
+    if layout.reference.is_some() {
+        groups.extend(anew(&groups, runs));
+    }
+    Ok(whitened(groups, runs))
 }
 
-/// Only those of the instruments, with everyday sizes: what the misfit of held-out runs is measured against.
+/// Groups that are as large as the reference was found to have them, where that is larger than usual.
+fn sized(mut groups: Vec<GroupPatterns>, sizes: &[(&'static str, f64)]) -> Vec<GroupPatterns> {
+    for GroupPatterns { group, .. } in &mut groups {
+        for (_, size) in sizes.iter().filter(|(name, _)| *name == group.name) {
+            group.everyday = group.everyday.max(*size);
+        }
+    }
+    groups
+}
+
+/// What may have changed between the reference and the session because things were mounted anew: the same patterns once more, in the
+/// session alone.
+fn anew(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> {
+    let mounted = groups.iter().filter(|group| group.mounted);
+    let of_run = |(patterns, prepared): (&Vec<Vec<f64>>, &Prepared)| {
+        if prepared.run.is_reference { Vec::new() } else { patterns.clone() }
+    };
+    mounted
+        .map(|group| GroupPatterns {
+            group: Group { everyday: std::f64::consts::SQRT_2 * group.group.everyday, ..group.group.clone() },
+            of_runs: group.of_runs.iter().zip(runs).map(of_run).collect(),
+            ..*group
+        })
+        .collect()
+}
+
+/// Only those of the instruments and of differences between runs: what the misfit of held-out runs is measured against.
 ///
 /// # Errors
 /// Where the model cannot be evaluated.
@@ -84,15 +122,16 @@ pub(super) fn of_instruments(
     layout: &Layout,
     values: &[f64],
     runs: &[Prepared],
+    sizes: &[(&'static str, f64)],
 ) -> Result<Patterns, ModelError> {
-    let mut groups = groups(layout, values, runs)?;
+    let mut groups = sized(groups(layout, values, runs)?, sizes);
     groups.retain(|group| group.instrument);
     Ok(whitened(groups, runs))
 }
 
 fn groups(layout: &Layout, values: &[f64], runs: &[Prepared]) -> Result<Vec<GroupPatterns>, ModelError> {
     let around = |prepared: &'_ Prepared| -> Result<_, ModelError> {
-        let model = layout.model(values, prepared.run.kind)?;
+        let model = layout.model_of(values, prepared.run.kind, prepared.run.is_reference)?;
         let channels: Channels = predict_with(&model, &prepared.run.experiment, &layout.cache)?;
         Ok((model, super::believed::predicted(&prepared.run, &channels)))
     };

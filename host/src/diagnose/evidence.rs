@@ -27,6 +27,11 @@ const MIN_SHARE: f64 = 1e-4;
 /// Steps of the search for the sizes, and the largest change of a logarithm of a size in one.
 const MAX_STEPS: u64 = 12;
 const MAX_SIZE_STEP: f64 = 6.0;
+/// Slopes of the objective beyond this make the search's first steps too long: it is approached in steps of at most so much of a
+/// logarithm, so many at most.
+const LARGE_SLOPE: f64 = 30.0;
+const LONGEST_APPROACH: f64 = 1.0;
+const MAX_APPROACHES: usize = 12;
 
 /// Patterns whose amplitudes have one size.
 #[derive(Debug, Clone, PartialEq)]
@@ -122,6 +127,32 @@ impl Patterns {
     pub fn in_metric(&self, sizes: &[f64], products: &Products) -> Option<DMatrix<f64>> {
         let reduced = self.reduced(sizes, products, 0)?;
         Some(reduced.rest)
+    }
+
+    /// A column (one part per run) less what the patterns of these sizes have of it: `S^-1 c`.
+    pub fn less_patterns(&self, sizes: &[f64], column: &[Vec<f64>]) -> Option<Vec<DVector<f64>>> {
+        let size_of = |group: &usize| sizes.get(*group).copied().unwrap_or(0.0);
+        let shared = self.shared_groups.len();
+        let count = shared + self.runs.iter().map(|run| run.own_groups.len()).sum::<usize>();
+        let groups = self.shared_groups.iter().chain(self.runs.iter().flat_map(|run| &run.own_groups));
+        let sds = DVector::from_iterator(count, groups.map(size_of));
+        let mut normal = DMatrix::identity(count, count);
+        let mut along = DVector::zeros(count);
+        let mut all = Vec::with_capacity(self.runs.len());
+        let mut first = shared;
+        for (run, part) in self.runs.iter().zip(column) {
+            let mut patterns = DMatrix::zeros(part.len(), count);
+            patterns.columns_mut(0, shared).copy_from(&run.shared);
+            patterns.columns_mut(first, run.own.ncols()).copy_from(&run.own);
+            first += run.own.ncols();
+            patterns.column_iter_mut().zip(sds.iter()).for_each(|(mut column, sd)| column *= *sd);
+            let part = DVector::from_column_slice(part);
+            normal.gemm_tr(1.0, &patterns, &patterns, 1.0);
+            along.gemv_tr(1.0, &patterns, &part, 1.0);
+            all.push((patterns, part));
+        }
+        let amplitudes = normal.cholesky()?.solve(&along);
+        Some(all.into_iter().map(|(patterns, part)| part - patterns * &amplitudes).collect())
     }
 
     /// Minus the logarithm of the prior of sizes, and its derivatives by their logarithms.
@@ -255,7 +286,7 @@ impl Patterns {
             return start.to_vec();
         }
         let cost = Cost { patterns: self, products, free: &free, start, last: RefCell::new(None) };
-        let found = search(cost, &logarithms).unwrap_or(logarithms);
+        let found = search(cost, &logarithms);
         let mut sizes = start.to_vec();
         for (group, ln) in free.iter().zip(found) {
             sizes[*group] = ln.exp().max(MIN_SHARE * self.groups[*group].everyday);
@@ -357,12 +388,41 @@ impl Gradient for Cost<'_> {
     }
 }
 
-fn search(cost: Cost<'_>, start: &[f64]) -> Option<Vec<f64>> {
-    let line = MoreThuenteLineSearch::new().with_bounds(1e-4, MAX_SIZE_STEP).ok()?;
-    let solver = LBFGS::new(line, 7).with_tolerance_cost(1e-3).ok()?.with_tolerance_grad(1e-2).ok()?;
-    let run =
-        Executor::new(cost, solver).configure(|state| state.param(start.to_vec()).max_iters(MAX_STEPS)).run();
-    run.ok()?.state().get_best_param().cloned()
+impl Cost<'_> {
+    /// Steps that no slope makes too long, from where slopes are large to where the search has its right lengths; the objective never
+    /// grows.
+    fn approach(&self, start: &[f64]) -> Vec<f64> {
+        let mut x = start.to_vec();
+        let (mut value, mut slopes) = self.at(&x);
+        let mut longest = LONGEST_APPROACH;
+        for _ in 0..MAX_APPROACHES {
+            if slopes.iter().all(|slope| slope.abs() < LARGE_SLOPE) {
+                break;
+            }
+            let step = |slope: &f64| (-slope / LARGE_SLOPE).clamp(-longest, longest);
+            let next: Vec<f64> = x.iter().zip(&slopes).map(|(x, slope)| x + step(slope)).collect();
+            let (next_value, next_slopes) = self.at(&next);
+            if next_value < value {
+                (x, value, slopes) = (next, next_value, next_slopes);
+            } else {
+                longest *= 0.3;
+            }
+        }
+        x
+    }
+}
+
+/// The logarithms of the sizes at which the objective is least; as near as the search came where its line search gives up.
+fn search(cost: Cost<'_>, start: &[f64]) -> Vec<f64> {
+    let start = cost.approach(start);
+    let solver = MoreThuenteLineSearch::new()
+        .with_bounds(1e-4, MAX_SIZE_STEP)
+        .and_then(|line| LBFGS::new(line, 7).with_tolerance_cost(1e-3))
+        .and_then(|solver| solver.with_tolerance_grad(1e-2));
+    let run = solver.and_then(|solver| {
+        Executor::new(cost, solver).configure(|state| state.param(start.clone()).max_iters(MAX_STEPS)).run()
+    });
+    run.ok().and_then(|run| run.state().get_best_param().cloned()).unwrap_or(start)
 }
 
 #[cfg(test)]

@@ -47,6 +47,8 @@ pub(super) struct Noise {
     pub displacement: Sensor,
     pub shape: Sensor,
     pub tip: Sensor,
+    /// Slope of the needle at its tip.
+    pub direction: Sensor,
 }
 
 /// Nothing is known better than this.
@@ -54,10 +56,16 @@ const LEAST: Noise = {
     const fn white(sd: f64) -> Sensor {
         Sensor { white: sd * sd, correlated: 0.0, memory: 1.0, lasting: 0.0 }
     }
-    Noise { force: white(1e-3), displacement: white(1e-6), shape: white(2e-6), tip: white(10e-6) }
+    Noise {
+        force: white(1e-3),
+        displacement: white(1e-6),
+        shape: white(2e-6),
+        tip: white(10e-6),
+        direction: white(0.1e-3),
+    }
 };
 /// Where nothing is stated and nothing can be seen.
-const TYPICAL: [f64; 4] = [0.05, 20e-6, 30e-6, 0.1e-3];
+const TYPICAL: [f64; 5] = [0.05, 20e-6, 30e-6, 0.1e-3, 1e-3];
 /// Readings of a segment and groups of like segments that are looked at.
 const MOST_READINGS: usize = 40;
 const MOST_GROUPS: usize = 12;
@@ -84,6 +92,7 @@ impl Noise {
         let displacement = holds(runs, |run, plane, i| run.cells.read_m[plane][i]);
         let shape = lines(runs, [Channel::ShapeY, Channel::ShapeX]);
         let tip = lines(runs, [Channel::TipY, Channel::TipX]);
+        let direction = lines(runs, [Channel::TipDirectionY, Channel::TipDirectionX]);
         let sensor = |segments: Vec<Segment>, degree, stated: Option<f64>, number: usize, least: Sensor| {
             let seen = estimate(&segments, degree);
             combined(seen, stated, TYPICAL[number], least)
@@ -93,6 +102,7 @@ impl Noise {
             displacement: sensor(displacement, 1, stated.displacement_m, 1, LEAST.displacement),
             shape: sensor(shape, 4, stated.shape_m, 2, LEAST.shape),
             tip: sensor(tip, 4, stated.tip_m, 3, LEAST.tip),
+            direction: sensor(direction, 4, stated.tip_direction_rad, 4, LEAST.direction),
         }
     }
 }

@@ -121,8 +121,7 @@ impl Fitted {
 
     /// Of the tip load, N, where there are insertions.
     pub fn tip_load_n(&self) -> Option<(f64, [f64; 2])> {
-        let value = self.layout.kinds[1].then(|| self.values[1])?;
-        let sd = self.sd(1);
+        let (value, sd) = self.layout.tip_load_n(&self.values, &self.covariance)?;
         Some((value, [-NORMAL_975, NORMAL_975].map(|sds| value + sds * sd)))
     }
 
@@ -159,6 +158,26 @@ impl Fitted {
         Some(left)
     }
 
+    /// A column (one part per run) less what the parameters could do about it beside noise alone.
+    pub fn less_parameters(&self, column: &[DVector<f64>]) -> Option<Vec<Vec<f64>>> {
+        let parameters = self.layout.parameters(&self.values);
+        let sds = DVector::from_iterator(parameters.len(), parameters.iter().map(prior_sd));
+        let count = sds.len();
+        let (mut normal, mut along) = (DMatrix::zeros(count, count), DVector::zeros(count));
+        for (jacobian, part) in self.jacobian.iter().zip(column) {
+            normal.gemm_tr(1.0, jacobian, jacobian, 1.0);
+            along.gemv_tr(1.0, jacobian, part, 1.0);
+        }
+        let scaled = DMatrix::from_fn(count, count, |i, j| sds[i] * normal[(i, j)] * sds[j]);
+        let factor = (scaled + DMatrix::identity(count, count)).cholesky()?;
+        let moved = factor.solve(&along.component_mul(&sds)).component_mul(&sds);
+        let rest = |(jacobian, part): (&DMatrix<f64>, &DVector<f64>)| {
+            let rest: DVector<f64> = part - jacobian * &moved;
+            rest.data.as_vec().clone()
+        };
+        Some(self.jacobian.iter().zip(column).map(rest).collect())
+    }
+
     /// By how much the logarithm of the modulus would move were there noise alone, as far as the linearisation goes.
     pub fn change_without_discrepancy(&self, patterns: &Patterns) -> Option<f64> {
         let parameters = self.layout.parameters(&self.values);
@@ -169,9 +188,14 @@ impl Fitted {
         Some((evidence.mean[0] - from_prior(first, self.values[0])) * prior_sd(first))
     }
 
-    /// Squares of the whitened residuals in the metric of noise and discrepancy of these sizes.
-    pub fn misfit(&self, patterns: &Patterns, sizes: &[f64]) -> Option<f64> {
-        misfit(patterns, sizes, &self.residuals)
+    /// Ratio of the modulus to that of the reference, and the reference's modulus, Pa; each with its interval of 95 %.
+    pub fn beside_reference(&self) -> Option<[(f64, [f64; 2]); 2]> {
+        let at = self.layout.ratio()?;
+        let ends = |ln: f64, sd: f64| (ln.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (ln + sds * sd).exp()));
+        let [of_modulus, of_ratio] = [0, at].map(|i| self.covariance[(i, i)]);
+        let variance = of_modulus + of_ratio - 2.0 * self.covariance[(0, at)];
+        let of_reference = ends(self.values[0] - self.values[at], variance.max(0.0).sqrt());
+        Some([ends(self.values[at], of_ratio.sqrt()), of_reference])
     }
 }
 

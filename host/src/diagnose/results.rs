@@ -47,6 +47,8 @@ pub struct Diagnosis {
     pub model_file: Option<String>,
     /// What the tissue was taken for, springs or an elastic body, and what the evidence says of both.
     pub foundation: FoundationResult,
+    /// What the reference has, and how the session differs from it; nothing where there is no reference.
+    pub reference: Option<ReferenceResult>,
     /// Foundation modulus: that of the final model on springs; on a body that of the plain springs, the equivalent modulus.
     pub k_kpa: f64,
     /// Its interval of 95 %.
@@ -80,6 +82,17 @@ pub struct Diagnosis {
     pub limits: Vec<String>,
     /// Remarks.
     pub warnings: Vec<String>,
+}
+
+/// A session beside the one that it is compared with.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReferenceResult {
+    /// Name of the reference.
+    pub session: Option<String>,
+    /// Modulus of the reference under the final model, of the springs or of the body as in `foundation`.
+    pub modulus_kpa: Estimate,
+    /// Modulus of the session over that of the reference.
+    pub modulus_ratio: Estimate,
 }
 
 /// Springs or an elastic body.

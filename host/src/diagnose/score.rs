@@ -103,10 +103,8 @@ impl Scores {
             };
             (effect, ways_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
         };
-        let unknown: Vec<&'static dyn Effect> = EFFECTS
-            .into_iter()
-            .filter(|effect| !known(*effect) && effect.applies_to(&fitted.layout.rig))
-            .collect();
+        let unknown: Vec<&'static dyn Effect> =
+            EFFECTS.into_iter().filter(|effect| !known(*effect) && fitted.layout.may_lack(*effect)).collect();
         let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();
         let (mut ways, mut directions) = (Vec::new(), Vec::new());
         for (effect, of_effect) in all {

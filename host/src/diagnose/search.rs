@@ -24,7 +24,7 @@ const STRONG_GAIN: f64 = 10.0;
 /// Leaders that are refitted, in the search and among rivals of what was found, and how far behind the best they may be by score.
 pub(super) const MAX_LEADERS: usize = 14;
 const BEHIND: f64 = 15.0;
-const BEHIND_SHARE: f64 = 0.5;
+const BEHIND_SHARE: f64 = 0.7;
 /// Rounds of the first refit; the best of these, and all that are not far behind them, go on until they settle.
 const FIRST_ROUNDS: usize = 2;
 const MAX_SETTLED: usize = 5;
@@ -199,6 +199,12 @@ impl Search<'_> {
             current = better;
             members = self.members(&current, &first, given, margin)?;
         }
+        // What another effect has made needless since is no longer a name.
+        while let Some(index) = needless(&current, &members, margin) {
+            let Some(less) = self.refitted_without(&current, index) else { break };
+            current = less;
+            members = self.members(&current, &first, given, margin)?;
+        }
         Ok(Found { fitted: current, members, first, margin })
     }
 
@@ -208,18 +214,8 @@ impl Search<'_> {
         if *gain <= margin {
             return false;
         }
-        let index = fitted.layout.effects.len() - 1;
-        let first = fitted.layout.first_of(index);
-        let infos = candidate.score.effect.parameters();
-        let excludes_neutral = infos.iter().enumerate().any(|(number, info)| {
-            let away = fitted.values()[first + number] - Scale::of(info).inside(info.neutral);
-            info.nodes.is_empty() && away.abs() > NORMAL_975 * fitted.sd(first + number)
-        });
-        let at_bound = fitted.at_bound.first() == Some(&true)
-            || (first..first + infos.len()).any(|i| fitted.at_bound[i]);
         let needed = if *gain >= STRONG_GAIN { SHARE_OF_STRONG } else { SHARE };
-        excludes_neutral
-            && !at_bound
+        is_determined(fitted, fitted.layout.effects.len() - 1)
             && self.judge.share(current, fitted) >= needed
             && self.judge.held_out_shrinks(current, fitted)
     }
@@ -301,6 +297,25 @@ impl Search<'_> {
         }
         Ok(members)
     }
+}
+
+/// Whether an effect of a fit has an interval without its neutral value, and neither it nor the modulus is at the end of a range.
+fn is_determined(fitted: &Fitted, index: usize) -> bool {
+    let first = fitted.layout.first_of(index);
+    let infos = fitted.layout.effects[index].parameters();
+    let excludes_neutral = infos.iter().enumerate().any(|(number, info)| {
+        let away = fitted.values()[first + number] - Scale::of(info).inside(info.neutral);
+        info.nodes.is_empty() && away.abs() > NORMAL_975 * fitted.sd(first + number)
+    });
+    let at_bound =
+        fitted.at_bound.first() == Some(&true) || (first..first + infos.len()).any(|i| fitted.at_bound[i]);
+    excludes_neutral && !at_bound
+}
+
+/// The effect that was added and is least needed, where it is not needed at all.
+fn needless(fitted: &Fitted, members: &[Member], margin: f64) -> Option<usize> {
+    let idle = members.iter().filter(|m| m.gain < margin || !is_determined(fitted, m.index));
+    idle.min_by(|a, b| a.gain.total_cmp(&b.gain)).map(|member| member.index)
 }
 
 /// A parameter that cannot be on one side of its neutral value has all of its prior on the other.

@@ -99,22 +99,37 @@ impl HeldOut {
         self.runs.iter().map(|run| run.id.clone()).collect()
     }
 
-    /// Ready to judge models that are tried beside a start, which was fitted to the training runs.
+    /// Ready to judge models that are tried beside a start, which was fitted to the training runs; `sizes` are those of the
+    /// reference's discrepancy.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    pub fn judge(self, start: &Fitted, training: &[Prepared], noise: &Noise) -> Result<Judge, ModelError> {
+    pub fn judge(
+        self,
+        start: &Fitted,
+        training: &[Prepared],
+        noise: &Noise,
+        sizes: &[(&'static str, f64)],
+    ) -> Result<Judge, ModelError> {
         let prepared = |run: Run| {
-            let model = start.layout.model(start.values(), run.kind)?;
+            let model = start.layout.model_of(start.values(), run.kind, run.is_reference)?;
             Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
         };
         let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
         let instruments =
-            |runs: &[Prepared]| discrepancy::of_instruments(&start.layout, start.values(), runs);
+            |runs: &[Prepared]| discrepancy::of_instruments(&start.layout, start.values(), runs, sizes);
+        // The reference is no part of the gap.
+        let judged: Vec<bool> = training.iter().map(|run| !run.run.is_reference).collect();
+        let training: Vec<Prepared> = training.iter().filter(|run| !run.run.is_reference).cloned().collect();
         Ok(Judge {
             of_held_out: instruments(&runs)?,
-            of_training: instruments(training)?,
+            // What the reference leaves unexplained too is no gap between them.
+            of_training: match &start.layout.reference {
+                Some(_) => discrepancy::patterns(&start.layout, start.values(), &training, sizes)?,
+                None => instruments(&training)?,
+            },
             readings: training.iter().map(|run| run.run.data.len()).sum(),
+            judged,
             runs,
         })
     }
@@ -127,7 +142,8 @@ pub(super) struct Judge {
     runs: Vec<Prepared>,
     of_held_out: Patterns,
     of_training: Patterns,
-    /// Number of training data.
+    /// Which training runs are judged, and the number of their data.
+    judged: Vec<bool>,
     readings: usize,
 }
 
@@ -146,18 +162,22 @@ impl Judge {
             let gap = before - count - 2.0 * (2.0 * count).sqrt();
             if removed > 0.0 { removed / gap.max(removed) } else { 0.0 }
         };
-        let squares = |fitted: &Fitted| fitted.residuals.iter().flatten().map(|r| r * r).sum::<f64>();
+        let squares = |fitted: &Fitted| self.residuals(fitted).iter().flatten().map(|r| r * r).sum::<f64>();
         let beside_noise = share(squares(before), squares(after));
-        let everyday = self.of_training.everyday();
-        let misfit = |fitted: &Fitted| fitted.misfit(&self.of_training, &everyday);
-        let beside_instruments =
-            misfit(before).zip(misfit(after)).map_or(0.0, |(before, after)| share(before, after));
+        let beside_instruments = share(self.misfit(before), self.misfit(after));
         beside_noise.max(beside_instruments)
+    }
+
+    /// Residuals of the training runs that are judged.
+    fn residuals(&self, fitted: &Fitted) -> Vec<Vec<f64>> {
+        let all = fitted.residuals.iter().zip(&self.judged);
+        all.filter(|(_, judged)| **judged).map(|(residuals, _)| residuals.clone()).collect()
     }
 
     /// Misfit of the training data to the physics of a fit, beside noise and instruments.
     pub fn misfit(&self, fitted: &Fitted) -> f64 {
-        fitted.misfit(&self.of_training, &self.of_training.everyday()).unwrap_or(f64::INFINITY)
+        let everyday = self.of_training.everyday();
+        posterior::misfit(&self.of_training, &everyday, &self.residuals(fitted)).unwrap_or(f64::INFINITY)
     }
 
     /// Whether the misfit of what was held out is smaller under the second model; nothing can be accepted where nothing is held out.
@@ -180,12 +200,7 @@ impl Judge {
         if self.runs.is_empty() {
             return Ok(None);
         }
-        let mut sides = [Tally::default(), Tally::default()];
-        for prepared in &self.runs {
-            for (side, fitted) in sides.iter_mut().zip([before, after]) {
-                side.add(prepared, fitted)?;
-            }
-        }
+        let sides = [self.tally(before)?, self.tally(after)?];
         let points = points(&self.runs, &sides);
         let [before, after] = sides;
         let removed = |parts: &mut dyn Iterator<Item = usize>| -> Option<f64> {
@@ -221,6 +236,33 @@ impl Judge {
     }
 }
 
+impl Judge {
+    /// What was held out under a model, the instruments' part taken off.
+    fn tally(&self, fitted: &Fitted) -> Result<Tally, ModelError> {
+        let mut plain = Vec::with_capacity(self.runs.len());
+        let mut white = Vec::with_capacity(self.runs.len());
+        for prepared in &self.runs {
+            let run = &prepared.run;
+            let model = fitted.layout.model_of(fitted.values(), run.kind, run.is_reference)?;
+            let residuals = differences(run, &predict(&model, &run.experiment)?);
+            let mut independent = residuals.clone();
+            prepared.whitener.apply(&mut independent);
+            plain.push(residuals);
+            white.push(independent);
+        }
+        let everyday = self.of_held_out.everyday();
+        let left = self.of_held_out.less_patterns(&everyday, &white).ok_or(ModelError::Singular)?;
+        let mut tally = Tally::default();
+        for ((prepared, white), left) in self.runs.iter().zip(&white).zip(left) {
+            let mut plain = left.data.as_vec().clone();
+            prepared.whitener.undo(&mut plain);
+            let squares = white.iter().zip(left.iter()).map(|(white, left)| white * left);
+            tally.add(prepared, plain, squares);
+        }
+        Ok(tally)
+    }
+}
+
 /// Residuals under both models with their places.
 fn points(runs: &[Prepared], sides: &[Tally; 2]) -> Vec<ResidualPoint> {
     let data = runs.iter().flat_map(|run| &run.run.data);
@@ -243,24 +285,20 @@ fn points(runs: &[Prepared], sides: &[Tally; 2]) -> Vec<ResidualPoint> {
 /// Squares of one model's residuals.
 #[derive(Default)]
 struct Tally {
-    /// Whitened squares and number, part by part.
+    /// Squares in the metric of noise and instruments and number, part by part.
     parts: Vec<(f64, usize)>,
     /// Plain squares and number of every channel.
     channels: Vec<(Channel, f64, usize)>,
-    /// Plain residuals of all runs, SI.
+    /// Residuals of all runs less what the instruments' patterns have of them, SI.
     plain: Vec<f64>,
 }
 
 impl Tally {
-    fn add(&mut self, prepared: &Prepared, fitted: &Fitted) -> Result<(), ModelError> {
+    fn add(&mut self, prepared: &Prepared, plain: Vec<f64>, squares: impl Iterator<Item = f64>) {
         let run = &prepared.run;
-        let predicted = predict(&fitted.layout.model(fitted.values(), run.kind)?, &run.experiment)?;
-        let plain = differences(run, &predicted);
-        let mut white = plain.clone();
-        prepared.whitener.apply(&mut white);
         let mut parts = vec![(0.0, 0); run.parts()];
-        for ((datum, plain), white) in run.data.iter().zip(&plain).zip(&white) {
-            parts[datum.part].0 += white * white;
+        for ((datum, plain), square) in run.data.iter().zip(&plain).zip(squares) {
+            parts[datum.part].0 += square;
             parts[datum.part].1 += 1;
             let at = self.channels.iter().position(|(channel, ..)| *channel == datum.channel);
             let at = at.unwrap_or_else(|| {
@@ -272,7 +310,6 @@ impl Tally {
         }
         self.plain.extend(plain);
         self.parts.extend(parts.into_iter().filter(|(_, count)| *count > 0));
-        Ok(())
     }
 
     fn side(&self) -> GapSide {

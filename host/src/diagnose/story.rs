@@ -1,12 +1,12 @@
 //! The result of a diagnosis, put together from what the steps found.
 
 use super::adequacy::{Adequacy, Region};
-use super::data::{Kind, Run};
+use super::data::{Channel, Kind, Run};
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, Ranked, RegionResult,
-    RemainingResult, SCHEMA, Verdict,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, Ranked, ReferenceResult,
+    RegionResult, RemainingResult, SCHEMA, Verdict,
 };
 use super::search::{Found, Member};
 use super::{Options, next};
@@ -86,6 +86,7 @@ impl Story<'_> {
                 .collect(),
             model_file: None,
             foundation,
+            reference: self.reference(),
             k_kpa,
             k_ci95_kpa,
             tip_load_n: tip.map(|(value, _)| value),
@@ -112,6 +113,17 @@ impl Story<'_> {
             limits: self.limits(),
             warnings,
         }
+    }
+
+    /// How the session differs from its reference.
+    fn reference(&self) -> Option<ReferenceResult> {
+        let reference = self.options.reference.as_ref()?;
+        let [(ratio, ratio_ci95), (pa, pa_ci95)] = self.final_fit.beside_reference()?;
+        Some(ReferenceResult {
+            session: reference.name.clone(),
+            modulus_kpa: Estimate { value: 1e-3 * pa, ci95: pa_ci95.map(|end| 1e-3 * end) },
+            modulus_ratio: Estimate { value: ratio, ci95: ratio_ci95 },
+        })
     }
 
     fn effect(&self, member: &Member) -> FoundEffect {
@@ -168,6 +180,10 @@ impl Story<'_> {
         }
         if insertion {
             sds.insert("tip_mm".to_owned(), 1e3 * noise.tip.sd());
+            let directions = [Channel::TipDirectionY, Channel::TipDirectionX];
+            if self.all.iter().flat_map(|run| &run.data).any(|datum| directions.contains(&datum.channel)) {
+                sds.insert("tip_direction_mrad".to_owned(), 1e3 * noise.direction.sd());
+            }
         }
         sds
     }

@@ -6,15 +6,14 @@
 
 use super::blind::{self, Design, Foreign, Truth, strengths};
 use super::evidence::Patterns;
-use super::posterior::{Fitted, MAX_ROUNDS};
+use super::posterior::{self, Fitted, MAX_ROUNDS};
 use super::search::{MAX_LEADERS, Search, one_sided};
-use super::{Diagnosis, Options, Start, Verdict, diagnose, fit_start, runs_of, split};
+use super::{Diagnosis, Noises, Options, Start, Verdict, diagnose, fit_start, runs_of, split};
 use crate::diagnose::believed::{Layout, differences};
-use crate::diagnose::data::Kind;
 use crate::diagnose::noise::Noise;
 use crate::diagnose::score::Scores;
 use crate::model::effects::effect;
-use crate::model::{Support, predict};
+use crate::model::predict;
 use crate::session::Session;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -204,15 +203,9 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
     let (runs, _) = runs_of(session).ok()?;
     let (training, held_out) = split(runs);
     let noise = Noise::of(&training.runs, &session.noise);
-    let layout = Layout {
-        rig: session.rig.clone(),
-        support: Support::Springs,
-        kinds: [Kind::Lateral, Kind::Insertion].map(|kind| training.runs.iter().any(|run| run.kind == kind)),
-        effects: Vec::new(),
-        cache: Default::default(),
-    };
+    let layout = Layout::new(&session.rig, &training.runs, Vec::new());
     let Start { runs: mut prepared, patterns, fitted: start } =
-        fit_start(&layout, &training.runs, &noise, &[]).ok()?;
+        fit_start(&layout, &training.runs, &Noises { session: noise, reference: noise }, &[], &[]).ok()?;
     let mut own = layout.first_values();
     own[0] = (1e3 * truth.k_kpa).ln();
     if let Some(load) = own.get_mut(1) {
@@ -232,9 +225,10 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
     let plain = fit(&patterns, &start.sizes)?;
     // What the stated tolerances of a rig may do is not to be expected of an effect.
     let tolerances = patterns.of_known_size();
-    let misfit = fit(&tolerances, &tolerances.everyday())?.misfit(&tolerances, &tolerances.everyday())?;
+    let everyday = tolerances.everyday();
+    let misfit = posterior::misfit(&tolerances, &everyday, &fit(&tolerances, &everyday)?.residuals)?;
     let scores = Scores::new(&plain, &prepared, &patterns).ok()?;
-    let judge = held_out.judge(&plain, &prepared, &noise).ok()?;
+    let judge = held_out.judge(&plain, &prepared, &noise, &[]).ok()?;
     let search = Search { start: &plain, runs: &prepared, patterns: &patterns, judge: &judge, seed: 1 };
     let candidates = search.weigh(&plain, &scores, MAX_LEADERS);
     let gain_of = |of_hidden: bool| {

@@ -104,6 +104,24 @@ impl Whitener {
             residuals.iter_mut().zip(pattern.iter()).for_each(|(x, p)| *x -= shrink * along * p);
         }
     }
+
+    /// The reverse of [`Whitener::apply`].
+    pub fn undo(&self, residuals: &mut [f64]) {
+        for (pattern, shrink) in self.patterns.column_iter().zip(self.shrink.iter()) {
+            let along: f64 = pattern.iter().zip(residuals.iter()).map(|(p, x)| p * x).sum();
+            let back = shrink / (1.0 - shrink) * along;
+            residuals.iter_mut().zip(pattern.iter()).for_each(|(x, p)| *x += back * p);
+        }
+        for (range, rows) in &self.blocks {
+            let part = &mut residuals[range.clone()];
+            let mut start = rows.len();
+            for i in (0..part.len()).rev() {
+                start -= i + 1;
+                let before: f64 = rows[start..start + i].iter().zip(&part[..i]).map(|(l, x)| l * x).sum();
+                part[i] = part[i] / rows[start + i] + before;
+            }
+        }
+    }
 }
 
 fn slopes(run: &Run, model: &Model) -> Result<Slopes, ModelError> {
@@ -160,6 +178,9 @@ fn block(run: &Run, range: Range<usize>, noise: &Noise, slopes: &Slopes) -> DMat
             (Source::Tip(_), Source::Tip(_)) => {
                 along_line(&noise.tip, data[i].place.depth_m - data[j].place.depth_m, i == j)
             }
+            (Source::Direction(_), Source::Direction(_)) => {
+                along_line(&noise.direction, data[i].place.depth_m - data[j].place.depth_m, i == j)
+            }
             _ => 0.0,
         }
     })
@@ -197,7 +218,7 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
                             _ if !here => 0.0,
                             Source::Force(_) => sd_m * slopes.force_n_per_m[plane],
                             Source::Shape(point) => sd_m * slopes.shape[*point][plane],
-                            Source::Tip(_) => 0.0,
+                            Source::Tip(_) | Source::Direction(_) => 0.0,
                         }
                     };
                     let pattern: Vec<f64> = run.data.iter().map(moved).collect();

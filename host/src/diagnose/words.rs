@@ -54,7 +54,11 @@ pub fn channel(name: &str) -> &str {
 
 /// The unit in a name like `shape_y_mm`.
 pub fn unit(name: &str) -> &'static str {
-    if name.ends_with("_n") { "N" } else { "mm" }
+    match name.rsplit_once('_') {
+        Some((_, "n")) => "N",
+        Some((_, "mrad")) => "mrad",
+        _ => "mm",
+    }
 }
 
 /// `shape_y_mm` and its value: `shape_y 0.020 mm`.

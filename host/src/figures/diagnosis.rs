@@ -32,7 +32,9 @@ pub fn residuals(gap: &Gap) -> Result<String, FigureError> {
             let coordinate = match channel {
                 Channel::ForceY | Channel::ForceX => "displacement of guide 2, mm",
                 Channel::ShapeY | Channel::ShapeX => "depth below the surface, mm",
-                Channel::TipY | Channel::TipX => "insertion depth, mm",
+                Channel::TipY | Channel::TipX | Channel::TipDirectionY | Channel::TipDirectionX => {
+                    "insertion depth, mm"
+                }
             };
             let name = format!("{}, {}", channel.name(), channel.unit());
             let mut chart = axes(panel, x, y, &name, coordinate)?;

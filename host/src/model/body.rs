@@ -15,6 +15,7 @@ mod table;
 
 pub(super) use ritz::{Load, Ritz, Shape, powers};
 pub(super) use stiffened::Stiffened;
+pub(super) use table::MODES;
 use table::Matrix;
 
 use super::{Foundation, ModelError, Support, check};

@@ -87,6 +87,28 @@ pub struct Insertion {
     pub speed_m_per_s: Profile,
     /// Whether the slope of the needle at the tip is measured too; it takes twice the time.
     pub tip_direction: bool,
+    /// Depths at which the solution has nodes besides those it needs, and to the largest of which it goes: insertions with the same ones
+    /// share their solutions ([`Insertion::share_nodes`]).
+    pub nodes_m: Vec<f64>,
+}
+
+impl Insertion {
+    /// Depths at which the needle is turned or guide 2 moved at rest, or the speed changes.
+    pub fn jumps_m(&self) -> Vec<f64> {
+        let held = self.guide2_m.iter().flatten();
+        let profiles = [&self.rotation_rad, &self.speed_m_per_s].into_iter().chain(held);
+        profiles.flat_map(Profile::jumps_m).collect()
+    }
+
+    /// Gives insertions the nodes of all of them, so that one solution ([`Growth`](super::Growth)) serves them all.
+    pub fn share_nodes<'a>(insertions: impl Iterator<Item = &'a mut Self>) {
+        let all: Vec<&mut Self> = insertions.collect();
+        let ends = all.iter().flat_map(|one| one.depth_m.iter().copied().reduce(f64::max));
+        let mut nodes_m: Vec<f64> = all.iter().flat_map(|one| one.jumps_m()).chain(ends).collect();
+        nodes_m.sort_by(f64::total_cmp);
+        nodes_m.dedup();
+        all.into_iter().for_each(|one| one.nodes_m.clone_from(&nodes_m));
+    }
 }
 
 /// How the tip cuts.
@@ -109,7 +131,8 @@ pub struct TipLaw {
     pub cut_angle_rad: [f64; 2],
     /// Angle between the needle and the axis along which depth is measured, vertical and horizontal: a straight part of the path.
     pub entry_angle_rad: [f64; 2],
-    /// What the load along the bevel is beside that: vertical before the needle is turned.
+    /// What the load along the bevel is beside that: along the given load where that has a horizontal part, else vertical, before the
+    /// needle is turned.
     pub along_bevel: BevelLoad,
 }
 
@@ -169,17 +192,12 @@ pub(super) fn tip(
         check("depth_m", *depth_m, "0 or more", *depth_m >= 0.0)?;
         last_m = depth_m.max(last_m);
     }
-    let mut jumps_m: Vec<f64> = insertion.rotation_rad.jumps_m().collect();
-    let mut grip = Guide2Grip::Free;
-    if let Some(planes) = &insertion.guide2_m {
-        jumps_m.extend(planes.iter().flat_map(Profile::jumps_m));
-        grip = Guide2Grip::Holding;
-    }
+    let mut jumps_m = insertion.jumps_m();
+    let grip = if insertion.guide2_m.is_some() { Guide2Grip::Holding } else { Guide2Grip::Free };
     if let Cutting::Load(planes) = &law.cutting {
         jumps_m.extend(planes.iter().flat_map(Profile::jumps_m));
     }
     jumps_m.extend(law.along_bevel.steps.iter().map(|[depth_m, _]| *depth_m));
-    jumps_m.extend(insertion.speed_m_per_s.jumps_m());
     let drawn = Drawn { law, insertion, grip, jumps_m, last_m };
     let [[y_m, y_rad], [x_m, x_rad]] =
         [drawn.plane(0, &problems[0], cache)?, drawn.plane(1, &problems[1], cache)?];
@@ -204,7 +222,13 @@ impl Drawn<'_> {
     fn plane(&self, plane: usize, problem: &BeamProblem, cache: &Cache) -> Result<[Vec<f64>; 2], ModelError> {
         let Self { law, insertion, grip, last_m, .. } = *self;
         let yields = problem.law.inverse_yield_m_per_n != 0.0;
-        let grid_m = grid_m(last_m, if yields { yielding::STEP_M } else { DEFAULT_STEP_M }, &self.jumps_m);
+        let grid_m = if yields {
+            // Every node is an iteration of its own: nothing would be shared.
+            grid_m(last_m, yielding::STEP_M, &self.jumps_m)
+        } else {
+            let last_m = insertion.nodes_m.iter().copied().fold(last_m, f64::max);
+            grid_m(last_m, DEFAULT_STEP_M, &[self.jumps_m.as_slice(), &insertion.nodes_m].concat())
+        };
         let angled = law.cut_angle_rad != [0.0; 2];
         let slopes = insertion.tip_direction || angled || matches!(law.cutting, Cutting::Angle(_));
         let guide2 = |node: usize| guide2(&grid_m, insertion, plane, node);
@@ -301,8 +325,14 @@ fn loads<'a>(
     };
     move |node| {
         let z_m = nodes_m[node];
-        let arriving = [y.before(z_m) + more_n(z_m, false), x.before(z_m)];
-        let leaving = [y.after(z_m) + more_n(z_m, true), x.after(z_m)];
+        let all = |y_n: f64, x_n: f64, more_n: f64| {
+            // The bevel is vertical unless the load says that it is not.
+            let [along_y, along_x] =
+                if x_n == 0.0 { [1.0, 0.0] } else { [y_n / y_n.hypot(x_n), x_n / y_n.hypot(x_n)] };
+            [y_n + more_n * along_y, x_n + more_n * along_x]
+        };
+        let arriving = all(y.before(z_m), x.before(z_m), more_n(z_m, false));
+        let leaving = all(y.after(z_m), x.after(z_m), more_n(z_m, true));
         [
             turned(arriving, rotation.before(z_m) + roll_rad, plane),
             turned(leaving, rotation.after(z_m) + roll_rad, plane),

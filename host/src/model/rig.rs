@@ -103,10 +103,15 @@ impl Rig {
 
     /// Whether it has one guide, of which nobody knows how the needle turns in it in one of the planes.
     pub fn rear_is_unknown(&self) -> bool {
+        [0, 1].into_iter().any(|plane| self.rear_is_unknown_in(plane))
+    }
+
+    /// The same of one plane, vertical (0) or horizontal (1).
+    pub fn rear_is_unknown_in(&self, plane: usize) -> bool {
         match self.guides {
             Guides::Two => false,
-            Guides::One { rear_rotation_n_m_per_rad } => {
-                rear_rotation_n_m_per_rad.iter().any(Option::is_none)
+            Guides::One { rear_rotation_n_m_per_rad: stiffness } => {
+                stiffness.get(plane).is_some_and(Option::is_none)
             }
         }
     }

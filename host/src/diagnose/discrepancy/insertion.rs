@@ -1,22 +1,38 @@
 //! Patterns in insertions: how pushes that are meant to be alike differ, and what tracker and guides are off by.
 
 use super::{Around, GroupPatterns, Made, Scope};
-use crate::diagnose::data::Kind;
+use crate::diagnose::data::{Datum, Kind, Source};
 use crate::diagnose::evidence::Group;
 use crate::model::insertion::Cutting;
 use crate::model::{Experiment, Insertion, ModelError, Profile};
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// Smooth changes over depth have waves of twice this length over their number, numbers from 1 up to these.
 const SMOOTH_M: f64 = 100e-3;
 const LOAD_WAVES: usize = 4;
 const PATH_WAVES: usize = 3;
+const DIRECTION_WAVES: usize = 3;
 /// Knots of a smooth load.
 const KNOT_M: f64 = 4e-3;
 /// Steps of the differences.
 const LN_STEP: f64 = 1e-3;
 const SHIFT_STEP_M: f64 = 1e-4;
 const ROLL_STEP_RAD: f64 = 1e-3;
+/// Angles at which needles enter differ by this much where two guides hold them, and where one guide and a hand do; and how far the
+/// axis along which depth is measured may be from theirs.
+const ANGLE_RAD: f64 = 3e-3;
+const ANGLE_BY_HAND_RAD: f64 = 15e-3;
+const TILT_RAD: f64 = 4e-3;
+const TILT_BY_HAND_RAD: f64 = 30e-3;
+const TILT: &str = "tilt of the tracker";
+/// Angles that are no physics of the needle in the tissue; beside them what differs from insertion to insertion is no matter of a model.
+const INSTRUMENTS: [&str; 2] = [TILT, "angle of the sensor in the tip"];
+const EACH_DIFFERS: &str = "from insertion to insertion";
+/// What is new in a session with the same rig and needle.
+const MOUNTED: [&str; 2] = ["place of the surface in insertions", "roll of the bevel"];
+/// A sensor lies in the tip at an angle of this size.
+const COIL_RAD: f64 = 20e-3;
 
 /// All groups; lateral runs have none of their patterns.
 pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelError> {
@@ -31,7 +47,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         };
         let of_runs = all.iter().map(of_run).collect::<Result<_, _>>()?;
         let group = Group { name, everyday, tail };
-        groups.push(GroupPatterns { group, scope, of_runs, instrument: false });
+        groups.push(GroupPatterns { group, scope, of_runs, instrument: false, mounted: false });
         Ok(())
     };
     let modulus = |around: &Around<'_>| {
@@ -60,7 +76,10 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     add("tip load from insertion to insertion", (0.03, Some(1.5)), Scope::Own, &|around| {
         Ok(vec![under_load(around, &|_| 1.0)?])
     })?;
-    add("angle of entry from insertion to insertion", (3e-3, Some(1.0)), Scope::Own, &|around| {
+    let by_hand = all.iter().any(|around| around.model.rig.has_one_guide());
+    let [angle_rad, tilt_rad] =
+        if by_hand { [ANGLE_BY_HAND_RAD, TILT_BY_HAND_RAD] } else { [ANGLE_RAD, TILT_RAD] };
+    add("angle of entry from insertion to insertion", (angle_rad, Some(1.0)), Scope::Own, &|around| {
         Ok(linear(around))
     })?;
     add("surface from insertion to insertion", (0.5e-3, Some(1.0)), Scope::Own, &entry)?;
@@ -73,10 +92,30 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     add("tip load over depth", (0.02, Some(1.0)), Scope::Shared, &waves)?;
     add("drift of the path of one insertion", (30e-6, Some(1.0)), Scope::Own, &|around| Ok(smooth(around)))?;
     add("smooth error of the path", (30e-6, Some(1.0)), Scope::Shared, &|around| Ok(smooth(around)))?;
-    add("tilt of the tracker", (4e-3, None), Scope::Shared, &|around| Ok(linear(around)))?;
+    add("drift of the direction of one insertion", (1.5e-3, Some(1.0)), Scope::Own, &|around| {
+        Ok(smooth_direction(around))
+    })?;
+    add("smooth error of the direction", (1.5e-3, Some(1.0)), Scope::Shared, &|around| {
+        Ok(smooth_direction(around))
+    })?;
+    // A sensor is some millimetres long, and behind the tip.
+    add("direction proportional to itself", (0.03, Some(1.0)), Scope::Shared, &|around| {
+        Ok(proportional_direction(around))
+    })?;
+    add("the same, of one insertion", (0.02, Some(1.0)), Scope::Own, &|around| {
+        Ok(proportional_direction(around))
+    })?;
+    add(TILT, (tilt_rad, None), Scope::Shared, &|around| Ok(linear(around)))?;
+    add("angle of the sensor in the tip", (COIL_RAD, None), Scope::Shared, &|around| Ok(coil(around)))?;
     add("guide 2 off", (50e-6, None), Scope::Shared, &guide2)?;
     add("place of the surface in insertions", (1e-3, None), Scope::Shared, &entry)?;
     add("roll of the bevel", (0.03, None), Scope::Shared, &roll)?;
+    for group in &mut groups {
+        let name = group.group.name;
+        group.instrument = INSTRUMENTS.contains(&name) || name.ends_with(EACH_DIFFERS);
+        // A hand takes the needle anew, along another line.
+        group.mounted = MOUNTED.contains(&name) || (by_hand && name == TILT);
+    }
     groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
     Ok(groups)
 }
@@ -97,23 +136,55 @@ fn under_load(around: &Around<'_>, share: &dyn Fn(f64) -> f64) -> Result<Vec<f64
     })
 }
 
-/// In each plane something that grows with depth.
+/// In each plane the path and the needle turned by an angle.
 fn linear(around: &Around<'_>) -> Vec<Vec<f64>> {
     let of = |plane: usize| {
-        around.each(|_, datum| if datum.channel.plane() == plane { datum.place.depth_m } else { 0.0 })
+        around.each(|_, datum| match datum.source {
+            _ if datum.channel.plane() != plane => 0.0,
+            Source::Direction(_) => 1.0,
+            _ => datum.place.depth_m,
+        })
     };
     [0, 1].into_iter().map(of).collect()
 }
 
-/// In each plane something smooth in depth.
+/// In each plane the measured direction turned by an angle.
+fn coil(around: &Around<'_>) -> Vec<Vec<f64>> {
+    waves(around, 0..1, |datum| matches!(datum.source, Source::Direction(_)))
+}
+
+/// In each plane something smooth in depth that the position of the tip has.
 fn smooth(around: &Around<'_>) -> Vec<Vec<f64>> {
+    waves(around, 1..PATH_WAVES + 1, |datum| matches!(datum.source, Source::Tip(_)))
+}
+
+/// In each plane something smooth in depth that the direction of the tip has.
+fn smooth_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
+    waves(around, 1..DIRECTION_WAVES + 1, |datum| matches!(datum.source, Source::Direction(_)))
+}
+
+/// In each plane the direction larger by a share that is smooth in depth.
+fn proportional_direction(around: &Around<'_>) -> Vec<Vec<f64>> {
+    let of = |(plane, k): (usize, usize)| {
+        around.each(|i, datum| match datum.source {
+            Source::Direction(_) if datum.channel.plane() == plane => {
+                around.predicted[i] * (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos()
+            }
+            _ => 0.0,
+        })
+    };
+    [0, 1].into_iter().flat_map(|plane| (0..DIRECTION_WAVES).map(move |k| (plane, k))).map(of).collect()
+}
+
+/// Waves over depth of these numbers in each plane, in some of the data.
+fn waves(around: &Around<'_>, numbers: Range<usize>, shows: impl Fn(&Datum) -> bool) -> Vec<Vec<f64>> {
     let of = |(plane, k): (usize, usize)| {
         around.each(|_, datum| {
             let wave = (k as f64 * PI * datum.place.depth_m / SMOOTH_M).cos();
-            if datum.channel.plane() == plane { wave } else { 0.0 }
+            if datum.channel.plane() == plane && shows(datum) { wave } else { 0.0 }
         })
     };
-    [0, 1].into_iter().flat_map(|plane| (1..=PATH_WAVES).map(move |k| (plane, k))).map(of).collect()
+    [0, 1].into_iter().flat_map(|plane| numbers.clone().map(move |k| (plane, k))).map(of).collect()
 }
 
 /// In each plane guide 2 is off by a constant.

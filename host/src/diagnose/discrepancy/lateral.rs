@@ -8,6 +8,7 @@ use crate::model::{Experiment, Foundation, Layer, ModelError, predict_with};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
 
+const SURFACE: &str = "place of the surface";
 /// Thickness of the slices in which the modulus may differ, and the length over which it does so alike.
 const SLICE_M: f64 = 3e-3;
 const ALIKE_M: f64 = 10e-3;
@@ -61,7 +62,8 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             if lateral(around) { of(number, around) } else { Ok(Vec::new()) }
         };
         let of_runs = all.iter().enumerate().map(of_run).collect::<Result<_, _>>()?;
-        groups.push(GroupPatterns { group, scope, of_runs, instrument });
+        let mounted = group.name == SURFACE;
+        groups.push(GroupPatterns { group, scope, of_runs, instrument, mounted });
         Ok(())
     };
     let deepest_m = all.iter().filter(|a| lateral(a)).map(|a| a.run.depth_m).fold(0.0, f64::max);
@@ -195,7 +197,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
 
     // What is stated of the rig is not exact.
-    add(known("place of the surface", 0.3e-3), Scope::Shared, false, &mut |_, around| {
+    add(known(SURFACE, 0.3e-3), Scope::Shared, false, &mut |_, around| {
         Ok(vec![around.slope(ENTRY_STEP_M, |model, _| {
             model.rig.entry_m += ENTRY_STEP_M;
             Ok(())

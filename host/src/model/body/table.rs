@@ -5,8 +5,9 @@ pub(in crate::model) use crate::continuum::operator::MODES;
 pub(super) use crate::continuum::operator::SLICES as SLICE_ENDS;
 use crate::continuum::operator::{FIELDS, POISSON, RATIOS, UNIFORM, VARIED, nodes};
 use std::cell::RefCell;
+use std::collections::HashMap;
 use std::f64::consts::PI;
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 
 /// Stiffness against Legendre coefficients.
 pub(in crate::model) type Matrix = [[f64; MODES]; MODES];
@@ -100,8 +101,13 @@ thread_local! {
 struct Lately {
     by_poisson: Vec<(f64, Arc<Vec<[f64; ENTRIES]>>)>,
     uniform: Vec<([f64; 2], Matrix)>,
-    varied: Vec<([f64; 2], Arc<Varied>)>,
 }
+
+/// Interpolated fields by the bits of ratio and Poisson's ratio: an insertion asks for those of all its depths again and again, and
+/// each is a sum over the whole table. All threads share them; emptied when full.
+static FIELDS_LATELY: LazyLock<RwLock<HashMap<[u64; 2], Arc<Varied>>>> = LazyLock::new(RwLock::default);
+/// How many are kept: of 30 kB each.
+const FIELDS_KEPT: usize = 1500;
 
 /// A value that was computed lately, or computed anew.
 fn kept<K: PartialEq + Copy, V: Clone>(known: &mut Vec<(K, V)>, key: K, make: impl FnOnce() -> V) -> V {
@@ -174,9 +180,18 @@ pub(super) struct Varied(Vec<[f64; FIELD_ENTRIES]>);
 impl Varied {
     /// Interpolated for a ratio of depth to radius and a Poisson's ratio.
     pub fn at(ratio: f64, poisson: f64) -> Arc<Self> {
-        LATELY.with_borrow_mut(|lately| {
-            kept(&mut lately.varied, [ratio, poisson], || Arc::new(Self::interpolated(ratio, poisson)))
-        })
+        let key = [ratio, poisson].map(f64::to_bits);
+        // Nothing panics under the lock.
+        if let Some(known) = FIELDS_LATELY.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
+            return known.clone();
+        }
+        let fields = Arc::new(Self::interpolated(ratio, poisson));
+        let mut lately = FIELDS_LATELY.write().unwrap_or_else(PoisonError::into_inner);
+        if lately.len() >= FIELDS_KEPT {
+            lately.clear();
+        }
+        lately.insert(key, fields.clone());
+        fields
     }
 
     fn interpolated(ratio: f64, poisson: f64) -> Self {
