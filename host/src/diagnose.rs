@@ -145,7 +145,8 @@ pub fn diagnose(
     let all: Vec<Run> = runs.clone();
     let (Training { mut runs, rule }, held_out) = split(runs);
     tell(&rule);
-    let noise = Noise::of(&runs, &session.noise);
+    let (noise, disagreements) = Noise::with_disagreements(&runs, &session.noise);
+    warnings.extend(disagreements);
     let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
     let mut layout = Layout::new(&session.rig, &runs, given);
     let mut noises = Noises { session: noise, reference: noise };
@@ -176,6 +177,9 @@ pub fn diagnose(
     let after = Adequacy::of(&found.fitted, &prepared, &patterns)?;
 
     let verdict = verdict(&found, &before, judge.share(&start, &found.fitted));
+    let is_large = || Remaining::of(&before, &start, &patterns, None).size == RemainingSize::Large;
+    // What moves the modulus beyond its interval is no everyday matter, however smooth it looks.
+    let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };
     let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
     let final_fit = if is_named { &found.fitted } else { &start };
     tell("the runs that were held out are compared");

@@ -134,7 +134,7 @@ impl Display for Text<'_> {
         if !found.partial.is_empty() {
             writeln!(
                 f,
-                "partial      {} improves the fit but does not explain the larger part of the misfit: not named",
+                "partial      {}: better by evidence, but without the larger part of the misfit or without gain on what was held out: not named",
                 found.partial.join(", ")
             )?;
         }

@@ -111,3 +111,42 @@ fn likeliest_sizes_are_a_minimum_and_leave_known_ones() {
     }
     assert_eq!(found[2], 0.3);
 }
+
+/// A misfit a thousand times the noise: the search starts where its slopes are large.
+#[test]
+fn sizes_are_found_from_far_away() {
+    let (patterns, mut columns) = drawn();
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    for (run, columns) in patterns.runs.iter().zip(&mut columns) {
+        let amplitudes = random(&mut rng, 3, 1) * 40.0;
+        let misfit = columns.column(PARAMETERS) + (&run.shared * amplitudes).column(0);
+        columns.set_column(PARAMETERS, &misfit);
+    }
+    let products = patterns.products(&columns);
+    let small = [1e-4, 1e-4, 0.3];
+    let found = patterns.likeliest_sizes(&small, &products);
+    let least = minus_ln(&patterns, &columns, &found);
+    assert!(found[1] > 1.0, "{found:?}");
+    for group in 0..2 {
+        for factor in [0.5, 2.0] {
+            let mut sizes = found.clone();
+            sizes[group] *= factor;
+            assert!(minus_ln(&patterns, &columns, &sizes) > least, "{group} {factor} {found:?}");
+        }
+    }
+}
+
+#[test]
+fn patterns_are_taken_off_as_by_dense_matrices() {
+    let (patterns, columns) = drawn();
+    let sizes = [0.7, 0.35, 0.3];
+    let column: Vec<Vec<f64>> =
+        columns.iter().map(|m| m.column(PARAMETERS).iter().copied().collect()).collect();
+    let (all, right) = dense(&patterns, &columns, &sizes);
+    let rows = all.nrows();
+    let covariance = DMatrix::identity(rows, rows) + &all * all.transpose();
+    let expected = covariance.cholesky().expect("positive").solve(&right.column(PARAMETERS));
+    let found = patterns.less_patterns(&sizes, &column).expect("regular");
+    let found: Vec<f64> = found.iter().flat_map(|part| part.iter().copied()).collect();
+    assert!((DVector::from_vec(found) - expected).norm() < 1e-11);
+}

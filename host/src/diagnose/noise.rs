@@ -1,8 +1,9 @@
 //! What of the readings is noise: its size, and how far it is correlated, from the scatter about smooth curves.
 //!
 //! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a part that
-//! forgets exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. What a session states
-//! is never undercut: rounding and calibration do not scatter.
+//! forgets exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. What is the same in
+//! every sweep of the same places is no noise, and taken off first. What a session states is never undercut: rounding and calibration
+//! do not scatter.
 
 use super::data::{Channel, Kind, Run};
 use crate::session::Noise as Stated;
@@ -74,6 +75,11 @@ const MEMORIES: [f64; 7] = [0.7, 1.0, 1.5, 2.2, 3.5, 5.5, 9.0];
 const SHARES: [f64; 9] = [0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 0.95];
 /// A hold has settled after this time.
 const SETTLED_S: f64 = 0.5;
+/// Degree of the smooth curves of sweeps and paths.
+const LINE_DEGREE: usize = 4;
+/// Sweeps of the same places that show what repeats; places closer than this are the same.
+const REPEATS: usize = 3;
+const SAME_PLACE_M: f64 = 0.05e-3;
 /// Readings needed before scatter tells the noise.
 const ENOUGH: usize = 60;
 /// A stated deviation so many times the scatter is not scatter.
@@ -81,30 +87,104 @@ const NOT_SCATTER: f64 = 1.5;
 
 /// Readings along a line.
 struct Segment {
+    /// Where they are from; nothing for holds.
+    channel: Option<Channel>,
     at: Vec<f64>,
     values: Vec<f64>,
 }
 
 impl Noise {
-    /// Of the runs of a session.
+    /// Of the runs of a session: what is seen, raised to what is stated.
     pub fn of(runs: &[Run], stated: &Stated) -> Self {
-        let force = holds(runs, |run, plane, i| run.cells.force_n[plane][i]);
-        let displacement = holds(runs, |run, plane, i| run.cells.read_m[plane][i]);
-        let shape = lines(runs, [Channel::ShapeY, Channel::ShapeX]);
-        let tip = lines(runs, [Channel::TipY, Channel::TipX]);
-        let direction = lines(runs, [Channel::TipDirectionY, Channel::TipDirectionX]);
-        let sensor = |segments: Vec<Segment>, degree, stated: Option<f64>, number: usize, least: Sensor| {
-            let seen = estimate(&segments, degree);
-            combined(seen, stated, TYPICAL[number], least)
+        Self::with_disagreements(runs, stated).0
+    }
+
+    /// The same, and where the scatter of the readings is far from what is stated, a sentence each.
+    pub fn with_disagreements(runs: &[Run], stated: &Stated) -> (Self, Vec<String>) {
+        let scatter = scatter(runs);
+        let [force, displacement, shape, tip, direction] = scatter;
+        let noise = Self {
+            force: combined(force, stated.force_n, TYPICAL[0], LEAST.force),
+            displacement: combined(displacement, stated.displacement_m, TYPICAL[1], LEAST.displacement),
+            shape: combined(shape, stated.shape_m, TYPICAL[2], LEAST.shape),
+            tip: combined(tip, stated.tip_m, TYPICAL[3], LEAST.tip),
+            direction: combined(direction, stated.tip_direction_rad, TYPICAL[4], LEAST.direction),
         };
-        Self {
-            force: sensor(force, 2, stated.force_n, 0, LEAST.force),
-            displacement: sensor(displacement, 1, stated.displacement_m, 1, LEAST.displacement),
-            shape: sensor(shape, 4, stated.shape_m, 2, LEAST.shape),
-            tip: sensor(tip, 4, stated.tip_m, 3, LEAST.tip),
-            direction: sensor(direction, 4, stated.tip_direction_rad, 4, LEAST.direction),
+        let stated =
+            [stated.force_n, stated.displacement_m, stated.shape_m, stated.tip_m, stated.tip_direction_rad];
+        let of = |((name, unit, per_si), scatter, stated): (_, Option<Sensor>, Option<f64>)| {
+            let (found, stated): (f64, f64) = (per_si * scatter?.sd(), per_si * stated?);
+            let times = if found > stated { found / stated } else { stated / found };
+            let what = format!(
+                "noise of {name}: {stated:.3} {unit} is stated, the readings scatter by {found:.3} {unit}"
+            );
+            match (times > NOT_SCATTER, found > stated) {
+                (false, _) => None,
+                (true, true) => Some(format!("{what}: the larger one is used; correct [noise]")),
+                (true, false) => Some(format!(
+                    "{what}: what is stated beyond that is taken as an error that lasts for a hold or a sweep"
+                )),
+            }
+        };
+        let all = SENSORS.into_iter().zip(scatter).zip(stated);
+        (noise, all.filter_map(|((sensor, scatter), stated)| of((sensor, scatter, stated))).collect())
+    }
+}
+
+/// Names of the sensors, their units and how many of them SI has.
+const SENSORS: [(&str, &str, f64); 5] = [
+    ("the force", "N", 1.0),
+    ("the displacement of guide 2", "mm", 1e3),
+    ("the shape", "mm", 1e3),
+    ("the tip", "mm", 1e3),
+    ("the tip's direction", "mrad", 1e3),
+];
+
+/// White and correlated part of each sensor's scatter, in the order of [`SENSORS`]; nothing where there is too little to see it in.
+fn scatter(runs: &[Run]) -> [Option<Sensor>; 5] {
+    let force = holds(runs, |run, plane, i| run.cells.force_n[plane][i]);
+    let displacement = holds(runs, |run, plane, i| run.cells.read_m[plane][i]);
+    let lines = |channels| without_repeats(lines(runs, channels), LINE_DEGREE);
+    [
+        estimate(&force, 2),
+        estimate(&displacement, 1),
+        estimate(&lines([Channel::ShapeY, Channel::ShapeX]), LINE_DEGREE),
+        estimate(&lines([Channel::TipY, Channel::TipX]), LINE_DEGREE),
+        estimate(&lines([Channel::TipDirectionY, Channel::TipDirectionX]), LINE_DEGREE),
+    ]
+}
+
+/// Takes off what segments of the same channel at the same places have in common beside a low polynomial. The rest is scaled to the
+/// scatter that it stands for.
+fn without_repeats(mut segments: Vec<Segment>, degree: usize) -> Vec<Segment> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (number, segment) in segments.iter().enumerate() {
+        let like = |group: &&mut Vec<usize>| {
+            let first = &segments[group[0]];
+            first.channel == segment.channel
+                && first.at.first().zip(segment.at.first()).is_some_and(|(a, b)| (a - b).abs() < SAME_PLACE_M)
+                && first.is_like(segment, first.spacing())
+        };
+        match groups.iter_mut().find(like) {
+            Some(group) => group.push(number),
+            None => groups.push(vec![number]),
         }
     }
+    for group in groups.into_iter().filter(|group| group.len() >= REPEATS) {
+        let rows = segments[group[0]].at.len();
+        if rows < degree + 4 {
+            continue;
+        }
+        let smooth = polynomials(&segments[group[0]].at, degree).qr().q();
+        let mut rest = DMatrix::from_fn(rows, group.len(), |i, j| segments[group[j]].values[i]);
+        rest -= &smooth * smooth.tr_mul(&rest);
+        let common = rest.column_mean();
+        let scale = (group.len() as f64 / (group.len() - 1) as f64).sqrt();
+        for (number, column) in group.iter().zip(rest.column_iter()) {
+            segments[*number].values = (column - &common).iter().map(|value| scale * value).collect();
+        }
+    }
+    segments
 }
 
 /// What is seen, raised to what is stated.
@@ -149,7 +229,7 @@ fn holds(runs: &[Run], of: impl Fn(&Run, usize, usize) -> f64) -> Vec<Segment> {
                         usable.map(|i| (cells.time_s[*i], of(run, plane, *i))).unzip();
                     // A column that is not there is all zeros.
                     if values.iter().any(|v| *v != 0.0) {
-                        segments.push(Segment { at, values });
+                        segments.push(Segment { channel: None, at, values });
                     }
                 }
             }
@@ -170,7 +250,7 @@ fn lines(runs: &[Run], channels: [Channel; 2]) -> Vec<Segment> {
             };
             for part in (0..run.parts()).filter(|part| !run.turns_in(*part)) {
                 let (at, values): (Vec<f64>, Vec<f64>) = of_channel(part).unzip();
-                segments.push(Segment { at, values });
+                segments.push(Segment { channel: Some(channel), at, values });
             }
         }
     }

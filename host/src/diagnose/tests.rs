@@ -180,9 +180,76 @@ fn noise_is_estimated_from_the_scatter() {
     assert!((Noise::of(&runs, &stated).shape.sd() / 30e-6 - 1.0).abs() < 1e-6);
 }
 
+/// What two sessions share, even if it has no name, is no effect of one of them; what they do not share is.
+#[test]
+fn beside_a_reference_only_what_differs_is_named() {
+    let shared =
+        |k_kpa: f64, effects| Truth { k_kpa, foreign: Some(Foreign::OneSidedTissue), ..truth(effects) };
+    let design = Design::four_runs();
+    let reference = session(&shared(12.0, vec![]), &design, 15);
+    let against = |session: &Session| {
+        let options = Options { reference: Some(reference.clone()), ..Options::default() };
+        diagnose(session, &options, |_| {}).expect("a diagnosis")
+    };
+    let same = against(&session(&shared(15.0, vec![]), &design, 16));
+    assert!(same.effects.is_empty(), "{same:#?}");
+    let ratio = same.reference.expect("a reference").modulus_ratio;
+    assert!(ratio.ci95[0] < 1.25 && ratio.ci95[1] > 1.25 && ratio.ci95[1] - ratio.ci95[0] < 0.1, "{ratio:?}");
+    let other = session(&shared(15.0, vec![("rig.backlash", vec![0.08])]), &design, 17);
+    let found = against(&other);
+    let ids: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
+    assert_eq!(ids, ["rig.backlash"], "{found:#?}");
+    let backlash = found.effects[0].parameters["clearance_mm"];
+    assert!(backlash.ci95[0] < 0.08 && backlash.ci95[1] > 0.08, "{backlash:?}");
+}
+
 #[test]
 fn a_session_without_runs_is_an_error() {
     let mut empty = session(&truth(vec![]), &Design::four_runs(), 12);
     empty.lateral.clear();
     assert!(matches!(diagnose(&empty, &Options::default(), |_| {}), Err(DiagnoseError::NoRuns { .. })));
+}
+
+#[test]
+fn independent_residuals_go_back_to_what_they_were() {
+    let session = session(&truth(vec![]), &Design::insertions(), 13);
+    let (runs, _) = runs_of(&session).expect("runs");
+    let noise = Noise::of(&runs, &session.noise);
+    let layout = Layout::new(&session.rig, &runs, Vec::new());
+    for run in &runs {
+        let model = layout.model(&layout.first_values(), run.kind).expect("a model");
+        let whitener = Whitener::new(run, &noise, &model).expect("regular");
+        let plain: Vec<f64> = run.data.iter().map(|datum| datum.measured).collect();
+        let mut there_and_back = plain.clone();
+        whitener.apply(&mut there_and_back);
+        whitener.undo(&mut there_and_back);
+        let largest = plain.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+        for (a, b) in plain.iter().zip(&there_and_back) {
+            assert!((a - b).abs() < 1e-9 * largest, "{} {a} {b}", run.id);
+        }
+    }
+}
+
+/// A pattern that is the same in every sweep is misfit, not noise; so is a scatter that nobody stated.
+#[test]
+fn what_repeats_is_no_noise_and_what_scatters_is_told() {
+    let mut session = session(&truth(vec![]), &Design::nine_runs(), 14);
+    for run in &mut session.lateral {
+        for (z_m, y_m) in run.shape.z_m.iter().zip(&mut run.shape.y_m) {
+            *y_m += 0.12e-3 * (std::f64::consts::TAU * z_m / 8e-3).sin();
+        }
+    }
+    let (runs, _) = runs_of(&session).expect("runs");
+    let stated = crate::session::Noise { shape_m: Some(24.7e-6), ..session.noise };
+    let (noise, disagreements) = Noise::with_disagreements(&runs, &stated);
+    assert!(noise.shape.sd() < 1.25 * 24.7e-6, "{noise:?}");
+    assert!(disagreements.is_empty(), "{disagreements:?}");
+    let stated = crate::session::Noise { shape_m: Some(10e-6), ..session.noise };
+    let (_, disagreements) = Noise::with_disagreements(&runs, &stated);
+    assert_eq!(disagreements.len(), 1, "{disagreements:?}");
+    assert!(disagreements[0].starts_with("noise of the shape: 0.010 mm is stated"), "{disagreements:?}");
+    // The wobble is there all the same.
+    let found = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+    assert_ne!(found.remaining.size, RemainingSize::WithinNoise, "{found:#?}");
+    assert!(found.effects.is_empty(), "{found:#?}");
 }

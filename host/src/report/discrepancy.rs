@@ -100,7 +100,7 @@ fn story(found: &Diagnosis) -> String {
     }
     if !found.partial.is_empty() {
         more(format!(
-            "{} improves the fit but does not explain the larger part of the misfit: not named.",
+            "{}: better by evidence, but without the larger part of the misfit or without gain on what was held out: not named.",
             found.partial.join(", ")
         ));
     }
