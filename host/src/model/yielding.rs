@@ -5,7 +5,7 @@
 //! unloading goes back on the same curve. At every depth the needle is solved by finite elements ([`Elements`]) and Newton's method; the
 //! path is linear between depths and its newest end implicit, as in the linear needle.
 
-use super::elements::{Elements, Guide2, Reaction};
+use super::elements::{Deformed, Elements, Guide2, Reaction};
 use super::growth::{Acting, Guide2Grip, TipState};
 use super::{BeamProblem, ModelError, TissueLaw, check};
 
@@ -56,34 +56,49 @@ pub(super) fn under_load(
         |depth_m: f64, stretch_m: f64| law.reaction(foundation.modulus_pa(depth_m), depth_m, stretch_m);
     let mut states: Vec<TipState> = Vec::with_capacity(nodes_m.len());
     let mut slopes = Vec::with_capacity(nodes_m.len());
+    // The needle at the depth before.
+    let mut before: Option<Deformed> = None;
     for (node, depth_m) in nodes_m.iter().enumerate() {
+        let Acting { load_n, guide2_m } = acting(node);
+        let is_still = states.iter().all(|state| state.tip_m == [0.0; 2]);
+        if is_still && load_n == [0.0; 2] && guide2_m == [0.0; 2] {
+            states.push(TipState { tip_m: [0.0; 2], load_n });
+            slopes.push([0.0; 2]);
+            continue;
+        }
         let here = BeamProblem { depth_m: *depth_m, ..problem.clone() };
         let elements = Elements::new(&here, ELEMENT_M)?;
-        let Acting { load_n, guide2_m } = acting(node);
         let tip_z_m = problem.entry_m + depth_m;
-        let solve = |newest_m: f64, side: usize| {
+        let solve = |newest_m: f64, side: usize, near: Option<&Deformed>| {
             let path_m = |z_m: f64| path_m(nodes_m, &states, newest_m, z_m - problem.entry_m);
             let guide2 = match grip {
                 Guide2Grip::Holding => Guide2::Held(guide2_m[side]),
                 Guide2Grip::Free => Guide2::Force(0.0),
             };
-            let needle = elements.solve(&springs, path_m, guide2, load_n[side])?;
-            Ok::<_, ModelError>((needle.deflection_m(tip_z_m), needle.tip_slope()))
+            let needle = elements.solve_from(&springs, path_m, guide2, load_n[side], near)?;
+            Ok::<_, ModelError>(((needle.deflection_m(tip_z_m), needle.tip_slope()), needle))
         };
         let mut newest_m = states.last().map_or(0.0, |state| state.tip_m[1]);
-        let mut arrived = solve(newest_m, 0)?;
+        let (mut arrived, mut needle) = solve(newest_m, 0, before.as_ref())?;
         // The last element's springs follow the tip: they are few beside all others, and so each round settles most of the rest.
         for _ in 0..MOST_ROUNDS {
             if (arrived.0 - newest_m).abs() < RESTS_M {
                 break;
             }
             newest_m = arrived.0;
-            arrived = solve(newest_m, 0)?;
+            (arrived, needle) = solve(newest_m, 0, Some(&needle))?;
         }
         let at_rest = load_n[0] == load_n[1] && guide2_m[0] == guide2_m[1];
-        let left = if at_rest { arrived } else { solve(arrived.0, 1)? };
+        let left = if at_rest {
+            arrived
+        } else {
+            let left;
+            (left, needle) = solve(arrived.0, 1, Some(&needle))?;
+            left
+        };
         states.push(TipState { tip_m: [arrived.0, left.0], load_n });
         slopes.push([arrived.1, left.1]);
+        before = Some(needle);
     }
     Ok((states, slopes))
 }
