@@ -5,7 +5,7 @@
 
 use crate::session::fields::Fields;
 use crate::session::{Problem, SessionError, read_text, replace};
-use protocol::{CODES_PER_KNOT, CalibrationRecord, KNOTS, PotentiometerTable, Text};
+use protocol::{CODES_PER_KNOT, CalibrationRecord, Implausible, KNOTS, PotentiometerTable, Text};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -51,13 +51,28 @@ fn parse(path: &Path, text: &str) -> Result<CalibrationRecord, SessionError> {
         let potentiometers = file.table("potentiometer")?;
         potentiometers.only(&AXES)?;
         let [x, y] = AXES.map(|axis| potentiometers.table(axis).and_then(|fields| potentiometer(&fields)));
-        Ok(CalibrationRecord {
+        let record = CalibrationRecord {
             id: Text::new(&id),
             potentiometers: [x?, y?],
             travel_um: (1e3 * file.number("travel_mm", TRAVEL_MM)?).round() as u32,
             force_pn_per_code: force_matrix(file)?,
             force_range_mn: (1e3 * file.number("force_range_n", FORCE_RANGE_N)?).round() as u32,
-        })
+        };
+        // The device refuses the same, but cannot say why.
+        record.check().map_err(|implausible| {
+            let field = match implausible {
+                Implausible::Id => "id",
+                Implausible::Travel { .. } => "travel_mm",
+                Implausible::ForceRange { .. } => "force_range_n",
+                Implausible::ForceGain { .. } | Implausible::CrossTalk { .. } => "force_n_per_code",
+                Implausible::Track { .. }
+                | Implausible::Turns { .. }
+                | Implausible::Play { .. }
+                | Implausible::Slope { .. } => "potentiometer",
+            };
+            file.field_fault(field, Problem::Syntax(implausible.to_string()), "constants that a rig can have")
+        })?;
+        Ok(record)
     })
 }
 

@@ -149,6 +149,7 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
     let live = args.publish.begin(&setup.rig, &args.session.out, args.session.depth_mm, out)?;
     let raw = start_raw(&args.session, "acquire", &id, &setup, &mut client)?;
+    args.start.acknowledge(&mut client)?;
     args.limit.set(&mut client)?;
     let made_with = provenance(client.hello());
     let options = args.start.options(true)?;
