@@ -1,5 +1,6 @@
 //! Force from converter codes: calibration, zero, and what to do with readings that are not there or cannot be.
 
+use super::mutation::Mutation;
 use super::tare::{self, Taring};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
@@ -126,7 +127,9 @@ impl ForceChannel {
     /// What is wrong with it: the zero stays what it was.
     pub fn finish_tare(&mut self, range_mn: u32, periods_per_s: f64) -> Result<Tare, (Tare, TareProblem)> {
         let tare = self.taring.finish(self.zero_counts, periods_per_s);
-        if let Some(problem) = tare::problem(&tare, range_mn, periods_per_s) {
+        if let Some(problem) =
+            tare::problem(&tare, range_mn, periods_per_s).filter(|_| !Mutation::LimitFromTare.is_out())
+        {
             return Err((tare, problem));
         }
         self.zero_counts = tare.zero_counts;

@@ -34,6 +34,7 @@ pub mod force;
 pub mod indicator;
 pub mod interlock;
 pub mod motor;
+pub(crate) mod mutation;
 mod period;
 pub mod profile;
 mod program;
@@ -52,6 +53,7 @@ use force::ForceChannel;
 use indicator::Indicator;
 use interlock::{Causes, Interlock, Limits, Observed};
 use motor::{DriveWatch, DutyBudget};
+use mutation::Mutation;
 pub use period::{Drive, Inputs, Note, Notes, Outputs};
 use program::{Executor, Phase};
 use protocol::{
@@ -160,7 +162,7 @@ impl Controller {
     pub fn new(calibration: Calibration, start: Start) -> Self {
         let mut interlock = Interlock::new(Limits::of(&calibration));
         let Start { boot_id, restarted, origin, carried } = start;
-        let (fault, budgets) = match carried {
+        let (fault, budgets) = match carried.filter(|_| !Mutation::ForgetAtRestart.is_out()) {
             Some(Carried { fault, budgets }) => (fault, budgets),
             None => (None, [const { DutyBudget::new() }; 2]),
         };

@@ -126,9 +126,9 @@ pub const FOLLOWING_LIMIT_UM: f32 = 1_500.0;
 
 /// Driving one way before its direction is judged, periods: the play has been taken up ([`super::axis::PLAY_PERIODS`]), the motor
 /// has turned round and the filter has followed.
-const TURNED_PERIODS: u32 = 45;
+const TURNED_PERIODS: u32 = 35;
 /// Motion against the driven direction that no sound axis makes from then on, micrometres: many times the filtered noise.
-pub const WRONG_WAY_UM: f32 = 100.0;
+pub const WRONG_WAY_UM: f32 = 60.0;
 /// Motion the right way that proves an axis, micrometres.
 const PROVEN_UM: f32 = 200.0;
 

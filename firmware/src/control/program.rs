@@ -5,6 +5,7 @@
 
 use super::PERIOD_US;
 use super::axis::Setpoint;
+use super::mutation::Mutation;
 use super::profile::{ACCELERATION_UM_S2, Profile};
 use super::retreat::RETREAT_SPEED_UM_S;
 use protocol::{
@@ -166,7 +167,7 @@ impl Executor {
         if start_us != 0 && start_us <= now_us {
             return Err(Refusal::TooLate);
         }
-        if start_us > now_us.saturating_add(START_LIMIT_US) {
+        if start_us > now_us.saturating_add(START_LIMIT_US) && !Mutation::AnyStart.is_out() {
             return Err(Refusal::OutOfRange);
         }
         let [mut from_x, mut from_y] = position_um;
@@ -247,7 +248,7 @@ impl Executor {
                         self.follow(elapsed_us, speed_um_s as f32, settled, &mut progress)
                     }
                     Step::Ramp { duration_ms, .. } => {
-                        let last = index + 1 == self.count;
+                        let last = index + 1 == self.count && !Mutation::RampEndsAtOnce.is_out();
                         self.ramp(elapsed_us, duration_ms, last, settled, &mut progress)
                     }
                     Step::Hold { duration_ms } | Step::Tare { duration_ms } => {
@@ -280,10 +281,11 @@ impl Executor {
         let duration_us = u64::from(duration_ms) * 1_000;
         let (elapsed_s, duration_s) = (elapsed_us as f32 * 1e-6, duration_us as f32 * 1e-6);
         let speed_um_s = path.length_um / duration_s;
-        let rolls_out = path.at(1.0, speed_um_s).into_iter().any(|end| {
-            end.position_um * end.speed_um_s > 0.0
-                && end.position_um.abs() + RUN_ON_S * end.speed_um_s.abs() > self.travel_um
-        });
+        let rolls_out = !Mutation::RampEndsAtOnce.is_out()
+            && path.at(1.0, speed_um_s).into_iter().any(|end| {
+                end.position_um * end.speed_um_s > 0.0
+                    && end.position_um.abs() + RUN_ON_S * end.speed_um_s.abs() > self.travel_um
+            });
         // It brakes for as long after its time as it began to brake before it.
         let early_s = if last || rolls_out { 0.5 * speed_um_s / ACCELERATION_UM_S2 } else { 0.0 };
         let (share, speed_um_s, left_s) = if early_s > 0.0 && early_s >= duration_s {

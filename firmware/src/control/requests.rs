@@ -2,6 +2,7 @@
 
 use super::commands::Admission;
 use super::interlock::{Causes, Limits};
+use super::mutation::Mutation;
 use super::program::Phase;
 use super::retreat::LoadWatch;
 use super::{Axis, Controller, Inputs, Note, Notes, push};
@@ -130,7 +131,11 @@ impl Controller {
     /// A restart would hide a fault, unless the calibration may be its cause: then another one is the way out.
     fn may_store(&self) -> Result<(), Refusal> {
         self.while_idle()?;
-        match self.interlock.latched().filter(|fault| !fault.may_come_of_calibration()) {
+        match self
+            .interlock
+            .latched()
+            .filter(|fault| !fault.may_come_of_calibration() && !Mutation::ForgetAtRestart.is_out())
+        {
             Some(fault) => Err(Refusal::Faulted { fault }),
             None => Ok(()),
         }
@@ -157,7 +162,7 @@ impl Controller {
             return Err(Refusal::OutOfRange);
         }
         let under_load = self.interlock.latched().is_some() && causes.load() && !causes.other_than_load();
-        if !under_load {
+        if !under_load || Mutation::NoRetreat.is_out() {
             return Err(Refusal::NotUnderLoad);
         }
         let from_um = self.axes.each_ref().map(Axis::position_um);

@@ -9,6 +9,7 @@ use protocol::{
     CalibrationRecord, Command, Load, Refusal, Request, RetreatOutcome, Step, TareProblem, program_crc,
 };
 
+mod campaign;
 mod faults;
 mod findings;
 

@@ -127,7 +127,7 @@ fn a_plug_pulled_in_mid_run_is_told_in_one_line_and_costs_nothing_recorded() {
     )
     .unwrap();
     let child = Command::new(guide)
-        .args(["acquire", "--port", &bench.port(), "--program", "staircase", "--depth-mm", "30"])
+        .args(["acquire", "--port", &bench.port(), "--program", "staircase", "--depth-mm", "30", "--no-tare"])
         .arg("--rig")
         .arg(&rig_file)
         .arg("--out")

@@ -170,7 +170,8 @@ fn tares_under_load_do_not_move_the_force_limit() {
     let (bench, mut client) = bench(RigConfig::default());
     assert_eq!(ended(&mut client, &[move_y(0, 2_000), Step::Tare { duration_ms: 200 }]), Outcome::Completed);
     client.request(Request::Limits { force_mn: 600, silence_ms: SILENCE_MS }).unwrap();
-    let zero_n = client.force_n(client.safety().unwrap().zero_counts)[1];
+    let zero_counts = client.safety().unwrap().zero_counts;
+    let zero_n = client.force_n(zero_counts)[1];
     let mut most_n = 0.0_f64;
     for turn in 1..=10 {
         let steps =
