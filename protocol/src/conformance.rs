@@ -7,6 +7,8 @@ mod golden;
 mod golden_commands;
 mod golden_envelopes;
 mod link;
+#[cfg(test)]
+mod spec;
 mod tracking;
 
 use crate::{Command, Envelope, Incoming, Message, Received, Receiver, Request};

@@ -12,6 +12,7 @@ use protocol::{
 mod campaign;
 mod faults;
 mod findings;
+mod matrix;
 
 const BOOT: u32 = 42;
 
