@@ -17,7 +17,7 @@ mod link;
 use crate::board::{self, Board, BoardActuators, BoardPanel, BoardSensors};
 use crate::calibration::Calibration;
 use crate::control::telemetry::{Item, Outbox, Telemetry};
-use crate::control::{Controller, Drive, Inputs, Note, PERIOD_US, REPORT_PERIODS};
+use crate::control::{Controller, Drive, Inputs, Note, PERIOD_US, REPORT_PERIODS, Start};
 use crate::hal::{Actuators, Panel, Sensors};
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
@@ -85,8 +85,17 @@ impl Background {
 
 /// Starts the tasks.
 pub fn start(board: Board) {
-    let Board { sensors, actuators, panel, serial, calibration, boot, control: control_spawner, background } =
-        board;
+    let Board {
+        sensors,
+        actuators,
+        panel,
+        serial,
+        calibration,
+        origin,
+        boot,
+        control: control_spawner,
+        background,
+    } = board;
     board::restart_on_panic();
     info!(
         "needle guide {=str} ({=str}), boot {=u32:08x} after {}, calibration {=str}",
@@ -101,7 +110,13 @@ pub fn start(board: Board) {
     }
     static CALIBRATION: StaticCell<Calibration> = StaticCell::new();
     let calibration = CALIBRATION.init(calibration);
-    let controller = Controller::new(calibration.clone(), boot.boot_id, boot.is_unexpected());
+    let start = Start {
+        boot_id: boot.boot_id,
+        restarted: boot.is_unexpected(),
+        origin,
+        carried: boot.carried.clone(),
+    };
+    let controller = Controller::new(calibration.clone(), start);
     let (sending, receiving) = serial.split();
     let once = "each task is spawned once";
     control_spawner.spawn(control(sensors, actuators, panel, controller).expect(once));
@@ -234,6 +249,9 @@ async fn control(
             panel.feed_watchdog();
         }
         outputs.notes.iter().for_each(log);
+        if outputs.keep {
+            board::keep(&controller.carried());
+        }
         telemetry.send(due.as_micros(), &outputs, &mut Queue);
         if let Some(record) = outputs.store {
             RESTART.signal(record);
@@ -249,6 +267,8 @@ fn log(note: &Note) {
             EventKind::ProgramEnded { .. } => info!("program ended at {} us", event.t_us),
             EventKind::Tared(_) => info!("tared at {} us", event.t_us),
             EventKind::StepStarted { index } => info!("step {} at {} us", index, event.t_us),
+            EventKind::TareRejected { .. } => warn!("tare rejected at {} us", event.t_us),
+            EventKind::RetreatEnded { .. } => info!("retreat ended at {} us", event.t_us),
             EventKind::StepEnded { .. } => {}
         },
         Note::Refused(id, _) => warn!("command {} refused", id),
@@ -257,6 +277,10 @@ fn log(note: &Note) {
         | Note::Ack(_)
         | Note::Status(_)
         | Note::Report(_)
-        | Note::Calibration => {}
+        | Note::Calibration
+        | Note::Connected(_)
+        | Note::Safety(_)
+        | Note::SafetyReport(_)
+        | Note::Description => {}
     }
 }

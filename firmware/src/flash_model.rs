@@ -1,8 +1,8 @@
-//! The flash interface and the last page of the flash, as far as a store of a few hundred bytes needs them: what the
+//! The flash interface and the last two pages of the flash, as far as a store of a few hundred bytes needs them: what the
 //! flash driver talks to in unit tests and in QEMU.
 //!
-//! Models the unlock keys, the erasure of the last page, the programming of erased double words and the errors of doing it
-//! wrong. Only the first [`STORED_BYTES`] of the page can be programmed; the rest stays erased and is write-protected.
+//! Models the unlock keys, the erasure of these pages, the programming of erased double words and the errors of doing it
+//! wrong. Only the first [`STORED_BYTES`] of a page can be programmed; the rest stays erased and is write-protected.
 //! Everything is done at once: the busy flag is never seen. Other pages, mass erasure, fast programming, option bytes and
 //! interrupts are refused.
 
@@ -10,12 +10,16 @@ use crate::thumb::Width;
 
 /// Bytes of a page.
 pub const PAGE_BYTES: usize = 2048;
-/// Bytes at the start of the page that keep what is programmed.
+/// Pages that are modelled.
+pub const PAGES: usize = 2;
+/// What the pages keep.
+pub type Pages = [[u8; STORED_BYTES]; PAGES];
+/// Bytes at the start of a page that keep what is programmed.
 pub const STORED_BYTES: usize = 512;
 /// What erased flash reads.
 pub const ERASED: u8 = 0xFF;
-/// The page among those of its bank, and its bank as in BKER.
-const PAGE: u32 = 255;
+/// The first of the pages among those of its bank, which is the one of BKER.
+const FIRST_PAGE: u32 = 254;
 
 const ACR: u32 = 0x00;
 const KEYR: u32 = 0x08;
@@ -82,12 +86,7 @@ impl FlashModel {
     }
 
     /// A store to a register of the interface.
-    pub fn write_register(
-        &mut self,
-        page: &mut [u8; STORED_BYTES],
-        offset: u32,
-        value: u32,
-    ) -> Result<(), Unknown> {
+    pub fn write_register(&mut self, pages: &mut Pages, offset: u32, value: u32) -> Result<(), Unknown> {
         match offset {
             ACR => self.access_control = value,
             KEYR => self.unlock(value)?,
@@ -95,7 +94,7 @@ impl FlashModel {
             SR => self.status &= !value,
             // A locked register takes nothing.
             CR if self.control & CR_LOCK != 0 => {}
-            CR => self.command(page, value)?,
+            CR => self.command(pages, value)?,
             _ => return Err(Unknown),
         }
         Ok(())
@@ -114,37 +113,41 @@ impl FlashModel {
         Ok(())
     }
 
-    fn command(&mut self, page: &mut [u8; STORED_BYTES], value: u32) -> Result<(), Unknown> {
+    fn command(&mut self, pages: &mut Pages, value: u32) -> Result<(), Unknown> {
         let starts = value & CR_STRT != 0;
-        let erases_page = value & (CR_PER | CR_BKER | CR_PG) == CR_PER | CR_BKER
-            && value >> CR_PAGE_SHIFT & CR_PAGE_MASK == PAGE;
-        if value & !CR_KNOWN != 0 || starts && !erases_page {
+        let erases = value & (CR_PER | CR_BKER | CR_PG) == CR_PER | CR_BKER;
+        let number = (value >> CR_PAGE_SHIFT & CR_PAGE_MASK).checked_sub(FIRST_PAGE);
+        let page = number.and_then(|number| pages.get_mut(number as usize)).filter(|_| erases);
+        if value & !CR_KNOWN != 0 || starts && page.is_none() {
             return Err(Unknown);
         }
         self.control = value & !CR_STRT;
         self.first_word = None;
         match (starts, self.status) {
-            (true, 0) => page.fill(ERASED),
+            (true, 0) => page.into_iter().for_each(|page| page.fill(ERASED)),
             (true, _) => self.status |= SR_PGSERR,
             (false, _) => {}
         }
         Ok(())
     }
 
-    /// A load from the page.
-    pub fn read_page(page: &[u8; STORED_BYTES], offset: u32, width: Width) -> u32 {
-        let byte = |at: u32| u32::from(page.get(at as usize).copied().unwrap_or(ERASED));
+    /// A load from the pages, at an offset from the first of them.
+    pub fn read_page(pages: &Pages, offset: u32, width: Width) -> u32 {
+        let byte = |at: u32| {
+            let (page, at) = (at as usize / PAGE_BYTES, at as usize % PAGE_BYTES);
+            u32::from(pages.get(page).and_then(|page| page.get(at)).copied().unwrap_or(ERASED))
+        };
         (0..4).fold(0, |word, at| word | byte(offset + at) << (8 * at)) & width.mask()
     }
 
-    /// A store to the page: one half of a double word, the lower first. Errors show in the status.
-    pub fn write_page(&mut self, page: &mut [u8; STORED_BYTES], offset: u32, width: Width, value: u32) {
+    /// A store to the pages: one half of a double word, the lower first. Errors show in the status.
+    pub fn write_page(&mut self, pages: &mut Pages, offset: u32, width: Width, value: u32) {
         let pending = self.first_word.take();
         let error = if self.control & (CR_PG | CR_PER | CR_LOCK) != CR_PG || self.status != 0 {
             SR_PGSERR
         } else if width != Width::Word {
             SR_SIZERR
-        } else if offset as usize >= STORED_BYTES {
+        } else if offset as usize % PAGE_BYTES >= STORED_BYTES || offset as usize >= PAGES * PAGE_BYTES {
             SR_WRPERR
         } else {
             match pending {
@@ -152,7 +155,10 @@ impl FlashModel {
                     self.first_word = Some((offset, value));
                     0
                 }
-                Some((first, low)) if offset == first + 4 => program(page, first, [low, value]),
+                Some((first, low)) if offset == first + 4 => {
+                    let (page, first) = (first as usize / PAGE_BYTES, first as usize % PAGE_BYTES);
+                    pages.get_mut(page).map_or(SR_WRPERR, |page| program(page, first, [low, value]))
+                }
                 _ => SR_PGAERR,
             }
         };
@@ -161,8 +167,8 @@ impl FlashModel {
 }
 
 /// Programs a double word; an error where it is not erased, and not programmed to zeros, which always goes.
-fn program(page: &mut [u8; STORED_BYTES], offset: u32, words: [u32; 2]) -> u32 {
-    let cells = &mut page[offset as usize..offset as usize + 8];
+fn program(page: &mut [u8; STORED_BYTES], offset: usize, words: [u32; 2]) -> u32 {
+    let cells = &mut page[offset..offset + 8];
     if words != [0; 2] && cells.iter().any(|&byte| byte != ERASED) {
         return SR_PROGERR;
     }
@@ -177,15 +183,15 @@ mod tests {
     use super::*;
 
     /// Interface and page, unlocked.
-    fn unlocked() -> (FlashModel, [u8; STORED_BYTES]) {
-        let (mut flash, mut page) = (FlashModel::new(), [ERASED; STORED_BYTES]);
+    fn unlocked() -> (FlashModel, Pages) {
+        let (mut flash, mut page) = (FlashModel::new(), [[ERASED; STORED_BYTES]; PAGES]);
         for key in KEYS {
             flash.write_register(&mut page, KEYR, key).unwrap();
         }
         (flash, page)
     }
 
-    fn write(flash: &mut FlashModel, page: &mut [u8; STORED_BYTES], offset: u32, words: [u32; 2]) -> u32 {
+    fn write(flash: &mut FlashModel, page: &mut Pages, offset: u32, words: [u32; 2]) -> u32 {
         flash.write_page(page, offset, Width::Word, words[0]);
         flash.write_page(page, offset + 4, Width::Word, words[1]);
         flash.read_register(SR).unwrap()
@@ -196,11 +202,11 @@ mod tests {
         let (mut flash, mut page) = unlocked();
         flash.write_register(&mut page, CR, CR_PG).unwrap();
         assert_eq!(write(&mut flash, &mut page, 8, [0x0403_0201, 0x0807_0605]), 0);
-        assert_eq!(page[7..17], [ERASED, 1, 2, 3, 4, 5, 6, 7, 8, ERASED]);
+        assert_eq!(page[0][7..17], [ERASED, 1, 2, 3, 4, 5, 6, 7, 8, ERASED]);
         assert_eq!(FlashModel::read_page(&page, 9, Width::Half), 0x0302);
         assert_eq!(FlashModel::read_page(&page, 12, Width::Word), 0x0807_0605);
         assert_eq!(FlashModel::read_page(&page, 510, Width::Word), 0xFFFF_FFFF);
-        assert_eq!(FlashModel::read_page(&page, 2047, Width::Byte), 0xFF);
+        assert_eq!(FlashModel::read_page(&page, 4095, Width::Byte), 0xFF);
     }
 
     #[test]
@@ -216,28 +222,36 @@ mod tests {
         );
         flash.write_register(&mut page, SR, SR_PROGERR | SR_PGSERR).unwrap();
         assert_eq!(write(&mut flash, &mut page, 0, [0, 0]), 0);
-        assert_eq!(page[..9], [0, 0, 0, 0, 0, 0, 0, 0, ERASED]);
+        assert_eq!(page[0][..9], [0, 0, 0, 0, 0, 0, 0, 0, ERASED]);
     }
 
     #[test]
     fn erasing_takes_the_page_in_its_bank_and_no_other() {
         let (mut flash, mut page) = unlocked();
-        page[3] = 0;
+        page[0][3] = 0;
+        page[1][3] = 0;
         let of = |page: u32| CR_PER | CR_STRT | page << CR_PAGE_SHIFT;
-        assert_eq!(flash.write_register(&mut page, CR, of(PAGE)), Err(Unknown), "that is the first bank");
-        assert_eq!(flash.write_register(&mut page, CR, of(PAGE - 1) | CR_BKER), Err(Unknown));
-        assert_eq!(page[3], 0);
-        flash.write_register(&mut page, CR, of(PAGE) | CR_BKER).unwrap();
-        assert_eq!(page, [ERASED; STORED_BYTES]);
+        assert_eq!(
+            flash.write_register(&mut page, CR, of(FIRST_PAGE + 1)),
+            Err(Unknown),
+            "that is the first bank"
+        );
+        assert_eq!(flash.write_register(&mut page, CR, of(FIRST_PAGE - 1) | CR_BKER), Err(Unknown));
+        assert_eq!((page[0][3], page[1][3]), (0, 0));
+        flash.write_register(&mut page, CR, of(FIRST_PAGE + 1) | CR_BKER).unwrap();
+        assert_eq!((page[0][3], page[1]), (0, [ERASED; STORED_BYTES]));
+        assert_eq!(write(&mut flash, &mut page, 2048, [1, 2]), SR_PGSERR, "programming was not switched on");
         assert_eq!(flash.read_register(CR).unwrap() & CR_STRT, 0, "done");
     }
 
     #[test]
     fn a_locked_interface_changes_nothing() {
-        let (mut flash, mut page) = (FlashModel::new(), [7; STORED_BYTES]);
-        flash.write_register(&mut page, CR, CR_PER | CR_STRT | PAGE << CR_PAGE_SHIFT | CR_BKER).unwrap();
+        let (mut flash, mut page) = (FlashModel::new(), [[7; STORED_BYTES]; PAGES]);
+        flash
+            .write_register(&mut page, CR, CR_PER | CR_STRT | FIRST_PAGE << CR_PAGE_SHIFT | CR_BKER)
+            .unwrap();
         assert_eq!(write(&mut flash, &mut page, 0, [0, 0]), SR_PGSERR);
-        assert_eq!(page, [7; STORED_BYTES]);
+        assert_eq!(page, [[7; STORED_BYTES]; PAGES]);
         assert_eq!(flash.write_register(&mut page, KEYR, KEYS[1]), Err(Unknown), "the wrong key first");
     }
 
@@ -262,7 +276,7 @@ mod tests {
             flash.write_register(&mut page, CR, CR_PG).unwrap();
             flash.write_page(&mut page, offset, width, 0);
             assert_eq!(flash.read_register(SR), Ok(error), "{width:?} at {offset}");
-            assert_eq!(page, [ERASED; STORED_BYTES]);
+            assert_eq!(page, [[ERASED; STORED_BYTES]; PAGES]);
         }
         let (mut flash, mut page) = unlocked();
         assert_eq!(write(&mut flash, &mut page, 0, [1, 2]), SR_PGSERR, "programming was not switched on");

@@ -12,12 +12,12 @@ pub mod app;
 pub mod board;
 pub mod calibration;
 pub mod control;
-#[cfg(any(test, feature = "qemu"))]
 pub mod flash_model;
 pub mod hal;
 pub mod plant;
 #[cfg(feature = "qemu")]
 pub mod qemu;
+pub mod slots;
 #[cfg(feature = "steering")]
 pub mod steering;
 pub mod thumb;

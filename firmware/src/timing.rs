@@ -10,7 +10,7 @@ use cortex_m::Peripherals;
 use firmware::ads131m02::ForceFault;
 use firmware::calibration::Calibration;
 use firmware::control::telemetry::{Item, Outbox, Telemetry};
-use firmware::control::{Controller, Drive, Inputs, Outputs, PERIOD_S, PERIOD_US};
+use firmware::control::{Controller, Drive, Inputs, Note, Outputs, PERIOD_S, PERIOD_US, Start};
 use firmware::hal::Readings;
 use firmware::qemu::{ExitCode, Stopwatch, exit};
 use heapless::Deque;
@@ -24,6 +24,8 @@ const BOOT: u32 = 1;
 const PERIODS: u32 = 300_000;
 /// Periods between two commands.
 const ASKS_EVERY: u32 = 3;
+/// The host's turn in which it says hello.
+const HELLO_TURN: u32 = 52;
 /// Full speed of the actuators, micrometres per second.
 const FULL_SPEED_UM_S: f32 = 20_000.0;
 
@@ -138,7 +140,10 @@ impl Host {
                 let crc = program_crc(&self.steps[..steps]);
                 Request::Run { steps: steps as u8, crc, start_us: 0 }
             }
-            at if at % 200 == 52 => Request::Hello,
+            at if at % 200 == HELLO_TURN as usize => Request::Hello,
+            at if at % 200 == 54 => Request::Safety,
+            at if at % 200 == 55 => Request::Describe,
+            at if at % 200 == 152 => Request::Retreat { x_um: 300, y_um: -300 },
             at if at % 200 == 53 => Request::Calibration,
             _ => Request::Status,
         }
@@ -152,17 +157,16 @@ fn main() -> ! {
     let mut random = Random(7);
     let mut host = Host::new(&mut random);
     let mut plant = Plant { position_um: [0.0; 2] };
-    let mut controller = Controller::new(Calibration::default(), BOOT, false);
+    let mut controller = Controller::new(Calibration::default(), Start::ordinary(BOOT));
+    let (mut connection, mut id) = (0, 0);
     let mut telemetry = Telemetry::new();
     let mut queue = Queue { items: Deque::new() };
     let (mut sum, mut most, mut driven, mut notes, mut faults) = (0_u64, 0_u32, 0_u32, 0_u32, 0_u32);
     for period in 1..=PERIODS {
         let now_us = u64::from(period) * u64::from(PERIOD_US);
-        let command = (period % ASKS_EVERY == 0).then(|| Command {
-            id: period as u16,
-            boot_id: BOOT,
-            request: host.asks(&mut random),
-        });
+        let command =
+            (period % ASKS_EVERY == 0).then(|| Command { id, connection, request: host.asks(&mut random) });
+        id = id.wrapping_add(command.is_some().into());
         let inputs = Inputs {
             now_us,
             late_us: 0,
@@ -177,6 +181,16 @@ fn main() -> ! {
             outputs
         });
         plant.step(outputs.drive);
+        for note in &outputs.notes {
+            if let Note::Connected(token) = note {
+                (connection, id) = (*token, 0);
+            }
+        }
+        if outputs.store.is_some() {
+            // It starts again, as the device does.
+            controller = Controller::new(Calibration::default(), Start::ordinary(BOOT));
+            host.turn = HELLO_TURN - 1;
+        }
         if period % 6 == 0 {
             queue.items.pop_front();
         }

@@ -5,7 +5,7 @@
 
 use crate::session::fields::Fields;
 use crate::session::{Problem, SessionError, read_text, replace};
-use protocol::{CODES_PER_KNOT, CalibrationRecord, KNOTS, PotentiometerTable, Text};
+use protocol::{CODES_PER_KNOT, CalibrationRecord, Implausible, KNOTS, PotentiometerTable, Text};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -29,7 +29,7 @@ const AXES: [&str; 2] = ["x", "y"];
 /// # Errors
 /// [`SessionError`] for the first fault found, with its place.
 pub fn read(path: &Path) -> Result<CalibrationRecord, SessionError> {
-    parse(path, &read_text(path)?)
+    sound(path, &read_text(path)?)
 }
 
 /// Writes a record as a calibration file, which reads as the same record.
@@ -40,24 +40,45 @@ pub fn write(path: &Path, record: &CalibrationRecord) -> Result<(), SessionError
     replace(path, &to_toml(record))
 }
 
-fn parse(path: &Path, text: &str) -> Result<CalibrationRecord, SessionError> {
+/// A record that a rig can have. The device refuses any other too, but cannot say why.
+fn sound(path: &Path, text: &str) -> Result<CalibrationRecord, SessionError> {
     Fields::parse(path, text, |file| {
-        file.only(&["id", "travel_mm", "force_range_n", "force_n_per_code", "potentiometer"])?;
-        let id = file.text("id")?;
-        if id.len() > ID_BYTES {
-            let problem = Problem::Syntax(format!("{} bytes", id.len()));
-            return Err(file.field_fault("id", problem, format!("1 to {ID_BYTES} bytes")));
-        }
-        let potentiometers = file.table("potentiometer")?;
-        potentiometers.only(&AXES)?;
-        let [x, y] = AXES.map(|axis| potentiometers.table(axis).and_then(|fields| potentiometer(&fields)));
-        Ok(CalibrationRecord {
-            id: Text::new(&id),
-            potentiometers: [x?, y?],
-            travel_um: (1e3 * file.number("travel_mm", TRAVEL_MM)?).round() as u32,
-            force_pn_per_code: force_matrix(file)?,
-            force_range_mn: (1e3 * file.number("force_range_n", FORCE_RANGE_N)?).round() as u32,
-        })
+        let record = record(file)?;
+        let Err(implausible) = record.check() else { return Ok(record) };
+        let field = match implausible {
+            Implausible::Id => "id",
+            Implausible::Travel { .. } => "travel_mm",
+            Implausible::ForceRange { .. } => "force_range_n",
+            Implausible::ForceGain { .. } | Implausible::CrossTalk { .. } => "force_n_per_code",
+            Implausible::Track { .. }
+            | Implausible::Turns { .. }
+            | Implausible::Play { .. }
+            | Implausible::Slope { .. } => "potentiometer",
+        };
+        Err(file.field_fault(
+            field,
+            Problem::Syntax(implausible.to_string()),
+            "constants that a rig can have",
+        ))
+    })
+}
+
+fn record(file: &Fields<'_>) -> Result<CalibrationRecord, SessionError> {
+    file.only(&["id", "travel_mm", "force_range_n", "force_n_per_code", "potentiometer"])?;
+    let id = file.text("id")?;
+    if id.len() > ID_BYTES {
+        let problem = Problem::Syntax(format!("{} bytes", id.len()));
+        return Err(file.field_fault("id", problem, format!("1 to {ID_BYTES} bytes")));
+    }
+    let potentiometers = file.table("potentiometer")?;
+    potentiometers.only(&AXES)?;
+    let [x, y] = AXES.map(|axis| potentiometers.table(axis).and_then(|fields| potentiometer(&fields)));
+    Ok(CalibrationRecord {
+        id: Text::new(&id),
+        potentiometers: [x?, y?],
+        travel_um: (1e3 * file.number("travel_mm", TRAVEL_MM)?).round() as u32,
+        force_pn_per_code: force_matrix(file)?,
+        force_range_mn: (1e3 * file.number("force_range_n", FORCE_RANGE_N)?).round() as u32,
     })
 }
 
@@ -234,7 +255,32 @@ falling_mm = [20.1, -19.0]
 "#;
 
     fn said(text: &str) -> Result<CalibrationRecord, String> {
-        parse(Path::new("c.toml"), text).map_err(|error| error.to_string())
+        Fields::parse(Path::new("c.toml"), text, record).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn constants_that_no_rig_has_name_their_field() {
+        let text = FILE.replace("[-10, 0, 30]", "[-10.5, 0, 30]").replace("[20.0, -19.0]", "[25.0, -24.0]");
+        let text = text.replace("[20.1, -19.0]", "[25.1, -24.0]");
+        let said = |text: &str| sound(Path::new("c.toml"), text).map_err(|error| error.to_string());
+        said(&text).expect("sound");
+        for (from, to, expected) in [
+            (
+                "[[9.31e-7, 0.0], [0.0, 9.31e-7]]",
+                "[[9.31e-10, 0.0], [0.0, 9.31e-10]]",
+                "force_n_per_code: the force along axis 0",
+            ),
+            (
+                "[[9.31e-7, 0.0], [0.0, 9.31e-7]]",
+                "[[9.31e-7, 5e-7], [0.0, 9.31e-7]]",
+                "force_n_per_code: the cross-talk of axis 0",
+            ),
+            ("travel_mm = 10.0", "travel_mm = 30.0", "travel_mm: the travel of 30000 um"),
+            ("[-10.5, 0, 30]", "[-1.05, 0, 3]", "potentiometer: the position of axis 0 changes by"),
+        ] {
+            let message = said(&text.replacen(from, to, 1)).expect_err(to);
+            assert!(message.contains(expected), "{message}");
+        }
     }
 
     #[test]

@@ -210,7 +210,7 @@ pub fn acquire(
             Telemetry::Samples(batch) => {
                 witness.samples(batch);
                 // The time before the start and after the end is not part of the run.
-                if !matches!(batch.state, State::Idle | State::Pending | State::Faulted) {
+                if !matches!(batch.state, State::Idle | State::Pending | State::Faulted | State::Retreating) {
                     recorder.batch(batch)?;
                 }
                 sweeps.follow(batch, recorder, witness)?;

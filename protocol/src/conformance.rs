@@ -7,6 +7,8 @@ mod golden;
 mod golden_commands;
 mod golden_envelopes;
 mod link;
+#[cfg(test)]
+mod spec;
 mod tracking;
 
 use crate::{Command, Envelope, Incoming, Message, Received, Receiver, Request};
@@ -104,7 +106,7 @@ const BUFFER: Buffer = [0; 600];
 const BOOT_ID: u32 = 0xA1B2_C3D4;
 
 const fn command(request: Request) -> Command {
-    Command { id: 300, boot_id: BOOT_ID, request }
+    Command { id: 300, connection: BOOT_ID, request }
 }
 
 const fn envelope(message: Message) -> Envelope {

@@ -27,12 +27,12 @@
 //! and only then reads the message, which must use up the payload to its last byte. What fails is counted as
 //! over-long, corrupt or unreadable ([`Losses`]), costs no neighbour, and is never asked for again by the receiver.
 //!
-//! `Stop`, sent as command 300 to boot `0xA1B2C3D4`:
+//! `Stop`, sent as command 300 of the connection `0xA1B2C3D4`:
 //!
 //! ```
 //! use protocol::{Command, MAX_FRAME_TO_DEVICE, Request, encode_command};
 //!
-//! let stop = Command { id: 300, boot_id: 0xA1B2_C3D4, request: Request::Stop };
+//! let stop = Command { id: 300, connection: 0xA1B2_C3D4, request: Request::Stop };
 //! let mut buffer = [0; MAX_FRAME_TO_DEVICE];
 //! assert_eq!(
 //!     encode_command(&stop, &mut buffer)?,
@@ -40,7 +40,7 @@
 //!         0x00, // delimiter
 //!         0x0D, // stuffing: the next zero would be 13 bytes on, which is the end
 //!         0xAC, 0x02, // id, a varint
-//!         0xD4, 0x87, 0xCB, 0x8D, 0x0A, // boot_id, a varint
+//!         0xD4, 0x87, 0xCB, 0x8D, 0x0A, // connection, a varint
 //!         0x05, // the sixth request
 //!         0xE9, 0xF3, 0x12, 0x47, // checksum of the eight bytes before it
 //!         0x00, // delimiter
@@ -51,7 +51,7 @@
 //!
 //! # What is said
 //!
-//! The host sends a [`Command`]: `id`, `boot_id`, [`Request`]. The device sends an [`Envelope`]: `boot_id`, `sequence`,
+//! The host sends a [`Command`]: `id`, `connection`, [`Request`]. The device sends an [`Envelope`]: `boot_id`, `sequence`,
 //! [`Message`]. The number is the variant's place, as it stands on the wire.
 //!
 //! | | request | answers, in order | effect |
@@ -129,7 +129,7 @@
 //! ```
 //! use protocol::{Command, CommandReceiver, MAX_FRAME_TO_DEVICE, Received, Request, encode_command};
 //!
-//! let command = Command { id: 7, boot_id: 0x1234_5678, request: Request::Stop };
+//! let command = Command { id: 7, connection: 0x1234_5678, request: Request::Stop };
 //! let mut buffer = [0; MAX_FRAME_TO_DEVICE];
 //! let frame = encode_command(&command, &mut buffer)?;
 //!
@@ -160,6 +160,7 @@ mod checksum;
 pub mod conformance;
 pub mod frame;
 pub mod pack;
+pub mod plausible;
 #[cfg(test)]
 mod properties;
 mod text;
@@ -176,13 +177,14 @@ pub use frame::{
     Received, Receiver, encode_command, encode_envelope, peek_hello_version,
 };
 pub use pack::{MAX_SAMPLES, Packer, Sample, UnpackError, program_crc};
+pub use plausible::Implausible;
 pub use text::{PACKED_BYTES, Packed, Text};
 pub use to_device::*;
 pub use to_host::*;
 pub use tracker::{Arrival, Order, SequenceTracker, Totals};
 
 /// Version of this protocol: messages, framing and their meaning.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 
 /// Hash of the types of everything that is sent, both ways.
 pub const fn schema_hash() -> [u8; 8] {

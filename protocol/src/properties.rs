@@ -1,11 +1,12 @@
 //! Properties of random messages, random streams and random damage. Host only.
 
 use crate::{
-    CalibrationId, CalibrationRecord, Command, CommandReceiver, Counters, Envelope, EnvelopeReceiver, Event,
-    EventKind, Fault, Hello, Incoming, KNOTS, Load, Losses, MAX_CALIBRATION, MAX_FRAME_TO_DEVICE,
-    MAX_FRAME_TO_HOST, Message, Outcome, PACKED_BYTES, PIECE_BYTES, Packed, Packer, PotentiometerTable,
-    Received, Receiver, Refusal, Request, ResetReason, Sample, Samples, Scales, SequenceTracker, State,
-    Status, Step, Stiffness, Tare, Text, encode_command, encode_envelope, peek_hello_version,
+    CalibrationId, CalibrationRecord, CalibrationSource, Command, CommandReceiver, Counters, Description,
+    Envelope, EnvelopeReceiver, Event, EventKind, Fault, Hello, Incoming, KNOTS, Load, Losses,
+    MAX_CALIBRATION, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, Message, Outcome, PACKED_BYTES, PIECE_BYTES,
+    Packed, Packer, PotentiometerTable, Received, Receiver, Refusal, Request, ResetReason, Safety, Sample,
+    Samples, Scales, SequenceTracker, State, Status, Step, Stiffness, Tare, Text, encode_command,
+    encode_envelope, peek_hello_version,
 };
 use proptest::{collection::vec, prelude::*, sample::select};
 use std::{vec, vec::Vec};
@@ -26,8 +27,12 @@ fn command() -> impl Strategy<Value = Command> {
             Request::Status,
             Request::Stop,
             Request::ClearFault,
-            Request::Calibration
+            Request::Calibration,
+            Request::AcknowledgeCalibration,
+            Request::Describe,
+            Request::Safety,
         ]),
+        any::<(i32, i32)>().prop_map(|(x_um, y_um)| Request::Retreat { x_um, y_um }),
         any::<bool>().prop_map(|enable| Request::Stream { enable }),
         (any::<u8>(), step()).prop_map(|(index, step)| Request::LoadStep { index, step }),
         any::<(u8, u32, u64)>().prop_map(|(steps, crc, start_us)| Request::Run { steps, crc, start_us }),
@@ -35,11 +40,22 @@ fn command() -> impl Strategy<Value = Command> {
         any::<(u8, [u8; PIECE_BYTES])>().prop_map(|(piece, bytes)| Request::LoadCalibration { piece, bytes }),
         any::<(u8, u32)>().prop_map(|(length, crc)| Request::StoreCalibration { length, crc }),
     ];
-    (any::<u16>(), any::<u32>(), request).prop_map(|(id, boot_id, request)| Command { id, boot_id, request })
+    (any::<u16>(), any::<u32>(), request).prop_map(|(id, connection, request)| Command {
+        id,
+        connection,
+        request,
+    })
 }
 
-const STATES: [State; 6] =
-    [State::Idle, State::Pending, State::Moving, State::Holding, State::Taring, State::Faulted];
+const STATES: [State; 7] = [
+    State::Idle,
+    State::Pending,
+    State::Moving,
+    State::Holding,
+    State::Taring,
+    State::Faulted,
+    State::Retreating,
+];
 
 fn hello() -> impl Strategy<Value = Hello> {
     use ResetReason::{BrownOut, Other, Pin, PowerOn, Software, Watchdog};
@@ -157,6 +173,44 @@ fn calibration() -> impl Strategy<Value = CalibrationRecord> {
     )
 }
 
+fn safety() -> impl Strategy<Value = Safety> {
+    use CalibrationSource::{Nominal, NominalAcknowledged, Stored};
+    let sources = select(vec![Stored, Nominal, NominalAcknowledged]);
+    any::<(u64, bool, [i32; 2], [u16; 2], [bool; 2])>().prop_flat_map(move |numbers| {
+        let (t_us, tared, zero_counts, cools_in_s, proven) = numbers;
+        sources.clone().prop_map(move |calibration| Safety {
+            t_us,
+            calibration,
+            tared,
+            zero_counts,
+            cools_in_s,
+            proven,
+        })
+    })
+}
+
+fn description() -> impl Strategy<Value = Description> {
+    any::<(u16, [u8; 8], [u8; 3], [u32; 4], u64, [u32; 2])>().prop_map(
+        |(protocol_version, schema_hash, bytes, numbers, start_limit_us, silence_limit_ms)| {
+            let ([max_steps, answers_remembered, connections], [speed, duration, tare, retreat]) =
+                (bytes, numbers);
+            Description {
+                protocol_version,
+                schema_hash,
+                max_steps,
+                speed_limit_um_s: speed,
+                duration_limit_ms: duration,
+                tare_limit_ms: tare,
+                start_limit_us,
+                retreat_limit_um: retreat,
+                silence_limit_ms,
+                answers_remembered,
+                connections,
+            }
+        },
+    )
+}
+
 fn event() -> impl Strategy<Value = Event> {
     let kind = prop_oneof![
         any::<u8>().prop_map(|index| EventKind::StepStarted { index }),
@@ -182,8 +236,8 @@ fn event() -> impl Strategy<Value = Event> {
 
 fn envelope() -> impl Strategy<Value = Envelope> {
     use Refusal::{
-        Busy, CalibrationInvalid, CauseRemains, OtherBoot, OutOfRange, OutOfTravel, ProgramMismatch, TooLate,
-        Unreadable,
+        Busy, CalibrationInvalid, CalibrationNotAcknowledged, CauseRemains, IdUsed, NotUnderLoad, OtherBoot,
+        OutOfRange, OutOfTravel, ProgramMismatch, TooLate, Unreadable,
     };
     let plain = [
         OtherBoot,
@@ -195,6 +249,9 @@ fn envelope() -> impl Strategy<Value = Envelope> {
         CauseRemains,
         Unreadable,
         CalibrationInvalid,
+        IdUsed,
+        NotUnderLoad,
+        CalibrationNotAcknowledged,
     ];
     let refusal = prop_oneof![
         select(plain.to_vec()),
@@ -204,6 +261,9 @@ fn envelope() -> impl Strategy<Value = Envelope> {
         hello().prop_map(Message::Hello),
         any::<u16>().prop_map(|id| Message::Ack { id }),
         (any::<u16>(), refusal).prop_map(|(id, refusal)| Message::Refused { id, refusal }),
+        any::<u32>().prop_map(|connection| Message::Connected { connection }),
+        safety().prop_map(Message::Safety),
+        description().prop_map(Message::Description),
         samples().prop_map(Message::Samples),
         event().prop_map(Message::Event),
         status().prop_map(Message::Status),

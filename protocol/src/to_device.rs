@@ -2,11 +2,11 @@
 //!
 //! Every [`Command`] is answered by exactly one `Ack` or `Refused` with the same id (and, where the table says so, by a further
 //! message before it). A command that arrives twice (the host repeats it when no answer came) is executed once and
-//! answered twice. The order of the variants is the wire format: append, never insert.
+//! answered twice; `Stop` alone is carried out each time. The order of the variants is the wire format: append, never insert.
 //!
 //! | request | answer | effect |
 //! |---|---|---|
-//! | `Hello` | `Hello`, `Ack` | none; the only request (with `Stop`) that any boot id may send |
+//! | `Hello` | `Hello`, `Connected`, `Ack` | a new connection; the only request (with `Stop`) whose token is ignored |
 //! | `Status` | `Status`, `Ack` | none |
 //! | `Stream` | `Ack` | telemetry batches on or off |
 //! | `LoadStep` | `Ack` | stores one step of the motion program |
@@ -17,6 +17,10 @@
 //! | `LoadCalibration` | `Ack` | takes one piece of a calibration |
 //! | `StoreCalibration` | `Ack` | keeps the calibration and restarts with it |
 //! | `Calibration` | `Calibration`, `Ack` | none |
+//! | `Retreat` | `Ack`, then an event | moves out of a load while its fault stands |
+//! | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
+//! | `Describe` | `Description`, `Ack` | none |
+//! | `Safety` | `Safety`, `Ack` | none |
 
 use crate::PIECE_BYTES;
 use postcard::experimental::max_size::MaxSize;
@@ -29,11 +33,14 @@ pub const MAX_STEPS: usize = 64;
 /// One request with its identity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Command {
-    /// Chosen by the host, increasing by one per new command; the answer carries it.
+    /// Chosen by the host, greater than that of every command before it in this connection; the answer carries it. An id that has
+    /// been used is never carried out again.
     pub id: u16,
-    /// The boot the host believes it talks to. A device that has restarted since refuses, so that no command meant for the
-    /// state before the restart is carried out after it. Ignored for [`Request::Hello`] and [`Request::Stop`].
-    pub boot_id: u32,
+    /// Token of the connection, from the answer to `Hello` ([`crate::Message::Connected`]). It belongs to one start of the device,
+    /// so that no command meant for the state before a restart is carried out after it. Ignored for [`Request::Hello`] and
+    /// [`Request::Stop`]. Up to version 3 this was the device's boot id.
+    #[serde(alias = "boot_id")]
+    pub connection: u32,
     /// What to do.
     pub request: Request,
 }
@@ -63,7 +70,8 @@ pub enum Request {
         steps: u8,
         /// [`crate::program_crc`] of these steps: the device runs what the host meant or nothing.
         crc: u32,
-        /// Device time at which to start, microseconds; 0 means now. A time in the past is refused.
+        /// Device time at which to start, microseconds; 0 means now. A time in the past is refused, and one more than
+        /// [`START_LIMIT_US`] ahead.
         start_us: u64,
     },
     /// End any motion at once and switch the bridges off (the lead screws hold). Not a safety device: a frame can be lost;
@@ -73,7 +81,8 @@ pub enum Request {
     ClearFault,
     /// Set what the interlocks compare with. Refused while a program is pending or running, and for values out of range.
     Limits {
-        /// Largest force along either axis relative to the tare, millinewtons: 1 to the sensor's rated range.
+        /// Largest force along either axis, millinewtons: 1 to the sensor's rated range. It holds relative to the tare and, so that
+        /// no sequence of tares moves it, from the calibration's zero as well.
         force_mn: u32,
         /// Longest time without an intact command while a program is pending or running, milliseconds: see
         /// [`SILENCE_LIMIT_MS`].
@@ -86,7 +95,8 @@ pub enum Request {
         /// The bytes; those beyond the record's end do not matter.
         bytes: [u8; PIECE_BYTES],
     },
-    /// Keep the loaded calibration and restart with it. Refused while a program is pending or running.
+    /// Keep the loaded calibration and restart with it. Refused while a program is pending or running, and while a fault is
+    /// latched that a calibration cannot be the cause of ([`crate::Fault::may_come_of_calibration`]).
     StoreCalibration {
         /// Bytes of the record.
         length: u8,
@@ -95,7 +105,34 @@ pub enum Request {
     },
     /// Which calibration do you work with?
     Calibration,
+    /// Move guide 2 out of a load while the fault that the load has caused stands: by a vector of at most
+    /// [`RETREAT_LIMIT_UM`] along each axis, slowly. The device stops as soon as the force does not fall. Accepted only in the faults
+    /// of [`crate::Fault::allows_retreat`].
+    Retreat {
+        /// Displacement along x, micrometres.
+        x_um: i32,
+        /// Displacement along y, micrometres.
+        y_um: i32,
+    },
+    /// Work with the constants of the rig as designed, until the next start: without this, no program runs on a device that has
+    /// no stored calibration. Ends [`crate::Fault::CalibrationLost`] as `ClearFault` does.
+    AcknowledgeCalibration,
+    /// What the device was built for: version, schema hash, limits of all requests.
+    Describe,
+    /// Tare, calibration and motor heat, now.
+    Safety,
 }
+
+/// Most that one [`Request::Retreat`] moves guide 2 along each axis, micrometres.
+pub const RETREAT_LIMIT_UM: i32 = 1_000;
+/// Most that the start of a program may lie ahead, microseconds.
+pub const START_LIMIT_US: u64 = 3_600_000_000;
+/// Fastest path that a step may ask for, micrometres per second.
+pub const SPEED_LIMIT_UM_S: u32 = 10_000;
+/// Longest hold or ramp, milliseconds.
+pub const DURATION_LIMIT_MS: u32 = 3_600_000;
+/// Longest tare, milliseconds.
+pub const TARE_LIMIT_MS: u32 = 60_000;
 
 /// Least and greatest time that the host may be silent while a program runs, milliseconds.
 pub const SILENCE_LIMIT_MS: [u32; 2] = [200, 60_000];
@@ -118,13 +155,15 @@ pub enum Step {
         /// Duration, milliseconds.
         duration_ms: u32,
     },
-    /// Average the force for a time and make that the zero of both force channels.
+    /// Average the force for a time and make that the zero of both force channels. A zero far from the calibration's, and one
+    /// that is taken while the force still changes, is rejected, and the program ends: [`crate::TareProblem`].
     Tare {
         /// Duration, milliseconds, above 0.
         duration_ms: u32,
     },
     /// Move guide 2 at an even speed so that the setpoint arrives after this time; ends then, without waiting for the axes to
-    /// settle.
+    /// settle. As the last step of a program, and where it would carry the guide beyond its travel, the setpoint slows down at its
+    /// end; a last step ends when both axes have settled.
     Ramp {
         /// Target along x, micrometres.
         x_um: i32,

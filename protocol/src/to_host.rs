@@ -45,6 +45,15 @@ pub enum Message {
     Status(Status),
     /// Answer to `Request::Calibration`.
     Calibration(CalibrationRecord),
+    /// Follows the hello: the connection that it has begun.
+    Connected {
+        /// What every command of it carries ([`crate::Command::connection`]).
+        connection: u32,
+    },
+    /// Answer to `Request::Safety`; while telemetry is on also unasked, when it has changed and once a second.
+    Safety(Safety),
+    /// Answer to `Request::Describe`.
+    Description(Description),
 }
 
 /// Who the device is and how to read what it sends.
@@ -133,8 +142,16 @@ pub enum Refusal {
     CauseRemains,
     /// The command could not be decoded, though its frame was intact: versions differ.
     Unreadable,
-    /// The loaded calibration is not the one that was meant (checksum), or its tables or ranges make no sense.
+    /// The loaded calibration is not the one that was meant (checksum), or no rig has such constants
+    /// ([`crate::Implausible`]).
     CalibrationInvalid,
+    /// The id has been used in this connection: by another command, or so long ago that its answer is forgotten.
+    IdUsed,
+    /// There is no load to retreat from: no fault of [`Fault::allows_retreat`] is latched, its cause is gone, or another cause to
+    /// stop is there as well.
+    NotUnderLoad,
+    /// No calibration is stored: acknowledge the constants of the rig as designed first.
+    CalibrationNotAcknowledged,
 }
 
 /// A latched fault: bridges off until it is cleared. The number is what logs and the host show.
@@ -169,11 +186,15 @@ pub enum Fault {
     Overrun,
     /// 13: a motor has used up its duty cycle and must cool.
     MotorHot,
+    /// 14: an axis moves against the direction in which it is driven: a table's sign, swapped motor or potentiometer wires.
+    WrongWay,
+    /// 15: the device had a calibration and has lost it; it works with the constants of the rig as designed.
+    CalibrationLost,
 }
 
 impl Fault {
     /// Every fault, by number.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::EmergencyStop,
         Self::ForceSensor,
         Self::ForceRange,
@@ -188,7 +209,27 @@ impl Fault {
         Self::Restarted,
         Self::Overrun,
         Self::MotorHot,
+        Self::WrongWay,
+        Self::CalibrationLost,
     ];
+
+    /// The fault of this number.
+    pub fn of_number(number: u8) -> Option<Self> {
+        Self::ALL.get(usize::from(number)).copied()
+    }
+
+    /// `Request::Retreat` is a way out of this fault: its cause stays as long as the guide stays where it is.
+    pub const fn allows_retreat(self) -> bool {
+        matches!(self, Self::ForceRange | Self::ForceLimit | Self::Travel)
+    }
+
+    /// A wrong calibration can be the cause of this fault, so that storing another one is a way out of it.
+    pub const fn may_come_of_calibration(self) -> bool {
+        matches!(
+            self,
+            Self::ForceRange | Self::Potentiometer | Self::Travel | Self::WrongWay | Self::CalibrationLost
+        )
+    }
 }
 
 /// What the controller is doing.
@@ -206,6 +247,8 @@ pub enum State {
     Taring,
     /// A fault is latched, bridges off.
     Faulted,
+    /// A fault is latched and a `Retreat` runs.
+    Retreating,
 }
 
 /// A batch of consecutive samples, all taken in the same state and step.
@@ -259,6 +302,45 @@ pub enum EventKind {
         /// Which.
         fault: Fault,
     },
+    /// A tare was rejected: the zero is the one from before.
+    TareRejected {
+        /// What was found.
+        tare: Tare,
+        /// Why it was rejected.
+        problem: TareProblem,
+    },
+    /// A retreat has ended; the bridges are off and the fault is still latched.
+    RetreatEnded {
+        /// How.
+        outcome: RetreatOutcome,
+    },
+}
+
+/// Why a tare was rejected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum TareProblem {
+    /// The zero would lie further from the calibration's zero than [`TARE_ZERO_PERCENT`] of the rated range: the needle is loaded.
+    FarFromZero,
+    /// The force has changed by more than [`TARE_CHANGE_PERCENT`] of the rated range meanwhile: it still settles.
+    Settling,
+}
+
+/// Furthest that a tare may move the zero from that of the calibration, percent of the rated range.
+pub const TARE_ZERO_PERCENT: u32 = 20;
+/// Most that the force may change during a tare, percent of the rated range.
+pub const TARE_CHANGE_PERCENT: u32 = 1;
+
+/// How a retreat ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum RetreatOutcome {
+    /// The cause of the fault is gone, with a margin.
+    Unloaded,
+    /// The guide has moved by what was asked for; the cause remains.
+    Moved,
+    /// The force did not fall: try another direction.
+    ForceNotFalling,
+    /// Another cause to stop appeared, `Stop` came, or the axis did not get there in time.
+    Stopped,
 }
 
 /// What a tare found: the readings that are zero from now on, and how good they were.
@@ -290,6 +372,63 @@ pub enum Outcome {
     Stopped,
     /// A fault ended it.
     Faulted,
+    /// A tare among its steps was rejected.
+    TareRejected,
+}
+
+/// What decides whether the guide may move and what the force means, beside the status.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Safety {
+    /// Device time, microseconds.
+    pub t_us: u64,
+    /// Where the constants come from.
+    pub calibration: CalibrationSource,
+    /// A tare was completed since the device started. Without one, the force counts from the calibration's zero.
+    pub tared: bool,
+    /// Zero of the force along x and y, in force counts from the calibration's zero.
+    pub zero_counts: [i32; 2],
+    /// Time of rest until the motors x and y have cooled so far that `MotorHot` can be cleared, seconds; 0 for one that has.
+    pub cools_in_s: [u16; 2],
+    /// The axes x and y have moved the way they were driven since the start; until then they are driven slowly.
+    pub proven: [bool; 2],
+}
+
+/// Where the constants of the rig come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum CalibrationSource {
+    /// From the calibration that is stored on the device.
+    Stored,
+    /// None is stored: those of the rig as designed, which nobody has acknowledged since the start.
+    Nominal,
+    /// The same, acknowledged: programs run.
+    NominalAcknowledged,
+}
+
+/// What the device was built for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct Description {
+    /// [`crate::VERSION`].
+    pub protocol_version: u16,
+    /// [`crate::schema_hash`].
+    pub schema_hash: [u8; 8],
+    /// Most steps of a program.
+    pub max_steps: u8,
+    /// Fastest path, micrometres per second.
+    pub speed_limit_um_s: u32,
+    /// Longest hold or ramp, milliseconds.
+    pub duration_limit_ms: u32,
+    /// Longest tare, milliseconds.
+    pub tare_limit_ms: u32,
+    /// Most that a start may lie ahead, microseconds.
+    pub start_limit_us: u64,
+    /// Most that a retreat moves along each axis, micrometres.
+    pub retreat_limit_um: u32,
+    /// Least and greatest silence of the host that can be set, milliseconds.
+    pub silence_limit_ms: [u32; 2],
+    /// Answers of a connection that are remembered for repeats.
+    pub answers_remembered: u8,
+    /// Connections whose tokens are valid at a time.
+    pub connections: u8,
 }
 
 /// State and counters.
@@ -315,7 +454,7 @@ pub struct Status {
     pub load: Load,
     /// Share of their duty cycle that the motors x and y have used, per thousand; at 1000 they must rest.
     pub motor_budget_permille: [u16; 2],
-    /// Limit of the force along either axis relative to the tare, millinewtons.
+    /// Limit of the force along either axis, relative to the tare and from the calibration's zero, millinewtons.
     pub force_limit_mn: u32,
     /// Longest time without an intact command while a program is pending or running, milliseconds.
     pub silence_limit_ms: u32,

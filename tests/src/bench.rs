@@ -5,7 +5,11 @@ use crate::images::{self, Image};
 use crate::qemu::{self, Qemu};
 use crate::terminals::Terminals;
 use anyhow::{Result, ensure};
+use firmware::calibration::Calibration;
+use firmware::flash_model::{ERASED, PAGES, STORED_BYTES};
+use firmware::slots::to_stored;
 use host::rig::config::RigConfig;
+use std::fs;
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -26,8 +30,29 @@ impl Bench {
     /// # Errors
     /// Where anything of it cannot be had.
     pub fn start(config: RigConfig, seed: u64, speed: f64, limit: Duration) -> Result<Self> {
+        // The simulated rig is built as designed, and its calibration is stored: nobody has to acknowledge the constants.
+        let calibrated = to_stored(&Calibration::nominal_record(), 1);
+        Self::with_flash(config, seed, speed, limit, &[&calibrated])
+    }
+
+    /// The same with this content of the flash's pages: what is missing is erased.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn with_flash(
+        config: RigConfig,
+        seed: u64,
+        speed: f64,
+        limit: Duration,
+        pages: &[&[u8]],
+    ) -> Result<Self> {
         let elf = images::build(Image::Qemu)?;
         let folder = tempfile::Builder::new().prefix("needle-guide-").tempdir()?;
+        let mut flash = vec![ERASED; PAGES * STORED_BYTES];
+        for (kept, page) in flash.chunks_exact_mut(STORED_BYTES).zip(pages) {
+            kept.iter_mut().zip(*page).for_each(|(kept, byte)| *kept = *byte);
+        }
+        fs::write(folder.path().join("flash.bin"), flash)?;
         // The rig waits for QEMU to open its pipes, but not for long.
         let turn = qemu::turn();
         let cosim = Cosim::start(config, seed, folder.path(), speed)?;

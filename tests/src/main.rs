@@ -23,7 +23,7 @@ enum Task {
     /// Check format and lints, for the host and for the microcontroller
     Lint,
     /// Install what is missing: the microcontroller's Rust target, QEMU
-    Setup,
+    Setup(setup::Args),
     /// Measure the programs beside what one would take instead, and how their cost grows; write the page of it
     Bench(beside::Args),
     /// Build the image for the board and compare its flash and RAM use with the committed figures
@@ -68,7 +68,7 @@ fn run(task: Task) -> Result<()> {
         Task::Demo(args) => demo::run(&args),
         Task::Test => suite::run(),
         Task::Lint => suite::lint(),
-        Task::Setup => setup::ensure_all(),
+        Task::Setup(args) => setup::setup(args),
         Task::Bench(args) => beside::run(&args),
         Task::Size(args) => size::run(&args),
         Task::Readme(args) => readme::run(&args),

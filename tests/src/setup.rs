@@ -18,6 +18,37 @@ pub const QEMU_NEEDED: (u32, u32) = (9, 2);
 const APT_SOURCES: &str = "/etc/apt/sources.list.d";
 const BACKPORTS_FILE: &str = "/etc/apt/sources.list.d/needle-guide-backports.sources";
 
+/// Options of `cargo xtask setup`.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct Args {
+    /// Install nothing and change nothing: only say what is missing
+    #[arg(long)]
+    no_install: bool,
+}
+
+/// Runs `cargo xtask setup`.
+///
+/// # Errors
+/// As [`ensure_all`]; with `--no-install` names all that is missing.
+pub fn setup(args: Args) -> Result<()> {
+    if !args.no_install {
+        return ensure_all();
+    }
+    let (major, minor) = QEMU_NEEDED;
+    let missing: Vec<String> = [
+        (!has_target()?).then(|| format!("the Rust target {TARGET} (rustup target add {TARGET})")),
+        (qemu_version() < Some(QEMU_NEEDED)).then(|| format!("{QEMU} {major}.{minor} or newer")),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    if missing.is_empty() {
+        println!("nothing is missing");
+        return Ok(());
+    }
+    bail!("missing: {}", missing.join(", "))
+}
+
 /// Installs what is missing.
 ///
 /// # Errors
@@ -32,13 +63,17 @@ pub fn ensure_all() -> Result<()> {
 /// # Errors
 /// Where there is no rustup or it fails.
 pub fn ensure_target() -> Result<()> {
-    let sysroot = output(Command::new("rustc").args(["--print", "sysroot"]))?;
-    if Path::new(sysroot.trim()).join("lib/rustlib").join(TARGET).is_dir() {
+    if has_target()? {
         return Ok(());
     }
     say(format_args!("installing the Rust target {TARGET} (to build the firmware)"));
     run(Command::new("rustup").args(["target", "add", TARGET]))
         .with_context(|| format!("cannot install the Rust target; by hand: rustup target add {TARGET}"))
+}
+
+fn has_target() -> Result<bool> {
+    let sysroot = output(Command::new("rustc").args(["--print", "sysroot"]))?;
+    Ok(Path::new(sysroot.trim()).join("lib/rustlib").join(TARGET).is_dir())
 }
 
 /// Installs QEMU if it is missing or too old.
@@ -58,7 +93,9 @@ pub fn ensure_qemu() -> Result<()> {
     if !Path::new("/usr/bin/apt-get").exists() || !is_root() {
         bail!("{wanted}: {by_hand}");
     }
-    say(format_args!("{wanted}: installing it with apt (to run the firmware)"));
+    say(format_args!(
+        "{wanted}: installing it with apt (to run the firmware); `cargo xtask setup --no-install` only says what is missing"
+    ));
     apt(&["update"]).with_context(|| format!("{wanted}: {by_hand}"))?;
     let release = if candidate_version()? >= Some(QEMU_NEEDED) { None } else { add_backports()? };
     let mut arguments = vec!["install", "--yes", "--no-install-recommends"];
@@ -112,7 +149,9 @@ fn add_backports() -> Result<Option<String>> {
             configured_archive(&codename).context("no source of this Debian release is configured")?;
         let signed = key.map_or(String::new(), |key| format!("Signed-By: {key}\n"));
         let source = format!("Types: deb\nURIs: {address}\nSuites: {suite}\nComponents: main\n{signed}");
-        say(format_args!("adding {suite} to the apt sources ({BACKPORTS_FILE})"));
+        say(format_args!(
+            "adding {suite} to this system's apt sources: {BACKPORTS_FILE}; to undo it, remove that file and run apt-get update"
+        ));
         fs::write(BACKPORTS_FILE, source).with_context(|| format!("cannot write {BACKPORTS_FILE}"))?;
     }
     apt(&["update"])?;

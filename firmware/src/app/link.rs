@@ -6,7 +6,7 @@ use super::{Background, CHECK_IN, COMMANDS, OUTBOX, RECEIVE_COUNTERS};
 use crate::board::{BootInfo, pins};
 use crate::calibration::{Calibration, FORCE_NN_PER_COUNT, POSITION_NM_PER_COUNT};
 use crate::control::telemetry::Item;
-use crate::control::{Note, PERIOD_US};
+use crate::control::{DESCRIPTION, Note, PERIOD_US};
 use defmt::{error, warn};
 use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
 use embassy_time::{Duration, Instant, with_timeout};
@@ -71,6 +71,9 @@ pub(super) async fn send(port: BufferedUartTx<'static>, boot: BootInfo, calibrat
             Item::Note(Note::Refused(id, refusal)) => Message::Refused { id, refusal },
             Item::Note(Note::Event(event)) => Message::Event(event),
             Item::Note(Note::Status(status) | Note::Report(status)) => Message::Status(status),
+            Item::Note(Note::Connected(connection)) => Message::Connected { connection },
+            Item::Note(Note::Safety(safety) | Note::SafetyReport(safety)) => Message::Safety(safety),
+            Item::Note(Note::Description) => Message::Description(DESCRIPTION),
             Item::Note(Note::Calibration) => Message::Calibration(calibration.record().clone()),
             // Telemetry itself acts on it.
             Item::Note(Note::Stream(_)) => continue,

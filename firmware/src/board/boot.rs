@@ -1,6 +1,7 @@
 //! Which boot this is and why it happened.
 
 use super::retained;
+use crate::control::carried::Carried;
 use embassy_stm32::pac::{RCC, UID};
 use protocol::{CalibrationRecord, PANIC_BYTES, ResetReason, Text};
 
@@ -13,6 +14,8 @@ pub struct BootInfo {
     pub reset_reason: ResetReason,
     /// Place and message of the panic that ended the run before.
     pub last_panic: Option<Text<PANIC_BYTES>>,
+    /// Fault and heat of the run before.
+    pub carried: Option<Carried>,
 }
 
 impl BootInfo {
@@ -44,7 +47,8 @@ pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
     } else {
         ResetReason::Other
     };
-    let boot = BootInfo { boot_id: boot_id(legacy.boots), reset_reason, last_panic: legacy.panic };
+    let boot_id = boot_id(legacy.boots);
+    let boot = BootInfo { boot_id, reset_reason, last_panic: legacy.panic, carried: legacy.carried };
     (boot, legacy.calibration)
 }
 

@@ -17,11 +17,13 @@ pub use actuators::BoardActuators;
 pub use boot::BootInfo;
 pub use fault::restart_on_panic;
 pub use panel::BoardPanel;
-pub use retained::restart_with;
+pub use retained::{keep, restart_with};
 pub use sensors::BoardSensors;
 pub use store::{STORE_BYTES, Store, StoreError};
 
-use crate::calibration::{Calibration, STORED_BYTES, from_stored, to_stored};
+use crate::calibration::Calibration;
+use crate::control::Origin;
+use crate::slots::{self, Choice, SLOTS, STORED_BYTES, to_stored};
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt};
 use embassy_stm32::usart::{self, BufferedUart};
@@ -44,6 +46,8 @@ pub struct Board {
     pub serial: Serial,
     /// Constants of the rig: the stored ones, or those of the rig as designed.
     pub calibration: Calibration,
+    /// Which of the two.
+    pub origin: Origin,
     /// Which boot this is and why it happened.
     pub boot: BootInfo,
     /// Runs tasks at control priority.
@@ -104,7 +108,7 @@ pub fn take() -> Board {
     crate::qemu::start_time();
 
     // The watchdog does not run yet, so that the store may take its time.
-    let calibration = calibration(Store::new(p.FLASH), to_store);
+    let (calibration, origin) = calibration(Store::new(p.FLASH), to_store);
     let actuators = BoardActuators::new(p.TIM3, p.PB0, p.PB1, p.TIM2, p.PA15, p.PA2);
     let sensors = BoardSensors::new(
         sensors::Potentiometers::new(p.ADC1, p.PC5, p.PC4),
@@ -136,21 +140,33 @@ pub fn take() -> Board {
     interrupt::UART4.set_priority(pins::BACKGROUND_PRIORITY);
     let background = BACKGROUND.start(interrupt::UART4);
     let panel = BoardPanel::new(p.PB14, p.IWDG);
-    Board { sensors, actuators, panel, serial, calibration, boot, control, background }
+    Board { sensors, actuators, panel, serial, calibration, origin, boot, control, background }
 }
 
 /// Stores what is to be stored, and reads what is. Where there is nothing sound, it is the rig as designed, which the hello says.
-fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> Calibration {
-    if let Some(record) = to_store
-        && let Err(error) = store.write(&to_stored(&record))
-    {
-        defmt::error!("the calibration was not stored: {}", error);
+fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibration, Origin) {
+    let mut choice = choose(&mut store);
+    if let Some(record) = to_store {
+        // The other page is erased for it, so that power may fail at any time.
+        if let Err(error) = store.write(choice.next.slot, &to_stored(&record, choice.next.sequence)) {
+            defmt::error!("the calibration was not stored: {}", error);
+        }
+        choice = choose(&mut store);
     }
-    let mut stored = [0; STORED_BYTES];
-    store.read(&mut stored);
-    let kept = from_stored(&stored).and_then(|record| Calibration::new(record).ok());
-    if kept.is_none() {
-        defmt::warn!("no calibration is stored: that of the rig as designed is used");
+    match choice.origin {
+        Origin::Stored => {}
+        Origin::Nominal => defmt::warn!("no calibration is stored: that of the rig as designed is used"),
+        Origin::Lost => {
+            defmt::error!("the stored calibration cannot be used: that of the rig as designed is")
+        }
     }
-    kept.unwrap_or_default()
+    (choice.calibration, choice.origin)
+}
+
+fn choose(store: &mut Store) -> Choice {
+    let mut stored = [[0; STORED_BYTES]; SLOTS];
+    for (slot, stored) in stored.iter_mut().enumerate() {
+        store.read(slot, stored);
+    }
+    slots::choose(&stored)
 }

@@ -1,9 +1,10 @@
-//! What outlives a reset, in memory that start-up leaves alone: the number of boots, the last panic, and a calibration that is
-//! to be stored at the next start.
+//! What outlives a reset, in memory that start-up leaves alone: the number of boots, the last panic, a calibration that is
+//! to be stored at the next start, the latched fault and how the motors were driven.
 //!
 //! After power-on the memory holds anything, so that every part carries its own check.
 
-use crate::calibration::{STORED_BYTES, from_stored, to_stored};
+use crate::control::carried::{CARRIED_BYTES, Carried};
+use crate::slots::{STORED_BYTES, from_stored, to_stored};
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::ptr;
@@ -23,6 +24,7 @@ struct Retained {
     panic_length: u32,
     panic: [u8; PANIC_BYTES],
     calibration: [u8; STORED_BYTES],
+    carried: [u8; CARRIED_BYTES],
 }
 
 #[unsafe(link_section = ".uninit.retained")]
@@ -31,8 +33,7 @@ static mut RETAINED: MaybeUninit<Retained> = MaybeUninit::uninit();
 /// Works on the memory.
 ///
 /// # Safety
-/// Nothing else may work on it meanwhile: start-up before any task runs, a panic with interrupts off, or the one task that is
-/// about to restart the device.
+/// Nothing else may work on it meanwhile: start-up before any task runs, or code with interrupts off.
 unsafe fn with<R>(work: impl FnOnce(&mut Retained) -> R) -> R {
     // SAFETY: every bit pattern is a valid value of every field; the caller sees to it that there is one reference at a time.
     work(unsafe { &mut *ptr::addr_of_mut!(RETAINED).cast::<Retained>() })
@@ -48,6 +49,8 @@ pub(super) struct Legacy {
     pub(super) panic: Option<Text<PANIC_BYTES>>,
     /// A calibration that is to be stored.
     pub(super) calibration: Option<CalibrationRecord>,
+    /// Fault and heat.
+    pub(super) carried: Option<Carried>,
 }
 
 /// Takes what the last run has left; call it once, before any task runs.
@@ -63,10 +66,11 @@ pub(super) fn take() -> Legacy {
                 .then(|| retained.panic.get(..retained.panic_length as usize))
                 .flatten();
             let panic = text.and_then(|bytes| core::str::from_utf8(bytes).ok()).map(Text::new);
-            let calibration = from_stored(&retained.calibration);
+            let calibration = from_stored(&retained.calibration).map(|(record, _)| record);
             retained.panic_magic = 0;
             retained.calibration = [0; STORED_BYTES];
-            Legacy { boots, kept, panic, calibration }
+            let carried = Carried::from_bytes(&retained.carried);
+            Legacy { boots, kept, panic, calibration, carried }
         })
     }
 }
@@ -88,12 +92,21 @@ pub(super) fn leave_panic(what: &dyn fmt::Display) {
 
 /// Leaves a calibration for the next run, which stores it, and restarts.
 pub fn restart_with(calibration: &CalibrationRecord) -> ! {
-    let stored = to_stored(calibration);
+    let stored = to_stored(calibration, 0);
     cortex_m::interrupt::disable();
     super::fault::hold_bridges_off();
     // SAFETY: interrupts are off and this run is over.
     unsafe { with(|retained| retained.calibration = stored) };
     cortex_m::peripheral::SCB::sys_reset()
+}
+
+/// Keeps what the next start must not forget.
+pub fn keep(carried: &Carried) {
+    let bytes = carried.to_bytes();
+    cortex_m::interrupt::free(|_| {
+        // SAFETY: interrupts are off.
+        unsafe { with(|retained| retained.carried = bytes) };
+    });
 }
 
 /// Text cut off where it is full, without line breaks.

@@ -1,19 +1,22 @@
-//! The store: the last page of the flash, which keeps a few hundred bytes without power.
+//! The store: the last two pages of the flash, each of which keeps a few hundred bytes without power.
 //!
-//! The page lies in the second bank and the program in the first, so the core goes on while it is erased (about 25 ms) and
-//! programmed; whoever writes waits. A write that is cut off leaves anything, so what is stored must carry its own check.
+//! The pages lie in the second bank and the program in the first, so the core goes on while one is erased (about 25 ms) and
+//! programmed; whoever writes waits. A write that is cut off leaves anything in its page, and the other one as it was: what is
+//! stored must carry its own check, and the older of two is erased for the new one ([`crate::slots`]).
 
 use embassy_stm32::Peri;
 use embassy_stm32::flash::{Blocking, Error, Flash, WRITE_SIZE};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::FLASH;
 
-/// Most that the store takes.
+use crate::slots::SLOTS;
+
+/// Most that a page takes.
 pub const STORE_BYTES: usize = 512;
 /// Size of a page.
 const PAGE_BYTES: u32 = 2048;
-/// Where the page begins, from the beginning of the flash.
-const PAGE_OFFSET: u32 = 1024 * 1024 - PAGE_BYTES;
+/// Where the first page begins, from the beginning of the flash.
+const FIRST_OFFSET: u32 = 1024 * 1024 - SLOTS as u32 * PAGE_BYTES;
 /// What erased flash reads.
 const ERASED: u8 = 0xFF;
 
@@ -44,33 +47,33 @@ impl Store {
         Self { flash: Flash::new_blocking(flash) }
     }
 
-    /// Reads from the beginning; what was never written reads `0xFF`, as does all beyond [`STORE_BYTES`].
-    pub fn read(&mut self, bytes: &mut [u8]) {
+    /// Reads a page from its beginning; what was never written reads `0xFF`, as does all beyond [`STORE_BYTES`].
+    pub fn read(&mut self, slot: usize, bytes: &mut [u8]) {
         let (stored, beyond) = bytes.split_at_mut(bytes.len().min(STORE_BYTES));
         beyond.fill(ERASED);
-        if self.flash.blocking_read(PAGE_OFFSET, stored).is_err() {
+        if self.flash.blocking_read(offset_of(slot), stored).is_err() {
             stored.fill(ERASED);
         }
     }
 
-    /// Replaces everything that is stored and reads it back.
+    /// Replaces what a page has stored and reads it back.
     ///
     /// # Errors
-    /// [`StoreError`]; nothing of the old is left then, unless the new was too long.
-    pub fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+    /// [`StoreError`]; nothing of the old is left in this page then, unless the new was too long.
+    pub fn write(&mut self, slot: usize, bytes: &[u8]) -> Result<(), StoreError> {
         if bytes.len() > STORE_BYTES {
             return Err(StoreError::TooLong);
         }
         let caching = pause_data_cache();
-        let written = self.program(bytes);
+        let written = self.program(offset_of(slot), bytes);
         resume_data_cache(caching);
         written?;
-        self.compare(bytes)
+        self.compare(offset_of(slot), bytes)
     }
 
-    fn program(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
-        self.flash.blocking_erase(PAGE_OFFSET, PAGE_OFFSET + PAGE_BYTES)?;
-        for (offset, chunk) in (PAGE_OFFSET..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
+    fn program(&mut self, page: u32, bytes: &[u8]) -> Result<(), StoreError> {
+        self.flash.blocking_erase(page, page + PAGE_BYTES)?;
+        for (offset, chunk) in (page..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
             let mut cell = [ERASED; WRITE_SIZE];
             cell[..chunk.len()].copy_from_slice(chunk);
             self.flash.blocking_write(offset, &cell)?;
@@ -78,8 +81,8 @@ impl Store {
         Ok(())
     }
 
-    fn compare(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
-        for (offset, chunk) in (PAGE_OFFSET..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
+    fn compare(&mut self, page: u32, bytes: &[u8]) -> Result<(), StoreError> {
+        for (offset, chunk) in (page..).step_by(WRITE_SIZE).zip(bytes.chunks(WRITE_SIZE)) {
             let mut found = [0; WRITE_SIZE];
             let found = &mut found[..chunk.len()];
             self.flash.blocking_read(offset, found)?;
@@ -89,6 +92,11 @@ impl Store {
         }
         Ok(())
     }
+}
+
+/// Where a page begins.
+const fn offset_of(slot: usize) -> u32 {
+    FIRST_OFFSET + slot as u32 * PAGE_BYTES
 }
 
 /// Switches the cache of data read from flash off. While one bank is written and the other read, the chip may put wrong data

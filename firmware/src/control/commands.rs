@@ -1,14 +1,23 @@
-//! Which commands are carried out: each once, and none meant for the device as it was before a restart.
+//! Which commands are carried out: each once, and none meant for the device as it was before.
 //!
-//! The host repeats a command when no answer came. The answers to the latest commands are remembered by id, so a repeat gets
-//! the same answer and changes nothing. A hello begins a new conversation (another host program, with ids of its own) and
-//! forgets them.
+//! A hello begins a connection: the device answers with a token that every command of it carries, and ids only grow within it.
+//! The host repeats a command when no answer came; the answers to the latest commands are remembered with what was asked, so that
+//! a repeat gets the same answer and changes nothing. A frame from before (recorded, delayed, repeated by a faulty line) has a
+//! token that is forgotten or an id that is used, and does nothing, however often it comes.
+//!
+//! The tokens of a few connections stay valid, the least recently used one is forgotten: a stray hello does not end the
+//! connection of the program that is at work.
 
+use super::mutation::Mutation;
 use heapless::HistoryBuf;
 use protocol::{Command, Refusal, Request};
 
 /// How many answers are remembered. A host has one command under way at a time; this leaves room for a late repeat.
-const REMEMBERED: usize = 8;
+pub const REMEMBERED: usize = 8;
+/// Connections whose tokens are valid at a time.
+pub const CONNECTIONS: usize = 4;
+/// Between the tokens of two connections: odd, so that they differ through all 2^32, and with many bits set.
+const TOKEN_STEP: u32 = 0x9E37_79B9;
 
 type Answer = Result<(), Refusal>;
 
@@ -19,46 +28,93 @@ pub enum Admission {
     New,
     /// It was carried out before, with this answer.
     Repeat(Answer),
-    /// It was meant for an earlier boot.
-    OtherBoot,
+    /// It is not carried out.
+    Refused(Refusal),
 }
 
-/// The commands of one host program.
+/// A command that was answered.
+#[derive(Debug, Clone, Copy)]
+struct Answered {
+    id: u16,
+    request: Request,
+    answer: Answer,
+}
+
+#[derive(Debug)]
+struct Connection {
+    token: u32,
+    /// Greatest id so far.
+    last_id: Option<u16>,
+    answered: HistoryBuf<Answered, REMEMBERED>,
+    /// When it was last used, by the count of commands.
+    used: u32,
+}
+
+/// The connections of this boot.
 #[derive(Debug)]
 pub struct Conversation {
-    boot_id: u32,
-    answered: HistoryBuf<(u16, Answer), REMEMBERED>,
+    connections: heapless::Vec<Connection, CONNECTIONS>,
+    next_token: u32,
+    commands: u32,
 }
 
 impl Conversation {
-    /// No command seen yet.
-    pub fn new(boot_id: u32) -> Self {
-        Self { boot_id, answered: HistoryBuf::new() }
+    /// No connection yet.
+    pub const fn new(boot_id: u32) -> Self {
+        Self { connections: heapless::Vec::new(), next_token: boot_id, commands: 0 }
+    }
+
+    /// Begins a connection; its token.
+    pub fn begin(&mut self) -> u32 {
+        self.next_token = self.next_token.wrapping_add(TOKEN_STEP);
+        self.commands = self.commands.wrapping_add(1);
+        let (token, used) = (self.next_token, self.commands);
+        let connection = Connection { token, last_id: None, answered: HistoryBuf::new(), used };
+        if let Err(connection) = self.connections.push(connection) {
+            let now = self.commands;
+            let oldest = self.connections.iter_mut().max_by_key(|oldest| now.wrapping_sub(oldest.used));
+            if let Some(oldest) = oldest {
+                *oldest = connection;
+            }
+        }
+        token
     }
 
     /// Decides on a command.
     pub fn admit(&mut self, command: &Command) -> Admission {
-        match command.request {
-            Request::Hello => {
-                self.answered = HistoryBuf::new();
-                return Admission::New;
-            }
-            // Stopping twice is harmless, and not stopping is not: it is always carried out.
-            Request::Stop => return Admission::New,
-            _ => {}
+        // A hello begins anew. Stopping twice is harmless, and not stopping is not: both are always carried out.
+        if matches!(command.request, Request::Hello | Request::Stop) {
+            return Admission::New;
         }
-        if command.boot_id != self.boot_id {
-            return Admission::OtherBoot;
+        self.commands = self.commands.wrapping_add(1);
+        let used = self.commands;
+        let Some(connection) = self.of(command.connection) else {
+            return Admission::Refused(Refusal::OtherBoot);
+        };
+        connection.used = used;
+        if connection.last_id.is_none_or(|last_id| command.id > last_id) {
+            return Admission::New;
         }
-        match self.answered.oldest_ordered().find(|(id, _)| *id == command.id) {
-            Some(&(_, answer)) => Admission::Repeat(answer),
-            None => Admission::New,
+        match connection.answered.oldest_ordered().find(|answered| answered.id == command.id) {
+            Some(answered) if answered.request == command.request => Admission::Repeat(answered.answer),
+            None if Mutation::OldFramesAct.is_out() => Admission::New,
+            _ => Admission::Refused(Refusal::IdUsed),
         }
     }
 
-    /// Remembers an answer for a repeat.
-    pub fn remember(&mut self, id: u16, answer: Answer) {
-        self.answered.write((id, answer));
+    /// Remembers the answer to a command that was carried out, for a repeat.
+    pub fn remember(&mut self, command: &Command, answer: Answer) {
+        if matches!(command.request, Request::Hello | Request::Stop) {
+            return;
+        }
+        if let Some(connection) = self.of(command.connection) {
+            connection.last_id = Some(command.id);
+            connection.answered.write(Answered { id: command.id, request: command.request, answer });
+        }
+    }
+
+    fn of(&mut self, token: u32) -> Option<&mut Connection> {
+        self.connections.iter_mut().find(|connection| connection.token == token)
     }
 }
 
@@ -66,31 +122,64 @@ impl Conversation {
 mod tests {
     use super::*;
 
-    fn command(id: u16, boot_id: u32, request: Request) -> Command {
-        Command { id, boot_id, request }
+    fn command(id: u16, connection: u32, request: Request) -> Command {
+        Command { id, connection, request }
     }
 
     #[test]
-    fn a_repeat_gets_the_first_answer() {
+    fn a_repeat_gets_the_first_answer_and_another_request_of_its_id_none() {
         let mut conversation = Conversation::new(7);
-        let run = command(3, 7, Request::ClearFault);
-        assert_eq!(conversation.admit(&run), Admission::New);
-        conversation.remember(3, Err(Refusal::CauseRemains));
-        assert_eq!(conversation.admit(&run), Admission::Repeat(Err(Refusal::CauseRemains)));
+        let token = conversation.begin();
+        let clear = command(3, token, Request::ClearFault);
+        assert_eq!(conversation.admit(&clear), Admission::New);
+        conversation.remember(&clear, Err(Refusal::CauseRemains));
+        assert_eq!(conversation.admit(&clear), Admission::Repeat(Err(Refusal::CauseRemains)));
+        let other = command(3, token, Request::Stream { enable: true });
+        assert_eq!(conversation.admit(&other), Admission::Refused(Refusal::IdUsed));
     }
 
     #[test]
-    fn a_hello_forgets_the_ids_of_the_program_before() {
+    fn an_old_frame_never_acts_however_long_ago_it_was() {
         let mut conversation = Conversation::new(7);
-        conversation.remember(3, Ok(()));
-        assert_eq!(conversation.admit(&command(9, 0, Request::Hello)), Admission::New);
-        assert_eq!(conversation.admit(&command(3, 7, Request::ClearFault)), Admission::New);
+        let token = conversation.begin();
+        let old = command(0, token, Request::ClearFault);
+        for id in 0..=u16::MAX {
+            let new = command(id, token, Request::ClearFault);
+            assert_eq!(conversation.admit(&new), Admission::New, "{id}");
+            conversation.remember(&new, Ok(()));
+        }
+        assert_eq!(conversation.admit(&old), Admission::Refused(Refusal::IdUsed));
+        // Its own hello comes again too: the connection is another one.
+        let again = conversation.begin();
+        assert_eq!(conversation.admit(&old), Admission::Refused(Refusal::IdUsed));
+        assert_eq!(conversation.admit(&command(0, again, Request::ClearFault)), Admission::New);
     }
 
     #[test]
-    fn a_command_for_an_earlier_boot_is_refused_but_stop_is_not() {
+    fn stray_hellos_do_not_end_the_connection_at_work() {
         let mut conversation = Conversation::new(7);
-        assert_eq!(conversation.admit(&command(1, 6, Request::ClearFault)), Admission::OtherBoot);
+        let token = conversation.begin();
+        for id in 0..100 {
+            let strays: std::vec::Vec<u32> = (0..2).map(|_| conversation.begin()).collect();
+            assert!(!strays.contains(&token));
+            let at_work = command(id, token, Request::Status);
+            assert_eq!(conversation.admit(&at_work), Admission::New);
+            conversation.remember(&at_work, Ok(()));
+        }
+        for _ in 0..CONNECTIONS {
+            conversation.begin();
+        }
+        let forgotten = conversation.admit(&command(500, token, Request::Status));
+        assert_eq!(forgotten, Admission::Refused(Refusal::OtherBoot));
+    }
+
+    #[test]
+    fn a_command_of_no_connection_is_refused_but_stop_is_not() {
+        let mut conversation = Conversation::new(7);
+        assert_eq!(
+            conversation.admit(&command(1, 7, Request::ClearFault)),
+            Admission::Refused(Refusal::OtherBoot)
+        );
         assert_eq!(conversation.admit(&command(2, 6, Request::Stop)), Admission::New);
     }
 }

@@ -1,9 +1,10 @@
 //! Force from converter codes: calibration, zero, and what to do with readings that are not there or cannot be.
 
-use super::tare::Taring;
+use super::mutation::Mutation;
+use super::tare::{self, Taring};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
-use protocol::{Counters, Tare};
+use protocol::{Counters, Tare, TareProblem};
 
 /// Force of both axes, with its history.
 #[derive(Debug, Clone)]
@@ -17,6 +18,7 @@ pub struct ForceChannel {
     unchanged: [u16; 2],
     counters: Counters,
     taring: Taring,
+    tared: bool,
 }
 
 impl ForceChannel {
@@ -32,6 +34,7 @@ impl ForceChannel {
             unchanged: [0; 2],
             counters: Counters::default(),
             taring: Taring::default(),
+            tared: false,
         }
     }
 
@@ -119,10 +122,38 @@ impl ForceChannel {
     }
 
     /// Makes the tare's mean the zero and says how good it is.
-    pub fn finish_tare(&mut self, periods_per_s: f64) -> Tare {
+    ///
+    /// # Errors
+    /// What is wrong with it: the zero stays what it was.
+    pub fn finish_tare(&mut self, range_mn: u32, periods_per_s: f64) -> Result<Tare, (Tare, TareProblem)> {
         let tare = self.taring.finish(self.zero_counts, periods_per_s);
+        if let Some(problem) =
+            tare::problem(&tare, range_mn, periods_per_s).filter(|_| !Mutation::LimitFromTare.is_out())
+        {
+            return Err((tare, problem));
+        }
         self.zero_counts = tare.zero_counts;
-        tare
+        self.tared |= tare.readings > 0;
+        Ok(tare)
+    }
+
+    /// A tare was completed since the start.
+    pub fn is_tared(&self) -> bool {
+        self.tared
+    }
+
+    /// Zero of the force, in force counts from the converter's own.
+    pub fn zero_counts(&self) -> [i32; 2] {
+        self.zero_counts
+    }
+
+    /// Load that the limits are about: the largest force along either axis, from the tare or from the converter's own zero, counts;
+    /// nothing where the last period had no reading.
+    pub fn load_counts(&self) -> Option<i32> {
+        let [x, y] = self.absolute_counts();
+        let [tared_x, tared_y] = self.relative_counts();
+        let largest = [x, y, tared_x, tared_y].into_iter().map(i32::saturating_abs).max();
+        largest.filter(|_| self.stale_periods == 0)
     }
 }
 
@@ -134,6 +165,7 @@ mod tests {
     fn counts_as_codes() -> Calibration {
         let record = CalibrationRecord {
             force_pn_per_code: [[50_000_000, 0], [0, 50_000_000]],
+            force_range_mn: 100_000,
             ..Calibration::nominal_record()
         };
         Calibration::new(record).expect("a sound calibration")
@@ -149,7 +181,7 @@ mod tests {
                 force.update(&calibration, &Ok([offset + swing, -7 + swing]));
                 force.tare_on();
             }
-            let tare = force.finish_tare(1_000.0);
+            let tare = force.finish_tare(100_000, 1_000.0).expect("a good tare");
             assert_eq!((tare.zero_counts, tare.sd_counts), ([offset, -7], [100, 100]));
             assert_eq!(force.update(&calibration, &Ok([offset + 50, -7])), [50, 0]);
         }
@@ -160,7 +192,8 @@ mod tests {
         let mut force = ForceChannel::new();
         force.update(&Calibration::default(), &Err(ForceFault::NotReady));
         force.tare_on();
-        let tare = force.finish_tare(1_000.0);
+        let tare = force.finish_tare(5_000, 1_000.0).expect("nothing is wrong with it");
+        assert!(!force.is_tared());
         assert_eq!((tare.zero_counts, tare.periods, tare.readings), ([0, 0], 1, 0));
     }
 

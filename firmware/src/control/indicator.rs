@@ -29,7 +29,7 @@ impl Indicator {
     pub fn step(&mut self, state: State) -> bool {
         self.period = self.period.wrapping_add(1);
         match state {
-            State::Faulted => (self.period / BLINK_PERIODS).is_multiple_of(2),
+            State::Faulted | State::Retreating => (self.period / BLINK_PERIODS).is_multiple_of(2),
             State::Pending | State::Moving | State::Holding | State::Taring => true,
             State::Idle => self.breathe(),
         }

@@ -8,25 +8,35 @@
 //! |---|---|---|---|---|---|
 //! | 0 | `EmergencyStop` | someone needs it to stop; a cut wire | the line is high | 1 period | `the_emergency_stop_is_pressed` |
 //! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus) | 20 periods | `the_force_converter_falls_silent`, `the_force_converters_frames_are_corrupt`, `one_reset_of_the_force_converter_is_counted_and_survived` |
-//! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 periods | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates` |
+//! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 periods | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates`, `a_load_beyond_the_range_is_left_by_a_retreat`, `a_calibration_that_no_rig_has_is_refused` |
 //! | 3 | `Potentiometer` | the guide is not where it seems to be | code beyond the track, or a jump that no motor makes | 2 periods | `a_potentiometers_wire_is_open`, `a_potentiometers_wire_is_shorted`, `a_potentiometer_jumps` |
 //! | 4 | `MoveTimeout` | creeping, or a load that the motor cannot move | not settled 3 s after one and a half times the move's time | that | `an_axis_too_weak_for_the_last_step_times_out` |
-//! | 5 | `ForceLimit` | tissue or needle is overloaded | force relative to the tare beyond the limit that is set | 2 periods | `a_force_spike_exceeds_the_limit` |
-//! | 6 | `Travel` | bridge shorted, wrong calibration | position beyond the travel and driven or going further out | 2 periods | `a_runaway_axis_leaves_its_travel` |
+//! | 5 | `ForceLimit` | tissue or needle is overloaded | force beyond the limit that is set, from the tare or from the calibration's zero | 2 periods | `a_force_spike_exceeds_the_limit`, `tares_under_load_do_not_move_the_force_limit`, `a_tare_under_load_is_rejected` |
+//! | 6 | `Travel` | bridge shorted, wrong calibration | position beyond the travel and driven or going further out | 2 periods | `a_runaway_axis_leaves_its_travel`, `a_ramp_to_the_end_of_the_travel_rests_within_it` |
 //! | 7 | `Stall` | jam: motor and needle are overloaded | no motion for 200 ms at a duty that moves every unit | 200 periods of pushing | `a_jammed_axis_stalls` |
 //! | 8 | `FollowingError` | weak supply, slipping screw | further than 1.5 mm from the setpoint | 2 periods of being that far | `a_weak_motor_falls_behind` |
 //! | 9 | `ForceStuck` | the converter repeats itself: force cannot be limited | the same code 50 times in a row | 50 periods | `the_force_converter_is_stuck` |
-//! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no intact command for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host` |
+//! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no intact command for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
 //! | 11 | `Restarted` | the program ran away; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_told` |
 //! | 12 | `Overrun` | the control task is starved and the loop is no longer one | began more than half a period late, twice in 16 periods | 2 late periods | `a_slow_converter_makes_control_late` |
-//! | 13 | `MotorHot` | motor burns out | driven 20 % of 5 minutes | at once | `a_motor_that_never_rests_is_locked_out` |
+//! | 13 | `MotorHot` | motor burns out | driven 20 % of 5 minutes | at once | `a_motor_that_never_rests_is_locked_out`, `storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors` |
+//! | 14 | `WrongWay` | a table's sign, swapped wires: the loop runs away | 0.06 mm against the driven direction, from 35 periods of driving that way on | 0.3 mm of motion | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
+//! | 15 | `CalibrationLost` | the limits are those of another rig | no slot of the flash is sound, and not all are erased | at start | `a_calibration_that_is_lost_is_a_fault`, `a_device_without_a_calibration_does_not_move_unasked`, `power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one` |
+//!
+//! The way out of each: the cause is removed, then `ClearFault`. Where the guide's own position keeps the cause alive (2, 5), a
+//! retreat leads out ([`super::retreat`]) while the fault stands; by hand, the clamp of the needle is opened, or the screws of the actuators
+//! are turned. 13 ends by itself in the time that the device says. 15 ends with another calibration or an acknowledgement. A fault
+//! survives every restart in which memory keeps its content.
+//!
+//! The force overshoots its limit by what the motor rolls on: 2 periods and the motor's lag, at most 0.3 mm at full speed.
 //!
 //! The tests are the end-to-end tests of these names: firmware in QEMU, each cause made in the simulated rig or on the link; each
 //! asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.
 
 use super::axis::JUMP_UM;
 use super::force::ForceChannel;
-use super::motor::{COOLED, DriveWatch, DutyBudget};
+use super::motor::{DriveWatch, DutyBudget};
+use super::mutation::Mutation;
 use crate::calibration::{Calibration, counts_of_mn};
 use crate::hal::Readings;
 use protocol::Fault;
@@ -47,7 +57,7 @@ const LATE_WINDOW_PERIODS: u8 = 16;
 /// What the host may set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Largest force along either axis relative to the tare, millinewtons.
+    /// Largest force along either axis, relative to the tare and from the calibration's zero, millinewtons.
     pub force_mn: u32,
     /// Longest time without an intact command while a program is pending or running, milliseconds.
     pub silence_ms: u32,
@@ -81,6 +91,59 @@ pub struct Observed<'a> {
     pub watches: &'a [DriveWatch; 2],
     /// What the motors have left.
     pub budgets: &'a [DutyBudget; 2],
+    /// The calibration was lost and nobody has acknowledged that.
+    pub calibration_lost: bool,
+}
+
+/// The causes to stop that exist in one period.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Causes(u32);
+
+/// Most urgent first.
+const URGENCY: [Fault; Fault::ALL.len()] = [
+    Fault::EmergencyStop,
+    Fault::ForceRange,
+    Fault::ForceLimit,
+    Fault::Potentiometer,
+    Fault::Travel,
+    Fault::WrongWay,
+    Fault::Stall,
+    Fault::FollowingError,
+    Fault::ForceSensor,
+    Fault::ForceStuck,
+    Fault::Overrun,
+    Fault::HostSilent,
+    Fault::MotorHot,
+    Fault::CalibrationLost,
+    // These are latched where they happen; nothing of them lasts.
+    Fault::MoveTimeout,
+    Fault::Restarted,
+];
+
+impl Causes {
+    fn add(&mut self, present: bool, fault: Fault) {
+        self.0 |= u32::from(present) << fault as u8;
+    }
+
+    /// This one is there.
+    pub fn has(self, fault: Fault) -> bool {
+        self.0 >> fault as u8 & 1 != 0
+    }
+
+    /// The most urgent.
+    pub fn first(self) -> Option<Fault> {
+        URGENCY.into_iter().find(|fault| self.has(*fault))
+    }
+
+    /// Those that a retreat leads out of.
+    pub fn load(self) -> bool {
+        Fault::ALL.into_iter().any(|fault| fault.allows_retreat() && self.has(fault))
+    }
+
+    /// One of the others.
+    pub fn other_than_load(self) -> bool {
+        Fault::ALL.into_iter().any(|fault| !fault.allows_retreat() && self.has(fault))
+    }
 }
 
 /// Counts consecutive periods.
@@ -159,19 +222,24 @@ impl Interlock {
         self.latched = None;
     }
 
-    /// The cause to stop that exists in this period, most urgent first.
+    /// The causes to stop that exist in this period.
     pub fn check(
         &mut self,
         calibration: &Calibration,
         force: &ForceChannel,
         observed: &Observed<'_>,
-    ) -> Option<Fault> {
+    ) -> Causes {
         // Each counter sees every period, whatever else there is.
         let beyond = |counts: [i32; 2], limit_mn: u32| {
             counts.iter().any(|counts| counts.unsigned_abs() > counts_of_mn(limit_mn).unsigned_abs())
         };
         let over_range = self.over_range.sees(beyond(force.absolute_counts(), calibration.force_range_mn()));
-        let over_limit = self.over_limit.sees(beyond(force.relative_counts(), self.limits.force_mn));
+        // From the calibration's zero too: whatever was tared before, no more than the limit acts on the cell.
+        let over_limit = self.over_limit.sees(
+            beyond(force.relative_counts(), self.limits.force_mn)
+                || (beyond(force.absolute_counts(), self.limits.force_mn)
+                    && !Mutation::LimitFromTare.is_out()),
+        );
         let off_track = self.off_track.sees(!calibration.on_track(observed.readings.potentiometer_codes));
         let axes = || {
             let places = observed.position_um.into_iter().zip(observed.expected_um);
@@ -187,27 +255,27 @@ impl Interlock {
         let beyond_travel = self.beyond_travel.sees(axes().any(outward));
         let overrun = self.overruns(observed.late) && observed.active;
         let silent = observed.active && observed.silent_us > u64::from(self.limits.silence_ms) * 1_000;
-        // A motor that has been stopped for its heat is hot until it has cooled; another may use all it has.
-        let hot = if self.latched == Some(Fault::MotorHot) { COOLED } else { 1.0 };
-
-        let causes = [
-            (observed.readings.emergency_stop, Fault::EmergencyStop),
-            (over_range || force.saturated_periods() >= PERSISTENCE_PERIODS, Fault::ForceRange),
-            (over_limit, Fault::ForceLimit),
-            (off_track || jumped, Fault::Potentiometer),
-            (beyond_travel, Fault::Travel),
-            (observed.watches.iter().any(DriveWatch::stalled), Fault::Stall),
-            (
-                observed.watches.iter().any(|watch| watch.far_periods() >= PERSISTENCE_PERIODS),
-                Fault::FollowingError,
-            ),
-            (force.stale_periods() >= STALE_LIMIT_PERIODS, Fault::ForceSensor),
-            (force.unchanged_readings() >= STUCK_LIMIT_READINGS, Fault::ForceStuck),
-            (overrun, Fault::Overrun),
-            (silent, Fault::HostSilent),
-            (observed.budgets.iter().any(|budget| budget.used() >= hot), Fault::MotorHot),
-        ];
-        causes.into_iter().find_map(|(present, fault)| present.then_some(fault))
+        let mut causes = Causes::default();
+        causes.add(observed.readings.emergency_stop, Fault::EmergencyStop);
+        causes.add(over_range || force.saturated_periods() >= PERSISTENCE_PERIODS, Fault::ForceRange);
+        causes.add(over_limit, Fault::ForceLimit);
+        causes.add(off_track || jumped, Fault::Potentiometer);
+        causes.add(beyond_travel, Fault::Travel);
+        let wrong_way =
+            observed.watches.iter().any(DriveWatch::wrong_way) && !Mutation::AnyDirection.is_out();
+        causes.add(wrong_way, Fault::WrongWay);
+        causes.add(observed.watches.iter().any(DriveWatch::stalled), Fault::Stall);
+        let far = |watch: &DriveWatch| watch.far_periods() >= PERSISTENCE_PERIODS;
+        causes.add(observed.watches.iter().any(far), Fault::FollowingError);
+        // A saturated converter gives no valid reading either, and is a load.
+        let stale = force.stale_periods() >= STALE_LIMIT_PERIODS && force.saturated_periods() == 0;
+        causes.add(stale, Fault::ForceSensor);
+        causes.add(force.unchanged_readings() >= STUCK_LIMIT_READINGS, Fault::ForceStuck);
+        causes.add(overrun, Fault::Overrun);
+        causes.add(silent, Fault::HostSilent);
+        causes.add(observed.budgets.iter().any(DutyBudget::is_locked), Fault::MotorHot);
+        causes.add(observed.calibration_lost, Fault::CalibrationLost);
+        causes
     }
 
     /// True from the second late start among the last few.

@@ -14,6 +14,8 @@
 //! | [`force`], [`tare`] | force from converter codes: calibration, zero, stale and saturated readings |
 //! | [`decimate`], [`stiffness`] | the lateral stiffness as the readings come |
 //! | [`interlock`] | when to stop, and why: the table of hazards |
+//! | [`retreat`] | the way out of a load while its fault stands |
+//! | [`carried`] | what a restart must not forget |
 //! | [`store`] | a calibration on its way to the device |
 //! | [`telemetry`] | batches and notes, and what is dropped where the link is slow |
 //! | [`indicator`] | the status light |
@@ -25,15 +27,19 @@
 )]
 
 pub mod axis;
+pub mod carried;
 pub mod commands;
 pub mod decimate;
 pub mod force;
 pub mod indicator;
 pub mod interlock;
 pub mod motor;
+pub(crate) mod mutation;
 mod period;
 pub mod profile;
 mod program;
+mod requests;
+pub mod retreat;
 pub mod stiffness;
 mod store;
 pub mod tare;
@@ -41,17 +47,20 @@ pub mod telemetry;
 
 use crate::calibration::Calibration;
 use axis::Axis;
-use commands::{Admission, Conversation};
+use carried::Carried;
+use commands::Conversation;
 use force::ForceChannel;
 use indicator::Indicator;
-use interlock::{Interlock, Limits, Observed};
+use interlock::{Causes, Interlock, Limits, Observed};
 use motor::{DriveWatch, DutyBudget};
+use mutation::Mutation;
 pub use period::{Drive, Inputs, Note, Notes, Outputs};
 use program::{Executor, Phase};
 use protocol::{
-    CalibrationRecord, Command, Counters, Event, EventKind, Fault, Outcome, Refusal, Request,
-    SILENCE_LIMIT_MS, Sample, State, Status,
+    CalibrationSource, Counters, Description, Event, EventKind, Fault, Outcome, RetreatOutcome, Safety,
+    Sample, State, Status,
 };
+use retreat::{LoadWatch, Trend};
 use stiffness::StiffnessFit;
 use store::Incoming;
 
@@ -61,8 +70,25 @@ pub const PERIOD_US: u32 = 1_000;
 pub const PERIOD_S: f32 = PERIOD_US as f32 * 1e-6;
 /// Periods between two unasked statuses.
 pub const REPORT_PERIODS: u32 = 100_000 / PERIOD_US;
+/// Periods between two unasked words on safety, in reports.
+const SAFETY_REPORTS: u32 = 10;
 /// Step index outside a program.
 pub const NO_STEP: u8 = u8::MAX;
+
+/// What the device was built for.
+pub const DESCRIPTION: Description = Description {
+    protocol_version: protocol::VERSION,
+    schema_hash: protocol::schema_hash(),
+    max_steps: protocol::MAX_STEPS as u8,
+    speed_limit_um_s: protocol::SPEED_LIMIT_UM_S,
+    duration_limit_ms: protocol::DURATION_LIMIT_MS,
+    tare_limit_ms: protocol::TARE_LIMIT_MS,
+    start_limit_us: protocol::START_LIMIT_US,
+    retreat_limit_um: protocol::RETREAT_LIMIT_UM as u32,
+    silence_limit_ms: protocol::SILENCE_LIMIT_MS,
+    answers_remembered: commands::REMEMBERED as u8,
+    connections: commands::CONNECTIONS as u8,
+};
 
 /// The whole control law.
 #[derive(Debug)]
@@ -81,24 +107,78 @@ pub struct Controller {
     heard_us: u64,
     control_overruns: u32,
     report_due: u32,
+    safety_due: u32,
     streaming: bool,
+    source: CalibrationSource,
+    /// The calibration was lost and nobody has acknowledged that.
+    calibration_lost: bool,
+    retreat: LoadWatch,
+    /// A calibration was accepted: the device is about to restart.
+    restarting: bool,
+    /// What was last said of these, and kept of the fault.
+    said: Option<Said>,
+    kept_fault: Option<Fault>,
+}
+
+/// What of the safety is said at once when it changes.
+type Said = (CalibrationSource, bool, [i32; 2]);
+
+/// What the board knows at the start.
+#[derive(Debug, Clone)]
+pub struct Start {
+    /// Identity of the boot.
+    pub boot_id: u32,
+    /// The program before did not end as it should, which someone has to acknowledge before anything moves.
+    pub restarted: bool,
+    /// Where the calibration comes from.
+    pub origin: Origin,
+    /// What the run before has left.
+    pub carried: Option<Carried>,
+}
+
+impl Start {
+    /// A start with nothing amiss: a stored calibration, and nothing left of a run before.
+    pub const fn ordinary(boot_id: u32) -> Self {
+        Self { boot_id, restarted: false, origin: Origin::Stored, carried: None }
+    }
+}
+
+/// Where a calibration comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// It is stored on the device.
+    Stored,
+    /// None was ever stored: it is the one of the rig as designed.
+    Nominal,
+    /// One was stored and cannot be read any more: it is the one of the rig as designed.
+    Lost,
 }
 
 /// A period that begins later than this is a late one, microseconds.
 const LATE_US: u32 = PERIOD_US / 2;
 
 impl Controller {
-    /// A controller at rest, for the boot with this identity. `restarted`: the program before did not end as it should, which
-    /// someone has to acknowledge before anything moves.
-    pub fn new(calibration: Calibration, boot_id: u32, restarted: bool) -> Self {
+    /// A controller at rest.
+    pub fn new(calibration: Calibration, start: Start) -> Self {
         let mut interlock = Interlock::new(Limits::of(&calibration));
-        if restarted {
-            interlock.latch(Fault::Restarted);
+        let Start { boot_id, restarted, origin, carried } = start;
+        let (fault, budgets) = match carried.filter(|_| !Mutation::ForgetAtRestart.is_out()) {
+            Some(Carried { fault, budgets }) => (fault, budgets),
+            None => (None, [const { DutyBudget::new() }; 2]),
+        };
+        // What was latched before the restart comes first; the hello tells the restart itself.
+        let lost = origin == Origin::Lost;
+        // That of a calibration which has been lost is latched anew, or has been stored.
+        let fault = fault.filter(|fault| *fault != Fault::CalibrationLost);
+        let restarted = restarted.then_some(Fault::Restarted);
+        let lost_now = lost.then_some(Fault::CalibrationLost);
+        if let Some(fault) = fault.or(restarted).or(lost_now) {
+            interlock.latch(fault);
         }
         Self {
             axes: [Axis::new(), Axis::new()],
             watches: [const { DriveWatch::new() }; 2],
-            budgets: [const { DutyBudget::new() }; 2],
+            budgets,
             force: ForceChannel::new(),
             stiffness: StiffnessFit::new(),
             interlock,
@@ -109,9 +189,24 @@ impl Controller {
             heard_us: 0,
             control_overruns: 0,
             report_due: REPORT_PERIODS,
+            safety_due: SAFETY_REPORTS,
             streaming: false,
+            source: match origin {
+                Origin::Stored => CalibrationSource::Stored,
+                Origin::Nominal | Origin::Lost => CalibrationSource::Nominal,
+            },
+            calibration_lost: lost,
+            retreat: LoadWatch::new(),
+            restarting: false,
+            said: None,
+            kept_fault: None,
             calibration,
         }
+    }
+
+    /// What must outlive a restart.
+    pub fn carried(&self) -> Carried {
+        Carried { fault: self.interlock.latched(), budgets: self.budgets.clone() }
     }
 
     /// One control period.
@@ -122,13 +217,14 @@ impl Controller {
         if inputs.command.is_some() {
             self.heard_us = inputs.now_us;
         }
-        let (sample, cause) = self.sense(inputs, late);
-        if let Some(fault) = cause.filter(|_| self.interlock.latched().is_none()) {
+        let (sample, causes) = self.sense(inputs, late);
+        if let Some(fault) = causes.first().filter(|_| self.interlock.latched().is_none()) {
             self.trip(fault, inputs.now_us, &mut notes);
         }
+        self.follow_load(causes, inputs.now_us, &mut notes);
         let mut store = None;
         if let Some(command) = &inputs.command {
-            store = self.obey(command, inputs, sample, cause, &mut notes);
+            store = self.obey(command, inputs, sample, causes, &mut notes);
         }
         let drive = self.advance(inputs.now_us, &mut notes);
         self.watch(drive);
@@ -139,7 +235,12 @@ impl Controller {
             if self.streaming {
                 push(&mut notes, Note::Report(self.status(inputs, sample)));
             }
+            self.safety_due = self.safety_due.saturating_sub(1);
         }
+        self.report_safety(inputs.now_us, &mut notes);
+        let latched = self.interlock.latched();
+        let keep = self.report_due == REPORT_PERIODS || latched != self.kept_fault || store.is_some();
+        self.kept_fault = latched;
         let state = self.state();
         Outputs {
             drive,
@@ -148,12 +249,13 @@ impl Controller {
             step: self.executor.index().unwrap_or(NO_STEP),
             sample,
             notes,
+            keep,
             store,
         }
     }
 
-    /// Takes the readings: the sample of this period, and the cause to stop, if there is one.
-    fn sense(&mut self, inputs: &Inputs, late: bool) -> (Sample, Option<Fault>) {
+    /// Takes the readings: the sample of this period, and the causes to stop.
+    fn sense(&mut self, inputs: &Inputs, late: bool) -> (Sample, Causes) {
         let rising = self.axes.each_ref().map(Axis::rising);
         let position_um = self.calibration.position_um(inputs.readings.potentiometer_codes, rising);
         let force_counts = self.force.update(&self.calibration, &inputs.readings.force_codes);
@@ -172,27 +274,34 @@ impl Controller {
             late,
             watches: &self.watches,
             budgets: &self.budgets,
+            calibration_lost: self.calibration_lost,
         };
-        let cause = self.interlock.check(&self.calibration, &self.force, &observed);
+        let causes = self.interlock.check(&self.calibration, &self.force, &observed);
         let sample = Sample { position_counts: position_um.map(round), force_counts };
         if self.force.stale_periods() == 0 {
             self.stiffness.add(&sample);
         }
-        (sample, cause)
+        (sample, causes)
     }
 
     /// Runs the program for one period and the axes after it.
     fn advance(&mut self, now_us: u64, notes: &mut Notes) -> Drive {
-        if self.interlock.latched().is_some() {
+        if self.interlock.latched().is_some() && self.executor.phase() != Phase::Retreating {
             return Drive::Release;
         }
         let was_taring = self.executor.phase() == Phase::Taring;
         let settled = self.axes.iter().all(Axis::is_settled);
         let progress = self.executor.advance(now_us, settled, self.axes.each_ref().map(Axis::position_um));
-        if progress.tare_finished {
-            let tare = self.force.finish_tare(f64::from(1_000_000 / PERIOD_US));
-            self.stiffness = StiffnessFit::new();
-            push(notes, Note::Event(event(now_us, EventKind::Tared(tare))));
+        if progress.retreated || (progress.timed_out && self.executor.phase() == Phase::Retreating) {
+            let outcome = if progress.retreated { RetreatOutcome::Moved } else { RetreatOutcome::Stopped };
+            self.end_retreat(outcome, now_us, notes);
+            return Drive::Release;
+        }
+        if progress.tare_finished
+            && let Some(index) = progress.ended
+            && !self.finish_tare(now_us, index, notes)
+        {
+            return Drive::Release;
         }
         if let Some(index) = progress.ended {
             push(notes, Note::Event(event(now_us, EventKind::StepEnded { index })));
@@ -227,6 +336,72 @@ impl Controller {
         }
     }
 
+    /// Takes the zero of the tare that has ended. One that is no good ends the program; false then.
+    fn finish_tare(&mut self, now_us: u64, index: u8, notes: &mut Notes) -> bool {
+        let periods_per_s = f64::from(1_000_000 / PERIOD_US);
+        match self.force.finish_tare(self.calibration.force_range_mn(), periods_per_s) {
+            Ok(tare) => {
+                self.stiffness = StiffnessFit::new();
+                push(notes, Note::Event(event(now_us, EventKind::Tared(tare))));
+                true
+            }
+            Err((tare, problem)) => {
+                push(notes, Note::Event(event(now_us, EventKind::TareRejected { tare, problem })));
+                push(notes, Note::Event(event(now_us, EventKind::StepEnded { index })));
+                let kind = EventKind::ProgramEnded { outcome: Outcome::TareRejected };
+                push(notes, Note::Event(event(now_us, kind)));
+                self.executor.abort();
+                self.axes.iter_mut().for_each(Axis::rest);
+                false
+            }
+        }
+    }
+
+    /// Ends a retreat that has done its work, or does harm.
+    fn follow_load(&mut self, causes: Causes, now_us: u64, notes: &mut Notes) {
+        if self.executor.phase() != Phase::Retreating {
+            return;
+        }
+        if causes.other_than_load() {
+            return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
+        }
+        let position_um = self.axes.each_ref().map(Axis::position_um);
+        let limits = [self.interlock.limits().force_mn, self.calibration.force_range_mn()];
+        let [limit_mn, range_mn] = limits;
+        match self.retreat.step(self.force.load_counts(), position_um, limit_mn, range_mn) {
+            Trend::Falling => {}
+            Trend::Unloaded => self.end_retreat(RetreatOutcome::Unloaded, now_us, notes),
+            Trend::NotFalling => self.end_retreat(RetreatOutcome::ForceNotFalling, now_us, notes),
+        }
+    }
+
+    fn end_retreat(&mut self, outcome: RetreatOutcome, now_us: u64, notes: &mut Notes) {
+        self.executor.abort();
+        self.axes.iter_mut().for_each(Axis::rest);
+        push(notes, Note::Event(event(now_us, EventKind::RetreatEnded { outcome })));
+    }
+
+    /// Says what decides whether the guide may move, where that is due.
+    fn report_safety(&mut self, now_us: u64, notes: &mut Notes) {
+        let said = (self.source, self.force.is_tared(), self.force.zero_counts());
+        if self.streaming && (self.safety_due == 0 || self.said != Some(said)) {
+            self.safety_due = SAFETY_REPORTS;
+            self.said = Some(said);
+            push(notes, Note::SafetyReport(self.safety(now_us)));
+        }
+    }
+
+    fn safety(&self, now_us: u64) -> Safety {
+        Safety {
+            t_us: now_us,
+            calibration: self.source,
+            tared: self.force.is_tared(),
+            zero_counts: self.force.zero_counts(),
+            cools_in_s: self.budgets.each_ref().map(DutyBudget::cools_in_s),
+            proven: self.watches.each_ref().map(DriveWatch::is_proven),
+        }
+    }
+
     /// Tells the motors' keepers what was done.
     fn watch(&mut self, drive: Drive) {
         let duty = match drive {
@@ -244,6 +419,11 @@ impl Controller {
             watch.step(duty, position_um, setpoint);
             budget.step(duty != 0.0);
         }
+        for (axis, watch) in self.axes.iter_mut().zip(&self.watches) {
+            if watch.is_proven() {
+                axis.prove();
+            }
+        }
     }
 
     /// Latches a fault, ends the program and says so.
@@ -254,117 +434,25 @@ impl Controller {
     }
 
     fn end_program(&mut self, outcome: Outcome, now_us: u64, notes: &mut Notes) {
+        if self.executor.phase() == Phase::Retreating {
+            return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
+        }
         if self.executor.abort() {
             push(notes, Note::Event(event(now_us, EventKind::ProgramEnded { outcome })));
         }
         self.axes.iter_mut().for_each(Axis::rest);
     }
 
-    fn obey(
-        &mut self,
-        command: &Command,
-        inputs: &Inputs,
-        sample: Sample,
-        cause: Option<Fault>,
-        notes: &mut Notes,
-    ) -> Option<CalibrationRecord> {
-        let mut store = None;
-        let answer = match self.conversation.admit(command) {
-            Admission::Repeat(answer) => answer,
-            Admission::OtherBoot => Err(Refusal::OtherBoot),
-            Admission::New => {
-                let answer = match command.request {
-                    Request::StoreCalibration { length, crc } => self
-                        .while_idle()
-                        .and_then(|()| self.incoming.finish(length, crc))
-                        .map(|record| store = Some(record)),
-                    request => self.execute(&request, inputs.now_us, cause, notes),
-                };
-                self.conversation.remember(command.id, answer);
-                answer
-            }
-        };
-        // Questions are answered afresh each time they arrive: the earlier answer may be what was lost.
-        match command.request {
-            Request::Hello => push(notes, Note::Hello),
-            Request::Status if answer.is_ok() => push(notes, Note::Status(self.status(inputs, sample))),
-            Request::Calibration if answer.is_ok() => push(notes, Note::Calibration),
-            _ => {}
-        }
-        push(
-            notes,
-            match answer {
-                Ok(()) => Note::Ack(command.id),
-                Err(refusal) => Note::Refused(command.id, refusal),
-            },
-        );
-        store
-    }
-
-    fn execute(
-        &mut self,
-        request: &Request,
-        now_us: u64,
-        cause: Option<Fault>,
-        notes: &mut Notes,
-    ) -> Result<(), Refusal> {
-        match *request {
-            Request::Hello | Request::Status | Request::Calibration => Ok(()),
-            Request::Stream { enable } => {
-                self.streaming = enable;
-                push(notes, Note::Stream(enable));
-                Ok(())
-            }
-            Request::LoadStep { index, step } => {
-                self.executor.load(index, step, self.calibration.travel_um() as i32)
-            }
-            Request::Run { steps, crc, start_us } => match self.interlock.latched() {
-                Some(fault) => Err(Refusal::Faulted { fault }),
-                None => {
-                    let position_um = self.axes.each_ref().map(Axis::position_um);
-                    self.executor.run(steps, crc, start_us, now_us, position_um)
-                }
-            },
-            Request::Stop => {
-                self.end_program(Outcome::Stopped, now_us, notes);
-                Ok(())
-            }
-            Request::ClearFault if cause.is_some() => Err(Refusal::CauseRemains),
-            Request::ClearFault => {
-                self.interlock.clear();
-                Ok(())
-            }
-            Request::Limits { force_mn, silence_ms } => self.set_limits(Limits { force_mn, silence_ms }),
-            Request::LoadCalibration { piece, bytes } => {
-                self.while_idle()?;
-                self.incoming.take(piece, bytes)
-            }
-            // Carried out where the record can be handed out.
-            Request::StoreCalibration { .. } => Ok(()),
-        }
-    }
-
-    fn while_idle(&self) -> Result<(), Refusal> {
-        if self.executor.phase() == Phase::Idle { Ok(()) } else { Err(Refusal::Busy) }
-    }
-
-    fn set_limits(&mut self, limits: Limits) -> Result<(), Refusal> {
-        self.while_idle()?;
-        let [least, most] = SILENCE_LIMIT_MS;
-        let force = 1..=self.calibration.force_range_mn();
-        if !force.contains(&limits.force_mn) || !(least..=most).contains(&limits.silence_ms) {
-            return Err(Refusal::OutOfRange);
-        }
-        self.interlock.set_limits(limits);
-        Ok(())
-    }
-
     fn state(&self) -> State {
+        if self.executor.phase() == Phase::Retreating {
+            return State::Retreating;
+        }
         if self.interlock.latched().is_some() {
             return State::Faulted;
         }
         match self.executor.phase() {
-            Phase::Idle => State::Idle,
+            // A retreat has its own state above.
+            Phase::Idle | Phase::Retreating => State::Idle,
             Phase::Pending => State::Pending,
             Phase::Moving => State::Moving,
             Phase::Holding => State::Holding,

@@ -27,13 +27,18 @@ pub struct DutyBudget {
     current: usize,
     in_bin: u32,
     on_periods: u32,
+    /// All of it was used and the motor has not cooled since.
+    locked: bool,
 }
+
+/// Bytes of a kept budget.
+pub const BUDGET_BYTES: usize = 2 * BINS + 4;
 
 impl DutyBudget {
     /// A cool motor.
     #[expect(clippy::new_without_default, reason = "made in one place")]
     pub const fn new() -> Self {
-        Self { bins: [0; BINS], current: 0, in_bin: 0, on_periods: 0 }
+        Self { bins: [0; BINS], current: 0, in_bin: 0, on_periods: 0, locked: false }
     }
 
     /// One period passes.
@@ -50,6 +55,58 @@ impl DutyBudget {
             *bin += 1;
             self.on_periods += 1;
         }
+        self.locked = if self.locked { self.used() >= COOLED } else { self.used() >= 1.0 };
+    }
+
+    /// The motor is hot and must not be driven until it has cooled.
+    pub fn is_locked(&self) -> bool {
+        self.locked
+    }
+
+    /// Time of rest until a motor that is hot has cooled, seconds, rounded up; 0 for one that is not hot.
+    pub fn cools_in_s(&self) -> u16 {
+        if !self.locked {
+            return 0;
+        }
+        let (mut left, mut periods) = (self.on_periods, PERIODS_PER_BIN - self.in_bin);
+        for later in 1..=BINS {
+            let oldest = self.bins.get((self.current + later) % BINS).copied().unwrap_or(0);
+            left = left.saturating_sub(oldest.into());
+            if (left as f32) < COOLED * ON_LIMIT_PERIODS as f32 {
+                break;
+            }
+            periods += PERIODS_PER_BIN;
+        }
+        // The first period of the next bin is the one in which the oldest leaves the window.
+        u16::try_from((periods + 1).div_ceil(1_000_000 / PERIOD_US)).unwrap_or(u16::MAX)
+    }
+
+    /// What a restart must not forget.
+    pub fn to_bytes(&self) -> [u8; BUDGET_BYTES] {
+        let mut bytes = [0; BUDGET_BYTES];
+        let (bins, rest) = bytes.split_at_mut(2 * BINS);
+        for (kept, bin) in bins.chunks_exact_mut(2).zip(self.bins) {
+            kept.copy_from_slice(&bin.to_le_bytes());
+        }
+        let [low, high] = (self.in_bin as u16).to_le_bytes();
+        rest.copy_from_slice(&[self.current as u8, low, high, self.locked.into()]);
+        bytes
+    }
+
+    /// What [`Self::to_bytes`] kept; nothing where it cannot be that.
+    pub fn from_bytes(bytes: &[u8; BUDGET_BYTES]) -> Option<Self> {
+        let (kept, rest) = bytes.split_at(2 * BINS);
+        let &[current, low, high, locked] = rest else { return None };
+        let mut bins = [0; BINS];
+        for (bin, kept) in bins.iter_mut().zip(kept.chunks_exact(2)) {
+            *bin = u16::from_le_bytes(kept.try_into().ok()?);
+        }
+        let in_bin = u32::from(u16::from_le_bytes([low, high]));
+        let sound = usize::from(current) < BINS
+            && in_bin <= PERIODS_PER_BIN
+            && bins.iter().all(|bin| u32::from(*bin) <= PERIODS_PER_BIN);
+        let on_periods = bins.iter().copied().map(u32::from).sum();
+        sound.then_some(Self { bins, current: current.into(), in_bin, on_periods, locked: locked != 0 })
     }
 
     /// Share of the allowed driving that has been used.
@@ -67,6 +124,14 @@ const MOVED_UM: f32 = 60.0;
 /// Distance from the setpoint that no sound axis has, micrometres.
 pub const FOLLOWING_LIMIT_UM: f32 = 1_500.0;
 
+/// Driving one way before its direction is judged, periods: the play has been taken up ([`super::axis::PLAY_PERIODS`]), the motor
+/// has turned round and the filter has followed.
+const TURNED_PERIODS: u32 = 35;
+/// Motion against the driven direction that no sound axis makes from then on, micrometres: many times the filtered noise.
+pub const WRONG_WAY_UM: f32 = 60.0;
+/// Motion the right way that proves an axis, micrometres.
+const PROVEN_UM: f32 = 200.0;
+
 /// Watches one axis while it is driven.
 #[derive(Debug, Clone)]
 pub struct DriveWatch {
@@ -74,13 +139,29 @@ pub struct DriveWatch {
     sign: f32,
     periods: u32,
     far_periods: u16,
+    /// Which way the axis is driven, for how long, and where it was when that was judged first.
+    way: f32,
+    way_periods: u32,
+    way_from_um: f32,
+    wrong_way: bool,
+    proven: bool,
 }
 
 impl DriveWatch {
     /// Nothing driven yet.
     #[expect(clippy::new_without_default, reason = "made in one place")]
     pub const fn new() -> Self {
-        Self { from_um: 0.0, sign: 0.0, periods: 0, far_periods: 0 }
+        Self {
+            from_um: 0.0,
+            sign: 0.0,
+            periods: 0,
+            far_periods: 0,
+            way: 0.0,
+            way_periods: 0,
+            way_from_um: 0.0,
+            wrong_way: false,
+            proven: false,
+        }
     }
 
     /// Takes the duty that was given and the position that was reached, and where that should be.
@@ -93,6 +174,32 @@ impl DriveWatch {
         }
         let far = setpoint.is_some_and(|at| (at.position_um - position_um).abs() > FOLLOWING_LIMIT_UM);
         self.far_periods = if far { self.far_periods.saturating_add(1) } else { 0 };
+        self.judge_way(duty, position_um);
+    }
+
+    /// Compares the way in which the axis moves with the one in which it is driven.
+    fn judge_way(&mut self, duty: f32, position_um: f32) {
+        let way = if duty == 0.0 { 0.0 } else { 1.0_f32.copysign(duty) };
+        if way == 0.0 || way != self.way {
+            (self.way, self.way_periods, self.wrong_way) = (way, 0, false);
+        }
+        self.way_periods = self.way_periods.saturating_add(1);
+        if self.way_periods <= TURNED_PERIODS {
+            self.way_from_um = position_um;
+        }
+        let moved_um = self.way * (position_um - self.way_from_um);
+        self.wrong_way = moved_um < -WRONG_WAY_UM;
+        self.proven |= moved_um > PROVEN_UM;
+    }
+
+    /// Moves against the direction in which it is driven.
+    pub fn wrong_way(&self) -> bool {
+        self.wrong_way
+    }
+
+    /// Has moved the way it was driven.
+    pub fn is_proven(&self) -> bool {
+        self.proven
     }
 
     /// Driven for long without moving.
@@ -147,6 +254,72 @@ mod tests {
             watch.step(0.2, 3.0, None);
             assert!(!watch.stalled(), "within the dead band nothing need move");
         }
+    }
+
+    #[test]
+    fn the_time_until_a_hot_motor_has_cooled_is_the_one_it_takes() {
+        for spread in [1, 3] {
+            let mut budget = DutyBudget::new();
+            let mut period = 0;
+            while !budget.is_locked() {
+                budget.step(period % spread == 0);
+                period += 1;
+            }
+            for _ in 0..40 {
+                let (said_s, mut waited) = (budget.cools_in_s(), 0);
+                let mut resting = budget.clone();
+                while resting.is_locked() {
+                    resting.step(false);
+                    waited += 1;
+                }
+                assert!(
+                    (u32::from(said_s) * 1_000).abs_diff(waited) <= 1_000,
+                    "{said_s} s said, {waited} ms"
+                );
+                (0..1_234).for_each(|_| budget.step(false));
+            }
+            (0..400_000).for_each(|_| budget.step(false));
+            assert_eq!(budget.cools_in_s(), 0);
+        }
+    }
+
+    #[test]
+    fn a_kept_budget_is_the_same_budget() {
+        let mut budget = DutyBudget::new();
+        (0..93_217).for_each(|period| budget.step(period % 5 < 3));
+        let mut kept = DutyBudget::from_bytes(&budget.to_bytes()).expect("sound");
+        for period in 0..400_000 {
+            assert_eq!((kept.used(), kept.is_locked()), (budget.used(), budget.is_locked()));
+            kept.step(period % 7 == 0);
+            budget.step(period % 7 == 0);
+        }
+        assert!(DutyBudget::from_bytes(&[0xFF; BUDGET_BYTES]).is_none());
+    }
+
+    #[test]
+    fn an_axis_that_moves_against_its_duty_is_noticed_and_one_that_turns_round_is_not() {
+        let mut watch = DriveWatch::new();
+        let mut position_um = 0.0;
+        for _ in 0..200 {
+            position_um -= 4.0;
+            watch.step(0.3, position_um, None);
+            if watch.wrong_way() {
+                break;
+            }
+        }
+        assert!(watch.wrong_way() && position_um > -300.0, "noticed at {position_um}");
+        assert!(!watch.is_proven());
+        watch.step(0.0, position_um, None);
+        assert!(!watch.wrong_way());
+        // Still rolling from 10 mm/s with the lag of a motor when it is driven back.
+        let mut speed_um = 10.0_f32;
+        for _ in 0..200 {
+            speed_um += (-10.0 - speed_um) / 12.0;
+            position_um += speed_um;
+            watch.step(-0.6, position_um, None);
+            assert!(!watch.wrong_way());
+        }
+        assert!(watch.is_proven());
     }
 
     proptest! {

@@ -1,13 +1,15 @@
 //! What goes into one control period and what comes out of it.
 
 use crate::hal::Readings;
-use protocol::{CalibrationRecord, Command, Counters, Event, Load, Refusal, Sample, State, Status};
+use protocol::{CalibrationRecord, Command, Counters, Event, Load, Refusal, Safety, Sample, State, Status};
 
 /// What the controller has to say in one period; the link task turns each into a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Note {
     /// Send the hello.
     Hello,
+    /// A connection has begun: its token.
+    Connected(u32),
     /// Switch telemetry on or off.
     Stream(bool),
     /// A command was carried out.
@@ -22,11 +24,17 @@ pub enum Note {
     Report(Status),
     /// The calibration was asked for.
     Calibration,
+    /// Tare, calibration and heat were asked for.
+    Safety(Safety),
+    /// The same, unasked.
+    SafetyReport(Safety),
+    /// What the device was built for was asked for.
+    Description,
 }
 
-/// Most notes of one period: a fault and a program's end, an answer of two parts, the end of a step with its tare, of the
-/// program or the start of the next step, and a report.
-pub type Notes = heapless::Vec<Note, 10>;
+/// Most notes of one period: a fault and a program's end, an answer of three parts, the end of a step with its tare, of the
+/// program or the start of the next step, and two reports.
+pub type Notes = heapless::Vec<Note, 12>;
 
 /// Everything that goes into one control period.
 #[derive(Debug, Clone)]
@@ -69,6 +77,8 @@ pub struct Outputs {
     pub sample: Sample,
     /// Answers and events, in order.
     pub notes: Notes,
+    /// Keep [`super::Controller::carried`] for the next start.
+    pub keep: bool,
     /// Keep this calibration and restart with it, once the answer has gone out.
     pub store: Option<CalibrationRecord>,
 }

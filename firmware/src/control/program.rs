@@ -5,16 +5,17 @@
 
 use super::PERIOD_US;
 use super::axis::Setpoint;
-use super::profile::Profile;
-use super::tare::TARE_LIMIT_MS;
-use protocol::{MAX_STEPS, Refusal, Step};
+use super::mutation::Mutation;
+use super::profile::{ACCELERATION_UM_S2, Profile};
+use super::retreat::RETREAT_SPEED_UM_S;
+use protocol::{
+    DURATION_LIMIT_MS, MAX_STEPS, Refusal, SPEED_LIMIT_UM_S, START_LIMIT_US, Step, TARE_LIMIT_MS,
+};
 
-/// Fastest path that a step may ask for, micrometres per second: the actuator's speed with some left for the loop.
-pub const SPEED_LIMIT_UM_S: u32 = 10_000;
-/// Longest hold or ramp, milliseconds.
-pub const DURATION_LIMIT_MS: u32 = 3_600_000;
 /// Time beyond one and a half times the path's own that a move may take to settle, microseconds.
 const SETTLE_LIMIT_US: u64 = 3_000_000;
+/// How long an axis rolls on after a setpoint that stops at once, seconds: the motor's lag, the filter's and the loop's.
+const RUN_ON_S: f32 = 0.03;
 
 /// What the executor is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +30,8 @@ pub enum Phase {
     Holding,
     /// Running a tare.
     Taring,
+    /// On the way out of a load.
+    Retreating,
 }
 
 /// What happened in one period.
@@ -44,6 +47,8 @@ pub struct Progress {
     pub completed: bool,
     /// A move has not settled in time.
     pub timed_out: bool,
+    /// A retreat has come to its end.
+    pub retreated: bool,
 }
 
 /// A straight line between two positions.
@@ -77,6 +82,7 @@ enum Activity {
     Idle,
     Pending { start_us: u64 },
     Running { index: u8, step: Step, since_us: u64 },
+    Retreating { since_us: u64 },
 }
 
 /// Holds the loaded program and runs it.
@@ -84,6 +90,7 @@ enum Activity {
 pub struct Executor {
     steps: [Step; MAX_STEPS],
     count: u8,
+    travel_um: f32,
     activity: Activity,
     path: Option<Path>,
     setpoint: Option<[Setpoint; 2]>,
@@ -95,6 +102,7 @@ impl Executor {
         Self {
             steps: [Step::Hold { duration_ms: 0 }; MAX_STEPS],
             count: 0,
+            travel_um: 0.0,
             activity: Activity::Idle,
             path: None,
             setpoint: None,
@@ -110,6 +118,7 @@ impl Executor {
         if !matches!(self.activity, Activity::Idle) {
             return Err(Refusal::Busy);
         }
+        self.travel_um = travel_um as f32;
         let within = |value: u32, limit: u32| {
             if (1..=limit).contains(&value) { Ok(()) } else { Err(Refusal::OutOfRange) }
         };
@@ -137,8 +146,8 @@ impl Executor {
     /// Starts the first `count` loaded steps at `start_us` (0: now), from this position.
     ///
     /// # Errors
-    /// [`Refusal::Busy`], [`Refusal::OutOfRange`] (a ramp that is too fast among them), [`Refusal::ProgramMismatch`],
-    /// [`Refusal::TooLate`].
+    /// [`Refusal::Busy`], [`Refusal::OutOfRange`] (a ramp that is too fast among them, or a start too far ahead),
+    /// [`Refusal::ProgramMismatch`], [`Refusal::TooLate`].
     pub fn run(
         &mut self,
         count: u8,
@@ -158,6 +167,9 @@ impl Executor {
         if start_us != 0 && start_us <= now_us {
             return Err(Refusal::TooLate);
         }
+        if start_us > now_us.saturating_add(START_LIMIT_US) && !Mutation::AnyStart.is_out() {
+            return Err(Refusal::OutOfRange);
+        }
         let [mut from_x, mut from_y] = position_um;
         for step in steps {
             let (Step::Move { x_um, y_um, .. } | Step::Ramp { x_um, y_um, .. }) = *step else { continue };
@@ -175,6 +187,14 @@ impl Executor {
         self.count = count;
         self.activity = Activity::Pending { start_us };
         Ok(())
+    }
+
+    /// Starts a retreat from here to there.
+    pub fn retreat(&mut self, from_um: [f32; 2], to_um: [f32; 2], now_us: u64) {
+        let path = Path::new(from_um, to_um);
+        self.path = Some(path);
+        self.setpoint = Some(path.at(0.0, 0.0));
+        self.activity = Activity::Retreating { since_us: now_us };
     }
 
     /// Ends whatever waits or runs; true if there was something.
@@ -199,6 +219,7 @@ impl Executor {
         match self.activity {
             Activity::Idle => Phase::Idle,
             Activity::Pending { .. } => Phase::Pending,
+            Activity::Retreating { .. } => Phase::Retreating,
             Activity::Running { step: Step::Move { .. } | Step::Ramp { .. }, .. } => Phase::Moving,
             Activity::Running { step: Step::Hold { .. }, .. } => Phase::Holding,
             Activity::Running { step: Step::Tare { .. }, .. } => Phase::Taring,
@@ -224,9 +245,12 @@ impl Executor {
                 let elapsed_us = now_us.saturating_sub(since_us);
                 let done = match step {
                     Step::Move { speed_um_s, .. } => {
-                        self.follow(elapsed_us, speed_um_s, settled, &mut progress)
+                        self.follow(elapsed_us, speed_um_s as f32, settled, &mut progress)
                     }
-                    Step::Ramp { duration_ms, .. } => self.ramp(elapsed_us, duration_ms),
+                    Step::Ramp { duration_ms, .. } => {
+                        let last = index + 1 == self.count && !Mutation::RampEndsAtOnce.is_out();
+                        self.ramp(elapsed_us, duration_ms, last, settled, &mut progress)
+                    }
                     Step::Hold { duration_ms } | Step::Tare { duration_ms } => {
                         elapsed_us >= u64::from(duration_ms) * 1_000
                     }
@@ -235,28 +259,61 @@ impl Executor {
                     self.finish(index, step, now_us, position_um, &mut progress);
                 }
             }
+            Activity::Retreating { since_us } => {
+                let elapsed_us = now_us.saturating_sub(since_us);
+                progress.retreated = self.follow(elapsed_us, RETREAT_SPEED_UM_S, settled, &mut progress);
+            }
         }
         progress
     }
 
-    /// Moves the setpoint along the path at an even speed; true when its time is over.
-    fn ramp(&mut self, elapsed_us: u64, duration_ms: u32) -> bool {
+    /// Moves the setpoint along the path at an even speed; true when its time is over. Where an axis would roll on beyond its
+    /// travel, and as the last step, the setpoint slows down at the end; as the last step the axes also settle there.
+    fn ramp(
+        &mut self,
+        elapsed_us: u64,
+        duration_ms: u32,
+        last: bool,
+        settled: bool,
+        progress: &mut Progress,
+    ) -> bool {
         let Some(path) = self.path else { return true };
         let duration_us = u64::from(duration_ms) * 1_000;
-        let done = elapsed_us >= duration_us;
-        let (share, speed_um_s) = if done {
-            (1.0, 0.0)
+        let (elapsed_s, duration_s) = (elapsed_us as f32 * 1e-6, duration_us as f32 * 1e-6);
+        let speed_um_s = path.length_um / duration_s;
+        let rolls_out = !Mutation::RampEndsAtOnce.is_out()
+            && path.at(1.0, speed_um_s).into_iter().any(|end| {
+                end.position_um * end.speed_um_s > 0.0
+                    && end.position_um.abs() + RUN_ON_S * end.speed_um_s.abs() > self.travel_um
+            });
+        // It brakes for as long after its time as it began to brake before it.
+        let early_s = if last || rolls_out { 0.5 * speed_um_s / ACCELERATION_UM_S2 } else { 0.0 };
+        let (share, speed_um_s, left_s) = if early_s > 0.0 && early_s >= duration_s {
+            // Too short to reach an even speed.
+            let profile = Profile::new(path.length_um, speed_um_s);
+            let (share, speed_um_s) = profile.at(elapsed_s);
+            (share, speed_um_s, profile.duration_s() - elapsed_s)
         } else {
-            (elapsed_us as f32 / duration_us as f32, path.length_um / (duration_us as f32 * 1e-6))
+            let left_s = duration_s + early_s - elapsed_s;
+            if left_s <= 0.0 {
+                (1.0, 0.0, left_s)
+            } else if left_s < 2.0 * early_s {
+                let share = 1.0 - 0.5 * ACCELERATION_UM_S2 * left_s * left_s / path.length_um;
+                (share, ACCELERATION_UM_S2 * left_s, left_s)
+            } else {
+                (elapsed_us as f32 / duration_us as f32, speed_um_s, left_s)
+            }
         };
         self.setpoint = Some(path.at(share, speed_um_s));
-        done
+        let arrived = left_s <= 0.0;
+        progress.timed_out = last && -left_s > SETTLE_LIMIT_US as f32 * 1e-6;
+        arrived && (!last || (settled && elapsed_us >= 2 * u64::from(PERIOD_US)))
     }
 
     /// Moves the setpoint along the path; true when the axes have settled at its end.
-    fn follow(&mut self, elapsed_us: u64, speed_um_s: u32, settled: bool, progress: &mut Progress) -> bool {
+    fn follow(&mut self, elapsed_us: u64, speed_um_s: f32, settled: bool, progress: &mut Progress) -> bool {
         let Some(path) = self.path else { return true };
-        let profile = Profile::new(path.length_um, speed_um_s as f32);
+        let profile = Profile::new(path.length_um, speed_um_s);
         let (share, speed_um_s) = profile.at(elapsed_us as f32 * 1e-6);
         let duration_us = profile.duration_s() * 1e6;
         self.setpoint = Some(path.at(share, speed_um_s));
@@ -334,6 +391,54 @@ mod tests {
         let progress = executor.advance(500_000, false, [0.0; 2]);
         assert_eq!((progress.ended, progress.started), (Some(0), Some(1)));
         assert_eq!(executor.setpoint().unwrap()[0], Setpoint { position_um: 800.0, speed_um_s: 0.0 });
+    }
+
+    #[test]
+    fn a_last_ramp_slows_down_and_ends_when_the_axes_have_settled() {
+        let mut executor = loaded(&[Step::Ramp { x_um: 0, y_um: 8_000, duration_ms: 1_000 }]);
+        executor.advance(0, false, [0.0; 2]);
+        let mut before = 0.0;
+        for t_ms in 1..=1_400_u64 {
+            assert!(!executor.advance(t_ms * 1_000, false, [0.0; 2]).completed);
+            let [_, y] = executor.setpoint().unwrap();
+            // Even at 8 mm/s, then braked at 20 mm/s2; it never passes the end.
+            assert!((-0.01..8.02).contains(&(y.position_um - before)), "{y:?} at {t_ms}");
+            if t_ms <= 800 {
+                assert!((y.position_um - 8.0 * t_ms as f32).abs() < 0.1, "{y:?} at {t_ms}");
+            }
+            before = y.position_um;
+        }
+        assert_eq!(executor.setpoint().unwrap()[1], Setpoint { position_um: 8_000.0, speed_um_s: 0.0 });
+        assert!(executor.advance(1_401_000, true, [0.0; 2]).completed);
+        let mut executor = loaded(&[Step::Ramp { x_um: 0, y_um: 8_000, duration_ms: 1_000 }]);
+        executor.advance(0, false, [0.0; 2]);
+        assert!(!executor.advance(4_100_000, false, [0.0; 2]).timed_out);
+        assert!(executor.advance(4_300_000, false, [0.0; 2]).timed_out);
+    }
+
+    #[test]
+    fn a_ramp_to_the_end_of_the_travel_slows_down_before_a_hold() {
+        let ramp = |y_um| [Step::Ramp { x_um: 0, y_um, duration_ms: 1_000 }, Step::Hold { duration_ms: 9 }];
+        let ends_ms = |y_um| {
+            let mut executor = loaded(&ramp(y_um));
+            executor.advance(0, false, [0.0; 2]);
+            (1..2_000_u64).find(|t_ms| executor.advance(t_ms * 1_000, false, [0.0; 2]).ended.is_some())
+        };
+        assert_eq!(ends_ms(9_500), Some(1_000));
+        // By v / 2 a later: 10 mm/s at 20 mm/s2.
+        assert_eq!(ends_ms(-10_000), Some(1_250));
+    }
+
+    #[test]
+    fn a_start_too_far_ahead_is_refused() {
+        let mut executor = Executor::new();
+        let steps = [Step::Hold { duration_ms: 5 }];
+        executor.load(0, steps[0], TRAVEL_UM).unwrap();
+        let crc = protocol::program_crc(&steps);
+        for start_us in [7 + START_LIMIT_US + 1, u64::MAX] {
+            assert_eq!(executor.run(1, crc, start_us, 7, [0.0; 2]), Err(Refusal::OutOfRange));
+        }
+        assert_eq!(executor.run(1, crc, 7 + START_LIMIT_US, 7, [0.0; 2]), Ok(()));
     }
 
     #[test]

@@ -3,10 +3,27 @@
 //! Sums are exact integers about the first reading; the result is computed once, at the end.
 
 use super::round;
-use protocol::{Tare, UNIQUE_CODES};
+use crate::calibration::counts_of_mn;
+use protocol::{TARE_CHANGE_PERCENT, TARE_ZERO_PERCENT, Tare, TareProblem, UNIQUE_CODES};
 
-/// Longest tare, milliseconds: as long as its sums are sure to fit.
-pub const TARE_LIMIT_MS: u32 = 60_000;
+/// What is wrong with a tare on a cell of this rated range. A zero under load would take that load off the force that is measured and
+/// limited; a force that still settles leaves a zero that nobody can repeat.
+pub fn problem(tare: &Tare, range_mn: u32, periods_per_s: f64) -> Option<TareProblem> {
+    let range = f64::from(counts_of_mn(range_mn));
+    let beyond = |counts: f64, percent: u32| counts.abs() > range * f64::from(percent) * 1e-2;
+    let lasted_s = f64::from(tare.periods) / periods_per_s;
+    if tare.zero_counts.iter().any(|zero| beyond(f64::from(*zero), TARE_ZERO_PERCENT)) {
+        Some(TareProblem::FarFromZero)
+    } else if tare
+        .drift_counts_per_s
+        .iter()
+        .any(|drift| beyond(f64::from(*drift) * lasted_s, TARE_CHANGE_PERCENT))
+    {
+        Some(TareProblem::Settling)
+    } else {
+        None
+    }
+}
 
 /// One channel's sums.
 #[derive(Debug, Default, Clone)]
@@ -110,6 +127,7 @@ impl Taring {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::TARE_LIMIT_MS;
 
     #[test]
     fn mean_scatter_and_drift_of_a_far_off_zero_are_found() {
@@ -130,6 +148,22 @@ mod tests {
         assert!((tare.drift_counts_per_s[0] - 200).abs() <= 1, "{tare:?}");
         assert!(tare.sd_counts[0].abs_diff(99) <= 1, "{tare:?}");
         assert_eq!((tare.periods, tare.readings, tare.unique_codes), (1_000, 900, [UNIQUE_CODES, 1]));
+    }
+
+    #[test]
+    fn a_tare_under_load_or_while_the_force_settles_has_a_problem() {
+        let tare = |zero, drift| Tare {
+            zero_counts: [7, zero],
+            sd_counts: [100; 2],
+            drift_counts_per_s: [drift, -3],
+            periods: 500,
+            readings: 500,
+            unique_codes: [UNIQUE_CODES; 2],
+        };
+        // 1 N of 5 N; 50 mN in the half second.
+        assert_eq!(problem(&tare(20_000, 2_000), 5_000, 1_000.0), None);
+        assert_eq!(problem(&tare(-20_001, 0), 5_000, 1_000.0), Some(TareProblem::FarFromZero));
+        assert_eq!(problem(&tare(0, -2_002), 5_000, 1_000.0), Some(TareProblem::Settling));
     }
 
     #[test]

@@ -56,13 +56,12 @@ impl Telemetry {
     pub fn send(&mut self, t_us: u64, outputs: &Outputs, outbox: &mut impl Outbox) {
         for note in &outputs.notes {
             // What was sampled before an answer or an event goes out before it; the state told now and then waits for nothing.
-            if !matches!(note, Note::Report(_))
-                && let Some(batch) = self.packer.flush()
-            {
+            let report = matches!(note, Note::Report(_) | Note::SafetyReport(_));
+            if !report && let Some(batch) = self.packer.flush() {
                 self.batch(batch, outbox);
             }
             // A state that is told all the time is dropped for nothing: the next one says more.
-            let may_wait = matches!(note, Note::Report(_)) && outbox.room() <= RESERVED_FOR_NOTES;
+            let may_wait = report && outbox.room() <= RESERVED_FOR_NOTES;
             if let Note::Stream(enable) = note {
                 self.streaming = *enable;
             } else if may_wait {
@@ -129,6 +128,7 @@ mod tests {
             step: NO_STEP,
             sample: Sample { position_counts: [t_ms as i32, 0], force_counts: [0; 2] },
             notes: all,
+            keep: false,
             store: None,
         }
     }

@@ -5,11 +5,23 @@ use super::*;
 use crate::ads131m02::ForceFault;
 use crate::hal::Readings;
 use proptest::prelude::*;
-use protocol::{Load, Step, program_crc};
+use protocol::{
+    CalibrationRecord, Command, Load, Refusal, Request, RetreatOutcome, Step, TareProblem, program_crc,
+};
 
+mod campaign;
 mod faults;
+mod findings;
+mod matrix;
 
 const BOOT: u32 = 42;
+
+/// A controller with whom a host has just connected; the token.
+fn connected(calibration: Calibration, start: Start) -> (Controller, u32) {
+    let mut controller = Controller::new(calibration, start);
+    let token = controller.conversation.begin();
+    (controller, token)
+}
 
 /// Two actuators that follow the duty with a dead band, and a spring of 1 N/mm on each axis.
 struct Bench {
@@ -19,6 +31,7 @@ struct Bench {
     late_us: u32,
     emergency_stop: bool,
     force_fault: Option<ForceFault>,
+    stiffness_n_per_um: f32,
     /// Force added to that of the springs, newtons.
     push_n: [f32; 2],
     force_stuck: bool,
@@ -29,6 +42,7 @@ struct Bench {
     runaway: Option<f32>,
     /// Periods between two questions of the host; 0 for a silent host.
     asks_every: u64,
+    connection: u32,
     next_id: u16,
     notes: std::vec::Vec<Note>,
     last: Option<Outputs>,
@@ -36,13 +50,16 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
+        let (controller, connection) = connected(Calibration::default(), Start::ordinary(BOOT));
         Self {
-            controller: Controller::new(Calibration::default(), BOOT, false),
+            controller,
+            connection,
             position_um: [300.0, -800.0],
             now_us: 0,
             late_us: 0,
             emergency_stop: false,
             force_fault: None,
+            stiffness_n_per_um: 1e-3,
             push_n: [0.0; 2],
             force_stuck: false,
             potentiometer_codes: None,
@@ -61,13 +78,13 @@ impl Bench {
         let command = command.or_else(|| {
             let id = self.next_id;
             self.next_id = self.next_id.wrapping_add(asks.into());
-            asks.then_some(Command { id, boot_id: BOOT, request: Request::Status })
+            asks.then_some(Command { id, connection: self.connection, request: Request::Status })
         });
         let code = |um: f32| (um / 12.207_031 + 2_048.0).round().clamp(0.0, 4_095.0) as u16;
         // 1 N/mm; a code is 0.93 uN, and a sound converter never gives the same one twice.
         let dither = if self.force_stuck { 0 } else { (self.now_us / 1_000 % 7) as i32 };
         let force = [0, 1].map(|axis| {
-            let force_n = self.position_um[axis] * 1e-3 + self.push_n[axis];
+            let force_n = self.position_um[axis] * self.stiffness_n_per_um + self.push_n[axis];
             (force_n / 931.323e-9) as i32 + dither
         });
         let readings = Readings {
@@ -105,7 +122,7 @@ impl Bench {
     fn command(&mut self, request: Request) -> Result<(), Refusal> {
         let id = self.next_id;
         self.next_id += 1;
-        self.answer(Command { id, boot_id: BOOT, request })
+        self.answer(Command { id, connection: self.connection, request })
     }
 
     fn answer(&mut self, command: Command) -> Result<(), Refusal> {
@@ -207,7 +224,8 @@ fn a_repeated_command_is_carried_out_once() {
     let steps = [Step::Hold { duration_ms: 5 }];
     bench.command(Request::LoadStep { index: 0, step: steps[0] }).expect("loads");
     let request = Request::Run { steps: 1, crc: program_crc(&steps), start_us: 0 };
-    let run = Command { id: 900, boot_id: BOOT, request };
+    let run = Command { id: 900, connection: bench.connection, request };
+    bench.next_id = 901;
     assert_eq!(bench.answer(run), Ok(()));
     bench.periods(50);
     assert_eq!(bench.answer(run), Ok(()));
@@ -222,7 +240,7 @@ fn stop_ends_a_program_even_from_a_host_that_knows_an_earlier_boot() {
     let mut bench = Bench::new();
     bench.run(&[Step::Move { x_um: 0, y_um: 5_000, speed_um_s: 1_000 }]);
     bench.periods(100);
-    assert_eq!(bench.answer(Command { id: 800, boot_id: BOOT - 1, request: Request::Stop }), Ok(()));
+    assert_eq!(bench.answer(Command { id: 800, connection: BOOT - 1, request: Request::Stop }), Ok(()));
     assert_eq!(bench.last.as_ref().map(|last| last.drive), Some(Drive::Release));
     assert_eq!(bench.finish(), Outcome::Stopped);
 }
@@ -230,7 +248,7 @@ fn stop_ends_a_program_even_from_a_host_that_knows_an_earlier_boot() {
 #[test]
 fn a_status_is_told_again_when_it_is_asked_again() {
     let mut bench = Bench::new();
-    let status = Command { id: 5, boot_id: BOOT, request: Request::Status };
+    let status = Command { id: 5, connection: bench.connection, request: Request::Status };
     for _ in 0..2 {
         let outputs = bench.period(Some(status));
         assert!(matches!(outputs.notes.as_slice(), [Note::Status(_), Note::Ack(5)]), "{:?}", outputs.notes);
@@ -269,6 +287,10 @@ fn any_request() -> impl Strategy<Value = Request> {
         Just(Request::Stop),
         Just(Request::ClearFault),
         Just(Request::Calibration),
+        Just(Request::Safety),
+        Just(Request::Describe),
+        Just(Request::AcknowledgeCalibration),
+        (-1_100_i32..1_100, -1_100_i32..1_100).prop_map(|(x_um, y_um)| Request::Retreat { x_um, y_um }),
         any::<(u32, u32)>().prop_map(|(force_mn, silence_ms)| Request::Limits { force_mn, silence_ms }),
         any::<(u8, [u8; 16])>().prop_map(|(piece, bytes)| Request::LoadCalibration { piece, bytes }),
         any::<(u8, u32)>().prop_map(|(length, crc)| Request::StoreCalibration { length, crc }),
@@ -296,10 +318,10 @@ proptest! {
     fn no_input_panics_and_a_fault_never_drives(
         periods in prop::collection::vec((any_readings(), prop::option::of(any_request())), 1..120),
     ) {
-        let mut controller = Controller::new(Calibration::default(), BOOT, false);
+        let (mut controller, connection) = connected(Calibration::default(), Start::ordinary(BOOT));
         for (index, (readings, request)) in periods.into_iter().enumerate() {
             let now_us = index as u64 * u64::from(PERIOD_US);
-            let command = request.map(|request| Command { id: index as u16, boot_id: BOOT, request });
+            let command = request.map(|request| Command { id: index as u16, connection, request });
             let counters = Counters::default();
             let load = Load::default();
             let outputs = controller.step(&Inputs { now_us, late_us: 0, readings, command, counters, load });
@@ -315,13 +337,20 @@ proptest! {
     }
 }
 
+/// The token of the first connection of this boot.
+fn first_token() -> u32 {
+    commands::Conversation::new(BOOT).begin()
+}
+
 /// An intact frame of anything that can be said.
 fn any_frame() -> impl Strategy<Value = std::vec::Vec<u8>> {
-    (any::<u16>(), prop_oneof![Just(BOOT), any::<u32>()], any_request()).prop_map(|(id, boot_id, request)| {
-        let mut buffer = [0; protocol::MAX_FRAME_TO_DEVICE];
-        let command = Command { id, boot_id, request };
-        protocol::encode_command(&command, &mut buffer).expect("the bound suffices").to_vec()
-    })
+    (any::<u16>(), prop_oneof![Just(first_token()), any::<u32>()], any_request()).prop_map(
+        |(id, connection, request)| {
+            let mut buffer = [0; protocol::MAX_FRAME_TO_DEVICE];
+            let command = Command { id, connection, request };
+            protocol::encode_command(&command, &mut buffer).expect("the bound suffices").to_vec()
+        },
+    )
 }
 
 /// Bytes as a mad host or a bad line brings them.
@@ -355,7 +384,7 @@ proptest! {
     #[test]
     fn no_bytes_panic_and_no_bytes_drive_in_a_fault(bytes in any_bytes(), readings in any_readings()) {
         let mut receiver = protocol::CommandReceiver::new();
-        let mut controller = Controller::new(Calibration::default(), BOOT, false);
+        let (mut controller, _) = connected(Calibration::default(), Start::ordinary(BOOT));
         let (mut telemetry, mut sink) = (telemetry::Telemetry::new(), Sink(0));
         let mut now_us = 0;
         let mut period = |command: Option<Command>, emergency_stop: bool| {

@@ -126,6 +126,13 @@ fn fill(from: &OwnedFd, bytes: &mut [u8]) -> bool {
     true
 }
 
+/// Fills a buffer from a file in QEMU's working folder, as far as that goes.
+pub(super) fn load(name: &CStr, buffer: &mut [u8]) {
+    if let Ok(file) = sys_open(name, OpenMode::RDONLY_BINARY) {
+        fill(&file, buffer);
+    }
+}
+
 /// A recording in QEMU's working folder: single-precision numbers, least significant byte first.
 pub struct Recording(OwnedFd);
 

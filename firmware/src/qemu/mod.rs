@@ -83,7 +83,7 @@ impl Machine {
             0x4002_2000 => &mut self.flash,
             0x4800_0400 => &mut self.gpio,
             0x5004_0000 => &mut self.adc,
-            _ if address & !0x7FF == peripherals::PAGE => return Some((&mut self.flash, address)),
+            _ if address & !0xFFF == peripherals::PAGE => return Some((&mut self.flash, address)),
             _ => return None,
         };
         Some((peripheral, offset))
@@ -161,6 +161,11 @@ unsafe fn with_machine<R>(work: impl FnOnce(&mut Machine) -> R) -> R {
 pub fn install() {
     let reset_flags = peripherals::take_reset_flags();
     // SAFETY: nothing else runs yet, and the flags are no trapped register.
-    unsafe { with_machine(|machine| machine.rcc.reset_flags = reset_flags) };
+    unsafe {
+        with_machine(|machine| {
+            machine.rcc.reset_flags = reset_flags;
+            machine.flash.power_on();
+        });
+    }
     trap::protect();
 }

@@ -35,8 +35,8 @@ const REGIONS: [Region; 8] = [
     Region { base: 0x4800_0400, size_log2: 10, open_eighths: 0 },
     // ADC1 with the common registers.
     Region { base: 0x5004_0000, size_log2: 10, open_eighths: 0 },
-    // The last page of the flash.
-    Region { base: 0x080F_F800, size_log2: 11, open_eighths: 0 },
+    // The last two pages of the flash.
+    Region { base: 0x080F_F000, size_log2: 12, open_eighths: 0 },
 ];
 
 /// Execute never, no access, shareable device memory.
@@ -54,7 +54,7 @@ pub(super) fn count() -> u32 {
 
 /// Closes the regions.
 pub(super) fn protect() {
-    // SAFETY: the MPU is used here only, at start-up; the regions cover peripherals and a page of the flash that no
+    // SAFETY: the MPU is used here only, at start-up; the regions cover peripherals and pages of the flash that no
     // code lies in.
     unsafe {
         let mpu = &*cortex_m::peripheral::MPU::PTR;

@@ -91,7 +91,7 @@ impl Check {
 
 /// Checks the session in a folder. Whatever is wrong, there is a result.
 pub fn check(dir: &Path) -> Check {
-    let Survey { session, faults, unknown, misspelt, outside } = Session::survey(dir);
+    let Survey { session, faults, unknown, misspelt, cut_rows, outside } = Session::survey(dir);
     let mut findings: Vec<Finding> = Vec::new();
     for fault in &faults {
         let finding = Finding::error(fault);
@@ -104,6 +104,10 @@ pub fn check(dir: &Path) -> Check {
     findings.extend(misspelt.iter().map(|(place, name, meant)| Finding {
         expected: Some(format!("{meant}, if that is meant")),
         ..Finding::at(Severity::Warning, place, format!("header: \"{name}\" is not known, ignored"))
+    }));
+    findings.extend(cut_rows.iter().map(|place| Finding {
+        expected: Some("a line that ends; `guide recover` finds the rest in the raw recording".to_owned()),
+        ..Finding::at(Severity::Warning, place, "row: the last line is cut off, left out".to_owned())
     }));
     findings.extend(outside.iter().map(|(place, name)| Finding {
         expected: Some("a file in it, so that the folder can be moved as a whole".to_owned()),

@@ -1,13 +1,16 @@
-//! `guide status`, `home`, `move`, `stop`, `clear`: operating the rig by hand. Each ends by telling where the guide is.
+//! `guide status`, `home`, `move`, `stop`, `clear`, `retreat`: operating the rig by hand. Each ends by telling where the guide is.
 
 use super::output::Output;
 use super::rig_args::{ForceLimitArgs, PortArgs, Rest, StartArgs, run_step};
 use super::status::{Detail, report_status};
 use anyhow::anyhow;
-use host::link::error::explain_fault;
+use host::link::error::{explain_fault, explain_retreat};
 use host::link::program::move_to;
-use host::link::{Client, LinkError};
-use protocol::{Refusal, Request};
+use host::link::{Client, LinkError, Telemetry};
+use protocol::{EventKind, Fault, RETREAT_LIMIT_UM, Refusal, Request, State};
+use serde::Serialize;
+use std::fmt::{self, Display};
+use std::time::{Duration, Instant};
 
 /// Show what the device is doing, where the guide is and what has gone wrong
 #[derive(clap::Args)]
@@ -97,10 +100,116 @@ pub struct ClearArgs {
 pub fn clear(args: &ClearArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
     client.request(Request::ClearFault).or_else(|error| match (&error, client.status()?.fault) {
+        (LinkError::Refused { refusal: Refusal::CauseRemains, .. }, Some(fault @ Fault::MotorHot)) => {
+            let [x_s, y_s] = client.safety()?.cools_in_s;
+            Err(anyhow!("{error}: {}; {} s left", explain_fault(fault), x_s.max(y_s)))
+        }
         (LinkError::Refused { refusal: Refusal::CauseRemains, .. }, Some(fault)) => {
             Err(anyhow!("{error}: {}", explain_fault(fault)))
         }
         _ => Err(error.into()),
     })?;
     report_status("guide.clear/1", &mut client, None, Detail::Brief, out)
+}
+
+/// Move out of a load while the fault that it has caused stands
+///
+/// The guide goes slowly, by at most 1 mm along each axis, and stops as soon as the force does not fall. Without a direction: along the
+/// axis with the larger force, against it.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide retreat --port /dev/ttyACM0\n  guide retreat --port /dev/ttyACM0 --y-mm -0.5"
+)]
+pub struct RetreatArgs {
+    #[command(flatten)]
+    port: PortArgs,
+    /// Displacement along x, millimetres, -1 to 1
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = retreat_um)]
+    x_mm: Option<i32>,
+    /// Displacement along y, millimetres, -1 to 1
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = retreat_um)]
+    y_mm: Option<i32>,
+}
+
+/// Reads a distance in millimetres as micrometres.
+fn retreat_um(text: &str) -> Result<i32, String> {
+    let um = text.parse().ok().map(|mm: f64| (1e3 * mm).round());
+    let limit = f64::from(RETREAT_LIMIT_UM);
+    um.filter(|um| um.abs() <= limit)
+        .map(|um| um as i32)
+        .ok_or(format!("expected -{l} to {l}", l = limit / 1e3))
+}
+
+#[derive(Serialize)]
+struct Retreated {
+    schema: &'static str,
+    outcome: &'static str,
+    position_x_mm: f64,
+    position_y_mm: f64,
+    force_x_n: f64,
+    force_y_n: f64,
+    fault: Option<String>,
+}
+
+impl Display for Retreated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "retreat    {}", self.outcome)?;
+        writeln!(f, "guide 2    x {:+.3} mm   y {:+.3} mm", self.position_x_mm, self.position_y_mm)?;
+        writeln!(f, "force      x {:+.4} N    y {:+.4} N", self.force_x_n, self.force_y_n)?;
+        match &self.fault {
+            Some(fault) => writeln!(f, "fault      {fault}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Runs `guide retreat`.
+pub fn retreat(args: &RetreatArgs, out: &mut Output) -> anyhow::Result<()> {
+    /// Longest that a retreat takes on the slowest simulated rig.
+    const LIMIT: Duration = Duration::from_secs(60);
+    let mut client = Client::connect(&args.port.port)?;
+    let before = client.status()?;
+    let (x_um, y_um) = match (args.x_mm, args.y_mm) {
+        (None, None) => {
+            let zero = client.safety()?.zero_counts;
+            let [x, y] = [0, 1].map(|axis| i64::from(before.force_counts[axis]) + i64::from(zero[axis]));
+            let against = |force: i64| if force > 0 { -RETREAT_LIMIT_UM } else { RETREAT_LIMIT_UM };
+            if x.abs() > y.abs() { (against(x), 0) } else { (0, against(y)) }
+        }
+        (x_um, y_um) => (x_um.unwrap_or(0), y_um.unwrap_or(0)),
+    };
+    client.request(Request::Retreat { x_um, y_um })?;
+    let began = Instant::now();
+    let mut outcome = None;
+    // The event may be lost; the state is not.
+    while client.status()?.state == State::Retreating && began.elapsed() < LIMIT {
+        while let Some(telemetry) = client.next(Duration::from_millis(50))? {
+            if let Telemetry::Event(event) = telemetry
+                && let EventKind::RetreatEnded { outcome: ended } = event.kind
+            {
+                outcome = Some(ended);
+            }
+        }
+    }
+    while let Some(telemetry) = client.waiting() {
+        if let Telemetry::Event(event) = telemetry
+            && let EventKind::RetreatEnded { outcome: ended } = event.kind
+        {
+            outcome = Some(ended);
+        }
+    }
+    let status = client.status()?;
+    let [position_x_mm, position_y_mm] =
+        client.displacement_m(status.position_counts).map(|metres| metres * 1e3);
+    let [force_x_n, force_y_n] = client.force_n(status.force_counts);
+    let retreated = Retreated {
+        schema: "guide.retreat/1",
+        outcome: outcome.map_or("ended; how was lost on the way", explain_retreat),
+        position_x_mm,
+        position_y_mm,
+        force_x_n,
+        force_y_n,
+        fault: status.fault.map(explain_fault),
+    };
+    out.result(&retreated, &retreated)
 }

@@ -11,7 +11,7 @@ use host::recording::{About, RawFile, RawRecorder};
 use host::session::{DEPTH_RANGE_MM, Provenance, SessionWriter, Setup};
 use host::sweep::Sweep;
 use indicatif::{ProgressBar, ProgressStyle};
-use protocol::Request;
+use protocol::{Request, Step};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
@@ -78,6 +78,9 @@ pub struct AcquireArgs {
     /// that asks for a sweep
     #[arg(long, value_name = "COMMAND", conflicts_with = "igtl")]
     sweep_command: Option<String>,
+    /// Measure although the force was not tared since the device started: its zero is that of the calibration
+    #[arg(long)]
+    no_tare: bool,
     #[command(flatten)]
     tracker: TrackerArgs,
     #[command(flatten)]
@@ -147,6 +150,14 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
         (None, None) => Ultrasound::Absent,
     };
     let mut client = Client::connect(&args.port.port)?;
+    args.start.acknowledge(&mut client)?;
+    let tares_itself = program.steps.iter().any(|planned| matches!(planned.step, Step::Tare { .. }));
+    if !args.no_tare && !tares_itself && !client.safety()?.tared {
+        bail!(
+            "the force was not tared since the device started, so that its zero is that of the calibration and every result carries \
+             the sensor's offset: run `guide tare` with the needle unloaded first, or give --no-tare"
+        );
+    }
     let live = args.publish.begin(&setup.rig, &args.session.out, args.session.depth_mm, out)?;
     let raw = start_raw(&args.session, "acquire", &id, &setup, &mut client)?;
     args.limit.set(&mut client)?;

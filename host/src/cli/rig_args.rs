@@ -1,10 +1,12 @@
 //! What the sub-commands that operate the rig share: port, interrupt, limit, running one step, telling of faults.
 
 use super::output::Output;
+use anyhow::bail;
 use clap::Args;
 use host::link::error::explain_latched;
 use host::link::{Client, LinkError, Point, Program, RunOptions, Telemetry, run};
-use protocol::{Event, EventKind, Fault, Step};
+use protocol::{CalibrationSource, Event, EventKind, Fault, Refusal, Request, Step};
+use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The serial port of the device.
@@ -21,6 +23,9 @@ pub struct StartArgs {
     /// Start when the device's clock reads this, in seconds since its start (default: at once)
     #[arg(long, value_name = "SECONDS", value_parser = device_time)]
     pub at_s: Option<f64>,
+    /// Move by the constants of the rig as designed where the device has no stored calibration (until its next start)
+    #[arg(long)]
+    pub nominal: bool,
 }
 
 /// The force at which the device stops by itself.
@@ -54,11 +59,38 @@ pub fn interrupted() -> anyhow::Result<&'static AtomicBool> {
 }
 
 impl StartArgs {
+    /// Has the device move by the constants of the rig as designed, where it has no calibration of its own: with `--nominal`, or when
+    /// the user says so at a terminal.
+    pub fn acknowledge(self, client: &mut Client) -> anyhow::Result<()> {
+        if client.safety()?.calibration != CalibrationSource::Nominal {
+            return Ok(());
+        }
+        if self.nominal || confirmed()? {
+            client.request(Request::AcknowledgeCalibration)?;
+            return Ok(());
+        }
+        bail!(LinkError::Refused { command: "run", refusal: Refusal::CalibrationNotAcknowledged })
+    }
+
     /// Options for a program that starts then.
     pub fn options(self, stream: bool) -> anyhow::Result<RunOptions<'static>> {
         let start_us = self.at_s.map(|time_s| (time_s * 1e6).round() as u64);
         Ok(RunOptions { start_us, stream, interrupted: interrupted()? })
     }
+}
+
+/// Asks at the terminal; no where there is none.
+fn confirmed() -> anyhow::Result<bool> {
+    if !std::io::stdin().is_terminal() || !std::io::stderr().is_terminal() {
+        return Ok(false);
+    }
+    eprint!(
+        "no calibration is stored on this device: positions and forces, and the force limit, would be those of the rig as designed.\n\
+         Move all the same, until its next start? [y/N] "
+    );
+    let mut answer = String::new();
+    std::io::stdin().read_line(&mut answer)?;
+    Ok(matches!(answer.trim(), "y" | "Y" | "yes"))
 }
 
 /// Where the guide has come to rest: means over the last readings of a motion, which ends when the guide has settled.
@@ -107,6 +139,7 @@ pub fn run_step(
     step: Step,
 ) -> anyhow::Result<(Client, Vec<Telemetry>)> {
     let mut client = Client::connect(&port.port)?;
+    start.acknowledge(&mut client)?;
     limit.set(&mut client)?;
     let program = Program::single(name, step);
     let mut said = Vec::new();

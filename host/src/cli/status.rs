@@ -6,7 +6,7 @@ use host::link::Client;
 use host::link::condition::{Condition, Troubles};
 use host::link::error::explain_fault;
 use host::link::words;
-use protocol::{Counters, Status, Stiffness};
+use protocol::{Counters, Safety, Status, Stiffness};
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::fmt::{self, Display};
@@ -45,6 +45,16 @@ struct Report {
     condition: Condition,
     stiffness_x: Option<Slope>,
     stiffness_y: Option<Slope>,
+    /// Where the constants come from: stored, nominal, nominal and acknowledged.
+    calibration_source: &'static str,
+    /// A tare was completed since the device started.
+    tared: bool,
+    /// Zero of the force from that of the calibration.
+    force_zero_x_n: f64,
+    force_zero_y_n: f64,
+    /// Rest until a hot motor has cooled.
+    motor_cools_in_x_s: u16,
+    motor_cools_in_y_s: u16,
     #[serde(skip)]
     counters: Counters,
     #[serde(skip)]
@@ -85,6 +95,7 @@ impl Report {
         schema: &'static str,
         client: &Client,
         status: &Status,
+        safety: &Safety,
         rest: Option<Rest>,
         detail: Detail,
     ) -> Self {
@@ -96,6 +107,8 @@ impl Report {
         let Rest { time_s, displacement_m, force_n: [force_x_n, force_y_n] } = rest.unwrap_or(now);
         let [position_x_mm, position_y_mm] = displacement_m.map(|metres| metres * 1e3);
         let [stiffness_x, stiffness_y] = status.stiffness.map(|stiffness| stiffness.as_ref().map(Slope::new));
+        let [force_zero_x_n, force_zero_y_n] = client.force_n(safety.zero_counts);
+        let [motor_cools_in_x_s, motor_cools_in_y_s] = safety.cools_in_s;
         let (hello, counters) = (client.hello(), status.counters);
         Self {
             schema,
@@ -118,6 +131,12 @@ impl Report {
             condition: status.into(),
             stiffness_x,
             stiffness_y,
+            calibration_source: words::calibration_source(safety.calibration),
+            tared: safety.tared,
+            force_zero_x_n,
+            force_zero_y_n,
+            motor_cools_in_x_s,
+            motor_cools_in_y_s,
             counters,
             detail,
         }
@@ -129,7 +148,17 @@ impl Report {
             "device     {}, firmware {} ({}), started by {}",
             self.board, self.firmware_version, self.commit, self.reset_reason
         )?;
-        writeln!(f, "calibrated {} (crc {})", self.calibration_id, self.calibration_crc)?;
+        writeln!(
+            f,
+            "calibrated {} (crc {}), {}",
+            self.calibration_id, self.calibration_crc, self.calibration_source
+        )?;
+        if self.tared {
+            let (x_n, y_n) = (self.force_zero_x_n, self.force_zero_y_n);
+            writeln!(f, "zero       x {x_n:+.4} N    y {y_n:+.4} N from the calibration's, by tare")?;
+        } else {
+            writeln!(f, "zero       not tared since the device started")?;
+        }
         writeln!(
             f,
             "limits     force {:.3} N, silence of the host {:.3} s",
@@ -151,6 +180,10 @@ impl Report {
             "motors     x {:.1} %   y {:.1} % of their duty cycle used",
             self.condition.motor_duty_used_x_percent, self.condition.motor_duty_used_y_percent
         )?;
+        let cools_in_s = self.motor_cools_in_x_s.max(self.motor_cools_in_y_s);
+        if cools_in_s > 0 {
+            writeln!(f, "           hot: {cools_in_s} s of rest until `guide clear`")?;
+        }
         let told =
             |slope: &Option<Slope>| slope.as_ref().map_or("not told yet".to_owned(), ToString::to_string);
         writeln!(
@@ -193,7 +226,8 @@ pub fn report_status(
     out: &mut Output,
 ) -> anyhow::Result<()> {
     let status = client.status()?;
-    let report = Report::new(schema, client, &status, rest, detail);
+    let safety = client.safety()?;
+    let report = Report::new(schema, client, &status, &safety, rest, detail);
     out.result(&report, &report)
 }
 

@@ -6,13 +6,16 @@
 use super::error::LinkError;
 use super::wire::{LinkLosses, Received, Tap, Wire};
 use protocol::{
-    CalibrationRecord, Command, Envelope, EventKind, Hello, Message, Request, Sample, Samples, State, Status,
+    CalibrationRecord, Command, Description, Envelope, EventKind, Hello, Message, Request, Safety, Sample,
+    Samples, State, Status,
 };
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 /// How often a command is sent before its answer is given up.
 pub const TRIES: u32 = 5;
+/// How often a question is asked anew that is acknowledged without its answer.
+pub const ASKS: u32 = 5;
 /// How long one answer is awaited: several times the longest command and answer at the slowest link the firmware has.
 pub const ANSWER_TIMEOUT: Duration = Duration::from_millis(600);
 /// How long the device may say nothing while it streams before it counts as gone.
@@ -58,6 +61,8 @@ pub struct Client {
     wire: Wire,
     inbox: VecDeque<Telemetry>,
     boot_id: u32,
+    /// Token of the connection, which every command carries.
+    connection: u32,
     next_id: u16,
     /// Id of a question whose answer nobody waits for: [`Self::ask_on_the_way`].
     open_question: Option<u16>,
@@ -83,34 +88,45 @@ impl Client {
     /// As [`Self::connect`].
     pub fn connect_within(port: &str, tries: u32) -> Result<Self, LinkError> {
         let mut wire = Wire::open(port)?;
+        let mut said: Option<(u32, u32, Hello)> = None;
         for id in 0..tries.max(1) {
-            wire.send(&Command { id: id as u16, boot_id: 0, request: Request::Hello })?;
+            wire.send(&Command { id: id as u16, connection: 0, request: Request::Hello })?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
-                match wire.receive(left)? {
-                    Received::Frame { frame, .. } => {
-                        if let Envelope { boot_id, sequence, message: Message::Hello(hello) } = *frame {
-                            check_protocol(port, &hello)?;
-                            let next_id = tries as u16;
-                            let inbox = VecDeque::new();
-                            return Ok(Self {
-                                wire,
-                                inbox,
-                                boot_id,
-                                next_id,
-                                open_question: None,
-                                hello,
-                                hello_sequence: sequence,
-                                sequence,
-                            });
-                        }
-                    }
+                let frame = match wire.receive(left)? {
+                    Received::Frame { frame, .. } => *frame,
                     Received::HelloOfVersion(theirs) => return Err(other_version(port, theirs)),
-                    Received::Nothing => {}
+                    Received::Nothing => continue,
+                };
+                match (frame.message, &said) {
+                    (Message::Hello(hello), _) => {
+                        check_protocol(port, &hello)?;
+                        said = Some((frame.boot_id, frame.sequence, hello));
+                    }
+                    // The token belongs to the start that said hello, whichever of its hellos it answers.
+                    (Message::Connected { connection }, Some((boot_id, hello_sequence, hello)))
+                        if frame.boot_id == *boot_id =>
+                    {
+                        return Ok(Self {
+                            wire,
+                            inbox: VecDeque::new(),
+                            boot_id: *boot_id,
+                            connection,
+                            next_id: 0,
+                            open_question: None,
+                            hello: hello.clone(),
+                            hello_sequence: *hello_sequence,
+                            sequence: frame.sequence,
+                        });
+                    }
+                    _ => {}
                 }
             }
         }
-        Err(LinkError::NoAnswer { port: port.to_owned(), tries, bytes: wire.bytes() })
+        Err(match said {
+            Some(_) => LinkError::Unanswered { port: port.to_owned(), command: "hello", tries },
+            None => LinkError::NoAnswer { port: port.to_owned(), tries, bytes: wire.bytes() },
+        })
     }
 
     /// Who the device said it is.
@@ -126,6 +142,11 @@ impl Client {
     /// Which start of the device this is.
     pub fn boot_id(&self) -> u32 {
         self.boot_id
+    }
+
+    /// Token of the connection, which every command of it carries.
+    pub fn connection(&self) -> u32 {
+        self.connection
     }
 
     /// Has everything seen that goes over the link from now on; the hello that is known already comes first.
@@ -169,14 +190,13 @@ impl Client {
     /// # Errors
     /// As [`Self::request`].
     pub fn status(&mut self) -> Result<Status, LinkError> {
-        for _ in 0..TRIES {
+        for _ in 0..ASKS {
             // The status and the answer to its request are two frames; where only the first is lost, it is asked for anew.
             if let Some(Message::Status(status)) = self.ask(Request::Status)? {
                 return Ok(status);
             }
         }
-        let port = self.wire.name().to_owned();
-        Err(LinkError::Unanswered { port, command: "status", tries: TRIES })
+        Err(self.nothing_but_acks("status"))
     }
 
     /// The calibration that the device works with.
@@ -184,13 +204,42 @@ impl Client {
     /// # Errors
     /// As [`Self::request`].
     pub fn calibration(&mut self) -> Result<CalibrationRecord, LinkError> {
-        for _ in 0..TRIES {
+        for _ in 0..ASKS {
             if let Some(Message::Calibration(record)) = self.ask(Request::Calibration)? {
                 return Ok(record);
             }
         }
-        let port = self.wire.name().to_owned();
-        Err(LinkError::Unanswered { port, command: "calibration", tries: TRIES })
+        Err(self.nothing_but_acks("calibration"))
+    }
+
+    /// Tare, source of the calibration and heat of the motors, now.
+    ///
+    /// # Errors
+    /// As [`Self::request`].
+    pub fn safety(&mut self) -> Result<Safety, LinkError> {
+        for _ in 0..ASKS {
+            if let Some(Message::Safety(safety)) = self.ask(Request::Safety)? {
+                return Ok(safety);
+            }
+        }
+        Err(self.nothing_but_acks("safety"))
+    }
+
+    /// What the device was built for.
+    ///
+    /// # Errors
+    /// As [`Self::request`].
+    pub fn description(&mut self) -> Result<Description, LinkError> {
+        for _ in 0..ASKS {
+            if let Some(Message::Description(description)) = self.ask(Request::Describe)? {
+                return Ok(description);
+            }
+        }
+        Err(self.nothing_but_acks("describe"))
+    }
+
+    fn nothing_but_acks(&self, command: &'static str) -> LinkError {
+        LinkError::AnswerMissing { port: self.wire.name().to_owned(), command, asked: ASKS }
     }
 
     /// Asks for the status without waiting: the answer comes among what the device says on its own. The device hears by it that
@@ -201,10 +250,10 @@ impl Client {
     pub fn ask_on_the_way(&mut self) -> Result<(), LinkError> {
         let id = match self.open_question {
             Some(id) => id,
-            None => self.take_id(),
+            None => self.take_id()?,
         };
         self.open_question = Some(id);
-        self.wire.send(&Command { id, boot_id: self.boot_id, request: Request::Status })
+        self.wire.send(&Command { id, connection: self.connection, request: Request::Status })
     }
 
     /// Forgets ends of programs that have been heard and not been taken yet: before a program is accepted they are those of others.
@@ -258,10 +307,10 @@ impl Client {
     /// Sends a command until it is answered; a status or a calibration that comes directly before the answer is returned with it. A
     /// status further before was told unasked, and may be from before the question.
     fn ask(&mut self, request: Request) -> Result<Option<Message>, LinkError> {
-        let id = self.take_id();
+        let id = self.take_id()?;
         // Its answer may still come; it is not asked again under its old number.
         self.open_question = None;
-        let command = Command { id, boot_id: self.boot_id, request };
+        let command = Command { id, connection: self.connection, request };
         let mut told = None;
         for _ in 0..TRIES {
             self.wire.send(&command)?;
@@ -275,7 +324,12 @@ impl Client {
                     Some(Message::Refused { id: answered, refusal }) if answered == id => {
                         return Err(LinkError::Refused { command: name(&request), refusal });
                     }
-                    Some(said @ (Message::Status(_) | Message::Calibration(_))) => {
+                    Some(
+                        said @ (Message::Status(_)
+                        | Message::Calibration(_)
+                        | Message::Safety(_)
+                        | Message::Description(_)),
+                    ) => {
                         told = Some((self.sequence, said));
                     }
                     _ => {}
@@ -286,10 +340,34 @@ impl Client {
         Err(LinkError::Unanswered { port, command: name(&request), tries: TRIES })
     }
 
-    fn take_id(&mut self) -> u16 {
+    /// The next id; where there are none left, of a new connection.
+    fn take_id(&mut self) -> Result<u16, LinkError> {
+        if self.next_id == u16::MAX {
+            self.connect_anew()?;
+        }
         let id = self.next_id;
-        self.next_id = self.next_id.wrapping_add(1);
-        id
+        self.next_id += 1;
+        Ok(id)
+    }
+
+    /// Begins another connection with the same start of the device.
+    fn connect_anew(&mut self) -> Result<(), LinkError> {
+        for _ in 0..TRIES {
+            self.wire.send(&Command {
+                id: u16::MAX,
+                connection: self.connection,
+                request: Request::Hello,
+            })?;
+            let deadline = Instant::now() + ANSWER_TIMEOUT;
+            while let Some(left) = deadline.checked_duration_since(Instant::now()) {
+                if let Some(Message::Connected { connection }) = self.receive(left)? {
+                    (self.connection, self.next_id, self.open_question) = (connection, 0, None);
+                    return Ok(());
+                }
+            }
+        }
+        let port = self.wire.name().to_owned();
+        Err(LinkError::Unanswered { port, command: "hello", tries: TRIES })
     }
 
     /// Takes one frame: telemetry goes to the inbox, answers are returned.
@@ -369,7 +447,15 @@ fn check_protocol(port: &str, hello: &Hello) -> Result<(), LinkError> {
     Ok(())
 }
 
-fn other_version(port: &str, theirs: u16) -> LinkError {
+/// A hello that says this version. One of our own that cannot be read has other fields behind the version.
+pub(super) fn other_version(port: &str, theirs: u16) -> LinkError {
+    if theirs == protocol::VERSION {
+        return LinkError::OtherSchema {
+            port: port.to_owned(),
+            version: theirs,
+            commit: "unknown: its hello has other fields".to_owned(),
+        };
+    }
     LinkError::OtherVersion { port: port.to_owned(), theirs, ours: protocol::VERSION }
 }
 
@@ -387,5 +473,17 @@ fn name(request: &Request) -> &'static str {
         Request::LoadCalibration { .. } => "load calibration",
         Request::StoreCalibration { .. } => "store calibration",
         Request::Calibration => "calibration",
+        Request::Retreat { .. } => "retreat",
+        Request::AcknowledgeCalibration => "acknowledge calibration",
+        Request::Describe => "describe",
+        Request::Safety => "safety",
+    }
+}
+
+#[cfg(test)]
+impl Client {
+    /// As if so many commands had been sent.
+    pub(super) fn skip_ids(&mut self, next_id: u16) {
+        self.next_id = next_id;
     }
 }

@@ -2,7 +2,7 @@
 
 use super::client::{ANSWER_TIMEOUT, SILENCE_LIMIT};
 use super::port::{self, PortError};
-use protocol::{Fault, Refusal};
+use protocol::{Fault, Refusal, RetreatOutcome, TARE_CHANGE_PERCENT, TARE_ZERO_PERCENT, TareProblem};
 use std::io;
 
 /// What went wrong with a link.
@@ -61,6 +61,19 @@ pub enum LinkError {
         /// How often it was sent.
         tries: u32,
     },
+    /// A question was acknowledged, but its answer did not come.
+    #[error(
+        "{port}: the device acknowledged `{command}` {asked} times without its answer: the line loses frames, or firmware and \
+         program differ"
+    )]
+    AnswerMissing {
+        /// The port's name.
+        port: String,
+        /// The question.
+        command: &'static str,
+        /// How often it was asked.
+        asked: u32,
+    },
     /// A command was refused.
     #[error("the device refused `{command}`: {}", explain_refusal(*refusal))]
     Refused {
@@ -104,6 +117,14 @@ pub enum LinkError {
     ProgramEnded {
         /// The fault that ended it; `None` for a stop.
         fault: Option<Fault>,
+    },
+    /// A tare among the steps of a program was rejected, which ended the program.
+    #[error("{}", explain_tare(*problem, *zero_n))]
+    TareRejected {
+        /// Why.
+        problem: Option<TareProblem>,
+        /// The zero that was found, newtons from the calibration's zero.
+        zero_n: [f64; 2],
     },
     /// A limit that the device cannot take.
     #[error("limit of the {name}: {value} {unit}, expected {least} to {most} {unit}")]
@@ -154,18 +175,31 @@ pub enum LinkError {
 /// A refusal in words, with what to do about it.
 pub fn explain_refusal(refusal: Refusal) -> String {
     match refusal {
-        Refusal::OtherBoot => "it has restarted since the hello; connect again".to_owned(),
+        Refusal::OtherBoot => {
+            "it has restarted since the hello, or other programs have connected since; connect again".to_owned()
+        }
         Refusal::Faulted { fault } => explain_latched(fault),
         Refusal::Busy => "a motion program waits or runs; `guide stop` ends it".to_owned(),
         Refusal::OutOfTravel => "the target lies beyond the travel of the guide".to_owned(),
-        Refusal::OutOfRange => "a speed, a duration or the number of steps is zero or too large".to_owned(),
+        Refusal::OutOfRange => "a speed, a duration, a distance or the number of steps is zero or too large, or the start is more \
+                                than an hour ahead"
+            .to_owned(),
         Refusal::ProgramMismatch => {
             "the steps it holds are not the ones that were meant; load them again".to_owned()
         }
         Refusal::TooLate => "the start time has passed on its clock; see `guide status`".to_owned(),
         Refusal::CauseRemains => "the cause of the fault is still there".to_owned(),
         Refusal::CalibrationInvalid => {
-            "the calibration it received is not the one that was meant, or makes no sense".to_owned()
+            "the calibration it received is not the one that was meant, or no rig has such constants".to_owned()
+        }
+        Refusal::IdUsed => "its id was used before; connect again".to_owned(),
+        Refusal::NotUnderLoad => {
+            "there is no load to retreat from, or another cause to stop as well; see `guide status`".to_owned()
+        }
+        Refusal::CalibrationNotAcknowledged => {
+            "no calibration is stored on it, so that it would move by the constants of the rig as designed; store one with \
+             `guide calibration --store FILE`, or give `--nominal` to work with those constants until its next start"
+                .to_owned()
         }
         Refusal::Unreadable => "it cannot read the command; firmware and program differ".to_owned(),
     }
@@ -185,16 +219,20 @@ pub fn fault_text(fault: Fault) -> FaultText {
     let (cause, remedy) = match fault {
         Fault::EmergencyStop => ("the emergency stop is pressed or its wire is open", "release it"),
         Fault::ForceSensor => ("the force converter gives no valid readings", "check its cable and supply"),
-        Fault::ForceRange => ("the force is beyond the sensor's range", "unload the needle"),
+        Fault::ForceRange => (
+            "the force is beyond the sensor's range or its converter is saturated",
+            "`guide retreat` moves out of the load; by hand: open the clamp of the needle",
+        ),
         Fault::Potentiometer => {
             ("a potentiometer reads beyond its track or jumps", "check its wires, then home the guide")
         }
         Fault::MoveTimeout => {
             ("an axis did not reach its target in time", "check for a jam and the motor supply")
         }
-        Fault::ForceLimit => {
-            ("the force exceeds the limit that is set", "unload the needle, or see `guide limits`")
-        }
+        Fault::ForceLimit => (
+            "the force exceeds the limit that is set",
+            "`guide retreat` moves out of the load, or see `guide limits`",
+        ),
         Fault::Travel => (
             "an axis is driven beyond its travel",
             "check the bridge and the calibration, then home the guide",
@@ -215,7 +253,18 @@ pub fn fault_text(fault: Fault) -> FaultText {
             ("the device restarted by itself", "see the reset reason and the last panic, check the supply")
         }
         Fault::Overrun => ("the control task was late", "see the load in `guide status`; report it"),
-        Fault::MotorHot => ("a motor has used up its duty cycle", "let it cool for a minute"),
+        Fault::MotorHot => {
+            ("a motor has used up its duty cycle", "let it cool: `guide status` says for how long")
+        }
+        Fault::WrongWay => (
+            "an axis moves against the direction in which it is driven",
+            "check the sign of its position table in the calibration, and the wires of motor and potentiometer",
+        ),
+        Fault::CalibrationLost => (
+            "the stored calibration cannot be read any more",
+            "store it again with `guide calibration --store FILE`, or give `--nominal` to work with the constants of the rig as \
+             designed",
+        ),
     };
     FaultText { cause, remedy }
 }
@@ -229,4 +278,34 @@ pub fn explain_fault(fault: Fault) -> String {
 /// A latched fault in one line, with what ends it.
 pub fn explain_latched(fault: Fault) -> String {
     format!("{}; then `guide clear`", explain_fault(fault))
+}
+
+/// A rejected tare in words, with what to do.
+fn explain_tare(problem: Option<TareProblem>, [x_n, y_n]: [f64; 2]) -> String {
+    let found = format!("x {x_n:+.3} N, y {y_n:+.3} N from the calibration's zero");
+    match problem {
+        Some(TareProblem::FarFromZero) => format!(
+            "the tare was rejected ({found}): the zero may lie within {TARE_ZERO_PERCENT} % of the rated range; unload the needle, \
+             or see to the force sensor's offset"
+        ),
+        Some(TareProblem::Settling) => format!(
+            "the tare was rejected ({found}): the force changed by more than {TARE_CHANGE_PERCENT} % of the rated range meanwhile; \
+             wait until it has settled"
+        ),
+        None => {
+            "a tare was rejected: unload the needle, wait until the force has settled, tare again".to_owned()
+        }
+    }
+}
+
+/// The end of a retreat in words.
+pub fn explain_retreat(outcome: RetreatOutcome) -> &'static str {
+    match outcome {
+        RetreatOutcome::Unloaded => "out of the load: `guide clear` leaves the fault",
+        RetreatOutcome::Moved => "moved; the load is not left yet: retreat again",
+        RetreatOutcome::ForceNotFalling => {
+            "the force does not fall this way: try another direction, or open the needle's clamp"
+        }
+        RetreatOutcome::Stopped => "stopped: see `guide status`",
+    }
 }

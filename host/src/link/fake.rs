@@ -1,9 +1,9 @@
 //! A device for tests: speaks the protocol at the far end of a pseudo terminal, and misbehaves as told.
 
 use protocol::{
-    CalibrationId, CalibrationRecord, Command, CommandReceiver, Counters, Envelope, Event, EventKind, Fault,
-    Hello, Load, MAX_CALIBRATION, MAX_FRAME_TO_HOST, Message, Outcome, PIECE_BYTES, Packer,
-    PotentiometerTable, Received, Refusal, Request, ResetReason, Sample, Scales, State, Status, Text,
+    CalibrationId, CalibrationRecord, CalibrationSource, Command, CommandReceiver, Counters, Envelope, Event,
+    EventKind, Fault, Hello, Load, MAX_CALIBRATION, MAX_FRAME_TO_HOST, Message, Outcome, PIECE_BYTES, Packer,
+    PotentiometerTable, Received, Refusal, Request, ResetReason, Safety, Sample, Scales, State, Status, Text,
     encode_envelope,
 };
 use serialport::{SerialPort, TTYPort};
@@ -14,6 +14,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 const PERIOD_US: u32 = 1_000;
+/// Token of its first connection; the next ones follow.
+const FIRST_CONNECTION: u32 = 0xC0FF_EE00;
 /// The boot that a new fake claims.
 pub const BOOT_ID: u32 = 77;
 
@@ -61,6 +63,10 @@ pub struct Script {
     pub refusal: Option<Refusal>,
     /// Longest time of its own clock without a command while a program runs, milliseconds.
     pub silence_limit_ms: u32,
+    /// Where its calibration comes from.
+    pub source: CalibrationSource,
+    /// Was tared since its start.
+    pub tared: bool,
     /// Restarts with the calibration it had, whatever it is told to keep.
     pub keeps_no_calibration: bool,
     /// What running a program does.
@@ -78,6 +84,8 @@ impl Default for Script {
             late_end: false,
             refusal: None,
             silence_limit_ms: 2_000,
+            source: CalibrationSource::Stored,
+            tared: true,
             keeps_no_calibration: false,
             program: vec![Act::Batch(32), Act::Complete],
         }
@@ -110,6 +118,7 @@ impl FakeDevice {
                 script,
                 sequence: 0,
                 boot_id: BOOT_ID,
+                connection: FIRST_CONNECTION,
                 answered: None,
                 executed: Arc::clone(&executed),
                 questions: Arc::clone(&questions),
@@ -154,6 +163,7 @@ struct Device {
     script: Script,
     sequence: u32,
     boot_id: u32,
+    connection: u32,
     answered: Option<(u16, Message)>,
     executed: Arc<Mutex<Vec<Request>>>,
     questions: Arc<AtomicUsize>,
@@ -211,6 +221,10 @@ impl Device {
             Request::Hello => {
                 let hello = self.hello();
                 self.send(far, Message::Hello(hello));
+                self.connection += 1;
+                self.answered = None;
+                let connection = self.connection;
+                self.send(far, Message::Connected { connection });
                 return self.send(far, Message::Ack { id: command.id });
             }
             Request::Status => {
@@ -229,6 +243,17 @@ impl Device {
             Request::Calibration => {
                 let record = self.calibration.clone();
                 self.send(far, Message::Calibration(record));
+            }
+            Request::Safety => {
+                let safety = Safety {
+                    t_us: self.t_us,
+                    calibration: self.script.source,
+                    tared: self.script.tared,
+                    zero_counts: [0; 2],
+                    cools_in_s: [0; 2],
+                    proven: [true; 2],
+                };
+                self.send(far, Message::Safety(safety));
             }
             Request::LoadStep { .. } if self.script.late_end => {
                 self.event(far, EventKind::ProgramEnded { outcome: Outcome::Stopped });
@@ -263,6 +288,9 @@ impl Device {
     }
 
     fn execute(&mut self, command: &Command) -> Message {
+        if command.connection != self.connection && command.request != Request::Stop {
+            return Message::Refused { id: command.id, refusal: Refusal::OtherBoot };
+        }
         if let Some(refusal) = self.script.refusal {
             return Message::Refused { id: command.id, refusal };
         }
@@ -285,7 +313,10 @@ impl Device {
             }
             _ => {}
         }
-        if command.request != Request::Status {
+        if command.request == Request::AcknowledgeCalibration {
+            self.script.source = CalibrationSource::NominalAcknowledged;
+        }
+        if !matches!(command.request, Request::Status | Request::Safety) {
             self.executed.lock().expect("the test runs").push(command.request);
         }
         Message::Ack { id: command.id }

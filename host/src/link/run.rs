@@ -7,7 +7,7 @@
 use super::client::{Client, SILENCE_LIMIT, Telemetry};
 use super::error::LinkError;
 use super::program::Program;
-use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, State, Status};
+use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, State, Status, TareProblem};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -104,6 +104,11 @@ fn follow<E: From<LinkError>>(
         match end.outcome {
             None => {}
             Some(Outcome::Completed) => return Ok(()),
+            Some(Outcome::TareRejected) => {
+                let (problem, zero_counts) =
+                    end.tare.map_or((None, [0; 2]), |(problem, zero)| (Some(problem), zero));
+                return Err(LinkError::TareRejected { problem, zero_n: client.force_n(zero_counts) }.into());
+            }
             Some(Outcome::Stopped) => return Err(LinkError::ProgramEnded { fault: None }.into()),
             Some(Outcome::Faulted) => {
                 let fault = match end.fault {
@@ -157,12 +162,14 @@ struct EndWatch {
     accepted_us: u64,
     seen_active: bool,
     fault: Option<Fault>,
+    /// Why a tare was rejected, and the zero that it found.
+    tare: Option<(TareProblem, [i32; 2])>,
     outcome: Option<Outcome>,
 }
 
 impl EndWatch {
     fn new(accepted: &Status) -> Self {
-        Self { accepted_us: accepted.t_us, seen_active: false, fault: None, outcome: None }
+        Self { accepted_us: accepted.t_us, seen_active: false, fault: None, tare: None, outcome: None }
     }
 
     fn see(&mut self, telemetry: &Telemetry) {
@@ -171,7 +178,8 @@ impl EndWatch {
                 EventKind::ProgramEnded { outcome } => self.outcome = Some(*outcome),
                 EventKind::Faulted { fault } => self.fault = Some(*fault),
                 EventKind::StepStarted { .. } => self.seen_active = true,
-                EventKind::StepEnded { .. } | EventKind::Tared(_) => {}
+                EventKind::TareRejected { tare, problem } => self.tare = Some((*problem, tare.zero_counts)),
+                EventKind::StepEnded { .. } | EventKind::Tared(_) | EventKind::RetreatEnded { .. } => {}
             },
             Telemetry::Status(status) if status.t_us >= self.accepted_us => {
                 self.told(status.state, status.fault);
@@ -180,8 +188,8 @@ impl EndWatch {
             // Batches of the time before the start may still be on their way: only a change to rest is an end.
             Telemetry::Samples(batch) => match batch.state {
                 State::Idle if self.seen_active => self.end(Outcome::Completed),
-                State::Faulted if self.seen_active => self.end(Outcome::Faulted),
-                State::Idle | State::Faulted => {}
+                State::Faulted | State::Retreating if self.seen_active => self.end(Outcome::Faulted),
+                State::Idle | State::Faulted | State::Retreating => {}
                 State::Pending | State::Moving | State::Holding | State::Taring => self.seen_active = true,
             },
         }
@@ -191,7 +199,7 @@ impl EndWatch {
     fn told(&mut self, state: State, fault: Option<Fault>) {
         match state {
             State::Idle => self.end(Outcome::Completed),
-            State::Faulted => {
+            State::Faulted | State::Retreating => {
                 self.fault = fault;
                 self.end(Outcome::Faulted);
             }

@@ -144,6 +144,37 @@ fn who_does_not_answer_or_speaks_another_protocol_is_told_apart() {
     assert!(matches!(&other, LinkError::OtherSchema { commit, .. } if commit == "fake"), "{other}");
 }
 
+/// The bytes of a hello of version 3, as its firmware sends them.
+#[test]
+fn a_device_of_version_3_is_refused_with_a_clear_line() {
+    let old = connect_error(Script { version: 3, ..Script::default() });
+    assert!(matches!(old, LinkError::OtherVersion { theirs: 3, ours: protocol::VERSION, .. }), "{old}");
+    assert!(old.to_string().contains("speaks protocol version 3"), "{old}");
+    // A hello of our own version with a field more cannot be read, and is no other version.
+    let longer = super::client::other_version("p", protocol::VERSION).to_string();
+    assert!(longer.contains("message types differ") && !longer.contains("this program speaks"), "{longer}");
+}
+
+#[test]
+fn a_connection_whose_ids_are_used_up_is_begun_anew() {
+    let device = FakeDevice::start(Script::default());
+    let mut client = Client::connect(&device.port).expect("connects");
+    client.skip_ids(u16::MAX - 1);
+    for _ in 0..4 {
+        client.request(Request::ClearFault).expect("answered");
+    }
+    assert_eq!(device.executed(), [Request::ClearFault; 4]);
+}
+
+#[test]
+fn an_answer_that_never_comes_with_its_acknowledgement_is_named() {
+    let device = FakeDevice::start(Script { lost_statuses: usize::MAX, ..Script::default() });
+    let mut client = Client::connect(&device.port).expect("connects");
+    let error = client.status().expect_err("only acknowledged");
+    assert!(matches!(error, LinkError::AnswerMissing { command: "status", .. }), "{error}");
+    assert!(error.to_string().contains("acknowledged `status` 5 times without its answer"), "{error}");
+}
+
 #[test]
 fn a_port_that_is_not_there_and_one_in_use_are_told_apart() {
     let nowhere = Client::connect("/dev/no-such-port").err().expect("no port");

@@ -1,6 +1,6 @@
 //! Names of what the device says, as people read them.
 
-use protocol::{Counters, ResetReason, State};
+use protocol::{CalibrationSource, Counters, ResetReason, State};
 
 /// What the controller is doing.
 pub fn state(state: State) -> &'static str {
@@ -11,6 +11,7 @@ pub fn state(state: State) -> &'static str {
         State::Holding => "holding",
         State::Taring => "taring",
         State::Faulted => "faulted",
+        State::Retreating => "retreating from a load",
     }
 }
 
@@ -23,6 +24,15 @@ pub fn reset_reason(reason: ResetReason) -> &'static str {
         ResetReason::Software => "its firmware",
         ResetReason::BrownOut => "a sagging supply",
         ResetReason::Other => "an unknown cause",
+    }
+}
+
+/// Where the constants of the rig come from.
+pub fn calibration_source(source: CalibrationSource) -> &'static str {
+    match source {
+        CalibrationSource::Stored => "stored",
+        CalibrationSource::Nominal => "nominal",
+        CalibrationSource::NominalAcknowledged => "nominal, acknowledged",
     }
 }
 

@@ -126,7 +126,7 @@ impl<'a> Session<'a> {
         self.catch_up()?;
         match status.state {
             State::Idle => self.ended(End::Completed)?,
-            State::Faulted => self.ended(End::Faulted)?,
+            State::Faulted | State::Retreating => self.ended(End::Faulted)?,
             State::Pending | State::Moving | State::Holding | State::Taring => {}
         }
         Ok(status)
@@ -218,7 +218,10 @@ impl<'a> Session<'a> {
                         }
                     }
                     EventKind::ProgramEnded { outcome } => end = Some(outcome),
-                    EventKind::StepStarted { .. } | EventKind::StepEnded { .. } => {}
+                    EventKind::TareRejected { .. }
+                    | EventKind::RetreatEnded { .. }
+                    | EventKind::StepStarted { .. }
+                    | EventKind::StepEnded { .. } => {}
                 }
             }
         }
@@ -227,8 +230,8 @@ impl<'a> Session<'a> {
     }
 
     fn state(&mut self, state: State) {
-        self.active = !matches!(state, State::Idle | State::Faulted);
-        if state == State::Faulted {
+        self.active = !matches!(state, State::Idle | State::Faulted | State::Retreating);
+        if matches!(state, State::Faulted | State::Retreating) {
             // It has not come to where it was sent.
             (self.sent_to_m, self.next_jog_m) = (None, None);
         }
@@ -249,6 +252,10 @@ impl<'a> Session<'a> {
                 if let Some(by_m) = next_jog_m {
                     return self.obey(Order::Jog(by_m));
                 }
+            }
+            End::TareRejected => {
+                let text = "rejected: unload the needle, wait until the force has settled, tare again";
+                self.say(&format!("{name}: {text}"), false);
             }
             End::Stopped => {
                 self.sent_to_m = None;

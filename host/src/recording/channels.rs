@@ -181,7 +181,7 @@ pub const HELLO: &[(&str, &str)] = &[
 ];
 
 /// Fields of a command with their JSON types.
-const COMMAND: &[(&str, &str)] = &[("id", "integer"), ("boot_id", "integer"), ("request", "object")];
+const COMMAND: &[(&str, &str)] = &[("id", "integer"), ("connection", "integer"), ("request", "object")];
 
 /// Fields of what is recorded with their JSON types.
 pub const ABOUT: &[(&str, &str)] = &[

@@ -66,7 +66,8 @@ pub fn to_session(
     writer.made_with(made_with);
     let mut recorder = Recorder::new(&mut writer);
     let outcome = each_batch(&mut replay, progress, |batch| {
-        let outside = matches!(batch.state, State::Idle | State::Pending | State::Faulted);
+        let outside =
+            matches!(batch.state, State::Idle | State::Pending | State::Faulted | State::Retreating);
         if program_only && outside { Ok(()) } else { Ok(recorder.batch(batch)?) }
     });
     let rows = recorder.recorded().samples;

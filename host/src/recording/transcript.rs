@@ -95,7 +95,12 @@ impl Transcript {
                 }
                 None => Ok(()),
             },
-            Message::Ack { .. } | Message::Refused { .. } | Message::Calibration(_) => Ok(()),
+            Message::Ack { .. }
+            | Message::Refused { .. }
+            | Message::Calibration(_)
+            | Message::Connected { .. }
+            | Message::Safety(_)
+            | Message::Description(_) => Ok(()),
         }
     }
 
@@ -240,7 +245,12 @@ fn said_us(message: &Message) -> Option<u64> {
         Message::Samples(samples) => Some(samples.t_us),
         Message::Event(event) => Some(event.t_us),
         Message::Status(status) => Some(status.t_us),
-        Message::Ack { .. } | Message::Refused { .. } | Message::Calibration(_) => None,
+        Message::Safety(safety) => Some(safety.t_us),
+        Message::Ack { .. }
+        | Message::Refused { .. }
+        | Message::Calibration(_)
+        | Message::Connected { .. }
+        | Message::Description(_) => None,
     }
 }
 

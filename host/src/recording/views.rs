@@ -4,7 +4,9 @@ use super::error::RecordingError;
 use crate::link::condition::{Condition, Troubles};
 use crate::link::error::explain_fault;
 use crate::link::{Point, words};
-use protocol::{Envelope, Event, EventKind, Hello, MAX_FRAME_TO_HOST, Outcome, State, Status};
+use protocol::{
+    Envelope, Event, EventKind, Hello, MAX_FRAME_TO_HOST, Outcome, RetreatOutcome, State, Status, TareProblem,
+};
 use serde::{Deserialize, Serialize};
 
 /// What is recorded, and with what.
@@ -63,6 +65,26 @@ impl EventView {
         match event.kind {
             EventKind::StepStarted { index } => Self { kind: "step_started", step: Some(index), ..view },
             EventKind::StepEnded { index } => Self { kind: "step_ended", step: Some(index), ..view },
+            EventKind::TareRejected { tare, problem } => Self {
+                kind: "tare_rejected",
+                cause: Some(
+                    match problem {
+                        TareProblem::FarFromZero => "far from zero",
+                        TareProblem::Settling => "settling",
+                    }
+                    .to_owned(),
+                ),
+                ..Self::new(&Event { t_us: event.t_us, kind: EventKind::Tared(tare) }, hello)
+            },
+            EventKind::RetreatEnded { outcome } => {
+                let outcome = match outcome {
+                    RetreatOutcome::Unloaded => "unloaded",
+                    RetreatOutcome::Moved => "moved",
+                    RetreatOutcome::ForceNotFalling => "force_not_falling",
+                    RetreatOutcome::Stopped => "stopped",
+                };
+                Self { kind: "retreat_ended", outcome: Some(outcome), ..view }
+            }
             EventKind::Tared(tare) => Self {
                 kind: "tared",
                 zero_x_n: newtons(f64::from(tare.zero_counts[0])),
@@ -77,6 +99,7 @@ impl EventView {
                     Outcome::Completed => "completed",
                     Outcome::Stopped => "stopped",
                     Outcome::Faulted => "faulted",
+                    Outcome::TareRejected => "tare_rejected",
                 };
                 Self { kind: "program_ended", outcome: Some(outcome), ..view }
             }

@@ -2,7 +2,7 @@
 
 use super::error::{Place, Problem, SessionError, read_text};
 use super::fields::Fields;
-use super::table::{Column, Table, misspelt_columns};
+use super::table::{Column, Table, cut_row, misspelt_columns};
 use super::{DEPTH_RANGE_MM, Session};
 use super::{hardware, read};
 use crate::model::Rig;
@@ -21,6 +21,8 @@ pub struct Survey {
     pub unknown: Vec<(Place, String)>,
     /// Columns that are not part of the format, with the name of one that is, is not there, and was perhaps meant.
     pub misspelt: Vec<(Place, String, &'static str)>,
+    /// Last rows of recordings that are cut off, which are left out.
+    pub cut_rows: Vec<Place>,
     /// Files that are named in a way that leads out of the session's folder.
     pub outside: Vec<(Place, String)>,
 }
@@ -174,7 +176,7 @@ impl Survey {
 
     /// What may not be meant in a run's files.
     fn files(&mut self, dir: &Path, fields: &Fields<'_>, kind: &Kind) {
-        for (name, columns, _) in kind.files {
+        for (name, columns, recording) in kind.files {
             let Ok(file) = fields.text(name) else { continue };
             let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
             if !Path::new(&file).components().all(inside) {
@@ -182,6 +184,11 @@ impl Survey {
             }
             let path = dir.join(file);
             let Ok(text) = read_text(&path) else { continue };
+            if let Some(cut) =
+                cut_row(&path, &text).filter(|cut| *recording && !self.cut_rows.contains(&cut.place))
+            {
+                self.cut_rows.push(cut.place);
+            }
             for one in misspelt_columns(&path, &text, columns) {
                 // Two runs may share a file.
                 if !self.misspelt.contains(&one) {
@@ -229,6 +236,20 @@ mod tests {
         let prefix = format!("{}/", folder.path().display());
         let faults = survey.faults.iter().map(|fault| fault.to_string().replace(&prefix, "")).collect();
         (survey, faults)
+    }
+
+    #[test]
+    fn a_row_that_a_full_disk_cut_off_is_left_out_and_named() {
+        let toml = HEAD.to_owned()
+            + "[[lateral]]\nid = \"a\"\ndepth_mm = 30\nforce = \"f.csv\"\nshape = \"s.csv\"\n";
+        let force = "time_s,displacement_y_mm,force_y_n,step\n0,0,0,1\n0.001,0,0.1,1\n0.002,0.0";
+        let (survey, faults) =
+            survey(&toml, &[("f.csv", force), ("s.csv", "z_mm,deflection_y_mm\n80,1\n81")]);
+        assert_eq!(faults, Vec::<String>::new());
+        let lines: Vec<_> = survey.cut_rows.iter().map(|place| place.line).collect();
+        assert_eq!(lines, [4, 3]);
+        let session = survey.session.expect("it is read");
+        assert_eq!((session.lateral[0].force.time_s.len(), session.lateral[0].shape.z_m.len()), (2, 1));
     }
 
     #[test]

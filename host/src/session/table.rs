@@ -71,12 +71,16 @@ impl Table {
         Self::parse(path, &read_text(path)?, known, 1)
     }
 
-    /// As [`Self::read`], but a recording that ended before its first row is a table too.
+    /// As [`Self::read`], but a recording that ended before its first row is a table too, and a last row that is cut off, as a full disk
+    /// or a power failure leaves it, is left out ([`cut_row`]).
     ///
     /// # Errors
     /// [`SessionError`] with file, line, column and field.
     pub fn read_recording(path: &Path, known: &[Column]) -> Result<Self, SessionError> {
-        Self::parse(path, &read_text(path)?, known, 0)
+        let text = read_text(path)?;
+        let whole =
+            cut_row(path, &text).map_or(text.as_str(), |cut| text.get(..cut.offset).unwrap_or_default());
+        Self::parse(path, whole, known, 0)
     }
 
     /// Moves a column out; nothing where the file does not have it.
@@ -202,6 +206,25 @@ impl Table {
     }
 }
 
+/// The last line of a table, cut off.
+pub(super) struct CutRow {
+    /// Where it begins.
+    pub offset: usize,
+    /// The same as a place.
+    pub place: Place,
+}
+
+/// The last line of a text where it has no line end and fewer cells than the header.
+pub(super) fn cut_row(path: &Path, text: &str) -> Option<CutRow> {
+    let offset = text.rfind(['\n', '\r']).map_or(0, |end| end + 1);
+    let is_row = |line: &&str| !line.starts_with('#') && !line.trim().is_empty();
+    let (before, last) = text.split_at_checked(offset)?;
+    let header = before.split(['\n', '\r']).find(is_row)?;
+    let cells = |line: &str| line.matches(',').count();
+    let cut = is_row(&last) && cells(last) < cells(header);
+    cut.then(|| CutRow { offset, place: Place::at(path, text, offset) })
+}
+
 /// Optional columns that are not in the header of a text, where one stands that looks like a misspelt one: its place, its name and
 /// the name that was perhaps meant.
 pub(super) fn misspelt_columns(
@@ -303,6 +326,22 @@ fn cell_offset(text: &str, start: usize, index: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_last_row_is_cut_off_where_it_has_no_end_and_too_few_cells() {
+        let at = |text: &str| cut_row(Path::new("a.csv"), text).map(|cut| (cut.offset, cut.place.line));
+        assert_eq!(at("# c\na,b\n1,2\n3"), Some((12, 4)));
+        assert_eq!(
+            at("a,b\n1,2\n3,"),
+            None,
+            "whether its last number is whole cannot be told, but it is there"
+        );
+        assert_eq!(at("a,b\n1,2\n3\n"), None, "a whole line with too few cells is a fault");
+        assert_eq!(at("a,b\n1,2\n3,4"), None);
+        assert_eq!(at("a"), None);
+        assert_eq!(at("a,b\n# 1"), None);
+        assert_eq!(at(""), None);
+    }
 
     const KNOWN: [Column; 3] = [
         Column::required("time_s", 1.0, [0.0, 1e9]).increasing(),

@@ -119,6 +119,7 @@ impl SessionWriter {
             path: self.dir.join(format!("{id}.csv")),
             rows: format!("{}\n", names.join(",")),
             file: None,
+            bytes: 0,
         };
         for row in 0..columns.first().map_or(0, |(_, values, _)| values.len()) {
             let at = |(name, values, factor): &(&'static str, Vec<f64>, f64)| {

@@ -4,9 +4,10 @@ use super::{
     BUFFER, Golden, Verdict, bytes, check, gives, golden_commands::COMMANDS, golden_envelopes::ENVELOPES,
 };
 use crate::{
-    Command, CommandReceiver, EncodeError, Envelope, EnvelopeReceiver, EventKind, Fault, Incoming,
-    MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, Message, Outcome, Receiver, Refusal, Request, ResetReason, State,
-    Step, encode_command, encode_envelope, program_crc, schema_hash,
+    CalibrationSource, Command, CommandReceiver, EncodeError, Envelope, EnvelopeReceiver, EventKind, Fault,
+    Incoming, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, Message, Outcome, Receiver, Refusal, Request,
+    ResetReason, RetreatOutcome, State, Step, TareProblem, encode_command, encode_envelope, program_crc,
+    schema_hash,
 };
 
 type Encode<T> = for<'a> fn(&T, &'a mut [u8]) -> Result<&'a [u8], EncodeError>;
@@ -71,21 +72,25 @@ macro_rules! seen {
 
 seen!(Requests: Request {
     Hello Status Stream LoadStep Run Stop ClearFault Limits LoadCalibration StoreCalibration Calibration
+    Retreat AcknowledgeCalibration Describe Safety
 });
 seen!(Steps: Step { Move Hold Tare Ramp });
-seen!(Messages: Message { Hello Ack Refused Samples Event Status Calibration });
+seen!(Messages: Message { Hello Ack Refused Samples Event Status Calibration Connected Safety Description });
 seen!(ResetReasons: ResetReason { PowerOn Pin Watchdog Software BrownOut Other });
 seen!(Refusals: Refusal {
     OtherBoot Faulted Busy OutOfTravel OutOfRange ProgramMismatch TooLate CauseRemains Unreadable
-    CalibrationInvalid
+    CalibrationInvalid IdUsed NotUnderLoad CalibrationNotAcknowledged
 });
 seen!(Faults: Fault {
     EmergencyStop ForceSensor ForceRange Potentiometer MoveTimeout ForceLimit Travel Stall FollowingError ForceStuck HostSilent
-    Restarted Overrun MotorHot
+    Restarted Overrun MotorHot WrongWay CalibrationLost
 });
-seen!(States: State { Idle Pending Moving Holding Taring Faulted });
-seen!(EventKinds: EventKind { StepStarted StepEnded Tared ProgramEnded Faulted });
-seen!(Outcomes: Outcome { Completed Stopped Faulted });
+seen!(States: State { Idle Pending Moving Holding Taring Faulted Retreating });
+seen!(EventKinds: EventKind { StepStarted StepEnded Tared ProgramEnded Faulted TareRejected RetreatEnded });
+seen!(Outcomes: Outcome { Completed Stopped Faulted TareRejected });
+seen!(TareProblems: TareProblem { FarFromZero Settling });
+seen!(RetreatOutcomes: RetreatOutcome { Unloaded Moved ForceNotFalling Stopped });
+seen!(CalibrationSources: CalibrationSource { Stored Nominal NominalAcknowledged });
 
 pub(super) fn every_variant_has_golden_bytes() -> Verdict {
     let (mut requests, mut steps) = (Requests::default(), Steps::default());
@@ -103,6 +108,8 @@ pub(super) fn every_variant_has_golden_bytes() -> Verdict {
         (Messages::default(), ResetReasons::default(), Refusals::default());
     let (mut states, mut kinds, mut outcomes) =
         (States::default(), EventKinds::default(), Outcomes::default());
+    let (mut problems, mut retreats, mut sources) =
+        (TareProblems::default(), RetreatOutcomes::default(), CalibrationSources::default());
     let (mut refused_faults, mut event_faults) = (Faults::default(), Faults::default());
     for Golden { message, .. } in ENVELOPES {
         let Envelope { message, .. } = message();
@@ -121,10 +128,17 @@ pub(super) fn every_variant_has_golden_bytes() -> Verdict {
                 match event.kind {
                     EventKind::ProgramEnded { outcome } => outcomes.add(&outcome),
                     EventKind::Faulted { fault } => event_faults.add(&fault),
+                    EventKind::TareRejected { problem, .. } => problems.add(&problem),
+                    EventKind::RetreatEnded { outcome } => retreats.add(&outcome),
                     _ => {}
                 }
             }
-            Message::Ack { .. } | Message::Status(_) | Message::Calibration(_) => {}
+            Message::Safety(safety) => sources.add(&safety.calibration),
+            Message::Ack { .. }
+            | Message::Status(_)
+            | Message::Calibration(_)
+            | Message::Connected { .. }
+            | Message::Description(_) => {}
         }
     }
     messages.check()?;
@@ -134,12 +148,15 @@ pub(super) fn every_variant_has_golden_bytes() -> Verdict {
     states.check()?;
     kinds.check()?;
     outcomes.check()?;
+    problems.check()?;
+    retreats.check()?;
+    sources.check()?;
     event_faults.check()
 }
 
 /// If this fails, a type has changed: raise [`crate::VERSION`] unless a variant was only appended, then pin the new hash.
 pub(super) fn schema_hash_is_pinned() -> Verdict {
-    let pinned = [0x8D, 0x45, 0x41, 0xBF, 0x20, 0x0A, 0x46, 0x80];
+    let pinned = [0x06, 0xBB, 0x05, 0xAC, 0xBA, 0xCD, 0x23, 0x80];
     check(schema_hash() == pinned, "the message types have changed")
 }
 

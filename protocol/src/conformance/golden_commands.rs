@@ -59,13 +59,20 @@ pub(super) const COMMANDS: &[Golden<Command>] = &[
     },
     Golden { message: || command(Request::Calibration), frame: "000dac02d487cb8d0a0a78eeadd700" },
     Golden {
-        message: || Command { id: 0, boot_id: 0, request: Request::Hello },
+        message: || command(Request::Retreat { x_um: -1_000, y_um: 250 }),
+        frame: "0011ac02d487cb8d0a0bcf0ff403c8ca66de00",
+    },
+    Golden { message: || command(Request::AcknowledgeCalibration), frame: "000dac02d487cb8d0a0c4d4bce3e00" },
+    Golden { message: || command(Request::Describe), frame: "000dac02d487cb8d0a0ddb7bc94900" },
+    Golden { message: || command(Request::Safety), frame: "000dac02d487cb8d0a0e612ac0d000" },
+    Golden {
+        message: || Command { id: 0, connection: 0, request: Request::Hello },
         frame: "000101010512d941ff00",
     },
     Golden {
         message: || Command {
             id: u16::MAX,
-            boot_id: u32::MAX,
+            connection: u32::MAX,
             request: Request::LoadStep {
                 index: u8::MAX,
                 step: Step::Move { x_um: i32::MIN, y_um: i32::MAX, speed_um_s: u32::MAX },

@@ -2,9 +2,9 @@
 
 use super::{Golden, envelope};
 use crate::{
-    CalibrationId, CalibrationRecord, Counters, Envelope, Event, EventKind, Fault, Hello, Load, Message,
-    Outcome, PACKED_BYTES, Packed, PotentiometerTable, Refusal, ResetReason, Samples, Scales, State, Status,
-    Stiffness, Tare, Text,
+    CalibrationId, CalibrationRecord, CalibrationSource, Counters, Description, Envelope, Event, EventKind,
+    Fault, Hello, Load, Message, Outcome, PACKED_BYTES, Packed, PotentiometerTable, Refusal, ResetReason,
+    RetreatOutcome, Safety, Samples, Scales, State, Status, Stiffness, Tare, TareProblem, Text,
 };
 
 fn hello(reset_reason: ResetReason, last_panic: Option<&str>) -> Envelope {
@@ -67,6 +67,44 @@ pub(super) fn samples(state: State) -> Samples {
         count: 3,
         packed: Packed::from_slice(&packed).unwrap_or_default(),
     }
+}
+
+fn tare() -> Tare {
+    Tare {
+        zero_counts: [-70_000, 35],
+        sd_counts: [100, 0],
+        drift_counts_per_s: [3, -2],
+        periods: 1_000,
+        readings: 999,
+        unique_codes: [24, 1],
+    }
+}
+
+fn safety(calibration: CalibrationSource) -> Envelope {
+    envelope(Message::Safety(Safety {
+        t_us: 10_000_000,
+        calibration,
+        tared: true,
+        zero_counts: [-70_000, 35],
+        cools_in_s: [0, 294],
+        proven: [true, false],
+    }))
+}
+
+fn description() -> Envelope {
+    envelope(Message::Description(Description {
+        protocol_version: 4,
+        schema_hash: [0x10, 0x32, 0x54, 0x76, 0x98, 0xBA, 0xDC, 0xFE],
+        max_steps: 64,
+        speed_limit_um_s: 10_000,
+        duration_limit_ms: 3_600_000,
+        tare_limit_ms: 60_000,
+        start_limit_us: 3_600_000_000,
+        retreat_limit_um: 1_000,
+        silence_limit_ms: [200, 60_000],
+        answers_remembered: 8,
+        connections: 4,
+    }))
 }
 
 fn batch(state: State) -> Envelope {
@@ -245,16 +283,7 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
         frame: "0015d487cb8d0af0a204048080808010013fecf6a17d00",
     },
     Golden {
-        message: || {
-            happened(EventKind::Tared(Tare {
-                zero_counts: [-70_000, 35],
-                sd_counts: [100, 0],
-                drift_counts_per_s: [3, -2],
-                periods: 1_000,
-                readings: 999,
-                unique_codes: [24, 1],
-            }))
-        },
+        message: || happened(EventKind::Tared(tare())),
         frame: "0015d487cb8d0af0a20404808080801002dfc50846640d0603e807e70718010fbd0e5900",
     },
     Golden {
@@ -340,6 +369,81 @@ pub(super) const ENVELOPES: &[Golden<Envelope>] = &[
         message: || status(Some(Fault::MoveTimeout)),
         frame: "000ed487cb8d0af0a2040580ade2042eff0104afea01a09c01c09a0cf30301010203040506ac020708090a0b0cc102bb\
             0103f0a20405e8070ca01fd00f0e018eda9601fa06900343be499f00",
+    },
+    Golden { message: || refused(Refusal::IdUsed), frame: "0011d487cb8d0af0a20402ac020a892d929100" },
+    Golden { message: || refused(Refusal::NotUnderLoad), frame: "0011d487cb8d0af0a20402ac020b1f1d95e600" },
+    Golden {
+        message: || refused(Refusal::CalibrationNotAcknowledged),
+        frame: "0011d487cb8d0af0a20402ac020cbc88f17800",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::WrongWay }),
+        frame: "0012d487cb8d0af0a20402ac02010ee8b2bb4200",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::WrongWay }),
+        frame: "0015d487cb8d0af0a204048080808010040e9302085100",
+    },
+    Golden {
+        message: || refused(Refusal::Faulted { fault: Fault::CalibrationLost }),
+        frame: "0012d487cb8d0af0a20402ac02010f7e82bc3500",
+    },
+    Golden {
+        message: || happened(EventKind::Faulted { fault: Fault::CalibrationLost }),
+        frame: "0015d487cb8d0af0a204048080808010040f05320f2600",
+    },
+    Golden {
+        message: || batch(State::Retreating),
+        frame: "001bd487cb8d0af0a2040380ade204c8010602031201e60701e707070f07c0990c01800201020182a2092700",
+    },
+    Golden {
+        message: || happened(EventKind::ProgramEnded { outcome: Outcome::TareRejected }),
+        frame: "0015d487cb8d0af0a2040480808080100303e9e8f86000",
+    },
+    Golden {
+        message: || happened(EventKind::TareRejected { tare: tare(), problem: TareProblem::FarFromZero }),
+        frame: "0015d487cb8d0af0a20404808080801005dfc5084664090603e807e707180105d4041dbf00",
+    },
+    Golden {
+        message: || happened(EventKind::TareRejected { tare: tare(), problem: TareProblem::Settling }),
+        frame: "0015d487cb8d0af0a20404808080801005dfc50846640e0603e807e70718010142341ac800",
+    },
+    Golden {
+        message: || happened(EventKind::RetreatEnded { outcome: RetreatOutcome::Unloaded }),
+        frame: "0010d487cb8d0af0a2040480808080100605164d868400",
+    },
+    Golden {
+        message: || happened(EventKind::RetreatEnded { outcome: RetreatOutcome::Moved }),
+        frame: "0015d487cb8d0af0a2040480808080100601807d81f300",
+    },
+    Golden {
+        message: || happened(EventKind::RetreatEnded { outcome: RetreatOutcome::ForceNotFalling }),
+        frame: "0015d487cb8d0af0a20404808080801006023a2c886a00",
+    },
+    Golden {
+        message: || happened(EventKind::RetreatEnded { outcome: RetreatOutcome::Stopped }),
+        frame: "0015d487cb8d0af0a2040480808080100603ac1c8f1d00",
+    },
+    Golden {
+        message: || envelope(Message::Connected { connection: 0xDEAD_BEEF }),
+        frame: "0013d487cb8d0af0a20407effdb6f50df027e2a400",
+    },
+    Golden {
+        message: || safety(CalibrationSource::Stored),
+        frame: "000ed487cb8d0af0a2040880ade2040601dfc5084604a6020105c3eed48b00",
+    },
+    Golden {
+        message: || safety(CalibrationSource::Nominal),
+        frame: "0014d487cb8d0af0a2040880ade2040101dfc5084604a602010503315a4a00",
+    },
+    Golden {
+        message: || safety(CalibrationSource::NominalAcknowledged),
+        frame: "0014d487cb8d0af0a2040880ade2040201dfc5084604a60201050257b8d300",
+    },
+    Golden {
+        message: || description(),
+        frame: "002fd487cb8d0af0a20409041032547698badcfe40904e80dddb01e0d40380c8ceb40de807c801e0d4030804b6\
+            ba43a100",
     },
     Golden {
         message: || Envelope { boot_id: 0, sequence: 0, message: Message::Ack { id: 0 } },

@@ -6,7 +6,7 @@
 use super::{Bytes, sealed};
 use firmware::ads131m02::ForceFault;
 use firmware::calibration::Calibration;
-use firmware::control::{Controller, Drive, Inputs, Note, Outputs, PERIOD_S, PERIOD_US};
+use firmware::control::{Controller, Drive, Inputs, Note, Outputs, PERIOD_S, PERIOD_US, Start};
 use firmware::hal::Readings;
 use firmware::plant::FORCE_CODE_MAX;
 use protocol::{
@@ -43,6 +43,7 @@ struct Bench {
     codes: Option<[u16; 2]>,
     force: Result<[i32; 2], ForceFault>,
     emergency_stop: bool,
+    connection: u32,
     next_id: u16,
     last: Option<Command>,
     steps: [Step; MAX_STEPS],
@@ -52,7 +53,8 @@ impl Bench {
     fn new(restarted: bool) -> Self {
         let calibration = Calibration::default();
         Self {
-            controller: Controller::new(calibration.clone(), BOOT_ID, restarted),
+            controller: Controller::new(calibration.clone(), Start { restarted, ..Start::ordinary(BOOT_ID) }),
+            connection: 0,
             calibration,
             now_us: 0,
             late_us: 0,
@@ -65,6 +67,13 @@ impl Bench {
             last: None,
             steps: [Step::Hold { duration_ms: 0 }; MAX_STEPS],
         }
+        .connected()
+    }
+
+    /// Says hello.
+    fn connected(mut self) -> Self {
+        self.ask(Request::Hello);
+        self
     }
 
     fn operation(&mut self, bytes: &mut Bytes) {
@@ -142,7 +151,7 @@ impl Bench {
 
     fn ask(&mut self, request: Request) {
         self.next_id = self.next_id.wrapping_add(1);
-        self.period(Some(Command { id: self.next_id, boot_id: BOOT_ID, request }));
+        self.period(Some(Command { id: self.next_id, connection: self.connection, request }));
     }
 
     fn period(&mut self, command: Option<Command>) {
@@ -165,6 +174,11 @@ impl Bench {
             load: Load::default(),
         });
         self.judge(&outputs, command.as_ref());
+        for note in &outputs.notes {
+            if let Note::Connected(connection) = note {
+                (self.connection, self.next_id) = (*connection, 0);
+            }
+        }
         if let Drive::Duty(duty) = outputs.drive {
             for (position_um, duty) in self.position_um.iter_mut().zip(duty) {
                 let share = ((duty.abs() - 0.2) / 0.8).max(0.0).copysign(duty);
@@ -216,9 +230,10 @@ impl Bench {
     /// Starts again with the calibration that was to be kept.
     fn restart(&mut self, record: CalibrationRecord) {
         let calibration = Calibration::new(record).expect("only a sound calibration is kept");
-        self.controller = Controller::new(calibration.clone(), BOOT_ID, false);
+        let carried = Some(self.controller.carried());
+        self.controller = Controller::new(calibration.clone(), Start { carried, ..Start::ordinary(BOOT_ID) });
         self.calibration = calibration;
-        self.next_id = 0;
         self.last = None;
+        self.ask(Request::Hello);
     }
 }

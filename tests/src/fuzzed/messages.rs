@@ -3,8 +3,9 @@
 //! Input: the first byte chooses the type, the rest is its payload.
 
 use super::{Bytes, sealed};
-use firmware::calibration::{Calibration, STORED_BYTES, from_stored, to_stored};
+use firmware::calibration::Calibration;
 use firmware::plant::{PlantReply, PlantRequest, RECORD_BYTES};
+use firmware::slots::{STORED_BYTES, from_stored, to_stored};
 use protocol::{
     CalibrationRecord, CommandReceiver, Envelope, EnvelopeReceiver, MAX_CALIBRATION, MAX_FRAME_TO_DEVICE,
     MAX_FRAME_TO_HOST, Message, Packer, Received, Samples, encode_command, encode_envelope,
@@ -76,7 +77,11 @@ fn calibration(bytes: &[u8]) {
     let Some(record) = CalibrationRecord::decode(bytes) else { return };
     let mut buffer = [0; MAX_CALIBRATION];
     assert_eq!(CalibrationRecord::decode(record.encode(&mut buffer)).as_ref(), Some(&record));
-    assert_eq!(from_stored(&to_stored(&record)).as_ref(), Some(&record), "what is stored is found again");
+    assert_eq!(
+        from_stored(&to_stored(&record, 7)),
+        Some((record.clone(), 7)),
+        "what is stored is found again"
+    );
     let Ok(calibration) = Calibration::new(record.clone()) else { return };
     for code in (0..=4_095).step_by(273) {
         let position_um = calibration.position_um([code; 2], [0.5; 2]);
@@ -89,8 +94,8 @@ fn stored(bytes: &[u8]) {
     let mut page = [0xFF; STORED_BYTES];
     let length = bytes.len().min(STORED_BYTES);
     page[..length].copy_from_slice(&bytes[..length]);
-    if let Some(record) = from_stored(&page) {
-        assert_eq!(from_stored(&to_stored(&record)), Some(record));
+    if let Some((record, sequence)) = from_stored(&page) {
+        assert_eq!(from_stored(&to_stored(&record, sequence)), Some((record, sequence)));
     }
 }
 

@@ -18,7 +18,7 @@ pub fn run(data: &[u8]) {
     let Some((&piece, stream)) = data.split_first() else { return };
     let piece = usize::from(piece).max(1);
 
-    let stop = Command { id: 7, boot_id: 1, request: Request::Stop };
+    let stop = Command { id: 7, connection: 1, request: Request::Stop };
     let mut buffer = [0; MAX_FRAME_TO_DEVICE];
     let frame = encode_command(&stop, &mut buffer).expect("the bound suffices");
     fed::<Command, MAX_BODY_TO_DEVICE>(stream, piece, frame, &stop);

@@ -22,15 +22,26 @@ pub fn is_active(state: State) -> bool {
 pub fn expected(request: &Request, state: State, fault: Option<Fault>, sound: Result<(), Refusal>) -> Answer {
     let of_content = sound.map_or_else(Answer::Refused, |()| Answer::Accepted);
     match request {
-        Request::Hello | Request::Status | Request::Calibration | Request::Stream { .. } | Request::Stop => {
-            Answer::Accepted
-        }
+        Request::Hello
+        | Request::Status
+        | Request::Calibration
+        | Request::Safety
+        | Request::Describe
+        | Request::AcknowledgeCalibration
+        | Request::Stream { .. }
+        | Request::Stop => Answer::Accepted,
         Request::ClearFault => of_content,
         Request::Run { .. } if let Some(fault) = fault => Answer::Refused(Refusal::Faulted { fault }),
+        Request::StoreCalibration { .. }
+            if let Some(fault) = fault.filter(|fault| !fault.may_come_of_calibration()) =>
+        {
+            Answer::Refused(Refusal::Faulted { fault })
+        }
         Request::Run { .. }
         | Request::LoadStep { .. }
         | Request::Limits { .. }
         | Request::LoadCalibration { .. }
+        | Request::Retreat { .. }
         | Request::StoreCalibration { .. } => {
             if is_active(state) {
                 Answer::Refused(Refusal::Busy)
@@ -55,6 +66,10 @@ pub fn name(request: &Request) -> &'static str {
         Request::LoadCalibration { .. } => "load calibration",
         Request::StoreCalibration { .. } => "store calibration",
         Request::Calibration => "calibration",
+        Request::Retreat { .. } => "retreat",
+        Request::AcknowledgeCalibration => "acknowledge calibration",
+        Request::Describe => "describe",
+        Request::Safety => "safety",
     }
 }
 

@@ -105,6 +105,7 @@ impl<'a> Device<'a> {
                 ensure!(event.t_us <= now_us, "an event of {} us came at {now_us} us", event.t_us);
                 match event.kind {
                     EventKind::Tared(tare) => self.books.tared(event.t_us / 1_000, tare.zero_counts),
+                    EventKind::TareRejected { .. } => self.books.tare_rejected(),
                     EventKind::Faulted { fault } => {
                         self.told.push((fault, event.t_us / 1_000 + self.rig().started()));
                     }

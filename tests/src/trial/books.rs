@@ -110,6 +110,11 @@ impl Books {
         self.tares = self.tares.saturating_sub(1);
     }
 
+    /// A tare was rejected: the zero is what it was.
+    pub fn tare_rejected(&mut self) {
+        self.tares = self.tares.saturating_sub(1);
+    }
+
     /// Every sample is what the sensors gave, and every gap is as long as it is said to be.
     ///
     /// # Errors

@@ -79,7 +79,7 @@ fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_sh
     await_port(tracker_port);
 
     let acquiring = Command::new(&guide)
-        .args(["acquire", "--port", &bench.port(), "--program", "displace", "--depth-mm", "30"])
+        .args(["acquire", "--port", &bench.port(), "--program", "displace", "--depth-mm", "30", "--no-tare"])
         .args(["--igtl", &format!("127.0.0.1:{tracker_port}"), &format!("--publish=127.0.0.1:{own_port}")])
         .arg("--rig")
         .arg(&rig)

@@ -2,6 +2,7 @@
 //! `guide`. They need QEMU, so `cargo test` leaves them out and `cargo xtask test` runs them; what README.md shows
 //! without a rig is held to the programs by both.
 
+mod foreign;
 mod hazards;
 mod igtl;
 mod library;

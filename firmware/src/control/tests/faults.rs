@@ -55,7 +55,7 @@ fn force_beyond_the_limit_that_is_set() {
     bench.push_n = [2.1, 0.0];
     assert_eq!(periods_to(&mut bench, Fault::ForceLimit, 10), PERSISTENCE_PERIODS.into());
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
-    // The screws hold what they hold: a higher limit is the way to move off again.
+    // The screws hold what they hold: a higher limit is one way to move off again.
     bench.command(limits(4_000, 1_000)).expect("nothing runs");
     bench.command(Request::ClearFault).expect("below the new limit");
 }
@@ -197,7 +197,8 @@ fn late_periods_end_a_program_and_are_counted_otherwise() {
 #[test]
 fn a_restart_is_acknowledged_before_anything_moves() {
     let mut bench = Bench::new();
-    bench.controller = Controller::new(Calibration::default(), BOOT, true);
+    let start = Start { restarted: true, ..Start::ordinary(BOOT) };
+    (bench.controller, bench.connection) = connected(Calibration::default(), start);
     assert_eq!(bench.periods(1).state, State::Faulted);
     let run = Request::Run { steps: 1, crc: 0, start_us: 0 };
     assert_eq!(bench.command(run), Err(Refusal::Faulted { fault: Fault::Restarted }));

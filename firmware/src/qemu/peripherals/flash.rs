@@ -1,29 +1,30 @@
-//! The flash interface and the last page of the flash, on the model that the host's tests know too.
+//! The flash interface and the last two pages of the flash, on the model that the host's tests know too.
 //!
-//! The page's memory survives a reset of the core, as flash does; after power-on it is erased.
+//! The pages' memory survives a reset of the core, as flash does. At power-on it is what the file `flash.bin` in QEMU's working folder
+//! holds, page after page, and erased without one.
 
-use crate::flash_model::{ERASED, FlashModel, PAGE_BYTES, STORED_BYTES, Unknown};
+use crate::flash_model::{ERASED, FlashModel, PAGE_BYTES, PAGES, Pages, STORED_BYTES, Unknown};
 use crate::qemu::{Registers, Unmodelled};
 use crate::thumb::Width;
 use core::mem::MaybeUninit;
 use core::ptr;
 
-/// Address of the page.
-pub(crate) const PAGE: u32 = 0x080F_F800;
-/// Marks the page's memory as valid.
+/// Address of the first page.
+pub(crate) const PAGE: u32 = 0x080F_F000;
+/// Marks the pages' memory as valid.
 const MAGIC: u32 = 0x7061_6765;
 
-/// What the page keeps.
+/// What the pages keep.
 struct Memory {
     magic: u32,
-    page: [u8; STORED_BYTES],
+    pages: Pages,
 }
 
 /// Survives a reset of the core.
 #[unsafe(link_section = ".uninit.page")]
 static mut MEMORY: MaybeUninit<Memory> = MaybeUninit::uninit();
 
-/// The interface. Accesses to the page have their whole address as the offset.
+/// The interface. Accesses to the pages have their whole address as the offset.
 pub(crate) struct Flash {
     model: FlashModel,
 }
@@ -33,15 +34,27 @@ impl Flash {
         Self { model: FlashModel::new() }
     }
 
-    fn parts(&mut self) -> (&mut FlashModel, &mut [u8; STORED_BYTES]) {
+    /// Power has come on, unless the memory has been kept: takes what the file says. Before anything is trapped.
+    pub(crate) fn power_on(&mut self) {
+        // SAFETY: as in `parts`.
+        let memory = unsafe { &mut *ptr::addr_of_mut!(MEMORY).cast::<Memory>() };
+        if memory.magic != MAGIC {
+            let (_, pages) = self.parts();
+            // Without the file, or with one that is too short, what is missing stays erased.
+            pages.as_flattened_mut().fill(ERASED);
+            crate::qemu::link::load(c"flash.bin", pages.as_flattened_mut());
+        }
+    }
+
+    fn parts(&mut self) -> (&mut FlashModel, &mut Pages) {
         // SAFETY: any bit pattern is a valid `Memory`. There is one `Flash`, in the machine, and only this method refers to
         // the memory, for as long as it borrows the interface.
         let memory = unsafe { &mut *ptr::addr_of_mut!(MEMORY).cast::<Memory>() };
         if memory.magic != MAGIC {
-            memory.page.fill(ERASED);
+            memory.pages = [[ERASED; STORED_BYTES]; PAGES];
             memory.magic = MAGIC;
         }
-        (&mut self.model, &mut memory.page)
+        (&mut self.model, &mut memory.pages)
     }
 }
 
@@ -51,26 +64,26 @@ impl From<Unknown> for Unmodelled {
     }
 }
 
-/// The offset in the page, if the address lies in it.
+/// The offset from the first page, if the address lies in one of them.
 fn in_page(address: u32) -> Option<u32> {
-    address.checked_sub(PAGE).filter(|&offset| offset < PAGE_BYTES as u32)
+    address.checked_sub(PAGE).filter(|&offset| offset < (PAGES * PAGE_BYTES) as u32)
 }
 
 impl Registers for Flash {
     fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
-        let (model, page) = self.parts();
+        let (model, pages) = self.parts();
         match in_page(offset) {
-            Some(offset) => Ok(FlashModel::read_page(page, offset, width)),
+            Some(offset) => Ok(FlashModel::read_page(pages, offset, width)),
             None if width == Width::Word => Ok(model.read_register(offset)?),
             None => Err(Unmodelled),
         }
     }
 
     fn write(&mut self, offset: u32, width: Width, value: u32) -> Result<(), Unmodelled> {
-        let (model, page) = self.parts();
+        let (model, pages) = self.parts();
         match in_page(offset) {
-            Some(offset) => model.write_page(page, offset, width, value),
-            None if width == Width::Word => model.write_register(page, offset, value)?,
+            Some(offset) => model.write_page(pages, offset, width, value),
+            None if width == Width::Word => model.write_register(pages, offset, value)?,
             None => return Err(Unmodelled),
         }
         Ok(())

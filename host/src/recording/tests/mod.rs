@@ -127,7 +127,7 @@ fn record(path: &Path, envelopes: &[Envelope]) -> u64 {
         transcript.envelope(envelope, HOST_NS).expect("records");
         if index == 1 {
             let request = Request::Stream { enable: true };
-            transcript.command(&Command { id: 4, boot_id: BOOT_ID, request }).expect("records");
+            transcript.command(&Command { id: 4, connection: BOOT_ID, request }).expect("records");
         }
         if index % 5 == 4 {
             transcript.flush().expect("writes");

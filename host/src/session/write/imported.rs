@@ -25,7 +25,7 @@ impl SessionWriter {
         let session_file = self.dir.join("session.toml");
         let depth_mm = number(&session_file, "depth_mm", 1e3 * depth_m)?;
         let rows = force.map_or_else(|| Ok(NO_FORCE.to_owned()), read_text)?;
-        CsvFile { path: self.dir.join(format!("{id}.force.csv")), rows, file: None }.flush()?;
+        CsvFile { path: self.dir.join(format!("{id}.force.csv")), rows, file: None, bytes: 0 }.flush()?;
         let columns: Vec<(&'static str, Vec<f64>, f64)> = [
             shape.time_s.clone().map(|values| ("time_s", values, 1.0)),
             Some(("z_mm", shape.z_m.clone(), 1e3)),

@@ -32,7 +32,7 @@ impl SessionWriter {
             }
             rows.push('\n');
         }
-        CsvFile { path, rows, file: None }.flush()?;
+        CsvFile { path, rows, file: None, bytes: 0 }.flush()?;
         enter(&self.dir, &format!("\n[[insertion]]\nid = \"{0}\"\npath = \"{0}.csv\"\n", run.id))?;
         self.insertion_ids.push(run.id.clone());
         Ok(())

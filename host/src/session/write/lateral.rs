@@ -4,7 +4,7 @@ use super::super::{Provenance, SessionError};
 use super::{SessionWriter, enter, io, number};
 use std::fmt::Write as _;
 use std::fs::{File, OpenOptions};
-use std::io::Write;
+use std::io::{Seek, SeekFrom, Write};
 use std::path::PathBuf;
 
 /// One row of a force series.
@@ -60,6 +60,7 @@ impl<'a> LateralWriter<'a> {
             path: session.dir.join(format!("{id}.{kind}.csv")),
             rows: format!("{header}\n"),
             file: None,
+            bytes: 0,
         };
         let force = csv(
             "force",
@@ -124,9 +125,10 @@ impl<'a> LateralWriter<'a> {
             return Ok(());
         }
         let is_new = self.force.file.is_none();
-        self.force.flush()?;
-        self.shape.flush()?;
-        if is_new { self.enter() } else { Ok(()) }
+        let flushed = self.force.flush().and_then(|()| self.shape.flush());
+        // What there is of a run is a part of the session, also where not all of it could be written.
+        let both = self.force.file.is_some() && self.shape.file.is_some();
+        if is_new && (flushed.is_ok() || both) { self.enter().and(flushed) } else { flushed }
     }
 
     /// Writes what is left.
@@ -172,6 +174,8 @@ pub(super) struct CsvFile {
     pub(super) path: PathBuf,
     pub(super) rows: String,
     pub(super) file: Option<File>,
+    /// Bytes in the file.
+    pub(super) bytes: u64,
 }
 
 impl CsvFile {
@@ -191,8 +195,78 @@ impl CsvFile {
                 self.file.insert(new.map_err(io(&self.path, "create"))?)
             }
         };
-        file.write_all(self.rows.as_bytes()).map_err(io(&self.path, "write"))?;
-        self.rows.clear();
-        Ok(())
+        let written = write_whole(file, self.rows.as_bytes());
+        self.bytes += written.bytes as u64;
+        self.rows.drain(..written.bytes);
+        if written.outcome.is_err() {
+            // A row that is cut off all the same is left out by the reader.
+            let _ = file.set_len(self.bytes).and_then(|()| file.seek(SeekFrom::End(0)));
+        }
+        written
+            .outcome
+            .map_err(io(&self.path, "write all rows (those before are whole, and read as any others)"))
+    }
+}
+
+/// What became of rows to be written.
+struct Written {
+    /// Whole rows that were written, bytes.
+    bytes: usize,
+    outcome: std::io::Result<()>,
+}
+
+/// Appends rows. Where not all of them can be written, as on a full disk, those count that are whole.
+fn write_whole(file: &mut impl Write, rows: &[u8]) -> Written {
+    let mut bytes = 0;
+    let outcome = loop {
+        let Some(rest) = rows.get(bytes..).filter(|rest| !rest.is_empty()) else { break Ok(()) };
+        match file.write(rest) {
+            Ok(0) => break Err(std::io::ErrorKind::WriteZero.into()),
+            Ok(count) => bytes += count,
+            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(error) => break Err(error),
+        }
+    };
+    if outcome.is_err() {
+        let whole = rows.get(..bytes).and_then(|rows| rows.iter().rposition(|byte| *byte == b'\n'));
+        bytes = whole.map_or(0, |end| end + 1);
+    }
+    Written { bytes, outcome }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disk with so much room, which takes a few bytes at a time.
+    struct Disk {
+        room: usize,
+        kept: Vec<u8>,
+    }
+
+    impl Write for Disk {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            let count = bytes.len().min(7).min(self.room - self.kept.len());
+            if count == 0 {
+                return Err(std::io::ErrorKind::StorageFull.into());
+            }
+            self.kept.extend_from_slice(&bytes[..count]);
+            Ok(count)
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_full_disk_takes_whole_rows_wherever_it_is_full() {
+        let rows = b"1,2,3\n4,5,6\n7,8,9\n";
+        for room in 0..=rows.len() {
+            let mut disk = Disk { room, kept: Vec::new() };
+            let written = write_whole(&mut disk, rows);
+            assert_eq!(written.bytes, room / 6 * 6, "room for {room}");
+            assert_eq!(written.outcome.is_ok(), room == rows.len());
+        }
     }
 }

@@ -3,6 +3,7 @@
 //! driven afterwards, and what it takes to clear the fault.
 
 mod force;
+mod limits;
 mod link;
 mod motion;
 mod time;
@@ -131,6 +132,7 @@ fn every_row_of_the_table_of_hazards_has_its_tests() {
     let table = include_str!("../../../../firmware/src/control/interlock.rs");
     let here = [
         include_str!("force.rs"),
+        include_str!("limits.rs"),
         include_str!("link.rs"),
         include_str!("motion.rs"),
         include_str!("time.rs"),

@@ -1,0 +1,186 @@
+//! Commands: which are accepted in which state, and what they do.
+
+use super::commands::Admission;
+use super::interlock::{Causes, Limits};
+use super::mutation::Mutation;
+use super::program::Phase;
+use super::retreat::LoadWatch;
+use super::{Axis, Controller, Inputs, Note, Notes, push};
+use protocol::{
+    CalibrationRecord, CalibrationSource, Command, Fault, Outcome, RETREAT_LIMIT_UM, Refusal, Request,
+    SILENCE_LIMIT_MS, Sample,
+};
+
+impl Controller {
+    /// Answers a command; returns the calibration that is to be kept, where it asks for that.
+    pub(super) fn obey(
+        &mut self,
+        command: &Command,
+        inputs: &Inputs,
+        sample: Sample,
+        causes: Causes,
+        notes: &mut Notes,
+    ) -> Option<CalibrationRecord> {
+        let mut store = None;
+        let answer = match self.conversation.admit(command) {
+            Admission::Repeat(answer) => answer,
+            Admission::Refused(refusal) => Err(refusal),
+            Admission::New => {
+                let answer = match command.request {
+                    Request::StoreCalibration { length, crc } => self
+                        .may_store()
+                        .and_then(|()| self.incoming.finish(length, crc))
+                        .map(|record| store = Some(record)),
+                    request => self.execute(&request, inputs.now_us, causes, notes),
+                };
+                self.conversation.remember(command, answer);
+                answer
+            }
+        };
+        self.restarting |= store.is_some();
+        // Questions are answered afresh each time they arrive: the earlier answer may be what was lost.
+        match command.request {
+            Request::Hello => {
+                push(notes, Note::Hello);
+                push(notes, Note::Connected(self.conversation.begin()));
+            }
+            Request::Status if answer.is_ok() => push(notes, Note::Status(self.status(inputs, sample))),
+            Request::Calibration if answer.is_ok() => push(notes, Note::Calibration),
+            Request::Safety if answer.is_ok() => push(notes, Note::Safety(self.safety(inputs.now_us))),
+            Request::Describe if answer.is_ok() => push(notes, Note::Description),
+            _ => {}
+        }
+        push(
+            notes,
+            match answer {
+                Ok(()) => Note::Ack(command.id),
+                Err(refusal) => Note::Refused(command.id, refusal),
+            },
+        );
+        store
+    }
+
+    fn execute(
+        &mut self,
+        request: &Request,
+        now_us: u64,
+        causes: Causes,
+        notes: &mut Notes,
+    ) -> Result<(), Refusal> {
+        match *request {
+            Request::Hello | Request::Status | Request::Calibration | Request::Safety | Request::Describe => {
+                Ok(())
+            }
+            Request::Stream { enable } => {
+                self.streaming = enable;
+                self.said = None;
+                push(notes, Note::Stream(enable));
+                Ok(())
+            }
+            Request::LoadStep { index, step } => {
+                self.executor.load(index, step, self.calibration.travel_um() as i32)
+            }
+            Request::Run { steps, crc, start_us } => {
+                if let Some(fault) = self.interlock.latched() {
+                    return Err(Refusal::Faulted { fault });
+                }
+                if self.restarting {
+                    return Err(Refusal::Busy);
+                }
+                if self.source == CalibrationSource::Nominal {
+                    return Err(Refusal::CalibrationNotAcknowledged);
+                }
+                let position_um = self.axes.each_ref().map(Axis::position_um);
+                self.executor.run(steps, crc, start_us, now_us, position_um)
+            }
+            Request::Stop => {
+                self.end_program(Outcome::Stopped, now_us, notes);
+                Ok(())
+            }
+            Request::ClearFault if causes.first().is_some() => Err(Refusal::CauseRemains),
+            Request::ClearFault => {
+                self.end_program(Outcome::Stopped, now_us, notes);
+                self.interlock.clear();
+                Ok(())
+            }
+            Request::Limits { force_mn, silence_ms } => self.set_limits(Limits { force_mn, silence_ms }),
+            Request::LoadCalibration { piece, bytes } => {
+                self.while_idle()?;
+                self.incoming.take(piece, bytes)
+            }
+            Request::Retreat { x_um, y_um } => self.begin_retreat([x_um, y_um], now_us, causes),
+            Request::AcknowledgeCalibration => {
+                if self.source == CalibrationSource::Nominal {
+                    self.source = CalibrationSource::NominalAcknowledged;
+                }
+                self.calibration_lost = false;
+                if self.interlock.latched() == Some(Fault::CalibrationLost) {
+                    self.interlock.clear();
+                }
+                Ok(())
+            }
+            // Carried out where the record can be handed out.
+            Request::StoreCalibration { .. } => Ok(()),
+        }
+    }
+
+    fn while_idle(&self) -> Result<(), Refusal> {
+        if self.executor.phase() == Phase::Idle { Ok(()) } else { Err(Refusal::Busy) }
+    }
+
+    /// A restart would hide a fault, unless the calibration may be its cause: then another one is the way out.
+    fn may_store(&self) -> Result<(), Refusal> {
+        self.while_idle()?;
+        match self
+            .interlock
+            .latched()
+            .filter(|fault| !fault.may_come_of_calibration() && !Mutation::ForgetAtRestart.is_out())
+        {
+            Some(fault) => Err(Refusal::Faulted { fault }),
+            None => Ok(()),
+        }
+    }
+
+    fn set_limits(&mut self, limits: Limits) -> Result<(), Refusal> {
+        self.while_idle()?;
+        let [least, most] = SILENCE_LIMIT_MS;
+        let force = 1..=self.calibration.force_range_mn();
+        if !force.contains(&limits.force_mn) || !(least..=most).contains(&limits.silence_ms) {
+            return Err(Refusal::OutOfRange);
+        }
+        self.interlock.set_limits(limits);
+        Ok(())
+    }
+
+    /// Starts the way out of a load.
+    fn begin_retreat(&mut self, by_um: [i32; 2], now_us: u64, causes: Causes) -> Result<(), Refusal> {
+        self.while_idle()?;
+        if self.restarting {
+            return Err(Refusal::Busy);
+        }
+        if by_um == [0; 2] || by_um.into_iter().any(|um| um.unsigned_abs() > RETREAT_LIMIT_UM as u32) {
+            return Err(Refusal::OutOfRange);
+        }
+        let under_load = self.interlock.latched().is_some() && causes.load() && !causes.other_than_load();
+        if !under_load || Mutation::NoRetreat.is_out() {
+            return Err(Refusal::NotUnderLoad);
+        }
+        let from_um = self.axes.each_ref().map(Axis::position_um);
+        let travel_um = self.calibration.travel_um() as f32;
+        // Without a force to watch, only towards the straight needle.
+        let blind = self.force.load_counts().is_none();
+        let mut to_um = from_um;
+        for (to_um, by_um) in to_um.iter_mut().zip(by_um) {
+            let from_um = *to_um;
+            *to_um += by_um as f32;
+            let inward = to_um.abs() < from_um.abs() && *to_um * from_um >= 0.0;
+            let stays = by_um == 0;
+            if !stays && !inward && (blind || to_um.abs() > travel_um) {
+                return Err(Refusal::OutOfTravel);
+            }
+        }
+        self.retreat = LoadWatch::new();
+        self.executor.retreat(from_um, to_um, now_us);
+        Ok(())
+    }
+}

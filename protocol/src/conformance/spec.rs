@@ -1,0 +1,196 @@
+//! The files for clients in other languages, `protocol/spec/`: made from the types and the golden bytes, and held to them.
+//!
+//! `NEEDLE_GUIDE_WRITE_SPEC=1 cargo test -p protocol spec` writes them anew.
+
+use super::golden_commands::COMMANDS;
+use super::golden_envelopes::ENVELOPES;
+use super::{BUFFER, Golden, bytes};
+use crate::{
+    Command, DURATION_LIMIT_MS, Envelope, Fault, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, MAX_STEPS,
+    RETREAT_LIMIT_UM, SILENCE_LIMIT_MS, SPEED_LIMIT_UM_S, START_LIMIT_US, Step, TARE_LIMIT_MS, VERSION,
+    program_crc, schema_hash,
+};
+use postcard_schema::Schema;
+use postcard_schema::schema::{DataModelType, DataModelVariant, NamedType, NamedValue};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+use std::string::{String, ToString};
+use std::vec::Vec;
+use std::{format, fs, println};
+
+const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/spec");
+
+/// A file is what is made anew, or is written where that is asked for.
+fn is_current(name: &str, made: &str) {
+    let path = format!("{FOLDER}/{name}");
+    if std::env::var_os("NEEDLE_GUIDE_WRITE_SPEC").is_some() {
+        fs::write(&path, made).expect("writes");
+        println!("wrote {path}");
+    }
+    let there = fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        there == made,
+        "{path} is not what the code says: NEEDLE_GUIDE_WRITE_SPEC=1 cargo test -p protocol spec"
+    );
+}
+
+fn text(value: &Value) -> String {
+    serde_json::to_string_pretty(value).expect("JSON") + "\n"
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A type by its name; what it consists of goes into the list of all types.
+fn describe(ty: &NamedType, all: &mut Map<String, Value>) -> Value {
+    let of = |kind: &str, content: Value| json!({ kind: content });
+    match ty.ty {
+        DataModelType::Bool => "bool".into(),
+        DataModelType::U8 => "u8".into(),
+        DataModelType::I8 => "i8".into(),
+        DataModelType::U16 => "u16".into(),
+        DataModelType::U32 => "u32".into(),
+        DataModelType::U64 => "u64".into(),
+        DataModelType::I16 => "i16".into(),
+        DataModelType::I32 => "i32".into(),
+        DataModelType::I64 => "i64".into(),
+        DataModelType::String => "string".into(),
+        DataModelType::ByteArray => "bytes".into(),
+        DataModelType::Option(inner) => of("option", describe(inner, all)),
+        DataModelType::Tuple(items) | DataModelType::TupleStruct(items) => {
+            of("tuple", items.iter().map(|item| describe(item, all)).collect())
+        }
+        DataModelType::NewtypeStruct(inner) => describe(inner, all),
+        DataModelType::Struct(fields) => {
+            if !all.contains_key(ty.name) {
+                all.insert(ty.name.to_string(), Value::Null);
+                let described = json!({ "struct": members(fields, all) });
+                all.insert(ty.name.to_string(), described);
+            }
+            of("type", ty.name.into())
+        }
+        DataModelType::Enum(variants) => {
+            if !all.contains_key(ty.name) {
+                all.insert(ty.name.to_string(), Value::Null);
+                let mut list = Vec::new();
+                for (number, variant) in variants.iter().enumerate() {
+                    let content = match variant.ty {
+                        DataModelVariant::UnitVariant => Value::Null,
+                        DataModelVariant::NewtypeVariant(inner) => json!({ "newtype": describe(inner, all) }),
+                        DataModelVariant::StructVariant(fields) => json!({ "struct": members(fields, all) }),
+                        DataModelVariant::TupleVariant(_) => unreachable!("no message has one"),
+                    };
+                    list.push(json!({ "number": number, "name": variant.name, "content": content }));
+                }
+                all.insert(ty.name.to_string(), json!({ "enum": list }));
+            }
+            of("type", ty.name.into())
+        }
+        other => unreachable!("no message has a {other:?}"),
+    }
+}
+
+fn members(fields: &[&NamedValue], all: &mut Map<String, Value>) -> Value {
+    fields.iter().map(|field| json!({ "name": field.name, "type": describe(field.ty, all) })).collect()
+}
+
+#[test]
+fn the_schema_for_other_languages_is_current() {
+    let mut all = Map::new();
+    let (command, envelope) = (describe(Command::SCHEMA, &mut all), describe(Envelope::SCHEMA, &mut all));
+    let [silence_least, silence_most] = SILENCE_LIMIT_MS;
+    let schema = json!({
+        "format": "needle-guide.protocol-schema/1",
+        "version": VERSION,
+        "schema_hash": hexadecimal(&schema_hash()),
+        "to_device": command,
+        "to_host": envelope,
+        "longest_frame_bytes": { "to_device": MAX_FRAME_TO_DEVICE, "to_host": MAX_FRAME_TO_HOST },
+        "limits": {
+            "steps": MAX_STEPS,
+            "speed_um_s": SPEED_LIMIT_UM_S,
+            "duration_ms": DURATION_LIMIT_MS,
+            "tare_ms": TARE_LIMIT_MS,
+            "start_ahead_us": START_LIMIT_US,
+            "retreat_um": RETREAT_LIMIT_UM,
+            "silence_ms": [silence_least, silence_most],
+        },
+        "faults": Fault::ALL.map(|fault| json!({
+            "number": fault as u8,
+            "name": format!("{fault:?}"),
+            "allows_retreat": fault.allows_retreat(),
+            "may_come_of_calibration": fault.may_come_of_calibration(),
+        })),
+        "types": all,
+    });
+    is_current("schema.json", &text(&schema));
+}
+
+fn vectors<T: Serialize>(golden: &[Golden<T>]) -> Vec<Value> {
+    let mut buffer = BUFFER;
+    let vector = |Golden { message, frame }: &Golden<T>| {
+        let frame = hexadecimal(bytes(frame, &mut buffer).expect("golden bytes"));
+        json!({ "frame_hex": frame, "message": serde_json::to_value(message()).expect("JSON") })
+    };
+    golden.iter().map(vector).collect()
+}
+
+#[test]
+fn the_test_vectors_for_other_languages_are_current() {
+    let stop = "000dac02d487cb8d0a05e9f3124700";
+    let damaged = [
+        (stop.replace("e9f3", "e9f2"), "a bit of the checksum"),
+        (stop.replace("0a05", "0a06"), "a bit of the payload"),
+        (stop.replacen("000d", "000e", 1), "a bit of the stuffing"),
+        ("0001010100".to_string(), "too short for a checksum"),
+    ];
+    let programs = [
+        std::vec![],
+        std::vec![
+            Step::Move { x_um: -1500, y_um: 1000, speed_um_s: 500 },
+            Step::Hold { duration_ms: 5000 },
+            Step::Tare { duration_ms: 1000 },
+            Step::Ramp { x_um: 0, y_um: -200, duration_ms: 400 },
+        ],
+    ];
+    let vectors = json!({
+        "format": "needle-guide.protocol-vectors/1",
+        "version": VERSION,
+        "to_device": vectors(COMMANDS),
+        "to_host": vectors(ENVELOPES),
+        "rejected": damaged.map(|(frame_hex, what)| json!({ "frame_hex": frame_hex, "what": what })),
+        "program_crc": programs.map(|steps| json!({ "steps": steps, "crc": program_crc(&steps) })),
+    });
+    is_current("vectors.json", &text(&vectors));
+}
+
+/// Every number of every list stands in the chapter, with its name.
+#[test]
+fn the_chapter_names_every_number() {
+    let chapter = fs::read_to_string(format!("{FOLDER}/protocol.md")).expect("the chapter");
+    let mut all = Map::new();
+    let _ = (describe(Command::SCHEMA, &mut all), describe(Envelope::SCHEMA, &mut all));
+    let lists = [
+        "Request",
+        "Step",
+        "Message",
+        "Refusal",
+        "Fault",
+        "State",
+        "ResetReason",
+        "Outcome",
+        "RetreatOutcome",
+    ];
+    for list in lists {
+        let variants = all[list]["enum"].as_array().expect("an enum");
+        for variant in variants {
+            let row = format!("| {} | `{}` |", variant["number"], variant["name"].as_str().expect("a name"));
+            assert!(chapter.contains(&row), "{list}: no row {row}");
+        }
+    }
+    assert!(chapter.contains(&format!("protocol, version {VERSION}")));
+    assert!(chapter.contains(&format!(
+        "at most {MAX_FRAME_TO_DEVICE} bytes to\nthe device and {MAX_FRAME_TO_HOST} from it"
+    )));
+}

@@ -1,0 +1,309 @@
+//! Whether a rig can have the constants of a calibration: what the device asks of a record before it moves anything by it, and
+//! the host before it sends one.
+//!
+//! The interlocks compare with newtons and micrometres, so that a slip of a unit in the calibration would switch them off. The
+//! bounds are physical and narrower than any slip by a factor of ten:
+//!
+//! * A bridge gives 0.63 to 3.1 mV/V at its rated range. At 3.0 V of excitation and a full scale of 9.375 mV the converter's full
+//!   scale is then 1 to 5 times the rated range ([`FULL_SCALE_TIMES`]).
+//! * The cross-talk of a two-axis cell is a few percent of its gain; with at most a third ([`CROSS_TALK_SHARE`]) no load on
+//!   the cell can hide from both axes.
+//! * An actuator of 50 mm stroke over the 4096 codes makes 6.25 mm between two knots. Its potentiometer may be trimmed or of a
+//!   neighbouring stroke ([`KNOT_STEP_UM`]), but not by ten times.
+//!
+//! What a record cannot show (a sign, swapped wires) shows in the first tenths of a millimetre: [`crate::Fault::WrongWay`].
+
+use crate::{CODES_PER_KNOT, CalibrationRecord, KNOTS, PotentiometerTable};
+
+/// Least and most that the force at the converter's full scale may be, times the rated range.
+pub const FULL_SCALE_TIMES: [u64; 2] = [1, 5];
+/// Most that cross-talk may be: the gain over this.
+pub const CROSS_TALK_SHARE: u64 = 3;
+/// Least and most change of the position from one knot to the next, micrometres.
+pub const KNOT_STEP_UM: [u16; 2] = [2_500, 12_500];
+/// Most that the two directions of a table differ, micrometres: play is a fraction of a millimetre, and a table of another
+/// potentiometer in one direction is far more than this.
+pub const PLAY_LIMIT_UM: u16 = 2_000;
+/// Most that a rated range may be, millinewtons: beyond it force counts could leave 32 bits.
+pub const FORCE_RANGE_LIMIT_MN: u32 = 100_000;
+/// Greatest code of the potentiometers' converter.
+pub const POTENTIOMETER_CODE_MAX: u16 = 4_095;
+/// Codes of the force converter from zero to full scale.
+const FORCE_CODES: u64 = 1 << 23;
+/// Piconewtons in a millinewton.
+const PN_PER_MN: u64 = 1_000_000_000;
+
+/// Why no rig has the constants of a record. Axes are 0 for x and 1 for y.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Implausible {
+    /// The id is empty.
+    #[error("the id is empty")]
+    Id,
+    /// The track is not within the codes.
+    #[error(
+        "track codes of axis {axis}: expected the least below the greatest, and that at most {POTENTIOMETER_CODE_MAX}"
+    )]
+    Track {
+        /// Which axis.
+        axis: u8,
+    },
+    /// A table neither rises nor falls throughout.
+    #[error(
+        "the position table of axis {axis} turns round: expected one that rises, or falls, from code to code"
+    )]
+    Turns {
+        /// Which axis.
+        axis: u8,
+    },
+    /// The two directions of a table differ by more than play can.
+    #[error("the rising and the falling table of axis {axis} are more than {} mm apart", f32::from(PLAY_LIMIT_UM) * 1e-3)]
+    Play {
+        /// Which axis.
+        axis: u8,
+    },
+    /// The position changes by less or more from knot to knot than any actuator's.
+    #[error(
+        "the position of axis {axis} changes by {step_um} um over {CODES_PER_KNOT} codes, expected {} to {} um: wrong unit?",
+        KNOT_STEP_UM[0],
+        KNOT_STEP_UM[1]
+    )]
+    Slope {
+        /// Which axis.
+        axis: u8,
+        /// The first change that is out of bounds, micrometres.
+        step_um: u16,
+    },
+    /// The travel is zero, or a table does not reach it on both sides.
+    #[error("the travel of {travel_um} um is zero or beyond the position tables: wrong unit?")]
+    Travel {
+        /// The travel.
+        travel_um: u32,
+    },
+    /// The rated range is zero or beyond what is representable.
+    #[error("the rated range is {range_mn} mN, expected 1 to {FORCE_RANGE_LIMIT_MN} mN")]
+    ForceRange {
+        /// The range.
+        range_mn: u32,
+    },
+    /// The force at the converter's full scale does not fit the rated range.
+    #[error(
+        "the force along axis {axis} at the converter's full scale is {full_scale_mn} mN, expected {} to {} times the rated range \
+         of {range_mn} mN: wrong unit, or swapped channels?",
+        FULL_SCALE_TIMES[0],
+        FULL_SCALE_TIMES[1]
+    )]
+    ForceGain {
+        /// Which axis.
+        axis: u8,
+        /// Force at the converter's full scale, millinewtons.
+        full_scale_mn: u64,
+        /// The rated range, millinewtons.
+        range_mn: u32,
+    },
+    /// The cross-talk is larger than any cell's.
+    #[error("the cross-talk of axis {axis} is more than a third of its gain: swapped channels?")]
+    CrossTalk {
+        /// Which axis.
+        axis: u8,
+    },
+}
+
+impl CalibrationRecord {
+    /// Whether a rig can have these constants.
+    ///
+    /// # Errors
+    /// [`Implausible`] for the first that no rig has.
+    pub fn check(&self) -> Result<(), Implausible> {
+        if self.id.as_str().is_empty() {
+            return Err(Implausible::Id);
+        }
+        for (axis, table) in (0..).zip(&self.potentiometers) {
+            table.check(axis)?;
+        }
+        let travel_um = self.travel_um;
+        if travel_um == 0 || !self.potentiometers.iter().all(|table| table.reaches(travel_um)) {
+            return Err(Implausible::Travel { travel_um });
+        }
+        let range_mn = self.force_range_mn;
+        if !(1..=FORCE_RANGE_LIMIT_MN).contains(&range_mn) {
+            return Err(Implausible::ForceRange { range_mn });
+        }
+        let [[xx, xy], [yx, yy]] =
+            self.force_pn_per_code.map(|row| row.map(|pn| u64::from(pn.unsigned_abs())));
+        for (axis, gain) in [(0, xx), (1, yy)] {
+            let full_scale_mn = gain * FORCE_CODES / PN_PER_MN;
+            let [least, most] = FULL_SCALE_TIMES.map(|times| times * u64::from(range_mn));
+            if !(least..=most).contains(&full_scale_mn) {
+                return Err(Implausible::ForceGain { axis, full_scale_mn, range_mn });
+            }
+        }
+        for (axis, gain, other) in [(0, xx, xy), (1, yy, yx)] {
+            if other * CROSS_TALK_SHARE > gain {
+                return Err(Implausible::CrossTalk { axis });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl PotentiometerTable {
+    fn check(&self, axis: u8) -> Result<(), Implausible> {
+        let [least, greatest] = self.track_codes;
+        if least >= greatest || greatest > POTENTIOMETER_CODE_MAX {
+            return Err(Implausible::Track { axis });
+        }
+        let rises = |positions_um: &[i16; KNOTS]| positions_um.is_sorted_by(|low, high| low < high);
+        let falls = |positions_um: &[i16; KNOTS]| positions_um.is_sorted_by(|high, low| low < high);
+        let both = [&self.rising_um, &self.falling_um];
+        if !both.into_iter().all(rises) && !both.into_iter().all(falls) {
+            return Err(Implausible::Turns { axis });
+        }
+        if self.rising_um.iter().zip(&self.falling_um).any(|(up, down)| up.abs_diff(*down) > PLAY_LIMIT_UM) {
+            return Err(Implausible::Play { axis });
+        }
+        let steps = both.into_iter().flat_map(|positions_um| {
+            positions_um.iter().zip(positions_um.iter().skip(1)).map(|(from, to)| from.abs_diff(*to))
+        });
+        let [least, most] = KNOT_STEP_UM;
+        match steps.into_iter().find(|step_um| !(least..=most).contains(step_um)) {
+            Some(step_um) => Err(Implausible::Slope { axis, step_um }),
+            None => Ok(()),
+        }
+    }
+
+    /// The position at a code, micrometres. `rising`: 1 after moving up, 0 after moving down, and between them while the play is
+    /// taken up.
+    pub fn position_um(&self, code: u16, rising: f32) -> f32 {
+        let knot = usize::from(code / CODES_PER_KNOT).min(KNOTS - 2);
+        let share = (f32::from(code) - (knot as u16 * CODES_PER_KNOT) as f32) / f32::from(CODES_PER_KNOT);
+        let along = |positions_um: &[i16; KNOTS]| match positions_um.get(knot..) {
+            Some(&[low, high, ..]) => f32::from(low) + share * (f32::from(high) - f32::from(low)),
+            _ => 0.0,
+        };
+        let (up_um, down_um) = (along(&self.rising_um), along(&self.falling_um));
+        down_um + rising * (up_um - down_um)
+    }
+
+    /// A code that a sound potentiometer can give.
+    pub fn on_track(&self, code: u16) -> bool {
+        let [least, greatest] = self.track_codes;
+        (least..=greatest).contains(&code)
+    }
+
+    fn reaches(&self, travel_um: u32) -> bool {
+        let travel_um = travel_um as f32;
+        [0.0, 1.0].into_iter().all(|rising| {
+            let ends = self.track_codes.map(|code| self.position_um(code, rising));
+            ends.iter().any(|um| *um < -travel_um) && ends.iter().any(|um| *um > travel_um)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Text;
+    use proptest::prelude::*;
+
+    /// A rig as designed: an actuator of 50 mm on a converter of 12 bits, a cell of 5 N and 2 mV/V.
+    fn designed() -> CalibrationRecord {
+        let position_um = core::array::from_fn(|knot| (6_250 * knot as i32 - 25_000) as i16);
+        let table =
+            PotentiometerTable { track_codes: [40, 4_055], rising_um: position_um, falling_um: position_um };
+        CalibrationRecord {
+            id: Text::new("unit-7"),
+            potentiometers: [table; 2],
+            travel_um: 10_000,
+            force_pn_per_code: [[931_323, 0], [0, 931_323]],
+            force_range_mn: 5_000,
+        }
+    }
+
+    fn refused(change: impl Fn(&mut CalibrationRecord)) -> Option<Implausible> {
+        let mut record = designed();
+        change(&mut record);
+        record.check().err()
+    }
+
+    #[test]
+    fn constants_that_no_rig_has_are_refused_each_by_its_name() {
+        assert_eq!(designed().check(), Ok(()));
+        assert_eq!(refused(|record| record.id = Text::new("")), Some(Implausible::Id));
+        assert_eq!(
+            refused(|record| record.potentiometers[1].rising_um[3] = 9_000),
+            Some(Implausible::Turns { axis: 1 })
+        );
+        assert_eq!(
+            refused(|record| record.potentiometers[0].track_codes = [40, 5_000]),
+            Some(Implausible::Track { axis: 0 })
+        );
+        let apart = |record: &mut CalibrationRecord| {
+            record.potentiometers[0].falling_um = record.potentiometers[0].falling_um.map(|um| um - 3_000);
+        };
+        assert_eq!(refused(apart), Some(Implausible::Play { axis: 0 }));
+        assert_eq!(
+            refused(|record| record.travel_um = 24_900),
+            Some(Implausible::Travel { travel_um: 24_900 })
+        );
+        assert_eq!(
+            refused(|record| record.force_pn_per_code = [[0; 2]; 2]),
+            Some(Implausible::ForceGain { axis: 0, full_scale_mn: 0, range_mn: 5_000 })
+        );
+        assert_eq!(
+            refused(|record| record.force_range_mn = 0),
+            Some(Implausible::ForceRange { range_mn: 0 })
+        );
+        assert_eq!(
+            refused(|record| record.force_pn_per_code[1][0] = 400_000),
+            Some(Implausible::CrossTalk { axis: 1 })
+        );
+        let swapped = |record: &mut CalibrationRecord| record.force_pn_per_code.swap(0, 1);
+        assert!(matches!(refused(swapped), Some(Implausible::ForceGain { axis: 0, .. })));
+    }
+
+    /// Anything that is sound, and any slip of one of its units.
+    #[test]
+    fn wiring_either_way_is_sound() {
+        let reversed = |record: &mut CalibrationRecord| {
+            let table = &mut record.potentiometers[0];
+            (table.rising_um, table.falling_um) =
+                (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
+            record.force_pn_per_code[1][1] *= -1;
+        };
+        assert_eq!(refused(reversed), None);
+    }
+
+    proptest! {
+        /// Whatever the cell and the actuator within the bounds: ten times and a tenth of any of their units is refused.
+        #[test]
+        fn a_slip_of_a_unit_by_ten_or_more_is_refused(
+            millivolts_per_volt in 0.65_f64..3.0, range_mn in 500_u32..20_000, stroke_mm in 25.0_f64..65.0,
+            power in 1_i32..4, up: bool,
+        ) {
+            let mut record = designed();
+            // 9.375 mV of full scale at 3.0 V.
+            let gain_pn = 9.375 / 3.0 / millivolts_per_volt * f64::from(range_mn) * 1e9 / FORCE_CODES as f64;
+            record.force_pn_per_code = [[gain_pn as i32, 0], [0, -gain_pn as i32]];
+            record.force_range_mn = range_mn;
+            for table in &mut record.potentiometers {
+                let um = |knot: usize| ((knot as f64 / 8.0 - 0.5) * stroke_mm * 1e3) as i16;
+                (table.rising_um, table.falling_um) = (core::array::from_fn(um), core::array::from_fn(um));
+            }
+            prop_assert_eq!(record.check(), Ok(()));
+            let slip = 10_f64.powi(if up { power } else { -power });
+            let slipped = |value: i32| (f64::from(value) * slip) as i32;
+            let mut gains = record.clone();
+            gains.force_pn_per_code = gains.force_pn_per_code.map(|row| row.map(slipped));
+            prop_assert!(gains.check().is_err());
+            let mut range = record.clone();
+            range.force_range_mn = (f64::from(range_mn) * slip) as u32;
+            prop_assert!(range.check().is_err());
+            let mut tables = record.clone();
+            for table in &mut tables.potentiometers {
+                table.rising_um = table.rising_um.map(|um| slipped(um.into()).clamp(-32_768, 32_767) as i16);
+                table.falling_um = table.rising_um;
+            }
+            prop_assert!(tables.check().is_err());
+        }
+    }
+}
