@@ -17,6 +17,7 @@ mod session;
 use anyhow::Result;
 use clock::Clock;
 use host::inference::energy::{Balance, energy_modulus};
+use host::model::{Model, Needle, Rig, Support};
 use protocol::Sample;
 use std::hint::black_box;
 use std::path::Path;
@@ -26,6 +27,7 @@ const SEED: u32 = 1;
 fn main() -> Result<()> {
     let mut clock = Clock::new(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("operations"));
     mechanics::beam(&mut clock)?;
+    foundations(&mut clock)?;
     mechanics::identification(&mut clock)?;
     energy(&mut clock)?;
     mechanics::insertion(&mut clock)?;
@@ -37,6 +39,21 @@ fn main() -> Result<()> {
     session::write(folder.path(), session::ROWS)?;
     session::load(&mut clock, folder.path())?;
     frames(&mut clock)
+}
+
+/// The same needle on springs and in an elastic body, at moduli that are new each time as in a fit: the body should cost no more than
+/// five times as much.
+fn foundations(clock: &mut Clock) -> Result<()> {
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
+    for (name, support) in [("on springs", Support::Springs), ("in a body", Support::Body { poisson: 0.5 })] {
+        let mut modulus_pa = 16e3;
+        clock.seconds(name, || {
+            modulus_pa *= 1.0 + 1e-9;
+            let model = Model::on(black_box(&rig).clone(), support, modulus_pa).expect("a model");
+            model.beam(0.03).expect("solves").lateral_stiffness_n_per_m()
+        })?;
+    }
+    Ok(())
 }
 
 /// The modulus of the same run by the balance of energy.

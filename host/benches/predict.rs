@@ -61,6 +61,7 @@ fn session() -> Session {
         rig: model.rig.clone(),
         fixture_mass_kg: None,
         noise: Noise { tip_m: Some(0.05e-3), ..Noise::default() },
+        tissue: Default::default(),
         lateral: Vec::new(),
         insertion: (0..12).map(run).collect(),
         indentation: Vec::new(),

@@ -1,12 +1,13 @@
 //! Foundation modulus and Young's modulus from first principles: the needle in an elastic half space instead of on springs.
 //!
-//! The body is linear elastic, the needle a beam bonded to it (or touched on one side only, at half the stiffness), the surface
+//! The body is linear elastic, the needle a beam bonded to it (or touched on one side only, [`contact`]), the surface
 //! free. The relation is the foundation modulus K that is identified in a lateral run in such a body: it depends on needle, depth,
 //! Poisson's ratio and guide positions, on Young's modulus itself, through the needle's flexibility, and a little on what is
 //! measured how well, because no springs do exactly what a body does (`model.md`, section 6). For needles deeper than about
 //! 60 mm it is more than a little: there the shape asks for softer springs than the force, and K is a number of the test as
 //! much as of the tissue. Young's modulus found through the relation for that very test is not affected.
 
+pub mod contact;
 mod fields;
 mod mesh;
 pub mod operator;
@@ -27,17 +28,38 @@ use nalgebra::{DMatrix, DVector};
 pub enum Contact {
     /// All around.
     Bonded,
-    /// On the side it is pushed to only: half the stiffness.
+    /// On the side it is pushed to only, without friction, in a hole of its own diameter.
     OneSided,
 }
 
 impl Contact {
-    fn share(self) -> f64 {
+    /// Stiffness over that of a bonded needle, by depth over radius and Poisson's ratio.
+    fn share(self, ratio: f64, poisson: f64) -> f64 {
         match self {
             Self::Bonded => 1.0,
-            Self::OneSided => 0.5,
+            Self::OneSided => contact::tabulated_share(ratio, poisson),
         }
     }
+
+    /// Relative uncertainty of the contact's share, at 95 %: mesh, harmonics, and that the needle bends.
+    pub fn relative_error(self) -> f64 {
+        match self {
+            Self::Bonded => 0.0,
+            Self::OneSided => contact::RELATIVE_ERROR,
+        }
+    }
+}
+
+/// Depths over needle radius for which the relation is computed.
+pub const RATIO_RANGE: [f64; 2] = [10.0, 600.0];
+/// Young's moduli for which it is, Pa: between them the body is neither nothing beside the needle nor as good as rigid.
+pub const YOUNGS_RANGE_PA: [f64; 2] = [100.0, 1e6];
+
+/// Refuses Young's moduli for which the relation is not computed.
+fn check_youngs(youngs_pa: f64) -> Result<(), ModelError> {
+    let [least, most] = YOUNGS_RANGE_PA;
+    let is_in_range = (least..=most).contains(&youngs_pa);
+    check("youngs_modulus_kpa", 1e-3 * youngs_pa, "0.1 to 1000, for which K/E is computed", is_in_range)
 }
 
 /// A needle in an elastic half space: solved once, for any Young's modulus.
@@ -45,6 +67,8 @@ impl Contact {
 pub struct Continuum {
     wall: WallStiffness,
     depth_m: f64,
+    radius_m: f64,
+    poisson: f64,
     contact: Contact,
 }
 
@@ -52,7 +76,7 @@ impl Continuum {
     /// Solves the body around a needle inserted to `depth_m`.
     ///
     /// # Errors
-    /// [`ModelError::OutOfRange`] for a depth of fewer than ten needle radii or a Poisson's ratio outside 0 to 0.5,
+    /// [`ModelError::OutOfRange`] for a depth outside [`RATIO_RANGE`] or a Poisson's ratio outside 0 to 0.5,
     /// [`ModelError::Singular`].
     pub fn solve(
         needle: &Needle,
@@ -74,14 +98,25 @@ impl Continuum {
     ) -> Result<Self, ModelError> {
         let radius_m = 0.5 * needle.outer_diameter_m;
         check("poisson", poisson, "0 to 0.5", (0.0..=0.5).contains(&poisson))?;
-        check("depth_m", depth_m, "ten needle radii to 1 m", (10.0 * radius_m..=1.0).contains(&depth_m))?;
+        let [least, most] = RATIO_RANGE;
+        let is_in_range = (least..=most).contains(&(depth_m / radius_m));
+        check(
+            "depth over needle radius",
+            depth_m / radius_m,
+            "10 to 600, for which K/E is computed",
+            is_in_range,
+        )?;
         let mesh = Mesh::new(radius_m, depth_m, resolution, full_space);
-        Ok(Self { wall: solve::wall_stiffness(&mesh, poisson)?, depth_m, contact })
+        Ok(Self { wall: solve::wall_stiffness(&mesh, poisson)?, depth_m, radius_m, poisson, contact })
     }
 
     /// Ratio K/E of a rigid needle that moves sideways as a whole.
     pub fn rigid_ratio(&self) -> f64 {
-        self.contact.share() * self.wall.matrix_m.sum() / self.depth_m
+        self.share() * self.wall.matrix_m.sum() / self.depth_m
+    }
+
+    fn share(&self) -> f64 {
+        self.contact.share(self.depth_m / self.radius_m, self.poisson)
     }
 
     /// The same body with another contact.
@@ -124,7 +159,7 @@ impl Continuum {
                 }
             }
         }
-        let scale = self.contact.share() * youngs_pa;
+        let scale = self.share() * youngs_pa;
         for i in 0..self.wall.depths_m.len() {
             for j in 0..self.wall.depths_m.len() {
                 // Symmetric to rounding; the factorisation wants it to the bit.
@@ -159,8 +194,14 @@ impl Continuum {
     /// [`identify`](crate::identify) finds in a lateral run in such a body.
     ///
     /// # Errors
-    /// [`FitError`] where the body or the beam cannot be solved.
+    /// [`ModelError::OutOfRange`] for a Young's modulus outside [`YOUNGS_RANGE_PA`], [`FitError`] where the body or the beam cannot be
+    /// solved.
     pub fn foundation_modulus_pa(&self, rig: &Rig, youngs_pa: f64, run: &Run) -> Result<f64, FitError> {
+        check_youngs(youngs_pa)?;
+        self.fitted_modulus_pa(rig, youngs_pa, run)
+    }
+
+    fn fitted_modulus_pa(&self, rig: &Rig, youngs_pa: f64, run: &Run) -> Result<f64, FitError> {
         let unit = self.response(rig, youngs_pa)?;
         let force_n = run.displacement_m / unit.deflection_m(rig.guide2_m);
         let points = (self.depth_m / run.spacing_m).round().max(3.0) as usize;
@@ -197,10 +238,11 @@ impl Continuum {
         let mut youngs_pa = modulus_pa / self.rigid_ratio();
         // The ratio hardly depends on the modulus itself: a fixed point that is reached quickly.
         for _ in 0..60 {
-            let next_pa = youngs_pa * modulus_pa / self.foundation_modulus_pa(rig, youngs_pa, run)?;
+            let next_pa = youngs_pa * modulus_pa / self.fitted_modulus_pa(rig, youngs_pa, run)?;
             let change = (next_pa / youngs_pa - 1.0).abs();
             youngs_pa = next_pa;
             if change < 1e-5 {
+                check_youngs(youngs_pa)?;
                 return Ok(youngs_pa);
             }
         }

@@ -26,6 +26,7 @@ mod cells;
 mod data;
 mod discrepancy;
 mod evidence;
+mod foundation;
 mod next;
 mod noise;
 mod posterior;
@@ -40,6 +41,7 @@ mod whiten;
 pub mod words;
 
 pub use data::Channel;
+pub(crate) use foundation::{FoundationEvidence, foundation_evidence};
 pub use results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, GapSide, NextMeasurement,
     Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize, ResidualPoint, Verdict,

@@ -6,9 +6,11 @@
 
 mod belong;
 mod body;
+mod error;
 mod fitting;
 mod indentation;
 mod layers;
+mod options;
 mod pool;
 mod prepare;
 mod reference;
@@ -16,7 +18,9 @@ mod residuals;
 mod results;
 
 pub use body::{BodyResult, FoundationChoice, FoundationResult};
+pub use error::{IdentifyError, RunError};
 pub use layers::Layers;
+pub use options::{Options, YoungsBy};
 pub use residuals::ResidualResult;
 pub use results::{
     Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult,
@@ -25,194 +29,13 @@ pub use results::{
 };
 
 use crate::check::suspicions_of_identification;
-use crate::continuum::Contact;
 use crate::inference::energy::energy_modulus;
-use crate::inference::modulus::Relation;
-use crate::inference::{FitError, LateralData, channel_fits, shape_fits};
-use crate::levels::{HoldCriteria, Unused, unused_of_session};
-use crate::model::effects::Effect;
+use crate::inference::{LateralData, channel_fits, shape_fits};
+use crate::levels::{Unused, unused_of_session};
 use crate::session::{LateralRun, Session};
 use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};
+use options::TissueModel;
 use prepare::{Prepared, prepare};
-use std::path::PathBuf;
-
-/// How Young's modulus is had from K.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum YoungsBy {
-    /// By a published formula.
-    Published(Relation),
-    /// By the needle in an elastic half space, solved for this needle, rig, depth and noise.
-    Continuum(Contact),
-}
-
-impl YoungsBy {
-    /// Every way there is.
-    pub const ALL: [Self; 6] = [
-        Self::Continuum(Contact::Bonded),
-        Self::Continuum(Contact::OneSided),
-        Self::Published(Relation::ALL[0]),
-        Self::Published(Relation::ALL[1]),
-        Self::Published(Relation::ALL[2]),
-        Self::Published(Relation::ALL[3]),
-    ];
-
-    /// Its name in results and options.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Published(relation) => relation.name(),
-            Self::Continuum(Contact::Bonded) => "continuum",
-            Self::Continuum(Contact::OneSided) => "continuum-one-sided",
-        }
-    }
-
-    /// What it holds for.
-    pub fn validity(self) -> &'static str {
-        match self {
-            Self::Published(relation) => relation.validity(),
-            Self::Continuum(Contact::Bonded) => "this needle bonded in an elastic half space, small strains",
-            Self::Continuum(Contact::OneSided) => {
-                "this needle held on one side only, half of the bonded stiffness"
-            }
-        }
-    }
-}
-
-/// What the user may choose.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// Relation that turns K into Young's modulus.
-    pub relation: YoungsBy,
-    /// Poisson's ratio of the tissue in that relation.
-    pub poisson: f64,
-    /// Its standard deviation, which widens the interval of Young's modulus from an elastic body.
-    pub poisson_sd: f64,
-    /// What the tissue is taken as.
-    pub foundation: FoundationChoice,
-    /// What counts as a hold.
-    pub criteria: HoldCriteria,
-    /// Effects whose parameters are unknown too, with their priors: the interval of K then includes them.
-    pub nuisances: Vec<&'static dyn Effect>,
-    /// Effects that are part of the model, with the values of their parameters.
-    pub fixed: Vec<(&'static dyn Effect, Vec<f64>)>,
-    /// Fit two layers to the runs of all depths.
-    pub layers: bool,
-    /// Profile the likelihood of the pooled K.
-    pub profile: bool,
-    /// Bootstrap the pooled K with so many draws; 0 for none.
-    pub bootstrap: usize,
-    /// Seed of the draws.
-    pub seed: u64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            relation: YoungsBy::Published(Relation::Vesic),
-            poisson: 0.5,
-            poisson_sd: 0.0,
-            foundation: FoundationChoice::Auto,
-            criteria: HoldCriteria::default(),
-            nuisances: Vec::new(),
-            fixed: Vec::new(),
-            layers: false,
-            profile: false,
-            bootstrap: 0,
-            seed: 1,
-        }
-    }
-}
-
-/// Why a run cannot be identified.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RunError {
-    /// Guide 2 is never held still.
-    #[error("{}: displacement_y_mm: no hold found in {duration_s:.1} s, expected guide 2 held still for {least_s} s or more", path.display())]
-    NoHold {
-        /// The force file.
-        path: PathBuf,
-        /// Length of the recording.
-        duration_s: f64,
-        /// Shortest hold.
-        least_s: f64,
-    },
-    /// All holds have gaps.
-    #[error("{}: lost_before: all {holds} holds have gaps, expected at least one complete hold", path.display())]
-    AllLost {
-        /// The force file.
-        path: PathBuf,
-        /// Number of holds.
-        holds: usize,
-    },
-    /// Guide 2 is never displaced.
-    #[error("{}: displacement_y_mm: no hold is displaced (largest {largest_mm:.3} mm), expected a lateral displacement", path.display())]
-    NoDisplacement {
-        /// The force file.
-        path: PathBuf,
-        /// Largest displacement of a hold.
-        largest_mm: f64,
-    },
-    /// Not enough of the shape was seen.
-    #[error("{}: z_mm: {found} shape points inside the tissue during displaced holds, expected at least 3", path.display())]
-    TooFewPoints {
-        /// The shape file.
-        path: PathBuf,
-        /// Number of points.
-        found: usize,
-    },
-    /// Tissue and needle push back; here they pull.
-    #[error("{}: force_y_n: {force_n:.3} N at {displacement_mm:.3} mm, expected force and displacement of the same sign", path.display())]
-    ForceSign {
-        /// The force file.
-        path: PathBuf,
-        /// Force along the displacement.
-        force_n: f64,
-        /// Displacement.
-        displacement_mm: f64,
-    },
-    /// Near the surface the needle follows guide 2; here it goes the other way.
-    #[error("{}: deflection_y_mm: {slope:.2} times the displacement of guide 2 near the surface, expected a needle that follows it; is the sign of the shape or of the displacement turned?", path.display())]
-    ShapeSign {
-        /// The shape file.
-        path: PathBuf,
-        /// Deflection over displacement.
-        slope: f64,
-    },
-    /// The modulus runs to the end of the range.
-    #[error("{}: K runs to its bound of {bound_kpa} kPa, expected force and shape that a tissue explains", path.display())]
-    AtBound {
-        /// The force file.
-        path: PathBuf,
-        /// The bound.
-        bound_kpa: f64,
-    },
-    /// There is no best modulus.
-    #[error("{}: {cause}, expected force and shape that a tissue explains", path.display())]
-    Fit {
-        /// The force file.
-        path: PathBuf,
-        /// Why.
-        cause: FitError,
-    },
-}
-
-/// Why a session cannot be identified.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum IdentifyError {
-    /// It has no lateral runs.
-    #[error("{}: lateral: missing, expected at least one [[lateral]] run", path.display())]
-    NoRuns {
-        /// The session file.
-        path: PathBuf,
-    },
-    /// None of its runs can be identified.
-    #[error("no run can be identified: {}", suspicions.iter().cloned().chain(reasons.iter().map(|(id, why)| format!("{id}: {why}"))).collect::<Vec<_>>().join("; "))]
-    AllFailed {
-        /// What looks wrong with units and signs, before anything is fitted.
-        suspicions: Vec<String>,
-        /// Id and reason of each run.
-        reasons: Vec<(String, RunError)>,
-    },
-}
 
 /// Identifies all lateral runs of a session.
 ///
@@ -248,10 +71,17 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         return Err(IdentifyError::AllFailed { suspicions, reasons });
     }
     unused.extend(belong::set_apart(&mut runs, &mut fitted, &mut warnings));
-    let pooled = pool::pool(&fitted, options, &mut warnings);
-    let foundation = body::compare(&fitted, &pooled, options, &mut warnings);
+    let tissue = TissueModel::new(options, session);
+    let mut of_springs = Vec::new();
+    let pooled = pool::pool(&fitted, options, &mut of_springs);
+    let mut of_body = Vec::new();
+    let (foundation, runs_of_body) = body::compare(session, &fitted, options, tissue, &mut of_body);
+    // Springs that disagree in an elastic body are no fault of the runs.
+    let prefix = if runs_of_body.is_some() { "taken as springs: " } else { "" };
+    warnings.extend(of_springs.into_iter().map(|what| format!("{prefix}{what}")));
+    warnings.extend(of_body);
     let directions = pool::directions(&fitted, options.criteria.zero_m);
-    let layers = if options.layers { layers::layers(&fitted) } else { None };
+    let layers = options.layers.then(|| layers::layers(runs_of_body.as_ref().unwrap_or(&fitted))).flatten();
     if options.layers && layers.is_none() {
         warnings.push("two layers cannot be told from these runs: they need runs at several depths, beyond the boundary too".to_owned());
     }
@@ -261,10 +91,8 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
                 .to_owned(),
         );
     }
-    let depths_m: f64 = fitted.iter().map(|run| run.data.depth_m).sum();
-    let depth_m = depths_m / fitted.len() as f64;
-    let mut youngs_by = reference::Youngs::new(session, &fitted, depth_m, options, &mut warnings);
-    let youngs = youngs_by.of_pooled(&pooled, &mut warnings);
+    let mut youngs_by = reference::Youngs::new(session, &fitted, &pooled, options, tissue, &mut warnings);
+    let youngs = youngs_by.of_runs(&mut warnings);
     let youngs = reference::headline(youngs, &foundation, options, &mut warnings);
     let reference = indentation::reference(session, &runs, &fitted, (&youngs_by, &youngs), &mut warnings);
     let k_per_ei = KPerEi::of(&session.rig.needle, pooled.k_kpa, pooled.ci95_kpa);
@@ -301,7 +129,9 @@ pub fn examine(session: &Session, run: &LateralRun, options: &Options) -> Result
 }
 
 /// A run's data and its own estimate of ln K.
+#[derive(Clone)]
 struct Fitted {
+    id: String,
     data: LateralData,
     ln_k: f64,
     variance: f64,
@@ -354,6 +184,7 @@ fn identify_run(
         left_out: None,
     };
     let fitted = Fitted {
+        id: run.id.clone(),
         data: prepared.data,
         ln_k: estimate.ln_k,
         variance: estimate.sd_ln.powi(2),

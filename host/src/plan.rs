@@ -1,9 +1,9 @@
-//! What interval an experiment will give before it is made: the information about K in a lateral run, over depth,
-//! displacement and position of guide 2.
+//! What interval an experiment will give before it is made: the information about K, or about E of an elastic body, in a lateral run, over
+//! depth, displacement and position of guide 2.
 //!
 //! The covariance at the truth is the Cramer-Rao bound, which the likelihood reaches; so the plan is what
 //! [`identify`](crate::identify) will report: noise is that of one reading and averages over the readings of a hold, true
-//! displacements and the force sensor's zero are unknown. K is not known beforehand: every figure is the worst over a range of K.
+//! displacements and the force sensor's zero are unknown. The modulus is not known beforehand: every figure is the worst over a range.
 //! [`study`] compares the plan with the scatter of simulated sessions.
 
 pub mod study;
@@ -13,7 +13,7 @@ use crate::inference::{
 };
 use crate::levels::{HoldCriteria, trimmed_s};
 use crate::model::effects::Effect;
-use crate::model::{Beam, Foundation, ModelError, Rig, Support};
+use crate::model::{Beam, Model, ModelError, Rig, Support};
 use crate::session::DEPTH_RANGE_MM;
 use serde::Serialize;
 
@@ -22,7 +22,11 @@ use serde::Serialize;
 pub struct Question {
     /// Needle, guides and tissue surface.
     pub rig: Rig,
-    /// Foundation moduli that the tissue may have, least and greatest.
+    /// What the tissue is made of.
+    pub support: Support,
+    /// Standard deviation of Poisson's ratio of a body: it widens the interval of Young's modulus.
+    pub poisson_sd: f64,
+    /// Moduli that the tissue may have, least and greatest: K of springs, E of a body.
     pub modulus_range_pa: [f64; 2],
     /// Standard deviation of one reading of the force.
     pub force_sd_n: f64,
@@ -62,7 +66,7 @@ pub struct Limits {
     pub deflection_m: f64,
 }
 
-/// One experiment and what it will give; the worst over the range of K.
+/// One experiment and what it will give; the worst over the range of moduli.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Choice {
     /// Position of guide 2.
@@ -71,7 +75,8 @@ pub struct Choice {
     pub depth_mm: f64,
     /// Displacement of guide 2.
     pub displacement_mm: f64,
-    /// Half the width of the 95 % interval of K; infinite (`null` in JSON) beyond 1000 %, where K is not identifiable.
+    /// Half the width of the 95 % interval of K, or of E where the tissue is a body; infinite (`null` in JSON) beyond 1000 %, where the
+    /// modulus is not identifiable.
     pub half_width_percent: f64,
     /// Largest lateral force.
     pub force_n: f64,
@@ -113,6 +118,12 @@ pub struct Protocol {
     pub displacement_sd_mm: f64,
     /// Standard deviation of one deflection of the shape.
     pub shape_sd_mm: f64,
+    /// What the tissue is modelled as: `springs`, of which K is identified, or `body`, of which E is.
+    pub foundation: &'static str,
+    /// Poisson's ratio of a body.
+    pub poisson: Option<f64>,
+    /// Its standard deviation.
+    pub poisson_sd: f64,
 }
 
 /// Why there is no plan.
@@ -193,6 +204,9 @@ impl Question {
             force_sd_n: self.force_sd_n,
             displacement_sd_mm: 1e3 * self.displacement_sd_m,
             shape_sd_mm: 1e3 * self.shape_sd_m,
+            foundation: self.support.name(),
+            poisson: self.support.poisson(),
+            poisson_sd: self.poisson_sd,
         }
     }
 
@@ -215,7 +229,9 @@ impl Question {
                 });
             }
         }
-        within("k_kpa", &self.modulus_range_pa, 1e-3, [0.01, 1e4])?;
+        let modulus = if self.support.is_body() { "youngs_kpa" } else { "k_kpa" };
+        within(modulus, &self.modulus_range_pa, 1e-3, [0.01, 1e4])?;
+        within("poisson_sd", &[self.poisson_sd], 1.0, [0.0, 0.2])?;
         within("depth_mm", &self.depths_m, 1e3, DEPTH_RANGE_MM)?;
         within("displacement_mm", &self.displacements_m, 1e3, [0.01, 50.0])?;
         within("guide2_mm", &self.guide2_m, 1e3, [1.0, 1e3])?;
@@ -284,7 +300,7 @@ fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> 
     let [least, most] = question.modulus_range_pa;
     for i in 0..MODULI {
         let modulus_pa = least * (most / least).powf(f64::from(i) / f64::from(MODULI - 1));
-        let beam = Beam::solve(rig, &Foundation::uniform(modulus_pa)?, depth_m)?;
+        let beam = Model::on(rig.clone(), question.support, modulus_pa)?.beam(depth_m)?;
         let force_n = beam.force_n(displacement_m);
         let unit = beam.guide2_force();
         let stiffness = rig.needle.bending_stiffness_n_m2();
@@ -297,9 +313,16 @@ fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> 
         let data = data(question, rig, &beam, depth_m, displacement_m);
         let mut unknowns = vec![Parameter::free(modulus_pa.ln(), LN_STEP)];
         unknowns.extend(effect_parameters(&question.nuisances));
-        let fit = fit(&unknowns, &[data])?;
-        let sd_ln = fit.covariance.get((0, 0)).copied().unwrap_or(f64::NAN).sqrt();
-        let half_width_percent = 100.0 * ((1.959_963_984_540_054 * sd_ln).exp() - 1.0);
+        let found = fit(&unknowns, std::slice::from_ref(&data))?;
+        let sd_ln = found.covariance.get((0, 0)).copied().unwrap_or(f64::NAN).sqrt();
+        let by_poisson = match question.support.one_sd_away(question.poisson_sd) {
+            Some(support) => {
+                let other = fit(&unknowns, &[LateralData { support, ..data }])?;
+                other.shared.first().map_or(f64::NAN, |ln_pa| ln_pa - modulus_pa.ln())
+            }
+            None => 0.0,
+        };
+        let half_width_percent = 100.0 * ((1.959_963_984_540_054 * sd_ln.hypot(by_poisson)).exp() - 1.0);
 
         // No number is larger than this, and none is none.
         let half_width_percent =
@@ -336,7 +359,7 @@ fn data(question: &Question, rig: &Rig, beam: &Beam, depth_m: f64, displacement_
         }
     };
     LateralData {
-        support: Support::Springs,
+        support: question.support,
         rig: rig.clone(),
         depth_m,
         planes: 1,

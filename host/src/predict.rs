@@ -151,6 +151,8 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
         let asked = identify::Options {
             layers: options.layers,
             fixed: options.effects.clone(),
+            // The path is that of a needle on springs.
+            foundation: Some(identify::FoundationChoice::Springs),
             ..identify::Options::default()
         };
         match identify(session, &asked) {

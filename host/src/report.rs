@@ -92,7 +92,12 @@ impl Analyses {
         let tracking = outcome(!session.steering.is_empty(), "the session has no steering runs", || {
             track(session, &track::Options::default())
         });
-        let of_diagnosis = diagnose::Options { given: effects, ..diagnose::Options::default() };
+        let of_diagnosis = diagnose::Options {
+            given: effects,
+            foundation: session.tissue.foundation.into(),
+            poisson: session.tissue.poisson.unwrap_or(diagnose::INCOMPRESSIBLE),
+            ..diagnose::Options::default()
+        };
         let none = "the session has neither lateral runs nor insertions";
         let diagnosis =
             outcome(has_lateral || has_insertions, none, || diagnose(session, &of_diagnosis, &mut tell));

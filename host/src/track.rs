@@ -5,6 +5,8 @@
 //! would do; [`study`] compares them where the truth is known.
 
 pub mod kalman;
+pub mod layers;
+pub mod layers_study;
 pub mod method;
 pub mod published;
 pub mod results;
@@ -14,12 +16,13 @@ mod units;
 
 use crate::model::{Dynamics, ModelError};
 use crate::session::{Session, SteeringRun};
-use firmware::steering::{Estimate, Refused};
+use firmware::steering::{Estimate, Refused, Settings};
 use kalman::{Kalman, Kind, Told};
+use layers::LayeredTracker;
 use method::{Method, Report, samples};
 use published::{Printed, Published};
-use results::{CompareResult, FieldResult, TrackResult, Tracking, errors};
-use sound::SoundTracker;
+use results::{CompareResult, FieldResult, LayersResult, TrackResult, Tracking, errors};
+use sound::{MODES, SoundTracker};
 
 /// Why a session cannot be tracked.
 #[derive(Debug, thiserror::Error)]
@@ -33,6 +36,17 @@ pub enum TrackError {
     /// There is nothing to track.
     #[error("session.toml: steering: missing, expected at least one run")]
     NoRuns,
+    /// A segment in which nothing can vary.
+    #[error(
+        "segment_mm: {segment_mm}, expected {least_mm:.1} or more: two cells of the estimator, which has {} for the depth of the runs",
+        sound::CELLS
+    )]
+    ShortSegment {
+        /// Length of the segment.
+        segment_mm: f64,
+        /// Least length.
+        least_mm: f64,
+    },
     /// The model needs the needle's length.
     #[error(
         "session.toml: [needle] length_mm: missing, expected the length from the fixture to the tip (or --length-mm)"
@@ -42,6 +56,8 @@ pub enum TrackError {
 
 /// Segments of the estimator: its memory is fixed, on the host as in the firmware.
 const SEGMENTS: usize = 2;
+/// Fewest cells of a segment.
+const LEAST_CELLS: f64 = 2.0;
 
 /// What is asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,15 +68,15 @@ pub struct Options {
     pub fixture_mass_kg: Option<f64>,
     /// Where the search starts: stiffness, N/m^2, and damping, N s/m^2.
     pub start: Option<[f64; 2]>,
-    /// Length of a segment.
-    pub segment_m: f64,
+    /// Depth at which stiffness and damping may jump, as from one layer to the next; without it the depth is an unknown.
+    pub segment_m: Option<f64>,
     /// Run the other estimators too.
     pub compare: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { length_m: None, fixture_mass_kg: None, start: None, segment_m: 0.04, compare: false }
+        Self { length_m: None, fixture_mass_kg: None, start: None, segment_m: None, compare: false }
     }
 }
 
@@ -80,19 +96,27 @@ pub fn dynamics(session: &Session, options: &Options) -> Result<Dynamics, TrackE
 /// # Errors
 /// [`TrackError`] where the session does not say enough or makes no sense.
 pub fn tracker(session: &Session, options: &Options) -> Result<SoundTracker<f64>, TrackError> {
+    SoundTracker::new(settings(session, options)?).ok_or(TrackError::Layout)
+}
+
+fn settings(session: &Session, options: &Options) -> Result<Settings<f64, MODES>, TrackError> {
     let dynamics = dynamics(session, options)?;
     let mut settings = sound::settings::<f64>(&session.rig.needle, &dynamics)?;
-    settings.segment_m = options.segment_m;
     settings.layout.segments = SEGMENTS;
-    // Deeper runs than the cells and segments were made for: longer ones.
+    // Deeper runs than the cells were made for: longer ones. The last segment reaches to the deepest point.
     let deepest_m = session.steering.iter().flat_map(|run| &run.depth_m).copied().fold(0.0, f64::max);
     settings.cell_m = settings.cell_m.max(1.001 * deepest_m / sound::CELLS as f64);
-    settings.segment_m = settings.segment_m.max(deepest_m / SEGMENTS as f64);
+    settings.reach_m = deepest_m;
+    settings.segment_m = options.segment_m.unwrap_or(settings.segment_m);
     settings.start = options.start.unwrap_or(settings.start);
     settings.force_sd_n = session.noise.force_n.unwrap_or(0.0);
     settings.tip_sd_m = session.noise.tip_m.unwrap_or(0.0);
     settings.base_sd_m = session.noise.displacement_m.unwrap_or(0.0);
-    SoundTracker::new(settings).ok_or(TrackError::Layout)
+    if settings.segment_m < LEAST_CELLS * settings.cell_m {
+        let least_mm = 1e3 * LEAST_CELLS * settings.cell_m;
+        return Err(TrackError::ShortSegment { segment_mm: 1e3 * settings.segment_m, least_mm });
+    }
+    Ok(settings)
 }
 
 /// Tracks every steering run of a session.
@@ -110,51 +134,52 @@ pub fn track(session: &Session, options: &Options) -> Result<Tracking, TrackErro
                 .to_owned(),
         );
     }
-    let used_m = tracker(session, options)?.settings().segment_m;
-    if used_m > options.segment_m * (1.0 + 1e-9) {
-        warnings.push(format!(
-            "segments of {:.0} mm, not of {:.0} mm: the estimator has {SEGMENTS}, and they reach the depth of the runs only so. Near a \
-             boundary of layers inside a segment stiffness and damping are smoothed, and intervals do not include that",
-            1e3 * used_m,
-            1e3 * options.segment_m
-        ));
-    }
     let runs: Result<Vec<_>, _> = session.steering.iter().map(|run| one(session, options, run)).collect();
     Ok(Tracking { schema: results::SCHEMA, session: session.name.clone(), runs: runs?, warnings })
 }
 
 /// A run that has gone through the estimator.
 struct Through {
-    tracker: SoundTracker<f64>,
     estimates: Vec<Estimate<f64>>,
     /// Rows that the estimator refused.
-    left_out: Vec<(usize, Refused)>,
+    refused: Vec<(usize, Refused)>,
     last: Option<Estimate<f64>>,
+    field: Option<FieldResult>,
+    layers: Option<LayersResult>,
 }
 
 fn run_through(session: &Session, options: &Options, run: &SteeringRun) -> Result<Through, TrackError> {
-    let mut tracker = tracker(session, options)?;
+    let settings = settings(session, options)?;
     let mut estimates: Vec<Estimate<f64>> = Vec::new();
-    let mut left_out: Vec<(usize, Refused)> = Vec::new();
-    for (row, sample) in samples(run).enumerate() {
-        match tracker.update(&sample) {
-            Ok(estimate) => estimates.extend(estimate),
-            Err(refused) => left_out.push((row, refused)),
-        }
+    let mut refused: Vec<(usize, Refused)> = Vec::new();
+    let mut take = |row: usize, taken: Result<Option<Estimate<f64>>, Refused>| match taken {
+        Ok(estimate) => estimates.extend(estimate),
+        Err(why) => refused.push((row, why)),
+    };
+    if options.segment_m.is_some() {
+        let mut tracker = SoundTracker::new(settings).ok_or(TrackError::Layout)?;
+        samples(run).enumerate().for_each(|(row, sample)| take(row, tracker.update(&sample)));
+        let last = tracker.finish();
+        let field = last.map(|last| FieldResult::of_tracker(&tracker, last.depth_m));
+        return Ok(Through { estimates, refused, last, field, layers: None });
     }
+    let mut tracker = LayeredTracker::new(settings).ok_or(TrackError::Layout)?;
+    samples(run).enumerate().for_each(|(row, sample)| take(row, tracker.update(&sample)));
     let last = tracker.finish();
-    Ok(Through { tracker, estimates, left_out, last })
+    let field = last.as_ref().map(|last| FieldResult::new(&last.field, last.cell_m));
+    let layers = last.as_ref().map(LayersResult::new);
+    Ok(Through { estimates, refused, last: last.map(|last| last.estimate), field, layers })
 }
 
 fn one(session: &Session, options: &Options, run: &SteeringRun) -> Result<TrackResult, TrackError> {
-    let Through { tracker, estimates, left_out, last } = run_through(session, options, run)?;
+    let Through { estimates, refused, last, field, layers } = run_through(session, options, run)?;
     // Units and signs before tissue and motion: what is wrong with them explains the rest.
     let units = units::explain(session, options, run, last.map(|last| last.misfit))?;
     let mut result = TrackResult::new(&run.id, &estimates, last, units.is_none());
     result.warnings.splice(0..0, units);
-    result.field = last.map(|last| FieldResult::new(&tracker, last.depth_m));
-    if let Some((row, refused)) = left_out.first() {
-        result.warnings.push(results::left_out(left_out.len(), *row, *refused, run));
+    (result.field, result.layers) = (field, layers);
+    if let Some((row, why)) = refused.first() {
+        result.warnings.push(results::left_out(refused.len(), *row, *why, run));
     }
     if options.compare {
         result.compare = compare(session, options, run)?;
@@ -170,7 +195,8 @@ fn compare(
 ) -> Result<Vec<CompareResult>, TrackError> {
     let needle = &session.rig.needle;
     let dynamics = dynamics(session, options)?;
-    let printed = Printed { segment_m: options.segment_m, ..Printed::default() };
+    let usual = Printed::default();
+    let printed = Printed { segment_m: options.segment_m.unwrap_or(usual.segment_m), ..usual };
     let start = options.start.unwrap_or([printed.start[1], printed.start[0]]);
     let printed = Printed { start: [start[1], start[0]], ..printed };
     let told = Told {

@@ -60,7 +60,13 @@ fn writer(folder: &Path) -> SessionWriter {
     let noise = Noise { tip_m: Some(0.06e-3), ..Noise::default() };
     SessionWriter::open(
         folder,
-        &Setup { name: "made up".to_owned(), rig: rig(), fixture_mass_kg: None, noise },
+        &Setup {
+            name: "made up".to_owned(),
+            rig: rig(),
+            fixture_mass_kg: None,
+            noise,
+            tissue: Default::default(),
+        },
     )
     .expect("a session")
 }

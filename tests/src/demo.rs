@@ -243,8 +243,13 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, say: &mut dyn FnMut(&str))
 
 /// Adds the insertions to the session.
 fn record(session: &Path, rig: &Rig, insertions: &[InsertionRun]) -> Result<()> {
-    let setup =
-        Setup { name: String::new(), rig: rig.clone(), fixture_mass_kg: None, noise: Noise::default() };
+    let setup = Setup {
+        name: String::new(),
+        rig: rig.clone(),
+        fixture_mass_kg: None,
+        noise: Noise::default(),
+        tissue: Default::default(),
+    };
     let mut writer = SessionWriter::open(session, &setup)?;
     Ok(insertions.iter().try_for_each(|run| writer.insertion(run))?)
 }

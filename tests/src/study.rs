@@ -16,10 +16,11 @@ use std::fmt::Write as _;
 pub struct Args {
     /// Which: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's deflection (part of the forward
     /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
-    /// study of the diagnosis, the same with imperfections, or the end of the demonstration for many seeds; without a name all that
+    /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds, or what `guide plan` promises
+    /// against what simulated sessions scatter by, or tracking through two layers whose boundary lies anywhere; without a name all that
     /// the documentation quotes, as it quotes them, written where it has them
     #[arg(value_parser = [
-        "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "demo",
+        "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "demo", "plan", "layers",
     ])]
     name: Option<String>,
     /// Sessions of insertions, or imperfect ones of all kinds
@@ -37,7 +38,7 @@ pub struct Args {
     /// Blind sessions of every effect and strength
     #[arg(long, default_value_t = 4)]
     repeats: usize,
-    /// Only blind sessions, or worlds of the study of tip loads, whose names hold this; imperfect ones by number too, as #12
+    /// Only tables, blind sessions, or worlds of the study of tip loads, whose names hold this; imperfect ones by number too, as #12
     #[arg(long, default_value = "")]
     only: String,
     /// Only methods whose names begin like this
@@ -70,7 +71,9 @@ pub fn run(args: &Args) -> Result<()> {
         Some("diagnose") => diagnosis::run(args.repeats, [args.seed, fresh(args.fresh_seed)], &args.only),
         Some("imperfect") => imperfect::run(&args.imperfect, args.sessions, args.seed, &args.only),
         Some("demo") => hidden::run(&args.hidden),
-        Some("operator") => operator(),
+        Some("operator") => operator(&args.only),
+        Some("plan") => plan(args),
+        Some("layers") => layers(args),
         Some(_) => modulus_relation(),
         None => {
             modulus_relation()?;
@@ -99,15 +102,70 @@ fn optimised() -> Result<()> {
     Ok(())
 }
 
-/// Computes the tables of an elastic body's stiffness and puts them where the forward model has them from.
-fn operator() -> Result<()> {
+/// Computes the tables of an elastic body's stiffness whose names hold `only`, and puts them where the forward model has them from.
+fn operator(only: &str) -> Result<()> {
+    use host::continuum::contact;
     use host::continuum::operator::{uniform_table, varied_table};
     let progress =
         |ratio: f64, poisson: f64| eprintln!("depth {ratio:.2} radii, Poisson's ratio {poisson:.3}");
     let folder = images::root().join("host/src/continuum");
-    std::fs::write(folder.join("uniform.csv"), uniform_table(progress)?)?;
-    std::fs::write(folder.join("varied.f32"), varied_table(progress)?)?;
+    let write = |name: &str, table: &dyn Fn() -> Result<Vec<u8>>| -> Result<()> {
+        if name.contains(only) {
+            std::fs::write(folder.join(name), table()?)?;
+        }
+        Ok(())
+    };
+    write("contact.csv", &|| Ok(contact::table(progress)?.into_bytes()))?;
+    write("uniform.csv", &|| Ok(uniform_table(progress)?.into_bytes()))?;
+    write("varied.f32", &|| Ok(varied_table(progress)?))?;
     println!("{}", folder.display());
+    Ok(())
+}
+
+/// Tracking through layers: boundaries found, and what intervals hold.
+fn layers(args: &Args) -> Result<()> {
+    ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
+    println!(
+        "| motion | boundary reported | within 3 mm | in its interval | mean stiffness held | mean damping held | stiffness of cells held | \
+         mean stiffness off (RMS) |\n|---|---|---|---|---|---|---|---|"
+    );
+    for row in host::track::layers_study::layers_study(args.runs, args.seed)? {
+        let [reported, near, held, distinct] = row.boundary;
+        let share = |[held, all]: [usize; 2]| format!("{:.0} %", 100.0 * held as f64 / all.max(1) as f64);
+        println!(
+            "| {} | {reported} of {distinct} | {near} | {held} | {} | {} | {} | {:.1} % |",
+            row.motion,
+            share(row.held[0]),
+            share(row.held[1]),
+            share(row.held[2]),
+            100.0 * row.stiffness_rms
+        );
+    }
+    println!("{} runs of each motion, seed {}", args.runs, args.seed);
+    Ok(())
+}
+
+/// Promised against observed half-widths of seven protocols.
+fn plan(args: &Args) -> Result<()> {
+    let sessions = args.sessions;
+    ensure!((2..=100_000).contains(&sessions), "--sessions is {sessions}, expected 2 to 100000");
+    println!(
+        "| protocol | promised, % | observed, % | promised over observed (95 %) | covered |\n|---|---|---|---|---|"
+    );
+    for (number, protocol) in (0..).zip(host::plan::study::protocols()) {
+        let seed = args.seed.wrapping_mul(1000).wrapping_add(number);
+        let row = protocol.compare(sessions, seed).context("a protocol cannot be simulated")?;
+        let [low, high] = row.ratio_ci95();
+        println!(
+            "| {} | {:.3} | {:.3} | {:.2} ({low:.2} to {high:.2}) | {} of {sessions} |",
+            row.name,
+            row.promised_percent,
+            row.observed_percent,
+            row.ratio(),
+            row.covered
+        );
+    }
+    println!("{sessions} sessions of each protocol, seed {}", args.seed);
     Ok(())
 }
 

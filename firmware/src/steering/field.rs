@@ -68,8 +68,9 @@ pub struct Field<T, const C: usize> {
 }
 
 impl<T: RealField + Copy, const C: usize> Field<T, C> {
-    /// Cells and segments of these lengths; what is beyond the last segment is as its end.
-    pub fn new(layout: Layout, cell_m: T, segment_m: T) -> Self {
+    /// Cells and segments of these lengths. The last segment reaches to `reach_m`, or is as long as the others where that is not beyond
+    /// its begin; what is beyond it is as its end.
+    pub fn new(layout: Layout, cell_m: T, segment_m: T, reach_m: T) -> Self {
         let mut segment = [0; C];
         let mut basis = [[T::zero(); MOST_COEFFICIENTS]; C];
         let mut middle_m = cell_m * convert(0.5);
@@ -79,11 +80,18 @@ impl<T: RealField + Copy, const C: usize> Field<T, C> {
                 *segment += 1;
                 top_m += segment_m;
             }
-            let u = ((middle_m - top_m) / segment_m * convert(2.0) - T::one()).min(T::one());
+            let is_last = usize::from(*segment) + 1 == layout.segments;
+            let length_m = if is_last && reach_m > top_m { reach_m - top_m } else { segment_m };
+            let u = ((middle_m - top_m) / length_m * convert(2.0) - T::one()).min(T::one());
             legendre(u, basis);
             middle_m += cell_m;
         }
         Self { layout, segment, basis, stiffness: [T::zero(); C], damping: [T::zero(); C] }
+    }
+
+    /// Segment of a cell.
+    pub fn segment(&self, cell: usize) -> usize {
+        usize::from(self.segment[cell])
     }
 
     /// Takes the parameters' values, for the first `cells`.

@@ -5,7 +5,7 @@ use super::information::{Information, dot};
 use super::needle::Shape;
 use super::noise::Deviation;
 use super::simulation::Simulation;
-use super::{Estimate, Row, Seen, Settings, Value};
+use super::{Estimate, Evidence, Row, Seen, Settings, Value};
 use nalgebra::{RealField, convert};
 
 /// Parameters, what is known of them, and the simulation that goes with them.
@@ -44,7 +44,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
     /// Nothing measured.
     pub fn new(settings: &Settings<T, M>) -> Self {
         let layout = settings.layout;
-        let field = Field::new(layout, settings.cell_m, settings.segment_m);
+        let field = Field::new(layout, settings.cell_m, settings.segment_m, settings.reach_m);
         let prior = prior(settings);
         let mut parameters = [T::zero(); N];
         let [stiffness, damping] = settings.start;
@@ -78,6 +78,37 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         };
         filter.field.set(&parameters, C);
         filter
+    }
+
+    /// Starts from what another filter has found, segment by segment its mean; whatever comes is better than nothing measured.
+    pub(super) fn start_from(&mut self, other: &Self) {
+        let mut parameters = self.parameters;
+        for segment in 0..self.layout.segments {
+            let (mut stiffness, mut damping, mut count) = (T::zero(), T::zero(), T::zero());
+            for cell in (0..C).filter(|cell| self.field.segment(*cell) == segment) {
+                stiffness += other.field.stiffness[cell].ln();
+                damping += other.field.damping[cell];
+                count += T::one();
+            }
+            if count > T::zero() {
+                parameters[self.layout.stiffness_at(segment)] = stiffness / count;
+                parameters[self.layout.damping_at(segment)] = damping / count / convert(field::DAMPING_UNIT);
+            }
+        }
+        self.restart(parameters);
+        self.squares = convert(1e30);
+        self.latest = other.latest;
+    }
+
+    /// What the rows say for this layout against another.
+    pub(super) fn evidence(&self) -> Evidence<T> {
+        let [_, wide] = self.widening();
+        Evidence {
+            squares: self.squares,
+            cost: self.cost,
+            occam: self.information.half_log_determinant() - self.prior.half_log_determinant(),
+            wide,
+        }
     }
 
     /// The tissue.

@@ -53,6 +53,11 @@ impl<T: RealField + Copy, const N: usize> Information<T, N> {
         (self.r[index], self.z[index])
     }
 
+    /// Half the logarithm of the determinant of the information, `ln det R`.
+    pub fn half_log_determinant(&self) -> T {
+        self.r.iter().enumerate().fold(T::zero(), |sum, (i, row)| sum + row[i].abs().ln())
+    }
+
     /// The most probable parameters; needs every parameter to be known somehow.
     pub fn solve(&self) -> [T; N] {
         self.back(self.z)

@@ -88,6 +88,8 @@ pub struct Settings<T, const M: usize> {
     pub layout: Layout,
     /// Length of a segment.
     pub segment_m: T,
+    /// Where the last segment ends; where that is not beyond its begin it is as long as the others.
+    pub reach_m: T,
     /// Length of a cell of tissue.
     pub cell_m: T,
     /// A row ends when the needle has gone this much deeper ..
@@ -123,6 +125,7 @@ impl<T: RealField + Copy, const M: usize> Settings<T, M> {
             modes,
             layout: Layout { segments: 2, stiffness: 6, damping: 2 },
             segment_m: convert(0.04),
+            reach_m: T::zero(),
             cell_m: convert(2e-3),
             row_m: convert(1e-3),
             row_base_m: convert(0.5e-3),
@@ -197,6 +200,20 @@ pub struct Estimate<T> {
     pub misfit: T,
     /// The information is from a replay whose parameters no longer change: intervals can be trusted.
     pub settled: bool,
+}
+
+/// What the rows say for a layout of segments against another one, of the same rows and noise: logarithm of the evidence
+/// `-cost / (2 wide) - occam`, by Laplace's method.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Evidence<T> {
+    /// Squared deviations of all rows against the noise.
+    pub squares: T,
+    /// The same, outliers trusted less, with what the parameters cost against what was known of them before.
+    pub cost: T,
+    /// Half the logarithm of the determinant of the information over that before the first row.
+    pub occam: T,
+    /// Factor by which variances are larger than independent noise makes them.
+    pub wide: T,
 }
 
 /// The online estimator: `M` modes, `C` cells of tissue, `N` parameters, `H` rows of memory.
@@ -306,6 +323,20 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
     /// Stiffness of one cell with its interval.
     pub fn stiffness_at(&self, cell: usize) -> Option<Value<T>> {
         (cell < C).then(|| self.live.stiffness_of(&[(cell, T::one())]))
+    }
+
+    /// The same rows with segments of another length, the parameters not yet found: [`Tracker::finish`] finds them.
+    pub fn resegmented(&self, segment_m: T) -> Self {
+        let settings = Settings { segment_m, ..self.settings };
+        let mut live = Filter::new(&settings);
+        live.start_from(&self.live);
+        let replay = Replay::new(&live);
+        Self { settings, live, replay, ..self.clone() }
+    }
+
+    /// What the rows say for these segments.
+    pub fn evidence(&self) -> Evidence<T> {
+        self.live.evidence()
     }
 
     /// What is known now, without a new row.

@@ -117,7 +117,7 @@ fn a_full_memory_is_condensed() {
     let settings =
         Settings { segment_m: 0.02, force_sd_n: 0.01, tip_sd_m: 1e-4, base_sd_m: 1e-5, ..settings() };
     let shape = Shape::new(settings.modes, settings.length_m, settings.cell_m);
-    let mut field = Field::<f64, CELLS>::new(LAYOUT, settings.cell_m, settings.segment_m);
+    let mut field = Field::<f64, CELLS>::new(LAYOUT, settings.cell_m, settings.segment_m, settings.reach_m);
     field.set(&truth, CELLS);
     let mut simulation =
         Simulation::<f64, MODES, CELLS, PARAMETERS>::new(settings.cell_m, settings.length_m, 0.3, 0.0);

@@ -35,12 +35,12 @@ pub struct Args {
     /// Draw residuals before and after, the ranking and the gap as SVG files into this folder
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
-    /// Take the tissue for springs or for an elastic body; without it the evidence decides
-    #[arg(long, value_enum, default_value = "auto")]
-    foundation: Foundation,
-    /// Poisson's ratio of the tissue where it is an elastic body
-    #[arg(long, default_value_t = INCOMPRESSIBLE, value_parser = poisson)]
-    poisson: f64,
+    /// Take the tissue for springs or for an elastic body (default: what the session states, or what the evidence decides for)
+    #[arg(long, value_enum)]
+    foundation: Option<Foundation>,
+    /// Poisson's ratio of the tissue where it is an elastic body (default: the session's, or 0.5)
+    #[arg(long, value_parser = poisson)]
+    poisson: Option<f64>,
     /// Seed of the bootstraps
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -71,11 +71,12 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         given: given.map(|file| file.effects()).unwrap_or_default(),
         seed: args.seed,
         foundation: match args.foundation {
-            Foundation::Auto => FoundationChoice::Auto,
-            Foundation::Springs => FoundationChoice::Springs,
-            Foundation::Body => FoundationChoice::Body,
+            None => session.tissue.foundation.into(),
+            Some(Foundation::Auto) => FoundationChoice::Auto,
+            Some(Foundation::Springs) => FoundationChoice::Springs,
+            Some(Foundation::Body) => FoundationChoice::Body,
         },
-        poisson: args.poisson,
+        poisson: args.poisson.or(session.tissue.poisson).unwrap_or(INCOMPRESSIBLE),
         reference: args.reference.as_deref().map(Session::read).transpose()?,
     };
     let progress = spinner();

@@ -6,8 +6,8 @@ use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host::figures;
 use host::identify::{
-    Bootstrap, Directions, FoundationChoice, FoundationResult, Identification, KPerEi, Layers,
-    NuisanceResult, Options, Reference, RunResult, YoungsBy, identify,
+    Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NuisanceResult, Options,
+    Reference, RunResult, YoungsBy, identify,
 };
 use host::levels::HoldCriteria;
 use host::model::Support;
@@ -29,15 +29,16 @@ pub struct Args {
     /// Relation that turns the foundation modulus K into Young's modulus E
     #[arg(long, default_value = "continuum", value_parser = relation())]
     relation: YoungsBy,
-    /// Poisson's ratio of the tissue in that relation, 0 to 0.5
-    #[arg(long, default_value_t = 0.5, value_name = "RATIO", value_parser = poisson)]
-    poisson: f64,
-    /// Standard deviation of Poisson's ratio: it widens the interval of E from an elastic body
-    #[arg(long, default_value_t = 0.0, value_name = "SD", value_parser = poisson)]
-    poisson_sd: f64,
-    /// What the tissue is made of: independent springs, an elastic body, or what the evidence of the runs decides for
-    #[arg(long, default_value = "auto", value_parser = foundation())]
-    foundation: FoundationChoice,
+    /// Poisson's ratio of the tissue, 0 to 0.5 (default: the session's, or 0.5)
+    #[arg(long, value_name = "RATIO", value_parser = poisson)]
+    poisson: Option<f64>,
+    /// Standard deviation of Poisson's ratio: it widens the interval of E (default: the session's, or 0)
+    #[arg(long, value_name = "SD", value_parser = poisson_sd)]
+    poisson_sd: Option<f64>,
+    /// What the tissue is made of: independent springs, an elastic body, or what the evidence of the runs decides for (default: what
+    /// the session states, or auto)
+    #[arg(long, value_parser = foundation())]
+    foundation: Option<FoundationChoice>,
     /// Take an effect's parameters as unknown, so that the interval of K includes them: may be given more than once
     #[arg(long, value_name = "EFFECT", value_parser = nuisance())]
     nuisance: Vec<&'static dyn Effect>,
@@ -80,8 +81,16 @@ fn foundation() -> impl TypedValueParser<Value = FoundationChoice> {
 }
 
 fn poisson(text: &str) -> Result<f64, String> {
-    let ratio: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
-    if (0.0..=0.5).contains(&ratio) { Ok(ratio) } else { Err("expected 0 to 0.5".to_owned()) }
+    within(text, 0.5)
+}
+
+fn poisson_sd(text: &str) -> Result<f64, String> {
+    within(text, 0.2)
+}
+
+fn within(text: &str, most: f64) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("expected a number from 0 to {most}"))?;
+    if (0.0..=most).contains(&value) { Ok(value) } else { Err(format!("expected 0 to {most}")) }
 }
 
 /// Runs the sub-command.
@@ -92,12 +101,13 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     nuisances.dedup_by_key(|effect| effect.id());
     let model = args.model.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
     let fixed = model.effects();
-    // What the command line says goes before what the model was learned on.
-    let (foundation, poisson) = match (args.foundation, model.support) {
-        (FoundationChoice::Auto, Some(Support::Body { poisson })) => (FoundationChoice::Body, poisson),
-        (FoundationChoice::Auto, Some(Support::Springs)) => (FoundationChoice::Springs, args.poisson),
-        (choice, _) => (choice, args.poisson),
+    // What the command line says goes before what the model was learned on, and that before what the session states.
+    let learned = match model.support {
+        Some(Support::Body { poisson }) => (Some(FoundationChoice::Body), Some(poisson)),
+        Some(Support::Springs) => (Some(FoundationChoice::Springs), None),
+        None => (None, None),
     };
+    let (foundation, poisson) = (args.foundation.or(learned.0), args.poisson.or(learned.1));
     for nuisance in &nuisances {
         let id = nuisance.id();
         ensure!(
@@ -212,11 +222,12 @@ impl Display for Text<'_> {
         }
         if let Some(found) = layers {
             let Layers { upper, lower, boundary_mm, boundary_ci95_mm: [low, high], .. } = found;
+            let modulus = if found.foundation == "body" { "E" } else { "K" };
             let (upper, lower) =
                 (estimate(upper.k_kpa, upper.ci95_kpa), estimate(lower.k_kpa, lower.ci95_kpa));
             writeln!(
                 f,
-                "layers       K {upper} kPa above, {lower} kPa below {boundary_mm:.1} mm ({low:.1} to {high:.1}); \
+                "layers       {modulus} {upper} kPa above, {lower} kPa below {boundary_mm:.1} mm ({low:.1} to {high:.1}); \
                  chi-square falls by {:.1}",
                 found.chi_square_gain
             )?;
@@ -233,7 +244,9 @@ impl Display for Text<'_> {
         if let Some(Bootstrap { ci95_kpa: [low, high], count, seed }) = &pooled.bootstrap {
             writeln!(f, "bootstrap    K {low:.2} to {high:.2} kPa, {count} draws, seed {seed}")?;
         }
-        write_foundation(f, foundation)?;
+        for (number, line) in foundation.sentences(pooled, youngs).iter().enumerate() {
+            writeln!(f, "{:<13}{line}", if number == 0 { "tissue" } else { "" })?;
+        }
         match &youngs.refused {
             Some(why) => writeln!(f, "Young's      E is not reported: {why}")?,
             None => writeln!(
@@ -259,20 +272,6 @@ impl Display for Text<'_> {
         }
         Ok(())
     }
-}
-
-/// What the tissue was taken as, and by how much.
-fn write_foundation(f: &mut fmt::Formatter<'_>, foundation: &FoundationResult) -> fmt::Result {
-    let FoundationResult { used, by, log_evidence_gain, body, body_error } = foundation;
-    let gain = log_evidence_gain.map_or(String::new(), |gain| {
-        format!("; evidence of an elastic body against springs {gain:+.1} nats")
-    });
-    writeln!(f, "tissue       {used}, {by}{gain}")?;
-    if let Some(body) = body {
-        let found = estimate(Some(body.youngs_modulus_kpa), Some(body.ci95_kpa));
-        writeln!(f, "  body       E {found} kPa, Poisson's ratio {} (sd {})", body.poisson, body.poisson_sd)?;
-    }
-    body_error.iter().try_for_each(|why| writeln!(f, "  body       no fit: {why}"))
 }
 
 fn write_reference(f: &mut fmt::Formatter<'_>, reference: &Reference) -> fmt::Result {

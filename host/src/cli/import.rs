@@ -200,6 +200,7 @@ pub fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
                 rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
                 fixture_mass_kg: None,
                 noise: Noise::default(),
+                tissue: Default::default(),
             }
         }
     };

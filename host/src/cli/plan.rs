@@ -2,11 +2,13 @@
 
 use super::identify::nuisance;
 use super::output::Output;
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
+use host::diagnose::INCOMPRESSIBLE;
 use host::figures;
+use host::model::Support;
 use host::model::effects::Effect;
 use host::plan::{Choice, Limits, Plan, Question, plan};
-use host::session::Setup;
+use host::session::{FoundationKind, Setup};
 use std::fmt::{self, Display};
 use std::fs;
 use std::path::PathBuf;
@@ -21,9 +23,13 @@ pub struct Args {
     /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session
     #[arg(long, value_name = "FILE")]
     rig: PathBuf,
-    /// Least and greatest foundation modulus that the tissue may have, kilopascals
-    #[arg(long, num_args = 2, value_names = ["LEAST", "GREATEST"], required = true)]
+    /// Least and greatest foundation modulus K that the tissue may have, kilopascals: it is modelled as springs
+    #[arg(long, num_args = 2, value_names = ["LEAST", "GREATEST"], required_unless_present = "youngs_kpa")]
     k_kpa: Vec<f64>,
+    /// Least and greatest Young's modulus E that the tissue may have, kilopascals: it is modelled as an elastic body, with the Poisson's
+    /// ratio of the rig file's [tissue] or 0.5
+    #[arg(long, num_args = 2, value_names = ["LEAST", "GREATEST"], conflicts_with = "k_kpa")]
+    youngs_kpa: Vec<f64>,
     /// Insertion depths to choose from, millimetres
     #[arg(long, num_args = 1.., value_name = "MM", default_values_t = [10.0, 20.0, 30.0, 40.0, 60.0, 80.0])]
     depth_mm: Vec<f64>,
@@ -76,15 +82,34 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     positive("--force-limit-n", &[args.force_limit_n])?;
     positive("--strain-limit-percent", &[args.strain_limit_percent])?;
     positive("--deflection-limit-mm", &[args.deflection_limit_mm])?;
-    let range = [args.k_kpa.first(), args.k_kpa.get(1)].map(|k| 1e3 * k.copied().unwrap_or_default());
-    ensure!(range[0] <= range[1], "--k-kpa: the greatest modulus is below the least");
-    let Setup { rig, noise, .. } = Setup::read(&args.rig)?;
+    let Setup { rig, noise, tissue, .. } = Setup::read(&args.rig)?;
+    let (option, moduli, kind) = if args.youngs_kpa.is_empty() {
+        ("--k-kpa", &args.k_kpa, FoundationKind::Springs)
+    } else {
+        ("--youngs-kpa", &args.youngs_kpa, FoundationKind::Body)
+    };
+    if let Some(stated) = tissue.foundation.filter(|stated| *stated != kind) {
+        let other = if kind == FoundationKind::Body { "--k-kpa" } else { "--youngs-kpa" };
+        bail!(
+            "{option}: {} states foundation = \"{}\" in [tissue], expected {other}",
+            args.rig.display(),
+            stated.name()
+        );
+    }
+    let range = [moduli.first(), moduli.get(1)].map(|kpa| 1e3 * kpa.copied().unwrap_or_default());
+    ensure!(range[0] <= range[1], "{option}: the greatest modulus is below the least");
+    let support = match kind {
+        FoundationKind::Springs => Support::Springs,
+        FoundationKind::Body => Support::Body { poisson: tissue.poisson.unwrap_or(INCOMPRESSIBLE) },
+    };
     let metres = |mm: &[f64]| mm.iter().map(|mm| 1e-3 * mm).collect::<Vec<_>>();
     let guide2_m = if args.guide2_mm.is_empty() { vec![rig.guide2_m] } else { metres(&args.guide2_mm) };
     if noise.force_n.is_none() || noise.displacement_m.is_none() || noise.shape_m.is_none() {
         out.note("what [noise] does not state is taken as 0.05 N, 0.02 mm, 0.03 mm (one reading)");
     }
     let question = Question {
+        support,
+        poisson_sd: tissue.poisson_sd.unwrap_or(0.0),
         modulus_range_pa: range,
         force_sd_n: noise.force_n.unwrap_or(FORCE_SD_N),
         displacement_sd_m: noise.displacement_m.unwrap_or(DISPLACEMENT_SD_M),
@@ -119,7 +144,11 @@ impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Plan { choices, best, protocol, .. } = self.0;
         let levels: Vec<String> = protocol.levels.iter().map(|level| format!("{level}")).collect();
-        writeln!(f, "half-width of the 95 % interval of K, worst over the range; * keeps all limits")?;
+        let modulus = if protocol.foundation == "body" { "E" } else { "K" };
+        writeln!(
+            f,
+            "half-width of the 95 % interval of {modulus}, worst over the range; * keeps all limits"
+        )?;
         writeln!(
             f,
             "run          holds at {} times the displacement, {} s each at {} Hz: means of {:.0} readings",
@@ -128,7 +157,10 @@ impl Display for Text<'_> {
             protocol.rate_hz,
             protocol.readings_per_hold
         )?;
-        writeln!(f, "  guide 2     depth  displacement    K +-     force   needle strain   in tissue")?;
+        writeln!(
+            f,
+            "  guide 2     depth  displacement    {modulus} +-     force   needle strain   in tissue"
+        )?;
         for choice in choices {
             write_choice(f, choice)?;
         }
@@ -137,7 +169,7 @@ impl Display for Text<'_> {
                 writeln!(f, "best within the limits")?;
                 write_choice(f, choice)
             }
-            None => writeln!(f, "no choice keeps the limits and identifies K"),
+            None => writeln!(f, "no choice keeps the limits and identifies {modulus}"),
         }
     }
 }

@@ -2,7 +2,10 @@
 
 use super::output::Output;
 use anyhow::{Context, ensure};
-use host::continuum::{Contact, Continuum, RELATIVE_ERROR, Resolution, Run, TABLE};
+use host::continuum::{
+    Contact, Continuum, RATIO_RANGE, RELATIVE_ERROR, Resolution, Run, TABLE, YOUNGS_RANGE_PA,
+};
+use host::diagnose::INCOMPRESSIBLE;
 use host::session::Setup;
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -21,10 +24,10 @@ pub struct Args {
     /// Insertion depth, millimetres
     #[arg(long, value_name = "MM", required_unless_present = "table")]
     depth_mm: Option<f64>,
-    /// Poisson's ratio of the tissue, 0 to 0.5
-    #[arg(long, default_value_t = 0.5, value_name = "RATIO")]
-    poisson: f64,
-    /// Young's moduli of the tissue, kilopascals
+    /// Poisson's ratio of the tissue, 0 to 0.5 (default: the rig file's, or 0.5)
+    #[arg(long, value_name = "RATIO")]
+    poisson: Option<f64>,
+    /// Young's moduli of the tissue, 0.1 to 1000 kilopascals
     #[arg(long, num_args = 1.., value_name = "KPA", default_values_t = [5.0, 10.0, 20.0, 50.0])]
     youngs_kpa: Vec<f64>,
     /// Print the table that comes with the tool, as CSV: needles of 17 to 25 gauge at 10 to 140 mm
@@ -49,6 +52,12 @@ struct Report {
     /// K/E of a needle that does not bend.
     ratio_rigid: f64,
     relative_error: f64,
+    /// Of the columns for a needle that is held on one side only.
+    relative_error_one_sided: f64,
+    /// Depths of this needle for which K/E is computed.
+    depth_range_mm: [f64; 2],
+    /// Young's moduli for which K/E is computed.
+    youngs_range_kpa: [f64; 2],
     rows: Vec<Row>,
 }
 
@@ -72,7 +81,17 @@ impl Display for Report {
             )?;
         }
         writeln!(f, "rigid needle, bonded: K/E {:.3}", self.ratio_rigid)?;
-        writeln!(f, "numerical uncertainty: {:.0} % (95 %)", 100.0 * self.relative_error)
+        writeln!(
+            f,
+            "uncertainty (95 %): bonded {:.0} %, one-sided {:.0} %",
+            100.0 * self.relative_error,
+            100.0 * self.relative_error_one_sided
+        )?;
+        let ([shallow, deep], [soft, hard]) = (self.depth_range_mm, self.youngs_range_kpa);
+        writeln!(
+            f,
+            "computed for depths of {shallow:.1} to {deep:.0} mm of this needle and E of {soft} to {hard} kPa"
+        )
     }
 }
 
@@ -82,13 +101,22 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         return out.result(&TABLE, TABLE);
     }
     let (rig, depth_mm) = args.rig.as_ref().zip(args.depth_mm).context("--rig and --depth-mm are needed")?;
-    let wrong = args.youngs_kpa.iter().find(|kpa| !(kpa.is_finite() && **kpa > 0.0));
-    ensure!(
-        wrong.is_none(),
-        "--youngs-kpa: {}, expected positive numbers",
-        wrong.copied().unwrap_or_default()
-    );
-    let Setup { rig, noise, .. } = Setup::read(rig)?;
+    let Setup { rig, noise, tissue, .. } = Setup::read(rig)?;
+    let depth_range_mm = RATIO_RANGE.map(|ratio| 1e3 * ratio * 0.5 * rig.needle.outer_diameter_m);
+    let youngs_range_kpa = YOUNGS_RANGE_PA.map(|pa| 1e-3 * pa);
+    let within = |name: &str, values: &[f64], [least, most]: [f64; 2]| {
+        let wrong = values.iter().find(|value| !(least..=most).contains(*value));
+        ensure!(
+            wrong.is_none(),
+            "{name}: {}, expected {least:.4} to {most:.4}, for which K/E is computed",
+            wrong.copied().unwrap_or_default()
+        );
+        Ok(())
+    };
+    within("--depth-mm", &[depth_mm], depth_range_mm)?;
+    within("--youngs-kpa", &args.youngs_kpa, youngs_range_kpa)?;
+    let poisson = args.poisson.or(tissue.poisson).unwrap_or(INCOMPRESSIBLE);
+    within("--poisson", &[poisson], [0.0, 0.5])?;
     let standard = Run::default();
     let measured = Run {
         force_sd_n: noise.force_n.unwrap_or(standard.force_sd_n),
@@ -97,7 +125,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         ..standard
     };
     let bonded =
-        Continuum::solve(&rig.needle, 1e-3 * depth_mm, args.poisson, Contact::Bonded, Resolution::DEFAULT)?;
+        Continuum::solve(&rig.needle, 1e-3 * depth_mm, poisson, Contact::Bonded, Resolution::DEFAULT)?;
     let one_sided = bonded.with_contact(Contact::OneSided);
     let row = |youngs_kpa: &f64| -> anyhow::Result<Row> {
         let k_kpa = |body: &Continuum| {
@@ -115,9 +143,12 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let report = Report {
         schema: "guide.relation/1",
         depth_mm,
-        poisson: args.poisson,
+        poisson,
         ratio_rigid: bonded.rigid_ratio(),
         relative_error: RELATIVE_ERROR,
+        relative_error_one_sided: RELATIVE_ERROR.hypot(Contact::OneSided.relative_error()),
+        depth_range_mm,
+        youngs_range_kpa,
         rows: args.youngs_kpa.iter().map(row).collect::<anyhow::Result<_>>()?,
     };
     out.result(&report, &report)

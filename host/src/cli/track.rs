@@ -5,7 +5,7 @@ use super::output::{Output, figures_file};
 use anyhow::{Context, bail, ensure};
 use host::figures;
 use host::session::Session;
-use host::track::results::{Errors, TrackResult, Tracking};
+use host::track::results::{Errors, LayersResult, TrackResult, Tracking};
 use host::track::{Options, track};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
@@ -25,9 +25,10 @@ pub struct Args {
     /// Mass of the fixture that moves with the needle's base, kilograms, instead of [rig] fixture_mass_kg
     #[arg(long, value_name = "KG")]
     fixture_kg: Option<f64>,
-    /// Length of the segments in which stiffness and damping are smooth, millimetres: layers
-    #[arg(long, value_name = "MM", default_value_t = 40.0)]
-    segment_mm: f64,
+    /// Depth at which stiffness and damping may jump, as from one layer to the next, millimetres (default: an unknown, reported with its
+    /// interval; 40 mm with --live)
+    #[arg(long, value_name = "MM")]
+    segment_mm: Option<f64>,
     /// Where the search starts: stiffness, N/m^2, and damping, N s/m^2; a factor of a hundred is forgotten
     #[arg(long, num_args = 2, value_names = ["STIFFNESS", "DAMPING"])]
     start: Option<Vec<f64>>,
@@ -65,7 +66,7 @@ fn options(args: &Args) -> anyhow::Result<Options> {
     };
     within("--length-mm", args.length_mm, [10.0, 2000.0])?;
     within("--fixture-kg", args.fixture_kg, [0.0, 100.0])?;
-    within("--segment-mm", Some(args.segment_mm), [5.0, 500.0])?;
+    within("--segment-mm", args.segment_mm, [4.0, 500.0])?;
     let start = match args.start.as_deref() {
         Some(&[stiffness, damping]) => {
             within("--start: stiffness", Some(stiffness), [1e-3, 1e12])?;
@@ -79,7 +80,7 @@ fn options(args: &Args) -> anyhow::Result<Options> {
         length_m: args.length_mm.map(|mm| 1e-3 * mm),
         fixture_mass_kg: args.fixture_kg,
         start,
-        segment_m: 1e-3 * args.segment_mm,
+        segment_m: args.segment_mm.map(|mm| 1e-3 * mm),
         compare: args.compare,
     })
 }
@@ -128,6 +129,17 @@ fn write_run(f: &mut fmt::Formatter<'_>, run: &TrackResult, width: usize) -> fmt
             last.damping_n_s_per_m2.words(1e-3, 2),
             tip(&run.errors)
         )?;
+    }
+    if let Some(LayersResult {
+        boundary_mm: Some(mm),
+        boundary_ci95_mm: Some([low, high]),
+        stiffness_ratio,
+        ..
+    }) = &run.layers
+    {
+        let ratio =
+            stiffness_ratio.map_or(String::new(), |ratio| format!(", {ratio:.2} times as stiff below"));
+        writeln!(f, "  {:<width$}  layers: boundary at {mm:.1} mm ({low:.1} to {high:.1}){ratio}", "")?;
     }
     for other in &run.compare {
         let value = |value: Option<f64>, digits: usize| {

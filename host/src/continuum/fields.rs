@@ -126,7 +126,7 @@ fn tissue(mesh: &Mesh) -> impl Iterator<Item = (usize, usize)> {
 }
 
 fn cell(mesh: &Mesh, radial: usize, axial: usize, poisson: f64) -> [[f64; LOCAL]; LOCAL] {
-    cell_matrix(mesh, radial, axial, 0.5 / (1.0 + poisson), bulk_compliance(poisson))
+    cell_matrix(mesh, radial, axial, 1, 0.5 / (1.0 + poisson), bulk_compliance(poisson))
 }
 
 /// A cell's matrix for another Young's modulus.

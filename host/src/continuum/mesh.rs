@@ -104,11 +104,18 @@ fn capped(first: f64, growth: f64, longest: f64, end: f64) -> Vec<f64> {
     lines.into_iter().map(|line| line * end / at).collect()
 }
 
+/// Lines closer than this share of the last one's place are one line.
+const SAME: f64 = 1e-9;
+
 /// Moves the line nearest to each face there; the ends stay, and so does a line that is a face already.
 fn snap(lines: &mut Vec<f64>, faces: &[f64]) {
     let (Some(first), Some(last)) = (lines.first().copied(), lines.last().copied()) else { return };
     for face in faces.iter().copied().filter(|face| *face > first && *face < last) {
         let far = |line: &f64| (line - face).abs();
+        if let Some(same) = lines.iter_mut().find(|line| far(line) <= SAME * face.abs()) {
+            *same = face;
+            continue;
+        }
         let movable = |line: &f64| *line > first && *line < last && faces.iter().all(|other| other != line);
         let nearest = (0..lines.len()).filter(|i| movable(&lines[*i]));
         let nearest = nearest.min_by(|a, b| far(&lines[*a]).total_cmp(&far(&lines[*b])));
@@ -127,6 +134,19 @@ fn snap(lines: &mut Vec<f64>, faces: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A face in the middle, where there is a line already, makes no cell without height.
+    #[test]
+    fn faces_are_lines_and_no_cell_is_flat() {
+        for depth in [4.2, 6.1, 12.2, 30.05, 79.87, 571.8] {
+            let faces = super::super::operator::SLICES.map(|end| end * depth);
+            let resolution = Resolution { first: 0.3, growth: 1.4, reach: 2000.0 };
+            let mesh = Mesh::along(1.0, depth, resolution, 24.0, &faces);
+            let least = mesh.depths_m.windows(2).map(|ends| ends[1] - ends[0]).fold(f64::INFINITY, f64::min);
+            assert!(least > 1e-3, "{depth}: a cell of {least} radii");
+            assert!(faces.iter().all(|face| mesh.depths_m.contains(face)), "{depth}");
+        }
+    }
 
     #[test]
     fn lines_rise_and_hold_wall_surface_and_tip() {

@@ -50,6 +50,22 @@ pub fn nodes([from, to]: [f64; 2], count: usize) -> Vec<f64> {
     (0..count).map(|i| 0.5 * (from + to) - 0.5 * (to - from) * angle(i).cos()).collect()
 }
 
+/// Weights of Chebyshev's nodes at a place: barycentric interpolation.
+pub(crate) fn weights(range: [f64; 2], count: usize, at: f64) -> Vec<f64> {
+    let nodes = nodes(range, count);
+    if let Some(same) = nodes.iter().position(|node| *node == at) {
+        return (0..count).map(|i| if i == same { 1.0 } else { 0.0 }).collect();
+    }
+    let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
+    let raw = nodes.iter().enumerate().map(|(i, node)| {
+        let angle = (i as f64 + 0.5) * PI / count as f64;
+        sign(i) * angle.sin() / (at - node)
+    });
+    let raw: Vec<f64> = raw.collect();
+    let sum: f64 = raw.iter().sum();
+    raw.into_iter().map(|weight| weight / sum).collect()
+}
+
 /// Value and derivative of the Legendre polynomial of a degree.
 fn legendre(degree: usize, x: f64) -> [f64; 2] {
     let (mut before, mut now) = ([0.0, 0.0], [1.0, 0.0]);

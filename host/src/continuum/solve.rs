@@ -55,7 +55,7 @@ pub fn wall_stiffness(mesh: &Mesh, poisson: f64) -> Result<WallStiffness, ModelE
                 continue;
             }
             let unknowns = numbering.of_cell(mesh, radial, axial);
-            let cell = cell_matrix(mesh, radial, axial, shear, bulk_compliance);
+            let cell = cell_matrix(mesh, radial, axial, 1, shear, bulk_compliance);
             for (i, row) in unknowns.iter().enumerate() {
                 for (j, column) in unknowns.iter().enumerate() {
                     let value = cell[i][j];
@@ -175,14 +175,17 @@ fn quadratic(x: f64) -> ([f64; 3], [f64; 3]) {
     ([0.5 * x * (x - 1.0), 1.0 - x * x, 0.5 * x * (x + 1.0)], [x - 0.5, -2.0 * x, x + 0.5])
 }
 
-/// Stiffness of a cell, without the factor pi.
+/// Stiffness of a cell in a circumferential harmonic n, `u_r = U cos nt`, `u_t = V sin nt`, `u_z = W cos nt`, without the integral of
+/// the harmonic's square over the circumference: pi, or 2 pi where n is 0.
 pub(super) fn cell_matrix(
     mesh: &Mesh,
     radial: usize,
     axial: usize,
+    harmonic: usize,
     shear: f64,
     bulk_compliance: f64,
 ) -> [[f64; 31]; 31] {
+    let order = harmonic as f64;
     let (r0, r1) = (mesh.radii_m[radial], mesh.radii_m[radial + 1]);
     let (z0, z1) = (mesh.depths_m[axial], mesh.depths_m[axial + 1]);
     let mut matrix = [[0.0; 31]; 31];
@@ -200,10 +203,10 @@ pub(super) fn cell_matrix(
                 let by_r = dnr[i] * nz[j] * 2.0 / (r1 - r0);
                 let by_z = nr[i] * dnz[j] * 2.0 / (z1 - z0);
                 let n_r = n / r;
-                strains[3 * node] = [by_r, n_r, 0.0, by_z, -n_r, 0.0];
-                strains[3 * node + 1] = [0.0, n_r, 0.0, 0.0, by_r - n_r, by_z];
-                strains[3 * node + 2] = [0.0, 0.0, by_z, by_r, 0.0, -n_r];
-                divergence[3 * node..3 * node + 3].copy_from_slice(&[by_r + n_r, n_r, by_z]);
+                strains[3 * node] = [by_r, n_r, 0.0, by_z, -order * n_r, 0.0];
+                strains[3 * node + 1] = [0.0, order * n_r, 0.0, 0.0, by_r - n_r, by_z];
+                strains[3 * node + 2] = [0.0, 0.0, by_z, by_r, 0.0, -order * n_r];
+                divergence[3 * node..3 * node + 3].copy_from_slice(&[by_r + n_r, order * n_r, by_z]);
             }
             let pressure: [f64; 4] = std::array::from_fn(|corner| {
                 let part = |at: f64, high: bool| 0.5 * if high { 1.0 + at } else { 1.0 - at };

@@ -1,9 +1,13 @@
 //! Young's modulus from the needle in an elastic body, fitted to the same runs as the springs, and which of the two explains them.
 
-use super::fitting::{Estimate, fit_alone, ln_k_parameter, unknowns};
-use super::{Fitted, Options, Pooled, pool};
-use crate::inference::{FitError, LateralData, Parameter, fit};
+use super::fitting::{Estimate, NORMAL_975, fit_alone};
+use super::options::TissueModel;
+use super::{Fitted, Options, Pooled, YoungsModulus, pool};
+use crate::diagnose::{self, FoundationEvidence, foundation_evidence};
+use crate::inference::{FitError, LateralData};
 use crate::model::Support;
+use crate::model::effects::Effect;
+use crate::session::{FoundationKind, Session};
 use serde::Serialize;
 
 /// What the tissue is taken as.
@@ -32,18 +36,41 @@ impl FoundationChoice {
     }
 }
 
+impl From<Option<FoundationKind>> for FoundationChoice {
+    fn from(stated: Option<FoundationKind>) -> Self {
+        match stated {
+            None => Self::Auto,
+            Some(FoundationKind::Springs) => Self::Springs,
+            Some(FoundationKind::Body) => Self::Body,
+        }
+    }
+}
+
+impl From<Option<FoundationKind>> for diagnose::FoundationChoice {
+    fn from(stated: Option<FoundationKind>) -> Self {
+        match stated {
+            None => Self::Auto,
+            Some(FoundationKind::Springs) => Self::Springs,
+            Some(FoundationKind::Body) => Self::Body,
+        }
+    }
+}
+
 /// Springs against an elastic body.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FoundationResult {
     /// `springs` or `body`: what Young's modulus is from.
     pub used: &'static str,
-    /// `stated`, or `evidence` where both were fitted.
+    /// `stated`, `evidence` where both were compared, or `default` where they could not be: springs.
     pub by: &'static str,
-    /// Logarithm of the evidence of the body less that of the springs, from the same data; nothing where one was not fitted.
+    /// Logarithm of the evidence of the body less that of the springs, with the everyday discrepancy that a diagnosis allows for;
+    /// nothing where they were not compared.
     pub log_evidence_gain: Option<f64>,
-    /// The body; nothing where it was not asked for or has no fit.
+    /// What the gain has to exceed for the body to be used; nothing where they were not compared.
+    pub log_evidence_margin: Option<f64>,
+    /// The body; nothing where it was not fitted or has no fit.
     pub body: Option<BodyResult>,
-    /// Why the body has no fit.
+    /// Why the body has no fit, or could not be compared with springs.
     pub body_error: Option<String>,
 }
 
@@ -60,46 +87,135 @@ pub struct BodyResult {
     pub poisson_sd: f64,
 }
 
+impl FoundationResult {
+    /// What the tissue was modelled as, why, and what the other foundation gives: one sentence each, for people.
+    pub fn sentences(&self, springs: &Pooled, youngs: &YoungsModulus) -> Vec<String> {
+        let is_body = self.body.as_ref().is_some_and(|body| self.used == body.support().name());
+        let used = if is_body { "an elastic body" } else { "springs" };
+        let why = match (self.log_evidence_gain, self.log_evidence_margin) {
+            (Some(gain), Some(margin)) => format!(
+                "by evidence (an elastic body {gain:+.1} nats against springs, more than {margin:+.1} needed)"
+            ),
+            _ if self.by == "stated" => "as stated".to_owned(),
+            _ => "by default: an elastic body could not be compared with them".to_owned(),
+        };
+        let mut sentences = vec![format!("{used}, {why}")];
+        let by_relation = youngs.relations.iter().find(|relation| relation.relation == "continuum");
+        match &self.body {
+            Some(_) if is_body => {
+                let [low, high] = springs.ci95_kpa;
+                let youngs = by_relation.map_or(String::new(), |relation| {
+                    format!(", E {:.2} kPa by `{}`", relation.youngs_modulus_kpa, relation.relation)
+                });
+                sentences
+                    .push(format!("as springs: K {:.2} ({low:.2} to {high:.2}) kPa{youngs}", springs.k_kpa));
+            }
+            Some(BodyResult { youngs_modulus_kpa, ci95_kpa: [low, high], poisson, poisson_sd }) => {
+                sentences.push(format!(
+                    "as an elastic body: E {youngs_modulus_kpa:.2} ({low:.2} to {high:.2}) kPa, Poisson's ratio {poisson} (sd {poisson_sd})"
+                ));
+            }
+            None => {
+                sentences
+                    .extend(self.body_error.as_ref().map(|why| format!("as an elastic body: no fit: {why}")));
+            }
+        }
+        sentences
+    }
+}
+
 /// Relative error of the operator, at 95 %: table, interpolation and mesh.
 const OPERATOR_ERROR: f64 = 1e-3;
 /// The same where the modulus varies with depth.
-const VARIED_ERROR: f64 = 1e-2;
+const VARIED_ERROR: f64 = 2e-2;
 
-/// Fits the body to the runs that the springs were fitted to, and compares.
+/// The body fitted to the runs that the springs were fitted to, and which of the two is used; where that is the body also the runs
+/// as of a body.
 pub(super) fn compare(
+    session: &Session,
     runs: &[Fitted],
-    springs: &Pooled,
     options: &Options,
+    tissue: TissueModel,
     warnings: &mut Vec<String>,
-) -> FoundationResult {
-    let choice = options.foundation;
+) -> (FoundationResult, Option<Vec<Fitted>>) {
+    let choice = tissue.foundation;
     let mut result = FoundationResult {
         used: Support::Springs.name(),
-        by: if choice == FoundationChoice::Auto { "evidence" } else { "stated" },
+        by: if choice == FoundationChoice::Auto { "default" } else { "stated" },
         log_evidence_gain: None,
+        log_evidence_margin: None,
         body: None,
         body_error: None,
     };
     if choice == FoundationChoice::Springs {
-        return result;
+        return (result, None);
     }
-    let support = Support::Body { poisson: options.poisson };
-    match fitted(runs, support).and_then(|fitted| Ok((body(&fitted, options, warnings)?, fitted))) {
-        Ok((body, fitted)) => {
-            let springs = evidence(runs, 1e3 * springs.k_kpa);
-            let gain = evidence(&fitted, 1e3 * body.youngs_modulus_kpa).and_then(|body| Ok(body - springs?));
-            result.log_evidence_gain = gain.ok();
-            if choice == FoundationChoice::Body || result.log_evidence_gain.is_some_and(|gain| gain > 0.0) {
-                result.used = support.name();
-            }
-            result.body = Some(body);
-        }
+    let (body, of_body) = match body(runs, options, tissue, warnings) {
+        Ok(found) => found,
         Err(why) => {
             warnings.push(format!("no Young's modulus from an elastic body: {why}"));
             result.body_error = Some(why.to_string());
+            return (result, None);
+        }
+    };
+    if choice == FoundationChoice::Body {
+        result.used = body.support().name();
+    } else {
+        match evidence(session, runs, options, tissue) {
+            Ok(evidence) => {
+                result.by = "evidence";
+                result.log_evidence_gain = Some(evidence.gain);
+                result.log_evidence_margin = Some(evidence.margin);
+                if evidence.is_for_body() {
+                    result.used = body.support().name();
+                }
+            }
+            Err(why) => {
+                warnings.push(format!("springs are used: an elastic body was not compared with them: {why}"));
+                result.body_error = Some(why);
+            }
         }
     }
-    result
+    result.body = Some(body);
+    let used = result.used;
+    (result, Some(of_body).filter(|_| used == tissue.body().name()))
+}
+
+impl BodyResult {
+    fn support(&self) -> Support {
+        Support::Body { poisson: self.poisson }
+    }
+}
+
+/// Evidence of the body over springs from the runs that are used, with the effects that are in the model.
+fn evidence(
+    session: &Session,
+    runs: &[Fitted],
+    options: &Options,
+    tissue: TissueModel,
+) -> Result<FoundationEvidence, String> {
+    if !session.rig.needle.stiffness_known {
+        return Err("the needle's bending stiffness is not known".to_owned());
+    }
+    let lateral = session.lateral.iter().filter(|run| runs.iter().any(|used| used.id == run.id)).cloned();
+    let used = Session {
+        dir: session.dir.clone(),
+        name: None,
+        rig: session.rig.clone(),
+        fixture_mass_kg: None,
+        noise: session.noise,
+        tissue: session.tissue,
+        lateral: lateral.collect(),
+        insertion: Vec::new(),
+        indentation: Vec::new(),
+        steering: Vec::new(),
+    };
+    let neutral = |effect: &&'static dyn Effect| {
+        (*effect, effect.parameters().iter().map(|info| info.neutral).collect::<Vec<_>>())
+    };
+    let unknown = runs.first().map(|run| run.data.effects.as_slice()).unwrap_or_default();
+    let given: Vec<_> = options.fixed.iter().cloned().chain(unknown.iter().map(neutral)).collect();
+    foundation_evidence(&used, &given, tissue.poisson).map_err(|why| why.to_string())
 }
 
 /// The runs as of a body, each fitted by itself; where the noise of the shape is not stated it is that of these fits.
@@ -112,58 +228,43 @@ fn fitted(runs: &[Fitted], support: Support) -> Result<Vec<Fitted>, FitError> {
         }
         let estimate = Estimate::of(&found, run.known_noise);
         let (ln_k, variance) = (estimate.ln_k, estimate.sd_ln.powi(2));
-        Ok(Fitted {
-            data,
-            ln_k,
-            variance,
-            known_noise: run.known_noise,
-            known_shape_noise: run.known_shape_noise,
-        })
+        Ok(Fitted { data, ln_k, variance, ..run.clone() })
     };
     runs.iter().map(of_run).collect()
 }
 
 /// Young's modulus of all runs, with what Poisson's ratio and the operator add to its interval.
-fn body(runs: &[Fitted], options: &Options, warnings: &mut Vec<String>) -> Result<BodyResult, FitError> {
+fn body(
+    runs: &[Fitted],
+    options: &Options,
+    tissue: TissueModel,
+    warnings: &mut Vec<String>,
+) -> Result<(BodyResult, Vec<Fitted>), FitError> {
+    let TissueModel { poisson, poisson_sd, .. } = tissue;
     let plain = Options { profile: false, bootstrap: 0, ..options.clone() };
     let mut notes = Vec::new();
-    let pooled = pool::pool(runs, &plain, &mut notes);
+    let own = fitted(runs, tissue.body())?;
+    let pooled = pool::pool(&own, &plain, &mut notes);
     warnings.extend(notes.into_iter().map(|note| format!("elastic body, where K stands for E: {note}")));
     let value = pooled.k_kpa;
     let mut by_poisson = 0.0;
-    if options.poisson_sd > 0.0 {
+    if let Some(other) = tissue.other_body() {
         // The stiffer the body sideways the softer the modulus that explains the runs.
-        let step =
-            if options.poisson > options.poisson_sd { -options.poisson_sd } else { options.poisson_sd };
-        let poisson = (options.poisson + step).clamp(0.0, 0.5);
-        let other = fitted(runs, Support::Body { poisson })?;
-        by_poisson = 1.96 * (pool::pool(&other, &plain, &mut Vec::new()).k_kpa / value).ln();
+        let other = fitted(runs, other)?;
+        by_poisson = NORMAL_975 * (pool::pool(&other, &plain, &mut Vec::new()).k_kpa / value).ln();
     }
     let varies = |id: &str| matches!(id, "tissue.layers" | "tissue.gradient");
-    let all =
-        options.fixed.iter().map(|(effect, _)| effect.id()).chain(options.nuisances.iter().map(|n| n.id()));
-    let operator = if all.into_iter().any(varies) { VARIED_ERROR } else { OPERATOR_ERROR };
+    let fixed = options.fixed.iter().map(|(effect, _)| effect.id());
+    let operator = if fixed.chain(options.nuisances.iter().map(|n| n.id())).any(varies) {
+        VARIED_ERROR
+    } else {
+        OPERATOR_ERROR
+    };
     let end = |kpa: f64| {
         let by_data = (kpa / value).ln();
         value * by_data.hypot(by_poisson).hypot(operator).copysign(by_data).exp()
     };
-    Ok(BodyResult {
-        youngs_modulus_kpa: value,
-        ci95_kpa: pooled.ci95_kpa.map(end),
-        poisson: options.poisson,
-        poisson_sd: options.poisson_sd,
-    })
-}
-
-/// Logarithm of the evidence of the runs' joint fit, by Laplace's method, without what springs and body share: flat in the
-/// logarithm of the modulus over the same range, the same nuisances, the same data.
-fn evidence(runs: &[Fitted], modulus_pa: f64) -> Result<f64, FitError> {
-    let blocks: Vec<LateralData> = runs.iter().map(|run| run.data.clone()).collect();
-    let effects = blocks.first().map(|block| block.effects.clone()).unwrap_or_default();
-    let start = Parameter { start: modulus_pa.ln(), ..ln_k_parameter() };
-    let best = fit(&unknowns(start, &effects), &blocks)?;
-    // What the normal density of the shape's readings is divided by, where its standard deviation is estimated.
-    let scales: f64 = blocks.iter().map(|block| block.shape_values() as f64 * block.shape_sd_m.ln()).sum();
-    let volume = 0.5 * best.covariance.determinant().ln();
-    Ok(volume - 0.5 * best.chi_square - scales)
+    let result =
+        BodyResult { youngs_modulus_kpa: value, ci95_kpa: pooled.ci95_kpa.map(end), poisson, poisson_sd };
+    Ok((result, own))
 }

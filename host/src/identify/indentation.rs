@@ -48,8 +48,10 @@ pub(super) fn reference(
     let against = |values: &[f64]| welch_p(Sample::of(values)?, sample?);
     let k_pa: Vec<f64> = fitted.iter().map(|run| run.ln_k.exp()).collect();
     // Where E is refused for the pooled K it is for every run.
-    let of_run = |k_pa: f64| youngs.of_modulus(k_pa).filter(|_| pooled.value.is_some());
-    let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| of_run(*k_pa)).collect();
+    let of_run =
+        |depth_m: f64, k_pa: f64| youngs.of_modulus(depth_m, k_pa).filter(|_| pooled.value.is_some());
+    let youngs_pa: Vec<f64> =
+        fitted.iter().filter_map(|run| of_run(run.data.depth_m, run.ln_k.exp())).collect();
     warnings.extend(twofold(1e-3 * mean_pa, pooled));
     let ci95_kpa = match (sample, indentations.as_slice()) {
         (Some(Sample { mean, sd, count }), _) => {
@@ -76,7 +78,7 @@ pub(super) fn reference(
 /// Mean and standard deviation of the runs of every depth, tested against the indentations: Paper A (Lehmann et al.), Table I.
 fn depths(
     runs: &[RunResult],
-    of_run: impl Fn(f64) -> Option<f64>,
+    of_run: impl Fn(f64, f64) -> Option<f64>,
     against: impl Fn(&[f64]) -> Option<f64>,
 ) -> Vec<DepthResult> {
     let mut groups: Vec<(f64, Vec<f64>)> = Vec::new();
@@ -89,7 +91,7 @@ fn depths(
     }
     groups.sort_by(|a, b| a.0.total_cmp(&b.0));
     let result = |(depth_mm, k_pa): (f64, Vec<f64>)| {
-        let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| of_run(*k_pa)).collect();
+        let youngs_pa: Vec<f64> = k_pa.iter().filter_map(|k_pa| of_run(1e-3 * depth_mm, *k_pa)).collect();
         let mean_kpa = |values: &[f64]| 1e-3 * values.iter().sum::<f64>() / values.len() as f64;
         let sd_kpa = |values: &[f64]| Sample::of(values).map(|sample| 1e-3 * sample.sd);
         DepthResult {

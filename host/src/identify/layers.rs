@@ -6,18 +6,23 @@
 use super::fitting::{K_RANGE_PA, NORMAL_975, ln_k_parameter};
 use super::{Fitted, Likelihood};
 use crate::inference::{Fit, LateralData, Parameter, fit};
+use crate::model::Support;
 use crate::model::effects::{Effect, effect};
 use serde::Serialize;
 
+/// Moduli of a body's layers differ by such a factor at most.
+const BODY_CONTRAST: f64 = 11.5;
 /// Starts of the boundary.
 const STARTS: u32 = 6;
 
 /// Tissue of two layers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Layers {
-    /// Foundation modulus above the boundary.
+    /// `springs`, whose moduli are K, or `body`, whose moduli are E.
+    pub foundation: &'static str,
+    /// Modulus above the boundary.
     pub upper: Likelihood,
-    /// Foundation modulus below it.
+    /// Modulus below it.
     pub lower: Likelihood,
     /// Depth of the boundary below the surface.
     pub boundary_mm: f64,
@@ -39,16 +44,17 @@ pub(super) fn layers(runs: &[Fitted]) -> Option<Layers> {
     if deepest_mm - shallowest_mm < 1.0 {
         return None;
     }
+    let support = blocks.first()?.support;
     let single = fit(&[ln_k_parameter()], &without_effects(&blocks)).ok()?;
     blocks.iter_mut().for_each(|block| block.effects = vec![effect]);
     let start_ln_k = single.shared.first().copied()?;
     let best = (0..STARTS)
         .filter_map(|i| {
             let share = (f64::from(i) + 0.5) / f64::from(STARTS);
-            fit(&unknowns(effect, start_ln_k, share * deepest_mm, deepest_mm), &blocks).ok()
+            fit(&unknowns(effect, support, start_ln_k, share * deepest_mm, deepest_mm), &blocks).ok()
         })
         .min_by(|a, b| a.chi_square.total_cmp(&b.chi_square))?;
-    Layers::of(&best, single.chi_square)
+    Layers::of(&best, support, single.chi_square)
 }
 
 fn without_effects(blocks: &[LateralData]) -> Vec<LateralData> {
@@ -56,21 +62,32 @@ fn without_effects(blocks: &[LateralData]) -> Vec<LateralData> {
 }
 
 /// `ln K` above the boundary, ratio of the moduli, boundary: all free within their ranges.
-fn unknowns(effect: &dyn Effect, ln_k: f64, boundary_mm: f64, deepest_mm: f64) -> Vec<Parameter> {
+fn unknowns(
+    effect: &dyn Effect,
+    support: Support,
+    ln_k: f64,
+    boundary_mm: f64,
+    deepest_mm: f64,
+) -> Vec<Parameter> {
     let mut unknowns = vec![Parameter { start: ln_k, ..ln_k_parameter() }];
     let parameters = effect.parameters().iter().zip([(1.3, 1e-4), (boundary_mm, 1e-3)]);
     unknowns.extend(parameters.map(|(info, (start, step))| {
         let [least, most] = info.range;
         Parameter { start, step, least, most, prior: None }
     }));
-    if let Some(boundary) = unknowns.last_mut() {
+    if let [_, ratio, boundary] = unknowns.as_mut_slice() {
         boundary.most = deepest_mm;
+        if support.is_body() {
+            // The operator's moduli do not differ by more.
+            ratio.least = ratio.least.max(1.0 / BODY_CONTRAST);
+            ratio.most = ratio.most.min(BODY_CONTRAST);
+        }
     }
     unknowns
 }
 
 impl Layers {
-    fn of(fit: &Fit, single_chi_square: f64) -> Option<Self> {
+    fn of(fit: &Fit, support: Support, single_chi_square: f64) -> Option<Self> {
         let &[ln_k, ratio, boundary_mm] = fit.shared.as_slice() else { return None };
         if fit.at_bound.contains(&true) {
             return None;
@@ -95,6 +112,7 @@ impl Layers {
         let sound =
             boundary_sd_mm.is_finite() && lower_variance > 0.0 && (least..=most).contains(&lower_ln_k);
         sound.then(|| Self {
+            foundation: support.name(),
             upper: of(ln_k, variance(0, 0)),
             lower: of(lower_ln_k, lower_variance),
             boundary_mm,

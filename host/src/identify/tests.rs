@@ -1,17 +1,24 @@
 //! The workflow on sessions made from the forward model: truth, scatter, coverage, and every way it can fail.
 
 use super::*;
+use crate::continuum::Contact;
 use crate::inference::modulus::{mean_and_sd, punch_modulus_pa};
 use crate::model::effects::effect;
 use crate::session::{IndentationRun, ShapeSeries};
 use crate::testing::Noise;
 
+mod body;
 mod recipe;
 
 use recipe::{K_KPA, Recipe, session};
 
+/// Springs, of which the recipes are made: what an elastic body gives is another matter, and takes longer.
+fn on_springs() -> Options {
+    Options { foundation: Some(FoundationChoice::Springs), ..Options::default() }
+}
+
 fn identified(session: &Session) -> Identification {
-    identify(session, &Options::default()).expect("identifies")
+    identify(session, &on_springs()).expect("identifies")
 }
 
 fn only_error(run: LateralRun) -> RunError {
@@ -47,10 +54,8 @@ fn estimates_are_unbiased_scatter_as_stated_and_cover() {
 fn nuisances_in_the_truth_are_covered_when_they_are_modelled() {
     const SESSIONS: usize = 500;
     let ids = ["rig.clamp_compliance", "sensor.shape_offset", "sensor.depth_shift"];
-    let modelled = Options {
-        nuisances: ids.iter().map(|id| effect(id).expect("an effect")).collect(),
-        ..Options::default()
-    };
+    let modelled =
+        Options { nuisances: ids.iter().map(|id| effect(id).expect("an effect")).collect(), ..on_springs() };
     let mut noise = Noise::new(21);
     let (mut covered, mut covered_plain, mut clamp_pulls) = (0, 0, Vec::new());
     for _ in 0..SESSIONS {

@@ -6,8 +6,10 @@
 //! [`continuum::operator`](crate::continuum::operator), which the axisymmetric finite-element solution made. Force and shape of
 //! a needle agree with the direct solution to 0.02 % and 0.05 um per millimetre of displacement.
 //!
-//! Tissue whose modulus varies with depth is reduced to a few fields (see there): force within 1 % and shape within
+//! Tissue whose modulus varies with depth is reduced to a few fields (see there): force within 1 to 2 % and shape within
 //! 15 um per millimetre for moduli between a quarter and four times that at the surface, exact where they are all the same.
+//!
+#![doc = include_str!("body/theory.md")]
 
 mod ritz;
 mod stiffened;

@@ -23,9 +23,25 @@ impl Support {
         matches!(self, Self::Body { .. })
     }
 
+    /// Poisson's ratio of a body.
+    pub fn poisson(self) -> Option<f64> {
+        match self {
+            Self::Springs => None,
+            Self::Body { poisson } => Some(poisson),
+        }
+    }
+
     /// Its name in files and options.
     pub fn name(self) -> &'static str {
         if self.is_body() { "body" } else { "springs" }
+    }
+
+    /// The same body with a Poisson's ratio one standard deviation away, on the side where there is room; nothing for springs and for
+    /// a ratio that is exactly known.
+    pub(crate) fn one_sd_away(self, poisson_sd: f64) -> Option<Self> {
+        let Self::Body { poisson } = self else { return None };
+        let step = if poisson > poisson_sd { -poisson_sd } else { poisson_sd };
+        (poisson_sd > 0.0).then(|| Self::Body { poisson: (poisson + step).clamp(0.0, 0.5) })
     }
 
     /// Refuses Poisson's ratios that no elastic body has.

@@ -2,10 +2,11 @@
 
 use super::{Limits, Question, plan};
 use crate::identify::{FoundationChoice, Options, identify};
-use crate::model::{Needle, Rig};
+use crate::model::{Needle, Rig, Support};
 use crate::model_file::ModelFile;
 use crate::session::{Noise, Session};
 use crate::simulate::{Axis, LateralPlan, Sensors, SimulationPlan, SweepLevels};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// A run that could be made.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,6 +46,22 @@ pub struct StudyRow {
     pub covered: usize,
     /// Sessions.
     pub sessions: usize,
+}
+
+impl StudyRow {
+    /// Promised over observed.
+    pub fn ratio(&self) -> f64 {
+        self.promised_percent / self.observed_percent
+    }
+
+    /// 95 % interval of that ratio, were there as many sessions as one likes: what the scatter of so few determines (chi-square).
+    pub fn ratio_ci95(&self) -> [f64; 2] {
+        let freedom = self.sessions as f64 - 1.0;
+        let end = |share: f64| {
+            ChiSquared::new(freedom).map_or(f64::NAN, |chi| (chi.inverse_cdf(share) / freedom).sqrt())
+        };
+        [0.025, 0.975].map(|share| self.ratio() * end(share))
+    }
 }
 
 /// Seven protocols that differ in all that a lab can choose: rate, hold, depth, displacement, guide, spacing, noise, tissue.
@@ -129,6 +146,8 @@ impl StudyProtocol {
     pub fn question(&self) -> Question {
         Question {
             rig: self.rig(),
+            support: Support::Springs,
+            poisson_sd: 0.0,
             modulus_range_pa: [self.modulus_pa; 2],
             force_sd_n: self.sensors.force_n,
             displacement_sd_m: self.sensors.displacement_m,
@@ -173,6 +192,7 @@ impl StudyProtocol {
                 tip_m: None,
                 tip_direction_rad: None,
             },
+            tissue: Default::default(),
             lateral: made.lateral,
             insertion: Vec::new(),
             indentation: Vec::new(),
@@ -185,7 +205,7 @@ impl StudyProtocol {
         let promised_percent = plan(&self.question()).ok()?.choices.first()?.half_width_percent;
         let truth_kpa = 1e-3 * self.modulus_pa;
         // K of springs is what is planned.
-        let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
+        let options = Options { foundation: Some(FoundationChoice::Springs), ..Options::default() };
         let (mut logs, mut covered) = (Vec::new(), 0);
         for number in 0..sessions as u64 {
             let session = self.session(seed.wrapping_mul(1_000_003).wrapping_add(number))?;

@@ -7,6 +7,8 @@ use crate::model::effects::effect;
 fn question() -> Question {
     Question {
         rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
+        support: Support::Springs,
+        poisson_sd: 0.0,
         modulus_range_pa: [16e3, 16e3],
         // Of a mean of 18 readings: 0.1 N and 15 um.
         force_sd_n: 0.1 * 18f64.sqrt(),
@@ -153,4 +155,28 @@ fn what_is_not_identifiable_has_no_half_width() {
     assert_eq!((plan.choices[0].half_width_percent, plan.best), (f64::INFINITY, None));
     let json = serde_json::to_value(plan.choices[0]).expect("serialises");
     assert!(json["half_width_percent"].is_null(), "{json}");
+}
+
+/// In a body E is what is identified: the half-width follows the noise, and Poisson's ratio widens it.
+#[test]
+fn a_body_has_a_half_width_of_e() {
+    let body = |poisson_sd: f64, noise: f64| {
+        let plain = question();
+        let question = Question {
+            support: Support::Body { poisson: 0.45 },
+            poisson_sd,
+            force_sd_n: noise * plain.force_sd_n,
+            displacement_sd_m: noise * plain.displacement_sd_m,
+            shape_sd_m: noise * plain.shape_sd_m,
+            ..plain
+        };
+        plan(&question).expect("a plan")
+    };
+    let (plain, quiet, loose) = (body(0.0, 1.0), body(0.0, 0.5), body(0.05, 1.0));
+    assert_eq!((plain.protocol.foundation, plain.protocol.poisson), ("body", Some(0.45)));
+    for ((plain, quiet), loose) in plain.choices.iter().zip(&quiet.choices).zip(&loose.choices) {
+        let ratio = plain.half_width_percent / quiet.half_width_percent;
+        assert!((1.9..2.2).contains(&ratio), "{plain:?} {quiet:?}");
+        assert!(loose.half_width_percent > plain.half_width_percent + 0.05, "{plain:?} {loose:?}");
+    }
 }

@@ -242,6 +242,7 @@ pub(super) fn insertion_session(rig: Rig, tip_sd_m: Option<f64>, recorded: Vec<R
         rig,
         fixture_mass_kg: None,
         noise: Noise { tip_m: tip_sd_m, ..Noise::default() },
+        tissue: Default::default(),
         lateral: Vec::new(),
         insertion: recorded.into_iter().enumerate().map(run).collect(),
         indentation: Vec::new(),

@@ -16,7 +16,13 @@ const SWEEP: &str = r"printf 'z_mm,deflection_y_mm\n80,0.5\n90,0.25\n'";
 
 fn setup() -> Setup {
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
-    Setup { name: "phantom".to_owned(), rig, fixture_mass_kg: None, noise: Noise::default() }
+    Setup {
+        name: "phantom".to_owned(),
+        rig,
+        fixture_mass_kg: None,
+        noise: Noise::default(),
+        tissue: Default::default(),
+    }
 }
 
 fn hold(sweep: bool) -> Program {

@@ -53,6 +53,8 @@ pub(super) fn section(session: &Session, outcome: &Outcome<Identification>) -> S
         blocks.push(fits(found));
         blocks.extend(pooled(found));
         blocks.push(relations(found));
+        let sentences = found.foundation.sentences(&found.pooled, &found.youngs_modulus_kpa);
+        blocks.push(Block::Text(format!("Tissue modelled as {}.", sentences.join("; "))));
         blocks.extend(reference(found).into_iter().flatten());
         blocks.push(Block::Notes(found.warnings.clone()));
         let good: Vec<_> = found.runs.iter().filter(|run| run.error.is_none()).collect();

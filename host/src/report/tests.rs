@@ -25,6 +25,7 @@ fn empty() -> Session {
         rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
         fixture_mass_kg: None,
         noise: Noise::default(),
+        tissue: Default::default(),
         lateral: Vec::new(),
         insertion: Vec::new(),
         indentation: Vec::new(),

@@ -42,6 +42,18 @@ pub enum SessionError {
         /// Value of the new run.
         new: f64,
     },
+    /// A run cannot join a session that states another tissue.
+    #[error("{}: tissue.{field}: the session states {there}, the new run {new}, expected the same tissue", path.display())]
+    OtherTissue {
+        /// The session file.
+        path: PathBuf,
+        /// Name of the field that differs.
+        field: &'static str,
+        /// Value in the session.
+        there: String,
+        /// Value of the new run.
+        new: String,
+    },
     /// A run's id is taken, or cannot be part of a file name.
     #[error("{}: id: \"{id}\" {problem}, expected {expected}", path.display())]
     Id {

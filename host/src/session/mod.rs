@@ -13,12 +13,14 @@ mod read;
 mod survey;
 mod table;
 pub mod template;
+mod tissue;
 mod write;
 
 pub(crate) use error::read_text;
 pub use error::{Place, Problem, SessionError};
 pub(crate) use names::distance;
 pub use survey::Survey;
+pub use tissue::{FoundationKind, Tissue};
 pub(crate) use write::{FILE_NAME, is_file_name, replace};
 pub use write::{ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow};
 
@@ -42,6 +44,8 @@ pub struct Session {
     pub fixture_mass_kg: Option<f64>,
     /// Standard deviations of the sensors, where they are stated.
     pub noise: Noise,
+    /// What is stated of the tissue.
+    pub tissue: Tissue,
     /// Lateral runs.
     pub lateral: Vec<LateralRun>,
     /// Insertions.

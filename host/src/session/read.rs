@@ -3,11 +3,11 @@
 use super::error::{Problem, SessionError, read_text};
 use super::fields::Fields;
 use super::hardware::{fixture_mass_kg, noise, rig};
-use super::survey::{NEEDLE, NOISE, RIG};
+use super::survey::{NEEDLE, NOISE, RIG, TISSUE};
 use super::table::{Column, Table};
 use super::{
     DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Mark, Provenance, Session, Setup,
-    ShapeSeries, SteeringRun,
+    ShapeSeries, SteeringRun, Tissue,
 };
 use crate::inference::indentation::Indenter;
 use std::collections::HashSet;
@@ -82,6 +82,7 @@ impl Session {
                 rig: rig(file)?,
                 fixture_mass_kg: fixture_mass_kg(file)?,
                 noise: noise(file)?,
+                tissue: Tissue::read(file)?,
                 lateral: runs(file, "lateral", |fields, id| lateral(dir, fields, id))?,
                 insertion: runs(file, "insertion", |fields, id| insertion(dir, fields, id))?,
                 indentation: runs(file, "indentation", |fields, id| indentation(dir, fields, id))?,
@@ -92,7 +93,7 @@ impl Session {
 }
 
 impl Setup {
-    /// Reads the tables `[needle]`, `[rig]` and `[noise]` of a file in the session's format, and its name where it has one:
+    /// Reads the tables `[needle]`, `[rig]`, `[noise]` and `[tissue]` of a file in the session's format, and its name where it has one:
     /// what is known of a rig before anything is recorded with it. Other tables are left alone.
     ///
     /// # Errors
@@ -112,8 +113,10 @@ impl Setup {
                 None => None,
             };
             // What is left out here has a usual value, and nobody checks the file: a slip must not pass for that.
-            file.none_misspelt(&["needle", "rig", "noise"])?;
-            for (table, known) in [("needle", &NEEDLE[..]), ("rig", &RIG), ("noise", &NOISE)] {
+            file.none_misspelt(&["needle", "rig", "noise", "tissue"])?;
+            for (table, known) in
+                [("needle", &NEEDLE[..]), ("rig", &RIG), ("noise", &NOISE), ("tissue", &TISSUE)]
+            {
                 file.optional_table(table)?.map_or(Ok(()), |fields| fields.none_misspelt(known))?;
             }
             Ok(Self {
@@ -121,6 +124,7 @@ impl Setup {
                 rig: rig(file)?,
                 fixture_mass_kg: fixture_mass_kg(file)?,
                 noise: noise(file)?,
+                tissue: Tissue::read(file)?,
             })
         })
     }

@@ -3,7 +3,7 @@
 use super::error::{Place, Problem, SessionError, read_text};
 use super::fields::Fields;
 use super::table::{Column, Table, cut_row, misspelt_columns};
-use super::{DEPTH_RANGE_MM, Session};
+use super::{DEPTH_RANGE_MM, Session, Tissue};
 use super::{hardware, read};
 use crate::model::Rig;
 use std::collections::HashSet;
@@ -27,8 +27,8 @@ pub struct Survey {
     pub outside: Vec<(Place, String)>,
 }
 
-const TABLES: [&str; 8] =
-    ["session", "needle", "rig", "noise", "lateral", "insertion", "indentation", "steering"];
+const TABLES: [&str; 9] =
+    ["session", "needle", "rig", "noise", "tissue", "lateral", "insertion", "indentation", "steering"];
 const SESSION: [&str; 2] = ["format", "name"];
 pub(super) const NEEDLE: [&str; 6] = [
     "youngs_modulus_gpa",
@@ -48,6 +48,7 @@ pub(super) const RIG: [&str; 6] = [
 ];
 pub(super) const NOISE: [&str; 5] =
     ["force_n", "displacement_mm", "shape_mm", "tip_mm", "tip_direction_mrad"];
+pub(super) const TISSUE: [&str; 3] = ["foundation", "poisson", "poisson_sd"];
 
 /// A kind of run: its table, its fields, its files with their columns and whether they may be without rows, its numbers.
 struct Kind {
@@ -105,9 +106,13 @@ impl Survey {
 
     fn file(&mut self, dir: &Path, file: &Fields<'_>) {
         self.unknown.extend(file.others(&TABLES));
-        for (name, known) in
-            [("session", &SESSION[..]), ("needle", &NEEDLE), ("rig", &RIG), ("noise", &NOISE)]
-        {
+        for (name, known) in [
+            ("session", &SESSION[..]),
+            ("needle", &NEEDLE),
+            ("rig", &RIG),
+            ("noise", &NOISE),
+            ("tissue", &TISSUE),
+        ] {
             if let Ok(Some(table)) = file.optional_table(name) {
                 self.unknown.extend(table.others(known));
             }
@@ -127,6 +132,7 @@ impl Survey {
             Err(_) => None,
         };
         let noise = self.keep(hardware::noise(file)).unwrap_or_default();
+        let tissue = self.keep(Tissue::read(file)).unwrap_or_default();
         let lateral = self.runs(dir, file, &LATERAL, |fields, id| read::lateral(dir, fields, id));
         let insertion = self.runs(dir, file, &INSERTION, |fields, id| read::insertion(dir, fields, id));
         let indentation = self.runs(dir, file, &INDENTATION, |fields, id| read::indentation(dir, fields, id));
@@ -140,6 +146,7 @@ impl Survey {
                 rig,
                 fixture_mass_kg,
                 noise,
+                tissue,
                 lateral,
                 insertion,
                 indentation,

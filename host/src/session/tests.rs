@@ -44,7 +44,13 @@ fn message(dir: &TempDir) -> String {
 
 fn setup() -> Setup {
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
-    Setup { name: "a \"quoted\" name".to_owned(), rig, fixture_mass_kg: None, noise: Noise::default() }
+    Setup {
+        name: "a \"quoted\" name".to_owned(),
+        rig,
+        fixture_mass_kg: None,
+        noise: Noise::default(),
+        tissue: Default::default(),
+    }
 }
 
 #[test]

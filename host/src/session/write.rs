@@ -9,7 +9,7 @@ mod lateral;
 
 pub use lateral::{ForceRow, LateralWriter, ShapeRow};
 
-use super::{Noise, Session, SessionError, SteeringRun};
+use super::{Noise, Session, SessionError, SteeringRun, Tissue};
 use crate::model::{Guides, Rig};
 use std::fmt::Write as _;
 use std::fs::{self, File};
@@ -27,6 +27,8 @@ pub struct Setup {
     pub fixture_mass_kg: Option<f64>,
     /// Standard deviations of the sensors, where they are known.
     pub noise: Noise,
+    /// What is stated of the tissue.
+    pub tissue: Tissue,
 }
 
 impl Setup {
@@ -52,13 +54,17 @@ impl SessionWriter {
     /// Creates the session, or opens an existing one recorded with the same needle and rig.
     ///
     /// # Errors
-    /// [`SessionError::OtherRig`] where an existing session has another needle or rig; otherwise as
+    /// [`SessionError::OtherRig`] where an existing session has another needle or rig, [`SessionError::OtherTissue`] where
+    /// it states another tissue; otherwise as
     /// [`Session::read`], or what the operating system says.
     pub fn open(dir: &Path, setup: &Setup) -> Result<Self, SessionError> {
         let path = dir.join("session.toml");
         if path.exists() {
             let session = Session::read(dir)?;
             same_rig(&path, &session.rig, &setup.rig)?;
+            if let Some((field, [there, new])) = session.tissue.contradicts(setup.tissue) {
+                return Err(SessionError::OtherTissue { path, field, there, new });
+            }
             let lateral_ids = session.lateral.into_iter().map(|run| run.id).collect();
             let insertion_ids = session.insertion.into_iter().map(|run| run.id).collect();
             let steering_ids = session.steering.into_iter().map(|run| run.id).collect();
@@ -169,7 +175,7 @@ fn enter(dir: &Path, entry: &str) -> Result<(), SessionError> {
 }
 
 fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
-    let Setup { name, rig, fixture_mass_kg, noise } = setup;
+    let Setup { name, rig, fixture_mass_kg, noise, tissue } = setup;
     let mut text = "[session]\nformat = 1\n".to_owned();
     if !name.is_empty() {
         let _ = writeln!(text, "name = {}", toml::Value::from(name.as_str()));
@@ -224,6 +230,7 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
             ("tip_direction_mrad", noise.tip_direction_rad.map(|sd_rad| 1e3 * sd_rad)),
         ],
     )?;
+    text.push_str(&tissue.to_toml());
     Ok(text)
 }
 

@@ -116,8 +116,8 @@ impl SimulationPlan {
     pub fn read(path: &Path, model: Option<&ModelFile>) -> Result<Self, SessionError> {
         let text = read_text(path)?;
         Fields::parse(path, &text, |file| {
-            // Layers and inclusions are those of steering runs.
-            let own = ModelFile::tables(file, &["layers", "inclusions"])?;
+            // Layers and inclusions are those of steering runs, what is known of Poisson's ratio is for the session that is written.
+            let own = ModelFile::tables(file, &["layers", "inclusions", "poisson_sd"])?;
             let mut ids = RunIds::default();
             let lateral: Vec<LateralPlan> = file
                 .tables("lateral")?

@@ -97,7 +97,13 @@ fn what_is_written_is_read() {
     let text = LATERAL.to_owned() + "[[insertion]]\nid = \"i\"\ndepth_mm = 10\nturn_at_mm = 5\n";
     let simulated = made(&text, Sensors::new(&Noise::default()), 4);
     let folder = tempfile::tempdir().expect("a folder");
-    let setup = Setup { name: String::new(), rig: rig(), fixture_mass_kg: None, noise: Noise::default() };
+    let setup = Setup {
+        name: String::new(),
+        rig: rig(),
+        fixture_mass_kg: None,
+        noise: Noise::default(),
+        tissue: Default::default(),
+    };
     let mut writer = SessionWriter::open(folder.path(), &setup).expect("a session");
     simulated.write(&mut writer).expect("written");
     let read = Session::read(folder.path()).expect("reads");
@@ -155,6 +161,7 @@ fn session(text: &str) -> Session {
         rig: rig(),
         fixture_mass_kg: None,
         noise: Noise::default(),
+        tissue: Default::default(),
         lateral: made(text, Sensors::new(&Noise::default()), 5).lateral,
         insertion: Vec::new(),
         indentation: Vec::new(),

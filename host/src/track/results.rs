@@ -1,6 +1,7 @@
 //! The result of tracking, as `guide track --json` prints it. Additive only: fields may be added, never removed or changed in
 //! meaning.
 
+use super::layers::Layered;
 use super::sound::SoundTracker;
 use crate::session::SteeringRun;
 use firmware::steering::{Estimate, Refused, Seen, Value};
@@ -74,6 +75,8 @@ pub struct TrackResult {
     pub last: Option<LastResult>,
     /// The tissue against depth at the end.
     pub field: Option<FieldResult>,
+    /// Where it jumps; nothing where the segments were stated.
+    pub layers: Option<LayersResult>,
     /// What other estimators make of the same.
     pub compare: Vec<CompareResult>,
     /// What the user should know of this run.
@@ -148,15 +151,46 @@ pub struct FieldResult {
 
 impl FieldResult {
     /// What an estimator knows down to a depth.
-    pub(super) fn new(tracker: &SoundTracker<f64>, depth_m: f64) -> Self {
+    pub(super) fn of_tracker(tracker: &SoundTracker<f64>, depth_m: f64) -> Self {
         let cell_m = tracker.settings().cell_m;
         let cells = (depth_m / cell_m).ceil() as usize;
         let values: Vec<Value<f64>> = (0..cells).filter_map(|cell| tracker.stiffness_at(cell)).collect();
+        Self::new(&values, cell_m)
+    }
+
+    /// Of the values of cells from the surface down.
+    pub(super) fn new(values: &[Value<f64>], cell_m: f64) -> Self {
         Self {
             depth_mm: (0..values.len()).map(|cell| 1e3 * cell_m * (cell as f64 + 0.5)).collect(),
             stiffness_n_per_m2: values.iter().map(|value| told_value(*value)).collect(),
             lo95_n_per_m2: values.iter().map(|value| value.low).collect(),
             hi95_n_per_m2: values.iter().map(|value| value.high).collect(),
+        }
+    }
+}
+
+/// Whether and where the tissue jumps from one layer to another.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LayersResult {
+    /// Probability that there is a boundary; even odds before the run.
+    pub probability: f64,
+    /// Its depth; `null` where none is established, or it is not located.
+    pub boundary_mm: Option<f64>,
+    /// 95 % interval of the depth.
+    pub boundary_ci95_mm: Option<[f64; 2]>,
+    /// Stiffness below the boundary over that above it.
+    pub stiffness_ratio: Option<f64>,
+}
+
+impl LayersResult {
+    /// Of the end of a run.
+    pub(super) fn new(found: &Layered) -> Self {
+        let boundary = found.boundary;
+        Self {
+            probability: found.boundary_probability,
+            boundary_mm: boundary.map(|boundary| 1e3 * boundary.depth_m),
+            boundary_ci95_mm: boundary.map(|boundary| boundary.ci95_m.map(|m| 1e3 * m)),
+            stiffness_ratio: boundary.map(|boundary| boundary.stiffness_ratio),
         }
     }
 }

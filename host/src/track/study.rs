@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 /// Speeds of insertion, mm/s.
-const SPEEDS_MM_S: [f64; 3] = [8.0, 4.0, 2.0];
+pub(super) const SPEEDS_MM_S: [f64; 3] = [8.0, 4.0, 2.0];
 /// How the needle is moved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {

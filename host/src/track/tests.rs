@@ -43,7 +43,11 @@ fn tissue() -> Tissue {
 }
 
 fn run(plan: &Plan, sensors: Sensors, seed: u64) -> SteeringRun {
-    let steering = SteeringRig::new(rig(), 0.13, 0.3, &tissue()).expect("a rig");
+    run_in(&tissue(), plan, sensors, seed)
+}
+
+fn run_in(tissue: &Tissue, plan: &Plan, sensors: Sensors, seed: u64) -> SteeringRun {
+    let steering = SteeringRig::new(rig(), 0.13, 0.3, tissue).expect("a rig");
     steering.carry_out(plan).expect("a plan").measure(sensors, seed, 0)
 }
 
@@ -237,6 +241,7 @@ fn session(run: SteeringRun) -> crate::session::Session {
             tip_m: Some(2e-4),
             tip_direction_rad: None,
         },
+        tissue: Default::default(),
         lateral: Vec::new(),
         insertion: Vec::new(),
         indentation: Vec::new(),
@@ -270,14 +275,32 @@ fn signs_and_units_are_diagnosed_before_tissue() {
     }
 }
 
-/// A segment length that the estimator cannot have is not taken in silence.
+/// A boundary anywhere is found where it is, and segments are taken as they are stated.
 #[test]
-fn segments_that_are_not_as_asked_are_said() {
-    let asked = |segment_m: f64| {
-        let options = super::Options { segment_m, ..super::Options::default() };
-        let found = super::track(&session(run(&plan(8.0, 20.0, 0.0), ORDINARY, 8)), &options);
-        found.expect("tracked").warnings
-    };
-    assert!(asked(0.02).iter().any(|what| what.contains("segments of 40 mm, not of 20 mm")));
-    assert!(!asked(0.04).iter().any(|what| what.contains("segments")));
+fn boundaries_are_found_and_stated_segments_are_taken() {
+    for (boundary_mm, number) in [(18.0, 8), (47.0, 9)] {
+        let mut tissue = tissue();
+        let [first, second] = tissue.layers.as_mut_slice() else { panic!("two layers") };
+        first.bottom_mm = boundary_mm;
+        second.stiffness_n_per_m2 = 3.0 * first.stiffness_n_per_m2;
+        tissue.inclusions.clear();
+        let session = session(run_in(&tissue, &plan(8.0, 20.0, 0.0), ORDINARY, number));
+        let found = super::track(&session, &super::Options::default()).expect("tracked");
+        let layers = found.runs[0].layers.clone().expect("layers");
+        println!("{boundary_mm}: {layers:?}");
+        let [low, high] = layers.boundary_ci95_mm.expect("an interval");
+        assert!((layers.boundary_mm.expect("a boundary") - boundary_mm).abs() < 3.0, "{layers:?}");
+        assert!(low - 1.0 <= boundary_mm && boundary_mm <= high + 1.0 && high - low < 20.0, "{layers:?}");
+        let stated = super::Options { segment_m: Some(1e-3 * boundary_mm), ..super::Options::default() };
+        let field = |options: &super::Options| {
+            let found = super::track(&session, options).expect("tracked");
+            assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+            found.runs[0].field.clone().expect("a field").stiffness_n_per_m2
+        };
+        let elsewhere = super::Options { segment_m: Some(0.033), ..super::Options::default() };
+        assert_ne!(field(&stated), field(&elsewhere), "segments are as they are stated");
+    }
+    let short = super::Options { segment_m: Some(2e-3), ..super::Options::default() };
+    let why = super::track(&session(run(&plan(8.0, 20.0, 0.0), ORDINARY, 8)), &short).expect_err("refused");
+    assert!(why.to_string().contains("segment_mm: 2, expected 4.0 or more"), "{why}");
 }

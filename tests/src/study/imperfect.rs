@@ -133,6 +133,7 @@ fn write(session: &Session, name: &str, folder: &Path) -> Result<()> {
         rig: session.rig.clone(),
         fixture_mass_kg: None,
         noise: session.noise,
+        tissue: Default::default(),
     };
     std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make", folder.display()))?;
     let mut writer = SessionWriter::open(folder, &setup)?;

@@ -147,6 +147,7 @@ pub fn session(lateral: Vec<LateralRun>) -> Session {
         rig: rig(),
         fixture_mass_kg: None,
         noise: StatedNoise::default(),
+        tissue: Default::default(),
         lateral,
         insertion: Vec::new(),
         indentation: Vec::new(),

@@ -3,10 +3,9 @@
 use super::ModelError;
 pub(in crate::model) use crate::continuum::operator::MODES;
 pub(super) use crate::continuum::operator::SLICES as SLICE_ENDS;
-use crate::continuum::operator::{FIELDS, POISSON, RATIOS, UNIFORM, VARIED, nodes};
+use crate::continuum::operator::{FIELDS, POISSON, RATIOS, UNIFORM, VARIED, nodes, weights};
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::f64::consts::PI;
 use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 
 /// Stiffness against Legendre coefficients.
@@ -56,22 +55,6 @@ fn scaled<const N: usize>(raw: &[f64; N], diagonal: &[f64], poisson: f64) -> [f6
 /// Roots of the diagonal that [`scaled`] entries stand for.
 fn roots<const COUNT: usize>(entries: &[f64], poisson: f64) -> [f64; COUNT] {
     std::array::from_fn(|i| (entries[place(i, i)].exp() * by_poisson(poisson)).sqrt())
-}
-
-/// Weights of Chebyshev's nodes at a place.
-fn weights(range: [f64; 2], count: usize, at: f64) -> Vec<f64> {
-    let nodes = nodes(range, count);
-    if let Some(same) = nodes.iter().position(|node| *node == at) {
-        return (0..count).map(|i| if i == same { 1.0 } else { 0.0 }).collect();
-    }
-    let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
-    let raw = nodes.iter().enumerate().map(|(i, node)| {
-        let angle = (i as f64 + 0.5) * PI / count as f64;
-        sign(i) * angle.sin() / (at - node)
-    });
-    let raw: Vec<f64> = raw.collect();
-    let sum: f64 = raw.iter().sum();
-    raw.into_iter().map(|weight| weight / sum).collect()
 }
 
 /// What the stiffness of a long needle depends on Poisson's ratio by; what is left of the dependence is nearly a straight line.

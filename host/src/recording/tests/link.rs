@@ -16,7 +16,13 @@ static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn setup() -> Setup {
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
-    Setup { name: "phantom".to_owned(), rig, fixture_mass_kg: None, noise: session::Noise::default() }
+    Setup {
+        name: "phantom".to_owned(),
+        rig,
+        fixture_mass_kg: None,
+        noise: session::Noise::default(),
+        tissue: Default::default(),
+    }
 }
 
 fn program() -> Program {

@@ -88,7 +88,7 @@ mod tests {
     fn setup() -> Setup {
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
         let noise = Noise { tip_direction_rad: Some(0.8e-3), ..Noise::default() };
-        Setup { name: String::new(), rig, fixture_mass_kg: None, noise }
+        Setup { name: String::new(), rig, fixture_mass_kg: None, noise, tissue: Default::default() }
     }
 
     fn run(depth_m: Vec<f64>) -> InsertionRun {

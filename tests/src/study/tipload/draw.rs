@@ -144,6 +144,7 @@ pub fn world(seed: u64, number: usize, imperfections: Imperfections) -> World {
         rig,
         fixture_mass_kg: None,
         noise: Noise { tip_m: Some(TIP_SD_M), ..Noise::default() },
+        tissue: Default::default(),
         lateral: Vec::new(),
         insertion,
         indentation: Vec::new(),

@@ -164,6 +164,7 @@ impl Bodies {
             name: Some("blind".to_owned()),
             fixture_mass_kg: None,
             noise: if noise.stated { noise.statement() } else { Noise::default() },
+            tissue: Default::default(),
             lateral,
             insertion: Vec::new(),
             indentation: Vec::new(),
