@@ -2,7 +2,9 @@
 //! in meaning.
 
 use crate::identify::KPerEi;
-use crate::inference::insertion::{Belief, Bin, Determined, Moments, TipPath, Tissue, median, of_median};
+use crate::inference::insertion::{
+    Belief, Bin, Determined, Moments, Rear, TipPath, Tissue, median, of_median,
+};
 use crate::session::InsertionRun;
 use serde::Serialize;
 
@@ -134,6 +136,12 @@ pub struct LearnedResult {
     pub gap_ci95_mm: [f64; 2],
     /// As `k_status`.
     pub gap_status: &'static str,
+    /// Moment per slope of the needle's rear in its only guide, vertical, where the session does not state it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rear_rotation_y: Option<RearResult>,
+    /// The same, horizontal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rear_rotation_x: Option<RearResult>,
     /// Angle between the needle and the axis of depth, vertical and horizontal; a tilt of the tracker cannot be told from it and is
     /// part of it.
     pub entry_angle_deg: Vec<f64>,
@@ -151,6 +159,41 @@ pub struct LearnedResult {
     pub reading_mm: f64,
 }
 
+/// Rotation stiffness of a needle's rear, of this insertion.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RearResult {
+    /// Moment per slope.
+    pub n_m_per_rad: f64,
+    /// Its 95 % interval, as that of the modulus.
+    pub ci95_n_m_per_rad: [f64; 2],
+    /// As [`LearnedResult::k_status`].
+    pub status: &'static str,
+}
+
+impl RearResult {
+    /// From the difference of the share, which grows as the stiffness falls.
+    fn new((share, determined): (Moments, Determined), rear: &Rear) -> Self {
+        let at = |sds: f64| rear.stiffness_n_m_per_rad(share.mean + sds * share.sd);
+        let ends = match determined {
+            Determined::LowerBound => [NORMAL_95, f64::NEG_INFINITY],
+            Determined::UpperBound => [f64::INFINITY, -NORMAL_95],
+            Determined::Identified | Determined::NotIdentified => [NORMAL_975, -NORMAL_975],
+        };
+        Self { n_m_per_rad: at(0.0), ci95_n_m_per_rad: ends.map(at), status: determined.name() }
+    }
+
+    /// As text.
+    pub fn text(&self) -> String {
+        let [low, high] = self.ci95_n_m_per_rad;
+        match self.status {
+            "lower_bound" => format!("above {low:.2} N m/rad"),
+            "upper_bound" => format!("below {high:.2} N m/rad"),
+            "not_identified" => "not identifiable".to_owned(),
+            _ => format!("{:.2} ({low:.2} to {high:.2}) N m/rad", self.n_m_per_rad),
+        }
+    }
+}
+
 impl LearnedResult {
     pub(super) fn new(belief: &Belief<'_>, tissue: &Tissue, others: &[&TipPath], reading_m: f64) -> Self {
         let surface_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
@@ -166,6 +209,10 @@ impl LearnedResult {
             }
         };
         let angles = belief.entry_angle_rad();
+        let rear = |plane: usize| {
+            let found = belief.rear_share()?[plane]?;
+            Some(RearResult::new(found, tissue.rear.as_ref()?))
+        };
         let k_kpa = surface_kpa * factor.mean.exp();
         let k_ci95_kpa = interval(factor, k_determined, surface_kpa, [k_low, k_high]);
         Self {
@@ -177,6 +224,8 @@ impl LearnedResult {
             gap_mm: 1e3 * gap.mean.exp(),
             gap_ci95_mm: interval(gap, gap_determined, 1e3, [gap_low, gap_high]),
             gap_status: gap_determined.name(),
+            rear_rotation_y: rear(0),
+            rear_rotation_x: rear(1),
             entry_angle_deg: angles.iter().map(|angle| angle.mean.to_degrees()).collect(),
             entry_angle_sd_deg: angles.iter().map(|angle| angle.sd.to_degrees()).collect(),
             load_scatter_n: belief.typical(|scales| scales.load_n),

@@ -3,8 +3,9 @@
 //! What a difference of this insertion's modulus or surface does is linear too: the derivative of the path under the load that the path
 //! itself asks for, times the difference. Products of small differences are left out.
 
-use super::candidates::{Candidate, Candidates, Responses, Smooth};
-use super::layout::{ANGLE, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET, WANDER};
+use super::candidates::{Candidate, Candidates, Parts, Responses, Smooth};
+use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};
+use super::motion::Motion;
 use super::path::{Bin, TipPath};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::sync::Arc;
@@ -15,6 +16,27 @@ struct Place {
     at: [usize; 2],
     weights: [f64; 2],
     depth_m: f64,
+    /// How far guide 2 is, in each plane, from where it is between the nodes, m.
+    beside_m: [f64; 2],
+}
+
+/// What is measured of the tip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Measured {
+    /// Where it is, m.
+    Position,
+    /// The slope of the needle there, rad.
+    Direction,
+}
+
+impl Measured {
+    /// What a bin has of it in a plane.
+    pub fn of(self, bin: &Bin, plane: usize) -> Option<f64> {
+        match self {
+            Self::Position => Some(bin.tip_m[plane]),
+            Self::Direction => bin.direction_rad[plane],
+        }
+    }
 }
 
 impl Place {
@@ -29,12 +51,22 @@ impl Place {
 pub(super) struct Basis {
     layout: Layout,
     nodes_m: Arc<Vec<f64>>,
-    responses: Arc<Smooth>,
+    responses: [Arc<Smooth>; 2],
     guide2: Option<[Arc<Smooth>; 2]>,
-    /// Place of the load's responses: along the bevel and across it.
-    parts: [usize; 2],
-    /// Per plane: what the own modulus, the own surface and a step of the gap do.
-    own: [[Vec<f64>; 3]; 2],
+    motion: Option<[Motion; 2]>,
+    parts: Parts,
+    rear_share: [f64; 2],
+    /// Of position and direction, per plane.
+    own: [[Own; 2]; 2],
+}
+
+/// What differences of one recording do to its path under its load.
+#[derive(Debug, Clone, Default)]
+struct Own {
+    modulus: Vec<f64>,
+    entry: Vec<f64>,
+    gap: Vec<f64>,
+    rear: Vec<f64>,
 }
 
 impl Basis {
@@ -44,10 +76,9 @@ impl Basis {
         responses: &Responses,
         candidate: Candidate,
         path: usize,
-        nodes_m: Arc<Vec<f64>>,
         load_n: [f64; 2],
     ) -> Self {
-        let mut basis = Self::without_own(candidates, responses, path, nodes_m);
+        let mut basis = Self::without_own(candidates, responses, candidate, path);
         basis.set_load(candidates.gap_m(candidate), load_n);
         basis
     }
@@ -56,15 +87,17 @@ impl Basis {
     pub fn without_own(
         candidates: &Candidates,
         responses: &Responses,
+        candidate: Candidate,
         path: usize,
-        nodes_m: Arc<Vec<f64>>,
     ) -> Self {
         Self {
             layout: candidates.layout.clone(),
-            nodes_m,
+            nodes_m: candidates.nodes_m(path),
             responses: responses.of_plan[candidates.plan(path)].clone(),
             guide2: responses.guide2_m.get(path).cloned().flatten(),
-            parts: [candidates.load_part(false), candidates.load_part(true)],
+            motion: candidates.motion(path).cloned(),
+            parts: Parts::of(&candidates.layout),
+            rear_share: candidate.rear_share,
             own: Default::default(),
         }
     }
@@ -72,36 +105,54 @@ impl Basis {
     /// Takes differences about a load.
     pub fn set_load(&mut self, gap_m: f64, load_n: [f64; 2]) {
         let length = 2 * self.nodes_m.len();
-        for plane in 0..self.layout.planes {
-            // Loads of both planes, each with its sign.
-            let loaded = |of: &dyn Fn(&Smooth) -> &Vec<f64>| {
-                let mut total = match &self.guide2 {
-                    Some(planes) => of(&planes[plane]).clone(),
-                    None => vec![0.0; length],
-                };
-                for (from, term) in self.load_parts(plane).into_iter().enumerate() {
-                    let Some((sign, part)) = term else { continue };
-                    let response = of(&self.responses).iter().skip(part * length);
+        for measured in self.measured() {
+            for plane in 0..self.layout.planes {
+                // Loads of both planes, each with its sign.
+                let loaded = |of: &dyn Fn(&Smooth) -> &Vec<f64>| {
+                    let mut total = match &self.guide2 {
+                        Some(planes) => self.slice(measured, of(&planes[plane]), 0, 1).to_vec(),
+                        None => vec![0.0; length],
+                    };
+                    for (from, term) in self.load_parts(plane).into_iter().enumerate() {
+                        let Some((sign, part)) = term else { continue };
+                        let response =
+                            self.slice(measured, of(&self.responses[plane]), part, self.parts.count);
+                        total
+                            .iter_mut()
+                            .zip(response)
+                            .for_each(|(sum, value)| *sum += sign * load_n[from] * value);
+                    }
                     total
-                        .iter_mut()
-                        .zip(response)
-                        .for_each(|(sum, value)| *sum += sign * load_n[from] * value);
-                }
-                total
-            };
-            let path_m = loaded(&|smooth| &smooth.value);
-            let by_modulus = loaded(&|smooth| &smooth.by_modulus);
-            let by_gap = loaded(&|smooth| &smooth.by_gap);
-            let slopes = self.slopes(&path_m);
-            // Where the tissue begins later the gap is longer and the needle less deep in it.
-            let by_entry = by_gap.iter().zip(&slopes).map(|(gap, slope)| gap / gap_m - slope).collect();
-            self.own[plane] = [by_modulus, by_entry, by_gap];
+                };
+                let values = loaded(&|smooth| &smooth.value);
+                let gap = loaded(&|smooth| &smooth.by_gap);
+                let slopes = self.slopes(&values);
+                // Where the tissue begins later the gap is longer and the needle less deep in it.
+                let entry = gap.iter().zip(&slopes).map(|(gap, slope)| gap / gap_m - slope).collect();
+                let modulus = loaded(&|smooth| &smooth.by_modulus);
+                let is_unknown = !self.responses[plane].by_rear.is_empty();
+                let rear = if is_unknown { loaded(&|smooth| &smooth.by_rear) } else { Vec::new() };
+                self.own[measured as usize][plane] = Own { modulus, entry, gap, rear };
+            }
         }
+    }
+
+    /// What is measured.
+    pub fn measured(&self) -> impl Iterator<Item = Measured> + use<> {
+        let direction = self.layout.direction.then_some(Measured::Direction);
+        std::iter::once(Measured::Position).chain(direction)
+    }
+
+    /// A part among `count` of them, which are there for the position before they are for the direction.
+    fn slice<'v>(&self, measured: Measured, values: &'v [f64], part: usize, count: usize) -> &'v [f64] {
+        let length = 2 * self.nodes_m.len();
+        let first = (measured as usize * count + part) * length;
+        values.get(first..first + length).unwrap_or_default()
     }
 
     /// For each plane's load: its sign in this plane and its place among the responses; nothing where it does nothing here.
     fn load_parts(&self, plane: usize) -> [Option<(f64, usize)>; 2] {
-        let [along, across] = self.parts;
+        let Parts { along, across, .. } = self.parts;
         match (self.layout.coupled, plane) {
             (false, 0) => [Some((1.0, along)), None],
             (false, _) => [None, Some((1.0, along))],
@@ -122,47 +173,70 @@ impl Basis {
     pub fn rows(
         &self,
         plane: usize,
+        measured: Measured,
         depths: impl IntoIterator<Item = (f64, bool)>,
     ) -> (DMatrix<f64>, Vec<f64>) {
         let places: Vec<Place> =
             depths.into_iter().map(|(depth_m, leaving)| self.place(depth_m, leaving)).collect();
         let mut rows = DMatrix::zeros(places.len(), self.layout.unknowns());
         let (_, at) = self.layout.place(plane);
-        let length = 2 * self.nodes_m.len();
         let mut fill = |column: usize, scale: f64, values: &[f64]| {
             let mut cells = rows.column_mut(column);
             cells.iter_mut().zip(&places).for_each(|(cell, place)| *cell = scale * place.of(values));
         };
-        let part = |number: usize| {
-            self.responses.value.get(number * length..(number + 1) * length).unwrap_or_default()
-        };
-        fill(at + GUIDE2, 1.0, part(0));
-        let knots = self.layout.of_plane() - WANDER;
+        let part =
+            |number: usize| self.slice(measured, &self.responses[plane].value, number, self.parts.count);
+        fill(at + GUIDE2, 1.0, part(self.parts.guide2));
         for (from, term) in self.load_parts(plane).into_iter().enumerate() {
             let Some((sign, first)) = term else { continue };
             let to = if self.layout.coupled { from * self.layout.of_plane() } else { 0 };
-            for knot in 0..=knots {
+            for knot in 0..=self.layout.knots_m.len() {
                 fill(to + LOAD + knot, sign, part(first + knot));
             }
         }
-        for (column, own) in [MODULUS, ENTRY, GAP].into_iter().zip(&self.own[plane]) {
+        let own = &self.own[measured as usize][plane];
+        for (column, own) in [(MODULUS, &own.modulus), (ENTRY, &own.entry), (GAP, &own.gap)] {
             fill(at + column, 1.0, own);
         }
-        for (i, place) in places.iter().enumerate() {
-            rows[(i, at + OFFSET)] = 1.0;
-            rows[(i, at + ANGLE)] = place.depth_m;
-            (0..DRIFTS).for_each(|k| rows[(i, at + DRIFT + k)] = self.layout.drift(k, place.depth_m));
+        if let Some(rear) = self.layout.rear() {
+            fill(at + rear, 1.0, &own.rear);
         }
-        let guide2_m = match &self.guide2 {
-            Some(planes) => places.iter().map(|place| place.of(&planes[plane].value)).collect(),
+        for (i, place) in places.iter().enumerate() {
+            let drift = |number: usize| self.layout.drift(number, place.depth_m);
+            match (measured, self.layout.tilt()) {
+                (Measured::Position, _) => {
+                    rows[(i, at + OFFSET)] = 1.0;
+                    rows[(i, at + ANGLE)] = place.depth_m;
+                    (0..DRIFTS).for_each(|k| rows[(i, at + DRIFT + k)] = drift(k));
+                }
+                (Measured::Direction, tilt) => {
+                    rows[(i, at + ANGLE)] = 1.0;
+                    let Some(tilt) = tilt else { continue };
+                    rows[(i, at + tilt)] = 1.0;
+                    (0..BENDS).for_each(|k| rows[(i, at + tilt + 1 + k)] = drift(k));
+                }
+            }
+        }
+        let mut beside: Vec<f64> = match &self.guide2 {
+            Some(planes) => {
+                let moved = self.slice(measured, &planes[plane].value, 0, 1);
+                let at_once = part(self.parts.at_once);
+                places
+                    .iter()
+                    .map(|place| place.of(moved) + place.beside_m[plane] * place.of(at_once))
+                    .collect()
+            }
             None => vec![0.0; places.len()],
         };
-        (rows, guide2_m)
+        // The rear's compliance counts from the middle of what is known beforehand, not from where responses are solved.
+        let rear_share = self.rear_share[plane];
+        beside.iter_mut().zip(&places).for_each(|(sum, place)| *sum -= rear_share * place.of(&own.rear));
+        (rows, beside)
     }
 
     /// One row, and what guide 2 adds.
-    pub fn row(&self, plane: usize, depth_m: f64, leaving: bool) -> (DVector<f64>, f64) {
-        let (rows, guide2_m) = self.rows(plane, [(depth_m, leaving)]);
+    pub fn row(&self, plane: usize, measured: Measured, depth_m: f64, leaving: bool) -> (DVector<f64>, f64) {
+        let (rows, guide2_m) = self.rows(plane, measured, [(depth_m, leaving)]);
         (rows.row(0).transpose(), guide2_m.first().copied().unwrap_or_default())
     }
 
@@ -171,7 +245,7 @@ impl Basis {
         let mut loads_n = [0.0; 2];
         for (plane, fitted_n) in loads_n.iter_mut().enumerate().take(self.layout.planes) {
             let (_, at) = self.layout.place(plane);
-            let (rows, guide2_m) = self.rows(plane, depths(&path.bins));
+            let (rows, guide2_m) = self.rows(plane, Measured::Position, depths(&path.bins));
             let mut squares = Matrix3::zeros();
             let mut pull = Vector3::zeros();
             for (i, bin) in path.bins.iter().enumerate() {
@@ -189,13 +263,16 @@ impl Basis {
         let last = self.nodes_m.len() - 1;
         let next = self.nodes_m.partition_point(|node_m| *node_m < depth_m - 1e-9).min(last);
         let beyond = next == 0 || (next == last && depth_m > self.nodes_m[last]);
+        let motion = self.motion.as_ref();
+        let beside_m =
+            motion.map_or([0.0; 2], |planes| planes.each_ref().map(|m| m.beside_m(depth_m, leaving)));
         if (self.nodes_m[next] - depth_m).abs() <= 1e-9 || beyond {
             let at = 2 * next + usize::from(leaving);
-            return Place { at: [at; 2], weights: [1.0, 0.0], depth_m };
+            return Place { at: [at; 2], weights: [1.0, 0.0], depth_m, beside_m };
         }
         let (from_m, to_m) = (self.nodes_m[next - 1], self.nodes_m[next]);
         let share = (depth_m - from_m) / (to_m - from_m);
-        Place { at: [2 * next - 1, 2 * next], weights: [1.0 - share, share], depth_m }
+        Place { at: [2 * next - 1, 2 * next], weights: [1.0 - share, share], depth_m, beside_m }
     }
 }
 

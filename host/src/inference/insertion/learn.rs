@@ -7,10 +7,10 @@
 
 use super::basis::Basis;
 use super::belief::Normal;
-use super::candidates::{Candidate, Candidates, Responses};
+use super::candidates::{Candidate, Candidates, Fineness, Responses};
 use super::evidence::{Evidence, System};
 use super::path::TipPath;
-use super::scales::{COUNT, Known, MOVING, Scales};
+use super::scales::{COUNT, DIRECTION, Known, MOVING, ReadingNoise, Scales};
 use super::search;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -73,9 +73,9 @@ pub fn learn(
     paths: &[TipPath],
     earlier: &[usize],
     next: usize,
-    reading_m: f64,
+    noise: ReadingNoise,
 ) -> Learned {
-    learn_from(candidates, paths, earlier, next, reading_m, None)
+    learn_from(candidates, paths, earlier, next, noise, None)
 }
 
 /// The same, with the search beginning where [`start`] ended for recordings of the same session.
@@ -84,17 +84,20 @@ pub fn learn_from(
     paths: &[TipPath],
     earlier: &[usize],
     next: usize,
-    reading_m: f64,
+    noise: ReadingNoise,
     start: Option<&Start>,
 ) -> Learned {
     let alone = earlier.is_empty();
     let training: &[usize] = if alone { &[next] } else { earlier };
-    let (fold, start) = Fold::new(candidates, paths, training, reading_m, start);
+    let (fold, start) = Fold::new(candidates, paths, training, noise, start);
     let tops = fold.tops(&start);
     let Some(best) = tops.first() else {
         return Learned { scales: Vec::new(), parts: Vec::new(), nodes: Vec::new() };
     };
     let grid = fold.grid(&tops);
+    if grid.is_empty() {
+        return Learned { scales: Vec::new(), parts: Vec::new(), nodes: Vec::new() };
+    }
     let mut learned = Learned { scales: Vec::new(), parts: Vec::new(), nodes: Vec::new() };
     let shares = cumulative_shares(&grid);
     let mut number_of: HashMap<usize, usize> = HashMap::new();
@@ -127,9 +130,9 @@ pub fn learn_from(
 
 /// Where the search begins for every fold of a session: from what is known of all its recordings up to the depth from which they are
 /// predicted, so that nothing beyond it plays a part.
-pub fn start(candidates: &Candidates, seen: &[TipPath], reading_m: f64) -> Option<Start> {
+pub fn start(candidates: &Candidates, seen: &[TipPath], noise: ReadingNoise) -> Option<Start> {
     let training: Vec<usize> = (0..seen.len()).collect();
-    let (fold, start) = Fold::new(candidates, seen, &training, reading_m, None);
+    let (fold, start) = Fold::new(candidates, seen, &training, noise, None);
     let tops = fold.tops(&start);
     let likeliest = tops.first()?.likeliest.clone();
     let candidates = tops.iter().map(|top| top.solved.candidate).collect();
@@ -150,6 +153,11 @@ const MOST_TOPS: usize = 3;
 /// Steps of a climb, and how often a step that leads down is halved.
 const MOST_STEPS: usize = 8;
 const MOST_HALVINGS: usize = 4;
+/// A rear is solved anew where the mean of its share is further away than this.
+const SMALL_REAR_STEP: f64 = 0.02;
+/// Steps of it, and how far one goes at most.
+const MOST_REAR_STEPS: usize = 4;
+const MOST_REAR_STEP: f64 = 0.3;
 /// Steps below this part of a standard deviation end a climb.
 const SMALL_STEP: f64 = 0.1;
 /// Rounds of climbs, of candidate and scales in turn.
@@ -168,7 +176,7 @@ struct Fold<'a> {
     candidates: &'a Candidates,
     paths: &'a [TipPath],
     training: &'a [usize],
-    reading_m: f64,
+    noise: ReadingNoise,
 }
 
 /// A candidate with what every recording's values say of it.
@@ -187,8 +195,7 @@ impl Solved {
     }
 
     fn node(&self, candidates: &Candidates, next: usize) -> Node {
-        let nodes_m = Arc::new(candidates.nodes_m(next));
-        let basis = Basis::new(candidates, &self.responses, self.candidate, next, nodes_m, self.load_n);
+        let basis = Basis::new(candidates, &self.responses, self.candidate, next, self.load_n);
         Node { candidate: self.candidate, gap_m: candidates.gap_m(self.candidate), basis: Arc::new(basis) }
     }
 }
@@ -216,10 +223,10 @@ impl<'a> Fold<'a> {
         candidates: &'a Candidates,
         paths: &'a [TipPath],
         training: &'a [usize],
-        reading_m: f64,
+        noise: ReadingNoise,
         start: Option<&Start>,
     ) -> (Self, Start) {
-        let fold = Self { candidates, paths, training, reading_m };
+        let fold = Self { candidates, paths, training, noise };
         let start = start.cloned().unwrap_or_else(|| {
             let likeliest = vec![0.0; COUNT];
             Start { candidates: fold.scan(&likeliest), likeliest }
@@ -228,14 +235,13 @@ impl<'a> Fold<'a> {
     }
 
     /// Every recording at a candidate; nothing out of range or where the model has no answer.
-    fn solve(&self, candidate: Candidate) -> Option<Solved> {
+    fn solve(&self, candidate: Candidate, fineness: Fineness) -> Option<Solved> {
         let ln_prior = self.candidates.ln_prior(candidate)?;
-        let responses = self.candidates.responses(candidate).ok()?;
+        let responses = self.candidates.responses(candidate, fineness).ok()?;
         let gap_m = self.candidates.gap_m(candidate);
         let mut load_n = [0.0; 2];
         let systems = self.training.iter().map(|path| {
-            let nodes_m = Arc::new(self.candidates.nodes_m(*path));
-            let mut basis = Basis::without_own(self.candidates, &responses, *path, nodes_m);
+            let mut basis = Basis::without_own(self.candidates, &responses, candidate, *path);
             let own_n = basis.fitted_load_n(&self.paths[*path]);
             load_n.iter_mut().zip(own_n).for_each(|(sum, own_n)| *sum += own_n / self.training.len() as f64);
             basis.set_load(gap_m, own_n);
@@ -245,10 +251,43 @@ impl<'a> Fold<'a> {
         Some(Solved { candidate, ln_prior, responses, load_n, systems })
     }
 
+    /// The same with a rear that is not known solved where its posterior has its mean.
+    fn solve_about_rear(&self, mut candidate: Candidate, likeliest: &[f64]) -> Option<Solved> {
+        let mut solved = self.solve(candidate, Fineness::Fine)?;
+        for _ in 0..MOST_REAR_STEPS {
+            let scales = self.scales(likeliest, &solved);
+            let found = self.evidence(&solved, &scales, false);
+            let Some(found) = found else { break };
+            let Some(rear_share) = found.rear_share(&self.candidates.layout, &scales) else { break };
+            let mut furthest = 0.0_f64;
+            for (at, to) in candidate.rear_share.iter_mut().zip(rear_share) {
+                let step = (to - *at).clamp(-MOST_REAR_STEP, MOST_REAR_STEP);
+                furthest = furthest.max(step.abs());
+                *at += step;
+            }
+            if furthest < SMALL_REAR_STEP {
+                break;
+            }
+            candidate = self.candidates.clamped(candidate);
+            match self.solve(candidate, Fineness::Fine) {
+                Some(there) => solved = there,
+                None => break,
+            }
+        }
+        Some(solved)
+    }
+
     /// Sizes at a candidate: those of the tip load are shares of the load that the paths ask for there.
     fn scales(&self, x: &[f64], solved: &Solved) -> Scales {
         let load_n = solved.load_n[0].hypot(solved.load_n[1]);
-        Scales::from_logarithms(x, Known { reading_m: self.reading_m, load_n })
+        Scales::from_logarithms(
+            x,
+            Known {
+                noise: self.noise,
+                rear_share: self.candidates.rear().map_or(0.0, |rear| rear.sd),
+                load_n,
+            },
+        )
     }
 
     fn evidence(&self, solved: &Solved, scales: &Scales, searching: bool) -> Option<Evidence> {
@@ -289,8 +328,12 @@ impl<'a> Fold<'a> {
         for k in -modulus..=modulus {
             for g in -gap..=gap {
                 let at = |i: i32| SCAN_LN * f64::from(i);
-                let candidate = self.candidates.clamped(Candidate { modulus_ln: at(k), gap_ln: at(g) });
-                if let Some(solved) = self.solve(candidate) {
+                let candidate = self.candidates.clamped(Candidate {
+                    modulus_ln: at(k),
+                    gap_ln: at(g),
+                    ..Candidate::default()
+                });
+                if let Some(solved) = self.solve(candidate, Fineness::Coarse) {
                     found.insert([k, g], self.ln_posterior(&solved, likeliest));
                 }
             }
@@ -303,7 +346,7 @@ impl<'a> Fold<'a> {
         tops.sort_by(|a, b| b.1.total_cmp(a.1).then(a.0.cmp(b.0)));
         let candidate = |[k, g]: &[i32; 2]| {
             let at = |i: &i32| SCAN_LN * f64::from(*i);
-            self.candidates.clamped(Candidate { modulus_ln: at(k), gap_ln: at(g) })
+            self.candidates.clamped(Candidate { modulus_ln: at(k), gap_ln: at(g), ..Candidate::default() })
         };
         tops.into_iter().map(|(at, _)| candidate(at)).collect()
     }
@@ -311,7 +354,7 @@ impl<'a> Fold<'a> {
     /// Climbs from a candidate, in modulus and gap and, where asked, in the scales.
     fn climb(&self, candidate: Candidate, likeliest: &[f64], scales_too: bool) -> Option<Top> {
         let mut likeliest = likeliest.to_vec();
-        let mut solved = self.solve(candidate)?;
+        let mut solved = self.solve_about_rear(candidate, &likeliest)?;
         let mut covariance = [[0.0; 2]; 2];
         let rounds = if scales_too { MOST_ROUNDS } else { 1 };
         for _ in 0..rounds {
@@ -347,8 +390,11 @@ impl<'a> Fold<'a> {
                 let to = self.candidates.clamped(Candidate {
                     modulus_ln: at[0] + share * step[0],
                     gap_ln: at[1] + share * step[1],
+                    rear_share: solved.candidate.rear_share,
                 });
-                let moved = self.solve(to).map(|moved| (self.ln_posterior(&moved, likeliest), moved));
+                let moved = self
+                    .solve_about_rear(to, likeliest)
+                    .map(|moved| (self.ln_posterior(&moved, likeliest), moved));
                 better = moved.filter(|(moved, _)| *moved > ln);
                 share *= 0.5;
             }
@@ -371,7 +417,11 @@ impl<'a> Fold<'a> {
     /// Which scales the recordings can say anything of.
     fn active(&self) -> Vec<usize> {
         let moving = self.training.iter().any(|path| self.paths[*path].bins.iter().any(|bin| bin.moving));
-        (0..COUNT).filter(|scale| moving || *scale != MOVING).collect()
+        let says = |scale: &usize| match scale {
+            &MOVING => moving,
+            scale => self.candidates.layout.direction || !DIRECTION.contains(scale),
+        };
+        (0..COUNT).filter(says).collect()
     }
 
     /// Minus the log posterior of the scales at a candidate.
@@ -395,20 +445,22 @@ impl<'a> Fold<'a> {
             let second = (d - across * across).max(0.0).sqrt();
             let middle = top.solved.candidate;
             let ln_area = [first, second].iter().filter(|sd| **sd > 0.0).map(|sd| (GRID_SDS * sd).ln()).sum();
-            let mut open = vec![[0_i32; 2]];
-            let mut known: Vec<[i32; 2]> = open.clone();
-            while let Some(at) = open.pop() {
+            let mut open = vec![([0_i32; 2], middle.rear_share)];
+            let mut known: Vec<[i32; 2]> = vec![[0; 2]];
+            while let Some((at, rear_share)) = open.pop() {
                 let [i, j] = at.map(|i| GRID_SDS * f64::from(i));
                 let candidate = Candidate {
                     modulus_ln: middle.modulus_ln + first * i,
                     gap_ln: middle.gap_ln + across * i + second * j,
+                    rear_share,
                 };
-                let Some(solved) = self.solve(candidate) else { continue };
+                let Some(solved) = self.solve_about_rear(candidate, &top.likeliest) else { continue };
                 let ln = self.ln_posterior(&solved, &top.likeliest);
-                if ln < top.ln.max(most) - LEAST_LN_POINT || !ln.is_finite() {
+                if ln < most - LEAST_LN_POINT || !ln.is_finite() {
                     continue;
                 }
                 most = most.max(ln);
+                let rear_share = solved.candidate.rear_share;
                 grid.push(GridPoint { solved: Arc::new(solved), ln, ln_area });
                 for (di, dj) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
                     let next = [at[0] + di, at[1] + dj];
@@ -416,7 +468,7 @@ impl<'a> Fold<'a> {
                     if !is_flat && !known.contains(&next) && known.len() < MOST_POINTS {
                         known.push(next);
                         // The nearest first, so that whatever is left out is far.
-                        open.insert(0, next);
+                        open.insert(0, (next, rear_share));
                     }
                 }
             }
@@ -428,11 +480,14 @@ impl<'a> Fold<'a> {
     /// Draws about the likeliest scales from a normal distribution a little wider than the posterior along each scale, with the
     /// logarithm of its density: points of an integration over the scales by importance sampling.
     fn draws(&self, top: &Top) -> Vec<(Vec<f64>, f64)> {
-        let sds = search::widths(&self.cost(&top.solved), &top.likeliest, &self.active());
+        let active = self.active();
+        let sds = search::widths(&self.cost(&top.solved), &top.likeliest, &active);
         let mut rng = ChaCha8Rng::seed_from_u64(SEED);
         let mut draws = Vec::with_capacity(2 * PAIRS);
         for _ in 0..PAIRS {
-            let z: Vec<f64> = sds.iter().map(|_| StandardNormal.sample(&mut rng)).collect();
+            let mut z: Vec<f64> = sds.iter().map(|_| StandardNormal.sample(&mut rng)).collect();
+            // What the recordings say nothing of stays where it is.
+            z.iter_mut().enumerate().filter(|(i, _)| !active.contains(i)).for_each(|(_, z)| *z = 0.0);
             let ln = -0.5 * z.iter().map(|z: &f64| z * z).sum::<f64>();
             for sign in [-1.0, 1.0] {
                 let moved = top.likeliest.iter().zip(&sds).zip(&z);
