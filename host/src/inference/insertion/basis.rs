@@ -58,6 +58,8 @@ pub(super) struct Basis {
     rear_share: [f64; 2],
     /// Of position and direction, per plane.
     own: [[Own; 2]; 2],
+    /// The same of what 1 m of guide 2 does at once.
+    own_at_once: [[Own; 2]; 2],
 }
 
 /// What differences of one recording do to its path under its load.
@@ -99,42 +101,62 @@ impl Basis {
             parts: Parts::of(&candidates.layout),
             rear_share: candidate.rear_share,
             own: Default::default(),
+            own_at_once: Default::default(),
         }
     }
 
     /// Takes differences about a load.
     pub fn set_load(&mut self, gap_m: f64, load_n: [f64; 2]) {
-        let length = 2 * self.nodes_m.len();
         for measured in self.measured() {
             for plane in 0..self.layout.planes {
-                // Loads of both planes, each with its sign.
-                let loaded = |of: &dyn Fn(&Smooth) -> &Vec<f64>| {
-                    let mut total = match &self.guide2 {
-                        Some(planes) => self.slice(measured, of(&planes[plane]), 0, 1).to_vec(),
-                        None => vec![0.0; length],
-                    };
-                    for (from, term) in self.load_parts(plane).into_iter().enumerate() {
-                        let Some((sign, part)) = term else { continue };
-                        let response =
-                            self.slice(measured, of(&self.responses[plane]), part, self.parts.count);
-                        total
-                            .iter_mut()
-                            .zip(response)
-                            .for_each(|(sum, value)| *sum += sign * load_n[from] * value);
-                    }
-                    total
-                };
-                let values = loaded(&|smooth| &smooth.value);
-                let gap = loaded(&|smooth| &smooth.by_gap);
-                let slopes = self.slopes(&values);
-                // Where the tissue begins later the gap is longer and the needle less deep in it.
-                let entry = gap.iter().zip(&slopes).map(|(gap, slope)| gap / gap_m - slope).collect();
-                let modulus = loaded(&|smooth| &smooth.by_modulus);
-                let is_unknown = !self.responses[plane].by_rear.is_empty();
-                let rear = if is_unknown { loaded(&|smooth| &smooth.by_rear) } else { Vec::new() };
-                self.own[measured as usize][plane] = Own { modulus, entry, gap, rear };
+                let own = self.differences(gap_m, plane, |of| self.loaded(measured, plane, load_n, of));
+                let at_once = self.motion.is_some().then(|| {
+                    let part = self.parts.at_once;
+                    let response = &self.responses[plane];
+                    self.differences(gap_m, plane, |of| self.slice(measured, of(response), part, self.parts.count).to_vec())
+                });
+                self.own[measured as usize][plane] = own;
+                self.own_at_once[measured as usize][plane] = at_once.unwrap_or_default();
             }
         }
+    }
+
+    /// What is measured under a load, or how it depends on the candidate.
+    fn loaded(
+        &self,
+        measured: Measured,
+        plane: usize,
+        load_n: [f64; 2],
+        of: fn(&Smooth) -> &Vec<f64>,
+    ) -> Vec<f64> {
+        let mut total = match &self.guide2 {
+            Some(planes) => self.slice(measured, of(&planes[plane]), 0, 1).to_vec(),
+            None => vec![0.0; 2 * self.nodes_m.len()],
+        };
+        // Loads of both planes, each with its sign.
+        for (from, term) in self.load_parts(plane).into_iter().enumerate() {
+            let Some((sign, part)) = term else { continue };
+            let response = self.slice(measured, of(&self.responses[plane]), part, self.parts.count);
+            total.iter_mut().zip(response).for_each(|(sum, value)| *sum += sign * load_n[from] * value);
+        }
+        total
+    }
+
+    /// What differences of a recording do to something that depends on the candidate.
+    fn differences(
+        &self,
+        gap_m: f64,
+        plane: usize,
+        course: impl Fn(fn(&Smooth) -> &Vec<f64>) -> Vec<f64>,
+    ) -> Own {
+        let gap = course(|smooth| &smooth.by_gap);
+        let slopes = self.slopes(&course(|smooth| &smooth.value));
+        // Where the tissue begins later the gap is longer and the needle less deep in it.
+        let entry = gap.iter().zip(&slopes).map(|(gap, slope)| gap / gap_m - slope).collect();
+        let modulus = course(|smooth| &smooth.by_modulus);
+        let is_unknown = !self.responses[plane].by_rear.is_empty();
+        let rear = if is_unknown { course(|smooth| &smooth.by_rear) } else { Vec::new() };
+        Own { modulus, entry, gap, rear }
     }
 
     /// What is measured.
@@ -194,12 +216,20 @@ impl Basis {
                 fill(to + LOAD + knot, sign, part(first + knot));
             }
         }
-        let own = &self.own[measured as usize][plane];
-        for (column, own) in [(MODULUS, &own.modulus), (ENTRY, &own.entry), (GAP, &own.gap)] {
-            fill(at + column, 1.0, own);
-        }
+        // What guide 2 does beside its motion at the nodes depends on the candidate too.
+        let beside_m = |place: &Place| place.beside_m[plane];
+        let (own, at_once) =
+            (&self.own[measured as usize][plane], &self.own_at_once[measured as usize][plane]);
+        let differing = |of: fn(&Own) -> &Vec<f64>| {
+            let value = |place: &Place| place.of(of(own)) + beside_m(place) * place.of(of(at_once));
+            places.iter().map(value).collect::<Vec<f64>>()
+        };
+        let rears = differing(|own| &own.rear);
+        rows.column_mut(at + MODULUS).copy_from_slice(&differing(|own| &own.modulus));
+        rows.column_mut(at + ENTRY).copy_from_slice(&differing(|own| &own.entry));
+        rows.column_mut(at + GAP).copy_from_slice(&differing(|own| &own.gap));
         if let Some(rear) = self.layout.rear() {
-            fill(at + rear, 1.0, &own.rear);
+            rows.column_mut(at + rear).copy_from_slice(&rears);
         }
         for (i, place) in places.iter().enumerate() {
             let drift = |number: usize| self.layout.drift(number, place.depth_m);
@@ -228,9 +258,9 @@ impl Basis {
             }
             None => vec![0.0; places.len()],
         };
-        // The rear's compliance counts from the middle of what is known beforehand, not from where responses are solved.
+        // The rear's share counts from the middle of what is known beforehand, not from where responses are solved.
         let rear_share = self.rear_share[plane];
-        beside.iter_mut().zip(&places).for_each(|(sum, place)| *sum -= rear_share * place.of(&own.rear));
+        beside.iter_mut().zip(&rears).for_each(|(sum, rear)| *sum -= rear_share * rear);
         (rows, beside)
     }
 
