@@ -18,6 +18,7 @@ mod layout;
 mod learn;
 mod motion;
 mod path;
+mod place;
 pub mod published;
 mod scales;
 mod search;

@@ -7,18 +7,9 @@ use super::candidates::{Candidate, Candidates, Parts, Responses, Smooth};
 use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};
 use super::motion::Motion;
 use super::path::{Bin, TipPath};
+use super::place::Place;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::sync::Arc;
-
-/// Where a depth lies among the nodes: places of the tip on both sides of it, and their weights.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Place {
-    at: [usize; 2],
-    weights: [f64; 2],
-    depth_m: f64,
-    /// How far guide 2 is, in each plane, from where it is between the nodes, m.
-    beside_m: [f64; 2],
-}
 
 /// What is measured of the tip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,13 +30,6 @@ impl Measured {
     }
 }
 
-impl Place {
-    fn of(self, values: &[f64]) -> f64 {
-        let at = |i: usize| values.get(self.at[i]).copied().unwrap_or_default();
-        self.weights[0] * at(0) + self.weights[1] * at(1)
-    }
-}
-
 /// One recording's path per unit of each unknown.
 #[derive(Debug, Clone)]
 pub(super) struct Basis {
@@ -53,7 +37,7 @@ pub(super) struct Basis {
     nodes_m: Arc<Vec<f64>>,
     responses: [Arc<Smooth>; 2],
     guide2: Option<[Arc<Smooth>; 2]>,
-    motion: Option<[Motion; 2]>,
+    motion: Option<Arc<[Motion; 2]>>,
     parts: Parts,
     rear_share: [f64; 2],
     /// Of position and direction, per plane.
@@ -113,7 +97,9 @@ impl Basis {
                 let at_once = self.motion.is_some().then(|| {
                     let part = self.parts.at_once;
                     let response = &self.responses[plane];
-                    self.differences(gap_m, plane, |of| self.slice(measured, of(response), part, self.parts.count).to_vec())
+                    self.differences(gap_m, plane, |of| {
+                        self.slice(measured, of(response), part, self.parts.count).to_vec()
+                    })
                 });
                 self.own[measured as usize][plane] = own;
                 self.own_at_once[measured as usize][plane] = at_once.unwrap_or_default();
@@ -191,20 +177,19 @@ impl Basis {
         (0..nodes_m.len()).flat_map(|i| [between(i.saturating_sub(1)), between(i.min(last))]).collect()
     }
 
-    /// Rows of a plane at several depths: per unit of each of its vector's unknowns, and what guide 2 adds.
-    pub fn rows(
-        &self,
-        plane: usize,
-        measured: Measured,
-        depths: impl IntoIterator<Item = (f64, bool)>,
-    ) -> (DMatrix<f64>, Vec<f64>) {
-        let places: Vec<Place> =
-            depths.into_iter().map(|(depth_m, leaving)| self.place(depth_m, leaving)).collect();
+    /// Places of depths, on arriving or on leaving.
+    pub fn places(&self, depths: impl IntoIterator<Item = (f64, bool)>) -> Vec<Place> {
+        let motion = self.motion.as_deref();
+        depths.into_iter().map(|depth| Place::new(&self.layout, &self.nodes_m, motion, depth)).collect()
+    }
+
+    /// Rows of a plane at several places: per unit of each of its vector's unknowns, and what guide 2 adds.
+    pub fn rows(&self, plane: usize, measured: Measured, places: &[Place]) -> (DMatrix<f64>, Vec<f64>) {
         let mut rows = DMatrix::zeros(places.len(), self.layout.unknowns());
         let (_, at) = self.layout.place(plane);
         let mut fill = |column: usize, scale: f64, values: &[f64]| {
             let mut cells = rows.column_mut(column);
-            cells.iter_mut().zip(&places).for_each(|(cell, place)| *cell = scale * place.of(values));
+            cells.iter_mut().zip(places).for_each(|(cell, place)| *cell = scale * place.of(values));
         };
         let part =
             |number: usize| self.slice(measured, &self.responses[plane].value, number, self.parts.count);
@@ -232,81 +217,60 @@ impl Basis {
             rows.column_mut(at + rear).copy_from_slice(&rears);
         }
         for (i, place) in places.iter().enumerate() {
-            let drift = |number: usize| self.layout.drift(number, place.depth_m);
             match (measured, self.layout.tilt()) {
                 (Measured::Position, _) => {
                     rows[(i, at + OFFSET)] = 1.0;
                     rows[(i, at + ANGLE)] = place.depth_m;
-                    (0..DRIFTS).for_each(|k| rows[(i, at + DRIFT + k)] = drift(k));
+                    (0..DRIFTS).for_each(|k| rows[(i, at + DRIFT + k)] = place.drifts[k]);
                 }
                 (Measured::Direction, tilt) => {
                     rows[(i, at + ANGLE)] = 1.0;
                     let Some(tilt) = tilt else { continue };
                     rows[(i, at + tilt)] = 1.0;
-                    (0..BENDS).for_each(|k| rows[(i, at + tilt + 1 + k)] = drift(k));
+                    (0..BENDS).for_each(|k| rows[(i, at + tilt + 1 + k)] = place.drifts[k]);
                 }
             }
         }
-        let mut beside: Vec<f64> = match &self.guide2 {
-            Some(planes) => {
-                let moved = self.slice(measured, &planes[plane].value, 0, 1);
-                let at_once = part(self.parts.at_once);
-                places
-                    .iter()
-                    .map(|place| place.of(moved) + place.beside_m[plane] * place.of(at_once))
-                    .collect()
-            }
-            None => vec![0.0; places.len()],
-        };
+        let mut beside = self.moved(plane, measured, places);
         // The rear's share counts from the middle of what is known beforehand, not from where responses are solved.
         let rear_share = self.rear_share[plane];
         beside.iter_mut().zip(&rears).for_each(|(sum, rear)| *sum -= rear_share * rear);
         (rows, beside)
     }
 
+    /// What the recorded motion of guide 2 does at places.
+    fn moved(&self, plane: usize, measured: Measured, places: &[Place]) -> Vec<f64> {
+        let Some(planes) = &self.guide2 else { return vec![0.0; places.len()] };
+        let moved = self.slice(measured, &planes[plane].value, 0, 1);
+        let at_once =
+            self.slice(measured, &self.responses[plane].value, self.parts.at_once, self.parts.count);
+        let value = |place: &Place| place.of(moved) + place.beside_m[plane] * place.of(at_once);
+        places.iter().map(value).collect()
+    }
+
     /// One row, and what guide 2 adds.
     pub fn row(&self, plane: usize, measured: Measured, depth_m: f64, leaving: bool) -> (DVector<f64>, f64) {
-        let (rows, guide2_m) = self.rows(plane, measured, [(depth_m, leaving)]);
-        (rows.row(0).transpose(), guide2_m.first().copied().unwrap_or_default())
+        let (rows, beside) = self.rows(plane, measured, &self.places([(depth_m, leaving)]));
+        (rows.row(0).transpose(), beside.first().copied().unwrap_or_default())
     }
 
     /// The constant load of each plane that suits a recording best, with an offset and an angle of its own; 0 where that is no number.
-    pub fn fitted_load_n(&self, path: &TipPath) -> [f64; 2] {
+    pub fn fitted_load_n(&self, path: &TipPath, places: &[Place]) -> [f64; 2] {
         let mut loads_n = [0.0; 2];
         for (plane, fitted_n) in loads_n.iter_mut().enumerate().take(self.layout.planes) {
-            let (_, at) = self.layout.place(plane);
-            let (rows, guide2_m) = self.rows(plane, Measured::Position, depths(&path.bins));
+            let moved = self.moved(plane, Measured::Position, places);
+            let along = &self.responses[plane].value;
+            let along = self.slice(Measured::Position, along, self.parts.along, self.parts.count);
             let mut squares = Matrix3::zeros();
             let mut pull = Vector3::zeros();
-            for (i, bin) in path.bins.iter().enumerate() {
-                let row = Vector3::from([OFFSET, ANGLE, LOAD].map(|column| rows[(i, at + column)]));
+            for ((bin, place), moved_m) in path.bins.iter().zip(places).zip(moved) {
+                let row = Vector3::new(1.0, place.depth_m, place.of(along));
                 squares += row * row.transpose();
-                pull += row * (bin.tip_m[plane] - guide2_m[i]);
+                pull += row * (bin.tip_m[plane] - moved_m);
             }
             let solved = squares.cholesky().map(|factor| factor.solve(&pull)[2]);
             *fitted_n = solved.filter(|load_n| load_n.is_finite()).unwrap_or_default();
         }
         loads_n
     }
-
-    fn place(&self, depth_m: f64, leaving: bool) -> Place {
-        let last = self.nodes_m.len() - 1;
-        let next = self.nodes_m.partition_point(|node_m| *node_m < depth_m - 1e-9).min(last);
-        let beyond = next == 0 || (next == last && depth_m > self.nodes_m[last]);
-        let motion = self.motion.as_ref();
-        let beside_m =
-            motion.map_or([0.0; 2], |planes| planes.each_ref().map(|m| m.beside_m(depth_m, leaving)));
-        if (self.nodes_m[next] - depth_m).abs() <= 1e-9 || beyond {
-            let at = 2 * next + usize::from(leaving);
-            return Place { at: [at; 2], weights: [1.0, 0.0], depth_m, beside_m };
-        }
-        let (from_m, to_m) = (self.nodes_m[next - 1], self.nodes_m[next]);
-        let share = (depth_m - from_m) / (to_m - from_m);
-        Place { at: [2 * next - 1, 2 * next], weights: [1.0 - share, share], depth_m, beside_m }
-    }
-}
-
-/// Depths of bins, and whether each was taken on leaving.
-pub(super) fn depths(bins: &[Bin]) -> impl Iterator<Item = (f64, bool)> {
-    bins.iter().map(|bin| (bin.depth_m, bin.leaving))
 }

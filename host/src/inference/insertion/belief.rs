@@ -132,7 +132,7 @@ impl<'c> Belief<'c> {
         let depths = || depths_m.iter().map(|depth_m| (*depth_m, false));
         self.moments(
             depths_m.len(),
-            |node, plane| node.basis.rows(plane, Measured::Position, depths()),
+            |node, plane| node.basis.rows(plane, Measured::Position, &node.basis.places(depths())),
             |scales| scales.irregularity_m.powi(2),
         )
     }

@@ -6,6 +6,7 @@
 use super::layout::Layout;
 use super::motion::Motion;
 use super::path::TipPath;
+use super::place::{Place, depths};
 use crate::model::growth::{Acting, Growth, Guide2Grip};
 use crate::model::insertion::grid_m;
 use crate::model::{Guides, Model, ModelError, Plane, Profile};
@@ -93,10 +94,10 @@ pub struct Candidates {
     last_m: f64,
     plans: Vec<Plan>,
     /// Plan of each recording, and what guide 2 does in it.
-    paths: Vec<(usize, Option<[Motion; 2]>)>,
+    paths: Vec<(usize, Option<Arc<[Motion; 2]>>)>,
     /// Which needle each plane has: two where something sets them apart.
     needles: [usize; 2],
-    points: Mutex<HashMap<Place, Arc<Point>>>,
+    points: Mutex<HashMap<LatticePoint, Arc<Point>>>,
 }
 
 /// How finely responses are interpolated.
@@ -109,7 +110,7 @@ pub(super) enum Fineness {
 }
 
 /// Number of the needle, and place on the lattice: modulus, gap, rear.
-type Place = (usize, [i32; 3]);
+type LatticePoint = (usize, [i32; 3]);
 
 /// Recordings that are turned alike.
 #[derive(Debug, Clone)]
@@ -189,7 +190,10 @@ impl Candidates {
             let moves = |planes: &&[Profile; 2]| planes.iter().any(|plane| plane.values().any(|m| m != 0.0));
             let moved = path.done.guide2_m.as_ref().filter(moves);
             let nodes_m = &plans[number].nodes_m;
-            (number, moved.map(|planes| planes.each_ref().map(|plane| Motion::new(plane, nodes_m.clone()))))
+            let motion = |planes: &[Profile; 2]| {
+                Arc::new(planes.each_ref().map(|plane| Motion::new(plane, nodes_m.clone())))
+            };
+            (number, moved.map(motion))
         });
         let paths = of_path.collect();
         let [y, x] = [Plane::Y, Plane::X].map(|plane| tissue.model.problem_in(plane, last_m));
@@ -212,8 +216,15 @@ impl Candidates {
     }
 
     /// What guide 2 does in a recording, per plane.
-    pub(super) fn motion(&self, path: usize) -> Option<&[Motion; 2]> {
+    pub(super) fn motion(&self, path: usize) -> Option<&Arc<[Motion; 2]>> {
         self.paths.get(path).and_then(|(_, motion)| motion.as_ref())
+    }
+
+    /// Places of the bins of a recording.
+    pub(super) fn places(&self, number: usize, path: &TipPath) -> Vec<Place> {
+        let nodes_m = self.nodes_m(number);
+        let motion = self.motion(number).map(Arc::as_ref);
+        depths(&path.bins).map(|depth| Place::new(&self.layout, &nodes_m, motion, depth)).collect()
     }
 
     /// Gap of a candidate, m.
@@ -318,7 +329,7 @@ impl Candidates {
         Ok(Mixture { points, is_unknown })
     }
 
-    fn point(&self, at: Place) -> Result<Arc<Point>, ModelError> {
+    fn point(&self, at: LatticePoint) -> Result<Arc<Point>, ModelError> {
         let known = || self.points.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(point) = known().get(&at) {
             return Ok(point.clone());
@@ -329,7 +340,7 @@ impl Candidates {
         Ok(point)
     }
 
-    fn solve(&self, (needle, [modulus, gap, rear]): Place) -> Result<Point, ModelError> {
+    fn solve(&self, (needle, [modulus, gap, rear]): LatticePoint) -> Result<Point, ModelError> {
         let [modulus_ln, gap_ln] = [modulus, gap].map(|i| LATTICE_LN * f64::from(i));
         let plane = needle;
         let mut model = self.tissue.model.clone();

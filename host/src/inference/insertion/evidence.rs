@@ -3,10 +3,11 @@
 //! The unknowns of an insertion are what all insertions share plus its own part, both normal. Per recording its own part is integrated
 //! out, which leaves a message about the shared part; messages add up, so that leaving one recording out costs nothing.
 
-use super::basis::{Basis, Measured, depths};
+use super::basis::{Basis, Measured};
 use super::belief::Normal;
 use super::layout::{GAP, Layout, MODULUS};
 use super::path::TipPath;
+use super::place::Place;
 use super::scales::{Map, Scales};
 use nalgebra::{DMatrix, DVector};
 use pulp::Arch;
@@ -31,41 +32,48 @@ struct Group {
     total: f64,
 }
 
+impl Group {
+    fn new(measured: Measured, readings: f64, moving: bool, unknowns: usize) -> Self {
+        let (squares, pull) = (DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns));
+        Self { measured, readings, moving, count: 0, squares, pull, total: 0.0 }
+    }
+
+    /// Takes in rows with their measured values. Columns are long and few, so that products of pairs are the fastest.
+    fn add(&mut self, rows: &DMatrix<f64>, values: &DVector<f64>) {
+        for (j, column) in rows.column_iter().enumerate() {
+            for (i, other) in rows.column_iter().enumerate().take(j + 1) {
+                let product = column.dot(&other);
+                self.squares[(i, j)] += product;
+                if i != j {
+                    self.squares[(j, i)] += product;
+                }
+            }
+            self.pull[j] += column.dot(values);
+        }
+        self.count += values.len();
+        self.total += values.norm_squared();
+    }
+}
+
 impl System {
     /// One per vector of unknowns.
-    pub fn of(basis: &Basis, path: &TipPath, layout: &Layout) -> Vec<Self> {
+    pub fn of(basis: &Basis, path: &TipPath, places: &[Place], layout: &Layout) -> Vec<Self> {
         let kind = |i: usize| (path.bins[i].rows, path.bins[i].moving);
         let mut order: Vec<usize> = (0..path.bins.len()).collect();
         order.sort_by(|a, b| kind(*a).0.total_cmp(&kind(*b).0).then(kind(*a).1.cmp(&kind(*b).1)));
         let system = |system: usize| {
             let of = |measured: Measured| {
-                let rows = |plane: usize| (plane, basis.rows(plane, measured, depths(&path.bins)));
+                let rows = |plane: usize| (plane, basis.rows(plane, measured, places));
                 let planes: Vec<_> = layout.planes_of(system).map(rows).collect();
                 let groups = order.chunk_by(|a, b| kind(*a) == kind(*b)).filter_map(move |bins| {
-                    let values = planes.iter().flat_map(|(plane, (rows, beside))| {
-                        let value = |i: &usize| {
-                            Some((rows.row(*i), measured.of(&path.bins[*i], *plane)? - beside[*i]))
-                        };
-                        bins.iter().filter_map(value)
-                    });
-                    let values: Vec<_> = values.collect();
                     let (readings, moving) = kind(*bins.first()?);
-                    let mut design = DMatrix::zeros(values.len(), layout.unknowns());
-                    let mut wanted = DVector::zeros(values.len());
-                    for (to, (row, value)) in values.iter().enumerate() {
-                        design.row_mut(to).copy_from(row);
-                        wanted[to] = *value;
+                    let mut group = Group::new(measured, readings, moving, layout.unknowns());
+                    for (plane, (rows, beside)) in &planes {
+                        let value = |i: &usize| Some((*i, measured.of(&path.bins[*i], *plane)? - beside[*i]));
+                        let (used, values): (Vec<usize>, Vec<f64>) = bins.iter().filter_map(value).unzip();
+                        group.add(&rows.select_rows(&used), &DVector::from_vec(values));
                     }
-                    let turned = design.transpose();
-                    Some(Group {
-                        measured,
-                        readings,
-                        moving,
-                        count: values.len(),
-                        pull: &turned * &wanted,
-                        squares: turned * design,
-                        total: wanted.norm_squared(),
-                    })
+                    Some(group)
                 });
                 groups.collect::<Vec<_>>()
             };

@@ -3,6 +3,7 @@
 use super::super::Tissue;
 use super::super::candidates::{Candidate, Candidates, Fineness};
 use super::super::path::{Bin, TipPath};
+use super::super::place::depths;
 use super::super::scales::{COUNT, Known, ReadingNoise};
 use super::*;
 use crate::model::{Insertion, Model, Needle, Profile, Rig};
@@ -66,8 +67,11 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
     );
     let bases: Vec<Basis> =
         (0..3).map(|path| Basis::new(&candidates, &responses, candidate, path, [0.2, 0.1])).collect();
-    let systems: Vec<_> =
-        bases[..2].iter().zip(&paths).map(|(basis, path)| System::of(basis, path, layout)).collect();
+    let systems: Vec<_> = bases[..2]
+        .iter()
+        .zip(&paths)
+        .map(|(basis, path)| System::of(basis, path, &basis.places(depths(&path.bins)), layout))
+        .collect();
     let recordings: Vec<_> = systems.iter().map(Vec::as_slice).collect();
     let found = Evidence::new(layout, &recordings, &scales, false).expect("evidence");
 

@@ -10,6 +10,7 @@ use super::belief::Normal;
 use super::candidates::{Candidate, Candidates, Fineness, Responses};
 use super::evidence::{Evidence, System};
 use super::path::TipPath;
+use super::place::Place;
 use super::scales::{COUNT, DIRECTION, Known, MOVING, ReadingNoise, Scales};
 use super::search;
 use rand::SeedableRng;
@@ -154,9 +155,9 @@ const MOST_TOPS: usize = 3;
 const MOST_STEPS: usize = 8;
 const MOST_HALVINGS: usize = 4;
 /// A rear is solved anew where the mean of its share is further away than this.
-const SMALL_REAR_STEP: f64 = 0.02;
+const SMALL_REAR_STEP: f64 = 0.05;
 /// Steps of it, and how far one goes at most.
-const MOST_REAR_STEPS: usize = 4;
+const MOST_REAR_STEPS: usize = 3;
 const MOST_REAR_STEP: f64 = 0.3;
 /// Steps below this part of a standard deviation end a climb.
 const SMALL_STEP: f64 = 0.1;
@@ -176,6 +177,8 @@ struct Fold<'a> {
     candidates: &'a Candidates,
     paths: &'a [TipPath],
     training: &'a [usize],
+    /// Where the bins of these recordings lie.
+    places: Vec<Vec<Place>>,
     noise: ReadingNoise,
 }
 
@@ -226,7 +229,8 @@ impl<'a> Fold<'a> {
         noise: ReadingNoise,
         start: Option<&Start>,
     ) -> (Self, Start) {
-        let fold = Self { candidates, paths, training, noise };
+        let places = training.iter().map(|path| candidates.places(*path, &paths[*path])).collect();
+        let fold = Self { candidates, paths, training, places, noise };
         let start = start.cloned().unwrap_or_else(|| {
             let likeliest = vec![0.0; COUNT];
             Start { candidates: fold.scan(&likeliest), likeliest }
@@ -240,12 +244,12 @@ impl<'a> Fold<'a> {
         let responses = self.candidates.responses(candidate, fineness).ok()?;
         let gap_m = self.candidates.gap_m(candidate);
         let mut load_n = [0.0; 2];
-        let systems = self.training.iter().map(|path| {
+        let systems = self.training.iter().zip(&self.places).map(|(path, places)| {
             let mut basis = Basis::without_own(self.candidates, &responses, candidate, *path);
-            let own_n = basis.fitted_load_n(&self.paths[*path]);
+            let own_n = basis.fitted_load_n(&self.paths[*path], places);
             load_n.iter_mut().zip(own_n).for_each(|(sum, own_n)| *sum += own_n / self.training.len() as f64);
             basis.set_load(gap_m, own_n);
-            System::of(&basis, &self.paths[*path], &self.candidates.layout)
+            System::of(&basis, &self.paths[*path], places, &self.candidates.layout)
         });
         let systems = systems.collect();
         Some(Solved { candidate, ln_prior, responses, load_n, systems })
