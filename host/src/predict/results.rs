@@ -65,10 +65,14 @@ pub struct InsertionResult {
     pub tip_force_n: Option<f64>,
     /// Its standard deviation.
     pub tip_force_sd_n: Option<f64>,
+    /// Its 95 % interval, over everything else that is not known.
+    pub tip_force_ci95_n: Option<[f64; 2]>,
     /// Horizontal tip load at that depth.
     pub tip_force_x_n: Option<f64>,
     /// Its standard deviation.
     pub tip_force_x_sd_n: Option<f64>,
+    /// Its 95 % interval.
+    pub tip_force_x_ci95_n: Option<[f64; 2]>,
     /// Every millimetre from 0 to the last depth.
     pub depth_mm: Vec<f64>,
     /// Vertical tip position: smoothed up to where it was seen, predicted beyond.
@@ -97,6 +101,10 @@ pub struct InsertionResult {
     pub last_error_mm: Option<f64>,
     /// That depth.
     pub last_measured_mm: Option<f64>,
+    /// Measured values beyond what was seen, of both planes.
+    pub band_readings: usize,
+    /// How many of these lie in their 95 % band.
+    pub band_held: usize,
     /// What was believed of rig and tissue.
     pub learned: Option<LearnedResult>,
     /// What others would predict from the same.
@@ -243,6 +251,13 @@ impl LearnedResult {
         estimate_text(self.k_kpa, self.k_ci95_kpa, self.k_status, "kPa")
     }
 
+    /// Rotation stiffness of the rear in both planes with its intervals, as text; nothing where the session states it.
+    pub fn rear_text(&self) -> Option<String> {
+        let text = |rear: &Option<RearResult>| rear.as_ref().map_or("as stated".to_owned(), RearResult::text);
+        let is_unknown = self.rear_rotation_y.is_some() || self.rear_rotation_x.is_some();
+        is_unknown.then(|| format!("{}, {}", text(&self.rear_rotation_y), text(&self.rear_rotation_x)))
+    }
+
     /// Gap with its interval, in mm, as text.
     pub fn gap_text(&self) -> String {
         estimate_text(self.gap_mm, self.gap_ci95_mm, self.gap_status, "mm")
@@ -362,6 +377,20 @@ impl Grid {
         ((!distances.is_empty()).then_some(mean), distances.last().copied())
     }
 
+    /// How many values are measured beyond what was seen, and how many of them lie between two ends.
+    fn held(&self, measured_mm: &[Option<f64>], low_mm: &[f64], high_mm: &[f64]) -> [usize; 2] {
+        let beyond = self.depth_m.iter().map(|depth_m| *depth_m > self.until_m + 1e-9);
+        let bands = low_mm.iter().zip(high_mm).zip(measured_mm).zip(beyond);
+        let mut held = [0; 2];
+        for (((low_mm, high_mm), measured_mm), beyond) in bands {
+            if let (Some(measured_mm), true) = (measured_mm, beyond) {
+                held[0] += 1;
+                held[1] += usize::from((low_mm..=high_mm).contains(&measured_mm));
+            }
+        }
+        held
+    }
+
     fn last_measured_mm(&self) -> Option<f64> {
         let beyond = self.depth_m.iter().zip(&self.measured_y_mm).rev();
         let mut measured = beyond.filter(|(depth_m, seen)| seen.is_some() && **depth_m > self.until_m + 1e-9);
@@ -398,6 +427,19 @@ impl Grid {
         let tip_x_mm = x(0.0);
         let at_end = belief.load_n(&[until_m]).swap_remove(0);
         let (mae_mm, last_error_mm) = self.errors(&tip_y_mm, tip_x_mm.as_deref());
+        let (lo95_y_mm, hi95_y_mm) = (tip(0, -NORMAL_975), tip(0, NORMAL_975));
+        let (lo95_x_mm, hi95_x_mm) = (x(-NORMAL_975), x(NORMAL_975));
+        let mut held = self.held(&self.measured_y_mm, &lo95_y_mm, &hi95_y_mm);
+        if let (Some(measured_mm), Some(low_mm), Some(high_mm)) =
+            (&self.measured_x_mm, &lo95_x_mm, &hi95_x_mm)
+        {
+            let more = self.held(measured_mm, low_mm, high_mm);
+            held = [held[0] + more[0], held[1] + more[1]];
+        }
+        let interval = |plane: usize| {
+            let load: &Moments = at_end.get(plane)?;
+            Some([-NORMAL_975, NORMAL_975].map(|sds| load.mean + sds * load.sd))
+        };
         InsertionResult {
             id: run.id.clone(),
             identified_until_mm: 1e3 * until_m,
@@ -405,10 +447,14 @@ impl Grid {
             tip_force_sd_n: at_end.first().map(|m| m.sd),
             tip_force_x_n: at_end.get(1).map(|m| m.mean),
             tip_force_x_sd_n: at_end.get(1).map(|m| m.sd),
-            lo95_y_mm: tip(0, -NORMAL_975),
-            hi95_y_mm: tip(0, NORMAL_975),
-            lo95_x_mm: x(-NORMAL_975),
-            hi95_x_mm: x(NORMAL_975),
+            tip_force_ci95_n: interval(0),
+            tip_force_x_ci95_n: interval(1),
+            band_readings: held[0],
+            band_held: held[1],
+            lo95_y_mm,
+            hi95_y_mm,
+            lo95_x_mm,
+            hi95_x_mm,
             load_y: load(0),
             load_x: both.then(|| load(1)),
             mae_mm,
