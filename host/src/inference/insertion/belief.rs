@@ -2,10 +2,11 @@
 //! position (a Kalman filter over unknowns that do not change, which makes it a smoother of the tip load).
 
 use super::basis::Measured;
-use super::candidates::{Candidate, Candidates, Rear};
+use super::candidates::{Candidate, Candidates};
 use super::layout::{ANGLE, ENTRY, Layout, MODULUS};
 use super::learn::{Learned, Node, Part};
 use super::path::{Bin, TipPath};
+use super::rear::Rear;
 use super::scales::Scales;
 use nalgebra::{DMatrix, DVector};
 

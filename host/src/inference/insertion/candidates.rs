@@ -3,10 +3,12 @@
 //! The insertion is solved on a lattice of the logarithms of these, where it is asked for; between its points responses are
 //! interpolated, which also gives their derivatives. What is solved serves every fold of a session.
 
+use super::lattice::{Mixture, about, cubic, parabola};
 use super::layout::Layout;
 use super::motion::Motion;
 use super::path::TipPath;
 use super::place::{Place, depths};
+use super::rear::{REAR_SHARES, Rear};
 use crate::model::growth::{Acting, Growth, Guide2Grip};
 use crate::model::insertion::grid_m;
 use crate::model::{Guides, Model, ModelError, Plane, Profile};
@@ -21,10 +23,6 @@ const LATTICE_LN: f64 = 0.25;
 const COARSE: i32 = 2;
 /// The same of the rear's share, in parabolas: paths are nearly linear in it.
 const REAR_LATTICE: f64 = 0.1;
-/// No rear is stiffer or softer than by this share.
-const LEAST_SHARE: f64 = 0.01;
-/// Shares that are solved: from a clamp to next to a hinge.
-const REAR_SHARES: [f64; 2] = [0.0, 0.97];
 /// Candidates reach so many standard deviations of the prior to both sides.
 const REACH: f64 = 3.5;
 
@@ -41,36 +39,6 @@ pub struct Tissue {
     pub gap_sd_ln: f64,
     /// The rear of a needle in one guide, where its compliance is not known in a plane or in both.
     pub rear: Option<Rear>,
-}
-
-/// What is known beforehand of a rear whose rotation stiffness k_r is not stated.
-///
-/// Its measure is the share of the needle's own stiffness k_n in the series of both, `s = k_n / (k_n + k_r)`: 0 in a clamp, 1 in a
-/// hinge. With k_n about what the needle beyond the guide resists a rotation with, what the rear does is linear in it (a rank-one change
-/// of a stiffness is a Moebius function of its compliance).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rear {
-    /// k_n.
-    pub needle_n_m_per_rad: f64,
-    /// Middle of the share.
-    pub middle: f64,
-    /// Its standard deviation.
-    pub sd: f64,
-    /// Planes in which it is not known: vertical, horizontal.
-    pub unknown: [bool; 2],
-}
-
-impl Rear {
-    /// k_r of a difference of the share from its middle.
-    pub fn stiffness_n_m_per_rad(&self, difference: f64) -> f64 {
-        let share = (self.middle + difference).clamp(LEAST_SHARE, 1.0 - LEAST_SHARE);
-        self.needle_n_m_per_rad * (1.0 / share - 1.0)
-    }
-
-    /// Nearest difference that is solved.
-    fn clamped(&self, difference: f64) -> f64 {
-        difference.clamp(REAR_SHARES[0] - self.middle, REAR_SHARES[1] - self.middle)
-    }
 }
 
 /// A possible modulus and gap, as logarithms of their ratios to the middle of what is known beforehand, and the rear.
@@ -122,7 +90,7 @@ struct Plan {
 /// What is solved at a point of the lattice: tip position at every node, on arriving and on leaving, and where it is measured its
 /// direction behind that.
 #[derive(Debug)]
-struct Point {
+pub(super) struct Point {
     /// Per plan, part by part ([`Parts`]).
     responses: Vec<Vec<f64>>,
     /// Per recording and plane: under the motion of guide 2 as it is at the nodes; nothing where it does not move.
@@ -418,86 +386,4 @@ fn under(growth: &Growth, acting: &dyn Fn(usize) -> Acting, directed: bool) -> [
     let states = growth.under_load(acting);
     let slopes = if directed { growth.tip_slopes(&states, |node| acting(node).guide2_m) } else { Vec::new() };
     [states.iter().flat_map(|state| state.tip_m).collect(), slopes.concat()]
-}
-
-/// Points of the lattice with their weights in the value and its derivatives by modulus, gap and rear.
-struct Mixture {
-    points: Vec<(Arc<Point>, [f64; 4])>,
-    /// Whether the derivative by the rear is one.
-    is_unknown: bool,
-}
-
-impl Mixture {
-    fn is_same(&self, other: &Self) -> bool {
-        self.points.len() == other.points.len()
-            && self.points.iter().zip(&other.points).all(|(a, b)| Arc::ptr_eq(&a.0, &b.0) && a.1 == b.1)
-    }
-
-    fn of<'p>(&'p self, of: &dyn Fn(&'p Point) -> Option<&'p Vec<f64>>) -> Smooth {
-        let length = self.points.first().and_then(|(point, _)| of(point)).map_or(0, Vec::len);
-        let zeros = || vec![0.0; length];
-        let by_rear = if self.is_unknown { zeros() } else { Vec::new() };
-        let mut sum = Smooth { value: zeros(), by_modulus: zeros(), by_gap: zeros(), by_rear };
-        let points: Vec<_> =
-            self.points.iter().filter_map(|(point, weights)| Some((of(point)?, weights))).collect();
-        // Block by block, so that sums stay near.
-        for start in (0..length).step_by(BLOCK) {
-            let block = start..length.min(start + BLOCK);
-            for (number, sums) in [&mut sum.value, &mut sum.by_modulus, &mut sum.by_gap, &mut sum.by_rear]
-                .into_iter()
-                .enumerate()
-            {
-                let Some(sums) = sums.get_mut(block.clone()) else { continue };
-                for (values, weights) in &points {
-                    let weight = weights[number];
-                    if weight != 0.0 {
-                        sums.iter_mut()
-                            .zip(&values[block.clone()])
-                            .for_each(|(sum, value)| *sum += weight * value);
-                    }
-                }
-            }
-        }
-        sum
-    }
-}
-
-/// Values that are summed up at once.
-const BLOCK: usize = 512;
-
-/// Four neighbouring points of a lattice, with their weights in the value and the derivative at a place between the middle two.
-fn cubic(at_ln: f64, lattice_ln: f64) -> Vec<(i32, [f64; 2])> {
-    let cell = (at_ln / lattice_ln).floor();
-    lagrange(&[-1.0, 0.0, 1.0, 2.0], at_ln / lattice_ln - cell, lattice_ln)
-        .map(|(node, weights)| (cell as i32 + node as i32, weights))
-        .collect()
-}
-
-/// Three points of a lattice, `stride` apart, with their weights at a place nearest to the middle one.
-fn parabola(at_ln: f64, lattice_ln: f64, stride: i32) -> Vec<(i32, [f64; 2])> {
-    let apart_ln = lattice_ln * f64::from(stride);
-    let middle = (at_ln / apart_ln).round();
-    about(middle as i32, at_ln / apart_ln - middle, apart_ln, stride)
-}
-
-/// The point `middle` and its neighbours, with their weights at a place `x` spacings away from it.
-fn about(middle: i32, x: f64, apart: f64, stride: i32) -> Vec<(i32, [f64; 2])> {
-    lagrange(&[-1.0, 0.0, 1.0], x, apart)
-        .map(|(node, weights)| (stride * (middle + node as i32), weights))
-        .collect()
-}
-
-/// Weights of nodes in the value and the derivative at a place of the polynomial through them (Lagrange).
-fn lagrange(nodes: &[f64], x: f64, unit: f64) -> impl Iterator<Item = (f64, [f64; 2])> {
-    nodes.iter().enumerate().map(move |(i, node)| {
-        let others = || nodes.iter().enumerate().filter(move |(j, _)| *j != i);
-        let scale: f64 = others().map(|(_, other)| node - other).product();
-        let value: f64 = others().map(|(_, other)| x - other).product();
-        let slope: f64 = others()
-            .map(|(left, _)| {
-                others().filter(|(j, _)| *j != left).map(|(_, other)| x - other).product::<f64>()
-            })
-            .sum();
-        (*node, [value / scale, slope / (scale * unit)])
-    })
 }
