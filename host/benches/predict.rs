@@ -11,7 +11,7 @@ mod estimators;
 mod mechanics;
 
 use criterion::Criterion;
-use host::inference::insertion::{Belief, Candidates, Learned, Live, TipPath, Tissue, learn};
+use host::inference::insertion::{Belief, Candidates, Learned, Live, ReadingNoise, TipPath, Tissue, learn};
 use host::model::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip};
 use host::model::insertion::grid_m;
 use host::predict::{Options, predict};
@@ -22,9 +22,15 @@ use std::hint::black_box;
 const READING_M: f64 = 0.1e-3;
 
 fn learned(paths: &[TipPath]) -> (Candidates, Learned) {
-    let tissue = Tissue { model: model(), modulus_sd_ln: 0.2, gap_m: 0.025, gap_sd_ln: 0.7 };
+    let tissue = Tissue { model: model(), modulus_sd_ln: 0.2, gap_m: 0.025, gap_sd_ln: 0.7, rear: None };
     let candidates = Candidates::new(&tissue, paths, 0.14).expect("candidates");
-    let learned = learn(&candidates, paths, &[1, 2, 3, 4, 5], 0, READING_M);
+    let learned = learn(
+        &candidates,
+        paths,
+        &[1, 2, 3, 4, 5],
+        0,
+        ReadingNoise { position_m: READING_M, ..ReadingNoise::default() },
+    );
     (candidates, learned)
 }
 

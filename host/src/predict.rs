@@ -6,16 +6,17 @@
 mod results;
 pub mod study;
 
-pub use results::{CompareResult, InsertionResult, LearnedResult, PlaneResult, Prediction};
+pub use results::{CompareResult, InsertionResult, LearnedResult, PlaneResult, Prediction, RearResult};
 
 use crate::identify::{self, identify};
 use crate::inference::insertion::baselines::Baseline;
 use crate::inference::insertion::published::published;
 use crate::inference::insertion::{
-    Belief, Candidates, Determined, PathError, Start, TipPath, Tissue, learn_from, row_scatter_m, start,
+    Belief, Candidates, Determined, PathError, ReadingNoise, Rear, Start, TipPath, Tissue,
+    direction_scatter_rad, learn_from, row_scatter_m, start,
 };
 use crate::model::effects::Effect;
-use crate::model::{Foundation, Layer, Model, ModelError};
+use crate::model::{Foundation, Guides, Layer, Model, ModelError, Rig};
 use crate::session::{InsertionRun, Session};
 use results::Grid;
 use std::path::PathBuf;
@@ -67,6 +68,15 @@ const INSERTION_SD_LN: f64 = 0.1;
 /// and surfaces give way.
 const LEAST_GAP_M: f64 = 10e-3;
 const GAP_SD_LN: f64 = 0.7;
+/// Rotation stiffness of the needle beyond its only guide, in bending stiffnesses over the gap; the share of a rear of which nothing is
+/// stated, and its standard deviation: anything between a clamp and a hinge.
+const NEEDLE_PER_GAP: f64 = 2.0;
+const REAR_SHARE: f64 = 0.4;
+const REAR_SHARE_SD: f64 = 0.3;
+/// The effect by which a rear is given.
+const REAR_ROTATION: &str = "rig.rear_rotation";
+/// Noise of a reading of the tip's direction where neither the session nor its rows tell, rad.
+const DIRECTION_RAD: f64 = 1e-3;
 
 /// Why a session cannot be predicted.
 #[derive(Debug, thiserror::Error)]
@@ -142,7 +152,13 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
         let mut model = Model::uniform(session.rig.clone(), 0.0)?;
         model.foundation = foundation;
         model.effects = options.effects.clone();
-        Ok(Tissue { model, modulus_sd_ln: sd_ln, gap_m, gap_sd_ln: GAP_SD_LN })
+        Ok(Tissue {
+            model,
+            modulus_sd_ln: sd_ln,
+            gap_m,
+            gap_sd_ln: GAP_SD_LN,
+            rear: rear(&session.rig, options),
+        })
     };
     if let Some([modulus_pa, sd_pa]) = options.modulus_pa {
         return with(Foundation::uniform(modulus_pa)?, (sd_pa / modulus_pa).hypot(INSERTION_SD_LN));
@@ -193,6 +209,21 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
     with(Foundation::uniform(modulus_pa)?, sd_ln)
 }
 
+/// The rear of a needle in one guide where its stiffness is neither stated nor an effect of the model.
+fn rear(rig: &Rig, options: &Options) -> Option<Rear> {
+    let Guides::One { rear_rotation_n_m_per_rad: stated } = rig.guides else { return None };
+    let is_given = options.effects.iter().any(|(effect, _)| effect.id() == REAR_ROTATION);
+    let unknown = stated.map(|stiffness| stiffness.is_none() && !is_given);
+    let gap_m = (rig.entry_m - rig.guide2_m).max(LEAST_GAP_M);
+    let needle_n_m_per_rad = NEEDLE_PER_GAP * rig.needle.bending_stiffness_n_m2() / gap_m;
+    unknown.contains(&true).then_some(Rear {
+        needle_n_m_per_rad,
+        middle: REAR_SHARE,
+        sd: REAR_SHARE_SD,
+        unknown,
+    })
+}
+
 /// What all insertions of a session have in common.
 struct Workflow<'a> {
     session: &'a Session,
@@ -209,8 +240,14 @@ fn begin(session: &Session, options: &Options, candidates: &Candidates, paths: &
     // Numbers must stay those of the candidates: all recordings, or none.
     let seen: Option<Vec<TipPath>> = paths.iter().map(|path| path.until(options.until_m).ok()).collect();
     let runs: Vec<_> = session.insertion.iter().map(|run| (run, options.until_m)).collect();
-    let reading_m = session.noise.tip_m.or_else(|| row_scatter_m(&runs)).unwrap_or(0.0);
-    start(candidates, &seen?, reading_m)
+    let position_m = session.noise.tip_m.or_else(|| row_scatter_m(&runs)).unwrap_or(0.0);
+    let noise = ReadingNoise { position_m, direction_rad: direction_rad(session, &runs) };
+    start(candidates, &seen?, noise)
+}
+
+/// Noise of a reading of the tip's direction: as stated, or as rest rows show it.
+fn direction_rad(session: &Session, runs: &[(&InsertionRun, f64)]) -> f64 {
+    session.noise.tip_direction_rad.or_else(|| direction_scatter_rad(runs)).unwrap_or(DIRECTION_RAD)
 }
 
 impl Workflow<'_> {
@@ -226,15 +263,10 @@ impl Workflow<'_> {
             (0..self.paths.len()).filter(|other| from_others && *other != number).collect();
         let mut known = self.paths.to_vec();
         known[number] = seen.clone();
-        let [reading_m, shown_m] = self.reading_m(run, !earlier.is_empty());
-        let learned = learn_from(
-            self.candidates,
-            &known,
-            &earlier,
-            number,
-            reading_m,
-            self.start.filter(|_| from_others),
-        );
+        let (noise, shown_m) = self.noise(run, !earlier.is_empty());
+        let reading_m = noise.position_m;
+        let learned =
+            learn_from(self.candidates, &known, &earlier, number, noise, self.start.filter(|_| from_others));
         let mut belief = Belief::new(self.candidates, &learned);
         belief.update_all(&seen);
         if !belief.is_sound() {
@@ -272,16 +304,18 @@ impl Workflow<'_> {
         Ok(result)
     }
 
-    /// Noise of one tip reading: as stated, and as the rest rows of the others, or of what is seen of `run`, show it. Where nothing
-    /// tells it is 0, because then it is part of the irregularity.
-    fn reading_m(&self, run: &InsertionRun, from_others: bool) -> [f64; 2] {
+    /// Noise of one tip reading: as stated, or as the rest rows of the others, or of what is seen of `run`, show it; and that of its
+    /// position as they show it, where they do. Where nothing tells it is 0, because then it is part of the irregularity.
+    fn noise(&self, run: &InsertionRun, from_others: bool) -> (ReadingNoise, f64) {
         let others = self.session.insertion.iter().filter(|other| other.id != run.id);
         let told: Vec<_> = match from_others {
             true => others.map(|other| (other, f64::INFINITY)).collect(),
             false => vec![(run, self.options.until_m)],
         };
         let (stated_m, seen_m) = (self.session.noise.tip_m, row_scatter_m(&told));
-        [stated_m.or(seen_m).unwrap_or(0.0), seen_m.or(stated_m).unwrap_or(0.0)]
+        let position_m = stated_m.or(seen_m).unwrap_or(0.0);
+        let noise = ReadingNoise { position_m, direction_rad: direction_rad(self.session, &told) };
+        (noise, seen_m.or(stated_m).unwrap_or(0.0))
     }
 }
 

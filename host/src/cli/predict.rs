@@ -214,9 +214,15 @@ fn write_learned(f: &mut fmt::Formatter<'_>, good: &[&InsertionResult], width: u
         f,
         "rig and tissue of each insertion (95 % interval; tip load, K, gap and path integrate over each other)"
     )?;
-    writeln!(f, "  {:<width$}  K                              effective gap", "insertion")?;
+    let has_rear = learned.iter().any(|(_, learned)| learned.rear_text().is_some());
+    let rear = if has_rear { "            rotation stiffness of the rear, y and x" } else { "" };
+    writeln!(f, "  {:<width$}  K                              effective gap{rear}", "insertion")?;
     for (id, learned) in learned {
-        writeln!(f, "  {id:<width$}  {:<29}  {}", learned.modulus_text(), learned.gap_text())?;
+        let (modulus, gap) = (learned.modulus_text(), learned.gap_text());
+        match learned.rear_text() {
+            Some(rear) => writeln!(f, "  {id:<width$}  {modulus:<29}  {gap:<23}  {rear}")?,
+            None => writeln!(f, "  {id:<width$}  {modulus:<29}  {gap}")?,
+        }
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 //! Noise, everyday discrepancy and evidence are those of a diagnosis, so that the two commands agree on the same runs.
 
 use super::{
-    DiagnoseError, Effect, FOUNDATION_MARGIN, Kind, Layout, Noise, Session, Support, fit_start, runs_of,
+    DiagnoseError, Effect, FOUNDATION_MARGIN, Layout, Noise, Noises, Session, Support, fit_start, runs_of,
 };
 
 /// The comparison of the two foundations.
@@ -33,14 +33,9 @@ pub(crate) fn foundation_evidence(
 ) -> Result<FoundationEvidence, DiagnoseError> {
     let (runs, _) = runs_of(session)?;
     let noise = Noise::of(&runs, &session.noise);
-    let layout = Layout {
-        rig: session.rig.clone(),
-        support: Support::Springs,
-        kinds: [Kind::Lateral, Kind::Insertion].map(|kind| runs.iter().any(|run| run.kind == kind)),
-        effects: given.iter().map(|(effect, _)| *effect).collect(),
-        cache: Default::default(),
-    };
-    let springs = fit_start(&layout, &runs, &noise, given)?;
+    let effects = given.iter().map(|(effect, _)| *effect).collect();
+    let layout = Layout::new(&session.rig, &runs, effects);
+    let springs = fit_start(&layout, &runs, &Noises { session: noise, reference: noise }, given, &[])?;
     let body = springs.on(Support::Body { poisson })?;
     let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
     Ok(FoundationEvidence { gain, margin: FOUNDATION_MARGIN })

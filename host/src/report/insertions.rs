@@ -189,16 +189,21 @@ fn methods(good: &[&InsertionResult]) -> Option<Block> {
 }
 
 fn learned(good: &[&InsertionResult]) -> Option<Block> {
+    let rears = |one: &InsertionResult| one.learned.as_ref()?.rear_text();
+    let has_rear = good.iter().any(|one| rears(one).is_some());
     let rows: Vec<_> = good
         .iter()
         .filter_map(|one| {
             let learned = one.learned.as_ref()?;
             let from = if learned.from.is_empty() { "-".to_owned() } else { learned.from.join(", ") };
-            Some(vec![one.id.clone(), from, learned.modulus_text(), learned.gap_text()])
+            let mut row = vec![one.id.clone(), from, learned.modulus_text(), learned.gap_text()];
+            row.extend(has_rear.then(|| rears(one).unwrap_or_else(|| "-".to_owned())));
+            Some(row)
         })
         .collect();
-    let columns =
-        [words("insertion"), words("learned from"), number("K (95 %)"), number("effective gap (95 %)")];
+    let mut columns =
+        vec![words("insertion"), words("learned from"), number("K (95 %)"), number("effective gap (95 %)")];
+    columns.extend(has_rear.then(|| number("rotation stiffness of the rear, y and x (95 %)")));
     (!rows.is_empty()).then(|| {
         let title = "Modulus and gap of each insertion with 95 % intervals, from the others and what is known of its own path; \
                      the gap reaches from guide 2 to where the tissue begins to hold the needle";

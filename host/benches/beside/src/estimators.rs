@@ -7,7 +7,9 @@ use firmware::steering::Sample;
 use firmware::steering::information::Information;
 use host::diagnose::study::{Hidden, make};
 use host::diagnose::{Options, diagnose};
-use host::inference::insertion::{Belief, Candidates, Learned, Live, TipPath, Tissue as Believed, learn};
+use host::inference::insertion::{
+    Belief, Candidates, Learned, Live, ReadingNoise, TipPath, Tissue as Believed, learn,
+};
 use host::model::growth::{Acting, Growth, Guide2Grip};
 use host::model::insertion::grid_m;
 use host::model::{Dynamics, Needle, Rig};
@@ -152,9 +154,16 @@ pub fn paths() -> Result<Vec<TipPath>> {
 /// One reading taken in, then the path to 140 mm with its band; seconds, and the size of it.
 pub fn prediction(clock: &mut Clock) -> Result<(f64, PredictionSize)> {
     let paths = paths()?;
-    let tissue = Believed { model: insertion_model(), modulus_sd_ln: 0.2, gap_m: 0.025, gap_sd_ln: 0.7 };
+    let tissue =
+        Believed { model: insertion_model(), modulus_sd_ln: 0.2, gap_m: 0.025, gap_sd_ln: 0.7, rear: None };
     let candidates = Candidates::new(&tissue, &paths, 0.14)?;
-    let learned: Learned = learn(&candidates, &paths, &[1, 2, 3, 4, 5], 0, 1e-4);
+    let learned: Learned = learn(
+        &candidates,
+        &paths,
+        &[1, 2, 3, 4, 5],
+        0,
+        ReadingNoise { position_m: 1e-4, ..ReadingNoise::default() },
+    );
     let mut followed = Live::new(Belief::new(&candidates, &learned));
     for bin in paths[0].bins.iter().take_while(|bin| bin.depth_m < 0.0695) {
         followed.push(bin.depth_m, bin.tip_m);

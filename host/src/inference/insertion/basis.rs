@@ -3,24 +3,30 @@
 //! What a difference of this insertion's modulus or surface does is linear too: the derivative of the path under the load that the path
 //! itself asks for, times the difference. Products of small differences are left out.
 
-use super::candidates::{Candidate, Candidates, Responses, Smooth};
-use super::layout::{ANGLE, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET, WANDER};
+use super::candidates::{Candidate, Candidates, Parts, Responses, Smooth};
+use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};
+use super::motion::Motion;
 use super::path::{Bin, TipPath};
+use super::place::Place;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::sync::Arc;
 
-/// Where a depth lies among the nodes: places of the tip on both sides of it, and their weights.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Place {
-    at: [usize; 2],
-    weights: [f64; 2],
-    depth_m: f64,
+/// What is measured of the tip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Measured {
+    /// Where it is, m.
+    Position,
+    /// The slope of the needle there, rad.
+    Direction,
 }
 
-impl Place {
-    fn of(self, values: &[f64]) -> f64 {
-        let at = |i: usize| values.get(self.at[i]).copied().unwrap_or_default();
-        self.weights[0] * at(0) + self.weights[1] * at(1)
+impl Measured {
+    /// What a bin has of it in a plane.
+    pub fn of(self, bin: &Bin, plane: usize) -> Option<f64> {
+        match self {
+            Self::Position => Some(bin.tip_m[plane]),
+            Self::Direction => bin.direction_rad[plane],
+        }
     }
 }
 
@@ -29,12 +35,24 @@ impl Place {
 pub(super) struct Basis {
     layout: Layout,
     nodes_m: Arc<Vec<f64>>,
-    responses: Arc<Smooth>,
+    responses: [Arc<Smooth>; 2],
     guide2: Option<[Arc<Smooth>; 2]>,
-    /// Place of the load's responses: along the bevel and across it.
-    parts: [usize; 2],
-    /// Per plane: what the own modulus, the own surface and a step of the gap do.
-    own: [[Vec<f64>; 3]; 2],
+    motion: Option<Arc<[Motion; 2]>>,
+    parts: Parts,
+    rear_share: [f64; 2],
+    /// Of position and direction, per plane.
+    own: [[Own; 2]; 2],
+    /// The same of what 1 m of guide 2 does at once.
+    own_at_once: [[Own; 2]; 2],
+}
+
+/// What differences of one recording do to its path under its load.
+#[derive(Debug, Clone, Default)]
+struct Own {
+    modulus: Vec<f64>,
+    entry: Vec<f64>,
+    gap: Vec<f64>,
+    rear: Vec<f64>,
 }
 
 impl Basis {
@@ -44,10 +62,9 @@ impl Basis {
         responses: &Responses,
         candidate: Candidate,
         path: usize,
-        nodes_m: Arc<Vec<f64>>,
         load_n: [f64; 2],
     ) -> Self {
-        let mut basis = Self::without_own(candidates, responses, path, nodes_m);
+        let mut basis = Self::without_own(candidates, responses, candidate, path);
         basis.set_load(candidates.gap_m(candidate), load_n);
         basis
     }
@@ -56,52 +73,94 @@ impl Basis {
     pub fn without_own(
         candidates: &Candidates,
         responses: &Responses,
+        candidate: Candidate,
         path: usize,
-        nodes_m: Arc<Vec<f64>>,
     ) -> Self {
         Self {
             layout: candidates.layout.clone(),
-            nodes_m,
+            nodes_m: candidates.nodes_m(path),
             responses: responses.of_plan[candidates.plan(path)].clone(),
             guide2: responses.guide2_m.get(path).cloned().flatten(),
-            parts: [candidates.load_part(false), candidates.load_part(true)],
+            motion: candidates.motion(path).cloned(),
+            parts: Parts::of(&candidates.layout),
+            rear_share: candidate.rear_share,
             own: Default::default(),
+            own_at_once: Default::default(),
         }
     }
 
     /// Takes differences about a load.
     pub fn set_load(&mut self, gap_m: f64, load_n: [f64; 2]) {
-        let length = 2 * self.nodes_m.len();
-        for plane in 0..self.layout.planes {
-            // Loads of both planes, each with its sign.
-            let loaded = |of: &dyn Fn(&Smooth) -> &Vec<f64>| {
-                let mut total = match &self.guide2 {
-                    Some(planes) => of(&planes[plane]).clone(),
-                    None => vec![0.0; length],
-                };
-                for (from, term) in self.load_parts(plane).into_iter().enumerate() {
-                    let Some((sign, part)) = term else { continue };
-                    let response = of(&self.responses).iter().skip(part * length);
-                    total
-                        .iter_mut()
-                        .zip(response)
-                        .for_each(|(sum, value)| *sum += sign * load_n[from] * value);
-                }
-                total
-            };
-            let path_m = loaded(&|smooth| &smooth.value);
-            let by_modulus = loaded(&|smooth| &smooth.by_modulus);
-            let by_gap = loaded(&|smooth| &smooth.by_gap);
-            let slopes = self.slopes(&path_m);
-            // Where the tissue begins later the gap is longer and the needle less deep in it.
-            let by_entry = by_gap.iter().zip(&slopes).map(|(gap, slope)| gap / gap_m - slope).collect();
-            self.own[plane] = [by_modulus, by_entry, by_gap];
+        for measured in self.measured() {
+            for plane in 0..self.layout.planes {
+                let own = self.differences(gap_m, plane, |of| self.loaded(measured, plane, load_n, of));
+                let at_once = self.motion.is_some().then(|| {
+                    let part = self.parts.at_once;
+                    let response = &self.responses[plane];
+                    self.differences(gap_m, plane, |of| {
+                        self.slice(measured, of(response), part, self.parts.count).to_vec()
+                    })
+                });
+                self.own[measured as usize][plane] = own;
+                self.own_at_once[measured as usize][plane] = at_once.unwrap_or_default();
+            }
         }
+    }
+
+    /// What is measured under a load, or how it depends on the candidate.
+    fn loaded(
+        &self,
+        measured: Measured,
+        plane: usize,
+        load_n: [f64; 2],
+        of: fn(&Smooth) -> &Vec<f64>,
+    ) -> Vec<f64> {
+        let mut total = match &self.guide2 {
+            Some(planes) => self.slice(measured, of(&planes[plane]), 0, 1).to_vec(),
+            None => vec![0.0; 2 * self.nodes_m.len()],
+        };
+        // Loads of both planes, each with its sign.
+        for (from, term) in self.load_parts(plane).into_iter().enumerate() {
+            let Some((sign, part)) = term else { continue };
+            let response = self.slice(measured, of(&self.responses[plane]), part, self.parts.count);
+            total.iter_mut().zip(response).for_each(|(sum, value)| *sum += sign * load_n[from] * value);
+        }
+        total
+    }
+
+    /// What differences of a recording do to something that depends on the candidate.
+    fn differences(
+        &self,
+        gap_m: f64,
+        plane: usize,
+        course: impl Fn(fn(&Smooth) -> &Vec<f64>) -> Vec<f64>,
+    ) -> Own {
+        let gap = course(|smooth| &smooth.by_gap);
+        let slopes = self.slopes(&course(|smooth| &smooth.value));
+        // Where the tissue begins later the gap is longer and the needle less deep in it.
+        let entry = gap.iter().zip(&slopes).map(|(gap, slope)| gap / gap_m - slope).collect();
+        let modulus = course(|smooth| &smooth.by_modulus);
+        let is_unknown = !self.responses[plane].by_rear.is_empty();
+        let rear = if is_unknown { course(|smooth| &smooth.by_rear) } else { Vec::new() };
+        Own { modulus, entry, gap, rear }
+    }
+
+    /// What is measured.
+    pub fn measured(&self) -> impl Iterator<Item = Measured> + use<> {
+        let direction = self.layout.direction.then_some(Measured::Direction);
+        std::iter::once(Measured::Position).chain(direction)
+    }
+
+    /// A part among `count` of them, which are there for the position before they are for the direction.
+    fn slice<'v>(&self, measured: Measured, values: &'v [f64], part: usize, count: usize) -> &'v [f64] {
+        let length = 2 * self.nodes_m.len();
+        let first = (measured as usize * count + part) * length;
+        values.get(first..first + length).unwrap_or_default()
     }
 
     /// For each plane's load: its sign in this plane and its place among the responses; nothing where it does nothing here.
     fn load_parts(&self, plane: usize) -> [Option<(f64, usize)>; 2] {
-        let [along, across] = self.parts;
+        let Parts { along, across, .. } = self.parts;
         match (self.layout.coupled, plane) {
             (false, 0) => [Some((1.0, along)), None],
             (false, _) => [None, Some((1.0, along))],
@@ -118,88 +177,100 @@ impl Basis {
         (0..nodes_m.len()).flat_map(|i| [between(i.saturating_sub(1)), between(i.min(last))]).collect()
     }
 
-    /// Rows of a plane at several depths: per unit of each of its vector's unknowns, and what guide 2 adds.
-    pub fn rows(
-        &self,
-        plane: usize,
-        depths: impl IntoIterator<Item = (f64, bool)>,
-    ) -> (DMatrix<f64>, Vec<f64>) {
-        let places: Vec<Place> =
-            depths.into_iter().map(|(depth_m, leaving)| self.place(depth_m, leaving)).collect();
+    /// Places of depths, on arriving or on leaving.
+    pub fn places(&self, depths: impl IntoIterator<Item = (f64, bool)>) -> Vec<Place> {
+        let motion = self.motion.as_deref();
+        depths.into_iter().map(|depth| Place::new(&self.layout, &self.nodes_m, motion, depth)).collect()
+    }
+
+    /// Rows of a plane at several places: per unit of each of its vector's unknowns, and what guide 2 adds.
+    pub fn rows(&self, plane: usize, measured: Measured, places: &[Place]) -> (DMatrix<f64>, Vec<f64>) {
         let mut rows = DMatrix::zeros(places.len(), self.layout.unknowns());
         let (_, at) = self.layout.place(plane);
-        let length = 2 * self.nodes_m.len();
         let mut fill = |column: usize, scale: f64, values: &[f64]| {
             let mut cells = rows.column_mut(column);
-            cells.iter_mut().zip(&places).for_each(|(cell, place)| *cell = scale * place.of(values));
+            cells.iter_mut().zip(places).for_each(|(cell, place)| *cell = scale * place.of(values));
         };
-        let part = |number: usize| {
-            self.responses.value.get(number * length..(number + 1) * length).unwrap_or_default()
-        };
-        fill(at + GUIDE2, 1.0, part(0));
-        let knots = self.layout.of_plane() - WANDER;
+        let part =
+            |number: usize| self.slice(measured, &self.responses[plane].value, number, self.parts.count);
+        fill(at + GUIDE2, 1.0, part(self.parts.guide2));
         for (from, term) in self.load_parts(plane).into_iter().enumerate() {
             let Some((sign, first)) = term else { continue };
             let to = if self.layout.coupled { from * self.layout.of_plane() } else { 0 };
-            for knot in 0..=knots {
+            for knot in 0..=self.layout.knots_m.len() {
                 fill(to + LOAD + knot, sign, part(first + knot));
             }
         }
-        for (column, own) in [MODULUS, ENTRY, GAP].into_iter().zip(&self.own[plane]) {
-            fill(at + column, 1.0, own);
+        // What guide 2 does beside its motion at the nodes depends on the candidate too.
+        let beside_m = |place: &Place| place.beside_m[plane];
+        let (own, at_once) =
+            (&self.own[measured as usize][plane], &self.own_at_once[measured as usize][plane]);
+        let differing = |of: fn(&Own) -> &Vec<f64>| {
+            let value = |place: &Place| place.of(of(own)) + beside_m(place) * place.of(of(at_once));
+            places.iter().map(value).collect::<Vec<f64>>()
+        };
+        let rears = differing(|own| &own.rear);
+        rows.column_mut(at + MODULUS).copy_from_slice(&differing(|own| &own.modulus));
+        rows.column_mut(at + ENTRY).copy_from_slice(&differing(|own| &own.entry));
+        rows.column_mut(at + GAP).copy_from_slice(&differing(|own| &own.gap));
+        if let Some(rear) = self.layout.rear() {
+            rows.column_mut(at + rear).copy_from_slice(&rears);
         }
         for (i, place) in places.iter().enumerate() {
-            rows[(i, at + OFFSET)] = 1.0;
-            rows[(i, at + ANGLE)] = place.depth_m;
-            (0..DRIFTS).for_each(|k| rows[(i, at + DRIFT + k)] = self.layout.drift(k, place.depth_m));
+            match (measured, self.layout.tilt()) {
+                (Measured::Position, _) => {
+                    rows[(i, at + OFFSET)] = 1.0;
+                    rows[(i, at + ANGLE)] = place.depth_m;
+                    (0..DRIFTS).for_each(|k| rows[(i, at + DRIFT + k)] = place.drifts[k]);
+                }
+                (Measured::Direction, tilt) => {
+                    rows[(i, at + ANGLE)] = 1.0;
+                    let Some(tilt) = tilt else { continue };
+                    rows[(i, at + tilt)] = 1.0;
+                    (0..BENDS).for_each(|k| rows[(i, at + tilt + 1 + k)] = place.drifts[k]);
+                }
+            }
         }
-        let guide2_m = match &self.guide2 {
-            Some(planes) => places.iter().map(|place| place.of(&planes[plane].value)).collect(),
-            None => vec![0.0; places.len()],
-        };
-        (rows, guide2_m)
+        let mut beside = self.moved(plane, measured, places);
+        // The rear's share counts from the middle of what is known beforehand, not from where responses are solved.
+        let rear_share = self.rear_share[plane];
+        beside.iter_mut().zip(&rears).for_each(|(sum, rear)| *sum -= rear_share * rear);
+        (rows, beside)
+    }
+
+    /// What the recorded motion of guide 2 does at places.
+    fn moved(&self, plane: usize, measured: Measured, places: &[Place]) -> Vec<f64> {
+        let Some(planes) = &self.guide2 else { return vec![0.0; places.len()] };
+        let moved = self.slice(measured, &planes[plane].value, 0, 1);
+        let at_once =
+            self.slice(measured, &self.responses[plane].value, self.parts.at_once, self.parts.count);
+        let value = |place: &Place| place.of(moved) + place.beside_m[plane] * place.of(at_once);
+        places.iter().map(value).collect()
     }
 
     /// One row, and what guide 2 adds.
-    pub fn row(&self, plane: usize, depth_m: f64, leaving: bool) -> (DVector<f64>, f64) {
-        let (rows, guide2_m) = self.rows(plane, [(depth_m, leaving)]);
-        (rows.row(0).transpose(), guide2_m.first().copied().unwrap_or_default())
+    pub fn row(&self, plane: usize, measured: Measured, depth_m: f64, leaving: bool) -> (DVector<f64>, f64) {
+        let (rows, beside) = self.rows(plane, measured, &self.places([(depth_m, leaving)]));
+        (rows.row(0).transpose(), beside.first().copied().unwrap_or_default())
     }
 
     /// The constant load of each plane that suits a recording best, with an offset and an angle of its own; 0 where that is no number.
-    pub fn fitted_load_n(&self, path: &TipPath) -> [f64; 2] {
+    pub fn fitted_load_n(&self, path: &TipPath, places: &[Place]) -> [f64; 2] {
         let mut loads_n = [0.0; 2];
         for (plane, fitted_n) in loads_n.iter_mut().enumerate().take(self.layout.planes) {
-            let (_, at) = self.layout.place(plane);
-            let (rows, guide2_m) = self.rows(plane, depths(&path.bins));
+            let moved = self.moved(plane, Measured::Position, places);
+            let along = &self.responses[plane].value;
+            let along = self.slice(Measured::Position, along, self.parts.along, self.parts.count);
             let mut squares = Matrix3::zeros();
             let mut pull = Vector3::zeros();
-            for (i, bin) in path.bins.iter().enumerate() {
-                let row = Vector3::from([OFFSET, ANGLE, LOAD].map(|column| rows[(i, at + column)]));
+            for ((bin, place), moved_m) in path.bins.iter().zip(places).zip(moved) {
+                let row = Vector3::new(1.0, place.depth_m, place.of(along));
                 squares += row * row.transpose();
-                pull += row * (bin.tip_m[plane] - guide2_m[i]);
+                pull += row * (bin.tip_m[plane] - moved_m);
             }
             let solved = squares.cholesky().map(|factor| factor.solve(&pull)[2]);
             *fitted_n = solved.filter(|load_n| load_n.is_finite()).unwrap_or_default();
         }
         loads_n
     }
-
-    fn place(&self, depth_m: f64, leaving: bool) -> Place {
-        let last = self.nodes_m.len() - 1;
-        let next = self.nodes_m.partition_point(|node_m| *node_m < depth_m - 1e-9).min(last);
-        let beyond = next == 0 || (next == last && depth_m > self.nodes_m[last]);
-        if (self.nodes_m[next] - depth_m).abs() <= 1e-9 || beyond {
-            let at = 2 * next + usize::from(leaving);
-            return Place { at: [at; 2], weights: [1.0, 0.0], depth_m };
-        }
-        let (from_m, to_m) = (self.nodes_m[next - 1], self.nodes_m[next]);
-        let share = (depth_m - from_m) / (to_m - from_m);
-        Place { at: [2 * next - 1, 2 * next], weights: [1.0 - share, share], depth_m }
-    }
-}
-
-/// Depths of bins, and whether each was taken on leaving.
-pub(super) fn depths(bins: &[Bin]) -> impl Iterator<Item = (f64, bool)> {
-    bins.iter().map(|bin| (bin.depth_m, bin.leaving))
 }

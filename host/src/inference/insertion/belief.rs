@@ -1,10 +1,12 @@
 //! What is known of one insertion's unknowns: a normal distribution per candidate of modulus and gap and sizes, updated by each tip
 //! position (a Kalman filter over unknowns that do not change, which makes it a smoother of the tip load).
 
+use super::basis::Measured;
 use super::candidates::{Candidate, Candidates};
 use super::layout::{ANGLE, ENTRY, Layout, MODULUS};
 use super::learn::{Learned, Node, Part};
 use super::path::{Bin, TipPath};
+use super::rear::Rear;
 use super::scales::Scales;
 use nalgebra::{DMatrix, DVector};
 
@@ -86,17 +88,20 @@ impl<'c> Belief<'c> {
         Self { candidates, scales, nodes, parts }
     }
 
-    /// Takes in the tip at one depth.
+    /// Takes in the tip at one depth: where it is and, where that was measured, its direction.
     pub fn update(&mut self, bin: &Bin) {
         let layout = &self.candidates.layout;
-        for plane in 0..layout.planes {
-            let rows: Vec<_> =
-                self.nodes.iter().map(|node| node.basis.row(plane, bin.depth_m, bin.leaving)).collect();
-            let (system, _) = layout.place(plane);
-            for Part { node, scales, ln_weight, normals } in &mut self.parts {
-                let variance = self.scales[*scales].variance_m2(bin.rows, bin.moving);
-                let (row, guide2_m) = &rows[*node];
-                *ln_weight += normals[system].update(row, bin.tip_m[plane] - guide2_m, variance);
+        for measured in [Measured::Position, Measured::Direction] {
+            for plane in 0..layout.planes {
+                let Some(value) = measured.of(bin, plane) else { continue };
+                let row = |node: &Node| node.basis.row(plane, measured, bin.depth_m, bin.leaving);
+                let rows: Vec<_> = self.nodes.iter().map(row).collect();
+                let (system, _) = layout.place(plane);
+                for Part { node, scales, ln_weight, normals } in &mut self.parts {
+                    let variance = self.scales[*scales].variance(measured, bin.rows, bin.moving);
+                    let (row, beside) = &rows[*node];
+                    *ln_weight += normals[system].update(row, value - beside, variance);
+                }
             }
         }
     }
@@ -128,7 +133,7 @@ impl<'c> Belief<'c> {
         let depths = || depths_m.iter().map(|depth_m| (*depth_m, false));
         self.moments(
             depths_m.len(),
-            |node, plane| node.basis.rows(plane, depths()),
+            |node, plane| node.basis.rows(plane, Measured::Position, &node.basis.places(depths())),
             |scales| scales.irregularity_m.powi(2),
         )
     }
@@ -172,23 +177,30 @@ impl<'c> Belief<'c> {
         [modulus, gap]
     }
 
+    /// Share of this insertion's rear less the middle of what is known beforehand, per plane, and whether the data determine it; nothing
+    /// where it is stated.
+    pub fn rear_share(&self) -> Option<[Option<(Moments, Determined)>; 2]> {
+        let layout = &self.candidates.layout;
+        let (rear, place) = (self.candidates.rear()?, layout.rear()?);
+        let of_plane = |plane: usize| {
+            if !rear.unknown[plane] || plane >= layout.planes {
+                return None;
+            }
+            let (system, at) = layout.place(plane);
+            let moments = self.mixed(|part, _, _| {
+                let normal = &part.normals[system];
+                let variance = normal.covariance[(at + place, at + place)].max(0.0);
+                Moments { mean: normal.mean[at + place], sd: variance.sqrt() }
+            });
+            Some((moments, is_share_determined(moments, rear)))
+        };
+        Some([of_plane(0), of_plane(1)])
+    }
+
     /// Whether the data determine modulus and gap.
     pub fn determined(&self) -> [Determined; 2] {
         let of = |value: &dyn Fn(&Node) -> f64, sd: f64| {
-            let Moments { mean, sd: found } = self.mixed(|_, node, _| Moments { mean: value(node), sd: 0.0 });
-            // What is given beforehand to a few per cent is not asked of the data.
-            let is_given = sd <= GIVEN_LN;
-            if is_given {
-                Determined::Identified
-            } else if mean > END * sd || mean + 2.0 * found > END_OF_INTERVAL * sd {
-                Determined::LowerBound
-            } else if mean < -END * sd || mean - 2.0 * found < -END_OF_INTERVAL * sd {
-                Determined::UpperBound
-            } else if found > UNINFORMED * sd {
-                Determined::NotIdentified
-            } else {
-                Determined::Identified
-            }
+            determined(self.mixed(|_, node, _| Moments { mean: value(node), sd: 0.0 }), sd)
         };
         let [modulus_sd, gap_sd] = self.candidates.prior_sds();
         [of(&|node| node.candidate.modulus_ln, modulus_sd), of(&|node| node.candidate.gap_ln, gap_sd)]
@@ -196,7 +208,9 @@ impl<'c> Belief<'c> {
 
     /// Ends of the range of the modulus, as factors, and of the gap, m.
     pub fn range(&self) -> [[f64; 2]; 2] {
-        let ends = |modulus_ln: f64, gap_ln: f64| self.candidates.clamped(Candidate { modulus_ln, gap_ln });
+        let ends = |modulus_ln: f64, gap_ln: f64| {
+            self.candidates.clamped(Candidate { modulus_ln, gap_ln, ..Candidate::default() })
+        };
         let low = ends(f64::NEG_INFINITY, f64::NEG_INFINITY);
         let high = ends(f64::INFINITY, f64::INFINITY);
         [[low, high].map(|end| end.modulus_ln.exp()), [low, high].map(|end| self.candidates.gap_m(end))]
@@ -284,6 +298,39 @@ impl<'c> Belief<'c> {
     }
 }
 
+/// Whether a posterior says more of a logarithm than its prior, of mean 0 and standard deviation `sd`.
+fn determined(Moments { mean, sd: found }: Moments, sd: f64) -> Determined {
+    // What is given beforehand to a few per cent is not asked of the data.
+    let is_given = sd <= GIVEN_LN;
+    if is_given {
+        Determined::Identified
+    } else if mean > END * sd || mean + 2.0 * found > END_OF_INTERVAL * sd {
+        Determined::LowerBound
+    } else if mean < -END * sd || mean - 2.0 * found < -END_OF_INTERVAL * sd {
+        Determined::UpperBound
+    } else if found > UNINFORMED * sd {
+        Determined::NotIdentified
+    } else {
+        Determined::Identified
+    }
+}
+
+/// The same of a rear: its stiffness is a bound where the share may be that of a clamp or of a hinge.
+fn is_share_determined(Moments { mean, sd }: Moments, rear: &Rear) -> Determined {
+    let at = |sds: f64| rear.middle + mean + sds * sd;
+    if sd > UNINFORMED * rear.sd {
+        Determined::NotIdentified
+    } else if at(-2.0) < SHARE_OF_CLAMP {
+        Determined::LowerBound
+    } else if at(2.0) > 1.0 - SHARE_OF_CLAMP {
+        Determined::UpperBound
+    } else {
+        Determined::Identified
+    }
+}
+
+/// A smaller share of a rear is that of a clamp.
+const SHARE_OF_CLAMP: f64 = 0.02;
 /// A prior of the logarithm not wider than this was given.
 const GIVEN_LN: f64 = 0.3;
 

@@ -3,10 +3,11 @@
 //! The unknowns of an insertion are what all insertions share plus its own part, both normal. Per recording its own part is integrated
 //! out, which leaves a message about the shared part; messages add up, so that leaving one recording out costs nothing.
 
-use super::basis::{Basis, depths};
+use super::basis::{Basis, Measured};
 use super::belief::Normal;
 use super::layout::{GAP, Layout, MODULUS};
 use super::path::TipPath;
+use super::place::Place;
 use super::scales::{Map, Scales};
 use nalgebra::{DMatrix, DVector};
 use pulp::Arch;
@@ -18,52 +19,65 @@ pub(super) struct System {
     groups: Vec<Group>,
 }
 
-/// Rows with the same number of readings, at rest or not.
+/// Rows of one kind with the same number of readings, at rest or not.
 #[derive(Debug, Clone)]
 struct Group {
+    measured: Measured,
     readings: f64,
     moving: bool,
     count: usize,
     /// `B^T B`, `B^T y` and `y^T y` of the rows.
     squares: DMatrix<f64>,
     pull: DVector<f64>,
-    measured: f64,
+    total: f64,
+}
+
+impl Group {
+    fn new(measured: Measured, readings: f64, moving: bool, unknowns: usize) -> Self {
+        let (squares, pull) = (DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns));
+        Self { measured, readings, moving, count: 0, squares, pull, total: 0.0 }
+    }
+
+    /// Takes in rows with their measured values. Columns are long and few, so that products of pairs are the fastest.
+    fn add(&mut self, rows: &DMatrix<f64>, values: &DVector<f64>) {
+        for (j, column) in rows.column_iter().enumerate() {
+            for (i, other) in rows.column_iter().enumerate().take(j + 1) {
+                let product = column.dot(&other);
+                self.squares[(i, j)] += product;
+                if i != j {
+                    self.squares[(j, i)] += product;
+                }
+            }
+            self.pull[j] += column.dot(values);
+        }
+        self.count += values.len();
+        self.total += values.norm_squared();
+    }
 }
 
 impl System {
     /// One per vector of unknowns.
-    pub fn of(basis: &Basis, path: &TipPath, layout: &Layout) -> Vec<Self> {
+    pub fn of(basis: &Basis, path: &TipPath, places: &[Place], layout: &Layout) -> Vec<Self> {
         let kind = |i: usize| (path.bins[i].rows, path.bins[i].moving);
         let mut order: Vec<usize> = (0..path.bins.len()).collect();
         order.sort_by(|a, b| kind(*a).0.total_cmp(&kind(*b).0).then(kind(*a).1.cmp(&kind(*b).1)));
         let system = |system: usize| {
-            let planes: Vec<_> = layout
-                .planes_of(system)
-                .map(|plane| (plane, basis.rows(plane, depths(&path.bins))))
-                .collect();
-            let groups = order.chunk_by(|a, b| kind(*a) == kind(*b)).map(|bins| {
-                let (readings, moving) = bins.first().map_or((1.0, false), |i| kind(*i));
-                let count = bins.len() * planes.len();
-                let mut design = DMatrix::zeros(count, layout.unknowns());
-                let mut measured = DVector::zeros(count);
-                for (number, (plane, (rows, guide2_m))) in planes.iter().enumerate() {
-                    for (row, i) in bins.iter().enumerate() {
-                        let to = number * bins.len() + row;
-                        design.row_mut(to).copy_from(&rows.row(*i));
-                        measured[to] = path.bins[*i].tip_m[*plane] - guide2_m[*i];
+            let of = |measured: Measured| {
+                let rows = |plane: usize| (plane, basis.rows(plane, measured, places));
+                let planes: Vec<_> = layout.planes_of(system).map(rows).collect();
+                let groups = order.chunk_by(|a, b| kind(*a) == kind(*b)).filter_map(move |bins| {
+                    let (readings, moving) = kind(*bins.first()?);
+                    let mut group = Group::new(measured, readings, moving, layout.unknowns());
+                    for (plane, (rows, beside)) in &planes {
+                        let value = |i: &usize| Some((*i, measured.of(&path.bins[*i], *plane)? - beside[*i]));
+                        let (used, values): (Vec<usize>, Vec<f64>) = bins.iter().filter_map(value).unzip();
+                        group.add(&rows.select_rows(&used), &DVector::from_vec(values));
                     }
-                }
-                let turned = design.transpose();
-                Group {
-                    readings,
-                    moving,
-                    count,
-                    pull: &turned * &measured,
-                    squares: turned * design,
-                    measured: measured.norm_squared(),
-                }
-            });
-            Self { groups: groups.collect() }
+                    Some(group)
+                });
+                groups.collect::<Vec<_>>()
+            };
+            Self { groups: basis.measured().flat_map(of).collect() }
         };
         (0..layout.systems()).map(system).collect()
     }
@@ -75,10 +89,10 @@ impl System {
         let mut pull = vec![0.0; unknowns];
         let (mut measured, mut ln) = (0.0, 0.0);
         for group in &self.groups {
-            let weight = 1.0 / scales.variance_m2(group.readings, group.moving);
+            let weight = 1.0 / scales.variance(group.measured, group.readings, group.moving);
             squares.iter_mut().zip(&group.squares).for_each(|(sum, square)| *sum += weight * square);
             pull.iter_mut().zip(&group.pull).for_each(|(sum, pull)| *sum += weight * pull);
-            measured += weight * group.measured;
+            measured += weight * group.total;
             ln += 0.5 * group.count as f64 * weight.ln();
         }
         // In standard normal numbers the own part has unit variance.
@@ -200,6 +214,19 @@ impl Evidence {
             }
         }
         (pull, information)
+    }
+
+    /// Mean of the share of the rear that all insertions have in common, per plane; nothing where it is known.
+    pub fn rear_share(&self, layout: &Layout, scales: &Scales) -> Option<[f64; 2]> {
+        let place = layout.rear()?;
+        let map = scales.map(layout, false);
+        let mut means = [0.0; 2];
+        for (plane, mean) in means.iter_mut().enumerate().take(layout.planes) {
+            let (system, at) = layout.place(plane);
+            let shared = self.shared.get(system).and_then(|(means, _)| means.get(at + place)).copied();
+            *mean = shared.unwrap_or_default() * map.sds[place] * map.ratios[place];
+        }
+        Some(means)
     }
 }
 

@@ -1,13 +1,13 @@
 //! The evidence and what follows for the next insertion against one dense normal distribution of everything measured.
 
 use super::super::Tissue;
-use super::super::candidates::{Candidate, Candidates};
+use super::super::candidates::{Candidate, Candidates, Fineness};
 use super::super::path::{Bin, TipPath};
-use super::super::scales::{COUNT, Known};
+use super::super::place::depths;
+use super::super::scales::{COUNT, Known, ReadingNoise};
 use super::*;
 use crate::model::{Insertion, Model, Needle, Profile, Rig};
 use crate::testing::Noise;
-use std::sync::Arc;
 
 /// Paths with simulated tips, at depths that differ from path to path.
 fn paths(noise: &mut Noise) -> Vec<TipPath> {
@@ -51,21 +51,27 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
     let paths = paths(&mut noise);
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.08);
     let model = Model::uniform(rig, 12e3).expect("a model");
-    let tissue = Tissue { model, modulus_sd_ln: 0.5, gap_m: 0.02, gap_sd_ln: 0.5 };
+    let tissue = Tissue { model, modulus_sd_ln: 0.5, gap_m: 0.02, gap_sd_ln: 0.5, rear: None };
     let candidates = Candidates::new(&tissue, &paths, 0.06).expect("candidates");
-    let candidate = Candidate { modulus_ln: 0.1, gap_ln: -0.05 };
-    let responses = candidates.responses(candidate).expect("responses");
+    let candidate = Candidate { modulus_ln: 0.1, gap_ln: -0.05, rear_share: [0.0; 2] };
+    let responses = candidates.responses(candidate, Fineness::Fine).expect("responses");
     let layout = &candidates.layout;
     assert_eq!(layout.systems(), 2);
-    let scales = Scales::from_logarithms(&[0.3; COUNT], Known { reading_m: 0.1e-3, load_n: 0.2 });
-    let bases: Vec<Basis> = (0..3)
-        .map(|path| {
-            let nodes_m = Arc::new(candidates.nodes_m(path));
-            Basis::new(&candidates, &responses, candidate, path, nodes_m, [0.2, 0.1])
-        })
+    let scales = Scales::from_logarithms(
+        &[0.3; COUNT],
+        Known {
+            noise: ReadingNoise { position_m: 0.1e-3, ..ReadingNoise::default() },
+            rear_share: 0.0,
+            load_n: 0.2,
+        },
+    );
+    let bases: Vec<Basis> =
+        (0..3).map(|path| Basis::new(&candidates, &responses, candidate, path, [0.2, 0.1])).collect();
+    let systems: Vec<_> = bases[..2]
+        .iter()
+        .zip(&paths)
+        .map(|(basis, path)| System::of(basis, path, &basis.places(depths(&path.bins)), layout))
         .collect();
-    let systems: Vec<_> =
-        bases[..2].iter().zip(&paths).map(|(basis, path)| System::of(basis, path, layout)).collect();
     let recordings: Vec<_> = systems.iter().map(Vec::as_slice).collect();
     let found = Evidence::new(layout, &recordings, &scales, false).expect("evidence");
 
@@ -77,10 +83,10 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
         let mut rows: Vec<(usize, Vec<f64>, f64, f64)> = Vec::new();
         for (number, path) in paths.iter().enumerate().take(2) {
             for bin in &path.bins {
-                let (row, guide2_m) = bases[number].row(plane, bin.depth_m, false);
+                let (row, guide2_m) = bases[number].row(plane, Measured::Position, bin.depth_m, false);
                 let mut row: Vec<f64> = row.iter().copied().collect();
                 map.pull_back(&mut row, length);
-                let variance = scales.variance_m2(bin.rows, bin.moving);
+                let variance = scales.variance(Measured::Position, bin.rows, bin.moving);
                 rows.push((number, row, variance, bin.tip_m[plane] - guide2_m));
             }
         }
@@ -100,7 +106,7 @@ fn evidence_and_prediction_are_those_of_one_dense_distribution() {
         expected_ln -= factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum::<f64>();
 
         // The tip of the third at 60 mm, before any of it is known.
-        let (row, _) = bases[2].row(plane, 0.06, false);
+        let (row, _) = bases[2].row(plane, Measured::Position, 0.06, false);
         let next = &found.next(layout, &scales)[plane];
         let mut target: Vec<f64> = row.iter().copied().collect();
         map.pull_back(&mut target, length);

@@ -4,6 +4,9 @@
 //! its zero (m), this insertion's modulus against that of all (difference of logarithms), the place of its tissue surface (m beyond
 //! where the depth counts from), a step of the logarithm of the gap (used to find the gap, 0 otherwise), slow drift of the tracker (m), tip load (N), and the wander of
 //! the tip load at knots of depth (N). A needle that is turned carries its load with it, which couples the two planes.
+//!
+//! Where the rotation stiffness of an only guide is not known, its share is an unknown of each plane. Where the
+//! tip's direction is measured, a tilt of the sensor on the needle and its slow change with depth (rad) are.
 
 use super::path::{ROTATION_STILL_RAD, TipPath};
 use nalgebra::DVector;
@@ -24,6 +27,8 @@ pub(super) const LOAD: usize = DRIFT + DRIFTS;
 pub(super) const WANDER: usize = LOAD + 1;
 /// Cosines of depth that make up a slow drift of the tracker: half a wave over the whole depth, a whole one, and so on.
 pub(super) const DRIFTS: usize = 4;
+/// Cosines of depth that make up a slow change of the tilt of the direction sensor.
+pub(super) const BENDS: usize = 3;
 /// A turn whose sine is below this mirrors the load and does not bring it into the other plane.
 const IN_PLANE: f64 = 1e-3;
 
@@ -36,11 +41,15 @@ pub struct Layout {
     pub planes: usize,
     /// Whether a turned needle couples both planes: then the unknowns of both stand in one vector.
     pub coupled: bool,
+    /// Whether the needle's rear is an unknown.
+    pub rear: bool,
+    /// Whether the direction of the tip is measured.
+    pub direction: bool,
 }
 
 impl Layout {
-    /// For a set of recordings of the same rig, down to `last_m`.
-    pub fn new(paths: &[TipPath], last_m: f64) -> Self {
+    /// For a set of recordings of the same rig, down to `last_m`; `rear`: whether the rotation stiffness of the needle's rear is not known.
+    pub fn new(paths: &[TipPath], last_m: f64, rear: bool) -> Self {
         let count = (last_m / STRETCH_M).ceil().max(1.0) as usize;
         let planes = paths.iter().map(|path| path.planes).min().unwrap_or(1);
         let turn = |path: &TipPath| path.done.rotation_rad.before(0.0);
@@ -52,12 +61,31 @@ impl Layout {
             })
         };
         let knots_m = (0..=count).map(|i| STRETCH_M * i as f64).collect();
-        Self { knots_m, planes, coupled: planes == 2 && paths.iter().any(leaves_plane) }
+        let measured =
+            |path: &TipPath| path.bins.iter().any(|bin| bin.direction_rad.iter().any(Option::is_some));
+        let direction = paths.iter().any(measured);
+        Self { knots_m, planes, coupled: planes == 2 && paths.iter().any(leaves_plane), rear, direction }
     }
 
     /// Unknowns of one plane.
     pub(super) fn of_plane(&self) -> usize {
-        WANDER + self.knots_m.len()
+        let tilts = if self.direction { 1 + BENDS } else { 0 };
+        self.wander().end + usize::from(self.rear) + tilts
+    }
+
+    /// Places of a plane's knots of the tip load.
+    pub(super) fn wander(&self) -> Range<usize> {
+        WANDER..WANDER + self.knots_m.len()
+    }
+
+    /// Place of the share of the rear.
+    pub(super) fn rear(&self) -> Option<usize> {
+        self.rear.then_some(self.wander().end)
+    }
+
+    /// Place of the tilt of the direction sensor, which its slow change follows.
+    pub(super) fn tilt(&self) -> Option<usize> {
+        self.direction.then_some(self.wander().end + usize::from(self.rear))
     }
 
     /// Length of a vector of unknowns.

@@ -1,7 +1,9 @@
 //! How large the unknowns of an insertion are, and what that makes of standard normal numbers.
 
-use super::layout::{ANGLE, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET, WANDER};
+use super::basis::Measured;
+use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};
 use std::f64::consts::FRAC_PI_2;
+use std::ops::Range;
 
 /// How large the unknowns are: standard deviations of what all insertions share, and of each insertion's own part.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,21 +30,42 @@ pub struct Scales {
     pub irregularity_m: f64,
     /// More of it while the needle is on its way, m.
     pub moving_m: f64,
+    /// Own tilt of the direction sensor on the needle, rad.
+    pub tilt_rad: f64,
+    /// Its slow change with depth, rad.
+    pub bend_rad: f64,
+    /// Of the tip's direction about a smooth course at single depths, rad.
+    pub unsteady_rad: f64,
     /// Of one reading of the tip sensor, m; known beforehand.
     pub reading_m: f64,
+    /// Of one reading of the tip's direction, rad; known beforehand.
+    pub direction_rad: f64,
+    /// Standard deviation of the prior of the rear's share; 0 where it is known.
+    pub rear_share: f64,
+}
+
+/// Noise of one reading of the tip: standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ReadingNoise {
+    /// Of its position, m.
+    pub position_m: f64,
+    /// Of its direction, rad.
+    pub direction_rad: f64,
 }
 
 /// What is known before the sizes are.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Known {
-    /// Noise of one reading of the tip, m.
-    pub reading_m: f64,
+    /// Noise of one reading of the tip.
+    pub noise: ReadingNoise,
+    /// Standard deviation of the prior of the rear's share.
+    pub rear_share: f64,
     /// About how large the tip load is at a candidate, N.
     pub load_n: f64,
 }
 
 /// Scales that are found.
-pub(super) const COUNT: usize = 11;
+pub(super) const COUNT: usize = 14;
 /// Their middles and the standard deviations of their logarithms: weak, physical. Those of the tip load are shares of it.
 const TYPICAL: [(f64, f64); COUNT] = [
     (0.3e-3, 1.5),
@@ -56,13 +79,19 @@ const TYPICAL: [(f64, f64); COUNT] = [
     (0.01e-3, 1.5),
     (0.03e-3, 1.0),
     (0.1e-3, 1.0),
+    (2e-3, 1.5),
+    (2e-3, 1.5),
+    (1e-3, 1.0),
 ];
-/// Number of the last one, which matters only where a needle that rests was read on its way.
-pub(super) const MOVING: usize = COUNT - 1;
+/// Number of the one that matters only where a needle that rests was read on its way.
+pub(super) const MOVING: usize = 10;
+/// Numbers of those that matter only where the tip's direction is measured.
+pub(super) const DIRECTION: Range<usize> = 11..14;
 /// Loads below this are as large, N: where a tip takes hardly any, nothing is known to a share of it.
 const LEAST_LOAD_N: f64 = 0.02;
 /// No path is smoother than this, m: the model is solved in steps.
 const LEAST_IRREGULARITY_M: f64 = 3e-6;
+const LEAST_UNSTEADY_RAD: f64 = 3e-5;
 /// What all insertions of a session share has one value in each plane, which says little of a size: these are wide. Offset (m), angle
 /// (rad), load (a multiple of its size).
 const SHARED_OFFSET_M: f64 = 0.1;
@@ -71,6 +100,10 @@ const SHARED_LOAD: f64 = 2.0;
 /// Guide 2 against its zero, shared and own, m: clearance and mounting. The place of the surface that all insertions share, m.
 const GUIDE2_M: [f64; 2] = [0.05e-3, 0.01e-3];
 const SHARED_ENTRY_M: f64 = 0.3e-3;
+/// Tilt that all insertions share, rad: how the sensor sits on the needle.
+const SHARED_TILT_RAD: f64 = 0.05;
+/// How far the share of the rear differs between insertions: whoever holds the needle takes it anew.
+const OWN_REAR_SHARE: f64 = 0.03;
 /// Drift that repeats from insertion to insertion, against that of each: a field of the tracker that is bent a little.
 const SHARED_DRIFT: f64 = 0.5;
 /// Steps of the logarithms of modulus and gap that a search may take at once, and the part of it that stands for one insertion.
@@ -79,18 +112,19 @@ const SEARCHED_OWN_LN: f64 = 1e-3;
 
 /// Standard deviations of one plane's unknowns before the wander, and how those of their shared parts compare.
 pub(super) struct Map {
-    pub sds: [f64; WANDER],
-    pub ratios: [f64; WANDER],
+    pub sds: Vec<f64>,
+    pub ratios: Vec<f64>,
+    /// Places of the wander, whose own standard deviation is given by what follows.
+    pub wander: Range<usize>,
     /// Stationary standard deviation of the wander, and how much of it is left after a stretch between knots.
     pub wander_n: f64,
-    pub wander_ratio: f64,
     pub forgets: f64,
 }
 
 impl Scales {
     /// From distances to the typical ones, in standard deviations, for tip loads of about `load_n`.
     pub(super) fn from_logarithms(x: &[f64], known: Known) -> Self {
-        let Known { reading_m, load_n } = known;
+        let Known { noise, rear_share, load_n } = known;
         let load_n = load_n.max(LEAST_LOAD_N);
         let at = |i: usize| TYPICAL[i].0 * (x[i] * TYPICAL[i].1).clamp(-9.0, 9.0).exp();
         Self {
@@ -105,20 +139,31 @@ impl Scales {
             drift_m: at(8),
             irregularity_m: at(9).max(LEAST_IRREGULARITY_M),
             moving_m: at(MOVING),
-            reading_m,
+            tilt_rad: at(11),
+            bend_rad: at(12),
+            unsteady_rad: at(13).max(LEAST_UNSTEADY_RAD),
+            reading_m: noise.position_m,
+            direction_rad: noise.direction_rad,
+            rear_share,
         }
     }
 
-    /// Variance of the median of so many readings at one depth, m^2.
-    pub(super) fn variance_m2(&self, rows: f64, moving: bool) -> f64 {
-        let moving_m = if moving { self.moving_m } else { 0.0 };
-        self.irregularity_m.powi(2) + moving_m.powi(2) + self.reading_m.powi(2) * of_median(rows)
+    /// Variance of the median of so many readings at one depth, m^2 or rad^2.
+    pub(super) fn variance(&self, measured: Measured, rows: f64, moving: bool) -> f64 {
+        let [irregular, moving, reading] = match measured {
+            Measured::Position => {
+                [self.irregularity_m, if moving { self.moving_m } else { 0.0 }, self.reading_m]
+            }
+            Measured::Direction => [self.unsteady_rad, 0.0, self.direction_rad],
+        };
+        irregular.powi(2) + moving.powi(2) + reading.powi(2) * of_median(rows)
     }
 
     /// Sizes of a plane's unknowns. `searching`: modulus and gap that all insertions share may step away from the candidate.
     pub(super) fn map(&self, layout: &Layout, searching: bool) -> Map {
-        let mut sds = [0.0; WANDER];
-        let mut ratios = [0.0; WANDER];
+        let length = layout.of_plane();
+        let (mut sds, mut ratios) = (vec![0.0; length], vec![0.0; length]);
+        ratios[layout.wander()].fill(self.wander_n[0] / self.wander_n[1]);
         let mut set = |i: usize, [shared, own]: [f64; 2]| {
             sds[i] = own;
             ratios[i] = if own > 0.0 { shared / own } else { 0.0 };
@@ -134,12 +179,22 @@ impl Scales {
             set(DRIFT + number, [SHARED_DRIFT * own_m, own_m]);
         }
         set(LOAD, [self.shared_load_n, self.load_n]);
+        if let Some(rear) = layout.rear() {
+            set(rear, [self.rear_share, OWN_REAR_SHARE]);
+        }
+        if let Some(tilt) = layout.tilt() {
+            set(tilt, [SHARED_TILT_RAD, self.tilt_rad]);
+            for number in 0..BENDS {
+                let own_rad = self.bend_rad / ((number + 1) as f64).sqrt();
+                set(tilt + 1 + number, [own_rad, own_rad]);
+            }
+        }
         let stretch_m = layout.knots_m.get(1).copied().unwrap_or(1.0);
         Map {
             sds,
             ratios,
+            wander: layout.wander(),
             wander_n: self.wander_n[1],
-            wander_ratio: self.wander_n[0] / self.wander_n[1],
             forgets: (-stretch_m / self.memory_m).exp(),
         }
     }
@@ -165,34 +220,45 @@ impl Map {
     /// From a vector in the unknowns' units of `length` per plane to standard normal numbers, transposed: `D^T v`. The wander is
     /// stationary and forgets exponentially along the depth.
     pub fn pull_back(&self, values: &mut [f64], length: usize) {
+        let push = (1.0 - self.forgets * self.forgets).sqrt();
         for plane in values.chunks_exact_mut(length) {
-            plane.iter_mut().zip(self.sds).for_each(|(value, sd)| *value *= sd);
-            let push = (1.0 - self.forgets * self.forgets).sqrt();
             let mut sum = 0.0;
-            for knot in (WANDER..length).rev() {
-                sum = plane[knot] + self.forgets * sum;
-                plane[knot] = self.wander_n * sum * if knot > WANDER { push } else { 1.0 };
+            for (knot, value) in plane[self.wander.clone()].iter_mut().enumerate().rev() {
+                sum = *value + self.forgets * sum;
+                *value = self.wander_n * sum * if knot > 0 { push } else { 1.0 };
             }
+            self.scale(plane);
         }
     }
 
     /// From standard normal numbers to the unknowns: `D v`.
     pub fn push_forward(&self, values: &mut [f64], length: usize) {
+        let push = (1.0 - self.forgets * self.forgets).sqrt();
         for plane in values.chunks_exact_mut(length) {
-            plane.iter_mut().zip(self.sds).for_each(|(value, sd)| *value *= sd);
-            let push = (1.0 - self.forgets * self.forgets).sqrt();
             let mut wander = 0.0;
-            for (knot, value) in plane.iter_mut().enumerate().skip(WANDER) {
-                let fresh = if knot > WANDER { push * *value } else { *value };
+            for (knot, value) in plane[self.wander.clone()].iter_mut().enumerate() {
+                let fresh = if knot > 0 { push * *value } else { *value };
                 wander = self.forgets * wander + fresh;
                 *value = self.wander_n * wander;
             }
+            self.scale(plane);
+        }
+    }
+
+    /// The unknowns beside the wander.
+    fn scale(&self, plane: &mut [f64]) {
+        let [before, after] = [0..self.wander.start, self.wander.end..plane.len()];
+        for (value, sd) in plane[before.clone()].iter_mut().zip(&self.sds[before]) {
+            *value *= sd;
+        }
+        for (value, sd) in plane[after.clone()].iter_mut().zip(&self.sds[after]) {
+            *value *= sd;
         }
     }
 
     /// Shared over own standard deviation of the unknown at a place of a vector.
     pub fn ratio(&self, place: usize, length: usize) -> f64 {
-        self.ratios.get(place % length).copied().unwrap_or(self.wander_ratio)
+        self.ratios.get(place % length).copied().unwrap_or_default()
     }
 }
 

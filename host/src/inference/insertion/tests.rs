@@ -1,11 +1,11 @@
 //! Against dense normal algebra, the forward model, and what the recordings of hands contain.
 
-use super::basis::Basis;
-use super::candidates::Candidate;
+use super::basis::{Basis, Measured};
+use super::candidates::{Candidate, Fineness};
 use super::layout::{ENTRY, LOAD, MODULUS, WANDER};
 use super::scales::{COUNT, Known};
 use super::*;
-use crate::model::{Cutting, Experiment, Insertion, Model, Needle, Profile, Rig, TipLaw, predict};
+use crate::model::{Cutting, Experiment, Guides, Insertion, Model, Needle, Profile, Rig, TipLaw, predict};
 use crate::session::InsertionRun;
 use std::path::PathBuf;
 
@@ -34,13 +34,12 @@ fn run(rows: &[[f64; 6]]) -> InsertionRun {
 
 fn tissue(sd_ln: f64) -> Tissue {
     let model = Model::uniform(rig(), 12e3).expect("a model");
-    Tissue { model, modulus_sd_ln: sd_ln, gap_m: 0.02, gap_sd_ln: sd_ln }
+    Tissue { model, modulus_sd_ln: sd_ln, gap_m: 0.02, gap_sd_ln: sd_ln, rear: None }
 }
 
 fn basis(candidates: &Candidates, candidate: Candidate, load_n: [f64; 2]) -> Basis {
-    let responses = candidates.responses(candidate).expect("responses");
-    let nodes_m = std::sync::Arc::new(candidates.nodes_m(0));
-    Basis::new(candidates, &responses, candidate, 0, nodes_m, load_n)
+    let responses = candidates.responses(candidate, Fineness::Fine).expect("responses");
+    Basis::new(candidates, &responses, candidate, 0, load_n)
 }
 
 /// Guide 2 moved, at rest and on the way; needle turned out of its plane.
@@ -74,7 +73,7 @@ fn forward_m(
     [tip_m.y, tip_m.x.expect("two planes")]
 }
 
-const AWAY: Candidate = Candidate { modulus_ln: 0.11, gap_ln: -0.37 };
+const AWAY: Candidate = Candidate { modulus_ln: 0.11, gap_ln: -0.37, rear_share: [0.0; 2] };
 
 /// The rows of the design, times unknowns, are what the forward model predicts, also between the points that are solved.
 #[test]
@@ -103,7 +102,7 @@ fn the_design_is_the_forward_model() {
     let basis = basis(&candidates, AWAY, [0.0; 2]);
     for (plane, expected_m) in expected_m.iter().enumerate() {
         for (depth_m, expected_m) in depths_m.iter().zip(expected_m) {
-            let (row, guide2_m) = basis.row(plane, *depth_m, false);
+            let (row, guide2_m) = basis.row(plane, Measured::Position, *depth_m, false);
             let tip_m = guide2_m + row.iter().zip(&unknowns).map(|(row, unknown)| row * unknown).sum::<f64>();
             assert!((tip_m - expected_m).abs() < 2e-6, "{tip_m} is not {expected_m} at {depth_m}");
         }
@@ -126,7 +125,7 @@ fn differences_of_one_insertion_are_those_of_the_forward_model() {
     for plane in 0..2 {
         let (_, at) = candidates.layout.place(plane);
         for (i, depth_m) in depths_m.into_iter().enumerate() {
-            let (row, _) = basis.row(plane, depth_m, false);
+            let (row, _) = basis.row(plane, Measured::Position, depth_m, false);
             let (found_m, expected_m) = (0.02 * row[at + MODULUS], stiffer_m[plane][i] - before_m[plane][i]);
             assert!((found_m - expected_m).abs() < 2e-6, "{found_m} is not {expected_m} at {depth_m}");
         }
@@ -141,7 +140,7 @@ fn differences_of_one_insertion_are_those_of_the_forward_model() {
     for plane in 0..2 {
         let (_, at) = candidates.layout.place(plane);
         for (i, depth_m) in depths_m.into_iter().enumerate() {
-            let (row, _) = basis.row(plane, depth_m, false);
+            let (row, _) = basis.row(plane, Measured::Position, depth_m, false);
             let (found_m, expected_m) = (0.2e-3 * row[at + ENTRY], later_m[plane][i] - before_m[plane][i]);
             assert!((found_m - expected_m).abs() < 2e-6, "{found_m} is not {expected_m} at {depth_m}");
         }
@@ -153,8 +152,11 @@ fn differences_of_one_insertion_are_those_of_the_forward_model() {
 fn the_wander_is_stationary() {
     let path =
         TipPath::new(&run(&[0.0, 20.0, 40.0, 60.0, 80.0].map(|d| [d, 0.0, 0.0, 0.0, 0.0, 0.0]))).expect("ok");
-    let layout = Layout::new(&[path], 0.08);
-    let scales = Scales::from_logarithms(&[0.0; COUNT], Known { reading_m: 0.0, load_n: 0.2 });
+    let layout = Layout::new(&[path], 0.08, false);
+    let scales = Scales::from_logarithms(
+        &[0.0; COUNT],
+        Known { noise: ReadingNoise::default(), rear_share: 0.0, load_n: 0.2 },
+    );
     let map = scales.map(&layout, false);
     // What the wander's standard normal numbers do to the load at a depth.
     let load = |depth_m: f64| {
@@ -176,7 +178,7 @@ fn half_turns_leave_the_planes_apart() {
     let turned = |degrees: f64| {
         let row = |mm: i32| [f64::from(mm), 0.0, 0.0, if mm > 30 { degrees } else { 0.0 }, 0.0, 0.0];
         let path = TipPath::new(&run(&(0..=60).map(row).collect::<Vec<_>>())).expect("an insertion");
-        Layout::new(&[path], 0.06).coupled
+        Layout::new(&[path], 0.06, false).coupled
     };
     assert_eq!([180.0, -180.0, 360.0, 90.0].map(turned), [false, false, false, true]);
 }
@@ -256,12 +258,79 @@ fn live_and_recorded_agree() {
     let path = TipPath::new(&run(&rows)).expect("an insertion");
     let paths = [path];
     let candidates = Candidates::new(&tissue(0.5), &paths, 0.1).expect("candidates");
-    let learned = learn(&candidates, &paths, &[], 0, 0.05e-3);
+    let learned =
+        learn(&candidates, &paths, &[], 0, ReadingNoise { position_m: 0.05e-3, ..ReadingNoise::default() });
     let mut recorded = Belief::new(&candidates, &learned);
     recorded.update_all(&paths[0]);
     let mut live = Live::new(Belief::new(&candidates, &learned));
     rows.iter().for_each(|row| live.push(1e-3 * row[0], [1e-3 * row[1], 1e-3 * row[2]]));
     for (a, b) in recorded.tip_m(&[0.1])[0].iter().zip(&live.belief().tip_m(&[0.1])[0]) {
         assert!((a.mean - b.mean).abs() < 1e-9 && (a.sd - b.sd).abs() < 1e-9);
+    }
+}
+
+/// One guide with a rear that is stiff in one plane and soft in the other, guide 2 moved at rest between nodes: position and direction of
+/// the tip are those of the forward model, and so is what a little more of the rear does.
+#[test]
+fn the_design_of_one_guide_is_the_forward_model() {
+    let rows: Vec<[f64; 6]> = (0..=80)
+        .flat_map(|mm| {
+            let at = |d: f64, held: f64| [d, 0.0, 0.0, 0.0, held, -0.5 * held];
+            let d = f64::from(mm);
+            let held = if d > 30.0 { 1.5 } else { 0.0 };
+            if mm == 30 { vec![at(30.0, 0.0), at(30.4, 0.0), at(30.4, 1.5)] } else { vec![at(d, held)] }
+        })
+        .collect();
+    let mut run = run(&rows);
+    run.tip_direction_y_rad = Some(vec![0.0; rows.len()]);
+    let path = TipPath::new(&run).expect("an insertion");
+    let guides = |stiffness: [Option<f64>; 2]| Guides::One { rear_rotation_n_m_per_rad: stiffness };
+    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.0, entry_m: 0.028, guides: guides([None; 2]) };
+    let model = Model::uniform(rig.clone(), 12e3).expect("a model");
+    let rear = Rear { needle_n_m_per_rad: 1.1, middle: 0.4, sd: 0.3, unknown: [true; 2] };
+    let tissue = Tissue { model, modulus_sd_ln: 0.5, gap_m: 0.028, gap_sd_ln: 0.5, rear: Some(rear) };
+    let candidates = Candidates::new(&tissue, std::slice::from_ref(&path), 0.08).expect("candidates");
+    let load_n = [0.2, -0.1];
+    let depths =
+        [(0.013, false), (0.0302, false), (0.0304, false), (0.0304, true), (0.035, false), (0.08, false)];
+    let forward = |at: Candidate, depths: &[(f64, bool)]| {
+        let stiffness = at.rear_share.map(|share| Some(rear.stiffness_n_m_per_rad(share)));
+        let entry_m = 0.028 * at.gap_ln.exp();
+        let rig = Rig { entry_m, guides: guides(stiffness), ..rig.clone() };
+        let mut model = Model::uniform(rig, 12e3 * at.modulus_ln.exp()).expect("a model");
+        model.tip = TipLaw::load(load_n);
+        // Leaving a depth is arriving a hair beyond it.
+        let depth_m = depths.iter().map(|(depth_m, leaving)| depth_m + if *leaving { 1e-7 } else { 0.0 });
+        let done = Insertion { depth_m: depth_m.collect(), tip_direction: true, ..path.done.clone() };
+        let channels = predict(&model, &Experiment::Insertion(done)).expect("predicts");
+        [channels.tip_m, channels.tip_direction_rad].map(|series| [series.y, series.x.expect("two planes")])
+    };
+    let at = Candidate { modulus_ln: 0.11, gap_ln: -0.07, rear_share: [-0.33, 0.23] };
+    let basis = basis(&candidates, at, load_n);
+    let layout = &candidates.layout;
+    let place = layout.rear().expect("an unknown rear");
+    let tip = |measured: Measured, plane: usize, (depth_m, leaving): (f64, bool), share: f64| {
+        let (row, beside) = basis.row(plane, measured, depth_m, leaving);
+        beside + row[LOAD] * load_n[plane] + row[place] * share
+    };
+    let more = Candidate { rear_share: at.rear_share.map(|share| share + 0.02), ..at };
+    let (here, there) = (forward(at, &depths), forward(more, &depths));
+    for (measured, within) in [(Measured::Position, 6e-6), (Measured::Direction, 1.5e-4)] {
+        for plane in 0..2 {
+            for (i, depth) in depths.into_iter().enumerate() {
+                let found = tip(measured, plane, depth, at.rear_share[plane]);
+                let expected = here[measured as usize][plane][i];
+                assert!(
+                    (found - expected).abs() < within,
+                    "{measured:?} {plane} at {depth:?}: {found}, {expected}"
+                );
+                let change = tip(measured, plane, depth, more.rear_share[plane]) - found;
+                let expected = there[measured as usize][plane][i] - expected;
+                assert!(
+                    (change - expected).abs() < 0.1 * within,
+                    "{measured:?} {plane} {depth:?}: {change}, {expected}"
+                );
+            }
+        }
     }
 }

@@ -1,7 +1,7 @@
-//! Sessions of insertions whose truth is known, plain and with the small imperfections that every rig has.
+//! Sessions of insertions whose truth is known: plain, with the small imperfections that every rig has, and with one guide.
 
-use super::marching::{Acting, Needle, STEP_M, node_at};
-use host::model::{Needle as Drawn, Rig};
+use super::marching::{Acting, Held, Needle, STEP_M, Tip, node_at};
+use host::model::{Guides, Needle as Drawn, Rig};
 use host::session::{InsertionRun, Noise, Session};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,9 +11,20 @@ use std::path::PathBuf;
 const MM: f64 = 1e-3;
 /// Noise of a tip reading.
 pub const TIP_SD_M: f64 = 0.05 * MM;
+/// Noise of a reading of the tip's direction.
+const DIRECTION_SD_RAD: f64 = 1e-3;
 const GUIDE2_M: f64 = 0.06;
 /// How far the gap that the session states is from the true one (standard deviation of the logarithm).
 const STATED_GAP_SD_LN: f64 = 0.3;
+
+/// What kind of world.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Kind {
+    /// One guide, with a rear of which nothing is stated and a tip whose direction is measured, instead of two.
+    pub one_guide: bool,
+    /// Sizes of the imperfections.
+    pub imperfections: Imperfections,
+}
 
 /// Sizes of the imperfections; all 0 in a plain world.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -22,8 +33,10 @@ pub struct Imperfections {
     pub tilt_rad: f64,
     /// Guide 2 off its zero, m.
     pub guide2_m: f64,
-    /// Scatter of modulus and load between insertions, as a share.
-    pub scatter: f64,
+    /// Scatter of the modulus between insertions, as a share.
+    pub modulus: f64,
+    /// Scatter of the tip load between insertions, as a share.
+    pub load: f64,
     /// Scatter of the depth at which the tissue begins, m.
     pub entry_m: f64,
     /// Amplitude of a slow drift of the tracker, m.
@@ -36,9 +49,22 @@ impl Imperfections {
         Self {
             tilt_rad: 0.3_f64.to_radians(),
             guide2_m: 0.05 * MM,
-            scatter: 0.03,
+            modulus: 0.03,
+            load: 0.03,
             entry_m: 0.5 * MM,
             drift_m: 0.05 * MM,
+        }
+    }
+
+    /// Each of them so many times as large.
+    pub fn times(self, factor: f64) -> Self {
+        Self {
+            tilt_rad: factor * self.tilt_rad,
+            guide2_m: factor * self.guide2_m,
+            modulus: factor * self.modulus,
+            load: factor * self.load,
+            entry_m: factor * self.entry_m,
+            drift_m: factor * self.drift_m,
         }
     }
 }
@@ -87,8 +113,9 @@ impl Random {
 const NEEDLES_MM: [[f64; 2]; 4] = [[1.47, 1.07], [1.27, 1.0], [0.91, 0.6], [1.27, 0.0]];
 
 /// Session `number` of a seed: each has its own stream. Every third has insertions that are turned half way, every third some in which
-/// guide 2 is moved at rest.
-pub fn world(seed: u64, number: usize, imperfections: Imperfections) -> World {
+/// guide 2 is moved at rest; with one guide, which is moved in all of them, none is turned.
+pub fn world(seed: u64, number: usize, kind: Kind) -> World {
+    let Kind { one_guide, imperfections } = kind;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(number as u64);
     let random = &mut Random(rng);
@@ -109,26 +136,37 @@ pub fn world(seed: u64, number: usize, imperfections: Imperfections) -> World {
     let stated_m = gap_m * (STATED_GAP_SD_LN * random.normal()).exp();
     let count = random.whole(6, 12);
     let bending_n_m2 = needle.bending_stiffness_n_m2();
-    let rig = Rig::two_guides(needle, GUIDE2_M, GUIDE2_M + stated_m);
+    let rig = if one_guide {
+        let guides = Guides::One { rear_rotation_n_m_per_rad: [None; 2] };
+        Rig { needle, guide2_m: 0.0, entry_m: stated_m, guides }
+    } else {
+        Rig::two_guides(needle, GUIDE2_M, GUIDE2_M + stated_m)
+    };
     let roll_rad = 0.1 * random.normal();
     let shared = Shared {
         tilt_rad: [0; 3].map(|_| imperfections.tilt_rad * random.normal()),
         guide2_m: [0; 2].map(|_| imperfections.guide2_m * random.normal()),
         angle_rad: [0; 2].map(|_| 3e-3 * random.normal()),
         roll_rad,
+        rear_n_m: if one_guide { Some(rear_n_m(random, bending_n_m2)) } else { None },
+        tilt_of_sensor_rad: if one_guide { [0; 2].map(|_| 20e-3 * random.normal()) } else { [0.0; 2] },
     };
     let (mut insertion, mut truth) = (Vec::new(), Vec::new());
     for run in 0..count {
-        let scattered = |random: &mut Random| 1.0 + imperfections.scatter * random.normal();
+        let scattered = |random: &mut Random, share: f64| 1.0 + share * random.normal();
         let entry_off_m = imperfections.entry_m * random.normal();
         let own = Truth {
-            load_n: load_n * scattered(random),
-            modulus_pa: modulus_pa * scattered(random),
+            load_n: load_n * scattered(random, imperfections.load),
+            modulus_pa: modulus_pa * scattered(random, imperfections.modulus),
             gap_m: on_node((gap_m + entry_off_m).max(2.0 * STEP_M)),
         };
         // Where the tissue begins later, the needle is less deep in it than its depth says.
         let late_m = own.gap_m - gap_m;
-        let kind = if run % 2 == 0 { number % 3 } else { 0 };
+        let kind = match (one_guide, run % 2) {
+            (true, _) => 2,
+            (false, 0) => number % 3,
+            _ => 0,
+        };
         let recorded =
             record(random, &own, &shared, bending_n_m2, [depth_m, late_m], kind, imperfections.drift_m);
         insertion.push(InsertionRun {
@@ -143,7 +181,11 @@ pub fn world(seed: u64, number: usize, imperfections: Imperfections) -> World {
         name: None,
         rig,
         fixture_mass_kg: None,
-        noise: Noise { tip_m: Some(TIP_SD_M), ..Noise::default() },
+        noise: Noise {
+            tip_m: Some(TIP_SD_M),
+            tip_direction_rad: one_guide.then_some(DIRECTION_SD_RAD),
+            ..Noise::default()
+        },
         tissue: Default::default(),
         lateral: Vec::new(),
         insertion,
@@ -159,6 +201,15 @@ struct Shared {
     guide2_m: [f64; 2],
     angle_rad: [f64; 2],
     roll_rad: f64,
+    /// Rotation stiffness of the rear in one guide, vertical and horizontal.
+    rear_n_m: Option<[f64; 2]>,
+    /// Tilt of the direction sensor on the needle.
+    tilt_of_sensor_rad: [f64; 2],
+}
+
+/// Rotation stiffness of a rear, N m/rad: anything from a clamp to a loose grip, in each plane its own.
+fn rear_n_m(random: &mut Random, bending_n_m2: f64) -> [f64; 2] {
+    [0; 2].map(|_| bending_n_m2 / 0.0157 * (0.3_f64.ln() + random.uniform(0.0, 1.0) * 100.0_f64.ln()).exp())
 }
 
 /// One insertion: 0 plain, 1 turned by half a turn at 40 mm, 2 guide 2 moved at rest at 30 and 60 mm.
@@ -171,17 +222,24 @@ fn record(
     kind: usize,
     drift_m: f64,
 ) -> InsertionRun {
-    let needle = Needle { bending_n_m2, guide2_m: GUIDE2_M, gap_m: own.gap_m, modulus_pa: own.modulus_pa };
+    let needle = |plane: usize| {
+        let held = shared.rear_n_m.map_or(Held::TwoGuides(GUIDE2_M), |rear| Held::OneGuide(rear[plane]));
+        Needle { bending_n_m2, held, gap_m: own.gap_m, modulus_pa: own.modulus_pa }
+    };
     let turn_at = if kind == 1 { node_at(0.04) } else { usize::MAX };
     let steps_m = if kind == 2 {
-        [(0.03, random.uniform(-1.0, 1.0) * MM), (0.06, random.uniform(-1.0, 1.0) * MM)]
+        let most = if shared.rear_n_m.is_some() { 3.0 } else { 1.0 };
+        [(0.03, most * random.uniform(-1.0, 1.0) * MM), (0.06, most * random.uniform(-1.0, 1.0) * MM)]
     } else {
         [(0.0, 0.0); 2]
     };
     // Depths as recorded count from where the tissue should begin.
     let late = (late_m / STEP_M).round() as i64;
     let nodes = (node_at(depth_m) as i64 - late).max(1) as usize;
-    let own_angle_rad = [0; 2].map(|_| 1e-3 * random.normal());
+    // Whoever holds the rear takes it at another slope each time.
+    let own_sd_rad = if shared.rear_n_m.is_some() { 5e-3 } else { 1e-3 };
+    let own_angle_rad = [0; 2].map(|_| own_sd_rad * random.normal());
+    let own_tilt_rad = [0; 2].map(|_| 2e-3 * random.normal());
     let guide2_told_m = |depth: usize, leaving: bool| {
         let of = |(at_m, by_m): (f64, f64)| {
             let at = node_at(at_m);
@@ -205,12 +263,12 @@ fn record(
                 }
             })
             .collect();
-        needle.path_m(&acting)
+        needle(plane).path(&acting)
     };
-    let paths_m = [plane(0), plane(1)];
+    let paths = [plane(0), plane(1)];
     let offset_m = [0; 2].map(|_| 0.3 * MM * random.normal());
     let waves = [0; 2].map(|_| [random.uniform(0.1, 0.3), random.uniform(0.0, TAU)]);
-    let mut columns: [Vec<f64>; 5] = Default::default();
+    let mut columns: [Vec<f64>; 7] = Default::default();
     for depth in (0..=node_at(depth_m)).step_by(2) {
         let depth_at_m = STEP_M * depth as f64;
         let step = (depth as i64 - late).max(0) as usize;
@@ -219,7 +277,7 @@ fn record(
             depth == turn_at || (kind == 2 && steps_m.iter().any(|(at_m, _)| node_at(*at_m) == depth));
         for leaving in [false, true].into_iter().take(if moved { 2 } else { 1 }) {
             let real_m: [f64; 2] = [0, 1].map(|plane| {
-                paths_m[plane].get(step).map_or(0.0, |tip_m| tip_m[usize::from(leaving)])
+                paths[plane].get(step).map_or(0.0, |Tip { at_m, .. }| at_m[usize::from(leaving)])
                     + (shared.angle_rad[plane] + own_angle_rad[plane]) * depth_at_m
             });
             // The tracker's frame is tilted about all three axes.
@@ -235,14 +293,24 @@ fn record(
                 columns[1 + plane]
                     .push(seen_m[plane] + offset_m[plane] + drift_m + TIP_SD_M * random.normal());
             }
+            for plane in 0..2 {
+                let slope_rad = paths[plane]
+                    .get(step)
+                    .map_or(0.0, |Tip { slope_rad, .. }| slope_rad[usize::from(leaving)]);
+                let straight_rad = shared.angle_rad[plane] + own_angle_rad[plane] + shared.tilt_rad[plane];
+                let tilt_rad = shared.tilt_of_sensor_rad[plane] + own_tilt_rad[plane];
+                let read_rad = slope_rad + straight_rad + tilt_rad + DIRECTION_SD_RAD * random.normal();
+                columns[5 + plane].push(read_rad);
+            }
             columns[3].push(if turned(depth, leaving) { PI } else { 0.0 });
             columns[4].push(guide2_told_m(depth, leaving));
         }
     }
-    let [depth_m, tip_y_m, tip_x_m, rotation_rad, guide2_y_m] = columns;
+    let [depth_m, tip_y_m, tip_x_m, rotation_rad, guide2_y_m, direction_y_rad, direction_x_rad] = columns;
+    let is_directed = shared.rear_n_m.is_some();
     InsertionRun {
-        tip_direction_y_rad: None,
-        tip_direction_x_rad: None,
+        tip_direction_y_rad: is_directed.then_some(direction_y_rad),
+        tip_direction_x_rad: is_directed.then_some(direction_x_rad),
         id: String::new(),
         path: PathBuf::new(),
         depth_m,
@@ -262,8 +330,8 @@ mod tests {
 
     #[test]
     fn a_session_follows_from_its_seed_and_number() {
-        let [a, b, other] =
-            [(1, 4), (1, 4), (1, 5)].map(|(seed, number)| world(seed, number, Imperfections::small()));
+        let kind = Kind { imperfections: Imperfections::small(), ..Kind::default() };
+        let [a, b, other] = [(1, 4), (1, 4), (1, 5)].map(|(seed, number)| world(seed, number, kind));
         assert!(a.session == b.session && a.truth == b.truth && a.session != other.session);
     }
 
@@ -271,7 +339,7 @@ mod tests {
     #[test]
     fn motions_at_rest_are_recorded() {
         for (number, rows) in [(0, 0), (1, 1), (2, 2)] {
-            let session = world(3, number, Imperfections::default()).session;
+            let session = world(3, number, Kind::default()).session;
             let twice = |run: &InsertionRun| run.depth_m.windows(2).filter(|pair| pair[0] == pair[1]).count();
             assert_eq!([twice(&session.insertion[0]), twice(&session.insertion[1])], [rows, 0]);
         }

@@ -7,14 +7,23 @@
 /// Distance of nodes, m.
 pub const STEP_M: f64 = 0.5e-3;
 
-/// A needle held by guide 1 and guide 2 and pushed into uniform tissue. Lengths are multiples of [`STEP_M`].
+/// What holds a needle outside the tissue.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Held {
+    /// A clamp in guide 1, and guide 2 at this distance from it, m.
+    TwoGuides(f64),
+    /// One guide, in which a moment per slope (N m/rad) turns the needle back.
+    OneGuide(f64),
+}
+
+/// A needle in its guides that is pushed into uniform tissue. Lengths are multiples of [`STEP_M`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Needle {
     /// Bending stiffness, N m^2.
     pub bending_n_m2: f64,
-    /// From guide 1 to guide 2, m.
-    pub guide2_m: f64,
-    /// From guide 2 to the tissue, m.
+    /// What holds it.
+    pub held: Held,
+    /// From the guide that moves to the tissue, m.
     pub gap_m: f64,
     /// Foundation modulus, Pa.
     pub modulus_pa: f64,
@@ -34,17 +43,33 @@ pub fn node_at(length_m: f64) -> usize {
     (length_m / STEP_M).round() as usize
 }
 
+/// The tip at a node of the path, on arriving and on leaving.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Tip {
+    /// Position, m.
+    pub at_m: [f64; 2],
+    /// Slope of the needle, rad.
+    pub slope_rad: [f64; 2],
+}
+
 impl Needle {
-    /// Tip position on arriving at every node of the path and on leaving it, m; `acting` for each of them.
-    pub fn path_m(&self, acting: &[Acting]) -> Vec<[f64; 2]> {
-        let (guide, entry) = (node_at(self.guide2_m), node_at(self.guide2_m + self.gap_m));
+    /// The tip at every node of the path; `acting` for each of them.
+    pub fn path(&self, acting: &[Acting]) -> Vec<Tip> {
+        let (guide2_m, rear_n_m) = match self.held {
+            Held::TwoGuides(guide2_m) => (guide2_m, f64::INFINITY),
+            Held::OneGuide(rear_n_m) => (0.0, rear_n_m),
+        };
+        let (guide, entry) = (node_at(guide2_m), node_at(guide2_m + self.gap_m));
         let half_n_per_m = 0.5 * self.modulus_pa * STEP_M;
-        let mut path_m: Vec<[f64; 2]> = Vec::with_capacity(acting.len());
+        let mut path: Vec<Tip> = Vec::with_capacity(acting.len());
         for (step, now) in acting.iter().enumerate() {
             let tip = entry + step;
             let solve = |side: usize, own_m: Option<f64>| {
-                let mut beam = Beam::new(tip, self.bending_n_m2);
-                for (node, [arrived_m, left_m]) in path_m.iter().enumerate() {
+                let mut beam = Beam::new(tip, self.bending_n_m2, rear_n_m);
+                if guide > 0 {
+                    beam.hold(0, 0.0);
+                }
+                for (node, Tip { at_m: [arrived_m, left_m], .. }) in path.iter().enumerate() {
                     // The half cell before the surface is empty.
                     if node > 0 {
                         beam.spring(entry + node, half_n_per_m, *arrived_m);
@@ -57,18 +82,19 @@ impl Needle {
                 }
                 beam.force_n[tip] += now.load_n[side];
                 beam.hold(guide, now.guide2_m[side]);
-                beam.tip_m()
+                beam.tip()
             };
-            let arriving_m = solve(0, None);
+            let arriving = solve(0, None);
             let moved = now.load_n[0] != now.load_n[1] || now.guide2_m[0] != now.guide2_m[1];
-            let leaving_m = if moved { solve(1, Some(arriving_m)) } else { arriving_m };
-            path_m.push([arriving_m, leaving_m]);
+            let leaving = if moved { solve(1, Some(arriving[0])) } else { arriving };
+            let [at_m, slope_rad] = [0, 1].map(|i| [arriving[i], leaving[i]]);
+            path.push(Tip { at_m, slope_rad });
         }
-        path_m
+        path
     }
 }
 
-/// Nodes 0 to `tip`; the needle is clamped in guide 1: `u_0 = 0`, and `u_{-1} = u_1`.
+/// Nodes 0 to `tip`; the moment at node 0 is in proportion to the slope there, in a clamp without limit.
 struct Beam {
     /// Diagonal and two bands above it.
     bands: Vec<[f64; 3]>,
@@ -76,11 +102,15 @@ struct Beam {
 }
 
 impl Beam {
-    fn new(tip: usize, bending_n_m2: f64) -> Self {
+    fn new(tip: usize, bending_n_m2: f64, rear_n_m: f64) -> Self {
         let mut beam = Self { bands: vec![[0.0; 3]; tip + 1], force_n: vec![0.0; tip + 1] };
         let stiffness = bending_n_m2 / STEP_M.powi(3);
-        // Curvature at the clamp is 2 u_1 / h^2, over half a cell.
-        beam.bands[1][0] += 2.0 * stiffness;
+        // Half a cell that bends, 2 EI/h per angle, behind the spring that turns.
+        let half_cell_n_m = 2.0 * bending_n_m2 / STEP_M;
+        let turning = 1.0 / (1.0 / half_cell_n_m + 1.0 / rear_n_m) / (STEP_M * STEP_M);
+        beam.bands[0][0] += turning;
+        beam.bands[0][1] -= turning;
+        beam.bands[1][0] += turning;
         for middle in 1..tip {
             for (i, a) in [1.0, -2.0, 1.0].into_iter().enumerate() {
                 for (j, b) in [1.0, -2.0, 1.0].into_iter().enumerate().skip(i) {
@@ -88,7 +118,6 @@ impl Beam {
                 }
             }
         }
-        beam.hold(0, 0.0);
         beam
     }
 
@@ -112,8 +141,8 @@ impl Beam {
         self.force_n[node] = at_m;
     }
 
-    /// Deflection of the last node: forward elimination is enough.
-    fn tip_m(mut self) -> f64 {
+    /// Deflection of the last node, and the slope there: forward elimination, and the last nodes backward.
+    fn tip(mut self) -> [f64; 2] {
         let count = self.force_n.len();
         for node in 0..count {
             let [diagonal, next, second] = self.bands[node];
@@ -128,7 +157,12 @@ impl Beam {
                 }
             }
         }
-        self.force_n[count - 1] / self.bands[count - 1][0]
+        let last_m = self.force_n[count - 1] / self.bands[count - 1][0];
+        let [diagonal, next, _] = self.bands[count - 2];
+        let before_m = (self.force_n[count - 2] - next * last_m) / diagonal;
+        let [diagonal, next, second] = self.bands[count - 3];
+        let earlier_m = (self.force_n[count - 3] - next * before_m - second * last_m) / diagonal;
+        [last_m, (1.5 * last_m - 2.0 * before_m + 0.5 * earlier_m) / STEP_M]
     }
 }
 
@@ -136,12 +170,17 @@ impl Beam {
 mod tests {
     use super::*;
 
+    fn path_m(needle: &Needle, acting: &[Acting]) -> Vec<[f64; 2]> {
+        needle.path(acting).iter().map(|tip| tip.at_m).collect()
+    }
+
     /// A cantilever without tissue around it: guide 2 holds the needle, the tip load bends what is beyond and before it.
     #[test]
     fn a_needle_in_air_bends_like_two_spans() {
-        let needle = Needle { bending_n_m2: 0.0157, guide2_m: 0.06, gap_m: 0.02, modulus_pa: 0.0 };
+        let needle =
+            Needle { bending_n_m2: 0.0157, held: Held::TwoGuides(0.06), gap_m: 0.02, modulus_pa: 0.0 };
         let acting = vec![Acting { load_n: [0.2; 2], ..Acting::default() }; 81];
-        let path_m = needle.path_m(&acting);
+        let path_m = path_m(&needle, &acting);
         for step in [0, 40, 80] {
             let overhang_m = 0.02 + STEP_M * step as f64;
             // Overhang as a cantilever, plus the rotation of the clamped and simply held span before it: M l / (4 EI).
@@ -153,11 +192,12 @@ mod tests {
     /// A needle that lies on its path without load or guide motion stays where it is; guide motion at rest shows at once.
     #[test]
     fn nothing_moves_without_a_cause() {
-        let needle = Needle { bending_n_m2: 0.0157, guide2_m: 0.06, gap_m: 0.02, modulus_pa: 15e3 };
+        let needle =
+            Needle { bending_n_m2: 0.0157, held: Held::TwoGuides(0.06), gap_m: 0.02, modulus_pa: 15e3 };
         let mut acting = vec![Acting::default(); 101];
         acting[60].guide2_m = [0.0, 1e-3];
         acting[61..].iter_mut().for_each(|now| now.guide2_m = [1e-3; 2]);
-        let path_m = needle.path_m(&acting);
+        let path_m = path_m(&needle, &acting);
         assert!(path_m[..=60].iter().all(|[arriving_m, _]| arriving_m.abs() < 1e-15));
         assert!(path_m[60][1].abs() > 1e-5 && path_m[61..].iter().all(|[tip_m, _]| tip_m.abs() > 1e-5));
     }
@@ -169,7 +209,7 @@ mod tests {
         let rig = Rig::two_guides(host::model::Needle::gauge_18(), 0.06, 0.085);
         let needle = Needle {
             bending_n_m2: rig.needle.bending_stiffness_n_m2(),
-            guide2_m: 0.06,
+            held: Held::TwoGuides(0.06),
             gap_m: 0.025,
             modulus_pa: 12e3,
         };
@@ -179,7 +219,7 @@ mod tests {
         let acting: Vec<Acting> = (0..=200)
             .map(|step| Acting { load_n: side(step, 80, 0.2, -0.2), guide2_m: side(step, 120, 0.0, 1e-3) })
             .collect();
-        let path_m = needle.path_m(&acting);
+        let path_m = path_m(&needle, &acting);
         let mut model = Model::uniform(rig, 12e3).expect("a model");
         model.tip = TipLaw::load([0.2, 0.0]);
         let jump = |at: f64, to: f64| Profile::new(vec![[at, 0.0], [at, to]]).expect("a profile");
@@ -193,6 +233,40 @@ mod tests {
         for (depth_mm, expected_m) in [20, 50, 90].into_iter().zip(model_m) {
             let found_m = path_m[2 * depth_mm][0];
             assert!((found_m - expected_m).abs() < 8e-6, "{found_m} is not {expected_m} at {depth_mm} mm");
+        }
+    }
+
+    /// The same with one guide, soft in rotation: position and slope of the tip.
+    #[test]
+    fn the_forward_model_agrees_about_one_guide() {
+        use host::model::{Experiment, Guides, Insertion, Model, Profile, Rig, TipLaw, predict};
+        let needle = host::model::Needle::gauge_18();
+        let bending_n_m2 = needle.bending_stiffness_n_m2();
+        let guides = Guides::One { rear_rotation_n_m_per_rad: [Some(0.8); 2] };
+        let rig = Rig { needle, guide2_m: 0.0, entry_m: 0.028, guides };
+        let needle = Needle { bending_n_m2, held: Held::OneGuide(0.8), gap_m: 0.028, modulus_pa: 12e3 };
+        let acting: Vec<Acting> = (0..=200)
+            .map(|step| Acting {
+                load_n: [0.2; 2],
+                guide2_m: [if step > 60 { 2e-3 } else { 0.0 }, if step >= 60 { 2e-3 } else { 0.0 }],
+            })
+            .collect();
+        let path = needle.path(&acting);
+        let mut model = Model::uniform(rig, 12e3).expect("a model");
+        model.tip = TipLaw::load([0.2, 0.0]);
+        let jump = Profile::new(vec![[0.03, 0.0], [0.03, 2e-3]]).expect("a profile");
+        let done = Insertion {
+            depth_m: vec![0.02, 0.05, 0.09],
+            guide2_m: Some([jump, Profile::default()]),
+            tip_direction: true,
+            ..Insertion::default()
+        };
+        let channels = predict(&model, &Experiment::Insertion(done)).expect("predicts");
+        let both = channels.tip_m.y.iter().zip(&channels.tip_direction_rad.y);
+        for (depth_mm, (expected_m, expected_rad)) in [20, 50, 90].into_iter().zip(both) {
+            let Tip { at_m, slope_rad } = path[2 * depth_mm];
+            assert!((at_m[0] - expected_m).abs() < 8e-6, "{at_m:?} is not {expected_m} at {depth_mm} mm");
+            assert!((slope_rad[0] - expected_rad).abs() < 3e-4, "{slope_rad:?} is not {expected_rad}");
         }
     }
 }

@@ -5,7 +5,7 @@ mod draw;
 mod marching;
 
 use anyhow::{Result, ensure};
-use draw::{Imperfections, World, world};
+use draw::{Imperfections, Kind, World, world};
 use host::predict::{InsertionResult, Options, predict};
 use std::fmt::Write as _;
 use std::sync::Mutex;
@@ -48,10 +48,19 @@ struct Line {
 pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> {
     ensure!((1..=10_000).contains(&sessions), "--sessions is {sessions}, expected 1 to 10000");
     let mut lines = Vec::new();
-    let worlds = [("plain", Imperfections::default()), ("imperfect", Imperfections::small())];
-    for (name, imperfections) in worlds {
+    let small = Imperfections::small();
+    let two_guides = |imperfections: Imperfections| Kind { imperfections, ..Kind::default() };
+    let worlds = [
+        ("plain", two_guides(Imperfections::default())),
+        ("imperfect", two_guides(small)),
+        ("twice as imperfect", two_guides(small.times(2.0))),
+        ("loads 10 % apart", two_guides(Imperfections { load: 0.1, ..Imperfections::default() })),
+        ("one guide", Kind { one_guide: true, imperfections: Imperfections::default() }),
+        ("one guide, imperfect", Kind { one_guide: true, imperfections: small }),
+    ];
+    for (name, kind) in worlds {
         for until_mm in UNTIL_MM.into_iter().filter(|until_mm| format!("{name} {until_mm}").contains(only)) {
-            lines.push(line(name, imperfections, until_mm, sessions, seed, verbose)?);
+            lines.push(line(name, kind, until_mm, sessions, seed, verbose)?);
         }
     }
     print!("{}", table(&lines));
@@ -61,7 +70,7 @@ pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> 
 
 fn line(
     name: &'static str,
-    imperfections: Imperfections,
+    kind: Kind,
     until_mm: f64,
     sessions: usize,
     seed: u64,
@@ -75,7 +84,7 @@ fn line(
             if number >= sessions {
                 return Ok(());
             }
-            let world = world(seed, number, imperfections);
+            let world = world(seed, number, kind);
             let start = Instant::now();
             let judged = judge(&world, until_mm)?;
             let seconds = start.elapsed().as_secs_f64();
