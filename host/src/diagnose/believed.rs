@@ -32,7 +32,7 @@ const BY_HAND_PA: [f64; 4] = [5e3, 25e3, 100e3, 400e3];
 const GAP_SD_LN: f64 = 0.15;
 const GAP_LN: f64 = 1.0;
 /// How far the modulus of a session may be from that of its reference, logarithm.
-const REFERENCE_SD_LN: f64 = 1.0;
+const REFERENCE_SD_LN: f64 = 0.3;
 
 /// How a parameter is counted inside the fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
