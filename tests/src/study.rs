@@ -61,7 +61,7 @@ pub struct Args {
 /// # Errors
 /// Where the model refuses, or the study cannot be built with optimisation.
 pub fn run(args: &Args) -> Result<()> {
-    if cfg!(debug_assertions) && std::env::var_os("DEV_STUDY").is_none() {
+    if cfg!(debug_assertions) {
         return optimised();
     }
     match args.name.as_deref() {
