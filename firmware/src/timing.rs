@@ -24,8 +24,6 @@ const BOOT: u32 = 1;
 const PERIODS: u32 = 300_000;
 /// Periods between two commands.
 const ASKS_EVERY: u32 = 3;
-/// The host's turn in which it says hello.
-const HELLO_TURN: u32 = 52;
 /// Full speed of the actuators, micrometres per second.
 const FULL_SPEED_UM_S: f32 = 20_000.0;
 
@@ -87,6 +85,8 @@ impl Plant {
 
 /// A host that asks for everything.
 struct Host {
+    /// It has yet to say hello to this start.
+    greets: bool,
     turn: u32,
     steps: [Step; MAX_STEPS],
     calibration: [[u8; PIECE_BYTES]; MAX_CALIBRATION.div_ceil(PIECE_BYTES)],
@@ -111,10 +111,13 @@ impl Host {
         for (piece, bytes) in calibration.iter_mut().zip(bytes.chunks(PIECE_BYTES)) {
             piece[..bytes.len()].copy_from_slice(bytes);
         }
-        Self { turn: 0, steps, calibration, length: bytes.len() }
+        Self { greets: true, turn: 0, steps, calibration, length: bytes.len() }
     }
 
     fn asks(&mut self, random: &mut Random) -> Request {
+        if core::mem::take(&mut self.greets) {
+            return Request::Hello;
+        }
         self.turn += 1;
         let turn = self.turn % 4_000;
         let pieces = self.calibration.len();
@@ -140,7 +143,7 @@ impl Host {
                 let crc = program_crc(&self.steps[..steps]);
                 Request::Run { steps: steps as u8, crc, start_us: 0 }
             }
-            at if at % 200 == HELLO_TURN as usize => Request::Hello,
+            at if at % 200 == 52 => Request::Hello,
             at if at % 200 == 54 => Request::Safety,
             at if at % 200 == 55 => Request::Describe,
             at if at % 200 == 152 => Request::Retreat { x_um: 300, y_um: -300 },
@@ -189,7 +192,7 @@ fn main() -> ! {
         if outputs.store.is_some() {
             // It starts again, as the device does.
             controller = Controller::new(Calibration::default(), Start::ordinary(BOOT));
-            host.turn = HELLO_TURN - 1;
+            host.greets = true;
         }
         if period % 6 == 0 {
             queue.items.pop_front();

@@ -56,7 +56,7 @@
 //!
 //! | | request | answers, in order | effect |
 //! |---|---|---|---|
-//! | 0 | `Hello` | `Hello`, `Ack` | a new conversation: answers to earlier ids are forgotten |
+//! | 0 | `Hello` | `Hello`, `Connected`, `Ack` | a new connection, whose token every further command carries |
 //! | 1 | `Status` | `Status`, `Ack` | none |
 //! | 2 | `Stream { enable }` | `Ack` | telemetry batches on or off |
 //! | 3 | `LoadStep { index, step }` | `Ack` | stores one [`Step`] of the motion program |
@@ -67,6 +67,10 @@
 //! | 8 | `LoadCalibration { piece, bytes }` | `Ack` | takes 16 bytes of an encoded [`CalibrationRecord`] |
 //! | 9 | `StoreCalibration { length, crc }` | `Ack` | keeps the record if it is the one meant, and restarts with it |
 //! | 10 | `Calibration` | `Calibration`, `Ack` | none |
+//! | 11 | `Retreat { x_um, y_um }` | `Ack` | moves out of a load while its fault stands; an event follows |
+//! | 12 | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
+//! | 13 | `Describe` | `Description`, `Ack` | none |
+//! | 14 | `Safety` | `Safety`, `Ack` | none |
 //!
 //! | | message | when |
 //! |---|---|---|
@@ -77,6 +81,12 @@
 //! | 4 | [`Event`] | a step began or ended, a tare was found, the program ended, a fault was latched |
 //! | 5 | [`Status`] | asked for, and ten times a second while telemetry is on: state, fault, position, force, counters, load, stiffness |
 //! | 6 | [`CalibrationRecord`] | asked for |
+//! | 7 | `Connected { connection }` | after the hello |
+//! | 8 | [`Safety`] | asked for; while telemetry is on when it changes, and once a second |
+//! | 9 | [`Description`] | asked for |
+//!
+//! What each request is refused with in each state, the remedy of each refusal and fault, and what has changed from version to
+//! version stand in `protocol/spec/protocol.md`, beside the schema and the test vectors for other languages.
 //!
 //! # Rules
 //!
@@ -84,10 +94,12 @@
 //!   version of the protocol moves, so that two versions can tell that they differ ([`peek_hello_version`]). With
 //!   equal [`VERSION`] the [`schema_hash`] of all types must be equal too, or nothing further is said.
 //! * **Commands are carried out once.** The host waits for `Ack` or `Refused` with the id of its command and sends the same
-//!   frame again when none comes; the device gives a repeat the answer it gave before and does nothing. `Stop` alone is carried
-//!   out each time. One command is under way at a time.
-//! * **Boots.** A command for another boot is refused (`Hello` and `Stop` excepted), so that nothing meant for the state before a
-//!   restart happens after it. An envelope of another boot tells the host of the restart.
+//!   frame again when none comes; the device gives a repeat the answer it gave before and does nothing. Ids only grow within a
+//!   connection: a used one whose answer is forgotten, or that comes with another request, is refused. `Stop` and `Hello` are carried out
+//!   each time. One command is under way at a time.
+//! * **Connections.** A command without a valid token is refused (`Hello` and `Stop` excepted), so that nothing meant for the
+//!   state before a restart, and no frame from an earlier connection, happens after it. An envelope of another boot tells the host of
+//!   the restart.
 //! * **Sequence.** Envelopes are numbered from 0 at each boot, wrapping; the next one is one more. A jump forward by less than
 //!   2³¹ is that many frames lost, less one; the same number is a duplicate, one from behind is late, and neither is used
 //!   ([`SequenceTracker`]).

@@ -39,6 +39,7 @@ pub struct LoadWatch {
 
 impl LoadWatch {
     /// At the start.
+    #[expect(clippy::new_without_default, reason = "`LoadWatch::new()` says more at its only use")]
     pub const fn new() -> Self {
         Self { mark: None, least: i32::MAX }
     }

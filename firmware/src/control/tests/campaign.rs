@@ -4,7 +4,6 @@
 //! `NEEDLE_GUIDE_CAMPAIGN=SEEDS` runs more of them: a million commands are some 25 000 seeds.
 
 use super::*;
-use crate::control::motor::ON_LIMIT_PERIODS;
 use crate::control::mutation::Mutation;
 use std::boxed::Box;
 use std::format;
@@ -72,7 +71,6 @@ struct Campaign {
     connection: u32,
     next_id: u16,
     now_us: u64,
-    steps: Vec<Step>,
     sent: Vec<Command>,
     /// Force that is allowed, newtons: the limit, or what there was when it was lowered.
     allowed_n: f32,
@@ -83,7 +81,6 @@ struct Campaign {
     /// True position at the last start, and whether the tables have the wrong sign.
     from_um: [f32; 2],
     turned: bool,
-    used: [f32; 2],
     released: u32,
     completed: bool,
 }
@@ -113,7 +110,6 @@ impl Campaign {
             connection,
             next_id: 0,
             now_us: 0,
-            steps: Vec::new(),
             sent: Vec::new(),
             allowed_n: 4.0,
             limit_n: 4.0,
@@ -122,7 +118,6 @@ impl Campaign {
             starts: 0,
             from_um: [0.0; 2],
             turned: false,
-            used: [0.0; 2],
             released: 0,
             completed: false,
         }
@@ -260,7 +255,6 @@ impl Campaign {
         if lost || cooled.iter().zip(used).any(|(now, before)| *now < before - 1e-3) {
             return Err(format!("a restart forgot {before:?} or the heat: {used:?} to {cooled:?}"));
         }
-        self.used = cooled;
         self.latched = after;
         Ok(())
     }
@@ -289,7 +283,6 @@ impl Campaign {
         for (index, step) in steps.iter().enumerate() {
             let _ = self.ask(Request::LoadStep { index: index as u8, step: *step })?;
         }
-        self.steps = steps.to_vec();
         self.completed = false;
         let start_us = match self.random.below(12) {
             0 => u64::MAX - u64::from(self.random.below(9)),
@@ -436,7 +429,6 @@ fn seeds(otherwise: u64) -> u64 {
 
 #[test]
 fn no_sequence_of_commands_gets_round_the_limits() {
-    assert!(ON_LIMIT_PERIODS > 0);
     for seed in 1..=seeds(4) {
         run(seed).unwrap_or_else(|found| panic!("{found}"));
     }

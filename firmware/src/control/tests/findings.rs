@@ -1,7 +1,6 @@
 //! Sequences that once led round a limit, or into a state without a way out, on the bench of two springs of 1 N/mm.
 
 use super::*;
-use crate::control::motor::ON_LIMIT_PERIODS;
 
 /// A bench at home, tared.
 fn at_home() -> Bench {
@@ -86,7 +85,7 @@ fn a_load_beyond_the_range_is_left_by_a_retreat_and_no_other_way_is_open() {
     assert!(bench.position_um[0] < 450.0, "{:?}", bench.position_um);
     assert_eq!(retreat(&mut bench, -1_000), Ok(RetreatOutcome::Unloaded));
     assert!(force_n(&bench) < 4.6, "{}", force_n(&bench));
-    assert_eq!(bench.controller.interlock.latched().is_some(), true, "the fault still stands");
+    assert!(bench.controller.interlock.latched().is_some(), "the fault still stands");
     assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -500 }), Err(Refusal::NotUnderLoad));
     bench.command(Request::ClearFault).expect("the cause is gone");
     assert_eq!(ended(&mut bench, &[to_y(0)]), Outcome::Completed);
@@ -166,7 +165,7 @@ fn storing_a_calibration_wipes_neither_a_fault_nor_the_heat_of_the_motors() {
     assert_eq!(bench.command(run), Err(Refusal::Busy), "it is about to restart");
     restart(&mut bench, record);
     let used = bench.controller.budgets[1].used();
-    assert!(used > 0.5 && u64::from(ON_LIMIT_PERIODS) > 0, "{used}");
+    assert!(used > 0.5, "{used}");
 }
 
 #[test]

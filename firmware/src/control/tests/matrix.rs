@@ -19,7 +19,7 @@ fn requests(record: &CalibrationRecord) -> [(&'static str, Request); 14] {
         ("Stop", Request::Stop),
         ("ClearFault", Request::ClearFault),
         ("Limits", Request::Limits { force_mn: 1_000, silence_ms: 2_000 }),
-        ("LoadCalibration", Request::LoadCalibration { piece: 15, bytes: [0; 16] }),
+        ("LoadCalibration", Request::LoadCalibration { piece: 0, bytes: [0; 16] }),
         ("StoreCalibration", Request::StoreCalibration { length, crc: record.crc() }),
         ("Calibration", Request::Calibration),
         ("Retreat", Request::Retreat { x_um: 0, y_um: -500 }),
