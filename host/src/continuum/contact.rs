@@ -310,21 +310,4 @@ mod tests {
         let turned = share(&|x| 1.0 - 1.4 * x) / rigid;
         assert!((0.8..0.95).contains(&turned), "{turned}");
     }
-
-    #[test]
-    #[ignore = "temporary"]
-    fn make_contact() {
-        std::fs::write("/tmp/contact.csv", table(|a, b| eprintln!("{a:.1} {b:.3}")).expect("table"))
-            .expect("written");
-    }
-
-    #[test]
-    #[ignore = "temporary"]
-    fn make_varied() {
-        std::fs::write(
-            "/tmp/varied.new",
-            crate::continuum::operator::varied_table(|a, b| eprintln!("{a:.1} {b:.3}")).expect("table"),
-        )
-        .expect("written");
-    }
 }

@@ -85,7 +85,27 @@ fn the_stiffness_is_symmetric_and_one_sided_contact_is_softer() {
         body.foundation_modulus_pa(&rig, 16e3, &Run::default()).expect("a modulus"),
         one_sided.foundation_modulus_pa(&rig, 16e3, &Run::default()).expect("a modulus"),
     );
-    assert!((0.45..0.6).contains(&(touched / bonded)), "{touched} {bonded}");
+    assert!((0.62..0.72).contains(&(touched / bonded)), "{touched} {bonded}");
+}
+
+/// Beyond its range K/E would be that of the needle alone, or of elements as long as it is deep.
+#[test]
+fn the_relation_is_refused_where_it_is_not_computed() {
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
+    let body = solve(0.01, 0.5, Resolution::DEFAULT, false);
+    for youngs_pa in [1e-6, 99.0, 1.1e6] {
+        match body.foundation_modulus_pa(&rig, youngs_pa, &Run::default()) {
+            Err(FitError::Model(ModelError::OutOfRange { name, expected, .. })) => {
+                assert_eq!((name, &expected[..11]), ("youngs_modulus_kpa", "0.1 to 1000"));
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    for (depth_m, poisson) in [(0.005, 0.5), (0.5, 0.5), (0.03, 0.51)] {
+        let needle = Needle::gauge_18();
+        let refused = Continuum::solve(&needle, depth_m, poisson, Contact::Bonded, Resolution::DEFAULT);
+        assert!(matches!(refused, Err(ModelError::OutOfRange { .. })), "{depth_m} {poisson}");
+    }
 }
 
 /// A lateral test in the continuum, on a finer mesh, further and at other points than the relation is made for, gives back Young's

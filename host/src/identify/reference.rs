@@ -137,7 +137,8 @@ impl<'s> Youngs<'s> {
     fn combined(&self, relation: YoungsBy) -> Option<(LnYoungs, f64)> {
         let of_depths: Option<Vec<LnYoungs>> =
             self.depths.iter().map(|depth| self.of_depth(relation, depth)).collect();
-        combined(&of_depths?)
+        let error = if matches!(relation, YoungsBy::Continuum(_)) { RELATIVE_ERROR } else { 0.0 };
+        combined(&of_depths?, error)
     }
 
     /// By how much the logarithm of Young's modulus changes over one standard deviation of Poisson's ratio; 0 where it is exactly known
@@ -209,9 +210,10 @@ impl<'s> Youngs<'s> {
     }
 }
 
-/// Weighted mean of the depths' values and the probability of their differences; a single depth is what it is.
-fn combined(depths: &[LnYoungs]) -> Option<(LnYoungs, f64)> {
-    let weight = |of: &LnYoungs| (0.5 * (of.below + of.above)).powi(-2);
+/// Weighted mean of the depths' values and the probability of their differences, where the relation of each has this error (95 %); a
+/// single depth is what it is.
+fn combined(depths: &[LnYoungs], error: f64) -> Option<(LnYoungs, f64)> {
+    let weight = |of: &LnYoungs| (0.5 * (of.below + of.above)).hypot(error).powi(-2);
     let total: f64 = depths.iter().map(weight).sum();
     match depths {
         [] => None,
