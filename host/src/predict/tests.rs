@@ -251,3 +251,88 @@ proptest! {
         }
     }
 }
+
+/// One guide whose rear is not stated, stiff in one axis and soft in the other: both are found from tip positions and directions while
+/// guide 2 moves at rest, and so is the path.
+#[test]
+fn a_rear_that_is_not_stated_is_found_in_each_axis() {
+    use crate::model::{Experiment, Guides, Insertion, Model, Needle, Profile, TipLaw, predict as forward};
+    let rear = [6.0, 0.6];
+    let guides = |stiffness: [Option<f64>; 2]| Guides::One { rear_rotation_n_m_per_rad: stiffness };
+    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.0, entry_m: 0.028, guides: guides([None; 2]) };
+    let mut noise = Noise::new(11);
+    let run = |number: usize| {
+        let known = Rig { guides: guides(rear.map(Some)), ..rig.clone() };
+        let mut model = Model::uniform(known, 14e3).expect("a model");
+        model.tip = TipLaw { entry_angle_rad: [4e-3 * number as f64, -3e-3], ..TipLaw::load([0.2, 0.03]) };
+        let steps = |to_m: f64| {
+            let knots = vec![
+                [0.0, 0.0],
+                [0.0304, 0.0],
+                [0.0304, to_m],
+                [0.0552, to_m],
+                [0.0552, -to_m],
+                [0.1, -to_m],
+            ];
+            Profile::new(knots).expect("a profile")
+        };
+        let to_m = 1e-3 * (2.0 - number as f64 * 0.5);
+        // The step itself is read before and after it.
+        let depth_m: Vec<f64> = (0..=100)
+            .flat_map(|mm| match mm {
+                30 => vec![0.030, 0.0304, 0.0304],
+                55 => vec![0.055, 0.0552, 0.0552],
+                _ => vec![1e-3 * f64::from(mm)],
+            })
+            .collect();
+        let guide2_m = [steps(to_m), steps(-0.7 * to_m)];
+        let leaves = |i: usize| i > 0 && depth_m[i] == depth_m[i - 1];
+        let at = |profile: &Profile, i: usize| {
+            if leaves(i) { profile.after(depth_m[i]) } else { profile.before(depth_m[i]) }
+        };
+        let held: [Vec<f64>; 2] =
+            guide2_m.each_ref().map(|plane| (0..depth_m.len()).map(|i| at(plane, i)).collect());
+        // The forward model reads on arriving: after a step is a hair beyond it.
+        let read_m = (0..depth_m.len()).map(|i| depth_m[i] + if leaves(i) { 1e-8 } else { 0.0 }).collect();
+        let done = Insertion {
+            depth_m: read_m,
+            guide2_m: Some(guide2_m),
+            tip_direction: true,
+            ..Insertion::default()
+        };
+        let channels = forward(&model, &Experiment::Insertion(done)).expect("predicts");
+        let mut noisy =
+            |values: Vec<f64>, sd: f64| values.into_iter().map(|value| value + sd * noise.normal()).collect();
+        let [y_m, x_m] = held;
+        crate::session::InsertionRun {
+            id: format!("i{number}"),
+            path: format!("i{number}.csv").into(),
+            tip_y_m: noisy(channels.tip_m.y, 0.05e-3),
+            tip_x_m: channels.tip_m.x.map(|x| noisy(x, 0.05e-3)),
+            tip_direction_y_rad: Some(noisy(channels.tip_direction_rad.y, 1e-3)),
+            tip_direction_x_rad: channels.tip_direction_rad.x.map(|x| noisy(x, 1e-3)),
+            guide2_y_m: Some(y_m),
+            guide2_x_m: Some(x_m),
+            depth_m,
+            time_s: None,
+            rotation_rad: None,
+            base_force_y_n: None,
+        }
+    };
+    let insertion = (0..3).map(run).collect();
+    let (empty, _) = steady();
+    let session = Session { rig, insertion, ..empty };
+    let found = predict(&session, &UNTIL_50).expect("predicts");
+    for one in &found.insertions {
+        let learned = one.learned.as_ref().expect("learned");
+        for (found, stiffness) in [&learned.rear_rotation_y, &learned.rear_rotation_x].into_iter().zip(rear) {
+            let found = found.as_ref().expect("a rear");
+            let [low, high] = found.ci95_n_m_per_rad;
+            assert!(0.8 * low <= stiffness && stiffness <= 1.25 * high, "{found:?} is not {stiffness}");
+        }
+        let soft = learned.rear_rotation_x.as_ref().expect("a rear");
+        assert_eq!(soft.status, "identified", "{soft:?}");
+        assert!(one.mae_mm.expect("measured") < 0.2, "{:?}", one.mae_mm);
+        assert!(2 * one.band_held > one.band_readings);
+    }
+}

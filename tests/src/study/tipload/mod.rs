@@ -2,10 +2,12 @@
 //! sessions from a generator of its own, plain and with small imperfections.
 
 mod draw;
+mod halves;
 mod marching;
 
 use anyhow::{Result, ensure};
 use draw::{Imperfections, Kind, World, world};
+use halves::{Agreement, agreement};
 use host::predict::{InsertionResult, Options, predict};
 use std::fmt::Write as _;
 use std::sync::Mutex;
@@ -32,11 +34,20 @@ struct Judged {
     bands: [usize; 2],
 }
 
+/// What one session showed.
+struct Found {
+    number: usize,
+    judged: Vec<Judged>,
+    seconds: f64,
+    halves: Option<Agreement>,
+}
+
 /// One line of the table.
 struct Line {
     name: &'static str,
     until_mm: f64,
     judged: Vec<Judged>,
+    halves: Vec<Agreement>,
     seconds: f64,
     sessions: usize,
 }
@@ -77,7 +88,7 @@ fn line(
     verbose: bool,
 ) -> Result<Line> {
     let next = AtomicUsize::new(0);
-    let found: Mutex<Vec<(usize, Vec<Judged>, f64)>> = Mutex::new(Vec::new());
+    let found: Mutex<Vec<Found>> = Mutex::new(Vec::new());
     let work = || -> Result<()> {
         loop {
             let number = next.fetch_add(1, Ordering::Relaxed);
@@ -91,7 +102,9 @@ fn line(
             if verbose {
                 print!("{}", details(name, number, until_mm, &world, &judged, seconds));
             }
-            found.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((number, judged, seconds));
+            let halves = agreement(&world, &options(until_mm))?;
+            let mut found = found.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            found.push(Found { number, judged, seconds, halves });
         }
     };
     let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
@@ -102,15 +115,19 @@ fn line(
             .try_for_each(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     })?;
     let mut found = found.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    found.sort_by_key(|(number, ..)| *number);
-    let seconds = found.iter().map(|(.., seconds)| seconds).sum();
-    let judged = found.into_iter().flat_map(|(_, judged, _)| judged).collect();
-    Ok(Line { name, until_mm, judged, seconds, sessions })
+    found.sort_by_key(|one| one.number);
+    let seconds = found.iter().map(|one| one.seconds).sum();
+    let halves = found.iter().filter_map(|one| one.halves).collect();
+    let judged = found.into_iter().flat_map(|one| one.judged).collect();
+    Ok(Line { name, until_mm, judged, halves, seconds, sessions })
+}
+
+fn options(until_mm: f64) -> Options {
+    Options { until_m: 1e-3 * until_mm, ..Options::default() }
 }
 
 fn judge(world: &World, until_mm: f64) -> Result<Vec<Judged>> {
-    let options = Options { until_m: 1e-3 * until_mm, ..Options::default() };
-    let found = predict(&world.session, &options)?;
+    let found = predict(&world.session, &options(until_mm))?;
     let good = found.insertions.iter().zip(&world.truth).filter(|(one, _)| one.error.is_none());
     let judged = good.filter_map(|(one, truth)| {
         let learned = one.learned.as_ref()?;
@@ -192,8 +209,8 @@ fn details(
 }
 
 fn table(lines: &[Line]) -> String {
-    let mut text = "| world | from, mm | load covered | K covered | gap covered | bands hold | load error, median | K error, median | path error, mm (quadratic) | s per session |\n\
-                    |---|---|---|---|---|---|---|---|---|---|\n"
+    let mut text = "| world | from, mm | load covered | K covered | gap covered | bands hold | load error, median | K error, median | path error, mm (quadratic) | halves overlap: load, K (difference, sd) | s per session |\n\
+                    |---|---|---|---|---|---|---|---|---|---|---|\n"
         .to_owned();
     for line in lines {
         let share = |of: &dyn Fn(&Judged) -> bool| {
@@ -203,7 +220,7 @@ fn table(lines: &[Line]) -> String {
             line.judged.iter().fold([0; 2], |sum, one| [sum[0] + one.bands[0], sum[1] + one.bands[1]]);
         let _ = writeln!(
             text,
-            "| {} | {:.0} | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.3} ({:.2}) | {:.2} |",
+            "| {} | {:.0} | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.3} ({:.2}) | {}, {} | {:.2} |",
             line.name,
             line.until_mm,
             share(&|one| one.load),
@@ -214,8 +231,19 @@ fn table(lines: &[Line]) -> String {
             100.0 * median(line.judged.iter().map(|one| one.modulus_error.abs())),
             median(line.judged.iter().filter_map(|one| one.mae_mm)),
             median(line.judged.iter().filter_map(|one| one.quadratic_mm)),
+            overlap(&line.halves, 0),
+            overlap(&line.halves, 1),
             line.seconds / line.sessions as f64
         );
     }
     text
+}
+
+/// Share of the sessions whose halves agree about the numbered quantity, with the root mean square of their difference in standard
+/// deviations.
+fn overlap(halves: &[Agreement], number: usize) -> String {
+    let count = halves.len() as f64;
+    let share = halves.iter().filter(|one| one.overlap[number]).count() as f64 / count;
+    let square = halves.iter().map(|one| one.difference[number].powi(2)).sum::<f64>() / count;
+    format!("{:.0} % ({:.1})", 100.0 * share, square.sqrt())
 }
