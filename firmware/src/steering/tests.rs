@@ -47,7 +47,7 @@ fn rows() -> Vec<Row<f64>> {
 fn last(parameters: &[f64; PARAMETERS]) -> ([f64; 2], [[f64; PARAMETERS]; 2]) {
     let settings = settings();
     let shape = Shape::new(settings.modes, settings.length_m, settings.cell_m);
-    let mut field = Field::<f64, CELLS>::new(LAYOUT, settings.cell_m, 0.02);
+    let mut field = Field::<f64, CELLS>::new(LAYOUT, settings.cell_m, 0.02, 0.0);
     field.set(parameters, CELLS);
     let mut simulation =
         Simulation::<f64, MODES, CELLS, PARAMETERS>::new(settings.cell_m, settings.length_m, 0.3, 0.0);

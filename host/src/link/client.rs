@@ -67,7 +67,7 @@ pub struct Client {
     /// Id of a question whose answer nobody waits for: [`Self::ask_on_the_way`].
     open_question: Option<u16>,
     hello: Hello,
-    /// Number of the frame that the hello came in.
+    /// Number of the last frame of the greeting: what comes next follows it.
     hello_sequence: u32,
     /// Number of the frame that was taken last.
     sequence: u32,
@@ -88,7 +88,7 @@ impl Client {
     /// As [`Self::connect`].
     pub fn connect_within(port: &str, tries: u32) -> Result<Self, LinkError> {
         let mut wire = Wire::open(port)?;
-        let mut said: Option<(u32, u32, Hello)> = None;
+        let mut said: Option<(u32, Hello)> = None;
         for id in 0..tries.max(1) {
             wire.send(&Command { id: id as u16, connection: 0, request: Request::Hello })?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
@@ -101,10 +101,10 @@ impl Client {
                 match (frame.message, &said) {
                     (Message::Hello(hello), _) => {
                         check_protocol(port, &hello)?;
-                        said = Some((frame.boot_id, frame.sequence, hello));
+                        said = Some((frame.boot_id, hello));
                     }
                     // The token belongs to the start that said hello, whichever of its hellos it answers.
-                    (Message::Connected { connection }, Some((boot_id, hello_sequence, hello)))
+                    (Message::Connected { connection }, Some((boot_id, hello)))
                         if frame.boot_id == *boot_id =>
                     {
                         return Ok(Self {
@@ -112,10 +112,11 @@ impl Client {
                             inbox: VecDeque::new(),
                             boot_id: *boot_id,
                             connection,
-                            next_id: 0,
+                            // An answer to a hello that is still on its way is no answer to what is asked next.
+                            next_id: tries.max(1) as u16,
                             open_question: None,
                             hello: hello.clone(),
-                            hello_sequence: *hello_sequence,
+                            hello_sequence: frame.sequence,
                             sequence: frame.sequence,
                         });
                     }
