@@ -40,6 +40,10 @@ pub struct BeamProblem {
     pub only_guide: bool,
     /// Rotation of the needle in guide 1, or in its only guide, per moment; 0 is a perfect clamp.
     pub clamp_compliance_rad_per_n_m: f64,
+    /// How far the frame that carries guide 2 gives per force on it, where guide 2 holds the needle during an insertion
+    /// ([`Growth`](super::growth::Growth)). Per unit force at guide 2 ([`BeamProblem::solve`]) it makes no difference; lateral runs
+    /// have it in series with the needle ([`Drive`](super::Drive)).
+    pub guide2_compliance_m_per_n: f64,
     /// Compressive axial load of the needle, P: energy `-P/2 int_0^L u'^2`.
     pub axial_load_n: f64,
     /// Shear layer of the tissue, G (Pasternak): energy `G/2 int_c^L u'^2`.
@@ -92,6 +96,7 @@ impl BeamProblem {
             depth_m,
             only_guide: rig.has_one_guide(),
             clamp_compliance_rad_per_n_m: rig.rear_compliance_rad_per_n_m(0),
+            guide2_compliance_m_per_n: 0.0,
             axial_load_n: 0.0,
             shear_n: 0.0,
             skin_n_per_m: 0.0,
@@ -172,6 +177,8 @@ impl BeamProblem {
         check("entry_m", self.entry_m, "guide2_m or more", self.entry_m >= self.guide2_m)?;
         check("depth_m", self.depth_m, "0 or more", self.depth_m >= 0.0)?;
         check("clamp_compliance_rad_per_n_m", compliance, "0 or more", compliance >= 0.0)?;
+        let frame = self.guide2_compliance_m_per_n;
+        check("guide2_compliance_m_per_n", frame, "0 or more", frame >= 0.0)?;
         check("axial_load_n", self.axial_load_n, "a finite number", true)?;
         check("shear_n", self.shear_n, "0 or more", self.shear_n >= 0.0)?;
         check("skin_n_per_m", self.skin_n_per_m, "0 or more", self.skin_n_per_m >= 0.0)?;

@@ -31,14 +31,16 @@ impl Cache {
     pub(super) fn response(&self, problem: &BeamProblem, most_m: f64) -> Result<Arc<Response>, ModelError> {
         // How far the needle is moved matters only where the tissue is not linear.
         let most_m = if problem.law.is_nonlinear() { most_m } else { 0.0 };
-        let is_it = |(p, m, _): &&(BeamProblem, f64, Arc<Response>)| *m == most_m && p == problem;
+        // The frame is in series with the needle; what the needle does under a force is the same.
+        let key = BeamProblem { guide2_compliance_m_per_n: 0.0, ..problem.clone() };
+        let is_it = |(p, m, _): &&(BeamProblem, f64, Arc<Response>)| *m == most_m && *p == key;
         if let Some((.., response)) = locked(&self.responses).iter().find(is_it) {
             return Ok(response.clone());
         }
-        let response = Arc::new(Response::new(problem, most_m)?);
+        let response = Arc::new(Response::new(&key, most_m)?);
         let mut known = locked(&self.responses);
         known.truncate(KEPT - 1);
-        known.push_front((problem.clone(), most_m, response.clone()));
+        known.push_front((key, most_m, response.clone()));
         Ok(response)
     }
 

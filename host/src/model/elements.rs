@@ -50,6 +50,13 @@ pub enum Guide2 {
     Force(f64),
     /// Holds the needle at a displacement, m.
     Held(f64),
+    /// Holds it by a spring that is at rest at a displacement.
+    Sprung {
+        /// Where the spring is at rest, m.
+        at_m: f64,
+        /// Of the spring, more than 0.
+        compliance_m_per_n: f64,
+    },
 }
 
 /// A needle cut into elements.
@@ -62,6 +69,8 @@ pub struct Elements {
     axial_load_n: f64,
     shear_n: f64,
     skin_n_per_m: f64,
+    /// Stress-free curvature of the needle.
+    curvature_per_m: f64,
     nodes_m: Vec<f64>,
     guide2: usize,
 }
@@ -112,9 +121,15 @@ impl Elements {
             axial_load_n: problem.axial_load_n,
             shear_n: problem.shear_n,
             skin_n_per_m: problem.skin_n_per_m,
+            curvature_per_m: 0.0,
             nodes_m,
             guide2,
         })
+    }
+
+    /// The same needle, bent by itself: `EI (u'' - curvature)` in place of `EI u''`.
+    pub fn bent(&self, curvature_per_m: f64) -> Self {
+        Self { curvature_per_m, ..self.clone() }
     }
 
     /// Solves for the equilibrium. `path_m`: deflection at which the springs at `z` are at rest; `tip_force_n`: lateral load at
@@ -147,7 +162,7 @@ impl Elements {
         let size = 2 * self.nodes_m.len();
         let held = match guide2 {
             Guide2::Held(_) => Some(2 * self.guide2),
-            Guide2::Force(_) => None,
+            Guide2::Force(_) | Guide2::Sprung { .. } => None,
         };
         let rigid = self.clamp_compliance_rad_per_n_m == 0.0;
         let clamped = !self.only_guide;
@@ -163,10 +178,26 @@ impl Elements {
         }
         let mut load = vec![0.0; size];
         load[size - 2] = tip_force_n;
-        if let Guide2::Force(force_n) = guide2 {
-            load[2 * self.guide2] += force_n;
+        // A curvature that is the same all along is a moment at either end.
+        let moment_n_m = self.bending_stiffness_n_m2 * self.curvature_per_m;
+        load[size - 1] += moment_n_m;
+        load[1] -= moment_n_m;
+        let mut frame_n_per_m = 0.0;
+        match guide2 {
+            Guide2::Force(force_n) => load[2 * self.guide2] += force_n,
+            Guide2::Held(_) => {}
+            Guide2::Sprung { at_m, compliance_m_per_n } => {
+                frame_n_per_m = compliance_m_per_n.recip();
+                load[2 * self.guide2] += frame_n_per_m * at_m;
+            }
         }
-        let (mut tangent, mut rest) = self.balance(springs, &path_m, &unknowns, &load);
+        let balance = |unknowns: &[f64]| {
+            let (mut tangent, mut rest) = self.balance(springs, &path_m, unknowns, &load);
+            tangent.add(2 * self.guide2, 2 * self.guide2, frame_n_per_m);
+            rest[2 * self.guide2] -= frame_n_per_m * unknowns[2 * self.guide2];
+            (tangent, rest)
+        };
+        let (mut tangent, mut rest) = balance(&unknowns);
         for _ in 0..MOST_ITERATIONS {
             let mut step: Vec<f64> =
                 rest.iter().enumerate().map(|(i, r)| if fixed(i) { 0.0 } else { *r }).collect();
@@ -176,7 +207,7 @@ impl Elements {
             let mut share = 1.0;
             loop {
                 let tried: Vec<f64> = unknowns.iter().zip(&step).map(|(u, s)| u + share * s).collect();
-                let (next, next_rest) = self.balance(springs, &path_m, &tried, &load);
+                let (next, next_rest) = balance(&tried);
                 // A full step is right where the springs are linear; beyond that, half of it until the balance improves.
                 if norm(&next_rest, fixed) <= before.max(f64::MIN_POSITIVE)
                     || share < 1e-3
@@ -191,6 +222,7 @@ impl Elements {
                 let guide2_force_n = match guide2 {
                     Guide2::Force(force_n) => force_n,
                     Guide2::Held(_) => -rest[2 * self.guide2],
+                    Guide2::Sprung { at_m, .. } => frame_n_per_m * (at_m - unknowns[2 * self.guide2]),
                 };
                 let states = unknowns.chunks_exact(2).map(|state| [state[0], state[1]]).collect();
                 return Ok(Deformed { nodes_m: self.nodes_m.clone(), states, guide2_force_n });

@@ -8,10 +8,10 @@
 //! newest end implicit: second order in the step.
 
 mod in_body;
+mod springs;
 
-use super::banded::Banded;
-use super::elements::{GAUSS, add_tension, bending_stiffness, hermite};
 use super::{BeamProblem, ModelError, check};
+use springs::GrowingBeam;
 
 /// Step that keeps the path within one part in ten thousand for needles in tissue.
 pub const DEFAULT_STEP_M: f64 = 0.5e-3;
@@ -26,7 +26,7 @@ const LEAST_ELEMENT_M: f64 = 0.04e-3;
 pub enum Guide2Grip {
     /// It does not touch the needle.
     Free,
-    /// It holds the needle at a displacement.
+    /// It holds the needle at a displacement, less what its frame gives ([`BeamProblem::guide2_compliance_m_per_n`]).
     Holding,
 }
 
@@ -55,6 +55,8 @@ struct Response {
     load: f64,
     /// Per metre of guide 2.
     guide2: f64,
+    /// Per 1/m of stress-free curvature.
+    curvature: f64,
     /// Per metre of the cut path at the start and the end of every element.
     path: Vec<[f64; 2]>,
 }
@@ -155,15 +157,30 @@ impl Growth {
 
     /// The tip's way under given loads, one entry per node.
     pub fn under_load(&self, acting: impl Fn(usize) -> Acting) -> Vec<TipState> {
+        self.bent_under_load(acting, |_| [0.0; 2])
+    }
+
+    /// The same of a needle that is bent by itself: `curvature_per_m` is its stress-free curvature in this plane, per node, on arriving
+    /// and on leaving (the needle may be turned at rest).
+    ///
+    /// The energy `EI/2 int (u'' - kappa)^2` of a curvature that is the same all along the needle is that of moments `EI kappa` at the
+    /// tip and `-EI kappa` where the needle is clamped. By reciprocity they move the tip by `EI kappa (u'(L) - u'(0))` of its shape
+    /// under a unit load. The tissue remembers the path that is cut meanwhile.
+    pub fn bent_under_load(
+        &self,
+        acting: impl Fn(usize) -> Acting,
+        curvature_per_m: impl Fn(usize) -> [f64; 2],
+    ) -> Vec<TipState> {
         let mut states: Vec<TipState> = Vec::with_capacity(self.rows.len());
         for (node, row) in self.rows.iter().enumerate() {
-            let Acting { load_n, guide2_m } = acting(node);
+            let (Acting { load_n, guide2_m }, bent) = (acting(node), curvature_per_m(node));
             let response = &row.deflection;
             let (known_m, newest) = self.known(response, &states);
-            let arriving_m =
-                (known_m + response.load * load_n[0] + response.guide2 * guide2_m[0]) / (1.0 - newest);
-            let jump_m =
+            let held_m = known_m + response.load * load_n[0] + response.guide2 * guide2_m[0];
+            let arriving_m = (held_m + response.curvature * bent[0]) / (1.0 - newest);
+            let moved_m =
                 response.load * (load_n[1] - load_n[0]) + response.guide2 * (guide2_m[1] - guide2_m[0]);
+            let jump_m = moved_m + response.curvature * (bent[1] - bent[0]);
             states.push(TipState { tip_m: [arriving_m, arriving_m + jump_m], load_n });
         }
         states
@@ -176,16 +193,29 @@ impl Growth {
         angle_rad: impl Fn(usize) -> [f64; 2],
         guide2_m: impl Fn(usize) -> f64,
     ) -> Vec<TipState> {
+        self.bent_at_cut_angle(angle_rad, guide2_m, |_| [0.0; 2])
+    }
+
+    /// The same of a needle of a stress-free curvature in this plane (per node, on arriving and on leaving), as in
+    /// [`Growth::bent_under_load`]. A needle that is turned at rest springs over under the load that it has.
+    pub fn bent_at_cut_angle(
+        &self,
+        angle_rad: impl Fn(usize) -> [f64; 2],
+        guide2_m: impl Fn(usize) -> f64,
+        curvature_per_m: impl Fn(usize) -> [f64; 2],
+    ) -> Vec<TipState> {
         let mut states: Vec<TipState> = Vec::with_capacity(self.rows.len());
         let mut slope_before = 0.0;
         for (node, row) in self.rows.iter().enumerate() {
-            let (angle, held_m) = (angle_rad(node), guide2_m(node));
+            let (angle, held_m, bent) = (angle_rad(node), guide2_m(node), curvature_per_m(node));
             let (deflection, slope) = (&row.deflection, &row.slope);
             let (known_m, newest) = self.known(deflection, &states);
             let (known_slope, newest_slope) = self.known(slope, &states);
-            let (known_m, known_slope) =
-                (known_m + deflection.guide2 * held_m, known_slope + slope.guide2 * held_m);
-            let state =
+            let (known_m, known_slope) = (
+                known_m + deflection.guide2 * held_m + deflection.curvature * bent[0],
+                known_slope + slope.guide2 * held_m + slope.curvature * bent[0],
+            );
+            let mut state =
                 match (states.last(), node.checked_sub(1).and_then(|before| self.depths_m.get(before))) {
                     (Some(before), Some(before_m)) => {
                         // u = known + a F + w u, and by the trapezoidal rule u = before + (slope before + slope now) h / 2
@@ -201,8 +231,13 @@ impl Growth {
                     // The path starts at 0, by a load that outweighs guide 2.
                     _ => TipState { tip_m: [0.0; 2], load_n: [-known_m / deflection.load; 2] },
                 };
-            slope_before =
-                known_slope + slope.load * state.load_n[1] + newest_slope * state.tip_m[0] + angle[1];
+            let sprung = bent[1] - bent[0];
+            slope_before = known_slope
+                + slope.load * state.load_n[1]
+                + newest_slope * state.tip_m[0]
+                + slope.curvature * sprung
+                + angle[1];
+            state.tip_m[1] += deflection.curvature * sprung;
             states.push(state);
         }
         states
@@ -225,14 +260,27 @@ impl Growth {
     /// Slope of the needle at its tip at every node, on arriving and on leaving, where the tip went like this while guide 2 was
     /// displaced by `guide2_m` (per node, on arriving and on leaving). NaN where this was solved without slopes.
     pub fn tip_slopes(&self, states: &[TipState], guide2_m: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 2]> {
+        self.bent_tip_slopes(states, guide2_m, |_| [0.0; 2])
+    }
+
+    /// The same of a needle of a stress-free curvature in this plane, as in [`Growth::bent_under_load`].
+    pub fn bent_tip_slopes(
+        &self,
+        states: &[TipState],
+        guide2_m: impl Fn(usize) -> [f64; 2],
+        curvature_per_m: impl Fn(usize) -> [f64; 2],
+    ) -> Vec<[f64; 2]> {
         let nodes = self.rows.iter().zip(states).enumerate();
         nodes
             .map(|(node, (Row { slope, .. }, state))| {
                 let (known, newest) = self.known(slope, &states[..node]);
                 // The springs at the tip rest where it arrived.
                 let resting = known + newest * state.tip_m[0];
-                let held_m = guide2_m(node);
-                [0, 1].map(|side| resting + slope.load * state.load_n[side] + slope.guide2 * held_m[side])
+                let (held_m, bent) = (guide2_m(node), curvature_per_m(node));
+                [0, 1].map(|side| {
+                    let straight = resting + slope.load * state.load_n[side] + slope.guide2 * held_m[side];
+                    straight + slope.curvature * bent[side]
+                })
             })
             .collect()
     }
@@ -255,159 +303,7 @@ impl Growth {
 impl Response {
     /// Of what was not solved.
     fn none() -> Self {
-        Self { load: f64::NAN, guide2: f64::NAN, path: Vec::new() }
-    }
-}
-
-/// The beam from guide 1 to the tip, element by element, with its factor kept up to date.
-struct GrowingBeam<'p> {
-    problem: &'p BeamProblem,
-    /// Depths of the faces between layers.
-    faces_m: Vec<f64>,
-    length_m: f64,
-    stiffness: Banded,
-    factor: Banded,
-    factored_rows: usize,
-    /// Deflection of guide 2, where it is held.
-    held: Option<usize>,
-    /// Stiffness between guide 2 and its neighbours.
-    coupling: Vec<(usize, f64)>,
-    rows: usize,
-    /// Per tissue element: load on its four unknowns per path at its start and end.
-    path_loads: Vec<[[f64; 2]; 4]>,
-    first_tissue_row: usize,
-    shape: Vec<f64>,
-}
-
-impl<'p> GrowingBeam<'p> {
-    fn new(problem: &'p BeamProblem, grip: Guide2Grip) -> Self {
-        let mut beam = Self {
-            problem,
-            faces_m: problem.foundation.faces_m().collect(),
-            length_m: 0.0,
-            stiffness: Banded::new(2),
-            factor: Banded::new(0),
-            factored_rows: 0,
-            held: (grip == Guide2Grip::Holding).then_some(if problem.only_guide { 0 } else { 2 }),
-            coupling: Vec::new(),
-            rows: 2,
-            path_loads: Vec::new(),
-            first_tissue_row: 0,
-            shape: Vec::new(),
-        };
-        if problem.clamp_compliance_rad_per_n_m > 0.0 {
-            beam.stiffness.add(1, 1, 1.0 / problem.clamp_compliance_rad_per_n_m);
-        } else {
-            beam.stiffness.add(1, 1, 1.0);
-        }
-        beam.stiffness.add(0, 0, 1.0);
-        beam.extend(problem.guide2_m, None);
-        if let Some(row @ 1..) = beam.held {
-            beam.stiffness.add(row, row, 1.0);
-        }
-        beam
-    }
-
-    fn is_fixed(&self, row: usize) -> bool {
-        row == 0 || (row == 1 && self.problem.clamp_compliance_rad_per_n_m == 0.0) || self.held == Some(row)
-    }
-
-    /// Adds an element; inside the tissue it starts at a depth.
-    fn extend(&mut self, length_m: f64, depth_m: Option<f64>) {
-        if length_m <= 0.0 {
-            return;
-        }
-        let at = self.rows - 2;
-        self.stiffness.grow(2);
-        self.rows += 2;
-        self.length_m += length_m;
-        self.factored_rows = self.factored_rows.min(at);
-        let mut local = bending_stiffness(self.problem.bending_stiffness_n_m2, length_m);
-        let shear_n = if depth_m.is_some() { self.problem.shear_n } else { 0.0 };
-        add_tension(&mut local, shear_n - self.problem.axial_load_n, length_m);
-        if let Some(depth_m) = depth_m {
-            let (mut springs, mut path) = self.springs(depth_m, length_m);
-            // The shear layer rests on the cut path too, which is straight over an element.
-            let per_m = shear_n / length_m;
-            for (row, sign) in [(0, 1.0), (2, -1.0)] {
-                path[row][0] += sign * per_m;
-                path[row][1] -= sign * per_m;
-            }
-            if self.path_loads.is_empty() {
-                self.first_tissue_row = at;
-                // The spring at the surface rests where the tip entered.
-                springs[0][0] += self.problem.skin_n_per_m;
-                path[0][0] += self.problem.skin_n_per_m;
-            }
-            for (row, added) in local.iter_mut().zip(&springs) {
-                row.iter_mut().zip(added).for_each(|(value, add)| *value += add);
-            }
-            self.path_loads.push(path);
-        }
-        for (i, values) in local.iter().enumerate() {
-            for (j, value) in values.iter().enumerate().take(i + 1) {
-                let (row, column) = (at + i, at + j);
-                match (self.is_fixed(row), self.is_fixed(column)) {
-                    (false, false) => self.stiffness.add(row, column, *value),
-                    (false, true) if self.held == Some(column) => self.coupling.push((row, *value)),
-                    (true, false) if self.held == Some(row) => self.coupling.push((column, *value)),
-                    _ => {}
-                }
-            }
-        }
-    }
-
-    /// Springs of an element between `depth_m` and `depth_m + length_m`, and its load per path at both ends. Integrated between
-    /// the faces of layers.
-    fn springs(&self, depth_m: f64, length_m: f64) -> ([[f64; 4]; 4], [[f64; 2]; 4]) {
-        let (mut springs, mut path) = ([[0.0; 4]; 4], [[0.0; 2]; 4]);
-        let end_m = depth_m + length_m;
-        let inside = self.faces_m.iter().copied().filter(|face_m| *face_m > depth_m && *face_m < end_m);
-        let mut start_m = depth_m;
-        for face_m in inside.chain([end_m]) {
-            for (x, weight) in GAUSS {
-                let at_m = start_m + x * (face_m - start_m);
-                let x = (at_m - depth_m) / length_m;
-                let shape = hermite(x, length_m);
-                let measure = weight * (face_m - start_m) * self.problem.foundation.modulus_pa(at_m);
-                for i in 0..4 {
-                    for j in 0..4 {
-                        springs[i][j] += measure * shape[i] * shape[j];
-                    }
-                    path[i][0] += measure * shape[i] * (1.0 - x);
-                    path[i][1] += measure * shape[i] * x;
-                }
-            }
-            start_m = face_m;
-        }
-        (springs, path)
-    }
-
-    /// Responses of the tip as far as the beam has grown.
-    fn row(&mut self, slopes: bool) -> Result<Row, ModelError> {
-        self.factor.factor_from(&self.stiffness, self.factored_rows).ok_or(ModelError::Singular)?;
-        // The last node's rows change with the next element.
-        self.factored_rows = self.rows - 2;
-        let deflection = self.response([1.0, 0.0]);
-        let slope = if slopes { self.response([0.0, 1.0]) } else { Response::none() };
-        Ok(Row { deflection, slope })
-    }
-
-    /// The functional that a unit load (N or N m) at the tip measures.
-    fn response(&mut self, loads: [f64; 2]) -> Response {
-        let mut shape = std::mem::take(&mut self.shape);
-        self.factor.solve_end(loads, &mut shape);
-        let path = self.path_loads.iter().zip(shape[self.first_tissue_row..].windows(4).step_by(2));
-        let path = path
-            .map(|(load, local)| {
-                let at = |end: usize| load.iter().zip(local).map(|(row, value)| row[end] * value).sum();
-                [at(0), at(1)]
-            })
-            .collect();
-        let guide2 = -self.coupling.iter().map(|(row, value)| value * shape[*row]).sum::<f64>();
-        let response = Response { load: shape[self.rows - 2], guide2, path };
-        self.shape = shape;
-        response
+        Self { load: f64::NAN, guide2: f64::NAN, curvature: f64::NAN, path: Vec::new() }
     }
 }
 

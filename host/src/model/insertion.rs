@@ -5,74 +5,8 @@
 
 use super::cache::Cache;
 use super::growth::{Acting, DEFAULT_STEP_M, Guide2Grip};
-use super::{BeamProblem, ModelError, Series, check, yielding};
-
-/// A quantity against insertion depth: linear between knots, constant beyond them. Two knots at one depth are a jump.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Profile(Vec<[f64; 2]>);
-
-impl Profile {
-    /// From `[depth_m, value]` knots in order of depth; none is 0 everywhere.
-    ///
-    /// # Errors
-    /// [`ModelError::OutOfRange`] for depths that decrease or values that are not finite.
-    pub fn new(knots: Vec<[f64; 2]>) -> Result<Self, ModelError> {
-        let mut before_m = f64::NEG_INFINITY;
-        for [depth_m, value] in &knots {
-            check("depth_m", *depth_m, "depths that do not decrease", *depth_m >= before_m)?;
-            check("value", *value, "a finite number", true)?;
-            before_m = *depth_m;
-        }
-        Ok(Self(knots))
-    }
-
-    /// The same at every depth.
-    pub fn constant(value: f64) -> Self {
-        Self(vec![[0.0, value]])
-    }
-
-    /// The same with every value larger by `by`.
-    pub fn shifted(&self, by: f64) -> Self {
-        match self.0.as_slice() {
-            [] => Self::constant(by),
-            knots => Self(knots.iter().map(|[depth_m, value]| [*depth_m, value + by]).collect()),
-        }
-    }
-
-    /// Value on arriving at a depth.
-    pub fn before(&self, depth_m: f64) -> f64 {
-        self.between(self.0.partition_point(|[knot_m, _]| *knot_m < depth_m), depth_m)
-    }
-
-    /// Value on leaving a depth.
-    pub fn after(&self, depth_m: f64) -> f64 {
-        self.between(self.0.partition_point(|[knot_m, _]| *knot_m <= depth_m), depth_m)
-    }
-
-    /// Depths at which the value jumps.
-    pub fn jumps_m(&self) -> impl Iterator<Item = f64> {
-        self.0.windows(2).filter(|pair| pair[0][0] == pair[1][0]).map(|pair| pair[0][0])
-    }
-
-    /// Values at the knots.
-    pub fn values(&self) -> impl Iterator<Item = f64> {
-        self.0.iter().map(|[_, value]| *value)
-    }
-
-    /// Whether the value is the same at every depth.
-    pub fn is_constant(&self) -> bool {
-        self.0.windows(2).all(|pair| pair[0][1] == pair[1][1])
-    }
-
-    fn between(&self, next: usize, depth_m: f64) -> f64 {
-        let previous = next.checked_sub(1).and_then(|previous| self.0.get(previous));
-        match (previous, self.0.get(next)) {
-            (Some([a_m, a]), Some([b_m, b])) => a + (b - a) * (depth_m - a_m) / (b_m - a_m),
-            (Some([_, only]), None) | (None, Some([_, only])) => *only,
-            (None, None) => 0.0,
-        }
-    }
-}
+use super::{BeamProblem, ModelError, Profile, Series, check, yielding};
+use std::borrow::Cow;
 
 /// What was done: how deep, how turned, and what guide 2 did.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -98,6 +32,17 @@ impl Insertion {
         let held = self.guide2_m.iter().flatten();
         let profiles = [&self.rotation_rad, &self.speed_m_per_s].into_iter().chain(held);
         profiles.flat_map(Profile::jumps_m).collect()
+    }
+
+    /// The same with guide 2 as the needle follows it through its clearance ([`Profile::through_clearance`]).
+    pub(super) fn through_clearance(&self, clearance_m: f64) -> Cow<'_, Self> {
+        match &self.guide2_m {
+            Some(planes) if clearance_m > 0.0 => {
+                let guide2_m = Some(planes.each_ref().map(|plane| plane.through_clearance(clearance_m)));
+                Cow::Owned(Self { guide2_m, ..self.clone() })
+            }
+            _ => Cow::Borrowed(self),
+        }
     }
 
     /// Gives insertions the nodes of all of them, so that one solution ([`Growth`](super::Growth)) serves them all.
@@ -177,13 +122,14 @@ pub(super) struct Tip {
     pub direction_rad: Series,
 }
 
-/// The tip at the depths of an insertion.
+/// The tip at the depths of an insertion, of a needle with a stress-free curvature, vertical and horizontal before it is turned.
 ///
 /// # Errors
 /// As [`Growth::new`], and [`ModelError::OutOfRange`] for depths that are negative.
 pub(super) fn tip(
     problems: &[BeamProblem; 2],
     law: &TipLaw,
+    curvature_per_m: [f64; 2],
     insertion: &Insertion,
     cache: &Cache,
 ) -> Result<Tip, ModelError> {
@@ -198,7 +144,7 @@ pub(super) fn tip(
         jumps_m.extend(planes.iter().flat_map(Profile::jumps_m));
     }
     jumps_m.extend(law.along_bevel.steps.iter().map(|[depth_m, _]| *depth_m));
-    let drawn = Drawn { law, insertion, grip, jumps_m, last_m };
+    let drawn = Drawn { law, curvature_per_m, insertion, grip, jumps_m, last_m };
     let [[y_m, y_rad], [x_m, x_rad]] =
         [drawn.plane(0, &problems[0], cache)?, drawn.plane(1, &problems[1], cache)?];
     Ok(Tip {
@@ -210,6 +156,8 @@ pub(super) fn tip(
 /// An insertion, and what is on its way.
 struct Drawn<'a> {
     law: &'a TipLaw,
+    /// Stress-free curvature of the needle before it is turned.
+    curvature_per_m: [f64; 2],
     insertion: &'a Insertion,
     grip: Guide2Grip,
     /// Depths at which anything jumps.
@@ -232,6 +180,7 @@ impl Drawn<'_> {
         let angled = law.cut_angle_rad != [0.0; 2];
         let slopes = insertion.tip_direction || angled || matches!(law.cutting, Cutting::Angle(_));
         let guide2 = |node: usize| guide2(&grid_m, insertion, plane, node);
+        let bent = |node: usize| self.bent(&grid_m, plane, node);
         let (mut tips_m, mut directions) = if yields {
             let Cutting::Load(load) = &law.cutting else {
                 return check("cutting", f64::NAN, "a load on the tip, where the tissue yields", false)
@@ -239,20 +188,26 @@ impl Drawn<'_> {
             };
             let loads = loads(&grid_m, load, law, insertion, plane);
             let acting = |node: usize| Acting { load_n: loads(node), guide2_m: guide2(node) };
-            let (states, directions) = yielding::under_load(problem, &grid_m, grip, acting)?;
+            let (states, directions) = yielding::under_load(problem, &grid_m, grip, acting, bent)?;
             (states.iter().map(|state| state.tip_m).collect::<Vec<_>>(), directions)
         } else {
             let growth = cache.growth(problem, &grid_m, grip, slopes)?;
             let states = match &law.cutting {
                 Cutting::Load(load) => {
                     let loads = loads(&grid_m, load, law, insertion, plane);
-                    growth.under_load(|node| Acting { load_n: loads(node), guide2_m: guide2(node) })
+                    let acting = |node: usize| Acting { load_n: loads(node), guide2_m: guide2(node) };
+                    growth.bent_under_load(acting, bent)
                 }
-                Cutting::Angle(angle_rad) => growth
-                    .at_cut_angle(angles(&grid_m, *angle_rad, law, insertion, plane), |node| guide2(node)[0]),
+                Cutting::Angle(angle_rad) => {
+                    let angles = angles(&grid_m, *angle_rad, law, insertion, plane);
+                    growth.bent_at_cut_angle(angles, |node| guide2(node)[0], bent)
+                }
             };
-            let directions =
-                if insertion.tip_direction { growth.tip_slopes(&states, guide2) } else { Vec::new() };
+            let directions = if insertion.tip_direction {
+                growth.bent_tip_slopes(&states, guide2, bent)
+            } else {
+                Vec::new()
+            };
             (states.iter().map(|state| state.tip_m).collect(), directions)
         };
         if angled {
@@ -271,6 +226,15 @@ impl Drawn<'_> {
         let asked = if insertion.tip_direction { insertion.depth_m.as_slice() } else { &[] };
         let direction_rad = asked.iter().map(|m| at_depth(&grid_m, &directions, *m) + straight).collect();
         Ok([position_m, direction_rad])
+    }
+
+    /// Stress-free curvature of the needle in a plane at a node, on arriving and on leaving: it turns with the needle.
+    fn bent(&self, nodes_m: &[f64], plane: usize, node: usize) -> [f64; 2] {
+        if self.curvature_per_m == [0.0; 2] {
+            return [0.0; 2];
+        }
+        let (z_m, rotation) = (nodes_m[node], &self.insertion.rotation_rad);
+        [rotation.before(z_m), rotation.after(z_m)].map(|turn| turned(self.curvature_per_m, turn, plane))
     }
 }
 

@@ -20,6 +20,7 @@ mod mounted;
 #[cfg(test)]
 pub(crate) mod peer;
 mod predict;
+mod profile;
 pub(crate) mod quadrature;
 mod rest;
 mod rig;
@@ -30,13 +31,14 @@ mod yielding;
 pub use beam::{Beam, BeamProblem, Response, TissueLaw};
 pub use cache::Cache;
 pub use foundation::{Foundation, Layer};
-pub use insertion::{BevelLoad, Cutting, Insertion, Profile, TipLaw};
+pub use insertion::{BevelLoad, Cutting, Insertion, TipLaw};
 pub use lateral::Drive;
 pub use mounted::{Mounted, Sight};
 pub use predict::{
     Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Plane, Series, ShapePoint,
     predict, predict_with,
 };
+pub use profile::Profile;
 pub use rig::{Guides, Needle, Rig};
 pub use steering::{BaseDrive, Dynamics, Steering};
 pub use support::Support;

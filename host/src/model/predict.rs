@@ -3,6 +3,7 @@
 use super::cache::Cache;
 use super::effects::{Effect, Seen};
 use super::insertion::{self, Insertion, TipLaw};
+use super::lateral::Drive;
 use super::mounted::{self, Mounted, Sight};
 use super::steering::{self, Dynamics, Steering};
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig, Support};
@@ -287,9 +288,16 @@ fn predict_forced(model: &Model, forced: &LateralForce, cache: &Cache) -> Result
 fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Result<Channels, ModelError> {
     let deepest_m = inserted.depth_m.iter().copied().fold(0.0, f64::max);
     let problems = [model.problem_in(Plane::Y, deepest_m)?, model.problem_in(Plane::X, deepest_m)?];
-    let mut law = model.tip.clone();
-    model.effects.iter().for_each(|(effect, values)| effect.tip(values, &mut law));
-    let insertion::Tip { position_m, direction_rad } = insertion::tip(&problems, &law, inserted, cache)?;
+    let (mut law, mut drive, mut curvature_per_m) = (model.tip.clone(), Drive::default(), [0.0; 2]);
+    for (effect, values) in &model.effects {
+        effect.drive(values, &mut drive);
+        effect.rest(values, &mut curvature_per_m);
+        effect.tip(values, &mut law);
+    }
+    // What the frame gives is part of the beam problem here.
+    let inserted = inserted.through_clearance(drive.clearance_m);
+    let insertion::Tip { position_m, direction_rad } =
+        insertion::tip(&problems, &law, curvature_per_m, &inserted, cache)?;
     let mut channels =
         Channels { tip_m: position_m, tip_direction_rad: direction_rad, ..Channels::two_planes() };
     model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] }, &mut channels);

@@ -175,6 +175,15 @@ impl Chain {
         self.add_slope(last, -self.axial_n);
     }
 
+    /// Forces on nodes that bend the needle as one of this curvature is bent by itself: every cell turns about its middle, which leaves
+    /// a pair at the tip and what the half cell at the clamp and the clamp itself do not take.
+    pub fn bend_n(&self, bend_per_m: f64) -> [(usize, f64); 3] {
+        let (last, pair_n) = (self.last(), self.bending_n_m2 * bend_per_m / STEP_M);
+        let half_cell = STEP_M / (2.0 * self.bending_n_m2);
+        let at_clamp_n = 0.5 * bend_per_m / (half_cell + self.clamp_rad_per_n_m);
+        [(1, at_clamp_n - pair_n), (last - 1, -pair_n), (last, pair_n)]
+    }
+
     /// Adds the energy `G/2 u'^2` between a node and the one before it.
     pub fn add_slope(&mut self, node: usize, shear_n: f64) {
         self.band.add_energy(shear_n / STEP_M, &[(node - 1, -1.0), (node, 1.0)]);

@@ -42,6 +42,17 @@ pub struct InsertionPlan {
     pub speed_mm_per_s: f64,
     /// Where the needle is turned by 180 degrees, at rest; the row at this depth is from before the turn.
     pub turn_at_mm: Option<f64>,
+    /// What guide 2 does at rest, in order of depth; each step has a row before it and one after it.
+    pub guide2_steps: Vec<GuideStep>,
+}
+
+/// A step of guide 2 at rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GuideStep {
+    /// Where the tip is; rounded to the grid of half a millimetre.
+    pub depth_mm: f64,
+    /// Where guide 2 goes, vertically and horizontally.
+    pub to_mm: [f64; 2],
 }
 
 /// Errors of the instruments.
@@ -135,6 +146,10 @@ fn staircase(axis: usize, depth_mm: f64, take: &str) -> LateralPlan {
     }
 }
 
+fn guide2_steps(steps: &[(f64, [f64; 2])]) -> Vec<GuideStep> {
+    steps.iter().map(|&(depth_mm, to_mm)| GuideStep { depth_mm, to_mm }).collect()
+}
+
 impl Design {
     fn of(lateral: Vec<LateralPlan>, insertion: Vec<InsertionPlan>) -> Self {
         Self { lateral, insertion, noise: NoisePlan::default() }
@@ -168,8 +183,34 @@ impl Design {
                 depth_mm: 100.0,
                 speed_mm_per_s,
                 turn_at_mm,
+                guide2_steps: Vec::new(),
             })
         });
         Self::of(lateral.collect(), insertion.collect())
+    }
+
+    /// Eight insertions without any lateral run: straight on, turned, and with guide 2 moved at rest, once or twice.
+    pub fn moved_insertions() -> Self {
+        let straight = |steps: &[(f64, [f64; 2])]| (None, guide2_steps(steps));
+        let turned = |at_mm: f64, steps: &[(f64, [f64; 2])]| (Some(at_mm), guide2_steps(steps));
+        let plans = [
+            straight(&[]),
+            straight(&[(30.0, [0.8, 0.0]), (60.0, [-0.4, 0.3])]),
+            turned(50.0, &[]),
+            straight(&[(40.0, [0.0, -0.7]), (70.0, [0.6, -0.7])]),
+            turned(40.0, &[]),
+            straight(&[(30.0, [-0.6, 0.5])]),
+            turned(60.0, &[(30.0, [0.7, 0.0])]),
+            straight(&[(50.0, [0.9, 0.4])]),
+        ];
+        let insertion =
+            plans.into_iter().zip(1..).map(|((turn_at_mm, guide2_steps), number)| InsertionPlan {
+                id: format!("insertion{number}"),
+                depth_mm: 100.0,
+                speed_mm_per_s: 5.0,
+                turn_at_mm,
+                guide2_steps,
+            });
+        Self::of(Vec::new(), insertion.collect())
     }
 }

@@ -2,6 +2,7 @@
 
 use super::chain::{Chain, STEP_M, node_at};
 use super::world::World;
+use super::{GuideStep, InsertionPlan, MM};
 
 /// Cut tissue: where the tip was on arriving at and on leaving a depth, which differ where its load jumps.
 struct Cut {
@@ -10,27 +11,33 @@ struct Cut {
     springs_n_per_m: [f64; 2],
 }
 
-/// Tip positions in a plane at every step of an insertion, on arriving and on leaving, under a load that is given likewise. Steps
-/// count from the stated surface; where the real one lies above it the tip has been in the tissue for some steps before.
+/// What acts on the needle in a plane at a step, on arriving and on leaving.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Acting {
+    /// Load on the tip.
+    pub load_n: [f64; 2],
+    /// Where guide 2 takes the needle.
+    pub guide2_m: [f64; 2],
+    /// Curvature of the needle by itself.
+    pub bend_per_m: [f64; 2],
+}
+
+/// Tip positions in a plane at every step of an insertion, on arriving and on leaving, under what acts likewise. Steps count from the
+/// stated surface; where the real one lies above it the tip has been in the tissue for some steps before.
 pub(super) fn tip_path(
     world: &World,
     plane: usize,
     depth_m: f64,
-    load_n: impl Fn(usize) -> [f64; 2],
+    acting: impl Fn(usize) -> Acting,
 ) -> Vec<[f64; 2]> {
     let surface_m = world.tissue.surface_m;
     let early = (-surface_m / STEP_M).max(0.0).ceil() as usize;
     let entry = node_at(world.entry_m) - early;
     let shear = world.shear_n / STEP_M;
-    let mut chain = Chain::new(world, entry, world.axial_n, 0.0);
+    let mut chain = Chain::new(world, entry, world.axial_n, world.frame_m_per_n);
     let mut cuts: Vec<Cut> = Vec::new();
-    // Forces of the tissue that is cut already and of a guide beside the line of the clamp, on a needle at zero.
+    // Forces of the tissue that is cut already, on a needle at zero.
     let mut past_n = vec![0.0; entry];
-    if let Some((force_n, (_, stiffness))) =
-        chain.guide.and_then(|guide| Some((past_n.get_mut(guide.0)?, guide)))
-    {
-        *force_n = stiffness * world.guide_offset_m[plane];
-    }
     for step in 0..=node_at(depth_m) + early {
         let tip = entry + step;
         let at_m = (step as f64 - early as f64) * STEP_M;
@@ -54,34 +61,71 @@ pub(super) fn tip_path(
         let factor = chain.band.factor();
         // In air nothing loads the bevel.
         let is_cutting = at_m >= surface_m || surface_m <= 0.0;
-        let [arriving_n, leaving_n] = if is_cutting { load_n(step.saturating_sub(early)) } else { [0.0; 2] };
+        let Acting { load_n, guide2_m, bend_per_m } = acting(step.saturating_sub(early));
+        let load_n = if is_cutting { load_n } else { [0.0; 2] };
+        // Of the tip, the guide (which may be beside the line of the clamp) and the needle itself, beside what is past.
+        let forces_n = |past_n: &[f64], side: usize| {
+            let mut force_n = past_n.to_vec();
+            force_n[tip] += load_n[side];
+            if let Some((node, stiffness)) = chain.guide {
+                force_n[node] += stiffness * (world.guide_offset_m[plane] + guide2_m[side]);
+            }
+            chain.bend_n(bend_per_m[side]).into_iter().for_each(|(node, bend_n)| force_n[node] += bend_n);
+            force_n
+        };
         // The newest path is where the tip is: the tip follows from both, without a step of lag.
-        let mut force_n = past_n.clone();
-        force_n[tip] += arriving_n;
-        let arriving_m = factor.solve(&force_n)[tip] / (1.0 - factor.solve(&newest)[tip]);
+        let arriving_m = factor.solve(&forces_n(&past_n, 0))[tip] / (1.0 - factor.solve(&newest)[tip]);
         past_n.iter_mut().zip(&newest).for_each(|(force, newest)| *force += newest * arriving_m);
-        let mut leaving_m = arriving_m;
-        if leaving_n != arriving_n {
-            let mut force_n = past_n.clone();
-            force_n[tip] += leaving_n;
-            leaving_m = factor.solve(&force_n)[tip];
-        }
+        let changes = [load_n, guide2_m, bend_per_m].into_iter().any(|[before, after]| before != after);
+        let leaving_m = if changes { factor.solve(&forces_n(&past_n, 1))[tip] } else { arriving_m };
         cuts.push(Cut { tip_m: [arriving_m, leaving_m], springs_n_per_m: [above, half(at_m)] });
     }
     cuts.into_iter().skip(early).map(|cut| cut.tip_m).collect()
 }
 
-/// Load on the tip in both planes at a step, on arriving and on leaving.
-pub(super) fn load_n(world: &World, speed_m_per_s: f64, turn: Option<usize>, step: usize) -> [[f64; 2]; 2] {
+/// Where guide 2 is commanded to be at a step, on arriving and on leaving.
+pub(super) fn commanded_m(steps: &[GuideStep], step: usize) -> [[f64; 2]; 2] {
+    let at = |leaving: bool| {
+        let done = steps.iter().rfind(|one| is_past(node_at(MM * one.depth_mm), step, leaving));
+        done.map_or([0.0; 2], |one| one.to_mm.map(|mm| MM * mm))
+    };
+    [false, true].map(at)
+}
+
+/// Where it takes the needle: to within its clearance of every place to which it has been commanded so far.
+fn taken_m(world: &World, steps: &[GuideStep], step: usize, leaving: bool) -> [f64; 2] {
+    let mut needle_m = [0.0_f64; 2];
+    for one in steps.iter().filter(|one| is_past(node_at(MM * one.depth_mm), step, leaving)) {
+        for (at_m, to_mm) in needle_m.iter_mut().zip(one.to_mm) {
+            let off_m = MM * to_mm - *at_m;
+            *at_m += (off_m.abs() - world.clearance_m).max(0.0).copysign(off_m);
+        }
+    }
+    needle_m
+}
+
+/// Whether what happens at rest at `at` has happened at a step.
+fn is_past(at: usize, step: usize, leaving: bool) -> bool {
+    step > at || (leaving && step == at)
+}
+
+/// What acts in both planes at a step of an insertion, on arriving and on leaving.
+pub(super) fn acting(world: &World, plan: &InsertionPlan, step: usize) -> [Acting; 2] {
+    let speed_m_per_s = MM * plan.speed_mm_per_s;
+    let turn = plan.turn_at_mm.map(|turn_mm| node_at(MM * turn_mm));
     let jump = node_at(world.load_step_m);
     let even_n = world.tip_load_n
         + world.load_slope_n_per_m * step as f64 * STEP_M
         + world.rate_n_s_per_m * speed_m_per_s;
+    let sign = |leaving: bool| if turn.is_some_and(|at| is_past(at, step, leaving)) { -1.0 } else { 1.0 };
     let load = |leaving: bool| {
-        let is_past = |at: usize| step > at || (leaving && step == at);
-        let sign = if turn.is_some_and(is_past) { -1.0 } else { 1.0 };
-        sign * (even_n + if is_past(jump) { world.load_step_n } else { 0.0 })
+        sign(leaving) * (even_n + if is_past(jump, step, leaving) { world.load_step_n } else { 0.0 })
     };
+    let guide2_m = [false, true].map(|leaving| taken_m(world, &plan.guide2_steps, step, leaving));
     let (sin, cos) = world.bevel_roll_rad.sin_cos();
-    [cos, sin].map(|part| [false, true].map(|leaving| part * load(leaving)))
+    [(cos, 0), (sin, 1)].map(|(part, plane)| Acting {
+        load_n: [false, true].map(|leaving| part * load(leaving)),
+        bend_per_m: [false, true].map(|leaving| sign(leaving) * world.prebend_per_m[plane]),
+        guide2_m: guide2_m.map(|planes| planes[plane]),
+    })
 }

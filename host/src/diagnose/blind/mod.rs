@@ -33,7 +33,7 @@ mod world;
 
 pub use background::{Background, Imperfection};
 pub use cores::on_all_cores;
-pub use design::{Design, InsertionPlan, LateralPlan, NoisePlan};
+pub use design::{Design, GuideStep, InsertionPlan, LateralPlan, NoisePlan};
 pub use effects::{ids, strengths};
 pub use gap::{Misfit, misfit, misfit_of};
 
@@ -170,5 +170,7 @@ pub fn touched_modulus(truth: &Truth, background: &Background, design: &Design) 
 
 #[cfg(test)]
 mod background_tests;
+#[cfg(test)]
+mod forward_tests;
 #[cfg(test)]
 mod tests;

@@ -3,7 +3,7 @@
 use super::chain::{STEP_M, between, node_at};
 use super::design::{InsertionPlan, LateralPlan, NoisePlan};
 use super::flaws::Flaws;
-use super::insertion::{load_n, tip_path};
+use super::insertion::{acting, commanded_m, tip_path};
 use super::lateral::Motion;
 use super::world::World;
 use super::{Foreign, MM};
@@ -344,36 +344,39 @@ pub(super) fn insertion_run(
     seed: u64,
     run: u64,
 ) -> InsertionRun {
-    let speed_m_per_s = MM * plan.speed_mm_per_s;
     let turn = plan.turn_at_mm.map(|turn_mm| node_at(MM * turn_mm));
-    let steps = node_at(MM * plan.depth_mm);
-    let depth_m: Vec<f64> = (0..=steps).map(|step| step as f64 * STEP_M).collect();
+    // Every step of guide 2 has a row on arriving and one on leaving.
+    let moves = |step: usize| plan.guide2_steps.iter().any(|one| node_at(MM * one.depth_mm) == step);
+    let rows: Vec<(usize, usize)> = (0..=node_at(MM * plan.depth_mm))
+        .flat_map(|step| (0..=usize::from(moves(step))).map(move |side| (step, side)))
+        .collect();
+    let depth_m: Vec<f64> = rows.iter().map(|(step, _)| *step as f64 * STEP_M).collect();
     let mut random = Random::new(seed, Part::Tip, run);
     let spread = Spread::new(MM * noise.tip_mm, 0.0, STEP_M, 0.0, noise.outlier_share);
     let [tip_y_m, tip_x_m] = [0, 1].map(|plane| {
-        let path = tip_path(world, plane, MM * plan.depth_mm, |step| {
-            load_n(world, speed_m_per_s, turn, step)[plane]
-        });
+        let path = tip_path(world, plane, MM * plan.depth_mm, |step| acting(world, plan, step)[plane]);
         let straight = world.entry_angle_rad[plane];
-        let mut tip_m: Vec<f64> = path
-            .iter()
-            .zip(&depth_m)
-            .map(|([arriving_m, _], depth_m)| arriving_m + straight * depth_m)
-            .collect();
+        let places = rows.iter().zip(&depth_m);
+        let mut tip_m: Vec<f64> =
+            places.map(|((step, side), depth_m)| path[*step][*side] + straight * depth_m).collect();
         flaws.tip(plane as u64, &depth_m, &mut tip_m);
-        add(&mut tip_m, random.errors(&spread, steps + 1), 0.0);
+        add(&mut tip_m, random.errors(&spread, rows.len()), 0.0);
         tip_m
     });
-    let turned = |step: usize| if turn.is_some_and(|at| step > at) { PI } else { 0.0 };
+    let turned = |(step, _): &(usize, usize)| if turn.is_some_and(|at| *step > at) { PI } else { 0.0 };
+    let guide2 = |plane: usize| {
+        let commanded = rows.iter().map(|(step, side)| commanded_m(&plan.guide2_steps, *step)[*side][plane]);
+        (!plan.guide2_steps.is_empty()).then(|| commanded.collect())
+    };
     InsertionRun {
         id: plan.id.clone(),
         path: format!("{}.csv", plan.id).into(),
         tip_y_m,
         tip_x_m: Some(tip_x_m),
-        time_s: Some(depth_m.iter().map(|depth_m| depth_m / speed_m_per_s).collect()),
-        rotation_rad: Some((0..=steps).map(turned).collect()),
-        guide2_y_m: None,
-        guide2_x_m: None,
+        time_s: Some(depth_m.iter().map(|depth_m| depth_m / (MM * plan.speed_mm_per_s)).collect()),
+        rotation_rad: Some(rows.iter().map(turned).collect()),
+        guide2_y_m: guide2(0),
+        guide2_x_m: guide2(1),
         base_force_y_n: None,
         tip_direction_y_rad: None,
         tip_direction_x_rad: None,

@@ -94,10 +94,11 @@ pub trait Effect: Debug + Sync {
         Ok(())
     }
 
-    /// Changes what lies between actuator and needle.
+    /// Changes what lies between actuator and needle: in lateral runs all of it, in insertions the clearance (what the frame gives is
+    /// part of their beam problem).
     fn drive(&self, _values: &[f64], _drive: &mut Drive) {}
 
-    /// Changes the stress-free curvature of the needle, vertical and horizontal, 1/m.
+    /// Changes the stress-free curvature of the needle, vertical and horizontal before it is turned, 1/m.
     fn rest(&self, _values: &[f64], _curvature_per_m: &mut [f64; 2]) {}
 
     /// Changes where the needle is really looked at.

@@ -41,15 +41,11 @@ impl Effect for Prebend {
     }
 
     fn physics(&self) -> &'static str {
-        "the needle is bent by itself, in each plane: EI (u'' - curvature); guide 2 holds it straight"
+        "the needle is bent by itself, in each plane: EI (u'' - curvature); guide 2 holds it straight; it turns with the needle"
     }
 
     fn signature(&self) -> &'static str {
-        "shape and force at zero displacement"
-    }
-
-    fn shows_in(&self) -> [bool; 2] {
-        [true, false]
+        "shape and force at zero displacement; a path that bends by itself, and turns with the needle"
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {

@@ -91,17 +91,20 @@ impl Effect for FrameCompliance {
     }
 
     fn signature(&self) -> &'static str {
-        "told displacement against the needle's shape"
-    }
-
-    fn shows_in(&self) -> [bool; 2] {
-        [true, false]
+        "told displacement against the needle's shape; in insertions what guide 2 does to the tip"
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {
         const { &[ParameterInfo::new("compliance_mm_per_n", 0.0, [0.0, 10.0], [0.0, 0.5], 0.03)] }
     }
 
+    /// In insertions, where guide 2 holds the needle against the tip load and the tissue.
+    fn beam(&self, values: &[f64], _plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        problem.guide2_compliance_m_per_n += first(values) * MM;
+        Ok(())
+    }
+
+    /// In lateral runs, in series with the needle.
     fn drive(&self, values: &[f64], drive: &mut Drive) {
         drive.frame_compliance_m_per_n += first(values) * MM;
     }
@@ -121,11 +124,7 @@ impl Effect for Backlash {
     }
 
     fn signature(&self) -> &'static str {
-        "force flat about zero displacement"
-    }
-
-    fn shows_in(&self) -> [bool; 2] {
-        [true, false]
+        "force flat about zero displacement; in insertions the tip stays until the clearance is taken up"
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {

@@ -44,6 +44,15 @@ fn insertion() -> Experiment {
     })
 }
 
+/// The same while guide 2 is moved, over a stretch and at rest.
+fn moved_insertion() -> Experiment {
+    let Experiment::Insertion(still) = insertion() else { panic!("an insertion") };
+    let y = vec![[0.02, 0.0], [0.04, 0.8e-3], [0.06, 0.8e-3], [0.06, -0.5e-3]];
+    let x = vec![[0.03, 0.0], [0.03, -0.6e-3]];
+    let guide2_m = Some([y, x].map(|knots| Profile::new(knots).expect("a profile")));
+    Experiment::Insertion(Insertion { guide2_m, ..still })
+}
+
 fn plain() -> Model {
     let rig = Rig::two_guides(Needle::gauge_18(), GUIDE2_M, ENTRY_M);
     let mut model = Model::uniform(rig, 16e3).expect("valid");
@@ -64,7 +73,7 @@ fn channels(model: &Model, experiment: &Experiment) -> Channels {
 /// Everything that is predicted, in newtons and tenths of a millimetre.
 fn numbers(model: &Model) -> Vec<f64> {
     let mut numbers = Vec::new();
-    for experiment in [lateral(0.03), insertion()] {
+    for experiment in [lateral(0.03), moved_insertion()] {
         let Channels { force_n, shape_m, tip_m, .. } = channels(model, &experiment);
         let series = [(force_n, 1.0), (shape_m, 1e4), (tip_m, 1e4)];
         for (series, unit) in series {
@@ -86,7 +95,7 @@ fn typical(effect: &dyn Effect) -> Vec<f64> {
 /// Over the whole catalogue: neutral values change no bit, others change something.
 #[test]
 fn neutral_effects_do_nothing_and_others_do_something() {
-    let experiments = [lateral(0.03), insertion()];
+    let experiments = [lateral(0.03), moved_insertion()];
     for effect in EFFECTS {
         let neutral = with(effect.id(), &neutral(effect));
         let other = with(effect.id(), &typical(effect));
@@ -269,6 +278,35 @@ fn a_bent_needle_pushes_at_rest() {
     let expected_m = 0.2 * (0.25 * GUIDE2_M * beyond_m + 0.5 * beyond_m * beyond_m);
     assert_close(seen.shape_m.y[6], expected_m, 1e-12);
     assert_eq!(seen.shape_m.y.len(), 12);
+}
+
+/// Without tissue the tip of a bent needle is where its rest shape has it, and turns with the needle; on springs and on a body.
+#[test]
+fn a_bent_needle_turns_with_its_bend() {
+    for support in [crate::model::Support::Springs, crate::model::Support::Body { poisson: 0.5 }] {
+        let mut model = with("needle.prebend", &[0.2, -0.1]);
+        (model.tip, model.support) = (TipLaw::default(), support);
+        model.foundation = plain_foundation(1e-6);
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let rotation_rad = Profile::new(vec![[0.045, 0.0], [0.045, quarter]]).expect("a profile");
+        let depth_m = vec![0.0, 0.03, 0.06];
+        let guide2_m = Some(Default::default());
+        let done = Insertion { depth_m, rotation_rad, guide2_m, tip_direction: true, ..Insertion::default() };
+        let seen = channels(&model, &Experiment::Insertion(done));
+        let (x, direction_x) =
+            (seen.tip_m.x.expect("two planes"), seen.tip_direction_rad.x.expect("two planes"));
+        for (i, (depth_m, turned)) in [(0.0, false), (0.03, false), (0.06, true)].into_iter().enumerate() {
+            let beyond_m = ENTRY_M + depth_m - GUIDE2_M;
+            // A quarter turn brings (y, x) to (-x, y).
+            let [y_per_m, x_per_m] = if turned { [0.1, 0.2] } else { [0.2, -0.1] };
+            let per_curvature_m = 0.25 * GUIDE2_M * beyond_m + 0.5 * beyond_m * beyond_m;
+            assert_close(seen.tip_m.y[i], y_per_m * per_curvature_m, 1e-6);
+            assert_close(x[i], x_per_m * per_curvature_m, 1e-6);
+            let per_curvature = 0.25 * GUIDE2_M + beyond_m;
+            assert_close(seen.tip_direction_rad.y[i], y_per_m * per_curvature, 1e-6);
+            assert_close(direction_x[i], x_per_m * per_curvature, 1e-6);
+        }
+    }
 }
 
 /// Half of Euler's load of the free cantilever softens it by about the factor of a beam-column.

@@ -29,7 +29,8 @@ pub(super) fn rows(
         let Some(ritz) = Ritz::new(&at)? else { return Err(ModelError::Singular) };
         let solved = ritz.factor()?;
         let pushed = ritz.shape(&solved, Load::Guide2);
-        let stiffness = ritz.work(Load::Guide2, &pushed).recip();
+        // Of needle and frame in series.
+        let stiffness = (ritz.work(Load::Guide2, &pushed) + problem.guide2_compliance_m_per_n).recip();
         let response = |load: Load| {
             let mut shape = ritz.shape(&solved, load);
             let mut guide2 = 0.0;
@@ -40,7 +41,9 @@ pub(super) fn rows(
             }
             let path = Path { ritz: &ritz, problem: &at, moments: &moments };
             let path = path.weights(&shape, &depths_m[..=node]);
-            Response { load: ritz.work(Load::Tip, &shape), guide2, path }
+            let turned = ritz.work(Load::TipMoment, &shape) - ritz.at(&shape, 0.0)[1];
+            let curvature = problem.bending_stiffness_n_m2 * turned;
+            Response { load: ritz.work(Load::Tip, &shape), guide2, curvature, path }
         };
         let slope = if slopes { response(Load::TipMoment) } else { Response::default() };
         rows.push(Row { deflection: response(Load::Tip), slope });
