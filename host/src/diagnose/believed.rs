@@ -89,6 +89,8 @@ pub(super) struct Layout {
     /// Whether there are lateral runs and insertions.
     pub kinds: [bool; 2],
     pub effects: Vec<&'static dyn Effect>,
+    /// Depths of the readings of every insertion, in order.
+    pub readings_m: Arc<Vec<Vec<f64>>>,
     /// Needles that were solved lately.
     pub cache: Arc<Cache>,
 }
@@ -117,8 +119,20 @@ impl Layout {
             support: Support::Springs,
             kinds: kinds(runs),
             effects,
+            readings_m: Arc::new(
+                runs.iter().filter(|run| run.kind == Kind::Insertion).map(depths_m).collect(),
+            ),
             cache: Arc::default(),
         }
+    }
+
+    /// Distance of the readings around a depth of an insertion, where they are closest; nothing outside of all of them.
+    pub fn spacing_m(&self, depth_m: f64) -> Option<f64> {
+        let around = |readings_m: &Vec<f64>| {
+            let next = readings_m.partition_point(|reading_m| *reading_m <= depth_m);
+            Some(readings_m.get(next)? - readings_m.get(next.checked_sub(1)?)?)
+        };
+        self.readings_m.iter().filter_map(around).reduce(f64::min)
     }
 
     /// With one effect more.
@@ -326,6 +340,14 @@ impl Layout {
         model.effects.sort_by_key(|(effect, _)| place(effect.id()));
         Ok(model)
     }
+}
+
+/// Depths at which an insertion was measured, in order, each once.
+fn depths_m(run: &Run) -> Vec<f64> {
+    let mut depths_m: Vec<f64> = run.data.iter().map(|datum| datum.place.depth_m).collect();
+    depths_m.sort_by(f64::total_cmp);
+    depths_m.dedup();
+    depths_m
 }
 
 /// Whether there are lateral runs and insertions.

@@ -9,6 +9,7 @@ use super::evidence::{Evidence, Patterns, Products};
 use crate::inference::{FitError, Parameter};
 use nalgebra::{DMatrix, DVector};
 
+const MM: f64 = 1e-3;
 /// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
 const SETTLED_SD: f64 = 0.05;
 /// Longest step of the logarithm of the modulus, and of other parameters in standard deviations of their priors.
@@ -95,17 +96,26 @@ impl Fitted {
         &self.values
     }
 
-    /// A parameter in its own unit with its interval of 95 %.
+    /// A parameter in its own unit with its interval of 95 %. A depth at which something happens in insertions is known no better than
+    /// the readings around it: these are means over cells of depth, and that of the event lies anywhere between two of them.
     pub fn estimate(&self, effect: usize, parameter: usize) -> (f64, [f64; 2]) {
-        let Some(info) = self.layout.effects.get(effect).and_then(|e| e.parameters().get(parameter)) else {
+        let effect_of = self.layout.effects.get(effect);
+        let Some((of, info)) = effect_of.and_then(|of| Some((of, of.parameters().get(parameter)?))) else {
             return (f64::NAN, [f64::NAN; 2]);
         };
         let scale = Scale::of(info);
         let at = self.layout.first_of(effect) + parameter;
         let (value, sd) = (self.values[at], self.sd(at));
         let [least, most] = info.range;
-        let end = |sds: f64| scale.outside(value + sds * sd).clamp(least, most);
-        (scale.outside(value), [end(-NORMAL_975), end(NORMAL_975)])
+        let at = scale.outside(value);
+        let is_depth = !info.nodes.is_empty() && info.name == "depth_mm" && !of.shows_in()[0];
+        let spacing = if is_depth { self.layout.spacing_m(MM * at).unwrap_or(0.0) / MM } else { 0.0 };
+        let end = |sds: f64| {
+            let end = scale.outside(value + sds * sd);
+            let wider = || at + (end - at).hypot(spacing).copysign(sds);
+            if spacing > 0.0 { wider() } else { end }.clamp(least, most)
+        };
+        (at, [end(-NORMAL_975), end(NORMAL_975)])
     }
 
     /// Standard deviation of a parameter inside the fits.

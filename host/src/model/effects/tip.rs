@@ -84,7 +84,7 @@ impl Effect for EntryAngle {
     }
 
     fn physics(&self) -> &'static str {
-        "the needle enters at an angle, in each plane"
+        "the needle enters at an angle, in each plane; a tracker that is tilted against the rig reads the same"
     }
 
     fn signature(&self) -> &'static str {
