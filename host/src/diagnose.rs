@@ -408,4 +408,6 @@ fn absorbs(found: &Found) -> bool {
 }
 
 #[cfg(test)]
+mod moved_tests;
+#[cfg(test)]
 mod tests;

@@ -308,5 +308,8 @@ impl Response {
 }
 
 #[cfg(test)]
+#[path = "growth_frame_tests.rs"]
+mod frame_tests;
+#[cfg(test)]
 #[path = "growth_tests.rs"]
 mod tests;
