@@ -46,7 +46,9 @@ fn the_example_has_something_for_every_command() {
     assert_eq!(json(&["predict", path(&dir), "--json"])["insertions"].as_array().map(Vec::len), Some(4));
     assert_eq!(json(&["track", path(&dir), "--json"])["runs"].as_array().map(Vec::len), Some(1));
     let diagnosed = json(&["diagnose", path(&dir), "--json"]);
-    assert_eq!(diagnosed["effects"][0]["id"], "tissue.layers", "{}", diagnosed["effects"]);
+    // Layers and a gradient are one class in so few runs.
+    let class = diagnosed["effects"][0]["class"].as_array().expect("a class");
+    assert!(class.contains(&serde_json::json!("tissue.layers")), "{}", diagnosed["effects"]);
 
     // The same seed makes the same session.
     let again = folder.path().join("again");
