@@ -166,8 +166,8 @@ class Client:
         self.connection = self.id = 0
         messages = self.ask("Hello")
         self.hello = next(message["Hello"] for message in messages if "Hello" in message)
+        # The id goes on from the hello's: an answer to a hello that was sent twice may still be on its way.
         self.connection = next(message["Connected"]["connection"] for message in messages if "Connected" in message)
-        self.id = 0
         assert self.hello["protocol_version"] == protocol.schema["version"]
         assert bytes(self.hello["schema_hash"]).hex() == protocol.schema["schema_hash"]
 
