@@ -60,7 +60,7 @@ const SEGMENTS: usize = 2;
 const LEAST_CELLS: f64 = 2.0;
 
 /// What is asked for.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
     /// Length of the needle from the fixture to the tip, instead of what the session says.
     pub length_m: Option<f64>,
@@ -72,12 +72,6 @@ pub struct Options {
     pub segment_m: Option<f64>,
     /// Run the other estimators too.
     pub compare: bool,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self { length_m: None, fixture_mass_kg: None, start: None, segment_m: None, compare: false }
-    }
 }
 
 /// Needle and fixture of a session.
