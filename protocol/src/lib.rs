@@ -168,6 +168,7 @@ extern crate std;
 
 pub mod calibration;
 mod checksum;
+mod condition;
 #[cfg(any(test, feature = "conformance"))]
 pub mod conformance;
 pub mod frame;
@@ -184,6 +185,7 @@ pub use calibration::{
     CODES_PER_KNOT, CalibrationId, CalibrationRecord, KNOTS, MAX_CALIBRATION, PIECE_BYTES,
     PotentiometerTable, calibration_crc,
 };
+pub use condition::*;
 pub use frame::{
     CommandReceiver, EncodeError, EnvelopeReceiver, Incoming, Losses, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST,
     Received, Receiver, encode_command, encode_envelope, peek_hello_version,

@@ -38,6 +38,7 @@ pub(crate) mod mutation;
 mod period;
 pub mod profile;
 mod program;
+mod report;
 mod requests;
 pub mod retreat;
 pub mod stiffness;
@@ -56,10 +57,8 @@ use motor::{DriveWatch, DutyBudget};
 use mutation::Mutation;
 pub use period::{Drive, Inputs, Note, Notes, Outputs};
 use program::{Executor, Phase};
-use protocol::{
-    CalibrationSource, Counters, Description, Event, EventKind, Fault, Outcome, RetreatOutcome, Safety,
-    Sample, State, Status,
-};
+use protocol::{CalibrationSource, Description, Event, EventKind, Fault, Outcome, RetreatOutcome, Sample};
+use report::SAFETY_REPORTS;
 use retreat::{LoadWatch, Trend};
 use stiffness::StiffnessFit;
 use store::Incoming;
@@ -70,8 +69,6 @@ pub const PERIOD_US: u32 = 1_000;
 pub const PERIOD_S: f32 = PERIOD_US as f32 * 1e-6;
 /// Periods between two unasked statuses.
 pub const REPORT_PERIODS: u32 = 100_000 / PERIOD_US;
-/// Periods between two unasked words on safety, in reports.
-const SAFETY_REPORTS: u32 = 10;
 /// Step index outside a program.
 pub const NO_STEP: u8 = u8::MAX;
 
@@ -381,27 +378,6 @@ impl Controller {
         push(notes, Note::Event(event(now_us, EventKind::RetreatEnded { outcome })));
     }
 
-    /// Says what decides whether the guide may move, where that is due.
-    fn report_safety(&mut self, now_us: u64, notes: &mut Notes) {
-        let said = (self.source, self.force.is_tared(), self.force.zero_counts());
-        if self.streaming && (self.safety_due == 0 || self.said != Some(said)) {
-            self.safety_due = SAFETY_REPORTS;
-            self.said = Some(said);
-            push(notes, Note::SafetyReport(self.safety(now_us)));
-        }
-    }
-
-    fn safety(&self, now_us: u64) -> Safety {
-        Safety {
-            t_us: now_us,
-            calibration: self.source,
-            tared: self.force.is_tared(),
-            zero_counts: self.force.zero_counts(),
-            cools_in_s: self.budgets.each_ref().map(DutyBudget::cools_in_s),
-            proven: self.watches.each_ref().map(DriveWatch::is_proven),
-        }
-    }
-
     /// Tells the motors' keepers what was done.
     fn watch(&mut self, drive: Drive) {
         let duty = match drive {
@@ -441,54 +417,6 @@ impl Controller {
             push(notes, Note::Event(event(now_us, EventKind::ProgramEnded { outcome })));
         }
         self.axes.iter_mut().for_each(Axis::rest);
-    }
-
-    fn state(&self) -> State {
-        if self.executor.phase() == Phase::Retreating {
-            return State::Retreating;
-        }
-        if self.interlock.latched().is_some() {
-            return State::Faulted;
-        }
-        match self.executor.phase() {
-            // A retreat has its own state above.
-            Phase::Idle | Phase::Retreating => State::Idle,
-            Phase::Pending => State::Pending,
-            Phase::Moving => State::Moving,
-            Phase::Holding => State::Holding,
-            Phase::Taring => State::Taring,
-        }
-    }
-
-    fn status(&self, inputs: &Inputs, sample: Sample) -> Status {
-        let Limits { force_mn, silence_ms } = self.interlock.limits();
-        let Counters {
-            force_readings_bad, force_corrupt, force_missing, force_resets, force_saturated, ..
-        } = *self.force.counters();
-        Status {
-            t_us: inputs.now_us,
-            state: self.state(),
-            step: self.executor.index().unwrap_or(NO_STEP),
-            fault: self.interlock.latched(),
-            position_counts: sample.position_counts,
-            force_counts: sample.force_counts,
-            streaming: self.streaming,
-            counters: Counters {
-                force_readings_bad,
-                force_corrupt,
-                force_missing,
-                force_resets,
-                force_saturated,
-                control_overruns: self.control_overruns,
-                faults: self.interlock.faults(),
-                ..inputs.counters
-            },
-            load: inputs.load,
-            motor_budget_permille: self.budgets.each_ref().map(|budget| (budget.used() * 1e3) as u16),
-            force_limit_mn: force_mn,
-            silence_limit_ms: silence_ms,
-            stiffness: self.stiffness.result(),
-        }
     }
 }
 

@@ -6,7 +6,8 @@ use crate::ads131m02::ForceFault;
 use crate::hal::Readings;
 use proptest::prelude::*;
 use protocol::{
-    CalibrationRecord, Command, Load, Refusal, Request, RetreatOutcome, Step, TareProblem, program_crc,
+    CalibrationRecord, Command, Counters, Load, Refusal, Request, RetreatOutcome, State, Step, TareProblem,
+    program_crc,
 };
 
 mod campaign;

@@ -1,0 +1,81 @@
+//! What the controller reports of itself: state, status and what decides whether the guide may move.
+
+use super::interlock::Limits;
+use super::motor::{DriveWatch, DutyBudget};
+use super::program::Phase;
+use super::{Controller, Inputs, NO_STEP, Note, Notes, push};
+use protocol::{Counters, Safety, Sample, State, Status};
+
+/// Periods between two unasked words on safety, in reports.
+pub(super) const SAFETY_REPORTS: u32 = 10;
+
+impl Controller {
+    /// Says what decides whether the guide may move, where that is due.
+    pub(super) fn report_safety(&mut self, now_us: u64, notes: &mut Notes) {
+        let said = (self.source, self.force.is_tared(), self.force.zero_counts());
+        if self.streaming && (self.safety_due == 0 || self.said != Some(said)) {
+            self.safety_due = SAFETY_REPORTS;
+            self.said = Some(said);
+            push(notes, Note::SafetyReport(self.safety(now_us)));
+        }
+    }
+
+    pub(super) fn safety(&self, now_us: u64) -> Safety {
+        Safety {
+            t_us: now_us,
+            calibration: self.source,
+            tared: self.force.is_tared(),
+            zero_counts: self.force.zero_counts(),
+            cools_in_s: self.budgets.each_ref().map(DutyBudget::cools_in_s),
+            proven: self.watches.each_ref().map(DriveWatch::is_proven),
+        }
+    }
+
+    pub(super) fn state(&self) -> State {
+        if self.executor.phase() == Phase::Retreating {
+            return State::Retreating;
+        }
+        if self.interlock.latched().is_some() {
+            return State::Faulted;
+        }
+        match self.executor.phase() {
+            // A retreat has its own state above.
+            Phase::Idle | Phase::Retreating => State::Idle,
+            Phase::Pending => State::Pending,
+            Phase::Moving => State::Moving,
+            Phase::Holding => State::Holding,
+            Phase::Taring => State::Taring,
+        }
+    }
+
+    pub(super) fn status(&self, inputs: &Inputs, sample: Sample) -> Status {
+        let Limits { force_mn, silence_ms } = self.interlock.limits();
+        let Counters {
+            force_readings_bad, force_corrupt, force_missing, force_resets, force_saturated, ..
+        } = *self.force.counters();
+        Status {
+            t_us: inputs.now_us,
+            state: self.state(),
+            step: self.executor.index().unwrap_or(NO_STEP),
+            fault: self.interlock.latched(),
+            position_counts: sample.position_counts,
+            force_counts: sample.force_counts,
+            streaming: self.streaming,
+            counters: Counters {
+                force_readings_bad,
+                force_corrupt,
+                force_missing,
+                force_resets,
+                force_saturated,
+                control_overruns: self.control_overruns,
+                faults: self.interlock.faults(),
+                ..inputs.counters
+            },
+            load: inputs.load,
+            motor_budget_permille: self.budgets.each_ref().map(|budget| (budget.used() * 1e3) as u16),
+            force_limit_mn: force_mn,
+            silence_limit_ms: silence_ms,
+            stiffness: self.stiffness.result(),
+        }
+    }
+}
