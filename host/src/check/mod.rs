@@ -107,7 +107,11 @@ pub fn check(dir: &Path) -> Check {
     }));
     findings.extend(cut_rows.iter().map(|place| Finding {
         expected: Some("a line that ends; `guide recover` finds the rest in the raw recording".to_owned()),
-        ..Finding::at(Severity::Warning, place, "row: the last line is cut off, left out".to_owned())
+        ..Finding::at(
+            Severity::Warning,
+            place,
+            "row: the last line is cut off, skipped: the recording ended in it".to_owned(),
+        )
     }));
     findings.extend(outside.iter().map(|(place, name)| Finding {
         expected: Some("a file in it, so that the folder can be moved as a whole".to_owned()),

@@ -3,7 +3,7 @@
 use super::output::Output;
 use super::rig_args::{ForceLimitArgs, PortArgs, Rest, StartArgs, run_step};
 use super::status::{Detail, report_status};
-use anyhow::anyhow;
+use anyhow::{anyhow, bail};
 use host::link::error::{explain_fault, explain_retreat};
 use host::link::program::move_to;
 use host::link::{Client, LinkError, Telemetry};
@@ -167,6 +167,7 @@ impl Display for Retreated {
 pub fn retreat(args: &RetreatArgs, out: &mut Output) -> anyhow::Result<()> {
     /// Longest that a retreat takes on the slowest simulated rig.
     const LIMIT: Duration = Duration::from_secs(60);
+    const POLL: Duration = Duration::from_millis(50);
     let mut client = Client::connect(&args.port.port)?;
     let before = client.status()?;
     let (x_um, y_um) = match (args.x_mm, args.y_mm) {
@@ -182,21 +183,26 @@ pub fn retreat(args: &RetreatArgs, out: &mut Output) -> anyhow::Result<()> {
     let began = Instant::now();
     let mut outcome = None;
     // The event may be lost; the state is not.
-    while client.status()?.state == State::Retreating && began.elapsed() < LIMIT {
-        while let Some(telemetry) = client.next(Duration::from_millis(50))? {
+    loop {
+        let is_over = client.status()?.state != State::Retreating;
+        while let Some(telemetry) = client.waiting() {
             if let Telemetry::Event(event) = telemetry
                 && let EventKind::RetreatEnded { outcome: ended } = event.kind
             {
                 outcome = Some(ended);
             }
         }
-    }
-    while let Some(telemetry) = client.waiting() {
-        if let Telemetry::Event(event) = telemetry
-            && let EventKind::RetreatEnded { outcome: ended } = event.kind
-        {
-            outcome = Some(ended);
+        if is_over {
+            break;
         }
+        if began.elapsed() > LIMIT {
+            client.request(Request::Stop)?;
+            bail!(
+                "the retreat did not end within {} s and was stopped: look at the guide, then `guide status`",
+                LIMIT.as_secs()
+            );
+        }
+        std::thread::sleep(POLL);
     }
     let status = client.status()?;
     let [position_x_mm, position_y_mm] =

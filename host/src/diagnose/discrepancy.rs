@@ -27,16 +27,38 @@ enum Scope {
     Own,
 }
 
+/// What the imperfections of a group are a matter of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Cause {
+    /// Tissue, needle and sensors in ways that an effect of the catalogue may have too.
+    Physics,
+    /// How needle and tissue are mounted in a session.
+    Mounting,
+    /// What differs from run to run: no model predicts it of a run that it has not been fitted to.
+    Run,
+    /// The instruments alone: zeros, drift, axes, angles, offsets of a run.
+    Instrument {
+        /// Whether that changes when needle or tissue are mounted anew.
+        mounted: bool,
+    },
+}
+
+impl Cause {
+    const INSTRUMENT: Self = Self::Instrument { mounted: false };
+
+    /// Whether it is new whenever needle or tissue are mounted anew.
+    fn is_mounted(self) -> bool {
+        matches!(self, Self::Mounting | Self::Instrument { mounted: true })
+    }
+}
+
 /// A group with its patterns, in SI and in the order of the data of each run; empty where it does not show.
 struct GroupPatterns {
     group: Group,
     scope: Scope,
     /// Per run, per pattern.
     of_runs: Vec<Vec<Vec<f64>>>,
-    /// Whether it is a matter of the instruments alone: zeros, drift, axes, offsets of a run.
-    instrument: bool,
-    /// Whether it is new whenever needle or tissue are mounted anew.
-    mounted: bool,
+    cause: Cause,
 }
 
 /// Patterns of one run.
@@ -101,7 +123,7 @@ fn sized(mut groups: Vec<GroupPatterns>, sizes: &[(&'static str, f64)]) -> Vec<G
 /// What may have changed between the reference and the session because things were mounted anew: the same patterns once more, in the
 /// session alone.
 fn anew(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> {
-    let mounted = groups.iter().filter(|group| group.mounted);
+    let mounted = groups.iter().filter(|group| group.cause.is_mounted());
     let of_run = |(patterns, prepared): (&Vec<Vec<f64>>, &Prepared)| {
         if prepared.run.is_reference { Vec::new() } else { patterns.clone() }
     };
@@ -114,7 +136,7 @@ fn anew(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> {
         .collect()
 }
 
-/// Only those of the instruments and of differences between runs: what the misfit of held-out runs is measured against.
+/// Only those of the instruments, with everyday sizes: what the misfit of runs is measured against that the model was fitted to.
 ///
 /// # Errors
 /// Where the model cannot be evaluated.
@@ -122,10 +144,25 @@ pub(super) fn of_instruments(
     layout: &Layout,
     values: &[f64],
     runs: &[Prepared],
+) -> Result<Patterns, ModelError> {
+    let mut groups = groups(layout, values, runs)?;
+    groups.retain(|group| matches!(group.cause, Cause::Instrument { .. }));
+    Ok(whitened(groups, runs))
+}
+
+/// Those of the instruments and of differences between runs: what the misfit of held-out runs is measured against. `sizes` as for
+/// [`patterns`].
+///
+/// # Errors
+/// Where the model cannot be evaluated.
+pub(super) fn of_held_out(
+    layout: &Layout,
+    values: &[f64],
+    runs: &[Prepared],
     sizes: &[(&'static str, f64)],
 ) -> Result<Patterns, ModelError> {
     let mut groups = sized(groups(layout, values, runs)?, sizes);
-    groups.retain(|group| group.instrument);
+    groups.retain(|group| matches!(group.cause, Cause::Instrument { .. } | Cause::Run));
     Ok(whitened(groups, runs))
 }
 

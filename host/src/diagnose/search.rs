@@ -101,7 +101,8 @@ impl Search<'_> {
             .into_par_iter()
             .enumerate()
             .map(|(rank, score)| {
-                let least = if is_costly(score.effect) { 0.0 } else { LEAST_SCORE };
+                // One of which every evaluation is an iteration at every depth is tried where its score speaks for it.
+                let least = if score.effect.is_costly() { 0.0 } else { LEAST_SCORE };
                 let leads = rank < most && score.is_told && score.log_evidence > (best - behind).max(least);
                 let refit = if leads { self.refit(base, &score) } else { None };
                 Candidate { score, refit }
@@ -142,7 +143,7 @@ impl Search<'_> {
             starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
             self.fit(&layout, &starts, &sizes, FIRST_ROUNDS)
         };
-        let starts = if is_costly(score.effect) { 1 } else { score.starts.len() };
+        let starts = if score.effect.is_costly() { 1 } else { score.starts.len() };
         let fits = score.starts.iter().take(starts).filter_map(from);
         let fitted = fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
         let gain = fitted.log_evidence - base.log_evidence + one_sided(score.effect);
@@ -320,12 +321,6 @@ fn is_determined(fitted: &Fitted, index: usize) -> bool {
 fn needless(fitted: &Fitted, members: &[Member], margin: f64) -> Option<usize> {
     let idle = members.iter().filter(|m| m.gain < margin || !is_determined(fitted, m.index));
     idle.min_by(|a, b| a.gain.total_cmp(&b.gain)).map(|member| member.index)
-}
-
-/// Whether every evaluation is an iteration of its own at every depth: such an effect is refitted only where its score speaks for it,
-/// from one start.
-fn is_costly(effect: &dyn Effect) -> bool {
-    effect.id() == "tissue.yield"
 }
 
 /// A parameter that cannot be on one side of its neutral value has all of its prior on the other.

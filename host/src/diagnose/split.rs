@@ -116,17 +116,15 @@ impl HeldOut {
             Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
         };
         let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
-        let instruments =
-            |runs: &[Prepared]| discrepancy::of_instruments(&start.layout, start.values(), runs, sizes);
         // The reference is no part of the gap.
         let judged: Vec<bool> = training.iter().map(|run| !run.run.is_reference).collect();
         let training: Vec<Prepared> = training.iter().filter(|run| !run.run.is_reference).cloned().collect();
         Ok(Judge {
-            of_held_out: instruments(&runs)?,
+            of_held_out: discrepancy::of_held_out(&start.layout, start.values(), &runs, sizes)?,
             // What the reference leaves unexplained too is no gap between them.
             of_training: match &start.layout.reference {
                 Some(_) => discrepancy::patterns(&start.layout, start.values(), &training, sizes)?,
-                None => instruments(&training)?,
+                None => discrepancy::of_instruments(&start.layout, start.values(), &training)?,
             },
             readings: training.iter().map(|run| run.run.data.len()).sum(),
             judged,

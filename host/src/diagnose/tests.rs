@@ -232,7 +232,7 @@ fn independent_residuals_go_back_to_what_they_were() {
 
 /// A pattern that is the same in every sweep is misfit, not noise; so is a scatter that nobody stated.
 #[test]
-fn what_repeats_is_no_noise_and_what_scatters_is_told() {
+fn what_repeats_is_misfit_and_unstated_scatter_is_warned_of() {
     let mut session = session(&truth(vec![]), &Design::nine_runs(), 14);
     for run in &mut session.lateral {
         for (z_m, y_m) in run.shape.z_m.iter().zip(&mut run.shape.y_m) {

@@ -21,7 +21,7 @@ pub struct Survey {
     pub unknown: Vec<(Place, String)>,
     /// Columns that are not part of the format, with the name of one that is, is not there, and was perhaps meant.
     pub misspelt: Vec<(Place, String, &'static str)>,
-    /// Last rows of recordings that are cut off, which are left out.
+    /// Last rows of recordings that are cut off, which are skipped.
     pub cut_rows: Vec<Place>,
     /// Files that are named in a way that leads out of the session's folder.
     pub outside: Vec<(Place, String)>,

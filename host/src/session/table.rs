@@ -72,7 +72,7 @@ impl Table {
     }
 
     /// As [`Self::read`], but a recording that ended before its first row is a table too, and a last row that is cut off, as a full disk
-    /// or a power failure leaves it, is left out ([`cut_row`]).
+    /// or a power failure leaves it, is skipped ([`cut_row`]).
     ///
     /// # Errors
     /// [`SessionError`] with file, line, column and field.

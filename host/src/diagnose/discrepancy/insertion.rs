@@ -1,6 +1,6 @@
 //! Patterns in insertions: how pushes that are meant to be alike differ, and what tracker and guides are off by.
 
-use super::{Around, GroupPatterns, Made, Scope};
+use super::{Around, Cause, GroupPatterns, Made, Scope};
 use crate::diagnose::data::{Datum, Kind, Source};
 use crate::diagnose::evidence::Group;
 use crate::model::insertion::Cutting;
@@ -25,12 +25,6 @@ const ANGLE_RAD: f64 = 3e-3;
 const ANGLE_BY_HAND_RAD: f64 = 15e-3;
 const TILT_RAD: f64 = 4e-3;
 const TILT_BY_HAND_RAD: f64 = 30e-3;
-const TILT: &str = "tilt of the tracker";
-/// Angles that are no physics of the needle in the tissue; beside them what differs from insertion to insertion is no matter of a model.
-const INSTRUMENTS: [&str; 2] = [TILT, "angle of the sensor in the tip"];
-const EACH_DIFFERS: &str = "from insertion to insertion";
-/// What is new in a session with the same rig and needle.
-const MOUNTED: [&str; 2] = ["place of the surface in insertions", "roll of the bevel"];
 /// A sensor lies in the tip at an angle of this size.
 const COIL_RAD: f64 = 20e-3;
 
@@ -40,6 +34,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     let mut add = |name: &'static str,
                    (everyday, tail): (f64, Option<f64>),
                    scope: Scope,
+                   cause: Cause,
                    of: &dyn Fn(&Around<'_>) -> Made|
      -> Result<(), ModelError> {
         let of_run = |around: &Around<'_>| {
@@ -47,7 +42,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         };
         let of_runs = all.iter().map(of_run).collect::<Result<_, _>>()?;
         let group = Group { name, everyday, tail };
-        groups.push(GroupPatterns { group, scope, of_runs, instrument: false, mounted: false });
+        groups.push(GroupPatterns { group, scope, of_runs, cause });
         Ok(())
     };
     let modulus = |around: &Around<'_>| {
@@ -72,50 +67,69 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         Ok(vec![slope?])
     };
     // The size of something that happens once cannot be found from it: it is known.
-    add("modulus from insertion to insertion", (0.03, Some(1.0)), Scope::Own, &modulus)?;
-    add("tip load from insertion to insertion", (0.03, Some(1.5)), Scope::Own, &|around| {
+    add("modulus from insertion to insertion", (0.03, Some(1.0)), Scope::Own, Cause::Run, &modulus)?;
+    add("tip load from insertion to insertion", (0.03, Some(1.5)), Scope::Own, Cause::Run, &|around| {
         Ok(vec![under_load(around, &|_| 1.0)?])
     })?;
     let by_hand = all.iter().any(|around| around.model.rig.has_one_guide());
     let [angle_rad, tilt_rad] =
         if by_hand { [ANGLE_BY_HAND_RAD, TILT_BY_HAND_RAD] } else { [ANGLE_RAD, TILT_RAD] };
-    add("angle of entry from insertion to insertion", (angle_rad, Some(1.0)), Scope::Own, &|around| {
-        Ok(linear(around))
-    })?;
-    add("surface from insertion to insertion", (0.5e-3, Some(1.0)), Scope::Own, &entry)?;
-    add("roll from insertion to insertion", (0.02, Some(1.0)), Scope::Own, &roll)?;
+    add(
+        "angle of entry from insertion to insertion",
+        (angle_rad, Some(1.0)),
+        Scope::Own,
+        Cause::INSTRUMENT,
+        &|around| Ok(linear(around)),
+    )?;
+    add("surface from insertion to insertion", (0.5e-3, Some(1.0)), Scope::Own, Cause::Run, &entry)?;
+    add("roll from insertion to insertion", (0.02, Some(1.0)), Scope::Own, Cause::Run, &roll)?;
     let waves = |around: &Around<'_>| {
         let wave = |k: usize| under_load(around, &|depth_m| (k as f64 * PI * depth_m / SMOOTH_M).cos());
         (1..=LOAD_WAVES).map(wave).collect::<Result<Vec<_>, _>>()
     };
-    add("tip load over depth of one insertion", (0.02, Some(1.0)), Scope::Own, &waves)?;
-    add("tip load over depth", (0.02, Some(1.0)), Scope::Shared, &waves)?;
-    add("drift of the path of one insertion", (30e-6, Some(1.0)), Scope::Own, &|around| Ok(smooth(around)))?;
-    add("smooth error of the path", (30e-6, Some(1.0)), Scope::Shared, &|around| Ok(smooth(around)))?;
-    add("drift of the direction of one insertion", (1.5e-3, Some(1.0)), Scope::Own, &|around| {
-        Ok(smooth_direction(around))
+    add("tip load over depth of one insertion", (0.02, Some(1.0)), Scope::Own, Cause::Physics, &waves)?;
+    add("tip load over depth", (0.02, Some(1.0)), Scope::Shared, Cause::Physics, &waves)?;
+    add("drift of the path of one insertion", (30e-6, Some(1.0)), Scope::Own, Cause::Physics, &|around| {
+        Ok(smooth(around))
     })?;
-    add("smooth error of the direction", (1.5e-3, Some(1.0)), Scope::Shared, &|around| {
+    add("smooth error of the path", (30e-6, Some(1.0)), Scope::Shared, Cause::Physics, &|around| {
+        Ok(smooth(around))
+    })?;
+    add(
+        "drift of the direction of one insertion",
+        (1.5e-3, Some(1.0)),
+        Scope::Own,
+        Cause::Physics,
+        &|around| Ok(smooth_direction(around)),
+    )?;
+    add("smooth error of the direction", (1.5e-3, Some(1.0)), Scope::Shared, Cause::Physics, &|around| {
         Ok(smooth_direction(around))
     })?;
     // A sensor is some millimetres long, and behind the tip.
-    add("direction proportional to itself", (0.03, Some(1.0)), Scope::Shared, &|around| {
+    add("direction proportional to itself", (0.03, Some(1.0)), Scope::Shared, Cause::Physics, &|around| {
         Ok(proportional_direction(around))
     })?;
-    add("the same, of one insertion", (0.02, Some(1.0)), Scope::Own, &|around| {
-        Ok(proportional_direction(around))
+    add(
+        "direction proportional to itself, of one insertion",
+        (0.02, Some(1.0)),
+        Scope::Own,
+        Cause::Physics,
+        &|around| Ok(proportional_direction(around)),
+    )?;
+    // A hand takes the needle anew, along another line.
+    add(
+        "tilt of the tracker",
+        (tilt_rad, None),
+        Scope::Shared,
+        Cause::Instrument { mounted: by_hand },
+        &|around| Ok(linear(around)),
+    )?;
+    add("angle of the sensor in the tip", (COIL_RAD, None), Scope::Shared, Cause::INSTRUMENT, &|around| {
+        Ok(coil(around))
     })?;
-    add(TILT, (tilt_rad, None), Scope::Shared, &|around| Ok(linear(around)))?;
-    add("angle of the sensor in the tip", (COIL_RAD, None), Scope::Shared, &|around| Ok(coil(around)))?;
-    add("guide 2 off", (50e-6, None), Scope::Shared, &guide2)?;
-    add("place of the surface in insertions", (1e-3, None), Scope::Shared, &entry)?;
-    add("roll of the bevel", (0.03, None), Scope::Shared, &roll)?;
-    for group in &mut groups {
-        let name = group.group.name;
-        group.instrument = INSTRUMENTS.contains(&name) || name.ends_with(EACH_DIFFERS);
-        // A hand takes the needle anew, along another line.
-        group.mounted = MOUNTED.contains(&name) || (by_hand && name == TILT);
-    }
+    add("guide 2 off", (50e-6, None), Scope::Shared, Cause::Physics, &guide2)?;
+    add("place of the surface in insertions", (1e-3, None), Scope::Shared, Cause::Mounting, &entry)?;
+    add("roll of the bevel", (0.03, None), Scope::Shared, Cause::Mounting, &roll)?;
     groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
     Ok(groups)
 }

@@ -1,6 +1,6 @@
 //! Patterns in lateral runs: what a careful laboratory would not notice, in tissue, image, force sensor and guides.
 
-use super::{Around, GroupPatterns, Made, Scope};
+use super::{Around, Cause, GroupPatterns, Made, Scope};
 use crate::diagnose::believed::predicted;
 use crate::diagnose::data::{Kind, Source};
 use crate::diagnose::evidence::Group;
@@ -8,7 +8,6 @@ use crate::model::{Experiment, Foundation, Layer, ModelError, predict_with};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
 
-const SURFACE: &str = "place of the surface";
 /// Thickness of the slices in which the modulus may differ, and the length over which it does so alike.
 const SLICE_M: f64 = 3e-3;
 const ALIKE_M: f64 = 10e-3;
@@ -55,15 +54,14 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     let mut groups = Vec::new();
     let mut add = |group: Group,
                    scope: Scope,
-                   instrument: bool,
+                   cause: Cause,
                    of: &mut dyn FnMut(usize, &Around<'_>) -> Made|
      -> Result<(), ModelError> {
         let of_run = |(number, around): (usize, &Around<'_>)| {
             if lateral(around) { of(number, around) } else { Ok(Vec::new()) }
         };
         let of_runs = all.iter().enumerate().map(of_run).collect::<Result<_, _>>()?;
-        let mounted = group.name == SURFACE;
-        groups.push(GroupPatterns { group, scope, of_runs, instrument, mounted });
+        groups.push(GroupPatterns { group, scope, of_runs, cause });
         Ok(())
     };
     let deepest_m = all.iter().filter(|a| lateral(a)).map(|a| a.run.depth_m).fold(0.0, f64::max);
@@ -73,23 +71,28 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         .iter()
         .map(|around| if lateral(around) { by_ln_modulus(around) } else { Ok(Vec::new()) })
         .collect::<Result<_, _>>()?;
-    add(found("modulus from run to run", 0.01), Scope::Own, false, &mut |number, _| {
+    add(found("modulus from run to run", 0.01), Scope::Own, Cause::Physics, &mut |number, _| {
         Ok(vec![by_modulus[number].clone()])
     })?;
     let mut number_of_run = 0.0;
-    add(found("modulus changing from run to run", 0.003), Scope::Shared, false, &mut |number, _| {
-        let trend = by_modulus[number].iter().map(|slope| number_of_run * slope).collect();
-        number_of_run += 1.0;
-        Ok(vec![trend])
-    })?;
+    add(
+        found("modulus changing from run to run", 0.003),
+        Scope::Shared,
+        Cause::Physics,
+        &mut |number, _| {
+            let trend = by_modulus[number].iter().map(|slope| number_of_run * slope).collect();
+            number_of_run += 1.0;
+            Ok(vec![trend])
+        },
+    )?;
     let mix = slices_alike((deepest_m / SLICE_M).ceil().max(1.0) as usize);
     let over_depth = Group { tail: Some(0.5), ..found("modulus over depth", 0.02) };
-    add(over_depth, Scope::Shared, false, &mut |_, around| by_slices(around, &mix))?;
+    add(over_depth, Scope::Shared, Cause::Physics, &mut |_, around| by_slices(around, &mix))?;
 
     // Image.
     let repeats = ((deepest_m / REPEAT_M).ceil() as usize).clamp(2, MAX_REPEATS);
     let spacing_m = deepest_m / repeats as f64;
-    add(found("repeating shape pattern", 6e-6), Scope::Shared, false, &mut |_, around| {
+    add(found("repeating shape pattern", 6e-6), Scope::Shared, Cause::Physics, &mut |_, around| {
         let hat = |node: usize| {
             around.each(|i, datum| match part(around, i) {
                 Part { force: false, driven: true, .. } => {
@@ -101,7 +104,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         Ok((0..=repeats).map(hat).collect())
     })?;
     let wave = |k: usize, depth_m: f64| (k as f64 * PI * depth_m / SMOOTH_M).cos();
-    add(found("smooth shape error", 10e-6), Scope::Shared, false, &mut |_, around| {
+    add(found("smooth shape error", 10e-6), Scope::Shared, Cause::Physics, &mut |_, around| {
         let of = |(plane, k): (usize, usize)| {
             around.each(|i, datum| {
                 let here = part(around, i);
@@ -115,13 +118,19 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             if part(around, i).force { 0.0 } else { around.predicted[i] * wave(k, datum.place.depth_m) }
         })
     };
-    add(found("shape error proportional to deflection", 0.01), Scope::Shared, false, &mut |_, around| {
-        Ok((0..SMOOTH).map(|k| proportional(around, k)).collect())
-    })?;
-    add(found("the same, of one run", 0.005), Scope::Own, false, &mut |_, around| {
-        Ok((0..SMOOTH_OF_RUN).map(|k| proportional(around, k)).collect())
-    })?;
-    add(found("shape offset of one run", 5e-6), Scope::Own, true, &mut |_, around| {
+    add(
+        found("shape error proportional to deflection", 0.01),
+        Scope::Shared,
+        Cause::Physics,
+        &mut |_, around| Ok((0..SMOOTH).map(|k| proportional(around, k)).collect()),
+    )?;
+    add(
+        found("shape error proportional to deflection, of one run", 0.005),
+        Scope::Own,
+        Cause::Physics,
+        &mut |_, around| Ok((0..SMOOTH_OF_RUN).map(|k| proportional(around, k)).collect()),
+    )?;
+    add(found("shape offset of one run", 5e-6), Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
         let of = |(driven, k): (bool, usize)| {
             around.each(|i, datum| {
                 let here = part(around, i);
@@ -132,8 +141,8 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
 
     // Guides and sensors.
-    add(found("axes not square", 0.01), Scope::Shared, true, &mut |_, around| axes(around))?;
-    add(found("force zero of one run", 0.01), Scope::Own, true, &mut |_, around| {
+    add(found("axes not square", 0.01), Scope::Shared, Cause::INSTRUMENT, &mut |_, around| axes(around))?;
+    add(found("force zero of one run", 0.01), Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
         let of = |plane: usize| {
             around.each(|i, _| {
                 let here = part(around, i);
@@ -145,11 +154,11 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     let force = |around: &Around<'_>, of: &dyn Fn(f64) -> f64| {
         around.each(|i, _| if part(around, i).force { of(around.predicted[i]) } else { 0.0 })
     };
-    add(found("force gain of one run", 0.004), Scope::Own, false, &mut |_, around| {
+    add(found("force gain of one run", 0.004), Scope::Own, Cause::Physics, &mut |_, around| {
         Ok(vec![force(around, &|force_n| force_n)])
     })?;
     let largest_n = all.iter().filter(|a| lateral(a)).map(largest_force_n).fold(1e-9, f64::max);
-    add(found("nonlinear force sensor", 0.005), Scope::Shared, false, &mut |_, around| {
+    add(found("nonlinear force sensor", 0.005), Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(vec![
             force(around, &|force_n| force_n * force_n / largest_n),
             force(around, &|force_n| force_n.powi(3) / (largest_n * largest_n)),
@@ -159,7 +168,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     let mut depths_mm: Vec<i64> = all.iter().filter(|a| lateral(a)).map(depth_mm).collect();
     depths_mm.sort_unstable();
     depths_mm.dedup();
-    add(found("hysteresis of the force", 0.005), Scope::Shared, false, &mut |_, around| {
+    add(found("hysteresis of the force", 0.005), Scope::Shared, Cause::Physics, &mut |_, around| {
         let most_n = largest_force_n(around);
         let of = |depth: &i64| {
             let here = depth_mm(around) == *depth;
@@ -170,7 +179,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         };
         Ok(depths_mm.iter().map(of).collect())
     })?;
-    add(found("force of one hold", 0.003), Scope::Own, false, &mut |_, around| {
+    add(found("force of one hold", 0.003), Scope::Own, Cause::Physics, &mut |_, around| {
         let of = |hold: usize| {
             around.each(|i, datum| match part(around, i) {
                 Part { force: true, driven: true, .. } if datum.part == hold => 1.0,
@@ -179,13 +188,13 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         };
         Ok((0..around.run.parts()).map(of).collect())
     })?;
-    add(found("force on the way", 0.003), Scope::Own, false, &mut |_, around| {
+    add(found("force on the way", 0.003), Scope::Own, Cause::Physics, &mut |_, around| {
         Ok(vec![around.each(|i, datum| match part(around, i) {
             Part { force: true, driven: true, .. } if datum.place.hold_s.is_none() => datum.place.direction,
             _ => 0.0,
         })])
     })?;
-    add(found("drift of the force in one run", 0.003), Scope::Own, true, &mut |_, around| {
+    add(found("drift of the force in one run", 0.003), Scope::Own, Cause::INSTRUMENT, &mut |_, around| {
         let length_s = around.run.data.iter().map(|d| d.place.time_s).fold(1e-3, f64::max);
         let of = |plane: usize| {
             around.each(|i, datum| {
@@ -197,19 +206,19 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     })?;
 
     // What is stated of the rig is not exact.
-    add(known(SURFACE, 0.3e-3), Scope::Shared, false, &mut |_, around| {
+    add(known("place of the surface", 0.3e-3), Scope::Shared, Cause::Mounting, &mut |_, around| {
         Ok(vec![around.slope(ENTRY_STEP_M, |model, _| {
             model.rig.entry_m += ENTRY_STEP_M;
             Ok(())
         })?])
     })?;
-    add(known("stiffness of the needle", 0.02), Scope::Shared, false, &mut |_, around| {
+    add(known("stiffness of the needle", 0.02), Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(vec![around.slope(LN_STEP, |model, _| {
             model.rig.needle.youngs_modulus_pa *= 1.0 + LN_STEP;
             Ok(())
         })?])
     })?;
-    add(known("force gain", 0.01), Scope::Shared, false, &mut |_, around| {
+    add(known("force gain", 0.01), Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(vec![force(around, &|force_n| force_n)])
     })?;
     groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));

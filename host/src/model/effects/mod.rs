@@ -86,6 +86,11 @@ pub trait Effect: Debug + Sync {
         true
     }
 
+    /// Whether every evaluation of an insertion with it is an iteration at every depth.
+    fn is_costly(&self) -> bool {
+        false
+    }
+
     /// Changes the beam problem of a plane.
     ///
     /// # Errors

@@ -91,7 +91,7 @@ impl Effect for FrameCompliance {
     }
 
     fn signature(&self) -> &'static str {
-        "told displacement against the needle's shape; in insertions what guide 2 does to the tip"
+        "commanded displacement against the needle's shape; in insertions what guide 2 does to the tip"
     }
 
     fn parameters(&self) -> &'static [ParameterInfo] {

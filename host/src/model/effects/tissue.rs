@@ -280,6 +280,10 @@ impl Effect for Yield {
         "the tip answers large motions of guide 2 less than in proportion, most while shallow"
     }
 
+    fn is_costly(&self) -> bool {
+        true
+    }
+
     fn parameters(&self) -> &'static [ParameterInfo] {
         const {
             &[

@@ -199,7 +199,7 @@ impl CsvFile {
         self.bytes += written.bytes as u64;
         self.rows.drain(..written.bytes);
         if written.outcome.is_err() {
-            // A row that is cut off all the same is left out by the reader.
+            // A row that is cut off all the same is skipped by the reader.
             let _ = file.set_len(self.bytes).and_then(|()| file.seek(SeekFrom::End(0)));
         }
         written
