@@ -5,15 +5,13 @@
 //! points per element, Newton's method, banded Cholesky (half-bandwidth 3): the work grows linearly with the number of
 //! elements (`model.md`, section 2). Elements end at guide 2, at the surface and at the faces of layers.
 
-use super::banded::Banded;
+mod newton;
+
 use super::{BeamProblem, Foundation, ModelError, check};
 
 /// Length of an element that brings the error below one part in a million for needles in tissue.
 pub const DEFAULT_ELEMENT_M: f64 = 0.5e-3;
 const MOST_ELEMENTS: f64 = 100_000.0;
-const MOST_ITERATIONS: usize = 60;
-/// A step of this share of the deflection is the last: Newton's method squares the error, and rounding is not far below.
-const LAST_STEP: f64 = 1e-6;
 
 /// Lateral reaction of the tissue on a point of the needle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,21 +24,56 @@ pub struct Reaction {
 
 /// What the tissue does.
 pub trait Springs {
-    /// Reaction at a depth below the surface to a deflection from the place where the springs are at rest.
-    fn reaction(&self, depth_m: f64, stretch_m: f64) -> Reaction;
+    /// What it is at one depth, however far the needle goes.
+    type Place;
+
+    /// What it is at a depth below the surface.
+    fn place(&self, depth_m: f64) -> Self::Place;
+
+    /// Reaction there to a deflection from the place where the springs are at rest.
+    fn reaction(&self, place: &Self::Place, stretch_m: f64) -> Reaction;
 }
 
 impl Springs for Foundation {
-    fn reaction(&self, depth_m: f64, stretch_m: f64) -> Reaction {
-        let modulus_pa = self.modulus_pa(depth_m);
-        Reaction { force_n_per_m: modulus_pa * stretch_m, tangent_pa: modulus_pa }
+    type Place = f64;
+
+    fn place(&self, depth_m: f64) -> f64 {
+        self.modulus_pa(depth_m)
+    }
+
+    fn reaction(&self, modulus_pa: &f64, stretch_m: f64) -> Reaction {
+        Reaction { force_n_per_m: modulus_pa * stretch_m, tangent_pa: *modulus_pa }
     }
 }
 
 impl<F: Fn(f64, f64) -> Reaction> Springs for F {
-    fn reaction(&self, depth_m: f64, stretch_m: f64) -> Reaction {
-        self(depth_m, stretch_m)
+    type Place = f64;
+
+    fn place(&self, depth_m: f64) -> f64 {
+        depth_m
     }
+
+    fn reaction(&self, depth_m: &f64, stretch_m: f64) -> Reaction {
+        self(*depth_m, stretch_m)
+    }
+}
+
+/// Where the springs are at rest.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RestPath<P> {
+    /// At any place along the needle.
+    pub path_m: P,
+    /// From here on they are at rest on the straight line from this deflection to that of the tip, which is cutting them.
+    pub newest: Option<Newest>,
+}
+
+/// The newest end of a cut path.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Newest {
+    /// Where it begins.
+    pub from_z_m: f64,
+    /// Deflection there.
+    pub from_m: f64,
 }
 
 /// What guide 2 does.
@@ -144,145 +177,7 @@ impl Elements {
         guide2: Guide2,
         tip_force_n: f64,
     ) -> Result<Deformed, ModelError> {
-        self.solve_from(springs, path_m, guide2, tip_force_n, None)
-    }
-
-    /// The same from a needle that is nearly this one, of any length, in a fraction of the iterations.
-    ///
-    /// # Errors
-    /// As [`Elements::solve`].
-    pub(super) fn solve_from(
-        &self,
-        springs: &impl Springs,
-        path_m: impl Fn(f64) -> f64,
-        guide2: Guide2,
-        tip_force_n: f64,
-        near: Option<&Deformed>,
-    ) -> Result<Deformed, ModelError> {
-        let size = 2 * self.nodes_m.len();
-        let held = match guide2 {
-            Guide2::Held(_) => Some(2 * self.guide2),
-            Guide2::Force(_) | Guide2::Sprung { .. } => None,
-        };
-        let rigid = self.clamp_compliance_rad_per_n_m == 0.0;
-        let clamped = !self.only_guide;
-        let fixed = |index: usize| (clamped && index == 0) || (rigid && index == 1) || Some(index) == held;
-
-        let mut unknowns: Vec<f64> = match near {
-            Some(near) => self.nodes_m.iter().flat_map(|z_m| near.state(*z_m)).collect(),
-            None => vec![0.0; size],
-        };
-        (0..2).filter(|index| fixed(*index)).for_each(|index| unknowns[index] = 0.0);
-        if let (Guide2::Held(displacement_m), Some(index)) = (guide2, held) {
-            unknowns[index] = displacement_m;
-        }
-        let mut load = vec![0.0; size];
-        load[size - 2] = tip_force_n;
-        // A curvature that is the same all along is a moment at either end.
-        let moment_n_m = self.bending_stiffness_n_m2 * self.curvature_per_m;
-        load[size - 1] += moment_n_m;
-        load[1] -= moment_n_m;
-        let mut frame_n_per_m = 0.0;
-        match guide2 {
-            Guide2::Force(force_n) => load[2 * self.guide2] += force_n,
-            Guide2::Held(_) => {}
-            Guide2::Sprung { at_m, compliance_m_per_n } => {
-                frame_n_per_m = compliance_m_per_n.recip();
-                load[2 * self.guide2] += frame_n_per_m * at_m;
-            }
-        }
-        let balance = |unknowns: &[f64]| {
-            let (mut tangent, mut rest) = self.balance(springs, &path_m, unknowns, &load);
-            tangent.add(2 * self.guide2, 2 * self.guide2, frame_n_per_m);
-            rest[2 * self.guide2] -= frame_n_per_m * unknowns[2 * self.guide2];
-            (tangent, rest)
-        };
-        let (mut tangent, mut rest) = balance(&unknowns);
-        for _ in 0..MOST_ITERATIONS {
-            let mut step: Vec<f64> =
-                rest.iter().enumerate().map(|(i, r)| if fixed(i) { 0.0 } else { *r }).collect();
-            (0..size).filter(|i| fixed(*i)).for_each(|i| tangent.fix(i));
-            tangent.factor().ok_or(ModelError::Singular)?.solve(&mut step);
-            let before = norm(&rest, fixed);
-            let mut share = 1.0;
-            loop {
-                let tried: Vec<f64> = unknowns.iter().zip(&step).map(|(u, s)| u + share * s).collect();
-                let (next, next_rest) = balance(&tried);
-                // A full step is right where the springs are linear; beyond that, half of it until the balance improves.
-                if norm(&next_rest, fixed) <= before.max(f64::MIN_POSITIVE)
-                    || share < 1e-3
-                    || is_small(&step, &tried)
-                {
-                    (unknowns, tangent, rest) = (tried, next, next_rest);
-                    break;
-                }
-                share *= 0.5;
-            }
-            if is_small(&step, &unknowns) {
-                let guide2_force_n = match guide2 {
-                    Guide2::Force(force_n) => force_n,
-                    Guide2::Held(_) => -rest[2 * self.guide2],
-                    Guide2::Sprung { at_m, .. } => frame_n_per_m * (at_m - unknowns[2 * self.guide2]),
-                };
-                let states = unknowns.chunks_exact(2).map(|state| [state[0], state[1]]).collect();
-                return Ok(Deformed { nodes_m: self.nodes_m.clone(), states, guide2_force_n });
-            }
-        }
-        Err(ModelError::NotConverged)
-    }
-
-    /// Tangent stiffness, and load minus internal forces.
-    fn balance(
-        &self,
-        springs: &impl Springs,
-        path_m: &impl Fn(f64) -> f64,
-        unknowns: &[f64],
-        load: &[f64],
-    ) -> (Banded, Vec<f64>) {
-        let mut tangent = Banded::new(unknowns.len());
-        let mut rest = load.to_vec();
-        if self.clamp_compliance_rad_per_n_m > 0.0 {
-            let stiffness = 1.0 / self.clamp_compliance_rad_per_n_m;
-            tangent.add(1, 1, stiffness);
-            rest[1] -= stiffness * unknowns[1];
-        }
-        for (element, ends) in self.nodes_m.windows(2).enumerate() {
-            let (start_m, length_m) = (ends[0], ends[1] - ends[0]);
-            let at = 2 * element;
-            let local = &unknowns[at..at + 4];
-            let inside = start_m >= self.entry_m - 1e-12;
-            let mut bending = bending_stiffness(self.bending_stiffness_n_m2, length_m);
-            let pull_n = if inside { self.shear_n } else { 0.0 } - self.axial_load_n;
-            add_tension(&mut bending, pull_n, length_m);
-            if inside && start_m <= self.entry_m + 1e-12 {
-                bending[0][0] += self.skin_n_per_m;
-                rest[at] += self.skin_n_per_m * path_m(start_m);
-            }
-            for i in 0..4 {
-                for (j, value) in bending[i].iter().enumerate().take(i + 1) {
-                    tangent.add(at + i, at + j, *value);
-                }
-                rest[at + i] -= bending[i].iter().zip(local).map(|(k, u)| k * u).sum::<f64>();
-            }
-            if !inside {
-                continue;
-            }
-            for (x, weight) in GAUSS {
-                let shape = hermite(x, length_m);
-                let z_m = start_m + x * length_m;
-                let deflection_m: f64 = shape.iter().zip(local).map(|(n, u)| n * u).sum();
-                let Reaction { force_n_per_m, tangent_pa } =
-                    springs.reaction(z_m - self.entry_m, deflection_m - path_m(z_m));
-                let measure_m = weight * length_m;
-                for i in 0..4 {
-                    for j in 0..=i {
-                        tangent.add(at + i, at + j, measure_m * tangent_pa * shape[i] * shape[j]);
-                    }
-                    rest[at + i] -= measure_m * force_n_per_m * shape[i];
-                }
-            }
-        }
-        (tangent, rest)
+        self.solve_from(springs, &RestPath { path_m, newest: None }, guide2, tip_force_n, None)
     }
 }
 
@@ -300,9 +195,22 @@ impl Deformed {
         inside + (x - inside_x) * length_m * if x > 1.0 { state[3] } else { state[1] }
     }
 
-    /// Deflection and slope; beyond the tip the needle's tangent continues.
-    fn state(&self, z_m: f64) -> [f64; 2] {
-        let Some((x, length_m, state)) = self.element_at(z_m) else { return [0.0; 2] };
+    /// Deflection and slope at places in increasing order; beyond the tip the needle's tangent continues.
+    fn states_at(&self, places_m: &[f64]) -> Vec<f64> {
+        let mut element = 0;
+        let last = self.nodes_m.len().saturating_sub(2);
+        let mut states = Vec::with_capacity(2 * places_m.len());
+        for z_m in places_m {
+            while element < last && self.nodes_m[element + 1] <= *z_m {
+                element += 1;
+            }
+            states.extend(self.state_in(element, *z_m));
+        }
+        states
+    }
+
+    fn state_in(&self, element: usize, z_m: f64) -> [f64; 2] {
+        let Some((x, length_m, state)) = self.element(element, z_m) else { return [0.0; 2] };
         if x > 1.0 {
             return [state[2] + (x - 1.0) * length_m * state[3], state[3]];
         }
@@ -323,7 +231,11 @@ impl Deformed {
     /// slope at both of its ends.
     fn element_at(&self, z_m: f64) -> Option<(f64, f64, [f64; 4])> {
         let after = self.nodes_m.partition_point(|node_m| *node_m <= z_m);
-        let element = after.saturating_sub(1).min(self.nodes_m.len().checked_sub(2)?);
+        self.element(after.saturating_sub(1).min(self.nodes_m.len().checked_sub(2)?), z_m)
+    }
+
+    /// The same for an element of which the number is known.
+    fn element(&self, element: usize, z_m: f64) -> Option<(f64, f64, [f64; 4])> {
         let (start_m, end_m) = (self.nodes_m.get(element)?, self.nodes_m.get(element + 1)?);
         let ([u, slope], [next_u, next_slope]) = (self.states.get(element)?, self.states.get(element + 1)?);
         let length_m = end_m - start_m;
@@ -376,16 +288,6 @@ pub(super) fn add_tension(stiffness: &mut [[f64; 4]; 4], tension_n: f64, l: f64)
     for (row, added) in stiffness.iter_mut().zip(string) {
         row.iter_mut().zip(added).for_each(|(value, add)| *value += t * add);
     }
-}
-
-fn norm(rest: &[f64], fixed: impl Fn(usize) -> bool) -> f64 {
-    rest.iter().enumerate().filter(|(i, _)| !fixed(*i)).map(|(_, r)| r * r).sum::<f64>().sqrt()
-}
-
-/// Whether a step is small enough to be the last.
-fn is_small(step: &[f64], unknowns: &[f64]) -> bool {
-    let largest = |values: &[f64]| values.iter().step_by(2).map(|v| v.abs()).fold(0.0, f64::max);
-    largest(step) <= LAST_STEP * largest(unknowns)
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@
 use super::body::Stiffened;
 use super::elements::{Deformed, Elements, Guide2};
 use super::quadrature::integrate;
+use super::yielding::Yielding;
 use super::{Beam, BeamProblem, ModelError};
 use nalgebra::{DMatrix, DVector};
 use smallvec::SmallVec;
@@ -331,9 +332,8 @@ impl Stiffening {
             return Ok(Self { linear: body.held(nodes_m[0], false)?, nodes_m, shapes });
         }
         let elements = Elements::new(problem, ELEMENT_M)?;
-        let (law, foundation) = (problem.law, &problem.foundation);
-        let springs =
-            |depth_m: f64, stretch_m: f64| law.reaction(foundation.modulus_pa(depth_m), depth_m, stretch_m);
+        let foundation = &problem.foundation;
+        let springs = Yielding { law: problem.law, foundation };
         let solve = |node_m: &f64| elements.solve(&springs, |_| 0.0, Guide2::Held(*node_m), 0.0);
         let shapes = nodes_m.iter().map(solve).collect::<Result<Vec<_>, _>>()?;
         let linear = elements.solve(foundation, |_| 0.0, Guide2::Held(nodes_m[0]), 0.0)?;

@@ -5,25 +5,21 @@
 //! unloading goes back on the same curve. At every depth the needle is solved by finite elements ([`Elements`]) and Newton's method; the
 //! path is linear between depths and its newest end implicit, as in the linear needle.
 
-use super::elements::{Deformed, Elements, Guide2, Reaction};
+use super::elements::{Deformed, Elements, Guide2, Newest, Reaction, RestPath, Springs};
 use super::growth::{Acting, Guide2Grip, TipState};
-use super::{BeamProblem, ModelError, TissueLaw, check};
+use super::{BeamProblem, Foundation, ModelError, TissueLaw, check};
 
 /// Step of the insertion.
 pub(super) const STEP_M: f64 = 1e-3;
 /// Length of an element: a step's, so that rounding makes no more of them.
 const ELEMENT_M: f64 = STEP_M * (1.0 + 1e-9);
-/// The newest end of the path has come to rest when it moves by less than this.
-const RESTS_M: f64 = 1e-9;
-const MOST_ROUNDS: usize = 20;
 
 impl TissueLaw {
-    /// Reaction of tissue that yields, and stiffens, to a stretch at a depth.
-    pub(super) fn reaction(&self, modulus_pa: f64, depth_m: f64, stretch_m: f64) -> Reaction {
+    /// Reaction of tissue that yields, and stiffens, to a stretch where the reciprocal of its yield load is this.
+    fn reaction_at(&self, modulus_pa: f64, inverse_m_per_n: f64, stretch_m: f64) -> Reaction {
         let more = (self.inverse_u0_per_m * stretch_m).powi(2);
         let force_n_per_m = modulus_pa * stretch_m * (1.0 + more);
         let tangent_pa = modulus_pa * (1.0 + 3.0 * more);
-        let inverse_m_per_n = self.inverse_yield_m_per_n * (-depth_m / self.yield_depth_m).exp();
         if self.inverse_yield_m_per_n == 0.0 {
             return Reaction { force_n_per_m, tangent_pa };
         }
@@ -34,6 +30,26 @@ impl TissueLaw {
     /// Whether the reaction is not in proportion to the stretch.
     pub(super) fn is_nonlinear(&self) -> bool {
         self.inverse_u0_per_m != 0.0 || self.inverse_yield_m_per_n != 0.0
+    }
+}
+
+/// Tissue that yields, or stiffens, as springs.
+pub(super) struct Yielding<'a> {
+    pub law: TissueLaw,
+    pub foundation: &'a Foundation,
+}
+
+impl Springs for Yielding<'_> {
+    /// Modulus, and reciprocal of the yield load.
+    type Place = [f64; 2];
+
+    fn place(&self, depth_m: f64) -> [f64; 2] {
+        let inverse_m_per_n = self.law.inverse_yield_m_per_n * (-depth_m / self.law.yield_depth_m).exp();
+        [self.foundation.modulus_pa(depth_m), inverse_m_per_n]
+    }
+
+    fn reaction(&self, [modulus_pa, inverse_m_per_n]: &[f64; 2], stretch_m: f64) -> Reaction {
+        self.law.reaction_at(*modulus_pa, *inverse_m_per_n, stretch_m)
     }
 }
 
@@ -54,8 +70,7 @@ pub(super) fn under_load(
     let (law, foundation) = (problem.law, &problem.foundation);
     // An insertion is the first loading of fresh tissue: what stiffens is not part of it, as for the linear needle.
     let law = TissueLaw { inverse_u0_per_m: 0.0, ..law };
-    let springs =
-        |depth_m: f64, stretch_m: f64| law.reaction(foundation.modulus_pa(depth_m), depth_m, stretch_m);
+    let springs = Yielding { law, foundation };
     let mut states: Vec<TipState> = Vec::with_capacity(nodes_m.len());
     let mut slopes = Vec::with_capacity(nodes_m.len());
     // The needle at the depth before.
@@ -72,8 +87,13 @@ pub(super) fn under_load(
         let elements = Elements::new(&here, ELEMENT_M)?;
         let elements = bent.map(|curvature_per_m| elements.bent(curvature_per_m));
         let tip_z_m = problem.entry_m + depth_m;
-        let solve = |newest_m: f64, side: usize, near: Option<&Deformed>| {
-            let path_m = |z_m: f64| path_m(nodes_m, &states, newest_m, z_m - problem.entry_m);
+        // Once the tip has arrived its way is cut; until then its newest end is where the tip is.
+        let last = node.checked_sub(1).map(|last| (problem.entry_m + nodes_m[last], states[last].tip_m[1]));
+        let (from_z_m, from_m) = last.unwrap_or((problem.entry_m, 0.0));
+        let solve = |arrived_m: Option<f64>, side: usize, near: Option<&Deformed>| {
+            let cut_m =
+                |z_m: f64| path_m(nodes_m, &states, arrived_m.unwrap_or(from_m), z_m - problem.entry_m);
+            let newest = (arrived_m.is_none() && from_z_m < tip_z_m).then_some(Newest { from_z_m, from_m });
             let guide2 = match grip {
                 Guide2Grip::Holding if problem.guide2_compliance_m_per_n == 0.0 => {
                     Guide2::Held(guide2_m[side])
@@ -84,25 +104,17 @@ pub(super) fn under_load(
                 }
                 Guide2Grip::Free => Guide2::Force(0.0),
             };
-            let needle = elements[side].solve_from(&springs, path_m, guide2, load_n[side], near)?;
+            let path = RestPath { path_m: cut_m, newest };
+            let needle = elements[side].solve_from(&springs, &path, guide2, load_n[side], near)?;
             Ok::<_, ModelError>(((needle.deflection_m(tip_z_m), needle.tip_slope()), needle))
         };
-        let mut newest_m = states.last().map_or(0.0, |state| state.tip_m[1]);
-        let (mut arrived, mut needle) = solve(newest_m, 0, before.as_ref())?;
-        // The last element's springs follow the tip: they are few beside all others, and so each round settles most of the rest.
-        for _ in 0..MOST_ROUNDS {
-            if (arrived.0 - newest_m).abs() < RESTS_M {
-                break;
-            }
-            newest_m = arrived.0;
-            (arrived, needle) = solve(newest_m, 0, Some(&needle))?;
-        }
+        let (arrived, mut needle) = solve(None, 0, before.as_ref())?;
         let at_rest = [load_n, guide2_m, bent].into_iter().all(|[arriving, leaving]| arriving == leaving);
         let left = if at_rest {
             arrived
         } else {
             let left;
-            (left, needle) = solve(arrived.0, 1, Some(&needle))?;
+            (left, needle) = solve(Some(arrived.0), 1, Some(&needle))?;
             left
         };
         states.push(TipState { tip_m: [arrived.0, left.0], load_n });
@@ -174,21 +186,23 @@ mod tests {
     fn reactions_balance_and_stay_below_the_yield_load() {
         let law =
             TissueLaw { inverse_yield_m_per_n: 1.0 / 60.0, yield_depth_m: 0.01, ..TissueLaw::default() };
+        let foundation = Foundation::uniform(60e3).expect("a modulus");
+        let springs = Yielding { law, foundation: &foundation };
+        let reaction = |depth_m: f64, stretch_m: f64| springs.reaction(&springs.place(depth_m), stretch_m);
         for (depth_m, most_n_per_m) in [(0.0, 60.0), (0.02, 60.0 * 2f64.exp())] {
-            let Reaction { force_n_per_m, tangent_pa } = law.reaction(60e3, depth_m, 0.1);
+            let Reaction { force_n_per_m, tangent_pa } = reaction(depth_m, 0.1);
             assert!(force_n_per_m < most_n_per_m && force_n_per_m > 0.99 * most_n_per_m);
             assert!(tangent_pa > 0.0);
-            let small = law.reaction(60e3, depth_m, 1e-6);
+            let small = reaction(depth_m, 1e-6);
             assert!((small.force_n_per_m / 0.06 - 1.0).abs() < 1e-4);
             // The tangent is the derivative.
-            let [a, b] = [0.999e-3, 1.001e-3].map(|m| law.reaction(60e3, depth_m, m).force_n_per_m);
-            let tangent = law.reaction(60e3, depth_m, 1e-3).tangent_pa;
+            let [a, b] = [0.999e-3, 1.001e-3].map(|m| reaction(depth_m, m).force_n_per_m);
+            let tangent = reaction(depth_m, 1e-3).tangent_pa;
             assert!(((b - a) / 2e-6 / tangent - 1.0).abs() < 1e-5);
         }
         // The needle gives further into tissue that yields, and less force holds it.
         let elements = |problem: &BeamProblem| {
-            let law = problem.law;
-            let springs = move |depth_m: f64, stretch_m: f64| law.reaction(60e3, depth_m, stretch_m);
+            let springs = Yielding { law: problem.law, foundation: &problem.foundation };
             let held = Guide2::Held(2e-3);
             Elements::new(problem, 0.5e-3).expect("cut").solve(&springs, |_| 0.0, held, 0.0).expect("solves")
         };

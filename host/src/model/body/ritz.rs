@@ -313,11 +313,13 @@ impl Ritz {
                 equation.expand(start, &mut series);
                 evaluated(series.as_flattened(), (z_m - start_m) / length_m, length_m)
             }
-            None => {
-                let x = (z_m - self.body_m) / self.depth_m;
-                evaluated(&powers(&self.coefficients(shape)), x, self.depth_m)
-            }
+            None => self.in_body(shape).at(z_m),
         }
+    }
+
+    /// The needle in the body, for many places.
+    pub fn in_body(&self, shape: &Shape) -> InBody {
+        InBody { powers: powers(&self.coefficients(shape)), body_m: self.body_m, depth_m: self.depth_m }
     }
 
     /// Coefficients of the deflection in the body.
@@ -404,6 +406,20 @@ fn evaluated(terms: &[f64], x: f64, length_m: f64) -> [f64; 2] {
     let [value, slope] =
         terms.iter().rev().fold([0.0, 0.0], |[value, slope], term| [value * x + term, slope * x + value]);
     [value, slope / length_m]
+}
+
+/// A needle in the body as a polynomial.
+pub(in crate::model) struct InBody {
+    powers: [f64; MODES],
+    body_m: f64,
+    depth_m: f64,
+}
+
+impl InBody {
+    /// Deflection and slope at a place in the body.
+    pub fn at(&self, z_m: f64) -> [f64; 2] {
+        evaluated(&self.powers, (z_m - self.body_m) / self.depth_m, self.depth_m)
+    }
 }
 
 /// Powers of x from 0 to 1 that make a sum of Legendre polynomials of `2 x - 1`.

@@ -118,10 +118,16 @@ impl Path<'_> {
             all.push(weight);
         }
         if problem.shear_n > 0.0 {
-            let deflection_m = |s_m: f64| ritz.at(shape, problem.entry_m + s_m)[0];
-            for (weight, ends) in all.iter_mut().zip(nodes_m.windows(2)) {
-                let pull_n =
-                    problem.shear_n * (deflection_m(ends[0]) - deflection_m(ends[1])) / (ends[1] - ends[0]);
+            let ([body_m, _], in_body) = (ritz.body_m(), ritz.in_body(shape));
+            let deflection_m = |s_m: &f64| {
+                let z_m = problem.entry_m + s_m;
+                if z_m >= body_m { in_body.at(z_m)[0] } else { ritz.at(shape, z_m)[0] }
+            };
+            let deflections_m: Vec<f64> = nodes_m.iter().map(deflection_m).collect();
+            for ((weight, ends), deflection_m) in
+                all.iter_mut().zip(nodes_m.windows(2)).zip(deflections_m.windows(2))
+            {
+                let pull_n = problem.shear_n * (deflection_m[0] - deflection_m[1]) / (ends[1] - ends[0]);
                 weight[0] += pull_n;
                 weight[1] -= pull_n;
             }

@@ -1,0 +1,256 @@
+//! Newton's method on the needle in elements.
+//!
+//! Everything that does not depend on the deflection is had once: the stiffness of needle, supports and tension, and at each Gauss point
+//! the shape functions, the tissue and where its springs are at rest. Where the tip is cutting, the springs of the newest end are at
+//! rest on a line that ends in the tip: its deflection acts on them through one column of the tangent, which the formula of Sherman and
+//! Morrison adds to the symmetric factor, so that convergence stays quadratic.
+
+use super::super::ModelError;
+use super::super::banded::Banded;
+use super::{
+    Deformed, Elements, GAUSS, Guide2, Newest, Reaction, RestPath, Springs, add_tension, bending_stiffness,
+    hermite,
+};
+
+const MOST_ITERATIONS: usize = 60;
+/// A step of this share of the deflection is the last: Newton's method squares the error, and rounding is not far below.
+const LAST_STEP: f64 = 1e-6;
+/// Steps are not shortened below this share.
+const LEAST_SHARE: f64 = 1e-3;
+
+/// A Gauss point in the tissue.
+struct Point<P> {
+    /// First unknown of its element.
+    at: usize,
+    /// Shape functions.
+    shape: [f64; 4],
+    /// Length that it stands for, m.
+    measure_m: f64,
+    place: P,
+    /// Where its springs are at rest, less what the tip's deflection does, m.
+    rest_m: f64,
+    /// Share of the tip's deflection in that.
+    by_tip: f64,
+}
+
+/// Everything about a solution that does not depend on the deflection.
+struct Problem<'a, S: Springs> {
+    springs: &'a S,
+    points: Vec<Point<S::Place>>,
+    /// Stiffness of everything but the tissue, as the tangent has it.
+    linear: Banded,
+    /// That of every element by itself: differences of neighbours that are nearly the same lose fewer digits so.
+    elements: Vec<[[f64; 4]; 4]>,
+    /// And of what holds single unknowns.
+    holders: Vec<(usize, f64)>,
+    load: Vec<f64>,
+}
+
+/// Tangent stiffness, how the tip's deflection acts on the springs of the newest end besides, and load minus internal forces.
+struct Balance {
+    tangent: Banded,
+    by_tip: Option<Vec<f64>>,
+    rest: Vec<f64>,
+}
+
+impl Elements {
+    /// Solves from a needle that is nearly this one, of any length, in a fraction of the iterations.
+    ///
+    /// # Errors
+    /// As [`Elements::solve`].
+    pub(in super::super) fn solve_from<P: Fn(f64) -> f64>(
+        &self,
+        springs: &impl Springs,
+        path: &RestPath<P>,
+        guide2: Guide2,
+        tip_force_n: f64,
+        near: Option<&Deformed>,
+    ) -> Result<Deformed, ModelError> {
+        let size = 2 * self.nodes_m.len();
+        let held = match guide2 {
+            Guide2::Held(_) => Some(2 * self.guide2),
+            Guide2::Force(_) | Guide2::Sprung { .. } => None,
+        };
+        let rigid = self.clamp_compliance_rad_per_n_m == 0.0;
+        let clamped = !self.only_guide;
+        let fixed: Vec<usize> =
+            [clamped.then_some(0), rigid.then_some(1), held].into_iter().flatten().collect();
+
+        let mut unknowns = near.map_or_else(|| vec![0.0; size], |near| near.states_at(&self.nodes_m));
+        fixed.iter().filter(|index| **index < 2).for_each(|index| unknowns[*index] = 0.0);
+        if let (Guide2::Held(displacement_m), Some(index)) = (guide2, held) {
+            unknowns[index] = displacement_m;
+        }
+        let problem = self.problem(springs, path, guide2, tip_force_n);
+        let mut balance = problem.balance(&unknowns, &fixed);
+        for _ in 0..MOST_ITERATIONS {
+            let step = balance.step(&fixed).ok_or(ModelError::Singular)?;
+            let before = norm(&balance.rest, &fixed);
+            let mut share = 1.0;
+            loop {
+                let tried: Vec<f64> = unknowns.iter().zip(&step).map(|(u, s)| u + share * s).collect();
+                let is_last = is_small(&step, &tried);
+                let next = problem.balance(&tried, &fixed);
+                // A full step is right where the springs are linear; beyond that, half of it until the balance improves.
+                let improves = norm(&next.rest, &fixed) <= before.max(f64::MIN_POSITIVE);
+                if improves || share < LEAST_SHARE || is_last {
+                    (unknowns, balance) = (tried, next);
+                    break;
+                }
+                share *= 0.5;
+            }
+            if is_small(&step, &unknowns) {
+                let guide2_force_n = match guide2 {
+                    Guide2::Force(force_n) => force_n,
+                    Guide2::Held(_) => -balance.rest[2 * self.guide2],
+                    Guide2::Sprung { at_m, compliance_m_per_n } => {
+                        (at_m - unknowns[2 * self.guide2]) / compliance_m_per_n
+                    }
+                };
+                let states = unknowns.chunks_exact(2).map(|state| [state[0], state[1]]).collect();
+                return Ok(Deformed { nodes_m: self.nodes_m.clone(), states, guide2_force_n });
+            }
+        }
+        Err(ModelError::NotConverged)
+    }
+
+    fn problem<'a, S: Springs, P: Fn(f64) -> f64>(
+        &self,
+        springs: &'a S,
+        path: &RestPath<P>,
+        guide2: Guide2,
+        tip_force_n: f64,
+    ) -> Problem<'a, S> {
+        let size = 2 * self.nodes_m.len();
+        let mut load = vec![0.0; size];
+        load[size - 2] = tip_force_n;
+        // A curvature that is the same all along is a moment at either end.
+        let moment_n_m = self.bending_stiffness_n_m2 * self.curvature_per_m;
+        load[size - 1] += moment_n_m;
+        load[1] -= moment_n_m;
+        let mut linear = Banded::new(size);
+        let mut holders = Vec::new();
+        match guide2 {
+            Guide2::Force(force_n) => load[2 * self.guide2] += force_n,
+            Guide2::Held(_) => {}
+            Guide2::Sprung { at_m, compliance_m_per_n } => {
+                holders.push((2 * self.guide2, compliance_m_per_n.recip()));
+                load[2 * self.guide2] += at_m / compliance_m_per_n;
+            }
+        }
+        if self.clamp_compliance_rad_per_n_m > 0.0 {
+            holders.push((1, 1.0 / self.clamp_compliance_rad_per_n_m));
+        }
+        holders.iter().for_each(|(index, stiffness)| linear.add(*index, *index, *stiffness));
+        let tip_z_m = self.nodes_m.last().copied().unwrap_or_default();
+        let mut points = Vec::new();
+        let mut elements = Vec::with_capacity(self.nodes_m.len());
+        for (element, ends) in self.nodes_m.windows(2).enumerate() {
+            let (start_m, length_m) = (ends[0], ends[1] - ends[0]);
+            let at = 2 * element;
+            let inside = start_m >= self.entry_m - 1e-12;
+            let mut bending = bending_stiffness(self.bending_stiffness_n_m2, length_m);
+            let pull_n = if inside { self.shear_n } else { 0.0 } - self.axial_load_n;
+            add_tension(&mut bending, pull_n, length_m);
+            if inside && start_m <= self.entry_m + 1e-12 {
+                bending[0][0] += self.skin_n_per_m;
+                load[at] += self.skin_n_per_m * (path.path_m)(start_m);
+            }
+            for (i, row) in bending.iter().enumerate() {
+                row.iter().enumerate().take(i + 1).for_each(|(j, value)| linear.add(at + i, at + j, *value));
+            }
+            elements.push(bending);
+            if !inside {
+                continue;
+            }
+            points.extend(GAUSS.iter().map(|(x, weight)| {
+                let z_m = start_m + x * length_m;
+                let (rest_m, by_tip) = match path.newest {
+                    Some(Newest { from_z_m, from_m }) if z_m > from_z_m => {
+                        let by_tip = (z_m - from_z_m) / (tip_z_m - from_z_m);
+                        (from_m * (1.0 - by_tip), by_tip)
+                    }
+                    _ => ((path.path_m)(z_m), 0.0),
+                };
+                let place = springs.place(z_m - self.entry_m);
+                Point {
+                    at,
+                    shape: hermite(*x, length_m),
+                    measure_m: weight * length_m,
+                    place,
+                    rest_m,
+                    by_tip,
+                }
+            }));
+        }
+        Problem { springs, points, linear, elements, holders, load }
+    }
+}
+
+impl<S: Springs> Problem<'_, S> {
+    /// Balance at a deflection; what is fixed takes no step.
+    fn balance(&self, unknowns: &[f64], fixed: &[usize]) -> Balance {
+        let size = unknowns.len();
+        let mut tangent = self.linear.clone();
+        let mut rest = self.load.clone();
+        self.holders.iter().for_each(|(index, stiffness)| rest[*index] -= stiffness * unknowns[*index]);
+        for (element, stiffness) in self.elements.iter().enumerate() {
+            let local = &unknowns[2 * element..2 * element + 4];
+            for (rest, row) in rest[2 * element..].iter_mut().zip(stiffness) {
+                *rest -= row.iter().zip(local).map(|(k, u)| k * u).sum::<f64>();
+            }
+        }
+        let tip_m = unknowns[size - 2];
+        let mut by_tip: Option<Vec<f64>> = None;
+        for Point { at, shape, measure_m, place, rest_m, by_tip: share } in &self.points {
+            let local = &unknowns[*at..at + 4];
+            let deflection_m: f64 = shape.iter().zip(local).map(|(n, u)| n * u).sum();
+            let stretch_m = deflection_m - rest_m - share * tip_m;
+            let Reaction { force_n_per_m, tangent_pa } = self.springs.reaction(place, stretch_m);
+            let stiffness = measure_m * tangent_pa;
+            for i in 0..4 {
+                let row = stiffness * shape[i];
+                for j in 0..=i {
+                    tangent.add(at + i, at + j, row * shape[j]);
+                }
+                rest[at + i] -= measure_m * force_n_per_m * shape[i];
+            }
+            if *share > 0.0 {
+                let column = by_tip.get_or_insert_with(|| vec![0.0; size]);
+                shape.iter().enumerate().for_each(|(i, n)| column[at + i] += share * stiffness * n);
+            }
+        }
+        fixed.iter().for_each(|index| tangent.fix(*index));
+        Balance { tangent, by_tip, rest }
+    }
+}
+
+impl Balance {
+    /// Newton's step; nothing where the tangent is singular.
+    fn step(&mut self, fixed: &[usize]) -> Option<Vec<f64>> {
+        let mut step = self.rest.clone();
+        fixed.iter().for_each(|index| step[*index] = 0.0);
+        let factor = self.tangent.factor()?;
+        factor.solve(&mut step);
+        if let Some(mut along) = self.by_tip.take() {
+            fixed.iter().for_each(|index| along[*index] = 0.0);
+            factor.solve(&mut along);
+            let tip = step.len() - 2;
+            let share = step[tip] / (1.0 - along[tip]);
+            step.iter_mut().zip(&along).for_each(|(step, along)| *step += share * along);
+        }
+        Some(step)
+    }
+}
+
+fn norm(rest: &[f64], fixed: &[usize]) -> f64 {
+    let all: f64 = rest.iter().map(|r| r * r).sum();
+    let of_fixed: f64 = fixed.iter().map(|index| rest[*index] * rest[*index]).sum();
+    (all - of_fixed).max(0.0).sqrt()
+}
+
+/// Whether a step is small enough to be the last.
+fn is_small(step: &[f64], unknowns: &[f64]) -> bool {
+    let largest = |values: &[f64]| values.iter().step_by(2).map(|v| v.abs()).fold(0.0, f64::max);
+    largest(step) <= LAST_STEP * largest(unknowns)
+}
