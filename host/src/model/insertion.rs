@@ -230,12 +230,16 @@ impl Drawn<'_> {
 
     /// Stress-free curvature of the needle in a plane at a node, on arriving and on leaving: it turns with the needle.
     fn bent(&self, nodes_m: &[f64], plane: usize, node: usize) -> [f64; 2] {
-        if self.curvature_per_m == [0.0; 2] {
-            return [0.0; 2];
-        }
-        let (z_m, rotation) = (nodes_m[node], &self.insertion.rotation_rad);
-        [rotation.before(z_m), rotation.after(z_m)].map(|turn| turned(self.curvature_per_m, turn, plane))
+        bent(self.curvature_per_m, &self.insertion.rotation_rad, nodes_m[node], plane)
     }
+}
+
+/// Stress-free curvature in a plane of a needle that turns, at a depth, on arriving and on leaving.
+pub(crate) fn bent(curvature_per_m: [f64; 2], rotation: &Profile, depth_m: f64, plane: usize) -> [f64; 2] {
+    if curvature_per_m == [0.0; 2] {
+        return [0.0; 2];
+    }
+    [rotation.before(depth_m), rotation.after(depth_m)].map(|turn| turned(curvature_per_m, turn, plane))
 }
 
 /// Displacement of guide 2 at a node, on arriving and on leaving.

@@ -99,6 +99,20 @@ impl Model {
         Ok(problem)
     }
 
+    /// Clearance of guide 2, m.
+    pub(crate) fn clearance_m(&self) -> f64 {
+        let mut drive = Drive::default();
+        self.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
+        drive.clearance_m
+    }
+
+    /// Stress-free curvature of the needle, vertical and horizontal before it is turned, 1/m.
+    pub(crate) fn curvature_per_m(&self) -> [f64; 2] {
+        let mut curvature_per_m = [0.0; 2];
+        self.effects.iter().for_each(|(effect, values)| effect.rest(values, &mut curvature_per_m));
+        curvature_per_m
+    }
+
     pub(super) fn observe(&self, seen: &Seen<'_>, channels: &mut Channels) {
         self.effects.iter().for_each(|(effect, values)| effect.observe(values, seen, channels));
     }
@@ -288,14 +302,11 @@ fn predict_forced(model: &Model, forced: &LateralForce, cache: &Cache) -> Result
 fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Result<Channels, ModelError> {
     let deepest_m = inserted.depth_m.iter().copied().fold(0.0, f64::max);
     let problems = [model.problem_in(Plane::Y, deepest_m)?, model.problem_in(Plane::X, deepest_m)?];
-    let (mut law, mut drive, mut curvature_per_m) = (model.tip.clone(), Drive::default(), [0.0; 2]);
-    for (effect, values) in &model.effects {
-        effect.drive(values, &mut drive);
-        effect.rest(values, &mut curvature_per_m);
-        effect.tip(values, &mut law);
-    }
+    let mut law = model.tip.clone();
+    model.effects.iter().for_each(|(effect, values)| effect.tip(values, &mut law));
+    let curvature_per_m = model.curvature_per_m();
     // What the frame gives is part of the beam problem here.
-    let inserted = inserted.through_clearance(drive.clearance_m);
+    let inserted = inserted.through_clearance(model.clearance_m());
     let insertion::Tip { position_m, direction_rad } =
         insertion::tip(&problems, &law, curvature_per_m, &inserted, cache)?;
     let mut channels =

@@ -10,7 +10,7 @@ use super::path::TipPath;
 use super::place::{Place, depths};
 use super::rear::{REAR_SHARES, Rear};
 use crate::model::growth::{Acting, Growth, Guide2Grip};
-use crate::model::insertion::grid_m;
+use crate::model::insertion::{self, grid_m};
 use crate::model::{Guides, Model, ModelError, Plane, Profile};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -93,7 +93,8 @@ struct Plan {
 pub(super) struct Point {
     /// Per plan, part by part ([`Parts`]).
     responses: Vec<Vec<f64>>,
-    /// Per recording and plane: under the motion of guide 2 as it is at the nodes; nothing where it does not move.
+    /// Per recording and plane: under the motion of guide 2 as it is at the nodes, and the bend of the needle; nothing where it does not
+    /// move and is straight.
     guide2_m: Vec<Option<[Vec<f64>; 2]>>,
 }
 
@@ -145,6 +146,8 @@ impl Candidates {
         let layout = Layout::new(paths, last_m, tissue.rear.is_some());
         let last_m = layout.knots_m.last().copied().unwrap_or(last_m);
         let mut plans: Vec<Plan> = Vec::new();
+        let clearance_m = tissue.model.clearance_m();
+        let is_bent = tissue.model.curvature_per_m() != [0.0; 2];
         let of_path = paths.iter().map(|path| {
             let rotation_rad = &path.done.rotation_rad;
             let known = plans.iter().position(|known| known.rotation_rad == *rotation_rad);
@@ -156,10 +159,12 @@ impl Candidates {
                 plans.len() - 1
             });
             let moves = |planes: &&[Profile; 2]| planes.iter().any(|plane| plane.values().any(|m| m != 0.0));
-            let moved = path.done.guide2_m.as_ref().filter(moves);
+            let still = [Profile::default(), Profile::default()];
+            let moved = path.done.guide2_m.as_ref().filter(moves).or(is_bent.then_some(&still));
             let nodes_m = &plans[number].nodes_m;
             let motion = |planes: &[Profile; 2]| {
-                Arc::new(planes.each_ref().map(|plane| Motion::new(plane, nodes_m.clone())))
+                let followed = planes.each_ref().map(|plane| plane.through_clearance(clearance_m));
+                Arc::new(followed.map(|plane| Motion::new(&plane, nodes_m.clone())))
             };
             (number, moved.map(motion))
         });
@@ -323,6 +328,7 @@ impl Candidates {
                 share => Some(known.needle_n_m_per_rad * (1.0 / share - 1.0)),
             };
         }
+        let curvature_per_m = model.curvature_per_m();
         let problem = model.problem_in([Plane::Y, Plane::X][plane], self.last_m)?;
         let directed = self.layout.direction;
         let solve = if directed { Growth::new } else { Growth::without_slopes };
@@ -339,10 +345,21 @@ impl Candidates {
         }
         let responses = growths.iter().map(|(plan, growth)| self.plan_responses(growth, plan)).collect();
         let guide2_m = self.paths.iter().map(|(plan, motion)| {
-            let (_, growth) = growths.get(*plan)?;
-            Some(motion.as_ref()?.each_ref().map(|motion| {
-                let acting = |node: usize| Acting { load_n: [0.0; 2], guide2_m: motion.at_node_m(node) };
-                under(growth, &acting, directed).concat()
+            let (of_plan, growth) = growths.get(*plan)?;
+            let planes = motion.as_ref()?.each_ref();
+            Some([0, 1].map(|plane| {
+                let guide2_m = |node: usize| planes[plane].at_node_m(node);
+                let acting = |node: usize| Acting { load_n: [0.0; 2], guide2_m: guide2_m(node) };
+                // What the needle's own bend does is known as well as what guide 2 does.
+                let bent = |node: usize| {
+                    insertion::bent(curvature_per_m, &of_plan.rotation_rad, of_plan.nodes_m[node], plane)
+                };
+                let states = growth.bent_under_load(acting, bent);
+                let mut all: Vec<f64> = states.iter().flat_map(|state| state.tip_m).collect();
+                if directed {
+                    all.extend(growth.bent_tip_slopes(&states, guide2_m, bent).concat());
+                }
+                all
             }))
         });
         Ok(Point { guide2_m: guide2_m.collect(), responses })
