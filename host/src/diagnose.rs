@@ -14,12 +14,14 @@
 //! | what would tell rivals apart | `next` |
 //! | before and after on what was held out | `split` |
 //! | what remains, and whether it matters | `remaining` |
+//! | intervals over all members of a class | `averaged` |
 //! | the result | `story`, `results` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
 //! optimal discriminating designs. What is added is the loop, with names, abstention and a proof on runs that nothing has seen.
 
 mod adequacy;
+mod averaged;
 mod believed;
 pub mod blind;
 mod cells;
@@ -41,10 +43,12 @@ mod whiten;
 pub mod words;
 
 pub use data::Channel;
-pub(crate) use foundation::{FoundationEvidence, foundation_evidence};
+pub use discrepancy::{Multiples, NAMES as DISCREPANCY_NAMES};
+pub(crate) use foundation::{Asked, DiscrepantModulus, FoundationEvidence, beside_discrepancy};
 pub use results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, GapSide, NextMeasurement,
-    Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize, ResidualPoint, Verdict,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, GapSide, MeanModulus,
+    NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize, ResidualPoint,
+    Verdict,
 };
 
 use crate::inference::FitError;
@@ -77,6 +81,8 @@ pub struct Options {
     pub foundation: FoundationChoice,
     /// Poisson's ratio of the tissue where it is a body, 0 to 0.5.
     pub poisson: f64,
+    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that, by the names of a model file.
+    pub discrepancy: Multiples,
     /// The session to compare with: what it determines is carried over, and what differs from it is looked for.
     pub reference: Option<Session>,
 }
@@ -103,6 +109,7 @@ impl Default for Options {
             seed: 1,
             foundation: FoundationChoice::Auto,
             poisson: INCOMPRESSIBLE,
+            discrepancy: Multiples::new(),
             reference: None,
         }
     }
@@ -152,7 +159,7 @@ pub fn diagnose(
     let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
     let mut layout = Layout::new(&session.rig, &runs, given);
     let mut noises = Noises { session: noise, reference: noise };
-    let mut sizes = Vec::new();
+    let mut multiples = options.discrepancy.clone();
     if let Some(reference) = &options.reference {
         tell("the reference is fitted");
         let (mut of_reference, skipped) = runs_of(reference)?;
@@ -160,17 +167,15 @@ pub fn diagnose(
         warnings.extend(skipped.into_iter().map(|what| format!("reference: {what}")));
         noises.reference = Noise::of(&of_reference, &reference.noise);
         let alone = Layout { rig: reference.rig.clone(), kinds: kinds(&of_reference), ..layout.clone() };
-        let fitted = fit_start(&alone, &of_reference, &noises, &options.given, &[])?;
-        let found = fitted.patterns.groups.iter().zip(&fitted.fitted.sizes);
-        let found = found.filter(|(group, _)| group.tail.is_some());
-        sizes = found.map(|(group, size)| (group.name, *size)).collect();
+        let fitted = fit_start(&alone, &of_reference, &noises, &options.given, &multiples)?;
+        multiples.extend(fitted.fitted.multiples(&fitted.patterns));
         layout.reference = Some(reference.rig.clone());
         runs.extend(of_reference);
         layout.kinds = kinds(&runs);
         share_nodes(&mut runs);
     }
-    let start = fit_start(&layout, &runs, &noises, &options.given, &sizes)?;
-    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &sizes)?;
+    let start = fit_start(&layout, &runs, &noises, &options.given, &multiples)?;
+    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
     tell(&format!("{} effects are scored", crate::model::effects::EFFECTS.len() - layout.effects.len()));
     let (foundation, start, found) = choose(start, &judge, options, &mut tell)?;
     let Start { runs: prepared, patterns, fitted: start } = start;
@@ -200,6 +205,7 @@ pub fn diagnose(
         verdict,
         foundation,
         split: rule,
+        multiples: final_fit.multiples(&patterns),
         held_out: judge.runs(),
     };
     Ok(story.told(where_before.iter().map(story::region).collect(), gap, remaining, warnings))
@@ -280,13 +286,13 @@ struct Start {
 }
 
 /// Fits the starting model: twice, because what makes residuals independent, and what the discrepancy looks like, need to know about
-/// what to expect. The first time there is noise alone. `sizes` are those of the reference's discrepancy.
+/// what to expect. The first time there is noise alone. `multiples` say what of the discrepancy is larger than usual.
 fn fit_start(
     layout: &Layout,
     runs: &[Run],
     noises: &Noises,
     given: &[(&'static dyn Effect, Vec<f64>)],
-    sizes: &[(&'static str, f64)],
+    multiples: &Multiples,
 ) -> Result<Start, DiagnoseError> {
     let mut first_values = layout.first_values();
     let infos = given.iter().flat_map(|(effect, values)| effect.parameters().iter().zip(values));
@@ -308,15 +314,27 @@ fn fit_start(
         .map(|values| Fitted::new(layout, &first, &none, values, &[], MAX_ROUNDS))
         .collect::<Result<_, _>>()?;
     ends.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    // Places that lead to the same end are one.
+    ends.dedup_by(|a, b| a.is_at(b));
     let best = ends.first().ok_or(FitError::Undetermined)?.values();
     let runs = prepared(best)?;
-    let patterns = patterns(layout, best, &runs, sizes)?;
+    let patterns = patterns(layout, best, &runs, multiples)?;
     let everyday = patterns.everyday();
-    let fits: Vec<Fitted> = ends
-        .par_iter()
-        .map(|end| Fitted::new(layout, &runs, &patterns, end.values(), &everyday, MAX_ROUNDS))
+    let from = |starts: &Fitted, sizes: &[f64], rounds: usize| {
+        Fitted::new(layout, &runs, &patterns, starts.values(), sizes, rounds)
+    };
+    // Most ends are far behind after a few rounds.
+    let rounds = if ends.len() == 1 { MAX_ROUNDS } else { FIRST_ROUNDS };
+    let fits: Vec<Fitted> =
+        ends.par_iter().map(|end| from(end, &everyday, rounds)).collect::<Result<_, _>>()?;
+    let best = fits.iter().map(|fit| fit.log_evidence).fold(f64::NEG_INFINITY, f64::max);
+    let mut near: Vec<Fitted> = fits.into_iter().filter(|fit| fit.log_evidence > best - FAR_BEHIND).collect();
+    near.dedup_by(|a, b| a.is_at(b));
+    let settled: Vec<Fitted> = near
+        .into_par_iter()
+        .map(|fit| if fit.settled { Ok(fit) } else { from(&fit, &fit.sizes, MAX_ROUNDS) })
         .collect::<Result<_, _>>()?;
-    let best = fits.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
+    let best = settled.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
     Ok(Start { runs, patterns, fitted: best.ok_or(FitError::Undetermined)? })
 }
 
@@ -384,6 +402,10 @@ impl Start {
         Ok(Self { fitted, runs: self.runs.clone(), patterns: self.patterns.clone() })
     }
 }
+
+/// Rounds after which fits from several places are compared, and how far behind the best of them one is given up.
+const FIRST_ROUNDS: usize = 5;
+const FAR_BEHIND: f64 = 20.0;
 
 /// Log evidence by which a body has to be ahead of springs.
 const FOUNDATION_MARGIN: f64 = 2.0;

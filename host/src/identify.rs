@@ -10,6 +10,7 @@ mod error;
 mod fitting;
 mod indentation;
 mod layers;
+mod model_error;
 mod options;
 mod pool;
 mod prepare;
@@ -24,8 +25,8 @@ pub use options::{Options, YoungsBy};
 pub use residuals::ResidualResult;
 pub use results::{
     Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult,
-    Identification, IndentationResult, KPerEi, Likelihood, Methods, NoiseResult, NuisanceResult, Pooled,
-    Profile, Reference, RelationResult, RunResult, ShapeResult, YoungsModulus,
+    Identification, IndentationResult, KPerEi, Likelihood, Methods, NoiseAlone, NoiseResult, NuisanceResult,
+    Pooled, Profile, Reference, RelationResult, RunResult, ShapeResult, YoungsModulus,
 };
 
 use crate::check::suspicions_of_identification;
@@ -73,9 +74,17 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     unused.extend(belong::set_apart(&mut runs, &mut fitted, &mut warnings));
     let tissue = TissueModel::new(options, session);
     let mut of_springs = Vec::new();
-    let pooled = pool::pool(&fitted, options, &mut of_springs);
+    let mut pooled = pool::pool(&fitted, options, &mut of_springs);
+    let needs_evidence = options.model_error || tissue.foundation == FoundationChoice::Auto;
+    let beside = needs_evidence.then(|| model_error::beside(session, &fitted, options, tissue));
+    match &beside {
+        Some(Ok(found)) if options.model_error => pooled = pooled.with_model_error(found.springs),
+        Some(Err(why)) => warnings
+            .push(format!("intervals of K and E are those of the noise alone, without model error: {why}")),
+        _ => {}
+    }
     let mut of_body = Vec::new();
-    let (foundation, runs_of_body) = body::compare(session, &fitted, options, tissue, &mut of_body);
+    let (foundation, runs_of_body) = body::compare(beside.as_ref(), &fitted, options, tissue, &mut of_body);
     // Springs that disagree in an elastic body are no fault of the runs.
     let prefix = if runs_of_body.is_some() { "taken as springs: " } else { "" };
     warnings.extend(of_springs.into_iter().map(|what| format!("{prefix}{what}")));

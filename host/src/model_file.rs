@@ -12,6 +12,8 @@
 //! youngs_kpa = 12.9                 # optional; youngs_ci95_kpa too
 //! [tip]
 //! load_n = 0.2                      # optional; load_ci95_n too
+//! [discrepancy]                     # optional: what is larger than in an ordinary rig, and how many times
+//! "smooth shape error" = 1.8
 //! [[effect]]
 //! id = "tissue.layers"
 //! log_evidence_gain = 57.1          # optional
@@ -25,6 +27,7 @@
 //! A parameter that does nothing at its neutral value may be left out beside another one; a place or a time may not. What is
 //! not known here is refused: a misspelt name would change the model without a word.
 
+use crate::diagnose::{DISCREPANCY_NAMES, Multiples};
 use crate::model::Support;
 use crate::model::effects::{EFFECTS, Effect, ParameterInfo, effect};
 use crate::session::fields::Fields;
@@ -37,6 +40,8 @@ use std::path::Path;
 const K_KPA: [f64; 2] = [0.01, 1e4];
 /// Tip loads that a needle can have.
 const LOAD_N: [f64; 2] = [-50.0, 50.0];
+/// Multiples of what an ordinary rig is off by.
+const MULTIPLE: [f64; 2] = [0.0, 1e6];
 /// Ends of intervals may lie beyond what is physically possible, and an evidence may be anything.
 const ANY: [f64; 2] = [-1e15, 1e15];
 /// 97.5 % quantile of the normal distribution.
@@ -63,6 +68,8 @@ pub struct ModelFile {
     pub tip_load_n: Option<f64>,
     /// Its 95 % interval.
     pub tip_load_ci95_n: Option<[f64; 2]>,
+    /// Imperfections that are larger than in an ordinary rig, as multiples of that.
+    pub discrepancy: Multiples,
     /// Effects with the values of their parameters, in the order of the file.
     pub effects: Vec<LearnedEffect>,
 }
@@ -97,7 +104,7 @@ impl ModelFile {
     pub fn read(path: &Path) -> Result<Self, SessionError> {
         let text = read_text(path)?;
         Fields::parse(path, &text, |file| {
-            file.only(&["model", "tissue", "tip", "effect"])?;
+            file.only(&["model", "tissue", "tip", "discrepancy", "effect"])?;
             let model = file.table("model")?;
             model.only(&["format", "learned_from"])?;
             model.format()?;
@@ -121,6 +128,13 @@ impl ModelFile {
             tip.only(&["load_n", "load_ci95_n"])?;
             found.tip_load_n = tip.optional_number("load_n", LOAD_N)?;
             found.tip_load_ci95_n = tip.optional_interval("load_ci95_n", ANY, 0)?;
+        }
+        if let Some(discrepancy) = file.optional_table("discrepancy")? {
+            discrepancy.only(&DISCREPANCY_NAMES)?;
+            for name in DISCREPANCY_NAMES {
+                let multiple = discrepancy.optional_number(name, MULTIPLE)?;
+                found.discrepancy.extend(multiple.map(|multiple| (name.to_owned(), multiple)));
+            }
         }
         let mut seen = HashSet::new();
         for fields in file.tables("effect")? {
@@ -186,6 +200,12 @@ impl ModelFile {
         for (field, values) in [("load_n", load.as_deref()), ("load_ci95_n", of_load.as_deref())] {
             values.map_or(Ok(()), |values| line(&mut text, field, values, 0))?;
         }
+        if !self.discrepancy.is_empty() {
+            text.push_str("\n[discrepancy]\n");
+        }
+        for (name, multiple) in &self.discrepancy {
+            let _ = writeln!(text, "\"{name}\" = {}", decimal(path, "discrepancy", *multiple, 0)?);
+        }
         for learned in &self.effects {
             let _ = write!(text, "\n[[effect]]\nid = \"{}\"\n", learned.effect.id());
             if let Some(gain) = learned.log_evidence_gain {
@@ -230,6 +250,7 @@ impl ModelFile {
         if other.tip_load_n.is_some() {
             (self.tip_load_n, self.tip_load_ci95_n) = (other.tip_load_n, other.tip_load_ci95_n);
         }
+        self.discrepancy.extend(other.discrepancy.clone());
         self.effects.retain(|own| other.effects.iter().all(|theirs| theirs.effect.id() != own.effect.id()));
         self.effects.extend(other.effects.iter().cloned());
         self

@@ -8,6 +8,7 @@ pub mod study;
 
 pub use results::{CompareResult, InsertionResult, LearnedResult, PlaneResult, Prediction, RearResult};
 
+use crate::diagnose::Multiples;
 use crate::identify::{self, identify};
 use crate::inference::insertion::baselines::Baseline;
 use crate::inference::insertion::published::published;
@@ -36,6 +37,8 @@ pub struct Options {
     pub layers: bool,
     /// Effects with the values of their parameters.
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
+    pub discrepancy: Multiples,
     /// Depth from which the published method averages the tip load.
     pub published_from_m: f64,
 }
@@ -49,6 +52,7 @@ impl Default for Options {
             modulus_pa: None,
             layers: false,
             effects: Vec::new(),
+            discrepancy: Multiples::new(),
             published_from_m: 0.03,
         }
     }
@@ -167,6 +171,7 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
         let asked = identify::Options {
             layers: options.layers,
             fixed: options.effects.clone(),
+            discrepancy: options.discrepancy.clone(),
             // The path is that of a needle on springs.
             foundation: Some(identify::FoundationChoice::Springs),
             ..identify::Options::default()

@@ -66,6 +66,7 @@ impl Analyses {
     /// Analyses a session; `tell` hears what goes on.
     pub fn of(session: &Session, options: &Options, mut tell: impl FnMut(&str)) -> Self {
         let effects = options.model.as_ref().map(ModelFile::effects).unwrap_or_default();
+        let discrepancy = options.model.as_ref().map(|model| model.discrepancy.clone()).unwrap_or_default();
         let has_lateral = !session.lateral.is_empty();
         let has_insertions = !session.insertion.is_empty();
 
@@ -73,6 +74,7 @@ impl Analyses {
         let of_identification = identify::Options {
             relation: YoungsBy::Continuum(Contact::Bonded),
             fixed: effects.clone(),
+            discrepancy: discrepancy.clone(),
             ..identify::Options::default()
         };
         let identification =
@@ -84,6 +86,7 @@ impl Analyses {
             until_m: options.until_m,
             modulus_pa,
             effects: effects.clone(),
+            discrepancy: discrepancy.clone(),
             ..predict::Options::default()
         };
         let prediction =
@@ -94,6 +97,7 @@ impl Analyses {
         });
         let of_diagnosis = diagnose::Options {
             given: effects,
+            discrepancy,
             foundation: session.tissue.foundation.into(),
             poisson: session.tissue.poisson.unwrap_or(diagnose::INCOMPRESSIBLE),
             ..diagnose::Options::default()

@@ -4,7 +4,8 @@ use super::output::{Output, figures_file, spinner};
 use anyhow::Context;
 use host::diagnose::words::{channel, quantity, unit};
 use host::diagnose::{
-    Diagnosis, FoundEffect, FoundationChoice, Gap, INCOMPRESSIBLE, Options, RemainingSize, diagnose,
+    Diagnosis, Estimate, FoundEffect, FoundationChoice, Gap, INCOMPRESSIBLE, MeanModulus, Options,
+    RemainingSize, diagnose,
 };
 use host::figures;
 use host::model::effects::effect;
@@ -68,7 +69,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let session = Session::read(&args.dir)?;
     let given = args.model.as_deref().map(ModelFile::read).transpose()?;
     let options = Options {
-        given: given.map(|file| file.effects()).unwrap_or_default(),
+        given: given.as_ref().map(ModelFile::effects).unwrap_or_default(),
+        discrepancy: given.map(|file| file.discrepancy).unwrap_or_default(),
         seed: args.seed,
         foundation: match args.foundation {
             None => session.tissue.foundation.into(),
@@ -148,6 +150,14 @@ impl Display for Text<'_> {
             write!(f, ", tip load {load_n:.3} N ({low:.3} to {high:.3})")?;
         }
         writeln!(f)?;
+        if let Some(MeanModulus { to_depth_mm, modulus_kpa: Estimate { value, ci95: [low, high] } }) =
+            found.mean_modulus.filter(|_| found.effects.iter().any(|effect| effect.id.starts_with("tissue.")))
+        {
+            writeln!(
+                f,
+                "             mean modulus down to {to_depth_mm:.0} mm {value:.2} kPa ({low:.2} to {high:.2})"
+            )?;
+        }
         if let Some(gap) = &found.gap {
             write_gap(f, gap)?;
         }

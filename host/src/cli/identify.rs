@@ -6,8 +6,8 @@ use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use host::figures;
 use host::identify::{
-    Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NuisanceResult, Options,
-    Reference, RunResult, YoungsBy, identify,
+    Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NoiseAlone, NuisanceResult,
+    Options, Reference, RunResult, YoungsBy, identify,
 };
 use host::levels::HoldCriteria;
 use host::model::Support;
@@ -127,6 +127,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         criteria: HoldCriteria::default(),
         nuisances,
         fixed,
+        discrepancy: model.discrepancy,
+        model_error: true,
         layers: args.layers,
         profile: args.profile || args.plots.is_some(),
         bootstrap: args.bootstrap.unwrap_or(0) as usize,
@@ -206,6 +208,9 @@ impl Display for Text<'_> {
             "pooled       K {pooled_text} kPa, sd {:.2} kPa, {} {plural}",
             pooled.sd_kpa, pooled.runs
         )?;
+        if let Some(NoiseAlone { sd_kpa, ci95_kpa: [low, high] }) = pooled.noise_alone {
+            writeln!(f, "             by noise alone {low:.2} to {high:.2} kPa, sd {sd_kpa:.2} kPa")?;
+        }
         if let Some(KPerEi { k_per_ei_per_m4: ratio, ci95_per_m4: [low, high], reference_ei_n_m2 }) = k_per_ei
         {
             writeln!(

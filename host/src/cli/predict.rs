@@ -107,6 +107,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         modulus_pa,
         layers: args.layers,
         effects,
+        discrepancy: model.discrepancy,
         ..Options::default()
     };
     let result =

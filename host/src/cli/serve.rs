@@ -158,11 +158,16 @@ impl Results<'_> {
         let stamp = live::now();
         let mut messages: Vec<Message> = Vec::new();
         let effects = self.model.as_ref().map(ModelFile::effects).unwrap_or_default();
+        let discrepancy = self.model.as_ref().map(|model| model.discrepancy.clone()).unwrap_or_default();
         let mut found: Option<Identification> = None;
         if !session.lateral.is_empty() {
             let relation = YoungsBy::Continuum(Contact::Bonded);
-            let options =
-                identify::Options { relation, fixed: effects.clone(), ..identify::Options::default() };
+            let options = identify::Options {
+                relation,
+                fixed: effects.clone(),
+                discrepancy: discrepancy.clone(),
+                ..identify::Options::default()
+            };
             match identify(&session, &options) {
                 Ok(identification) => {
                     messages.push(Scene::identification(&identification, stamp));
@@ -177,6 +182,7 @@ impl Results<'_> {
                 until_m: 1e-3 * self.args.until,
                 modulus_pa: of_model.filter(|_| session.lateral.is_empty()),
                 effects,
+                discrepancy,
                 ..predict::Options::default()
             };
             match predict(&session, &options) {

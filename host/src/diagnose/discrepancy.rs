@@ -17,6 +17,7 @@ use super::data::{Datum, Kind, Run};
 use super::evidence::{Group, Patterns, RunPatterns};
 use crate::model::{Cache, Channels, Experiment, Model, ModelError, predict_with};
 use nalgebra::DMatrix;
+use std::collections::BTreeMap;
 
 /// What a group of patterns belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,8 +93,44 @@ impl Around<'_> {
     }
 }
 
-/// The patterns of all runs around a model, whitened as the runs are. `sizes` are those that the reference was found to have, by name:
-/// what is larger there than usual is so everywhere.
+/// Groups whose sizes are found: what a model file may say of them.
+pub const NAMES: [&str; 29] = [
+    "modulus from run to run",
+    "modulus changing from run to run",
+    "modulus over depth",
+    "repeating shape pattern",
+    "smooth shape error",
+    "shape error proportional to deflection",
+    "shape error proportional to deflection, of one run",
+    "shape offset of one run",
+    "axes not square",
+    "force zero of one run",
+    "force gain of one run",
+    "nonlinear force sensor",
+    "hysteresis of the force",
+    "force of one hold",
+    "force on the way",
+    "drift of the force in one run",
+    "modulus from insertion to insertion",
+    "tip load from insertion to insertion",
+    "angle of entry from insertion to insertion",
+    "surface from insertion to insertion",
+    "roll from insertion to insertion",
+    "tip load over depth of one insertion",
+    "tip load over depth",
+    "drift of the path of one insertion",
+    "smooth error of the path",
+    "drift of the direction of one insertion",
+    "smooth error of the direction",
+    "direction proportional to itself",
+    "direction proportional to itself, of one insertion",
+];
+
+/// Sizes of groups by name, as multiples of what an ordinary rig has: found in another session, or stated in a model file. What is
+/// larger there than usual is so in this session.
+pub type Multiples = BTreeMap<String, f64>;
+
+/// The patterns of all runs around a model, whitened as the runs are.
 ///
 /// # Errors
 /// Where the model cannot be evaluated.
@@ -101,21 +138,20 @@ pub(super) fn patterns(
     layout: &Layout,
     values: &[f64],
     runs: &[Prepared],
-    sizes: &[(&'static str, f64)],
+    multiples: &Multiples,
 ) -> Result<Patterns, ModelError> {
-    let mut groups = sized(groups(layout, values, runs)?, sizes);
+    let mut groups = sized(groups(layout, values, runs)?, multiples);
     if layout.reference.is_some() {
         groups.extend(anew(&groups, runs));
     }
     Ok(whitened(groups, runs))
 }
 
-/// Groups that are as large as the reference was found to have them, where that is larger than usual.
-fn sized(mut groups: Vec<GroupPatterns>, sizes: &[(&'static str, f64)]) -> Vec<GroupPatterns> {
-    for GroupPatterns { group, .. } in &mut groups {
-        for (_, size) in sizes.iter().filter(|(name, _)| *name == group.name) {
-            group.everyday = group.everyday.max(*size);
-        }
+/// Groups that are larger than usual where another session has shown that they are.
+fn sized(mut groups: Vec<GroupPatterns>, multiples: &Multiples) -> Vec<GroupPatterns> {
+    for GroupPatterns { group, .. } in groups.iter_mut().filter(|of| of.group.tail.is_some()) {
+        group.multiple = multiples.get(group.name).copied().unwrap_or(1.0).max(1.0);
+        group.everyday *= group.multiple;
     }
     groups
 }
@@ -150,7 +186,7 @@ pub(super) fn of_instruments(
     Ok(whitened(groups, runs))
 }
 
-/// Those of the instruments and of differences between runs: what the misfit of held-out runs is measured against. `sizes` as for
+/// Those of the instruments and of differences between runs: what the misfit of held-out runs is measured against. `multiples` as for
 /// [`patterns`].
 ///
 /// # Errors
@@ -159,9 +195,9 @@ pub(super) fn of_held_out(
     layout: &Layout,
     values: &[f64],
     runs: &[Prepared],
-    sizes: &[(&'static str, f64)],
+    multiples: &Multiples,
 ) -> Result<Patterns, ModelError> {
-    let mut groups = sized(groups(layout, values, runs)?, sizes);
+    let mut groups = sized(groups(layout, values, runs)?, multiples);
     groups.retain(|group| matches!(group.cause, Cause::Instrument { .. } | Cause::Run));
     Ok(whitened(groups, runs))
 }

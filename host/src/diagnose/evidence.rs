@@ -42,6 +42,8 @@ pub(super) struct Group {
     pub everyday: f64,
     /// Standard deviation of a size above the everyday one, in everyday sizes; nothing where the size is known.
     pub tail: Option<f64>,
+    /// How many times larger `everyday` is than in an ordinary rig.
+    pub multiple: f64,
 }
 
 /// The patterns of all runs, whitened.

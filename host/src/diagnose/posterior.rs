@@ -5,6 +5,8 @@
 //! method at the end, at the parameters themselves.
 
 use super::believed::{Layout, NORMAL_975, Prepared, Scale};
+use super::data::Kind;
+use super::discrepancy::Multiples;
 use super::evidence::{Evidence, Patterns, Products};
 use crate::inference::{FitError, Parameter};
 use nalgebra::{DMatrix, DVector};
@@ -12,11 +14,17 @@ use nalgebra::{DMatrix, DVector};
 const MM: f64 = 1e-3;
 /// A fit has come to its end once a step is shorter than this, in posterior standard deviations.
 const SETTLED_SD: f64 = 0.05;
+/// Two fits are the same whose values differ by less than this, in posterior standard deviations.
+const SAME_SD: f64 = 0.3;
+/// Steps of differences along parameters, in posterior standard deviations: a boundary of layers moves a mean by steps of its own.
+const SLOPE_SD: f64 = 0.5;
 /// Longest step of the logarithm of the modulus, and of other parameters in standard deviations of their priors.
 const MAX_LN_STEP: f64 = 0.7;
 const MAX_STEP_SD: f64 = 1.2;
 /// How often a step is halved.
 const MAX_HALVINGS: usize = 5;
+/// A discrepancy this many times the ordinary one is larger.
+const LARGER: f64 = 1.1;
 /// Rounds of a fit that has to converge.
 pub(super) const MAX_ROUNDS: usize = 25;
 
@@ -60,6 +68,24 @@ impl Fitted {
         sizes: &[f64],
         rounds: usize,
     ) -> Result<Self, FitError> {
+        Self::beside(layout, runs, patterns, starts, sizes, rounds, &[])
+    }
+
+    /// The same where the sensitivities to the first parameters are known well enough, run by run: those of a fit without what comes
+    /// after these parameters.
+    ///
+    /// # Errors
+    /// [`FitError`] where there is no fit.
+    #[expect(clippy::too_many_arguments, reason = "those of a fit, and what is known of it")]
+    pub fn beside(
+        layout: &Layout,
+        runs: &[Prepared],
+        patterns: &Patterns,
+        starts: &[f64],
+        sizes: &[f64],
+        rounds: usize,
+        known: &[DMatrix<f64>],
+    ) -> Result<Self, FitError> {
         let parameters = layout.parameters(starts);
         let start: Vec<f64> = parameters.iter().map(|p| p.start.clamp(p.least, p.most)).collect();
         let mut point = Point { residuals: residuals(layout, runs, &start)?, values: start };
@@ -67,7 +93,7 @@ impl Fitted {
         let mut settled = false;
         let mut round = 0;
         loop {
-            let jacobian = jacobian(layout, runs, &point.values, &parameters, &point.residuals)?;
+            let jacobian = jacobian(layout, runs, &point.values, &parameters, &point.residuals, known)?;
             let products = products(patterns, &parameters, &point, &jacobian);
             sizes = patterns.likeliest_sizes(&sizes, &products);
             let evidence = patterns.evidence(&sizes, &products).ok_or(FitError::Undetermined)?;
@@ -94,6 +120,13 @@ impl Fitted {
     /// Values inside the fits.
     pub fn values(&self) -> &[f64] {
         &self.values
+    }
+
+    /// Whether another fit of the same layout has come to the same place: within a small part of the standard deviations.
+    pub fn is_at(&self, other: &Self) -> bool {
+        let near =
+            |(i, (a, b)): (usize, (&f64, &f64))| (a - b).abs() <= SAME_SD * self.sd(i).min(other.sd(i));
+        self.values.iter().zip(&other.values).enumerate().all(near)
     }
 
     /// A parameter in its own unit with its interval of 95 %. A depth at which something happens in insertions is known no better than
@@ -127,6 +160,29 @@ impl Fitted {
     pub fn modulus_pa(&self) -> (f64, [f64; 2]) {
         let (value, sd) = (self.values[0], self.sd(0));
         (value.exp(), [-NORMAL_975, NORMAL_975].map(|sds| (value + sds * sd).exp()))
+    }
+
+    /// Logarithm of the mean modulus, Pa, over the tissue down to a depth, and its standard deviation; nothing where the model makes no
+    /// sense around the fit. With effects of the tissue the modulus itself is that of a place or a layer, the mean is what effects that
+    /// explain the data alike have in common.
+    pub fn ln_mean_modulus(&self, depth_m: f64) -> Option<(f64, f64)> {
+        let kind = if self.layout.kinds[0] { Kind::Lateral } else { Kind::Insertion };
+        let at = |values: &[f64]| {
+            let problem = self.layout.model(values, kind).and_then(|model| model.problem(depth_m)).ok()?;
+            Some(problem.foundation.mean_pa(depth_m).ln()).filter(|ln| ln.is_finite())
+        };
+        let slope = |i: usize| {
+            let step = SLOPE_SD * self.sd(i);
+            let moved = |by: f64| {
+                let mut values = self.values.clone();
+                values[i] += by;
+                at(&values)
+            };
+            Some((moved(step)? - moved(-step)?) / (2.0 * step))
+        };
+        let slopes: Option<Vec<f64>> = (0..self.values.len()).map(slope).collect();
+        let slopes = DVector::from_vec(slopes?);
+        Some((at(&self.values)?, slopes.dot(&(&self.covariance * &slopes)).max(0.0).sqrt()))
     }
 
     /// Of the tip load, N, where there are insertions.
@@ -198,6 +254,14 @@ impl Fitted {
         Some((evidence.mean[0] - from_prior(first, self.values[0])) * prior_sd(first))
     }
 
+    /// Groups of the discrepancy that are larger than in an ordinary rig, as multiples of that.
+    pub fn multiples(&self, patterns: &Patterns) -> Multiples {
+        let found = patterns.groups.iter().zip(&self.sizes).filter(|(group, _)| group.tail.is_some());
+        let multiples =
+            found.map(|(group, size)| (group.name.to_owned(), group.multiple * size / group.everyday));
+        multiples.filter(|(_, multiple)| *multiple > LARGER).collect()
+    }
+
     /// Ratio of the modulus to that of the reference, and the reference's modulus, Pa; each with its interval of 95 %.
     pub fn beside_reference(&self) -> Option<[(f64, [f64; 2]); 2]> {
         let at = self.layout.ratio()?;
@@ -232,17 +296,23 @@ pub(super) fn residuals(
     runs.iter().map(of_run).collect()
 }
 
-/// Derivative of the whitened predictions by the parameters: central differences, one-sided ones at the end of a range.
+/// Derivative of the whitened predictions by the parameters: what is known of the first of them, then central differences, one-sided
+/// ones at the end of a range.
 fn jacobian(
     layout: &Layout,
     runs: &[Prepared],
     values: &[f64],
     parameters: &[Parameter],
     here: &[Vec<f64>],
+    known: &[DMatrix<f64>],
 ) -> Result<Vec<DMatrix<f64>>, FitError> {
     let mut all: Vec<DMatrix<f64>> =
         here.iter().map(|residuals| DMatrix::zeros(residuals.len(), parameters.len())).collect();
-    for (index, parameter) in parameters.iter().enumerate() {
+    let first = known.first().map_or(0, DMatrix::ncols);
+    for (matrix, known) in all.iter_mut().zip(known) {
+        matrix.columns_mut(0, first).copy_from(known);
+    }
+    for (index, parameter) in parameters.iter().enumerate().skip(first) {
         let (from, to) = (
             (values[index] - parameter.step).max(parameter.least),
             (values[index] + parameter.step).min(parameter.most),

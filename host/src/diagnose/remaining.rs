@@ -33,7 +33,7 @@ impl Remaining {
             (name, channel.per_si() * sd)
         });
         let above = patterns.groups.iter().zip(&fitted.sizes).filter_map(|(group, size)| {
-            let times = size / group.everyday;
+            let times = group.multiple * size / group.everyday;
             (times > ABOVE).then(|| (group.name.to_owned(), times))
         });
         RemainingResult {

@@ -1,6 +1,7 @@
 //! What a diagnosis says, as it goes into JSON.
 
 use super::data::Channel;
+use super::discrepancy::Multiples;
 use super::posterior::Fitted;
 use crate::model::Support;
 use serde::Serialize;
@@ -53,6 +54,9 @@ pub struct Diagnosis {
     pub k_kpa: f64,
     /// Its interval of 95 %.
     pub k_ci95_kpa: [f64; 2],
+    /// Mean modulus of the tissue that was touched under the final model, K of springs or E of a body as in `foundation`; nothing where
+    /// it has none.
+    pub mean_modulus: Option<MeanModulus>,
     /// Tip load under the final model, where there are insertions.
     pub tip_load_n: Option<f64>,
     /// Its interval of 95 %.
@@ -66,6 +70,9 @@ pub struct Diagnosis {
     pub partial: Vec<String>,
     /// What remains between the final model and the measurement, and whether it matters.
     pub remaining: RemainingResult,
+    /// Imperfections that are larger than in an ordinary rig, as a model file has them.
+    #[serde(skip)]
+    pub multiples: Multiples,
     /// Smooth structure in the residuals before and after.
     pub adequacy: [AdequacyResult; 2],
     /// Standard deviation of the smooth discrepancy that is left, by channel and unit; where something is unexplained.
@@ -82,6 +89,15 @@ pub struct Diagnosis {
     pub limits: Vec<String>,
     /// Remarks.
     pub warnings: Vec<String>,
+}
+
+/// Mean of the modulus over depth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MeanModulus {
+    /// From the surface to this depth.
+    pub to_depth_mm: f64,
+    /// The mean.
+    pub modulus_kpa: Estimate,
 }
 
 /// A session beside the one that it is compared with.

@@ -27,6 +27,8 @@ const BEHIND: f64 = 15.0;
 const BEHIND_SHARE: f64 = 0.7;
 /// A score below which an effect is not refitted.
 const LEAST_SCORE: f64 = -2.0;
+/// A first refit below which an effect that costs much is given up.
+const LEAST_OF_COSTLY: f64 = 1.0;
 /// Rounds of the first refit; the best of these, and all that are not far behind them, go on until they settle.
 const FIRST_ROUNDS: usize = 2;
 const MAX_SETTLED: usize = 5;
@@ -111,10 +113,14 @@ impl Search<'_> {
         candidates.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
         let near = candidates.first().map_or(0.0, Candidate::gain) - NEAR;
         let settled = |(rank, candidate): (usize, &mut Candidate)| {
-            if rank >= MAX_SETTLED && candidate.gain() < near {
+            let is_costly = candidate.score.effect.is_costly();
+            if rank >= MAX_SETTLED && candidate.gain() < near
+                || is_costly && candidate.gain() < LEAST_OF_COSTLY
+            {
                 return;
             }
-            if let Some((fitted, gain)) = candidate.refit.as_mut().filter(|(fitted, _)| !fitted.settled) {
+            let unsettled = candidate.refit.as_mut().filter(|(fitted, _)| is_costly || !fitted.settled);
+            if let Some((fitted, gain)) = unsettled {
                 let again = self.fit(&fitted.layout, fitted.values(), &fitted.sizes, MAX_ROUNDS);
                 // The first rounds may have ended higher only where they ended beyond a range.
                 if let Some(again) = again {
@@ -134,6 +140,7 @@ impl Search<'_> {
 
     fn refit(&self, base: &Fitted, score: &Score) -> Option<(Fitted, f64)> {
         let layout = base.layout.with(score.effect);
+        let is_costly = score.effect.is_costly();
         // From large sizes the fit would stay where the discrepancy explains everything.
         let everyday = self.patterns.everyday();
         let sizes: Vec<f64> = base.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
@@ -141,9 +148,11 @@ impl Search<'_> {
             let mut starts = base.values().to_vec();
             let infos = score.effect.parameters().iter().zip(values);
             starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-            self.fit(&layout, &starts, &sizes, FIRST_ROUNDS)
+            // What the rest of the model does is much the same with the effect: good enough to see what a costly one is worth.
+            let known = if is_costly { base.jacobian.as_slice() } else { &[] };
+            Fitted::beside(&layout, self.runs, self.patterns, &starts, &sizes, FIRST_ROUNDS, known).ok()
         };
-        let starts = if score.effect.is_costly() { 1 } else { score.starts.len() };
+        let starts = if is_costly { 1 } else { score.starts.len() };
         let fits = score.starts.iter().take(starts).filter_map(from);
         let fitted = fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
         let gain = fitted.log_evidence - base.log_evidence + one_sided(score.effect);

@@ -5,7 +5,7 @@
 
 use super::believed::{Prepared, differences};
 use super::data::{Channel, Kind, Run, Source};
-use super::discrepancy;
+use super::discrepancy::{self, Multiples};
 use super::evidence::Patterns;
 use super::noise::Noise;
 use super::posterior::{self, Fitted};
@@ -99,8 +99,8 @@ impl HeldOut {
         self.runs.iter().map(|run| run.id.clone()).collect()
     }
 
-    /// Ready to judge models that are tried beside a start, which was fitted to the training runs; `sizes` are those of the
-    /// reference's discrepancy.
+    /// Ready to judge models that are tried beside a start, which was fitted to the training runs; `multiples` are those of the
+    /// discrepancy.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
@@ -109,7 +109,7 @@ impl HeldOut {
         start: &Fitted,
         training: &[Prepared],
         noise: &Noise,
-        sizes: &[(&'static str, f64)],
+        multiples: &Multiples,
     ) -> Result<Judge, ModelError> {
         let prepared = |run: Run| {
             let model = start.layout.model_of(start.values(), run.kind, run.is_reference)?;
@@ -120,10 +120,10 @@ impl HeldOut {
         let judged: Vec<bool> = training.iter().map(|run| !run.run.is_reference).collect();
         let training: Vec<Prepared> = training.iter().filter(|run| !run.run.is_reference).cloned().collect();
         Ok(Judge {
-            of_held_out: discrepancy::of_held_out(&start.layout, start.values(), &runs, sizes)?,
+            of_held_out: discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?,
             // What the reference leaves unexplained too is no gap between them.
             of_training: match &start.layout.reference {
-                Some(_) => discrepancy::patterns(&start.layout, start.values(), &training, sizes)?,
+                Some(_) => discrepancy::patterns(&start.layout, start.values(), &training, multiples)?,
                 None => discrepancy::of_instruments(&start.layout, start.values(), &training)?,
             },
             readings: training.iter().map(|run| run.run.data.len()).sum(),

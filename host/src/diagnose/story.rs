@@ -1,12 +1,14 @@
 //! The result of a diagnosis, put together from what the steps found.
 
 use super::adequacy::{Adequacy, Region};
+use super::averaged::Averaged;
 use super::data::{Channel, Kind, Run};
+use super::discrepancy::Multiples;
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, Ranked, ReferenceResult,
-    RegionResult, RemainingResult, SCHEMA, Verdict,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, MeanModulus, Ranked,
+    ReferenceResult, RegionResult, RemainingResult, SCHEMA, Verdict,
 };
 use super::search::{Found, Member};
 use super::{Options, next};
@@ -32,6 +34,8 @@ pub(super) struct Story<'a> {
     pub verdict: Verdict,
     pub foundation: FoundationResult,
     pub split: String,
+    /// What of the discrepancy is larger than in an ordinary rig.
+    pub multiples: Multiples,
     /// Number of runs of which something was held out.
     pub held_out: usize,
 }
@@ -47,20 +51,28 @@ impl Story<'_> {
     ) -> Diagnosis {
         let Self { verdict, final_fit, adequacy, .. } = *self;
         let members = &self.found.members;
+        let averaged = self.averaged();
         let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
         let classes = members.iter().filter(|member| member.class.len() > 1);
         let next_measurement = classes
             .filter_map(|member| next::next_measurement(&member.class, self.all, self.noise))
             .max_by(|a, b| a.expected_divergence.total_cmp(&b.expected_divergence));
+        let (modulus_pa, own_ci95_pa) = final_fit.modulus_pa();
+        let modulus_kpa = 1e-3 * modulus_pa;
+        let modulus_ci95_kpa = averaged.modulus_pa().unwrap_or(own_ci95_pa).map(|end| 1e-3 * end);
         // On a body the foundation modulus is that of plain springs.
-        let foundation = self.foundation.clone();
+        let mut foundation = self.foundation.clone();
+        if let Some(youngs) = &mut foundation.youngs_modulus_kpa {
+            youngs.ci95 = modulus_ci95_kpa;
+        }
         let (k_kpa, k_ci95_kpa) = if final_fit.layout.support.is_body() {
             (foundation.k_of_plain_springs_kpa.value, foundation.k_of_plain_springs_kpa.ci95)
         } else {
-            let (k_pa, k_ci95_pa) = final_fit.modulus_pa();
-            (1e-3 * k_pa, k_ci95_pa.map(|end| 1e-3 * end))
+            (modulus_kpa, modulus_ci95_kpa)
         };
         let tip = final_fit.tip_load_n();
+        let touched_m = self.touched_m();
+        let mean = final_fit.ln_mean_modulus(touched_m).zip(averaged.mean_modulus_pa(touched_m));
         let discrepancy =
             if verdict == Verdict::Unexplained { adequacy[0].discrepancy.as_slice() } else { &[] };
         let first = &self.found.first;
@@ -68,7 +80,11 @@ impl Story<'_> {
             schema: SCHEMA,
             session: self.session.name.clone(),
             verdict,
-            effects: if is_named { members.iter().map(|m| self.effect(m)).collect() } else { Vec::new() },
+            effects: if is_named {
+                members.iter().map(|m| self.effect(m, &averaged)).collect()
+            } else {
+                Vec::new()
+            },
             regions,
             next_measurement,
             gap,
@@ -86,15 +102,20 @@ impl Story<'_> {
                 .collect(),
             model_file: None,
             foundation,
-            reference: self.reference(),
+            reference: self.reference(&averaged),
             k_kpa,
             k_ci95_kpa,
+            mean_modulus: mean.map(|((ln_pa, _), ends_pa)| MeanModulus {
+                to_depth_mm: 1e3 * touched_m,
+                modulus_kpa: Estimate { value: 1e-3 * ln_pa.exp(), ci95: ends_pa.map(|end| 1e-3 * end) },
+            }),
             tip_load_n: tip.map(|(value, _)| value),
-            tip_load_ci95_n: tip.map(|(_, ends)| ends),
+            tip_load_ci95_n: averaged.tip_load_n().or(tip.map(|(_, ends)| ends)),
             given: self.options.given.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
             given_effects: self.given_effects(final_fit),
             partial: if is_named { Vec::new() } else { self.partial() },
             remaining,
+            multiples: self.multiples.clone(),
             adequacy: adequacy.map(adequacy_result),
             discrepancy: discrepancy
                 .iter()
@@ -115,22 +136,38 @@ impl Story<'_> {
         }
     }
 
+    /// Depth of the tissue that the runs have touched: by guide 2 where there are lateral runs.
+    fn touched_m(&self) -> f64 {
+        let [lateral, _] = self.final_fit.layout.kinds;
+        let of_kind = |run: &&Run| (run.kind == Kind::Lateral) == lateral;
+        self.all.iter().filter(of_kind).map(|run| run.depth_m).fold(0.0, f64::max)
+    }
+
     /// How the session differs from its reference.
-    fn reference(&self) -> Option<ReferenceResult> {
+    fn reference(&self, averaged: &Averaged<'_>) -> Option<ReferenceResult> {
         let reference = self.options.reference.as_ref()?;
         let [(ratio, ratio_ci95), (pa, pa_ci95)] = self.final_fit.beside_reference()?;
         Some(ReferenceResult {
             session: reference.name.clone(),
             modulus_kpa: Estimate { value: 1e-3 * pa, ci95: pa_ci95.map(|end| 1e-3 * end) },
-            modulus_ratio: Estimate { value: ratio, ci95: ratio_ci95 },
+            modulus_ratio: Estimate { value: ratio, ci95: averaged.ratio().unwrap_or(ratio_ci95) },
         })
     }
 
-    fn effect(&self, member: &Member) -> FoundEffect {
+    /// The final fit with all that explain the data as well.
+    fn averaged(&self) -> Averaged<'_> {
+        match self.verdict {
+            Verdict::Named | Verdict::Ambiguous => Averaged::over(self.final_fit, &self.found.members),
+            Verdict::Adequate | Verdict::Unexplained => Averaged::single(self.final_fit),
+        }
+    }
+
+    fn effect(&self, member: &Member, averaged: &Averaged<'_>) -> FoundEffect {
         let fitted = &self.found.fitted;
         let effect = fitted.layout.effects[member.index];
         let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
-            let (value, ci95) = fitted.estimate(member.index, number);
+            let (value, own) = fitted.estimate(member.index, number);
+            let ci95 = averaged.parameter(effect, number).unwrap_or(own);
             (info.name.to_owned(), Estimate { value, ci95 })
         });
         FoundEffect {
@@ -237,6 +274,7 @@ impl Diagnosis {
             youngs_ci95_pa: self.foundation.youngs_modulus_kpa.map(|found| found.ci95.map(pa)),
             tip_load_n: self.tip_load_n,
             tip_load_ci95_n: self.tip_load_ci95_n,
+            discrepancy: self.multiples.clone(),
             effects: effects
                 .filter_map(|found| {
                     let effect = effect(&found.id)?;

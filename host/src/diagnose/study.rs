@@ -8,7 +8,7 @@ use super::blind::{self, Design, Foreign, Truth, strengths};
 use super::evidence::Patterns;
 use super::posterior::{self, Fitted, MAX_ROUNDS};
 use super::search::{MAX_LEADERS, Search, one_sided};
-use super::{Diagnosis, Noises, Options, Start, Verdict, diagnose, fit_start, runs_of, split};
+use super::{Diagnosis, Multiples, Noises, Options, Start, Verdict, diagnose, fit_start, runs_of, split};
 use crate::diagnose::believed::{Layout, differences};
 use crate::diagnose::noise::Noise;
 use crate::diagnose::score::Scores;
@@ -204,8 +204,14 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
     let (training, held_out) = split(runs);
     let noise = Noise::of(&training.runs, &session.noise);
     let layout = Layout::new(&session.rig, &training.runs, Vec::new());
-    let Start { runs: mut prepared, patterns, fitted: start } =
-        fit_start(&layout, &training.runs, &Noises { session: noise, reference: noise }, &[], &[]).ok()?;
+    let Start { runs: mut prepared, patterns, fitted: start } = fit_start(
+        &layout,
+        &training.runs,
+        &Noises { session: noise, reference: noise },
+        &[],
+        &Multiples::new(),
+    )
+    .ok()?;
     let mut own = layout.first_values();
     own[0] = (1e3 * truth.k_kpa).ln();
     if let Some(load) = own.get_mut(1) {
@@ -228,7 +234,7 @@ fn expected(session: &Session, truth: &Truth) -> Option<(f64, f64, Option<String
     let everyday = tolerances.everyday();
     let misfit = posterior::misfit(&tolerances, &everyday, &fit(&tolerances, &everyday)?.residuals)?;
     let scores = Scores::new(&plain, &prepared, &patterns).ok()?;
-    let judge = held_out.judge(&plain, &prepared, &noise, &[]).ok()?;
+    let judge = held_out.judge(&plain, &prepared, &noise, &Multiples::new()).ok()?;
     let search = Search { start: &plain, runs: &prepared, patterns: &patterns, judge: &judge, seed: 1 };
     let candidates = search.weigh(&plain, &scores, MAX_LEADERS);
     let gain_of = |of_hidden: bool| {

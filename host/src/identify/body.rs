@@ -1,13 +1,13 @@
 //! Young's modulus from the needle in an elastic body, fitted to the same runs as the springs, and which of the two explains them.
 
 use super::fitting::{Estimate, NORMAL_975, fit_alone};
+use super::model_error::{Beside, with_model_error};
 use super::options::TissueModel;
 use super::{Fitted, Options, Pooled, YoungsModulus, pool};
-use crate::diagnose::{self, FoundationEvidence, foundation_evidence};
+use crate::diagnose::{self, DiscrepantModulus};
 use crate::inference::{FitError, LateralData};
 use crate::model::Support;
-use crate::model::effects::Effect;
-use crate::session::{FoundationKind, Session};
+use crate::session::FoundationKind;
 use serde::Serialize;
 
 /// What the tissue is taken as.
@@ -132,7 +132,7 @@ const VARIED_ERROR: f64 = 2e-2;
 /// The body fitted to the runs that the springs were fitted to, and which of the two is used; where that is the body also the runs
 /// as of a body.
 pub(super) fn compare(
-    session: &Session,
+    beside: Option<&Result<Beside, String>>,
     runs: &[Fitted],
     options: &Options,
     tissue: TissueModel,
@@ -158,10 +158,19 @@ pub(super) fn compare(
             return (result, None);
         }
     };
+    let evidence = match beside {
+        Some(Ok(Beside { body: Some(evidence), .. })) => evidence.clone(),
+        Some(Err(why)) => Err(why.clone()),
+        Some(Ok(Beside { body: None, .. })) | None => Err("it was not fitted".to_owned()),
+    };
+    let body = match &evidence {
+        Ok(evidence) if options.model_error => body.with_model_error(evidence.body),
+        _ => body,
+    };
     if choice == FoundationChoice::Body {
         result.used = body.support().name();
     } else {
-        match evidence(session, runs, options, tissue) {
+        match evidence {
             Ok(evidence) => {
                 result.by = "evidence";
                 result.log_evidence_gain = Some(evidence.gain);
@@ -182,40 +191,21 @@ pub(super) fn compare(
 }
 
 impl BodyResult {
+    /// With model error in its interval.
+    fn with_model_error(mut self, discrepant: DiscrepantModulus) -> Self {
+        let value = self.youngs_modulus_kpa;
+        let end = |kpa: f64| {
+            let by_data = (kpa / value).ln();
+            let [half, _] = with_model_error((1e3 * value).ln(), [by_data.abs(), 0.0], discrepant);
+            value * half.copysign(by_data).exp()
+        };
+        self.ci95_kpa = self.ci95_kpa.map(end);
+        self
+    }
+
     fn support(&self) -> Support {
         Support::Body { poisson: self.poisson }
     }
-}
-
-/// Evidence of the body over springs from the runs that are used, with the effects that are in the model.
-fn evidence(
-    session: &Session,
-    runs: &[Fitted],
-    options: &Options,
-    tissue: TissueModel,
-) -> Result<FoundationEvidence, String> {
-    if !session.rig.needle.stiffness_known {
-        return Err("the needle's bending stiffness is not known".to_owned());
-    }
-    let lateral = session.lateral.iter().filter(|run| runs.iter().any(|used| used.id == run.id)).cloned();
-    let used = Session {
-        dir: session.dir.clone(),
-        name: None,
-        rig: session.rig.clone(),
-        fixture_mass_kg: None,
-        noise: session.noise,
-        tissue: session.tissue,
-        lateral: lateral.collect(),
-        insertion: Vec::new(),
-        indentation: Vec::new(),
-        steering: Vec::new(),
-    };
-    let neutral = |effect: &&'static dyn Effect| {
-        (*effect, effect.parameters().iter().map(|info| info.neutral).collect::<Vec<_>>())
-    };
-    let unknown = runs.first().map(|run| run.data.effects.as_slice()).unwrap_or_default();
-    let given: Vec<_> = options.fixed.iter().cloned().chain(unknown.iter().map(neutral)).collect();
-    foundation_evidence(&used, &given, tissue.poisson).map_err(|why| why.to_string())
 }
 
 /// The runs as of a body, each fitted by itself; where the noise of the shape is not stated it is that of these fits.

@@ -2,7 +2,7 @@
 
 use super::FoundationChoice;
 use crate::continuum::Contact;
-use crate::diagnose::INCOMPRESSIBLE;
+use crate::diagnose::{INCOMPRESSIBLE, Multiples};
 use crate::inference::modulus::Relation;
 use crate::levels::HoldCriteria;
 use crate::model::Support;
@@ -67,6 +67,10 @@ pub struct Options {
     pub nuisances: Vec<&'static dyn Effect>,
     /// Effects that are part of the model, with the values of their parameters.
     pub fixed: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
+    pub discrepancy: Multiples,
+    /// Whether intervals have the model error in them; without it they are those of the noise, as if the model were exact.
+    pub model_error: bool,
     /// Fit two layers to the runs of all depths.
     pub layers: bool,
     /// Profile the likelihood of the pooled K.
@@ -87,6 +91,8 @@ impl Default for Options {
             criteria: HoldCriteria::default(),
             nuisances: Vec::new(),
             fixed: Vec::new(),
+            discrepancy: Multiples::new(),
+            model_error: true,
             layers: false,
             profile: false,
             bootstrap: 0,

@@ -54,6 +54,7 @@ pub(super) fn pool(runs: &[Fitted], options: &Options, warnings: &mut Vec<String
         k_kpa,
         sd_kpa: k_kpa * estimate.sd_ln,
         ci95_kpa: estimate.ci95_kpa(),
+        noise_alone: None,
         profile: joint
             .as_ref()
             .filter(|_| options.profile)

@@ -25,6 +25,8 @@ pub(super) struct Youngs<'s> {
     relation: YoungsBy,
     /// In the order of the runs; at least one.
     depths: Vec<Depth>,
+    /// Half-width of a 95 % interval of ln K by model error.
+    model_error_ln: f64,
 }
 
 /// The runs of one depth.
@@ -72,7 +74,9 @@ impl<'s> Youngs<'s> {
             let depth_m = group.iter().map(|run| run.data.depth_m).sum::<f64>() / group.len() as f64;
             // What is to be said of the pool has been said of all runs.
             let own = (!single).then(|| pool::pool(&group, &plain, &mut Vec::new()));
-            let Pooled { k_kpa, ci95_kpa: [low, high], .. } = own.as_ref().unwrap_or(pooled);
+            let Pooled { k_kpa, ci95_kpa, noise_alone, .. } = own.as_ref().unwrap_or(pooled);
+            // Model error is no matter of one depth: it comes in once all are combined.
+            let [low, high] = noise_alone.as_ref().map_or(ci95_kpa, |noise| &noise.ci95_kpa);
             let k_pa = [*k_kpa, *low, *high].map(|kpa| 1e3 * kpa);
             let typical = group.first().and_then(|run| typical(&run.data));
             (Depth { depth_m, k_pa, body: None, neighbour: None }, typical)
@@ -102,7 +106,7 @@ impl<'s> Youngs<'s> {
                 relation = YoungsBy::Published(Relation::Vesic);
             }
         }
-        Self { rig, tissue, relation, depths }
+        Self { rig, tissue, relation, depths, model_error_ln: pooled.model_error_ln() }
     }
 
     /// Young's modulus of a K at a depth by a relation; nothing where the relation has no answer.
@@ -194,6 +198,7 @@ impl<'s> Youngs<'s> {
             }
             YoungsBy::Published(_) => 0.0,
         };
+        let error = error.hypot(self.model_error_ln);
         let ends = found.map(|(youngs, _)| {
             let LnYoungs { value, below, above } = youngs;
             [kpa(value - below.hypot(error)), kpa(value + above.hypot(error))]

@@ -258,10 +258,12 @@ impl From<(&'static str, ChannelFit)> for ChannelResult {
 pub struct Pooled {
     /// Foundation modulus.
     pub k_kpa: f64,
-    /// Standard deviation.
+    /// Standard deviation, model error in it.
     pub sd_kpa: f64,
-    /// 95 % interval, from ln K.
+    /// 95 % interval, from ln K, model error in it.
     pub ci95_kpa: [f64; 2],
+    /// What they are by noise alone; nothing where the two are the same, because model error could not be estimated.
+    pub noise_alone: Option<NoiseAlone>,
     /// Profile likelihood; nothing where it was not asked for.
     pub profile: Option<Profile>,
     /// Parametric bootstrap; nothing where it was not asked for.
@@ -272,6 +274,15 @@ pub struct Pooled {
     pub runs: usize,
     /// Whether the runs agree (Cochran's Q); nothing for one run.
     pub heterogeneity: Option<Heterogeneity>,
+}
+
+/// How well K would be known if the model were exact.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct NoiseAlone {
+    /// Standard deviation.
+    pub sd_kpa: f64,
+    /// 95 % interval, from ln K.
+    pub ci95_kpa: [f64; 2],
 }
 
 /// What shapes and paths determine of a tissue where the needle's bending stiffness is not known.

@@ -36,6 +36,13 @@ impl Foundation {
         Self::layered(Vec::new(), modulus_pa)
     }
 
+    /// Mean of the modulus from the surface to a depth, Pa.
+    pub fn mean_pa(&self, depth_m: f64) -> f64 {
+        let count = (depth_m / (0.2 * SLICE_M)).ceil().max(1.0) as usize;
+        let middle_m = |i: usize| depth_m * (i as f64 + 0.5) / count as f64;
+        (0..count).map(|i| self.modulus_pa(middle_m(i))).sum::<f64>() / count as f64
+    }
+
     /// No tissue.
     pub fn none() -> Self {
         Self { upper: Vec::new(), deepest_pa: 0.0, gradient_per_m: 0.0, gap_m: 0.0 }

@@ -111,7 +111,11 @@ fn faults_are_named_with_their_place() {
     );
     fails(with("load_n", "load_kg"), "8:1", &["tip.load_kg", "load_n, load_ci95_n"]);
     fails(with("format = 1", "format = 2"), "2:10", &["model.format: 2 is not known, expected 1"]);
-    fails(with("[model]", "[modle]"), "1:2", &["\"modle\" is not known", "model, tissue, tip, effect"]);
+    fails(
+        with("[model]", "[modle]"),
+        "1:2",
+        &["\"modle\" is not known", "model, tissue, tip, discrepancy, effect"],
+    );
     fails("[tissue]\nk_kpa = 1".to_owned(), "1:1", &["model: missing"]);
     fails(with("12.1", ""), "5:", &["syntax"]);
 }
@@ -160,6 +164,8 @@ prop_compose! {
         youngs_ci95_pa in interval(),
         tip_load_n in proptest::option::of(-50.0..50.0f64),
         tip_load_ci95_n in interval(),
+        discrepancy in proptest::collection::btree_map(
+            proptest::sample::select(DISCREPANCY_NAMES.map(str::to_owned).to_vec()), 0.0..100.0f64, 0..4),
         effects in proptest::sample::subsequence((0..EFFECTS.len()).collect::<Vec<_>>(), 0..5)
             .prop_flat_map(|indices| indices.into_iter().map(learned).collect::<Vec<_>>()),
     ) -> ModelFile {
@@ -173,6 +179,7 @@ prop_compose! {
             youngs_ci95_pa,
             tip_load_n,
             tip_load_ci95_n,
+            discrepancy,
             effects,
         }
     }

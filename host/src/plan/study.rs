@@ -205,7 +205,8 @@ impl StudyProtocol {
         let promised_percent = plan(&self.question()).ok()?.choices.first()?.half_width_percent;
         let truth_kpa = 1e-3 * self.modulus_pa;
         // K of springs is what is planned.
-        let options = Options { foundation: Some(FoundationChoice::Springs), ..Options::default() };
+        let options =
+            Options { foundation: Some(FoundationChoice::Springs), model_error: false, ..Options::default() };
         let (mut logs, mut covered) = (Vec::new(), 0);
         for number in 0..sessions as u64 {
             let session = self.session(seed.wrapping_mul(1_000_003).wrapping_add(number))?;

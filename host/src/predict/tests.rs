@@ -14,6 +14,7 @@ const UNTIL_50: Options = Options {
     modulus_pa: None,
     layers: false,
     effects: Vec::new(),
+    discrepancy: crate::diagnose::Multiples::new(),
     published_from_m: 0.03,
 };
 
@@ -334,5 +335,27 @@ fn a_rear_that_is_not_stated_is_found_in_each_axis() {
         assert_eq!(soft.status, "identified", "{soft:?}");
         assert!(one.mae_mm.expect("measured") < 0.2, "{:?}", one.mae_mm);
         assert!(2 * one.band_held > one.band_readings);
+    }
+}
+
+/// What a model file says of a clearance or a bent needle is in the prediction: the paths were made by another solution of the same
+/// physics.
+#[test]
+fn clearance_and_bend_of_the_model_are_in_the_path() {
+    use crate::diagnose::blind::{Design, Truth, session};
+    let known = [("rig.backlash", vec![0.3]), ("needle.prebend", vec![0.5, 0.2])];
+    for (id, values) in known {
+        let truth =
+            Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: vec![(id, values.clone())], foreign: None };
+        let session = session(&truth, &Design::moved_insertions(), 3);
+        let error_mm = |effects: Vec<(&'static dyn Effect, Vec<f64>)>| {
+            let options = Options { modulus_pa: Some([12e3, 0.6e3]), learn: false, effects, ..UNTIL_50 };
+            let found = predict(&session, &options).expect("predicts");
+            let all = found.insertions.iter().map(|one| one.mae_mm.expect("measured"));
+            all.sum::<f64>() / found.insertions.len() as f64
+        };
+        let effect = crate::model::effects::effect(id).expect("an effect");
+        let (with, without) = (error_mm(vec![(effect, values)]), error_mm(Vec::new()));
+        assert!(with < 0.7 * without, "{id}: {with} mm with it, {without} mm without");
     }
 }

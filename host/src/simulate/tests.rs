@@ -185,7 +185,7 @@ fn needs(id: &str, values: &[f64], lateral: &str) {
     );
     let session = session(&text);
     let found = |fixed: Vec<(&'static dyn Effect, Vec<f64>)>| {
-        let options = Options { fixed, ..Options::default() };
+        let options = Options { fixed, model_error: false, ..Options::default() };
         identify(&session, &options).expect("identified")
     };
     let with = found(vec![(one, values.to_vec())]);
@@ -225,7 +225,8 @@ fn relaxation_in_the_model_gives_the_modulus() {
 fn an_effect_that_does_nothing_changes_nothing() {
     let session = session(LATERAL);
     let k_kpa = |fixed: Vec<(&'static dyn Effect, Vec<f64>)>| {
-        let found = identify(&session, &Options { fixed, ..Options::default() }).expect("identified");
+        let found = identify(&session, &Options { fixed, model_error: false, ..Options::default() })
+            .expect("identified");
         [found.pooled.k_kpa, found.pooled.sd_kpa]
     };
     let none = effect("tissue.gradient").expect("an effect");

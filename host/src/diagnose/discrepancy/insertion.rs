@@ -41,7 +41,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
             if around.run.kind == Kind::Insertion { of(around) } else { Ok(Vec::new()) }
         };
         let of_runs = all.iter().map(of_run).collect::<Result<_, _>>()?;
-        let group = Group { name, everyday, tail };
+        let group = Group { name, everyday, tail, multiple: 1.0 };
         groups.push(GroupPatterns { group, scope, of_runs, cause });
         Ok(())
     };

@@ -27,12 +27,12 @@ const ENTRY_STEP_M: f64 = 1e-5;
 
 /// A group whose size is found.
 fn found(name: &'static str, everyday: f64) -> Group {
-    Group { name, everyday, tail: Some(1.0) }
+    Group { name, everyday, tail: Some(1.0), multiple: 1.0 }
 }
 
 /// A group of known size.
 fn known(name: &'static str, everyday: f64) -> Group {
-    Group { name, everyday, tail: None }
+    Group { name, everyday, tail: None, multiple: 1.0 }
 }
 
 /// Whether a datum is of the force, and of the plane in which guide 2 moves.

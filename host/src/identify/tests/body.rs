@@ -82,7 +82,8 @@ fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
 fn what_the_session_states_is_used_and_options_go_before_it() {
     let mut session = on(body(0.45), &[30.0], 8);
     let identified = |session: &Session, options: &Options| identify(session, options).expect("identifies");
-    let asked = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
+    let asked =
+        Options { relation: YoungsBy::Continuum(Contact::Bonded), model_error: false, ..Options::default() };
     session.tissue = Tissue { foundation: Some(FoundationKind::Body), poisson: Some(0.45), poisson_sd: None };
     let exact = identified(&session, &asked);
     assert_eq!((exact.foundation.used, exact.foundation.by), ("body", "stated"));
