@@ -110,7 +110,7 @@ pub fn predict(session: &Session, options: &Options) -> Result<Prediction, Predi
     if session.insertion.is_empty() {
         return Err(PredictError::NoInsertions { path: session.dir.join("session.toml") });
     }
-    let mut warnings = Vec::new();
+    let mut warnings = not_applied(options);
     let tissue = tissue(session, options, &mut warnings)?;
     let runs: Vec<&InsertionRun> = session.insertion.iter().collect();
 
@@ -147,6 +147,27 @@ pub fn predict(session: &Session, options: &Options) -> Result<Prediction, Predi
         return Err(PredictError::AllFailed { reasons });
     }
     Ok(Prediction { schema: results::SCHEMA, session: session.name.clone(), insertions, warnings })
+}
+
+/// Which effects of the model the prediction has no use for: it finds load and angle of the tip anew in every insertion, and its
+/// responses are those of tissue that does not yield.
+fn not_applied(options: &Options) -> Vec<String> {
+    let ids = || options.effects.iter().map(|(effect, _)| effect.id());
+    let tip: Vec<&str> = ids().filter(|id| id.starts_with("tip.")).collect();
+    let mut warnings = Vec::new();
+    if !tip.is_empty() {
+        warnings.push(format!(
+            "{} of the model: not applied, load and angle of the tip are identified from each path",
+            tip.join(", ")
+        ));
+    }
+    if ids().any(|id| id == "tissue.yield") {
+        warnings.push(
+            "tissue.yield of the model: not applied, paths are predicted for tissue that does not yield"
+                .to_owned(),
+        );
+    }
+    warnings
 }
 
 /// Foundation and its uncertainty: as asked for, from the lateral runs, or of any soft tissue.

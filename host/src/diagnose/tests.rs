@@ -253,3 +253,28 @@ fn what_repeats_is_misfit_and_unstated_scatter_is_warned_of() {
     assert_ne!(found.remaining.size, RemainingSize::WithinNoise, "{found:#?}");
     assert!(found.effects.is_empty(), "{found:#?}");
 }
+
+/// A model file may say of every imperfection whose size is found how large it is, and of nothing else.
+#[test]
+fn imperfections_of_a_model_file_are_those_of_the_fits() {
+    let design = Design { insertion: Design::insertions().insertion, ..Design::nine_runs() };
+    let session = session(&truth(vec![]), &design, 2);
+    let (runs, _) = runs_of(&session).expect("runs");
+    let noise = Noise::of(&runs, &session.noise);
+    let layout = Layout::new(&session.rig, &runs, Vec::new());
+    let noises = Noises { session: noise, reference: noise };
+    let start = |multiples: &Multiples| fit_start(&layout, &runs, &noises, &[], multiples).expect("a fit");
+    let plain = start(&Multiples::new());
+    let found = plain.patterns.groups.iter().filter(|group| group.tail.is_some());
+    let names: Vec<&str> = found.map(|group| group.name).collect();
+    assert!(names.iter().all(|name| DISCREPANCY_NAMES.contains(name)), "{names:?}");
+    // Directions are not measured in this session.
+    let expected = DISCREPANCY_NAMES.iter().filter(|name| !name.contains("direction"));
+    let missing: Vec<_> = expected.filter(|name| !names.contains(name)).collect();
+    assert!(missing.is_empty(), "{missing:?}");
+
+    // A rig of which more is known to be off determines the modulus less well.
+    let wider = start(&DISCREPANCY_NAMES.iter().map(|name| ((*name).to_owned(), 5.0)).collect());
+    assert!(wider.fitted.sd(0) > 1.2 * plain.fitted.sd(0));
+    assert!(wider.patterns.groups.iter().all(|group| group.multiple == 5.0 || group.tail.is_none()));
+}
