@@ -197,17 +197,7 @@ impl Numbering {
 
     /// The 27 displacements of a cell, node by node, and its 4 pressures.
     fn of_cell(&self, mesh: &Mesh, radial: usize, axial: usize) -> [Option<(f64, usize)>; 31] {
-        let columns = 2 * mesh.radii_m.len() - 1;
-        let mut unknowns = [None; 31];
-        for node in 0..9 {
-            let (column, row) = (2 * radial + node % 3, 2 * axial + node / 3);
-            unknowns[3 * node..3 * node + 3].copy_from_slice(&self.displacements[row * columns + column]);
-        }
-        for corner in 0..4 {
-            let (column, row) = (radial + corner % 2, axial + corner / 2);
-            unknowns[27 + corner] = self.pressures[row * mesh.radii_m.len() + column];
-        }
-        unknowns
+        mesh.gather(radial, axial, &self.displacements, &self.pressures, None)
     }
 
     /// Normal displacements along the wall, from the surface to the bottom of the hole.

@@ -83,6 +83,28 @@ impl Mesh {
     pub fn is_needle(&self, radial: usize, axial: usize) -> bool {
         radial == 0 && (self.needle.0..self.needle.1).contains(&axial)
     }
+
+    /// A cell's part of a mesh-wide list: 27 values of the displacements, node by node, and 4 of the pressures at its corners.
+    pub(super) fn gather<T: Copy>(
+        &self,
+        radial: usize,
+        axial: usize,
+        displacements: &[[T; 3]],
+        pressures: &[T],
+        filler: T,
+    ) -> [T; 31] {
+        let columns = 2 * self.radii_m.len() - 1;
+        let mut values = [filler; 31];
+        for node in 0..9 {
+            let (column, row) = (2 * radial + node % 3, 2 * axial + node / 3);
+            values[3 * node..3 * node + 3].copy_from_slice(&displacements[row * columns + column]);
+        }
+        for corner in 0..4 {
+            let (column, row) = (radial + corner % 2, axial + corner / 2);
+            values[27 + corner] = pressures[row * self.radii_m.len() + column];
+        }
+        values
+    }
 }
 
 /// From 0 to `end` in steps that grow geometrically from about `first`; both ends are in it.

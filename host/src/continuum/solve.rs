@@ -156,17 +156,7 @@ impl Numbering {
 
     /// The 27 displacements of a cell, node by node, and its 4 pressures.
     pub(super) fn of_cell(&self, mesh: &Mesh, radial: usize, axial: usize) -> [Unknown; 31] {
-        let columns = 2 * mesh.radii_m.len() - 1;
-        let mut unknowns = [Unknown::Fixed; 31];
-        for node in 0..9 {
-            let (column, row) = (2 * radial + node % 3, 2 * axial + node / 3);
-            unknowns[3 * node..3 * node + 3].copy_from_slice(&self.displacements[row * columns + column]);
-        }
-        for corner in 0..4 {
-            let (column, row) = (radial + corner % 2, axial + corner / 2);
-            unknowns[27 + corner] = self.pressures[row * mesh.radii_m.len() + column];
-        }
-        unknowns
+        mesh.gather(radial, axial, &self.displacements, &self.pressures, Unknown::Fixed)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Sessions of an elastic body: which foundation is used, and Young's modulus by every way there is.
 
 use super::*;
+use crate::continuum::Contact;
 use crate::model::Support;
 use crate::model_file::ModelFile;
 use crate::session::{FoundationKind, Noise as Stated, Tissue};
