@@ -3,6 +3,12 @@
 #![cfg_attr(not(test), no_std)]
 #![deny(missing_docs)]
 
+#[cfg(all(feature = "campaign", feature = "target"))]
+compile_error!("the campaign is for tests on the host: with it safety measures can be disabled");
+
+#[cfg(any(test, feature = "campaign"))]
+extern crate std;
+
 pub mod ads131m02;
 #[cfg(any(test, feature = "qemu"))]
 pub mod ads131m02_model;
@@ -11,6 +17,8 @@ pub mod app;
 #[cfg(feature = "target")]
 pub mod board;
 pub mod calibration;
+#[cfg(any(test, feature = "campaign"))]
+pub mod campaign;
 pub mod control;
 pub mod flash_model;
 pub mod hal;

@@ -60,6 +60,10 @@ impl ForceChannel {
 
     fn miss(&mut self, fault: ForceFault) {
         self.stale_periods = self.stale_periods.saturating_add(1);
+        if !matches!(fault, ForceFault::Saturated { .. }) && !Mutation::SilentAfterSaturation.is_out() {
+            // A load that was there once must not pass for one that is there while nothing is measured.
+            self.saturated_periods = 0;
+        }
         let counters = &mut self.counters;
         counters.force_readings_bad = counters.force_readings_bad.saturating_add(1);
         let counter = match fault {

@@ -28,7 +28,8 @@
 //! are turned. 13 ends by itself in the time that the device says. 15 ends with another calibration or an acknowledgement. A fault
 //! survives every restart in which memory keeps its content.
 //!
-//! The force overshoots its limit by what the motor rolls on: 2 periods and the motor's lag, at most 0.3 mm at full speed.
+//! The force overshoots its limit by what the motor rolls on: 4 periods (reading, persistence, bridge) and the motor's lag, at most
+//! 0.32 mm at full speed.
 //!
 //! The tests are the end-to-end tests of these names: firmware in QEMU, each cause made in the simulated rig or on the link; each
 //! asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.

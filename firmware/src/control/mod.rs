@@ -34,7 +34,7 @@ pub mod force;
 pub mod indicator;
 pub mod interlock;
 pub mod motor;
-pub(crate) mod mutation;
+pub mod mutation;
 mod period;
 pub mod profile;
 mod program;
@@ -59,7 +59,7 @@ pub use period::{Drive, Inputs, Note, Notes, Outputs};
 use program::{Executor, Phase};
 use protocol::{CalibrationSource, Description, Event, EventKind, Fault, Outcome, RetreatOutcome, Sample};
 use report::SAFETY_REPORTS;
-use retreat::{LoadWatch, Trend};
+use retreat::{Climb, LoadWatch, Trend};
 use stiffness::StiffnessFit;
 use store::Incoming;
 
@@ -110,6 +110,7 @@ pub struct Controller {
     /// The calibration was lost and nobody has acknowledged that.
     calibration_lost: bool,
     retreat: LoadWatch,
+    climb: Climb,
     /// A calibration was accepted: the device is about to restart.
     restarting: bool,
     /// What was last said of these, and kept of the fault.
@@ -159,10 +160,8 @@ impl Controller {
     pub fn new(calibration: Calibration, start: Start) -> Self {
         let mut interlock = Interlock::new(Limits::of(&calibration));
         let Start { boot_id, restarted, origin, carried } = start;
-        let (fault, budgets) = match carried.filter(|_| !Mutation::ForgetAtRestart.is_out()) {
-            Some(Carried { fault, budgets }) => (fault, budgets),
-            None => (None, [const { DutyBudget::new() }; 2]),
-        };
+        let Carried { fault, budgets, climb } =
+            carried.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
         // What was latched before the restart comes first; the hello tells the restart itself.
         let lost = origin == Origin::Lost;
         // That of a calibration which has been lost is latched anew, or has been stored.
@@ -194,6 +193,7 @@ impl Controller {
             },
             calibration_lost: lost,
             retreat: LoadWatch::new(),
+            climb,
             restarting: false,
             said: None,
             kept_fault: None,
@@ -203,7 +203,7 @@ impl Controller {
 
     /// What must outlive a restart.
     pub fn carried(&self) -> Carried {
-        Carried { fault: self.interlock.latched(), budgets: self.budgets.clone() }
+        Carried { fault: self.interlock.latched(), budgets: self.budgets.clone(), climb: self.climb }
     }
 
     /// One control period.
@@ -375,6 +375,7 @@ impl Controller {
     fn end_retreat(&mut self, outcome: RetreatOutcome, now_us: u64, notes: &mut Notes) {
         self.executor.abort();
         self.axes.iter_mut().for_each(Axis::rest);
+        self.climb.end(self.force.load_counts());
         push(notes, Note::Event(event(now_us, EventKind::RetreatEnded { outcome })));
     }
 
@@ -405,6 +406,7 @@ impl Controller {
     /// Latches a fault, ends the program and says so.
     fn trip(&mut self, fault: Fault, now_us: u64, notes: &mut Notes) {
         self.interlock.latch(fault);
+        self.climb = Climb::default();
         push(notes, Note::Event(event(now_us, EventKind::Faulted { fault })));
         self.end_program(Outcome::Faulted, now_us, notes);
     }

@@ -1,7 +1,8 @@
 //! What the controller reports of itself: state, status and what decides whether the guide may move.
 
 use super::interlock::Limits;
-use super::motor::{DriveWatch, DutyBudget};
+use super::motor::DriveWatch;
+use super::mutation::Mutation;
 use super::program::Phase;
 use super::{Controller, Inputs, NO_STEP, Note, Notes, push};
 use protocol::{Counters, Safety, Sample, State, Status};
@@ -26,7 +27,10 @@ impl Controller {
             calibration: self.source,
             tared: self.force.is_tared(),
             zero_counts: self.force.zero_counts(),
-            cools_in_s: self.budgets.each_ref().map(DutyBudget::cools_in_s),
+            cools_in_s: self.budgets.each_ref().map(|budget| {
+                let cools_in_s = budget.cools_in_s();
+                if Mutation::CoolingTooShort.is_out() { cools_in_s / 4 } else { cools_in_s }
+            }),
             proven: self.watches.each_ref().map(DriveWatch::is_proven),
         }
     }

@@ -179,6 +179,9 @@ impl Controller {
                 return Err(Refusal::OutOfTravel);
             }
         }
+        if !self.climb.begin(by_um, self.force.load_counts(), self.calibration.force_range_mn()) {
+            return Err(Refusal::OutOfTravel);
+        }
         self.retreat = LoadWatch::new();
         self.executor.retreat(from_um, to_um, now_us);
         Ok(())

@@ -4,7 +4,11 @@
 //! way; the device sees to it that the way leads out: every [`PROGRESS_UM`] must take [`PROGRESS_PERCENT`] of the rated range off the
 //! load, which must never be more than [`RISE_PERCENT`] above its least so far. Where the converter is saturated there is no
 //! force to watch: then only the way towards the straight needle is open.
+//!
+//! Retreats must not add up to a way into the load: what they add in one direction is counted over the fault ([`Climb`]), and a
+//! direction that has added [`RISE_PERCENT`] is refused until the fault is cleared.
 
+use super::mutation::Mutation;
 use crate::calibration::counts_of_mn;
 
 /// Speed of a retreat, micrometres per second.
@@ -67,9 +71,86 @@ impl LoadWatch {
     }
 }
 
+/// Bytes of a kept [`Climb`].
+pub const CLIMB_BYTES: usize = 8;
+
+/// What retreats have added to the load since the fault, force counts, in the directions +x, -x, +y, -y. One along neither axis counts
+/// as along the axis of its larger part.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Climb {
+    added: [u16; 4],
+    /// Direction of the present retreat, and the load at its start.
+    from: Option<(usize, i32)>,
+}
+
+impl Climb {
+    /// Begins a retreat; false where its direction has been used up.
+    pub fn begin(&mut self, by_um: [i32; 2], load: Option<i32>, range_mn: u32) -> bool {
+        let [x_um, y_um] = by_um;
+        let along_y = usize::from(y_um.unsigned_abs() > x_um.unsigned_abs());
+        let negative = usize::from(if along_y == 1 { y_um } else { x_um } < 0);
+        let direction = 2 * along_y + negative;
+        let most = counts_of_mn(range_mn) * RISE_PERCENT as i32 / 100;
+        let used_up = self.added.get(direction).is_none_or(|added| i32::from(*added) >= most);
+        if used_up && !Mutation::RetreatsClimb.is_out() {
+            return false;
+        }
+        self.from = load.map(|load| (direction, load));
+        true
+    }
+
+    /// Ends it. Where there is no reading the load is taken to be what it was.
+    pub fn end(&mut self, load: Option<i32>) {
+        if let Some(((direction, from), load)) = self.from.take().zip(load)
+            && let Some(added) = self.added.get_mut(direction)
+        {
+            let sum = i32::from(*added).saturating_add(load.saturating_sub(from));
+            *added = u16::try_from(sum.max(0)).unwrap_or(u16::MAX);
+        }
+    }
+
+    /// What a restart must not forget.
+    pub fn to_bytes(self) -> [u8; CLIMB_BYTES] {
+        let mut bytes = [0; CLIMB_BYTES];
+        for (kept, added) in bytes.chunks_exact_mut(2).zip(self.added) {
+            kept.copy_from_slice(&added.to_le_bytes());
+        }
+        bytes
+    }
+
+    /// What [`Self::to_bytes`] kept.
+    pub fn from_bytes(bytes: [u8; CLIMB_BYTES]) -> Self {
+        let mut climb = Self::default();
+        for (added, kept) in climb.added.iter_mut().zip(bytes.as_chunks::<2>().0) {
+            *added = u16::from_le_bytes(*kept);
+        }
+        climb
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_direction_that_has_added_a_percent_is_used_up_and_no_other() {
+        // 1 % of 5 N are 1000 counts.
+        let mut climb = Climb::default();
+        for turn in 0..4 {
+            assert!(climb.begin([20, 300], Some(100_000 + 300 * turn), 5_000), "turn {turn}");
+            climb.end(Some(100_300 + 300 * turn));
+        }
+        assert!(!climb.begin([0, 1], Some(101_200), 5_000));
+        let kept = Climb::from_bytes(climb.to_bytes());
+        assert_eq!(kept, climb);
+        for direction in [[0, -1], [1, 0], [-1, 0]] {
+            assert!(climb.begin(direction, Some(101_200), 5_000), "{direction:?}");
+            climb.end(Some(90_000));
+            assert!(climb.begin(direction, None, 5_000), "it fell");
+            climb.end(None);
+        }
+        assert!(!climb.begin([-300, 301], Some(90_000), 5_000), "nothing that another direction does opens it");
+    }
 
     /// Moves by 1 um a step from 5.1 N on; the load changes by so many counts a micrometre (20 counts are 1 N/mm).
     fn way(counts_per_um: f32) -> (Trend, u32) {

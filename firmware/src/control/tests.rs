@@ -10,7 +10,6 @@ use protocol::{
     program_crc,
 };
 
-mod campaign;
 mod faults;
 mod findings;
 mod matrix;

@@ -356,7 +356,7 @@ fn a_lost_calibration_is_a_fault_until_it_is_acknowledged_or_another_is_stored()
     restart(&mut bench, record);
     assert_eq!(bench.periods(1).state, State::Idle);
     // Beside a fault that was latched before: that one is cleared first, and then this one shows.
-    let hot = Carried { fault: Some(Fault::Stall), budgets: [const { DutyBudget::new() }; 2] };
+    let hot = Carried { fault: Some(Fault::Stall), ..Carried::default() };
     let mut bench = lost(Some(hot));
     assert_eq!(bench.controller.interlock.latched(), Some(Fault::Stall));
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));

@@ -1,0 +1,217 @@
+//! What must hold whatever is sent.
+
+use super::{Checked, Violation};
+use crate::calibration::Calibration;
+use protocol::{CalibrationRecord, Fault, Request, START_LIMIT_US, State};
+use std::format;
+
+/// A guide rests within its travel and this, micrometres: what the position loop leaves, and its noise.
+const REST_UM: f32 = 60.0;
+/// The same where a fault released the bridges in motion: the travel's own fault acts 200 um beyond it, and the motor rolls on.
+const RELEASED_REST_UM: f32 = 300.0;
+/// Motion the wrong way before it is noticed, micrometres.
+const WRONG_WAY_UM: f32 = 310.0;
+/// Time without drive after which a guide rests, milliseconds.
+const REST_MS: u64 = 100;
+/// What a motor rolls on between the first reading that exceeds a limit and its rest, micrometres: 2 periods until the fault, one
+/// until the bridge is off, one of sampling, and a lag of 12 periods, at full speed.
+pub const ROLLS_ON_UM: f32 = 320.0;
+/// What retreats in the wrong direction may add in all, newtons: twice 1 % of the rated range of 5 N, and what the motor rolls on.
+const RETREATS_N: f32 = 0.12;
+
+/// What was seen since the last look.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Device time, milliseconds; it need not begin at 0, but must not go back.
+    pub now_ms: u64,
+    /// A bridge drives.
+    pub driven: bool,
+    /// State of the controller.
+    pub state: State,
+    /// Latched fault.
+    pub fault: Option<Fault>,
+    /// True position of both axes, micrometres.
+    pub position_um: [f32; 2],
+    /// Largest force along either axis, as the cell has it from the calibration's zero, newtons.
+    pub force_n: f32,
+    /// The fault was cleared by a command that was accepted.
+    pub cleared: bool,
+    /// Programs that started.
+    pub started: u32,
+}
+
+/// Follows one device and its rig.
+#[derive(Debug)]
+pub struct Judge {
+    /// What the force may exceed the limit by, newtons.
+    overshoot_n: f32,
+    /// True force per measured one, by the calibration.
+    gain: f32,
+    limit_n: f32,
+    /// What the force may be: the limit, or what there was when it was set; it never grows but by a command.
+    allowed_n: f32,
+    travel_um: f32,
+    /// The guide has been within this travel.
+    inside: bool,
+    /// The tables have the wrong sign.
+    turned: bool,
+    latched: Option<Fault>,
+    runs: u32,
+    starts: u32,
+    from_um: [f32; 2],
+    driven_ms: u64,
+    faulted_in_motion: bool,
+    was_driven: bool,
+}
+
+impl Judge {
+    /// For a rig on which a motor's rolling on gives this force, with this calibration stored.
+    pub fn new(overshoot_n: f32, record: &CalibrationRecord) -> Self {
+        Self {
+            overshoot_n,
+            gain: 1.0,
+            limit_n: 0.0,
+            allowed_n: 0.0,
+            travel_um: record.travel_um as f32,
+            inside: false,
+            turned: false,
+            latched: None,
+            runs: 0,
+            starts: 0,
+            from_um: [0.0; 2],
+            driven_ms: 0,
+            faulted_in_motion: false,
+            was_driven: false,
+        }
+    }
+
+    /// The device has started, with this calibration.
+    pub fn started(&mut self, record: &CalibrationRecord, position_um: [f32; 2]) {
+        let [[designed, _], _] = Calibration::nominal_record().force_pn_per_code;
+        let [[stored, _], _] = record.force_pn_per_code;
+        self.gain = (designed as f32 / stored as f32).abs();
+        self.travel_um = record.travel_um as f32;
+        self.inside = false;
+        self.turned = is_turned(record);
+        self.from_um = position_um;
+        // Four fifths of the rated range until it is set. What there was before is no licence for more.
+        self.limit_n = (record.force_range_mn / 5 * 4) as f32 * 1e-3 * self.gain;
+        self.allowed_n = self.allowed_n.max(self.limit_n);
+    }
+
+    /// A fault or the motors' history across a restart: `before` and `after` are fault and used share of the duty.
+    ///
+    /// # Errors
+    /// Where something was forgotten.
+    pub fn kept(
+        &mut self,
+        before: (Option<Fault>, [f32; 2]),
+        after: (Option<Fault>, [f32; 2]),
+        tolerance: f32,
+    ) -> Checked<()> {
+        // The one of a lost calibration ends with the calibration that was stored.
+        let lost = before.0.is_some_and(|fault| fault != Fault::CalibrationLost) && after.0 != before.0;
+        let cooled = after.1.iter().zip(before.1).any(|(now, before)| *now < before - tolerance);
+        self.latched = after.0;
+        if lost || cooled {
+            return Err(Violation(format!("a restart made {after:?} of {before:?}")));
+        }
+        Ok(())
+    }
+
+    /// A force limit was accepted.
+    fn limited(&mut self, force_mn: u32, force_n: f32) {
+        self.limit_n = force_mn as f32 * 1e-3 * self.gain;
+        self.allowed_n = self.limit_n.max(force_n);
+    }
+
+    /// A command is about to be sent.
+    pub fn sends(&mut self, request: &Request, position_um: [f32; 2]) {
+        if matches!(request, Request::Run { .. }) {
+            // Before its answer: it may start at once.
+            self.runs += 1;
+            self.from_um = position_um;
+        }
+    }
+
+    /// It was answered.
+    ///
+    /// # Errors
+    /// Where it must not have been accepted.
+    pub fn answered(
+        &mut self,
+        request: &Request,
+        accepted: bool,
+        now_us: u64,
+        force_n: f32,
+    ) -> Checked<()> {
+        match *request {
+            Request::Run { .. } if !accepted => self.runs -= 1,
+            Request::Run { start_us, .. } if start_us > now_us.saturating_add(START_LIMIT_US) => {
+                return Err(Violation(format!("a start at {start_us} us is accepted at {now_us} us")));
+            }
+            Request::Limits { force_mn, .. } if accepted => self.limited(force_mn, force_n),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Looks at what happened.
+    ///
+    /// # Errors
+    /// What does not hold.
+    pub fn look(&mut self, seen: &Seen) -> Checked<()> {
+        let violated = |text| Err(Violation(text));
+        if self.latched.is_some() && seen.fault != self.latched && !seen.cleared {
+            return violated(format!("{:?} went without its clear: {:?}", self.latched, seen.fault));
+        }
+        self.faulted_in_motion |= seen.fault.is_some() && self.latched.is_none() && self.was_driven;
+        self.latched = seen.fault;
+        self.was_driven = seen.driven;
+        if seen.driven && seen.fault.is_some() && seen.state != State::Retreating {
+            return violated(format!("driven in {:?}", seen.fault));
+        }
+        self.allowed_n = self.allowed_n.min(seen.force_n.max(self.limit_n));
+        if seen.force_n > self.allowed_n + self.overshoot_n + RETREATS_N {
+            return violated(format!("{} N where {} N is the limit", seen.force_n, self.allowed_n));
+        }
+        self.starts += seen.started;
+        if self.starts > self.runs {
+            return violated(format!("{} programs started of {} accepted", self.starts, self.runs));
+        }
+        self.rests(seen)?;
+        if self.turned {
+            let moved = seen.position_um.iter().zip(self.from_um).map(|(um, from)| (um - from).abs());
+            let moved_um = moved.fold(0.0, f32::max);
+            if moved_um > WRONG_WAY_UM {
+                return violated(format!("moved {moved_um} um by tables of the wrong sign"));
+            }
+        }
+        Ok(())
+    }
+
+    fn rests(&mut self, seen: &Seen) -> Checked<()> {
+        if seen.driven {
+            self.driven_ms = seen.now_ms;
+            self.faulted_in_motion = false;
+            return Ok(());
+        }
+        if self.turned || seen.now_ms < self.driven_ms + REST_MS {
+            return Ok(());
+        }
+        let at_um = seen.position_um.iter().map(|um| um.abs()).fold(0.0, f32::max);
+        let margin_um = if self.faulted_in_motion { RELEASED_REST_UM } else { REST_UM };
+        if self.inside && at_um > self.travel_um + margin_um {
+            return Err(Violation(format!("rests at {at_um} um beyond a travel of {} um", self.travel_um)));
+        }
+        self.inside |= at_um <= self.travel_um;
+        Ok(())
+    }
+}
+
+/// The tables of a record fall where those of the rig as designed rise.
+pub fn is_turned(record: &CalibrationRecord) -> bool {
+    let [x, _] = &record.potentiometers;
+    let [first, .., last] = x.rising_um;
+    last < first
+}

@@ -1,0 +1,201 @@
+//! Random sequences of commands that know the protocol, with loads, tares, calibrations, faults, restarts and old frames, against
+//! what must hold whatever the sequence. For tests on the host: no image has it.
+//!
+//! A sequence is one to [`MAX_ACTS`] acts ([`acts`]), each a few commands and causes, and then the way out of whatever is latched.
+//! It depends on its seed alone and is carried out by a [`Target`]: the controller with a small rig in the same process ([`bench`]),
+//! or the firmware in QEMU. What must hold is in [`judge`]:
+//!
+//! * no force beyond the limit, counted from the calibration's zero, by more than the stated overshoot;
+//! * no rest beyond the travel, and no motion that is the wrong way for more than 0.3 mm;
+//! * no latched fault that goes without its clear, nothing driven in a fault but a retreat;
+//! * no program that starts twice, or without having been asked for;
+//! * no restart that forgets a fault or how the motors were driven;
+//! * every command is answered once, and every fault is left again by what the manual says, under the load that caused it.
+
+pub mod acts;
+pub mod bench;
+pub mod judge;
+
+use acts::Sequence;
+use protocol::{CalibrationRecord, Command, Refusal, Request};
+use std::fmt;
+use std::string::String;
+
+/// Most acts of a sequence.
+pub const MAX_ACTS: u32 = 12;
+
+/// What does not hold.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Violation(pub String);
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Violation {}
+
+/// Outcome of something that must hold throughout.
+pub type Checked<T> = Result<T, Violation>;
+
+/// What acts on the rig beside the commands.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Causes {
+    /// The emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// The wire of this potentiometer is open.
+    pub potentiometer_open: Option<usize>,
+    /// What the force converter does.
+    pub converter: Converter,
+}
+
+/// What the force converter does.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Converter {
+    /// It measures.
+    #[default]
+    Sound,
+    /// It gives nothing new.
+    Silent,
+    /// Its first channel is saturated.
+    Saturated,
+    /// It was saturated for one reading and has been silent since.
+    SaturatedOnce,
+}
+
+/// What is known of the device and its rig at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Condition {
+    /// Device time, microseconds.
+    pub now_us: u64,
+    /// Latched fault.
+    pub fault: Option<protocol::Fault>,
+    /// True position of both axes, micrometres.
+    pub position_um: [f32; 2],
+    /// Force along both axes as the converter measures it, from the calibration's zero, newtons.
+    pub force_n: [f32; 2],
+    /// Time until the motors have cooled, seconds.
+    pub cools_in_s: [u16; 2],
+}
+
+/// A device with a rig, which sequences are carried out on. Each of its methods checks what must hold while time passes.
+pub trait Target {
+    /// Sends a command that is new in this connection, and waits for its answer.
+    ///
+    /// # Errors
+    /// What does not hold.
+    fn ask(&mut self, request: Request) -> Checked<Result<(), Refusal>>;
+
+    /// Sends a frame again that was sent before, or one of another connection; its answer does not matter.
+    ///
+    /// # Errors
+    /// What does not hold.
+    fn replay(&mut self, command: Command) -> Checked<()>;
+
+    /// Lets milliseconds pass, with a sign of life of the host now and then.
+    ///
+    /// # Errors
+    /// What does not hold.
+    fn pass(&mut self, ms: u32) -> Checked<()>;
+
+    /// The host is silent for so long.
+    ///
+    /// # Errors
+    /// What does not hold.
+    fn silence(&mut self, ms: u32) -> Checked<()>;
+
+    /// Sets what acts on the rig.
+    ///
+    /// # Errors
+    /// What does not hold.
+    fn set(&mut self, causes: Causes) -> Checked<()>;
+
+    /// The device starts again by itself, as after a panic or when the supply sagged.
+    ///
+    /// # Errors
+    /// What does not hold.
+    fn reset(&mut self) -> Checked<()>;
+
+    /// The present condition.
+    ///
+    /// # Errors
+    /// What does not hold.
+    fn condition(&mut self) -> Checked<Condition>;
+
+    /// The commands that were sent so far, the latest last; a few hundred at most.
+    fn sent(&self) -> &[Command];
+
+    /// The calibration that the device works with.
+    fn record(&self) -> &CalibrationRecord;
+
+    /// Whether minutes may pass: a motor is heated and cools.
+    fn is_patient(&self) -> bool;
+}
+
+/// What was done.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Sequences.
+    pub sequences: u64,
+    /// Acts of them.
+    pub acts: u64,
+    /// Commands, repeated and old ones included.
+    pub commands: u64,
+    /// Faults that were left.
+    pub faults: u64,
+    /// Restarts.
+    pub restarts: u64,
+    /// Device time, milliseconds.
+    pub device_ms: u64,
+}
+
+impl Tally {
+    /// Both together.
+    pub fn add(&mut self, other: Self) {
+        self.sequences += other.sequences;
+        self.acts += other.acts;
+        self.commands += other.commands;
+        self.faults += other.faults;
+        self.restarts += other.restarts;
+        self.device_ms += other.device_ms;
+    }
+}
+
+impl fmt::Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { sequences, acts, commands, faults, restarts, device_ms } = self;
+        write!(
+            f,
+            "{sequences} sequences: {acts} acts, {commands} commands, {faults} faults left, {restarts} restarts, {:.1} h of device time",
+            *device_ms as f64 / 3_600_000.0
+        )
+    }
+}
+
+/// Carries out the sequence of a seed; acts and faults left.
+///
+/// # Errors
+/// What does not hold, with the seed and the number of the act.
+pub fn run<T: Target>(seed: u64, target: &mut T) -> Checked<[u64; 2]> {
+    let mut sequence = Sequence::new(seed, target);
+    let count = sequence.length();
+    for act in 0..count {
+        sequence.act().map_err(|found| Violation(std::format!("sequence {seed}, act {act}: {found}")))?;
+    }
+    sequence.leave().map_err(|found| Violation(std::format!("sequence {seed}, at its end: {found}")))?;
+    Ok([count.into(), sequence.faults_left()])
+}
+
+/// Carries out the sequence of a seed on a controller of its own.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_in_process(seed: u64) -> Checked<Tally> {
+    let mut bench = std::boxed::Box::new(bench::Bench::new(seed));
+    let [acts, faults] = run(seed, &mut *bench)?;
+    Ok(Tally { sequences: 1, acts, faults, ..bench.tally() })
+}
+
+#[cfg(test)]
+mod tests;
