@@ -211,7 +211,11 @@ impl<'a, T: Target> Sequence<'a, T> {
     fn heat(&mut self) -> Checked<()> {
         self.target.set(Causes::default())?;
         let steps: Vec<Step> = (0..60)
-            .map(|step| Step::Ramp { x_um: 0, y_um: if step % 2 == 0 { 900 } else { -900 }, duration_ms: 2_000 })
+            .map(|step| Step::Ramp {
+                x_um: 0,
+                y_um: if step % 2 == 0 { 900 } else { -900 },
+                duration_ms: 2_000,
+            })
             .collect();
         self.run(&steps)?;
         self.target.pass(130_000)
@@ -301,7 +305,9 @@ impl<'a, T: Target> Sequence<'a, T> {
             let cools_in_s = condition.cools_in_s.into_iter().max().unwrap_or(0);
             if cools_in_s > 0 {
                 if waited || cools_in_s > COOLING_LIMIT_S {
-                    return Err(Violation(format!("a motor has not cooled in the time stated, {condition:?}")));
+                    return Err(Violation(format!(
+                        "a motor has not cooled in the time stated, {condition:?}"
+                    )));
                 }
                 waited = true;
                 self.target.pass((u32::from(cools_in_s) + 1) * 1_000)?;

@@ -147,7 +147,8 @@ impl Bench {
         }
         // A sound converter never gives the same code twice.
         let dither = (self.now_us / 1_000 % 7) as i32;
-        let codes = self.rig.force_n().map(|n| ((n / N_PER_CODE) as i32 + dither).clamp(-8_388_607, 8_388_607));
+        let codes =
+            self.rig.force_n().map(|n| ((n / N_PER_CODE) as i32 + dither).clamp(-8_388_607, 8_388_607));
         let force_codes = match self.causes.converter {
             Converter::Sound => Ok(codes),
             Converter::Silent => Err(ForceFault::NotReady),

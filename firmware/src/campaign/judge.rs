@@ -138,13 +138,7 @@ impl Judge {
     ///
     /// # Errors
     /// Where it must not have been accepted.
-    pub fn answered(
-        &mut self,
-        request: &Request,
-        accepted: bool,
-        now_us: u64,
-        force_n: f32,
-    ) -> Checked<()> {
+    pub fn answered(&mut self, request: &Request, accepted: bool, now_us: u64, force_n: f32) -> Checked<()> {
         match *request {
             Request::Run { .. } if !accepted => self.runs -= 1,
             Request::Run { start_us, .. } if start_us > now_us.saturating_add(START_LIMIT_US) => {

@@ -119,8 +119,7 @@ impl Search<'_> {
             {
                 return;
             }
-            let unsettled = candidate.refit.as_mut().filter(|(fitted, _)| is_costly || !fitted.settled);
-            if let Some((fitted, gain)) = unsettled {
+            if let Some((fitted, gain)) = candidate.refit.as_mut() {
                 let again = self.fit(&fitted.layout, fitted.values(), &fitted.sizes, MAX_ROUNDS);
                 // The first rounds may have ended higher only where they ended beyond a range.
                 if let Some(again) = again {
@@ -148,9 +147,9 @@ impl Search<'_> {
             let mut starts = base.values().to_vec();
             let infos = score.effect.parameters().iter().zip(values);
             starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-            // What the rest of the model does is much the same with the effect: good enough to see what a costly one is worth.
-            let known = if is_costly { base.jacobian.as_slice() } else { &[] };
-            Fitted::beside(&layout, self.runs, self.patterns, &starts, &sizes, FIRST_ROUNDS, known).ok()
+            // What the rest of the model does is much the same with the effect: good enough to see what it is worth.
+            Fitted::beside(&layout, self.runs, self.patterns, &starts, &sizes, FIRST_ROUNDS, &base.jacobian)
+                .ok()
         };
         let starts = if is_costly { 1 } else { score.starts.len() };
         let fits = score.starts.iter().take(starts).filter_map(from);
@@ -313,7 +312,7 @@ impl Search<'_> {
     }
 }
 
-/// Whether an effect of a fit has an interval without its neutral value, and neither it nor the modulus is at the end of a range.
+/// Whether an effect of a fit has an interval without its neutral value and without an end of its range, and the modulus is not at one.
 fn is_determined(fitted: &Fitted, index: usize) -> bool {
     let first = fitted.layout.first_of(index);
     let infos = fitted.layout.effects[index].parameters();
@@ -323,7 +322,18 @@ fn is_determined(fitted: &Fitted, index: usize) -> bool {
     });
     let at_bound =
         fitted.at_bound.first() == Some(&true) || (first..first + infos.len()).any(|i| fitted.at_bound[i]);
-    excludes_neutral && !at_bound
+    excludes_neutral
+        && !at_bound
+        && infos.iter().enumerate().all(|(number, info)| {
+            // An interval that reaches the end of a range is a bound, not a value; the neutral value is another matter.
+            let scale = Scale::of(info);
+            let half = NORMAL_975 * fitted.sd(first + number);
+            let value = fitted.values()[first + number];
+            let [least, most] = info.range.map(|end| scale.inside(end));
+            let neutral = scale.inside(info.neutral);
+            let is_inside = |end: f64| end == neutral || !(value - half..=value + half).contains(&end);
+            !info.nodes.is_empty() || (is_inside(least) && is_inside(most))
+        })
 }
 
 /// The effect that was added and is least needed, where it is not needed at all.
