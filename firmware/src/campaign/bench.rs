@@ -147,7 +147,8 @@ impl Bench {
         }
         // A sound converter never gives the same code twice.
         let dither = (self.now_us / 1_000 % 7) as i32;
-        let codes = self.rig.force_n().map(|n| ((n / N_PER_CODE) as i32 + dither).clamp(-8_388_607, 8_388_607));
+        let codes =
+            self.rig.force_n().map(|n| ((n / N_PER_CODE) as i32 + dither).clamp(-8_388_607, 8_388_607));
         let force_codes = match self.causes.converter {
             Converter::Sound => Ok(codes),
             Converter::Silent => Err(ForceFault::NotReady),
@@ -180,10 +181,14 @@ impl Bench {
         let mut started = 0;
         let mut answers = 0;
         let mut cleared = false;
+        let mut ended = None;
         for note in &outputs.notes {
             match note {
                 Note::Event(Event { kind: EventKind::StepStarted { index: 0 }, .. }) => started += 1,
                 Note::Event(Event { kind: EventKind::Faulted { fault }, .. }) => self.fault = Some(*fault),
+                Note::Event(Event { kind: EventKind::ProgramEnded { outcome }, .. }) => {
+                    ended = Some(*outcome)
+                }
                 Note::Connected(token) => (self.connection, self.next_id) = (*token, 0),
                 Note::Safety(safety) => self.safety = Some(*safety),
                 Note::Ack(id) | Note::Refused(id, _) => {
@@ -216,6 +221,7 @@ impl Bench {
             force_n: self.most_n(),
             cleared,
             started,
+            ended,
         })
     }
 

@@ -149,7 +149,10 @@ mod tests {
             assert!(climb.begin(direction, None, 5_000), "it fell");
             climb.end(None);
         }
-        assert!(!climb.begin([-300, 301], Some(90_000), 5_000), "nothing that another direction does opens it");
+        assert!(
+            !climb.begin([-300, 301], Some(90_000), 5_000),
+            "nothing that another direction does opens it"
+        );
     }
 
     /// Moves by 1 um a step from 5.1 N on; the load changes by so many counts a micrometre (20 counts are 1 N/mm).
