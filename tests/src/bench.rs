@@ -12,7 +12,7 @@ use host::rig::config::RigConfig;
 use std::fs;
 use std::path::Path;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 use tempfile::TempDir;
 
 /// A running bench. Dropping it ends everything.
@@ -53,6 +53,7 @@ impl Bench {
             kept.iter_mut().zip(*page).for_each(|(kept, byte)| *kept = *byte);
         }
         fs::write(folder.path().join("flash.bin"), flash)?;
+        fs::write(folder.path().join("unique-id.bin"), unique_id())?;
         // The rig waits for QEMU to open its pipes, but not for long.
         let turn = qemu::turn();
         let cosim = Cosim::start(config, seed, folder.path(), speed)?;
@@ -132,6 +133,16 @@ impl Bench {
             None => Ok(Vec::new()),
         }
     }
+}
+
+/// A number that no other board has: a host must not take a new rig for the one that it knew.
+fn unique_id() -> [u8; 12] {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    let mut bytes = [0; 12];
+    let (time, process) = bytes.split_at_mut(8);
+    time.copy_from_slice(&(since.as_nanos() as u64).to_le_bytes());
+    process.copy_from_slice(&std::process::id().to_le_bytes());
+    bytes
 }
 
 impl Drop for Bench {

@@ -4,6 +4,7 @@
 
 pub mod bench;
 pub mod beside;
+pub mod campaign;
 pub mod cosim;
 pub mod demo;
 pub mod fuzz;

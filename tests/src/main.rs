@@ -4,7 +4,9 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tests::{beside, cosim, demo, fuzz, readme, setup, size, soak, stress, study, suite, timing, tracking};
+use tests::{
+    beside, campaign, cosim, demo, fuzz, readme, setup, size, soak, stress, study, suite, timing, tracking,
+};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -39,6 +41,9 @@ enum Task {
     /// Run the firmware for an hour of its time with random commands, faults, restarts, cuts and flipped bits; what must hold is
     /// checked throughout
     Soak(soak::Args),
+    /// Carry out random sequences of commands, faults and restarts, in this process and through the firmware in QEMU: none may get
+    /// round a limit
+    Campaign(campaign::Args),
     /// Feed every reader of bytes with made-up inputs; says which one makes it fail
     Fuzz(fuzz::Args),
     /// Run the control core on the target, in QEMU: instructions per control period
@@ -83,6 +88,10 @@ fn run(task: Task) -> Result<()> {
         }
         Task::Soak(args) => {
             println!("{}", soak::run(args)?);
+            Ok(())
+        }
+        Task::Campaign(args) => {
+            println!("{}", campaign::run(args)?);
             Ok(())
         }
         Task::Fuzz(args) => fuzz::run(&args),

@@ -181,10 +181,14 @@ impl Bench {
         let mut started = 0;
         let mut answers = 0;
         let mut cleared = false;
+        let mut ended = None;
         for note in &outputs.notes {
             match note {
                 Note::Event(Event { kind: EventKind::StepStarted { index: 0 }, .. }) => started += 1,
                 Note::Event(Event { kind: EventKind::Faulted { fault }, .. }) => self.fault = Some(*fault),
+                Note::Event(Event { kind: EventKind::ProgramEnded { outcome }, .. }) => {
+                    ended = Some(*outcome)
+                }
                 Note::Connected(token) => (self.connection, self.next_id) = (*token, 0),
                 Note::Safety(safety) => self.safety = Some(*safety),
                 Note::Ack(id) | Note::Refused(id, _) => {
@@ -217,6 +221,7 @@ impl Bench {
             force_n: self.most_n(),
             cleared,
             started,
+            ended,
         })
     }
 

@@ -2,15 +2,17 @@
 
 use super::{Checked, Violation};
 use crate::calibration::Calibration;
-use protocol::{CalibrationRecord, Fault, Request, START_LIMIT_US, State};
+use protocol::{CalibrationRecord, Fault, Outcome, Request, START_LIMIT_US, State};
 use std::format;
 
-/// A guide rests within its travel and this, micrometres: what the position loop leaves, and its noise.
+/// After a program a guide rests within its travel and this, micrometres: what the position loop leaves, and its noise.
 const REST_UM: f32 = 60.0;
+/// The same where a program was stopped at any time: what the loop overshoots, and what the motor rolls on.
+const STOPPED_REST_UM: f32 = 150.0;
 /// The same where a fault released the bridges in motion: the travel's own fault acts 200 um beyond it, and the motor rolls on.
 const RELEASED_REST_UM: f32 = 300.0;
-/// Motion the wrong way before it is noticed, micrometres.
-const WRONG_WAY_UM: f32 = 310.0;
+/// Motion the wrong way before it is noticed, micrometres: 0.3 mm with the actuator as designed, more with a smaller dead band.
+const WRONG_WAY_UM: f32 = 320.0;
 /// Time without drive after which a guide rests, milliseconds.
 const REST_MS: u64 = 100;
 /// What a motor rolls on between the first reading that exceeds a limit and its rest, micrometres: 2 periods until the fault, one
@@ -38,6 +40,8 @@ pub struct Seen {
     pub cleared: bool,
     /// Programs that started.
     pub started: u32,
+    /// How a program ended.
+    pub ended: Option<Outcome>,
 }
 
 /// Follows one device and its rig.
@@ -60,8 +64,8 @@ pub struct Judge {
     starts: u32,
     from_um: [f32; 2],
     driven_ms: u64,
-    faulted_in_motion: bool,
-    was_driven: bool,
+    /// How the last program ended.
+    ended: Option<Outcome>,
 }
 
 impl Judge {
@@ -80,8 +84,7 @@ impl Judge {
             starts: 0,
             from_um: [0.0; 2],
             driven_ms: 0,
-            faulted_in_motion: false,
-            was_driven: false,
+            ended: None,
         }
     }
 
@@ -93,7 +96,7 @@ impl Judge {
         self.travel_um = record.travel_um as f32;
         self.inside = false;
         self.turned = is_turned(record);
-        self.from_um = position_um;
+        (self.from_um, self.ended) = (position_um, None);
         // Four fifths of the rated range until it is set. What there was before is no licence for more.
         self.limit_n = (record.force_range_mn / 5 * 4) as f32 * 1e-3 * self.gain;
         self.allowed_n = self.allowed_n.max(self.limit_n);
@@ -127,11 +130,11 @@ impl Judge {
 
     /// A command is about to be sent.
     pub fn sends(&mut self, request: &Request, position_um: [f32; 2]) {
-        if matches!(request, Request::Run { .. }) {
-            // Before its answer: it may start at once.
-            self.runs += 1;
+        if matches!(request, Request::Run { .. } | Request::Retreat { .. }) {
             self.from_um = position_um;
         }
+        // Before its answer: it may start at once.
+        self.runs += u32::from(matches!(request, Request::Run { .. }));
     }
 
     /// It was answered.
@@ -159,9 +162,8 @@ impl Judge {
         if self.latched.is_some() && seen.fault != self.latched && !seen.cleared {
             return violated(format!("{:?} went without its clear: {:?}", self.latched, seen.fault));
         }
-        self.faulted_in_motion |= seen.fault.is_some() && self.latched.is_none() && self.was_driven;
         self.latched = seen.fault;
-        self.was_driven = seen.driven;
+        self.ended = seen.ended.or(self.ended);
         if seen.driven && seen.fault.is_some() && seen.state != State::Retreating {
             return violated(format!("driven in {:?}", seen.fault));
         }
@@ -187,14 +189,18 @@ impl Judge {
     fn rests(&mut self, seen: &Seen) -> Checked<()> {
         if seen.driven {
             self.driven_ms = seen.now_ms;
-            self.faulted_in_motion = false;
             return Ok(());
         }
         if self.turned || seen.now_ms < self.driven_ms + REST_MS {
             return Ok(());
         }
         let at_um = seen.position_um.iter().map(|um| um.abs()).fold(0.0, f32::max);
-        let margin_um = if self.faulted_in_motion { RELEASED_REST_UM } else { REST_UM };
+        let margin_um = match self.ended {
+            Some(Outcome::Completed) => REST_UM,
+            Some(Outcome::Stopped | Outcome::TareRejected) => STOPPED_REST_UM,
+            // A restart in motion is no end that is reported.
+            Some(Outcome::Faulted) | None => RELEASED_REST_UM,
+        };
         if self.inside && at_um > self.travel_um + margin_um {
             return Err(Violation(format!("rests at {at_um} um beyond a travel of {} um", self.travel_um)));
         }
@@ -204,7 +210,7 @@ impl Judge {
 }
 
 /// The tables of a record fall where those of the rig as designed rise.
-pub fn is_turned(record: &CalibrationRecord) -> bool {
+fn is_turned(record: &CalibrationRecord) -> bool {
     let [x, _] = &record.potentiometers;
     let [first, .., last] = x.rising_um;
     last < first

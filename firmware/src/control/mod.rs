@@ -41,6 +41,7 @@ mod program;
 mod report;
 mod requests;
 pub mod retreat;
+mod start;
 pub mod stiffness;
 mod store;
 pub mod tare;
@@ -57,9 +58,10 @@ use motor::{DriveWatch, DutyBudget};
 use mutation::Mutation;
 pub use period::{Drive, Inputs, Note, Notes, Outputs};
 use program::{Executor, Phase};
-use protocol::{CalibrationSource, Description, Event, EventKind, Fault, Outcome, RetreatOutcome, Sample};
+use protocol::{CalibrationSource, Event, EventKind, Fault, Outcome, RetreatOutcome, Sample};
 use report::SAFETY_REPORTS;
 use retreat::{Climb, LoadWatch, Trend};
+pub use start::{DESCRIPTION, Origin, Start};
 use stiffness::StiffnessFit;
 use store::Incoming;
 
@@ -71,21 +73,6 @@ pub const PERIOD_S: f32 = PERIOD_US as f32 * 1e-6;
 pub const REPORT_PERIODS: u32 = 100_000 / PERIOD_US;
 /// Step index outside a program.
 pub const NO_STEP: u8 = u8::MAX;
-
-/// What the device was built for.
-pub const DESCRIPTION: Description = Description {
-    protocol_version: protocol::VERSION,
-    schema_hash: protocol::schema_hash(),
-    max_steps: protocol::MAX_STEPS as u8,
-    speed_limit_um_s: protocol::SPEED_LIMIT_UM_S,
-    duration_limit_ms: protocol::DURATION_LIMIT_MS,
-    tare_limit_ms: protocol::TARE_LIMIT_MS,
-    start_limit_us: protocol::START_LIMIT_US,
-    retreat_limit_um: protocol::RETREAT_LIMIT_UM as u32,
-    silence_limit_ms: protocol::SILENCE_LIMIT_MS,
-    answers_remembered: commands::REMEMBERED as u8,
-    connections: commands::CONNECTIONS as u8,
-};
 
 /// The whole control law.
 #[derive(Debug)]
@@ -120,37 +107,6 @@ pub struct Controller {
 
 /// What of the safety is said at once when it changes.
 type Said = (CalibrationSource, bool, [i32; 2]);
-
-/// What the board knows at the start.
-#[derive(Debug, Clone)]
-pub struct Start {
-    /// Identity of the boot.
-    pub boot_id: u32,
-    /// The program before did not end as it should, which someone has to acknowledge before anything moves.
-    pub restarted: bool,
-    /// Where the calibration comes from.
-    pub origin: Origin,
-    /// What the run before has left.
-    pub carried: Option<Carried>,
-}
-
-impl Start {
-    /// A start with nothing amiss: a stored calibration, and nothing left of a run before.
-    pub const fn ordinary(boot_id: u32) -> Self {
-        Self { boot_id, restarted: false, origin: Origin::Stored, carried: None }
-    }
-}
-
-/// Where a calibration comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Origin {
-    /// It is stored on the device.
-    Stored,
-    /// None was ever stored: it is the one of the rig as designed.
-    Nominal,
-    /// One was stored and cannot be read any more: it is the one of the rig as designed.
-    Lost,
-}
 
 /// A period that begins later than this is a late one, microseconds.
 const LATE_US: u32 = PERIOD_US / 2;

@@ -64,7 +64,7 @@ impl Machine {
             iwdg: Iwdg::new(),
             usart: Usart::new(),
             gpio: Gpio::new(),
-            unique_id: UniqueId,
+            unique_id: UniqueId::new(),
         }
     }
 
@@ -165,6 +165,7 @@ pub fn install() {
         with_machine(|machine| {
             machine.rcc.reset_flags = reset_flags;
             machine.flash.power_on();
+            machine.unique_id.power_on();
         });
     }
     trap::protect();

@@ -185,6 +185,7 @@ fn press(key: KeyEvent, watch: &Watch, settings: &mut Settings) -> bool {
         KeyCode::Char('t') => order(Order::Tare),
         KeyCode::Char('h') => order(Order::Home),
         KeyCode::Char('s' | ' ') => order(Order::Stop),
+        KeyCode::Char('r') => order(Order::Retreat),
         KeyCode::Char('c') => {
             watch.state().dismiss();
             order(Order::Clear);

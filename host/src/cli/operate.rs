@@ -169,15 +169,9 @@ pub fn retreat(args: &RetreatArgs, out: &mut Output) -> anyhow::Result<()> {
     const LIMIT: Duration = Duration::from_secs(60);
     const POLL: Duration = Duration::from_millis(50);
     let mut client = Client::connect(&args.port.port)?;
-    let before = client.status()?;
-    let (x_um, y_um) = match (args.x_mm, args.y_mm) {
-        (None, None) => {
-            let zero = client.safety()?.zero_counts;
-            let [x, y] = [0, 1].map(|axis| i64::from(before.force_counts[axis]) + i64::from(zero[axis]));
-            let against = |force: i64| if force > 0 { -RETREAT_LIMIT_UM } else { RETREAT_LIMIT_UM };
-            if x.abs() > y.abs() { (against(x), 0) } else { (0, against(y)) }
-        }
-        (x_um, y_um) => (x_um.unwrap_or(0), y_um.unwrap_or(0)),
+    let [x_um, y_um] = match (args.x_mm, args.y_mm) {
+        (None, None) => client.away_from_load()?,
+        (x_um, y_um) => [x_um.unwrap_or(0), y_um.unwrap_or(0)],
     };
     client.request(Request::Retreat { x_um, y_um })?;
     let began = Instant::now();

@@ -3,8 +3,8 @@
 use protocol::{
     CalibrationId, CalibrationRecord, CalibrationSource, Command, CommandReceiver, Counters, Envelope, Event,
     EventKind, Fault, Hello, Load, MAX_CALIBRATION, MAX_FRAME_TO_HOST, Message, Outcome, PIECE_BYTES, Packer,
-    PotentiometerTable, Received, Refusal, Request, ResetReason, Safety, Sample, Scales, State, Status, Text,
-    encode_envelope,
+    PotentiometerTable, Received, Refusal, Request, ResetReason, RetreatOutcome, Safety, Sample, Scales,
+    State, Status, Text, encode_envelope,
 };
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
@@ -274,6 +274,9 @@ impl Device {
         self.send(far, answer);
         if accepted && matches!(command.request, Request::StoreCalibration { .. }) {
             (self.boot_id, self.sequence, self.answered) = (self.boot_id + 1, 0, None);
+        }
+        if accepted && matches!(command.request, Request::Retreat { .. }) {
+            self.event(far, EventKind::RetreatEnded { outcome: RetreatOutcome::Unloaded });
         }
         if accepted && matches!(command.request, Request::Run { .. }) {
             self.state = State::Pending;

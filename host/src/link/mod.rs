@@ -8,6 +8,7 @@ pub mod error;
 pub(crate) mod fake;
 pub mod port;
 pub mod program;
+mod retreat;
 pub mod run;
 mod wire;
 pub mod words;

@@ -4,10 +4,12 @@ use super::health::Carried;
 use super::pace::Pace;
 use super::state::{Event, Outcome};
 use super::worker::Order;
-use crate::link::error::explain_fault;
+use crate::link::error::{explain_fault, explain_retreat};
 use crate::link::program::move_to;
 use crate::link::{Client, LinkError, Telemetry};
-use protocol::{EventKind, Fault, Outcome as End, Request, State, Status, Step, Tare};
+use protocol::{
+    EventKind, Fault, Outcome as End, RETREAT_LIMIT_UM, Request, RetreatOutcome, State, Status, Step, Tare,
+};
 use std::time::{Duration, Instant};
 
 /// How long one look for telemetry waits: short, so that orders are obeyed soon.
@@ -33,7 +35,7 @@ pub(super) struct Session<'a> {
     tell: &'a mut dyn FnMut(Event),
     pace: Pace,
     told: Instant,
-    /// A program waits or runs, whoever started it.
+    /// A program waits or runs, or a retreat, whoever started it.
     active: bool,
     fault: Option<Fault>,
     running: Option<Running>,
@@ -87,7 +89,11 @@ impl<'a> Session<'a> {
         let obeyed = match order {
             Order::Tare => self.start("tare".to_owned(), Step::Tare { duration_ms: TARE_MS }, false),
             Order::Home => self.go("home".to_owned(), [0.0; 2], HOME_MM_S, false),
+            Order::Jog(by_m) if self.fault.is_some_and(Fault::allows_retreat) => {
+                self.retreat(micrometres(by_m))
+            }
             Order::Jog(by_m) => self.jog(by_m),
+            Order::Retreat => self.client.away_from_load().and_then(|by_um| self.retreat(by_um)),
             Order::Stop => self.stop(),
             Order::Clear => self.request(Request::ClearFault).map(|()| self.say("cleared", true)),
         };
@@ -144,6 +150,13 @@ impl<'a> Session<'a> {
         self.request(Request::Stop)?;
         self.running = None;
         self.say("stopped", true);
+        Ok(())
+    }
+
+    fn retreat(&mut self, [x_um, y_um]: [i32; 2]) -> Result<(), LinkError> {
+        self.request(Request::Retreat { x_um, y_um })?;
+        let [x_mm, y_mm] = [x_um, y_um].map(|um| f64::from(um) * 1e-3);
+        self.say(&format!("retreat by x {x_mm:+.3} mm, y {y_mm:+.3} mm ..."), true);
         Ok(())
     }
 
@@ -218,8 +231,11 @@ impl<'a> Session<'a> {
                         }
                     }
                     EventKind::ProgramEnded { outcome } => end = Some(outcome),
+                    EventKind::RetreatEnded { outcome } => {
+                        let good = matches!(outcome, RetreatOutcome::Unloaded | RetreatOutcome::Moved);
+                        self.say(&format!("retreat: {}", explain_retreat(outcome)), good);
+                    }
                     EventKind::TareRejected { .. }
-                    | EventKind::RetreatEnded { .. }
                     | EventKind::StepStarted { .. }
                     | EventKind::StepEnded { .. } => {}
                 }
@@ -230,7 +246,7 @@ impl<'a> Session<'a> {
     }
 
     fn state(&mut self, state: State) {
-        self.active = !matches!(state, State::Idle | State::Faulted | State::Retreating);
+        self.active = !matches!(state, State::Idle | State::Faulted);
         if matches!(state, State::Faulted | State::Retreating) {
             // It has not come to where it was sent.
             (self.sent_to_m, self.next_jog_m) = (None, None);
@@ -269,4 +285,9 @@ impl<'a> Session<'a> {
         }
         Ok(())
     }
+}
+
+/// A jog as a retreat, which is bounded.
+fn micrometres(by_m: [f64; 2]) -> [i32; 2] {
+    by_m.map(|metres| ((metres * 1e6).round() as i32).clamp(-RETREAT_LIMIT_UM, RETREAT_LIMIT_UM))
 }

@@ -28,12 +28,13 @@ const TIME_ROWS: u16 = 2;
 const MOST_ALARM_ROWS: usize = 5;
 
 /// What every key does.
-const HELP: [(&str, &str); 9] = [
+const HELP: [(&str, &str); 10] = [
     ("arrow keys", "jog: left and right along x, up and down along y, 1 mm/s"),
     ("[ and ]", "shorter and longer step of a jog, 0.05 to 2 mm"),
     ("h", "home: where the needle is straight"),
     ("t", "tare: the mean force of one second becomes zero"),
     ("s or space", "stop any motion"),
+    ("r", "retreat out of a load that caused a fault; arrow keys: that way"),
     ("c", "clear the fault once its cause is gone; dismiss a restart"),
     ("+ and -", "longer and shorter time in the plots"),
     ("?", "this help, and away with it"),
@@ -176,6 +177,10 @@ impl Screen<'_> {
                 let mut lines =
                     vec![text.cause.to_owned(), format!("{}, then press c to clear", text.remedy)];
                 let restarted = if restart.is_some() { ", and the device has restarted" } else { "" };
+                if fault.allows_retreat() {
+                    lines
+                        .push("press r to retreat from the load, or an arrow key for a direction".to_owned());
+                }
                 lines.extend(restart);
                 let title = format!("FAULT {}{restarted}", fault as u8);
                 alarms.push(Alarm { title, lines, colour: Color::Red });

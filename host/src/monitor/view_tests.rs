@@ -85,6 +85,17 @@ fn a_fault_has_number_cause_remedy_and_key() {
 }
 
 #[test]
+fn a_fault_under_load_shows_the_way_out_and_its_key() {
+    for fault in Fault::ALL {
+        let mut state = running(5);
+        state.take(Event::Telemetry(Telemetry::Status(Box::new(status(5_000_000, Some(fault))))), 5.0);
+        let screen = drawn(&state, Settings::default(), 5.0, 80, 24);
+        has(&screen, &[&format!("FAULT {}", fault as u8), "press c to clear", "force, N"]);
+        assert_eq!(screen.contains("press r to retreat"), fault.allows_retreat(), "{fault:?}\n{screen}");
+    }
+}
+
+#[test]
 fn a_restart_has_its_reason_and_the_last_panic() {
     let mut state = restarted();
     let restart = "started by its watchdog; last panic: src/control.rs:12: overflow";

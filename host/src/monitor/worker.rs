@@ -24,6 +24,8 @@ pub enum Order {
     Stop,
     /// Leave the fault state.
     Clear,
+    /// Move out of the load that has caused the fault, against the larger force.
+    Retreat,
 }
 
 /// The running thread. Dropping it stops a program that runs, and ends the connection.

@@ -137,6 +137,28 @@ fn an_end_that_was_lost_is_found_and_a_fault_is_named() {
 }
 
 #[test]
+fn in_a_fault_under_load_jogs_are_retreats_and_a_key_finds_the_way() {
+    let (device, worker, events) = with_program(&[Act::Batch(32), Act::Fail(Fault::ForceLimit)]);
+    worker.order(Order::Home);
+    outcome(&events);
+    assert!(outcome(&events).0.contains("fault 5"));
+    for (order, expected) in [
+        (Order::Retreat, "retreat by x +0.000 mm, y -1.000 mm ..."),
+        (Order::Jog([2e-3, 0.0]), "retreat by x +1.000 mm, y +0.000 mm ..."),
+    ] {
+        worker.order(order);
+        assert_eq!(outcome(&events), (expected.to_owned(), true));
+        assert_eq!(
+            outcome(&events),
+            ("retreat: out of the load: `guide clear` leaves the fault".to_owned(), true)
+        );
+    }
+    let retreats = |request: &&Request| matches!(request, Request::Retreat { .. });
+    assert_eq!(device.executed().iter().filter(retreats).count(), 2);
+    assert_eq!(moves(&device).len(), 1, "only the way home before the fault");
+}
+
+#[test]
 fn what_cannot_be_done_is_told_and_ends_nothing() {
     let (_device, worker, events) = with_program(&[]);
     worker.order(Order::Jog([2_000.0, 0.0]));

@@ -21,6 +21,8 @@ pub struct Injection {
     pub force_spike_n: Option<[f64; 2]>,
     /// This axis reads the greatest force code.
     pub force_saturated: Option<usize>,
+    /// The same for one reading; then the converter has no new data.
+    pub force_saturated_once: Option<usize>,
     /// This potentiometer's wiper is at its supply.
     pub potentiometer_open: Option<usize>,
     /// This potentiometer's wiper is at ground.
@@ -101,6 +103,7 @@ pub(super) struct Electronics {
     released_since: Option<u64>,
     /// What happens once and has not yet.
     reset_force: bool,
+    saturates_once: bool,
     brown_out: bool,
     panic: bool,
     /// Force codes of the last reply.
@@ -119,6 +122,7 @@ impl Electronics {
             driven_periods: 0,
             released_since: None,
             reset_force: false,
+            saturates_once: false,
             brown_out: false,
             panic: false,
             force_codes: [0; 2],
@@ -181,6 +185,7 @@ impl Electronics {
 
     fn begin(&mut self, period: u64, injection: Injection) {
         self.reset_force = injection.force_reset;
+        self.saturates_once = injection.force_saturated_once.is_some();
         self.brown_out = injection.brown_out;
         self.panic = injection.panic;
         self.injection = injection;
@@ -221,7 +226,10 @@ impl Electronics {
     /// What the firmware senses at the end of the period.
     pub(super) fn sense(&mut self, step: u32, codes: Codes, power_off: bool) -> PlantReply {
         let injection = self.injection;
-        self.force_codes = self.force(codes.bridge);
+        let saturates_once = std::mem::take(&mut self.saturates_once);
+        let saturated =
+            injection.force_saturated.or(injection.force_saturated_once.filter(|_| saturates_once));
+        self.force_codes = self.force(codes.bridge, saturated);
         PlantReply {
             step,
             potentiometer_codes: potentiometers(&injection, codes.potentiometer),
@@ -229,7 +237,8 @@ impl Electronics {
             potentiometer_conversion_us: injection.conversion_us,
             line_bytes: self.line.bytes(injection.line_baud.unwrap_or(LINE_BAUD)),
             emergency_stop: injection.emergency_stop,
-            force_ready: !injection.force_silent,
+            force_ready: !injection.force_silent
+                && (saturates_once || injection.force_saturated_once.is_none()),
             corrupt_force_crc: injection.corrupt_force,
             reset_force_converter: std::mem::take(&mut self.reset_force),
             power_off,
@@ -238,7 +247,7 @@ impl Electronics {
         }
     }
 
-    fn force(&self, codes: [i32; 2]) -> [i32; 2] {
+    fn force(&self, codes: [i32; 2], saturated: Option<usize>) -> [i32; 2] {
         let injection = &self.injection;
         if injection.force_stuck {
             return self.force_codes;
@@ -246,9 +255,10 @@ impl Electronics {
         let added_n = injection.force_spike_n.unwrap_or_default();
         [0, 1].map(|axis| {
             let seen = f64::from(codes[axis]) + added_n[axis] * self.codes_per_n;
-            match injection.force_saturated {
-                Some(saturated) if saturated == axis => FORCE_CODE_MAX,
-                _ => seen.round().clamp(f64::from(-FORCE_CODE_MAX - 1), f64::from(FORCE_CODE_MAX)) as i32,
+            if saturated == Some(axis) {
+                FORCE_CODE_MAX
+            } else {
+                seen.round().clamp(f64::from(-FORCE_CODE_MAX - 1), f64::from(FORCE_CODE_MAX)) as i32
             }
         })
     }
@@ -318,6 +328,12 @@ mod tests {
         let saturated = with(Injection { force_saturated: Some(1), ..Injection::default() }).1;
         assert_eq!(saturated.force_codes, [1_000, FORCE_CODE_MAX]);
         assert!(!with(Injection { force_silent: true, ..Injection::default() }).1.force_ready);
+        let mut once = Electronics::new(1.0);
+        let saturated_once = Injection { force_saturated_once: Some(0), ..Injection::default() };
+        once.inject_when(Trigger::Now, saturated_once);
+        let first = run(&mut once, 0, &[RELEASED]).1;
+        assert_eq!((first.force_codes[0], first.force_ready), (FORCE_CODE_MAX, true));
+        assert!(!run(&mut once, 1, &[RELEASED, RELEASED]).1.force_ready);
         let mut electronics = Electronics::new(1.0);
         electronics.inject_when(Trigger::Now, Injection { force_stuck: true, ..Injection::default() });
         run(&mut electronics, 0, &[RELEASED]);

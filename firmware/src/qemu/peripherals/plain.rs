@@ -35,8 +35,22 @@ impl Registers for Pwr {
     }
 }
 
-/// The chip's unique number, which QEMU does not map at all: the same for every simulated board.
-pub(crate) struct UniqueId;
+/// The chip's unique number, which QEMU does not map at all. Whoever simulates the board chooses it in the file `unique-id.bin`, so
+/// that no two boards have the same boot ids.
+pub(crate) struct UniqueId {
+    bytes: [u8; 12],
+}
+
+impl UniqueId {
+    pub(crate) const fn new() -> Self {
+        Self { bytes: *b"QEMU no file" }
+    }
+
+    /// Takes what the file says; before anything is trapped.
+    pub(crate) fn power_on(&mut self) {
+        crate::qemu::link::load(c"unique-id.bin", &mut self.bytes);
+    }
+}
 
 /// Offset of the number in its page.
 const UNIQUE_ID: u32 = 0x190;
@@ -44,7 +58,10 @@ const UNIQUE_ID: u32 = 0x190;
 impl Registers for UniqueId {
     fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
         match (width, offset.wrapping_sub(UNIQUE_ID)) {
-            (Width::Word, 0x00 | 0x04 | 0x08) => Ok(u32::from_le_bytes(*b"QEMU") + offset),
+            (Width::Word, word @ (0x00 | 0x04 | 0x08)) => {
+                let (words, _) = self.bytes.as_chunks();
+                words.get(word as usize / 4).copied().map(u32::from_le_bytes).ok_or(Unmodelled)
+            }
             _ => Err(Unmodelled),
         }
     }

@@ -18,6 +18,17 @@ fn the_force_converter_falls_silent() {
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_converter_that_was_saturated_once_and_is_silent_then_is_no_load() {
+    let within = u64::from(STALE_LIMIT_PERIODS);
+    in_motion(
+        Injection { force_saturated_once: Some(0), ..NOTHING },
+        Fault::ForceSensor,
+        within..=within + 1,
+    );
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
 fn the_force_converters_frames_are_corrupt() {
     let within = u64::from(STALE_LIMIT_PERIODS);
     in_motion(Injection { corrupt_force: true, ..NOTHING }, Fault::ForceSensor, within..=within);

@@ -1,73 +1,20 @@
-//! Sequences of commands that once led round a limit, or into a fault without a way out.
+//! Sequences of commands that once led round the limits of force and travel, or into a fault without a way out.
 
 use super::*;
-use firmware::calibration::Calibration;
-use firmware::slots::to_stored;
-use protocol::{
-    CalibrationRecord, CalibrationSource, Command, MAX_CALIBRATION, Outcome, PIECE_BYTES, RetreatOutcome,
-    Text, encode_command,
-};
+use host::monitor::{Event, Order, Worker};
+use protocol::{Command, RetreatOutcome, encode_command};
 use std::io::Write;
-
-/// What the device says of itself until something holds of it.
-fn until<T>(client: &mut Client, mut found: impl FnMut(EventKind) -> Option<T>) -> T {
-    let began = Instant::now();
-    loop {
-        assert!(began.elapsed() < LIMIT / 2, "nothing of the kind is said");
-        client.ask_on_the_way().unwrap();
-        if let Some(Telemetry::Event(event)) = client.next(Duration::from_millis(100)).unwrap()
-            && let Some(found) = found(event.kind)
-        {
-            return found;
-        }
-    }
-}
-
-fn ended(client: &mut Client, steps: &[Step]) -> Outcome {
-    start(client, steps);
-    until(client, |kind| match kind {
-        EventKind::ProgramEnded { outcome } => Some(outcome),
-        _ => None,
-    })
-}
-
-fn refusal(outcome: Result<(), LinkError>) -> Refusal {
-    match outcome {
-        Err(LinkError::Refused { refusal, .. }) => refusal,
-        other => panic!("not refused: {other:?}"),
-    }
-}
 
 fn retreat(client: &mut Client, y_um: i32) -> RetreatOutcome {
     client.request(Request::Retreat { x_um: 0, y_um }).unwrap();
+    retreat_ended(client)
+}
+
+fn retreat_ended(client: &mut Client) -> RetreatOutcome {
     until(client, |kind| match kind {
         EventKind::RetreatEnded { outcome } => Some(outcome),
         _ => None,
     })
-}
-
-/// Loads a calibration and asks for it to be stored; the answer.
-fn store(client: &mut Client, record: &CalibrationRecord) -> Result<(), LinkError> {
-    let mut buffer = [0; MAX_CALIBRATION];
-    let encoded = record.encode(&mut buffer);
-    for (piece, part) in (0..).zip(encoded.chunks(PIECE_BYTES)) {
-        let mut bytes = [0; PIECE_BYTES];
-        bytes[..part.len()].copy_from_slice(part);
-        client.request(Request::LoadCalibration { piece, bytes })?;
-    }
-    client.request(Request::StoreCalibration { length: encoded.len() as u8, crc: record.crc() })
-}
-
-/// Waits for the start that follows; the client of that.
-fn restarted(bench: &Bench, client: Client, before: u64) -> Client {
-    drop(client);
-    eventually("the device restarts", || bench.rig().resets() > before);
-    let mut again = None;
-    eventually("it answers again", || {
-        again = Client::connect(&bench.port()).ok();
-        again.is_some()
-    });
-    again.unwrap()
 }
 
 #[test]
@@ -79,11 +26,19 @@ fn a_load_beyond_the_range_is_left_by_a_retreat() {
     let fault = client.status().unwrap().fault.unwrap();
     assert!(fault.allows_retreat(), "{fault:?}");
     assert_eq!(refusal(client.request(Request::ClearFault)), Refusal::CauseRemains);
-    // Further in: it gives up before the force has risen.
+    // Further in: it gives up before the force has risen, and cannot be repeated until it has.
     let before_n = bench.rig().rig(|rig| rig.force_n()[1].abs());
+    let further = Request::Retreat { x_um: 0, y_um: 800 };
     assert_eq!(retreat(&mut client, 800), RetreatOutcome::ForceNotFalling);
+    let mut tries = 1;
+    while client.request(further).is_ok() {
+        tries += 1;
+        assert_eq!(retreat_ended(&mut client), RetreatOutcome::ForceNotFalling);
+    }
+    assert!(tries <= 2, "{tries} retreats into the load");
+    assert_eq!(refusal(client.request(further)), Refusal::OutOfTravel);
     let after_n = bench.rig().rig(|rig| rig.force_n()[1].abs());
-    assert!(after_n < before_n + 0.1, "from {before_n} N to {after_n} N");
+    assert!(after_n < before_n + 0.2, "from {before_n} N to {after_n} N");
     assert_eq!(retreat(&mut client, -1_000), RetreatOutcome::Unloaded);
     assert_eq!(client.status().unwrap().fault, Some(fault), "it stands until it is cleared");
     client.request(Request::ClearFault).unwrap();
@@ -94,73 +49,36 @@ fn a_load_beyond_the_range_is_left_by_a_retreat() {
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors() {
+fn the_monitor_retreats_from_a_load() {
     let (bench, mut client) = bench(RigConfig::default());
-    assert_eq!(
-        ended(&mut client, &[move_y(0, 2_000), move_y(1_500, 1_000), move_y(-1_500, 1_000)]),
-        Outcome::Completed
-    );
-    let used = client.status().unwrap().motor_budget_permille[1];
-    assert!(used > 50, "{used}");
-    bench.rig().inject(Injection { emergency_stop: true, ..NOTHING });
-    await_fault(&mut client, Fault::EmergencyStop);
-    let record = Calibration::nominal_record();
-    let faulted = Refusal::Faulted { fault: Fault::EmergencyStop };
-    assert_eq!(refusal(store(&mut client, &record)), faulted);
-    bench.rig().inject(NOTHING);
-    eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
-    // One that a calibration may be the cause of is kept through the restart.
-    bench.rig().inject(Injection { potentiometer_jump_codes: [0, -150], ..NOTHING });
-    await_fault(&mut client, Fault::Potentiometer);
-    let resets = bench.rig().resets();
-    store(&mut client, &record).unwrap();
-    let mut client = restarted(&bench, client, resets);
-    let status = client.status().unwrap();
-    assert_eq!((status.state, status.fault), (State::Faulted, Some(Fault::Potentiometer)));
-    assert!(status.motor_budget_permille[1] >= used, "{} of {used}", status.motor_budget_permille[1]);
-    client.request(Request::ClearFault).unwrap();
-    drop(client);
-    bench.stop().unwrap();
-}
-
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_calibration_that_no_rig_has_is_refused() {
-    let (bench, mut client) = bench(RigConfig::default());
-    for power in [-3, -1, 1, 3] {
-        let mut record = Calibration::nominal_record();
-        let slip = |pn: i32| (f64::from(pn) * 10_f64.powi(power)) as i32;
-        record.force_pn_per_code = record.force_pn_per_code.map(|row| row.map(slip));
-        assert_eq!(
-            refusal(store(&mut client, &record)),
-            Refusal::CalibrationInvalid,
-            "gains times 1e{power}"
-        );
-    }
-    drop(client);
-    bench.stop().unwrap();
-}
-
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn an_axis_that_moves_the_wrong_way_is_stopped_at_once() {
-    let mut turned = Calibration::nominal_record();
-    for table in &mut turned.potentiometers {
-        (table.rising_um, table.falling_um) = (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
-    }
-    let stored = to_stored(&turned, 3);
-    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, LIMIT, &[&stored]).unwrap();
-    let mut client = Client::connect(&bench.port()).unwrap();
-    let from_m = bench.rig().rig(|rig| rig.position_m());
-    let here_um = client.status().unwrap().position_counts;
-    let to = Step::Move { x_um: here_um[0], y_um: here_um[1] + 2_000, speed_um_s: 4_000 };
-    assert_eq!(ended(&mut client, &[to]), Outcome::Faulted);
-    assert_eq!(client.status().unwrap().fault, Some(Fault::WrongWay));
-    let to_m = bench.rig().rig(|rig| rig.position_m());
-    let moved_mm = [0, 1].map(|axis| (to_m[axis] - from_m[axis]).abs() * 1e3);
-    assert!(moved_mm.iter().all(|mm| *mm < 0.3), "moved by {moved_mm:?} mm");
-    println!("moved by {moved_mm:?} mm");
-    drop(client);
+    client.request(Request::Limits { force_mn: 2_000, silence_ms: SILENCE_MS }).unwrap();
+    assert_eq!(ended(&mut client, &[move_y(6_000, 2_000)]), Outcome::Faulted);
+    assert_eq!(client.status().unwrap().fault, Some(Fault::ForceLimit));
+    let (sender, events) = std::sync::mpsc::channel();
+    let worker = Worker::start(client, move |event| drop(sender.send(event))).unwrap();
+    let said = |wanted: &str| {
+        let began = Instant::now();
+        while began.elapsed() < LIMIT / 2 {
+            if let Ok(Event::Command(outcome)) = events.recv_timeout(Duration::from_millis(100))
+                && outcome.text.contains(wanted)
+            {
+                return outcome;
+            }
+        }
+        panic!("the monitor does not say {wanted:?}");
+    };
+    worker.order(Order::Clear);
+    assert!(!said("cause of the fault").good);
+    // Into the load by an arrow key, and out of it by the key for that.
+    worker.order(Order::Jog([0.0, 1e-3]));
+    assert!(!said("does not fall this way").good);
+    worker.order(Order::Retreat);
+    assert!(said("out of the load").good);
+    worker.order(Order::Clear);
+    assert!(said("cleared").good);
+    worker.order(Order::Home);
+    assert!(said("home: done").good);
+    drop(worker);
     bench.stop().unwrap();
 }
 
@@ -260,69 +178,11 @@ fn a_frame_from_before_does_not_move_the_guide_again() {
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_start_years_ahead_is_refused() {
     let (bench, mut client) = bench(RigConfig::default());
-    let steps = [move_y(0, 1_000)];
-    client.request(Request::LoadStep { index: 0, step: steps[0] }).unwrap();
-    let run = Request::Run { steps: 1, crc: program_crc(&steps), start_us: u64::MAX };
+    let run = load(&mut client, &[move_y(0, 1_000)], u64::MAX);
     assert_eq!(refusal(client.request(run)), Refusal::OutOfRange);
     let description = client.description().unwrap();
     assert_eq!(description.start_limit_us, protocol::START_LIMIT_US);
     assert_eq!(description.schema_hash, protocol::schema_hash());
     drop(client);
     bench.stop().unwrap();
-}
-
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_device_without_a_calibration_does_not_move_unasked() {
-    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, LIMIT, &[]).unwrap();
-    let mut client = Client::connect(&bench.port()).unwrap();
-    assert_eq!(client.safety().unwrap().calibration, CalibrationSource::Nominal);
-    let steps = [move_y(0, 1_000)];
-    client.request(Request::LoadStep { index: 0, step: steps[0] }).unwrap();
-    let run = Request::Run { steps: 1, crc: program_crc(&steps), start_us: 0 };
-    assert_eq!(refusal(client.request(run)), Refusal::CalibrationNotAcknowledged);
-    client.request(Request::AcknowledgeCalibration).unwrap();
-    client.request(run).unwrap();
-    drop(client);
-    bench.stop().unwrap();
-}
-
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_calibration_that_is_lost_is_a_fault() {
-    let mut damaged = to_stored(&Calibration::nominal_record(), 3);
-    damaged[60] ^= 4;
-    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, LIMIT, &[&[], &damaged]).unwrap();
-    let mut client = Client::connect(&bench.port()).unwrap();
-    let status = client.status().unwrap();
-    assert_eq!((status.state, status.fault), (State::Faulted, Some(Fault::CalibrationLost)));
-    assert_eq!(refusal(client.request(Request::ClearFault)), Refusal::CauseRemains);
-    let record = CalibrationRecord { id: Text::new("unit-8"), ..Calibration::nominal_record() };
-    let mut client = client.store_calibration(&record).unwrap();
-    assert_eq!(client.status().unwrap().state, State::Idle);
-    assert_eq!(client.safety().unwrap().calibration, CalibrationSource::Stored);
-    drop(client);
-    bench.stop().unwrap();
-}
-
-/// The driver's own writing is tried elsewhere; here each state that a power failure leaves is what the device starts with.
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one() {
-    let record = |id: &str| CalibrationRecord { id: Text::new(id), ..Calibration::nominal_record() };
-    let (old, new) = (to_stored(&record("old"), 4), to_stored(&record("new"), 5));
-    // Erased, and cut in the first, a middle and the last double word; then whole.
-    for (words, id) in [(0, "old"), (1, "old"), (9, "old"), (new.len() / 8, "new")] {
-        let mut page = vec![0xFF; new.len()];
-        page[..8 * words].copy_from_slice(&new[..8 * words]);
-        if 8 * words + 8 <= page.len() && words > 0 {
-            page[8 * words..8 * words + 4].copy_from_slice(&[0, 0x55, 0xAA, 1]);
-        }
-        let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, LIMIT, &[&page, &old]).unwrap();
-        let mut client = Client::connect(&bench.port()).unwrap();
-        assert_eq!(client.hello().calibration.id.as_str(), id, "{words} double words written");
-        assert_eq!(client.status().unwrap().fault, None);
-        drop(client);
-        bench.stop().unwrap();
-    }
 }

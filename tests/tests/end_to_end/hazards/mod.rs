@@ -2,6 +2,7 @@
 //! silent or mad. Each test asserts how many periods pass until both bridges are off, what is said on the wire, that nothing is
 //! driven afterwards, and what it takes to clear the fault.
 
+mod calibrations;
 mod force;
 mod limits;
 mod link;
@@ -9,9 +10,11 @@ mod motion;
 mod time;
 
 use super::library::eventually;
+use firmware::control::mutation::Mutation;
+use host::link::error::fault_text;
 use host::link::{Client, LinkError, Telemetry};
 use host::rig::config::RigConfig;
-use protocol::{EventKind, Fault, Refusal, Request, State, Step, program_crc};
+use protocol::{EventKind, Fault, Outcome, Refusal, Request, State, Step, program_crc};
 use std::time::{Duration, Instant};
 use tests::bench::Bench;
 use tests::cosim::{Injection, Trigger};
@@ -32,6 +35,7 @@ const NOTHING: Injection = Injection {
     force_stuck: false,
     force_spike_n: None,
     force_saturated: None,
+    force_saturated_once: None,
     potentiometer_open: None,
     potentiometer_short: None,
     potentiometer_jump_codes: [0; 2],
@@ -59,11 +63,47 @@ fn bench(config: RigConfig) -> (Bench, Client) {
     (bench, client)
 }
 
-fn start(client: &mut Client, steps: &[Step]) {
+/// Loads a program; the request that runs it.
+fn load(client: &mut Client, steps: &[Step], start_us: u64) -> Request {
     for (index, step) in (0..).zip(steps) {
         client.request(Request::LoadStep { index, step: *step }).unwrap();
     }
-    client.request(Request::Run { steps: steps.len() as u8, crc: program_crc(steps), start_us: 0 }).unwrap();
+    Request::Run { steps: steps.len() as u8, crc: program_crc(steps), start_us }
+}
+
+fn start(client: &mut Client, steps: &[Step]) {
+    let run = load(client, steps, 0);
+    client.request(run).unwrap();
+}
+
+/// Runs a program to its end.
+fn ended(client: &mut Client, steps: &[Step]) -> Outcome {
+    start(client, steps);
+    until(client, |kind| match kind {
+        EventKind::ProgramEnded { outcome } => Some(outcome),
+        _ => None,
+    })
+}
+
+/// What the device says of itself until something holds of it.
+fn until<T>(client: &mut Client, mut found: impl FnMut(EventKind) -> Option<T>) -> T {
+    let began = Instant::now();
+    loop {
+        assert!(began.elapsed() < LIMIT / 2, "nothing of the kind is said");
+        client.ask_on_the_way().unwrap();
+        if let Some(Telemetry::Event(event)) = client.next(Duration::from_millis(100)).unwrap()
+            && let Some(found) = found(event.kind)
+        {
+            return found;
+        }
+    }
+}
+
+fn refusal(outcome: Result<(), LinkError>) -> Refusal {
+    match outcome {
+        Err(LinkError::Refused { refusal, .. }) => refusal,
+        other => panic!("not refused: {other:?}"),
+    }
 }
 
 fn move_y(y_um: i32, speed_um_s: u32) -> Step {
@@ -126,28 +166,82 @@ fn in_motion(injection: Injection, fault: Fault, within: std::ops::RangeInclusiv
     bench.stop().unwrap();
 }
 
-/// The table of hazards names these tests and no others.
-#[test]
-fn every_row_of_the_table_of_hazards_has_its_tests() {
-    let table = include_str!("../../../../firmware/src/control/interlock.rs");
-    let here = [
+/// Every test of a hazard, and the unit tests of faults that take too long here.
+fn tests_of_hazards() -> String {
+    [
+        include_str!("calibrations.rs"),
         include_str!("force.rs"),
         include_str!("limits.rs"),
         include_str!("link.rs"),
         include_str!("motion.rs"),
         include_str!("time.rs"),
+        include_str!("../../../../firmware/src/control/tests/findings.rs"),
     ]
-    .concat();
+    .concat()
+}
+
+/// The cells of a Markdown table's row.
+fn cells(row: &str) -> Vec<&str> {
+    row.trim_start_matches("//!").trim().trim_matches('|').split('|').map(str::trim).collect()
+}
+
+fn names_tests(cell: &str, row: &str) {
+    let tests = tests_of_hazards();
+    for test in cell.split(", ") {
+        let name = test.trim_matches('`');
+        assert!(tests.contains(&format!("fn {name}()")), "no test {name}: {row}");
+    }
+}
+
+/// The table of hazards names these tests and no others.
+#[test]
+fn every_row_of_the_table_of_hazards_has_its_tests() {
+    let table = include_str!("../../../../firmware/src/control/interlock.rs");
     let rows: Vec<_> =
         table.lines().filter(|line| line.starts_with("//! | ") && line.contains("| `")).collect();
     assert_eq!(rows.len(), Fault::ALL.len());
     for (fault, row) in Fault::ALL.into_iter().zip(rows) {
-        let cells: Vec<_> = row.trim_start_matches("//!").split('|').map(str::trim).collect();
-        assert_eq!(cells[1], (fault as u8).to_string(), "{row}");
-        assert_eq!(cells[2], format!("`{fault:?}`"), "{row}");
-        for test in cells[6].split(", ") {
-            let name = test.trim_matches('`');
-            assert!(here.contains(&format!("fn {name}()")), "{fault:?}: no test {name}");
-        }
+        let cells = cells(row);
+        assert_eq!(cells[..2], [(fault as u8).to_string(), format!("`{fault:?}`")], "{row}");
+        names_tests(cells[5], row);
     }
+}
+
+/// The protocol's chapter has the way out of every fault, with the cause that the program prints and the test that takes it.
+#[test]
+fn every_fault_has_a_way_out_that_a_test_takes() {
+    let chapter = include_str!("../../../../protocol/spec/protocol.md");
+    for fault in Fault::ALL {
+        let begins = format!("| {} | `{fault:?}` | ", fault as u8);
+        let row = chapter.lines().find(|line| line.starts_with(&begins));
+        let row = row.unwrap_or_else(|| panic!("no row of {fault:?}"));
+        let cells = cells(row);
+        assert_eq!(cells.len(), 5, "{row}");
+        assert_eq!(cells[2], fault_text(fault).cause, "{row}");
+        assert!(cells[3].contains("`ClearFault`") || fault == Fault::CalibrationLost, "{row}");
+        names_tests(cells[4], row);
+    }
+}
+
+/// Each safety measure that tests can disable names the tests through QEMU of what it prevents.
+#[test]
+fn every_safety_measure_has_a_test_through_qemu() {
+    let table = include_str!("../../../../firmware/src/control/mutation.rs");
+    for measure in Mutation::ALL {
+        let begins = format!("//! | `{measure:?}` | ");
+        let row = table.lines().find(|line| line.starts_with(&begins));
+        let row = row.unwrap_or_else(|| panic!("no row of {measure:?}"));
+        names_tests(cells(row)[2], row);
+    }
+}
+
+/// Random sequences: see `cargo xtask campaign` for more.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn sequences_of_commands_through_the_firmware_get_round_no_limit() {
+    let args = tests::campaign::Args { sequences: 0, qemu: 10, seed: 1 };
+    let survived = tests::campaign::run(args).unwrap();
+    println!("{survived}");
+    let (tally, _) = survived.in_qemu.unwrap();
+    assert!(tally.sequences == 10 && tally.commands > 300 && tally.faults > 3, "{tally}");
 }

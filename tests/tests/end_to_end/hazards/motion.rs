@@ -56,6 +56,9 @@ fn a_runaway_axis_leaves_its_travel() {
     await_fault(&mut client, Fault::Travel);
     // From 9.7 mm to 0.2 mm beyond the 10 mm at 20 mm/s are 25 periods; the motor gathers speed and the bridge is beyond help.
     assert_released(&bench, 10..=60);
+    // It rests beyond the travel; the way out is a clear and a move back.
+    clears(&bench, &mut client);
+    assert_eq!(ended(&mut client, &[move_y(9_000, 2_000)]), Outcome::Completed);
     drop(client);
     bench.stop().unwrap();
 }
@@ -111,6 +114,9 @@ fn a_motor_that_never_rests_is_locked_out() {
     assert!(!bench.rig().bridges_driven());
     let status = client.status().unwrap();
     assert_eq!(status.motor_budget_permille[1], 1_000);
+    // Of 60 s of driving at a stretch 12 s have to leave the window of 300 s.
+    let cools_in_s = client.safety().unwrap().cools_in_s;
+    assert!(cools_in_s[0] == 0 && (200..=310).contains(&cools_in_s[1]), "{cools_in_s:?} s");
     let refusal = client.request(Request::ClearFault).unwrap_err();
     assert!(matches!(refusal, LinkError::Refused { refusal: Refusal::CauseRemains, .. }), "{refusal}");
     drop(client);
