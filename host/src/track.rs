@@ -8,6 +8,8 @@ pub mod kalman;
 pub mod layers;
 pub mod layers_study;
 pub mod method;
+mod mixture;
+mod places;
 pub mod published;
 pub mod results;
 pub mod sound;

@@ -390,10 +390,10 @@ fn prior<T: RealField + Copy, const M: usize, const N: usize>(
             know(damping, Some(layout.damping_at(segment - 1)), T::zero(), sd(1.0));
         }
         for order in 1..layout.stiffness {
-            know(stiffness + order, None, T::zero(), sd(0.5 / order as f64));
+            know(stiffness + order, None, T::zero(), settings.variation / sd(order as f64));
         }
         for order in 1..layout.damping {
-            know(damping + order, None, T::zero(), sd(0.5 / order as f64));
+            know(damping + order, None, T::zero(), settings.variation / sd(order as f64));
         }
     }
     know(layout.force_offset(), None, T::zero(), settings.force_offset_sd_n);

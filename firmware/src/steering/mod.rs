@@ -104,6 +104,9 @@ pub struct Settings<T, const M: usize> {
     pub tip_sd_m: T,
     /// Standard deviation of a single position of the base; taken from the samples themselves where it is 0.
     pub base_sd_m: T,
+    /// How much a segment varies within: standard deviation of the first order of the logarithm of stiffness, and of the first order of
+    /// damping in its units; order n has an n-th of it.
+    pub variation: T,
     /// Standard deviation of the force sensor's offset.
     pub force_offset_sd_n: T,
     /// Standard deviation of the tip sensor's offset against the base.
@@ -133,6 +136,7 @@ impl<T: RealField + Copy, const M: usize> Settings<T, M> {
             force_sd_n: T::zero(),
             tip_sd_m: T::zero(),
             base_sd_m: T::zero(),
+            variation: convert(0.5),
             force_offset_sd_n: convert(0.01),
             tip_offset_sd_m: convert(0.2e-3),
             start: [convert(1e4), convert(100.0)],
@@ -325,13 +329,15 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         (cell < C).then(|| self.live.stiffness_of(&[(cell, T::one())]))
     }
 
-    /// The same rows with segments of another length, the parameters not yet found: [`Tracker::finish`] finds them.
-    pub fn resegmented(&self, segment_m: T) -> Self {
-        let settings = Settings { segment_m, ..self.settings };
+    /// The same rows with other segments, cells and variation, the parameters not yet found: [`Tracker::finish`] finds
+    /// them.
+    pub fn resegmented(&self, segment_m: T, cell_m: T, variation: T) -> Self {
+        let settings = Settings { segment_m, cell_m, variation, ..self.settings };
         let mut live = Filter::new(&settings);
         live.start_from(&self.live);
         let replay = Replay::new(&live);
-        Self { settings, live, replay, ..self.clone() }
+        let shape = Shape::new(settings.modes, settings.length_m, cell_m);
+        Self { settings, shape, live, replay, ..self.clone() }
     }
 
     /// What the rows say for these segments.

@@ -174,7 +174,7 @@ impl FieldResult {
 pub struct LayersResult {
     /// Probability that there is a boundary; even odds before the run.
     pub probability: f64,
-    /// Its depth; `null` where none is established, or it is not located.
+    /// Its depth; `null` where none is established.
     pub boundary_mm: Option<f64>,
     /// 95 % interval of the depth.
     pub boundary_ci95_mm: Option<[f64; 2]>,

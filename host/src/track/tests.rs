@@ -287,12 +287,14 @@ fn boundaries_are_found_and_stated_segments_are_taken() {
         let session = session(run_in(&tissue, &plan(8.0, 20.0, 0.0), ORDINARY, number));
         let found = super::track(&session, &super::Options::default()).expect("tracked");
         let layers = found.runs[0].layers.clone().expect("layers");
-        assert!(layers.probability > 0.5, "layers that differ by a factor of three: {layers:?}");
-        if let Some(([low, high], at)) = layers.boundary_ci95_mm.zip(layers.boundary_mm) {
-            let is_held = low - 1.0 <= boundary_mm && boundary_mm <= high + 1.0;
-            assert!(is_held || (at - boundary_mm).abs() < 6.0, "{layers:?}");
-            assert!(layers.probability >= 0.5 && high - low <= 32.0, "{layers:?}");
-        }
+        assert!(layers.probability > 0.9, "layers that differ by a factor of three: {layers:?}");
+        let [low, high] = layers.boundary_ci95_mm.expect("an interval");
+        let at = layers.boundary_mm.expect("a boundary");
+        println!("{layers:?}");
+        assert!((low..=high).contains(&boundary_mm) && (low..=high).contains(&at), "{boundary_mm}: {layers:?}");
+        assert!((at - boundary_mm).abs() < 3.0 && high - low < 16.0, "{boundary_mm}: {layers:?}");
+        let ratio = layers.stiffness_ratio.expect("a ratio");
+        assert!((2.4..3.75).contains(&ratio), "{layers:?}");
         let stated = super::Options { segment_m: Some(1e-3 * boundary_mm), ..super::Options::default() };
         let field = |options: &super::Options| {
             let found = super::track(&session, options).expect("tracked");
