@@ -291,7 +291,10 @@ fn boundaries_are_found_and_stated_segments_are_taken() {
         let [low, high] = layers.boundary_ci95_mm.expect("an interval");
         let at = layers.boundary_mm.expect("a boundary");
         println!("{layers:?}");
-        assert!((low..=high).contains(&boundary_mm) && (low..=high).contains(&at), "{boundary_mm}: {layers:?}");
+        assert!(
+            (low..=high).contains(&boundary_mm) && (low..=high).contains(&at),
+            "{boundary_mm}: {layers:?}"
+        );
         assert!((at - boundary_mm).abs() < 3.0 && high - low < 16.0, "{boundary_mm}: {layers:?}");
         let ratio = layers.stiffness_ratio.expect("a ratio");
         assert!((2.4..3.75).contains(&ratio), "{layers:?}");

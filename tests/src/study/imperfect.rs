@@ -1,7 +1,7 @@
 //! `cargo xtask study imperfect`: the diagnosis judged on sessions in which nothing is exactly as in the catalogue.
 //!
-//! One effect, or none, behind small imperfections of many kinds; tissue that is an elastic body instead of springs; insertions. The
-//! generator shares nothing with the forward model. The modulus that is to be found is the mean over the tissue that was touched:
+//! One effect, or none, behind small imperfections of many kinds; tissue that is an elastic body instead of springs; insertions, with two
+//! guides and by hand through one. The generators share nothing with the forward model. The modulus that is to be found is the mean over the tissue that was touched:
 //! over depth by the squared deflection, over runs evenly.
 
 mod cases;
@@ -178,13 +178,18 @@ mod tests {
         assert_eq!(cases, drawn_cases(&options, 12, 3));
         assert_ne!(cases, drawn_cases(&options, 12, 4));
         let count = |kind| cases.iter().filter(|case| case.kind == kind).count();
-        assert_eq!([Kind::Effects, Kind::Background, Kind::Body, Kind::Insertions].map(count), [6, 2, 2, 2]);
+        let kinds = [Kind::Effects, Kind::Background, Kind::Body, Kind::Insertions, Kind::ByHand];
+        assert_eq!(kinds.map(count), [6, 2, 2, 2, 2]);
         for case in &cases {
             let needs_one = case.kind == Kind::Effects;
             assert!(!needs_one || case.hidden().is_some());
             assert_eq!(case.poisson().is_some(), case.kind == Kind::Body);
-            // An ordinary background is there wherever springs are.
-            assert!(case.kind == Kind::Body || case.background.parts.len() >= 4, "{}", case.description());
+            // An ordinary background is there wherever springs are; insertions by hand have their own.
+            assert!(
+                matches!(case.kind, Kind::Body | Kind::ByHand) || case.background.parts.len() >= 4,
+                "{}",
+                case.description()
+            );
         }
         // A larger background is the same one, larger.
         let larger = drawn_cases(&Options { factor: 5.0, ..options }, 12, 3);

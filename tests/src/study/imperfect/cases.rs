@@ -1,5 +1,6 @@
 //! Sessions of the study: what is hidden in each, behind which background, on which tissue.
 
+use crate::study::tipload::draw::{self as tipload, Hidden, Imperfections, World, world};
 use clap::ValueEnum;
 use host::diagnose::blind::body::{Bodies, Body, BodyError};
 use host::diagnose::blind::ids;
@@ -22,6 +23,9 @@ pub enum Kind {
     Body,
     /// Insertions with lateral runs: one effect of the tip or the tissue behind a background, or a background alone
     Insertions,
+    /// Insertions by hand through one guide that is moved, of a needle whose rear is not known: a skin, a soft layer or a load that
+    /// steps, or none of them, behind a background
+    ByHand,
 }
 
 /// Tissue.
@@ -29,7 +33,41 @@ pub enum Kind {
 enum Tissue {
     Springs(Truth),
     Body(Body),
+    /// That of a world of one guide.
+    ByHand(Hand),
 }
+
+/// Insertions by hand: what is hidden, and how large their imperfections are.
+#[derive(Debug, Clone, PartialEq)]
+struct Hand {
+    effects: Vec<(&'static str, Vec<f64>)>,
+    factor: f64,
+}
+
+impl Hand {
+    fn world(&self, seed: u64, number: usize) -> World {
+        let hidden = match self.effects.first().map(|(id, values)| (*id, values.as_slice())) {
+            Some(("tissue.skin", [n_per_mm])) => Hidden::Skin(n_per_mm / MM),
+            Some(("tissue.layers", [ratio, boundary_mm])) => Hidden::Softer(MM * boundary_mm, *ratio),
+            Some(("tip.load_step", [step_n, depth_mm])) => Hidden::LoadStep(MM * depth_mm, *step_n),
+            _ => Hidden::Nothing,
+        };
+        let imperfections = Imperfections::small().times(self.factor);
+        world(seed, number, tipload::Kind { one_guide: true, imperfections, hidden })
+    }
+
+    /// The modulus of the model: that of the upper layer where there are two.
+    fn modulus_pa(&self, world: &World) -> f64 {
+        let mean_pa =
+            world.truth.iter().map(|one| one.modulus_pa).sum::<f64>() / world.truth.len().max(1) as f64;
+        match self.effects.first() {
+            Some(("tissue.layers", values)) => mean_pa / values.first().copied().unwrap_or(1.0),
+            _ => mean_pa,
+        }
+    }
+}
+
+const MM: f64 = 1e-3;
 
 /// One session to be drawn.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,10 +116,27 @@ pub fn draw(kind: Kind, count: usize, seed: u64, factor: f64) -> Vec<Case> {
     (0..count).map(|number| case(kind, number, &mut random, factor)).collect()
 }
 
+/// What insertions by hand hide: nothing in every other one.
+fn by_hand(number: usize, factor: f64, uniform: &mut impl FnMut(f64, f64) -> f64) -> Hand {
+    let (share, place) = (uniform(0.0, 1.0), uniform(0.0, 1.0));
+    let effect = match number % 6 {
+        1 => Some(("tissue.skin", vec![0.5 * 4f64.powf(share)])),
+        3 => Some(("tissue.layers", vec![2.0 + 3.0 * share, 10.0 + 15.0 * place])),
+        5 => Some(("tip.load_step", vec![0.05 + 0.1 * share, 35.0 + 40.0 * place])),
+        _ => None,
+    };
+    Hand { effects: effect.into_iter().collect(), factor }
+}
+
 fn case(kind: Kind, number: usize, random: &mut ChaCha8Rng, factor: f64) -> Case {
     let seed = random.random::<u64>();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
+    if kind == Kind::ByHand {
+        let tissue = Tissue::ByHand(by_hand(number, factor, &mut uniform));
+        let (background, design) = (Background::default(), Design::insertions());
+        return Case { number, kind, seed, background, tissue, design };
+    }
     let depths_mm = [[20.0, 30.0, 40.0], [15.0, 25.0, 40.0], [20.0, 35.0, 50.0]];
     let mut design = match kind {
         Kind::Insertions => Design::insertions(),
@@ -97,7 +152,7 @@ fn case(kind: Kind, number: usize, random: &mut ChaCha8Rng, factor: f64) -> Case
     let lateral = ids().filter(|id| !id.starts_with("tip."));
     let ids: Vec<&'static str> = match kind {
         Kind::Effects => lateral.collect(),
-        Kind::Background => Vec::new(),
+        Kind::Background | Kind::ByHand => Vec::new(),
         // Two homogeneous bodies for each layered or graded one and each one with any effect.
         Kind::Body => match number % 4 {
             2 => vec!["tissue.layers", "tissue.gradient"],
@@ -158,6 +213,7 @@ impl Case {
         match &self.tissue {
             Tissue::Springs(truth) => &truth.effects,
             Tissue::Body(body) => &body.effects,
+            Tissue::ByHand(hand) => &hand.effects,
         }
     }
 
@@ -171,10 +227,12 @@ impl Case {
         let of = match &self.tissue {
             Tissue::Springs(_) => "",
             Tissue::Body(_) => "body, ",
+            Tissue::ByHand(_) => "by hand, ",
         };
         let what = match (self.hidden(), self.background.parts.is_empty()) {
             (Some(id), _) => id,
-            (None, true) => "homogeneous",
+            (None, true) if self.kind == Kind::Body => "homogeneous",
+            (None, true) => "background alone",
             (None, false) => "background alone",
         };
         let scope = if self.kind == Kind::Insertions { "insertions, " } else { "" };
@@ -186,6 +244,7 @@ impl Case {
         let tissue = match &self.tissue {
             Tissue::Springs(truth) => format!("K {:.3} kPa, tip load {:.3} N", truth.k_kpa, truth.tip_load_n),
             Tissue::Body(body) => format!("E {:.3} kPa, Poisson {}", body.youngs_kpa, body.poisson),
+            Tissue::ByHand(hand) => format!("by hand, imperfections times {}", hand.factor),
         };
         let parts: Vec<String> =
             self.background.parts.iter().map(|(kind, size)| format!("{} {size:.4}", kind.name())).collect();
@@ -208,6 +267,11 @@ impl Case {
                 let touched = touched_modulus(&plain, &self.background, design);
                 let session = session_on(truth, &self.background, design, self.seed);
                 Ok(Drawn { session, expected, touched_kpa: truth.k_kpa * touched })
+            }
+            Tissue::ByHand(hand) => {
+                let world = hand.world(self.seed, self.number);
+                let touched_kpa = 1e-3 * hand.modulus_pa(&world);
+                Ok(Drawn { session: world.session, expected: None, touched_kpa })
             }
             Tissue::Body(body) => {
                 let quiet = Design { noise: design.noise.none(), ..design.clone() };
@@ -234,7 +298,7 @@ impl Case {
     /// Poisson's ratio where the tissue is a body: a laboratory states it.
     pub fn poisson(&self) -> Option<f64> {
         match &self.tissue {
-            Tissue::Springs(_) => None,
+            Tissue::Springs(_) | Tissue::ByHand(_) => None,
             Tissue::Body(body) => Some(body.poisson),
         }
     }

@@ -111,6 +111,7 @@ pub fn measures_table(sets: &[(String, Vec<Outcome>)]) -> String {
         (Kind::Background, "A background alone"),
         (Kind::Body, "Elastic bodies"),
         (Kind::Insertions, "Insertions"),
+        (Kind::ByHand, "Insertions by hand through one guide"),
     ] {
         let of_kind: Vec<(&str, Vec<Outcome>)> = sets
             .iter()

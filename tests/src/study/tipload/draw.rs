@@ -1,6 +1,6 @@
 //! Sessions of insertions whose truth is known: plain, with the small imperfections that every rig has, and with one guide.
 
-use super::marching::{Acting, Held, Needle, STEP_M, Tip, node_at};
+use super::marching::{Acting, Held, Needle, PLAIN, STEP_M, Tip, node_at};
 use host::model::{Guides, Needle as Drawn, Rig};
 use host::session::{InsertionRun, Noise, Session};
 use rand::{Rng, SeedableRng};
@@ -24,6 +24,22 @@ pub struct Kind {
     pub one_guide: bool,
     /// Sizes of the imperfections.
     pub imperfections: Imperfections,
+    /// What the catalogue has a name for.
+    pub hidden: Hidden,
+}
+
+/// An effect in a world.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Hidden {
+    /// None.
+    #[default]
+    Nothing,
+    /// A skin of this stiffness, N/m.
+    Skin(f64),
+    /// Tissue that is softer down to a depth, m, by a factor.
+    Softer(f64, f64),
+    /// A tip load that is larger from a depth on, m, by so much, N.
+    LoadStep(f64, f64),
 }
 
 /// Sizes of the imperfections; all 0 in a plain world.
@@ -115,7 +131,7 @@ const NEEDLES_MM: [[f64; 2]; 4] = [[1.47, 1.07], [1.27, 1.0], [0.91, 0.6], [1.27
 /// Session `number` of a seed: each has its own stream. Every third has insertions that are turned half way, every third some in which
 /// guide 2 is moved at rest; with one guide, which is moved in all of them, none is turned.
 pub fn world(seed: u64, number: usize, kind: Kind) -> World {
-    let Kind { one_guide, imperfections } = kind;
+    let Kind { one_guide, imperfections, hidden } = kind;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(number as u64);
     let random = &mut Random(rng);
@@ -167,8 +183,8 @@ pub fn world(seed: u64, number: usize, kind: Kind) -> World {
             (false, 0) => number % 3,
             _ => 0,
         };
-        let recorded =
-            record(random, &own, &shared, bending_n_m2, [depth_m, late_m], kind, imperfections.drift_m);
+        let lengths_m = [depth_m, late_m, imperfections.drift_m];
+        let recorded = record(random, &own, &shared, bending_n_m2, lengths_m, kind, hidden);
         insertion.push(InsertionRun {
             id: format!("i{}", run + 1),
             path: format!("i{}.csv", run + 1).into(),
@@ -218,13 +234,18 @@ fn record(
     own: &Truth,
     shared: &Shared,
     bending_n_m2: f64,
-    [depth_m, late_m]: [f64; 2],
+    [depth_m, late_m, drift_m]: [f64; 3],
     kind: usize,
-    drift_m: f64,
+    hidden: Hidden,
 ) -> InsertionRun {
     let needle = |plane: usize| {
         let held = shared.rear_n_m.map_or(Held::TwoGuides(GUIDE2_M), |rear| Held::OneGuide(rear[plane]));
-        Needle { bending_n_m2, held, gap_m: own.gap_m, modulus_pa: own.modulus_pa }
+        let plain = Needle { bending_n_m2, held, gap_m: own.gap_m, modulus_pa: own.modulus_pa, ..PLAIN };
+        match hidden {
+            Hidden::Nothing | Hidden::LoadStep(..) => plain,
+            Hidden::Skin(skin_n_per_m) => Needle { skin_n_per_m, ..plain },
+            Hidden::Softer(soft_m, times) => Needle { softer: [soft_m, times], ..plain },
+        }
     };
     let turn_at = if kind == 1 { node_at(0.04) } else { usize::MAX };
     let steps_m = if kind == 2 {
@@ -254,9 +275,18 @@ fn record(
         let acting: Vec<Acting> = (0..=nodes)
             .map(|step| {
                 let depth = told_depth(step);
+                let load_n = |leaving: bool| match hidden {
+                    Hidden::LoadStep(at_m, more_n)
+                        if depth > node_at(at_m) || leaving && depth == node_at(at_m) =>
+                    {
+                        own.load_n + more_n
+                    }
+                    _ => own.load_n,
+                };
                 Acting {
-                    load_n: [false, true]
-                        .map(|leaving| own.load_n * part * if turned(depth, leaving) { -1.0 } else { 1.0 }),
+                    load_n: [false, true].map(|leaving| {
+                        load_n(leaving) * part * if turned(depth, leaving) { -1.0 } else { 1.0 }
+                    }),
                     guide2_m: [false, true].map(|leaving| {
                         shared.guide2_m[plane] + if plane == 0 { guide2_told_m(depth, leaving) } else { 0.0 }
                     }),

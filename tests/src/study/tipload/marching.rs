@@ -16,7 +16,7 @@ pub enum Held {
     OneGuide(f64),
 }
 
-/// A needle in its guides that is pushed into uniform tissue. Lengths are multiples of [`STEP_M`].
+/// A needle in its guides that is pushed into tissue. Lengths are multiples of [`STEP_M`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Needle {
     /// Bending stiffness, N m^2.
@@ -27,7 +27,21 @@ pub struct Needle {
     pub gap_m: f64,
     /// Foundation modulus, Pa.
     pub modulus_pa: f64,
+    /// How deep the tissue is softer, m, and how many times; 0 and 1 where it is uniform.
+    pub softer: [f64; 2],
+    /// Stiffness of the skin, at rest where it was cut, N/m.
+    pub skin_n_per_m: f64,
 }
+
+/// In uniform tissue without a skin.
+pub const PLAIN: Needle = Needle {
+    bending_n_m2: 0.0157,
+    held: Held::OneGuide(1.0),
+    gap_m: 0.02,
+    modulus_pa: 0.0,
+    softer: [0.0, 1.0],
+    skin_n_per_m: 0.0,
+};
 
 /// What acts at one node, on arriving there and on leaving: tip load, N, and displacement of guide 2, m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -60,7 +74,10 @@ impl Needle {
             Held::OneGuide(rear_n_m) => (0.0, rear_n_m),
         };
         let (guide, entry) = (node_at(guide2_m), node_at(guide2_m + self.gap_m));
-        let half_n_per_m = 0.5 * self.modulus_pa * STEP_M;
+        let [soft_m, times] = self.softer;
+        // Of the half cell with its middle at this many steps.
+        let half_n_per_m =
+            |steps: f64| 0.5 * STEP_M * self.modulus_pa / if steps * STEP_M < soft_m { times } else { 1.0 };
         let mut path: Vec<Tip> = Vec::with_capacity(acting.len());
         for (step, now) in acting.iter().enumerate() {
             let tip = entry + step;
@@ -72,13 +89,16 @@ impl Needle {
                 for (node, Tip { at_m: [arrived_m, left_m], .. }) in path.iter().enumerate() {
                     // The half cell before the surface is empty.
                     if node > 0 {
-                        beam.spring(entry + node, half_n_per_m, *arrived_m);
+                        beam.spring(entry + node, half_n_per_m(node as f64 - 0.25), *arrived_m);
                     }
-                    beam.spring(entry + node, half_n_per_m, *left_m);
+                    beam.spring(entry + node, half_n_per_m(node as f64 + 0.25), *left_m);
+                }
+                if let Some(Tip { at_m: [_, cut_m], .. }) = path.first() {
+                    beam.spring(entry, self.skin_n_per_m, *cut_m);
                 }
                 // The newest spring is at rest where the tip arrives, and pulls back when it is moved from there.
                 if let (Some(own_m), true) = (own_m, step > 0) {
-                    beam.spring(tip, half_n_per_m, own_m);
+                    beam.spring(tip, half_n_per_m(step as f64 - 0.25), own_m);
                 }
                 beam.force_n[tip] += now.load_n[side];
                 beam.hold(guide, now.guide2_m[side]);
@@ -177,8 +197,13 @@ mod tests {
     /// A cantilever without tissue around it: guide 2 holds the needle, the tip load bends what is beyond and before it.
     #[test]
     fn a_needle_in_air_bends_like_two_spans() {
-        let needle =
-            Needle { bending_n_m2: 0.0157, held: Held::TwoGuides(0.06), gap_m: 0.02, modulus_pa: 0.0 };
+        let needle = Needle {
+            bending_n_m2: 0.0157,
+            held: Held::TwoGuides(0.06),
+            gap_m: 0.02,
+            modulus_pa: 0.0,
+            ..PLAIN
+        };
         let acting = vec![Acting { load_n: [0.2; 2], ..Acting::default() }; 81];
         let path_m = path_m(&needle, &acting);
         for step in [0, 40, 80] {
@@ -192,8 +217,13 @@ mod tests {
     /// A needle that lies on its path without load or guide motion stays where it is; guide motion at rest shows at once.
     #[test]
     fn nothing_moves_without_a_cause() {
-        let needle =
-            Needle { bending_n_m2: 0.0157, held: Held::TwoGuides(0.06), gap_m: 0.02, modulus_pa: 15e3 };
+        let needle = Needle {
+            bending_n_m2: 0.0157,
+            held: Held::TwoGuides(0.06),
+            gap_m: 0.02,
+            modulus_pa: 15e3,
+            ..PLAIN
+        };
         let mut acting = vec![Acting::default(); 101];
         acting[60].guide2_m = [0.0, 1e-3];
         acting[61..].iter_mut().for_each(|now| now.guide2_m = [1e-3; 2]);
@@ -212,6 +242,7 @@ mod tests {
             held: Held::TwoGuides(0.06),
             gap_m: 0.025,
             modulus_pa: 12e3,
+            ..PLAIN
         };
         let side = |step: usize, at: usize, before: f64, after: f64| {
             [if step > at { after } else { before }, if step >= at { after } else { before }]
@@ -244,7 +275,8 @@ mod tests {
         let bending_n_m2 = needle.bending_stiffness_n_m2();
         let guides = Guides::One { rear_rotation_n_m_per_rad: [Some(0.8); 2] };
         let rig = Rig { needle, guide2_m: 0.0, entry_m: 0.028, guides };
-        let needle = Needle { bending_n_m2, held: Held::OneGuide(0.8), gap_m: 0.028, modulus_pa: 12e3 };
+        let needle =
+            Needle { bending_n_m2, held: Held::OneGuide(0.8), gap_m: 0.028, modulus_pa: 12e3, ..PLAIN };
         let acting: Vec<Acting> = (0..=200)
             .map(|step| Acting {
                 load_n: [0.2; 2],
@@ -267,6 +299,44 @@ mod tests {
             let Tip { at_m, slope_rad } = path[2 * depth_mm];
             assert!((at_m[0] - expected_m).abs() < 8e-6, "{at_m:?} is not {expected_m} at {depth_mm} mm");
             assert!((slope_rad[0] - expected_rad).abs() < 3e-4, "{slope_rad:?} is not {expected_rad}");
+        }
+    }
+
+    /// The same through a soft layer under a skin: the two methods share neither elements nor rows.
+    #[test]
+    fn the_forward_model_agrees_about_layers_and_a_skin() {
+        use host::model::effects::effect;
+        use host::model::{Experiment, Insertion, Model, Profile, Rig, TipLaw, predict};
+        let rig = Rig::two_guides(host::model::Needle::gauge_18(), 0.06, 0.08);
+        let needle = Needle {
+            bending_n_m2: rig.needle.bending_stiffness_n_m2(),
+            held: Held::TwoGuides(0.06),
+            modulus_pa: 24e3,
+            softer: [0.015, 3.0],
+            skin_n_per_m: 1500.0,
+            ..PLAIN
+        };
+        let acting: Vec<Acting> = (0..=140)
+            .map(|step| Acting {
+                load_n: [0.2; 2],
+                guide2_m: [if step > 60 { 2e-3 } else { 0.0 }, if step >= 60 { 2e-3 } else { 0.0 }],
+            })
+            .collect();
+        let marched = path_m(&needle, &acting);
+        let mut model = Model::uniform(rig, 8e3).expect("a model");
+        for (id, values) in [("tissue.layers", vec![3.0, 15.0]), ("tissue.skin", vec![1.5])] {
+            model.effects.push((effect(id).expect("an effect"), values));
+        }
+        model.tip = TipLaw::load([0.2, 0.0]);
+        let depth_m: Vec<f64> = (0..=70).map(|mm| 1e-3 * f64::from(mm)).collect();
+        let moved = Profile::new(vec![[0.0, 0.0], [0.03, 0.0], [0.03, 2e-3]]).expect("a profile");
+        let guide2_m = Some([moved, Profile::default()]);
+        let done = Insertion { depth_m, guide2_m, ..Insertion::default() };
+        let found = predict(&model, &Experiment::Insertion(done)).expect("predicts");
+        let most_m = found.tip_m.y.iter().fold(0.0, |most: f64, tip_m| most.max(tip_m.abs()));
+        for (mm, tip_m) in found.tip_m.y.iter().enumerate() {
+            let apart_m = (tip_m - marched[2 * mm][0]).abs();
+            assert!(apart_m < 5e-3 * most_m, "{mm} mm: {tip_m} and {}", marched[2 * mm][0]);
         }
     }
 }

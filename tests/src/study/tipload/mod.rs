@@ -1,7 +1,7 @@
 //! `cargo xtask study tipload`: whether the intervals of tip load, modulus and gap and the bands of the path hold what is true, on
 //! sessions from a generator of its own, plain and with small imperfections.
 
-mod draw;
+pub(crate) mod draw;
 mod halves;
 mod marching;
 
@@ -66,8 +66,8 @@ pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> 
         ("imperfect", two_guides(small)),
         ("twice as imperfect", two_guides(small.times(2.0))),
         ("loads 10 % apart", two_guides(Imperfections { load: 0.1, ..Imperfections::default() })),
-        ("one guide", Kind { one_guide: true, imperfections: Imperfections::default() }),
-        ("one guide, imperfect", Kind { one_guide: true, imperfections: small }),
+        ("one guide", Kind { one_guide: true, ..Kind::default() }),
+        ("one guide, imperfect", Kind { one_guide: true, imperfections: small, ..Kind::default() }),
     ];
     for (name, kind) in worlds {
         for until_mm in UNTIL_MM.into_iter().filter(|until_mm| format!("{name} {until_mm}").contains(only)) {
