@@ -2,6 +2,7 @@
 
 use super::Finding;
 use crate::inference::insertion::TipPath;
+use crate::levels::{HoldCriteria, summary, unused};
 use crate::session::{ForceSeries, IndentationRun, InsertionRun, LateralRun, Session, SteeringRun};
 use std::path::Path;
 
@@ -44,6 +45,7 @@ pub fn of(session: &Session) -> Vec<Finding> {
     found.shared_files(session);
     for run in &session.lateral {
         found.lateral(session, run, &file);
+        found.unused(session, run);
     }
     session.insertion.iter().for_each(|run| found.insertion(run));
     session.steering.iter().for_each(|run| found.steering(run));
@@ -200,6 +202,13 @@ impl Found {
                 format!("deflection_y_mm: {bent_mm:.2} at most, guide 2 moved by {:.2} mm", 1e3 * moved_m);
             (what, "millimetres from the straight needle")
         });
+    }
+
+    /// Holds, sweeps and points that no result uses: one line for each reason, with what to do about it.
+    fn unused(&mut self, session: &Session, run: &LateralRun) {
+        let lines = summary(&unused(run, &session.rig, &HoldCriteria::default()));
+        let finding = |line: &String| Finding::warning(&run.shape_path, line.clone(), None);
+        self.findings.extend(lines.iter().map(finding));
     }
 
     fn force(&mut self, force: &ForceSeries, moved_m: f64, path: &Path) {

@@ -5,16 +5,17 @@ use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
 use anyhow::{Context, bail};
 use host::igtl::Live;
+use host::levels::{HoldCriteria, Unused, summary, unused};
 use host::link::{Batch, Client, Program, Telemetry};
 use host::record::{Recorded, Recorder, Ultrasound, Witness, acquire, provenance};
 use host::recording::{About, RawFile, RawRecorder};
-use host::session::{DEPTH_RANGE_MM, Provenance, SessionWriter, Setup};
+use host::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup};
 use host::sweep::Sweep;
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::{Request, Step};
 use serde::Serialize;
 use std::fmt::{self, Display};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -114,6 +115,8 @@ struct Report<'a> {
     #[serde(flatten)]
     recorded: Recorded,
     raw: Option<&'a RawFile>,
+    /// Holds, sweeps and points that no result will use.
+    unused: Vec<Unused>,
 }
 
 impl Display for Report<'_> {
@@ -133,10 +136,13 @@ impl Display for Report<'_> {
                 link.frames_missing, link.frames_corrupt, link.frames_unreadable
             )?;
         }
-        match self.raw {
-            Some(raw) => writeln!(f, "raw        {}: {} bytes", raw.path.display(), raw.bytes),
-            None => Ok(()),
+        if let Some(raw) = self.raw {
+            writeln!(f, "raw        {}: {} bytes", raw.path.display(), raw.bytes)?;
         }
+        for line in summary(&self.unused) {
+            writeln!(f, "warning    {line}")?;
+        }
+        Ok(())
     }
 }
 
@@ -323,6 +329,13 @@ fn print(
     out: &mut Output,
 ) -> anyhow::Result<()> {
     let session = args.out.to_string_lossy();
-    let report = Report { schema, session: &session, run: id, recorded, raw };
+    let report = Report { schema, session: &session, run: id, recorded, raw, unused: unused_of(&args.out, id) };
     out.result(&report, &report)
+}
+
+/// What of a run no result will use. Where another run makes the session unreadable there is nothing to say here: `guide check` does.
+fn unused_of(dir: &Path, id: &str) -> Vec<Unused> {
+    let Ok(session) = Session::read(dir) else { return Vec::new() };
+    let run = session.lateral.iter().find(|run| run.id == id);
+    run.map_or_else(Vec::new, |run| unused(run, &session.rig, &HoldCriteria::default()))
 }

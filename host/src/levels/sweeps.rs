@@ -72,11 +72,11 @@ fn reason(levels: &[Level], force: &ForceSeries, [first_s, last_s]: [f64; 2]) ->
     let begins_s = force.time_s.first().copied().unwrap_or_default();
     let ends_s = force.time_s.last().copied().unwrap_or_default();
     if levels.is_empty() {
-        "the run has no hold"
+        "the run has no hold: hold guide 2 still for a second or more at each displacement"
     } else if last_s < begins_s || first_s > ends_s {
         "its times lie outside those of the force file: are both clocks the same?"
     } else {
-        "guide 2 moves or is not held long enough then"
+        "guide 2 moves or is not held long enough then: hold for longer than a sweep takes"
     }
 }
 

@@ -55,7 +55,11 @@ pub fn unused(run: &LateralRun, rig: &Rig, criteria: &HoldCriteria) -> Vec<Unuse
             part: "hold",
             time_s: Some(level.time_s),
             count: level.displacement_y_m.samples,
-            reason: format!("hold {} lost {} samples", number + 1, level.lost_samples),
+            reason: format!(
+                "hold {} lost {} samples: the link was too slow or damaged, record it again",
+                number + 1,
+                level.lost_samples
+            ),
         })
         .collect();
     found.extend(strays.into_iter().map(|Stray { time_s, points, is_part, reason }| Unused {

@@ -174,13 +174,13 @@ impl Screen<'_> {
             // One panel for both: mostly the one is what the other latched.
             (Some(fault), restart) => {
                 let text = fault_text(fault);
-                let mut lines =
-                    vec![text.cause.to_owned(), format!("{}, then press c to clear", text.remedy)];
+                let keys = if fault.allows_retreat() {
+                    "press r to retreat from the load (arrows: that way), then press c to clear"
+                } else {
+                    "then press c to clear"
+                };
+                let mut lines = vec![text.cause.to_owned(), text.remedy.to_owned(), keys.to_owned()];
                 let restarted = if restart.is_some() { ", and the device has restarted" } else { "" };
-                if fault.allows_retreat() {
-                    lines
-                        .push("press r to retreat from the load, or an arrow key for a direction".to_owned());
-                }
                 lines.extend(restart);
                 let title = format!("FAULT {}{restarted}", fault as u8);
                 alarms.push(Alarm { title, lines, colour: Color::Red });
