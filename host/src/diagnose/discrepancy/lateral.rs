@@ -4,6 +4,7 @@ use super::{Around, Cause, GroupPatterns, Made, Scope};
 use crate::diagnose::believed::predicted;
 use crate::diagnose::data::{Kind, Source};
 use crate::diagnose::evidence::Group;
+use crate::model::effects::effect;
 use crate::model::{Experiment, Foundation, Layer, ModelError, predict_with};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
@@ -24,6 +25,8 @@ const SMOOTH_OF_RUN: usize = 2;
 /// Steps of the differences: logarithm of the modulus, share of the stiffness, metres.
 const LN_STEP: f64 = 1e-3;
 const ENTRY_STEP_M: f64 = 1e-5;
+const CLEARANCE_STEP_M: f64 = 5e-6;
+const MM: f64 = 1e-3;
 
 /// A group whose size is found.
 fn found(name: &'static str, everyday: f64) -> Group {
@@ -221,6 +224,15 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
     add(known("force gain", 0.01), Scope::Shared, Cause::Physics, &mut |_, around| {
         Ok(vec![force(around, &|force_n| force_n)])
     })?;
+    // No bearing is without any clearance.
+    if let Some(clearance) = effect("rig.backlash") {
+        add(known("clearance of guide 2", 5e-6), Scope::Shared, Cause::Physics, &mut |_, around| {
+            Ok(vec![around.slope(CLEARANCE_STEP_M, |model, _| {
+                model.effects.push((clearance, vec![CLEARANCE_STEP_M / MM]));
+                Ok(())
+            })?])
+        })?;
+    }
     groups.retain(|group| group.of_runs.iter().flatten().flatten().any(|value| *value != 0.0));
     Ok(groups)
 }
