@@ -329,7 +329,8 @@ fn print(
     out: &mut Output,
 ) -> anyhow::Result<()> {
     let session = args.out.to_string_lossy();
-    let report = Report { schema, session: &session, run: id, recorded, raw, unused: unused_of(&args.out, id) };
+    let report =
+        Report { schema, session: &session, run: id, recorded, raw, unused: unused_of(&args.out, id) };
     out.result(&report, &report)
 }
 

@@ -7,7 +7,7 @@ use super::posterior::{Fitted, MAX_ROUNDS};
 use super::score::{Score, Scores, stacked};
 use super::split::Judge;
 use crate::inference::FitError;
-use crate::model::effects::Effect;
+use crate::model::effects::{Effect, ParameterInfo};
 use rayon::prelude::*;
 
 /// Share of parametric draws of a session that lacks nothing in which something may be named; [`MIN_GAIN`] is mostly above the margin
@@ -21,6 +21,9 @@ const MIN_GAIN: f64 = 5.0;
 const SHARE: f64 = 0.5;
 const SHARE_OF_STRONG: f64 = 0.15;
 const STRONG_GAIN: f64 = 10.0;
+/// Least size of an effect, as a share of what may be overlooked and of the likely values.
+const LEAST_OF_OVERLOOKED: f64 = 0.2;
+const LEAST_OF_LIKELY: f64 = 0.015;
 /// Leaders that are refitted, in the search and among rivals of what was found, and how far behind the best they may be by score.
 pub(super) const MAX_LEADERS: usize = 14;
 const BEHIND: f64 = 15.0;
@@ -312,13 +315,23 @@ impl Search<'_> {
     }
 }
 
-/// Whether an effect of a fit has an interval without its neutral value and without an end of its range, and the modulus is not at one.
+/// Size, inside the fits, below which a parameter stands for nothing that anybody would look for: a fifth of what a careful laboratory
+/// would overlook, and no more than a small part of the likely values.
+fn least_size(info: &ParameterInfo) -> f64 {
+    let scale = Scale::of(info);
+    let overlooked = scale.inside(info.neutral + info.prior_sd) - scale.inside(info.neutral);
+    let [low, high] = info.likely.map(|end| scale.inside(end));
+    (LEAST_OF_OVERLOOKED * overlooked).min(LEAST_OF_LIKELY * (high - low))
+}
+
+/// Whether an effect of a fit is large enough to matter, has an interval without its neutral value and without an end of its range, and
+/// the modulus is not at the end of its own.
 fn is_determined(fitted: &Fitted, index: usize) -> bool {
     let first = fitted.layout.first_of(index);
     let infos = fitted.layout.effects[index].parameters();
     let excludes_neutral = infos.iter().enumerate().any(|(number, info)| {
         let away = fitted.values()[first + number] - Scale::of(info).inside(info.neutral);
-        info.nodes.is_empty() && away.abs() > NORMAL_975 * fitted.sd(first + number)
+        info.nodes.is_empty() && away.abs() > (NORMAL_975 * fitted.sd(first + number)).max(least_size(info))
     });
     let at_bound =
         fitted.at_bound.first() == Some(&true) || (first..first + infos.len()).any(|i| fitted.at_bound[i]);
