@@ -76,7 +76,6 @@ impl Fitted {
     ///
     /// # Errors
     /// [`FitError`] where there is no fit.
-    #[expect(clippy::too_many_arguments, reason = "those of a fit, and what is known of it")]
     pub fn beside(
         layout: &Layout,
         runs: &[Prepared],

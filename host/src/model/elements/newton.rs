@@ -208,12 +208,11 @@ impl<S: Springs> Problem<'_, S> {
             let stretch_m = deflection_m - rest_m - share * tip_m;
             let Reaction { force_n_per_m, tangent_pa } = self.springs.reaction(place, stretch_m);
             let stiffness = measure_m * tangent_pa;
-            for i in 0..4 {
-                let row = stiffness * shape[i];
-                for j in 0..=i {
-                    tangent.add(at + i, at + j, row * shape[j]);
+            for (i, own) in shape.iter().enumerate() {
+                for (j, other) in shape.iter().enumerate().take(i + 1) {
+                    tangent.add(at + i, at + j, stiffness * own * other);
                 }
-                rest[at + i] -= measure_m * force_n_per_m * shape[i];
+                rest[at + i] -= measure_m * force_n_per_m * own;
             }
             if *share > 0.0 {
                 let column = by_tip.get_or_insert_with(|| vec![0.0; size]);
