@@ -33,6 +33,9 @@ const VARIED_POISSON: [f64; 2] = [0.25, 0.5];
 const MOST_CONTRAST: f64 = 12.0;
 /// Below so many depths of the tip nothing counts any more that grows with depth.
 const GROWTH_ENDS: f64 = 10.0;
+/// Below the tip a modulus that decreases with depth goes no further down than to this share of its value without the gradient: a
+/// straight line reaches zero somewhere below every needle, tissue does not.
+const MIN_GROWTH: f64 = 0.1;
 
 /// Stiffness of the body against the Legendre coefficients of the deflection of a needle that it holds over `depth_m`, N/m.
 ///
@@ -102,6 +105,9 @@ fn varied(foundation: &Foundation, from_m: f64, depth_m: f64) -> Option<[f64; ta
         let parts = foundation.parts_between(top_m, end_m);
         *mean =
             parts.map(|(thickness_m, modulus_pa)| thickness_m * modulus_pa).sum::<f64>() / (end_m - top_m);
+        if gradient_per_m < 0.0 && top_m >= from_m + depth_m {
+            *mean = mean.max(MIN_GROWTH * foundation.layer_pa(0.5 * (top_m + end_m)));
+        }
         top_m = end_m;
     }
     // Far below, strains fall off with the square of the distance, and energies with its fourth power over a growing area.
@@ -117,7 +123,8 @@ fn varied(foundation: &Foundation, from_m: f64, depth_m: f64) -> Option<[f64; ta
         // int s ds/s^2 over the part in which the modulus still grows, and what it has grown to below.
         let (near_m, end_m) = (start_m.min(growth_ends_m), face_m.min(growth_ends_m));
         let grown_m = begin_m * ((end_m / near_m).ln() + growth_ends_m * (1.0 / end_m - 1.0 / face_m));
-        far += modulus_pa * (weight + gradient_per_m * (from_m * weight + grown_m)).max(0.0);
+        let grown = weight + gradient_per_m * (from_m * weight + grown_m);
+        far += modulus_pa * grown.max(MIN_GROWTH * weight);
         start_m = face_m;
     }
     if let Some(last) = means.last_mut() {

@@ -57,6 +57,23 @@ fn layers_agree_with_the_direct_solution() {
     }
 }
 
+/// Moduli that change in proportion to depth; one that would be nothing below the tip is a tenth there.
+#[test]
+fn gradients_agree_with_the_direct_solution() {
+    let depth = 20.0;
+    for at_tip in [1.8, 0.4] {
+        let slope = (at_tip - 1.0) / depth;
+        let modulus = |z: f64| (1.0 + slope * z.min(10.0 * depth)).max(0.1);
+        let expected = direct(depth, 0.5, modulus, &[], 1.0).expect("solves");
+        let foundation = Foundation::uniform(1.0).expect("a modulus").graded(slope / 0.635e-3);
+        let found = tabulated(&foundation.expect("a gradient"), 0.5, depth * 0.635e-3);
+        for i in 0..2 {
+            let off = found[i][i] / expected[(i, i)] - 1.0;
+            assert!((-0.01..0.03).contains(&off), "{at_tip} {i}: {off}");
+        }
+    }
+}
+
 /// Depth and lateral stiffness in N/m of the needle of the examples at E 20 kPa, Poisson's ratio one half: a dense Python prototype of
 /// the finite elements and the beam, without table and interpolation.
 const STIFFNESS: [(f64, f64); 1] = [(0.02, 930.9846)];
