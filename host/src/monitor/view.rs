@@ -34,7 +34,7 @@ const HELP: [(&str, &str); 10] = [
     ("h", "home: where the needle is straight"),
     ("t", "tare: the mean force of one second becomes zero"),
     ("s or space", "stop any motion"),
-    ("r", "retreat out of a load that caused a fault; arrow keys: that way"),
+    ("r", "retreat out of the load of a fault; arrow keys: that way"),
     ("c", "clear the fault once its cause is gone; dismiss a restart"),
     ("+ and -", "longer and shorter time in the plots"),
     ("?", "this help, and away with it"),
