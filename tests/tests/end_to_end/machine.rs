@@ -88,8 +88,8 @@ fn the_line_carries_no_more_than_its_rate() {
     let from = carried();
     let periods = pass(&bench, 200);
     let bytes = carried() - from;
-    // Up to 20 ms of the rig pass between looking at the two counters.
-    assert!((3 * periods - 60..=3 * periods + 60).contains(&bytes), "{bytes} bytes in {periods} periods");
+    // On a busy machine some 30 ms of the rig pass between looking at the two counters; without a limit it would be thousands of bytes.
+    assert!((3 * periods - 120..=3 * periods + 120).contains(&bytes), "{bytes} bytes in {periods} periods");
     line(None);
     client.request(Request::Stream { enable: false }).unwrap();
     assert_eq!(client.losses(), Default::default(), "late is not lost");
