@@ -2,7 +2,7 @@
 //! what must hold whatever the sequence. For tests on the host: no image has it.
 //!
 //! A sequence is one to [`MAX_ACTS`] acts ([`acts`]), each a few commands and causes, and then the way out of whatever is latched.
-//! It depends on its seed alone and is carried out by a [`Target`]: the controller with a small rig in the same process ([`bench`]),
+//! It depends on its seed alone and is carried out by a [`Target`]: the controller with a small rig in the same process ([`mod@bench`]),
 //! or the firmware in QEMU. What must hold is in [`judge`]:
 //!
 //! * no force beyond the limit, counted from the calibration's zero, by more than the stated overshoot;

@@ -71,7 +71,7 @@ pub struct Outputs {
     pub led: bool,
     /// State of this period.
     pub state: State,
-    /// Program step of this period; [`NO_STEP`] outside a program.
+    /// Program step of this period; [`NO_STEP`](super::NO_STEP) outside a program.
     pub step: u8,
     /// The sample of this period.
     pub sample: Sample,

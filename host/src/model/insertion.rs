@@ -45,7 +45,7 @@ impl Insertion {
         }
     }
 
-    /// Gives insertions the nodes of all of them, so that one solution ([`Growth`](super::Growth)) serves them all.
+    /// Gives insertions the nodes of all of them, so that one solution ([`Growth`](super::growth::Growth)) serves them all.
     pub fn share_nodes<'a>(insertions: impl Iterator<Item = &'a mut Self>) {
         let all: Vec<&mut Self> = insertions.collect();
         let ends = all.iter().flat_map(|one| one.depth_m.iter().copied().reduce(f64::max));

@@ -3,7 +3,7 @@
 //! The estimator has two segments of depth, and its tissue may jump where they meet. While a run goes on three of them go through it,
 //! each with its own place of the jump, and every value is their mixture: their weights are those of their deviations, and the
 //! interval of a value has what they differ by in it. When the run has ended its rows are fitted anew with a jump at every depth, and with
-//! none ([`places`](super::places)), and the mixture of all of them is what is reported: tissue against depth, means, and the boundary with its interval.
+//! none ([`places`]), and the mixture of all of them is what is reported: tissue against depth, means, and the boundary with its interval.
 
 use super::mixture::{mixed, weights};
 use super::places;
