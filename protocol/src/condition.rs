@@ -87,7 +87,7 @@ pub struct Status {
     pub force_limit_mn: u32,
     /// Longest time without an intact command while a program is pending or running, milliseconds.
     pub silence_limit_ms: u32,
-    /// Lateral stiffness along x and y since the last tare; none before guide 2 has moved far enough to tell.
+    /// Lateral stiffness along x and y since the last tare; none before guide 2 has moved far enough to determine it.
     pub stiffness: [Option<Stiffness>; 2],
 }
 

@@ -223,7 +223,7 @@ impl State {
         Some((displacement_m, si(status.force_counts, hello.scales.force_nn_per_count)))
     }
 
-    /// Stiffness along x and y as the device has estimated it; none before guide 2 has moved far enough to tell.
+    /// Stiffness along x and y as the device has estimated it; none before guide 2 has moved far enough to determine it.
     pub fn stiffness(&self) -> [Option<Stiffness>; 2] {
         let told = self.status.as_ref().map_or([None; 2], |status| status.stiffness);
         told.map(|told| {
