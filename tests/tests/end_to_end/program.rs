@@ -96,18 +96,16 @@ fn a_hidden_effect_is_found_from_what_the_firmware_records() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_move_by_hand_arrives() {
-    let bench = Bench::start(RigConfig::default(), 21, 4.0, Duration::from_secs(60)).unwrap();
     let guide = build_guide().unwrap();
-    let shell = Shell::new(guide.clone(), bench.folder()).with_port(bench.port());
-    // Noise of a second looks like a drift once in some twenty tares; not time after time.
-    let mut checked = readme::check_console("live", &shell);
-    for _ in 0..3 {
-        if checked.is_err() {
-            checked = readme::check_console("live", &shell);
-        }
-    }
-    checked.unwrap();
-    let output = Command::new(guide)
+    // Noise of a second looks like a drift once in some twenty tares; not time after time. Each attempt has a device that was
+    // started for it: what the commands print depends on what they did to it before.
+    let attempt = |seed| {
+        let bench = Bench::start(RigConfig::default(), seed, 4.0, Duration::from_secs(60)).unwrap();
+        let shell = Shell::new(guide.clone(), bench.folder()).with_port(bench.port());
+        readme::check_console("live", &shell).map(|()| bench)
+    };
+    let bench = (21..24).find_map(|seed| attempt(seed).ok()).unwrap_or_else(|| attempt(24).unwrap());
+    let output = Command::new(&guide)
         .args(["move", "--port", &bench.port(), "--x-mm", "-0.5", "--y-mm", "0.7", "--json"])
         .output()
         .unwrap();
