@@ -9,16 +9,16 @@
 //!
 //! Commands go to the control task through [`COMMANDS`], everything it has to say goes to the send task through [`OUTBOX`], in
 //! order. The control task never waits for either: when the link is slow, whole batches of samples are dropped and counted
-//! ([`crate::control::telemetry`]). It feeds the watchdog in every period, and only while every background task has shown
+//! ([`control::telemetry`]). It feeds the watchdog in every period, and only while every background task has shown
 //! within [`CHECK_IN_LIMIT_PERIODS`] that it runs, so that no task can hang unnoticed.
 
 mod link;
 
 use crate::board::{self, Board, BoardActuators, BoardPanel, BoardSensors};
-use crate::calibration::Calibration;
-use crate::control::telemetry::{Item, Outbox, Telemetry};
-use crate::control::{Controller, Drive, Inputs, Note, PERIOD_US, REPORT_PERIODS, Start};
-use crate::hal::{Actuators, Panel, Sensors};
+use control::calibration::Calibration;
+use control::hal::{Actuators, Panel, Sensors};
+use control::telemetry::{Item, Outbox, Telemetry};
+use control::{Controller, Drive, Inputs, Note, PERIOD_US, REPORT_PERIODS, Start};
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 use defmt::{Debug2Format, error, info, warn};

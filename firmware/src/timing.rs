@@ -6,12 +6,12 @@
 #![no_std]
 #![no_main]
 
+use control::ads131m02::ForceFault;
+use control::calibration::Calibration;
+use control::hal::Readings;
+use control::telemetry::{Item, Outbox, Telemetry};
+use control::{Controller, Drive, Inputs, Note, Outputs, PERIOD_S, PERIOD_US, Start};
 use cortex_m::Peripherals;
-use firmware::ads131m02::ForceFault;
-use firmware::calibration::Calibration;
-use firmware::control::telemetry::{Item, Outbox, Telemetry};
-use firmware::control::{Controller, Drive, Inputs, Note, Outputs, PERIOD_S, PERIOD_US, Start};
-use firmware::hal::Readings;
 use firmware::qemu::{ExitCode, Stopwatch, exit};
 use heapless::Deque;
 use protocol::{

@@ -6,9 +6,9 @@
 #![no_main]
 
 use cortex_m::Peripherals;
+use estimator::needle::Mode;
+use estimator::{Sample, Settings, Tracker};
 use firmware::qemu::{ExitCode, Recording, Stopwatch, exit};
-use firmware::steering::needle::Mode;
-use firmware::steering::{Sample, Settings, Tracker};
 use static_cell::StaticCell;
 
 /// Modes, cells of 2 mm (90 mm of tissue), parameters, rows.

@@ -1,9 +1,9 @@
 //! Time of a diagnosis: the whole catalogue on a session of nine runs, on one core. Each session is one of the blind study.
 
 use criterion::Criterion;
-use host::diagnose::study::{Hidden, make};
-use host::diagnose::{Options, diagnose};
+use inference::diagnose::{Options, diagnose};
 use std::hint::black_box;
+use studies::diagnose::{Hidden, make};
 
 fn nine_runs(criterion: &mut Criterion) {
     let cases = [

@@ -7,17 +7,17 @@
 mod clock;
 #[path = "beside/src/estimators.rs"]
 mod estimators;
+#[path = "beside/src/forward.rs"]
+mod forward;
 #[path = "beside/src/link.rs"]
 mod link;
-#[path = "beside/src/mechanics.rs"]
-mod mechanics;
 #[path = "beside/src/session.rs"]
 mod session;
 
 use anyhow::Result;
 use clock::Clock;
-use host::inference::energy::{Balance, energy_modulus};
-use host::model::{Model, Needle, Rig, Support};
+use inference::energy::{Balance, energy_modulus};
+use mechanics::{Model, Needle, Rig, Support};
 use protocol::Sample;
 use std::hint::black_box;
 use std::path::Path;

@@ -7,15 +7,15 @@
 mod clock;
 #[path = "beside/src/estimators.rs"]
 mod estimators;
-#[path = "beside/src/mechanics.rs"]
-mod mechanics;
+#[path = "beside/src/forward.rs"]
+mod forward;
 
 use criterion::Criterion;
-use host::inference::insertion::{Belief, Candidates, Learned, Live, ReadingNoise, TipPath, Tissue, learn};
-use host::model::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip};
-use host::model::insertion::grid_m;
-use host::predict::{Options, predict};
-use host::session::{InsertionRun, Noise, Session};
+use formats::session::{InsertionRun, Noise, Session};
+use inference::insertion::{Belief, Candidates, Learned, Live, ReadingNoise, TipPath, Tissue, learn};
+use inference::predict::{Options, predict};
+use mechanics::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip};
+use mechanics::insertion::grid_m;
 use mechanics::insertion_model as model;
 use std::hint::black_box;
 

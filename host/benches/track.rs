@@ -7,15 +7,15 @@
 mod clock;
 #[path = "beside/src/estimators.rs"]
 mod estimators;
-#[path = "beside/src/mechanics.rs"]
-mod mechanics;
+#[path = "beside/src/forward.rs"]
+mod forward;
 
 use criterion::Criterion;
 use estimators::SENSORS;
-use host::track::kalman::{Kalman, Kind, Told};
-use host::track::method::Method;
-use host::track::published::{Printed, Published};
-use host::track::sound::{Sound, settings};
+use inference::track::kalman::{Kalman, Kind, Told};
+use inference::track::method::Method;
+use inference::track::published::{Printed, Published};
+use inference::track::sound::{Sound, settings};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 

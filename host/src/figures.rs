@@ -10,8 +10,8 @@ pub use insertion::insertion;
 pub use lateral::{force, leftover};
 pub use steering::{field, steering};
 
-use crate::identify::{Pooled, RunResult, ShapeResult};
-use crate::plan::{Choice, Plan};
+use inference::identify::{Pooled, RunResult, ShapeResult};
+use inference::plan::{Choice, Plan};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::ops::Range;
@@ -253,14 +253,5 @@ fn range(values: impl Iterator<Item = f64>) -> Range<f64> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ranges_are_never_empty() {
-        assert_eq!(range([].into_iter()), 0.0..1.0);
-        assert_eq!(range([f64::NAN].into_iter()), 0.0..1.0);
-        let single = range([2.0].into_iter());
-        assert!(single.start < 2.0 && 2.0 < single.end);
-    }
-}
+#[path = "figures/tests.rs"]
+mod tests;

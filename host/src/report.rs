@@ -21,14 +21,14 @@ mod steering;
 pub use origin::{Day, Origin};
 pub use page::{Outcome, Report};
 
-use crate::continuum::Contact;
-use crate::diagnose::{self, Diagnosis, diagnose};
-use crate::identify::{self, Identification, YoungsBy, identify};
-use crate::model_file::ModelFile;
-use crate::predict::{self, Prediction, predict};
-use crate::session::Session;
-use crate::track::results::Tracking;
-use crate::track::{self, track};
+use formats::model_file::ModelFile;
+use formats::session::Session;
+use inference::diagnose::{self, Diagnosis, diagnose};
+use inference::identify::{self, Identification, YoungsBy, identify};
+use inference::predict::{self, Prediction, predict};
+use inference::track::results::Tracking;
+use inference::track::{self, track};
+use mechanics::continuum::Contact;
 use std::fmt::Display;
 
 /// Warnings on the first screen.

@@ -1,10 +1,10 @@
 //! The program `guide` on sessions on disk, as a user or a script calls it.
 
-use host::model::{Beam, Foundation, Model, Needle, Rig};
-use host::rig::SimulatedRig;
-use host::rig::config::RigConfig;
-use host::session::{ForceRow, Noise, Session, SessionWriter, Setup, ShapeRow};
+use formats::session::{ForceRow, Noise, Session, SessionWriter, Setup, ShapeRow};
+use mechanics::{Beam, Foundation, Model, Needle, Rig};
 use serde_json::Value;
+use simulation::rig::SimulatedRig;
+use simulation::rig::config::RigConfig;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};

@@ -4,9 +4,9 @@
 
 use super::{Background, CHECK_IN, COMMANDS, OUTBOX, RECEIVE_COUNTERS};
 use crate::board::{BootInfo, pins};
-use crate::calibration::{Calibration, FORCE_NN_PER_COUNT, POSITION_NM_PER_COUNT};
-use crate::control::telemetry::Item;
-use crate::control::{DESCRIPTION, Note, PERIOD_US};
+use control::calibration::{Calibration, FORCE_NN_PER_COUNT, POSITION_NM_PER_COUNT};
+use control::telemetry::Item;
+use control::{DESCRIPTION, Note, PERIOD_US};
 use defmt::{error, warn};
 use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
 use embassy_time::{Duration, Instant, with_timeout};

@@ -5,7 +5,7 @@
 //! moment sleep in the usual bridge drivers.
 
 use super::pins::PWM_FREQUENCY;
-use crate::hal::Actuators;
+use control::hal::Actuators;
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::OutputType;
 use embassy_stm32::peripherals::{PA2, PA15, PB0, PB1, TIM2, TIM3};

@@ -1,7 +1,7 @@
 //! Which boot this is and why it happened.
 
 use super::retained;
-use crate::control::carried::Carried;
+use control::carried::Carried;
 use embassy_stm32::pac::{RCC, UID};
 use protocol::{CalibrationRecord, PANIC_BYTES, ResetReason, Text};
 

@@ -1,16 +1,7 @@
 //! The end of the road: panics and, on the board, hard faults put the bridges' inputs low, leave word for the next run and reset.
 
 use core::sync::atomic::{AtomicBool, Ordering};
-use embassy_stm32::pac::gpio::vals::Moder;
-use embassy_stm32::pac::{FLASH, GPIOA, GPIOB};
-
-/// Makes the pins of both bridges plain outputs and drives them low, whatever state the drivers are in.
-pub(crate) fn hold_bridges_off() {
-    for (port, pin) in [(GPIOB, 0), (GPIOB, 1), (GPIOA, 15), (GPIOA, 2)] {
-        port.bsrr().write(|w| w.set_br(pin, true));
-        port.moder().modify(|w| w.set_moder(pin, Moder::OUTPUT));
-    }
-}
+use embassy_stm32::pac::FLASH;
 
 /// Whether a panic restarts the program. In QEMU a program that only runs tests ends instead.
 static RESTARTS: AtomicBool = AtomicBool::new(cfg!(not(feature = "qemu")));
@@ -35,7 +26,7 @@ fn stop() -> ! {
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo) -> ! {
     cortex_m::interrupt::disable();
-    hold_bridges_off();
+    super::bridges::hold_off();
     // A panic while reporting a panic, or inside a log message, must not report again.
     static REPORTED: AtomicBool = AtomicBool::new(false);
     if !REPORTED.swap(true, Ordering::Relaxed) {
@@ -57,7 +48,7 @@ fn leave(info: &core::panic::PanicInfo) {
 #[defmt::panic_handler]
 fn defmt_panic() -> ! {
     cortex_m::interrupt::disable();
-    hold_bridges_off();
+    super::bridges::hold_off();
     stop()
 }
 
@@ -75,7 +66,7 @@ unsafe fn NonMaskableInt() {
 #[cfg(not(feature = "qemu"))]
 #[cortex_m_rt::exception]
 unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
-    hold_bridges_off();
+    super::bridges::hold_off();
     super::retained::leave_panic(&format_args!("hard fault at {:#010x}", frame.pc()));
     defmt::error!("hard fault at {=u32:#010x}", frame.pc());
     stop()

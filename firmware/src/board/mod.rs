@@ -6,6 +6,7 @@
 
 mod actuators;
 mod boot;
+mod bridges;
 mod fault;
 mod panel;
 pub mod pins;
@@ -21,9 +22,9 @@ pub use retained::{keep, restart_with};
 pub use sensors::BoardSensors;
 pub use store::{STORE_BYTES, Store, StoreError};
 
-use crate::calibration::Calibration;
-use crate::control::Origin;
-use crate::slots::{self, Choice, SLOTS, STORED_BYTES, to_stored};
+use control::Origin;
+use control::calibration::Calibration;
+use control::slots::{self, Choice, SLOTS, STORED_BYTES, to_stored};
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt};
 use embassy_stm32::usart::{self, BufferedUart};

@@ -1,7 +1,7 @@
 //! Status LED and independent watchdog.
 
 use super::pins::WATCHDOG_TIMEOUT_US;
-use crate::hal::Panel;
+use control::hal::Panel;
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::peripherals::{IWDG, PB14};

@@ -3,8 +3,8 @@
 //!
 //! After power-on the memory holds anything, so that every part carries its own check.
 
-use crate::control::carried::{CARRIED_BYTES, Carried};
-use crate::slots::{STORED_BYTES, from_stored, to_stored};
+use control::carried::{CARRIED_BYTES, Carried};
+use control::slots::{STORED_BYTES, from_stored, to_stored};
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::ptr;
@@ -94,7 +94,7 @@ pub(super) fn leave_panic(what: &dyn fmt::Display) {
 pub fn restart_with(calibration: &CalibrationRecord) -> ! {
     let stored = to_stored(calibration, 0);
     cortex_m::interrupt::disable();
-    super::fault::hold_bridges_off();
+    super::bridges::hold_off();
     // SAFETY: interrupts are off and this run is over.
     unsafe { with(|retained| retained.calibration = stored) };
     cortex_m::peripheral::SCB::sys_reset()

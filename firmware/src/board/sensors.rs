@@ -1,8 +1,8 @@
 //! Potentiometers on the internal converter, force sensor on the ADS131M02, emergency stop.
 
 use super::pins::SPI_FREQUENCY;
-use crate::ads131m02::{Ads131m02, ForceFault, InitError};
-use crate::hal::{Readings, Sensors};
+use control::ads131m02::{Ads131m02, ForceFault, InitError};
+use control::hal::{Readings, Sensors};
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, AnyAdcChannel, Averaging, SampleTime};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};

@@ -2,14 +2,14 @@
 //!
 //! The pages lie in the second bank and the program in the first, so the core goes on while one is erased (about 25 ms) and
 //! programmed; whoever writes waits. A write that is cut off leaves anything in its page, and the other one as it was: what is
-//! stored must carry its own check, and the older of two is erased for the new one ([`crate::slots`]).
+//! stored must carry its own check, and the older of two is erased for the new one ([`control::slots`]).
 
 use embassy_stm32::Peri;
 use embassy_stm32::flash::{Blocking, Error, Flash, WRITE_SIZE};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::FLASH;
 
-use crate::slots::SLOTS;
+use control::slots::SLOTS;
 
 /// Most that a page takes.
 pub const STORE_BYTES: usize = 512;

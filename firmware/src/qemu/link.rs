@@ -1,34 +1,13 @@
-//! The pipes to the plant and the way out of QEMU, both through semihosting.
+//! The pipes to the plant, through semihosting.
 //!
 //! The only text that may go to QEMU's console is the log's binary stream, so nothing here prints.
 
+use super::exit::{ExitCode, exit};
 use super::trap;
-use crate::plant::{PlantReply, PlantRequest, RECORD_BYTES};
 use core::ffi::CStr;
+use emulation::plant::{PlantReply, PlantRequest, RECORD_BYTES};
 use semihosting::fd::{AsFd, OwnedFd};
 use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig, sys_write_orig};
-
-/// How a run ended: QEMU's exit code.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ExitCode {
-    /// The plant asked for power-off, or all tests passed.
-    PowerOff = 0,
-    /// A test failed.
-    TestsFailed = 1,
-    /// The plant closed its pipes, or they cannot be opened.
-    PlantGone = 3,
-    /// The plant sent something that is no reply to the request.
-    PlantRecord = 4,
-    /// The program touched something that is not modelled, or faulted.
-    Fault = 5,
-    /// The program panicked.
-    Panic = 101,
-}
-
-/// Ends QEMU.
-pub fn exit(code: ExitCode) -> ! {
-    semihosting::process::exit(code as i32)
-}
 
 /// Both pipes.
 pub(super) struct Link {

@@ -9,19 +9,21 @@
 //! One [`Machine`] holds all models. It is reached from the fault handler and from the SysTick handler only; the latter
 //! masks interrupts and touches no trapped register meanwhile, so the two never overlap.
 
+mod exit;
 mod link;
 mod peripherals;
 mod stopwatch;
 mod time;
 mod trap;
 
-pub use link::{ExitCode, Recording, exit};
+pub use exit::{ExitCode, exit};
+pub use link::Recording;
 pub use stopwatch::Stopwatch;
 pub use time::start_time;
 
-use crate::plant::{PlantReply, PlantRequest};
-use crate::thumb::Width;
 use core::cell::UnsafeCell;
+use emulation::plant::{PlantReply, PlantRequest};
+use emulation::thumb::Width;
 use peripherals::{Adc, Flash, Gpio, Iwdg, PwmTimer, Pwr, Rcc, Spi, UniqueId, Usart};
 
 /// A register access that the models do not cover.

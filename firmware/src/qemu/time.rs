@@ -10,7 +10,6 @@
 use super::link::Link;
 use super::{peripherals, with_machine};
 use crate::board::pins::CORE_CLOCK;
-use crate::plant::PERIOD_US;
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Waker;
@@ -19,6 +18,7 @@ use cortex_m::peripheral::{SCB, SYST, syst::SystClkSource};
 use embassy_stm32::pac::USART1;
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
+use emulation::plant::PERIOD_US;
 
 /// Core clocks per microsecond.
 const CLOCKS_PER_US: u32 = CORE_CLOCK.0 / 1_000_000;

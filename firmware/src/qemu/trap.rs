@@ -7,11 +7,11 @@
 //! Accesses are costly (about 200 instructions), so regions are as tight as the hardware allows: of the serial port
 //! only the block with ICR, RDR and TDR, of GPIO only port B.
 
-use super::link::{ExitCode, exit};
+use super::exit::{ExitCode, exit};
 use super::with_machine;
-use crate::thumb::{self, Access, Direction};
 use core::arch::naked_asm;
 use core::sync::atomic::{AtomicU32, Ordering};
+use emulation::thumb::{self, Access, Direction};
 
 /// One region without access: base, log2 of its size, and a bit for each eighth that is left accessible.
 struct Region {

@@ -2,8 +2,8 @@
 
 use super::output::Output;
 use super::rig_args::PortArgs;
-use host::calibration_file::{self, force_n_per_code, knot_codes, knots_mm};
-use host::link::Client;
+use device::link::Client;
+use formats::calibration_file::{self, force_n_per_code, knot_codes, knots_mm};
 use protocol::{CalibrationRecord, PotentiometerTable};
 use serde::Serialize;
 use std::fmt::{self, Display};

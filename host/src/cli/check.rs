@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use anyhow::ensure;
-use host::check::{Ability, Check, LeftOut, Severity, check};
+use inference::check::{Ability, Check, LeftOut, Severity, check};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 

@@ -2,15 +2,15 @@
 
 use super::output::{Output, figures_file, spinner};
 use anyhow::Context;
-use host::diagnose::words::{channel, quantity, unit};
-use host::diagnose::{
+use formats::model_file::ModelFile;
+use formats::session::Session;
+use host::figures;
+use inference::diagnose::words::{channel, quantity, unit};
+use inference::diagnose::{
     Diagnosis, Estimate, FoundEffect, FoundationChoice, Gap, INCOMPRESSIBLE, MeanModulus, Options,
     RemainingSize, diagnose,
 };
-use host::figures;
-use host::model::effects::effect;
-use host::model_file::ModelFile;
-use host::session::Session;
+use mechanics::effects::effect;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
@@ -247,7 +247,7 @@ fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result 
         found.log_evidence_gain
     )?;
     if let Some(effect) = effect(&found.id) {
-        writeln!(f, "             {}", effect.physics())?;
+        writeln!(f, "             {}", effect.info().physics)?;
     }
     let others = found.rivals();
     if !others.is_empty() {

@@ -2,8 +2,8 @@
 
 use super::output::Output;
 use anyhow::ensure;
-use host::model::effects::{EFFECTS, Effect};
-use host::model_file::{expected_ids, has_neutral_value};
+use formats::model_file::{expected_ids, has_neutral_value};
+use mechanics::effects::{EFFECTS, Effect};
 use serde::Serialize;
 use std::fmt::{self, Display};
 
@@ -60,7 +60,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 
 impl One {
     fn new(effect: &dyn Effect) -> Self {
-        let parameter = |info: &'static host::model::effects::ParameterInfo| Parameter {
+        let parameter = |info: &'static mechanics::effects::ParameterInfo| Parameter {
             name: info.name,
             unit: unit(info.name),
             neutral: has_neutral_value(info).then_some(info.neutral),
@@ -71,8 +71,8 @@ impl One {
         };
         Self {
             id: effect.id(),
-            physics: effect.physics(),
-            signature: effect.signature(),
+            physics: effect.info().physics,
+            signature: effect.info().signature,
             parameters: effect.parameters().iter().map(parameter).collect(),
         }
     }

@@ -4,16 +4,16 @@ use super::output::{Output, figures_file};
 use anyhow::{Context, ensure};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
+use formats::model_file::ModelFile;
+use formats::session::Session;
 use host::figures;
-use host::identify::{
+use inference::identify::{
     Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NoiseAlone, NuisanceResult,
     Options, Reference, RunResult, YoungsBy, identify,
 };
-use host::levels::HoldCriteria;
-use host::model::Support;
-use host::model::effects::{EFFECTS, Effect, effect};
-use host::model_file::ModelFile;
-use host::session::Session;
+use inference::levels::HoldCriteria;
+use mechanics::Support;
+use mechanics::effects::{EFFECTS, Effect, effect};
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 

@@ -3,14 +3,15 @@
 use super::import_shapes::{millimetres, vector};
 use super::output::Output;
 use anyhow::Context;
-use host::identify::{self, identify};
-use host::igtl::channel::{Channel, DELAY_RANGE_S, Settings, TIP};
+use device::igtl::channel::{Channel, DELAY_RANGE_S, Settings, TIP};
+use device::igtl::{Publisher, server};
+use formats::model_file::ModelFile;
+use formats::session::Session;
+use formats::session::import::Frame;
 use host::igtl::live::USUAL_RATE_HZ;
-use host::igtl::{Live, Publisher, Scene, server};
-use host::model::{Model, Rig};
-use host::model_file::ModelFile;
-use host::session::Session;
-use host::session::import::Frame;
+use host::igtl::{Live, Scene};
+use inference::identify::{self, identify};
+use mechanics::{Model, Rig};
 use std::path::Path;
 
 /// A tracker that tells where the needle is.

@@ -3,10 +3,10 @@
 use super::import_shapes::{self, ShapeArgs, Source};
 use super::output::Output;
 use anyhow::ensure;
-use host::inference::insertion::TipPath;
-use host::model::{Needle, Rig};
-use host::session::import::{Recording, Skipped};
-use host::session::{Noise, SessionWriter, Setup, import};
+use formats::session::import::{Recording, Skipped};
+use formats::session::{Noise, SessionWriter, Setup, import};
+use inference::insertion::TipPath;
+use mechanics::{Needle, Rig};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::fs;
@@ -87,8 +87,8 @@ struct LeftOut {
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     match args.kind {
-        Kind::Slicer => return import_shapes::run(Source::Slicer, &args.paths, args, out),
-        Kind::Fbg => return import_shapes::run(Source::Fbg, &args.paths, args, out),
+        Kind::Slicer => return shapes(Source::Slicer, args, out),
+        Kind::Fbg => return shapes(Source::Fbg, args, out),
         Kind::Trajcontrol => {}
     }
     ensure!(
@@ -187,8 +187,14 @@ fn files(paths: &[PathBuf], left_out: &mut Vec<LeftOut>) -> Vec<PathBuf> {
     found
 }
 
+/// Imports files of points as one lateral run.
+fn shapes(source: Source, args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let setup = setup(args, out)?;
+    import_shapes::run(source, &args.paths, &args.shapes, &args.out, &setup, out)
+}
+
 /// Needle and rig: as told, as in the session that is added to, or usual ones.
-pub fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
+fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
     let there = args.out.join("session.toml");
     let file = args.rig.clone().or_else(|| there.exists().then_some(there));
     let mut setup = match &file {

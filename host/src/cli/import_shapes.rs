@@ -1,12 +1,13 @@
 //! `guide import slicer` and `guide import fbg`: needle shapes as points in space, as a lateral run's shape.
 
-use super::import::setup;
 use super::output::Output;
 use anyhow::{Context, bail, ensure};
 use clap::ValueEnum;
-use host::levels::{HoldCriteria, Path as LevelPath, levels};
-use host::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, name_of, poses, slicer};
-use host::session::{DEPTH_RANGE_MM, ForceSeries, LateralRun, Provenance, SessionWriter, ShapeSeries};
+use formats::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, name_of, poses, slicer};
+use formats::session::{
+    DEPTH_RANGE_MM, ForceSeries, LateralRun, Provenance, SessionWriter, Setup, ShapeSeries,
+};
+use inference::levels::{HoldCriteria, Path as LevelPath, levels};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
@@ -106,10 +107,11 @@ pub fn is_asked(args: &ShapeArgs) -> bool {
 pub fn run(
     source: Source,
     paths: &[PathBuf],
-    import: &super::import::Args,
+    args: &ShapeArgs,
+    to: &Path,
+    setup: &Setup,
     out: &mut Output,
 ) -> anyhow::Result<()> {
-    let args = &import.shapes;
     let unit = match args.units {
         Units::Auto => None,
         Units::Mm => Some(LengthUnit::Millimetres),
@@ -121,7 +123,6 @@ pub fn run(
     };
     let needles: Vec<NeedlePoints> = paths.iter().map(read).collect::<Result<_, _>>()?;
     let first = needles.first().context("PATH: no file, expected one or more")?;
-    let setup = setup(import, out)?;
     let entry_m = setup.rig.entry_m;
     let frame = Frame::new(&straight(source, args, entry_m), first)?;
 
@@ -151,10 +152,10 @@ pub fn run(
     let id = args.id.clone().unwrap_or_else(|| name_of(&first.path));
     let times_s = times_s(args, &id, depth_m, shapes.len())?;
     let shape = joined(&shapes, times_s.as_deref());
-    let mut session = SessionWriter::open(&import.out, &setup)?;
+    let mut session = SessionWriter::open(to, setup)?;
     session.lateral_from(&id, depth_m, args.force.as_deref(), &shape)?;
     if args.force.is_none() {
-        let file = import.out.join(format!("{id}.force.csv"));
+        let file = to.join(format!("{id}.force.csv"));
         notes.push(format!(
             "{}: has a header only: without a force series no modulus is identified",
             file.display()
@@ -163,7 +164,7 @@ pub fn run(
     let [origin_m, axis, up] = frame.parts();
     let imported = Imported {
         schema: "guide.import/1",
-        session: import.out.clone(),
+        session: to.to_owned(),
         lateral: Lateral {
             id,
             depth_mm: 1e3 * depth_m,

@@ -3,7 +3,7 @@
 use super::output::Output;
 use super::simulate;
 use anyhow::{Context, ensure};
-use host::session::template;
+use formats::session::template;
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::fs::{self, OpenOptions};

@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::rig_args::PortArgs;
-use host::link::{Client, Limits};
+use device::link::{Client, Limits};
 use serde::Serialize;
 
 /// Show or set the force and the silence of the host at which the device stops by itself

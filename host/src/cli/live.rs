@@ -6,11 +6,11 @@
 use super::output::Output;
 use super::rig_args::{FaultNotes, interrupted};
 use anyhow::{Context, bail};
-use firmware::steering::{Estimate, Refused, Sample, Seen, Value};
-use host::link::{Client, Program, RunOptions, Telemetry};
-use host::session::Session;
-use host::track::sound::SoundTracker;
-use host::track::{Options, tracker};
+use device::link::{Client, Program, RunOptions, Telemetry};
+use estimator::{Estimate, Refused, Sample, Seen, Value};
+use formats::session::Session;
+use inference::track::sound::SoundTracker;
+use inference::track::{Options, tracker};
 use protocol::Request;
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -170,17 +170,17 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
     let interrupted = interrupted()?;
     if let Some(program) = program {
         let options = RunOptions { start_us: None, stream: true, interrupted };
-        host::link::run(&mut client, &program, options, |_, telemetry| joined.take(telemetry, out))?;
+        device::link::run(&mut client, &program, options, |_, telemetry| joined.take(telemetry, out))?;
     } else {
         let mut faults = FaultNotes::default();
         client.request(Request::Stream { enable: true })?;
         while !interrupted.load(Ordering::Acquire) && !joined.ended {
-            match client.next(host::link::client::SILENCE_LIMIT)? {
+            match client.next(device::link::client::SILENCE_LIMIT)? {
                 Some(telemetry) => {
                     faults.see(&telemetry, "tracking goes on", out);
                     joined.take(&telemetry, out)?;
                 }
-                None => bail!(host::link::LinkError::Silent { port: port.clone() }),
+                None => bail!(device::link::LinkError::Silent { port: port.clone() }),
             }
         }
         client.request(Request::Stream { enable: false })?;

@@ -3,9 +3,10 @@
 use super::output::Output;
 use super::rig_args::{PortArgs, interrupted};
 use anyhow::{Context, bail};
-use host::link::Client;
-use host::monitor::report::Report;
-use host::monitor::{Order, Screen, Settings, State, Worker};
+use device::link::Client;
+use device::monitor::report::Report;
+use device::monitor::{Order, State, Worker};
+use host::screen::{Screen, Settings};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::io::{self, IsTerminal};

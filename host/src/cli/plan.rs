@@ -3,12 +3,12 @@
 use super::identify::nuisance;
 use super::output::Output;
 use anyhow::{Context, bail, ensure};
-use host::diagnose::INCOMPRESSIBLE;
+use formats::session::{FoundationKind, Setup};
 use host::figures;
-use host::model::Support;
-use host::model::effects::Effect;
-use host::plan::{Choice, Limits, Plan, Question, plan};
-use host::session::{FoundationKind, Setup};
+use inference::diagnose::INCOMPRESSIBLE;
+use inference::plan::{Choice, Limits, Plan, Question, plan};
+use mechanics::Support;
+use mechanics::effects::Effect;
 use std::fmt::{self, Display};
 use std::fs;
 use std::path::PathBuf;

@@ -2,8 +2,8 @@
 
 use super::output::Output;
 use anyhow::Context;
-use host::link::port::{self, Listed};
-use host::link::{Client, LinkError};
+use device::link::port::{self, Listed};
+use device::link::{Client, LinkError};
 use serde::Serialize;
 use std::fmt::{self, Display};
 

@@ -2,11 +2,11 @@
 
 use super::output::{Output, figures_file};
 use anyhow::{Context, ensure};
+use formats::model_file::ModelFile;
+use formats::session::Session;
 use host::figures;
-use host::model::effects::{EFFECTS, Effect, effect};
-use host::model_file::ModelFile;
-use host::predict::{InsertionResult, Options, Prediction, predict};
-use host::session::Session;
+use inference::predict::{InsertionResult, Options, Prediction, predict};
+use mechanics::effects::{EFFECTS, Effect, effect};
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 

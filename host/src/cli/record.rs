@@ -4,14 +4,14 @@ use super::igtl::{PublishArgs, TrackerArgs};
 use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
 use anyhow::{Context, bail};
+use device::link::{Batch, Client, Program, Telemetry};
+use device::record::{Recorded, Recorder, Ultrasound, Witness, acquire, provenance};
+use device::recording::{About, RawFile, RawRecorder};
+use device::sweep::Sweep;
+use formats::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup};
 use host::igtl::Live;
-use host::levels::{HoldCriteria, Unused, summary, unused};
-use host::link::{Batch, Client, Program, Telemetry};
-use host::record::{Recorded, Recorder, Ultrasound, Witness, acquire, provenance};
-use host::recording::{About, RawFile, RawRecorder};
-use host::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup};
-use host::sweep::Sweep;
 use indicatif::{ProgressBar, ProgressStyle};
+use inference::levels::{HoldCriteria, Unused, summary, unused};
 use protocol::{Request, Step};
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -201,7 +201,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
         while !interrupted.load(Ordering::Acquire)
             && args.duration_s.is_none_or(|limit_s| recorder.recorded().duration_s < limit_s)
         {
-            match client.next(host::link::client::SILENCE_LIMIT)? {
+            match client.next(device::link::client::SILENCE_LIMIT)? {
                 Some(Telemetry::Samples(batch)) => {
                     watch.samples(&batch);
                     recorder.batch(&batch)?;
@@ -211,7 +211,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
                     }
                 }
                 Some(other) => faults.see(&other, "the recording goes on", watch.out),
-                None => bail!(host::link::LinkError::Silent { port: args.port.port.clone() }),
+                None => bail!(device::link::LinkError::Silent { port: args.port.port.clone() }),
             }
         }
         // What comes after the last row is in neither.

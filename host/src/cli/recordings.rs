@@ -1,9 +1,9 @@
 //! `guide info`, `guide recover` and `guide export`: what to do with a raw recording.
 
 use super::output::Output;
-use host::recording::export::{Exported, RunOptions, to_npy, to_session};
-use host::recording::{Contents, Damages, RawFile, recover};
-use host::session::Setup;
+use device::recording::export::{Exported, RunOptions, to_npy, to_session};
+use device::recording::{Contents, Damages, RawFile, recover};
+use formats::session::Setup;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::fmt::{self, Display};

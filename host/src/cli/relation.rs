@@ -2,11 +2,10 @@
 
 use super::output::Output;
 use anyhow::{Context, ensure};
-use host::continuum::{
-    Contact, Continuum, RATIO_RANGE, RELATIVE_ERROR, Resolution, Run, TABLE, YOUNGS_RANGE_PA,
-};
-use host::diagnose::INCOMPRESSIBLE;
-use host::session::Setup;
+use formats::session::Setup;
+use inference::diagnose::INCOMPRESSIBLE;
+use inference::relation::{RELATIVE_ERROR, Run, TABLE, foundation_modulus_pa};
+use mechanics::continuum::{Contact, Continuum, RATIO_RANGE, Resolution, YOUNGS_RANGE_PA};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
@@ -129,7 +128,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let one_sided = bonded.with_contact(Contact::OneSided);
     let row = |youngs_kpa: &f64| -> anyhow::Result<Row> {
         let k_kpa = |body: &Continuum| {
-            Ok::<f64, anyhow::Error>(1e-3 * body.foundation_modulus_pa(&rig, 1e3 * youngs_kpa, &measured)?)
+            Ok::<f64, anyhow::Error>(1e-3 * foundation_modulus_pa(body, &rig, 1e3 * youngs_kpa, &measured)?)
         };
         let (k_kpa_bonded, k_kpa_one_sided) = (k_kpa(&bonded)?, k_kpa(&one_sided)?);
         Ok(Row {

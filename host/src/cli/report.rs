@@ -2,10 +2,10 @@
 
 use super::output::{Output, spinner};
 use anyhow::{Context, ensure};
-use host::diagnose::Verdict;
-use host::model_file::ModelFile;
+use formats::model_file::ModelFile;
+use formats::session::Session;
 use host::report::{Analyses, Day, Options, Origin, Outcome, Report};
-use host::session::Session;
+use inference::diagnose::Verdict;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt::{self, Display};

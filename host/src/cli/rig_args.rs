@@ -3,8 +3,8 @@
 use super::output::Output;
 use anyhow::bail;
 use clap::Args;
-use host::link::error::explain_latched;
-use host::link::{Client, LinkError, Point, Program, RunOptions, Telemetry, run};
+use device::link::error::explain_latched;
+use device::link::{Client, LinkError, Point, Program, RunOptions, Telemetry, run};
 use protocol::{CalibrationSource, Event, EventKind, Fault, Refusal, Request, Step};
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};

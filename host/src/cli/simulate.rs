@@ -2,12 +2,12 @@
 
 use super::output::Output;
 use anyhow::{Context, ensure};
-use host::model::effects::Effect;
-use host::model_file::ModelFile;
-use host::rig::steering::{self, Tissue};
-use host::session::{InsertionRun, LateralRun, SessionWriter, Setup, SteeringRun};
-use host::simulate::{Sensors, SimulationPlan, SteeringPlan};
+use formats::model_file::ModelFile;
+use formats::session::{InsertionRun, LateralRun, SessionWriter, Setup, SteeringRun};
+use mechanics::effects::Effect;
 use serde::Serialize;
+use simulation::rig::steering::{self, Tissue};
+use simulation::simulate::{Sensors, SimulationPlan, SteeringPlan};
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};

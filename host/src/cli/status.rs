@@ -2,10 +2,10 @@
 
 use super::output::Output;
 use super::rig_args::Rest;
-use host::link::Client;
-use host::link::condition::{Condition, Troubles};
-use host::link::error::explain_fault;
-use host::link::words;
+use device::link::Client;
+use device::link::condition::{Condition, Troubles};
+use device::link::error::explain_fault;
+use device::link::words;
 use protocol::{Counters, Safety, Status, Stiffness};
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};

@@ -3,9 +3,9 @@
 use super::output::Output;
 use super::rig_args::{ForceLimitArgs, PortArgs, StartArgs, run_step};
 use anyhow::{Context, anyhow};
-use host::link::Telemetry;
-use host::link::program::milliseconds;
-use host::tare::TareQuality;
+use device::link::Telemetry;
+use device::link::program::milliseconds;
+use device::tare::TareQuality;
 use protocol::{EventKind, Step, UNIQUE_CODES};
 use serde::Serialize;
 use std::fmt::{self, Display};

@@ -3,10 +3,10 @@
 use super::live::{self, LiveArgs};
 use super::output::{Output, figures_file};
 use anyhow::{Context, bail, ensure};
+use formats::session::Session;
 use host::figures;
-use host::session::Session;
-use host::track::results::{Errors, LayersResult, TrackResult, Tracking};
-use host::track::{Options, track};
+use inference::track::results::{Errors, LayersResult, TrackResult, Tracking};
+use inference::track::{Options, track};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! Figures of a diagnosis: residuals before and after on what was held out, the ranking of effects, the gap channel by channel.
 
 use super::{FONT, FigureError, GREY, WIDTH, axes, failed, legend, range};
-use crate::diagnose::{Channel, Diagnosis, Gap};
+use inference::diagnose::{Channel, Diagnosis, Gap};
 use plotters::prelude::*;
 
 const BEFORE: RGBColor = RGBColor(200, 80, 40);
@@ -39,7 +39,7 @@ pub fn residuals(gap: &Gap) -> Result<String, FigureError> {
             let name = format!("{}, {}", channel.name(), channel.unit());
             let mut chart = axes(panel, x, y, &name, coordinate)?;
             for (name, colour, value) in [
-                ("before", BEFORE, (|p| p.before) as fn(&crate::diagnose::ResidualPoint) -> f64),
+                ("before", BEFORE, (|p| p.before) as fn(&inference::diagnose::ResidualPoint) -> f64),
                 ("after", AFTER, |p| p.after),
             ] {
                 let dots =

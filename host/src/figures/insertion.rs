@@ -1,7 +1,7 @@
 //! Figure of a predicted insertion, after figure 10 of Paper A (Lehmann et al.): path above, tip load below.
 
 use super::{Area, FONT, FigureError, GREY, WIDTH, axes, band, failed, legend, range};
-use crate::predict::{InsertionResult, PlaneResult};
+use inference::predict::{InsertionResult, PlaneResult};
 use plotters::prelude::*;
 
 /// What is drawn of one plane.

@@ -1,8 +1,8 @@
 //! Figures of one lateral run: force against displacement, and what the fit leaves of every reading.
 
 use super::{Area, FONT, FigureError, GREY, WIDTH, axes, failed, headroom, legend, range};
-use crate::identify::{ResidualResult, RunResult};
-use crate::session::LateralRun;
+use formats::session::LateralRun;
+use inference::identify::{ResidualResult, RunResult};
 use plotters::prelude::*;
 
 /// Samples drawn of a recording.

@@ -2,7 +2,7 @@
 //! and the parameters against depth.
 
 use super::{Area, FONT, FigureError, GREY, WIDTH, axes, band, failed, legend, range};
-use crate::track::results::{FieldResult, TrackResult};
+use inference::track::results::{FieldResult, TrackResult};
 use plotters::prelude::*;
 
 /// Tip above, its error below it, then stiffness and damping with their 95 % intervals.

@@ -1,9 +1,9 @@
 //! A running device and its session, told to whoever listens.
 
 use super::scene::Scene;
-use super::server::Publisher;
-use crate::link::{Batch, Point};
-use crate::sweep::Sweep;
+use device::igtl::Publisher;
+use device::link::{Batch, Point};
+use device::sweep::Sweep;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Updates per second of the device's clock unless told otherwise: what a viewer shows smoothly.

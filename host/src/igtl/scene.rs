@@ -16,12 +16,12 @@
 //!
 //! The model is the linear beam, from a needle that was straight: relaxation and stiffening of the tissue are not in it.
 
-use super::message::{Content, Message, Point as ListPoint, Pose};
-use crate::identify::Identification;
-use crate::link::{Batch, Point};
-use crate::model::{Beam, Model, ModelError, Plane};
-use crate::predict::Prediction;
-use crate::session::ShapeRow;
+use device::igtl::message::{Content, Message, Point as ListPoint, Pose};
+use device::link::{Batch, Point};
+use formats::session::ShapeRow;
+use inference::identify::Identification;
+use inference::predict::Prediction;
+use mechanics::{Beam, Model, ModelError, Plane};
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::time::Duration;
@@ -116,7 +116,7 @@ impl Scene {
         let document = GuideDocument {
             schema: SCHEMA,
             time_s: point.time_s,
-            state: crate::link::words::state(batch.state),
+            state: device::link::words::state(batch.state),
             step: batch.step,
             position_x_mm: 1e3 * x_m,
             position_y_mm: 1e3 * y_m,

@@ -1,10 +1,10 @@
 //! The section on what the model lacks: where it disagrees, what is missing, what adding it is worth, what to measure next.
 
 use super::page::{Block, Fact, Outcome, Section, estimate, number, thinned, value, words};
-use crate::diagnose::words::{channel, quantity, unit};
-use crate::diagnose::{Channel, Diagnosis, Gap, Verdict};
 use crate::figures;
-use crate::model::effects::effect;
+use inference::diagnose::words::{channel, quantity, unit};
+use inference::diagnose::{Channel, Diagnosis, Gap, Verdict};
+use mechanics::effects::effect;
 
 /// Residuals drawn of one channel.
 const POINTS: usize = 300;
@@ -153,7 +153,7 @@ fn effects(found: &Diagnosis) -> Option<Block> {
         let rivals = one.rivals();
         vec![
             one.id.clone(),
-            effect(&one.id).map_or("-".to_owned(), |of| of.physics().to_owned()),
+            effect(&one.id).map_or("-".to_owned(), |of| of.info().physics.to_owned()),
             one.parameters_in_words(),
             value(Some(one.log_evidence_gain), 1),
             if rivals.is_empty() { "none".to_owned() } else { rivals.join(", ") },

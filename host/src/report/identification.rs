@@ -4,8 +4,8 @@ use super::page::{
     Block, FIGURES, Fact, Outcome, Section, count, estimate, number, p_value, thinned, value, words,
 };
 use crate::figures;
-use crate::identify::{DepthResult, Directions, Identification, IndentationResult, RunResult};
-use crate::session::Session;
+use formats::session::Session;
+use inference::identify::{DepthResult, Directions, Identification, IndentationResult, RunResult};
 
 /// Shape points drawn of one run, and the least of one hold.
 const POINTS: usize = 300;

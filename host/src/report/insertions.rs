@@ -2,7 +2,7 @@
 
 use super::page::{Block, FIGURES, Fact, Outcome, Section, count, estimate, number, value, words};
 use crate::figures;
-use crate::predict::{InsertionResult, Prediction};
+use inference::predict::{InsertionResult, Prediction};
 
 /// Facts for the summary.
 pub(super) fn facts(found: &Prediction) -> Vec<Fact> {

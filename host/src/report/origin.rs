@@ -1,7 +1,7 @@
 //! Where a report comes from: program, command, date, and the files behind it with their checksums.
 
 use super::page::{Block, Outcome, Section, number, words};
-use crate::session::{Session, SessionError};
+use formats::session::{Session, SessionError};
 use sha2::{Digest, Sha256};
 use std::fmt::Write;
 use std::fs;
@@ -92,7 +92,7 @@ impl Origin {
 
     /// The section.
     pub(super) fn section(&self) -> Section {
-        let program = match firmware::COMMIT {
+        let program = match env!("GUIDE_GIT") {
             "unknown" => format!("guide {}", env!("CARGO_PKG_VERSION")),
             commit => format!("guide {} ({commit})", env!("CARGO_PKG_VERSION")),
         };

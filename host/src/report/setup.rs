@@ -1,9 +1,9 @@
 //! What was there: needle, rig, sensors, and every run with what it was recorded with.
 
 use super::page::{Block, Outcome, Section, count, number, value, word, words};
-use crate::levels::{HoldCriteria, levels};
-use crate::model::Guides;
-use crate::session::{LateralRun, Provenance, Session};
+use formats::session::{LateralRun, Provenance, Session};
+use inference::levels::{HoldCriteria, levels};
+use mechanics::Guides;
 
 /// Needle, rig and runs.
 pub(super) fn section(session: &Session) -> Section {

@@ -2,7 +2,7 @@
 
 use super::page::{Block, FIGURES, Fact, Outcome, Section, number, value, words};
 use crate::figures;
-use crate::track::results::{TrackResult, Tracking};
+use inference::track::results::{TrackResult, Tracking};
 
 /// Facts for the summary.
 pub(super) fn facts(found: &Tracking) -> Vec<Fact> {

@@ -2,13 +2,13 @@
 
 use super::origin::FileSum;
 use super::*;
-use crate::diagnose::blind::{Design, Truth, session};
-use crate::model::{Needle, Rig};
-use crate::session::{IndentationRun, InsertionRun, Noise, SteeringRun};
+use formats::session::{IndentationRun, InsertionRun, Noise, SteeringRun};
+use mechanics::{Needle, Rig};
 use quick_xml::Reader;
 use quick_xml::events::Event;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+use worlds::{Design, Truth, session};
 
 fn origin() -> Origin {
     Origin {

@@ -103,7 +103,7 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
     .expect("written");
     json(&["simulate", "--config", &config, "--model", &model, "--out", &alone, "--json"]);
     let by_file = json(&["predict", &alone, "--model", &model, "--json"]);
-    let sd = (0.5f64 / 1.959_963_984_540_054).to_string();
+    let sd = (0.5f64 / formats::NORMAL_975).to_string();
     let layers = "tissue.layers=2.5,12";
     let told = json(&["predict", &alone, "--k-kpa", "12", &sd, "--effect", layers, "--json"]);
     let path_of = |found: &Value| -> Vec<f64> {
@@ -148,7 +148,7 @@ fn effects_are_listed() {
     let all = json(&["effects", "--json"]);
     assert_eq!(all["schema"], "guide.effects/1");
     let effects = all["effects"].as_array().expect("a list");
-    assert_eq!(effects.len(), host::model::effects::EFFECTS.len());
+    assert_eq!(effects.len(), mechanics::effects::EFFECTS.len());
     for parameter in effects.iter().flat_map(|one| one["parameters"].as_array().expect("a list")) {
         // A name without a unit at its end is a ratio, a share, or the like.
         let (name, unit) = (parameter["name"].as_str().expect("text"), &parameter["unit"]);

@@ -1,7 +1,7 @@
 //! Needle shapes of others, imported: what is identified from them is what is identified from the session they were made of.
 
 use super::{add_lateral_run, failure, folder, guide, json, path, text, writer};
-use host::session::Session;
+use formats::session::Session;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Fuzz target: see `tests::fuzzed::device`.
+//! Fuzz target: see `system::fuzzed::device`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| tests::fuzzed::device::run(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| system::fuzzed::device::run(data));

@@ -1,4 +1,4 @@
-//! Fuzz target: see `tests::fuzzed::files`.
+//! Fuzz target: see `system::fuzzed::files`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| tests::fuzzed::files::run(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| system::fuzzed::files::run(data));

@@ -1,4 +1,4 @@
-//! Fuzz target: see `tests::fuzzed::igtl`.
+//! Fuzz target: see `system::fuzzed::igtl`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| tests::fuzzed::igtl::run(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| system::fuzzed::igtl::run(data));

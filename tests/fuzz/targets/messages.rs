@@ -1,4 +1,4 @@
-//! Fuzz target: see `tests::fuzzed::messages`.
+//! Fuzz target: see `system::fuzzed::messages`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| tests::fuzzed::messages::run(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| system::fuzzed::messages::run(data));

@@ -1,4 +1,4 @@
-//! Fuzz target: see `tests::fuzzed::receiver`.
+//! Fuzz target: see `system::fuzzed::receiver`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| tests::fuzzed::receiver::run(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| system::fuzzed::receiver::run(data));

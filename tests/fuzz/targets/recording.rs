@@ -1,4 +1,4 @@
-//! Fuzz target: see `tests::fuzzed::recording`.
+//! Fuzz target: see `system::fuzzed::recording`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| tests::fuzzed::recording::run(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| system::fuzzed::recording::run(data));

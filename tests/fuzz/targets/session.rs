@@ -1,4 +1,4 @@
-//! Fuzz target: see `tests::fuzzed::session`.
+//! Fuzz target: see `system::fuzzed::session`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| tests::fuzzed::session::run(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| system::fuzzed::session::run(data));

@@ -6,9 +6,9 @@
 //! settings are only kept. Sequences of more than one rank, other channels, injected conversions, stopping, DMA and
 //! interrupts are refused.
 
-use crate::plant::NEVER;
 use crate::qemu::{Registers, Unmodelled, time};
-use crate::thumb::Width;
+use emulation::plant::NEVER;
+use emulation::thumb::Width;
 
 const ISR: u32 = 0x00;
 const CR: u32 = 0x08;

@@ -3,11 +3,11 @@
 //! The pages' memory survives a reset of the core, as flash does. At power-on it is what the file `flash.bin` in QEMU's working folder
 //! holds, page after page, and erased without one.
 
-use crate::flash_model::{ERASED, FlashModel, PAGE_BYTES, PAGES, Pages, STORED_BYTES, Unknown};
 use crate::qemu::{Registers, Unmodelled};
-use crate::thumb::Width;
 use core::mem::MaybeUninit;
 use core::ptr;
+use emulation::flash_model::{ERASED, FlashModel, PAGE_BYTES, PAGES, Pages, STORED_BYTES, Unknown};
+use emulation::thumb::Width;
 
 /// Address of the first page.
 pub(crate) const PAGE: u32 = 0x080F_F000;

@@ -4,9 +4,9 @@
 //! that nothing drives the level of its pull resistor, so turning the pull of the pin is the switch in the plant.
 
 use crate::qemu::{Registers, Unmodelled};
-use crate::thumb::Width;
 use embassy_stm32::pac::gpio::vals::Pupdr;
 use embassy_stm32::pac::{GPIOB, GPIOC, GPIOD, gpio};
+use emulation::thumb::Width;
 
 /// Registers of a port: MODER to ASCR.
 const LAST: u32 = 0x2C;

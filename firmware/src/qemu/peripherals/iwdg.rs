@@ -4,10 +4,10 @@
 //! becomes the watchdog's flag in CSR at the next start; brown-outs work the same way. The window function is refused.
 
 use crate::qemu::{Registers, Unmodelled};
-use crate::thumb::Width;
 use core::mem::MaybeUninit;
 use core::ptr;
 use embassy_stm32::pac::rcc::regs::Csr;
+use emulation::thumb::Width;
 
 const KR: u32 = 0x00;
 const PR: u32 = 0x04;

@@ -4,7 +4,7 @@
 //! Nothing here acts.
 
 use crate::qemu::{Registers, Unmodelled};
-use crate::thumb::Width;
+use emulation::thumb::Width;
 
 /// Power control: CR1 to CR4.
 pub(crate) struct Pwr {

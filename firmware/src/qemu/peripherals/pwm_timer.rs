@@ -4,9 +4,9 @@
 //! is what its compare value would make of it in PWM mode 1, from the next exchange on (the chip: from the next PWM
 //! period on). Interrupts, DMA and other modes are refused.
 
-use crate::plant::FULL_SCALE;
 use crate::qemu::{Registers, Unmodelled};
-use crate::thumb::Width;
+use emulation::plant::FULL_SCALE;
+use emulation::thumb::Width;
 
 const CR1: u32 = 0x00;
 const DIER: u32 = 0x0C;

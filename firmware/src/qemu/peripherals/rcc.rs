@@ -3,9 +3,9 @@
 //! QEMU shows none of the flags and lets nobody set them. They lie in CSR above the bit that clears them.
 
 use crate::qemu::{Registers, Unmodelled};
-use crate::thumb::Width;
 use embassy_stm32::pac::RCC;
 use embassy_stm32::pac::rcc::regs::Csr;
+use emulation::thumb::Width;
 
 /// Registers: CR to CCIPR2.
 const LAST: u32 = 0x9C;

@@ -3,9 +3,9 @@
 //! A word written to the data register is shifted at once; its answer waits in a receive buffer of two words, as in the
 //! chip. Other word lengths, DMA, interrupts and a receive overrun are refused. Chip select comes from the GPIO model.
 
-use crate::ads131m02_model::Ads131m02Model;
 use crate::qemu::{Registers, Unmodelled};
-use crate::thumb::Width;
+use emulation::ads131m02_model::Ads131m02Model;
+use emulation::thumb::Width;
 
 const CR1: u32 = 0x00;
 const CR2: u32 = 0x04;

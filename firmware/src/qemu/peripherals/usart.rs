@@ -9,10 +9,10 @@
 //! cleared, as they are in the chip while a byte waits for the one before it. The driver waits for its interrupt; the byte
 //! goes to QEMU in the next period, which sets both flags again.
 
-use crate::plant::UNLIMITED;
 use crate::qemu::{Registers, Unmodelled};
-use crate::thumb::Width;
 use embassy_stm32::pac::USART1;
+use emulation::plant::UNLIMITED;
+use emulation::thumb::Width;
 
 const ICR: u32 = 0x20;
 const RDR: u32 = 0x24;

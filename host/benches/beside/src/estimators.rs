@@ -1,24 +1,24 @@
 //! The recursive estimator, the prediction and the diagnosis.
 
 use crate::clock::Clock;
-use crate::mechanics::{Own, insertion_model};
+use crate::forward::{Own, insertion_model};
 use anyhow::{Context, Result};
-use firmware::steering::Sample;
-use firmware::steering::information::Information;
-use host::diagnose::study::{Hidden, make};
-use host::diagnose::{Options, diagnose};
-use host::inference::insertion::{
+use estimator::Sample;
+use estimator::information::Information;
+use formats::session::InsertionRun;
+use inference::diagnose::{Options, diagnose};
+use inference::insertion::{
     Belief, Candidates, Learned, Live, ReadingNoise, TipPath, Tissue as Believed, learn,
 };
-use host::model::growth::{Acting, Growth, Guide2Grip};
-use host::model::insertion::grid_m;
-use host::model::{Dynamics, Needle, Rig};
-use host::rig::steering::{Plan, Sensors, SteeringRig, Tissue, TissueLayer};
-use host::session::InsertionRun;
-use host::track::method::{Method, samples};
-use host::track::sound::{Sound, settings};
+use inference::track::method::{Method, samples};
+use inference::track::sound::{Sound, settings};
+use mechanics::growth::{Acting, Growth, Guide2Grip};
+use mechanics::insertion::grid_m;
+use mechanics::{Dynamics, Needle, Rig};
 use serde::Serialize;
+use simulation::rig::steering::{Plan, Sensors, SteeringRig, Tissue, TissueLayer};
 use std::hint::black_box;
+use studies::diagnose::{Hidden, make};
 
 /// Unknowns of the online estimator.
 pub const UNKNOWNS: usize = 18;

@@ -6,7 +6,7 @@ mod clock;
 mod estimators;
 mod link;
 mod machine;
-mod mechanics;
+mod forward;
 mod page;
 mod python;
 mod rows;

@@ -2,7 +2,7 @@
 
 use crate::clock::Clock;
 use crate::machine::Machine;
-use crate::mechanics::Own;
+use crate::forward::Own;
 use crate::python::{Peer, Python};
 use crate::{estimators, mechanics, session};
 use anyhow::{Result, ensure};

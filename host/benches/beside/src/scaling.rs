@@ -3,15 +3,15 @@
 use crate::clock::Clock;
 use crate::{mechanics, session};
 use anyhow::{Context, Result};
-use host::inference::{LateralData, Parameter, effect_parameters, fit};
-use host::model::effects::effect;
-use host::model::elements::{Elements, Guide2};
-use host::model::growth::{Acting, Growth, Guide2Grip};
-use host::model::insertion::grid_m;
-use host::model::modes::RayleighRitz;
-use host::model::steering::{BaseDrive, Dynamics, Steering, simulate};
-use host::model::{BeamProblem, Foundation, Layer, Needle};
-use host::session::Session;
+use inference::{LateralData, Parameter, effect_parameters, fit};
+use mechanics::effects::effect;
+use mechanics::elements::{Elements, Guide2};
+use mechanics::growth::{Acting, Growth, Guide2Grip};
+use mechanics::insertion::grid_m;
+use mechanics::modes::RayleighRitz;
+use mechanics::steering::{BaseDrive, Dynamics, Steering, simulate};
+use mechanics::{BeamProblem, Foundation, Layer, Needle};
+use formats::session::Session;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::path::Path;
 

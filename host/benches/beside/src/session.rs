@@ -1,9 +1,9 @@
 //! Loading a session's folder: nine lateral runs of 20 s at 1 kHz with five columns, and a sweep each.
 
 use crate::clock::Clock;
-use crate::mechanics::Own;
+use crate::forward::Own;
 use anyhow::Result;
-use host::session::Session;
+use formats::session::Session;
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;

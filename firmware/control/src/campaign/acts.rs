@@ -1,0 +1,345 @@
+//! What a sequence consists of.
+
+use super::{Causes, Checked, Converter, MAX_ACTS, Target, Violation};
+use crate::calibration::Calibration;
+use crate::commands::REMEMBERED;
+use protocol::{
+    CalibrationRecord, Command, Fault, MAX_CALIBRATION, PIECE_BYTES, Refusal, Request, Step, program_crc,
+};
+use std::format;
+use std::vec::Vec;
+
+/// Tries of the way out of a fault.
+const TRIES: u32 = 24;
+/// A load that has fallen by less has not, newtons: the noise of the rig in QEMU.
+const FALLEN_N: f32 = 0.03;
+/// Most time in which a motor cools, seconds: the window of its duty cycle and a bin.
+const COOLING_LIMIT_S: u16 = 310;
+
+/// SplitMix64 (Steele, Lea, Flood: Fast splittable pseudorandom number generators, 2014): the seeds that are kept stay the same
+/// sequences whatever becomes of a library.
+#[derive(Debug)]
+pub struct Random(u64);
+
+impl Random {
+    /// The numbers of a seed.
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// At least 0 and below a limit.
+    pub fn below(&mut self, limit: u32) -> u32 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((((mixed ^ (mixed >> 31)) >> 32) * u64::from(limit)) >> 32) as u32
+    }
+
+    fn between(&mut self, least: i32, most: i32) -> i32 {
+        least + self.below((most - least + 1) as u32) as i32
+    }
+
+    fn one_in(&mut self, count: u32) -> bool {
+        self.below(count) == 0
+    }
+}
+
+/// A sequence at work on a target.
+pub struct Sequence<'a, T> {
+    random: Random,
+    target: &'a mut T,
+    faults_left: u64,
+}
+
+impl<'a, T: Target> Sequence<'a, T> {
+    /// The sequence of a seed.
+    pub fn new(seed: u64, target: &'a mut T) -> Self {
+        Self { random: Random::new(seed), target, faults_left: 0 }
+    }
+
+    /// How many acts it has.
+    pub fn length(&mut self) -> u32 {
+        1 + self.random.below(MAX_ACTS)
+    }
+
+    /// Faults that were left.
+    pub fn faults_left(&self) -> u64 {
+        self.faults_left
+    }
+
+    /// One act.
+    ///
+    /// # Errors
+    /// What does not hold.
+    pub fn act(&mut self) -> Checked<()> {
+        match self.random.below(31) {
+            0..10 => self.program(),
+            10 | 11 => self.creep_by_tares(),
+            12 => self.creep_by_retreats(),
+            13 | 14 => self.calibrate(),
+            15 => self.old_frame(),
+            16 | 17 => {
+                let force_mn = 300 + self.random.below(4_700);
+                self.ask(Request::Limits { force_mn, silence_ms: 2_000 })
+            }
+            18 => {
+                self.target.set(Causes { emergency_stop: true, ..Causes::default() })?;
+                self.target.pass(5)?;
+                self.old_frame()?;
+                self.calibrate()
+            }
+            19 => {
+                let axis = self.random.below(2) as usize;
+                self.target.set(Causes { potentiometer_open: Some(axis), ..Causes::default() })?;
+                self.target.pass(5)?;
+                self.calibrate()
+            }
+            20 | 21 => self.converter_fails(),
+            22 => {
+                let by_um = |random: &mut Random| random.between(-1_000, 1_000);
+                let (x_um, y_um) = (by_um(&mut self.random), by_um(&mut self.random));
+                self.ask(Request::Retreat { x_um, y_um })?;
+                let wait_ms = self.random.below(1_500);
+                self.target.pass(wait_ms)
+            }
+            23 => self.target.replay(Command { id: 0, connection: 0, request: Request::Hello }),
+            24 => self.interrupted(),
+            25 => {
+                self.program()?;
+                let ms = 2_000 + self.random.below(500);
+                self.target.silence(ms)
+            }
+            26 => self.target.reset(),
+            27 => self.ask(Request::AcknowledgeCalibration),
+            28 if self.target.is_patient() && self.random.one_in(40) => self.heat(),
+            _ => self.leave(),
+        }
+    }
+
+    fn ask(&mut self, request: Request) -> Checked<()> {
+        self.target.ask(request).map(drop)
+    }
+
+    fn step(&mut self) -> Step {
+        let travel_um = self.target.record().travel_um.min(40_000) as i32;
+        let reach_um = [400, 3_000, travel_um][self.random.below(3) as usize];
+        let (x_um, y_um) =
+            (self.random.between(-reach_um / 8, reach_um / 8), self.random.between(-reach_um, reach_um));
+        let y_um = if self.random.one_in(4) { reach_um } else { y_um };
+        match self.random.below(7) {
+            0 => Step::Hold { duration_ms: 1 + self.random.below(200) },
+            1 => Step::Tare { duration_ms: 50 + self.random.below(150) },
+            2 | 3 => Step::Ramp { x_um, y_um, duration_ms: 1_000 + self.random.below(800) },
+            _ => Step::Move { x_um, y_um, speed_um_s: 500 + self.random.below(9_500) },
+        }
+    }
+
+    /// A program of up to three steps, and a wait that may end it in its midst.
+    fn program(&mut self) -> Checked<()> {
+        let count = 1 + self.random.below(3) as usize;
+        let steps: Vec<Step> = (0..count).map(|_| self.step()).collect();
+        self.run(&steps)?;
+        let wait_ms = [50, 600, 3_000][self.random.below(3) as usize];
+        self.target.pass(wait_ms)
+    }
+
+    fn run(&mut self, steps: &[Step]) -> Checked<()> {
+        for (index, step) in (0..).zip(steps) {
+            self.ask(Request::LoadStep { index, step: *step })?;
+        }
+        let start_us = match self.random.below(12) {
+            0 => u64::MAX - u64::from(self.random.below(9)),
+            1 => self.target.condition()?.now_us + 50_000,
+            _ => 0,
+        };
+        self.ask(Request::Run { steps: steps.len() as u8, crc: program_crc(steps), start_us })
+    }
+
+    /// A fast motion is stopped anywhere, and another one follows at once.
+    fn interrupted(&mut self) -> Checked<()> {
+        let step = self.step();
+        self.run(&[step])?;
+        let wait_ms = self.random.below(1_500);
+        self.target.pass(wait_ms)?;
+        self.ask(Request::Stop)?;
+        self.program()
+    }
+
+    /// A little further each time, with a tare.
+    fn creep_by_tares(&mut self) -> Checked<()> {
+        let mut y_um = self.target.condition()?.position_um[1] as i32;
+        let by_um = if self.random.one_in(2) { 250 } else { -250 };
+        for _ in 0..10 {
+            y_um = (y_um + by_um).clamp(-9_000, 9_000);
+            self.run(&[
+                Step::Move { x_um: 0, y_um, speed_um_s: 2_000 },
+                Step::Hold { duration_ms: 60 },
+                Step::Tare { duration_ms: 60 },
+            ])?;
+            self.target.pass(600)?;
+        }
+        Ok(())
+    }
+
+    /// Into a load, and further into it by one retreat after the other.
+    fn creep_by_retreats(&mut self) -> Checked<()> {
+        let y_um = if self.random.one_in(2) { 8_000 } else { -8_000 };
+        self.run(&[Step::Move { x_um: 0, y_um, speed_um_s: 4_000 }])?;
+        self.target.pass(3_000)?;
+        let crosses = self.random.one_in(2);
+        for turn in 0..16 {
+            let x_um = if crosses && turn % 2 == 0 { 300 } else { 0 };
+            let y_um = if x_um == 0 { y_um.signum() * 1_000 } else { 0 };
+            self.ask(Request::Retreat { x_um, y_um })?;
+            self.target.pass(900)?;
+        }
+        Ok(())
+    }
+
+    /// Into the tissue while the force converter fails.
+    fn converter_fails(&mut self) -> Checked<()> {
+        self.program()?;
+        let converter = [Converter::Silent, Converter::Saturated, Converter::SaturatedOnce]
+            [self.random.below(3) as usize];
+        self.target.set(Causes { converter, ..Causes::default() })?;
+        let y_um = if self.random.one_in(2) { 9_000 } else { -9_000 };
+        self.run(&[Step::Move { x_um: 0, y_um, speed_um_s: 5_000 }])?;
+        self.target.pass(3_000)?;
+        if self.random.one_in(2) { self.target.set(Causes::default()) } else { Ok(()) }
+    }
+
+    /// A motor that never rests, until it has to.
+    fn heat(&mut self) -> Checked<()> {
+        self.target.set(Causes::default())?;
+        let steps: Vec<Step> = (0..60)
+            .map(|step| Step::Ramp {
+                x_um: 0,
+                y_um: if step % 2 == 0 { 900 } else { -900 },
+                duration_ms: 2_000,
+            })
+            .collect();
+        self.run(&steps)?;
+        self.target.pass(130_000)
+    }
+
+    /// Stores a calibration: that of the rig, one slipped by a unit, one that is off within what a rig can have, tables of the
+    /// wrong sign, swapped channels, another travel.
+    fn calibrate(&mut self) -> Checked<()> {
+        let mut record = Calibration::nominal_record();
+        let mut scale = |times: f64| {
+            let scaled = |pn: i32| (f64::from(pn) * times) as i32;
+            record.force_pn_per_code = record.force_pn_per_code.map(|row| row.map(scaled));
+        };
+        match self.random.below(7) {
+            0 => scale(10_f64.powi([-3, -2, -1, 1, 2, 3][self.random.below(6) as usize])),
+            1 => scale([0.7, 0.9, 1.2, 2.0][self.random.below(4) as usize]),
+            2 => {
+                for table in &mut record.potentiometers {
+                    (table.rising_um, table.falling_um) =
+                        (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
+                }
+            }
+            3 => record.travel_um = [5_000, 10_000, 100_000][self.random.below(3) as usize],
+            4 => record.force_pn_per_code = record.force_pn_per_code.map(|[x, y]| [y, x]),
+            5 => record.force_pn_per_code = record.force_pn_per_code.map(|row| row.map(|pn| -pn)),
+            _ => {}
+        }
+        self.store(&record)
+    }
+
+    fn store(&mut self, record: &CalibrationRecord) -> Checked<()> {
+        let mut buffer = [0; MAX_CALIBRATION];
+        let bytes = record.encode(&mut buffer);
+        for (piece, chunk) in (0..).zip(bytes.chunks(PIECE_BYTES)) {
+            let mut bytes = [0; PIECE_BYTES];
+            bytes[..chunk.len()].copy_from_slice(chunk);
+            self.ask(Request::LoadCalibration { piece, bytes })?;
+        }
+        self.ask(Request::StoreCalibration { length: bytes.len() as u8, crc: record.crc() })
+    }
+
+    /// A frame that was sent before: any, or the latest program when its answer is forgotten; with its own content or another.
+    fn old_frame(&mut self) -> Checked<()> {
+        let count = self.target.sent().len() as u32;
+        if count == 0 {
+            return Ok(());
+        }
+        let at = self.random.below(count) as usize;
+        let mut old = self.target.sent()[at];
+        let is_run = |command: &&Command| matches!(command.request, Request::Run { .. });
+        let latest = self.target.sent().iter().rev().find(is_run).copied();
+        if self.random.one_in(2)
+            && let Some(run) = latest
+        {
+            old = run;
+            for _ in 0..REMEMBERED {
+                let answer = self.target.ask(Request::Status)?;
+                answer.map_err(|refusal| Violation(format!("a status is refused: {refusal:?}")))?;
+            }
+        }
+        if self.random.one_in(6) {
+            old.request = Request::AcknowledgeCalibration;
+        }
+        self.target.replay(old)?;
+        self.target.pass(5)
+    }
+
+    /// Whatever is latched has a way out, under the load that caused it, by commands alone.
+    ///
+    /// # Errors
+    /// Where there is none, and what does not hold.
+    pub fn leave(&mut self) -> Checked<()> {
+        self.target.set(Causes::default())?;
+        self.ask(Request::Stop)?;
+        self.target.pass(30)?;
+        let (mut waited, mut towards) = (false, 1);
+        for turn in 0..TRIES {
+            let condition = self.target.condition()?;
+            let Some(fault) = condition.fault else { return Ok(()) };
+            if fault == Fault::CalibrationLost {
+                self.ask(Request::AcknowledgeCalibration)?;
+            }
+            if self.target.ask(Request::ClearFault)?.is_ok() {
+                self.faults_left += 1;
+                return Ok(());
+            }
+            let cools_in_s = condition.cools_in_s.into_iter().max().unwrap_or(0);
+            if cools_in_s > 0 {
+                if waited || cools_in_s > COOLING_LIMIT_S {
+                    return Err(Violation(format!(
+                        "a motor has not cooled in the time stated: {condition:?}"
+                    )));
+                }
+                waited = true;
+                self.target.pass((u32::from(cools_in_s) + 1) * 1_000)?;
+                continue;
+            }
+            // One that was lost before another fault was latched.
+            self.ask(Request::AcknowledgeCalibration)?;
+            towards = self.retreat(condition.force_n, towards)?;
+            if turn == TRIES / 2 {
+                // A limit below what was tared has no place where it is met: the other way out of `ForceLimit`.
+                let force_mn = self.target.record().force_range_mn;
+                self.ask(Request::Limits { force_mn, silence_ms: 2_000 })?;
+            }
+        }
+        let condition = self.target.condition()?;
+        Err(Violation(format!("no way out in {TRIES} tries: {condition:?}")))
+    }
+
+    /// Out of the load along the axis that has more of it, against its force times this sign; the sign for the next try: where the
+    /// load has not fallen, the other way.
+    fn retreat(&mut self, force_n: [f32; 2], towards: i32) -> Checked<i32> {
+        let axis = usize::from(force_n[1].abs() > force_n[0].abs());
+        let mut by_um = [0; 2];
+        by_um[axis] = if force_n[axis] > 0.0 { -1_000 * towards } else { 1_000 * towards };
+        let [x_um, y_um] = by_um;
+        match self.target.ask(Request::Retreat { x_um, y_um })? {
+            Err(Refusal::NotUnderLoad | Refusal::OutOfTravel | Refusal::Busy) | Ok(()) => {}
+            Err(refusal) => return Err(Violation(format!("a retreat is refused: {refusal:?}"))),
+        }
+        self.target.pass(2_500)?;
+        let after_n = self.target.condition()?.force_n;
+        Ok(if after_n[axis].abs() < force_n[axis].abs() - FALLEN_N { towards } else { -towards })
+    }
+}

@@ -1,0 +1,48 @@
+//! The sequences find nothing, and each gap when its measure is disabled.
+
+use super::*;
+use crate::mutation::Mutation;
+
+/// For each measure a sequence that finds that it is disabled: the first one of the seeds from 1 on.
+const FOUND_BY: [(Mutation, u64); Mutation::ALL.len()] = [
+    (Mutation::AnyCalibration, 29),
+    (Mutation::ForgetAtRestart, 2),
+    (Mutation::LimitFromTare, 31),
+    (Mutation::NoRetreat, 94),
+    (Mutation::RampEndsAtOnce, 321),
+    (Mutation::AnyDirection, 8),
+    (Mutation::OldFramesAct, 47),
+    (Mutation::AnyStart, 11),
+    (Mutation::CoolingTooShort, 192),
+    (Mutation::SilentAfterSaturation, 49),
+    (Mutation::RetreatsClimb, 39),
+];
+/// Sequences that once found a gap, or what must hold stated too narrowly.
+const KEPT: [u64; 9] = [14, 716, 1_015, 1_176, 1_270, 2_900, 4_000, 4_039, 5_230];
+
+/// `cargo xtask campaign` runs as many as are asked for.
+#[test]
+fn no_sequence_of_commands_gets_round_the_limits() {
+    let mut tally = Tally::default();
+    for seed in (1..=40).chain(KEPT).chain(FOUND_BY.map(|(_, seed)| seed)) {
+        tally.add(run_in_process(seed).unwrap_or_else(|violation| panic!("{violation}")));
+    }
+    std::println!("{tally}");
+    assert!(tally.commands > 2_000 && tally.faults > 40 && tally.restarts > 10, "{tally}");
+}
+
+#[test]
+fn each_disabled_measure_is_found() {
+    for (measure, (named, seed)) in Mutation::ALL.into_iter().zip(FOUND_BY) {
+        assert_eq!(measure, named);
+        let found = Mutation::without(measure, || run_in_process(seed).err());
+        let found = found.unwrap_or_else(|| panic!("{measure:?}: sequence {seed} finds nothing"));
+        std::println!("{measure:?}: {found}");
+    }
+}
+
+#[test]
+fn a_sequence_depends_on_its_seed_alone() {
+    assert_eq!(run_in_process(7), run_in_process(7));
+    assert_ne!(run_in_process(7), run_in_process(9));
+}

@@ -1,0 +1,409 @@
+//! The controller: everything the device decides, once per control period, without any hardware.
+//!
+//! [`Controller::step`] takes all inputs of one period (readings, at most one command) and returns all outputs (what the
+//! bridges do, one sample, answers and events). The same call runs on the microcontroller, in the unit tests and against the
+//! simulated rig. It does a bounded amount of work, allocates nothing and cannot fail: what goes wrong becomes a latched
+//! fault with the bridges off, which holds the guide (a lead screw is not driven back by its load).
+//!
+//! | part | decides |
+//! |---|---|
+//! | [`commands`] | which commands are carried out, and that none is carried out twice |
+//! | [`program`] | which step of the motion program runs, and when it is over |
+//! | [`axis`] | the duty that brings one actuator to its setpoint |
+//! | [`motor`] | how long a motor may be driven, and whether it moves when it is |
+//! | [`force`], [`tare`] | force from converter codes: calibration, zero, stale and saturated readings |
+//! | [`decimate`], [`stiffness`] | the lateral stiffness as the readings come |
+//! | [`interlock`] | when to stop, and why: the table of hazards |
+//! | [`retreat`] | the way out of a load while its fault stands |
+//! | [`carried`] | what a restart must not forget |
+//! | [`store`] | a calibration on its way to the device |
+//! | [`telemetry`] | batches and notes, and what is dropped where the link is slow |
+//! | [`indicator`] | the status light |
+//! | [`ads131m02`], [`calibration`], [`slots`] | the force converter; the constants of a rig, and where they are kept |
+//! | [`campaign`] | on hosts: random sequences against what must hold |
+
+#![cfg_attr(target_os = "none", no_std)]
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+// Nothing that a host or a sensor says can make it panic.
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)
+)]
+
+pub mod ads131m02;
+pub mod axis;
+pub mod calibration;
+#[cfg(not(target_os = "none"))]
+#[allow(clippy::indexing_slicing, reason = "runs on hosts alone, where a mistake of its own may panic")]
+pub mod campaign;
+pub mod carried;
+pub mod commands;
+pub mod decimate;
+pub mod force;
+pub mod hal;
+pub mod indicator;
+pub mod interlock;
+pub mod motor;
+pub mod mutation;
+mod period;
+pub mod profile;
+mod program;
+mod report;
+mod requests;
+pub mod retreat;
+pub mod slots;
+mod start;
+pub mod stiffness;
+mod store;
+pub mod tare;
+pub mod telemetry;
+
+use crate::calibration::Calibration;
+use axis::Axis;
+use carried::Carried;
+use commands::Conversation;
+use force::ForceChannel;
+use indicator::Indicator;
+use interlock::{Causes, Interlock, Limits, Observed};
+use motor::{DriveWatch, DutyBudget};
+use mutation::Mutation;
+pub use period::{Drive, Inputs, Note, Notes, Outputs};
+use program::{Executor, Phase};
+use protocol::{CalibrationSource, Event, EventKind, Fault, Outcome, RetreatOutcome, Sample};
+use report::SAFETY_REPORTS;
+use retreat::{Climb, LoadWatch, Trend};
+pub use start::{DESCRIPTION, Origin, Start};
+use stiffness::StiffnessFit;
+use store::Incoming;
+
+/// Control period, microseconds.
+pub const PERIOD_US: u32 = 1_000;
+/// Control period, seconds.
+pub const PERIOD_S: f32 = PERIOD_US as f32 * 1e-6;
+/// Periods between two unasked statuses.
+pub const REPORT_PERIODS: u32 = 100_000 / PERIOD_US;
+/// Step index outside a program.
+pub const NO_STEP: u8 = u8::MAX;
+
+/// The whole control law.
+#[derive(Debug)]
+pub struct Controller {
+    calibration: Calibration,
+    axes: [Axis; 2],
+    watches: [DriveWatch; 2],
+    budgets: [DutyBudget; 2],
+    force: ForceChannel,
+    stiffness: StiffnessFit,
+    interlock: Interlock,
+    executor: Executor,
+    conversation: Conversation,
+    indicator: Indicator,
+    incoming: Incoming,
+    heard_us: u64,
+    control_overruns: u32,
+    report_due: u32,
+    safety_due: u32,
+    streaming: bool,
+    source: CalibrationSource,
+    /// The calibration was lost and nobody has acknowledged that.
+    calibration_lost: bool,
+    retreat: LoadWatch,
+    climb: Climb,
+    /// A calibration was accepted: the device is about to restart.
+    restarting: bool,
+    /// What was last said of these, and kept of the fault.
+    said: Option<Said>,
+    kept_fault: Option<Fault>,
+}
+
+/// What of the safety is said at once when it changes.
+type Said = (CalibrationSource, bool, [i32; 2]);
+
+/// A period that begins later than this is a late one, microseconds.
+const LATE_US: u32 = PERIOD_US / 2;
+
+impl Controller {
+    /// A controller at rest.
+    pub fn new(calibration: Calibration, start: Start) -> Self {
+        let mut interlock = Interlock::new(Limits::of(&calibration));
+        let Start { boot_id, restarted, origin, carried } = start;
+        let Carried { fault, budgets, climb } =
+            carried.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
+        // What was latched before the restart comes first; the hello tells the restart itself.
+        let lost = origin == Origin::Lost;
+        // That of a calibration which has been lost is latched anew, or has been stored.
+        let fault = fault.filter(|fault| *fault != Fault::CalibrationLost);
+        let restarted = restarted.then_some(Fault::Restarted);
+        let lost_now = lost.then_some(Fault::CalibrationLost);
+        if let Some(fault) = fault.or(restarted).or(lost_now) {
+            interlock.latch(fault);
+        }
+        Self {
+            axes: [Axis::new(), Axis::new()],
+            watches: [const { DriveWatch::new() }; 2],
+            budgets,
+            force: ForceChannel::new(),
+            stiffness: StiffnessFit::new(),
+            interlock,
+            executor: Executor::new(),
+            conversation: Conversation::new(boot_id),
+            indicator: Indicator::new(),
+            incoming: Incoming::new(),
+            heard_us: 0,
+            control_overruns: 0,
+            report_due: REPORT_PERIODS,
+            safety_due: SAFETY_REPORTS,
+            streaming: false,
+            source: match origin {
+                Origin::Stored => CalibrationSource::Stored,
+                Origin::Nominal | Origin::Lost => CalibrationSource::Nominal,
+            },
+            calibration_lost: lost,
+            retreat: LoadWatch::new(),
+            climb,
+            restarting: false,
+            said: None,
+            kept_fault: None,
+            calibration,
+        }
+    }
+
+    /// What must outlive a restart.
+    pub fn carried(&self) -> Carried {
+        Carried { fault: self.interlock.latched(), budgets: self.budgets.clone(), climb: self.climb }
+    }
+
+    /// One control period.
+    pub fn step(&mut self, inputs: &Inputs) -> Outputs {
+        let mut notes = Notes::new();
+        let late = inputs.late_us > LATE_US;
+        self.control_overruns = self.control_overruns.saturating_add(late.into());
+        if inputs.command.is_some() {
+            self.heard_us = inputs.now_us;
+        }
+        let (sample, causes) = self.sense(inputs, late);
+        if let Some(fault) = causes.first().filter(|_| self.interlock.latched().is_none()) {
+            self.trip(fault, inputs.now_us, &mut notes);
+        }
+        self.follow_load(causes, inputs.now_us, &mut notes);
+        let mut store = None;
+        if let Some(command) = &inputs.command {
+            store = self.obey(command, inputs, sample, causes, &mut notes);
+        }
+        let drive = self.advance(inputs.now_us, &mut notes);
+        self.watch(drive);
+
+        self.report_due -= 1;
+        if self.report_due == 0 {
+            self.report_due = REPORT_PERIODS;
+            if self.streaming {
+                push(&mut notes, Note::Report(self.status(inputs, sample)));
+            }
+            self.safety_due = self.safety_due.saturating_sub(1);
+        }
+        self.report_safety(inputs.now_us, &mut notes);
+        let latched = self.interlock.latched();
+        let keep = self.report_due == REPORT_PERIODS || latched != self.kept_fault || store.is_some();
+        self.kept_fault = latched;
+        let state = self.state();
+        Outputs {
+            drive,
+            led: self.indicator.step(state),
+            state,
+            step: self.executor.index().unwrap_or(NO_STEP),
+            sample,
+            notes,
+            keep,
+            store,
+        }
+    }
+
+    /// Takes the readings: the sample of this period, and the causes to stop.
+    fn sense(&mut self, inputs: &Inputs, late: bool) -> (Sample, Causes) {
+        let rising = self.axes.each_ref().map(Axis::rising);
+        let position_um = self.calibration.position_um(inputs.readings.potentiometer_codes, rising);
+        let force_counts = self.force.update(&self.calibration, &inputs.readings.force_codes);
+        let mut expected_um = position_um;
+        for ((axis, position_um), expected_um) in self.axes.iter_mut().zip(position_um).zip(&mut expected_um)
+        {
+            *expected_um = axis.measure(position_um);
+        }
+        let observed = Observed {
+            readings: &inputs.readings,
+            position_um,
+            expected_um,
+            duty: self.axes.each_ref().map(Axis::last_duty),
+            active: self.executor.phase() != Phase::Idle,
+            silent_us: inputs.now_us.saturating_sub(self.heard_us),
+            late,
+            watches: &self.watches,
+            budgets: &self.budgets,
+            calibration_lost: self.calibration_lost,
+        };
+        let causes = self.interlock.check(&self.calibration, &self.force, &observed);
+        let sample = Sample { position_counts: position_um.map(round), force_counts };
+        if self.force.stale_periods() == 0 {
+            self.stiffness.add(&sample);
+        }
+        (sample, causes)
+    }
+
+    /// Runs the program for one period and the axes after it.
+    fn advance(&mut self, now_us: u64, notes: &mut Notes) -> Drive {
+        if self.interlock.latched().is_some() && self.executor.phase() != Phase::Retreating {
+            return Drive::Release;
+        }
+        let was_taring = self.executor.phase() == Phase::Taring;
+        let settled = self.axes.iter().all(Axis::is_settled);
+        let progress = self.executor.advance(now_us, settled, self.axes.each_ref().map(Axis::position_um));
+        if progress.retreated || (progress.timed_out && self.executor.phase() == Phase::Retreating) {
+            let outcome = if progress.retreated { RetreatOutcome::Moved } else { RetreatOutcome::Stopped };
+            self.end_retreat(outcome, now_us, notes);
+            return Drive::Release;
+        }
+        if progress.tare_finished
+            && let Some(index) = progress.ended
+            && !self.finish_tare(now_us, index, notes)
+        {
+            return Drive::Release;
+        }
+        if let Some(index) = progress.ended {
+            push(notes, Note::Event(event(now_us, EventKind::StepEnded { index })));
+        }
+        if let Some(index) = progress.started {
+            push(notes, Note::Event(event(now_us, EventKind::StepStarted { index })));
+        }
+        if progress.completed {
+            let kind = EventKind::ProgramEnded { outcome: Outcome::Completed };
+            push(notes, Note::Event(event(now_us, kind)));
+        }
+        if progress.timed_out {
+            self.trip(Fault::MoveTimeout, now_us, notes);
+            return Drive::Release;
+        }
+        if self.executor.phase() == Phase::Taring {
+            if !was_taring || progress.started.is_some() {
+                self.force.begin_tare();
+            }
+            self.force.tare_on();
+        }
+        match self.executor.setpoint() {
+            Some(setpoint) => {
+                let [x, y] = &mut self.axes;
+                let [sx, sy] = setpoint;
+                Drive::Duty([x.duty(sx), y.duty(sy)])
+            }
+            None => {
+                self.axes.iter_mut().for_each(Axis::rest);
+                Drive::Release
+            }
+        }
+    }
+
+    /// Takes the zero of the tare that has ended. One that is no good ends the program; false then.
+    fn finish_tare(&mut self, now_us: u64, index: u8, notes: &mut Notes) -> bool {
+        let periods_per_s = f64::from(1_000_000 / PERIOD_US);
+        match self.force.finish_tare(self.calibration.force_range_mn(), periods_per_s) {
+            Ok(tare) => {
+                self.stiffness = StiffnessFit::new();
+                push(notes, Note::Event(event(now_us, EventKind::Tared(tare))));
+                true
+            }
+            Err((tare, problem)) => {
+                push(notes, Note::Event(event(now_us, EventKind::TareRejected { tare, problem })));
+                push(notes, Note::Event(event(now_us, EventKind::StepEnded { index })));
+                let kind = EventKind::ProgramEnded { outcome: Outcome::TareRejected };
+                push(notes, Note::Event(event(now_us, kind)));
+                self.executor.abort();
+                self.axes.iter_mut().for_each(Axis::rest);
+                false
+            }
+        }
+    }
+
+    /// Ends a retreat that has done its work, or does harm.
+    fn follow_load(&mut self, causes: Causes, now_us: u64, notes: &mut Notes) {
+        if self.executor.phase() != Phase::Retreating {
+            return;
+        }
+        if causes.other_than_load() {
+            return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
+        }
+        let position_um = self.axes.each_ref().map(Axis::position_um);
+        let limits = [self.interlock.limits().force_mn, self.calibration.force_range_mn()];
+        let [limit_mn, range_mn] = limits;
+        match self.retreat.step(self.force.load_counts(), position_um, limit_mn, range_mn) {
+            Trend::Falling => {}
+            Trend::Unloaded => self.end_retreat(RetreatOutcome::Unloaded, now_us, notes),
+            Trend::NotFalling => self.end_retreat(RetreatOutcome::ForceNotFalling, now_us, notes),
+        }
+    }
+
+    fn end_retreat(&mut self, outcome: RetreatOutcome, now_us: u64, notes: &mut Notes) {
+        self.executor.abort();
+        self.axes.iter_mut().for_each(Axis::rest);
+        self.climb.end(self.force.load_counts());
+        push(notes, Note::Event(event(now_us, EventKind::RetreatEnded { outcome })));
+    }
+
+    /// Tells the motors' keepers what was done.
+    fn watch(&mut self, drive: Drive) {
+        let duty = match drive {
+            Drive::Release => [0.0; 2],
+            Drive::Duty(duty) => duty,
+        };
+        let [setpoint_x, setpoint_y] = match self.executor.setpoint() {
+            Some([x, y]) => [Some(x), Some(y)],
+            None => [None; 2],
+        };
+        let positions_um = self.axes.each_ref().map(Axis::position_um);
+        let drives = duty.into_iter().zip(positions_um).zip([setpoint_x, setpoint_y]);
+        let keepers = self.watches.iter_mut().zip(&mut self.budgets);
+        for ((watch, budget), ((duty, position_um), setpoint)) in keepers.zip(drives) {
+            watch.step(duty, position_um, setpoint);
+            budget.step(duty != 0.0);
+        }
+        for (axis, watch) in self.axes.iter_mut().zip(&self.watches) {
+            if watch.is_proven() {
+                axis.prove();
+            }
+        }
+    }
+
+    /// Latches a fault, ends the program and says so.
+    fn trip(&mut self, fault: Fault, now_us: u64, notes: &mut Notes) {
+        self.interlock.latch(fault);
+        self.climb = Climb::default();
+        push(notes, Note::Event(event(now_us, EventKind::Faulted { fault })));
+        self.end_program(Outcome::Faulted, now_us, notes);
+    }
+
+    fn end_program(&mut self, outcome: Outcome, now_us: u64, notes: &mut Notes) {
+        if self.executor.phase() == Phase::Retreating {
+            return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
+        }
+        if self.executor.abort() {
+            push(notes, Note::Event(event(now_us, EventKind::ProgramEnded { outcome })));
+        }
+        self.axes.iter_mut().for_each(Axis::rest);
+    }
+}
+
+fn event(t_us: u64, kind: EventKind) -> Event {
+    Event { t_us, kind }
+}
+
+/// `Notes` holds the most that one period can say, so nothing is ever refused here; the longest period is covered by a test.
+fn push(notes: &mut Notes, note: Note) {
+    let pushed = notes.push(note);
+    debug_assert!(pushed.is_ok(), "more notes in one period than there is room for");
+}
+
+/// Rounds to the nearest integer, halves away from zero, saturating; `f32::round` is not in `core`.
+pub(crate) fn round(value: f32) -> i32 {
+    (if value < 0.0 { value - 0.5 } else { value + 0.5 }) as i32
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,95 @@
+//! Safety measures that tests can disable, to show that the tests find each gap (mutation testing of the limits). Without the feature
+//! `campaign`, and so in every image, nothing can be disabled, which the compiler evaluates.
+//!
+//! Each of these measures closes what was once a way round a limit, or a state without a way out. The random sequences of
+//! `crate::campaign` find it where the measure is disabled; the tests through QEMU go the way itself.
+//!
+//! | measure | without it | test through QEMU |
+//! |---|---|---|
+//! | `AnyCalibration` | a slip of a unit in a calibration switches the force limit off | `a_calibration_that_no_rig_has_is_refused` |
+//! | `ForgetAtRestart` | storing a calibration clears faults and the motors' history | `storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors` |
+//! | `LimitFromTare` | tares under load move the force limit | `tares_under_load_do_not_move_the_force_limit`, `a_tare_under_load_is_rejected` |
+//! | `NoRetreat` | a fault under load stands for ever | `a_load_beyond_the_range_is_left_by_a_retreat`, `the_monitor_retreats_from_a_load` |
+//! | `RampEndsAtOnce` | a ramp rests beyond the travel | `a_ramp_to_the_end_of_the_travel_rests_within_it` |
+//! | `AnyDirection` | tables of the wrong sign make the loop run away | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
+//! | `OldFramesAct` | a frame that is replayed moves the guide again | `a_frame_from_before_does_not_move_the_guide_again` |
+//! | `AnyStart` | a program waits for years and then starts | `a_start_years_ahead_is_refused` |
+//! | `CoolingTooShort` | a hot motor is not cool when it is said to be | `a_motor_that_never_rests_is_locked_out` |
+//! | `SilentAfterSaturation` | one saturated reading hides that none follows: no force limit | `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load` |
+//! | `RetreatsClimb` | retreats in the wrong direction add up | `a_load_beyond_the_range_is_left_by_a_retreat` |
+
+/// A safety measure that can be disabled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mutation {
+    /// Any calibration is accepted.
+    AnyCalibration,
+    /// A restart forgets fault and heat.
+    ForgetAtRestart,
+    /// The force limit counts from the tare alone, and any tare is accepted.
+    LimitFromTare,
+    /// Nothing leads out of a load.
+    NoRetreat,
+    /// A last ramp ends with its time.
+    RampEndsAtOnce,
+    /// The direction of motion is not checked.
+    AnyDirection,
+    /// Only the latest answers are known, by their id.
+    OldFramesAct,
+    /// A start may be any time ahead.
+    AnyStart,
+    /// The time in which a motor cools is stated too short.
+    CoolingTooShort,
+    /// A converter that was saturated once may be silent for ever.
+    SilentAfterSaturation,
+    /// Retreats may follow each other into the load.
+    RetreatsClimb,
+}
+
+#[cfg(not(not(target_os = "none")))]
+impl Mutation {
+    /// This measure is disabled.
+    pub(crate) const fn is_out(self) -> bool {
+        false
+    }
+}
+
+#[cfg(not(target_os = "none"))]
+std::thread_local! {
+    static DISABLED: std::cell::Cell<Option<Mutation>> = const { std::cell::Cell::new(None) };
+}
+
+#[cfg(not(target_os = "none"))]
+impl Mutation {
+    /// Every one.
+    pub const ALL: [Self; 11] = [
+        Self::AnyCalibration,
+        Self::ForgetAtRestart,
+        Self::LimitFromTare,
+        Self::NoRetreat,
+        Self::RampEndsAtOnce,
+        Self::AnyDirection,
+        Self::OldFramesAct,
+        Self::AnyStart,
+        Self::CoolingTooShort,
+        Self::SilentAfterSaturation,
+        Self::RetreatsClimb,
+    ];
+
+    /// This measure is disabled.
+    pub(crate) fn is_out(self) -> bool {
+        DISABLED.get() == Some(self)
+    }
+
+    /// Runs something with a measure disabled, in this thread.
+    pub fn without<T>(measure: Self, run: impl FnOnce() -> T) -> T {
+        struct Restore;
+        impl Drop for Restore {
+            fn drop(&mut self) {
+                DISABLED.set(None);
+            }
+        }
+        let _restore = Restore;
+        DISABLED.set(Some(measure));
+        run()
+    }
+}

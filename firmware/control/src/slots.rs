@@ -1,0 +1,221 @@
+//! How a calibration is kept without power: in one of two slots, each an own page of the flash.
+//!
+//! A new record goes into the slot that the device does not work with, under the next sequence number; the newest sound one counts.
+//! Wherever power fails on the way, one slot is as it was before. What neither slot explains is a loss, and no rig that never
+//! had a calibration.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 0 to 2 | `ca2` |
+//! | 3 | length of the record |
+//! | 4 to 7 | CRC-32 of all that follows, up to the record's end |
+//! | 8 to 11 | sequence number, from 1 |
+//! | from 12 | the record |
+//!
+//! A slot that begins with `cal` is of the format before, without a sequence number: the oldest.
+
+#![cfg_attr(
+    not(test),
+    deny(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::panic)
+)]
+
+use crate::Origin;
+use crate::calibration::Calibration;
+use protocol::{CalibrationRecord, MAX_CALIBRATION, calibration_crc};
+
+/// Slots.
+pub const SLOTS: usize = 2;
+/// Bytes of a slot, filled up to whole units of the flash.
+pub const STORED_BYTES: usize = (HEAD_BYTES + SEQUENCE_BYTES + MAX_CALIBRATION).next_multiple_of(8);
+/// What erased flash reads.
+pub const ERASED: u8 = 0xFF;
+const HEAD_BYTES: usize = 8;
+const SEQUENCE_BYTES: usize = 4;
+const MARK: [u8; 3] = *b"ca2";
+/// The mark of the format before.
+const OLD_MARK: [u8; 3] = *b"cal";
+
+/// A record as a slot keeps it.
+pub fn to_stored(record: &CalibrationRecord, sequence: u32) -> [u8; STORED_BYTES] {
+    let mut buffer = [0; MAX_CALIBRATION];
+    let bytes = record.encode(&mut buffer);
+    let mut stored = [ERASED; STORED_BYTES];
+    let (head, rest) = stored.split_at_mut(HEAD_BYTES);
+    for (kept, byte) in rest.iter_mut().zip(sequence.to_le_bytes().iter().chain(bytes)) {
+        *kept = *byte;
+    }
+    let crc = calibration_crc(rest.get(..SEQUENCE_BYTES + bytes.len()).unwrap_or_default());
+    let ([a, b, c], [d, e, f, g]) = (MARK, crc.to_le_bytes());
+    head.copy_from_slice(&[a, b, c, bytes.len() as u8, d, e, f, g]);
+    stored
+}
+
+/// The record that a slot keeps and its sequence number; nothing where there is none, or one that is damaged.
+pub fn from_stored(stored: &[u8; STORED_BYTES]) -> Option<(CalibrationRecord, u32)> {
+    let (&[a, b, c, length, d, e, f, g], rest) = stored.split_first_chunk::<HEAD_BYTES>()?;
+    let crc = u32::from_le_bytes([d, e, f, g]);
+    let numbered = match [a, b, c] {
+        MARK => true,
+        OLD_MARK => false,
+        _ => return None,
+    };
+    let covered = rest.get(..usize::from(length) + if numbered { SEQUENCE_BYTES } else { 0 })?;
+    if calibration_crc(covered) != crc {
+        return None;
+    }
+    if !numbered {
+        return Some((CalibrationRecord::decode(covered)?, 0));
+    }
+    let (sequence, record) = covered.split_first_chunk::<SEQUENCE_BYTES>()?;
+    Some((CalibrationRecord::decode(record)?, u32::from_le_bytes(*sequence)))
+}
+
+/// What the device works with, and where the next record goes.
+#[derive(Debug, Clone)]
+pub struct Choice {
+    /// The calibration.
+    pub calibration: Calibration,
+    /// Where it comes from.
+    pub origin: Origin,
+    /// For the next one.
+    pub next: Next,
+}
+
+/// Where a record is to be written, and as what.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Next {
+    /// The slot.
+    pub slot: usize,
+    /// The sequence number.
+    pub sequence: u32,
+}
+
+/// The newest sound calibration.
+pub fn choose(slots: &[[u8; STORED_BYTES]; SLOTS]) -> Choice {
+    let sound = slots.iter().enumerate().filter_map(|(slot, stored)| {
+        let (record, sequence) = from_stored(stored)?;
+        Some((slot, sequence, Calibration::new(record).ok()?))
+    });
+    if let Some((slot, sequence, calibration)) = sound.max_by_key(|(_, sequence, _)| *sequence) {
+        let next = Next { slot: (slot + 1) % SLOTS, sequence: sequence.saturating_add(1) };
+        return Choice { calibration, origin: Origin::Stored, next };
+    }
+    let erased = |stored: &[u8; STORED_BYTES]| stored.iter().all(|byte| *byte == ERASED);
+    let origin = if slots.iter().all(erased) { Origin::Nominal } else { Origin::Lost };
+    Choice { calibration: Calibration::default(), origin, next: Next { slot: 0, sequence: 1 } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::Text;
+    use std::vec::Vec;
+
+    fn named(id: &str) -> CalibrationRecord {
+        CalibrationRecord { id: Text::new(id), ..Calibration::nominal_record() }
+    }
+
+    fn id(slots: &[[u8; STORED_BYTES]; SLOTS]) -> (std::string::String, Origin) {
+        let choice = choose(slots);
+        (choice.calibration.record().id.as_str().into(), choice.origin)
+    }
+
+    #[test]
+    fn what_is_kept_is_read_back_and_what_is_damaged_is_not() {
+        let record = named("unit-7");
+        let stored = to_stored(&record, 77);
+        assert_eq!(from_stored(&stored), Some((record.clone(), 77)));
+        assert_eq!(from_stored(&[ERASED; STORED_BYTES]), None);
+        let length = record.encode(&mut [0; MAX_CALIBRATION]).len();
+        for byte in 0..HEAD_BYTES + SEQUENCE_BYTES + length {
+            for bit in 0..8 {
+                let mut damaged = stored;
+                damaged[byte] ^= 1 << bit;
+                assert_eq!(from_stored(&damaged), None, "bit {bit} of byte {byte}");
+            }
+        }
+    }
+
+    /// As the version before has written it into its only page, which is the second slot.
+    #[test]
+    fn the_format_before_is_read_and_is_the_older_one() {
+        let mut buffer = [0; MAX_CALIBRATION];
+        let record = named("unit-6");
+        let bytes = record.encode(&mut buffer);
+        let mut old = [ERASED; STORED_BYTES];
+        old[..4].copy_from_slice(&[b'c', b'a', b'l', bytes.len() as u8]);
+        old[4..8].copy_from_slice(&calibration_crc(bytes).to_le_bytes());
+        old[8..8 + bytes.len()].copy_from_slice(bytes);
+        let erased = [ERASED; STORED_BYTES];
+        let choice = choose(&[erased, old]);
+        assert_eq!((choice.origin, choice.next), (Origin::Stored, Next { slot: 0, sequence: 1 }));
+        assert_eq!(id(&[erased, old]).0, "unit-6");
+        assert_eq!(id(&[to_stored(&named("unit-7"), 1), old]).0, "unit-7");
+    }
+
+    #[test]
+    fn nothing_is_nominal_and_anything_that_is_no_calibration_is_a_loss() {
+        let erased = [ERASED; STORED_BYTES];
+        assert_eq!(id(&[erased, erased]), ("nominal".into(), Origin::Nominal));
+        let mut damaged = to_stored(&named("unit-7"), 1);
+        damaged[40] ^= 1;
+        assert_eq!(id(&[damaged, erased]), ("nominal".into(), Origin::Lost));
+        // Constants that no rig has, as an earlier firmware took them.
+        let mut implausible = named("unit-7");
+        implausible.force_pn_per_code = [[931, 0], [0, 931]];
+        assert_eq!(id(&[erased, to_stored(&implausible, 1)]), ("nominal".into(), Origin::Lost));
+        assert_eq!(id(&[to_stored(&named("unit-5"), 1), to_stored(&implausible, 2)]).0, "unit-5");
+    }
+
+    /// Power fails at every erase and write boundary, and in the middle of each: a page that is erased in part, a double word that
+    /// holds anything.
+    #[test]
+    fn wherever_power_fails_the_old_or_the_new_calibration_is_there() {
+        let mut slots = [[ERASED; STORED_BYTES]; SLOTS];
+        let mut old = named("unit-0");
+        slots[0] = to_stored(&old, 1);
+        for round in 1..=3 {
+            let new = named(&std::format!("unit-{round}"));
+            let next = choose(&slots).next;
+            let target = to_stored(&new, next.sequence);
+            let mut states = Vec::new();
+            let before = slots[next.slot];
+            let mut page = before;
+            for cut in [8, 64, 100, STORED_BYTES] {
+                // Erasing takes any part first.
+                let (mut head, mut tail) = (before, before);
+                head[..cut].fill(ERASED);
+                tail[STORED_BYTES - cut..].fill(ERASED);
+                states.extend([head, tail]);
+            }
+            page.fill(ERASED);
+            states.push(page);
+            for (at, word) in target.chunks(8).enumerate() {
+                for garbage in [0x00, 0x55, 0xA5] {
+                    let mut half = page;
+                    half[8 * at..8 * at + 8].fill(garbage);
+                    half[8 * at..8 * at + 4].copy_from_slice(&word[..4]);
+                    states.push(half);
+                }
+                page[8 * at..8 * at + 8].copy_from_slice(word);
+                states.push(page);
+            }
+            let mut seen_new = 0;
+            for (cut, state) in states.iter().enumerate() {
+                let mut cut_off = slots;
+                cut_off[next.slot] = *state;
+                let choice = choose(&cut_off);
+                assert_eq!(choice.origin, Origin::Stored, "cut {cut}");
+                let found = choice.calibration.record();
+                assert!(*found == old || *found == new, "cut {cut}: {}", found.id.as_str());
+                seen_new += u32::from(*found == new);
+                // Written again after that, it is there.
+                cut_off[choice.next.slot] = to_stored(&new, choice.next.sequence);
+                assert_eq!(*choose(&cut_off).calibration.record(), new, "cut {cut}");
+            }
+            assert!(seen_new >= 1);
+            slots[next.slot] = target;
+            old = new;
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! Every fault from its cause: when it is latched, that nothing is driven from then on, and what it takes to clear it.
+
+use super::*;
+use crate::interlock::{PERSISTENCE_PERIODS, STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
+use crate::motor::{COOLED, ON_LIMIT_PERIODS, STALL_PERIODS};
+
+/// A bench whose guide is on its way.
+fn moving() -> Bench {
+    let mut bench = Bench::new();
+    bench.position_um = [0.0; 2];
+    bench.run(&[Step::Move { x_um: 0, y_um: 3_000, speed_um_s: 1_000 }]);
+    assert!(matches!(bench.periods(300).drive, Drive::Duty(_)));
+    bench
+}
+
+/// Periods until the fault is latched, at most so many; the bridges must be off in that same period and stay so.
+fn periods_to(bench: &mut Bench, fault: Fault, most: u32) -> u32 {
+    for period in 1..=most {
+        let outputs = bench.period(None);
+        if outputs.state == State::Faulted {
+            assert_eq!(bench.controller.interlock.latched(), Some(fault));
+            assert_eq!(outputs.drive, Drive::Release);
+            let told = |note: &Note| matches!(note, Note::Event(Event { kind: EventKind::Faulted { fault: told }, .. }) if *told == fault);
+            assert_eq!(outputs.notes.iter().filter(|note| told(note)).count(), 1, "{:?}", outputs.notes);
+            for _ in 0..300 {
+                assert_eq!(bench.period(None).drive, Drive::Release);
+            }
+            return period;
+        }
+    }
+    panic!("no fault in {most} periods");
+}
+
+/// The cause is there: not cleared. It is gone: cleared, and nothing moves by itself.
+fn clears_only_without(bench: &mut Bench, remove: impl FnOnce(&mut Bench)) {
+    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
+    remove(bench);
+    bench.periods(10);
+    bench.command(Request::ClearFault).expect("the cause is gone");
+    let outputs = bench.periods(50);
+    assert_eq!((outputs.state, outputs.drive), (State::Idle, Drive::Release));
+}
+
+#[test]
+fn force_beyond_the_limit_that_is_set() {
+    let mut bench = moving();
+    bench.command(Request::Stop).expect("stops");
+    let limits = |force_mn, silence_ms| Request::Limits { force_mn, silence_ms };
+    assert_eq!(bench.command(limits(0, 1_000)), Err(Refusal::OutOfRange));
+    assert_eq!(bench.command(limits(5_001, 1_000)), Err(Refusal::OutOfRange));
+    assert_eq!(bench.command(limits(1_000, 199)), Err(Refusal::OutOfRange));
+    bench.command(limits(2_000, 1_000)).expect("within the range");
+    bench.run(&[Step::Hold { duration_ms: 10_000 }]);
+    assert_eq!(bench.command(limits(3_000, 1_000)), Err(Refusal::Busy));
+    bench.push_n = [2.1, 0.0];
+    assert_eq!(periods_to(&mut bench, Fault::ForceLimit, 10), PERSISTENCE_PERIODS.into());
+    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
+    // The screws hold what they hold: a higher limit is one way to move off again.
+    bench.command(limits(4_000, 1_000)).expect("nothing runs");
+    bench.command(Request::ClearFault).expect("below the new limit");
+}
+
+#[test]
+fn force_beyond_the_rated_range() {
+    let mut bench = moving();
+    bench.push_n = [0.0, -5.5];
+    assert_eq!(periods_to(&mut bench, Fault::ForceRange, 10), PERSISTENCE_PERIODS.into());
+    clears_only_without(&mut bench, |bench| bench.push_n = [0.0; 2]);
+}
+
+#[test]
+fn a_saturated_converter() {
+    let mut bench = moving();
+    bench.force_fault = Some(ForceFault::Saturated { channel: 1 });
+    assert_eq!(periods_to(&mut bench, Fault::ForceRange, 10), PERSISTENCE_PERIODS.into());
+    clears_only_without(&mut bench, |bench| bench.force_fault = None);
+}
+
+#[test]
+fn one_odd_reading_is_no_fault() {
+    let mut bench = moving();
+    bench.push_n = [9.0; 2];
+    bench.potentiometer_codes = Some([4_095, 0]);
+    bench.periods(1);
+    (bench.push_n, bench.potentiometer_codes) = ([0.0; 2], None);
+    assert_eq!(bench.periods(10).state, State::Moving);
+}
+
+#[test]
+fn a_force_sensor_that_falls_silent() {
+    let mut bench = moving();
+    bench.force_fault = Some(ForceFault::Crc);
+    assert_eq!(periods_to(&mut bench, Fault::ForceSensor, 100), STALE_LIMIT_PERIODS.into());
+    clears_only_without(&mut bench, |bench| bench.force_fault = None);
+}
+
+#[test]
+fn a_force_sensor_that_repeats_itself() {
+    let mut bench = Bench::new();
+    bench.run(&[Step::Hold { duration_ms: 60_000 }]);
+    bench.force_stuck = true;
+    // The first of them differs from the reading before it.
+    assert_eq!(periods_to(&mut bench, Fault::ForceStuck, 100), u32::from(STUCK_LIMIT_READINGS) + 1);
+    clears_only_without(&mut bench, |bench| bench.force_stuck = false);
+}
+
+#[test]
+fn a_potentiometer_off_its_track() {
+    for codes in [[2_048, 4_095], [0, 2_048]] {
+        let mut bench = moving();
+        bench.potentiometer_codes = Some(codes);
+        assert_eq!(periods_to(&mut bench, Fault::Potentiometer, 10), PERSISTENCE_PERIODS.into());
+        clears_only_without(&mut bench, |bench| bench.potentiometer_codes = None);
+    }
+}
+
+#[test]
+fn a_potentiometer_that_jumps() {
+    let mut bench = moving();
+    bench.potentiometer_codes = Some([2_048 + 200, 2_048]);
+    assert_eq!(periods_to(&mut bench, Fault::Potentiometer, 10), PERSISTENCE_PERIODS.into());
+}
+
+#[test]
+fn an_axis_driven_beyond_its_travel_may_be_driven_back() {
+    let mut bench = Bench::new();
+    bench.position_um = [0.0, 9_900.0];
+    bench.push_n = [0.0, -9.0];
+    bench.run(&[Step::Move { x_um: 0, y_um: 10_000, speed_um_s: 500 }]);
+    bench.periods(10);
+    bench.runaway = Some(1.0);
+    assert!(periods_to(&mut bench, Fault::Travel, 40) < 30);
+    (bench.runaway, bench.position_um) = (None, [0.0, 10_400.0]);
+    bench.periods(100);
+    bench.command(Request::ClearFault).expect("nothing drives it outward");
+    bench.run(&[Step::Move { x_um: 0, y_um: 9_000, speed_um_s: 2_000 }]);
+    bench.notes.clear();
+    assert_eq!(bench.finish(), Outcome::Completed);
+}
+
+#[test]
+fn a_jammed_axis_stalls_before_it_times_out() {
+    let mut bench = moving();
+    bench.strength = 0.0;
+    let periods = periods_to(&mut bench, Fault::Stall, 5_000);
+    assert!((STALL_PERIODS..1_000).contains(&periods), "{periods} periods");
+    bench.command(Request::ClearFault).expect("nothing is driven");
+}
+
+#[test]
+fn a_weak_motor_falls_behind() {
+    let mut bench = Bench::new();
+    bench.position_um = [0.0; 2];
+    bench.strength = 0.3;
+    bench.run(&[Step::Move { x_um: 0, y_um: 9_000, speed_um_s: 9_500 }]);
+    periods_to(&mut bench, Fault::FollowingError, 2_000);
+}
+
+#[test]
+fn an_axis_that_cannot_finish_times_out() {
+    let mut bench = Bench::new();
+    bench.position_um = [0.0; 2];
+    bench.strength = 0.0;
+    // Too little to do for a duty that would be a stall.
+    bench.run(&[Step::Move { x_um: 0, y_um: 50, speed_um_s: 1_000 }]);
+    let periods = periods_to(&mut bench, Fault::MoveTimeout, 10_000);
+    assert!((3_000..4_000).contains(&periods), "{periods} periods");
+}
+
+#[test]
+fn a_silent_host_ends_a_program_and_only_a_program() {
+    let mut bench = Bench::new();
+    bench.asks_every = 0;
+    assert_eq!(bench.periods(5_000).state, State::Idle);
+    bench.run(&[Step::Hold { duration_ms: 60_000 }]);
+    assert_eq!(periods_to(&mut bench, Fault::HostSilent, 5_000), 2_001);
+    bench.command(Request::ClearFault).expect("it speaks again");
+}
+
+#[test]
+fn late_periods_end_a_program_and_are_counted_otherwise() {
+    let mut bench = Bench::new();
+    bench.late_us = 600;
+    assert_eq!(bench.periods(10).state, State::Idle);
+    bench.late_us = 0;
+    bench.periods(20);
+    bench.run(&[Step::Hold { duration_ms: 60_000 }]);
+    bench.late_us = 600;
+    assert_eq!(bench.periods(1).state, State::Holding);
+    bench.late_us = 0;
+    assert_eq!(bench.periods(100).state, State::Holding, "one late period is none");
+    bench.late_us = 600;
+    assert_eq!(periods_to(&mut bench, Fault::Overrun, 10), 2);
+    assert!(bench.controller.control_overruns > 12);
+}
+
+#[test]
+fn a_restart_is_acknowledged_before_anything_moves() {
+    let mut bench = Bench::new();
+    let start = Start { restarted: true, ..Start::ordinary(BOOT) };
+    (bench.controller, bench.connection) = connected(Calibration::default(), start);
+    assert_eq!(bench.periods(1).state, State::Faulted);
+    let run = Request::Run { steps: 1, crc: 0, start_us: 0 };
+    assert_eq!(bench.command(run), Err(Refusal::Faulted { fault: Fault::Restarted }));
+    bench.command(Request::ClearFault).expect("acknowledged");
+    bench.run(&[Step::Hold { duration_ms: 10 }]);
+}
+
+#[test]
+fn a_motor_that_never_rests_is_locked_out_until_it_has_cooled() {
+    let mut bench = Bench::new();
+    bench.position_um = [0.0; 2];
+    let back_and_forth: std::vec::Vec<_> = (0..60)
+        .map(|step| Step::Ramp { x_um: 0, y_um: if step % 2 == 0 { 900 } else { -900 }, duration_ms: 2_000 })
+        .collect();
+    bench.run(&back_and_forth);
+    let periods = periods_to(&mut bench, Fault::MotorHot, 200_000);
+    assert!((ON_LIMIT_PERIODS..ON_LIMIT_PERIODS + 5_000).contains(&periods), "{periods} periods");
+    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
+    let mut rest_s = 0;
+    while bench.command(Request::ClearFault).is_err() {
+        bench.periods(1_000);
+        rest_s += 1;
+    }
+    assert!((200..300).contains(&rest_s), "{rest_s} s of rest for {COOLED} of the limit");
+}
+
+#[test]
+fn a_calibration_is_handed_out_once_it_is_complete_and_nothing_runs() {
+    let mut bench = Bench::new();
+    let record = protocol::CalibrationRecord { travel_um: 7_000, ..Calibration::nominal_record() };
+    let mut buffer = [0; protocol::MAX_CALIBRATION];
+    let bytes = record.encode(&mut buffer);
+    let store = Request::StoreCalibration { length: bytes.len() as u8, crc: record.crc() };
+    assert_eq!(bench.command(store), Err(Refusal::CalibrationInvalid));
+    for (piece, chunk) in (0..).zip(bytes.chunks(protocol::PIECE_BYTES)) {
+        let mut bytes = [0; protocol::PIECE_BYTES];
+        bytes[..chunk.len()].copy_from_slice(chunk);
+        bench.command(Request::LoadCalibration { piece, bytes }).expect("nothing runs");
+    }
+    bench.run(&[Step::Hold { duration_ms: 100 }]);
+    assert_eq!(bench.command(store), Err(Refusal::Busy));
+    assert_eq!(bench.finish(), Outcome::Completed);
+    bench.command(store).expect("complete and meant");
+    assert_eq!(bench.last.as_ref().and_then(|outputs| outputs.store.clone()), Some(record));
+}

@@ -1,0 +1,371 @@
+//! Online estimator of the tissue's stiffness and damping while the needle goes in and its base moves sideways: no heap, any
+//! precision, a bounded amount of work per sample. It runs in the firmware as on the host.
+//!
+//! What is estimated are properties of the tissue at its depth ([`field`]), not of the insertion: mean values over the inserted
+//! part, which the spring-beam-damper paper estimates, follow from them. Samples are averaged into rows of about a
+//! millimetre of insertion, force, base and tip alike (the prefilter). For every row a simulation of the needle ([`simulation`]) says
+//! what force and tip should have been, and by how much each parameter changes them: two rows of least squares, taken
+//! into a square-root information filter ([`information`]).
+//!
+//! The simulation is not linear in the parameters. Rows that were taken in when the parameters were still wrong would stay
+//! wrong for good: so between two rows, one old row per sample, the whole insertion is replayed with the parameters of the day,
+//! and when the replay has caught up it takes the filter's place (Gauss-Newton, one step per replay, halved where it makes
+//! things worse). A start that is wrong by a factor of a hundred is forgotten within a few replays.
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+pub mod field;
+pub mod information;
+pub mod needle;
+pub mod simulation;
+
+mod filter;
+mod noise;
+mod replay;
+
+use field::{Field, Layout};
+use filter::Filter;
+use heapless::Vec;
+use nalgebra::{RealField, convert};
+use needle::{Mode, Shape};
+use noise::Noise;
+use replay::Replay;
+
+/// What is measured at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample<T> {
+    /// Time.
+    pub time_s: T,
+    /// Insertion depth.
+    pub depth_m: T,
+    /// Lateral position of the base.
+    pub base_m: T,
+    /// Lateral force at the base.
+    pub force_n: T,
+    /// Lateral position of the tip.
+    pub tip_m: T,
+}
+
+/// The mean of consecutive samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row<T> {
+    /// Time since the row before.
+    pub step_s: T,
+    /// Insertion depth; never less than before.
+    pub depth_m: T,
+    /// Lateral position of the base.
+    pub base_m: T,
+    /// Lateral force at the base.
+    pub force_n: T,
+    /// Lateral position of the tip.
+    pub tip_m: T,
+    /// How many samples.
+    pub samples: T,
+}
+
+impl<T: RealField> Default for Row<T> {
+    fn default() -> Self {
+        let zero = T::zero;
+        Self {
+            step_s: zero(),
+            depth_m: zero(),
+            base_m: zero(),
+            force_n: zero(),
+            tip_m: zero(),
+            samples: zero(),
+        }
+    }
+}
+
+/// What is known of needle, sensors and tissue before the first sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings<T, const M: usize> {
+    /// Length of the needle from the fixture to the tip.
+    pub length_m: T,
+    /// Mass of needle and fixture.
+    pub moving_mass_kg: T,
+    /// The needle's first modes.
+    pub modes: [Mode<T>; M],
+    /// Segments and orders.
+    pub layout: Layout,
+    /// Length of a segment.
+    pub segment_m: T,
+    /// Where the last segment ends; where that is not beyond its begin it is as long as the others.
+    pub reach_m: T,
+    /// Length of a cell of tissue.
+    pub cell_m: T,
+    /// A row ends when the needle has gone this much deeper ..
+    pub row_m: T,
+    /// .. or its base this much sideways ..
+    pub row_base_m: T,
+    /// .. or after this time. Of rows without any motion only the first counts.
+    pub row_s: T,
+    /// Standard deviation of a single force; taken from the samples themselves where it is 0.
+    pub force_sd_n: T,
+    /// Standard deviation of a single tip position; taken from the samples themselves where it is 0.
+    pub tip_sd_m: T,
+    /// Standard deviation of a single position of the base; taken from the samples themselves where it is 0.
+    pub base_sd_m: T,
+    /// How much a segment varies within: standard deviation of the first order of the logarithm of stiffness, and of the first order of
+    /// damping in its units; order n has an n-th of it.
+    pub variation: T,
+    /// Standard deviation of the force sensor's offset.
+    pub force_offset_sd_n: T,
+    /// Standard deviation of the tip sensor's offset against the base.
+    pub tip_offset_sd_m: T,
+    /// Where the search starts: stiffness, N/m^2, and damping, N s/m^2.
+    pub start: [T; 2],
+    /// Weight that a row keeps when another one comes; 1: nothing is forgotten.
+    pub forgetting: T,
+    /// Share of the tip's innovation that the simulated path takes over, per metre.
+    pub follow_per_m: T,
+}
+
+impl<T: RealField + Copy, const M: usize> Settings<T, M> {
+    /// Two segments of 40 mm, stiffness of order 5, damping of order 1, cells of 2 mm, rows of 1 mm; nothing known of the tissue.
+    pub fn new(length_m: T, moving_mass_kg: T, modes: [Mode<T>; M]) -> Self {
+        Self {
+            length_m,
+            moving_mass_kg,
+            modes,
+            layout: Layout { segments: 2, stiffness: 6, damping: 2 },
+            segment_m: convert(0.04),
+            reach_m: T::zero(),
+            cell_m: convert(2e-3),
+            row_m: convert(1e-3),
+            row_base_m: convert(0.5e-3),
+            row_s: convert(1.0),
+            force_sd_n: T::zero(),
+            tip_sd_m: T::zero(),
+            base_sd_m: T::zero(),
+            variation: convert(0.5),
+            force_offset_sd_n: convert(0.01),
+            tip_offset_sd_m: convert(0.2e-3),
+            start: [convert(1e4), convert(100.0)],
+            forgetting: T::one(),
+            follow_per_m: T::zero(),
+        }
+    }
+}
+
+/// Why a sample was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refused {
+    /// A value is not a number, or none that a rig can have.
+    NotANumber,
+    /// Time does not go on.
+    TimeStands,
+    /// Deeper than the cells or the needle reach.
+    TooDeep,
+}
+
+/// Whether a value can be told from what was measured so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Seen {
+    /// Yes, within its interval.
+    Yes,
+    /// Only that it is not above the interval's end.
+    AtMost,
+    /// No: the motion so far says nothing of it.
+    No,
+}
+
+/// A value with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Value<T> {
+    /// Most probable value.
+    pub value: T,
+    /// Lower end.
+    pub low: T,
+    /// Upper end.
+    pub high: T,
+    /// Whether it can be told.
+    pub seen: Seen,
+}
+
+/// What is known after a row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate<T> {
+    /// Insertion depth.
+    pub depth_m: T,
+    /// Mean stiffness over the inserted part, N/m^2.
+    pub stiffness: Value<T>,
+    /// Mean damping over the inserted part, N s/m^2.
+    pub damping: Value<T>,
+    /// Correlation of the two: near -1 or 1 only a combination of them is known.
+    pub correlation: T,
+    /// Where the simulated tip is, before this row was looked at.
+    pub tip_m: T,
+    /// Where the measured tip is, its offset taken off.
+    pub measured_tip_m: T,
+    /// What the simulated force is, before this row was looked at.
+    pub force_n: T,
+    /// What the measured force is, its offset taken off.
+    pub measured_force_n: T,
+    /// Squared deviations of all rows against the noise: 1 where model and noise are right.
+    pub misfit: T,
+    /// The information is from a replay whose parameters no longer change: intervals can be trusted.
+    pub settled: bool,
+}
+
+/// What the rows say for a layout of segments against another one, of the same rows and noise: logarithm of the evidence
+/// `-cost / (2 wide) - occam`, by Laplace's method.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Evidence<T> {
+    /// Squared deviations of all rows against the noise.
+    pub squares: T,
+    /// The same, outliers trusted less, with what the parameters cost against what was known of them before.
+    pub cost: T,
+    /// Half the logarithm of the determinant of the information over that before the first row.
+    pub occam: T,
+    /// Factor by which variances are larger than independent noise makes them.
+    pub wide: T,
+}
+
+/// The online estimator: `M` modes, `C` cells of tissue, `N` parameters, `H` rows of memory.
+#[derive(Debug, Clone)]
+pub struct Tracker<T: RealField, const M: usize, const C: usize, const N: usize, const H: usize> {
+    settings: Settings<T, M>,
+    shape: Shape<T, M>,
+    noise: Noise<T>,
+    rows: Vec<Row<T>, H>,
+    live: Filter<T, M, C, N>,
+    replay: Replay<T, M, C, N>,
+}
+
+impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const H: usize>
+    Tracker<T, M, C, N, H>
+{
+    /// Nothing measured yet. Nothing where the layout has not `N` parameters or too many per segment.
+    pub fn new(settings: Settings<T, M>) -> Option<Self> {
+        let layout = settings.layout;
+        let most = field::MOST_COEFFICIENTS;
+        let fits = layout.parameters() == N && layout.segments > 0 && (1..=most).contains(&layout.stiffness);
+        if !fits || !(1..=most).contains(&layout.damping) {
+            return None;
+        }
+        let live = Filter::new(&settings);
+        Some(Self {
+            shape: Shape::new(settings.modes, settings.length_m, settings.cell_m),
+            noise: Noise::new([settings.force_sd_n, settings.tip_sd_m, settings.base_sd_m]),
+            rows: Vec::new(),
+            replay: Replay::new(&live),
+            live,
+            settings,
+        })
+    }
+
+    /// Takes a sample; gives what is known where the sample before it completed a row (the row is taken in with one sample and
+    /// weighed with the next, so that no sample takes long).
+    ///
+    /// # Errors
+    /// [`Refused`]; the sample is left out and nothing else changes.
+    pub fn update(&mut self, sample: &Sample<T>) -> Result<Option<Estimate<T>>, Refused> {
+        let reach_m = (self.settings.cell_m * convert(C as f64)).min(self.settings.length_m);
+        let row = self.noise.take(sample, &self.settings, reach_m)?;
+        let estimate = self.live.conclude();
+        match row {
+            Some(row) => {
+                let deviation = self.noise.deviation();
+                self.live.take(&self.settings, &self.shape, &row, deviation);
+                if self.rows.is_full() {
+                    self.condense();
+                }
+                // There is room now: half the rows are gone.
+                let _ = self.rows.push(row);
+            }
+            None if estimate.is_some() => {}
+            None if self.rows.is_full() => self.condense(),
+            None => self.replay_one(),
+        }
+        Ok(estimate)
+    }
+
+    /// The memory is full: every two rows become one, and new ones twice as long.
+    fn condense(&mut self) {
+        let (mut time_s, mut last_s) = (T::zero(), T::zero());
+        let mut condensed = Vec::new();
+        for pair in self.rows.chunks(2) {
+            let samples = pair.iter().fold(T::zero(), |sum, row| sum + row.samples);
+            let mut mean = Row { samples, ..Row::default() };
+            for row in pair {
+                let share = row.samples / samples;
+                time_s += row.step_s;
+                mean.step_s += share * time_s;
+                mean.depth_m += share * row.depth_m;
+                mean.base_m += share * row.base_m;
+                mean.force_n += share * row.force_n;
+                mean.tip_m += share * row.tip_m;
+            }
+            let mean_s = mean.step_s;
+            mean.step_s -= last_s;
+            last_s = mean_s;
+            let _ = condensed.push(mean);
+        }
+        self.rows = condensed;
+        let twice: T = convert(2.0);
+        self.settings.row_m *= twice;
+        self.settings.row_base_m *= twice;
+        self.settings.row_s *= twice;
+        self.replay.renew(&self.live);
+    }
+
+    /// One row of the replay; at its end it takes the filter's place.
+    fn replay_one(&mut self) {
+        let deviation = self.noise.deviation();
+        self.replay.step(&self.settings, &self.shape, &self.rows, deviation, &mut self.live);
+    }
+
+    /// What it was made with.
+    pub fn settings(&self) -> &Settings<T, M> {
+        &self.settings
+    }
+
+    /// What the tissue is at each cell's depth: stiffness and damping.
+    pub fn field(&self) -> &Field<T, C> {
+        self.live.field()
+    }
+
+    /// Stiffness of one cell with its interval.
+    pub fn stiffness_at(&self, cell: usize) -> Option<Value<T>> {
+        (cell < C).then(|| self.live.stiffness_of(&[(cell, T::one())]))
+    }
+
+    /// The same rows with other segments, cells and variation, the parameters not yet found: [`Tracker::finish`] finds
+    /// them.
+    pub fn resegmented(&self, segment_m: T, cell_m: T, variation: T) -> Self {
+        let settings = Settings { segment_m, cell_m, variation, ..self.settings };
+        let mut live = Filter::new(&settings);
+        live.start_from(&self.live);
+        let replay = Replay::new(&live);
+        let shape = Shape::new(settings.modes, settings.length_m, cell_m);
+        Self { settings, shape, live, replay, ..self.clone() }
+    }
+
+    /// What the rows say for these segments.
+    pub fn evidence(&self) -> Evidence<T> {
+        self.live.evidence()
+    }
+
+    /// What is known now, without a new row.
+    pub fn parameters(&self) -> &[T; N] {
+        self.live.parameters()
+    }
+
+    /// No more samples: replays until the parameters rest, then says what is known.
+    pub fn finish(&mut self) -> Option<Estimate<T>> {
+        let _ = self.live.conclude();
+        let most = 40 * (self.rows.len() + 1);
+        for _ in 0..most {
+            if self.replay.is_settled() {
+                break;
+            }
+            self.replay_one();
+        }
+        self.live.last()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,147 @@
+//! A tracker as the ultrasound of a recording: its points and tips become sweeps, at times of the device's clock.
+
+use super::clock::Clocks;
+use super::message::{Content, Message};
+use super::source::{News, Source};
+use super::{IgtlError, Pose};
+use crate::link::Batch;
+use crate::sweep::Sweep;
+use formats::session::ShapeRow;
+use formats::session::import::Frame;
+use std::collections::BTreeSet;
+use std::time::Instant;
+
+/// The usual name of the tip's TRANSFORM.
+pub const TIP: &str = "NeedleTipToReference";
+/// What [`Settings::delay_s`] may be.
+pub const DELAY_RANGE_S: [f64; 2] = [0.0, 10.0];
+/// Most different remarks: their words come from the peer.
+const MOST_NOTES: usize = 32;
+
+/// What is taken from a tracker, and where the needle is for it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Device name of the POINT messages that are the needle's shape; any where none is given.
+    pub shape: Option<String>,
+    /// Device name of the TRANSFORM or POSITION messages that are the needle's tip.
+    pub tip: String,
+    /// Time from what was seen to the stamp of its message.
+    pub delay_s: f64,
+    /// The session's frame in the tracker's.
+    pub frame: Frame,
+}
+
+/// What the tracker has told.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Seen {
+    /// Where the needle was; its samples say when.
+    Shape(Sweep),
+    /// Something that a person should know; each is told once.
+    Note(String),
+}
+
+/// A tracker that is listened to.
+#[derive(Debug)]
+pub struct Channel {
+    source: Source,
+    settings: Settings,
+    clocks: Clocks,
+    noted: BTreeSet<String>,
+    told_dropped: u64,
+}
+
+impl Channel {
+    /// Connects to `HOST[:PORT]`.
+    ///
+    /// # Errors
+    /// [`IgtlError`].
+    pub fn connect(address: &str, settings: Settings) -> Result<Self, IgtlError> {
+        let source = Source::connect(address)?;
+        let clocks = Clocks::new(Instant::now());
+        Ok(Self { source, settings, clocks, noted: BTreeSet::new(), told_dropped: 0 })
+    }
+
+    /// Samples of the device have just arrived: they say what its clock reads.
+    pub fn samples(&mut self, batch: &Batch) {
+        self.clocks.samples(batch, Instant::now());
+    }
+
+    /// What has been told since the last look, in the order of arrival. Never waits. Nothing is a shape before the first sample.
+    pub fn look(&mut self) -> Vec<Seen> {
+        let news: Vec<News> = self.source.news().collect();
+        let mut seen = Vec::new();
+        for news in news {
+            let note = match news {
+                News::Message(message, at) => match self.shape(&message, at) {
+                    Ok(shape) => {
+                        seen.extend(shape.map(Seen::Shape));
+                        None
+                    }
+                    Err(note) => Some(note),
+                },
+                News::Unreadable(why) => Some(format!("a message is left out: {why}")),
+                News::Passed(kind, device) => Some(format!("{kind} `{device}` is not used")),
+                News::Lost(why) => Some(format!("the connection is lost: {why}; it is tried again")),
+                News::Back => Some("the connection is there again".to_owned()),
+            };
+            seen.extend(note.and_then(|note| self.note(note)));
+        }
+        let dropped = self.source.dropped();
+        if dropped > self.told_dropped {
+            self.told_dropped = dropped;
+            seen.extend(
+                self.note("messages come more quickly than they are taken: some are left out".to_owned()),
+            );
+        }
+        seen
+    }
+
+    /// A remark, where it is new.
+    fn note(&mut self, note: String) -> Option<Seen> {
+        if self.noted.len() >= MOST_NOTES || !self.noted.insert(note.clone()) {
+            return None;
+        }
+        let address = self.source.address();
+        let last = if self.noted.len() == MOST_NOTES { " (further remarks are left out)" } else { "" };
+        Some(Seen::Note(format!("OpenIGTLink at {address}: {note}{last}")))
+    }
+
+    /// The needle's points in a message; nothing where it was before the first sample; an error where it is of no use.
+    fn shape(&mut self, message: &Message, at: Instant) -> Result<Option<Sweep>, String> {
+        let Message { device, stamp, content } = message;
+        let Settings { shape, tip, delay_s, frame } = &self.settings;
+        let points_mm: Vec<[f32; 3]> = match content {
+            Content::Points(points) if shape.as_ref().is_none_or(|name| name == device) => {
+                points.iter().map(|point| point.position_mm).collect()
+            }
+            Content::Transform(Pose { position_mm, .. }) | Content::Position(Pose { position_mm, .. })
+                if tip == device =>
+            {
+                vec![*position_mm]
+            }
+            other => return Err(format!("{} `{device}` is not used", other.kind())),
+        };
+        let Some(time_s) = self.clocks.device_s(*stamp, at).map(|time_s| time_s - delay_s) else {
+            return Ok(None);
+        };
+        let mut rows = Vec::new();
+        for (number, point_mm) in (1..).zip(points_mm) {
+            let point = frame.point(point_mm.map(|mm| 1e-3 * f64::from(mm)));
+            let [z_m, deflection_y_m, deflection_x_m] = point;
+            if !Frame::is_near(point) {
+                return Err(format!(
+                    "{} `{device}`: point {number} is {:.1} mm off the straight needle, {:.1} mm from guide 1, expected at most 200 mm \
+                     off and 2000 mm from it: do origin and axis fit?",
+                    content.kind(),
+                    1e3 * deflection_y_m.hypot(deflection_x_m),
+                    1e3 * z_m
+                ));
+            }
+            // What is behind guide 1 tells nothing.
+            if z_m >= 0.0 {
+                rows.push(ShapeRow { time_s, z_m, deflection_y_m, deflection_x_m });
+            }
+        }
+        Ok((!rows.is_empty() && time_s >= 0.0).then(|| Sweep::at_own_times(rows)))
+    }
+}

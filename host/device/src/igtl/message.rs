@@ -1,0 +1,335 @@
+//! The messages that are written and read, and their bytes: big-endian, texts padded with zeros, lengths in millimetres.
+
+use crc::{CRC_64_ECMA_182, Crc, Table};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion};
+use std::time::Duration;
+
+/// Bytes of a header.
+pub const HEADER_BYTES: usize = 58;
+/// Checksum of bodies.
+pub(super) const CRC: Crc<u64, Table<16>> = Crc::<u64, Table<16>>::new(&CRC_64_ECMA_182);
+/// Longest text of a STRING message, bytes: its length is sent in 16 bits.
+pub const MOST_TEXT: usize = u16::MAX as usize;
+/// Most points of a POINT message that are read: a needle has a few hundred.
+pub const MOST_POINTS: usize = 1_900;
+/// Bytes of one point.
+pub(super) const POINT_BYTES: usize = 136;
+/// Bytes of the fields of a header: type and device name.
+const TYPE_BYTES: usize = 12;
+const DEVICE_BYTES: usize = 20;
+/// Encodings of a STRING as registered with IANA.
+const ASCII: u16 = 3;
+const UTF_8: u16 = 106;
+/// The unit of SENSOR: newton, to the power of one, without prefix.
+const NEWTON: u64 = (0x0B << 54) | (1 << 50);
+
+/// One message.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Message {
+    /// Name of what it is about, at most 20 bytes.
+    pub device: String,
+    /// When that was, since 1970 by the sender's clock; zero where the sender does not say.
+    pub stamp: Duration,
+    /// What it says.
+    pub content: Content,
+}
+
+/// What a message says.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Content {
+    /// TRANSFORM: where a frame is, and how it is turned.
+    Transform(Pose),
+    /// POSITION: the same with a quaternion. Read only.
+    Position(Pose),
+    /// POINT: a list of points.
+    Points(Vec<Point>),
+    /// STRING.
+    Text(String),
+    /// SENSOR: values in newtons; what is read is not looked at for its unit.
+    Sensor(Vec<f64>),
+}
+
+/// A frame in another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Its axes as unit vectors.
+    pub axes: [[f32; 3]; 3],
+    /// Its origin, millimetres.
+    pub position_mm: [f32; 3],
+}
+
+impl Pose {
+    /// A frame that is not turned.
+    pub fn at(position_mm: [f32; 3]) -> Self {
+        Self { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], position_mm }
+    }
+}
+
+/// A point of a list.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Point {
+    /// Its name.
+    pub name: String,
+    /// What it is part of.
+    pub group: String,
+    /// Where it is, millimetres.
+    pub position_mm: [f32; 3],
+    /// How large it is to be shown, millimetres.
+    pub diameter_mm: f32,
+}
+
+/// Why bytes are no message.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MessageError {
+    /// Another body than the type has.
+    #[error("{kind} `{device}`: a body of {found} bytes, expected {expected}")]
+    Length {
+        /// Type.
+        kind: &'static str,
+        /// Device name.
+        device: String,
+        /// Bytes there.
+        found: usize,
+        /// What the type has.
+        expected: &'static str,
+    },
+    /// Not a number.
+    #[error("{kind} `{device}`: not a finite number, expected coordinates")]
+    NotFinite {
+        /// Type.
+        kind: &'static str,
+        /// Device name.
+        device: String,
+    },
+    /// A text that cannot be read.
+    #[error("STRING `{device}`: {problem}")]
+    Text {
+        /// Device name.
+        device: String,
+        /// What is wrong, and what was expected.
+        problem: &'static str,
+    },
+    /// The checksum does not fit.
+    #[error("{kind} `{device}`: the checksum does not fit the body")]
+    Checksum {
+        /// Type.
+        kind: String,
+        /// Device name.
+        device: String,
+    },
+    /// The extended header is nonsense.
+    #[error("{kind} `{device}`: extended header and metadata are longer than the body")]
+    Extended {
+        /// Type.
+        kind: String,
+        /// Device name.
+        device: String,
+    },
+}
+
+impl Content {
+    /// The types that are read.
+    pub const READ: [&'static str; 5] = ["TRANSFORM", "POSITION", "POINT", "STRING", "SENSOR"];
+
+    /// Name of the type.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Transform(_) => "TRANSFORM",
+            Self::Position(_) => "POSITION",
+            Self::Points(_) => "POINT",
+            Self::Text(_) => "STRING",
+            Self::Sensor(_) => "SENSOR",
+        }
+    }
+
+    /// Reads a body; none where the type is none of [`Content::READ`].
+    pub(super) fn read(kind: &str, device: &str, body: &[u8]) -> Option<Result<Self, MessageError>> {
+        let kind = Self::READ.into_iter().find(|known| *known == kind)?;
+        let length = |expected: &'static str| MessageError::Length {
+            kind,
+            device: device.to_owned(),
+            found: body.len(),
+            expected,
+        };
+        let finite = |content: Self, numbers: Vec<f32>| {
+            if numbers.into_iter().all(f32::is_finite) {
+                Ok(content)
+            } else {
+                Err(MessageError::NotFinite { kind, device: device.to_owned() })
+            }
+        };
+        Some(match kind {
+            "TRANSFORM" => floats::<12>(body).ok_or_else(|| length("48")).and_then(|f| {
+                let axes = [[f[0], f[1], f[2]], [f[3], f[4], f[5]], [f[6], f[7], f[8]]];
+                let pose = Pose { axes, position_mm: [f[9], f[10], f[11]] };
+                finite(Self::Transform(pose), f.to_vec())
+            }),
+            "POSITION" => position(body).ok_or_else(|| length("12, 24 or 28")).and_then(|pose| {
+                let all = pose.axes.into_iter().flatten().chain(pose.position_mm).collect();
+                finite(Self::Position(pose), all)
+            }),
+            "POINT" => match points(body) {
+                Some(points) => {
+                    let all = points.iter().flat_map(|point| point.position_mm).collect();
+                    finite(Self::Points(points), all)
+                }
+                None => Err(length("136 for each of at most 1900 points")),
+            },
+            "STRING" => text(device, body).map(Self::Text),
+            _ => sensor(body).map(Self::Sensor).ok_or_else(|| length("10 and 8 for each value")),
+        })
+    }
+
+    /// The body's bytes. Texts and lists are cut to what a message can hold.
+    pub(super) fn write(&self) -> Vec<u8> {
+        let mut body = Vec::new();
+        match self {
+            Self::Transform(pose) => {
+                body.extend(
+                    pose.axes.into_iter().flatten().chain(pose.position_mm).flat_map(f32::to_be_bytes),
+                );
+            }
+            Self::Position(pose) => {
+                let turn = Matrix3::from_columns(&pose.axes.map(Into::into));
+                let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn));
+                let floats = pose.position_mm.into_iter().chain(turn.coords.iter().copied());
+                body.extend(floats.flat_map(f32::to_be_bytes));
+            }
+            Self::Points(points) => {
+                for point in points.iter().take(MOST_POINTS) {
+                    body.extend(padded::<64>(&point.name));
+                    body.extend(padded::<32>(&point.group));
+                    // White, opaque.
+                    body.extend([255; 4]);
+                    let floats = point.position_mm.into_iter().chain([point.diameter_mm]);
+                    body.extend(floats.flat_map(f32::to_be_bytes));
+                    body.extend([0; 20]);
+                }
+            }
+            Self::Text(text) => {
+                let text = cut(text, MOST_TEXT);
+                body.extend(UTF_8.to_be_bytes());
+                body.extend((text.len() as u16).to_be_bytes());
+                body.extend(text.as_bytes());
+            }
+            Self::Sensor(values) => {
+                let count = values.len().min(usize::from(u8::MAX));
+                body.extend([count as u8, 0]);
+                body.extend(NEWTON.to_be_bytes());
+                body.extend(values.iter().take(count).flat_map(|value| value.to_be_bytes()));
+            }
+        }
+        body
+    }
+}
+
+impl Message {
+    /// The whole message.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let body = self.content.write();
+        let mut bytes = Vec::with_capacity(HEADER_BYTES + body.len());
+        bytes.extend(1u16.to_be_bytes());
+        bytes.extend(padded::<TYPE_BYTES>(self.content.kind()));
+        bytes.extend(padded::<DEVICE_BYTES>(&self.device));
+        // A second has 2^32 parts. What is later than can be said is said as late as can be.
+        let parts = (u64::from(self.stamp.subsec_nanos()) << 32) / 1_000_000_000;
+        let said = u32::try_from(self.stamp.as_secs()).map(|seconds| [seconds, parts as u32]);
+        bytes.extend(said.unwrap_or([u32::MAX; 2]).into_iter().flat_map(u32::to_be_bytes));
+        bytes.extend((body.len() as u64).to_be_bytes());
+        bytes.extend(CRC.checksum(&body).to_be_bytes());
+        bytes.extend(body);
+        bytes
+    }
+}
+
+/// As many bytes of a text as fit, the rest zeros.
+fn padded<const N: usize>(text: &str) -> [u8; N] {
+    let mut field = [0; N];
+    for (byte, value) in field.iter_mut().zip(cut(text, N).bytes()) {
+        *byte = value;
+    }
+    field
+}
+
+/// The beginning of a text, whole characters only.
+fn cut(text: &str, most: usize) -> &str {
+    let end = (0..=most.min(text.len())).rev().find(|end| text.is_char_boundary(*end));
+    text.get(..end.unwrap_or(0)).unwrap_or_default()
+}
+
+/// The text of a padded field. What is no UTF-8 is shown as such.
+pub(super) fn unpadded(field: &[u8]) -> String {
+    let text = field.split(|byte| *byte == 0).next().unwrap_or_default();
+    String::from_utf8_lossy(text).trim_end().to_owned()
+}
+
+/// A body of exactly so many floats.
+fn floats<const N: usize>(body: &[u8]) -> Option<[f32; N]> {
+    let (chunks, rest) = body.as_chunks::<4>();
+    let chunks: &[[u8; 4]; N] = chunks.try_into().ok()?;
+    rest.is_empty().then(|| chunks.map(f32::from_be_bytes))
+}
+
+/// Position with no, three or four parts of a quaternion; the fourth follows from three.
+fn position(body: &[u8]) -> Option<Pose> {
+    let (place, turn) = body.split_at_checked(12)?;
+    let position_mm = floats::<3>(place)?;
+    let [i, j, k, w] = match turn.len() {
+        0 => [0.0, 0.0, 0.0, 1.0],
+        12 => {
+            let [i, j, k] = floats::<3>(turn)?;
+            [i, j, k, (1.0 - i * i - j * j - k * k).max(0.0).sqrt()]
+        }
+        _ => floats::<4>(turn)?,
+    };
+    // By its largest part first: the length of one of 1e30 is beyond all numbers, and would leave axes of no length.
+    let largest = [i, j, k, w].map(f32::abs).into_iter().fold(0.0, f32::max);
+    let [i, j, k, w] = [i, j, k, w].map(|part| part / largest);
+    let quaternion = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+    let columns = quaternion.to_rotation_matrix().into_inner();
+    Some(Pose { axes: columns.data.0, position_mm })
+}
+
+/// A list of points.
+fn points(body: &[u8]) -> Option<Vec<Point>> {
+    let (chunks, rest) = body.as_chunks::<POINT_BYTES>();
+    if !rest.is_empty() || chunks.len() > MOST_POINTS {
+        return None;
+    }
+    let read = |chunk: &[u8; POINT_BYTES]| {
+        let (name, after) = chunk.split_first_chunk::<64>()?;
+        let (group, after) = after.split_first_chunk::<32>()?;
+        let (_colour, after) = after.split_first_chunk::<4>()?;
+        let (numbers, _owner) = after.split_first_chunk::<16>()?;
+        let [x, y, z, diameter_mm] = floats::<4>(numbers)?;
+        Some(Point { name: unpadded(name), group: unpadded(group), position_mm: [x, y, z], diameter_mm })
+    };
+    chunks.iter().map(read).collect()
+}
+
+/// A text with its encoding and length.
+fn text(device: &str, body: &[u8]) -> Result<String, MessageError> {
+    let fault = |problem| MessageError::Text { device: device.to_owned(), problem };
+    let header = body.split_first_chunk::<2>().and_then(|(encoding, rest)| {
+        rest.split_first_chunk::<2>().map(|(length, text)| {
+            (u16::from_be_bytes(*encoding), usize::from(u16::from_be_bytes(*length)), text)
+        })
+    });
+    let (encoding, length, bytes) = header.ok_or_else(|| fault("shorter than its header of 4 bytes"))?;
+    if encoding != ASCII && encoding != UTF_8 {
+        return Err(fault("its encoding is neither ASCII (3) nor UTF-8 (106)"));
+    }
+    // Some senders count a closing zero or none, or fill the body or the text up.
+    let bytes = bytes.get(..length).ok_or_else(|| fault("its text is longer than the body"))?;
+    let end = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+    String::from_utf8(bytes.get(..end).unwrap_or_default().to_vec())
+        .map_err(|_| fault("its text is no UTF-8"))
+}
+
+/// Values of a sensor.
+fn sensor(body: &[u8]) -> Option<Vec<f64>> {
+    let (header, values) = body.split_first_chunk::<10>()?;
+    let (values, rest) = values.as_chunks::<8>();
+    let fits = rest.is_empty() && values.len() == usize::from(header[0]);
+    fits.then(|| values.iter().map(|value| f64::from_be_bytes(*value)).collect())
+}

@@ -1,0 +1,88 @@
+//! OpenIGTLink, the network protocol of image-guided therapy (3D Slicer, PLUS, trackers): messages go out to clients, needle shapes
+//! and tips come in.
+//!
+//! * [`message`]: the messages and their bytes; [`wire`]: what arrives on a connection, cut into messages.
+//! * [`server`]: clients that receive every message, none of which is waited for.
+//! * [`source`]: a tracker that tells where the needle is; [`clock`]: when that was, on the device's clock; [`channel`]: both as the
+//!   ultrasound of a recording.
+//!
+//! Nothing that arrives is trusted: sizes are limited before anything is kept, checksums are compared, a peer that stops in the
+//! middle of a message is left. Messages are written as protocol version 1 and 2 have them (header version 1, which everybody reads);
+//! header version 2 with its metadata is read too. Coordinates on the wire are millimetres.
+
+pub mod channel;
+pub mod clock;
+pub mod message;
+pub mod server;
+pub mod source;
+pub mod wire;
+
+pub use channel::Channel;
+pub use message::{Content, Message, Pose};
+pub use server::Publisher;
+pub use source::Source;
+
+/// The protocol's port.
+pub const PORT: u16 = 18_944;
+
+/// Why there is no connection, or why it ended.
+#[derive(Debug, thiserror::Error)]
+pub enum IgtlError {
+    /// No address.
+    #[error("`{text}`: {problem}, expected HOST or HOST:PORT")]
+    Address {
+        /// What was given.
+        text: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Nobody is there.
+    #[error("cannot connect to OpenIGTLink at {address}: {cause}")]
+    Connect {
+        /// Where.
+        address: String,
+        /// What the system says.
+        cause: std::io::Error,
+    },
+    /// The address cannot be served at.
+    #[error("cannot serve OpenIGTLink at {address}: {cause}")]
+    Serve {
+        /// Where.
+        address: String,
+        /// What the system says.
+        cause: std::io::Error,
+    },
+    /// The system gives no thread.
+    #[error("cannot start a thread for OpenIGTLink: {0}")]
+    Thread(std::io::Error),
+}
+
+/// Splits `HOST[:PORT]`; an IPv6 address with a port is in brackets.
+///
+/// # Errors
+/// [`IgtlError::Address`].
+pub fn host_and_port(text: &str) -> Result<(String, u16), IgtlError> {
+    let fault = |problem: &str| IgtlError::Address { text: text.to_owned(), problem: problem.to_owned() };
+    let (host, port) = match text.strip_prefix('[') {
+        Some(rest) => {
+            let (host, after) = rest.split_once(']').ok_or_else(|| fault("a bracket is not closed"))?;
+            (host, (!after.is_empty()).then(|| after.strip_prefix(':').unwrap_or(after)))
+        }
+        // More than one colon: an IPv6 address without a port.
+        None => match text.split_once(':') {
+            Some((host, port)) if !port.contains(':') => (host, Some(port)),
+            _ => (text, None),
+        },
+    };
+    if host.is_empty() {
+        return Err(fault("no host"));
+    }
+    let port = match port {
+        Some(port) => port.parse().map_err(|_| fault("the port is no number from 0 to 65535"))?,
+        None => PORT,
+    };
+    Ok((host.to_owned(), port))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,165 @@
+//! What arrives on a connection, cut into messages: knows no socket, so that anything can be fed to it.
+
+use super::message::{CRC, Content, HEADER_BYTES, MOST_POINTS, Message, MessageError, POINT_BYTES, unpadded};
+use std::time::Duration;
+
+/// Largest body that is kept. Larger ones (images) and those of other types are passed over without being kept.
+pub const MOST_KEPT: usize = MOST_POINTS * POINT_BYTES + 4_096;
+/// Largest body that is passed over: an image of a gigabyte is none.
+pub const MOST_PASSED: u64 = 1 << 30;
+
+/// The bytes are no OpenIGTLink, or have got out of step: the connection is of no use any more.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Broken {
+    /// Header version.
+    #[error("a message with header version {0}, expected 1 or 2: the peer does not speak OpenIGTLink")]
+    Version(u16),
+    /// Size of the body.
+    #[error("a message of {0} bytes, expected at most {MOST_PASSED}")]
+    Size(u64),
+}
+
+/// What has come of the bytes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Arrival {
+    /// A message.
+    Message(Message),
+    /// One that cannot be read.
+    Unreadable(MessageError),
+    /// One of a type that is not read, or too large: type and device name.
+    Passed(String, String),
+}
+
+/// Cuts bytes into messages; keeps at most one message.
+#[derive(Debug, Default)]
+pub struct Decoder {
+    kept: Vec<u8>,
+    /// Bytes that are passed over.
+    skip: u64,
+}
+
+/// What a header says.
+struct Header {
+    version: u16,
+    kind: String,
+    device: String,
+    stamp: Duration,
+    body_bytes: u64,
+    crc: u64,
+}
+
+impl Header {
+    fn read(bytes: &[u8; HEADER_BYTES]) -> Option<Self> {
+        let (version, after) = bytes.split_first_chunk::<2>()?;
+        let (kind, after) = after.split_first_chunk::<12>()?;
+        let (device, after) = after.split_first_chunk::<20>()?;
+        let (seconds, after) = after.split_first_chunk::<4>()?;
+        let (parts, after) = after.split_first_chunk::<4>()?;
+        let (body_bytes, after) = after.split_first_chunk::<8>()?;
+        let crc = after.first_chunk::<8>()?;
+        // A second has 2^32 parts; to the nearest nanosecond, so that a stamp is read as it was meant.
+        let nanoseconds = (u64::from(u32::from_be_bytes(*parts)) * 1_000_000_000 + (1 << 31)) >> 32;
+        Some(Self {
+            version: u16::from_be_bytes(*version),
+            kind: unpadded(kind),
+            device: unpadded(device),
+            stamp: Duration::from_secs(u32::from_be_bytes(*seconds).into())
+                + Duration::from_nanos(nanoseconds),
+            body_bytes: u64::from_be_bytes(*body_bytes),
+            crc: u64::from_be_bytes(*crc),
+        })
+    }
+
+    /// The message with this body.
+    fn message(self, body: &[u8]) -> Arrival {
+        let Self { kind, device, stamp, .. } = self;
+        if CRC.checksum(body) != self.crc {
+            return Arrival::Unreadable(MessageError::Checksum { kind, device });
+        }
+        let content = match self.version {
+            1 => Some(body),
+            _ => within_extended(body),
+        };
+        let Some(content) = content else {
+            return Arrival::Unreadable(MessageError::Extended { kind, device });
+        };
+        match Content::read(&kind, &device, content) {
+            Some(Ok(content)) => Arrival::Message(Message { device, stamp, content }),
+            Some(Err(why)) => Arrival::Unreadable(why),
+            None => Arrival::Passed(kind, device),
+        }
+    }
+}
+
+/// The content between extended header and metadata, as header version 2 has them.
+fn within_extended(body: &[u8]) -> Option<&[u8]> {
+    let (header, metadata_header) = body.split_first_chunk::<2>()?;
+    let (metadata_header, rest) = metadata_header.split_first_chunk::<2>()?;
+    let metadata = rest.first_chunk::<4>()?;
+    let metadata_bytes =
+        u64::from(u32::from_be_bytes(*metadata)) + u64::from(u16::from_be_bytes(*metadata_header));
+    let end = body.len().checked_sub(usize::try_from(metadata_bytes).ok()?)?;
+    body.get(usize::from(u16::from_be_bytes(*header))..end)
+}
+
+impl Decoder {
+    /// Takes what has arrived and tells what it completes, in order.
+    ///
+    /// # Errors
+    /// [`Broken`]: nothing after it can be understood.
+    pub fn feed(&mut self, mut bytes: &[u8], mut tell: impl FnMut(Arrival)) -> Result<(), Broken> {
+        while !bytes.is_empty() {
+            if self.skip > 0 {
+                let passed = usize::try_from(self.skip).unwrap_or(usize::MAX).min(bytes.len());
+                self.skip -= passed as u64;
+                bytes = bytes.get(passed..).unwrap_or_default();
+                continue;
+            }
+            let wanted = HEADER_BYTES + self.header().map_or(0, |header| header.body_bytes as usize);
+            let (taken, rest) = bytes.split_at(wanted.saturating_sub(self.kept.len()).min(bytes.len()));
+            self.kept.extend_from_slice(taken);
+            bytes = rest;
+            if let Some(arrival) = self.look()? {
+                tell(arrival);
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a message has begun and is not complete.
+    pub fn is_inside(&self) -> bool {
+        self.skip > 0 || !self.kept.is_empty()
+    }
+
+    /// Bytes that are kept.
+    pub fn kept(&self) -> usize {
+        self.kept.len()
+    }
+
+    fn header(&self) -> Option<Header> {
+        self.kept.first_chunk().and_then(Header::read)
+    }
+
+    /// What the bytes that are kept amount to.
+    fn look(&mut self) -> Result<Option<Arrival>, Broken> {
+        let Some(header) = self.header() else { return Ok(None) };
+        if !(1..=2).contains(&header.version) {
+            return Err(Broken::Version(header.version));
+        }
+        if header.body_bytes > MOST_PASSED {
+            return Err(Broken::Size(header.body_bytes));
+        }
+        if header.body_bytes > MOST_KEPT as u64 || !Content::READ.contains(&header.kind.as_str()) {
+            self.skip = header.body_bytes;
+            self.kept.clear();
+            return Ok(Some(Arrival::Passed(header.kind, header.device)));
+        }
+        let body = self.kept.get(HEADER_BYTES..).unwrap_or_default();
+        if (body.len() as u64) < header.body_bytes {
+            return Ok(None);
+        }
+        let arrival = header.message(body);
+        self.kept.clear();
+        Ok(Some(arrival))
+    }
+}

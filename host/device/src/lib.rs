@@ -1,0 +1,24 @@
+//! The host's side of the needle guide: its link, what is recorded from it, and what is passed on to others.
+//!
+//! | module | does |
+//! |---|---|
+//! | [`monitor`] | what the device does, live |
+//! | [`link`] | commands, telemetry and motion programs over the serial port |
+//! | [`recording`] | raw recordings of everything that passed, lossless |
+//! | [`record`] | sessions acquired from the device |
+//! | [`sweep`] | ultrasound sweeps by an external command |
+//! | [`tare`] | whether readings are quiet enough for a zero |
+//! | [`igtl`] | OpenIGTLink, for navigation software |
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+#[cfg(test)]
+extern crate self as device;
+
+pub mod igtl;
+pub mod link;
+pub mod monitor;
+pub mod record;
+pub mod recording;
+pub mod sweep;
+pub mod tare;

@@ -1,0 +1,22 @@
+//! The link to the device: port, frames, commands, motion programs.
+
+pub mod client;
+pub mod condition;
+mod constants;
+pub mod error;
+pub mod port;
+pub mod program;
+mod retreat;
+pub mod run;
+mod wire;
+pub mod words;
+
+pub use client::{Batch, Client, Point, Telemetry};
+pub use constants::Limits;
+pub use error::LinkError;
+pub use program::Program;
+pub use run::{RunOptions, run};
+pub use wire::{LinkLosses, Tap};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,250 @@
+//! Running a motion program on the device and following it to its end.
+//!
+//! The device runs the program by itself; the host follows. Events can be lost, so the end is recognised by whatever says so
+//! first: the event, the state in a batch, or a status. The status is asked for all the time, because the device ends a program
+//! whose host has gone silent; nobody waits for the answer, it comes among the rest.
+
+use super::client::{Client, SILENCE_LIMIT, Telemetry};
+use super::error::LinkError;
+use super::program::Program;
+use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, State, Status, TareProblem};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Longest time between two questions for the status, on this machine's clock.
+pub(super) const STATUS_INTERVAL: Duration = Duration::from_millis(250);
+/// How long one look for telemetry waits: short, so that an interrupt is obeyed soon.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// How to run a program.
+#[derive(Debug, Clone, Copy)]
+pub struct RunOptions<'a> {
+    /// Device time at which to start, microseconds; `None`: at once.
+    pub start_us: Option<u64>,
+    /// Have every sample sent.
+    pub stream: bool,
+    /// Set by the user's interrupt.
+    pub interrupted: &'a AtomicBool,
+}
+
+/// Loads a program, starts it and follows it. `observe` sees everything the device says, in order, up to the program's end.
+///
+/// # Errors
+/// What the link, the device or `observe` says. Unless the link itself is gone, the guide has been stopped.
+pub fn run<E: From<LinkError>>(
+    client: &mut Client,
+    program: &Program,
+    options: RunOptions,
+    mut observe: impl FnMut(&Client, &Telemetry) -> Result<(), E>,
+) -> Result<(), E> {
+    let outcome = start(client, program, options)
+        .map_err(E::from)
+        .and_then(|accepted| follow(client, &accepted, options, &mut observe));
+    if outcome.is_err() {
+        // Where the link is gone the stop cannot arrive; the device ends the program by itself and holds.
+        let _ = client.request(Request::Stop);
+        // What had arrived before the failure was noticed belongs to the run; the failure itself is told already.
+        while let Some(telemetry) = client.waiting() {
+            if observe(client, &telemetry).is_err() {
+                break;
+            }
+        }
+    }
+    if options.stream {
+        let stopped = client.request(Request::Stream { enable: false });
+        outcome.and_then(|()| stopped.map_err(E::from))
+    } else {
+        outcome
+    }
+}
+
+/// Has a program accepted; the status directly after that.
+fn start(client: &mut Client, program: &Program, options: RunOptions) -> Result<Status, LinkError> {
+    let steps = program.device_steps();
+    for (index, step) in (0u8..).zip(&steps) {
+        client.request(Request::LoadStep { index, step: *step })?;
+    }
+    client.request(Request::Stream { enable: options.stream })?;
+    let start_us = options.start_us.unwrap_or(0);
+    client.request(Request::Run {
+        steps: steps.len() as u8,
+        crc: protocol::program_crc(&steps),
+        start_us,
+    })?;
+    // The end of this one, should it be among them because the acceptance came late, is found by asking.
+    client.forget_ends();
+    client.status()
+}
+
+fn follow<E: From<LinkError>>(
+    client: &mut Client,
+    accepted: &Status,
+    options: RunOptions,
+    observe: &mut impl FnMut(&Client, &Telemetry) -> Result<(), E>,
+) -> Result<(), E> {
+    let mut end = EndWatch::new(accepted);
+    let mut signs = SignsOfLife::new(accepted);
+    let mut last_heard = Instant::now();
+    loop {
+        if options.interrupted.load(Ordering::Acquire) {
+            return Err(LinkError::Interrupted.into());
+        }
+        if signs.due() {
+            client.ask_on_the_way()?;
+            signs.given();
+        }
+        if let Some(telemetry) = client.next(LOOK)? {
+            last_heard = Instant::now();
+            observe(client, &telemetry)?;
+            signs.see(&telemetry);
+            end.see(&telemetry);
+        } else if last_heard.elapsed() > SILENCE_LIMIT {
+            return Err(LinkError::Silent { port: client.port().to_owned() }.into());
+        }
+        match end.outcome {
+            None => {}
+            Some(Outcome::Completed) => return Ok(()),
+            Some(Outcome::TareRejected) => {
+                let (problem, zero_counts) =
+                    end.tare.map_or((None, [0; 2]), |(problem, zero)| (Some(problem), zero));
+                return Err(LinkError::TareRejected { problem, zero_n: client.force_n(zero_counts) }.into());
+            }
+            Some(Outcome::Stopped) => return Err(LinkError::ProgramEnded { fault: None }.into()),
+            Some(Outcome::Faulted) => {
+                let fault = match end.fault {
+                    Some(fault) => Some(fault),
+                    None => client.status()?.fault,
+                };
+                return Err(LinkError::ProgramEnded { fault }.into());
+            }
+        }
+    }
+}
+
+/// When the device must hear from the host again. Its clock counts, which a simulated rig runs faster than this machine's.
+struct SignsOfLife {
+    every_us: u64,
+    /// Latest device time heard of.
+    device_us: u64,
+    given_us: u64,
+    given_at: Instant,
+}
+
+impl SignsOfLife {
+    fn new(status: &Status) -> Self {
+        // Three of four may be lost.
+        let every_us = u64::from(status.silence_limit_ms.max(SILENCE_LIMIT_MS[0])) * 1_000 / 4;
+        Self { every_us, device_us: status.t_us, given_us: status.t_us, given_at: Instant::now() }
+    }
+
+    fn see(&mut self, telemetry: &Telemetry) {
+        let said_us = match telemetry {
+            Telemetry::Samples(batch) => batch.points.last().map_or(0, |point| (point.time_s * 1e6) as u64),
+            Telemetry::Event(event) => event.t_us,
+            Telemetry::Status(status) => status.t_us,
+        };
+        self.device_us = self.device_us.max(said_us);
+    }
+
+    fn due(&self) -> bool {
+        self.device_us >= self.given_us.saturating_add(self.every_us)
+            || self.given_at.elapsed() >= STATUS_INTERVAL.min(Duration::from_micros(self.every_us))
+    }
+
+    fn given(&mut self) {
+        (self.given_us, self.given_at) = (self.device_us, Instant::now());
+    }
+}
+
+/// Recognises the end of a program that has been accepted.
+struct EndWatch {
+    /// Device time at which the program had been accepted: states from then on are its own.
+    accepted_us: u64,
+    seen_active: bool,
+    fault: Option<Fault>,
+    /// Why a tare was rejected, and the zero that it found.
+    tare: Option<(TareProblem, [i32; 2])>,
+    outcome: Option<Outcome>,
+}
+
+impl EndWatch {
+    fn new(accepted: &Status) -> Self {
+        Self { accepted_us: accepted.t_us, seen_active: false, fault: None, tare: None, outcome: None }
+    }
+
+    fn see(&mut self, telemetry: &Telemetry) {
+        match telemetry {
+            Telemetry::Event(Event { kind, .. }) => match kind {
+                EventKind::ProgramEnded { outcome } => self.outcome = Some(*outcome),
+                EventKind::Faulted { fault } => self.fault = Some(*fault),
+                EventKind::StepStarted { .. } => self.seen_active = true,
+                EventKind::TareRejected { tare, problem } => self.tare = Some((*problem, tare.zero_counts)),
+                EventKind::StepEnded { .. } | EventKind::Tared(_) | EventKind::RetreatEnded { .. } => {}
+            },
+            Telemetry::Status(status) if status.t_us >= self.accepted_us => {
+                self.told(status.state, status.fault);
+            }
+            Telemetry::Status(_) => {}
+            // Batches of the time before the start may still be on their way: only a change to rest is an end.
+            Telemetry::Samples(batch) => match batch.state {
+                State::Idle if self.seen_active => self.end(Outcome::Completed),
+                State::Faulted | State::Retreating if self.seen_active => self.end(Outcome::Faulted),
+                State::Idle | State::Faulted | State::Retreating => {}
+                State::Pending | State::Moving | State::Holding | State::Taring => self.seen_active = true,
+            },
+        }
+    }
+
+    /// Rest after the acceptance of the program is an end.
+    fn told(&mut self, state: State, fault: Option<Fault>) {
+        match state {
+            State::Idle => self.end(Outcome::Completed),
+            State::Faulted | State::Retreating => {
+                self.fault = fault;
+                self.end(Outcome::Faulted);
+            }
+            State::Pending | State::Moving | State::Holding | State::Taring => self.seen_active = true,
+        }
+    }
+
+    fn end(&mut self, outcome: Outcome) {
+        self.outcome.get_or_insert(outcome);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::client::Batch;
+    use fake_device as fake;
+
+    fn status(t_us: u64, state: State, fault: Option<Fault>) -> Status {
+        Status { t_us, state, fault, ..fake::status() }
+    }
+
+    fn batch(state: State) -> Telemetry {
+        Telemetry::Samples(Batch { state, step: None, lost_before: 0, points: Vec::new() })
+    }
+
+    #[test]
+    fn rest_from_before_the_start_is_no_end() {
+        let mut end = EndWatch::new(&status(5, State::Pending, None));
+        end.see(&batch(State::Idle));
+        end.see(&Telemetry::Status(Box::new(status(4, State::Idle, None))));
+        assert_eq!(end.outcome, None);
+        end.see(&batch(State::Pending));
+        end.see(&batch(State::Moving));
+        assert_eq!(end.outcome, None);
+        end.see(&batch(State::Idle));
+        assert_eq!(end.outcome, Some(Outcome::Completed));
+    }
+
+    #[test]
+    fn an_end_whose_event_was_lost_is_found_by_asking() {
+        let mut end = EndWatch::new(&status(5, State::Pending, None));
+        end.see(&Telemetry::Status(Box::new(status(5, State::Holding, None))));
+        assert_eq!(end.outcome, None);
+        end.see(&Telemetry::Status(Box::new(status(6, State::Faulted, Some(Fault::ForceRange)))));
+        assert_eq!((end.outcome, end.fault), (Some(Outcome::Faulted), Some(Fault::ForceRange)));
+    }
+}

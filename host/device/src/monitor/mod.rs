@@ -1,0 +1,18 @@
+//! What the device does, live, as `guide monitor` shows it.
+//!
+//! The [`worker`] owns the link and reports what happens on it; the [`State`] is what follows from that. Drawing it is the program's.
+
+pub mod health;
+pub mod report;
+pub mod state;
+pub mod traces;
+pub mod worker;
+
+mod pace;
+mod session;
+
+#[cfg(test)]
+mod testing;
+
+pub use state::{Event, State};
+pub use worker::{Order, Worker};

@@ -1,0 +1,218 @@
+//! The link's thread against a device that misbehaves.
+
+use super::*;
+use crate::link::Telemetry;
+use fake_device::{Act, BOOT_ID, FakeDevice, Script};
+use protocol::{Fault, Request, Step};
+use std::path::Path;
+
+const PATIENCE: Duration = Duration::from_secs(10);
+
+fn started(port: &str) -> (Worker, Receiver<Event>) {
+    let (sender, events) = mpsc::channel();
+    let client = Client::connect(port).expect("connects");
+    let tell = move |event| {
+        // The test has seen enough.
+        let _ = sender.send(event);
+    };
+    (Worker::start(client, tell).expect("a thread"), events)
+}
+
+fn with_program(program: &[Act]) -> (FakeDevice, Worker, Receiver<Event>) {
+    let device = FakeDevice::start(Script { program: program.to_vec(), ..Script::default() });
+    let (worker, events) = started(&device.port);
+    (device, worker, events)
+}
+
+/// Waits for an event and returns what is wanted of it.
+fn wait_for<T>(events: &Receiver<Event>, mut wanted: impl FnMut(Event) -> Option<T>) -> T {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        if let Some(found) = wanted(events.recv_timeout(left).expect("the event comes in time")) {
+            return found;
+        }
+    }
+}
+
+fn outcome(events: &Receiver<Event>) -> (String, bool) {
+    wait_for(events, |event| match event {
+        Event::Command(outcome) => Some((outcome.text, outcome.good)),
+        _ => None,
+    })
+}
+
+fn lost(events: &Receiver<Event>) -> String {
+    wait_for(events, |event| match event {
+        Event::Lost(reason) => Some(reason),
+        _ => None,
+    })
+}
+
+fn connected(events: &Receiver<Event>) -> u32 {
+    wait_for(events, |event| match event {
+        Event::Connected { boot_id, .. } => Some(boot_id),
+        _ => None,
+    })
+}
+
+fn moves(device: &FakeDevice) -> Vec<[i32; 2]> {
+    let executed = device.executed();
+    let targets = executed.iter().filter_map(|request| match request {
+        Request::LoadStep { step: Step::Move { x_um, y_um, .. }, .. } => Some([*x_um, *y_um]),
+        _ => None,
+    });
+    targets.collect()
+}
+
+#[test]
+fn telemetry_is_switched_on_and_off_and_the_state_asked_for() {
+    let (device, worker, events) = with_program(&[]);
+    assert_eq!(connected(&events), BOOT_ID);
+    for _ in 0..5 {
+        wait_for(&events, |event| matches!(event, Event::Telemetry(Telemetry::Status(_))).then_some(()));
+    }
+    wait_for(&events, |event| matches!(event, Event::Carried(carried) if carried.bytes > 0).then_some(()));
+    drop(worker);
+    assert_eq!(device.executed(), [Request::Stream { enable: true }, Request::Stream { enable: false }]);
+}
+
+#[test]
+fn jogs_go_on_from_where_the_guide_was_sent_last() {
+    let (device, worker, events) = with_program(&[Act::Batch(32), Act::Complete]);
+    for (by_m, said) in [
+        ([0.5e-3, 0.0], "jog to x +0.501 mm, y +0.002 mm"),
+        ([0.0, -1e-3], "jog to x +0.501 mm, y -0.998 mm"),
+    ] {
+        worker.order(Order::Jog(by_m));
+        assert_eq!(outcome(&events), (format!("{said} ..."), true));
+        assert_eq!(outcome(&events), (format!("{said}: done"), true));
+    }
+    worker.order(Order::Home);
+    outcome(&events);
+    assert_eq!(outcome(&events), ("home: done".to_owned(), true));
+    worker.order(Order::Jog([0.0, 0.1e-3]));
+    outcome(&events);
+    outcome(&events);
+    assert_eq!(moves(&device), [[501, 2], [501, -998], [0, 0], [0, 100]]);
+}
+
+#[test]
+fn one_jog_waits_for_the_end_of_another_and_a_second_replaces_it() {
+    let (device, worker, events) = with_program(&[Act::Batch(32), Act::Wait(300), Act::Complete]);
+    worker.order(Order::Jog([1e-3, 0.0]));
+    assert!(outcome(&events).0.ends_with("..."));
+    worker.order(Order::Jog([0.0, 1e-3]));
+    worker.order(Order::Jog([0.0, 2e-3]));
+    assert_eq!(outcome(&events).0, "one jog waits already: this one takes its place");
+    assert!(outcome(&events).0.ends_with(": done"));
+    assert!(outcome(&events).0.ends_with("..."));
+    assert!(outcome(&events).0.ends_with(": done"));
+    assert_eq!(moves(&device).len(), 2);
+}
+
+#[test]
+fn a_stop_makes_what_waits_void() {
+    let (sender, orders) = mpsc::channel();
+    for order in [Order::Home, Order::Stop, Order::Clear] {
+        sender.send(order).expect("the receiver is there");
+    }
+    assert_eq!(waiting(&orders), Some(vec![Order::Stop, Order::Clear]));
+    assert_eq!(waiting(&orders), Some(Vec::new()));
+    drop(sender);
+    assert_eq!(waiting(&orders), None);
+}
+
+#[test]
+fn an_end_that_was_lost_is_found_and_a_fault_is_named() {
+    let (_device, worker, events) = with_program(&[Act::Batch(32), Act::CompleteUnheard]);
+    worker.order(Order::Tare);
+    assert_eq!(outcome(&events), ("tare ...".to_owned(), true));
+    assert_eq!(outcome(&events), ("tare: done".to_owned(), true));
+    let (_device, worker, events) = with_program(&[Act::Batch(32), Act::Fail(Fault::Stall)]);
+    worker.order(Order::Home);
+    outcome(&events);
+    let (text, good) = outcome(&events);
+    assert!(text.contains("fault 7") && text.contains("jam") && !good, "{text}");
+}
+
+#[test]
+fn in_a_fault_under_load_jogs_are_retreats_and_a_key_finds_the_way() {
+    let (device, worker, events) = with_program(&[Act::Batch(32), Act::Fail(Fault::ForceLimit)]);
+    worker.order(Order::Home);
+    outcome(&events);
+    assert!(outcome(&events).0.contains("fault 5"));
+    for (order, expected) in [
+        (Order::Retreat, "retreat by x +0.000 mm, y -1.000 mm ..."),
+        (Order::Jog([2e-3, 0.0]), "retreat by x +1.000 mm, y +0.000 mm ..."),
+    ] {
+        worker.order(order);
+        assert_eq!(outcome(&events), (expected.to_owned(), true));
+        assert_eq!(
+            outcome(&events),
+            ("retreat: out of the load: `guide clear` leaves the fault".to_owned(), true)
+        );
+    }
+    let retreats = |request: &&Request| matches!(request, Request::Retreat { .. });
+    assert_eq!(device.executed().iter().filter(retreats).count(), 2);
+    assert_eq!(moves(&device).len(), 1, "only the way home before the fault");
+}
+
+#[test]
+fn what_cannot_be_done_is_told_and_ends_nothing() {
+    let (_device, worker, events) = with_program(&[]);
+    worker.order(Order::Jog([2_000.0, 0.0]));
+    let (text, good) = outcome(&events);
+    assert!(text.contains("within 1000") && !good, "{text}");
+    worker.order(Order::Clear);
+    assert_eq!(outcome(&events), ("cleared".to_owned(), true));
+    worker.order(Order::Stop);
+    assert_eq!(outcome(&events), ("stopped".to_owned(), true));
+}
+
+#[test]
+fn leaving_while_something_moves_stops_it() {
+    let (device, worker, events) = with_program(&[Act::Batch(32)]);
+    worker.order(Order::Home);
+    outcome(&events);
+    drop(worker);
+    let executed = device.executed();
+    assert_eq!(executed[executed.len() - 2..], [Request::Stop, Request::Stream { enable: false }]);
+}
+
+#[test]
+fn a_device_that_restarts_is_connected_again_at_once() {
+    let (_device, worker, events) = with_program(&[Act::Batch(32), Act::Restart]);
+    assert_eq!(connected(&events), BOOT_ID);
+    worker.order(Order::Home);
+    assert!(lost(&events).contains("restarted"));
+    let before = Instant::now();
+    assert_eq!(connected(&events), BOOT_ID + 1);
+    assert!(before.elapsed() < RECONNECT);
+}
+
+#[test]
+fn a_device_that_is_plugged_in_again_is_found_and_orders_meanwhile_are_not_kept() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let port = folder.path().join("port");
+    let lead_to = |device: &FakeDevice| {
+        let _ = std::fs::remove_file(&port);
+        std::os::unix::fs::symlink(Path::new(&device.port), &port).expect("a link");
+    };
+    let program = vec![Act::Batch(32), Act::Wait(200), Act::Vanish];
+    let first = FakeDevice::start(Script { program, ..Script::default() });
+    lead_to(&first);
+    let (worker, events) = started(port.to_str().expect("UTF-8"));
+    connected(&events);
+    worker.order(Order::Home);
+    assert!(lost(&events).contains("went away"));
+    worker.order(Order::Home);
+    assert_eq!(outcome(&events), ("not done: there is no connection".to_owned(), false));
+    drop(first);
+    lost(&events);
+    let second = FakeDevice::start(Script::default());
+    lead_to(&second);
+    assert_eq!(connected(&events), BOOT_ID);
+    drop(worker);
+    assert!(moves(&second).is_empty(), "an order from before the connection was carried out");
+}

@@ -1,0 +1,234 @@
+//! Recording a lateral run: what the device streams and what the ultrasound sees, into a session.
+//!
+//! Rows reach the operating system several times a second, so a crash or a pulled cable costs a fraction of a second. Losses are
+//! written where they happened (column `lost_before`), never smoothed over.
+
+mod sweeps;
+
+use crate::igtl::Channel;
+use crate::igtl::channel::Seen;
+use crate::link::{Batch, Client, LinkError, LinkLosses, Program, RunOptions, Telemetry, run};
+use crate::sweep::{Sweep, SweepError};
+use formats::session::{ForceRow, LateralWriter, Provenance, SessionError};
+use protocol::{EventKind, Hello, State};
+use std::time::{Duration, Instant};
+use sweeps::Sweeps;
+
+/// How often rows are handed to the operating system.
+const FLUSH_INTERVAL: Duration = Duration::from_millis(200);
+
+/// Why a recording ended early or failed. What was recorded until then is in the session.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The link or the device.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The session's files.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// The ultrasound.
+    #[error(transparent)]
+    Sweep(#[from] SweepError),
+    /// A hold was over before its sweep was.
+    #[error("step {number}: the hold ended before its ultrasound sweep was complete: make the hold longer")]
+    HoldTooShort {
+        /// Number of the step, from 1.
+        number: usize,
+    },
+    /// A hold that asks for a sweep was not seen at all.
+    #[error("step {number}: no sweep was taken: no samples of this hold arrived")]
+    HoldNotSeen {
+        /// Number of the step, from 1.
+        number: usize,
+    },
+    /// The tracker was silent in a hold that asks for a sweep.
+    #[error("step {number}: no sweep was taken: the tracker told no shape in this hold")]
+    HoldNotTracked {
+        /// Number of the step, from 1.
+        number: usize,
+    },
+}
+
+/// Where sweeps come from.
+#[derive(Debug)]
+pub enum Ultrasound<'a> {
+    /// From nowhere: displacement and force alone are recorded.
+    Absent,
+    /// From a command that is run in every hold that asks for one.
+    Command(&'a str),
+    /// From a tracker that tells shapes by itself, all of which are recorded.
+    Tracker(Box<Channel>),
+}
+
+/// Looks on while a run is recorded.
+pub trait Witness {
+    /// A step of the program has begun.
+    fn step(&mut self, _step: usize) {}
+    /// Samples have arrived, of the run or of the time around it.
+    fn samples(&mut self, _batch: &Batch) {}
+    /// A sweep has been recorded, taken at this device time unless it says when.
+    fn sweep(&mut self, _sweep: &Sweep, _time_s: f64) {}
+    /// Something that a person should know.
+    fn note(&mut self, _text: &str) {}
+}
+
+/// Nobody looks on.
+impl Witness for () {}
+
+/// What a recording holds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+pub struct Recorded {
+    /// Samples written.
+    pub samples: u64,
+    /// Device time between the first and the last sample, seconds.
+    pub duration_s: f64,
+    /// Ultrasound sweeps written.
+    pub sweeps: u64,
+    /// Samples missing between the first and the last.
+    pub samples_missing: u64,
+    /// What the link lost.
+    pub link: LinkLosses,
+}
+
+/// What a run of this device is recorded with.
+pub fn provenance(hello: &Hello) -> Provenance {
+    Provenance {
+        calibration_id: Some(hello.calibration.id.as_str().to_owned()),
+        calibration_crc: Some(hello.calibration.crc),
+        device: Some(hello.board.as_str().to_owned()),
+        firmware: Some(format!("{} ({})", hello.firmware_version, hello.commit)),
+    }
+}
+
+/// Writes batches and sweeps into one lateral run.
+pub struct Recorder<'w, 's> {
+    writer: &'w mut LateralWriter<'s>,
+    recorded: Recorded,
+    first_s: Option<f64>,
+    last_flush: Instant,
+}
+
+impl<'w, 's> Recorder<'w, 's> {
+    /// A recorder for one run.
+    pub fn new(writer: &'w mut LateralWriter<'s>) -> Self {
+        Self { writer, recorded: Recorded::default(), first_s: None, last_flush: Instant::now() }
+    }
+
+    /// What has been written so far.
+    pub fn recorded(&self) -> Recorded {
+        self.recorded
+    }
+
+    /// Writes a batch.
+    ///
+    /// # Errors
+    /// What the session's files say.
+    pub fn batch(&mut self, batch: &Batch) -> Result<(), SessionError> {
+        // What was lost before the first row lies outside the run.
+        let mut lost_before = if self.first_s.is_some() { batch.lost_before } else { 0 };
+        self.recorded.samples_missing += lost_before;
+        for point in &batch.points {
+            let first_s = *self.first_s.get_or_insert(point.time_s);
+            let [displacement_x_m, displacement_y_m] = point.displacement_m;
+            let [force_x_n, force_y_n] = point.force_n;
+            self.writer.force(&ForceRow {
+                time_s: point.time_s,
+                displacement_y_m,
+                force_y_n,
+                displacement_x_m,
+                force_x_n,
+                step: batch.step.map(u32::from),
+                moving: batch.step.map(|_| batch.state == State::Moving),
+                lost_before: std::mem::take(&mut lost_before),
+            })?;
+            self.recorded.samples += 1;
+            // Sample times are whole microseconds.
+            self.recorded.duration_s = ((point.time_s - first_s) * 1e6).round() / 1e6;
+        }
+        if self.last_flush.elapsed() > FLUSH_INTERVAL {
+            self.writer.flush()?;
+            self.last_flush = Instant::now();
+        }
+        Ok(())
+    }
+
+    /// Writes what a tracker has told of the time since the first sample.
+    ///
+    /// # Errors
+    /// What the session's files say.
+    pub fn track(
+        &mut self,
+        tracker: &mut Channel,
+        witness: &mut dyn Witness,
+    ) -> Result<Vec<f64>, SessionError> {
+        let mut times_s = Vec::new();
+        for seen in tracker.look() {
+            match seen {
+                Seen::Note(text) => witness.note(&text),
+                Seen::Shape(sweep) => {
+                    let time_s = sweep.rows(0.0).next().map(|row| row.time_s);
+                    let first_s = self.first_s.unwrap_or(f64::INFINITY);
+                    if let Some(time_s) = time_s.filter(|time_s| *time_s >= first_s) {
+                        self.sweep(&sweep, time_s)?;
+                        witness.sweep(&sweep, time_s);
+                        times_s.push(time_s);
+                    }
+                }
+            }
+        }
+        Ok(times_s)
+    }
+
+    /// Writes a sweep taken at this device time, unless the sweep says when it was taken.
+    ///
+    /// # Errors
+    /// What the session's files say.
+    pub fn sweep(&mut self, sweep: &Sweep, time_s: f64) -> Result<(), SessionError> {
+        for row in sweep.rows(time_s) {
+            self.writer.shape(&row)?;
+        }
+        self.recorded.sweeps += 1;
+        Ok(())
+    }
+}
+
+/// Runs a program and records it, with the sweeps that its holds ask for where there is an ultrasound.
+///
+/// # Errors
+/// [`RecordError`]; what was recorded until then has been written.
+pub fn acquire(
+    client: &mut Client,
+    program: &Program,
+    options: RunOptions,
+    ultrasound: Ultrasound<'_>,
+    recorder: &mut Recorder,
+    witness: &mut dyn Witness,
+) -> Result<Recorded, RecordError> {
+    let mut sweeps = Sweeps::new(program, ultrasound);
+    let outcome = run(client, program, options, |_, telemetry| {
+        match telemetry {
+            Telemetry::Samples(batch) => {
+                witness.samples(batch);
+                // The time before the start and after the end is not part of the run.
+                if !matches!(batch.state, State::Idle | State::Pending | State::Faulted | State::Retreating) {
+                    recorder.batch(batch)?;
+                }
+                sweeps.follow(batch, recorder, witness)?;
+            }
+            Telemetry::Event(event) => {
+                if let EventKind::StepStarted { index } = event.kind {
+                    witness.step(usize::from(index));
+                }
+            }
+            Telemetry::Status(_) => {}
+        }
+        Ok::<(), RecordError>(())
+    });
+    recorder.writer.flush()?;
+    outcome?;
+    sweeps.check_complete()?;
+    Ok(Recorded { link: client.losses(), ..recorder.recorded() })
+}
+
+#[cfg(test)]
+mod tests;

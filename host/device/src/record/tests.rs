@@ -1,0 +1,130 @@
+//! Recordings that end well and recordings that do not: what arrived is in the session.
+
+use super::{RecordError, Recorder, Ultrasound, acquire, provenance};
+use crate::link::program::PlannedStep;
+use crate::link::{Client, LinkError, Program, RunOptions};
+use fake_device::{self as fake, Act, FakeDevice, Script};
+use formats::session::{LateralRun, Mark, Noise, Session, SessionWriter, Setup};
+use mechanics::{Needle, Rig};
+use protocol::{Fault, Refusal, Step};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+static NEVER: AtomicBool = AtomicBool::new(false);
+const OPTIONS: RunOptions = RunOptions { start_us: None, stream: true, interrupted: &NEVER };
+const SWEEP: &str = r"printf 'z_mm,deflection_y_mm\n80,0.5\n90,0.25\n'";
+
+fn setup() -> Setup {
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
+    Setup {
+        name: "phantom".to_owned(),
+        rig,
+        fixture_mass_kg: None,
+        noise: Noise::default(),
+        tissue: Default::default(),
+    }
+}
+
+fn hold(sweep: bool) -> Program {
+    let step = Step::Hold { duration_ms: 1_000 };
+    Program { name: "hold".to_owned(), steps: vec![PlannedStep { step, sweep }] }
+}
+
+/// Records a program on a device that behaves like this; the session as it then is, and how the recording ended.
+fn record(script: Script, program: &Program) -> (Session, Result<super::Recorded, RecordError>, Vec<String>) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let device = FakeDevice::start(script);
+    let mut client = Client::connect(&device.port).expect("connects");
+    let mut session = SessionWriter::open(folder.path(), &setup()).expect("opens");
+    let mut writer = session.lateral("d30-1", 0.03).expect("starts");
+    writer.made_with(provenance(client.hello()));
+    let ultrasound = Ultrasound::Command(SWEEP);
+    let ended = acquire(&mut client, program, OPTIONS, ultrasound, &mut Recorder::new(&mut writer), &mut ());
+    writer.finish().expect("finishes");
+    (Session::read(folder.path()).expect("reads"), ended, files(folder.path()))
+}
+
+fn files(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("the folder");
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+fn playing(program: &[Act]) -> Script {
+    Script { program: program.to_vec(), ..Script::default() }
+}
+
+fn samples(run: &LateralRun) -> usize {
+    run.force.time_s.len()
+}
+
+#[test]
+fn samples_sweeps_and_losses_are_in_the_session() {
+    // 352 samples: the sweep is due 300 ms into the hold.
+    let mut program = vec![Act::Batch(32); 11];
+    program.insert(3, Act::Lost(20));
+    program.extend([Act::Wait(300), Act::Batch(32), Act::Complete]);
+    let (session, ended, _) = record(playing(&program), &hold(true));
+    let recorded = ended.expect("completes");
+    assert_eq!((recorded.samples, recorded.sweeps, recorded.samples_missing), (384, 1, 20));
+    assert_eq!(recorded.duration_s, 0.403);
+    let run = &session.lateral[0];
+    assert_eq!(samples(run), 384);
+    let held = Mark { step: Some(0), moving: Some(false) };
+    assert_eq!(run.force.marks.as_deref(), Some(&[held; 384][..]));
+    assert_eq!(run.provenance.calibration_crc, Some(fake::calibration().crc()));
+    assert_eq!(run.provenance.calibration_id.as_deref(), Some("fake-1"));
+    assert_eq!(run.provenance.firmware.as_deref(), Some("0.0.0 (fake)"));
+    let lost = run.force.lost_before.as_ref().expect("the column");
+    assert_eq!((lost[96], lost.iter().sum::<f64>()), (20.0, 20.0), "where they are missing");
+    assert!((run.force.displacement_y_m[0] - 1_001e-6).abs() < 1e-9);
+    assert!((run.shape.z_m[1] - 0.09).abs() < 1e-9 && (run.shape.y_m[1] - 0.25e-3).abs() < 1e-9);
+    let sweep_s = run.shape.time_s.as_ref().expect("times")[0];
+    assert!((sweep_s - 1.301).abs() < 1e-9, "the first sample 300 ms into the hold, not {sweep_s} s");
+}
+
+#[test]
+fn a_port_that_goes_away_costs_nothing_that_had_arrived() {
+    let (session, ended, _) =
+        record(playing(&[Act::Batch(32), Act::Batch(8), Act::Wait(200), Act::Vanish]), &hold(false));
+    assert!(matches!(ended, Err(RecordError::Link(LinkError::Gone { .. }))), "{ended:?}");
+    assert_eq!(samples(&session.lateral[0]), 40);
+    assert!(session.lateral[0].shape.z_m.is_empty());
+}
+
+#[test]
+fn a_fault_costs_nothing_that_had_arrived() {
+    let program = [Act::Batch(32), Act::Fail(Fault::ForceRange)];
+    let (session, ended, _) = record(playing(&program), &hold(false));
+    let fault = Some(Fault::ForceRange);
+    assert!(
+        matches!(ended, Err(RecordError::Link(LinkError::ProgramEnded { fault: f })) if f == fault),
+        "{ended:?}"
+    );
+    assert_eq!(samples(&session.lateral[0]), 32);
+}
+
+#[test]
+fn a_hold_that_is_over_before_its_sweep_is_an_error() {
+    let (_, ended, _) = record(playing(&[Act::Complete]), &hold(true));
+    assert!(matches!(ended, Err(RecordError::HoldNotSeen { number: 1 })), "{ended:?}");
+    let program = [Act::Batch(32), Act::Complete];
+    let (_, ended, _) = record(playing(&program), &hold(true));
+    assert!(matches!(ended, Err(RecordError::HoldTooShort { number: 1 })), "{ended:?}");
+    let mut program = vec![Act::Batch(32); 11];
+    program.push(Act::Complete);
+    let (session, ended, _) = record(playing(&program), &hold(true));
+    assert!(matches!(ended, Err(RecordError::HoldTooShort { number: 1 })), "{ended:?}");
+    assert_eq!(samples(&session.lateral[0]), 352);
+}
+
+#[test]
+fn a_run_that_never_started_leaves_nothing_behind() {
+    let script = Script { refusal: Some(Refusal::TooLate), ..Script::default() };
+    let (session, ended, files) = record(script, &hold(false));
+    assert!(matches!(ended, Err(RecordError::Link(LinkError::Refused { .. }))), "{ended:?}");
+    assert!(session.lateral.is_empty());
+    assert_eq!(files, ["session.toml"]);
+}

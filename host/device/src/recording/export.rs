@@ -1,0 +1,165 @@
+//! A recording as a session's lateral run, or as an array for NumPy.
+
+use super::contents::{Contents, Survey};
+use super::error::RecordingError;
+use super::replay::{Heard, Replay};
+use crate::link::Batch;
+use crate::record::{Recorder, provenance};
+use formats::session::{SessionWriter, Setup};
+use protocol::State;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// What a session needs to know and the recording may not tell; what is given goes before what is recorded.
+#[derive(Debug, Clone, Default)]
+pub struct RunOptions {
+    /// Name of the run.
+    pub id: Option<String>,
+    /// How far the needle is in the tissue, millimetres.
+    pub depth_mm: Option<f64>,
+    /// Needle, guides and noise.
+    pub setup: Option<Setup>,
+}
+
+/// What was exported.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Exported {
+    /// What is in the recording.
+    pub contents: Contents,
+    /// Name of the run in the session.
+    pub run: Option<String>,
+    /// Rows written.
+    pub rows: u64,
+}
+
+/// Writes the rows that `guide record` or `guide acquire` wrote, bit for bit, as a lateral run of a session.
+///
+/// # Errors
+/// [`RecordingError::Unknown`] where depth or rig are neither recorded nor given, [`RecordingError::NoHello`], what the session
+/// says.
+pub fn to_session(
+    from: &Path,
+    dir: &Path,
+    options: &RunOptions,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Exported, RecordingError> {
+    let mut replay = Replay::open(from)?;
+    let unknown = |what, option| RecordingError::Unknown { path: from.to_owned(), what, option };
+    let made_with = match replay.hello() {
+        Some(hello) => provenance(hello),
+        None => return Err(RecordingError::NoHello { path: from.to_owned() }),
+    };
+    let about = replay.about().cloned();
+    let depth_mm = options.depth_mm.or(about.as_ref().map(|about| about.depth_mm));
+    let depth_mm = depth_mm.ok_or_else(|| unknown("the depth", "--depth-mm MM"))?;
+    let recorded_setup = about.as_ref().map(|about| Setup::parse(from, &about.rig_toml)).transpose()?;
+    let setup = options.setup.clone().or(recorded_setup);
+    let setup = setup.ok_or_else(|| unknown("the rig", "--rig FILE"))?;
+    let recorded_id = || about.as_ref().map(|about| about.run.clone());
+    let id = options.id.clone().or_else(recorded_id).unwrap_or_else(|| format!("d{depth_mm}-1"));
+    // A program's recording has its own states only; the time before its start and after its end is not part of the run.
+    let program_only = about.is_some_and(|about| about.command == "acquire");
+
+    let mut session = SessionWriter::open(dir, &setup)?;
+    let mut writer = session.lateral(&id, 1e-3 * depth_mm)?;
+    writer.made_with(made_with);
+    let mut recorder = Recorder::new(&mut writer);
+    let outcome = each_batch(&mut replay, progress, |batch| {
+        let outside =
+            matches!(batch.state, State::Idle | State::Pending | State::Faulted | State::Retreating);
+        if program_only && outside { Ok(()) } else { Ok(recorder.batch(batch)?) }
+    });
+    let rows = recorder.recorded().samples;
+    writer.finish()?;
+    let contents = outcome?;
+    if rows == 0 {
+        return Err(RecordingError::NoSamples { path: from.to_owned() });
+    }
+    Ok(Exported { contents, run: Some(id), rows })
+}
+
+/// Fields of a row in an array, with their types as NumPy names them.
+const FIELDS: &str = "[('time_s', '<f8'), ('displacement_x_mm', '<f8'), ('displacement_y_mm', '<f8'), ('force_x_n', '<f8'), \
+     ('force_y_n', '<f8'), ('step', '<i2'), ('state', 'u1'), ('lost_before', '<u4')]";
+/// Bytes before the rows: a multiple of 64, with room for any number of rows.
+const NPY_HEAD_BYTES: usize = 320;
+
+/// Writes every sample as a row of a structured array (`numpy.load`): times, positions and forces as the link gives them, step
+/// (-1 outside a program), state (0 idle, 1 pending, 2 moving, 3 holding, 4 taring, 5 faulted), samples missing before.
+///
+/// # Errors
+/// [`RecordingError`]; an existing file is not overwritten.
+pub fn to_npy(from: &Path, to: &Path, progress: &mut dyn FnMut(u64)) -> Result<Exported, RecordingError> {
+    let mut replay = Replay::open(from)?;
+    if replay.hello().is_none() {
+        return Err(RecordingError::NoHello { path: from.to_owned() });
+    }
+    let new = OpenOptions::new().write(true).create_new(true).open(to);
+    let mut npy = Npy {
+        path: to.to_owned(),
+        file: BufWriter::new(new.map_err(RecordingError::io(to, 0, "create"))?),
+        rows: 0,
+    };
+    npy.head()?;
+    let contents = each_batch(&mut replay, progress, |batch| npy.batch(batch))?;
+    // Now the number of rows is known.
+    npy.head()?;
+    npy.file.flush().map_err(RecordingError::io(to, 0, "write"))?;
+    Ok(Exported { contents, run: None, rows: npy.rows })
+}
+
+struct Npy {
+    path: PathBuf,
+    file: BufWriter<File>,
+    rows: u64,
+}
+
+impl Npy {
+    fn head(&mut self) -> Result<(), RecordingError> {
+        let text = format!("{{'descr': {FIELDS}, 'fortran_order': False, 'shape': ({},), }}", self.rows);
+        let room = NPY_HEAD_BYTES - 10;
+        let head = format!("{text:<width$}\n", width = room - 1);
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend_from_slice(&(room as u16).to_le_bytes());
+        bytes.extend_from_slice(head.as_bytes());
+        let io = RecordingError::io(&self.path, 0, "write");
+        self.file.seek(SeekFrom::Start(0)).and_then(|_| self.file.write_all(&bytes)).map_err(io)
+    }
+
+    fn batch(&mut self, batch: &Batch) -> Result<(), RecordingError> {
+        let mut row = Vec::with_capacity(48 * batch.points.len());
+        let mut lost_before = batch.lost_before;
+        for point in &batch.points {
+            let [x_m, y_m] = point.displacement_m;
+            let [force_x_n, force_y_n] = point.force_n;
+            for value in [point.time_s, 1e3 * x_m, 1e3 * y_m, force_x_n, force_y_n] {
+                row.extend_from_slice(&value.to_le_bytes());
+            }
+            row.extend_from_slice(&batch.step.map_or(-1, i16::from).to_le_bytes());
+            row.push(batch.state as u8);
+            let lost = u32::try_from(std::mem::take(&mut lost_before)).unwrap_or(u32::MAX);
+            row.extend_from_slice(&lost.to_le_bytes());
+        }
+        let offset = NPY_HEAD_BYTES as u64 + 47 * self.rows;
+        self.rows += batch.points.len() as u64;
+        self.file.write_all(&row).map_err(RecordingError::io(&self.path, offset, "write"))
+    }
+}
+
+/// Hands out every batch that is to be used, in order.
+fn each_batch(
+    replay: &mut Replay,
+    progress: &mut dyn FnMut(u64),
+    mut take: impl FnMut(&Batch) -> Result<(), RecordingError>,
+) -> Result<Contents, RecordingError> {
+    let mut survey = Survey::default();
+    while let Some(heard) = replay.next()? {
+        progress(replay.position());
+        survey.see(&heard);
+        if let Heard::Frame { batch: Some(batch), .. } = &heard {
+            take(batch)?;
+        }
+    }
+    Ok(survey.contents(replay))
+}

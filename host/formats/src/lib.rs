@@ -1,0 +1,18 @@
+//! Files of the needle guide: what a measurement session holds, what is known of a rig, and how both are read and written.
+//!
+//! | module | files |
+//! |---|---|
+//! | [`session`] | a folder of `session.toml` and CSV tables: what was measured, and with what; imports from elsewhere |
+//! | [`model_file`] | `model.toml`: effects and sizes of discrepancy of a rig, from one diagnosis to the next |
+//! | [`calibration_file`] | `calibration.toml`: the constants that the device works with |
+//!
+//! Every error names file, line, column and field, and what is valid.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+/// Half-width of a 95 % interval of a normal distribution, in standard deviations: its 97.5 % quantile.
+pub const NORMAL_975: f64 = 1.959_963_984_540_054;
+
+pub mod calibration_file;
+pub mod model_file;
+pub mod session;

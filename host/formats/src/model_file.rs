@@ -1,0 +1,360 @@
+//! What was learned of a rig and its tissue, in a file: `model.toml`, readable with any tool.
+//!
+//! ```toml
+//! [model]
+//! format = 1
+//! learned_from = "phantom-a"        # optional
+//! [tissue]
+//! k_kpa = 12.1                      # optional, with the table
+//! k_ci95_kpa = [11.8, 12.4]         # optional
+//! foundation = "body"               # optional: springs (k_kpa counts) or body (youngs_kpa does)
+//! poisson = 0.5                     # optional, of a body
+//! youngs_kpa = 12.9                 # optional; youngs_ci95_kpa too
+//! [tip]
+//! load_n = 0.2                      # optional; load_ci95_n too
+//! [discrepancy]                     # optional: what is larger than in an ordinary rig, and how many times
+//! "smooth shape error" = 1.8
+//! [[effect]]
+//! id = "tissue.layers"
+//! log_evidence_gain = 57.1          # optional
+//! [effect.parameters.k_ratio]
+//! value = 2.1
+//! ci95 = [1.8, 2.4]                 # optional
+//! [effect.parameters.boundary_mm]
+//! value = 14.8
+//! ```
+//!
+//! A parameter that does nothing at its neutral value may be left out beside another one; a place or a time may not. What is
+//! not known here is refused: a misspelt name would change the model without a word.
+
+mod discrepancy;
+
+pub use discrepancy::{DISCREPANCY_NAMES, Multiples};
+
+use crate::NORMAL_975;
+use crate::session::fields::Fields;
+use crate::session::{Problem, SessionError, read_text, replace};
+use mechanics::Support;
+use mechanics::effects::{EFFECTS, Effect, ParameterInfo, effect};
+use std::collections::HashSet;
+use std::fmt::Write as _;
+use std::path::Path;
+use strsim::levenshtein;
+
+/// Moduli that a tissue can have, kilopascals: the range in which they are identified.
+const K_KPA: [f64; 2] = [0.01, 1e4];
+/// Tip loads that a needle can have.
+const LOAD_N: [f64; 2] = [-50.0, 50.0];
+/// Multiples of what an ordinary rig is off by.
+const MULTIPLE: [f64; 2] = [0.0, 1e6];
+/// Ends of intervals may lie beyond what is physically possible, and an evidence may be anything.
+const ANY: [f64; 2] = [-1e15, 1e15];
+/// From kilopascals to pascals, as a power of ten.
+const KILO: i32 = 3;
+
+/// A model of rig and tissue as a file has it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ModelFile {
+    /// Where it was learned.
+    pub learned_from: Option<String>,
+    /// Foundation modulus.
+    pub modulus_pa: Option<f64>,
+    /// Its 95 % interval.
+    pub modulus_ci95_pa: Option<[f64; 2]>,
+    /// What the tissue is made of, where it is stated.
+    pub support: Option<Support>,
+    /// Young's modulus of an elastic body.
+    pub youngs_pa: Option<f64>,
+    /// Its 95 % interval.
+    pub youngs_ci95_pa: Option<[f64; 2]>,
+    /// Load of the tip in insertions.
+    pub tip_load_n: Option<f64>,
+    /// Its 95 % interval.
+    pub tip_load_ci95_n: Option<[f64; 2]>,
+    /// Imperfections that are larger than in an ordinary rig, as multiples of that.
+    pub discrepancy: Multiples,
+    /// Effects with the values of their parameters, in the order of the file.
+    pub effects: Vec<LearnedEffect>,
+}
+
+/// An effect with what was learned of it.
+#[derive(Debug, Clone)]
+pub struct LearnedEffect {
+    /// The effect.
+    pub effect: &'static dyn Effect,
+    /// Values of its parameters, in the units of their names.
+    pub values: Vec<f64>,
+    /// Their 95 % intervals.
+    pub ci95: Vec<Option<[f64; 2]>>,
+    /// By how much the logarithm of the evidence rose with it.
+    pub log_evidence_gain: Option<f64>,
+}
+
+impl PartialEq for LearnedEffect {
+    fn eq(&self, other: &Self) -> bool {
+        self.effect.id() == other.effect.id()
+            && self.values == other.values
+            && self.ci95 == other.ci95
+            && self.log_evidence_gain == other.log_evidence_gain
+    }
+}
+
+impl ModelFile {
+    /// Reads a model.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn read(path: &Path) -> Result<Self, SessionError> {
+        let text = read_text(path)?;
+        Fields::parse(path, &text, |file| {
+            file.only(&["model", "tissue", "tip", "discrepancy", "effect"])?;
+            let model = file.table("model")?;
+            model.only(&["format", "learned_from"])?;
+            model.format()?;
+            Ok(Self { learned_from: model.optional_text("learned_from")?, ..Self::tables(file, &[])? })
+        })
+    }
+
+    /// Reads the tables `[tissue]`, `[tip]` and `[[effect]]` of a file whose `[tissue]` may have the fields `more` too.
+    pub fn tables(file: &Fields<'_>, more: &[&str]) -> Result<Self, SessionError> {
+        let mut found = Self::default();
+        if let Some(tissue) = file.optional_table("tissue")? {
+            let own = ["k_kpa", "k_ci95_kpa", "foundation", "poisson", "youngs_kpa", "youngs_ci95_kpa"];
+            tissue.only(&[&own, more].concat())?;
+            found.support = support(&tissue)?;
+            found.youngs_pa = tissue.optional_scaled("youngs_kpa", K_KPA, KILO)?;
+            found.youngs_ci95_pa = tissue.optional_interval("youngs_ci95_kpa", ANY, KILO)?;
+            found.modulus_pa = tissue.optional_scaled("k_kpa", K_KPA, KILO)?;
+            found.modulus_ci95_pa = tissue.optional_interval("k_ci95_kpa", ANY, KILO)?;
+        }
+        if let Some(tip) = file.optional_table("tip")? {
+            tip.only(&["load_n", "load_ci95_n"])?;
+            found.tip_load_n = tip.optional_number("load_n", LOAD_N)?;
+            found.tip_load_ci95_n = tip.optional_interval("load_ci95_n", ANY, 0)?;
+        }
+        if let Some(discrepancy) = file.optional_table("discrepancy")? {
+            discrepancy.only(&DISCREPANCY_NAMES)?;
+            for name in DISCREPANCY_NAMES {
+                let multiple = discrepancy.optional_number(name, MULTIPLE)?;
+                found.discrepancy.extend(multiple.map(|multiple| (name.to_owned(), multiple)));
+            }
+        }
+        let mut seen = HashSet::new();
+        for fields in file.tables("effect")? {
+            let learned = LearnedEffect::read(&fields)?;
+            let id = learned.effect.id();
+            if !seen.insert(id) {
+                return Err(fields.field_fault("id", Problem::Duplicate(id.to_owned()), "one effect per id"));
+            }
+            found.effects.push(learned);
+        }
+        Ok(found)
+    }
+
+    /// Writes the model, replacing an older one in one step; an empty `learned_from` is left out.
+    ///
+    /// # Errors
+    /// [`SessionError::NotFinite`], or what the operating system says.
+    pub fn write(&self, path: &Path) -> Result<(), SessionError> {
+        replace(path, &self.text(path)?)
+    }
+
+    fn text(&self, path: &Path) -> Result<String, SessionError> {
+        let mut text = "[model]\nformat = 1\n".to_owned();
+        if let Some(from) = self.learned_from.as_deref().filter(|from| !from.trim().is_empty()) {
+            let _ = writeln!(text, "learned_from = {}", toml::Value::from(from));
+        }
+        let line = |text: &mut String, field: &'static str, values: &[f64], unit: i32| {
+            let numbers: Result<Vec<String>, _> =
+                values.iter().map(|value| decimal(path, field, *value, unit)).collect();
+            let numbers = numbers?.join(", ");
+            let _ = match values.len() {
+                1 => writeln!(text, "{field} = {numbers}"),
+                _ => writeln!(text, "{field} = [{numbers}]"),
+            };
+            Ok::<(), SessionError>(())
+        };
+        let one = |value: &'_ Option<f64>| value.map(|value| vec![value]);
+        let (modulus, load) = (one(&self.modulus_pa), one(&self.tip_load_n));
+        let interval = |ends: &'_ Option<[f64; 2]>| ends.map(|ends| ends.to_vec());
+        let (of_modulus, of_load) = (interval(&self.modulus_ci95_pa), interval(&self.tip_load_ci95_n));
+        let (youngs, of_youngs) = (one(&self.youngs_pa), interval(&self.youngs_ci95_pa));
+        let fields = [
+            ("k_kpa", modulus.as_deref()),
+            ("k_ci95_kpa", of_modulus.as_deref()),
+            ("youngs_kpa", youngs.as_deref()),
+            ("youngs_ci95_kpa", of_youngs.as_deref()),
+        ];
+        if fields.iter().any(|(_, values)| values.is_some()) || self.support.is_some() {
+            text.push_str("\n[tissue]\n");
+        }
+        if let Some(support) = self.support {
+            let _ = writeln!(text, "foundation = \"{}\"", support.name());
+            if let Support::Body { poisson } = support {
+                line(&mut text, "poisson", &[poisson], 0)?;
+            }
+        }
+        for (field, values) in fields {
+            values.map_or(Ok(()), |values| line(&mut text, field, values, KILO))?;
+        }
+        if load.is_some() || of_load.is_some() {
+            text.push_str("\n[tip]\n");
+        }
+        for (field, values) in [("load_n", load.as_deref()), ("load_ci95_n", of_load.as_deref())] {
+            values.map_or(Ok(()), |values| line(&mut text, field, values, 0))?;
+        }
+        if !self.discrepancy.is_empty() {
+            text.push_str("\n[discrepancy]\n");
+        }
+        for (name, multiple) in &self.discrepancy {
+            let _ = writeln!(text, "\"{name}\" = {}", decimal(path, "discrepancy", *multiple, 0)?);
+        }
+        for learned in &self.effects {
+            let _ = write!(text, "\n[[effect]]\nid = \"{}\"\n", learned.effect.id());
+            if let Some(gain) = learned.log_evidence_gain {
+                line(&mut text, "log_evidence_gain", &[gain], 0)?;
+            }
+            let intervals = learned.ci95.iter().copied().chain(std::iter::repeat(None));
+            let parameters = learned.effect.parameters().iter().zip(&learned.values);
+            for ((info, value), ci95) in parameters.zip(intervals) {
+                let _ = write!(text, "\n[effect.parameters.{}]\n", info.name);
+                line(&mut text, "value", &[*value], 0)?;
+                ci95.map_or(Ok(()), |ends| line(&mut text, "ci95", &ends, 0))?;
+            }
+        }
+        Ok(text)
+    }
+
+    /// Its effects with their values, in the order of the catalogue.
+    pub fn effects(&self) -> Vec<(&'static dyn Effect, Vec<f64>)> {
+        let place = |learned: &LearnedEffect| EFFECTS.iter().position(|of| of.id() == learned.effect.id());
+        let mut sorted: Vec<&LearnedEffect> = self.effects.iter().collect();
+        sorted.sort_by_key(|learned| place(learned));
+        sorted.into_iter().map(|learned| (learned.effect, learned.values.clone())).collect()
+    }
+
+    /// The modulus with the standard deviation that its interval stands for; 0 where there is no interval.
+    pub fn modulus_and_sd_pa(&self) -> Option<[f64; 2]> {
+        let sd_pa = |[low, high]: [f64; 2]| (high - low) / (2.0 * NORMAL_975);
+        Some([self.modulus_pa?, self.modulus_ci95_pa.map_or(0.0, sd_pa)])
+    }
+
+    /// What the other model says, and this one where that says nothing.
+    pub fn replaced_by(mut self, other: &Self) -> Self {
+        if other.modulus_pa.is_some() {
+            (self.modulus_pa, self.modulus_ci95_pa) = (other.modulus_pa, other.modulus_ci95_pa);
+        }
+        if other.support.is_some() {
+            self.support = other.support;
+        }
+        if other.youngs_pa.is_some() {
+            (self.youngs_pa, self.youngs_ci95_pa) = (other.youngs_pa, other.youngs_ci95_pa);
+        }
+        if other.tip_load_n.is_some() {
+            (self.tip_load_n, self.tip_load_ci95_n) = (other.tip_load_n, other.tip_load_ci95_n);
+        }
+        self.discrepancy.extend(other.discrepancy.clone());
+        self.effects.retain(|own| other.effects.iter().all(|theirs| theirs.effect.id() != own.effect.id()));
+        self.effects.extend(other.effects.iter().cloned());
+        self
+    }
+}
+
+/// What the tissue is made of, where a file states it.
+fn support(tissue: &Fields<'_>) -> Result<Option<Support>, SessionError> {
+    let poisson = tissue.optional_number("poisson", [0.0, 0.5])?;
+    match tissue.optional_text("foundation")?.as_deref() {
+        None if poisson.is_some() => {
+            Err(tissue.field_fault("foundation", Problem::Missing, "\"body\" beside a Poisson's ratio"))
+        }
+        None => Ok(None),
+        Some("springs") => Ok(Some(Support::Springs)),
+        Some("body") => Ok(Some(Support::Body { poisson: poisson.unwrap_or(0.5) })),
+        Some(other) => {
+            let problem = Problem::Unknown(other.to_owned());
+            Err(tissue.field_fault("foundation", problem, "springs or body"))
+        }
+    }
+}
+
+impl LearnedEffect {
+    fn read(fields: &Fields<'_>) -> Result<Self, SessionError> {
+        fields.only(&["id", "parameters", "log_evidence_gain"])?;
+        let id = fields.text("id")?;
+        let Some(effect) = effect(&id) else {
+            let expected = expected_ids(&id);
+            return Err(fields.field_fault("id", Problem::Unknown(id), expected));
+        };
+        let infos = effect.parameters();
+        let names: Vec<&str> = infos.iter().map(|info| info.name).collect();
+        let Some(parameters) = fields.optional_table("parameters")? else {
+            return Err(fields.field_fault("parameters", Problem::Missing, names.join(", ")));
+        };
+        parameters.only(&names)?;
+        if parameters.names().next().is_none() {
+            return Err(fields.field_fault("parameters", Problem::Empty, names.join(", ")));
+        }
+        let (mut values, mut ci95) = (Vec::new(), Vec::new());
+        for info in infos {
+            let (value, interval) = match parameters.optional_table(info.name)? {
+                Some(parameter) => {
+                    parameter.only(&["value", "ci95"])?;
+                    (parameter.number("value", info.range)?, parameter.optional_interval("ci95", ANY, 0)?)
+                }
+                None if has_neutral_value(info) => (info.neutral, None),
+                None => {
+                    let expected = format!("a table with value, {} to {}", info.range[0], info.range[1]);
+                    return Err(parameters.field_fault(info.name, Problem::Missing, expected));
+                }
+            };
+            values.push(value);
+            ci95.push(interval);
+        }
+        let log_evidence_gain = fields.optional_number("log_evidence_gain", ANY)?;
+        Ok(Self { effect, values, ci95, log_evidence_gain })
+    }
+}
+
+/// Whether the effect of a parameter is nothing at its neutral value; a place or a time has no such value.
+pub fn has_neutral_value(info: &ParameterInfo) -> bool {
+    info.nodes.is_empty()
+}
+
+/// Ids that may have been meant by one that does not exist; all there are where none is near.
+pub fn expected_ids(id: &str) -> String {
+    let last = |id: &str| id.rsplit('.').next().unwrap_or_default().to_owned();
+    let near = |known: &&str| {
+        levenshtein(id, known) <= 3
+            || levenshtein(&last(id), &last(known)) <= 1
+            || known.split('.').any(|p| p == id)
+    };
+    let mut ids: Vec<&str> = EFFECTS.iter().map(|effect| effect.id()).filter(near).collect();
+    if ids.is_empty() {
+        ids = EFFECTS.iter().map(|effect| effect.id()).collect();
+    }
+    format!("one of {}", ids.join(", "))
+}
+
+/// A number divided by a power of ten such that reading it, scaled back, gives the same number to the last bit.
+fn decimal(path: &Path, field: &'static str, value: f64, power: i32) -> Result<String, SessionError> {
+    if !value.is_finite() {
+        return Err(SessionError::NotFinite { path: path.to_owned(), field });
+    }
+    if power == 0 {
+        return Ok(format!("{value:?}"));
+    }
+    let plain = value / 10f64.powi(power);
+    let scaled_back: Option<f64> = format!("{plain:e}").split_once('e').and_then(|(digits, exponent)| {
+        format!("{digits}e{}", exponent.parse::<i32>().ok()?.saturating_add(power)).parse().ok()
+    });
+    if scaled_back == Some(value) {
+        return Ok(format!("{plain:?}"));
+    }
+    // The quotient is rounded: the decimal digits of the number itself, with another exponent.
+    let text = format!("{value:e}");
+    let (digits, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    Ok(format!("{digits}e{}", exponent.parse::<i32>().unwrap_or_default() - power))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,320 @@
+//! `trajcontrol`: the CSV files of a needle under a laterally actuated guide with an electromagnetic tip sensor, as its ROS nodes
+//! write them.
+//!
+//! Tip position in millimetres with the insertion along `-y`, up along `z`; guide position in metres; a sensor that has nothing to
+//! say writes zeros. The quaternion `Tip qw, qx, qy, qz` turns the sensor's axes into those of the positions. The needle's tangent at
+//! the tip, `t`, is the sensor's z axis, along which its coil is wound and lies in the needle; the slopes of the needle are then
+//! `t_x / -t_y` and `t_z / -t_y`. A coil that does not lie exactly along the needle adds a constant to both.
+
+use super::super::InsertionRun;
+use super::super::error::{Place, Problem, SessionError, read_text};
+use super::super::table::{Column, Table};
+use super::screen::{Reading, Skipped, count, screen};
+use std::path::Path;
+
+const MM: f64 = 1e-3;
+const TIP_MM: [f64; 2] = [-2000.0, 2000.0];
+const ROBOT_M: [f64; 2] = [-2.0, 2.0];
+/// Parts of a unit quaternion, with room for rounding.
+const PART: [f64; 2] = [-1.1, 1.1];
+/// The square of a quaternion's norm may be off by so much.
+const NORM: f64 = 0.05;
+/// A needle that goes in along `-y` points there within 30 degrees.
+const STEEPEST: f64 = 0.58;
+
+const COLUMNS: [Column; 11] = [
+    Column::required("Timestamp sec", 1.0, [0.0, 1e11]),
+    Column::required("Timestamp nanosec", 1e-9, [0.0, 1e9]),
+    Column::required("Tip x", MM, TIP_MM),
+    Column::required("Tip y", MM, TIP_MM),
+    Column::required("Tip z", MM, TIP_MM),
+    Column::optional("Tip qw", 1.0, PART),
+    Column::optional("Tip qx", 1.0, PART),
+    Column::optional("Tip qy", 1.0, PART),
+    Column::optional("Tip qz", 1.0, PART),
+    Column::optional("Robot x", 1.0, ROBOT_M),
+    Column::optional("Robot z", 1.0, ROBOT_M),
+];
+
+/// A recording of another rig, and what of it is no reading of a needle that goes in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// The readings that are kept.
+    pub run: InsertionRun,
+    /// Rows that are not, by reason.
+    pub skipped: Vec<Skipped>,
+    /// What else is worth knowing of the import, a sentence each.
+    pub remarks: Vec<String>,
+}
+
+/// Reads one recording. The insertion is named after its file; positions are relative to the guide's first one, guide positions
+/// too. Rows that are no readings of a needle that goes in are skipped with a reason
+/// ([`SkipReason`](super::SkipReason)), and so is a last line that was cut off; what is kept can be written into a session. Rest and an
+/// early end are kept as they are: who uses the insertion decides.
+///
+/// # Errors
+/// [`SessionError`] with file, line, column and field; also where no row is left, with the reasons.
+pub fn trajcontrol(path: &Path) -> Result<Recording, SessionError> {
+    let text = read_text(path)?;
+    let mut table = Table::parse(path, whole_lines(&text), &COLUMNS, 1)?;
+    let mut column = |name: &str| table.take(name).unwrap_or_default();
+    let (seconds, nanoseconds) = (column("Timestamp sec"), column("Timestamp nanosec"));
+    let tip = [column("Tip x"), column("Tip y"), column("Tip z")];
+    let turned = ["Tip qw", "Tip qx", "Tip qy", "Tip qz"].map(&mut column);
+    let robot = [column("Robot x"), column("Robot z")];
+    let at = |values: &[f64], i: usize| values.get(i).copied().unwrap_or_default();
+
+    // The guide's first position is where the straight needle points; before it has one, it has not moved.
+    let has_guide = |i: usize| robot.iter().any(|values| at(values, i) != 0.0);
+    let first = (0..seconds.len()).find(|i| has_guide(*i));
+    let [zero_x_m, zero_z_m] = [0, 1].map(|side| first.map_or(0.0, |i| at(&robot[side], i)));
+    let mut guide_m = [zero_x_m, zero_z_m];
+    let mut readings = Vec::with_capacity(seconds.len());
+    for i in 0..seconds.len() {
+        if has_guide(i) {
+            guide_m = [at(&robot[0], i), at(&robot[1], i)];
+        }
+        let [x_m, y_m, z_m] = [0, 1, 2].map(|side| at(&tip[side], i));
+        readings.push(Reading {
+            tip_m: [-y_m, z_m, x_m],
+            orientation: [0, 1, 2, 3].map(|part| at(&turned[part], i)),
+            guide_m: [guide_m[1] - zero_z_m, guide_m[0] - zero_x_m],
+        });
+    }
+    // Whole seconds since 1970 lose nothing next to nanoseconds when the start is taken off first.
+    let time_s = |i: usize| at(&seconds, i) - at(&seconds, 0) + (at(&nanoseconds, i) - at(&nanoseconds, 0));
+    let all = run(path, &readings, [zero_z_m, zero_x_m], (0..readings.len()).map(time_s).collect());
+    let reasons = screen(&readings, |row| all.check_row(row, path).is_ok());
+    let skipped = count(&reasons);
+    let mut recording =
+        Recording { run: all.only(|row| reasons[row].is_none()), skipped, remarks: Vec::new() };
+    if recording.run.depth_m.is_empty() {
+        let skipped: Vec<String> = recording.skipped.iter().map(Skipped::to_string).collect();
+        return Err(SessionError::Field {
+            place: Place { path: path.to_owned(), line: 1, column: 1 },
+            field: "Tip x, Tip y, Tip z".to_owned(),
+            problem: Problem::Syntax(format!("no row is a reading: {}", skipped.join("; "))),
+            expected: "at least one row in which the tip sensor is not silent (0, 0, 0)".to_owned(),
+        });
+    }
+    if first.is_none() {
+        (recording.run.guide2_y_m, recording.run.guide2_x_m) = (None, None);
+    }
+    recording.direction(turned.iter().any(|part| !part.is_empty()));
+    Ok(recording)
+}
+
+/// All readings as columns; `zero_m` is where the guide began, vertical and horizontal.
+fn run(path: &Path, readings: &[Reading], zero_m: [f64; 2], mut time_s: Vec<f64>) -> InsertionRun {
+    let column = |value: &dyn Fn(&Reading) -> f64| readings.iter().map(value).collect::<Vec<f64>>();
+    let start_s = readings.iter().position(|r| r.tip_m.iter().any(|m| *m != 0.0));
+    let start_s = start_s.and_then(|first| time_s.get(first).copied()).unwrap_or_default();
+    time_s.iter_mut().for_each(|time_s| *time_s -= start_s);
+    InsertionRun {
+        id: path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+        path: path.to_owned(),
+        depth_m: column(&|r| r.tip_m[0]),
+        tip_y_m: column(&|r| r.tip_m[1] - zero_m[0]),
+        tip_x_m: Some(column(&|r| r.tip_m[2] - zero_m[1])),
+        time_s: Some(time_s),
+        guide2_y_m: Some(column(&|r| r.guide_m[0])),
+        guide2_x_m: Some(column(&|r| r.guide_m[1])),
+        tip_direction_y_rad: Some(column(&|r| slopes(r.orientation)[0])),
+        tip_direction_x_rad: Some(column(&|r| slopes(r.orientation)[1])),
+        ..InsertionRun::default()
+    }
+}
+
+/// Slopes of the needle, vertical and horizontal, of a sensor turned like this; NaN where this is no turn, or the needle does not point
+/// into the tissue.
+fn slopes([w, x, y, z]: [f64; 4]) -> [f64; 2] {
+    let square = w * w + x * x + y * y + z * z;
+    // The sensor's z axis, turned: the third column of the rotation matrix, times the square of the norm.
+    let tangent = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z];
+    let [slope_y, slope_x] = [tangent[2] / -tangent[1], tangent[0] / -tangent[1]];
+    let ahead = tangent[1] < 0.0 && slope_y.hypot(slope_x) < STEEPEST;
+    if (square - 1.0).abs() < NORM && ahead { [slope_y, slope_x] } else { [f64::NAN; 2] }
+}
+
+impl Recording {
+    /// Keeps the tip's direction where most readings have one.
+    fn direction(&mut self, there: bool) {
+        let rows = self.run.depth_m.len();
+        let with = self.run.tip_direction_y_rad.iter().flatten().filter(|slope| slope.is_finite()).count();
+        if 2 * with >= rows {
+            return;
+        }
+        if there {
+            self.remarks.push(format!(
+                "tip direction skipped: the sensor's z axis is within 30 degrees of the insertion in {with} of {rows} rows only"
+            ));
+        }
+        (self.run.tip_direction_y_rad, self.run.tip_direction_x_rad) = (None, None);
+    }
+}
+
+impl InsertionRun {
+    /// The same with some of its rows.
+    fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let all = |values: &Vec<f64>| -> Vec<f64> {
+            values.iter().enumerate().filter(|(row, _)| keep(*row)).map(|(_, value)| *value).collect()
+        };
+        let column = |values: &Option<Vec<f64>>| values.as_ref().map(all);
+        Self {
+            id: self.id.clone(),
+            path: self.path.clone(),
+            depth_m: all(&self.depth_m),
+            tip_y_m: all(&self.tip_y_m),
+            tip_x_m: column(&self.tip_x_m),
+            time_s: column(&self.time_s),
+            rotation_rad: column(&self.rotation_rad),
+            guide2_y_m: column(&self.guide2_y_m),
+            guide2_x_m: column(&self.guide2_x_m),
+            base_force_y_n: column(&self.base_force_y_n),
+            tip_direction_y_rad: column(&self.tip_direction_y_rad),
+            tip_direction_x_rad: column(&self.tip_direction_x_rad),
+        }
+    }
+}
+
+/// The text without a last line that has fewer cells than the header: a recording that was cut off.
+fn whole_lines(text: &str) -> &str {
+    let cells = |line: &str| line.matches(',').count();
+    match text.trim_end_matches('\n').rfind('\n') {
+        Some(newline) if !text.ends_with('\n') => {
+            let (before, last) = text.split_at(newline + 1);
+            let header = before.lines().next().unwrap_or_default();
+            if cells(last) < cells(header) { before } else { text }
+        }
+        _ => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::SkipReason;
+    use super::*;
+    use std::f64::consts::FRAC_PI_2;
+    use std::fmt::Write as _;
+    use std::fs;
+
+    const HEADER: &str = "Timestamp sec,Timestamp nanosec, Target sec,Tip x,Tip y,Tip z,Tip qw,Tip qx,Tip qy,Tip qz,Robot x,Robot z";
+
+    /// Rows of time, tip and robot; simulated, in the layout of the recordings.
+    fn read(rows: &str) -> Result<Recording, SessionError> {
+        let dir = tempfile::tempdir().expect("a folder");
+        let path = dir.path().join("run_1.csv");
+        fs::write(&path, format!("{HEADER}\n{rows}")).expect("writes");
+        trajcontrol(&path)
+    }
+
+    #[test]
+    fn silent_rows_and_cut_lines_are_skipped() {
+        let recording = read(
+            "1700000000,900000000,0,0,0,0,0,0,0,0,0,0\n\
+             1700000001,400000000,0,-25.5,2.0,22.5,0.7,0,0,0,-0.025,0.022\n\
+             1700000001,900000000,0,-25.0,-10.0,22.0,0.7,0,0,0,-0.024,0.0215\n\
+             1700000002,400000000,0,-24.0,-10",
+        )
+        .expect("reads");
+        let run = &recording.run;
+        assert_eq!(run.id, "run_1");
+        let close =
+            |a: &[f64], b: &[f64]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert!(close(&run.depth_m, &[-2e-3, 10e-3]), "{:?}", run.depth_m);
+        assert!(close(run.tip_x_m.as_deref().expect("x"), &[-0.5e-3, 0.0]));
+        assert!(close(&run.tip_y_m, &[0.5e-3, 0.0]));
+        assert!(close(run.guide2_x_m.as_deref().expect("guide"), &[0.0, 1e-3]));
+        assert!(close(run.guide2_y_m.as_deref().expect("guide"), &[0.0, -0.5e-3]));
+        let time_s = run.time_s.as_ref().expect("time");
+        assert!((time_s[1] - 0.5).abs() < 1e-6 && time_s[0] == 0.0);
+        assert_eq!(recording.skipped, [Skipped { reason: SkipReason::Silent, rows: 1, first_row: 1 }]);
+        // What is no unit quaternion has no direction.
+        assert_eq!(run.tip_direction_x_rad, None);
+        assert!(recording.remarks[0].contains("0 of 2 rows"), "{:?}", recording.remarks);
+    }
+
+    #[test]
+    fn faults_name_place_and_what_was_expected() {
+        let message =
+            |rows: &str| read(rows).map(|_| ()).map_err(|error| error.to_string()).expect_err("fails");
+        assert!(
+            message("1,0,0,1,oops,3,0,0,0,0,0,0\n")
+                .contains("run_1.csv:2:9: Tip y: \"oops\" is not a number")
+        );
+        let silent = message("1,0,0,0,0,0,0,0,0,0,0.1,0.1\n");
+        assert!(
+            silent.contains("no row is a reading: 1 row from row 1 on, silent: the tip sensor gave 0, 0, 0"),
+            "{silent}"
+        );
+        assert!(message("").contains("no rows, expected at least one row"));
+    }
+
+    /// The needle points along `-y`, then tilts by known angles upwards and to the side: what was turned is measured.
+    #[test]
+    fn directions_are_those_of_the_sensors_z_axis() {
+        // From the sensor's z to -y: a quarter turn about x; then small turns about the axes of the positions.
+        let product = |a: [f64; 4], b: [f64; 4]| {
+            [
+                a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+                a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+                a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+                a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+            ]
+        };
+        let turn = |axis: usize, rad: f64| {
+            let mut q = [(0.5 * rad).cos(), 0.0, 0.0, 0.0];
+            q[axis] = (0.5 * rad).sin();
+            q
+        };
+        let ahead = turn(1, FRAC_PI_2);
+        // About -x by 0.1: -y towards z. About z by 0.05: -y towards x.
+        for (q, y, x) in [
+            (ahead, 0.0, 0.0),
+            (product(turn(1, -0.1), ahead), 0.1f64.tan(), 0.0),
+            (product(turn(3, 0.05), ahead), 0.0, 0.05f64.tan()),
+            // A turn about the needle's own axis changes nothing.
+            (product(product(turn(1, -0.1), ahead), turn(3, 1.0)), 0.1f64.tan(), 0.0),
+            (product(turn(3, 0.05), product(ahead, turn(3, -2.0))).map(|part| -part), 0.0, 0.05f64.tan()),
+        ] {
+            let [found_y, found_x] = slopes(q);
+            assert!((found_y - y).abs() < 1e-12 && (found_x - x).abs() < 1e-12, "{found_y} {found_x}");
+        }
+        assert!(slopes(turn(1, -FRAC_PI_2))[0].is_nan(), "a needle that points out of the tissue");
+        assert!(slopes([0.0; 4])[0].is_nan());
+
+        let [w, x, y, z] = product(turn(1, -0.1), ahead);
+        let rows = format!("1,0,0,1,-5,2,{w},{x},{y},{z},0.01,0.01\n2,0,0,1,-6,2.01,0.5,0,0,0,0.01,0.01\n");
+        let recording = read(&rows).expect("reads");
+        let directions = recording.run.tip_direction_y_rad.expect("directions");
+        assert!((directions[0] - 0.1f64.tan()).abs() < 1e-12 && directions[1].is_nan(), "{directions:?}");
+    }
+
+    /// Rest and an early end do not keep an insertion from being one; a withdrawal at the end is skipped.
+    #[test]
+    fn rest_is_kept_and_a_withdrawal_is_skipped() {
+        let mut rows = String::new();
+        let mut number = 0;
+        let mut row = |depth: f64| {
+            number += 1;
+            let noise = 1e-4 * f64::from(number);
+            let _ = writeln!(
+                rows,
+                "{},0,0,{},{},20,0,0,0,0,-0.02,0.02",
+                1_700_000_000 + number,
+                noise + 0.01 * depth,
+                -depth
+            );
+        };
+        for stop in 0..=12 {
+            (0..4).for_each(|_| row(5.0 * f64::from(stop)));
+        }
+        (1..37).for_each(|i| row(60.0 - 3.0 * f64::from(i)));
+        let recording = read(&rows).expect("reads");
+        assert_eq!(recording.skipped, [Skipped { reason: SkipReason::Withdrawn, rows: 35, first_row: 54 }]);
+        assert!(recording.remarks.is_empty() || recording.run.tip_direction_y_rad.is_none());
+        let depth_m = &recording.run.depth_m;
+        assert_eq!(depth_m.len(), 53, "four rows of each of 13 stops, and one row just behind the last");
+        assert!((depth_m.iter().copied().fold(0.0, f64::max) - 0.06).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,231 @@
+//! Session files, format 1: a folder with `session.toml` and CSV files, readable with any tool.
+//!
+//! Files carry millimetres and newtons in the names of their fields; here everything is SI. Comments and column order
+//! are free, unknown columns and fields are left alone, and every error names file, line, column, field and what was
+//! expected.
+
+mod error;
+pub mod fields;
+mod hardware;
+pub mod import;
+mod indenter;
+mod names;
+mod read;
+mod survey;
+mod table;
+pub mod template;
+mod tissue;
+mod write;
+
+pub use error::{Place, Problem, SessionError, read_text};
+pub use indenter::Indenter;
+pub use survey::Survey;
+pub use tissue::{FoundationKind, Tissue};
+pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow, is_file_name, replace};
+
+use mechanics::Rig;
+use std::path::PathBuf;
+
+/// Insertion depths that a lateral run can have, least and greatest, millimetres.
+pub const DEPTH_RANGE_MM: [f64; 2] = [0.5, 500.0];
+
+/// Everything recorded with one needle, one rig and one piece of tissue.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Session {
+    /// Folder it was read from.
+    pub dir: PathBuf,
+    /// Its name, where it has one.
+    pub name: Option<String>,
+    /// Needle, guides and tissue surface.
+    pub rig: Rig,
+    /// Mass of the fixture that moves the needle's base in steering runs, where it is stated.
+    pub fixture_mass_kg: Option<f64>,
+    /// Standard deviations of the sensors, where they are stated.
+    pub noise: Noise,
+    /// What is stated of the tissue.
+    pub tissue: Tissue,
+    /// Lateral runs.
+    pub lateral: Vec<LateralRun>,
+    /// Insertions.
+    pub insertion: Vec<InsertionRun>,
+    /// Independent indentation measurements.
+    pub indentation: Vec<IndentationRun>,
+    /// Dynamic runs.
+    pub steering: Vec<SteeringRun>,
+}
+
+/// Stated standard deviation of a single reading of each sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Noise {
+    /// Lateral force.
+    pub force_n: Option<f64>,
+    /// Displacement of guide 2.
+    pub displacement_m: Option<f64>,
+    /// Deflection of the needle in the tissue.
+    pub shape_m: Option<f64>,
+    /// Position of the tip.
+    pub tip_m: Option<f64>,
+    /// Slope of the needle at the tip.
+    pub tip_direction_rad: Option<f64>,
+}
+
+/// A lateral run at one depth: guide 2 pushed sideways, force and shape measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LateralRun {
+    /// Its name.
+    pub id: String,
+    /// Length of the needle inside the tissue.
+    pub depth_m: f64,
+    /// File of the force series, for messages.
+    pub force_path: PathBuf,
+    /// File of the shape, for messages.
+    pub shape_path: PathBuf,
+    /// What it was recorded with, where that is stated.
+    pub provenance: Provenance,
+    /// Displacement and force against time.
+    pub force: ForceSeries,
+    /// Shape sweeps.
+    pub shape: ShapeSeries,
+}
+
+/// What a run was recorded with.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Provenance {
+    /// Name of the device's calibration.
+    pub calibration_id: Option<String>,
+    /// Checksum of the device's calibration.
+    pub calibration_crc: Option<u32>,
+    /// Board of the device.
+    pub device: Option<String>,
+    /// Version of its firmware and the commit that was built.
+    pub firmware: Option<String>,
+}
+
+impl Session {
+    /// The calibrations that its lateral runs say they were recorded with, each with its runs' ids, in order of appearance.
+    pub fn calibrations(&self) -> Vec<(u32, Vec<&str>)> {
+        let mut found: Vec<(u32, Vec<&str>)> = Vec::new();
+        for run in &self.lateral {
+            let Some(crc) = run.provenance.calibration_crc else { continue };
+            match found.iter_mut().find(|(known, _)| *known == crc) {
+                Some((_, ids)) => ids.push(&run.id),
+                None => found.push((crc, vec![&run.id])),
+            }
+        }
+        found
+    }
+}
+
+/// Displacement of guide 2 and lateral force against increasing time; columns of equal length.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ForceSeries {
+    /// Time.
+    pub time_s: Vec<f64>,
+    /// Vertical displacement of guide 2.
+    pub displacement_y_m: Vec<f64>,
+    /// Vertical force.
+    pub force_y_n: Vec<f64>,
+    /// Horizontal displacement; there together with the horizontal force.
+    pub displacement_x_m: Option<Vec<f64>>,
+    /// Horizontal force.
+    pub force_x_n: Option<Vec<f64>>,
+    /// Samples lost just before each row, where the recorder counted them.
+    pub lost_before: Option<Vec<f64>>,
+    /// What the device was doing at each row, where the recorder knew it of any.
+    pub marks: Option<Vec<Mark>>,
+}
+
+/// What the device was doing when a row was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Mark {
+    /// Step of the motion program; none outside a program.
+    pub step: Option<u32>,
+    /// Whether that step moves guide 2, where it is known.
+    pub moving: Option<bool>,
+}
+
+/// Deflection of the needle at points of the shape sweeps; columns of equal length.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ShapeSeries {
+    /// Time of each point; without it the shape belongs to the last hold.
+    pub time_s: Option<Vec<f64>>,
+    /// Position along the needle from guide 1.
+    pub z_m: Vec<f64>,
+    /// Vertical deflection.
+    pub y_m: Vec<f64>,
+    /// Horizontal deflection.
+    pub x_m: Option<Vec<f64>>,
+}
+
+/// An insertion: where the tip was at each depth; columns of equal length.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct InsertionRun {
+    /// Its name.
+    pub id: String,
+    /// Its file, for messages.
+    pub path: PathBuf,
+    /// Insertion depth, in the order of recording.
+    pub depth_m: Vec<f64>,
+    /// Vertical tip position.
+    pub tip_y_m: Vec<f64>,
+    /// Horizontal tip position.
+    pub tip_x_m: Option<Vec<f64>>,
+    /// Time.
+    pub time_s: Option<Vec<f64>>,
+    /// Axial rotation of the needle.
+    pub rotation_rad: Option<Vec<f64>>,
+    /// Vertical displacement of guide 2.
+    pub guide2_y_m: Option<Vec<f64>>,
+    /// Horizontal displacement of guide 2.
+    pub guide2_x_m: Option<Vec<f64>>,
+    /// Vertical force at the base.
+    pub base_force_y_n: Option<Vec<f64>>,
+    /// Vertical slope of the needle at the tip, `du_y/dz`, as a direction sensor in the tip measures it; a constant tilt of the sensor in
+    /// the needle is part of it. NaN in rows without a reading.
+    pub tip_direction_y_rad: Option<Vec<f64>>,
+    /// Horizontal slope of the needle at the tip.
+    pub tip_direction_x_rad: Option<Vec<f64>>,
+}
+
+/// An indentation with a flat cylindrical punch or a sphere.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IndentationRun {
+    /// Its name.
+    pub id: String,
+    /// Its file, for messages.
+    pub path: PathBuf,
+    /// Form of the indenter.
+    pub indenter: Indenter,
+    /// Radius of the punch or the sphere.
+    pub indenter_radius_m: f64,
+    /// Thickness of the tissue on a rigid base, where it is stated.
+    pub tissue_thickness_m: Option<f64>,
+    /// Poisson's ratio of the tissue.
+    pub poisson: f64,
+    /// Indentation depth.
+    pub depth_m: Vec<f64>,
+    /// Axial force.
+    pub force_n: Vec<f64>,
+}
+
+/// A dynamic run of the online estimator; columns of equal length.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SteeringRun {
+    /// Its name.
+    pub id: String,
+    /// Its file, for messages.
+    pub path: PathBuf,
+    /// Increasing time.
+    pub time_s: Vec<f64>,
+    /// Insertion depth.
+    pub depth_m: Vec<f64>,
+    /// Lateral position of the base.
+    pub base_y_m: Vec<f64>,
+    /// Lateral force at the base.
+    pub base_force_y_n: Vec<f64>,
+    /// Lateral position of the tip.
+    pub tip_y_m: Vec<f64>,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,305 @@
+//! Reading a session.
+
+use super::Indenter;
+use super::error::{Problem, SessionError, read_text};
+use super::fields::Fields;
+use super::hardware::{fixture_mass_kg, noise, rig};
+use super::survey::{NEEDLE, NOISE, RIG, TISSUE};
+use super::table::{Column, Table};
+use super::{
+    DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Mark, Provenance, Session, Setup,
+    ShapeSeries, SteeringRun, Tissue,
+};
+use std::collections::HashSet;
+use std::path::Path;
+
+const MM: f64 = 1e-3;
+const TIME_S: [f64; 2] = [-1e10, 1e10];
+/// Insertion depths; the least is for files: a recorded insertion may start a little outside.
+const DEPTH_MM: [f64; 2] = [0.0, 500.0];
+const LATERAL_MM: [f64; 2] = [-200.0, 200.0];
+const FORCE_N: [f64; 2] = [-200.0, 200.0];
+pub(super) const SD_MM: [f64; 2] = [1e-9, 50.0];
+/// Radius of a punch, and Poisson's ratio of the tissue under it.
+pub(super) const RADIUS_MM: [f64; 2] = [0.05, 100.0];
+pub(super) const THICKNESS_MM: [f64; 2] = [0.1, 1000.0];
+pub(super) const POISSON: [f64; 2] = [0.0, 0.5];
+
+pub(super) const FORCE_COLUMNS: [Column; 8] = [
+    Column::required("time_s", 1.0, TIME_S).increasing(),
+    Column::required("displacement_y_mm", MM, [-50.0, 50.0]),
+    Column::required("force_y_n", 1.0, FORCE_N),
+    Column::optional("displacement_x_mm", MM, [-50.0, 50.0]),
+    Column::optional("force_x_n", 1.0, FORCE_N),
+    Column::optional("lost_before", 1.0, [0.0, 1e12]).whole(),
+    Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).whole().blank(),
+    Column::optional("moving", 1.0, [0.0, 1.0]).whole().blank(),
+];
+pub(super) const SHAPE_COLUMNS: [Column; 4] = [
+    Column::optional("time_s", 1.0, TIME_S),
+    Column::required("z_mm", MM, [0.0, 2000.0]),
+    Column::required("deflection_y_mm", MM, LATERAL_MM),
+    Column::optional("deflection_x_mm", MM, LATERAL_MM),
+];
+/// Slope of the needle at the tip: beyond one in one no insertion is straight ahead.
+const DIRECTION_MRAD: [f64; 2] = [-1000.0, 1000.0];
+pub(super) const INSERTION_COLUMNS: [Column; 10] = [
+    Column::required("depth_mm", MM, [-50.0, 500.0]),
+    Column::required("tip_y_mm", MM, LATERAL_MM),
+    Column::optional("tip_x_mm", MM, LATERAL_MM),
+    Column::optional("time_s", 1.0, TIME_S),
+    Column::optional("rotation_deg", std::f64::consts::PI / 180.0, [-1e6, 1e6]),
+    Column::optional("guide2_y_mm", MM, [-50.0, 50.0]),
+    Column::optional("guide2_x_mm", MM, [-50.0, 50.0]),
+    Column::optional("base_force_y_n", 1.0, FORCE_N),
+    Column::optional("tip_direction_y_mrad", 1e-3, DIRECTION_MRAD).blank(),
+    Column::optional("tip_direction_x_mrad", 1e-3, DIRECTION_MRAD).blank(),
+];
+pub(super) const INDENTATION_COLUMNS: [Column; 2] =
+    [Column::required("depth_mm", MM, [-50.0, 100.0]), Column::required("force_n", 1.0, FORCE_N)];
+pub(super) const STEERING_COLUMNS: [Column; 5] = [
+    Column::required("time_s", 1.0, TIME_S).increasing(),
+    Column::required("depth_mm", MM, DEPTH_MM),
+    Column::required("base_y_mm", MM, LATERAL_MM),
+    Column::required("base_force_y_n", 1.0, FORCE_N),
+    Column::required("tip_y_mm", MM, LATERAL_MM),
+];
+
+impl Session {
+    /// Reads `session.toml` in `dir` and all files it names.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn read(dir: &Path) -> Result<Self, SessionError> {
+        let path = dir.join("session.toml");
+        let text = read_text(&path)?;
+        Fields::parse(&path, &text, |file| {
+            let session = file.table("session")?;
+            session.format()?;
+            Ok(Self {
+                dir: dir.to_owned(),
+                name: session.optional_text("name")?,
+                rig: rig(file)?,
+                fixture_mass_kg: fixture_mass_kg(file)?,
+                noise: noise(file)?,
+                tissue: Tissue::read(file)?,
+                lateral: runs(file, "lateral", |fields, id| lateral(dir, fields, id))?,
+                insertion: runs(file, "insertion", |fields, id| insertion(dir, fields, id))?,
+                indentation: runs(file, "indentation", |fields, id| indentation(dir, fields, id))?,
+                steering: runs(file, "steering", |fields, id| steering(dir, fields, id))?,
+            })
+        })
+    }
+}
+
+impl Setup {
+    /// Reads the tables `[needle]`, `[rig]`, `[noise]` and `[tissue]` of a file in the session's format, and its name where it has one:
+    /// what is known of a rig before anything is recorded with it. Other tables are left alone.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn read(path: &Path) -> Result<Self, SessionError> {
+        Self::parse(path, &read_text(path)?)
+    }
+
+    /// As [`Self::read`], from a text that was found in this file.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, SessionError> {
+        Fields::parse(path, text, |file| {
+            let name = match file.optional_table("session")? {
+                Some(session) => session.optional_text("name")?,
+                None => None,
+            };
+            // What is left out here has a usual value, and nobody checks the file: a slip must not pass for that.
+            file.none_misspelt(&["needle", "rig", "noise", "tissue"])?;
+            for (table, known) in
+                [("needle", &NEEDLE[..]), ("rig", &RIG), ("noise", &NOISE), ("tissue", &TISSUE)]
+            {
+                file.optional_table(table)?.map_or(Ok(()), |fields| fields.none_misspelt(known))?;
+            }
+            Ok(Self {
+                name: name.unwrap_or_default(),
+                rig: rig(file)?,
+                fixture_mass_kg: fixture_mass_kg(file)?,
+                noise: noise(file)?,
+                tissue: Tissue::read(file)?,
+            })
+        })
+    }
+}
+
+/// The runs of one kind; their ids are unique.
+fn runs<T>(
+    file: &Fields<'_>,
+    kind: &'static str,
+    read: impl Fn(&Fields<'_>, String) -> Result<T, SessionError>,
+) -> Result<Vec<T>, SessionError> {
+    let mut seen = HashSet::new();
+    let mut runs = Vec::new();
+    for fields in file.tables(kind)? {
+        let id = fields.text("id")?;
+        if !seen.insert(id.clone()) {
+            return Err(fields.field_fault("id", Problem::Duplicate(id), "one run per id"));
+        }
+        runs.push(read(&fields, id)?);
+    }
+    Ok(runs)
+}
+
+pub(super) fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, SessionError> {
+    let depth_m = MM * fields.number("depth_mm", DEPTH_RANGE_MM)?;
+    let (force_path, force) = fields.file(dir, "force", ForceSeries::read)?;
+    let (shape_path, shape) = fields.file(dir, "shape", ShapeSeries::read)?;
+    let provenance = provenance(fields)?;
+    Ok(LateralRun { id, depth_m, force_path, shape_path, provenance, force, shape })
+}
+
+impl ForceSeries {
+    /// Reads the force series of a lateral run.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn read(path: &Path) -> Result<Self, SessionError> {
+        let mut force = Table::read_recording(path, &FORCE_COLUMNS)?;
+        let header_line = force.header_line;
+        let marks = marks(force.take("step"), force.take("moving"));
+        let force = Self {
+            time_s: force.take_required("time_s"),
+            displacement_y_m: force.take_required("displacement_y_mm"),
+            force_y_n: force.take_required("force_y_n"),
+            displacement_x_m: force.take("displacement_x_mm"),
+            force_x_n: force.take("force_x_n"),
+            lost_before: force.take("lost_before"),
+            marks,
+        };
+        let (missing, beside) = match (&force.displacement_x_m, &force.force_x_n) {
+            (None, Some(_)) => ("displacement_x_mm", "force_x_n"),
+            (Some(_), None) => ("force_x_n", "displacement_x_mm"),
+            _ => return Ok(force),
+        };
+        Err(SessionError::Field {
+            place: super::Place { path: path.to_owned(), line: header_line, column: 1 },
+            field: missing.to_owned(),
+            problem: Problem::Missing,
+            expected: format!("both columns or none, as there is {beside}"),
+        })
+    }
+}
+
+impl ShapeSeries {
+    /// Reads the shape of a lateral run.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place.
+    pub fn read(path: &Path) -> Result<Self, SessionError> {
+        Ok(Self::of(Table::read_recording(path, &SHAPE_COLUMNS)?))
+    }
+
+    /// Reads a shape of at least one point from a text; `name` is what messages call it.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn parse(name: &Path, text: &str) -> Result<Self, SessionError> {
+        Ok(Self::of(Table::parse(name, text, &SHAPE_COLUMNS, 1)?))
+    }
+
+    fn of(mut shape: Table) -> Self {
+        Self {
+            time_s: shape.take("time_s"),
+            z_m: shape.take_required("z_mm"),
+            y_m: shape.take_required("deflection_y_mm"),
+            x_m: shape.take("deflection_x_mm"),
+        }
+    }
+}
+
+/// Marks of the rows; none where no row has a step.
+fn marks(step: Option<Vec<f64>>, moving: Option<Vec<f64>>) -> Option<Vec<Mark>> {
+    let step = step.filter(|step| !step.iter().all(|step| step.is_nan()))?;
+    let moving = moving.unwrap_or_default().into_iter().map(Some).chain(std::iter::repeat(None));
+    let marks = step.into_iter().zip(moving).map(|(step, moving)| Mark {
+        step: (!step.is_nan()).then_some(step as u32),
+        moving: moving.filter(|moving| !moving.is_nan()).map(|moving| moving != 0.0),
+    });
+    Some(marks.collect())
+}
+
+pub(super) fn provenance(fields: &Fields<'_>) -> Result<Provenance, SessionError> {
+    const CRC: &str = "calibration_crc";
+    let crc = fields.optional_text(CRC)?.map(|text| {
+        let digits = text.len() == 8 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let crc = digits.then(|| u32::from_str_radix(&text, 16).ok()).flatten();
+        let problem = || Problem::Syntax(format!("\"{}\"", text.chars().take(40).collect::<String>()));
+        crc.ok_or_else(|| fields.field_fault(CRC, problem(), "eight hexadecimal digits"))
+    });
+    Ok(Provenance {
+        calibration_id: fields.optional_text("calibration_id")?,
+        calibration_crc: crc.transpose()?,
+        device: fields.optional_text("device")?,
+        firmware: fields.optional_text("firmware")?,
+    })
+}
+
+pub(super) fn insertion(dir: &Path, fields: &Fields<'_>, id: String) -> Result<InsertionRun, SessionError> {
+    let (path, mut table) = fields.file(dir, "path", |path| Table::read(path, &INSERTION_COLUMNS))?;
+    Ok(InsertionRun {
+        id,
+        path,
+        depth_m: table.take_required("depth_mm"),
+        tip_y_m: table.take_required("tip_y_mm"),
+        tip_x_m: table.take("tip_x_mm"),
+        time_s: table.take("time_s"),
+        rotation_rad: table.take("rotation_deg"),
+        guide2_y_m: table.take("guide2_y_mm"),
+        guide2_x_m: table.take("guide2_x_mm"),
+        base_force_y_n: table.take("base_force_y_n"),
+        tip_direction_y_rad: table.take("tip_direction_y_mrad"),
+        tip_direction_x_rad: table.take("tip_direction_x_mrad"),
+    })
+}
+
+pub(super) fn indentation(
+    dir: &Path,
+    fields: &Fields<'_>,
+    id: String,
+) -> Result<IndentationRun, SessionError> {
+    let indenter = match fields.optional_text("indenter")? {
+        None => Indenter::default(),
+        Some(name) => {
+            Indenter::ALL.into_iter().find(|indenter| indenter.name() == name).ok_or_else(|| {
+                fields.field_fault("indenter", Problem::Unknown(name), "\"flat\" or \"sphere\"")
+            })?
+        }
+    };
+    let indenter_radius_m = MM * fields.number("indenter_radius_mm", RADIUS_MM)?;
+    let tissue_thickness_m =
+        fields.optional_number("tissue_thickness_mm", THICKNESS_MM)?.map(|thickness_mm| MM * thickness_mm);
+    let poisson = fields.number("poisson", POISSON)?;
+    let (path, mut table) = fields.file(dir, "data", |path| Table::read(path, &INDENTATION_COLUMNS))?;
+    let (depth_m, force_n) = (table.take_required("depth_mm"), table.take_required("force_n"));
+    Ok(IndentationRun {
+        id,
+        path,
+        indenter,
+        indenter_radius_m,
+        tissue_thickness_m,
+        poisson,
+        depth_m,
+        force_n,
+    })
+}
+
+pub(super) fn steering(dir: &Path, fields: &Fields<'_>, id: String) -> Result<SteeringRun, SessionError> {
+    let (path, mut table) = fields.file(dir, "data", |path| Table::read(path, &STEERING_COLUMNS))?;
+    Ok(SteeringRun {
+        id,
+        path,
+        time_s: table.take_required("time_s"),
+        depth_m: table.take_required("depth_mm"),
+        base_y_m: table.take_required("base_y_mm"),
+        base_force_y_n: table.take_required("base_force_y_n"),
+        tip_y_m: table.take_required("tip_y_mm"),
+    })
+}

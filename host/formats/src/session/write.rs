@@ -1,0 +1,288 @@
+//! Writing a session: a new folder, or one more run into an existing one.
+//!
+//! Rows go to the run's CSV files as they come; the run is entered in `session.toml` when it is finished. What others
+//! wrote into `session.toml` stays as it is: a run is appended, through a temporary file that replaces the old one.
+
+mod imported;
+mod insertion;
+mod lateral;
+
+pub use lateral::{ForceRow, LateralWriter, ShapeRow};
+
+use super::{Noise, Session, SessionError, SteeringRun, Tissue};
+use mechanics::{Guides, Rig};
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// What a new session says about itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Setup {
+    /// Name of the session.
+    pub name: String,
+    /// Needle, guides and tissue surface.
+    pub rig: Rig,
+    /// Mass of the fixture that moves the needle's base in steering runs, where it is known.
+    pub fixture_mass_kg: Option<f64>,
+    /// Standard deviations of the sensors, where they are known.
+    pub noise: Noise,
+    /// What is stated of the tissue.
+    pub tissue: Tissue,
+}
+
+impl Setup {
+    /// The tables that a new session begins with.
+    ///
+    /// # Errors
+    /// [`SessionError::NotFinite`]; `path` is where the text is meant for.
+    pub fn to_toml(&self, path: &Path) -> Result<String, SessionError> {
+        header(path, self)
+    }
+}
+
+/// A session folder that takes runs.
+#[derive(Debug)]
+pub struct SessionWriter {
+    dir: PathBuf,
+    lateral_ids: Vec<String>,
+    insertion_ids: Vec<String>,
+    steering_ids: Vec<String>,
+}
+
+impl SessionWriter {
+    /// Creates the session, or opens an existing one recorded with the same needle and rig.
+    ///
+    /// # Errors
+    /// [`SessionError::OtherRig`] where an existing session has another needle or rig, [`SessionError::OtherTissue`] where
+    /// it states another tissue; otherwise as
+    /// [`Session::read`], or what the operating system says.
+    pub fn open(dir: &Path, setup: &Setup) -> Result<Self, SessionError> {
+        let path = dir.join("session.toml");
+        if path.exists() {
+            let session = Session::read(dir)?;
+            same_rig(&path, &session.rig, &setup.rig)?;
+            if let Some((field, [there, new])) = session.tissue.contradicts(setup.tissue) {
+                return Err(SessionError::OtherTissue { path, field, there, new });
+            }
+            let lateral_ids = session.lateral.into_iter().map(|run| run.id).collect();
+            let insertion_ids = session.insertion.into_iter().map(|run| run.id).collect();
+            let steering_ids = session.steering.into_iter().map(|run| run.id).collect();
+            return Ok(Self { dir: dir.to_owned(), lateral_ids, insertion_ids, steering_ids });
+        }
+        let text = header(&path, setup)?;
+        fs::create_dir_all(dir).map_err(io(dir, "create"))?;
+        replace(&path, &text)?;
+        Ok(Self {
+            dir: dir.to_owned(),
+            lateral_ids: Vec::new(),
+            insertion_ids: Vec::new(),
+            steering_ids: Vec::new(),
+        })
+    }
+
+    /// Ids of the lateral runs the session has.
+    pub fn lateral_ids(&self) -> &[String] {
+        &self.lateral_ids
+    }
+
+    /// Starts a lateral run. Its files `<id>.force.csv` and `<id>.shape.csv` and its entry in `session.toml` are made with the
+    /// first rows, so that a run of which nothing was recorded leaves nothing behind.
+    ///
+    /// # Errors
+    /// [`SessionError::Id`] where the id is taken or cannot be part of a file name; an existing file is never
+    /// overwritten.
+    pub fn lateral(&mut self, id: &str, depth_m: f64) -> Result<LateralWriter<'_>, SessionError> {
+        self.check_id(id, &self.lateral_ids)?;
+        Ok(LateralWriter::new(self, id, depth_m))
+    }
+
+    /// Writes a whole steering run: `<id>.csv` and its entry in `session.toml`.
+    ///
+    /// # Errors
+    /// As [`Self::lateral`]; [`SessionError::NotFinite`].
+    pub fn steering(&mut self, run: &SteeringRun) -> Result<(), SessionError> {
+        self.check_id(&run.id, &self.steering_ids)?;
+        self.table(
+            &run.id,
+            &[
+                ("time_s", run.time_s.clone(), 1.0),
+                ("depth_mm", run.depth_m.clone(), 1e3),
+                ("base_y_mm", run.base_y_m.clone(), 1e3),
+                ("base_force_y_n", run.base_force_y_n.clone(), 1.0),
+                ("tip_y_mm", run.tip_y_m.clone(), 1e3),
+            ],
+        )?;
+        enter(&self.dir, &format!("\n[[steering]]\nid = \"{0}\"\ndata = \"{0}.csv\"\n", run.id))?;
+        self.steering_ids.push(run.id.clone());
+        Ok(())
+    }
+
+    /// Writes `<id>.csv` with columns of equal length: name, values, factor into the file's unit.
+    fn table(&self, id: &str, columns: &[(&'static str, Vec<f64>, f64)]) -> Result<(), SessionError> {
+        let names: Vec<_> = columns.iter().map(|(name, ..)| *name).collect();
+        let mut csv = lateral::CsvFile {
+            path: self.dir.join(format!("{id}.csv")),
+            rows: format!("{}\n", names.join(",")),
+            file: None,
+            bytes: 0,
+        };
+        for row in 0..columns.first().map_or(0, |(_, values, _)| values.len()) {
+            let at = |(name, values, factor): &(&'static str, Vec<f64>, f64)| {
+                (*name, factor * values.get(row).copied().unwrap_or(f64::NAN))
+            };
+            let line = csv.numbers(&columns.iter().map(at).collect::<Vec<_>>())?;
+            csv.rows.push_str(&line);
+            csv.rows.push('\n');
+        }
+        csv.flush()
+    }
+
+    /// Refuses an id that is taken or cannot be part of a file name.
+    fn check_id(&self, id: &str, taken: &[String]) -> Result<(), SessionError> {
+        let fault = |problem, expected| {
+            let path = self.dir.join("session.toml");
+            Err(SessionError::Id { path, id: id.to_owned(), problem, expected })
+        };
+        if !is_file_name(id) {
+            return fault("cannot be part of a file name", FILE_NAME);
+        }
+        if taken.iter().any(|taken| taken == id) {
+            return fault("is taken", "an id the session does not have");
+        }
+        Ok(())
+    }
+}
+
+/// What an id may be.
+pub const FILE_NAME: &str = "up to 100 of letters, digits, - _ .";
+
+/// Whether an id can be part of a file name.
+pub fn is_file_name(id: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    !id.is_empty() && !id.starts_with('.') && id.len() <= 100 && id.chars().all(plain)
+}
+
+/// Adds an entry to `session.toml`.
+fn enter(dir: &Path, entry: &str) -> Result<(), SessionError> {
+    let path = dir.join("session.toml");
+    let mut text = fs::read_to_string(&path).map_err(io(&path, "read"))?;
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    text.push_str(entry);
+    replace(&path, &text)
+}
+
+fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
+    let Setup { name, rig, fixture_mass_kg, noise, tissue } = setup;
+    let mut text = "[session]\nformat = 1\n".to_owned();
+    if !name.is_empty() {
+        let _ = writeln!(text, "name = {}", toml::Value::from(name.as_str()));
+    }
+    let mut table = |name: &str, fields: &[(&'static str, Option<f64>)]| {
+        if fields.iter().any(|(_, value)| value.is_some()) {
+            let _ = write!(text, "\n[{name}]\n");
+        }
+        if name == "needle" && !rig.needle.stiffness_known {
+            text.push_str("bending_stiffness = \"unknown\"\n");
+        }
+        for (field, value) in fields {
+            if let Some(value) = value {
+                let _ = writeln!(text, "{field} = {}", number(path, field, *value)?);
+            }
+        }
+        Ok::<(), SessionError>(())
+    };
+    let needle = &rig.needle;
+    let (guide2_m, guides, rear) = match rig.guides {
+        Guides::Two => (Some(rig.guide2_m), None, [None; 2]),
+        Guides::One { rear_rotation_n_m_per_rad } => (None, Some(1.0), rear_rotation_n_m_per_rad),
+    };
+    table(
+        "needle",
+        &[
+            ("youngs_modulus_gpa", Some(1e-9 * needle.youngs_modulus_pa)),
+            ("outer_diameter_mm", Some(1e3 * needle.outer_diameter_m)),
+            ("inner_diameter_mm", Some(1e3 * needle.inner_diameter_m)),
+            ("bevel_angle_deg", needle.bevel_angle_rad.map(f64::to_degrees)),
+            ("length_mm", needle.length_m.map(|length_m| 1e3 * length_m)),
+        ],
+    )?;
+    table(
+        "rig",
+        &[
+            ("guides", guides),
+            ("guide2_mm", guide2_m.map(|guide2_m| 1e3 * guide2_m)),
+            ("entry_mm", Some(1e3 * rig.entry_m)),
+            ("rear_rotation_y_n_m_per_rad", rear[0]),
+            ("rear_rotation_x_n_m_per_rad", rear[1]),
+            ("fixture_mass_kg", *fixture_mass_kg),
+        ],
+    )?;
+    table(
+        "noise",
+        &[
+            ("force_n", noise.force_n),
+            ("displacement_mm", noise.displacement_m.map(|sd_m| 1e3 * sd_m)),
+            ("shape_mm", noise.shape_m.map(|sd_m| 1e3 * sd_m)),
+            ("tip_mm", noise.tip_m.map(|sd_m| 1e3 * sd_m)),
+            ("tip_direction_mrad", noise.tip_direction_rad.map(|sd_rad| 1e3 * sd_rad)),
+        ],
+    )?;
+    text.push_str(&tissue.to_toml());
+    Ok(text)
+}
+
+/// A number with nine decimals at most, as TOML and CSV both read it.
+fn number(path: &Path, field: &'static str, value: f64) -> Result<String, SessionError> {
+    if !value.is_finite() {
+        return Err(SessionError::NotFinite { path: path.to_owned(), field });
+    }
+    let text = format!("{value:.9}");
+    let text = text.trim_end_matches('0');
+    let text = if text.ends_with('.') { format!("{text}0") } else { text.to_owned() };
+    Ok(if text == "-0.0" { "0.0".to_owned() } else { text })
+}
+
+/// Refuses another needle or rig; differences below a part in a million are rounding.
+fn same_rig(path: &Path, there: &Rig, new: &Rig) -> Result<(), SessionError> {
+    let (a, b) = (&there.needle, &new.needle);
+    let guides = |rig: &Rig| if rig.has_one_guide() { 1.0 } else { 2.0 };
+    // 0 where it is not known.
+    let rear = |rig: &Rig, plane: usize| match rig.guides {
+        Guides::One { rear_rotation_n_m_per_rad: stiffness } => stiffness[plane].unwrap_or_default(),
+        Guides::Two => 0.0,
+    };
+    for (field, there, new) in [
+        ("youngs_modulus_gpa", 1e-9 * a.youngs_modulus_pa, 1e-9 * b.youngs_modulus_pa),
+        ("outer_diameter_mm", 1e3 * a.outer_diameter_m, 1e3 * b.outer_diameter_m),
+        ("inner_diameter_mm", 1e3 * a.inner_diameter_m, 1e3 * b.inner_diameter_m),
+        ("guide2_mm", 1e3 * there.guide2_m, 1e3 * new.guide2_m),
+        ("entry_mm", 1e3 * there.entry_m, 1e3 * new.entry_m),
+        ("guides", guides(there), guides(new)),
+        ("rear_rotation_y_n_m_per_rad", rear(there, 0), rear(new, 0)),
+        ("rear_rotation_x_n_m_per_rad", rear(there, 1), rear(new, 1)),
+    ] {
+        if (there - new).abs() > 1e-6 * there.abs().max(new.abs()) {
+            return Err(SessionError::OtherRig { path: path.to_owned(), field, there, new });
+        }
+    }
+    Ok(())
+}
+
+/// Writes a file so that at any moment either the old or the new content is there.
+pub fn replace(path: &Path, text: &str) -> Result<(), SessionError> {
+    let temporary = path.with_extension("toml.new");
+    let write = || {
+        let mut file = File::create(&temporary)?;
+        file.write_all(text.as_bytes())?;
+        file.sync_all()?;
+        fs::rename(&temporary, path)
+    };
+    write().map_err(io(path, "write"))
+}
+
+fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> SessionError {
+    move |cause| SessionError::Io { path: path.to_owned(), action, cause }
+}

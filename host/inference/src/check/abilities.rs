@@ -1,0 +1,145 @@
+//! What each workflow could do with a session: its own first look at every run, without a fit.
+
+use super::{Ability, LeftOut};
+use crate::diagnose::{DiagnoseError, division};
+use crate::identify::{self, examine};
+use crate::insertion::TipPath;
+use crate::track::{self, dynamics};
+use formats::session::Session;
+
+/// Least depth to which an insertion can be seen, millimetres, as `guide predict --until` accepts it.
+const LEAST_UNTIL_MM: f64 = 5.0;
+/// Bins that a prediction needs to begin with.
+const LEAST_BINS: usize = 3;
+
+/// The workflows, in the order in which they are used.
+pub fn of(session: &Session) -> Vec<Ability> {
+    let mut all = vec![identify(session), predict(session), track(session), diagnose(session)];
+    let able: Vec<String> =
+        all.iter().filter(|ability| ability.usable).map(|ability| ability.command.to_owned()).collect();
+    let mut report = Ability::new("report");
+    report.usable = !able.is_empty();
+    if able.is_empty() {
+        report.lacks("nothing to report".to_owned());
+    } else {
+        report.remarks.push(format!("shows what comes of {}", able.join(", ")));
+    }
+    all.push(report);
+    all
+}
+
+impl Ability {
+    fn new(command: &'static str) -> Self {
+        Self { command, usable: false, runs: Vec::new(), left_out: Vec::new(), remarks: Vec::new() }
+    }
+
+    fn lacks(&mut self, reason: String) {
+        self.left_out.push(LeftOut { id: None, reason });
+    }
+
+    fn leaves_out(&mut self, id: &str, reason: String) {
+        self.left_out.push(LeftOut { id: Some(id.to_owned()), reason });
+    }
+}
+
+fn identify(session: &Session) -> Ability {
+    let mut ability = Ability::new("identify");
+    if session.lateral.is_empty() {
+        ability.lacks("no [[lateral]] runs".to_owned());
+    }
+    for run in &session.lateral {
+        match examine(session, run, &identify::Options::default()) {
+            Ok(warnings) => {
+                ability.runs.push(run.id.clone());
+                ability.remarks.extend(warnings.iter().map(|warning| format!("{}: {warning}", run.id)));
+            }
+            Err(why) => ability.leaves_out(&run.id, why.to_string()),
+        }
+    }
+    ability.usable = !ability.runs.is_empty();
+    let references = session.indentation.len();
+    if references > 0 {
+        let plural = if references == 1 { "" } else { "s" };
+        ability.remarks.push(format!("compares with {references} indentation{plural}"));
+    }
+    ability
+}
+
+fn predict(session: &Session) -> Ability {
+    let mut ability = Ability::new("predict");
+    if session.insertion.is_empty() {
+        ability.lacks("no [[insertion]]".to_owned());
+    }
+    // The first and last depth up to which every insertion can be seen.
+    let (mut from_mm, mut to_mm) = (LEAST_UNTIL_MM, f64::INFINITY);
+    for run in &session.insertion {
+        let path = match TipPath::new(run) {
+            Ok(path) => path,
+            Err(why) => {
+                ability.leaves_out(&run.id, format!("{}: {why}", run.path.display()));
+                continue;
+            }
+        };
+        let Some(begins) = path.bins.get(LEAST_BINS - 1) else {
+            let found = path.bins.len();
+            ability.leaves_out(&run.id, format!("{found} depths, expected {LEAST_BINS} or more"));
+            continue;
+        };
+        from_mm = from_mm.max((1e3 * begins.depth_m).ceil());
+        to_mm = to_mm.min((1e3 * path.deepest_m).floor());
+        ability.runs.push(run.id.clone());
+    }
+    ability.usable = !ability.runs.is_empty();
+    if ability.usable && from_mm < to_mm {
+        ability.remarks.push(format!(
+            "--until {from_mm:.0} to {:.0} mm leaves something to compare with in every insertion",
+            (to_mm - 1.0).max(from_mm)
+        ));
+    } else if ability.usable {
+        ability.remarks.push("the insertions have no depth in common to be seen up to".to_owned());
+    }
+    if ability.usable && session.lateral.is_empty() {
+        ability
+            .remarks
+            .push("no lateral runs: the modulus has to come from the insertions, or --k-kpa".to_owned());
+    }
+    ability
+}
+
+fn track(session: &Session) -> Ability {
+    let mut ability = Ability::new("track");
+    if session.steering.is_empty() {
+        ability.lacks("no [[steering]] runs".to_owned());
+        return ability;
+    }
+    match dynamics(session, &track::Options::default()) {
+        Ok(_) => ability.runs = session.steering.iter().map(|run| run.id.clone()).collect(),
+        Err(why) => ability.lacks(why.to_string()),
+    }
+    ability.usable = !ability.runs.is_empty();
+    if session.fixture_mass_kg.is_none() {
+        ability.remarks.push("[rig] fixture_mass_kg is not stated: taken as nothing".to_owned());
+    }
+    ability
+}
+
+fn diagnose(session: &Session) -> Ability {
+    let mut ability = Ability::new("diagnose");
+    match division(session) {
+        Ok(division) => {
+            ability.usable = true;
+            ability.runs = division.used;
+            division.left_out.into_iter().for_each(|reason| ability.lacks(reason));
+            ability.remarks.push(division.rule);
+            if division.held_out.is_empty() {
+                ability.remarks.push("too little to hold anything out: nothing can be named".to_owned());
+            }
+        }
+        Err(DiagnoseError::NoRuns { .. }) => ability.lacks("no [[lateral]] or [[insertion]]".to_owned()),
+        Err(DiagnoseError::AllFailed { reasons }) => {
+            reasons.into_iter().for_each(|reason| ability.lacks(reason));
+        }
+        Err(other) => ability.lacks(other.to_string()),
+    }
+    ability
+}

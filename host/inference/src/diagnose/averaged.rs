@@ -1,0 +1,140 @@
+//! Intervals over all members of a class: where the data do not determine which of several effects is missing, intervals of the modulus
+//! and of the tip load include all of them.
+//!
+//! Every way to take one member of each class has a fit; its posterior counts with its evidence (Bayesian model averaging, Hoeting
+//! et al. 1999, Statistical Science 14:382). The value that is reported is that of the first member, whose effects the model file has;
+//! the interval is that of the mixture.
+
+use super::believed::NORMAL_975;
+use super::posterior::Fitted;
+use super::search::{Member, one_sided};
+use mechanics::effects::Effect;
+use statrs::distribution::{ContinuousCDF, Normal};
+
+/// Evidence smaller than the largest by more than this has no weight that shows.
+const LEAST_LN_WEIGHT: f64 = -12.0;
+/// Steps of the bisection: enough for rounding to be all that is left.
+const BISECTIONS: usize = 80;
+
+/// Fits that explain the data as well as each other, with their weights.
+pub(super) struct Averaged<'a> {
+    fits: Vec<(f64, &'a Fitted)>,
+}
+
+impl<'a> Averaged<'a> {
+    /// One fit alone.
+    pub fn single(fitted: &'a Fitted) -> Self {
+        Self { fits: vec![(1.0, fitted)] }
+    }
+
+    /// A fit with the classes of its members.
+    pub fn over(fitted: &'a Fitted, members: &'a [Member]) -> Self {
+        let ln_prior = |of: &Fitted| of.layout.effects.iter().map(|effect| one_sided(*effect)).sum::<f64>();
+        let ln_weight = |of: &Fitted| of.log_evidence + ln_prior(of);
+        let others = members.iter().flat_map(|member| {
+            let own = fitted.layout.effects.get(member.index).map(|effect| effect.id());
+            member.class.iter().filter(move |(effect, _)| Some(effect.id()) != own).map(|(_, fit)| fit)
+        });
+        let all: Vec<(f64, &Fitted)> =
+            std::iter::once(fitted).chain(others).map(|of| (ln_weight(of), of)).collect();
+        let largest = all.iter().map(|(ln, _)| *ln).fold(f64::NEG_INFINITY, f64::max);
+        let fits = all.into_iter().filter(|(ln, _)| *ln > largest + LEAST_LN_WEIGHT);
+        Self { fits: fits.map(|(ln, of)| ((ln - largest).exp(), of)).collect() }
+    }
+
+    /// Interval of 95 % of a quantity of which each fit gives value and standard deviation, or nothing.
+    fn interval(&self, of: impl Fn(&Fitted) -> Option<(f64, f64)>) -> Option<[f64; 2]> {
+        let parts: Vec<(f64, f64, f64)> = self
+            .fits
+            .iter()
+            .filter_map(|(weight, fit)| of(fit).map(|(value, sd)| (*weight, value, sd)))
+            .collect();
+        interval(&parts)
+    }
+
+    /// Of the modulus, Pa.
+    pub fn modulus_pa(&self) -> Option<[f64; 2]> {
+        self.interval(|fit| Some((*fit.values().first()?, fit.sd(0)))).map(|ends| ends.map(f64::exp))
+    }
+
+    /// Of the mean modulus down to a depth, Pa.
+    pub fn mean_modulus_pa(&self, depth_m: f64) -> Option<[f64; 2]> {
+        self.interval(|fit| fit.ln_mean_modulus(depth_m)).map(|ends| ends.map(f64::exp))
+    }
+
+    /// Of the tip load, N.
+    pub fn tip_load_n(&self) -> Option<[f64; 2]> {
+        self.interval(|fit| fit.layout.tip_load_n(fit.values(), &fit.covariance))
+    }
+
+    /// Of the ratio of the modulus to that of the reference.
+    pub fn ratio(&self) -> Option<[f64; 2]> {
+        let ends = self.interval(|fit| {
+            let at = fit.layout.ratio()?;
+            Some((*fit.values().get(at)?, fit.sd(at)))
+        });
+        ends.map(|ends| ends.map(f64::exp))
+    }
+
+    /// Of a parameter of an effect, in its own unit, over all fits that have the effect; nothing where only one has it.
+    pub fn parameter(&self, effect: &dyn Effect, number: usize) -> Option<[f64; 2]> {
+        let has = |fit: &Fitted| fit.layout.effects.iter().any(|own| own.id() == effect.id());
+        if self.fits.iter().filter(|(_, fit)| has(fit)).count() < 2 {
+            return None;
+        }
+        let of = |fit: &Fitted| {
+            let index = fit.layout.effects.iter().position(|own| own.id() == effect.id())?;
+            let (value, [low, high]) = fit.estimate(index, number);
+            Some((value, (high - low) / (2.0 * NORMAL_975)))
+        };
+        self.interval(of)
+    }
+}
+
+/// Interval of 95 % of a mixture of normal distributions of weight, mean and standard deviation each; nothing where one of them makes
+/// no sense.
+fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
+    if let [(_, value, sd)] = parts {
+        return Some([value - NORMAL_975 * sd, value + NORMAL_975 * sd]);
+    }
+    let total: f64 = parts.iter().map(|(weight, ..)| weight).sum();
+    let normals: Option<Vec<(f64, Normal)>> = parts
+        .iter()
+        .map(|(weight, value, sd)| Some((weight / total, Normal::new(*value, *sd).ok()?)))
+        .collect();
+    let normals = normals.filter(|normals| !normals.is_empty())?;
+    let below = |x: f64| normals.iter().map(|(weight, normal)| weight * normal.cdf(x)).sum::<f64>();
+    // The quantile of a mixture lies between those of its parts.
+    let quantile = |p: f64| {
+        let ends = normals.iter().map(|(_, normal)| normal.inverse_cdf(p));
+        let (mut low, mut high) =
+            ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            if below(middle) < p { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    };
+    Some([quantile(0.025), quantile(0.975)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_interval_of_a_mixture_holds_as_much_as_it_says() {
+        let alone = interval(&[(0.3, 2.0, 0.5)]).expect("an interval");
+        assert_eq!(alone, [2.0 - 0.5 * NORMAL_975, 2.0 + 0.5 * NORMAL_975]);
+        // Two parts that agree are one.
+        let [low, high] = interval(&[(1.0, 2.0, 0.5), (3.0, 2.0, 0.5)]).expect("an interval");
+        assert!((low - alone[0]).abs() < 1e-9 && (high - alone[1]).abs() < 1e-9, "{low} {high}");
+        // Far apart and of equal weight, each end leaves 5 % of its own part outside.
+        let [low, high] = interval(&[(1.0, -10.0, 1.0), (1.0, 10.0, 1.0)]).expect("an interval");
+        let one_in_twenty = 1.644_853_626_951;
+        assert!((low + 10.0 + one_in_twenty).abs() < 1e-6 && (high - 10.0 - one_in_twenty).abs() < 1e-6);
+        // A part of next to no weight does nothing.
+        let [low, high] = interval(&[(1.0, 2.0, 0.5), (1e-9, 90.0, 0.5)]).expect("an interval");
+        assert!((low - alone[0]).abs() < 1e-6 && (high - alone[1]).abs() < 1e-6, "{low} {high}");
+    }
+}

@@ -1,0 +1,228 @@
+//! What every real rig and tissue leaves behind any model: the patterns of the discrepancy and their everyday sizes.
+//!
+//! A pattern is a direction in the data of one unit of a small imperfection. Those of one [`Group`] have amplitudes of one size,
+//! which the evidence finds anew for every hypothesis ([`Patterns`]): the plain model needs a large discrepancy, the right effect a
+//! small one. Patterns are made once per session, around the fit of the plain model.
+//!
+//! | of | file |
+//! |---|---|
+//! | lateral runs | `discrepancy/lateral` |
+//! | insertions | `discrepancy/insertion` |
+
+mod insertion;
+mod lateral;
+
+use super::Multiples;
+use super::believed::{Layout, Prepared};
+use super::data::{Datum, Kind, Run};
+use super::evidence::{Group, Patterns, RunPatterns};
+use mechanics::{Cache, Channels, Experiment, Model, ModelError, predict_with};
+use nalgebra::DMatrix;
+
+/// What a group of patterns belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Scope {
+    /// Amplitudes of its patterns are the same in all runs.
+    Shared,
+    /// Every run has amplitudes of its own.
+    Own,
+}
+
+/// What the imperfections of a group are a matter of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Cause {
+    /// Tissue, needle and sensors in ways that an effect of the catalogue may have too.
+    Physics,
+    /// How needle and tissue are mounted in a session.
+    Mounting,
+    /// What differs from run to run: no model predicts it of a run that it has not been fitted to.
+    Run,
+    /// The instruments alone: zeros, drift, axes, angles, offsets of a run.
+    Instrument {
+        /// Whether that changes when needle or tissue are mounted anew.
+        mounted: bool,
+    },
+}
+
+impl Cause {
+    const INSTRUMENT: Self = Self::Instrument { mounted: false };
+
+    /// Whether it is new whenever needle or tissue are mounted anew.
+    fn is_mounted(self) -> bool {
+        matches!(self, Self::Mounting | Self::Instrument { mounted: true })
+    }
+}
+
+/// A group with its patterns, in SI and in the order of the data of each run; empty where it does not show.
+struct GroupPatterns {
+    group: Group,
+    scope: Scope,
+    /// Per run, per pattern.
+    of_runs: Vec<Vec<Vec<f64>>>,
+    cause: Cause,
+}
+
+/// Patterns of one run.
+type Made = Result<Vec<Vec<f64>>, ModelError>;
+
+/// A run around which patterns are made.
+struct Around<'a> {
+    run: &'a Run,
+    model: Model,
+    /// What the plain model predicts, in the order of the data.
+    predicted: Vec<f64>,
+    cache: &'a Cache,
+}
+
+impl Around<'_> {
+    /// Change of the prediction per `step`, where `change` takes the model one step on.
+    fn slope(
+        &self,
+        step: f64,
+        change: impl FnOnce(&mut Model, &mut Experiment) -> Result<(), ModelError>,
+    ) -> Result<Vec<f64>, ModelError> {
+        let (mut model, mut experiment) = (self.model.clone(), self.run.experiment.clone());
+        change(&mut model, &mut experiment)?;
+        let moved = super::believed::predicted(self.run, &predict_with(&model, &experiment, self.cache)?);
+        Ok(moved.iter().zip(&self.predicted).map(|(to, from)| (to - from) / step).collect())
+    }
+
+    /// A value for each datum.
+    fn each(&self, value: impl Fn(usize, &Datum) -> f64) -> Vec<f64> {
+        self.run.data.iter().enumerate().map(|(i, datum)| value(i, datum)).collect()
+    }
+}
+
+/// The patterns of all runs around a model, whitened as the runs are.
+///
+/// # Errors
+/// Where the model cannot be evaluated.
+pub(super) fn patterns(
+    layout: &Layout,
+    values: &[f64],
+    runs: &[Prepared],
+    multiples: &Multiples,
+) -> Result<Patterns, ModelError> {
+    let mut groups = sized(groups(layout, values, runs)?, multiples);
+    if layout.reference.is_some() {
+        groups.extend(anew(&groups, runs));
+    }
+    Ok(whitened(groups, runs))
+}
+
+/// Groups that are larger than usual where another session has shown that they are.
+fn sized(mut groups: Vec<GroupPatterns>, multiples: &Multiples) -> Vec<GroupPatterns> {
+    for GroupPatterns { group, .. } in groups.iter_mut().filter(|of| of.group.tail.is_some()) {
+        group.multiple = multiples.get(group.name).copied().unwrap_or(1.0).max(1.0);
+        group.everyday *= group.multiple;
+    }
+    groups
+}
+
+/// What may have changed between the reference and the session because things were mounted anew: the same patterns once more, in the
+/// session alone.
+fn anew(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> {
+    let mounted = groups.iter().filter(|group| group.cause.is_mounted());
+    let of_run = |(patterns, prepared): (&Vec<Vec<f64>>, &Prepared)| {
+        if prepared.run.is_reference { Vec::new() } else { patterns.clone() }
+    };
+    mounted
+        .map(|group| GroupPatterns {
+            group: Group { everyday: std::f64::consts::SQRT_2 * group.group.everyday, ..group.group.clone() },
+            of_runs: group.of_runs.iter().zip(runs).map(of_run).collect(),
+            ..*group
+        })
+        .collect()
+}
+
+/// Only those of the instruments, with everyday sizes: what the misfit of runs is measured against that the model was fitted to.
+///
+/// # Errors
+/// Where the model cannot be evaluated.
+pub(super) fn of_instruments(
+    layout: &Layout,
+    values: &[f64],
+    runs: &[Prepared],
+) -> Result<Patterns, ModelError> {
+    let mut groups = groups(layout, values, runs)?;
+    groups.retain(|group| matches!(group.cause, Cause::Instrument { .. }));
+    Ok(whitened(groups, runs))
+}
+
+/// Those of the instruments and of differences between runs: what the misfit of held-out runs is measured against. `multiples` as for
+/// [`patterns`].
+///
+/// # Errors
+/// Where the model cannot be evaluated.
+pub(super) fn of_held_out(
+    layout: &Layout,
+    values: &[f64],
+    runs: &[Prepared],
+    multiples: &Multiples,
+) -> Result<Patterns, ModelError> {
+    let mut groups = sized(groups(layout, values, runs)?, multiples);
+    groups.retain(|group| matches!(group.cause, Cause::Instrument { .. } | Cause::Run));
+    Ok(whitened(groups, runs))
+}
+
+fn groups(layout: &Layout, values: &[f64], runs: &[Prepared]) -> Result<Vec<GroupPatterns>, ModelError> {
+    let around = |prepared: &'_ Prepared| -> Result<_, ModelError> {
+        let model = layout.model_of(values, prepared.run.kind, prepared.run.is_reference)?;
+        let channels: Channels = predict_with(&model, &prepared.run.experiment, &layout.cache)?;
+        Ok((model, super::believed::predicted(&prepared.run, &channels)))
+    };
+    let mut all = Vec::with_capacity(runs.len());
+    for prepared in runs {
+        let (model, predicted) = around(prepared)?;
+        all.push(Around { run: &prepared.run, model, predicted, cache: &layout.cache });
+    }
+    let mut groups = Vec::new();
+    if all.iter().any(|around| around.run.kind == Kind::Lateral) {
+        groups.extend(lateral::groups(&all)?);
+    }
+    if all.iter().any(|around| around.run.kind == Kind::Insertion) {
+        groups.extend(insertion::groups(&all)?);
+    }
+    Ok(groups)
+}
+
+/// Whitens the patterns and sorts them into shared ones and those of each run.
+fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
+    let columns = |prepared: &Prepared, patterns: Vec<Vec<f64>>| {
+        let rows = prepared.run.data.len();
+        let mut matrix = DMatrix::zeros(rows, patterns.len());
+        for (mut column, mut pattern) in matrix.column_iter_mut().zip(patterns) {
+            if pattern.iter().any(|value| *value != 0.0) {
+                prepared.whitener.apply(&mut pattern);
+                column.copy_from_slice(&pattern);
+            }
+        }
+        matrix
+    };
+    let mut shared_groups = Vec::new();
+    for (number, group) in groups.iter().enumerate().filter(|(_, group)| group.scope == Scope::Shared) {
+        let count = group.of_runs.iter().map(Vec::len).max().unwrap_or(0);
+        shared_groups.extend(std::iter::repeat_n(number, count));
+    }
+    let of_run = |(index, prepared): (usize, &Prepared)| {
+        let rows = prepared.run.data.len();
+        let (mut own_groups, mut own, mut shared) = (Vec::new(), Vec::new(), Vec::new());
+        for (number, group) in groups.iter().enumerate() {
+            let patterns = group.of_runs.get(index).map(Vec::as_slice).unwrap_or_default();
+            match group.scope {
+                Scope::Own => {
+                    own_groups.extend(std::iter::repeat_n(number, patterns.len()));
+                    own.extend_from_slice(patterns);
+                }
+                Scope::Shared => {
+                    let count = group.of_runs.iter().map(Vec::len).max().unwrap_or(0);
+                    shared.extend_from_slice(patterns);
+                    shared.extend(std::iter::repeat_n(vec![0.0; rows], count - patterns.len()));
+                }
+            }
+        }
+        RunPatterns::new(own_groups, columns(prepared, own), columns(prepared, shared))
+    };
+    let of_runs = runs.iter().enumerate().map(of_run).collect();
+    Patterns::new(groups.into_iter().map(|group| group.group).collect(), shared_groups, of_runs)
+}

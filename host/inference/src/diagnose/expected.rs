@@ -1,0 +1,96 @@
+//! What a diagnosis should find in a session, if the truth were known: whether an effect can be told from its rivals at all is
+//! computed, not judged by an outcome. The truth's predictions without noise take the place of the readings, and the fits of all rivals
+//! to them give the expected gain of chi-square and the expected log evidence over the nearest rival.
+
+use super::believed::{Layout, differences};
+use super::evidence::Patterns;
+use super::noise::Noise;
+use super::posterior::{self, Fitted, MAX_ROUNDS};
+use super::score::Scores;
+use super::search::{MAX_LEADERS, Search, one_sided};
+use super::{Multiples, Noises, Start, fit_start, runs_of, split};
+use formats::session::Session;
+use mechanics::effects::effect;
+use mechanics::predict;
+
+/// A hypothetical truth: one effect beside the plain model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Truth<'a> {
+    /// Id of the effect.
+    pub effect: &'a str,
+    /// Its parameters, SI; trailing ones that are missing are neutral.
+    pub values: &'a [f64],
+    /// Foundation modulus.
+    pub modulus_pa: f64,
+    /// Lateral load that the bevel takes at the tip.
+    pub tip_load_n: f64,
+}
+
+/// What is to be expected of the diagnosis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Expected {
+    /// Gain of chi-square over the plain model, beside the stated tolerances of a rig.
+    pub gain: f64,
+    /// Log evidence over the nearest rival; no effect at all is a rival too.
+    pub apart: f64,
+    /// The nearest rival effect.
+    pub rival: Option<String>,
+}
+
+/// What is to be expected of a session laid out like this one, if this were the truth; nothing where the session has no runs that
+/// can be fitted or the effect does not exist.
+pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
+    let hidden = effect(truth.effect)?;
+    let (runs, _) = runs_of(session).ok()?;
+    let (training, held_out) = split(runs);
+    let noise = Noise::of(&training.runs, &session.noise);
+    let layout = Layout::new(&session.rig, &training.runs, Vec::new());
+    let Start { runs: mut prepared, patterns, fitted: start } = fit_start(
+        &layout,
+        &training.runs,
+        &Noises { session: noise, reference: noise },
+        &[],
+        &Multiples::new(),
+    )
+    .ok()?;
+    let mut own = layout.first_values();
+    own[0] = truth.modulus_pa.ln();
+    if let Some(load) = own.get_mut(1) {
+        *load = truth.tip_load_n;
+    }
+    for run in &mut prepared {
+        let mut model = layout.model(&own, run.run.kind).ok()?;
+        let mut full: Vec<f64> = hidden.parameters().iter().map(|info| info.neutral).collect();
+        full.iter_mut().zip(truth.values).for_each(|(to, from)| *to = *from);
+        model.effects.push((hidden, full));
+        let off = differences(&run.run, &predict(&model, &run.run.experiment).ok()?);
+        run.run.data.iter_mut().zip(off).for_each(|(datum, off)| datum.measured -= off);
+    }
+    let fit = |patterns: &Patterns, sizes: &[f64]| {
+        Fitted::new(&layout, &prepared, patterns, start.values(), sizes, MAX_ROUNDS).ok()
+    };
+    let plain = fit(&patterns, &start.sizes)?;
+    // What the stated tolerances of a rig may do is not to be expected of an effect.
+    let tolerances = patterns.of_known_size();
+    let everyday = tolerances.everyday();
+    let misfit = posterior::misfit(&tolerances, &everyday, &fit(&tolerances, &everyday)?.residuals)?;
+    let scores = Scores::new(&plain, &prepared, &patterns).ok()?;
+    let judge = held_out.judge(&plain, &prepared, &noise, &Multiples::new()).ok()?;
+    let search = Search { start: &plain, runs: &prepared, patterns: &patterns, judge: &judge, seed: 1 };
+    let candidates = search.weigh(&plain, &scores, MAX_LEADERS);
+    let gain_of = |of_hidden: bool| {
+        candidates
+            .iter()
+            .filter(move |candidate| (candidate.id() == truth.effect) == of_hidden)
+            .filter_map(|candidate| {
+                let (_, gain) = candidate.refit.as_ref()?;
+                Some((*gain, candidate.id()))
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+    };
+    let own = gain_of(true).map_or(one_sided(hidden) - 5.0, |(gain, _)| gain);
+    let rival = gain_of(false);
+    // Nothing at all is a rival too.
+    let nearest = rival.map_or(0.0, |(gain, _)| gain).max(0.0);
+    Some(Expected { gain: misfit, apart: own - nearest, rival: rival.map(|(_, id)| id.to_owned()) })
+}

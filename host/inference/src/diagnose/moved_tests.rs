@@ -1,0 +1,53 @@
+//! Sessions of insertions alone in which guide 2 is moved and the needle turned: what the rig and the needle hide in them.
+
+use super::*;
+use worlds::{Design, Truth, session};
+
+fn diagnosed(effects: Vec<(&'static str, Vec<f64>)>, seed: u64) -> Diagnosis {
+    let truth = Truth { k_kpa: 12.0, tip_load_n: 0.2, effects, foreign: None };
+    let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
+    diagnose(&session(&truth, &Design::moved_insertions(), seed), &options, |_| {}).expect("a diagnosis")
+}
+
+#[track_caller]
+fn assert_in_class(id: &'static str, values: &[f64], seed: u64) {
+    let found = diagnosed(vec![(id, values.to_vec())], seed);
+    let [named] = found.effects.as_slice() else { panic!("{id}: {found:#?}") };
+    assert!(named.class.iter().any(|one| one == id), "{id}: {found:#?}");
+    if named.id == id {
+        let infos = mechanics::effects::effect(id).expect("an effect").parameters();
+        for (info, value) in infos.iter().zip(values) {
+            let Estimate { ci95: [low, high], .. } = named.parameters[info.name];
+            // Twice as wide as the interval: nearly all truths lie in it.
+            let half = 0.5 * (high - low);
+            assert!((low - half..=high + half).contains(value), "{id} {}: {low} to {high}", info.name);
+        }
+    }
+}
+
+#[test]
+fn a_frame_that_gives_is_found_by_moving_guide_2_in_insertions() {
+    assert_in_class("rig.frame_compliance", &[0.3], 1);
+}
+
+#[test]
+fn backlash_is_found_by_moving_guide_2_in_insertions() {
+    assert_in_class("rig.backlash", &[0.2], 1);
+}
+
+#[test]
+fn a_bent_needle_is_found_by_turning_it_in_insertions() {
+    assert_in_class("needle.prebend", &[0.25, 0.1], 1);
+}
+
+/// The depth of an event in insertions is known no better than the readings around it, which are means over a millimetre.
+#[test]
+fn readings_of_insertions_are_a_millimetre_apart() {
+    let truth = Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: Vec::new(), foreign: None };
+    let session = session(&truth, &Design::moved_insertions(), 1);
+    let (runs, _) = runs_of(&session).expect("runs");
+    let layout = Layout::new(&session.rig, &runs, Vec::new());
+    let spacing_m = layout.spacing_m(0.0433).expect("readings around it");
+    assert!((0.5e-3..=1.5e-3).contains(&spacing_m), "{spacing_m}");
+    assert_eq!([-0.01, 0.2].map(|depth_m| layout.spacing_m(depth_m)), [None; 2]);
+}

@@ -1,0 +1,286 @@
+//! The next measurement: of a menu, the one that tells the members of a class apart best.
+//!
+//! For every measurement and every two members the difference of their predictions, over the noise, less what the second one's
+//! parameters could still do about it given what the session has told of them: the expected divergence. The best measurement is the
+//! one whose least divergence over all pairs is greatest.
+
+use super::believed::Layout;
+use super::data::{Kind, Run};
+use super::noise::Noise;
+use super::posterior::Fitted;
+use super::results::NextMeasurement;
+use mechanics::effects::{Effect, Seen};
+use mechanics::{
+    Channels, DriveSample, Experiment, Insertion, Lateral, ModelError, Profile, Series, ShapePoint, predict,
+};
+use nalgebra::{DMatrix, DVector};
+
+/// Samples of a planned run.
+const RATE_HZ: f64 = 10.0;
+/// Distance of shape points.
+const SPACING_M: f64 = 1e-3;
+/// Depth by which another run is deeper or shallower, and least depth of one.
+const OTHER_M: f64 = 10e-3;
+const LEAST_M: f64 = 8e-3;
+/// Known force that is hung on the sensor.
+const WEIGHT_N: f64 = 1.0;
+/// A divergence below this tells nothing apart.
+const LEAST_DIVERGENCE: f64 = 4.0;
+
+/// What could be measured.
+enum Planned {
+    /// A run.
+    Run(Experiment),
+    /// A known weight on the force sensor, no needle.
+    Weight,
+}
+
+/// An entry of the menu.
+struct Item {
+    kind: &'static str,
+    what: String,
+    planned: Planned,
+}
+
+/// The best measurement to tell the members of a class apart; nothing where none on the menu does.
+pub(super) fn next_measurement(
+    class: &[(&'static dyn Effect, Fitted)],
+    runs: &[Run],
+    noise: &Noise,
+) -> Option<NextMeasurement> {
+    let mut best: Option<(f64, Item)> = None;
+    let entry_m = class.first()?.1.layout.rig.entry_m;
+    for item in menu(runs, entry_m) {
+        let mut least = f64::INFINITY;
+        for (i, (_, a)) in class.iter().enumerate() {
+            for (_, b) in class.iter().skip(i + 1) {
+                // An effect that makes the planned run impossible is no ground to plan it.
+                let both = [divergence(a, b, &item.planned, noise), divergence(b, a, &item.planned, noise)];
+                least = both.into_iter().fold(least, |least, d| least.min(d.unwrap_or(0.0)));
+            }
+        }
+        if least.is_finite() && best.as_ref().is_none_or(|(other, _)| least > *other) {
+            best = Some((least, item));
+        }
+    }
+    let (divergence, Item { kind, what, .. }) = best.filter(|(least, _)| *least > LEAST_DIVERGENCE)?;
+    Some(NextMeasurement {
+        kind: kind.to_owned(),
+        what,
+        separates: class.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
+        expected_divergence: divergence,
+    })
+}
+
+/// Expected gain of chi-square of `a` over `b` where `a` is true and `b` adapts.
+fn divergence(a: &Fitted, b: &Fitted, planned: &Planned, noise: &Noise) -> Result<f64, ModelError> {
+    let at = |layout: &Layout, values: &[f64]| seen(layout, values, planned, noise);
+    let expected = at(&b.layout, b.values())?;
+    let difference = at(&a.layout, a.values())? - &expected;
+    let parameters = b.layout.parameters(b.values());
+    let mut columns = Vec::new();
+    for (index, parameter) in parameters.iter().enumerate() {
+        let mut values = b.values().to_vec();
+        let towards = if values[index] + parameter.step <= parameter.most { 1.0 } else { -1.0 };
+        values[index] += towards * parameter.step;
+        columns.push((at(&b.layout, &values)? - &expected) * (towards / parameter.step));
+    }
+    let jacobian = DMatrix::from_columns(&columns);
+    let told = b.covariance.clone().try_inverse().ok_or(ModelError::Singular)?;
+    let normal = (jacobian.transpose() * &jacobian + told).cholesky().ok_or(ModelError::Singular)?;
+    let along = jacobian.transpose() * &difference;
+    Ok(difference.norm_squared() - along.dot(&normal.solve(&along)))
+}
+
+/// What a measurement would read under a model, in standard deviations.
+fn seen(
+    layout: &Layout,
+    values: &[f64],
+    planned: &Planned,
+    noise: &Noise,
+) -> Result<DVector<f64>, ModelError> {
+    let experiment = match planned {
+        Planned::Weight => {
+            let model = layout.model(values, Kind::Lateral)?;
+            let one = |force_n| Series { y: vec![force_n], x: Some(vec![0.0]) };
+            let mut channels = Channels { force_n: one(WEIGHT_N), ..Channels::default() };
+            let seen = Seen { time_s: &[0.0], commanded_m: [&[0.0], &[0.0]], reversal_m: [0.0; 2] };
+            // Weights are hung on the sensor: friction and drift of the guide have no part in it.
+            model.effects.iter().for_each(|(effect, values)| effect.observe(values, &seen, &mut channels));
+            let sd = noise.force.of_mean(60, 3.0).sqrt();
+            let Series { y, x } = channels.force_n;
+            return Ok(DVector::from_iterator(
+                2,
+                y.into_iter().chain(x.into_iter().flatten()).map(|n| n / sd),
+            ));
+        }
+        Planned::Run(experiment) => experiment,
+    };
+    let kind = if matches!(experiment, Experiment::Insertion(_)) { Kind::Insertion } else { Kind::Lateral };
+    let Channels { force_n, shape_m, tip_m, .. } = predict(&layout.model(values, kind)?, experiment)?;
+    // Correlated noise of neighbouring samples: each counts for less.
+    let force_sd =
+        (noise.force.sd().powi(2) + noise.force.correlated * 2.0 * noise.force.memory * RATE_HZ).sqrt();
+    let shape_sd =
+        (noise.shape.sd().powi(2) + noise.shape.correlated * 2.0 * noise.shape.memory / SPACING_M).sqrt();
+    let tip_sd = (noise.tip.sd().powi(2) + noise.tip.correlated * 2.0 * noise.tip.memory / SPACING_M).sqrt();
+    let all =
+        [(force_n, force_sd), (shape_m, shape_sd), (tip_m, tip_sd)].into_iter().flat_map(|(series, sd)| {
+            series.y.into_iter().chain(series.x.into_iter().flatten()).map(move |value| value / sd)
+        });
+    Ok(DVector::from_vec(all.collect()))
+}
+
+/// What can be measured with the rig of a session.
+fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
+    let lateral = || runs.iter().filter(|run| run.kind == Kind::Lateral);
+    let insertions = || runs.iter().filter(|run| run.kind == Kind::Insertion);
+    let mut items = Vec::new();
+    if lateral().next().is_some() {
+        let mut depths_m: Vec<f64> = lateral().map(|run| run.depth_m).collect();
+        depths_m.sort_by(f64::total_cmp);
+        let (least_m, most_m) = (depths_m[0], depths_m[depths_m.len() - 1]);
+        let middle_m = depths_m[depths_m.len() / 2];
+        let level_m =
+            lateral().flat_map(|run| &run.data).map(|d| d.place.level_m.abs()).fold(0.2e-3, f64::max);
+        let level_m = 1e-4 * (level_m / 1e-4).round();
+        let axis = lateral().next().map_or(0, |run| run.axis);
+        let stairs = [0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, 0.0];
+        let mut add = |kind, what: String, run: Staircase| {
+            items.push(Item { kind, what, planned: Planned::Run(run.experiment(entry_m)) });
+        };
+        let plain =
+            Staircase { depth_m: middle_m, axis, level_m, levels: &stairs, hold_s: 3.0, speed_m_per_s: 1e-3 };
+        let mm = |m: f64| 1e3 * m;
+        let name = ["y", "x"];
+        add(
+            "another_depth",
+            format!("a staircase to {:.1} mm at {:.0} mm depth", mm(level_m), mm(most_m + OTHER_M)),
+            Staircase { depth_m: most_m + OTHER_M, ..plain },
+        );
+        if least_m - OTHER_M >= LEAST_M {
+            add(
+                "another_depth",
+                format!("a staircase to {:.1} mm at {:.0} mm depth", mm(level_m), mm(least_m - OTHER_M)),
+                Staircase { depth_m: least_m - OTHER_M, ..plain },
+            );
+        }
+        add(
+            "larger_level",
+            format!("a staircase to {:.1} mm at {:.0} mm depth", mm(2.0 * level_m), mm(middle_m)),
+            Staircase { level_m: 2.0 * level_m, ..plain },
+        );
+        add(
+            "unloading",
+            format!(
+                "a staircase up and down on both sides, to {:.1} mm at {:.0} mm depth",
+                mm(level_m),
+                mm(middle_m)
+            ),
+            plain,
+        );
+        let other = name[1 - axis];
+        add(
+            "other_axis",
+            format!("a staircase along {other} to {:.1} mm at {:.0} mm depth", mm(level_m), mm(middle_m)),
+            Staircase { axis: 1 - axis, ..plain },
+        );
+        add(
+            "shape_at_rest",
+            format!("a sweep of the shape at rest at {:.0} mm depth", mm(most_m)),
+            Staircase { depth_m: most_m, levels: &[0.0], ..plain },
+        );
+        add(
+            "longer_hold",
+            format!("a hold of 30 s at {:.1} mm, {:.0} mm depth", mm(level_m), mm(middle_m)),
+            Staircase { levels: &[0.0, 1.0, 0.0], hold_s: 30.0, ..plain },
+        );
+        add(
+            "faster_ramp",
+            format!("ramps of 10 mm/s to {:.1} mm at {:.0} mm depth", mm(level_m), mm(middle_m)),
+            Staircase { speed_m_per_s: 10e-3, ..plain },
+        );
+        items.push(Item {
+            kind: "known_weight",
+            what: format!("a known weight of {WEIGHT_N:.0} N on the force sensor, without the needle"),
+            planned: Planned::Weight,
+        });
+    }
+    let deepest_m = insertions().map(|run| run.depth_m).fold(0.1, f64::max);
+    let speed = insertions().map(|run| run.speed_m_per_s).fold(0.0, f64::max).max(2e-3);
+    let insertion = |depth_m: f64, speed_m_per_s: f64, turn_m: Option<f64>| {
+        let knots = turn_m.map(|m| vec![[m, 0.0], [m, std::f64::consts::PI]]).unwrap_or_default();
+        Planned::Run(Experiment::Insertion(Insertion {
+            depth_m: (1..=(depth_m / SPACING_M) as usize).map(|i| i as f64 * SPACING_M).collect(),
+            rotation_rad: Profile::new(knots).unwrap_or_default(),
+            guide2_m: Some(Default::default()),
+            speed_m_per_s: Profile::constant(speed_m_per_s),
+            ..Insertion::default()
+        }))
+    };
+    if insertions().next().is_some() {
+        let mm = |m: f64| 1e3 * m;
+        items.push(Item {
+            kind: "insertion_speed",
+            what: format!("an insertion to {:.0} mm at {:.0} mm/s", mm(deepest_m), mm(3.0 * speed)),
+            planned: insertion(deepest_m, 3.0 * speed, None),
+        });
+        items.push(Item {
+            kind: "insertion_turned",
+            what: format!("an insertion to {:.0} mm, turned by 180 degrees at half of it", mm(deepest_m)),
+            planned: insertion(deepest_m, speed, Some(0.5 * deepest_m)),
+        });
+        items.push(Item {
+            kind: "insertion_deeper",
+            what: format!("an insertion to {:.0} mm", mm(deepest_m + 3.0 * OTHER_M)),
+            planned: insertion(deepest_m + 3.0 * OTHER_M, speed, None),
+        });
+    }
+    items
+}
+
+/// A staircase with sweeps in all holds.
+#[derive(Clone, Copy)]
+struct Staircase<'a> {
+    depth_m: f64,
+    axis: usize,
+    level_m: f64,
+    /// Levels as shares of the largest.
+    levels: &'a [f64],
+    hold_s: f64,
+    speed_m_per_s: f64,
+}
+
+impl Staircase<'_> {
+    fn experiment(&self, entry_m: f64) -> Experiment {
+        let step_s = 1.0 / RATE_HZ;
+        let mut drive = Vec::new();
+        let mut shape = Vec::new();
+        let (mut time_s, mut at_m) = (0.0, 0.0);
+        let mut sample = |time_s: f64, at_m: f64| {
+            let [y_m, x_m] = if self.axis == 0 { [at_m, 0.0] } else { [0.0, at_m] };
+            drive.push(DriveSample { time_s, y_m, x_m });
+        };
+        for level in self.levels {
+            let to_m = level * self.level_m;
+            while (to_m - at_m).abs() > 1e-9 {
+                let most_m = self.speed_m_per_s * step_s;
+                at_m += (to_m - at_m).clamp(-most_m, most_m);
+                sample(time_s, at_m);
+                time_s += step_s;
+            }
+            let samples = (self.hold_s * RATE_HZ) as usize;
+            for _ in 0..samples {
+                sample(time_s, at_m);
+                time_s += step_s;
+            }
+            let sweep_s = time_s - 0.5 * self.hold_s;
+            let points = (self.depth_m / SPACING_M) as usize;
+            shape.extend(
+                (0..points)
+                    .map(|i| ShapePoint { time_s: sweep_s, z_m: entry_m + (i as f64 + 0.5) * SPACING_M }),
+            );
+        }
+        Experiment::Lateral(Lateral { depth_m: self.depth_m, drive, shape, reversal_m: [0.0; 2] })
+    }
+}

@@ -1,0 +1,344 @@
+//! What of the readings is noise: its size, and how far it is correlated, from the scatter about smooth curves.
+//!
+//! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a part that
+//! forgets exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. What is the same in
+//! every sweep of the same places is no noise, and taken off first. What a session states is never undercut: rounding and calibration
+//! do not scatter.
+
+use super::data::{Channel, Kind, Run};
+use super::misread::polynomials;
+use formats::session::Noise as Stated;
+use nalgebra::{DMatrix, DVector};
+
+/// Noise of one sensor, SI.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sensor {
+    /// Variance of what is new at every reading.
+    pub white: f64,
+    /// Variance of what is correlated.
+    pub correlated: f64,
+    /// Time (s) or length (m) over which it is forgotten.
+    pub memory: f64,
+    /// Variance of what stays the same over a hold.
+    pub lasting: f64,
+}
+
+impl Sensor {
+    /// Covariance of two readings so far apart (not of one with itself).
+    pub fn covariance(&self, apart: f64) -> f64 {
+        if self.correlated > 0.0 { self.correlated * (-apart.abs() / self.memory).exp() } else { 0.0 }
+    }
+
+    /// Variance of the mean of so many readings over a stretch.
+    pub fn of_mean(&self, count: usize, length: f64) -> f64 {
+        let n = count.max(1) as f64;
+        let seen = if length > 0.0 { (2.0 * self.memory / length).min(1.0) } else { 1.0 };
+        self.white / n + self.correlated * seen + self.lasting
+    }
+
+    /// Standard deviation of one reading.
+    pub fn sd(&self) -> f64 {
+        (self.white + self.correlated + self.lasting).sqrt()
+    }
+}
+
+/// Noise of all sensors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Noise {
+    pub force: Sensor,
+    pub displacement: Sensor,
+    pub shape: Sensor,
+    pub tip: Sensor,
+    /// Slope of the needle at its tip.
+    pub direction: Sensor,
+}
+
+/// Nothing is known better than this.
+const LEAST: Noise = {
+    const fn white(sd: f64) -> Sensor {
+        Sensor { white: sd * sd, correlated: 0.0, memory: 1.0, lasting: 0.0 }
+    }
+    Noise {
+        force: white(1e-3),
+        displacement: white(1e-6),
+        shape: white(2e-6),
+        tip: white(10e-6),
+        direction: white(0.1e-3),
+    }
+};
+/// Where nothing is stated and nothing can be seen.
+const TYPICAL: [f64; 5] = [0.05, 20e-6, 30e-6, 0.1e-3, 1e-3];
+/// Readings of a segment and groups of like segments that are looked at.
+const MOST_READINGS: usize = 40;
+const MOST_GROUPS: usize = 12;
+/// Memories, in distances of readings, and shares of the correlated part that are tried.
+const MEMORIES: [f64; 7] = [0.7, 1.0, 1.5, 2.2, 3.5, 5.5, 9.0];
+const SHARES: [f64; 9] = [0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 0.95];
+/// A hold has settled after this time.
+const SETTLED_S: f64 = 0.5;
+/// Degree of the smooth curves of sweeps and paths.
+const LINE_DEGREE: usize = 4;
+/// Sweeps of the same places that show what repeats; places closer than this are the same.
+const REPEATS: usize = 3;
+const SAME_PLACE_M: f64 = 0.05e-3;
+/// Readings needed before scatter tells the noise.
+const ENOUGH: usize = 60;
+/// A stated deviation so many times the scatter is not scatter.
+const NOT_SCATTER: f64 = 1.5;
+
+/// Readings along a line.
+struct Segment {
+    /// Where they are from; nothing for holds.
+    channel: Option<Channel>,
+    at: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl Noise {
+    /// Of the runs of a session: what is seen, raised to what is stated.
+    pub fn of(runs: &[Run], stated: &Stated) -> Self {
+        Self::with_disagreements(runs, stated).0
+    }
+
+    /// The same, and where the scatter of the readings is far from what is stated, a sentence each.
+    pub fn with_disagreements(runs: &[Run], stated: &Stated) -> (Self, Vec<String>) {
+        let scatter = scatter(runs);
+        let [force, displacement, shape, tip, direction] = scatter;
+        let noise = Self {
+            force: combined(force, stated.force_n, TYPICAL[0], LEAST.force),
+            displacement: combined(displacement, stated.displacement_m, TYPICAL[1], LEAST.displacement),
+            shape: combined(shape, stated.shape_m, TYPICAL[2], LEAST.shape),
+            tip: combined(tip, stated.tip_m, TYPICAL[3], LEAST.tip),
+            direction: combined(direction, stated.tip_direction_rad, TYPICAL[4], LEAST.direction),
+        };
+        let stated =
+            [stated.force_n, stated.displacement_m, stated.shape_m, stated.tip_m, stated.tip_direction_rad];
+        let of = |((name, unit, per_si), scatter, stated): (_, Option<Sensor>, Option<f64>)| {
+            let (found, stated): (f64, f64) = (per_si * scatter?.sd(), per_si * stated?);
+            let times = if found > stated { found / stated } else { stated / found };
+            let what = format!(
+                "noise of {name}: {stated:.3} {unit} is stated, the readings scatter by {found:.3} {unit}"
+            );
+            match (times > NOT_SCATTER, found > stated) {
+                (false, _) => None,
+                (true, true) => Some(format!("{what}: the larger one is used; correct [noise]")),
+                (true, false) => Some(format!(
+                    "{what}: what is stated beyond that is taken as an error that lasts for a hold or a sweep"
+                )),
+            }
+        };
+        let all = SENSORS.into_iter().zip(scatter).zip(stated);
+        (noise, all.filter_map(|((sensor, scatter), stated)| of((sensor, scatter, stated))).collect())
+    }
+}
+
+/// Names of the sensors, their units and how many of them SI has.
+const SENSORS: [(&str, &str, f64); 5] = [
+    ("the force", "N", 1.0),
+    ("the displacement of guide 2", "mm", 1e3),
+    ("the shape", "mm", 1e3),
+    ("the tip", "mm", 1e3),
+    ("the tip's direction", "mrad", 1e3),
+];
+
+/// White and correlated part of each sensor's scatter, in the order of [`SENSORS`]; nothing where there is too little to see it in.
+fn scatter(runs: &[Run]) -> [Option<Sensor>; 5] {
+    let force = holds(runs, |run, plane, i| run.cells.force_n[plane][i]);
+    let displacement = holds(runs, |run, plane, i| run.cells.read_m[plane][i]);
+    let lines = |channels| without_repeats(lines(runs, channels), LINE_DEGREE);
+    [
+        estimate(&force, 2),
+        estimate(&displacement, 1),
+        estimate(&lines([Channel::ShapeY, Channel::ShapeX]), LINE_DEGREE),
+        estimate(&lines([Channel::TipY, Channel::TipX]), LINE_DEGREE),
+        estimate(&lines([Channel::TipDirectionY, Channel::TipDirectionX]), LINE_DEGREE),
+    ]
+}
+
+/// Takes off what segments of the same channel at the same places have in common beside a low polynomial. The rest is scaled to the
+/// scatter that it stands for.
+fn without_repeats(mut segments: Vec<Segment>, degree: usize) -> Vec<Segment> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (number, segment) in segments.iter().enumerate() {
+        let like = |group: &&mut Vec<usize>| {
+            let first = &segments[group[0]];
+            first.channel == segment.channel
+                && first.at.first().zip(segment.at.first()).is_some_and(|(a, b)| (a - b).abs() < SAME_PLACE_M)
+                && first.is_like(segment, first.spacing())
+        };
+        match groups.iter_mut().find(like) {
+            Some(group) => group.push(number),
+            None => groups.push(vec![number]),
+        }
+    }
+    for group in groups.into_iter().filter(|group| group.len() >= REPEATS) {
+        let rows = segments[group[0]].at.len();
+        if rows < degree + 4 {
+            continue;
+        }
+        let smooth = polynomials(&segments[group[0]].at, degree).qr().q();
+        let mut rest = DMatrix::from_fn(rows, group.len(), |i, j| segments[group[j]].values[i]);
+        rest -= &smooth * smooth.tr_mul(&rest);
+        let common = rest.column_mean();
+        let scale = (group.len() as f64 / (group.len() - 1) as f64).sqrt();
+        for (number, column) in group.iter().zip(rest.column_iter()) {
+            segments[*number].values = (column - &common).iter().map(|value| scale * value).collect();
+        }
+    }
+    segments
+}
+
+/// What is seen, raised to what is stated.
+fn combined(seen: Option<Sensor>, stated: Option<f64>, typical: f64, least: Sensor) -> Sensor {
+    let Some(mut seen) = seen else {
+        let sd = stated.unwrap_or(typical);
+        return Sensor { white: sd * sd, ..least };
+    };
+    let variance = seen.white + seen.correlated;
+    if variance < least.white {
+        seen = Sensor { white: least.white, correlated: 0.0, ..seen };
+    }
+    let variance = variance.max(least.white);
+    match stated {
+        Some(stated) if stated * stated > NOT_SCATTER * NOT_SCATTER * variance => {
+            Sensor { lasting: stated * stated - variance, ..seen }
+        }
+        Some(stated) if stated * stated > variance => {
+            let up = stated * stated / variance;
+            Sensor { white: up * seen.white, correlated: up * seen.correlated, ..seen }
+        }
+        _ => seen,
+    }
+}
+
+/// Readings of settled holds, in both planes.
+fn holds(runs: &[Run], of: impl Fn(&Run, usize, usize) -> f64) -> Vec<Segment> {
+    let mut segments = Vec::new();
+    for run in runs.iter().filter(|run| run.kind == Kind::Lateral) {
+        let cells = &run.cells;
+        let mut start = 0;
+        while start < cells.hold.len() {
+            let hold = cells.hold[start];
+            let end = start + cells.hold[start..].iter().take_while(|other| **other == hold).count();
+            let settled_s = cells.time_s[start] + SETTLED_S;
+            let settled = (start..end).filter(|i| cells.time_s[*i] >= settled_s);
+            let settled: Vec<usize> = settled.take(MOST_READINGS).collect();
+            if hold.is_some() {
+                for plane in 0..2 {
+                    let usable = settled.iter().filter(|i| of(run, plane, **i).is_finite());
+                    let (at, values): (Vec<f64>, Vec<f64>) =
+                        usable.map(|i| (cells.time_s[*i], of(run, plane, *i))).unzip();
+                    // A column that is not there is all zeros.
+                    if values.iter().any(|v| *v != 0.0) {
+                        segments.push(Segment { channel: None, at, values });
+                    }
+                }
+            }
+            start = end;
+        }
+    }
+    segments
+}
+
+/// Readings of sweeps or paths, one segment per part and channel.
+fn lines(runs: &[Run], channels: [Channel; 2]) -> Vec<Segment> {
+    let mut segments = Vec::new();
+    for run in runs {
+        for channel in channels {
+            let of_channel = |part: usize| {
+                let data = run.data.iter().filter(move |d| d.channel == channel && d.part == part);
+                data.take(MOST_READINGS).map(|d| (d.place.depth_m, d.measured))
+            };
+            for part in (0..run.parts()).filter(|part| !run.turns_in(*part)) {
+                let (at, values): (Vec<f64>, Vec<f64>) = of_channel(part).unzip();
+                segments.push(Segment { channel: Some(channel), at, values });
+            }
+        }
+    }
+    segments
+}
+
+/// White and correlated part by restricted likelihood on a grid; nothing where there are too few readings.
+fn estimate(segments: &[Segment], degree: usize) -> Option<Sensor> {
+    let long: Vec<&Segment> = segments.iter().filter(|s| s.at.len() >= degree + 4).collect();
+    if long.iter().map(|s| s.at.len()).sum::<usize>() < ENOUGH {
+        return None;
+    }
+    let spacing = long.iter().map(|s| s.spacing()).sum::<f64>() / long.len() as f64;
+    // Segments with the same places share what is expensive.
+    let mut groups: Vec<(&Segment, DMatrix<f64>)> = Vec::new();
+    for segment in long {
+        let column = DVector::from_column_slice(&segment.values);
+        match groups.iter_mut().find(|(first, _)| first.is_like(segment, spacing)) {
+            Some((_, values)) => {
+                let last = values.ncols();
+                let grown = std::mem::replace(values, DMatrix::zeros(0, 0));
+                *values = grown.insert_column(last, 0.0);
+                values.set_column(last, &column);
+            }
+            None => groups.push((segment, DMatrix::from_columns(&[column]))),
+        }
+    }
+    // Many lengths are many groups; the largest of them tell enough.
+    groups.sort_by_key(|(_, values)| std::cmp::Reverse(values.len()));
+    groups.truncate(MOST_GROUPS);
+    let mut best: Option<(f64, Sensor)> = None;
+    for lengths in MEMORIES {
+        for share in SHARES {
+            if share == 0.0 && lengths > MEMORIES[0] {
+                continue;
+            }
+            let memory = lengths * spacing;
+            let Some((likelihood, variance)) = restricted(&groups, degree, share, memory) else { continue };
+            if best.is_none_or(|(other, _)| likelihood > other) {
+                let (white, correlated) = ((1.0 - share) * variance, share * variance);
+                best = Some((likelihood, Sensor { white, correlated, memory, lasting: 0.0 }));
+            }
+        }
+    }
+    best.map(|(_, sensor)| sensor)
+}
+
+impl Segment {
+    /// Mean distance of its readings.
+    fn spacing(&self) -> f64 {
+        let (first, last) = (self.at.first(), self.at.last());
+        first.zip(last).map_or(0.0, |(a, b)| (b - a) / (self.at.len() - 1) as f64)
+    }
+
+    /// Whether another one has its readings at the same distances.
+    fn is_like(&self, other: &Self, spacing: f64) -> bool {
+        let from = |segment: &Self, i: usize| segment.at[i] - segment.at[0];
+        self.at.len() == other.at.len()
+            && (0..self.at.len()).all(|i| (from(self, i) - from(other, i)).abs() < 0.05 * spacing)
+    }
+}
+
+/// Restricted log likelihood and variance for a share and memory of the correlated part.
+fn restricted(
+    groups: &[(&Segment, DMatrix<f64>)],
+    degree: usize,
+    share: f64,
+    memory: f64,
+) -> Option<(f64, f64)> {
+    let (mut squares, mut log_determinant, mut freedom) = (0.0, 0.0, 0.0);
+    for (segment, values) in groups {
+        let n = segment.at.len();
+        let covariance = DMatrix::from_fn(n, n, |i, j| {
+            if i == j { 1.0 } else { share * (-(segment.at[i] - segment.at[j]).abs() / memory).exp() }
+        });
+        let factor = covariance.cholesky()?.unpack();
+        let values = factor.solve_lower_triangular(values)?;
+        let smooth = factor.solve_lower_triangular(&polynomials(&segment.at, degree))?;
+        let qr = smooth.qr();
+        let (q, r) = (qr.q(), qr.r());
+        let rest = &values - &q * q.tr_mul(&values);
+        let count = values.ncols() as f64;
+        squares += rest.norm_squared();
+        log_determinant += 2.0 * count * factor.diagonal().map(f64::ln).sum();
+        log_determinant += 2.0 * count * r.diagonal().map(|v| v.abs().max(f64::MIN_POSITIVE).ln()).sum();
+        freedom += count * (n - degree - 1) as f64;
+    }
+    let variance = squares / freedom;
+    (variance > 0.0).then(|| (-0.5 * (freedom * variance.ln() + log_determinant), variance))
+}

@@ -1,0 +1,313 @@
+//! What a diagnosis says, as it goes into JSON.
+
+use super::Multiples;
+use super::data::Channel;
+use super::posterior::Fitted;
+use mechanics::Support;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Name and version of this form.
+pub(super) const SCHEMA: &str = "guide.diagnose/1";
+
+/// The outcome in one word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Nothing is missing as far as the session tells.
+    Adequate,
+    /// What is missing has a name.
+    Named,
+    /// What is missing is one of a few; a measurement would tell which.
+    Ambiguous,
+    /// Something is missing that the catalogue has no name for, or that the session cannot name.
+    Unexplained,
+}
+
+/// The outcome of the workflow.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Diagnosis {
+    /// Name and version of this form.
+    pub schema: &'static str,
+    /// Name of the session.
+    pub session: Option<String>,
+    /// The outcome in one word.
+    pub verdict: Verdict,
+    /// What is missing, and was added to the model.
+    pub effects: Vec<FoundEffect>,
+    /// Where model and measurement disagree: before anything is added, or, if unexplained, still.
+    #[serde(rename = "where")]
+    pub regions: Vec<RegionResult>,
+    /// What would tell the members of a class apart.
+    pub next_measurement: Option<NextMeasurement>,
+    /// Before and after on what no fit has seen.
+    pub gap: Option<Gap>,
+    /// Every effect that was looked for, best first.
+    pub ranking: Vec<Ranked>,
+    /// The model with what was added, where it was written.
+    pub model_file: Option<String>,
+    /// What the tissue was taken for, springs or an elastic body, and what the evidence says of both.
+    pub foundation: FoundationResult,
+    /// What the reference has, and how the session differs from it; nothing where there is no reference.
+    pub reference: Option<ReferenceResult>,
+    /// Foundation modulus: that of the final model on springs; on a body that of the plain springs, the equivalent modulus.
+    pub k_kpa: f64,
+    /// Its interval of 95 %.
+    pub k_ci95_kpa: [f64; 2],
+    /// Mean modulus of the tissue that was touched under the final model, K of springs or E of a body as in `foundation`; nothing where
+    /// it has none.
+    pub mean_modulus: Option<MeanModulus>,
+    /// Tip load under the final model, where there are insertions.
+    pub tip_load_n: Option<f64>,
+    /// Its interval of 95 %.
+    pub tip_load_ci95_n: Option<[f64; 2]>,
+    /// Effects of the model that the diagnosis started from.
+    pub given: Vec<String>,
+    /// The same with their parameters under the final model.
+    #[serde(skip)]
+    pub given_effects: Vec<FoundEffect>,
+    /// Effects that improve the fit without explaining it: no names.
+    pub partial: Vec<String>,
+    /// What remains between the final model and the measurement, and whether it matters.
+    pub remaining: RemainingResult,
+    /// Imperfections that are larger than in an ordinary rig, as a model file has them.
+    #[serde(skip)]
+    pub multiples: Multiples,
+    /// Smooth structure in the residuals before and after.
+    pub adequacy: [AdequacyResult; 2],
+    /// Standard deviation of the smooth discrepancy that is left, by channel and unit; where something is unexplained.
+    pub discrepancy: BTreeMap<String, f64>,
+    /// Log evidence that the search needs to name anything.
+    pub margin: f64,
+    /// How the session was divided.
+    pub split: String,
+    /// Noise that was taken, one standard deviation of a reading.
+    pub noise: BTreeMap<String, f64>,
+    /// Effects that this session cannot tell.
+    pub not_told: Vec<String>,
+    /// What the session could not do, and what would.
+    pub limits: Vec<String>,
+    /// Remarks.
+    pub warnings: Vec<String>,
+}
+
+/// Mean of the modulus over depth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MeanModulus {
+    /// From the surface to this depth.
+    pub to_depth_mm: f64,
+    /// The mean.
+    pub modulus_kpa: Estimate,
+}
+
+/// A session beside the one that it is compared with.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReferenceResult {
+    /// Name of the reference.
+    pub session: Option<String>,
+    /// Modulus of the reference under the final model, of the springs or of the body as in `foundation`.
+    pub modulus_kpa: Estimate,
+    /// Modulus of the session over that of the reference.
+    pub modulus_ratio: Estimate,
+}
+
+/// Springs or an elastic body.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FoundationResult {
+    /// `springs` or `body`.
+    pub used: &'static str,
+    /// Log evidence of a body over springs, both without effects; nothing where one of them was not tried.
+    pub log_evidence_of_body: Option<f64>,
+    /// Young's modulus, where the tissue is taken for a body: of the final model.
+    pub youngs_modulus_kpa: Option<Estimate>,
+    /// Poisson's ratio that it was found with.
+    pub poisson: Option<f64>,
+    /// Young's modulus of a body without effects, whether it is used or not.
+    pub youngs_modulus_of_plain_body_kpa: Option<Estimate>,
+    /// Modulus of springs without effects.
+    pub k_of_plain_springs_kpa: Estimate,
+}
+
+impl FoundationResult {
+    /// Where only springs were tried.
+    pub(super) fn springs(body: Option<(f64, Fitted)>, plain: &Fitted) -> Self {
+        Self {
+            used: "springs",
+            log_evidence_of_body: body.as_ref().map(|(gain, _)| *gain),
+            youngs_modulus_kpa: None,
+            poisson: None,
+            youngs_modulus_of_plain_body_kpa: body.as_ref().map(|(_, body)| modulus_kpa(body)),
+            k_of_plain_springs_kpa: modulus_kpa(plain),
+        }
+    }
+
+    /// Of the final fit, the plain springs, and the plain body with its log evidence over them.
+    pub(super) fn of(last: &Fitted, springs: &Fitted, body: Option<(f64, Fitted)>) -> Self {
+        let plain = Self::springs(body, springs);
+        match last.layout.support {
+            Support::Springs => plain,
+            Support::Body { poisson } => Self {
+                used: "body",
+                youngs_modulus_kpa: Some(modulus_kpa(last)),
+                poisson: Some(poisson),
+                ..plain
+            },
+        }
+    }
+}
+
+fn modulus_kpa(fitted: &Fitted) -> Estimate {
+    let (value, ci95) = fitted.modulus_pa();
+    Estimate { value: 1e-3 * value, ci95: ci95.map(|end| 1e-3 * end) }
+}
+
+/// An effect that is missing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FoundEffect {
+    /// Its id.
+    pub id: String,
+    /// Its parameters by name.
+    pub parameters: BTreeMap<String, Estimate>,
+    /// Log evidence over the model without it.
+    pub log_evidence_gain: f64,
+    /// Effects that explain the data as well; itself among them.
+    pub class: Vec<String>,
+}
+
+/// A parameter with its interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// Its interval of 95 %.
+    pub ci95: [f64; 2],
+}
+
+/// A region in which model and measurement disagree.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RegionResult {
+    /// The sensor.
+    pub channel: String,
+    /// The coordinate.
+    pub coordinate: String,
+    /// Where it begins.
+    pub from: f64,
+    /// Where it ends.
+    pub to: f64,
+    /// Measured less predicted; where it changes sign with the displacement, towards the displacement.
+    pub mean_residual: f64,
+    /// Whether it changes sign with the displacement.
+    pub changes_sign_with_level: bool,
+    /// Unit of the residual.
+    pub unit: String,
+    /// Size in standard deviations.
+    pub sigma: f64,
+}
+
+/// What to measure next.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NextMeasurement {
+    /// Which of the menu.
+    pub kind: String,
+    /// In words.
+    pub what: String,
+    /// The effects it tells apart.
+    pub separates: Vec<String>,
+    /// Expected gain of chi-square between the two that it tells apart least.
+    pub expected_divergence: f64,
+}
+
+/// Before and after on what no fit has seen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Gap {
+    /// The runs that it is from.
+    pub heldout_runs: Vec<String>,
+    /// Of the model that the diagnosis started from.
+    pub before: GapSide,
+    /// Of the final model.
+    pub after: GapSide,
+    /// Share of the gap above the noise that went away; nothing where there is no gap.
+    pub removed: Option<f64>,
+    /// Its interval of 95 %.
+    pub removed_ci95: Option<[f64; 2]>,
+    /// Every residual that was held out, for figures.
+    #[serde(skip)]
+    pub points: Vec<ResidualPoint>,
+}
+
+/// Measured less predicted before and after, of one channel in its unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ResidualPoint {
+    /// The sensor.
+    pub channel: Channel,
+    /// Where: displacement of guide 2 of a force, depth below the surface of a deflection, depth of a tip; mm.
+    pub at_mm: f64,
+    /// Under the model that the diagnosis started from.
+    pub before: f64,
+    /// Under the final model.
+    pub after: f64,
+}
+
+/// One model's distance from the data.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GapSide {
+    /// Chi-square per datum.
+    pub chi2_reduced: f64,
+    /// Root mean square by channel and unit.
+    pub rmse: BTreeMap<String, f64>,
+}
+
+/// How much remains.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RemainingSize {
+    /// Nothing but noise.
+    WithinNoise,
+    /// Structure that moves K by no more than its interval.
+    Small,
+    /// Structure that matters.
+    Large,
+}
+
+/// What remains between the final model and the measurement.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RemainingResult {
+    /// How much, in a word.
+    pub size: RemainingSize,
+    /// Root mean square of the smooth misfit that is left, by channel and unit.
+    pub rms: BTreeMap<String, f64>,
+    /// Share of the held-out misfit above noise that is left; nothing where there was none.
+    pub share_of_gap: Option<f64>,
+    /// Relative change of K where the discrepancy is left out of the fit.
+    pub k_change_without_discrepancy: f64,
+    /// The imperfections that the evidence finds larger than in an ordinary rig, with their size as a multiple of the ordinary one.
+    pub above_everyday: BTreeMap<String, f64>,
+}
+
+/// An effect's rank.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ranked {
+    /// Its id.
+    pub id: String,
+    /// Gain of chi-square by its score.
+    pub score_chi2: f64,
+    /// Log evidence over the starting model: refitted, or by its score.
+    pub log_evidence_gain: f64,
+    /// Whether it was refitted.
+    pub refitted: bool,
+}
+
+/// Smooth structure in the residuals of a model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AdequacyResult {
+    /// Chi-square in smooth functions of the coordinates.
+    pub chi_square: f64,
+    /// Number of these functions.
+    pub functions: usize,
+    /// Probability of more by chance, beside noise alone.
+    pub p: f64,
+    /// The same beside noise and the small imperfections that every rig and tissue has.
+    pub p_beside_everyday_discrepancy: f64,
+    /// Reduced chi-square of every channel.
+    pub channels: BTreeMap<String, f64>,
+}

@@ -1,0 +1,287 @@
+//! Scoring every effect of the catalogue without refitting, and how large the best score of nothing is.
+//!
+//! Around the current fit an effect of amplitude a (in steps of an ordinary size) changes the predictions by `a d`. What of d the
+//! parameters in the model could do too is taken off (`d` orthogonal to their sensitivities), and what is left is projected on the
+//! residuals: the efficient score. With a normal prior of the amplitude the evidence of each effect over the current model is a closed
+//! form, averaged over the places or times at which an effect may sit.
+//!
+//! Under the current model the residuals are independent normal numbers, so that all scores of a session that lacks nothing are
+//! drawn from the same projections: the parametric bootstrap of the whole search ([`Scores::margin`]).
+
+use super::believed::{Prepared, Scale, prior};
+use super::data::Kind;
+use super::evidence::Patterns;
+use super::posterior::Fitted;
+use crate::FitError;
+use mechanics::effects::{EFFECTS, Effect, neutral};
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+/// One way in which an effect may act: a place or time, and the directions of its amplitudes.
+#[derive(Debug, Clone)]
+struct Way {
+    /// Values of the parameters at amplitudes of one, each alone.
+    probes: Vec<Vec<f64>>,
+    /// Precision of the prior of every amplitude.
+    precisions: Vec<f64>,
+    /// Whether an amplitude may be negative.
+    two_sided: Vec<bool>,
+    /// Columns of all directions.
+    columns: Vec<usize>,
+}
+
+/// An effect's score.
+#[derive(Debug, Clone)]
+pub(super) struct Score {
+    pub effect: &'static dyn Effect,
+    /// Gain of chi-square at the best way.
+    pub chi_square: f64,
+    /// Logarithm of the evidence over the current model.
+    pub log_evidence: f64,
+    /// Values at the best ways and amplitudes: where a fit may start. Neighbours of the best place are among them, because far from
+    /// the neutral value the best place moves.
+    pub starts: Vec<Vec<f64>>,
+    /// Whether the session can tell this effect at all: a likely size would be seen.
+    pub is_told: bool,
+}
+
+/// Scores of the whole catalogue around a fit.
+#[derive(Debug)]
+pub(super) struct Scores {
+    ways: Vec<(&'static dyn Effect, Vec<Way>)>,
+    /// Scalar products of the directions, the parameters' part taken off.
+    gram: DMatrix<f64>,
+    /// Scalar products of directions and residuals.
+    along: DVector<f64>,
+}
+
+/// How far the variance of the noise may be from what was taken: it is estimated itself.
+pub(super) const NOISE_TOLERANCE: f64 = 1.1;
+/// A likely effect that is seen with less than this many standard deviations is not told.
+const TOLD: f64 = 2.0;
+
+/// Residuals of all runs in one column.
+pub(super) fn stacked(residuals: &[Vec<f64>]) -> DVector<f64> {
+    DVector::from_iterator(residuals.iter().map(Vec::len).sum(), residuals.iter().flatten().copied())
+}
+
+impl Scores {
+    /// Scores all effects that are not in the model, in the metric of the discrepancy that every rig has.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn new(fitted: &Fitted, runs: &[Prepared], patterns: &Patterns) -> Result<Self, FitError> {
+        let known = |effect: &dyn Effect| fitted.layout.effects.iter().any(|e| e.id() == effect.id());
+        let of_effect = |effect: &'static dyn Effect| {
+            let layout = fitted.layout.with(effect);
+            let direction = |probe: &Vec<f64>| -> Vec<DVector<f64>> {
+                let mut values = fitted.values().to_vec();
+                let infos = effect.parameters().iter().zip(probe);
+                values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+                let of_run = |(run, plain): (&Prepared, &Vec<f64>)| {
+                    let shows = effect.info().shows;
+                    let none = || DVector::zeros(plain.len());
+                    if !(if run.run.kind == Kind::Insertion { shows.insertion } else { shows.lateral }) {
+                        return none();
+                    }
+                    // An effect that is impossible at this size (a needle that buckles) has no direction.
+                    match run.residuals(&layout, &values) {
+                        Ok(changed) if changed.iter().all(|v| v.is_finite()) => {
+                            DVector::from_iterator(plain.len(), plain.iter().zip(changed).map(|(a, b)| a - b))
+                        }
+                        _ => none(),
+                    }
+                };
+                runs.iter().zip(&fitted.residuals).map(of_run).collect()
+            };
+            let with_directions = |way: Way| {
+                let directions: Vec<Vec<DVector<f64>>> = way.probes.iter().map(direction).collect();
+                (way, directions)
+            };
+            (effect, ways_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
+        };
+        let unknown: Vec<&'static dyn Effect> =
+            EFFECTS.into_iter().filter(|effect| !known(*effect) && fitted.layout.may_lack(*effect)).collect();
+        let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();
+        let (mut ways, mut directions) = (Vec::new(), Vec::new());
+        for (effect, of_effect) in all {
+            let numbered = |(mut way, mut more): (Way, Vec<Vec<DVector<f64>>>)| {
+                way.columns.extend(directions.len()..directions.len() + more.len());
+                directions.append(&mut more);
+                way
+            };
+            ways.push((effect, of_effect.into_iter().map(numbered).collect()));
+        }
+        let count = directions.len();
+        if count == 0 {
+            return Ok(Self { ways, gram: DMatrix::zeros(0, 0), along: DVector::zeros(0) });
+        }
+        let columns = |(number, residuals): (usize, &Vec<f64>)| {
+            let mut columns: Vec<DVector<f64>> =
+                directions.iter().map(|of_runs| of_runs[number].clone()).collect();
+            columns.push(DVector::from_column_slice(residuals));
+            DMatrix::from_columns(&columns)
+        };
+        let columns: Vec<DMatrix<f64>> = fitted.residuals.iter().enumerate().map(columns).collect();
+        let everyday = patterns.everyday();
+        let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+        let metric = fitted.beside_parameters(patterns, &sizes, &columns).ok_or(FitError::Undetermined)?;
+        let gram = metric.view((0, 0), (count, count)).into_owned();
+        let along = metric.view((0, count), (count, 1)).column(0).into_owned();
+        Ok(Self { ways, gram, along })
+    }
+
+    /// The scores of the session, best first.
+    pub fn ranked(&self) -> Vec<Score> {
+        let mut scores: Vec<Score> = self
+            .ways
+            .iter()
+            .map(|(effect, ways)| {
+                let of_ways: Vec<WayScore> = ways.iter().map(|way| self.score(way, &self.along)).collect();
+                let best = (0..ways.len())
+                    .max_by(|a, b| of_ways[*a].log_evidence.total_cmp(&of_ways[*b].log_evidence));
+                let best = best.unwrap_or(0);
+                let told = ways.iter().any(|way| {
+                    way.columns
+                        .iter()
+                        .zip(&way.precisions)
+                        .any(|(column, precision)| self.gram[(*column, *column)] > TOLD * TOLD * precision)
+                });
+                Score {
+                    effect: *effect,
+                    chi_square: of_ways.iter().map(|way| way.chi_square).fold(0.0, f64::max),
+                    log_evidence: mean_of_exponentials(of_ways.iter().map(|way| way.log_evidence)),
+                    starts: [Some(best), best.checked_sub(1), Some(best + 1)]
+                        .into_iter()
+                        .flatten()
+                        .filter_map(|number| Some((ways.get(number)?, of_ways.get(number)?)))
+                        .map(|(way, score)| start(*effect, way, &score.amplitudes))
+                        .collect(),
+                    is_told: told,
+                }
+            })
+            .collect();
+        scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+        scores
+    }
+
+    /// Largest log evidence that at most `share` of sessions reach that lack nothing: quantile over `draws` parametric draws.
+    pub fn margin(&self, share: f64, draws: usize, seed: u64) -> f64 {
+        if self.gram.nrows() == 0 {
+            return 0.0;
+        }
+        let eigen = self.gram.clone().symmetric_eigen();
+        let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
+        let root = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * NOISE_TOLERANCE.sqrt();
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut largest: Vec<f64> = (0..draws)
+            .map(|_| {
+                let drawn = DVector::from_fn(root.ncols(), |_, _| StandardNormal.sample(&mut random));
+                let along = &root * drawn;
+                let of_effect = |(_, ways): &(&dyn Effect, Vec<Way>)| {
+                    mean_of_exponentials(ways.iter().map(|way| self.score(way, &along).log_evidence))
+                };
+                self.ways.iter().map(of_effect).fold(f64::NEG_INFINITY, f64::max)
+            })
+            .collect();
+        largest.sort_by(f64::total_cmp);
+        let at = ((1.0 - share) * draws as f64).ceil() as usize;
+        largest[at.min(draws) - 1]
+    }
+
+    fn score(&self, way: &Way, along: &DVector<f64>) -> WayScore {
+        let k = way.columns.len();
+        let b = DVector::from_fn(k, |i, _| along[way.columns[i]]);
+        let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(way.columns[i], way.columns[j])]);
+        let prior = DMatrix::from_diagonal(&DVector::from_column_slice(&way.precisions));
+        let Some(factor) = (&gram + &prior).cholesky() else { return WayScore::none(k) };
+        let mut amplitudes = factor.solve(&b);
+        let log_determinant = 2.0 * factor.l().diagonal().map(f64::ln).sum();
+        let log_prior: f64 = way.precisions.iter().map(|p| p.ln()).sum();
+        let occam = 0.5 * (log_determinant - log_prior);
+        let wrong_side = amplitudes.iter().zip(&way.two_sided).any(|(a, two)| *a <= 0.0 && !two);
+        if wrong_side {
+            amplitudes.fill(0.0);
+        }
+        let gain = b.dot(&amplitudes);
+        let free = (&gram + DMatrix::identity(k, k) * (1e-9 * gram.trace().max(1e-300))).cholesky();
+        let chi_square = if wrong_side { 0.0 } else { free.map_or(gain, |free| b.dot(&free.solve(&b))) };
+        // Half of the prior of a one-sided amplitude lies where it cannot be; the other half counts twice.
+        let sides = way.two_sided.iter().filter(|two| !**two).count() as f64 * std::f64::consts::LN_2;
+        let sides = if wrong_side { 0.0 } else { sides };
+        WayScore { chi_square, log_evidence: 0.5 * gain - occam + sides, amplitudes }
+    }
+}
+
+struct WayScore {
+    chi_square: f64,
+    log_evidence: f64,
+    amplitudes: DVector<f64>,
+}
+
+impl WayScore {
+    fn none(k: usize) -> Self {
+        Self { chi_square: 0.0, log_evidence: f64::NEG_INFINITY, amplitudes: DVector::zeros(k) }
+    }
+}
+
+/// Every way in which an effect may act.
+fn ways_of(effect: &'static dyn Effect) -> Vec<Way> {
+    let infos = effect.parameters();
+    let places: Vec<Option<f64>> = match infos.iter().find(|info| !info.nodes.is_empty()) {
+        Some(info) => info.nodes.iter().map(|node| Some(*node)).collect(),
+        None => vec![None],
+    };
+    let way = |place: Option<f64>| {
+        let mut way =
+            Way { probes: Vec::new(), precisions: Vec::new(), two_sided: Vec::new(), columns: Vec::new() };
+        for (index, info) in infos.iter().enumerate().filter(|(_, info)| info.nodes.is_empty()) {
+            let mut values = neutral(effect);
+            values[index] += info.prior_sd;
+            for (value, info) in values.iter_mut().zip(infos) {
+                if !info.nodes.is_empty() {
+                    *value = place.unwrap_or(*value);
+                }
+            }
+            let scale = Scale::of(info);
+            let step = scale.inside(values[index]) - scale.inside(info.neutral);
+            way.probes.push(values);
+            way.precisions.push((step / prior(info).sd).powi(2));
+            way.two_sided.push(info.is_two_sided());
+        }
+        way
+    };
+    places.into_iter().map(way).collect()
+}
+
+/// Values at an amplitude, within what is likely.
+fn start(effect: &dyn Effect, way: &Way, amplitudes: &DVector<f64>) -> Vec<f64> {
+    let mut values = way.probes.first().cloned().unwrap_or_else(|| neutral(effect));
+    let mut amplitudes = amplitudes.iter();
+    for ((value, info), index) in values.iter_mut().zip(effect.parameters()).zip(0..) {
+        if !info.nodes.is_empty() {
+            continue;
+        }
+        let scale = Scale::of(info);
+        let probe = way.probes.get(index).and_then(|probe| probe.get(index)).copied().unwrap_or(*value);
+        let step = scale.inside(probe) - scale.inside(info.neutral);
+        let amplitude = amplitudes.next().copied().unwrap_or(0.0);
+        let [low, high] = info.likely.map(|end| scale.inside(end));
+        let inside = (scale.inside(info.neutral) + amplitude * step).clamp(low, high);
+        *value = scale.outside(inside);
+    }
+    values
+}
+
+/// `ln mean exp`.
+fn mean_of_exponentials(logs: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = logs.clone().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
+        return largest;
+    }
+    let (sum, count) = logs.fold((0.0, 0.0), |(sum, count), log| (sum + (log - largest).exp(), count + 1.0));
+    largest + (sum / count).ln()
+}

@@ -1,0 +1,323 @@
+//! Runs to learn from and runs to be judged by.
+//!
+//! What is held out goes into [`HeldOut`], which has one use: the gap of two models on it. Nothing else can look inside, so that no
+//! fit, noise estimate, threshold or selection depends on it.
+
+use super::Multiples;
+use super::believed::{Prepared, differences};
+use super::data::{Channel, Kind, Run, Source};
+use super::discrepancy;
+use super::evidence::Patterns;
+use super::noise::Noise;
+use super::posterior::{self, Fitted};
+use super::results::{Gap, GapSide, ResidualPoint};
+use mechanics::{ModelError, predict};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+
+/// Runs, or parts of runs, to learn from.
+#[derive(Debug)]
+pub(super) struct Training {
+    pub runs: Vec<Run>,
+    /// How the session was divided, for people.
+    pub rule: String,
+}
+
+/// What no fit sees.
+#[derive(Debug)]
+pub(super) struct HeldOut {
+    runs: Vec<Run>,
+}
+
+/// One part in so many is held out where there are no repeats.
+const EVERY: usize = 4;
+/// Depths and speeds closer than this are repeats of each other.
+const SAME_DEPTH_M: f64 = 0.5e-3;
+const SAME_SPEED_M_PER_S: f64 = 0.2e-3;
+/// Draws of the bootstrap over held-out parts.
+const DRAWS: usize = 1000;
+
+/// Divides the runs of a session: of every group of repeats the last one is held out; a kind of run without repeats is divided by
+/// holds, or by stretches of depth.
+pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
+    let (mut training, mut held_out) = (Vec::new(), Vec::new());
+    let mut rules = Vec::new();
+    for kind in [Kind::Lateral, Kind::Insertion] {
+        let of_kind: Vec<Run> = runs.iter().filter(|run| run.kind == kind).cloned().collect();
+        if of_kind.is_empty() {
+            continue;
+        }
+        let (name, part) = match kind {
+            Kind::Lateral => ("lateral runs", "hold"),
+            Kind::Insertion => ("insertions", "stretch of depth"),
+        };
+        let mut repeats = last_of_repeats(&of_kind);
+        let mut rule = "of repeated";
+        if repeats.is_empty() && kind == Kind::Insertion && of_kind.len() >= EVERY {
+            // Insertions are alike enough that whole ones can be spared.
+            repeats = (0..of_kind.len()).filter(|index| index % EVERY == EVERY / 2).collect();
+            rule = "of the";
+        }
+        if repeats.is_empty() {
+            for (number, run) in of_kind.into_iter().enumerate() {
+                // Not the same level in every run.
+                let is_held = |part: usize| (part + number) % EVERY == EVERY / 2;
+                let held = run.with_parts(is_held);
+                // A part without shape tells little of what the rest of the run does; but it is never learned from.
+                training.push(run.with_parts(|part| !is_held(part)));
+                if !held.data.is_empty() {
+                    held_out.push(held);
+                }
+            }
+            rules.push(format!("{name} have no repeats: one {part} in {EVERY} is held out"));
+        } else {
+            let ids: Vec<&str> = repeats.iter().map(|i| of_kind[*i].id.as_str()).collect();
+            let which = if rule == "of the" { "one in four" } else { "the last" };
+            rules.push(format!("{rule} {name} {which} is held out: {}", ids.join(", ")));
+            for (index, run) in of_kind.iter().enumerate() {
+                if repeats.contains(&index) { held_out.push(run.clone()) } else { training.push(run.clone()) }
+            }
+        }
+    }
+    (Training { runs: training, rule: rules.join("; ") }, HeldOut { runs: held_out })
+}
+
+/// The last run of every group of repeats.
+fn last_of_repeats(runs: &[Run]) -> Vec<usize> {
+    let mut groups: BTreeMap<(i64, i64, usize, bool), Vec<usize>> = BTreeMap::new();
+    for (index, run) in runs.iter().enumerate() {
+        let depth = (run.depth_m / SAME_DEPTH_M).round() as i64;
+        let speed = (run.speed_m_per_s / SAME_SPEED_M_PER_S).round() as i64;
+        groups.entry((depth, speed, run.axis, run.turned() > 0.0)).or_default().push(index);
+    }
+    groups.values().filter(|group| group.len() > 1).filter_map(|group| group.last().copied()).collect()
+}
+
+impl HeldOut {
+    /// Names of the runs that it is from.
+    pub fn ids(&self) -> Vec<String> {
+        self.runs.iter().map(|run| run.id.clone()).collect()
+    }
+
+    /// Ready to judge models that are tried beside a start, which was fitted to the training runs; `multiples` are those of the
+    /// discrepancy.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn judge(
+        self,
+        start: &Fitted,
+        training: &[Prepared],
+        noise: &Noise,
+        multiples: &Multiples,
+    ) -> Result<Judge, ModelError> {
+        let prepared = |run: Run| {
+            let model = start.layout.model_of(start.values(), run.kind, run.is_reference)?;
+            Ok(Prepared { whitener: super::whiten::Whitener::new(&run, noise, &model)?, run })
+        };
+        let runs: Vec<Prepared> = self.runs.into_iter().map(prepared).collect::<Result<_, ModelError>>()?;
+        // The reference is no part of the gap.
+        let judged: Vec<bool> = training.iter().map(|run| !run.run.is_reference).collect();
+        let training: Vec<Prepared> = training.iter().filter(|run| !run.run.is_reference).cloned().collect();
+        Ok(Judge {
+            of_held_out: discrepancy::of_held_out(&start.layout, start.values(), &runs, multiples)?,
+            // What the reference leaves unexplained too is no gap between them.
+            of_training: match &start.layout.reference {
+                Some(_) => discrepancy::patterns(&start.layout, start.values(), &training, multiples)?,
+                None => discrepancy::of_instruments(&start.layout, start.values(), &training)?,
+            },
+            readings: training.iter().map(|run| run.run.data.len()).sum(),
+            judged,
+            runs,
+        })
+    }
+}
+
+/// Judges models by misfits, and by what was held out. The misfit is that of the physics: zeros, drift, axes and offsets of single
+/// runs are the instruments' own, and beside the noise of a mean a zero would rule all sums.
+#[derive(Debug)]
+pub(super) struct Judge {
+    runs: Vec<Prepared>,
+    of_held_out: Patterns,
+    of_training: Patterns,
+    /// Which training runs are judged, and the number of their data.
+    judged: Vec<bool>,
+    readings: usize,
+}
+
+impl Judge {
+    /// Number of runs of which something is held out.
+    pub fn runs(&self) -> usize {
+        self.runs.len()
+    }
+
+    /// Share of the gap of one model above noise, in training, that another one removes: beside noise alone or beside noise and
+    /// instruments, whichever is larger. A gap is only what is more than chance.
+    pub fn share(&self, before: &Fitted, after: &Fitted) -> f64 {
+        let count = self.readings as f64;
+        let share = |before: f64, after: f64| {
+            let removed = before - after;
+            let gap = before - count - 2.0 * (2.0 * count).sqrt();
+            if removed > 0.0 { removed / gap.max(removed) } else { 0.0 }
+        };
+        let squares = |fitted: &Fitted| self.residuals(fitted).iter().flatten().map(|r| r * r).sum::<f64>();
+        let beside_noise = share(squares(before), squares(after));
+        let beside_instruments = share(self.misfit(before), self.misfit(after));
+        beside_noise.max(beside_instruments)
+    }
+
+    /// Residuals of the training runs that are judged.
+    fn residuals(&self, fitted: &Fitted) -> Vec<Vec<f64>> {
+        let all = fitted.residuals.iter().zip(&self.judged);
+        all.filter(|(_, judged)| **judged).map(|(residuals, _)| residuals.clone()).collect()
+    }
+
+    /// Misfit of the training data to the physics of a fit, beside noise and instruments.
+    pub fn misfit(&self, fitted: &Fitted) -> f64 {
+        let everyday = self.of_training.everyday();
+        posterior::misfit(&self.of_training, &everyday, &self.residuals(fitted)).unwrap_or(f64::INFINITY)
+    }
+
+    /// Whether the misfit of what was held out is smaller under the second model; nothing can be accepted where nothing is held out.
+    pub fn held_out_shrinks(&self, before: &Fitted, after: &Fitted) -> bool {
+        let everyday = self.of_held_out.everyday();
+        let misfit = |fitted: &Fitted| {
+            let residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
+            posterior::misfit(&self.of_held_out, &everyday, &residuals)
+        };
+        !self.runs.is_empty()
+            && misfit(before).zip(misfit(after)).is_some_and(|(before, after)| after < before)
+    }
+
+    /// How far two models are from what was held out, and how much of the removable gap the second one removes. Nothing where
+    /// nothing is held out.
+    ///
+    /// # Errors
+    /// Where a model cannot be evaluated.
+    pub fn gap(&self, before: &Fitted, after: &Fitted, seed: u64) -> Result<Option<Gap>, ModelError> {
+        if self.runs.is_empty() {
+            return Ok(None);
+        }
+        let sides = [self.tally(before)?, self.tally(after)?];
+        let points = points(&self.runs, &sides);
+        let [before, after] = sides;
+        let removed = |parts: &mut dyn Iterator<Item = usize>| -> Option<f64> {
+            let (mut b, mut a, mut n) = (0.0, 0.0, 0.0);
+            for part in parts {
+                b += before.parts[part].0;
+                a += after.parts[part].0;
+                n += before.parts[part].1 as f64;
+            }
+            // Only a gap that is more than chance can be removed.
+            (b > n + 4.0 * (2.0 * n).sqrt()).then(|| ((b - a) / (b - n)).min(1.0))
+        };
+        let count = before.parts.len();
+        let share = removed(&mut (0..count));
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut draws: Vec<f64> = (0..DRAWS)
+            .filter_map(|_| {
+                let drawn: Vec<usize> = (0..count).map(|_| random.random_range(0..count)).collect();
+                removed(&mut drawn.into_iter())
+            })
+            .collect();
+        draws.sort_by(f64::total_cmp);
+        let quantile = |p: f64| draws.get(((draws.len() as f64 - 1.0) * p).round() as usize).copied();
+        let interval = share.and(quantile(0.025).zip(quantile(0.975))).map(|(low, high)| [low, high]);
+        Ok(Some(Gap {
+            heldout_runs: self.runs.iter().map(|run| run.run.id.clone()).collect(),
+            before: before.side(),
+            after: after.side(),
+            removed: share,
+            removed_ci95: interval,
+            points,
+        }))
+    }
+}
+
+impl Judge {
+    /// What was held out under a model, the instruments' part taken off.
+    fn tally(&self, fitted: &Fitted) -> Result<Tally, ModelError> {
+        let mut plain = Vec::with_capacity(self.runs.len());
+        let mut white = Vec::with_capacity(self.runs.len());
+        for prepared in &self.runs {
+            let run = &prepared.run;
+            let model = fitted.layout.model_of(fitted.values(), run.kind, run.is_reference)?;
+            let residuals = differences(run, &predict(&model, &run.experiment)?);
+            let mut independent = residuals.clone();
+            prepared.whitener.apply(&mut independent);
+            plain.push(residuals);
+            white.push(independent);
+        }
+        let everyday = self.of_held_out.everyday();
+        let left = self.of_held_out.less_patterns(&everyday, &white).ok_or(ModelError::Singular)?;
+        let mut tally = Tally::default();
+        for ((prepared, white), left) in self.runs.iter().zip(&white).zip(left) {
+            let mut plain = left.data.as_vec().clone();
+            prepared.whitener.undo(&mut plain);
+            let squares = white.iter().zip(left.iter()).map(|(white, left)| white * left);
+            tally.add(prepared, plain, squares);
+        }
+        Ok(tally)
+    }
+}
+
+/// Residuals under both models with their places.
+fn points(runs: &[Prepared], sides: &[Tally; 2]) -> Vec<ResidualPoint> {
+    let data = runs.iter().flat_map(|run| &run.run.data);
+    let both = sides[0].plain.iter().zip(&sides[1].plain);
+    data.zip(both)
+        .map(|(datum, (before, after))| {
+            let unit = datum.channel.per_si();
+            let is_force = matches!(datum.source, Source::Force(_));
+            let at_m = if is_force { datum.place.level_m } else { datum.place.depth_m };
+            ResidualPoint {
+                channel: datum.channel,
+                at_mm: 1e3 * at_m,
+                before: unit * before,
+                after: unit * after,
+            }
+        })
+        .collect()
+}
+
+/// Squares of one model's residuals.
+#[derive(Default)]
+struct Tally {
+    /// Squares in the metric of noise and instruments and number, part by part.
+    parts: Vec<(f64, usize)>,
+    /// Plain squares and number of every channel.
+    channels: Vec<(Channel, f64, usize)>,
+    /// Residuals of all runs less what the instruments' patterns have of them, SI.
+    plain: Vec<f64>,
+}
+
+impl Tally {
+    fn add(&mut self, prepared: &Prepared, plain: Vec<f64>, squares: impl Iterator<Item = f64>) {
+        let run = &prepared.run;
+        let mut parts = vec![(0.0, 0); run.parts()];
+        for ((datum, plain), square) in run.data.iter().zip(&plain).zip(squares) {
+            parts[datum.part].0 += square;
+            parts[datum.part].1 += 1;
+            let at = self.channels.iter().position(|(channel, ..)| *channel == datum.channel);
+            let at = at.unwrap_or_else(|| {
+                self.channels.push((datum.channel, 0.0, 0));
+                self.channels.len() - 1
+            });
+            self.channels[at].1 += plain * plain;
+            self.channels[at].2 += 1;
+        }
+        self.plain.extend(plain);
+        self.parts.extend(parts.into_iter().filter(|(_, count)| *count > 0));
+    }
+
+    fn side(&self) -> GapSide {
+        let (sum, count) =
+            self.parts.iter().fold((0.0, 0), |(s, n), (square, count)| (s + square, n + count));
+        let rmse = self.channels.iter().map(|(channel, square, count)| {
+            let name = format!("{}_{}", channel.name(), channel.unit().to_lowercase());
+            (name, channel.per_si() * (square / *count as f64).sqrt())
+        });
+        GapSide { chi2_reduced: sum / count as f64, rmse: rmse.collect() }
+    }
+}

@@ -1,0 +1,320 @@
+//! The result of a diagnosis, put together from what the steps found.
+
+use super::Multiples;
+use super::adequacy::{Adequacy, Region};
+use super::averaged::Averaged;
+use super::data::{Channel, Kind, Run};
+use super::noise::Noise;
+use super::posterior::Fitted;
+use super::results::{
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, MeanModulus, Ranked,
+    ReferenceResult, RegionResult, RemainingResult, SCHEMA, Verdict,
+};
+use super::search::{Found, Member};
+use super::{Options, next};
+use formats::model_file::{LearnedEffect, ModelFile};
+use formats::session::Session;
+use mechanics::Support;
+use mechanics::effects::{Effect, effect};
+use std::collections::BTreeMap;
+
+/// Leaders that are reported where nothing is named.
+const PARTIAL: usize = 3;
+
+/// What the result is made of.
+pub(super) struct Story<'a> {
+    pub session: &'a Session,
+    pub options: &'a Options,
+    pub all: &'a [Run],
+    pub start: &'a Fitted,
+    pub found: &'a Found,
+    pub final_fit: &'a Fitted,
+    pub noise: &'a Noise,
+    pub adequacy: [&'a Adequacy; 2],
+    pub verdict: Verdict,
+    pub foundation: FoundationResult,
+    pub split: String,
+    /// What of the discrepancy is larger than in an ordinary rig.
+    pub multiples: Multiples,
+    /// Number of runs of which something was held out.
+    pub held_out: usize,
+}
+
+impl Story<'_> {
+    /// The result.
+    pub fn told(
+        &self,
+        regions: Vec<RegionResult>,
+        gap: Option<Gap>,
+        remaining: RemainingResult,
+        warnings: Vec<String>,
+    ) -> Diagnosis {
+        let Self { verdict, final_fit, adequacy, .. } = *self;
+        let members = &self.found.members;
+        let averaged = self.averaged();
+        let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
+        let classes = members.iter().filter(|member| member.class.len() > 1);
+        let next_measurement = classes
+            .filter_map(|member| next::next_measurement(&member.class, self.all, self.noise))
+            .max_by(|a, b| a.expected_divergence.total_cmp(&b.expected_divergence));
+        let (modulus_pa, own_ci95_pa) = final_fit.modulus_pa();
+        let modulus_kpa = 1e-3 * modulus_pa;
+        let modulus_ci95_kpa = averaged.modulus_pa().unwrap_or(own_ci95_pa).map(|end| 1e-3 * end);
+        // On a body the foundation modulus is that of plain springs.
+        let mut foundation = self.foundation.clone();
+        if let Some(youngs) = &mut foundation.youngs_modulus_kpa {
+            youngs.ci95 = modulus_ci95_kpa;
+        }
+        let (k_kpa, k_ci95_kpa) = if final_fit.layout.support.is_body() {
+            (foundation.k_of_plain_springs_kpa.value, foundation.k_of_plain_springs_kpa.ci95)
+        } else {
+            (modulus_kpa, modulus_ci95_kpa)
+        };
+        let tip = final_fit.tip_load_n();
+        let touched_m = self.touched_m();
+        let mean = final_fit.ln_mean_modulus(touched_m).zip(averaged.mean_modulus_pa(touched_m));
+        let discrepancy =
+            if verdict == Verdict::Unexplained { adequacy[0].discrepancy.as_slice() } else { &[] };
+        let first = &self.found.first;
+        Diagnosis {
+            schema: SCHEMA,
+            session: self.session.name.clone(),
+            verdict,
+            effects: if is_named {
+                members.iter().map(|m| self.effect(m, &averaged)).collect()
+            } else {
+                Vec::new()
+            },
+            regions,
+            next_measurement,
+            gap,
+            ranking: first
+                .iter()
+                .map(|candidate| Ranked {
+                    id: candidate.id().to_owned(),
+                    score_chi2: candidate.score.chi_square,
+                    log_evidence_gain: candidate
+                        .refit
+                        .as_ref()
+                        .map_or(candidate.score.log_evidence, |(_, gain)| *gain),
+                    refitted: candidate.refit.is_some(),
+                })
+                .collect(),
+            model_file: None,
+            foundation,
+            reference: self.reference(&averaged),
+            k_kpa,
+            k_ci95_kpa,
+            mean_modulus: mean.map(|((ln_pa, _), ends_pa)| MeanModulus {
+                to_depth_mm: 1e3 * touched_m,
+                modulus_kpa: Estimate { value: 1e-3 * ln_pa.exp(), ci95: ends_pa.map(|end| 1e-3 * end) },
+            }),
+            tip_load_n: tip.map(|(value, _)| value),
+            tip_load_ci95_n: averaged.tip_load_n().or(tip.map(|(_, ends)| ends)),
+            given: self.options.given.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
+            given_effects: self.given_effects(final_fit),
+            partial: if is_named { Vec::new() } else { self.partial() },
+            remaining,
+            multiples: self.multiples.clone(),
+            adequacy: adequacy.map(adequacy_result),
+            discrepancy: discrepancy
+                .iter()
+                .map(|(channel, sd)| {
+                    (format!("{}_{}", channel.name(), channel.unit().to_lowercase()), channel.per_si() * sd)
+                })
+                .collect(),
+            margin: self.found.margin,
+            split: self.split.clone(),
+            noise: self.noise_result(),
+            not_told: first
+                .iter()
+                .filter(|candidate| !candidate.score.is_told)
+                .map(|candidate| candidate.id().to_owned())
+                .collect(),
+            limits: self.limits(),
+            warnings,
+        }
+    }
+
+    /// Depth of the tissue that the runs have touched: by guide 2 where there are lateral runs.
+    fn touched_m(&self) -> f64 {
+        let [lateral, _] = self.final_fit.layout.kinds;
+        let of_kind = |run: &&Run| (run.kind == Kind::Lateral) == lateral;
+        self.all.iter().filter(of_kind).map(|run| run.depth_m).fold(0.0, f64::max)
+    }
+
+    /// How the session differs from its reference.
+    fn reference(&self, averaged: &Averaged<'_>) -> Option<ReferenceResult> {
+        let reference = self.options.reference.as_ref()?;
+        let [(ratio, ratio_ci95), (pa, pa_ci95)] = self.final_fit.beside_reference()?;
+        Some(ReferenceResult {
+            session: reference.name.clone(),
+            modulus_kpa: Estimate { value: 1e-3 * pa, ci95: pa_ci95.map(|end| 1e-3 * end) },
+            modulus_ratio: Estimate { value: ratio, ci95: averaged.ratio().unwrap_or(ratio_ci95) },
+        })
+    }
+
+    /// The final fit with all that explain the data as well.
+    fn averaged(&self) -> Averaged<'_> {
+        match self.verdict {
+            Verdict::Named | Verdict::Ambiguous => Averaged::over(self.final_fit, &self.found.members),
+            Verdict::Adequate | Verdict::Unexplained => Averaged::single(self.final_fit),
+        }
+    }
+
+    fn effect(&self, member: &Member, averaged: &Averaged<'_>) -> FoundEffect {
+        let fitted = &self.found.fitted;
+        let effect = fitted.layout.effects[member.index];
+        let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
+            let (value, own) = fitted.estimate(member.index, number);
+            let ci95 = averaged.parameter(effect, number).unwrap_or(own);
+            (info.name.to_owned(), Estimate { value, ci95 })
+        });
+        FoundEffect {
+            id: effect.id().to_owned(),
+            parameters: parameters.collect(),
+            log_evidence_gain: member.gain,
+            class: member.class.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
+        }
+    }
+
+    /// What improves the fit without explaining the larger part of the gap: what the search added, else its leaders.
+    fn partial(&self) -> Vec<String> {
+        let members = &self.found.members;
+        if !members.is_empty() {
+            let effects = &self.found.fitted.layout.effects;
+            return members.iter().map(|member| effects[member.index].id().to_owned()).collect();
+        }
+        let strong = self.found.first.iter().filter(|candidate| candidate.gain() > self.found.margin);
+        strong.take(PARTIAL).map(|candidate| candidate.id().to_owned()).collect()
+    }
+
+    /// The effects of the starting model as the final fit has them.
+    fn given_effects(&self, final_fit: &Fitted) -> Vec<FoundEffect> {
+        let of = |(index, (effect, _)): (usize, &(&'static dyn Effect, Vec<f64>))| {
+            let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {
+                let (value, ci95) = final_fit.estimate(index, number);
+                (info.name.to_owned(), Estimate { value, ci95 })
+            });
+            FoundEffect {
+                id: effect.id().to_owned(),
+                parameters: parameters.collect(),
+                log_evidence_gain: f64::NAN,
+                class: vec![effect.id().to_owned()],
+            }
+        };
+        self.options.given.iter().enumerate().map(of).collect()
+    }
+
+    fn noise_result(&self) -> BTreeMap<String, f64> {
+        let [lateral, insertion] = self.start.layout.kinds;
+        let noise = self.noise;
+        let mut sds = BTreeMap::new();
+        if lateral {
+            sds.insert("force_n".to_owned(), noise.force.sd());
+            sds.insert("displacement_mm".to_owned(), 1e3 * noise.displacement.sd());
+            sds.insert("shape_mm".to_owned(), 1e3 * noise.shape.sd());
+        }
+        if insertion {
+            sds.insert("tip_mm".to_owned(), 1e3 * noise.tip.sd());
+            let directions = [Channel::TipDirectionY, Channel::TipDirectionX];
+            if self.all.iter().flat_map(|run| &run.data).any(|datum| directions.contains(&datum.channel)) {
+                sds.insert("tip_direction_mrad".to_owned(), 1e3 * noise.direction.sd());
+            }
+        }
+        sds
+    }
+
+    /// What this session could not do, and what would.
+    fn limits(&self) -> Vec<String> {
+        let lateral: Vec<&Run> = self.all.iter().filter(|run| run.kind == Kind::Lateral).collect();
+        let mut limits = Vec::new();
+        if self.held_out == 0 {
+            limits.push(
+                "nothing could be held out, so nothing is named: repeat the run, or take a staircase with several holds".to_owned(),
+            );
+        } else if lateral.len() == 1 && self.held_out == 1 {
+            limits.push(
+                "there is one lateral run: holds of it were held out; a repeat would be a better proof"
+                    .to_owned(),
+            );
+        }
+        if !lateral.is_empty() {
+            let depths = |m: &Run| (m.depth_m / 1e-3).round() as i64;
+            if lateral.iter().all(|run| depths(run) == depths(lateral[0])) {
+                limits.push("all lateral runs are at one depth: what varies with depth is hard to tell; take two more depths".to_owned());
+            }
+            if lateral.iter().all(|run| run.axis == lateral[0].axis) {
+                limits.push("all lateral runs are along one axis: anisotropy and crosstalk need a run along the other".to_owned());
+            }
+            let levels = lateral.iter().flat_map(|run| &run.data).filter(|d| d.place.hold_s.is_some());
+            let mut levels: Vec<i64> =
+                levels.map(|d| (d.place.level_m / 0.1e-3).round() as i64).filter(|l| *l != 0).collect();
+            levels.sort_unstable();
+            levels.dedup();
+            if levels.len() < 2 {
+                limits.push("there is one level: stiffening, backlash and offsets need several, on both sides of zero".to_owned());
+            }
+        }
+        limits
+    }
+}
+
+impl Diagnosis {
+    /// The model with what was added, as a file has it.
+    pub fn model(&self) -> ModelFile {
+        let pa = |kpa: f64| 1e3 * kpa;
+        let effects = self.given_effects.iter().chain(&self.effects);
+        ModelFile {
+            learned_from: self.session.clone(),
+            modulus_pa: Some(pa(self.k_kpa)),
+            modulus_ci95_pa: Some(self.k_ci95_kpa.map(pa)),
+            support: self.foundation.poisson.map(|poisson| Support::Body { poisson }),
+            youngs_pa: self.foundation.youngs_modulus_kpa.map(|found| pa(found.value)),
+            youngs_ci95_pa: self.foundation.youngs_modulus_kpa.map(|found| found.ci95.map(pa)),
+            tip_load_n: self.tip_load_n,
+            tip_load_ci95_n: self.tip_load_ci95_n,
+            discrepancy: self.multiples.clone(),
+            effects: effects
+                .filter_map(|found| {
+                    let effect = effect(&found.id)?;
+                    let estimates: Vec<&Estimate> = effect
+                        .parameters()
+                        .iter()
+                        .filter_map(|info| found.parameters.get(info.name))
+                        .collect();
+                    Some(LearnedEffect {
+                        effect,
+                        values: estimates.iter().map(|estimate| estimate.value).collect(),
+                        ci95: estimates.iter().map(|estimate| Some(estimate.ci95)).collect(),
+                        log_evidence_gain: Some(found.log_evidence_gain).filter(|gain| gain.is_finite()),
+                    })
+                })
+                .collect(),
+        }
+    }
+}
+
+pub(super) fn region(region: &Region) -> RegionResult {
+    RegionResult {
+        channel: region.channel.name().to_owned(),
+        coordinate: region.coordinate.to_owned(),
+        from: region.from,
+        to: region.to,
+        mean_residual: region.channel.per_si() * region.mean,
+        changes_sign_with_level: region.is_odd,
+        unit: region.channel.unit().to_owned(),
+        sigma: region.sigma.abs(),
+    }
+}
+
+fn adequacy_result(adequacy: &Adequacy) -> AdequacyResult {
+    let channels = adequacy.channels.iter();
+    AdequacyResult {
+        chi_square: adequacy.noise.chi_square,
+        functions: adequacy.noise.functions,
+        p: adequacy.noise.p,
+        p_beside_everyday_discrepancy: adequacy.everyday.p,
+        channels: channels.map(|(channel, sum, n)| (channel.name().to_owned(), sum / *n as f64)).collect(),
+    }
+}

@@ -1,0 +1,280 @@
+//! The workflow on blind sessions: a small part of what `cargo xtask study diagnose` does.
+
+use super::*;
+use mechanics::effects::effect;
+use worlds::{Design, Foreign, LateralPlan, Truth, session};
+
+fn truth(effects: Vec<(&'static str, Vec<f64>)>) -> Truth {
+    Truth { k_kpa: 12.0, tip_load_n: 0.2, effects, foreign: None }
+}
+
+fn diagnosed(truth: &Truth, design: &Design, seed: u64) -> Diagnosis {
+    diagnose(&session(truth, design, seed), &Options::default(), |_| {}).expect("a diagnosis")
+}
+
+#[track_caller]
+fn assert_named(found: &Diagnosis, id: &str, values: &[f64]) {
+    let ids: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
+    assert_eq!((found.verdict, ids.as_slice()), (Verdict::Named, [id].as_slice()), "{found:#?}");
+    let effect = effect(id).expect("an effect");
+    for (info, value) in effect.parameters().iter().zip(values) {
+        let Estimate { ci95: [low, high], .. } = found.effects[0].parameters[info.name];
+        // Twice as wide as the interval: nearly all truths lie in it.
+        let half = 0.5 * (high - low);
+        assert!((low - half..=high + half).contains(value), "{id} {}: {low} to {high}", info.name);
+    }
+    let gap = found.gap.as_ref().expect("a gap");
+    assert!(gap.after.chi2_reduced < 1.2, "{gap:?}");
+    assert!(gap.removed.is_none_or(|removed| removed > 0.9), "{gap:?}");
+}
+
+#[test]
+fn a_session_that_lacks_nothing_is_adequate() {
+    for (design, seed) in [(Design::four_runs(), 1), (Design::nine_runs(), 2)] {
+        let found = diagnosed(&truth(vec![]), &design, seed);
+        assert_eq!(found.verdict, Verdict::Adequate, "{found:#?}");
+        assert!(found.effects.is_empty() && found.next_measurement.is_none());
+        let [low, high] = found.k_ci95_kpa;
+        assert!((low - 0.1..=high + 0.1).contains(&12.0), "{low} to {high}");
+        assert!((0.7..1.3).contains(&found.gap.expect("a gap").before.chi2_reduced));
+    }
+}
+
+#[test]
+fn effects_of_every_family_are_named() {
+    for (id, values) in [
+        ("tissue.stiffening", vec![0.5]),
+        ("rig.backlash", vec![0.06]),
+        ("sensor.delay", vec![0.12]),
+        ("needle.prebend", vec![0.1, -0.05]),
+    ] {
+        assert_named(&diagnosed(&truth(vec![(id, values.clone())]), &Design::four_runs(), 3), id, &values);
+    }
+}
+
+#[test]
+fn the_diagnosis_does_not_depend_on_the_number_of_threads() {
+    let session = session(&truth(vec![("rig.backlash", vec![0.06])]), &Design::four_runs(), 3);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        // Written out, numbers differ where any of their bits does.
+        pool.install(|| {
+            format!("{:?}", diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis"))
+        })
+    };
+    assert_eq!(on(1), on(4));
+}
+
+#[test]
+fn an_effect_of_the_tip_is_named_beside_lateral_runs() {
+    let values = vec![0.02];
+    let found = diagnosed(&truth(vec![("tip.rate", values.clone())]), &Design::insertions(), 4);
+    assert_named(&found, "tip.rate", &values);
+    let [low, high] = found.tip_load_ci95_n.expect("a tip load");
+    assert!(low < 0.21 && high > 0.19, "{low} to {high}");
+}
+
+#[test]
+fn look_alikes_are_a_class_and_a_known_weight_tells_them_apart() {
+    let found = diagnosed(&truth(vec![("needle.stiffness", vec![0.2])]), &Design::four_runs(), 5);
+    assert_eq!(found.verdict, Verdict::Ambiguous, "{found:#?}");
+    let mut class = found.effects[0].class.clone();
+    class.sort();
+    assert_eq!(class, ["needle.stiffness", "sensor.force_gain"]);
+    assert_eq!(found.next_measurement.expect("a measurement").kind, "known_weight");
+}
+
+#[test]
+fn two_effects_are_both_named() {
+    let both = vec![("tissue.skin", vec![0.25]), ("rig.friction", vec![0.05])];
+    let found = diagnosed(&truth(both), &Design::four_runs(), 6);
+    let mut ids: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
+    ids.sort_unstable();
+    assert_eq!(ids, ["rig.friction", "tissue.skin"]);
+    // Layers stand for a skin where little else tells them apart.
+    let others = |effect: &FoundEffect| {
+        effect.class.iter().filter(|id| **id != effect.id).cloned().collect::<Vec<_>>()
+    };
+    let all: Vec<String> = found.effects.iter().flat_map(others).collect();
+    assert!(all.iter().all(|id| id.starts_with("tissue.")), "{all:?}");
+}
+
+#[test]
+fn what_has_no_name_is_not_named() {
+    for foreign in [Foreign::SinusoidalDrift, Foreign::OneSidedTissue] {
+        let hidden = Truth { foreign: Some(foreign), ..truth(vec![]) };
+        let found = diagnosed(&hidden, &Design::four_runs(), 7);
+        assert_eq!((found.verdict, found.effects.len()), (Verdict::Unexplained, 0), "{found:#?}");
+        assert!(!found.regions.is_empty() && !found.discrepancy.is_empty());
+    }
+}
+
+/// One level held once: nothing to prove anything on, so nothing is named, and what to do is said.
+#[test]
+fn a_session_that_cannot_serve_says_so() {
+    let plan = LateralPlan {
+        id: "only".to_owned(),
+        depth_mm: 30.0,
+        axis: 0,
+        levels_mm: vec![1.0],
+        hold_s: 3.0,
+        ramp_mm_per_s: 1.0,
+    };
+    let design = Design { lateral: vec![plan], ..Design::four_runs() };
+    let found = diagnosed(&truth(vec![("rig.backlash", vec![0.12])]), &design, 8);
+    assert!(found.effects.is_empty() && found.gap.is_none(), "{found:#?}");
+    assert!(found.limits.iter().any(|limit| limit.contains("repeat")), "{:?}", found.limits);
+    assert!(found.limits.iter().any(|limit| limit.contains("one depth")) && !found.not_told.is_empty());
+}
+
+/// Whatever the held-out runs hold, no fit, size, score or margin depends on it; a name may be refused for it, never given.
+#[test]
+fn held_out_runs_refuse_names_and_change_nothing_else() {
+    let session = session(&truth(vec![("rig.friction", vec![0.1])]), &Design::four_runs(), 9);
+    let plain = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+    let held = plain.gap.as_ref().expect("a gap").heldout_runs.clone();
+    let mut other = session.clone();
+    for run in other.lateral.iter_mut().filter(|run| held.contains(&run.id)) {
+        run.force.force_y_n.iter_mut().for_each(|force_n| *force_n = 0.3 - *force_n);
+        run.shape.y_m.iter_mut().for_each(|u_m| *u_m *= 2.0);
+    }
+    let spoilt = diagnose(&other, &Options::default(), |_| {}).expect("a diagnosis");
+    assert_ne!(plain.gap, spoilt.gap);
+    let same = |d: &Diagnosis| {
+        let ranking: Vec<_> = d.ranking.iter().map(|r| (r.id.clone(), r.log_evidence_gain)).collect();
+        (d.regions.clone(), d.margin, d.noise.clone(), ranking, d.adequacy[0].clone())
+    };
+    assert_eq!(same(&plain), same(&spoilt));
+    assert_eq!((plain.verdict, spoilt.verdict), (Verdict::Named, Verdict::Unexplained));
+}
+
+/// The augmented model explains the session, and the file holds it.
+#[test]
+fn a_model_with_the_effect_is_adequate() {
+    let session = session(&truth(vec![("tissue.relaxation", vec![0.35, 1.5])]), &Design::four_runs(), 10);
+    let first = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+    assert_named(&first, "tissue.relaxation", &[0.35, 1.5]);
+    let options = Options { given: first.model().effects(), ..Options::default() };
+    let second = diagnose(&session, &options, |_| {}).expect("a diagnosis");
+    assert_eq!(
+        (second.verdict, second.given.as_slice()),
+        (Verdict::Adequate, ["tissue.relaxation".to_owned()].as_slice())
+    );
+    assert!((second.k_kpa / first.k_kpa - 1.0).abs() < 0.01);
+    assert_eq!(second.model().effects.len(), 1);
+}
+
+/// Noise that is partly correlated is recovered from holds and sweeps, and raised to what is stated.
+#[test]
+fn noise_is_estimated_from_the_scatter() {
+    let mut design = Design::nine_runs();
+    design.noise.stated = false;
+    let session = session(&truth(vec![]), &design, 11);
+    let (runs, _) = runs_of(&session).expect("runs");
+    let noise = Noise::of(&runs, &session.noise);
+    assert!((noise.force.sd() / 0.02 - 1.0).abs() < 0.1, "{noise:?}");
+    assert!((0.3..0.8).contains(&(noise.force.correlated / noise.force.sd().powi(2))), "{noise:?}");
+    assert!((noise.displacement.sd() / 10e-6 - 1.0).abs() < 0.1, "{noise:?}");
+    assert!((noise.shape.sd() / 24.7e-6 - 1.0).abs() < 0.15, "{noise:?}");
+    let stated = formats::session::Noise { shape_m: Some(30e-6), ..session.noise };
+    assert!((Noise::of(&runs, &stated).shape.sd() / 30e-6 - 1.0).abs() < 1e-6);
+}
+
+/// What two sessions share, even if it has no name, is no effect of one of them; what they do not share is.
+#[test]
+fn beside_a_reference_only_what_differs_is_named() {
+    let shared =
+        |k_kpa: f64, effects| Truth { k_kpa, foreign: Some(Foreign::OneSidedTissue), ..truth(effects) };
+    let design = Design::four_runs();
+    let reference = session(&shared(12.0, vec![]), &design, 15);
+    let against = |session: &Session| {
+        let options = Options { reference: Some(reference.clone()), ..Options::default() };
+        diagnose(session, &options, |_| {}).expect("a diagnosis")
+    };
+    let same = against(&session(&shared(15.0, vec![]), &design, 16));
+    assert!(same.effects.is_empty(), "{same:#?}");
+    let ratio = same.reference.expect("a reference").modulus_ratio;
+    assert!(ratio.ci95[0] < 1.25 && ratio.ci95[1] > 1.25 && ratio.ci95[1] - ratio.ci95[0] < 0.1, "{ratio:?}");
+    let other = session(&shared(15.0, vec![("rig.backlash", vec![0.08])]), &design, 17);
+    let found = against(&other);
+    let ids: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
+    assert_eq!(ids, ["rig.backlash"], "{found:#?}");
+    let backlash = found.effects[0].parameters["clearance_mm"];
+    assert!(backlash.ci95[0] < 0.08 && backlash.ci95[1] > 0.08, "{backlash:?}");
+}
+
+#[test]
+fn a_session_without_runs_is_an_error() {
+    let mut empty = session(&truth(vec![]), &Design::four_runs(), 12);
+    empty.lateral.clear();
+    assert!(matches!(diagnose(&empty, &Options::default(), |_| {}), Err(DiagnoseError::NoRuns { .. })));
+}
+
+#[test]
+fn independent_residuals_go_back_to_what_they_were() {
+    let session = session(&truth(vec![]), &Design::insertions(), 13);
+    let (runs, _) = runs_of(&session).expect("runs");
+    let noise = Noise::of(&runs, &session.noise);
+    let layout = Layout::new(&session.rig, &runs, Vec::new());
+    for run in &runs {
+        let model = layout.model(&layout.first_values(), run.kind).expect("a model");
+        let whitener = Whitener::new(run, &noise, &model).expect("regular");
+        let plain: Vec<f64> = run.data.iter().map(|datum| datum.measured).collect();
+        let mut there_and_back = plain.clone();
+        whitener.apply(&mut there_and_back);
+        whitener.undo(&mut there_and_back);
+        let largest = plain.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+        for (a, b) in plain.iter().zip(&there_and_back) {
+            assert!((a - b).abs() < 1e-9 * largest, "{} {a} {b}", run.id);
+        }
+    }
+}
+
+/// A pattern that is the same in every sweep is misfit, not noise; so is a scatter that nobody stated.
+#[test]
+fn what_repeats_is_misfit_and_unstated_scatter_is_warned_of() {
+    let mut session = session(&truth(vec![]), &Design::nine_runs(), 14);
+    for run in &mut session.lateral {
+        for (z_m, y_m) in run.shape.z_m.iter().zip(&mut run.shape.y_m) {
+            *y_m += 0.12e-3 * (std::f64::consts::TAU * z_m / 8e-3).sin();
+        }
+    }
+    let (runs, _) = runs_of(&session).expect("runs");
+    let stated = formats::session::Noise { shape_m: Some(24.7e-6), ..session.noise };
+    let (noise, disagreements) = Noise::with_disagreements(&runs, &stated);
+    assert!(noise.shape.sd() < 1.25 * 24.7e-6, "{noise:?}");
+    assert!(disagreements.is_empty(), "{disagreements:?}");
+    let stated = formats::session::Noise { shape_m: Some(10e-6), ..session.noise };
+    let (_, disagreements) = Noise::with_disagreements(&runs, &stated);
+    assert_eq!(disagreements.len(), 1, "{disagreements:?}");
+    assert!(disagreements[0].starts_with("noise of the shape: 0.010 mm is stated"), "{disagreements:?}");
+    // The wobble is there all the same.
+    let found = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+    assert_ne!(found.remaining.size, RemainingSize::WithinNoise, "{found:#?}");
+    assert!(found.effects.is_empty(), "{found:#?}");
+}
+
+/// A model file may say of every imperfection whose size is found how large it is, and of nothing else.
+#[test]
+fn imperfections_of_a_model_file_are_those_of_the_fits() {
+    let design = Design { insertion: Design::insertions().insertion, ..Design::nine_runs() };
+    let session = session(&truth(vec![]), &design, 2);
+    let (runs, _) = runs_of(&session).expect("runs");
+    let noise = Noise::of(&runs, &session.noise);
+    let layout = Layout::new(&session.rig, &runs, Vec::new());
+    let noises = Noises { session: noise, reference: noise };
+    let start = |multiples: &Multiples| fit_start(&layout, &runs, &noises, &[], multiples).expect("a fit");
+    let plain = start(&Multiples::new());
+    let found = plain.patterns.groups.iter().filter(|group| group.tail.is_some());
+    let names: Vec<&str> = found.map(|group| group.name).collect();
+    assert!(names.iter().all(|name| DISCREPANCY_NAMES.contains(name)), "{names:?}");
+    // Directions are not measured in this session.
+    let expected = DISCREPANCY_NAMES.iter().filter(|name| !name.contains("direction"));
+    let missing: Vec<_> = expected.filter(|name| !names.contains(name)).collect();
+    assert!(missing.is_empty(), "{missing:?}");
+
+    // A rig of which more is known to be off determines the modulus less well.
+    let wider = start(&DISCREPANCY_NAMES.iter().map(|name| ((*name).to_owned(), 5.0)).collect());
+    assert!(wider.fitted.sd(0) > 1.2 * plain.fitted.sd(0));
+    assert!(wider.patterns.groups.iter().all(|group| group.multiple == 5.0 || group.tail.is_none()));
+}

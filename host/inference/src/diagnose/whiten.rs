@@ -1,0 +1,254 @@
+//! Residuals of one run made independent, with unit variance.
+//!
+//! The covariance of a run's numbers has blocks (forces of a plane; one sweep; one path) from the sensors' noise, and a few patterns
+//! on top: where guide 2 stands in a hold is known only as well as the mean of its readings, and moves force and shape of that hold
+//! together; a tip sensor's zero is not known exactly. With `C = L L^T + V V^T` and the
+//! singular values s of `L^-1 V = U S W^T`, the residual r becomes `x - U (1 - 1/sqrt(1 + s^2)) U^T x`, `x = L^-1 r`.
+
+use super::data::{Channel, Run, Source};
+use super::noise::Noise;
+use mechanics::{Experiment, Model, ModelError, Plane};
+use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
+
+/// Uncertainty of a tip sensor's zero.
+const TIP_ZERO_SD_M: f64 = 1e-3;
+/// No actuator's reading is right to better than this, however long it is averaged.
+const PLACE_SD_M: f64 = 3e-6;
+/// Correlations over more memories than this are none.
+const REACH: f64 = 8.0;
+
+/// What makes a run's residuals independent.
+#[derive(Debug, Clone)]
+pub(super) struct Whitener {
+    /// Where a block lies, and the lower triangle of its factor, row after row, with the inverse of the diagonal.
+    blocks: Vec<(Range<usize>, Vec<f64>)>,
+    patterns: DMatrix<f64>,
+    shrink: DVector<f64>,
+}
+
+/// What a displacement of guide 2 does, per plane: force and shape of the plain model.
+struct Slopes {
+    force_n_per_m: [f64; 2],
+    shape: Vec<[f64; 2]>,
+}
+
+impl Whitener {
+    /// For a run, given about the model that is to be expected of it.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn new(run: &Run, noise: &Noise, model: &Model) -> Result<Self, ModelError> {
+        let slopes = slopes(run, model)?;
+        let mut blocks = Vec::new();
+        let mut start = 0;
+        while start < run.data.len() {
+            let first = &run.data[start];
+            let is_shape = matches!(first.source, Source::Shape(_));
+            let end = start
+                + run.data[start..]
+                    .iter()
+                    .take_while(|d| d.channel == first.channel && (!is_shape || d.part == first.part))
+                    .count();
+            let covariance = block(run, start..end, noise, &slopes);
+            let factor = covariance.cholesky().ok_or(ModelError::Singular)?.unpack();
+            let row = |i: usize| (0..i).map(move |j| (i, j)).chain([(i, i)]);
+            let entry = |(i, j): (usize, usize)| if i == j { 1.0 / factor[(i, i)] } else { factor[(i, j)] };
+            blocks.push((start..end, (0..end - start).flat_map(row).map(entry).collect()));
+            start = end;
+        }
+        let mut whitener =
+            Self { blocks, patterns: DMatrix::zeros(run.data.len(), 0), shrink: DVector::zeros(0) };
+        let columns = patterns(run, noise, &slopes);
+        let columns: Vec<DVector<f64>> = columns
+            .into_iter()
+            .map(|mut column| {
+                whitener.apply(&mut column);
+                DVector::from_vec(column)
+            })
+            .collect();
+        if !columns.is_empty() {
+            let columns = DMatrix::from_columns(&columns);
+            let eigen = (columns.transpose() * &columns).symmetric_eigen();
+            let kept: Vec<usize> =
+                (0..eigen.eigenvalues.len()).filter(|i| eigen.eigenvalues[*i] > 1e-12).collect();
+            let squares = kept.iter().map(|i| eigen.eigenvalues[*i]);
+            whitener.shrink =
+                DVector::from_iterator(kept.len(), squares.map(|square| 1.0 - 1.0 / (1.0 + square).sqrt()));
+            let unit: Vec<DVector<f64>> = kept
+                .iter()
+                .map(|i| &columns * eigen.eigenvectors.column(*i) / eigen.eigenvalues[*i].sqrt())
+                .collect();
+            if !unit.is_empty() {
+                whitener.patterns = DMatrix::from_columns(&unit);
+            }
+        }
+        Ok(whitener)
+    }
+
+    /// Residuals in SI become independent with unit variance, in place.
+    pub fn apply(&self, residuals: &mut [f64]) {
+        for (range, rows) in &self.blocks {
+            // Forward substitution.
+            let part = &mut residuals[range.clone()];
+            let mut start = 0;
+            for i in 0..part.len() {
+                let row = &rows[start..start + i];
+                let known: f64 = row.iter().zip(&part[..i]).map(|(l, x)| l * x).sum();
+                part[i] = (part[i] - known) * rows[start + i];
+                start += i + 1;
+            }
+        }
+        for (pattern, shrink) in self.patterns.column_iter().zip(self.shrink.iter()) {
+            let along: f64 = pattern.iter().zip(residuals.iter()).map(|(p, x)| p * x).sum();
+            residuals.iter_mut().zip(pattern.iter()).for_each(|(x, p)| *x -= shrink * along * p);
+        }
+    }
+
+    /// The reverse of [`Whitener::apply`].
+    pub fn undo(&self, residuals: &mut [f64]) {
+        for (pattern, shrink) in self.patterns.column_iter().zip(self.shrink.iter()) {
+            let along: f64 = pattern.iter().zip(residuals.iter()).map(|(p, x)| p * x).sum();
+            let back = shrink / (1.0 - shrink) * along;
+            residuals.iter_mut().zip(pattern.iter()).for_each(|(x, p)| *x += back * p);
+        }
+        for (range, rows) in &self.blocks {
+            let part = &mut residuals[range.clone()];
+            let mut start = rows.len();
+            for i in (0..part.len()).rev() {
+                start -= i + 1;
+                let before: f64 = rows[start..start + i].iter().zip(&part[..i]).map(|(l, x)| l * x).sum();
+                part[i] = part[i] / rows[start + i] + before;
+            }
+        }
+    }
+}
+
+fn slopes(run: &Run, model: &Model) -> Result<Slopes, ModelError> {
+    let Experiment::Lateral(lateral) = &run.experiment else {
+        return Ok(Slopes { force_n_per_m: [0.0; 2], shape: Vec::new() });
+    };
+    let beam = |plane: Plane| model.problem_in(plane, lateral.depth_m)?.solve();
+    let beams = [beam(Plane::Y)?, beam(Plane::X)?];
+    let at = |z_m: f64| beams.each_ref().map(|beam| beam.deflection_m(1.0, z_m));
+    Ok(Slopes {
+        force_n_per_m: beams.each_ref().map(|beam| beam.lateral_stiffness_n_per_m()),
+        shape: lateral.shape.iter().map(|point| at(point.z_m)).collect(),
+    })
+}
+
+/// Covariance of the sensors' noise among numbers of one channel.
+fn block(run: &Run, range: Range<usize>, noise: &Noise, slopes: &Slopes) -> DMatrix<f64> {
+    let data = &run.data[range];
+    let n = data.len();
+    let plane = data.first().map_or(0, |d| d.channel.plane());
+    DMatrix::from_fn(n, n, |i, j| {
+        if j > i {
+            return 0.0;
+        }
+        match (&data[i].source, &data[j].source) {
+            (Source::Force(a), Source::Force(b)) => {
+                let times_s = &run.cells.time_s;
+                let (first, last) = (times_s[a[0]], times_s[b[b.len() - 1]]);
+                let mut sum = 0.0;
+                if i == j || first - last < REACH * noise.force.memory {
+                    for p in a {
+                        for q in b {
+                            sum += noise.force.covariance(times_s[*p] - times_s[*q]);
+                        }
+                    }
+                }
+                let mut covariance = sum / (a.len() * b.len()) as f64;
+                if data[i].part == data[j].part {
+                    covariance += noise.force.lasting;
+                }
+                if i == j {
+                    covariance += noise.force.white / a.len() as f64;
+                    if data[i].place.hold_s.is_none() {
+                        // On the way guide 2 is where its sensor says, reading by reading.
+                        let read = noise.displacement.white + noise.displacement.correlated;
+                        covariance += slopes.force_n_per_m[plane].powi(2) * read / a.len() as f64;
+                    }
+                }
+                covariance
+            }
+            (Source::Shape(_), Source::Shape(_)) => {
+                along_line(&noise.shape, data[i].place.depth_m - data[j].place.depth_m, i == j)
+            }
+            (Source::Tip(_), Source::Tip(_)) => {
+                along_line(&noise.tip, data[i].place.depth_m - data[j].place.depth_m, i == j)
+            }
+            (Source::Direction(_), Source::Direction(_)) => {
+                along_line(&noise.direction, data[i].place.depth_m - data[j].place.depth_m, i == j)
+            }
+            _ => 0.0,
+        }
+    })
+    .map_with_upper()
+}
+
+/// Fills the upper triangle from the lower one.
+trait Symmetric {
+    fn map_with_upper(self) -> Self;
+}
+
+impl Symmetric for DMatrix<f64> {
+    fn map_with_upper(mut self) -> Self {
+        self.fill_upper_triangle_with_lower_triangle();
+        self
+    }
+}
+
+fn along_line(sensor: &super::noise::Sensor, apart_m: f64, same: bool) -> f64 {
+    sensor.covariance(apart_m) + sensor.lasting + if same { sensor.white } else { 0.0 }
+}
+
+/// What moves many numbers together, one standard deviation of each.
+fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
+    let mut patterns = Vec::new();
+    match &run.experiment {
+        Experiment::Lateral(_) => {
+            for plane in 0..2 {
+                for part in 0..run.parts() {
+                    let (count, length_s) = hold_size(run, part);
+                    let sd_m = noise.displacement.of_mean(count, length_s).sqrt().hypot(PLACE_SD_M);
+                    let moved = |d: &super::data::Datum| {
+                        let here = d.part == part && d.channel.plane() == plane && d.place.hold_s.is_some();
+                        match &d.source {
+                            _ if !here => 0.0,
+                            Source::Force(_) => sd_m * slopes.force_n_per_m[plane],
+                            Source::Shape(point) => sd_m * slopes.shape[*point][plane],
+                            Source::Tip(_) | Source::Direction(_) => 0.0,
+                        }
+                    };
+                    let pattern: Vec<f64> = run.data.iter().map(moved).collect();
+                    if pattern.iter().any(|v| *v != 0.0) {
+                        patterns.push(pattern);
+                    }
+                }
+            }
+        }
+        _ => {
+            for channel in [Channel::TipY, Channel::TipX] {
+                let of = |value: &dyn Fn(usize) -> f64| -> Vec<f64> {
+                    let one = |d: &super::data::Datum| match d.source {
+                        Source::Tip(index) if d.channel == channel => value(index),
+                        _ => 0.0,
+                    };
+                    run.data.iter().map(one).collect()
+                };
+                if run.data.iter().any(|d| d.channel == channel) {
+                    patterns.push(of(&|_| TIP_ZERO_SD_M));
+                }
+            }
+        }
+    }
+    patterns
+}
+
+/// Readings of a hold and its length.
+fn hold_size(run: &Run, part: usize) -> (usize, f64) {
+    let of_hold = || run.cells.time_s.iter().zip(&run.cells.hold).filter(|(_, hold)| **hold == Some(part));
+    let length_s = of_hold().next_back().zip(of_hold().next()).map_or(0.0, |((b, _), (a, _))| b - a);
+    (of_hold().count(), length_s)
+}

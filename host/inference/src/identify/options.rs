@@ -1,0 +1,135 @@
+//! What the user may choose in an identification.
+
+use super::FoundationChoice;
+use crate::diagnose::{INCOMPRESSIBLE, Multiples};
+use crate::levels::HoldCriteria;
+use crate::modulus::Relation;
+use formats::session::Session;
+use mechanics::Support;
+use mechanics::continuum::Contact;
+use mechanics::effects::Effect;
+
+/// How Young's modulus is had from K.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum YoungsBy {
+    /// By a published formula.
+    Published(Relation),
+    /// By the needle in an elastic half space, solved for this needle, rig, depth and noise.
+    Continuum(Contact),
+}
+
+impl YoungsBy {
+    /// Every way there is.
+    pub const ALL: [Self; 6] = [
+        Self::Continuum(Contact::Bonded),
+        Self::Continuum(Contact::OneSided),
+        Self::Published(Relation::ALL[0]),
+        Self::Published(Relation::ALL[1]),
+        Self::Published(Relation::ALL[2]),
+        Self::Published(Relation::ALL[3]),
+    ];
+
+    /// Its name in results and options.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Published(relation) => relation.name(),
+            Self::Continuum(Contact::Bonded) => "continuum",
+            Self::Continuum(Contact::OneSided) => "continuum-one-sided",
+        }
+    }
+
+    /// What it holds for.
+    pub fn validity(self) -> &'static str {
+        match self {
+            Self::Published(relation) => relation.validity(),
+            Self::Continuum(Contact::Bonded) => "this needle bonded in an elastic half space, small strains",
+            Self::Continuum(Contact::OneSided) => {
+                "this needle held on one side only, without friction, in a hole of its own diameter"
+            }
+        }
+    }
+}
+
+/// What the user may choose.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Relation that turns K into Young's modulus.
+    pub relation: YoungsBy,
+    /// Poisson's ratio of the tissue; without it the session's, or 0.5.
+    pub poisson: Option<f64>,
+    /// Its standard deviation, which widens the interval of Young's modulus; without it the session's, or 0.
+    pub poisson_sd: Option<f64>,
+    /// What the tissue is modelled as; without it what the session states, or what the evidence decides for.
+    pub foundation: Option<FoundationChoice>,
+    /// What counts as a hold.
+    pub criteria: HoldCriteria,
+    /// Effects whose parameters are unknown too, with their priors: the interval of K then includes them.
+    pub nuisances: Vec<&'static dyn Effect>,
+    /// Effects that are part of the model, with the values of their parameters.
+    pub fixed: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
+    pub discrepancy: Multiples,
+    /// Whether intervals have the model error in them; without it they are those of the noise, as if the model were exact.
+    pub model_error: bool,
+    /// Fit two layers to the runs of all depths.
+    pub layers: bool,
+    /// Profile the likelihood of the pooled K.
+    pub profile: bool,
+    /// Bootstrap the pooled K with so many draws; 0 for none.
+    pub bootstrap: usize,
+    /// Seed of the draws.
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            relation: YoungsBy::Published(Relation::Vesic),
+            poisson: None,
+            poisson_sd: None,
+            foundation: None,
+            criteria: HoldCriteria::default(),
+            nuisances: Vec::new(),
+            fixed: Vec::new(),
+            discrepancy: Multiples::new(),
+            model_error: true,
+            layers: false,
+            profile: false,
+            bootstrap: 0,
+            seed: 1,
+        }
+    }
+}
+
+/// The tissue as it is modelled: what the options say, else what the session states, else the default.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TissueModel {
+    /// Springs, a body, or what the evidence decides for.
+    pub foundation: FoundationChoice,
+    /// Poisson's ratio.
+    pub poisson: f64,
+    /// Its standard deviation.
+    pub poisson_sd: f64,
+}
+
+impl TissueModel {
+    /// For a session.
+    pub fn new(options: &Options, session: &Session) -> Self {
+        let stated = session.tissue;
+        Self {
+            foundation: options.foundation.unwrap_or_else(|| stated.foundation.into()),
+            poisson: options.poisson.or(stated.poisson).unwrap_or(INCOMPRESSIBLE),
+            poisson_sd: options.poisson_sd.or(stated.poisson_sd).unwrap_or(0.0),
+        }
+    }
+
+    /// The tissue as an elastic body.
+    pub fn body(&self) -> Support {
+        Support::Body { poisson: self.poisson }
+    }
+
+    /// The same with a Poisson's ratio one standard deviation away; nothing where it is exactly known.
+    pub fn other_body(&self) -> Option<Support> {
+        self.body().one_sd_away(self.poisson_sd)
+    }
+}

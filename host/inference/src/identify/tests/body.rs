@@ -1,0 +1,109 @@
+//! Sessions of an elastic body: which foundation is used, and Young's modulus by every way there is.
+
+use super::*;
+use formats::model_file::ModelFile;
+use formats::session::{FoundationKind, Noise as Stated, Tissue};
+use mechanics::Support;
+use mechanics::continuum::Contact;
+use simulation::simulate::{Axis, LateralPlan, Sensors, SimulationPlan, SweepLevels};
+
+const YOUNGS_KPA: f64 = 20.0;
+
+/// Two runs at each depth, noise stated.
+fn on(model: ModelFile, depths_mm: &[f64], seed: u64) -> Session {
+    let stated = Stated {
+        force_n: Some(0.02),
+        displacement_m: Some(0.01e-3),
+        shape_m: Some(0.025e-3),
+        ..Stated::default()
+    };
+    let plan = |(number, depth_mm): (usize, &f64)| LateralPlan {
+        id: format!("d{depth_mm}-{number}"),
+        depth_m: 1e-3 * depth_mm,
+        axis: Axis::Y,
+        levels_m: vec![0.0, 1.2e-3, 0.0],
+        hold_s: 3.0,
+        ramp_m_per_s: 1e-3,
+        rate_hz: 20.0,
+        sweep_levels: SweepLevels::Extremes,
+        spacing_m: 1e-3,
+    };
+    let lateral = depths_mm.iter().chain(depths_mm).enumerate().map(plan).collect();
+    let plan = SimulationPlan { model, lateral, insertion: Vec::new() };
+    let empty = session(Vec::new());
+    let made = plan.carry_out(&empty.rig, Sensors::new(&stated), seed).expect("simulates");
+    Session { noise: stated, lateral: made.lateral, ..empty }
+}
+
+fn body(poisson: f64) -> ModelFile {
+    ModelFile {
+        support: Some(Support::Body { poisson }),
+        youngs_pa: Some(1e3 * YOUNGS_KPA),
+        ..ModelFile::default()
+    }
+}
+
+fn holds_truth(youngs: &YoungsModulus) -> bool {
+    youngs.ci95.is_some_and(|[low, high]| (low..=high).contains(&YOUNGS_KPA))
+}
+
+#[test]
+fn k_of_several_depths_goes_through_the_relation_of_each() {
+    let session = on(body(0.5), &[20.0, 40.0], 5);
+    let asked = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..on_springs() };
+    let found = identify(&session, &asked).expect("identifies");
+    assert_eq!(found.youngs_modulus_kpa.relation, "continuum");
+    assert!(holds_truth(&found.youngs_modulus_kpa), "{:?}", found.youngs_modulus_kpa);
+    assert!(!found.warnings.iter().any(|what| what.contains("from depth to depth")), "{:?}", found.warnings);
+    // One K for both depths is another matter: springs cannot have one.
+    assert!(found.pooled.heterogeneity.expect("four runs").p < 0.01);
+}
+
+#[test]
+fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
+    let asked = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
+    let found = identify(&on(body(0.5), &[20.0, 40.0], 6), &asked).expect("identifies");
+    let foundation = &found.foundation;
+    let (gain, margin) = (foundation.log_evidence_gain.expect("compared"), foundation.log_evidence_margin);
+    assert_eq!((foundation.used, foundation.by, margin), ("body", "evidence", Some(2.0)));
+    assert!(gain > 2.0 && holds_truth(&found.youngs_modulus_kpa), "{foundation:?}");
+    let sentences = foundation.sentences(&found.pooled, &found.youngs_modulus_kpa).join("; ");
+    assert!(
+        sentences.contains("an elastic body, by evidence") && sentences.contains("as springs: K"),
+        "{sentences}"
+    );
+    let springs = ModelFile { modulus_pa: Some(16e3), ..ModelFile::default() };
+    let found = identify(&on(springs, &[20.0, 40.0], 7), &asked).expect("identifies");
+    assert_eq!(found.foundation.used, "springs", "{:?}", found.foundation);
+    let sentences = found.foundation.sentences(&found.pooled, &found.youngs_modulus_kpa).join("; ");
+    assert!(sentences.contains("as an elastic body: E"), "{sentences}");
+}
+
+#[test]
+fn what_the_session_states_is_used_and_options_go_before_it() {
+    let mut session = on(body(0.45), &[30.0], 8);
+    let identified = |session: &Session, options: &Options| identify(session, options).expect("identifies");
+    let asked =
+        Options { relation: YoungsBy::Continuum(Contact::Bonded), model_error: false, ..Options::default() };
+    session.tissue = Tissue { foundation: Some(FoundationKind::Body), poisson: Some(0.45), poisson_sd: None };
+    let exact = identified(&session, &asked);
+    assert_eq!((exact.foundation.used, exact.foundation.by), ("body", "stated"));
+    assert_eq!(exact.youngs_modulus_kpa.poisson, 0.45);
+    assert!(holds_truth(&exact.youngs_modulus_kpa), "{:?}", exact.youngs_modulus_kpa);
+    session.tissue.poisson_sd = Some(0.05);
+    let width = |found: &Identification| {
+        let [low, high] = found.youngs_modulus_kpa.ci95.expect("an interval");
+        high / low
+    };
+    let loose = identified(&session, &asked);
+    assert!(width(&loose) > 1.01 * width(&exact), "{} {}", width(&loose), width(&exact));
+    let springs = identified(&session, &Options { poisson_sd: Some(0.0), ..asked.clone() });
+    assert!(
+        (width(&springs) / width(&exact) - 1.0).abs() < 1e-9,
+        "what is asked for goes before the session"
+    );
+    let springs = identified(&session, &Options { foundation: Some(FoundationChoice::Springs), ..asked });
+    assert_eq!((springs.foundation.used, springs.youngs_modulus_kpa.relation), ("springs", "continuum"));
+    // Poisson's ratio is in the relation too.
+    assert!(width(&springs) > 1.04, "{}", width(&springs));
+}

@@ -1,0 +1,132 @@
+//! Curves with known modulus, offset and contact point; intervals by Monte Carlo; every way in which data are not what was stated.
+
+use super::*;
+use noise::Noise;
+
+const YOUNGS_PA: f64 = 20e3;
+
+fn contact(indenter: Indenter) -> Contact {
+    Contact { indenter, radius_m: 3e-3, poisson: 0.5, thickness_m: None }
+}
+
+/// Depth from `from_mm` to `to_mm` in 120 rows; Sneddon's and Hertz's laws written out here, times `factor`.
+fn pressed(
+    contact: &Contact,
+    [from_mm, to_mm]: [f64; 2],
+    [contact_mm, offset_n, sd_n]: [f64; 3],
+    factor: impl Fn(f64) -> f64,
+    noise: &mut Noise,
+) -> (Vec<f64>, Vec<f64>) {
+    let modulus_pa = YOUNGS_PA / (1.0 - contact.poisson.powi(2));
+    (0..120)
+        .map(|i| {
+            let depth_m = 1e-3 * (from_mm + (to_mm - from_mm) * f64::from(i) / 119.0);
+            let x_m = (depth_m - 1e-3 * contact_mm).max(0.0);
+            let law = match contact.indenter {
+                Indenter::Flat => 2.0 * contact.radius_m * x_m,
+                Indenter::Sphere => 4.0 / 3.0 * (contact.radius_m * x_m.powi(3)).sqrt(),
+            };
+            (depth_m, offset_n + modulus_pa * law * factor(x_m) + sd_n * noise.normal())
+        })
+        .unzip()
+}
+
+/// Late contact and an offset do not matter, and the interval covers.
+#[test]
+fn modulus_offset_and_contact_are_found_and_covered() {
+    for (indenter, seed) in [(Indenter::Flat, 1), (Indenter::Sphere, 2)] {
+        let contact = contact(indenter);
+        let mut noise = Noise::new(seed);
+        let (mut covered, mut sum) = (0, 0.0);
+        for _ in 0..60 {
+            let contact_mm = 0.5 * noise.uniform();
+            let offset_n = 0.05 * noise.normal();
+            let (depth_m, force_n) =
+                pressed(&contact, [-0.3, 3.0], [contact_mm, offset_n, 0.003], |_| 1.0, &mut noise);
+            let found = indented(&contact, &depth_m, &force_n).expect("a modulus");
+            let [low, high] = found.ci95_pa.expect("an interval");
+            covered += usize::from((low..=high).contains(&YOUNGS_PA));
+            sum += found.youngs_pa / 60.0;
+            let (at_m, zero_n) = (found.contact_m.expect("a contact"), found.offset_n.expect("an offset"));
+            assert!((1e3 * at_m - contact_mm).abs() < 0.12, "{indenter:?}: {at_m} {contact_mm}");
+            assert!((zero_n - offset_n).abs() < 0.006, "{indenter:?}: {zero_n} {offset_n}");
+            assert!(!found.fits_other_form && found.nonlinearity.abs() < 4.0 * found.nonlinearity_se + 0.02);
+        }
+        assert!((sum / YOUNGS_PA - 1.0).abs() < 0.01, "{indenter:?}: {sum}");
+        // 95 % of 60 is 57, with a standard deviation of 1.7.
+        assert!(covered >= 51, "{indenter:?}: {covered} of 60");
+    }
+}
+
+#[test]
+fn a_punch_in_contact_from_the_first_row_needs_no_contact_point() {
+    let contact = contact(Indenter::Flat);
+    let (depth_m, force_n) = pressed(&contact, [0.1, 3.0], [0.0, 0.2, 0.0], |_| 1.0, &mut Noise::new(3));
+    let found = indented(&contact, &depth_m, &force_n).expect("a modulus");
+    assert!((found.youngs_pa / YOUNGS_PA - 1.0).abs() < 1e-9, "{found:?}");
+    assert_eq!((found.contact_m, found.offset_n), (None, None));
+    // What comes back is not used, though the force is less then.
+    let back: Vec<f64> = depth_m.iter().rev().copied().collect();
+    let less: Vec<f64> = force_n.iter().rev().map(|force_n| 0.7 * force_n).collect();
+    let both = indented(&contact, &[depth_m, back].concat(), &[force_n, less].concat()).expect("a modulus");
+    assert!((both.youngs_pa / found.youngs_pa - 1.0).abs() < 1e-9);
+}
+
+/// Hayes' table for the punch, the series of Dimitriadis for the sphere: layers that this module did not compute.
+#[test]
+fn thin_tissue_is_not_taken_for_stiff_tissue() {
+    let punch = Contact { thickness_m: Some(15e-3), ..contact(Indenter::Flat) };
+    let (depth_m, force_n) = pressed(&punch, [-0.2, 2.0], [0.0, 0.0, 0.0], |_| 1.281, &mut Noise::new(4));
+    let found = indented(&punch, &depth_m, &force_n).expect("a modulus");
+    assert!((found.youngs_pa / YOUNGS_PA - 1.0).abs() < 3e-3, "{found:?}");
+    assert!((found.thickness_factor - 1.281).abs() < 2e-3);
+    let thick = indented(&contact(Indenter::Flat), &depth_m, &force_n).expect("a modulus");
+    assert!(thick.youngs_pa > 1.25 * YOUNGS_PA);
+
+    let sphere = Contact { thickness_m: Some(10e-3), ..contact(Indenter::Sphere) };
+    let series = |x_m: f64| {
+        let x = (3e-3 * x_m).sqrt() / 10e-3;
+        1.0 + 1.133 * x + 1.283 * x * x + 0.769 * x.powi(3) + 0.0975 * x.powi(4)
+    };
+    let (depth_m, force_n) = pressed(&sphere, [-0.2, 1.0], [0.0, 0.0, 0.0], series, &mut Noise::new(5));
+    let found = indented(&sphere, &depth_m, &force_n).expect("a modulus");
+    assert!((found.youngs_pa / YOUNGS_PA - 1.0).abs() < 0.04, "{found:?}");
+
+    let paper = Contact { thickness_m: Some(1.5e-3), ..contact(Indenter::Flat) };
+    let why = indented(&paper, &depth_m, &force_n);
+    assert!(
+        why.is_ok_and(|found| found.thickness_factor > 5.0),
+        "a thin layer is solved as long as it is one"
+    );
+    let gone = Contact { thickness_m: Some(0.9e-3), ..contact(Indenter::Flat) };
+    assert!(matches!(indented(&gone, &depth_m, &force_n), Err(IndentationError::TooThin { .. })));
+}
+
+#[test]
+fn the_wrong_form_and_bent_curves_are_noticed() {
+    let sphere = contact(Indenter::Sphere);
+    let (depth_m, force_n) = pressed(&sphere, [0.0, 3.0], [0.0, 0.0, 0.001], |_| 1.0, &mut Noise::new(6));
+    let taken = indented(&contact(Indenter::Flat), &depth_m, &force_n).expect("a modulus");
+    assert!(taken.fits_other_form && taken.nonlinearity > 0.2, "{taken:?}");
+    let flat = contact(Indenter::Flat);
+    let (depth_m, force_n) = pressed(&flat, [0.0, 3.0], [0.0, 0.0, 0.001], |_| 1.0, &mut Noise::new(7));
+    let taken = indented(&sphere, &depth_m, &force_n).expect("a modulus");
+    assert!(taken.fits_other_form, "{taken:?}");
+    // Strain hardening: twice the slope at the end.
+    let (depth_m, force_n) =
+        pressed(&flat, [-0.3, 3.0], [0.0, 0.0, 0.001], |x_m| 1.0 + 0.5 * x_m / 3e-3, &mut Noise::new(8));
+    let bent = indented(&flat, &depth_m, &force_n).expect("a modulus");
+    assert!(bent.nonlinearity > 3.0 * bent.nonlinearity_se && bent.nonlinearity > 0.1, "{bent:?}");
+}
+
+#[test]
+fn what_is_no_indentation_has_no_modulus() {
+    let flat = contact(Indenter::Flat);
+    assert_eq!(indented(&flat, &[], &[]), Err(IndentationError::FewRows { found: 0 }));
+    let pulled = indented(&flat, &[0.0, 1e-3, 2e-3, 3e-3], &[0.0, -0.1, -0.2, -0.3]);
+    assert_eq!(pulled, Err(IndentationError::NoSlope));
+    assert!(indented(&flat, &[1e-3; 5], &[0.1; 5]).is_err());
+    // Three exact rows of a table, as printed in a paper.
+    let printed = indented(&flat, &[1e-3, 2e-3, 3e-3], &[0.16, 0.32, 0.48]).expect("a modulus");
+    assert!((printed.youngs_pa / 20e3 - 1.0).abs() < 1e-9 && printed.ci95_pa.is_none(), "{printed:?}");
+}

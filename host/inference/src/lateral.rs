@@ -1,0 +1,310 @@
+//! A lateral run as data for [`fit`](super::fit): shared `ln K`, own true displacement of every level and, where there
+//! is a hold at zero displacement, the force sensor's offset.
+//!
+//! The measured displacement of a level is data like any other, not the truth: the true one is an unknown, so its
+//! uncertainty is in the interval of K. Force and displacement at zero displacement are a level too; together with the
+//! offset they are the zero of the run, with the uncertainty of their own.
+
+use super::{Block, Fit, Parameter, Prior};
+use crate::levels::reversal_of_means_m;
+use mechanics::effects::{Effect, ParameterInfo};
+use mechanics::{DriveSample, Model, ModelError, Mounted, Rig, Series, ShapePoint, Sight, Support};
+use smallvec::SmallVec;
+use std::borrow::Cow;
+
+mod course;
+
+pub use course::{Course, Fixed};
+
+/// A true displacement is not expected further beyond a measured one than this, standard deviations.
+const FAR_SD: f64 = 4.0;
+
+/// A measured value and its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// The value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sd: f64,
+}
+
+/// A point of the measured shape, `[y, x]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShapeDatum {
+    /// Position along the needle from guide 1.
+    pub z_m: f64,
+    /// Deflection in each plane; the second is not used in a one-plane run.
+    pub deflection_m: [f64; 2],
+}
+
+/// What was measured at one level; one entry per plane, `[y]` or `[y, x]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LevelData {
+    /// Displacement of guide 2.
+    pub displacement_m: Vec<Measured>,
+    /// Force of guide 2.
+    pub force_n: Vec<Measured>,
+    /// Shape points.
+    pub shape: Vec<ShapeDatum>,
+}
+
+/// A lateral run ready for the fit.
+#[derive(Debug, Clone)]
+pub struct LateralData {
+    /// Needle, guides and tissue surface.
+    pub rig: Rig,
+    /// What the tissue is made of: the shared modulus is K of springs or E of a body.
+    pub support: Support,
+    /// Length of the needle inside the tissue.
+    pub depth_m: f64,
+    /// Number of planes with data: 1 or 2.
+    pub planes: usize,
+    /// Its levels; the zero holds among them.
+    pub levels: Vec<LevelData>,
+    /// Standard deviation of a deflection.
+    pub shape_sd_m: f64,
+    /// Whether the force sensor's offset is unknown (a zero hold determines it); otherwise it is taken as zero.
+    pub force_offset: bool,
+    /// Whether the force is used; displacement and shape alone determine K as well.
+    pub uses_force: bool,
+    /// Effects whose parameters are unknown too, shared by all runs: after `ln K`, in this order.
+    pub effects: Vec<&'static dyn Effect>,
+    /// Effects whose values are known, and the run's course, on which they may depend; none is the plain model.
+    pub fixed: Option<Fixed>,
+}
+
+/// Unknowns that effects bring: in the order of [`LateralData::effects`], with the priors of the effects.
+pub fn effect_parameters(effects: &[&'static dyn Effect]) -> Vec<Parameter> {
+    let parameters = effects.iter().flat_map(|effect| effect.parameters());
+    let unknown = |info: &ParameterInfo| {
+        let [least, most] = info.range;
+        let prior = Some(Prior { mean: info.neutral, sd: info.prior_sd });
+        // Off a bound, so that both differences of the derivative exist.
+        let start = (info.neutral + 0.1 * info.prior_sd).clamp(least, most);
+        Parameter { start, step: 1e-4 * info.prior_sd, least, most, prior }
+    };
+    parameters.map(unknown).collect()
+}
+
+impl LateralData {
+    /// The same run without its force.
+    pub fn without_force(&self) -> Self {
+        Self { uses_force: false, ..self.clone() }
+    }
+
+    /// One plane of the run alone, 0 for y and 1 for x; nothing where guide 2 was not displaced in it by more than `least_m`.
+    pub fn in_plane(&self, plane: usize, least_m: f64) -> Option<Self> {
+        let one = |values: &[Measured]| values.get(plane).copied().into_iter().collect::<Vec<_>>();
+        let levels: Vec<LevelData> = self
+            .levels
+            .iter()
+            .map(|level| LevelData {
+                displacement_m: one(&level.displacement_m),
+                force_n: one(&level.force_n),
+                shape: level
+                    .shape
+                    .iter()
+                    .map(|point| ShapeDatum {
+                        z_m: point.z_m,
+                        deflection_m: [point.deflection_m.get(plane).copied().unwrap_or(f64::NAN), 0.0],
+                    })
+                    .collect(),
+            })
+            .collect();
+        let displaced =
+            levels.iter().flat_map(|level| &level.displacement_m).any(|u| u.value.abs() > least_m);
+        let fixed = self.fixed.as_ref().map(|fixed| Fixed { first_plane: plane, ..fixed.clone() });
+        displaced.then(|| Self { planes: 1, levels, fixed, ..self.clone() })
+    }
+
+    fn offsets(&self) -> usize {
+        if self.force_offset && self.uses_force { self.planes } else { 0 }
+    }
+
+    /// Number of deflections that were measured, over all planes.
+    pub fn shape_values(&self) -> usize {
+        self.planes * self.points()
+    }
+
+    /// Number of shape points of all levels.
+    fn points(&self) -> usize {
+        self.levels.iter().map(|level| level.shape.len()).sum()
+    }
+
+    /// Tissue and effects of these shared parameters.
+    fn model(&self, shared: &[f64]) -> Result<Model, ModelError> {
+        let (ln_k, mut values) =
+            shared.split_first().map_or((f64::NAN, shared), |(ln_k, rest)| (*ln_k, rest));
+        let mut model = Model::on(self.rig.clone(), self.support, ln_k.exp())?;
+        if let Some(fixed) = &self.fixed {
+            model.effects.extend(fixed.effects.iter().cloned());
+        }
+        for effect in &self.effects {
+            let (own, rest) = values.split_at(effect.parameters().len().min(values.len()));
+            model.effects.push((*effect, own.to_vec()));
+            values = rest;
+        }
+        Ok(model)
+    }
+
+    /// How guide 2 moves through these true displacements of the levels.
+    fn drive(&self, displacements_m: &[f64]) -> SmallVec<[DriveSample; 8]> {
+        if let Some(fixed) = &self.fixed {
+            return fixed.drive(self.planes, displacements_m).into();
+        }
+        let of_levels = displacements_m.chunks(self.planes).enumerate();
+        let sample = |(level, of_level): (usize, &[f64])| DriveSample {
+            time_s: level as f64,
+            y_m: of_level.first().copied().unwrap_or_default(),
+            x_m: of_level.get(1).copied().unwrap_or_default(),
+        };
+        of_levels.map(sample).collect()
+    }
+
+    /// When and where the shape was seen.
+    fn shape(&self) -> Vec<ShapePoint> {
+        if let Some(fixed) = &self.fixed {
+            return fixed.shape(&self.levels);
+        }
+        let mut shape = Vec::with_capacity(self.points());
+        for (level, data) in self.levels.iter().enumerate() {
+            let time_s = level as f64;
+            shape.extend(data.shape.iter().map(|point| ShapePoint { time_s, z_m: point.z_m }));
+        }
+        shape
+    }
+
+    /// Motion back by less is noise of the displacement: of the course, or of the means of the holds.
+    fn reversal_m(&self) -> [f64; 2] {
+        if let Some(fixed) = &self.fixed {
+            return fixed.course.reversal_m;
+        }
+        [0, 1].map(|plane| {
+            let of_levels = self.levels.iter().filter_map(|level| level.displacement_m.get(plane));
+            reversal_of_means_m(&of_levels.map(|measured| measured.sd).collect::<Vec<_>>())
+        })
+    }
+
+    /// How far guide 2 may have been in each plane; true displacements are not far from the measured ones.
+    fn most_m(&self) -> [f64; 2] {
+        let measured = self.levels.iter().flat_map(|level| &level.displacement_m);
+        let farthest_m = measured.map(|m| m.value.abs() + FAR_SD * m.sd).fold(0.0, f64::max);
+        let rows_m = self.fixed.as_ref().map_or(0.0, Fixed::farthest_m);
+        [farthest_m.max(rows_m); 2]
+    }
+}
+
+/// The values of one plane.
+fn of_plane(series: &Series, plane: usize) -> &[f64] {
+    if plane == 0 { &series.y } else { series.x.as_deref().unwrap_or_default() }
+}
+
+impl Block for LateralData {
+    type Ready<'a> = Mounted<'a>;
+
+    fn nuisances(&self) -> Vec<Parameter> {
+        let offsets = (0..self.offsets()).map(|_| Parameter::free(0.0, 1e-3));
+        let true_m = self.levels.iter().flat_map(|level| &level.displacement_m);
+        offsets.chain(true_m.map(|measured| Parameter::free(measured.value, 1e-6))).collect()
+    }
+
+    fn ready(&self, shared: &[f64]) -> Result<Mounted<'_>, ModelError> {
+        // A course is one of both planes, whichever of them the data are of.
+        let planes = if self.fixed.is_some() { 2 } else { self.planes };
+        let sight =
+            Sight { shape: &self.shape(), most_m: self.most_m(), planes, reversal_m: self.reversal_m() };
+        Mounted::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
+    }
+
+    /// Plane by plane: displacements, forces, shape points.
+    fn residuals(&self, ready: &Mounted<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
+        let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
+        let mut predicted = ready.moved(&self.drive(displacements_m))?;
+        if let Some(fixed) = &self.fixed {
+            predicted = fixed.at_levels(predicted);
+        }
+        let mut residuals = Vec::with_capacity(self.planes * (2 * self.levels.len() + self.points()));
+        for plane in 0..self.planes {
+            let offset_n = offsets_n.get(plane).copied().unwrap_or_default();
+            let against = |predicted: f64, measured: Option<&Measured>| {
+                measured.map_or(f64::NAN, |measured| (measured.value - predicted) / measured.sd)
+            };
+            for (predicted, level) in of_plane(&predicted.displacement_m, plane).iter().zip(&self.levels) {
+                residuals.push(against(*predicted, level.displacement_m.get(plane)));
+            }
+            let forces = of_plane(&predicted.force_n, plane);
+            for (predicted, level) in forces.iter().zip(&self.levels).filter(|_| self.uses_force) {
+                residuals.push(against(predicted + offset_n, level.force_n.get(plane)));
+            }
+            let mut shape_m = of_plane(&predicted.shape_m, plane);
+            for level in &self.levels {
+                let (of_level_m, others_m) = shape_m.split_at(level.shape.len().min(shape_m.len()));
+                let off = |(predicted, point): (&f64, &ShapeDatum)| {
+                    let measured = if plane == 0 { point.deflection_m[0] } else { point.deflection_m[1] };
+                    (measured - predicted) / self.shape_sd_m
+                };
+                residuals.extend(of_level_m.iter().zip(&level.shape).map(off));
+                shape_m = others_m;
+            }
+        }
+        Ok(residuals)
+    }
+}
+
+/// One deflection as measured and as fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShapeFit {
+    /// Index of its level.
+    pub level: usize,
+    /// 0 for the vertical plane, 1 for the horizontal one.
+    pub plane: usize,
+    /// Position along the needle.
+    pub z_m: f64,
+    /// As measured.
+    pub measured_m: f64,
+    /// As fitted.
+    pub fitted_m: f64,
+}
+
+/// Every deflection of block `block` of a fit.
+pub fn shape_fits(data: &LateralData, fit: &Fit, block: usize) -> Vec<ShapeFit> {
+    let residuals = fit.residuals.get(block).map(Vec::as_slice).unwrap_or_default();
+    let points =
+        || data.levels.iter().enumerate().flat_map(|(level, of)| of.shape.iter().map(move |p| (level, p)));
+    let scalars = data.levels.len() * if data.uses_force { 2 } else { 1 };
+    let per_plane = scalars + points().count();
+    let of_plane = |plane: usize| {
+        let residuals = residuals.iter().skip(plane * per_plane + scalars);
+        points().zip(residuals).map(move |((level, point), residual)| {
+            let measured_m = point.deflection_m.get(plane).copied().unwrap_or(f64::NAN);
+            let fitted_m = measured_m - residual * data.shape_sd_m;
+            ShapeFit { level, plane, z_m: point.z_m, measured_m, fitted_m }
+        })
+    };
+    (0..data.planes).flat_map(of_plane).collect()
+}
+
+/// How well one channel of a run is met.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChannelFit {
+    /// Sum of squared residuals.
+    pub chi_square: f64,
+    /// Number of values.
+    pub count: usize,
+}
+
+/// Chi-square of displacement, force and shape of block `block` of a fit.
+pub fn channel_fits(data: &LateralData, fit: &Fit, block: usize) -> [ChannelFit; 3] {
+    let levels = data.levels.len();
+    let points = data.points();
+    let mut channels = [ChannelFit { chi_square: 0.0, count: 0 }; 3];
+    let mut residuals = fit.residuals.get(block).into_iter().flatten();
+    for _ in 0..data.planes {
+        let forces = if data.uses_force { levels } else { 0 };
+        for (channel, count) in channels.iter_mut().zip([levels, forces, points]) {
+            channel.chi_square += residuals.by_ref().take(count).map(|r| r * r).sum::<f64>();
+            channel.count += count;
+        }
+    }
+    channels
+}

@@ -1,0 +1,124 @@
+//! What of a recording no result uses, with the reason: every run, hold, sweep and shape point is either used or in this list.
+
+use super::{HoldCriteria, Level, sweeps::Stray};
+use formats::session::{LateralRun, Session};
+use mechanics::Rig;
+use serde::Serialize;
+use std::fmt;
+
+/// Shape points this far beyond the tip are taken as on it.
+pub const BEYOND_TIP_M: f64 = 0.5e-3;
+
+/// A part of a lateral run that is not used.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Unused {
+    /// The run.
+    pub run: String,
+    /// `run`, `hold`, `sweep`, or `points` of a sweep.
+    pub part: &'static str,
+    /// First and last time; nothing for a whole run and for points without times.
+    pub time_s: Option<[f64; 2]>,
+    /// Number of shape points, or of samples of a hold.
+    pub count: usize,
+    /// Why it is not used.
+    pub reason: String,
+}
+
+impl fmt::Display for Unused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { part, time_s, count, reason, .. } = self;
+        write!(f, "{part} ")?;
+        match time_s {
+            Some([from_s, to_s]) if to_s - from_s < 0.005 => write!(f, "at {from_s:.2} s ")?,
+            Some([from_s, to_s]) => write!(f, "from {from_s:.2} to {to_s:.2} s ")?,
+            None => {}
+        }
+        let what = if *part == "hold" { "samples" } else { "points" };
+        write!(f, "({count} {what}) not used: {reason}")
+    }
+}
+
+impl Unused {
+    /// A whole run.
+    pub fn run(run: &LateralRun, reason: String) -> Self {
+        Self { run: run.id.clone(), part: "run", time_s: None, count: run.shape.z_m.len(), reason }
+    }
+}
+
+/// What of a run is not used: holds with lost samples, sweeps and points of sweeps that belong to no hold or lie off the needle.
+pub fn unused(run: &LateralRun, rig: &Rig, criteria: &HoldCriteria) -> Vec<Unused> {
+    let (levels, strays) = super::survey(run, criteria);
+    let of_holds = levels.iter().enumerate().filter(|(_, level)| level.lost_samples > 0);
+    let mut found: Vec<Unused> = of_holds
+        .map(|(number, level)| Unused {
+            run: run.id.clone(),
+            part: "hold",
+            time_s: Some(level.time_s),
+            count: level.displacement_y_m.samples,
+            reason: format!(
+                "hold {} lost {} samples: the link was too slow or damaged, record it again",
+                number + 1,
+                level.lost_samples
+            ),
+        })
+        .collect();
+    found.extend(strays.into_iter().map(|Stray { time_s, points, is_part, reason }| Unused {
+        run: run.id.clone(),
+        part: if is_part { "points" } else { "sweep" },
+        time_s: Some(time_s),
+        count: points,
+        reason: reason.to_owned(),
+    }));
+    found.extend(levels.iter().filter_map(|level| off_needle(run, rig, level)));
+    found
+}
+
+/// What of all lateral runs of a session is not used.
+pub fn unused_of_session(session: &Session, criteria: &HoldCriteria) -> Vec<Unused> {
+    session.lateral.iter().flat_map(|run| unused(run, &session.rig, criteria)).collect()
+}
+
+/// What of one run is not used: one line for every part and reason, however many there are.
+pub fn summary(unused: &[Unused]) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut done: Vec<(&str, &str)> = Vec::new();
+    for first in unused {
+        let key = (first.part, first.reason.as_str());
+        if done.contains(&key) {
+            continue;
+        }
+        done.push(key);
+        let alike = || unused.iter().filter(|other| (other.part, other.reason.as_str()) == key);
+        if alike().count() == 1 {
+            lines.push(first.to_string());
+            continue;
+        }
+        let count: usize = alike().map(|other| other.count).sum();
+        let plural = if first.part == "points" { "points of sweeps" } else { &format!("{}s", first.part) };
+        lines.push(format!(
+            "{} {plural} ({count} points, the first at {:.2} s) not used: {}",
+            alike().count(),
+            first.time_s.map_or(0.0, |time_s| time_s[0]),
+            first.reason
+        ));
+    }
+    lines
+}
+
+/// Points of a hold that lie behind guide 1 or beyond the tip.
+fn off_needle(run: &LateralRun, rig: &Rig, level: &Level) -> Option<Unused> {
+    let tip_m = rig.entry_m + run.depth_m;
+    let is_off = |index: &&usize| {
+        run.shape.z_m.get(**index).is_some_and(|z_m| !(0.0..=tip_m + BEYOND_TIP_M).contains(z_m))
+    };
+    let off: Vec<usize> = level.shape.iter().filter(is_off).copied().collect();
+    let times_s = off.iter().filter_map(|index| run.shape.time_s.as_ref()?.get(*index)).copied();
+    let time_s = times_s.clone().next().map(|first_s| [first_s, times_s.last().unwrap_or(first_s)]);
+    (!off.is_empty()).then(|| Unused {
+        run: run.id.clone(),
+        part: "points",
+        time_s,
+        count: off.len(),
+        reason: format!("not on the needle, which ends {:.1} mm from guide 1", 1e3 * tip_m),
+    })
+}

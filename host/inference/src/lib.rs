@@ -1,0 +1,32 @@
+//! From measurements to parameters with uncertainty.
+//!
+//! [`fit`] is weighted least squares over parameters shared by all runs and nuisances of each run; [`LateralData`] is a
+//! lateral run as one of its blocks. [`energy`] is the energy balance of Paper A (Lehmann et al.), for comparison.
+//! [`insertion`] is the tip load and the path of a needle that advances.
+//! [`modulus`] relates the foundation modulus to Young's modulus; [`indentation`] is an independent measurement of the latter.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+pub mod check;
+pub mod diagnose;
+pub mod energy;
+mod fit;
+pub mod identify;
+pub mod indentation;
+pub mod insertion;
+pub mod intervals;
+mod lateral;
+pub mod levels;
+pub mod modulus;
+#[cfg(test)]
+mod monte_carlo;
+pub mod plan;
+pub mod predict;
+pub mod relation;
+pub mod track;
+
+pub use fit::{Block, Fit, FitError, Parameter, Prior, fit};
+pub use lateral::{
+    ChannelFit, Course, Fixed, LateralData, LevelData, Measured, ShapeDatum, ShapeFit, channel_fits,
+    effect_parameters, shape_fits,
+};

@@ -1,0 +1,373 @@
+//! What interval an experiment will give before it is made: the information about K, or about E of an elastic body, in a lateral run, over
+//! depth, displacement and position of guide 2.
+//!
+//! The covariance at the truth is the Cramer-Rao bound, which the likelihood reaches; so the plan is what
+//! [`identify`](crate::identify) will report: noise is that of one reading and averages over the readings of a hold, true
+//! displacements and the force sensor's zero are unknown. The modulus is not known beforehand: every figure is the worst over a range.
+//! `cargo xtask study plan` compares the plan with the scatter of simulated sessions.
+
+use crate::levels::{HoldCriteria, trimmed_s};
+use crate::{FitError, LateralData, LevelData, Measured, Parameter, ShapeDatum, effect_parameters, fit};
+use formats::NORMAL_975;
+use formats::session::DEPTH_RANGE_MM;
+use mechanics::effects::Effect;
+use mechanics::{Beam, Model, ModelError, Rig, Support};
+use serde::Serialize;
+
+/// What is asked.
+#[derive(Debug, Clone)]
+pub struct Question {
+    /// Needle, guides and tissue surface.
+    pub rig: Rig,
+    /// What the tissue is made of.
+    pub support: Support,
+    /// Standard deviation of Poisson's ratio of a body: it widens the interval of Young's modulus.
+    pub poisson_sd: f64,
+    /// Moduli that the tissue may have, least and greatest: K of springs, E of a body.
+    pub modulus_range_pa: [f64; 2],
+    /// Standard deviation of one reading of the force.
+    pub force_sd_n: f64,
+    /// Standard deviation of one reading of the displacement.
+    pub displacement_sd_m: f64,
+    /// Standard deviation of one deflection of the shape.
+    pub shape_sd_m: f64,
+    /// Distance between points of the shape.
+    pub shape_spacing_m: f64,
+    /// Readings per second of force and displacement.
+    pub rate_hz: f64,
+    /// Length of every hold.
+    pub hold_s: f64,
+    /// Holds of the run, as multiples of the displacement: 0 is a hold at zero displacement, which determines the force sensor's
+    /// zero; without one the zero is taken as right, as `identify` does.
+    pub levels: Vec<f64>,
+    /// Effects whose parameters are unknown too, with their priors.
+    pub nuisances: Vec<&'static dyn Effect>,
+    /// Insertion depths to choose from.
+    pub depths_m: Vec<f64>,
+    /// Displacements of guide 2 to choose from.
+    pub displacements_m: Vec<f64>,
+    /// Positions of guide 2 to choose from.
+    pub guide2_m: Vec<f64>,
+    /// What may not be exceeded.
+    pub limits: Limits,
+}
+
+/// What an experiment may not exceed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Lateral force.
+    pub force_n: f64,
+    /// Strain of the needle's surface: beyond about 0.002 steel stays bent.
+    pub needle_strain: f64,
+    /// Deflection of the needle inside the tissue.
+    pub deflection_m: f64,
+}
+
+/// One experiment and what it will give; the worst over the range of moduli.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Choice {
+    /// Position of guide 2.
+    pub guide2_mm: f64,
+    /// Insertion depth.
+    pub depth_mm: f64,
+    /// Displacement of guide 2.
+    pub displacement_mm: f64,
+    /// Half the width of the 95 % interval of K, or of E where the tissue is a body; infinite (`null` in JSON) beyond 1000 %, where the
+    /// modulus is not identifiable.
+    pub half_width_percent: f64,
+    /// Largest lateral force.
+    pub force_n: f64,
+    /// Largest strain of the needle.
+    pub needle_strain_percent: f64,
+    /// Largest deflection inside the tissue.
+    pub deflection_mm: f64,
+    /// Whether all limits are kept.
+    pub within_limits: bool,
+}
+
+/// Every experiment in question, and the best of them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Plan {
+    /// Name and version of this form.
+    pub schema: &'static str,
+    /// The run that is assumed.
+    pub protocol: Protocol,
+    /// All of them, by guide position, depth and displacement.
+    pub choices: Vec<Choice>,
+    /// The narrowest interval within the limits; nothing where none keeps them.
+    pub best: Option<Choice>,
+}
+
+/// The run for which the intervals hold.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Protocol {
+    /// Readings per second.
+    pub rate_hz: f64,
+    /// Length of every hold.
+    pub hold_s: f64,
+    /// Holds, as multiples of the displacement.
+    pub levels: Vec<f64>,
+    /// Readings that a hold's mean is made of: without those at its ends, which may still be motion.
+    pub readings_per_hold: f64,
+    /// Standard deviation of one reading of the force.
+    pub force_sd_n: f64,
+    /// Standard deviation of one reading of the displacement.
+    pub displacement_sd_mm: f64,
+    /// Standard deviation of one deflection of the shape.
+    pub shape_sd_mm: f64,
+    /// What the tissue is modelled as: `springs`, of which K is identified, or `body`, of which E is.
+    pub foundation: &'static str,
+    /// Poisson's ratio of a body.
+    pub poisson: Option<f64>,
+    /// Its standard deviation.
+    pub poisson_sd: f64,
+}
+
+/// Why there is no plan.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// A quantity is none that a run can have.
+    #[error("{field}: {value}, expected {least} to {most}")]
+    OutOfRange {
+        /// The quantity, with unit.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// Least valid value.
+        least: f64,
+        /// Greatest valid value.
+        most: f64,
+    },
+    /// Nothing is displaced, or nothing is to choose from.
+    #[error("{field}: {problem}")]
+    Empty {
+        /// The quantity.
+        field: &'static str,
+        /// What is missing.
+        problem: &'static str,
+    },
+    /// A hold has too few readings to be detected.
+    #[error(
+        "hold_s: {hold_s} s at {rate_hz} Hz are {readings:.0} readings, expected {LEAST_READINGS:.0} or more"
+    )]
+    FewReadings {
+        /// Length of a hold.
+        hold_s: f64,
+        /// Readings per second.
+        rate_hz: f64,
+        /// Readings in it.
+        readings: f64,
+    },
+    /// Too few points of the shape to identify anything.
+    #[error("spacing_mm: {spacing_mm} leaves {found} shape points in {depth_mm} mm of depth, expected at least {LEAST_POINTS}: at most {:.3}", depth_mm / LEAST_POINTS as f64)]
+    FewPoints {
+        /// Distance between points.
+        spacing_mm: f64,
+        /// Insertion depth.
+        depth_mm: f64,
+        /// Number of points.
+        found: usize,
+    },
+    /// The experiment cannot be modelled.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The experiment does not determine K.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+}
+
+/// Fewest shape points that `identify` accepts.
+const LEAST_POINTS: usize = crate::energy::LEAST_POINTS;
+/// Number of moduli of the range at which a choice is evaluated.
+const MODULI: u32 = 5;
+const LN_STEP: f64 = 1e-4;
+/// An interval wider than this is none.
+const MOST_HALF_WIDTH_PERCENT: f64 = 1e3;
+/// Fewest readings of a hold.
+const LEAST_READINGS: f64 = 20.0;
+
+impl Question {
+    /// Readings of which a hold's mean is made: detection cuts off what may still be motion at its ends.
+    pub fn readings_per_hold(&self) -> f64 {
+        (self.rate_hz * (self.hold_s - trimmed_s(1.0 / self.rate_hz))).floor().max(1.0)
+    }
+
+    fn protocol(&self) -> Protocol {
+        Protocol {
+            rate_hz: self.rate_hz,
+            hold_s: self.hold_s,
+            levels: self.levels.clone(),
+            readings_per_hold: self.readings_per_hold(),
+            force_sd_n: self.force_sd_n,
+            displacement_sd_mm: 1e3 * self.displacement_sd_m,
+            shape_sd_mm: 1e3 * self.shape_sd_m,
+            foundation: self.support.name(),
+            poisson: self.support.poisson(),
+            poisson_sd: self.poisson_sd,
+        }
+    }
+
+    fn check(&self) -> Result<(), PlanError> {
+        let within = |field: &'static str, values: &[f64], scale: f64, [least, most]: [f64; 2]| {
+            // Lengths in millimetres, without the digits that scaling leaves behind.
+            let value = |value: &f64| (1e9 * scale * value).round() / 1e9;
+            let wrong = values.iter().map(value).find(|value| !(least..=most).contains(value));
+            wrong.map_or(Ok(()), |value| Err(PlanError::OutOfRange { field, value, least, most }))
+        };
+        for (field, empty) in [
+            ("depth_mm", self.depths_m.is_empty()),
+            ("displacement_mm", self.displacements_m.is_empty()),
+            ("guide2_mm", self.guide2_m.is_empty()),
+        ] {
+            if empty {
+                return Err(PlanError::Empty {
+                    field,
+                    problem: "nothing to choose from, expected one value or more",
+                });
+            }
+        }
+        let modulus = if self.support.is_body() { "youngs_kpa" } else { "k_kpa" };
+        within(modulus, &self.modulus_range_pa, 1e-3, [0.01, 1e4])?;
+        within("poisson_sd", &[self.poisson_sd], 1.0, [0.0, 0.2])?;
+        within("depth_mm", &self.depths_m, 1e3, DEPTH_RANGE_MM)?;
+        within("displacement_mm", &self.displacements_m, 1e3, [0.01, 50.0])?;
+        within("guide2_mm", &self.guide2_m, 1e3, [1.0, 1e3])?;
+        within("spacing_mm", &[self.shape_spacing_m], 1e3, [0.05, 100.0])?;
+        within("rate_hz", &[self.rate_hz], 1.0, [1.0, 1e5])?;
+        within("hold_s", &[self.hold_s], 1.0, [HoldCriteria::default().min_duration_s, 3600.0])?;
+        within("levels", &self.levels, 1.0, [-1.0, 1.0])?;
+        within("force_n", &[self.force_sd_n], 1.0, [1e-9, 100.0])?;
+        within("displacement_mm (noise)", &[self.displacement_sd_m], 1e3, [1e-6, 10.0])?;
+        within("shape_mm (noise)", &[self.shape_sd_m], 1e3, [1e-6, 10.0])?;
+        if self.levels.iter().all(|level| *level == 0.0) {
+            return Err(PlanError::Empty {
+                field: "levels",
+                problem: "no displaced hold, expected one or more",
+            });
+        }
+        let (hold_s, rate_hz, readings) = (self.hold_s, self.rate_hz, self.hold_s * self.rate_hz);
+        if readings < LEAST_READINGS * (1.0 - 1e-9) {
+            return Err(PlanError::FewReadings { hold_s, rate_hz, readings });
+        }
+        let few = self.depths_m.iter().find(|depth_m| self.points(**depth_m) < LEAST_POINTS);
+        few.map_or(Ok(()), |depth_m| {
+            let (spacing_mm, depth_mm) = (1e3 * self.shape_spacing_m, 1e3 * depth_m);
+            Err(PlanError::FewPoints { spacing_mm, depth_mm, found: self.points(*depth_m) })
+        })
+    }
+
+    /// Shape points of a sweep at a depth.
+    fn points(&self, depth_m: f64) -> usize {
+        (depth_m / self.shape_spacing_m + 1e-9).floor() as usize
+    }
+}
+
+/// Works out every choice.
+///
+/// # Errors
+/// [`PlanError`] where a quantity is out of range or a choice cannot be modelled.
+pub fn plan(question: &Question) -> Result<Plan, PlanError> {
+    question.check()?;
+    let mut choices = Vec::new();
+    for guide2_m in &question.guide2_m {
+        let rig = Rig { guide2_m: *guide2_m, ..question.rig.clone() };
+        for depth_m in &question.depths_m {
+            for displacement_m in &question.displacements_m {
+                choices.push(choice(question, &rig, *depth_m, *displacement_m)?);
+            }
+        }
+    }
+    let is_kept = |choice: &&Choice| choice.within_limits && choice.half_width_percent.is_finite();
+    let kept = choices.iter().filter(is_kept).copied();
+    let best = kept.min_by(|a, b| a.half_width_percent.total_cmp(&b.half_width_percent));
+    Ok(Plan { schema: "guide.plan/1", protocol: question.protocol(), choices, best })
+}
+
+fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> Result<Choice, PlanError> {
+    let mut choice = Choice {
+        guide2_mm: 1e3 * rig.guide2_m,
+        depth_mm: 1e3 * depth_m,
+        displacement_mm: 1e3 * displacement_m,
+        half_width_percent: 0.0,
+        force_n: 0.0,
+        needle_strain_percent: 0.0,
+        deflection_mm: 0.0,
+        within_limits: false,
+    };
+    let [least, most] = question.modulus_range_pa;
+    for i in 0..MODULI {
+        let modulus_pa = least * (most / least).powf(f64::from(i) / f64::from(MODULI - 1));
+        let beam = Model::on(rig.clone(), question.support, modulus_pa)?.beam(depth_m)?;
+        let force_n = beam.force_n(displacement_m);
+        let unit = beam.guide2_force();
+        let stiffness = rig.needle.bending_stiffness_n_m2();
+        // The moment is greatest at guide 1 or at guide 2.
+        let moment_n_m = unit.moment_n_m(0.0).abs().max(unit.moment_n_m(rig.guide2_m).abs()) * force_n;
+        let strain = 0.5 * rig.needle.outer_diameter_m * moment_n_m / stiffness;
+        let ends =
+            [rig.entry_m, rig.entry_m + depth_m].map(|z_m| beam.deflection_m(displacement_m, z_m).abs());
+
+        let data = data(question, rig, &beam, depth_m, displacement_m);
+        let mut unknowns = vec![Parameter::free(modulus_pa.ln(), LN_STEP)];
+        unknowns.extend(effect_parameters(&question.nuisances));
+        let found = fit(&unknowns, std::slice::from_ref(&data))?;
+        let sd_ln = found.covariance.get((0, 0)).copied().unwrap_or(f64::NAN).sqrt();
+        let by_poisson = match question.support.one_sd_away(question.poisson_sd) {
+            Some(support) => {
+                let other = fit(&unknowns, &[LateralData { support, ..data }])?;
+                other.shared.first().map_or(f64::NAN, |ln_pa| ln_pa - modulus_pa.ln())
+            }
+            None => 0.0,
+        };
+        let half_width_percent = 100.0 * ((NORMAL_975 * sd_ln.hypot(by_poisson)).exp() - 1.0);
+
+        // No number is larger than this, and none is none.
+        let half_width_percent =
+            if half_width_percent <= MOST_HALF_WIDTH_PERCENT { half_width_percent } else { f64::INFINITY };
+        choice.half_width_percent = choice.half_width_percent.max(half_width_percent);
+        choice.force_n = choice.force_n.max(force_n);
+        choice.needle_strain_percent = choice.needle_strain_percent.max(100.0 * strain);
+        choice.deflection_mm = choice.deflection_mm.max(1e3 * ends[0].max(ends[1]));
+    }
+    let limits = question.limits;
+    choice.within_limits = choice.force_n <= limits.force_n
+        && choice.needle_strain_percent <= 100.0 * limits.needle_strain
+        && choice.deflection_mm <= 1e3 * limits.deflection_m;
+    Ok(choice)
+}
+
+/// The run as it would be measured, without noise.
+fn data(question: &Question, rig: &Rig, beam: &Beam, depth_m: f64, displacement_m: f64) -> LateralData {
+    let of_mean = question.readings_per_hold().sqrt();
+    let points = question.points(depth_m);
+    let z_m = |i: usize| rig.entry_m + (i as f64 + 0.5) * depth_m / points.max(1) as f64;
+    let (least, most) =
+        question.levels.iter().fold((0.0_f64, 0.0_f64), |(least, most), at| (least.min(*at), most.max(*at)));
+    let level = |level: &f64| {
+        let at_m = level * displacement_m;
+        // The shape is swept at zero and at the extremes.
+        let points = if [0.0, least, most].contains(level) { points } else { 0 };
+        let point =
+            |i: usize| ShapeDatum { z_m: z_m(i), deflection_m: [beam.deflection_m(at_m, z_m(i)), 0.0] };
+        LevelData {
+            displacement_m: vec![Measured { value: at_m, sd: question.displacement_sd_m / of_mean }],
+            force_n: vec![Measured { value: beam.force_n(at_m), sd: question.force_sd_n / of_mean }],
+            shape: (0..points).map(point).collect(),
+        }
+    };
+    LateralData {
+        support: question.support,
+        rig: rig.clone(),
+        depth_m,
+        planes: 1,
+        levels: question.levels.iter().map(level).collect(),
+        shape_sd_m: question.shape_sd_m,
+        force_offset: question.levels.contains(&0.0),
+        uses_force: true,
+        effects: question.nuisances.clone(),
+        fixed: None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

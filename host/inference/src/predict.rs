@@ -1,0 +1,388 @@
+//! Predicting the tip's path: tip load from the first part of each insertion, path with its band for the rest.
+//!
+//! Each insertion is predicted as if it were the next one: from the other insertions of the session (leave one out), from its own
+//! first part, from the modulus of the lateral runs where there are any, and from nothing of its own beyond that.
+
+mod results;
+
+pub use results::{CompareResult, InsertionResult, LearnedResult, PlaneResult, Prediction, RearResult};
+
+use crate::diagnose::Multiples;
+use crate::identify::{self, identify};
+use crate::insertion::baselines::Baseline;
+use crate::insertion::published::published;
+use crate::insertion::{
+    Belief, Candidates, Determined, PathError, ReadingNoise, Rear, Start, TipPath, Tissue,
+    direction_scatter_rad, learn_from, row_scatter_m, start,
+};
+use formats::session::{InsertionRun, Session};
+use mechanics::effects::Effect;
+use mechanics::{Foundation, Guides, Layer, Model, ModelError, Rig};
+use results::Grid;
+use std::path::PathBuf;
+
+/// What the user may choose.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Depth up to which an insertion is seen.
+    pub until_m: f64,
+    /// Depth to which it is predicted; to its last recorded depth where not given.
+    pub to_m: Option<f64>,
+    /// Learn from the other insertions of the session.
+    pub learn: bool,
+    /// Modulus and its standard deviation, Pa, instead of the one identified from the lateral runs.
+    pub modulus_pa: Option<[f64; 2]>,
+    /// Take two layers from the lateral runs.
+    pub layers: bool,
+    /// Effects with the values of their parameters.
+    pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
+    pub discrepancy: Multiples,
+    /// Depth from which the published method averages the tip load.
+    pub published_from_m: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            until_m: 0.05,
+            to_m: None,
+            learn: true,
+            modulus_pa: None,
+            layers: false,
+            effects: Vec::new(),
+            discrepancy: Multiples::new(),
+            published_from_m: 0.03,
+        }
+    }
+}
+
+/// Modulus of soft tissue where nothing is known of it, and the standard deviation of its logarithm.
+const TYPICAL_MODULUS_PA: f64 = 15e3;
+const TYPICAL_MODULUS_SD_LN: f64 = 1.0;
+/// The same where the needle's bending stiffness is not known either, for the reference needle's: two standard deviations reach from
+/// soft tissue about a stiff needle to stiff tissue about a thin one, 600 kPa.
+const REFERENCE_MODULUS_PA: f64 = 30e3;
+const REFERENCE_MODULUS_SD_LN: f64 = 1.5;
+/// How far the modulus felt in an insertion may be from that of a lateral run (standard deviation of the logarithm): faster
+/// motion, tissue that was cut.
+const INSERTION_SD_LN: f64 = 0.1;
+/// Least gap between guide 2 and tissue that is believed, and the standard deviation of its logarithm: needles are loose in guides
+/// and surfaces give way.
+const LEAST_GAP_M: f64 = 10e-3;
+const GAP_SD_LN: f64 = 0.7;
+/// Rotation stiffness of the needle beyond its only guide, in bending stiffnesses over the gap; the share of a rear of which nothing is
+/// stated, and its standard deviation: anything between a clamp and a hinge.
+const NEEDLE_PER_GAP: f64 = 2.0;
+const REAR_SHARE: f64 = 0.4;
+const REAR_SHARE_SD: f64 = 0.3;
+/// The effect by which a rear is given.
+const REAR_ROTATION: &str = "rig.rear_rotation";
+/// Noise of a reading of the tip's direction where neither the session nor its rows tell, rad.
+const DIRECTION_RAD: f64 = 1e-3;
+
+/// Why a session cannot be predicted.
+#[derive(Debug, thiserror::Error)]
+pub enum PredictError {
+    /// It has no insertions.
+    #[error("{}: insertion: missing, expected at least one [[insertion]]", path.display())]
+    NoInsertions {
+        /// The session file.
+        path: PathBuf,
+    },
+    /// No insertion can be predicted.
+    #[error("no insertion can be predicted: {}", reasons.join("; "))]
+    AllFailed {
+        /// Reason of each insertion.
+        reasons: Vec<String>,
+    },
+    /// The model cannot be evaluated.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// Predicts every insertion of a session.
+///
+/// # Errors
+/// [`PredictError`] where not a single insertion can be predicted.
+pub fn predict(session: &Session, options: &Options) -> Result<Prediction, PredictError> {
+    if session.insertion.is_empty() {
+        return Err(PredictError::NoInsertions { path: session.dir.join("session.toml") });
+    }
+    let mut warnings = not_applied(options);
+    let tissue = tissue(session, options, &mut warnings)?;
+    let runs: Vec<&InsertionRun> = session.insertion.iter().collect();
+
+    let located = |run: &InsertionRun, why: PathError| format!("{}: {why}", run.path.display());
+    let read: Vec<Result<TipPath, String>> =
+        runs.iter().map(|run| TipPath::new(run).map_err(|why| located(run, why))).collect();
+    let paths: Vec<TipPath> = read.iter().flatten().cloned().collect();
+    let reach_m = paths.iter().map(|path| path.deepest_m).chain(options.to_m).fold(options.until_m, f64::max);
+    let candidates = Candidates::new(&tissue, &paths, reach_m)?;
+
+    let begins = if options.learn { begin(session, options, &candidates, &paths) } else { None };
+    let workflow = Workflow {
+        session,
+        tissue: &tissue,
+        options,
+        candidates: &candidates,
+        paths: &paths,
+        start: begins.as_ref(),
+    };
+    let mut number = 0;
+    let mut insertions = Vec::new();
+    for (run, path) in runs.iter().zip(read) {
+        let result = path.and_then(|path| {
+            number += 1;
+            workflow.insertion(run, &path, number - 1).map_err(|why| located(run, why))
+        });
+        insertions.push(result.unwrap_or_else(|why| {
+            warnings.push(format!("insertion {} is left out: {why}", run.id));
+            InsertionResult::failed(run, options.until_m, why)
+        }));
+    }
+    let reasons: Vec<String> = insertions.iter().filter_map(|insertion| insertion.error.clone()).collect();
+    if reasons.len() == insertions.len() {
+        return Err(PredictError::AllFailed { reasons });
+    }
+    Ok(Prediction { schema: results::SCHEMA, session: session.name.clone(), insertions, warnings })
+}
+
+/// Which effects of the model the prediction has no use for: it finds load and angle of the tip anew in every insertion, and its
+/// responses are those of tissue that does not yield.
+fn not_applied(options: &Options) -> Vec<String> {
+    let ids = || options.effects.iter().map(|(effect, _)| effect.id());
+    let tip: Vec<&str> = ids().filter(|id| id.starts_with("tip.")).collect();
+    let mut warnings = Vec::new();
+    if !tip.is_empty() {
+        warnings.push(format!(
+            "{} of the model: not applied, load and angle of the tip are identified from each path",
+            tip.join(", ")
+        ));
+    }
+    if ids().any(|id| id == "tissue.yield") {
+        warnings.push(
+            "tissue.yield of the model: not applied, paths are predicted for tissue that does not yield"
+                .to_owned(),
+        );
+    }
+    warnings
+}
+
+/// Foundation and its uncertainty: as asked for, from the lateral runs, or of any soft tissue.
+fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> Result<Tissue, PredictError> {
+    let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(LEAST_GAP_M);
+    let with = |foundation: Foundation, sd_ln: f64| {
+        let mut model = Model::uniform(session.rig.clone(), 0.0)?;
+        model.foundation = foundation;
+        model.effects = options.effects.clone();
+        Ok(Tissue {
+            model,
+            modulus_sd_ln: sd_ln,
+            gap_m,
+            gap_sd_ln: GAP_SD_LN,
+            rear: rear(&session.rig, options),
+        })
+    };
+    if let Some([modulus_pa, sd_pa]) = options.modulus_pa {
+        return with(Foundation::uniform(modulus_pa)?, (sd_pa / modulus_pa).hypot(INSERTION_SD_LN));
+    }
+    if !session.lateral.is_empty() {
+        let asked = identify::Options {
+            layers: options.layers,
+            fixed: options.effects.clone(),
+            discrepancy: options.discrepancy.clone(),
+            // The path is that of a needle on springs.
+            foundation: Some(identify::FoundationChoice::Springs),
+            ..identify::Options::default()
+        };
+        match identify(session, &asked) {
+            Ok(found) => {
+                let pooled = &found.pooled;
+                let sd_ln = (pooled.sd_kpa / pooled.k_kpa).hypot(INSERTION_SD_LN);
+                let layered = found.layers.as_ref().and_then(|layers| {
+                    let upper_pa = 1e3 * layers.upper.k_kpa?;
+                    Some((
+                        Layer { bottom_m: 1e-3 * layers.boundary_mm, modulus_pa: upper_pa },
+                        1e3 * layers.lower.k_kpa?,
+                    ))
+                });
+                let foundation = match layered {
+                    Some((upper, lower_pa)) => Foundation::layered(vec![upper], lower_pa)?,
+                    None => Foundation::uniform(1e3 * pooled.k_kpa)?,
+                };
+                if options.layers && found.layers.is_none() {
+                    warnings.push(
+                        "two layers cannot be told from the lateral runs: uniform tissue is taken".to_owned(),
+                    );
+                }
+                return with(foundation, sd_ln);
+            }
+            Err(why) => warnings.push(format!("the modulus is not known from the lateral runs: {why}")),
+        }
+    }
+    let (modulus_pa, sd_ln) = if session.rig.needle.stiffness_known {
+        (TYPICAL_MODULUS_PA, TYPICAL_MODULUS_SD_LN)
+    } else {
+        warnings.push(
+            "the needle's bending stiffness is not known: moduli and tip loads refer to that of the reference needle, only K/(E I) is \
+             determined"
+                .to_owned(),
+        );
+        (REFERENCE_MODULUS_PA, REFERENCE_MODULUS_SD_LN)
+    };
+    with(Foundation::uniform(modulus_pa)?, sd_ln)
+}
+
+/// The rear of a needle in one guide where its stiffness is neither stated nor an effect of the model.
+fn rear(rig: &Rig, options: &Options) -> Option<Rear> {
+    let Guides::One { rear_rotation_n_m_per_rad: stated } = rig.guides else { return None };
+    let is_given = options.effects.iter().any(|(effect, _)| effect.id() == REAR_ROTATION);
+    let unknown = stated.map(|stiffness| stiffness.is_none() && !is_given);
+    let gap_m = (rig.entry_m - rig.guide2_m).max(LEAST_GAP_M);
+    let needle_n_m_per_rad = NEEDLE_PER_GAP * rig.needle.bending_stiffness_n_m2() / gap_m;
+    unknown.contains(&true).then_some(Rear {
+        needle_n_m_per_rad,
+        middle: REAR_SHARE,
+        sd: REAR_SHARE_SD,
+        unknown,
+    })
+}
+
+/// What all insertions of a session have in common.
+struct Workflow<'a> {
+    session: &'a Session,
+    tissue: &'a Tissue,
+    options: &'a Options,
+    candidates: &'a Candidates,
+    paths: &'a [TipPath],
+    /// Where the search of every fold begins.
+    start: Option<&'a Start>,
+}
+
+/// Where the search of every fold begins: found once, from nothing that lies beyond the depth from which anything is predicted.
+fn begin(session: &Session, options: &Options, candidates: &Candidates, paths: &[TipPath]) -> Option<Start> {
+    // Numbers must stay those of the candidates: all recordings, or none.
+    let seen: Option<Vec<TipPath>> = paths.iter().map(|path| path.until(options.until_m).ok()).collect();
+    let runs: Vec<_> = session.insertion.iter().map(|run| (run, options.until_m)).collect();
+    let position_m = session.noise.tip_m.or_else(|| row_scatter_m(&runs)).unwrap_or(0.0);
+    let noise = ReadingNoise { position_m, direction_rad: direction_rad(session, &runs) };
+    start(candidates, &seen?, noise)
+}
+
+/// Noise of a reading of the tip's direction: as stated, or as rest rows show it.
+fn direction_rad(session: &Session, runs: &[(&InsertionRun, f64)]) -> f64 {
+    session.noise.tip_direction_rad.or_else(|| direction_scatter_rad(runs)).unwrap_or(DIRECTION_RAD)
+}
+
+impl Workflow<'_> {
+    fn insertion(
+        &self,
+        run: &InsertionRun,
+        path: &TipPath,
+        number: usize,
+    ) -> Result<InsertionResult, PathError> {
+        let Options { until_m, to_m, learn: from_others, published_from_m, .. } = *self.options;
+        let seen = path.until(until_m)?;
+        let earlier: Vec<usize> =
+            (0..self.paths.len()).filter(|other| from_others && *other != number).collect();
+        let mut known = self.paths.to_vec();
+        known[number] = seen.clone();
+        let (noise, shown_m) = self.noise(run, !earlier.is_empty());
+        let reading_m = noise.position_m;
+        let learned =
+            learn_from(self.candidates, &known, &earlier, number, noise, self.start.filter(|_| from_others));
+        let mut belief = Belief::new(self.candidates, &learned);
+        belief.update_all(&seen);
+        if !belief.is_sound() {
+            return Err(PathError::Unexplained);
+        }
+
+        let last_m = to_m.unwrap_or(path.deepest_m).max(0.0);
+        let grid = Grid::new(run, last_m, until_m);
+        let others: Vec<&TipPath> = earlier.iter().filter_map(|other| self.paths.get(*other)).collect();
+        let stops = seen.with_bins(grid.stops(seen.planes));
+        let mut compare = Vec::new();
+        for baseline in Baseline::ALL {
+            if let Some(planes) = baseline.predict(&stops, &others, &grid.depth_m) {
+                compare.push(CompareResult::new(baseline.name(), &grid, planes));
+            }
+        }
+        let from_m = published_from_m.min(0.5 * until_m);
+        let offset_m = surface_m(&seen);
+        let reach_m = last_m.max(until_m);
+        let carried = published(&self.tissue.model, &seen, offset_m, [from_m, until_m, reach_m])?;
+        compare.push(CompareResult {
+            tip_force_n: Some(carried.load_n),
+            ..CompareResult::new("published", &grid, carried.tip_m)
+        });
+
+        let mut result = grid.result(run, &seen, &belief, shown_m.min(reading_m));
+        result.learned = Some(LearnedResult::new(&belief, self.tissue, &others, reading_m));
+        result.compare = compare;
+        result.warnings = warnings(&seen, path);
+        for (name, determined) in ["the modulus", "the effective gap"].into_iter().zip(belief.determined()) {
+            if let Some(warning) = end_of_range(name, determined) {
+                result.warnings.push(warning);
+            }
+        }
+        Ok(result)
+    }
+
+    /// Noise of one tip reading: as stated, or as the rest rows of the others, or of what is seen of `run`, show it; and that of its
+    /// position as they show it, where they do. Where nothing tells it is 0, because then it is part of the irregularity.
+    fn noise(&self, run: &InsertionRun, from_others: bool) -> (ReadingNoise, f64) {
+        let others = self.session.insertion.iter().filter(|other| other.id != run.id);
+        let told: Vec<_> = match from_others {
+            true => others.map(|other| (other, f64::INFINITY)).collect(),
+            false => vec![(run, self.options.until_m)],
+        };
+        let (stated_m, seen_m) = (self.session.noise.tip_m, row_scatter_m(&told));
+        let position_m = stated_m.or(seen_m).unwrap_or(0.0);
+        let noise = ReadingNoise { position_m, direction_rad: direction_rad(self.session, &told) };
+        (noise, seen_m.or(stated_m).unwrap_or(0.0))
+    }
+}
+
+/// What to do where a quantity runs to an end of its range.
+fn end_of_range(name: &str, determined: Determined) -> Option<String> {
+    let end = match determined {
+        Determined::LowerBound => "upper",
+        Determined::UpperBound => "lower",
+        Determined::Identified | Determined::NotIdentified => return None,
+    };
+    Some(format!(
+        "{name} runs to the {end} end of its range, its value is a bound: check needle and guides in session.toml, state the modulus \
+         (--k-kpa), or let guide diagnose name what the model lacks (--model)"
+    ))
+}
+
+/// Tip reading of the needle at the surface: the mean over the first two millimetres.
+fn surface_m(seen: &TipPath) -> [f64; 2] {
+    let first_m = seen.bins.first().map_or(0.0, |bin| bin.depth_m);
+    let near: Vec<_> = seen.bins.iter().take_while(|bin| bin.depth_m <= first_m + 2e-3).collect();
+    [0, 1].map(|plane| near.iter().map(|bin| bin.tip_m[plane]).sum::<f64>() / near.len() as f64)
+}
+
+fn warnings(seen: &TipPath, path: &TipPath) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for [from_m, to_m] in &seen.gaps_m {
+        warnings.push(format!("no samples between {:.1} and {:.1} mm", 1e3 * from_m, 1e3 * to_m));
+    }
+    let first_mm = 1e3 * seen.bins.first().map_or(0.0, |bin| bin.depth_m);
+    if first_mm > 10.0 {
+        warnings.push(format!("the first sample in the tissue is at {first_mm:.1} mm"));
+    }
+    // Some rows always are: before the surface, and at the end.
+    let used: f64 = path.bins.iter().map(|bin| bin.rows).sum();
+    if path.rows_left_out as f64 > 0.2 * used {
+        warnings.push(format!(
+            "{} rows beside {used:.0} are left out: before the surface, drawn back, misread, or in the middle of a turn",
+            path.rows_left_out
+        ));
+    }
+    warnings
+}
+
+#[cfg(test)]
+mod tests;

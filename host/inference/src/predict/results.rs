@@ -1,0 +1,161 @@
+//! The result of a prediction, as `guide predict --json` prints it. Additive only: fields may be added, never removed or changed
+//! in meaning.
+
+mod grid;
+mod learned;
+
+pub(super) use grid::Grid;
+pub use learned::{LearnedResult, RearResult};
+
+use formats::NORMAL_975;
+use formats::session::InsertionRun;
+use serde::Serialize;
+
+/// Name and version of this form.
+pub(super) const SCHEMA: &str = "guide.predict/1";
+
+const NORMAL_95: f64 = 1.644_853_626_951_472_7;
+
+/// Every insertion of a session, predicted.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Prediction {
+    /// Name and version of this form.
+    pub schema: &'static str,
+    /// Name of the session.
+    pub session: Option<String>,
+    /// In the order of the session.
+    pub insertions: Vec<InsertionResult>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+impl Prediction {
+    /// What the user should know: of the session, then of its insertions, each message once with the insertions that it is about.
+    pub fn messages(&self) -> Vec<String> {
+        let mut said: Vec<(&str, Vec<&str>)> = Vec::new();
+        for one in &self.insertions {
+            for warning in &one.warnings {
+                match said.iter_mut().find(|(text, _)| text == warning) {
+                    Some((_, ids)) => ids.push(&one.id),
+                    None => said.push((warning, vec![&one.id])),
+                }
+            }
+        }
+        let predicted = self.insertions.iter().filter(|one| one.error.is_none()).count();
+        let about = |(text, ids): (&str, Vec<&str>)| {
+            if ids.len() == predicted && predicted > 2 {
+                format!("all {predicted} insertions: {text}")
+            } else {
+                format!("{}: {text}", ids.join(", "))
+            }
+        };
+        self.warnings.iter().cloned().chain(said.into_iter().map(about)).collect()
+    }
+}
+
+/// One insertion. Lists have one value per depth; the horizontal plane is `null` where it was not measured.
+#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+pub struct InsertionResult {
+    /// Its name.
+    pub id: String,
+    /// Depth up to which it was seen.
+    pub identified_until_mm: f64,
+    /// Vertical tip load at that depth, before the needle was turned.
+    pub tip_force_n: Option<f64>,
+    /// Its standard deviation.
+    pub tip_force_sd_n: Option<f64>,
+    /// Its 95 % interval, over everything else that is not known.
+    pub tip_force_ci95_n: Option<[f64; 2]>,
+    /// Horizontal tip load at that depth.
+    pub tip_force_x_n: Option<f64>,
+    /// Its standard deviation.
+    pub tip_force_x_sd_n: Option<f64>,
+    /// Its 95 % interval.
+    pub tip_force_x_ci95_n: Option<[f64; 2]>,
+    /// Every millimetre from 0 to the last depth.
+    pub depth_mm: Vec<f64>,
+    /// Vertical tip position: smoothed up to where it was seen, predicted beyond.
+    pub tip_y_mm: Vec<f64>,
+    /// Lower end of the 95 % band of what will be measured there (the median of the readings).
+    pub lo95_y_mm: Vec<f64>,
+    /// Upper end of its 95 % band.
+    pub hi95_y_mm: Vec<f64>,
+    /// Median of the rows within 1.3 mm of the depth.
+    pub measured_y_mm: Vec<Option<f64>>,
+    /// Horizontal tip position.
+    pub tip_x_mm: Option<Vec<f64>>,
+    /// Lower end of its 95 % band.
+    pub lo95_x_mm: Option<Vec<f64>>,
+    /// Upper end of its 95 % band.
+    pub hi95_x_mm: Option<Vec<f64>>,
+    /// Median of the rows within 1.3 mm of the depth.
+    pub measured_x_mm: Option<Vec<Option<f64>>>,
+    /// Tip load against depth, vertical.
+    pub load_y: PlaneResult,
+    /// Tip load against depth, horizontal.
+    pub load_x: Option<PlaneResult>,
+    /// Mean distance between predicted and measured tip beyond what was seen, over the depths measured.
+    pub mae_mm: Option<f64>,
+    /// Distance at the last depth measured beyond what was seen.
+    pub last_error_mm: Option<f64>,
+    /// That depth.
+    pub last_measured_mm: Option<f64>,
+    /// Measured values beyond what was seen, of both planes.
+    pub band_readings: usize,
+    /// How many of these lie in their 95 % band.
+    pub band_held: usize,
+    /// What was believed of rig and tissue.
+    pub learned: Option<LearnedResult>,
+    /// What others would predict from the same.
+    pub compare: Vec<CompareResult>,
+    /// What the user should know of this insertion.
+    pub warnings: Vec<String>,
+    /// Why it was left out.
+    pub error: Option<String>,
+}
+
+/// A value with its standard deviation at every depth.
+#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+pub struct PlaneResult {
+    /// Force.
+    pub force_n: Vec<f64>,
+    /// Its standard deviation.
+    pub sd_n: Vec<f64>,
+}
+
+/// Another method's prediction.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CompareResult {
+    /// `quadratic`, `cubic`, `bicycle`, `mean-of-others` or `published`.
+    pub method: &'static str,
+    /// Its tip load, vertical and horizontal, where it has one.
+    pub tip_force_n: Option<Vec<f64>>,
+    /// As in [`InsertionResult::mae_mm`].
+    pub mae_mm: Option<f64>,
+    /// As in [`InsertionResult::last_error_mm`].
+    pub last_error_mm: Option<f64>,
+    /// Vertical tip position.
+    pub tip_y_mm: Vec<f64>,
+    /// Horizontal tip position.
+    pub tip_x_mm: Option<Vec<f64>>,
+}
+
+impl CompareResult {
+    pub(super) fn new(method: &'static str, grid: &Grid, planes_m: Vec<Vec<f64>>) -> Self {
+        let on_grid = |path_m: Vec<f64>| -> Vec<f64> {
+            path_m.into_iter().take(grid.depth_m.len()).map(|u_m| 1e3 * u_m).collect()
+        };
+        let mut planes = planes_m.into_iter().map(on_grid);
+        let tip_y_mm = planes.next().unwrap_or_default();
+        let tip_x_mm = planes.next();
+        let (mae_mm, last_error_mm) = grid.errors(&tip_y_mm, tip_x_mm.as_deref());
+        Self { method, tip_force_n: None, mae_mm, last_error_mm, tip_y_mm, tip_x_mm }
+    }
+}
+
+impl InsertionResult {
+    /// An insertion that could not be predicted.
+    pub(super) fn failed(run: &InsertionRun, until_m: f64, why: String) -> Self {
+        Self { id: run.id.clone(), identified_until_mm: 1e3 * until_m, error: Some(why), ..Self::default() }
+    }
+}

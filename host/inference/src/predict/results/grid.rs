@@ -1,0 +1,175 @@
+//! The depths of a result, what was measured there, and how far off a prediction is.
+
+use super::{InsertionResult, NORMAL_975, PlaneResult};
+use crate::insertion::{Belief, Bin, Moments, TipPath, of_median};
+use crate::levels::median;
+use formats::session::InsertionRun;
+
+/// A measured value is the median of the rows this close to the depth.
+const NEAR_M: f64 = 1.3e-3;
+
+/// The depths of a result, and what was measured there.
+pub(in crate::predict) struct Grid {
+    pub depth_m: Vec<f64>,
+    until_m: f64,
+    measured_y_mm: Vec<Option<f64>>,
+    measured_x_mm: Option<Vec<Option<f64>>>,
+    /// Rows behind a measured value up to `until_m`, typically.
+    rows: f64,
+}
+
+impl Grid {
+    /// Every millimetre down to `last_m`.
+    pub fn new(run: &InsertionRun, last_m: f64, until_m: f64) -> Self {
+        let count = (1e3 * last_m + 1e-6).floor().max(0.0) as usize;
+        let depth_m: Vec<f64> = (0..=count).map(|i| 1e-3 * i as f64).collect();
+        let medians = |values: &[f64]| -> Vec<Option<f64>> {
+            let near = |at_m: &f64| {
+                let rows = run.depth_m.iter().zip(values).filter(|(m, _)| (*m - at_m).abs() <= NEAR_M);
+                let median_m = median(rows.map(|(_, value)| *value).collect());
+                median_m.is_finite().then_some(1e3 * median_m)
+            };
+            depth_m.iter().map(near).collect()
+        };
+        let measured_y_mm = medians(&run.tip_y_m);
+        let measured_x_mm = run.tip_x_m.as_deref().map(medians);
+        let rows_near =
+            |at_m: &f64| run.depth_m.iter().filter(|m| (*m - at_m).abs() <= NEAR_M).count() as f64;
+        let counts =
+            depth_m.iter().filter(|at_m| **at_m <= until_m).map(rows_near).filter(|rows| *rows > 0.0);
+        let rows = median(counts.collect()).max(1.0);
+        Self { depth_m, until_m, measured_y_mm, measured_x_mm, rows }
+    }
+
+    /// What was seen as a careful user would tabulate it: medians at every fifth millimetre, where the needle rests.
+    pub fn stops(&self, planes: usize) -> Vec<Bin> {
+        let at = |list: &[Option<f64>], i: usize| list.get(i).copied().flatten();
+        let seen = |i: &usize| self.depth_m.get(*i).is_some_and(|depth_m| *depth_m <= self.until_m + 1e-9);
+        let stop = |i: usize| {
+            let y_mm = at(&self.measured_y_mm, i)?;
+            let x_mm = if planes == 2 { at(self.measured_x_mm.as_deref()?, i)? } else { 0.0 };
+            Some(Bin {
+                depth_m: self.depth_m[i],
+                tip_m: [1e-3 * y_mm, 1e-3 * x_mm],
+                direction_rad: [None; 2],
+                rows: 1.0,
+                moving: false,
+                leaving: false,
+            })
+        };
+        (0..).step_by(5).take_while(seen).filter_map(stop).collect()
+    }
+
+    /// Mean distance beyond what was seen, and the distance at the last depth measured.
+    pub(super) fn errors(&self, tip_y_mm: &[f64], tip_x_mm: Option<&[f64]>) -> (Option<f64>, Option<f64>) {
+        let mut distances = Vec::new();
+        for (i, depth_m) in self.depth_m.iter().enumerate() {
+            let miss =
+                |tip: &[f64], seen: &[Option<f64>]| Some(tip.get(i)? - seen.get(i).copied().flatten()?);
+            let y = miss(tip_y_mm, &self.measured_y_mm);
+            let x = match (tip_x_mm, &self.measured_x_mm) {
+                (Some(tip), Some(seen)) => miss(tip, seen),
+                _ => Some(0.0),
+            };
+            if let (Some(y), Some(x)) = (y, x)
+                && *depth_m > self.until_m + 1e-9
+            {
+                distances.push(y.hypot(x));
+            }
+        }
+        let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+        ((!distances.is_empty()).then_some(mean), distances.last().copied())
+    }
+
+    /// How many values are measured beyond what was seen, and how many of them lie between two ends.
+    fn held(&self, measured_mm: &[Option<f64>], low_mm: &[f64], high_mm: &[f64]) -> [usize; 2] {
+        let beyond = self.depth_m.iter().map(|depth_m| *depth_m > self.until_m + 1e-9);
+        let bands = low_mm.iter().zip(high_mm).zip(measured_mm).zip(beyond);
+        let mut held = [0; 2];
+        for (((low_mm, high_mm), measured_mm), beyond) in bands {
+            if let (Some(measured_mm), true) = (measured_mm, beyond) {
+                held[0] += 1;
+                held[1] += usize::from((low_mm..=high_mm).contains(&measured_mm));
+            }
+        }
+        held
+    }
+
+    fn last_measured_mm(&self) -> Option<f64> {
+        let beyond = self.depth_m.iter().zip(&self.measured_y_mm).rev();
+        let mut measured = beyond.filter(|(depth_m, seen)| seen.is_some() && **depth_m > self.until_m + 1e-9);
+        measured.next().map(|(depth_m, _)| 1e3 * depth_m)
+    }
+
+    /// Everything that follows from a belief.
+    pub fn result(
+        self,
+        run: &InsertionRun,
+        seen: &TipPath,
+        belief: &Belief<'_>,
+        reading_m: f64,
+    ) -> InsertionResult {
+        let until_m = self.until_m;
+        // The band is that of the values measured: the noise of a median of so many readings is part of it.
+        // So is, on average, what readings on the way are off.
+        let moving_m = belief.typical(|scales| scales.moving_m) * seen.moving_share().sqrt();
+        let noise_m = moving_m.hypot(reading_m * of_median(self.rows).sqrt());
+        let two_planes = run.tip_x_m.is_some();
+        let tips = belief.tip_m(&self.depth_m);
+        let loads = belief.load_n(&self.depth_m);
+        let of = |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {
+            list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
+        };
+        let tip = |plane: usize, sds: f64| of(&tips, plane, &|m| 1e3 * (m.mean + sds * m.sd.hypot(noise_m)));
+        let load = |plane: usize| PlaneResult {
+            force_n: of(&loads, plane, &|m| m.mean),
+            sd_n: of(&loads, plane, &|m| m.sd),
+        };
+        let both = tips.first().is_some_and(|planes| planes.len() == 2);
+        let x = |sds: f64| (two_planes && both).then(|| tip(1, sds));
+        let tip_y_mm = tip(0, 0.0);
+        let tip_x_mm = x(0.0);
+        let at_end = belief.load_n(&[until_m]).swap_remove(0);
+        let (mae_mm, last_error_mm) = self.errors(&tip_y_mm, tip_x_mm.as_deref());
+        let (lo95_y_mm, hi95_y_mm) = (tip(0, -NORMAL_975), tip(0, NORMAL_975));
+        let (lo95_x_mm, hi95_x_mm) = (x(-NORMAL_975), x(NORMAL_975));
+        let mut held = self.held(&self.measured_y_mm, &lo95_y_mm, &hi95_y_mm);
+        if let (Some(measured_mm), Some(low_mm), Some(high_mm)) =
+            (&self.measured_x_mm, &lo95_x_mm, &hi95_x_mm)
+        {
+            let more = self.held(measured_mm, low_mm, high_mm);
+            held = [held[0] + more[0], held[1] + more[1]];
+        }
+        let interval = |plane: usize| {
+            let load: &Moments = at_end.get(plane)?;
+            Some([-NORMAL_975, NORMAL_975].map(|sds| load.mean + sds * load.sd))
+        };
+        InsertionResult {
+            id: run.id.clone(),
+            identified_until_mm: 1e3 * until_m,
+            tip_force_n: at_end.first().map(|m| m.mean),
+            tip_force_sd_n: at_end.first().map(|m| m.sd),
+            tip_force_x_n: at_end.get(1).map(|m| m.mean),
+            tip_force_x_sd_n: at_end.get(1).map(|m| m.sd),
+            tip_force_ci95_n: interval(0),
+            tip_force_x_ci95_n: interval(1),
+            band_readings: held[0],
+            band_held: held[1],
+            lo95_y_mm,
+            hi95_y_mm,
+            lo95_x_mm,
+            hi95_x_mm,
+            load_y: load(0),
+            load_x: both.then(|| load(1)),
+            mae_mm,
+            last_error_mm,
+            last_measured_mm: self.last_measured_mm(),
+            tip_y_mm,
+            tip_x_mm,
+            depth_mm: (0..self.depth_m.len()).map(|i| i as f64).collect(),
+            measured_y_mm: self.measured_y_mm,
+            measured_x_mm: self.measured_x_mm,
+            ..InsertionResult::default()
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! Rig and tissue as a prediction has them.
+
+use super::{NORMAL_95, NORMAL_975};
+use crate::identify::KPerEi;
+use crate::insertion::{Belief, Determined, Moments, Rear, TipPath, Tissue};
+use serde::Serialize;
+
+/// Rig and tissue, learned from the other insertions and the part that was seen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LearnedResult {
+    /// Insertions learned from.
+    pub from: Vec<String>,
+    /// Foundation modulus just below the surface, of this insertion: what all insertions share and its own difference.
+    pub k_kpa: f64,
+    /// Its 95 % interval. Of a bound: the value that holds with 95 %, and the end of the range.
+    pub k_ci95_kpa: [f64; 2],
+    /// K over the needle's bending stiffness, where that is not known; K itself then refers to the reference needle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub k_per_ei: Option<KPerEi>,
+    /// `identified`, `lower_bound`, `upper_bound` or `not_identified`.
+    pub k_status: &'static str,
+    /// Effective gap between guide 2 and the tissue.
+    pub gap_mm: f64,
+    /// Its 95 % interval, as that of the modulus.
+    pub gap_ci95_mm: [f64; 2],
+    /// As `k_status`.
+    pub gap_status: &'static str,
+    /// Moment per slope of the needle's rear in its only guide, vertical, where the session does not state it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rear_rotation_y: Option<RearResult>,
+    /// The same, horizontal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rear_rotation_x: Option<RearResult>,
+    /// Angle between the needle and the axis of depth, vertical and horizontal; a tilt of the tracker cannot be told from it and is
+    /// part of it.
+    pub entry_angle_deg: Vec<f64>,
+    /// Their standard deviations.
+    pub entry_angle_sd_deg: Vec<f64>,
+    /// Scatter of the tip load from insertion to insertion.
+    pub load_scatter_n: f64,
+    /// Wander of the tip load over 100 mm, of this insertion alone.
+    pub wander_n: f64,
+    /// Wander of the tip load over 100 mm that all insertions share.
+    pub shared_wander_n: f64,
+    /// Scatter of the tip about a smooth path.
+    pub irregularity_mm: f64,
+    /// Noise of one reading of the tip.
+    pub reading_mm: f64,
+}
+
+/// Rotation stiffness of a needle's rear, of this insertion.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RearResult {
+    /// Moment per slope.
+    pub n_m_per_rad: f64,
+    /// Its 95 % interval, as that of the modulus.
+    pub ci95_n_m_per_rad: [f64; 2],
+    /// As [`LearnedResult::k_status`].
+    pub status: &'static str,
+}
+
+impl RearResult {
+    /// From the difference of the share, which grows as the stiffness falls.
+    fn new((share, determined): (Moments, Determined), rear: &Rear) -> Self {
+        let at = |sds: f64| rear.stiffness_n_m_per_rad(share.mean + sds * share.sd);
+        let ends = match determined {
+            Determined::LowerBound => [NORMAL_95, f64::NEG_INFINITY],
+            Determined::UpperBound => [f64::INFINITY, -NORMAL_95],
+            Determined::Identified | Determined::NotIdentified => [NORMAL_975, -NORMAL_975],
+        };
+        Self { n_m_per_rad: at(0.0), ci95_n_m_per_rad: ends.map(at), status: determined.name() }
+    }
+
+    /// As text.
+    pub fn text(&self) -> String {
+        let [low, high] = self.ci95_n_m_per_rad;
+        match self.status {
+            "lower_bound" => format!("above {low:.2} N m/rad"),
+            "upper_bound" => format!("below {high:.2} N m/rad"),
+            "not_identified" => "not identifiable".to_owned(),
+            _ => format!("{:.2} ({low:.2} to {high:.2}) N m/rad", self.n_m_per_rad),
+        }
+    }
+}
+
+impl LearnedResult {
+    pub(in crate::predict) fn new(
+        belief: &Belief<'_>,
+        tissue: &Tissue,
+        others: &[&TipPath],
+        reading_m: f64,
+    ) -> Self {
+        let surface_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
+        let [factor, gap] = belief.ln_modulus_factor_and_gap();
+        let [k_determined, gap_determined] = belief.determined();
+        let [[k_low, k_high], [gap_low, gap_high]] = belief.range();
+        let interval = |ln: Moments, determined: Determined, unit: f64, [low, high]: [f64; 2]| {
+            let at = |sds: f64| unit * (ln.mean + sds * ln.sd).exp();
+            match determined {
+                Determined::LowerBound => [at(-NORMAL_95), (unit * high).max(at(0.0))],
+                Determined::UpperBound => [(unit * low).min(at(0.0)), at(NORMAL_95)],
+                Determined::Identified | Determined::NotIdentified => [at(-NORMAL_975), at(NORMAL_975)],
+            }
+        };
+        let angles = belief.entry_angle_rad();
+        let rear = |plane: usize| {
+            let found = belief.rear_share()?[plane]?;
+            Some(RearResult::new(found, tissue.rear.as_ref()?))
+        };
+        let k_kpa = surface_kpa * factor.mean.exp();
+        let k_ci95_kpa = interval(factor, k_determined, surface_kpa, [k_low, k_high]);
+        Self {
+            from: others.iter().map(|other| other.id.clone()).collect(),
+            k_kpa,
+            k_ci95_kpa,
+            k_status: k_determined.name(),
+            k_per_ei: KPerEi::of(&tissue.model.rig.needle, k_kpa, k_ci95_kpa),
+            gap_mm: 1e3 * gap.mean.exp(),
+            gap_ci95_mm: interval(gap, gap_determined, 1e3, [gap_low, gap_high]),
+            gap_status: gap_determined.name(),
+            rear_rotation_y: rear(0),
+            rear_rotation_x: rear(1),
+            entry_angle_deg: angles.iter().map(|angle| angle.mean.to_degrees()).collect(),
+            entry_angle_sd_deg: angles.iter().map(|angle| angle.sd.to_degrees()).collect(),
+            load_scatter_n: belief.typical(|scales| scales.load_n),
+            wander_n: belief.typical(|scales| scales.wander_over_n(0.1)[1]),
+            shared_wander_n: belief.typical(|scales| scales.wander_over_n(0.1)[0]),
+            irregularity_mm: 1e3 * belief.typical(|scales| scales.irregularity_m),
+            reading_mm: 1e3 * reading_m,
+        }
+    }
+}
+
+impl LearnedResult {
+    /// Modulus with its interval, in kPa, as text.
+    pub fn modulus_text(&self) -> String {
+        estimate_text(self.k_kpa, self.k_ci95_kpa, self.k_status, "kPa")
+    }
+
+    /// Rotation stiffness of the rear in both planes with its intervals, as text; nothing where the session states it.
+    pub fn rear_text(&self) -> Option<String> {
+        let text = |rear: &Option<RearResult>| rear.as_ref().map_or("as stated".to_owned(), RearResult::text);
+        let is_unknown = self.rear_rotation_y.is_some() || self.rear_rotation_x.is_some();
+        is_unknown.then(|| format!("{}, {}", text(&self.rear_rotation_y), text(&self.rear_rotation_x)))
+    }
+
+    /// Gap with its interval, in mm, as text.
+    pub fn gap_text(&self) -> String {
+        estimate_text(self.gap_mm, self.gap_ci95_mm, self.gap_status, "mm")
+    }
+}
+
+/// A value with its interval; nothing at the end of a range is given as a value.
+fn estimate_text(value: f64, [low, high]: [f64; 2], status: &str, unit: &str) -> String {
+    match status {
+        "lower_bound" => format!("above {low:.1} {unit}"),
+        "upper_bound" => format!("below {high:.1} {unit}"),
+        "not_identified" => format!("not identifiable ({low:.1} to {high:.1} {unit})"),
+        _ => format!("{value:.1} ({low:.1} to {high:.1}) {unit}"),
+    }
+}

@@ -1,0 +1,343 @@
+//! The workflow on made-up sessions whose truth is known, and on what is wrong with sessions.
+
+use super::*;
+use mechanics::Rig;
+use noise::Noise;
+use proptest::prelude::*;
+use std::f64::consts::PI;
+use worlds::reciprocal::{STEPS_PER_MM, insertion_session, truth};
+
+const UNTIL_50: Options = Options {
+    until_m: 0.05,
+    to_m: None,
+    learn: true,
+    modulus_pa: None,
+    layers: false,
+    effects: Vec::new(),
+    discrepancy: crate::diagnose::Multiples::new(),
+    published_from_m: 0.03,
+};
+
+fn rig() -> Rig {
+    Rig::two_guides(mechanics::Needle::gauge_18(), 0.06, 0.085)
+}
+
+/// Three insertions to 120 mm with a constant load each, both planes, without noise; K = 11 kPa.
+fn steady() -> (Session, Vec<[f64; 2]>) {
+    let loads = vec![[0.2, 0.03], [0.21, 0.02], [0.19, 0.035]];
+    let paths = loads.iter().map(|[y, x]| {
+        let path = |n: f64| truth(&rig(), 11e3, 120, |_| n).expect("solves");
+        (path(*y), Some(path(*x)), None)
+    });
+    (insertion_session(rig(), Some(0.02e-3), paths.collect()), loads)
+}
+
+#[test]
+fn a_constant_load_and_its_path_are_found() {
+    let (session, loads) = steady();
+    let options = Options { modulus_pa: Some([11e3, 0.5e3]), ..UNTIL_50 };
+    let found = predict(&session, &options).expect("predicts");
+    for (one, [y, x]) in found.insertions.iter().zip(loads) {
+        assert_eq!(one.depth_mm.len(), 121);
+        assert!(one.mae_mm.expect("measured") < 0.1, "{:?}", one.mae_mm);
+        for (found, sd, expected) in
+            [(one.tip_force_n, one.tip_force_sd_n, y), (one.tip_force_x_n, one.tip_force_x_sd_n, x)]
+        {
+            let (found, sd) = (found.expect("a load"), sd.expect("its sd"));
+            assert!((found - expected).abs() < 3.0 * sd + 1e-3, "{found} +- {sd} is not {expected}");
+        }
+    }
+}
+
+/// With nothing known of modulus and gap beforehand, both and the tip load are found between the points of any grid, each insertion with
+/// its own interval.
+#[test]
+fn load_modulus_and_gap_are_found_together() {
+    for (modulus_pa, gap_m) in [(11.7e3, 0.025), (18.4e3, 0.031)] {
+        let rig = Rig { entry_m: 0.06 + gap_m, ..rig() };
+        let mut noise = Noise::new(11);
+        let paths = (0..6).map(|_| {
+            let exact = truth(&rig, modulus_pa, 120, |_| 0.2).expect("solves");
+            (exact.iter().map(|u_m| u_m + 0.05e-3 * noise.normal()).collect(), None, None)
+        });
+        let mut session = insertion_session(rig.clone(), Some(0.05e-3), paths.collect());
+        session.rig.entry_m = 0.085;
+        let found = predict(&session, &UNTIL_50).expect("predicts");
+        for one in &found.insertions {
+            let (load_n, sd_n) = (one.tip_force_n.expect("a load"), one.tip_force_sd_n.expect("its sd"));
+            assert!((load_n - 0.2).abs() < 2.5 * sd_n && sd_n < 0.05, "{load_n} +- {sd_n} N");
+            let learned = one.learned.as_ref().expect("learned");
+            assert_eq!((learned.k_status, learned.gap_status), ("identified", "identified"));
+            for ([low, high], value) in
+                [(learned.k_ci95_kpa, 1e-3 * modulus_pa), (learned.gap_ci95_mm, 1e3 * gap_m)]
+            {
+                assert!(low < value && value < high && high < 25.0 * low, "{low} to {high} for {value}");
+            }
+        }
+    }
+}
+
+/// Where the path says nothing of the modulus its value is not given as found.
+#[test]
+fn what_is_not_identifiable_is_not_given_as_found() {
+    let mut noise = Noise::new(12);
+    let path = |_| ((0..=60).map(|_| 0.3e-3 * noise.normal()).collect(), None, None);
+    let session = insertion_session(rig(), Some(0.3e-3), (0..4).map(path).collect());
+    let found = predict(&session, &UNTIL_50).expect("predicts");
+    for one in &found.insertions {
+        let learned = one.learned.as_ref().expect("learned");
+        assert_ne!(learned.k_status, "identified", "{:?}", learned.k_ci95_kpa);
+        assert!(!learned.modulus_text().starts_with(|c: char| c.is_ascii_digit()));
+    }
+}
+
+#[test]
+fn a_message_is_given_once_with_its_insertions() {
+    let one = |id: &str, warnings: &[&str]| InsertionResult {
+        id: id.to_owned(),
+        warnings: warnings.iter().map(|text| (*text).to_owned()).collect(),
+        ..InsertionResult::default()
+    };
+    let insertions = vec![one("a", &["x", "y"]), one("b", &["x"]), one("c", &["x"])];
+    let found = Prediction { schema: "", session: None, insertions, warnings: vec!["first".to_owned()] };
+    assert_eq!(found.messages(), ["first", "all 3 insertions: x", "a: y"]);
+}
+
+/// Not a digit of the prediction depends on where this insertion went beyond what was seen.
+#[test]
+fn nothing_beyond_is_used() {
+    let (mut session, _) = steady();
+    let before = predict(&session, &UNTIL_50).expect("predicts");
+    let run = &mut session.insertion[1];
+    for (depth_m, tip_m) in run.depth_m.iter().zip(&mut run.tip_y_m) {
+        if *depth_m > 0.05 {
+            *tip_m += 5e-3;
+        }
+    }
+    let after = predict(&session, &UNTIL_50).expect("predicts");
+    let (a, b) = (&before.insertions[1], &after.insertions[1]);
+    assert!((&a.tip_y_mm, &a.lo95_y_mm, &a.tip_x_mm) == (&b.tip_y_mm, &b.lo95_y_mm, &b.tip_x_mm));
+    assert_ne!(a.measured_y_mm, b.measured_y_mm);
+    assert_ne!(before.insertions[0].tip_y_mm, after.insertions[0].tip_y_mm, "the others learn from it");
+}
+
+/// Two half turns, one before and one after the prediction starts: the truth is inside the band.
+#[test]
+fn a_needle_turned_twice_stays_inside_its_band() {
+    let mut noise = Noise::new(5);
+    // The needle is turned at rest, after the tip was looked at.
+    let turned = |step: usize| step > 40 * STEPS_PER_MM && step <= 90 * STEPS_PER_MM;
+    let paths = (0..4).map(|_| {
+        let load_n = 0.2 + 0.01 * noise.normal();
+        let load = |step: usize| if turned(step) { -load_n } else { load_n };
+        let exact = truth(&rig(), 11e3, 140, load).expect("solves");
+        let seen: Vec<f64> = exact.iter().map(|u_m| u_m + 0.1e-3 * noise.normal()).collect();
+        let rotation = (0..=140).map(|mm| if mm > 40 && mm <= 90 { PI } else { 0.0 }).collect();
+        (exact, (seen, None, Some(rotation)))
+    });
+    let (exact, recorded): (Vec<_>, Vec<_>) = paths.unzip();
+    let session = insertion_session(rig(), Some(0.1e-3), recorded);
+    for learn in [true, false] {
+        let options = Options { modulus_pa: Some([12e3, 2e3]), learn, ..UNTIL_50 };
+        let found = predict(&session, &options).expect("predicts");
+        let (mut inside, mut all) = (0, 0);
+        for (one, exact) in found.insertions.iter().zip(&exact) {
+            for (mm, exact_m) in exact.iter().enumerate().skip(51) {
+                all += 1;
+                inside += usize::from((one.lo95_y_mm[mm]..=one.hi95_y_mm[mm]).contains(&(1e3 * exact_m)));
+            }
+            let wide = one.hi95_y_mm[140] - one.lo95_y_mm[140];
+            assert!(wide < if learn { 2.0 } else { 5.0 }, "a band of {wide} mm says nothing");
+        }
+        assert!(inside as f64 > 0.9 * f64::from(all), "{inside} of {all}");
+    }
+}
+
+#[test]
+fn what_cannot_be_predicted_is_said() {
+    let (mut session, _) = steady();
+    let keep = session.insertion.split_off(0);
+    let none = predict(&session, &UNTIL_50).expect_err("no insertion").to_string();
+    assert!(none.contains("session.toml: insertion: missing"), "{none}");
+
+    // One sample, depths in metres, nothing before the depth asked for: each says so; the good one is predicted.
+    let mut bad = keep.clone();
+    bad[0].depth_m.truncate(1);
+    bad[0].tip_y_m.truncate(1);
+    bad[1].depth_m.iter_mut().for_each(|depth_m| *depth_m *= 1e-3);
+    session.insertion = bad;
+    let found = predict(&session, &UNTIL_50).expect("one is good");
+    let error = |i: usize| found.insertions[i].error.clone().unwrap_or_default();
+    assert!(error(0).contains("i1.csv: depth_mm: 1 of 1 rows advance"), "{}", error(0));
+    assert!(error(1).contains("is this in millimetres?"), "{}", error(1));
+    assert!(found.insertions[2].error.is_none() && found.warnings.len() == 2);
+
+    session.insertion.truncate(2);
+    let all = predict(&session, &UNTIL_50).expect_err("none is good").to_string();
+    assert!(all.contains("no insertion can be predicted: i1.csv"), "{all}");
+
+    session.insertion = keep;
+    session.insertion[0].depth_m.iter_mut().for_each(|depth_m| *depth_m += 0.06);
+    let found = predict(&session, &UNTIL_50).expect("two are good");
+    let error = found.insertions[0].error.clone().unwrap_or_default();
+    assert!(error.contains("0 depths up to 50 mm, expected 3 or more"), "{error}");
+}
+
+/// Columns of a recording as the reader lets them pass: any depth, tip, rotation and guide position in range.
+fn columns() -> impl Strategy<Value = Vec<[f64; 5]>> {
+    let near = |most: f64| prop_oneof![3 => -0.1 * most..most, 1 => -most..most, 1 => Just(0.0)];
+    let row = (near(0.1), near(0.01), near(0.2), prop_oneof![Just(0.0), Just(PI), -1e5..1e5], near(0.05));
+    let advancing = (0usize..60).prop_flat_map(move |rows| proptest::collection::vec(row.clone(), rows));
+    (advancing, any::<bool>()).prop_map(|(rows, sorted)| {
+        let mut rows: Vec<[f64; 5]> =
+            rows.into_iter().map(|(d, y, x, turn, guide)| [d, y, x, turn, guide]).collect();
+        if sorted {
+            rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        }
+        rows
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Whatever is recorded: a prediction of finite numbers, or a reason.
+    #[test]
+    fn any_recording_is_predicted_or_refused(
+        first in columns(), second in columns(), planes in 0u8..4, until_m in 0.005f64..0.15, learn in any::<bool>(),
+    ) {
+        let run = |(number, rows): (usize, Vec<[f64; 5]>)| {
+            let column = |i: usize| rows.iter().map(|row| row[i]).collect::<Vec<f64>>();
+            formats::session::InsertionRun {
+                id: format!("i{number}"),
+                path: "i.csv".into(),
+                depth_m: column(0),
+                tip_y_m: column(1),
+                tip_x_m: (planes & 1 == 1).then(|| column(2)),
+                time_s: None,
+                rotation_rad: (planes & 2 == 2).then(|| column(3)),
+                guide2_y_m: Some(column(4)),
+                guide2_x_m: None,
+                base_force_y_n: None,
+                tip_direction_y_rad: None,
+                tip_direction_x_rad: None,
+            }
+        };
+        let mut session = insertion_session(rig(), None, Vec::new());
+        session.insertion = [first, second].into_iter().enumerate().map(run).collect();
+        let options = Options { until_m, learn, modulus_pa: Some([1e4, 1e3]), ..UNTIL_50 };
+        if let Ok(found) = predict(&session, &options) {
+            for one in found.insertions.iter().filter(|one| one.error.is_none()) {
+                let numbers = one.tip_y_mm.iter().chain(&one.lo95_y_mm).chain(&one.hi95_y_mm).chain(&one.tip_force_n);
+                prop_assert!(numbers.into_iter().all(|number| number.is_finite()));
+            }
+        }
+    }
+}
+
+/// One guide whose rear is not stated, stiff in one axis and soft in the other: both are found from tip positions and directions while
+/// guide 2 moves at rest, and so is the path.
+#[test]
+fn a_rear_that_is_not_stated_is_found_in_each_axis() {
+    use mechanics::{Experiment, Guides, Insertion, Model, Needle, Profile, TipLaw, predict as forward};
+    let rear = [6.0, 0.6];
+    let guides = |stiffness: [Option<f64>; 2]| Guides::One { rear_rotation_n_m_per_rad: stiffness };
+    let rig = Rig { needle: Needle::gauge_18(), guide2_m: 0.0, entry_m: 0.028, guides: guides([None; 2]) };
+    let mut noise = Noise::new(11);
+    let run = |number: usize| {
+        let known = Rig { guides: guides(rear.map(Some)), ..rig.clone() };
+        let mut model = Model::uniform(known, 14e3).expect("a model");
+        model.tip = TipLaw { entry_angle_rad: [4e-3 * number as f64, -3e-3], ..TipLaw::load([0.2, 0.03]) };
+        let steps = |to_m: f64| {
+            let knots = vec![
+                [0.0, 0.0],
+                [0.0304, 0.0],
+                [0.0304, to_m],
+                [0.0552, to_m],
+                [0.0552, -to_m],
+                [0.1, -to_m],
+            ];
+            Profile::new(knots).expect("a profile")
+        };
+        let to_m = 1e-3 * (2.0 - number as f64 * 0.5);
+        // The step itself is read before and after it.
+        let depth_m: Vec<f64> = (0..=100)
+            .flat_map(|mm| match mm {
+                30 => vec![0.030, 0.0304, 0.0304],
+                55 => vec![0.055, 0.0552, 0.0552],
+                _ => vec![1e-3 * f64::from(mm)],
+            })
+            .collect();
+        let guide2_m = [steps(to_m), steps(-0.7 * to_m)];
+        let leaves = |i: usize| i > 0 && depth_m[i] == depth_m[i - 1];
+        let at = |profile: &Profile, i: usize| {
+            if leaves(i) { profile.after(depth_m[i]) } else { profile.before(depth_m[i]) }
+        };
+        let held: [Vec<f64>; 2] =
+            guide2_m.each_ref().map(|plane| (0..depth_m.len()).map(|i| at(plane, i)).collect());
+        // The forward model reads on arriving: after a step is a hair beyond it.
+        let read_m = (0..depth_m.len()).map(|i| depth_m[i] + if leaves(i) { 1e-8 } else { 0.0 }).collect();
+        let done = Insertion {
+            depth_m: read_m,
+            guide2_m: Some(guide2_m),
+            tip_direction: true,
+            ..Insertion::default()
+        };
+        let channels = forward(&model, &Experiment::Insertion(done)).expect("predicts");
+        let mut noisy =
+            |values: Vec<f64>, sd: f64| values.into_iter().map(|value| value + sd * noise.normal()).collect();
+        let [y_m, x_m] = held;
+        formats::session::InsertionRun {
+            id: format!("i{number}"),
+            path: format!("i{number}.csv").into(),
+            tip_y_m: noisy(channels.tip_m.y, 0.05e-3),
+            tip_x_m: channels.tip_m.x.map(|x| noisy(x, 0.05e-3)),
+            tip_direction_y_rad: Some(noisy(channels.tip_direction_rad.y, 1e-3)),
+            tip_direction_x_rad: channels.tip_direction_rad.x.map(|x| noisy(x, 1e-3)),
+            guide2_y_m: Some(y_m),
+            guide2_x_m: Some(x_m),
+            depth_m,
+            time_s: None,
+            rotation_rad: None,
+            base_force_y_n: None,
+        }
+    };
+    let insertion = (0..3).map(run).collect();
+    let (empty, _) = steady();
+    let session = Session { rig, insertion, ..empty };
+    let found = predict(&session, &UNTIL_50).expect("predicts");
+    for one in &found.insertions {
+        let learned = one.learned.as_ref().expect("learned");
+        for (found, stiffness) in [&learned.rear_rotation_y, &learned.rear_rotation_x].into_iter().zip(rear) {
+            let found = found.as_ref().expect("a rear");
+            let [low, high] = found.ci95_n_m_per_rad;
+            assert!(0.8 * low <= stiffness && stiffness <= 1.25 * high, "{found:?} is not {stiffness}");
+        }
+        let soft = learned.rear_rotation_x.as_ref().expect("a rear");
+        assert_eq!(soft.status, "identified", "{soft:?}");
+        assert!(one.mae_mm.expect("measured") < 0.2, "{:?}", one.mae_mm);
+        assert!(2 * one.band_held > one.band_readings);
+    }
+}
+
+/// What a model file says of a clearance or a bent needle is in the prediction: the paths were made by another solution of the same
+/// physics.
+#[test]
+fn clearance_and_bend_of_the_model_are_in_the_path() {
+    use worlds::{Design, Truth, session};
+    let known = [("rig.backlash", vec![0.3]), ("needle.prebend", vec![0.5, 0.2])];
+    for (id, values) in known {
+        let truth =
+            Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: vec![(id, values.clone())], foreign: None };
+        let session = session(&truth, &Design::moved_insertions(), 3);
+        let error_mm = |effects: Vec<(&'static dyn Effect, Vec<f64>)>| {
+            let options = Options { modulus_pa: Some([12e3, 0.6e3]), learn: false, effects, ..UNTIL_50 };
+            let found = predict(&session, &options).expect("predicts");
+            let all = found.insertions.iter().map(|one| one.mae_mm.expect("measured"));
+            all.sum::<f64>() / found.insertions.len() as f64
+        };
+        let effect = mechanics::effects::effect(id).expect("an effect");
+        let (with, without) = (error_mm(vec![(effect, values)]), error_mm(Vec::new()));
+        assert!(with < 0.7 * without, "{id}: {with} mm with it, {without} mm without");
+    }
+}

@@ -1,0 +1,85 @@
+//! Tracking through layers whose boundary is not known: the boundary is an unknown like any other.
+//!
+//! The estimator has two segments of depth, and its tissue may jump where they meet. While a run goes on three of them go through it,
+//! each with its own place of the jump, and every value is their mixture: their weights are those of their deviations, and the
+//! interval of a value has what they differ by in it. When the run has ended its rows are fitted anew with a jump at every depth, and with
+//! none ([`places`]), and the mixture of all of them is what is reported: tissue against depth, means, and the boundary with its interval.
+
+use super::mixture::{mixed, weights};
+use super::places;
+use super::sound::{MODES, SoundTracker};
+use estimator::{Estimate, Refused, Sample, Settings, Value};
+use rayon::prelude::*;
+
+/// Boundaries that are followed while a run goes on, as shares of the depth.
+const FOLLOWED: [f64; 3] = [0.25, 0.5, 0.75];
+
+/// The boundary of two layers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Boundary {
+    /// Depth, m: the median.
+    pub depth_m: f64,
+    /// Its 95 % interval.
+    pub ci95_m: [f64; 2],
+    /// Stiffness just below over that just above.
+    pub stiffness_ratio: f64,
+}
+
+/// What is known at the end of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layered {
+    /// As the estimator gives it.
+    pub estimate: Estimate<f64>,
+    /// Probability that the tissue jumps somewhere; even odds before the run.
+    pub boundary_probability: f64,
+    /// Where; nothing where no boundary is established.
+    pub boundary: Option<Boundary>,
+    /// Stiffness of every cell that was reached.
+    pub field: Vec<Value<f64>>,
+    /// Length of a cell.
+    pub cell_m: f64,
+}
+
+/// The estimators of a run with two layers at most.
+#[derive(Debug, Clone)]
+pub struct LayeredTracker {
+    followed: Vec<SoundTracker<f64>>,
+}
+
+impl LayeredTracker {
+    /// For runs to `settings.reach_m`; nothing where the layout does not fit.
+    pub fn new(settings: Settings<f64, MODES>) -> Option<Self> {
+        let of_share =
+            |share: f64| SoundTracker::new(Settings { segment_m: share * settings.reach_m, ..settings });
+        Some(Self { followed: FOLLOWED.into_iter().map(of_share).collect::<Option<_>>()? })
+    }
+
+    /// Takes a sample; as the estimator's own.
+    ///
+    /// # Errors
+    /// [`Refused`]; the sample is skipped and nothing else changes.
+    pub fn update(&mut self, sample: &Sample<f64>) -> Result<Option<Estimate<f64>>, Refused> {
+        let mut found = Vec::with_capacity(self.followed.len());
+        for tracker in &mut self.followed {
+            if let Some(estimate) = tracker.update(sample)? {
+                found.push((estimate, tracker.evidence()));
+            }
+        }
+        let wide = found.iter().map(|(_, evidence)| evidence.wide).fold(f64::INFINITY, f64::min);
+        let logs: Vec<f64> = found.iter().map(|(_, evidence)| -0.5 * evidence.squares / wide).collect();
+        let estimates: Vec<Estimate<f64>> = found.into_iter().map(|(estimate, _)| estimate).collect();
+        Ok(mixed(&estimates, &weights(&logs)))
+    }
+
+    /// No more samples: the boundary and what is known beside it.
+    pub fn finish(&mut self) -> Option<Layered> {
+        let finished: Vec<Option<Estimate<f64>>> =
+            self.followed.par_iter_mut().map(|tracker| tracker.finish()).collect();
+        let cost = |of: &(&SoundTracker<f64>, f64)| of.0.evidence().cost;
+        let reached = self.followed.iter().zip(finished);
+        let reached = reached.filter_map(|(tracker, estimate)| Some((tracker, estimate?.depth_m)));
+        let (best, reach_m) =
+            reached.filter(|(_, depth_m)| *depth_m > 0.0).min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
+        places::posterior(best, reach_m)
+    }
+}

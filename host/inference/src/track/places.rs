@@ -1,0 +1,209 @@
+//! Where two layers meet: posterior of the boundary's depth, over how much the layers vary within.
+//!
+//! A hypothesis is a depth of the boundary, or none, and a standard deviation of what varies within a layer. The rows of the run are
+//! fitted anew under each (Gauss-Newton over all rows); weights are those of the evidence by Laplace's method (Bayesian model averaging; Hoeting,
+//! Madigan, Raftery and Volinsky, 1999). How much layers vary has to be an unknown too: layers that may vary freely imitate a boundary
+//! that is centimetres away, and uniform ones are not what every tissue has.
+
+use super::layers::{Boundary, Layered};
+use super::mixture::{mixed, mixed_stiffness, weights};
+use super::sound::{CELLS, SoundTracker};
+use estimator::{Estimate, Evidence, Value};
+use rayon::prelude::*;
+
+/// Boundaries lie between these shares of the depth: beyond them one side is too short for two layers.
+const SEARCHED: [f64; 2] = [0.08, 0.92];
+/// Standard deviation of the first order of the logarithm of stiffness within a layer, and its probability before the run: uniform as
+/// layers that are cast are, nearly so, and as tissue with lumps and bubbles.
+const VARIATIONS: [(f64, f64); 3] = [(0.02, 0.6), (0.1, 0.3), (0.5, 0.1)];
+/// First places: so many cells apart.
+const COARSE_CELLS: f64 = 2.0;
+/// Places about the likely ones: so far apart.
+const FINE_M: f64 = 1e-3;
+/// Likely is a hypothesis with this probability or more; where there are more of them than this, the boundary is not located by
+/// finer places either.
+const LIKELY_WEIGHT: f64 = 1e-3;
+const MAX_REFINED: usize = 16;
+/// Probability from which on a boundary is reported: it is more likely than tissue that varies smoothly.
+const REPORTED: f64 = 0.5;
+
+/// A boundary's depth, if there is one, and the index of its variation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Hypothesis {
+    boundary_m: Option<f64>,
+    variation: usize,
+}
+
+/// A hypothesis, fitted.
+struct Fitted {
+    hypothesis: Hypothesis,
+    evidence: Evidence<f64>,
+    estimate: Estimate<f64>,
+    /// Stiffness of the common cells.
+    field: Vec<Value<f64>>,
+    /// Logarithm of the stiffness below the boundary over that above.
+    log_ratio: f64,
+}
+
+/// The rows of a run under every hypothesis, from a tracker that has them.
+pub(super) fn posterior(tracker: &SoundTracker<f64>, reach_m: f64) -> Option<Layered> {
+    let cell_m = tracker.settings().cell_m;
+    let fit = |hypotheses: Vec<Hypothesis>| -> Vec<Fitted> {
+        hypotheses.into_par_iter().filter_map(|one| fitted(tracker, one, reach_m)).collect()
+    };
+    let [first_m, last_m] = SEARCHED.map(|share| share * reach_m);
+    let count = ((last_m - first_m) / (COARSE_CELLS * cell_m)).ceil().max(1.0) as usize;
+    let coarse_m = (last_m - first_m) / count as f64;
+    let places = (0..=count).map(|i| Some(first_m + coarse_m * i as f64)).chain([None]);
+    let all = |boundary_m| (0..VARIATIONS.len()).map(move |variation| Hypothesis { boundary_m, variation });
+    let mut found = fit(places.flat_map(all).collect());
+    let likely: Vec<Hypothesis> = found
+        .iter()
+        .zip(probabilities(&found, [first_m, last_m]))
+        .filter(|(one, weight)| one.hypothesis.boundary_m.is_some() && *weight >= LIKELY_WEIGHT)
+        .map(|(one, _)| one.hypothesis)
+        .collect();
+    if likely.len() <= MAX_REFINED {
+        let steps = (coarse_m / FINE_M).ceil().max(1.0) as i32;
+        let fine_m = coarse_m / f64::from(steps);
+        let mut finer: Vec<Hypothesis> = Vec::new();
+        for one in &likely {
+            for step in (1 - steps..steps).filter(|step| *step != 0) {
+                let Some(at_m) = one.boundary_m.map(|at_m| at_m + f64::from(step) * fine_m) else { continue };
+                let known = |other: &Hypothesis| {
+                    other.variation == one.variation
+                        && other.boundary_m.is_some_and(|m| (m - at_m).abs() < 0.1 * fine_m)
+                };
+                if (first_m..=last_m).contains(&at_m) && !finer.iter().any(known) {
+                    finer.push(Hypothesis { boundary_m: Some(at_m), variation: one.variation });
+                }
+            }
+        }
+        found.extend(fit(finer));
+    }
+    averaged(&found, [first_m, last_m], cell_m)
+}
+
+/// Cells of about the settings' length with a face at the boundary.
+fn cell_length_m(cell_m: f64, boundary_m: f64, reach_m: f64) -> f64 {
+    let cells = (boundary_m / cell_m - 1e-9).ceil().max(1.0);
+    let shorter_m = boundary_m / cells;
+    let has_room = shorter_m * CELLS as f64 >= reach_m;
+    if has_room || cells < 2.0 { shorter_m } else { boundary_m / (cells - 1.0) }
+}
+
+fn fitted(tracker: &SoundTracker<f64>, hypothesis: Hypothesis, reach_m: f64) -> Option<Fitted> {
+    let own_m = tracker.settings().cell_m;
+    let Hypothesis { boundary_m, variation } = hypothesis;
+    let cell_m = boundary_m.map_or(own_m, |boundary_m| cell_length_m(own_m, boundary_m, reach_m));
+    let segment_m = boundary_m.unwrap_or(2.0 * reach_m);
+    let mut tracker = tracker.resegmented(segment_m, cell_m, VARIATIONS.get(variation)?.0);
+    let estimate = tracker.finish()?;
+    let cells = ((reach_m / own_m).ceil() as usize).min(CELLS);
+    let at = |depth_m: f64| tracker.stiffness_at(((depth_m / cell_m) as usize).min(CELLS - 1));
+    let field: Vec<Value<f64>> = (0..cells).filter_map(|cell| at(own_m * (cell as f64 + 0.5))).collect();
+    let log_ratio = boundary_m.map_or(Some(0.0), |boundary_m| {
+        let [above, below] = [-0.5, 0.5].map(|cells| at(boundary_m + cells * cell_m));
+        Some((below?.value / above?.value).ln())
+    })?;
+    Some(Fitted { hypothesis, evidence: tracker.evidence(), estimate, field, log_ratio })
+}
+
+/// The part of the depth that a place stands for: half the way to its neighbours of the same variation.
+fn part_m(found: &[Fitted], index: usize, [first_m, last_m]: [f64; 2]) -> Option<[f64; 2]> {
+    let Hypothesis { boundary_m, variation } = found.get(index)?.hypothesis;
+    let at_m = boundary_m?;
+    let others = found.iter().map(|one| one.hypothesis).filter(|one| one.variation == variation);
+    let (mut low_m, mut high_m) = (first_m, last_m);
+    for other_m in others.filter_map(|one| one.boundary_m) {
+        if other_m < at_m {
+            low_m = low_m.max(0.5 * (other_m + at_m));
+        } else if other_m > at_m {
+            high_m = high_m.min(0.5 * (other_m + at_m));
+        }
+    }
+    Some([low_m, high_m])
+}
+
+/// Probabilities of the hypotheses: even odds for a boundary and for none, and for all depths.
+fn probabilities(found: &[Fitted], range_m: [f64; 2]) -> Vec<f64> {
+    let wide = found.iter().map(|one| one.evidence.wide).fold(f64::INFINITY, f64::min);
+    let log = |(index, one): (usize, &Fitted)| {
+        let Evidence { cost, occam, .. } = one.evidence;
+        let share =
+            part_m(found, index, range_m).map_or(1.0, |[low, high]| (high - low) / (range_m[1] - range_m[0]));
+        let odds = VARIATIONS.get(one.hypothesis.variation).map_or(0.0, |(_, odds)| *odds);
+        -0.5 * cost / wide - occam + (odds * share).ln()
+    };
+    weights(&found.iter().enumerate().map(log).collect::<Vec<_>>())
+}
+
+/// The mixture of all hypotheses.
+fn averaged(found: &[Fitted], range_m: [f64; 2], cell_m: f64) -> Option<Layered> {
+    let weights = probabilities(found, range_m);
+    let estimates: Vec<Estimate<f64>> = found.iter().map(|one| one.estimate).collect();
+    let estimate = mixed(&estimates, &weights)?;
+    let cells = found.iter().map(|one| one.field.len()).min()?;
+    let of_cell = |cell: usize| {
+        let values: Vec<Value<f64>> = found.iter().filter_map(|one| one.field.get(cell).copied()).collect();
+        mixed_stiffness(&values, &weights)
+    };
+    let field: Vec<Value<f64>> = (0..cells).map(of_cell).collect();
+    let parts: Vec<([f64; 2], f64)> = (0..found.len())
+        .zip(&weights)
+        .filter_map(|(index, weight)| Some((part_m(found, index, range_m)?, *weight)))
+        .collect();
+    let probability: f64 = parts.iter().map(|(_, weight)| weight).sum();
+    let boundary = (probability >= REPORTED).then(|| {
+        let [low_m, depth_m, high_m] = [0.025, 0.5, 0.975].map(|share| quantile(&parts, share * probability));
+        let with = found.iter().zip(&weights).filter(|(one, _)| one.hypothesis.boundary_m.is_some());
+        let log_ratio: f64 = with.map(|(one, weight)| weight * one.log_ratio).sum();
+        Boundary { depth_m, ci95_m: [low_m, high_m], stiffness_ratio: (log_ratio / probability).exp() }
+    });
+    Some(Layered { estimate, boundary_probability: probability, boundary, field, cell_m })
+}
+
+/// Depth above which the boundary lies with probability `share`, each part's probability spread evenly over it.
+fn quantile(parts: &[([f64; 2], f64)], share: f64) -> f64 {
+    let below = |depth_m: f64| -> f64 {
+        let of_part = |([low_m, high_m], weight): &([f64; 2], f64)| {
+            let length_m = (high_m - low_m).max(f64::MIN_POSITIVE);
+            weight * ((depth_m - low_m) / length_m).clamp(0.0, 1.0)
+        };
+        parts.iter().map(of_part).sum()
+    };
+    let least_m = parts.iter().map(|([low_m, _], _)| *low_m).fold(f64::INFINITY, f64::min);
+    let most_m = parts.iter().map(|([_, high_m], _)| *high_m).fold(f64::NEG_INFINITY, f64::max);
+    let (mut low_m, mut high_m) = (least_m, most_m);
+    for _ in 0..50 {
+        let middle_m = 0.5 * (low_m + high_m);
+        if below(middle_m) < share { low_m = middle_m } else { high_m = middle_m }
+    }
+    0.5 * (low_m + high_m)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_those_of_the_mixture_of_even_parts() {
+        // A quarter of the probability on 0 to 1, three on 1 to 4.
+        let parts = [([0.0, 1.0], 0.25), ([1.0, 4.0], 0.75)];
+        for (share, expected) in [(0.125, 0.5), (0.25, 1.0), (0.5, 2.0), (1.0, 4.0)] {
+            assert!((quantile(&parts, share) - expected).abs() < 1e-9, "{share}");
+        }
+    }
+
+    #[test]
+    fn cells_have_a_face_at_the_boundary_and_reach_the_deepest_row() {
+        for boundary_mm in [7.0, 18.3, 40.0, 73.1] {
+            for reach_mm in [80.0, 119.0] {
+                let cell_mm = 1e3 * cell_length_m(2e-3, 1e-3 * boundary_mm, 1e-3 * reach_mm);
+                let faces: f64 = boundary_mm / cell_mm;
+                assert!((faces - faces.round()).abs() < 1e-9, "{boundary_mm}: {cell_mm}");
+                assert!(cell_mm * CELLS as f64 >= reach_mm && cell_mm < 2.8, "{boundary_mm}: {cell_mm}");
+            }
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! The result of tracking, as `guide track --json` prints it. Additive only: fields may be added, never removed or changed in
+//! meaning.
+
+use super::layers::Layered;
+use super::sound::SoundTracker;
+use estimator::{Estimate, Refused, Seen, Value};
+use formats::session::SteeringRun;
+use serde::Serialize;
+
+/// Name and version of this form.
+pub(super) const SCHEMA: &str = "guide.track/1";
+/// The model has converged where its tip stays this close to the measured one, mm.
+pub const CONVERGED_MM: f64 = 0.5;
+/// Length of insertion over which single samples of a tip are averaged before they are judged, m.
+const SMOOTH_M: f64 = 1e-3;
+
+/// Every steering run of a session, tracked.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Tracking {
+    /// Name and version of this form.
+    pub schema: &'static str,
+    /// Name of the session.
+    pub session: Option<String>,
+    /// In the order of the session.
+    pub runs: Vec<TrackResult>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// How far the simulated tip is from the measured one.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Errors {
+    /// Root mean square after convergence.
+    pub rms_mm: Option<f64>,
+    /// Largest after convergence.
+    pub max_mm: Option<f64>,
+    /// Depth from which on it stays within 0.5 mm; `null` where it does not.
+    pub converged_at_mm: Option<f64>,
+}
+
+/// One steering run. Lists have one value per row, about every millimetre of insertion, each made of what had been measured until
+/// then; `null` where the motion so far does not tell.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct TrackResult {
+    /// Its name.
+    pub id: String,
+    /// How far the simulated tip is from the measured one.
+    #[serde(flatten)]
+    pub errors: Errors,
+    /// Insertion depth.
+    pub depth_mm: Vec<f64>,
+    /// Mean stiffness over the inserted part.
+    pub stiffness_n_per_m2: Vec<Option<f64>>,
+    /// Lower end of its 95 % interval.
+    pub stiffness_lo95_n_per_m2: Vec<f64>,
+    /// Upper end of its 95 % interval.
+    pub stiffness_hi95_n_per_m2: Vec<f64>,
+    /// Mean damping over the inserted part.
+    pub damping_n_s_per_m2: Vec<Option<f64>>,
+    /// Lower end of its 95 % interval.
+    pub damping_lo95_n_s_per_m2: Vec<f64>,
+    /// Upper end of its 95 % interval.
+    pub damping_hi95_n_s_per_m2: Vec<f64>,
+    /// Correlation of the two: near -1 only a combination of them is known.
+    pub correlation: Vec<f64>,
+    /// Where the simulated tip was, before the row was looked at.
+    pub tip_y_mm: Vec<f64>,
+    /// Where the measured tip was, without the sensor's offset.
+    pub measured_tip_y_mm: Vec<f64>,
+    /// Simulated force at the base.
+    pub base_force_y_n: Vec<f64>,
+    /// Measured force at the base, without the sensor's offset.
+    pub measured_base_force_y_n: Vec<f64>,
+    /// What is known at the end.
+    pub last: Option<LastResult>,
+    /// The tissue against depth at the end.
+    pub field: Option<FieldResult>,
+    /// Where it jumps; nothing where the segments were stated.
+    pub layers: Option<LayersResult>,
+    /// What other estimators make of the same.
+    pub compare: Vec<CompareResult>,
+    /// What the user should know of this run.
+    pub warnings: Vec<String>,
+}
+
+/// A value with its interval, and whether it can be told.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ValueResult {
+    /// `null` where it cannot be told.
+    pub value: Option<f64>,
+    /// 95 % interval.
+    pub ci95: [f64; 2],
+    /// `yes`; `at most`: only the upper end means something; `no`: what was known before.
+    pub told: &'static str,
+}
+
+impl From<Value<f64>> for ValueResult {
+    fn from(value: Value<f64>) -> Self {
+        let told = match value.seen {
+            Seen::Yes => "yes",
+            Seen::AtMost => "at most",
+            Seen::No => "no",
+        };
+        Self { value: told_value(value), ci95: [value.low, value.high], told }
+    }
+}
+
+impl ValueResult {
+    /// The value with its interval, times `scale`; in words where it cannot be told.
+    pub fn words(&self, scale: f64, digits: usize) -> String {
+        let [low, high] = self.ci95.map(|end| scale * end);
+        match (self.value, self.told) {
+            (Some(value), _) => format!("{:.digits$} ({low:.digits$} to {high:.digits$})", scale * value),
+            (None, "at most") => format!("below {high:.digits$}"),
+            _ => "cannot be told".to_owned(),
+        }
+    }
+}
+
+fn told_value(value: Value<f64>) -> Option<f64> {
+    (value.seen == Seen::Yes).then_some(value.value)
+}
+
+/// What is known at the end of a run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LastResult {
+    /// Insertion depth.
+    pub depth_mm: f64,
+    /// Mean stiffness over the inserted part, N/m^2.
+    pub stiffness_n_per_m2: ValueResult,
+    /// Mean damping over the inserted part, N s/m^2.
+    pub damping_n_s_per_m2: ValueResult,
+    /// Correlation of the two.
+    pub correlation: f64,
+    /// Mean squared deviation of force and tip from the model against their noise: 1 where the model is right.
+    pub misfit: f64,
+}
+
+/// Stiffness against depth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FieldResult {
+    /// Middles of the cells.
+    pub depth_mm: Vec<f64>,
+    /// Stiffness at each; `null` where it cannot be told.
+    pub stiffness_n_per_m2: Vec<Option<f64>>,
+    /// Lower ends of the 95 % intervals.
+    pub lo95_n_per_m2: Vec<f64>,
+    /// Upper ends.
+    pub hi95_n_per_m2: Vec<f64>,
+}
+
+impl FieldResult {
+    /// What an estimator knows down to a depth.
+    pub(super) fn of_tracker(tracker: &SoundTracker<f64>, depth_m: f64) -> Self {
+        let cell_m = tracker.settings().cell_m;
+        let cells = (depth_m / cell_m).ceil() as usize;
+        let values: Vec<Value<f64>> = (0..cells).filter_map(|cell| tracker.stiffness_at(cell)).collect();
+        Self::new(&values, cell_m)
+    }
+
+    /// Of the values of cells from the surface down.
+    pub(super) fn new(values: &[Value<f64>], cell_m: f64) -> Self {
+        Self {
+            depth_mm: (0..values.len()).map(|cell| 1e3 * cell_m * (cell as f64 + 0.5)).collect(),
+            stiffness_n_per_m2: values.iter().map(|value| told_value(*value)).collect(),
+            lo95_n_per_m2: values.iter().map(|value| value.low).collect(),
+            hi95_n_per_m2: values.iter().map(|value| value.high).collect(),
+        }
+    }
+}
+
+/// Whether and where the tissue jumps from one layer to another.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LayersResult {
+    /// Probability that there is a boundary; even odds before the run.
+    pub probability: f64,
+    /// Its depth; `null` where none is established.
+    pub boundary_mm: Option<f64>,
+    /// 95 % interval of the depth.
+    pub boundary_ci95_mm: Option<[f64; 2]>,
+    /// Stiffness below the boundary over that above it.
+    pub stiffness_ratio: Option<f64>,
+}
+
+impl LayersResult {
+    /// Of the end of a run.
+    pub(super) fn new(found: &Layered) -> Self {
+        let boundary = found.boundary;
+        Self {
+            probability: found.boundary_probability,
+            boundary_mm: boundary.map(|boundary| 1e3 * boundary.depth_m),
+            boundary_ci95_mm: boundary.map(|boundary| boundary.ci95_m.map(|m| 1e3 * m)),
+            stiffness_ratio: boundary.map(|boundary| boundary.stiffness_ratio),
+        }
+    }
+}
+
+/// What another estimator makes of the same run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CompareResult {
+    /// Which.
+    pub method: &'static str,
+    /// How far its simulated tip is from the measured one.
+    #[serde(flatten)]
+    pub errors: Errors,
+    /// Mean stiffness at the end.
+    pub stiffness_n_per_m2: Option<f64>,
+    /// Mean damping at the end.
+    pub damping_n_s_per_m2: Option<f64>,
+}
+
+impl TrackResult {
+    /// Of the estimates of a run, in order, and what is known at its end.
+    /// `is_sound`: whether units and signs are not what is wrong with it; else nothing is said of tissue and motion.
+    pub(super) fn new(
+        id: &str,
+        estimates: &[Estimate<f64>],
+        last: Option<Estimate<f64>>,
+        is_sound: bool,
+    ) -> Self {
+        let list = |of: &dyn Fn(&Estimate<f64>) -> f64| estimates.iter().map(of).collect::<Vec<_>>();
+        let offs: Vec<[f64; 2]> =
+            estimates.iter().map(|one| [one.depth_m, one.tip_m - one.measured_tip_m]).collect();
+        let mut warnings = Vec::new();
+        match last.filter(|_| is_sound) {
+            None if !is_sound => {}
+            None => warnings.push("too short for a single row: nothing can be told".to_owned()),
+            Some(last) => {
+                if last.stiffness.seen != Seen::Yes {
+                    warnings
+                        .push("stiffness cannot be told from this motion: move the base sideways".to_owned());
+                }
+                match last.damping.seen {
+                    Seen::Yes => {}
+                    Seen::AtMost => warnings.push(format!(
+                        "damping cannot be told from this motion, only that it is below {:.0} N s/m^2: move faster, stop, or move to and fro",
+                        last.damping.high
+                    )),
+                    Seen::No => warnings.push(
+                        "damping cannot be told from this motion: move faster, stop, or move to and fro".to_owned(),
+                    ),
+                }
+                if last.misfit > 4.0 {
+                    warnings.push(format!(
+                        "force and tip are off from the model by {:.1} times their noise: the intervals are widened accordingly",
+                        last.misfit.sqrt()
+                    ));
+                }
+            }
+        }
+        Self {
+            id: id.to_owned(),
+            errors: errors(&offs),
+            depth_mm: list(&|one| 1e3 * one.depth_m),
+            stiffness_n_per_m2: estimates.iter().map(|one| told_value(one.stiffness)).collect(),
+            stiffness_lo95_n_per_m2: list(&|one| one.stiffness.low),
+            stiffness_hi95_n_per_m2: list(&|one| one.stiffness.high),
+            damping_n_s_per_m2: estimates.iter().map(|one| told_value(one.damping)).collect(),
+            damping_lo95_n_s_per_m2: list(&|one| one.damping.low),
+            damping_hi95_n_s_per_m2: list(&|one| one.damping.high),
+            correlation: list(&|one| one.correlation),
+            tip_y_mm: list(&|one| 1e3 * one.tip_m),
+            measured_tip_y_mm: list(&|one| 1e3 * one.measured_tip_m),
+            base_force_y_n: list(&|one| one.force_n),
+            measured_base_force_y_n: list(&|one| one.measured_force_n),
+            last: last.map(|last| LastResult {
+                depth_mm: 1e3 * last.depth_m,
+                stiffness_n_per_m2: last.stiffness.into(),
+                damping_n_s_per_m2: last.damping.into(),
+                correlation: last.correlation,
+                misfit: last.misfit,
+            }),
+            warnings,
+            ..Self::default()
+        }
+    }
+}
+
+/// Of deviations against depth, both in m.
+pub(super) fn errors(offs: &[[f64; 2]]) -> Errors {
+    let far = |[_, off_m]: &[f64; 2]| off_m.is_nan() || 1e3 * off_m.abs() > CONVERGED_MM;
+    let from = offs.iter().rposition(far).map_or(0, |last| last + 1);
+    let after = offs.get(from..).unwrap_or_default();
+    let Some([depth_m, _]) = after.first() else { return Errors::default() };
+    let square = after.iter().map(|[_, off_m]| off_m * off_m).sum::<f64>() / after.len() as f64;
+    Errors {
+        rms_mm: Some(1e3 * square.sqrt()),
+        max_mm: Some(1e3 * after.iter().fold(0.0, |most: f64, [_, off_m]| most.max(off_m.abs()))),
+        converged_at_mm: Some(1e3 * depth_m),
+    }
+}
+
+/// Means over a millimetre of insertion, as the rows of the estimator are.
+pub(super) fn smoothed(offs: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let mut rows: Vec<([f64; 2], f64)> = Vec::new();
+    let mut start_m = f64::NEG_INFINITY;
+    for [depth_m, off_m] in offs {
+        match rows.last_mut() {
+            Some((sum, count)) if depth_m - start_m < SMOOTH_M => {
+                *sum = [sum[0] + depth_m, sum[1] + off_m];
+                *count += 1.0;
+            }
+            _ => {
+                start_m = *depth_m;
+                rows.push(([*depth_m, *off_m], 1.0));
+            }
+        }
+    }
+    rows.into_iter().map(|(sum, count)| sum.map(|sum| sum / count)).collect()
+}
+
+/// A sentence on samples that were not taken.
+pub(super) fn left_out(count: usize, row: usize, refused: Refused, run: &SteeringRun) -> String {
+    let why = match refused {
+        Refused::NotANumber => "a value that no rig can have",
+        Refused::TimeStands => "its time is not later than the one before",
+        Refused::TooDeep => "deeper than the needle or the estimator reaches",
+    };
+    // The header is line 1.
+    format!("{count} rows left out, the first at {}, line {}: {why}", run.path.display(), row + 2)
+}

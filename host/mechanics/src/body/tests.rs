@@ -1,0 +1,160 @@
+//! The needle in a body against direct finite-element solutions, and the laws every body obeys.
+
+use super::*;
+use crate::continuum::operator::direct;
+use crate::growth::{Acting, Growth, Guide2Grip};
+use crate::{BeamProblem, Layer, Model, Needle, Rig};
+
+fn rig() -> Rig {
+    Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
+}
+
+fn problem(foundation: Foundation, poisson: f64, depth_m: f64) -> BeamProblem {
+    BeamProblem { support: Support::Body { poisson }, ..BeamProblem::new(&rig(), foundation, depth_m) }
+}
+
+/// Stiffness per unit of depth by the tables.
+fn tabulated(foundation: &Foundation, poisson: f64, depth_m: f64) -> Matrix {
+    let support = Support::Body { poisson };
+    let found = stiffness(foundation, support, 0.635e-3, 0.0, depth_m).expect("a stiffness");
+    found.map(|row| row.map(|value| value / depth_m))
+}
+
+/// Between the nodes of the table, in depth and in Poisson's ratio, on a finer mesh than the table's.
+#[test]
+fn the_table_is_the_direct_solution() {
+    let (depth, poisson) = (12.0, 0.43);
+    let expected = direct(depth, poisson, |_| 1.0, &[], 1.3).expect("solves");
+    let found = tabulated(&Foundation::uniform(1.0).expect("a modulus"), poisson, depth * 0.635e-3);
+    // Patterns that a needle takes: to a part in a thousand; the others are worth less the stiffer the needle is against them.
+    for i in 0..3 {
+        for j in 0..=i {
+            let scale = (expected[(i, i)] * expected[(j, j)]).sqrt();
+            assert!(
+                (found[i][j] - expected[(i, j)]).abs() < 1e-3 * scale,
+                "{i} {j}: {} {}",
+                found[i][j],
+                expected[(i, j)]
+            );
+        }
+    }
+}
+
+/// A body of two layers, the boundary of which is at no face of a slice.
+#[test]
+fn layers_agree_with_the_direct_solution() {
+    let depth = 20.0;
+    for (boundary, ratio) in [(0.45, 3.0), (0.7, 0.4)] {
+        let modulus = |z: f64| if z < boundary * depth { 1.0 } else { ratio };
+        let expected = direct(depth, 0.5, modulus, &[boundary * depth], 1.0).expect("solves");
+        let layer = Layer { bottom_m: boundary * depth * 0.635e-3, modulus_pa: 1.0 };
+        let foundation = Foundation::layered(vec![layer], ratio).expect("layers");
+        let found = tabulated(&foundation, 0.5, depth * 0.635e-3);
+        for i in 0..2 {
+            let off = found[i][i] / expected[(i, i)] - 1.0;
+            assert!((-0.01..0.03).contains(&off), "{boundary} {ratio} {i}: {off}");
+        }
+    }
+}
+
+/// Moduli that change in proportion to depth; one that would be nothing below the tip is a tenth there.
+#[test]
+fn gradients_agree_with_the_direct_solution() {
+    let depth = 20.0;
+    for at_tip in [1.8, 0.4] {
+        let slope = (at_tip - 1.0) / depth;
+        let modulus = |z: f64| (1.0 + slope * z.min(10.0 * depth)).max(0.1);
+        let expected = direct(depth, 0.5, modulus, &[], 1.0).expect("solves");
+        let foundation = Foundation::uniform(1.0).expect("a modulus").graded(slope / 0.635e-3);
+        let found = tabulated(&foundation.expect("a gradient"), 0.5, depth * 0.635e-3);
+        for i in 0..2 {
+            let off = found[i][i] / expected[(i, i)] - 1.0;
+            assert!((-0.01..0.03).contains(&off), "{at_tip} {i}: {off}");
+        }
+    }
+}
+
+/// Depth and lateral stiffness in N/m of the needle of the examples at E 20 kPa, Poisson's ratio one half: a dense Python prototype of
+/// the finite elements and the beam, without table and interpolation.
+const STIFFNESS: [(f64, f64); 1] = [(0.02, 930.9846)];
+
+#[test]
+fn lateral_stiffness_agrees_with_a_solution_without_tables() {
+    for (depth_m, expected) in STIFFNESS {
+        let beam = Model::body(rig(), 20e3, 0.5).expect("a model").beam(depth_m).expect("solves");
+        let found = beam.lateral_stiffness_n_per_m();
+        assert!((found / expected - 1.0).abs() < 5e-4, "{depth_m}: {found} {expected}");
+    }
+}
+
+#[test]
+fn deflection_and_slope_are_continuous_and_forces_reciprocal() {
+    let model = Model::body(rig(), 30e3, 0.45).expect("a model");
+    let mut problem = model.problem(0.05).expect("a problem");
+    (problem.axial_load_n, problem.skin_n_per_m, problem.shear_n) = (0.8, 300.0, 1.5);
+    problem.clamp_compliance_rad_per_n_m = 0.05;
+    let beam = problem.solve().expect("solves");
+    let unit = beam.guide2_force();
+    for z_m in [0.06, 0.07] {
+        assert!((unit.slope(z_m - 1e-9) / unit.slope(z_m + 1e-9) - 1.0).abs() < 1e-6);
+        assert!((unit.deflection_m(z_m - 1e-12) / unit.deflection_m(z_m) - 1.0).abs() < 1e-9);
+    }
+    let there = unit.deflection_m(beam.length_m());
+    assert!((beam.tip_force().deflection_m(0.06) / there - 1.0).abs() < 1e-9);
+}
+
+/// A body without stiffness is none, whatever the tables say: the cantilever with a load at guide 2.
+#[test]
+fn a_soft_body_leaves_the_cantilever() {
+    let problem = problem(Foundation::uniform(1e-6).expect("a modulus"), 0.5, 0.03);
+    let stiffness = problem.solve().expect("solves").lateral_stiffness_n_per_m();
+    let expected = 3.0 * problem.bending_stiffness_n_m2 / 0.06f64.powi(3);
+    assert!((stiffness / expected - 1.0).abs() < 1e-6, "{stiffness} {expected}");
+}
+
+/// Above its gap there is no body: as one whose surface lies deeper.
+#[test]
+fn a_gap_lowers_the_surface() {
+    let gap = Foundation::uniform(20e3).expect("a modulus").with_gap(5e-3).expect("a gap");
+    let with_gap = problem(gap, 0.5, 0.04).solve().expect("solves");
+    let lower = Rig::two_guides(Needle::gauge_18(), 0.06, 0.075);
+    let deeper = Model::body(lower, 20e3, 0.5).expect("a model").beam(0.035).expect("solves");
+    let [a, b] = [&with_gap, &deeper].map(|beam| beam.lateral_stiffness_n_per_m());
+    assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
+}
+
+/// The tip of a needle that lies on its own path has no reason to move, and halving the steps changes little.
+#[test]
+fn insertions_converge_with_the_step() {
+    let problem = problem(Foundation::uniform(20e3).expect("a modulus"), 0.5, 0.08);
+    let tip = |steps: usize| {
+        let depths = (0..=steps).map(|i| 0.08 * i as f64 / steps as f64).collect();
+        let growth = Growth::new(&problem, depths, Guide2Grip::Holding).expect("grows");
+        let loaded = growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] });
+        let still = growth.under_load(|_| Acting::default());
+        assert!(still.iter().all(|state| state.tip_m == [0.0; 2]));
+        loaded[steps].tip_m[0]
+    };
+    let [coarse, fine] = [tip(80), tip(160)];
+    assert!((coarse / fine - 1.0).abs() < 1e-3, "{coarse} {fine}");
+}
+
+/// What the tables do not hold is refused, with the reason.
+#[test]
+fn what_is_not_tabulated_is_refused() {
+    let two = |below_pa: f64| {
+        let layer = Layer { bottom_m: 0.01, modulus_pa: 1e3 };
+        Foundation::layered(vec![layer], below_pa).expect("layers")
+    };
+    let refused =
+        |foundation: Foundation, poisson: f64, depth_m: f64| match problem(foundation, poisson, depth_m)
+            .solve()
+        {
+            Err(ModelError::OutOfRange { name, .. }) => name,
+            other => panic!("{other:?}"),
+        };
+    assert_eq!(refused(two(20e3), 0.5, 0.03), "modulus below over modulus above");
+    assert_eq!(refused(two(2e3), 0.1, 0.03), "poisson");
+    assert_eq!(refused(two(2e3), 0.5, 0.45), "depth over needle radius");
+    assert_eq!(refused(Foundation::uniform(1e3).expect("a modulus"), 0.6, 0.03), "poisson");
+}

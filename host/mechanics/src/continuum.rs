@@ -1,0 +1,197 @@
+//! Foundation modulus and Young's modulus from first principles: the needle in an elastic half space instead of on springs.
+//!
+//! The body is linear elastic, the needle a beam bonded to it (or touched on one side only, [`contact`]), the surface
+//! free.
+
+pub mod contact;
+mod fields;
+mod mesh;
+pub mod operator;
+mod solve;
+mod sparse;
+
+pub use mesh::Resolution;
+pub use solve::WallStiffness;
+
+use crate::elements::Deformed;
+use crate::{ModelError, Needle, Rig, check};
+use mesh::Mesh;
+use nalgebra::{DMatrix, DVector};
+
+/// How the tissue holds the needle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Contact {
+    /// All around.
+    Bonded,
+    /// On the side it is pushed to only, without friction, in a hole of its own diameter.
+    OneSided,
+}
+
+impl Contact {
+    /// Stiffness over that of a bonded needle, by depth over radius and Poisson's ratio.
+    fn share(self, ratio: f64, poisson: f64) -> f64 {
+        match self {
+            Self::Bonded => 1.0,
+            Self::OneSided => contact::tabulated_share(ratio, poisson),
+        }
+    }
+
+    /// Relative uncertainty of the contact's share, at 95 %: mesh, harmonics, and that the needle bends.
+    pub fn relative_error(self) -> f64 {
+        match self {
+            Self::Bonded => 0.0,
+            Self::OneSided => contact::RELATIVE_ERROR,
+        }
+    }
+}
+
+/// Depths over needle radius for which the relation is computed.
+pub const RATIO_RANGE: [f64; 2] = [10.0, 600.0];
+/// Young's moduli for which it is, Pa: between them the body is neither nothing beside the needle nor as good as rigid.
+pub const YOUNGS_RANGE_PA: [f64; 2] = [100.0, 1e6];
+
+/// Refuses Young's moduli for which the relation is not computed.
+///
+/// # Errors
+/// [`ModelError::OutOfRange`].
+pub fn check_youngs(youngs_pa: f64) -> Result<(), ModelError> {
+    let [least, most] = YOUNGS_RANGE_PA;
+    let is_in_range = (least..=most).contains(&youngs_pa);
+    check("youngs_modulus_kpa", 1e-3 * youngs_pa, "0.1 to 1000, for which K/E is computed", is_in_range)
+}
+
+/// A needle in an elastic half space: solved once, for any Young's modulus.
+#[derive(Debug, Clone)]
+pub struct Continuum {
+    wall: WallStiffness,
+    depth_m: f64,
+    radius_m: f64,
+    poisson: f64,
+    contact: Contact,
+}
+
+impl Continuum {
+    /// Solves the body around a needle inserted to `depth_m`.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] for a depth outside [`RATIO_RANGE`] or a Poisson's ratio outside 0 to 0.5,
+    /// [`ModelError::Singular`].
+    pub fn solve(
+        needle: &Needle,
+        depth_m: f64,
+        poisson: f64,
+        contact: Contact,
+        resolution: Resolution,
+    ) -> Result<Self, ModelError> {
+        Self::in_body(needle, depth_m, poisson, contact, resolution, false)
+    }
+
+    fn in_body(
+        needle: &Needle,
+        depth_m: f64,
+        poisson: f64,
+        contact: Contact,
+        resolution: Resolution,
+        full_space: bool,
+    ) -> Result<Self, ModelError> {
+        let radius_m = 0.5 * needle.outer_diameter_m;
+        check("poisson", poisson, "0 to 0.5", (0.0..=0.5).contains(&poisson))?;
+        let [least, most] = RATIO_RANGE;
+        let is_in_range = (least..=most).contains(&(depth_m / radius_m));
+        check(
+            "depth over needle radius",
+            depth_m / radius_m,
+            "10 to 600, for which K/E is computed",
+            is_in_range,
+        )?;
+        let mesh = Mesh::new(radius_m, depth_m, resolution, full_space);
+        Ok(Self { wall: solve::wall_stiffness(&mesh, poisson)?, depth_m, radius_m, poisson, contact })
+    }
+
+    /// Ratio K/E of a rigid needle that moves sideways as a whole.
+    pub fn rigid_ratio(&self) -> f64 {
+        self.share() * self.wall.matrix_m.sum() / self.depth_m
+    }
+
+    fn share(&self) -> f64 {
+        self.contact.share(self.depth_m / self.radius_m, self.poisson)
+    }
+
+    /// Inserted length.
+    pub fn depth_m(&self) -> f64 {
+        self.depth_m
+    }
+
+    /// The same body with another contact.
+    pub fn with_contact(&self, contact: Contact) -> Self {
+        Self { contact, ..self.clone() }
+    }
+
+    /// Lateral stiffness at guide 2 of the needle of `rig` in a body of this Young's modulus, N/m.
+    ///
+    /// # Errors
+    /// As [`Self::response`].
+    pub fn lateral_stiffness_n_per_m(&self, rig: &Rig, youngs_pa: f64) -> Result<f64, ModelError> {
+        Ok(1.0 / self.response(rig, youngs_pa)?.deflection_m(rig.guide2_m))
+    }
+
+    /// The needle of `rig` in a body of this Young's modulus under 1 N at guide 2.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`], [`ModelError::Singular`].
+    pub fn response(&self, rig: &Rig, youngs_pa: f64) -> Result<Deformed, ModelError> {
+        check("youngs_modulus_pa", youngs_pa, "more than 0", youngs_pa > 0.0)?;
+        // An only guide is where the needle begins.
+        let guide2 = usize::from(!rig.has_one_guide());
+        let mut nodes_m = if rig.has_one_guide() { vec![0.0] } else { vec![0.0, rig.guide2_m] };
+        if rig.entry_m > rig.guide2_m {
+            nodes_m.push(rig.entry_m);
+        }
+        let entry = nodes_m.len() - 1;
+        nodes_m.extend(self.wall.depths_m.iter().skip(1).map(|depth_m| rig.entry_m + depth_m));
+        let size = 2 * nodes_m.len();
+        let mut stiffness = DMatrix::zeros(size, size);
+        for (element, ends) in nodes_m.windows(2).enumerate() {
+            let bending =
+                crate::elements::bending_stiffness(rig.needle.bending_stiffness_n_m2(), ends[1] - ends[0]);
+            for (i, row) in bending.iter().enumerate() {
+                for (j, value) in row.iter().enumerate() {
+                    stiffness[(2 * element + i, 2 * element + j)] += value;
+                }
+            }
+        }
+        let scale = self.share() * youngs_pa;
+        for i in 0..self.wall.depths_m.len() {
+            for j in 0..self.wall.depths_m.len() {
+                // Symmetric to rounding; the factorisation wants it to the bit.
+                let value = 0.5 * (self.wall.matrix_m[(i, j)] + self.wall.matrix_m[(j, i)]);
+                stiffness[(2 * (entry + i), 2 * (entry + j))] += scale * value;
+            }
+        }
+        let compliance = rig.rear_compliance_rad_per_n_m(0);
+        if compliance > 0.0 {
+            stiffness[(1, 1)] += 1.0 / compliance;
+        }
+        let is_free = |row: &usize| match row {
+            0 => guide2 == 0,
+            1 => guide2 == 0 && compliance > 0.0,
+            _ => true,
+        };
+        let free: Vec<usize> = (0..size).filter(is_free).collect();
+        let matrix = DMatrix::from_fn(free.len(), free.len(), |i, j| stiffness[(free[i], free[j])]);
+        let load = DVector::from_iterator(
+            free.len(),
+            free.iter().map(|row| if *row == 2 * guide2 { 1.0 } else { 0.0 }),
+        );
+        let solution = matrix.cholesky().ok_or(ModelError::Singular)?.solve(&load);
+        let mut states = vec![[0.0; 2]; nodes_m.len()];
+        for (row, value) in free.iter().zip(solution.iter()) {
+            states[row / 2][row % 2] = *value;
+        }
+        Ok(Deformed::new(nodes_m, states, 1.0))
+    }
+}
+
+#[cfg(test)]
+#[path = "continuum/tests.rs"]
+mod tests;

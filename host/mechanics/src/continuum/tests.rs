@@ -1,0 +1,83 @@
+//! The continuum solution against line-of-point-forces solutions of a full and a half space, and against itself.
+
+use super::*;
+
+fn solve(depth_m: f64, poisson: f64, resolution: Resolution, full_space: bool) -> Continuum {
+    let needle = Needle::gauge_18();
+    Continuum::in_body(&needle, depth_m, poisson, Contact::Bonded, resolution, full_space).expect("solves")
+}
+
+#[track_caller]
+fn assert_close(value: f64, expected: f64, relative: f64) {
+    assert!((value / expected - 1.0).abs() < relative, "{value} is not {expected} within {relative}");
+}
+
+/// Depth, Poisson's ratio, K/E of a rigid needle in a full space (Kelvin) and in a half space (Mindlin).
+const RIGID: [(f64, f64, f64, f64); 4] = [
+    (0.02, 0.45, 1.1649178064002168, 0.9347142758432666),
+    (0.04, 0.5, 0.990017835911549, 0.8113110257454564),
+    (0.1, 0.45, 0.778746055716579, 0.6678533244217549),
+    (0.14, 0.5, 0.7573516250141903, 0.648005896055505),
+];
+
+#[test]
+fn rigid_needles_agree_with_point_force_solutions() {
+    for (depth_m, poisson, full_space, half_space) in RIGID {
+        let full = solve(depth_m, poisson, Resolution::DEFAULT, true).rigid_ratio();
+        let half = solve(depth_m, poisson, Resolution::DEFAULT, false).rigid_ratio();
+        println!("{depth_m} {poisson}: {full:.4} {full_space:.4} {half:.4} {half_space:.4}");
+        assert_close(full, full_space, 0.02);
+        assert_close(half, half_space, 0.02);
+    }
+}
+
+/// `K = (4 pi / 3) E / (ln(L/D) + 0.839)` for a long cylinder in an incompressible full space, from the drag of one.
+#[test]
+fn long_rigid_cylinders_agree_with_the_drag_in_a_viscous_fluid() {
+    let ratio = solve(0.1, 0.5, Resolution::DEFAULT, true).rigid_ratio();
+    let expected = 4.0 / 3.0 * std::f64::consts::PI / ((0.1f64 / 1.27e-3).ln() + 0.839);
+    assert_close(ratio, expected, 0.02);
+}
+
+#[test]
+fn halving_the_mesh_changes_less_than_a_percent_and_nothing_locks() {
+    let coarse = solve(0.03, 0.499, Resolution::DEFAULT, false).rigid_ratio();
+    let fine = solve(0.03, 0.499, Resolution::DEFAULT.halved(), false).rigid_ratio();
+    assert_close(coarse, fine, 0.01);
+    let incompressible = solve(0.03, 0.5, Resolution::DEFAULT, false).rigid_ratio();
+    assert_close(coarse, incompressible, 0.01);
+    let far = Resolution { reach: 600.0, ..Resolution::DEFAULT };
+    assert_close(coarse, solve(0.03, 0.499, far, false).rigid_ratio(), 0.01);
+}
+
+#[test]
+fn the_stiffness_is_symmetric() {
+    let body = solve(0.03, 0.5, Resolution::DEFAULT, false);
+    let matrix = &body.wall.matrix_m;
+    assert!((matrix - matrix.transpose()).amax() < 1e-6 * matrix.amax());
+}
+
+#[test]
+fn depths_and_poissons_ratios_outside_its_range_are_refused() {
+    for (depth_m, poisson) in [(0.005, 0.5), (0.5, 0.5), (0.03, 0.51)] {
+        let needle = Needle::gauge_18();
+        let refused = Continuum::solve(&needle, depth_m, poisson, Contact::Bonded, Resolution::DEFAULT);
+        assert!(matches!(refused, Err(ModelError::OutOfRange { .. })), "{depth_m} {poisson}");
+    }
+}
+
+/// An only guide in front of a body that hardly gives: the needle between two clamps where its rear does not turn, and a cantilever where it
+/// turns freely.
+#[test]
+fn one_guide_in_front_of_a_hard_body_is_a_beam_by_hand() {
+    use crate::Guides;
+    let body = solve(0.02, 0.5, Resolution::DEFAULT, false);
+    let needle = Needle::gauge_18();
+    let gap_m = 0.03;
+    for (rear, factor) in [(None, 12.0), (Some(1e-4), 3.0)] {
+        let guides = Guides::One { rear_rotation_n_m_per_rad: [rear; 2] };
+        let rig = Rig { needle: needle.clone(), guide2_m: 0.0, entry_m: gap_m, guides };
+        let stiffness = body.lateral_stiffness_n_per_m(&rig, 1e12).expect("solves");
+        assert_close(stiffness, factor * needle.bending_stiffness_n_m2() / gap_m.powi(3), 0.12);
+    }
+}

@@ -1,0 +1,193 @@
+//! Effects: what may be wrong with the plain model, each a part of the one forward model.
+//!
+//! An effect has an id, its physics in one line, parameters that do nothing at their neutral values, and the place where it
+//! acts: on the beam problem, on what lies between actuator and needle, on the needle at rest, on where the sensors look, on what
+//! they make of what they see, or on the tip. A [`Model`](super::Model) is a rig, a tissue and a list of effects with values;
+//! everything that calls [`predict`](super::predict) honours them. A new effect is one struct in the file of its family and one
+//! line in [`EFFECTS`].
+//!
+//! Order of application: beam, drive, rest, solve, look, observe; within each in the order of the model's list.
+
+mod needle;
+mod rig;
+mod sensor;
+mod tip;
+mod tissue;
+
+use super::insertion::TipLaw;
+use super::lateral::Drive;
+use super::predict::Plane;
+use super::{BeamProblem, Channels, ModelError, Rig, ShapePoint};
+use std::fmt::Debug;
+
+const MM: f64 = 1e-3;
+
+/// A parameter of an effect; values are in the unit of its name.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ParameterInfo {
+    /// Name with unit.
+    pub name: &'static str,
+    /// Value at which the effect does nothing (for a place or a time: where it is looked for first).
+    pub neutral: f64,
+    /// Physically possible values.
+    pub range: [f64; 2],
+    /// Values to be expected in a rig that is not broken: the range of the prior where effects are weighed against each other.
+    pub likely: [f64; 2],
+    /// Standard deviation about the neutral value in an ordinary rig: the prior of a nuisance.
+    pub prior_sd: f64,
+    /// For a place or a time, which does nothing by itself: values at which the effect is looked for.
+    pub nodes: &'static [f64],
+}
+
+impl ParameterInfo {
+    /// One that grows from a neutral value.
+    const fn new(name: &'static str, neutral: f64, range: [f64; 2], likely: [f64; 2], prior_sd: f64) -> Self {
+        Self { name, neutral, range, likely, prior_sd, nodes: &[] }
+    }
+
+    /// Whether it may lie on either side of its neutral value.
+    pub fn is_two_sided(&self) -> bool {
+        self.likely[0] < self.neutral && self.likely[1] > self.neutral
+    }
+}
+
+/// Kinds of runs that an effect can show in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shows {
+    /// In lateral runs.
+    pub lateral: bool,
+    /// In insertions.
+    pub insertion: bool,
+}
+
+impl Shows {
+    const BOTH: Self = Self { lateral: true, insertion: true };
+    const LATERAL: Self = Self { lateral: true, insertion: false };
+    const INSERTION: Self = Self { lateral: false, insertion: true };
+}
+
+/// What an effect is, apart from what it does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EffectInfo {
+    /// Name, as in files and options.
+    pub id: &'static str,
+    /// What it is, in one line.
+    pub physics: &'static str,
+    /// What it shows in, in one line.
+    pub signature: &'static str,
+    /// Where it can show.
+    pub shows: Shows,
+    /// Whether every evaluation of an insertion with it is an iteration at every depth.
+    pub is_costly: bool,
+    /// Its parameters, in the order of their values.
+    pub parameters: &'static [ParameterInfo],
+}
+
+/// What the sensors' maps know beside the values: when and where guide 2 was told to be.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen<'a> {
+    /// Times of the force samples.
+    pub time_s: &'a [f64],
+    /// Displacement that guide 2 was told, vertical and horizontal; empty in insertions and steering runs.
+    pub commanded_m: [&'a [f64]; 2],
+    /// Motion back by this or less is noise of the displacement, vertical and horizontal: guide 2 has not turned round.
+    pub reversal_m: [f64; 2],
+}
+
+/// A way in which rig, tissue or sensors differ from the plain model.
+pub trait Effect: Debug + Sync {
+    /// What it is called, what it is and what it shows in.
+    fn info(&self) -> &'static EffectInfo;
+
+    /// Name, as in files and options.
+    fn id(&self) -> &'static str {
+        self.info().id
+    }
+
+    /// Its parameters.
+    fn parameters(&self) -> &'static [ParameterInfo] {
+        self.info().parameters
+    }
+
+    /// Whether a rig can have it at all.
+    fn applies_to(&self, _rig: &Rig) -> bool {
+        true
+    }
+
+    /// Changes the beam problem of a plane.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the values are impossible.
+    fn beam(&self, _values: &[f64], _plane: Plane, _problem: &mut BeamProblem) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// Changes what lies between actuator and needle: in lateral runs all of it, in insertions the clearance (what the frame gives is
+    /// part of their beam problem).
+    fn drive(&self, _values: &[f64], _drive: &mut Drive) {}
+
+    /// Changes the stress-free curvature of the needle, vertical and horizontal before it is turned, 1/m.
+    fn rest(&self, _values: &[f64], _curvature_per_m: &mut [f64; 2]) {}
+
+    /// Changes where the needle is really looked at.
+    fn look(&self, _values: &[f64], _point: &mut ShapePoint) {}
+
+    /// Changes what the sensors read.
+    fn observe(&self, _values: &[f64], _seen: &Seen<'_>, _channels: &mut Channels) {}
+
+    /// Changes what acts on the tip in an insertion.
+    fn tip(&self, _values: &[f64], _law: &mut TipLaw) {}
+}
+
+/// Every effect there is.
+pub static EFFECTS: [&dyn Effect; 31] = [
+    &tissue::Layers,
+    &tissue::Gradient,
+    &tissue::Stiffening,
+    &tissue::Relaxation,
+    &tissue::Shear,
+    &tissue::EntryGap,
+    &tissue::Skin,
+    &tissue::Anisotropy,
+    &tissue::Yield,
+    &rig::ClampCompliance,
+    &rig::FrameCompliance,
+    &rig::Backlash,
+    &rig::Friction,
+    &rig::RearRotation,
+    &sensor::ForceBias,
+    &sensor::ForceGain,
+    &sensor::ForceDrift,
+    &sensor::Crosstalk,
+    &sensor::Delay,
+    &sensor::ShapeOffset,
+    &sensor::ShapeScale,
+    &sensor::DepthShift,
+    &needle::Stiffness,
+    &needle::Prebend,
+    &needle::AxialLoad,
+    &tip::LoadSlope,
+    &tip::LoadStep,
+    &tip::EntryAngle,
+    &tip::BevelRoll,
+    &tip::Rate,
+    &tip::CutAngle,
+];
+
+/// The effect of an id.
+pub fn effect(id: &str) -> Option<&'static dyn Effect> {
+    EFFECTS.into_iter().find(|effect| effect.id() == id)
+}
+
+/// Values at which an effect does nothing.
+pub fn neutral(effect: &dyn Effect) -> Vec<f64> {
+    effect.parameters().iter().map(|parameter| parameter.neutral).collect()
+}
+
+/// The first value; 0 where there is none.
+fn first(values: &[f64]) -> f64 {
+    values.first().copied().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests;

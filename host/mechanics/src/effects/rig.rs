@@ -1,0 +1,177 @@
+//! Effects of the rig: guides, frame, actuators.
+
+use super::{Effect, EffectInfo, MM, ParameterInfo, Seen, Shows, first};
+use crate::lateral::Drive;
+use crate::predict::Plane;
+use crate::{BeamProblem, Channels, ModelError, Rig};
+
+/// Motion that is rounding of the numbers.
+const LEAST_REVERSAL_M: f64 = 1e-9;
+
+/// `rig.clamp_compliance`.
+#[derive(Debug)]
+pub(super) struct ClampCompliance;
+
+impl Effect for ClampCompliance {
+    fn info(&self) -> &'static EffectInfo {
+        const {
+            &EffectInfo {
+                id: "rig.clamp_compliance",
+                physics: "the needle turns in guide 1 in proportion to the moment there: EI u''(0) = k u'(0)",
+                signature: "force per displacement, alike at every depth",
+                shows: Shows::BOTH,
+                is_costly: false,
+                parameters: &[ParameterInfo::new(
+                    "compliance_rad_per_n_m",
+                    0.0,
+                    [0.0, 20.0],
+                    [0.0, 5.0],
+                    0.1,
+                )],
+            }
+        }
+    }
+
+    /// A needle in one guide turns there by what is stated of the rig.
+    fn applies_to(&self, rig: &Rig) -> bool {
+        !rig.has_one_guide()
+    }
+
+    fn beam(&self, values: &[f64], _plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        problem.clamp_compliance_rad_per_n_m += first(values);
+        Ok(())
+    }
+}
+
+/// `rig.rear_rotation`.
+#[derive(Debug)]
+pub(super) struct RearRotation;
+
+impl Effect for RearRotation {
+    fn info(&self) -> &'static EffectInfo {
+        const {
+            &EffectInfo {
+                id: "rig.rear_rotation",
+                physics: "the needle turns where it is held, more in one plane: EI u''(0) = u'(0) / (compliance of the rig + this one)",
+                signature: "force per displacement, or the tip's answer to guide 2, alike at every depth; in each plane",
+                shows: Shows::BOTH,
+                is_costly: false,
+                parameters: &[
+                    ParameterInfo::new("compliance_y_rad_per_n_m", 0.0, [0.0, 100.0], [0.0, 10.0], 0.5),
+                    ParameterInfo::new("compliance_x_rad_per_n_m", 0.0, [0.0, 100.0], [0.0, 10.0], 0.5),
+                ],
+            }
+        }
+    }
+
+    fn applies_to(&self, rig: &Rig) -> bool {
+        rig.has_one_guide()
+    }
+
+    fn beam(&self, values: &[f64], plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        let at = if plane == Plane::Y { 0 } else { 1 };
+        problem.clamp_compliance_rad_per_n_m += values.get(at).copied().unwrap_or_default();
+        Ok(())
+    }
+}
+
+/// `rig.frame_compliance`.
+#[derive(Debug)]
+pub(super) struct FrameCompliance;
+
+impl Effect for FrameCompliance {
+    fn info(&self) -> &'static EffectInfo {
+        const {
+            &EffectInfo {
+                id: "rig.frame_compliance",
+                physics: "the frame gives: guide 2 moves by force times compliance less than told",
+                signature: "commanded displacement against the needle's shape; in insertions what guide 2 does to the tip",
+                shows: Shows::BOTH,
+                is_costly: false,
+                parameters: &[ParameterInfo::new("compliance_mm_per_n", 0.0, [0.0, 10.0], [0.0, 0.5], 0.03)],
+            }
+        }
+    }
+
+    /// In insertions, where guide 2 holds the needle against the tip load and the tissue.
+    fn beam(&self, values: &[f64], _plane: Plane, problem: &mut BeamProblem) -> Result<(), ModelError> {
+        problem.guide2_compliance_m_per_n += first(values) * MM;
+        Ok(())
+    }
+
+    /// In lateral runs, in series with the needle.
+    fn drive(&self, values: &[f64], drive: &mut Drive) {
+        drive.frame_compliance_m_per_n += first(values) * MM;
+    }
+}
+
+/// `rig.backlash`.
+#[derive(Debug)]
+pub(super) struct Backlash;
+
+impl Effect for Backlash {
+    fn info(&self) -> &'static EffectInfo {
+        const {
+            &EffectInfo {
+                id: "rig.backlash",
+                physics: "guide 2 has clearance: the needle follows once it is taken up, on either side",
+                signature: "force flat about zero displacement; in insertions the tip stays until the clearance is taken up",
+                shows: Shows::BOTH,
+                is_costly: false,
+                parameters: &[ParameterInfo::new("clearance_mm", 0.0, [0.0, 5.0], [0.0, 0.4], 0.05)],
+            }
+        }
+    }
+
+    fn drive(&self, values: &[f64], drive: &mut Drive) {
+        drive.clearance_m += first(values) * MM;
+    }
+}
+
+/// `rig.friction`.
+#[derive(Debug)]
+pub(super) struct Friction;
+
+impl Effect for Friction {
+    fn info(&self) -> &'static EffectInfo {
+        const {
+            &EffectInfo {
+                id: "rig.friction",
+                physics: "dry friction in guide 2: a force with the sign of the last motion, kept in holds",
+                signature: "loading against unloading",
+                shows: Shows::LATERAL,
+                is_costly: false,
+                parameters: &[ParameterInfo::new("force_n", 0.0, [0.0, 50.0], [0.0, 0.5], 0.05)],
+            }
+        }
+    }
+
+    fn observe(&self, values: &[f64], seen: &Seen<'_>, channels: &mut Channels) {
+        let friction_n = first(values);
+        let planes = [Some(&mut channels.force_n.y), channels.force_n.x.as_mut()];
+        for ((force_n, commanded_m), reversal_m) in
+            planes.into_iter().zip(seen.commanded_m).zip(seen.reversal_m)
+        {
+            let directions = directions(commanded_m, reversal_m);
+            for (force_n, direction) in force_n.into_iter().flatten().zip(directions) {
+                *force_n += friction_n * direction;
+            }
+        }
+    }
+}
+
+/// Sign of the last motion at every sample; 0 before the first. Guide 2 has turned round once it has come back by more than
+/// `reversal_m`.
+fn directions(commanded_m: &[f64], reversal_m: f64) -> impl Iterator<Item = f64> {
+    let reversal_m = reversal_m.max(LEAST_REVERSAL_M);
+    let mut direction = 0.0;
+    let mut extreme_m = commanded_m.first().copied().unwrap_or_default();
+    commanded_m.iter().map(move |at_m| {
+        let moved_m = at_m - extreme_m;
+        if moved_m * direction > 0.0 || moved_m.abs() > reversal_m {
+            direction = moved_m.signum();
+            extreme_m = *at_m;
+        }
+        direction
+    })
+}

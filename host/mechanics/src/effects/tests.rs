@@ -1,0 +1,414 @@
+//! Every effect of the catalogue: neutral values, sensitivities, and limiting cases in closed form.
+
+use super::*;
+use crate::{DriveSample, Experiment, Insertion, Lateral, Model, Needle, Profile, Rig, TipLaw, predict};
+
+const GUIDE2_M: f64 = 0.06;
+const ENTRY_M: f64 = 0.07;
+
+/// A staircase in both planes, with ramps and holds, and sweeps in two holds.
+fn lateral(depth_m: f64) -> Experiment {
+    let mut drive = Vec::new();
+    let (mut y_m, mut x_m) = (0.0, 0.0);
+    for (level, [to_y_m, to_x_m]) in
+        [[0.0, 0.0], [0.6e-3, 0.0], [1.2e-3, -0.4e-3], [0.0, 0.0], [-1.0e-3, 0.4e-3]].into_iter().enumerate()
+    {
+        for i in 0..20 {
+            let share = (f64::from(i) / 10.0).min(1.0);
+            let time_s = level as f64 * 2.0 + 0.1 * f64::from(i);
+            let sample =
+                DriveSample { time_s, y_m: y_m + share * (to_y_m - y_m), x_m: x_m + share * (to_x_m - x_m) };
+            drive.push(sample);
+        }
+        (y_m, x_m) = (to_y_m, to_x_m);
+    }
+    let at = |time_s: f64| {
+        [0.072, 0.08, 0.085, 0.099]
+            .map(|z_m| ShapePoint { time_s, z_m })
+            .into_iter()
+            .filter(move |p| p.z_m <= ENTRY_M + depth_m)
+    };
+    let shape = at(5.5).chain(at(7.0)).chain(at(9.7)).collect();
+    Experiment::Lateral(Lateral { depth_m, drive, shape, reversal_m: [0.0; 2] })
+}
+
+fn insertion() -> Experiment {
+    Experiment::Insertion(Insertion {
+        depth_m: vec![0.01, 0.03, 0.05, 0.08],
+        rotation_rad: Profile::new(vec![[0.045, 0.0], [0.045, 3.0]]).expect("a profile"),
+        guide2_m: Some(Default::default()),
+        speed_m_per_s: Profile::constant(5e-3),
+        ..Insertion::default()
+    })
+}
+
+/// The same while guide 2 is moved, over a stretch and at rest.
+fn moved_insertion() -> Experiment {
+    let Experiment::Insertion(still) = insertion() else { panic!("an insertion") };
+    let y = vec![[0.02, 0.0], [0.04, 0.8e-3], [0.06, 0.8e-3], [0.06, -0.5e-3]];
+    let x = vec![[0.03, 0.0], [0.03, -0.6e-3]];
+    let guide2_m = Some([y, x].map(|knots| Profile::new(knots).expect("a profile")));
+    Experiment::Insertion(Insertion { guide2_m, ..still })
+}
+
+fn plain() -> Model {
+    let rig = Rig::two_guides(Needle::gauge_18(), GUIDE2_M, ENTRY_M);
+    let mut model = Model::uniform(rig, 16e3).expect("valid");
+    model.tip = TipLaw::load([0.2, 0.0]);
+    model
+}
+
+fn with(id: &str, values: &[f64]) -> Model {
+    let mut model = plain();
+    model.effects.push((effect(id).expect("an effect"), values.to_vec()));
+    model
+}
+
+fn channels(model: &Model, experiment: &Experiment) -> Channels {
+    predict(model, experiment).expect("predicts")
+}
+
+/// Everything that is predicted, in newtons and tenths of a millimetre.
+fn numbers(model: &Model) -> Vec<f64> {
+    let mut numbers = Vec::new();
+    for experiment in [lateral(0.03), moved_insertion()] {
+        let Channels { force_n, shape_m, tip_m, .. } = channels(model, &experiment);
+        let series = [(force_n, 1.0), (shape_m, 1e4), (tip_m, 1e4)];
+        for (series, unit) in series {
+            numbers.extend(series.y.into_iter().chain(series.x.into_iter().flatten()).map(|v| unit * v));
+        }
+    }
+    numbers
+}
+
+/// Values of an ordinary size, off the neutral ones.
+fn typical(effect: &dyn Effect) -> Vec<f64> {
+    effect
+        .parameters()
+        .iter()
+        .map(|p| p.neutral + if p.nodes.is_empty() { p.prior_sd } else { 0.0 })
+        .collect()
+}
+
+/// Over the whole catalogue: neutral values change no bit, others change something.
+#[test]
+fn neutral_effects_do_nothing_and_others_do_something() {
+    let experiments = [lateral(0.03), moved_insertion()];
+    for effect in EFFECTS {
+        let neutral = with(effect.id(), &neutral(effect));
+        let other = with(effect.id(), &typical(effect));
+        let shows = effect.info().shows;
+        for (experiment, shows) in experiments.iter().zip([shows.lateral, shows.insertion]) {
+            let expected = channels(&plain(), experiment);
+            assert_eq!(channels(&neutral, experiment), expected, "{}", effect.id());
+            assert_eq!(channels(&other, experiment) != expected, shows, "{}", effect.id());
+        }
+    }
+}
+
+#[test]
+fn the_catalogue_is_consistent() {
+    for (index, a) in EFFECTS.iter().enumerate() {
+        assert_eq!(effect(a.id()).expect("found").id(), a.id());
+        assert!(EFFECTS.iter().skip(index + 1).all(|b| a.id() != b.id()));
+        assert!(!a.info().physics.is_empty() && !a.info().signature.is_empty());
+        for parameter in a.parameters() {
+            let inside = |[least, most]: [f64; 2], value: f64| (least..=most).contains(&value);
+            assert!(inside(parameter.range, parameter.neutral) && parameter.prior_sd > 0.0);
+            assert!(parameter.likely.into_iter().all(|end| inside(parameter.range, end)), "{}", a.id());
+            assert!(inside(parameter.likely, parameter.neutral), "{}", a.id());
+            assert!(parameter.nodes.iter().all(|node| inside(parameter.likely, *node)), "{}", a.id());
+        }
+    }
+    assert!(effect("nothing").is_none());
+}
+
+/// Central differences with two steps agree: what is predicted is smooth in every parameter.
+#[test]
+fn sensitivities_do_not_depend_on_the_step() {
+    for effect in EFFECTS {
+        let at = typical(effect);
+        for (index, parameter) in effect.parameters().iter().enumerate() {
+            let slope = |step: f64| -> Vec<f64> {
+                let [above, below] = [step, -step].map(|step| {
+                    let mut values = at.clone();
+                    values[index] += step;
+                    numbers(&with(effect.id(), &values))
+                });
+                above.iter().zip(&below).map(|(a, b)| (a - b) / (2.0 * step)).collect()
+            };
+            // A delay and a clearance pass over samples of the ramps: their answer has kinks there, none at these values.
+            // A place moves the nodes of the grid, which is worth a few per cent of its effect.
+            let (share, tolerance) = if parameter.nodes.is_empty() { (1e-3, 2e-3) } else { (5e-2, 5e-2) };
+            let step = share * parameter.prior_sd;
+            let (coarse, fine) = (slope(2.0 * step), slope(step));
+            let size = fine.iter().map(|v| v.abs()).fold(0.0, f64::max);
+            for (a, b) in coarse.iter().zip(&fine) {
+                assert!((a - b).abs() < tolerance * size, "{} {}: {a} {b}", effect.id(), parameter.name);
+            }
+        }
+    }
+}
+
+#[track_caller]
+fn assert_close(value: f64, expected: f64, relative: f64) {
+    assert!((value - expected).abs() <= relative * expected.abs(), "{value} is not {expected}");
+}
+
+#[test]
+fn sensors_map_what_they_see() {
+    let experiment = lateral(0.03);
+    let plain = channels(&plain(), &experiment);
+    let x = |channels: &Channels| channels.force_n.x.clone().expect("two planes");
+    let see = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
+    let n = 45;
+    assert_close(see("sensor.force_gain", &[0.1]).force_n.y[n], 1.1 * plain.force_n.y[n], 1e-14);
+    assert_close(see("sensor.force_bias", &[0.1, -0.2]).force_n.y[n], plain.force_n.y[n] + 0.1, 1e-14);
+    assert_close(x(&see("sensor.force_bias", &[0.1, -0.2]))[n], x(&plain)[n] - 0.2, 1e-14);
+    // Sample 45 is 4.5 s after the first.
+    assert_close(see("sensor.force_drift", &[0.01, 0.0]).force_n.y[n], plain.force_n.y[n] + 0.045, 1e-12);
+    assert_close(
+        see("sensor.crosstalk", &[0.1]).force_n.y[n],
+        plain.force_n.y[n] + 0.1 * x(&plain)[n],
+        1e-14,
+    );
+    assert_close(
+        see("sensor.delay", &[0.25]).force_n.y[n],
+        0.5 * (plain.force_n.y[42] + plain.force_n.y[43]),
+        1e-12,
+    );
+    assert_close(see("sensor.shape_scale", &[0.1]).shape_m.y[1], 1.1 * plain.shape_m.y[1], 1e-14);
+    assert_close(see("sensor.shape_offset", &[0.1, -0.2]).shape_m.y[1], plain.shape_m.y[1] + 1e-4, 1e-14);
+    // The second point is at 80 mm, the third at 85: shifted by 5 mm the one shows the other.
+    assert_close(see("sensor.depth_shift", &[5.0]).shape_m.y[1], plain.shape_m.y[2], 1e-12);
+    assert_eq!(see("sensor.shape_scale", &[0.1]).force_n, plain.force_n);
+}
+
+#[test]
+fn the_rig_comes_between_actuator_and_needle() {
+    let experiment = lateral(0.03);
+    let plain = channels(&plain(), &experiment);
+    let see = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
+    let stiffness = plain.force_n.y[59] / 1.2e-3;
+    // A clamp of 0.35 rad/(N m): 1 mm takes 1.0152508e-3 m/N against 0.916319e-3.
+    assert_close(see("rig.clamp_compliance", &[0.35]).force_n.y[59], 1.2e-3 / 0.0010152508803166775, 1e-10);
+    // Two springs in series.
+    let frame = see("rig.frame_compliance", &[0.1]);
+    assert_close(frame.force_n.y[59], 1.2e-3 / (1.0 / stiffness + 1e-4), 1e-12);
+    assert_close(frame.shape_m.y[1] / plain.shape_m.y[1], frame.force_n.y[59] / plain.force_n.y[59], 1e-12);
+    // The displacement read is the one that was told.
+    assert_eq!(frame.displacement_m, plain.displacement_m);
+    let loose = see("rig.backlash", &[0.1]);
+    assert_close(loose.force_n.y[59], 1.1e-3 * stiffness, 1e-12);
+    assert_close(loose.force_n.y[99], -0.9e-3 * stiffness, 1e-12);
+    assert_eq!(loose.force_n.y[62..79].iter().filter(|n| **n == 0.0).count(), 9);
+    let dry = see("rig.friction", &[0.05]);
+    let added = |i: usize| dry.force_n.y[i] - plain.force_n.y[i];
+    for (i, expected) in [(10, 0.0), (25, 0.05), (39, 0.05), (59, 0.05), (79, -0.05), (99, -0.05)] {
+        assert!((added(i) - expected).abs() < 1e-12, "{i}: {}", added(i));
+    }
+}
+
+/// A displacement channel with noise turns round in every sample; guide 2 does not.
+#[test]
+fn friction_follows_the_motion_and_not_the_noise_of_its_sensor() {
+    let Experiment::Lateral(mut noisy) = lateral(0.03) else { panic!("lateral") };
+    let mut noise = noise::Noise::new(5);
+    for sample in &mut noisy.drive {
+        sample.y_m += 1e-5 * noise.normal();
+        sample.x_m = 1e-4 + 1e-5 * noise.normal();
+    }
+    noisy.reversal_m = [8e-5; 2];
+    let noisy = Experiment::Lateral(noisy);
+    let plain = channels(&plain(), &noisy).force_n;
+    let dry = channels(&with("rig.friction", &[0.05]), &noisy).force_n;
+    let added: Vec<f64> = dry.y.iter().zip(&plain.y).map(|(dry, plain)| dry - plain).collect();
+    for (i, expected) in [(10, 0.0), (25, 0.05), (39, 0.05), (59, 0.05), (79, -0.05), (99, -0.05)] {
+        assert!((added[i] - expected).abs() < 1e-12, "{i}: {}", added[i]);
+    }
+    assert_eq!(dry.x, plain.x);
+}
+
+#[test]
+fn the_tissue_changes_as_it_says() {
+    let experiment = lateral(0.03);
+    let plain = channels(&plain(), &experiment);
+    let see = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
+    // A boundary below the tip is none, a gap as deep as the needle leaves a cantilever: 3 EI / c2^3.
+    assert_eq!(see("tissue.layers", &[3.0, 40.0]).force_n, plain.force_n);
+    assert!(see("tissue.layers", &[3.0, 10.0]).force_n.y[59] > 1.02 * plain.force_n.y[59]);
+    let cantilever = 3.0 * Needle::gauge_18().bending_stiffness_n_m2() / GUIDE2_M.powi(3) * 1.2e-3;
+    assert_close(see("tissue.entry_gap", &[30.0]).force_n.y[59], cantilever, 1e-9);
+    // Layers with nothing above are a gap.
+    let mut above = with("tissue.layers", &[1e9, 5.0]);
+    above.foundation = above.foundation.scaled(1e-9).expect("a foundation");
+    let gap = see("tissue.entry_gap", &[5.0]);
+    assert_close(channels(&above, &experiment).force_n.y[59], gap.force_n.y[59], 1e-6);
+    // A hard skin holds the needle where it enters.
+    let skin = see("tissue.skin", &[1e6]);
+    let held =
+        BeamProblem { guide2_m: GUIDE2_M, ..with("tissue.skin", &[1e6]).problem(0.03).expect("a problem") };
+    assert!(held.solve().expect("solves").deflection_m(1e-3, ENTRY_M).abs() < 1e-7);
+    assert!(skin.force_n.y[59] > plain.force_n.y[59]);
+    // Anisotropy by two is twice the modulus, horizontally.
+    let twice = channels(&Model { foundation: plain_foundation(32e3), ..self::plain() }, &experiment);
+    let split = see("tissue.anisotropy", &[2.0]);
+    assert_eq!((&split.force_n.y, &split.force_n.x), (&plain.force_n.y, &twice.force_n.x));
+    // A stiff shear layer keeps the needle straight in the tissue.
+    let straight = see("tissue.shear", &[1e5]);
+    let [a, b, c] = [0, 1, 2].map(|i| straight.shape_m.y[i]);
+    assert!(((c - b) / 5.0 - (b - a) / 8.0).abs() < 1e-5 * a.abs(), "{a} {b} {c}");
+}
+
+fn plain_foundation(modulus_pa: f64) -> crate::Foundation {
+    crate::Foundation::uniform(modulus_pa).expect("a modulus")
+}
+
+/// The rest force of model.md, and a shape that is parabolic beyond guide 2.
+#[test]
+fn a_bent_needle_pushes_at_rest() {
+    let still = with("needle.prebend", &[0.2, -0.1]);
+    let seen = channels(&still, &lateral(0.03));
+    let ei = Needle::gauge_18().bending_stiffness_n_m2();
+    assert_close(seen.force_n.y[0], -3.0 * ei * 0.2 / (2.0 * GUIDE2_M), 1e-12);
+    assert_close(seen.force_n.x.as_ref().expect("two planes")[0], 3.0 * ei * 0.1 / (2.0 * GUIDE2_M), 1e-12);
+    // At zero displacement (7 s): slope at guide 2 is kappa c2 / 4.
+    let beyond_m = 0.085 - GUIDE2_M;
+    let expected_m = 0.2 * (0.25 * GUIDE2_M * beyond_m + 0.5 * beyond_m * beyond_m);
+    assert_close(seen.shape_m.y[6], expected_m, 1e-12);
+    assert_eq!(seen.shape_m.y.len(), 12);
+}
+
+/// Without tissue the tip of a bent needle is where its rest shape has it, and turns with the needle; on springs and on a body.
+#[test]
+fn a_bent_needle_turns_with_its_bend() {
+    for support in [crate::Support::Springs, crate::Support::Body { poisson: 0.5 }] {
+        let mut model = with("needle.prebend", &[0.2, -0.1]);
+        (model.tip, model.support) = (TipLaw::default(), support);
+        model.foundation = plain_foundation(1e-6);
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let rotation_rad = Profile::new(vec![[0.045, 0.0], [0.045, quarter]]).expect("a profile");
+        let depth_m = vec![0.0, 0.03, 0.06];
+        let guide2_m = Some(Default::default());
+        let done = Insertion { depth_m, rotation_rad, guide2_m, tip_direction: true, ..Insertion::default() };
+        let seen = channels(&model, &Experiment::Insertion(done));
+        let (x, direction_x) =
+            (seen.tip_m.x.expect("two planes"), seen.tip_direction_rad.x.expect("two planes"));
+        for (i, (depth_m, turned)) in [(0.0, false), (0.03, false), (0.06, true)].into_iter().enumerate() {
+            let beyond_m = ENTRY_M + depth_m - GUIDE2_M;
+            // A quarter turn brings (y, x) to (-x, y).
+            let [y_per_m, x_per_m] = if turned { [0.1, 0.2] } else { [0.2, -0.1] };
+            let per_curvature_m = 0.25 * GUIDE2_M * beyond_m + 0.5 * beyond_m * beyond_m;
+            assert_close(seen.tip_m.y[i], y_per_m * per_curvature_m, 1e-6);
+            assert_close(x[i], x_per_m * per_curvature_m, 1e-6);
+            let per_curvature = 0.25 * GUIDE2_M + beyond_m;
+            assert_close(seen.tip_direction_rad.y[i], y_per_m * per_curvature, 1e-6);
+            assert_close(direction_x[i], x_per_m * per_curvature, 1e-6);
+        }
+    }
+}
+
+/// Half of Euler's load of the free cantilever softens it by about the factor of a beam-column.
+#[test]
+fn an_axial_load_softens() {
+    let ei = Needle::gauge_18().bending_stiffness_n_m2();
+    let mut model = with("needle.axial_load", &[2.0]);
+    model.foundation = plain_foundation(0.0);
+    let k = (2.0_f64 / ei).sqrt();
+    // Tip of a cantilever of length c under F and P: F (tan kc / k - c) / P; the rest beyond guide 2 turns with it under P too,
+    // which a moment P (u(L) - u(c2)) adds; without a length beyond guide 2 there is none.
+    model.rig.entry_m = GUIDE2_M;
+    let stiffness = model.beam(0.0).expect("solves").lateral_stiffness_n_per_m();
+    assert_close(1.0 / stiffness, ((k * GUIDE2_M).tan() / k - GUIDE2_M) / 2.0, 1e-9);
+}
+
+#[test]
+fn the_tip_takes_other_loads() {
+    let path = |model: &Model| channels(model, &insertion()).tip_m;
+    let plain_path = path(&plain());
+    let x = |id: &str, values: &[f64]| path(&with(id, values)).x.expect("two planes");
+    // A roll turns the path.
+    let rolled = path(&with("tip.bevel_roll", &[0.3]));
+    assert_close(rolled.y[1], 0.3_f64.cos() * plain_path.y[1], 1e-9);
+    assert_close(x("tip.bevel_roll", &[0.3])[1], 0.3_f64.sin() * plain_path.y[1], 1e-9);
+    // An angle adds a straight line.
+    let angled = path(&with("tip.entry_angle", &[0.02, 0.0]));
+    assert_close(angled.y[3] - plain_path.y[3], 0.02_f64.tan() * 0.08, 1e-9);
+    // At 5 mm/s a rate of 0.01 N s/mm is 0.05 N; so is a step at the surface.
+    let faster = path(&with("tip.rate", &[0.01]));
+    assert_close(faster.y[1], 1.25 * plain_path.y[1], 1e-9);
+    assert_close(path(&with("tip.load_step", &[0.05, 0.0])).y[3], faster.y[3], 1e-9);
+    // A slope is the sum of many steps.
+    let mut stairs = plain();
+    for i in 0..200 {
+        let at_mm = 0.25 + 0.5 * f64::from(i);
+        stairs.effects.push((effect("tip.load_step").expect("an effect"), vec![0.5e-3, at_mm]));
+    }
+    let slope = path(&with("tip.load_slope", &[1e-3]));
+    assert_close(path(&stairs).y[3], slope.y[3], 2e-3);
+}
+
+/// The path leaves the needle at the angle more than it did, in both planes and wherever the needle is turned to; the needle's direction
+/// itself hardly changes where it cuts straight on.
+#[test]
+fn a_cut_angle_is_the_slope_of_the_path_beside_the_needles() {
+    let h_m = 0.5e-3;
+    let run = |values: Option<&[f64]>, rotation: f64| {
+        let mut model = values.map_or_else(plain, |values| with("tip.cut_angle", values));
+        model.tip = TipLaw::load([0.2, -0.1]);
+        let inserted = Insertion {
+            depth_m: vec![0.05 - h_m, 0.05, 0.05 + h_m],
+            rotation_rad: Profile::constant(rotation),
+            guide2_m: Some(Default::default()),
+            tip_direction: true,
+            ..Insertion::default()
+        };
+        let seen = channels(&model, &Experiment::Insertion(inserted));
+        let off = |tip_m: &[f64], rad: &[f64]| {
+            (tip_m[2] - tip_m[0]) / (2.0 * h_m) - (0.25 * rad[0] + 0.5 * rad[1] + 0.25 * rad[2])
+        };
+        let (tip, rad) = (seen.tip_m, seen.tip_direction_rad);
+        [off(&tip.y, &rad.y), off(&tip.x.expect("x"), &rad.x.expect("x"))]
+    };
+    let before = run(None, 0.0);
+    let after = run(Some(&[0.04, -0.01]), 0.0);
+    assert!((after[0] - before[0] - 0.04).abs() < 1e-6, "{after:?} {before:?}");
+    assert!((after[1] - before[1] + 0.01).abs() < 1e-6, "{after:?} {before:?}");
+    // A quarter turn: what was upwards is to the side.
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let (before, after) = (run(None, quarter), run(Some(&[0.04, -0.01]), quarter));
+    assert!((after[0] - before[0] - 0.01).abs() < 1e-6, "{after:?} {before:?}");
+    assert!((after[1] - before[1] - 0.04).abs() < 1e-6, "{after:?} {before:?}");
+}
+
+/// In a lateral run the needle in tissue that yields is that of the elements, whatever the displacement; far from yielding it is linear.
+#[test]
+fn tissue_that_yields_gives_way() {
+    let model = with("tissue.yield", &[20.0, 8.0]);
+    let problem = model.problem(0.03).expect("a problem");
+    let elements = crate::elements::Elements::new(&problem, 0.5e-3).expect("cut");
+    let springs = |depth_m: f64, stretch_m: f64| {
+        // 50 N/m at the surface, e times as much every 8 mm.
+        let linear_n_per_m = 16e3 * stretch_m;
+        let share = linear_n_per_m / (50.0 * (depth_m / 8e-3).exp());
+        let root = (1.0 + share * share).sqrt();
+        crate::elements::Reaction { force_n_per_m: linear_n_per_m / root, tangent_pa: 16e3 / root.powi(3) }
+    };
+    let shape = vec![ShapePoint { time_s: 0.0, z_m: 0.09 }];
+    for (held_m, least) in [(0.1e-3, 0.999), (1.5e-3, 0.9), (4e-3, 0.6)] {
+        let drive = vec![DriveSample { time_s: 0.0, y_m: held_m, x_m: 0.0 }];
+        let pushed =
+            Experiment::Lateral(Lateral { depth_m: 0.03, drive, shape: shape.clone(), reversal_m: [0.0; 2] });
+        let seen = channels(&model, &pushed);
+        let held = crate::elements::Guide2::Held(held_m);
+        let expected = elements.solve(&springs, |_| 0.0, held, 0.0).expect("solves");
+        assert_close(seen.force_n.y[0], expected.guide2_force_n, 2e-3);
+        assert_close(seen.shape_m.y[0], expected.deflection_m(0.09), 2e-3);
+        let linear = channels(&plain(), &pushed).force_n.y[0];
+        assert!(seen.force_n.y[0] < linear && seen.force_n.y[0] > least * linear, "{held_m}");
+    }
+    // A tip that only cuts at an angle has no load to solve for, and is refused.
+    let mut angled = model;
+    angled.tip.cutting = crate::Cutting::Angle([0.02, 0.0]);
+    assert!(predict(&angled, &insertion()).is_err());
+}

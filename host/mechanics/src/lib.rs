@@ -1,0 +1,86 @@
+//! The forward model: what every sensor should read, given what is believed and what was done.
+//!
+//! [`predict`] is the one entry: identification, simulation and diagnosis all call it. It is pure: no clock, no
+//! randomness, no input or output. Underneath, [`BeamProblem`] is the needle as a beam in the tissue, which is a row of springs or
+//! an elastic body ([`Support`]), and [`Beam`] its solution per unit load; the model is linear, so displacement levels are multiples
+//! of one [`Beam`].
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+mod banded;
+mod beam;
+pub mod body;
+mod cache;
+pub mod continuum;
+pub mod effects;
+pub mod elements;
+mod foundation;
+pub mod growth;
+pub mod insertion;
+mod lateral;
+pub mod modes;
+mod mounted;
+mod predict;
+mod profile;
+pub mod quadrature;
+mod rest;
+mod rig;
+pub mod steering;
+mod support;
+mod yielding;
+
+pub use beam::{Beam, BeamProblem, Response, TissueLaw};
+pub use cache::Cache;
+pub use foundation::{Foundation, Layer};
+pub use insertion::{BevelLoad, Cutting, Insertion, TipLaw};
+pub use lateral::Drive;
+pub use mounted::{Mounted, Sight};
+pub use predict::{
+    Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Plane, Series, ShapePoint,
+    predict, predict_with,
+};
+pub use profile::Profile;
+pub use rig::{Guides, Needle, Rig};
+pub use steering::{BaseDrive, Dynamics, Steering};
+pub use support::Support;
+
+/// Why the model could not be evaluated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ModelError {
+    /// A parameter lies outside what the model is defined for.
+    #[error("{name}: {value} is out of range, expected {expected}")]
+    OutOfRange {
+        /// Name with unit.
+        name: &'static str,
+        /// Offending value.
+        value: f64,
+        /// What is accepted.
+        expected: &'static str,
+    },
+    /// An experiment without a drive sample says nothing about where guide 2 was.
+    #[error("a lateral experiment needs at least one drive sample")]
+    NoDrive,
+    /// A steering run needs masses, damping and the needle's length.
+    #[error("the model says nothing of what moves: a steering run cannot be predicted")]
+    NoDynamics,
+    /// Newton's method does not come to an end.
+    #[error("the equilibrium of the needle is not found")]
+    NotConverged,
+    /// What an elastic body around the needle has no model of.
+    #[error("{what} is not available on an elastic body, expected tissue made of springs")]
+    NotOnBody {
+        /// Name of the effect or of the experiment.
+        what: &'static str,
+    },
+    /// The equations have no unique solution in floating point.
+    #[error("the beam equations are singular in floating point")]
+    Singular,
+}
+
+/// Accepts a value for which `good` holds; NaN never passes.
+///
+/// # Errors
+/// [`ModelError::OutOfRange`] where it does not.
+pub fn check(name: &'static str, value: f64, expected: &'static str, good: bool) -> Result<(), ModelError> {
+    if good && value.is_finite() { Ok(()) } else { Err(ModelError::OutOfRange { name, value, expected }) }
+}

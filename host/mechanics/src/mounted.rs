@@ -1,0 +1,346 @@
+//! A needle in the tissue at a depth, ready to be moved sideways: what no motion of guide 2 changes is solved once.
+//!
+//! Identification asks one needle for many motions, as true displacements are unknowns; [`predict`](super::predict) asks for one.
+
+use super::cache::Cache;
+use super::effects::Seen;
+use super::lateral::{Drive, Response, Samples};
+use super::predict::Plane;
+use super::rest::Rest;
+use super::{BeamProblem, Channels, DriveSample, Model, ModelError, Series, ShapePoint};
+use std::borrow::Cow;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// A model's needle at a depth, with the places at which its shape is seen.
+#[derive(Debug, Clone)]
+pub struct Mounted<'a> {
+    model: Cow<'a, Model>,
+    depth_m: f64,
+    drive: Drive,
+    rest: Rest,
+    places: Places,
+    needles: Needles,
+    /// Whether the horizontal plane is predicted too.
+    both: bool,
+    /// Motion back by less is noise of the displacement.
+    reversal_m: [f64; 2],
+}
+
+/// What will be done with a mounted needle and seen of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Sight<'a> {
+    /// When and where its shape is seen.
+    pub shape: &'a [ShapePoint],
+    /// How far guide 2 goes in each plane.
+    pub most_m: [f64; 2],
+    /// Planes that are looked at: 1, the vertical one, or 2.
+    pub planes: usize,
+    /// Motion back by this or less is noise of the displacement in each plane; 0 where the motion is exact.
+    pub reversal_m: [f64; 2],
+}
+
+impl<'a> Mounted<'a> {
+    /// The needle of `model` at a depth, moved and seen as said; the cache may know it.
+    ///
+    /// # Errors
+    /// As [`BeamProblem::solve`].
+    pub fn new(
+        model: Cow<'a, Model>,
+        depth_m: f64,
+        Sight { shape, most_m, planes, reversal_m }: Sight<'_>,
+        cache: Option<&Cache>,
+    ) -> Result<Self, ModelError> {
+        let mut drive = Drive::default();
+        model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
+        let problems = Problems::of(&model, depth_m)?;
+        let places = Places::of(&model, shape);
+        let needles = Needles::new(&problems, most_m, &places.z_m, cache)?;
+        // An effect may bring what happens in one plane into the other.
+        let both = planes > 1 || !model.effects.is_empty();
+        Ok(Self {
+            rest: Rest::of(&model, [&problems.y, problems.x()]),
+            needles,
+            drive,
+            depth_m,
+            places,
+            both,
+            reversal_m,
+            model,
+        })
+    }
+
+    /// What the sensors should read while guide 2 is told to move like this, in increasing time.
+    ///
+    /// # Errors
+    /// [`ModelError::NoDrive`] where there are shape points but no drive sample; as [`BeamProblem::solve`] where tissue stiffens and
+    /// guide 2 goes further than was said.
+    pub fn moved(&self, drive: &[DriveSample]) -> Result<Channels, ModelError> {
+        let further;
+        let needles = if self.needles.reach(most_m(drive)) {
+            &self.needles
+        } else {
+            let problems = Problems::of(&self.model, self.depth_m)?;
+            further = Needles::new(&problems, most_m(drive), &self.places.z_m, None)?;
+            &further
+        };
+        let times_s: Samples = drive.iter().map(|sample| sample.time_s).collect();
+        let y_m: Samples = drive.iter().map(|sample| sample.y_m).collect();
+        let x_m: Samples = drive.iter().map(|sample| sample.x_m).collect();
+        let (force_y_n, shape_y_m) = self.in_plane(0, needles, &times_s, &y_m)?;
+        let mut channels = Channels {
+            displacement_m: Series { y: y_m.to_vec(), x: None },
+            force_n: Series { y: force_y_n, x: None },
+            shape_m: Series { y: shape_y_m, x: None },
+            ..Channels::default()
+        };
+        if self.both {
+            let (force_x_n, shape_x_m) = self.in_plane(1, needles, &times_s, &x_m)?;
+            channels.displacement_m.x = Some(x_m.to_vec());
+            channels.force_n.x = Some(force_x_n);
+            channels.shape_m.x = Some(shape_x_m);
+            channels.tip_m.x = Some(Vec::new());
+        }
+        let seen = Seen { time_s: &times_s, commanded_m: [&y_m, &x_m], reversal_m: self.reversal_m };
+        self.model.observe(&seen, &mut channels);
+        Ok(channels)
+    }
+
+    /// Force of guide 2 at every sample of its motion in a plane, and the deflection at every point of the shape.
+    fn in_plane(
+        &self,
+        plane: usize,
+        needles: &Needles,
+        times_s: &[f64],
+        told_m: &[f64],
+    ) -> Result<(Vec<f64>, Vec<f64>), ModelError> {
+        let Needle { response, weights } = needles.of_plane(plane);
+        let mut motion = response.moved(times_s, told_m, self.drive);
+        let Places { z_m, pictures } = &self.places;
+        let mut shape_m = Vec::with_capacity(pictures.iter().map(|picture| picture.places.len()).sum());
+        for Picture { time_s, places } in pictures {
+            let (between, share) = place_in(times_s, *time_s)?;
+            let first = shape_m.len();
+            self.rest.add_deflections_m(plane, &z_m[places.clone()], &mut shape_m);
+            for (coefficient, weights) in motion.between(between, share).zip(weights.chunks_exact(z_m.len()))
+            {
+                let moved_m = shape_m[first..].iter_mut().zip(&weights[places.clone()]);
+                moved_m.for_each(|(at_m, weight)| *at_m += coefficient * weight);
+            }
+        }
+        let rest_n = self.rest.force_n(plane);
+        motion.force_n.iter_mut().for_each(|force_n| *force_n += rest_n);
+        Ok((motion.force_n, shape_m))
+    }
+}
+
+/// The needle in each plane, as it is to be solved.
+struct Problems {
+    y: BeamProblem,
+    /// Where something sets the planes apart.
+    x: Option<BeamProblem>,
+}
+
+impl Problems {
+    fn of(model: &Model, depth_m: f64) -> Result<Self, ModelError> {
+        let y = model.problem_in(Plane::Y, depth_m)?;
+        let same = model.effects.is_empty() && !model.rig.has_one_guide();
+        let x = if same { None } else { Some(model.problem_in(Plane::X, depth_m)?) };
+        Ok(Self { x: x.filter(|x| *x != y), y })
+    }
+
+    fn x(&self) -> &BeamProblem {
+        self.x.as_ref().unwrap_or(&self.y)
+    }
+}
+
+/// How far guide 2 is told to go in each plane.
+pub(super) fn most_m(drive: &[DriveSample]) -> [f64; 2] {
+    drive.iter().fold([0.0; 2], |[y_m, x_m], sample| [sample.y_m.abs().max(y_m), sample.x_m.abs().max(x_m)])
+}
+
+/// Where the points of a shape are, as they are seen, picture by picture.
+#[derive(Debug, Clone, Default)]
+struct Places {
+    /// The same places are here once as long as picture after picture shows them.
+    z_m: Vec<f64>,
+    pictures: Vec<Picture>,
+}
+
+/// What is seen of the needle at one time.
+#[derive(Debug, Clone)]
+struct Picture {
+    time_s: f64,
+    /// Its places, in the order of its points.
+    places: Range<usize>,
+}
+
+impl Places {
+    fn of(model: &Model, shape: &[ShapePoint]) -> Self {
+        let mut all = Self { z_m: Vec::with_capacity(shape.len()), pictures: Vec::new() };
+        for picture in shape.chunk_by(|a, b| a.time_s == b.time_s) {
+            let first = all.z_m.len();
+            all.z_m.extend(picture.iter().map(|point| point.z_m));
+            if !model.effects.is_empty() {
+                for (point, z_m) in picture.iter().zip(&mut all.z_m[first..]) {
+                    let mut seen = *point;
+                    model.effects.iter().for_each(|(effect, values)| effect.look(values, &mut seen));
+                    *z_m = seen.z_m;
+                }
+            }
+            let mut places = first..all.z_m.len();
+            let before = all.pictures.last().map(|before| before.places.clone());
+            if let Some(before) = before.filter(|before| all.z_m[before.clone()] == all.z_m[first..]) {
+                all.z_m.truncate(first);
+                places = before;
+            }
+            all.pictures.extend(picture.first().map(|point| Picture { time_s: point.time_s, places }));
+        }
+        all
+    }
+}
+
+/// The needle as it answers up to a displacement.
+#[derive(Debug, Clone)]
+struct Needles {
+    y: Needle,
+    /// Where something sets the planes apart.
+    x: Option<Needle>,
+    /// How far these are good for in each plane; nothing where no displacement changes them.
+    most_m: Option<[f64; 2]>,
+}
+
+/// The needle in a plane.
+#[derive(Debug, Clone)]
+struct Needle {
+    response: Arc<Response>,
+    /// What the coefficients of a motion weigh at every place, coefficient by coefficient.
+    weights: Vec<f64>,
+}
+
+impl Needles {
+    fn new(
+        problems: &Problems,
+        [y_m, x_m]: [f64; 2],
+        z_m: &[f64],
+        cache: Option<&Cache>,
+    ) -> Result<Self, ModelError> {
+        let solved = |problem: &BeamProblem, most_m: f64| {
+            let response = match cache {
+                Some(cache) => cache.response(problem, most_m)?,
+                None => Arc::new(Response::new(problem, most_m)?),
+            };
+            Ok::<_, ModelError>(Needle { weights: response.shape_at(z_m), response })
+        };
+        let most_m = if problems.x.is_some() { [y_m, x_m] } else { [y_m.max(x_m); 2] };
+        let y = solved(&problems.y, most_m[0])?;
+        let x = problems.x.as_ref().map(|x| solved(x, most_m[1])).transpose()?;
+        let stiffens = [&problems.y, problems.x()].into_iter().any(|p| p.law.is_nonlinear());
+        Ok(Self { y, x, most_m: stiffens.then_some(most_m) })
+    }
+
+    fn reach(&self, [y_m, x_m]: [f64; 2]) -> bool {
+        self.most_m.is_none_or(|[most_y_m, most_x_m]| y_m <= most_y_m && x_m <= most_x_m)
+    }
+
+    fn of_plane(&self, plane: usize) -> &Needle {
+        self.x.as_ref().filter(|_| plane == 1).unwrap_or(&self.y)
+    }
+}
+
+/// The drive samples around a time and the share of the way between them; the first or last one beyond the ends.
+fn place_in(times_s: &[f64], time_s: f64) -> Result<([usize; 2], f64), ModelError> {
+    let next = times_s.partition_point(|sample_s| *sample_s <= time_s);
+    match (next.checked_sub(1), times_s.get(next)) {
+        (Some(a), Some(b_s)) => Ok(([a, next], (time_s - times_s[a]) / (b_s - times_s[a]))),
+        (Some(last), None) => Ok(([last, last], 0.0)),
+        (None, Some(_)) => Ok(([0, 0], 0.0)),
+        (None, None) => Err(ModelError::NoDrive),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::effect;
+    use crate::{Needle, Rig};
+
+    fn model(effects: &[(&str, &[f64])]) -> Model {
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
+        let mut model = Model::uniform(rig, 16e3).expect("valid");
+        let named = |(id, values): &(&str, &[f64])| (effect(id).expect("an effect"), values.to_vec());
+        model.effects = effects.iter().map(named).collect();
+        model
+    }
+
+    fn told(steps_mm: &[[f64; 2]]) -> Vec<DriveSample> {
+        let sample =
+            |(i, [y, x]): (usize, &[f64; 2])| DriveSample { time_s: i as f64, y_m: 1e-3 * y, x_m: 1e-3 * x };
+        steps_mm.iter().enumerate().map(sample).collect()
+    }
+
+    /// Three pictures: two of the same places, one of others.
+    fn shape() -> Vec<ShapePoint> {
+        let at = |time_s: f64, all_m: [f64; 3]| all_m.map(|z_m| ShapePoint { time_s, z_m });
+        [at(0.5, [0.08, 0.09, 0.1]), at(1.0, [0.08, 0.09, 0.1]), at(1.5, [0.075, 0.09, 0.1])].concat()
+    }
+
+    fn mounted(model: &Model, most_m: f64, planes: usize) -> Mounted<'_> {
+        let sight = Sight { shape: &shape(), most_m: [most_m; 2], planes, reversal_m: [0.0; 2] };
+        Mounted::new(Cow::Borrowed(model), 0.03, sight, None).expect("mounts")
+    }
+
+    #[test]
+    fn places_seen_again_are_there_once() {
+        let model = model(&[]);
+        let places = mounted(&model, 1e-3, 2).places;
+        assert_eq!(places.z_m, [0.08, 0.09, 0.1, 0.075, 0.09, 0.1]);
+        assert_eq!(places.pictures.iter().map(|p| p.places.clone()).collect::<Vec<_>>(), [0..3, 0..3, 3..6]);
+    }
+
+    #[test]
+    fn points_are_where_the_needle_is_at_their_time() {
+        let model = model(&[]);
+        let seen =
+            mounted(&model, 1e-3, 2).moved(&told(&[[0.0, 0.0], [1.0, -0.5], [0.4, 0.0]])).expect("moves");
+        let beam = model.beam(0.03).expect("solves");
+        // Half way to 1 mm, at it, and half way back to 0.4 mm.
+        for (i, (point, at_m)) in
+            shape().iter().zip([0.5e-3, 1e-3, 0.7e-3].map(|m| [m; 3]).concat()).enumerate()
+        {
+            let expected_m = beam.deflection_m(at_m, point.z_m);
+            assert!((seen.shape_m.y[i] / expected_m - 1.0).abs() < 1e-12, "{i}");
+        }
+        assert_eq!(seen.shape_m.x.as_ref().expect("both planes")[4], -0.5 * seen.shape_m.y[4]);
+    }
+
+    #[test]
+    fn one_plane_is_the_first_of_two() {
+        let (model, told) = (model(&[]), told(&[[0.0, 0.0], [1.0, 0.3]]));
+        let [one, two] = [1, 2].map(|planes| mounted(&model, 1e-3, planes).moved(&told).expect("moves"));
+        assert_eq!((&one.force_n.y, &one.shape_m.y), (&two.force_n.y, &two.shape_m.y));
+        assert_eq!((one.force_n.x, two.force_n.x.map(|x| x.len())), (None, Some(2)));
+    }
+
+    /// Crosstalk brings the horizontal force into the vertical one, whether anyone looks at the horizontal plane or not.
+    #[test]
+    fn an_effect_sees_both_planes() {
+        let crosstalk = effect("sensor.crosstalk").expect("an effect");
+        let values: Vec<f64> = crosstalk.parameters().iter().map(|_| 0.1).collect();
+        let (model, told) = (model(&[("sensor.crosstalk", &values)]), told(&[[0.0, 0.0], [1.0, 0.3]]));
+        let [one, two] = [1, 2].map(|planes| mounted(&model, 1e-3, planes).moved(&told).expect("moves"));
+        assert_eq!(one, two);
+    }
+
+    /// Where tissue stiffens the needle is solved for the way it was said to go, and anew for any longer one.
+    #[test]
+    fn a_longer_way_than_said_is_no_extrapolation() {
+        let model = model(&[("tissue.stiffening", &[0.5])]);
+        let told = told(&[[0.0, 0.0], [2.0, 0.0]]);
+        let [short, long] =
+            [0.2e-3, 2e-3].map(|most_m| mounted(&model, most_m, 1).moved(&told).expect("moves"));
+        assert_eq!(short, long);
+        let linear = mounted(&self::model(&[]), 2e-3, 1).moved(&told).expect("moves");
+        assert!(long.force_n.y[1] > 1.05 * linear.force_n.y[1]);
+    }
+}

@@ -1,0 +1,375 @@
+//! From what is believed and what was done to what every sensor should have read.
+
+use super::cache::Cache;
+use super::effects::{Effect, Seen};
+use super::insertion::{self, Insertion, TipLaw};
+use super::lateral::Drive;
+use super::mounted::{self, Mounted, Sight};
+use super::steering::{self, Dynamics, Steering};
+use super::{Beam, BeamProblem, Foundation, ModelError, Rig, Support};
+use std::borrow::Cow;
+
+/// What is believed: the hardware and the tissue.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// Needle, guides and tissue surface.
+    pub rig: Rig,
+    /// The tissue: the foundation modulus K of springs, or Young's modulus E of a body.
+    pub foundation: Foundation,
+    /// What the tissue is made of.
+    pub support: Support,
+    /// The tip, in insertions.
+    pub tip: TipLaw,
+    /// What moves and resists motion, in steering runs.
+    pub dynamics: Option<Dynamics>,
+    /// Effects with the values of their parameters, applied in this order.
+    pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
+}
+
+impl PartialEq for Model {
+    fn eq(&self, other: &Self) -> bool {
+        let named = |model: &Self| -> Vec<_> {
+            model.effects.iter().map(|(effect, values)| (effect.id(), values.clone())).collect()
+        };
+        self.rig == other.rig
+            && self.foundation == other.foundation
+            && self.support == other.support
+            && self.tip == other.tip
+            && self.dynamics == other.dynamics
+            && named(self) == named(other)
+    }
+}
+
+impl Model {
+    /// Uniform tissue made of springs of a foundation modulus K, and no effects.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the modulus is negative or not finite.
+    pub fn uniform(rig: Rig, modulus_pa: f64) -> Result<Self, ModelError> {
+        Self::on(rig, Support::Springs, modulus_pa)
+    }
+
+    /// A uniform elastic body of this Young's modulus and Poisson's ratio, and no effects.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where the modulus is negative or not finite, or Poisson's ratio not in 0 to 0.5.
+    pub fn body(rig: Rig, youngs_pa: f64, poisson: f64) -> Result<Self, ModelError> {
+        Self::on(rig, Support::Body { poisson }, youngs_pa)
+    }
+
+    /// Uniform tissue made of springs or a body, of this K or E, and no effects.
+    ///
+    /// # Errors
+    /// As [`Self::uniform`] and [`Self::body`].
+    pub fn on(rig: Rig, support: Support, modulus_pa: f64) -> Result<Self, ModelError> {
+        support.check()?;
+        let foundation = Foundation::uniform(modulus_pa)?;
+        Ok(Self { rig, foundation, support, tip: TipLaw::default(), dynamics: None, effects: Vec::new() })
+    }
+
+    /// The needle inserted to `depth_m`, solved for unit loads.
+    ///
+    /// # Errors
+    /// As [`BeamProblem::solve`].
+    pub fn beam(&self, depth_m: f64) -> Result<Beam, ModelError> {
+        self.problem(depth_m)?.solve()
+    }
+
+    /// The needle inserted to `depth_m`, as its effects make it.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where an effect's values are impossible.
+    pub fn problem(&self, depth_m: f64) -> Result<BeamProblem, ModelError> {
+        self.problem_in(Plane::Y, depth_m)
+    }
+
+    /// The same in a plane: the tissue may differ between them.
+    ///
+    /// # Errors
+    /// [`ModelError::OutOfRange`] where an effect's values are impossible.
+    pub fn problem_in(&self, plane: Plane, depth_m: f64) -> Result<BeamProblem, ModelError> {
+        let foundation = self.foundation.clone();
+        let mut problem =
+            BeamProblem { support: self.support, ..BeamProblem::new(&self.rig, foundation, depth_m) };
+        problem.clamp_compliance_rad_per_n_m =
+            self.rig.rear_compliance_rad_per_n_m(if plane == Plane::Y { 0 } else { 1 });
+        for (effect, values) in &self.effects {
+            effect.beam(values, plane, &mut problem)?;
+        }
+        Ok(problem)
+    }
+
+    /// Clearance of guide 2, m.
+    pub fn clearance_m(&self) -> f64 {
+        let mut drive = Drive::default();
+        self.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
+        drive.clearance_m
+    }
+
+    /// Stress-free curvature of the needle, vertical and horizontal before it is turned, 1/m.
+    pub fn curvature_per_m(&self) -> [f64; 2] {
+        let mut curvature_per_m = [0.0; 2];
+        self.effects.iter().for_each(|(effect, values)| effect.rest(values, &mut curvature_per_m));
+        curvature_per_m
+    }
+
+    pub(super) fn observe(&self, seen: &Seen<'_>, channels: &mut Channels) {
+        self.effects.iter().for_each(|(effect, values)| effect.observe(values, seen, channels));
+    }
+}
+
+/// A plane in which the needle bends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Plane {
+    /// Vertical.
+    Y,
+    /// Horizontal.
+    X,
+}
+
+/// What was done, without any measured answer in it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Experiment {
+    /// Guide 2 moved sideways at a fixed depth.
+    Lateral(Lateral),
+    /// Guide 2 pushed sideways with a given force at a fixed depth.
+    LateralForce(LateralForce),
+    /// The needle was inserted.
+    Insertion(Insertion),
+    /// The needle was inserted while its base was moved.
+    Steering(Steering),
+}
+
+/// A lateral run: where guide 2 was, and where and when the shape was looked at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lateral {
+    /// Length of the needle inside the tissue.
+    pub depth_m: f64,
+    /// Displacement of guide 2 against time, in increasing time.
+    pub drive: Vec<DriveSample>,
+    /// Points at which the shape was seen.
+    pub shape: Vec<ShapePoint>,
+    /// Motion back by this or less is noise of `drive`, vertical and horizontal; 0 where `drive` is the commanded motion.
+    pub reversal_m: [f64; 2],
+}
+
+/// A lateral run that is driven by force: a weight, or an actuator under force control.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LateralForce {
+    /// Length of the needle inside the tissue.
+    pub depth_m: f64,
+    /// Force of guide 2 against time, in increasing time.
+    pub drive: Vec<ForceSample>,
+    /// Points at which the shape was seen.
+    pub shape: Vec<ShapePoint>,
+}
+
+/// Force of guide 2 at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceSample {
+    /// Time.
+    pub time_s: f64,
+    /// Vertical force.
+    pub y_n: f64,
+    /// Horizontal force.
+    pub x_n: f64,
+}
+
+/// Displacement of guide 2 at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveSample {
+    /// Time.
+    pub time_s: f64,
+    /// Vertical displacement.
+    pub y_m: f64,
+    /// Horizontal displacement.
+    pub x_m: f64,
+}
+
+/// A point of the needle looked at at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShapePoint {
+    /// Time.
+    pub time_s: f64,
+    /// Position along the needle from guide 1.
+    pub z_m: f64,
+}
+
+/// One sensor's values in the vertical and, where there is one, the horizontal plane.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Series {
+    /// Vertical.
+    pub y: Vec<f64>,
+    /// Horizontal; nothing in a one-plane experiment.
+    pub x: Option<Vec<f64>>,
+}
+
+/// What the sensors read, predicted or measured: one value per drive sample, shape point or depth.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Channels {
+    /// Displacement of guide 2 at every drive sample.
+    pub displacement_m: Series,
+    /// Lateral force at guide 2 at every drive sample, or at the base at every time of a steering run.
+    pub force_n: Series,
+    /// Deflection at every shape point.
+    pub shape_m: Series,
+    /// Position of the tip at every depth of an insertion, or time of a steering run.
+    pub tip_m: Series,
+    /// Slope of the needle at the tip at every depth of an insertion, where it is measured
+    /// ([`Insertion::tip_direction`]).
+    pub tip_direction_rad: Series,
+    /// Lateral position of the base at every time of a steering run.
+    pub base_m: Series,
+}
+
+impl Channels {
+    pub(super) fn two_planes() -> Self {
+        let empty = || Series { y: Vec::new(), x: Some(Vec::new()) };
+        Self {
+            displacement_m: empty(),
+            force_n: empty(),
+            shape_m: empty(),
+            tip_m: empty(),
+            tip_direction_rad: empty(),
+            base_m: Series::default(),
+        }
+    }
+}
+
+/// What every sensor should read in `experiment` if `model` is right.
+///
+/// Order: beam and drive, rest, solve, look, observe; effects of one kind in the order of the model's list.
+///
+/// # Errors
+/// As [`BeamProblem::solve`], [`ModelError::NoDrive`] where there are shape points but no drive sample, and
+/// [`ModelError::NoDynamics`] where a steering run is asked of a model without.
+pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, ModelError> {
+    predict_with(model, experiment, &Cache::default())
+}
+
+/// The same as [`predict`], which solves no needle twice that the cache still knows: for many runs or many models that differ little.
+///
+/// # Errors
+/// As [`predict`].
+pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Result<Channels, ModelError> {
+    match experiment {
+        Experiment::Lateral(lateral) => predict_lateral(model, lateral, cache),
+        Experiment::LateralForce(forced) => predict_forced(model, forced, cache),
+        Experiment::Insertion(inserted) => predict_insertion(model, inserted, cache),
+        Experiment::Steering(run) => {
+            let dynamics = model.dynamics.as_ref().ok_or(ModelError::NoDynamics)?;
+            model.support.needs_springs("a steering run")?;
+            let problem = model.problem(run.depth_m.iter().copied().fold(0.0, f64::max))?;
+            let moved = steering::simulate(&model.rig.needle, &problem.foundation, dynamics, run)?;
+            let one_plane = |y: Vec<f64>| Series { y, x: None };
+            let mut channels = Channels {
+                force_n: one_plane(moved.base_force_n),
+                tip_m: one_plane(moved.tip_m),
+                base_m: one_plane(moved.base_m),
+                ..Channels::default()
+            };
+            let seen = Seen { time_s: &run.time_s, commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
+            model.observe(&seen, &mut channels);
+            Ok(channels)
+        }
+    }
+}
+
+fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Channels, ModelError> {
+    let Lateral { depth_m, drive, shape, reversal_m } = lateral;
+    let sight = Sight { shape, most_m: mounted::most_m(drive), planes: 2, reversal_m: *reversal_m };
+    Mounted::new(Cow::Borrowed(model), *depth_m, sight, Some(cache))?.moved(drive)
+}
+
+/// Small forces: the linear needle, without what lies between actuator and needle.
+fn predict_forced(model: &Model, forced: &LateralForce, cache: &Cache) -> Result<Channels, ModelError> {
+    let stiffness = [Plane::Y, Plane::X].map(|plane| {
+        Ok::<_, ModelError>(model.problem_in(plane, forced.depth_m)?.solve()?.lateral_stiffness_n_per_m())
+    });
+    let [stiffness_y, stiffness_x] = stiffness;
+    let (stiffness_y, stiffness_x) = (stiffness_y?, stiffness_x?);
+    let moved = |sample: &ForceSample| DriveSample {
+        time_s: sample.time_s,
+        y_m: sample.y_n / stiffness_y,
+        x_m: sample.x_n / stiffness_x,
+    };
+    let drive = forced.drive.iter().map(moved).collect();
+    let lateral =
+        Lateral { depth_m: forced.depth_m, drive, shape: forced.shape.clone(), reversal_m: [0.0; 2] };
+    predict_lateral(model, &lateral, cache)
+}
+
+fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Result<Channels, ModelError> {
+    let deepest_m = inserted.depth_m.iter().copied().fold(0.0, f64::max);
+    let problems = [model.problem_in(Plane::Y, deepest_m)?, model.problem_in(Plane::X, deepest_m)?];
+    let mut law = model.tip.clone();
+    model.effects.iter().for_each(|(effect, values)| effect.tip(values, &mut law));
+    let curvature_per_m = model.curvature_per_m();
+    // What the frame gives is part of the beam problem here.
+    let inserted = inserted.through_clearance(model.clearance_m());
+    let insertion::Tip { position_m, direction_rad } =
+        insertion::tip(&problems, &law, curvature_per_m, &inserted, cache)?;
+    let mut channels =
+        Channels { tip_m: position_m, tip_direction_rad: direction_rad, ..Channels::two_planes() };
+    model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] }, &mut channels);
+    Ok(channels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Needle;
+
+    fn model() -> Model {
+        let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
+        Model::uniform(rig, 16e3).expect("valid")
+    }
+
+    fn drive() -> Vec<DriveSample> {
+        vec![
+            DriveSample { time_s: 0.0, y_m: 0.0, x_m: 0.0 },
+            DriveSample { time_s: 1.0, y_m: 1.2e-3, x_m: -0.6e-3 },
+        ]
+    }
+
+    #[test]
+    fn planes_are_multiples_of_one_response() {
+        let shape = vec![ShapePoint { time_s: 1.0, z_m: 0.09 }, ShapePoint { time_s: 0.5, z_m: 0.09 }];
+        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape, reversal_m: [0.0; 2] };
+        let channels = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
+        // 1.2 mm at 16 kPa and 30 mm takes 1.309563697895257 N.
+        assert!((channels.force_n.y[1] / 1.309_563_697_895_257 - 1.0).abs() < 1e-10);
+        assert_eq!(channels.force_n.x.as_ref().expect("two planes")[1], -0.5 * channels.force_n.y[1]);
+        assert!((channels.shape_m.y[1] - 0.5 * channels.shape_m.y[0]).abs() < 1e-18);
+    }
+
+    /// Driven by the force that a displacement takes, the needle does the same.
+    #[test]
+    fn force_and_displacement_drive_alike() {
+        let shape = vec![ShapePoint { time_s: 0.7, z_m: 0.09 }];
+        let lateral = Lateral { depth_m: 0.03, drive: drive(), shape: shape.clone(), reversal_m: [0.0; 2] };
+        let moved = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
+        let force_x = moved.force_n.x.as_ref().expect("two planes");
+        let forces = drive()
+            .iter()
+            .enumerate()
+            .map(|(i, sample)| ForceSample {
+                time_s: sample.time_s,
+                y_n: moved.force_n.y[i],
+                x_n: force_x[i],
+            })
+            .collect();
+        let forced = LateralForce { depth_m: 0.03, drive: forces, shape };
+        let pushed = predict(&model(), &Experiment::LateralForce(forced)).expect("predicts");
+        assert!((pushed.displacement_m.y[1] / 1.2e-3 - 1.0).abs() < 1e-12);
+        assert!((pushed.shape_m.y[0] / moved.shape_m.y[0] - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn shape_without_drive_is_an_error() {
+        let shape = vec![ShapePoint { time_s: 1.0, z_m: 0.09 }];
+        let experiment =
+            Experiment::Lateral(Lateral { depth_m: 0.03, drive: vec![], shape, reversal_m: [0.0; 2] });
+        assert_eq!(predict(&model(), &experiment), Err(ModelError::NoDrive));
+    }
+}

@@ -1,0 +1,257 @@
+//! A simulated rig: two actuators, the needle in tissue by the forward model, the force chain and an ultrasound sweep.
+//!
+//! It stands on the far side of the electronics: bridge inputs in, converter codes out, one call of [`SimulatedRig::step`] per
+//! control period. Everything random comes from one seed, each part from its own stream, so that a rig repeats exactly and
+//! more noise drawn in one part changes nothing in another. What the estimator is to find (the tissue's modulus) is drawn
+//! from the seed too and told to nobody but [`SimulatedRig::truth`].
+//!
+//! | part | models |
+//! |---|---|
+//! | [`actuator`] | dead band, speed limit, lag, end stops, potentiometer with noise |
+//! | [`imperfections`] | what is a little off in every rig |
+//! | [`insertions`] | the needle inserted by hand, its tip tracked |
+//! | [`steering`] | the needle steered at its base while it goes in |
+//! | [`config`] | every constant, from a TOML file or by default |
+
+pub mod actuator;
+pub mod config;
+pub mod imperfections;
+pub mod insertions;
+pub mod steering;
+
+use actuator::Actuator;
+use config::{ConfigError, Range, RigConfig, Simulation};
+use mechanics::effects::{Effect, Seen, effect};
+use mechanics::{Beam, Channels, Drive, Model, ModelError, Series};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// Largest code of the 24-bit bridge converter.
+const BRIDGE_CODE_MAX: f64 = 8_388_607.0;
+
+/// What the bridges' inputs were in one period: share of the period that IN1 and IN2 of x and y were high, 0 to 1.
+pub type BridgeInputs = [[f64; 2]; 2];
+
+/// What the converters read at the end of one period.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Codes {
+    /// Potentiometers of x and y, 12 bit.
+    pub potentiometer: [u16; 2],
+    /// Force bridge of x and y, 24 bit, signed.
+    pub bridge: [i32; 2],
+}
+
+/// One point of an ultrasound sweep.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShapeSample {
+    /// Position along the needle from guide 1, metres.
+    pub z_m: f64,
+    /// Lateral deflection along x and y, metres.
+    pub deflection_m: [f64; 2],
+}
+
+/// What the rig really is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Truth {
+    /// Foundation modulus of the tissue, pascals.
+    pub modulus_pa: f64,
+    /// Insertion depth, metres.
+    pub depth_m: f64,
+    /// Lateral stiffness at guide 2, newtons per metre.
+    pub stiffness_n_per_m: f64,
+}
+
+/// Why a rig cannot be simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum RigError {
+    /// Its configuration makes no sense.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The forward model refuses it.
+    #[error("the rig cannot be modelled: {0}")]
+    Model(#[from] ModelError),
+}
+
+/// The rig.
+#[derive(Debug)]
+pub struct SimulatedRig {
+    simulation: Simulation,
+    entry_m: f64,
+    truth: Truth,
+    beam: Beam,
+    /// Between the actuators and the needle.
+    drive: Drive,
+    /// What the user does not know of.
+    effects: Vec<(&'static dyn Effect, Vec<f64>)>,
+    actuators: [Actuator; 2],
+    bridge_offset_n: [f64; 2],
+    /// Since the start.
+    time_s: f64,
+    force_noise: Noise,
+    sweep_noise: Noise,
+}
+
+impl SimulatedRig {
+    /// The rig that this seed makes of a configuration.
+    ///
+    /// # Errors
+    /// [`RigError`] where the configuration or the forward model refuses a value.
+    pub fn new(config: RigConfig, seed: u64) -> Result<Self, RigError> {
+        let RigConfig { rig, simulation } = config;
+        simulation.check()?;
+        let mut random = stream(seed, Stream::Truth);
+        let modulus_pa =
+            within(&mut random, simulation.modulus_kpa) * 1e3 * simulation.imperfections.modulus_factor;
+        let bridge_offset_n = [(); 2].map(|()| within(&mut random, simulation.force.offset_n));
+        let actuators = [Stream::PotentiometerX, Stream::PotentiometerY]
+            .map(|noise| Actuator::new(&simulation.actuator, &mut random, Noise::new(seed, noise)));
+        let depth_m = simulation.depth_mm * 1e-3;
+        let entry_m = rig.entry_m;
+        let mut model = Model::uniform(rig, modulus_pa)?;
+        let hidden = simulation.effects.iter();
+        model.effects =
+            hidden.filter_map(|hidden| Some((effect(&hidden.id)?, hidden.values.clone()))).collect();
+        let beam = model.beam(depth_m)?;
+        let mut drive = Drive::default();
+        model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
+        let truth = Truth { modulus_pa, depth_m, stiffness_n_per_m: beam.lateral_stiffness_n_per_m() };
+        Ok(Self {
+            truth,
+            beam,
+            drive,
+            effects: model.effects,
+            actuators,
+            bridge_offset_n,
+            time_s: 0.0,
+            force_noise: Noise::new(seed, Stream::Force),
+            sweep_noise: Noise::new(seed, Stream::Sweep),
+            entry_m,
+            simulation,
+        })
+    }
+
+    /// One control period with these bridge inputs; returns what the converters read at its end.
+    pub fn step(&mut self, inputs: BridgeInputs, period_s: f64) -> Codes {
+        for (actuator, inputs) in self.actuators.iter_mut().zip(inputs) {
+            actuator.step(inputs, period_s);
+        }
+        let [force_x, force_y] = self.force_n();
+        self.time_s += period_s;
+        let [drift_x, drift_y] = self.simulation.imperfections.drift_n(self.time_s);
+        let [offset_x, offset_y] = self.bridge_offset_n;
+        Codes {
+            potentiometer: self.actuators.each_mut().map(Actuator::potentiometer_code),
+            bridge: [force_x + offset_x + drift_x, force_y + offset_y + drift_y]
+                .map(|force_n| self.bridge_code(force_n)),
+        }
+    }
+
+    /// Takes an ultrasound sweep along the needle inside the tissue, as it lies now.
+    pub fn sweep(&mut self) -> Vec<ShapeSample> {
+        let Simulation { ultrasound, imperfections, .. } = &self.simulation;
+        let (spacing_m, pixel_m) = (ultrasound.spacing_mm * 1e-3, ultrasound.pixel_mm * 1e-3);
+        let pressed_m = self.position_m().map(|position_m| self.drive.beyond_clearance_m(position_m));
+        let count = (self.truth.depth_m / spacing_m + 1e-9) as usize;
+        let at_m = |index: usize| self.entry_m + index as f64 * spacing_m;
+        let bent = |plane: usize| -> Vec<f64> {
+            (1..=count).map(|index| self.beam.deflection_m(pressed_m[plane], at_m(index))).collect()
+        };
+        let mut shape_m = Series { x: Some(bent(0)), y: bent(1) };
+        let mut channels = Channels { shape_m: std::mem::take(&mut shape_m), ..Channels::default() };
+        let seen = Seen { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
+        self.effects.iter().for_each(|(effect, values)| effect.observe(values, &seen, &mut channels));
+        let Series { y, x } = channels.shape_m;
+        let (noise_m, x) = (ultrasound.noise_mm * 1e-3, x.unwrap_or_default());
+        x.into_iter()
+            .zip(y)
+            .enumerate()
+            .map(|(index, (x_m, y_m))| {
+                let z_m = self.entry_m + (index + 1) as f64 * spacing_m;
+                let [x_off_m, y_off_m] = imperfections.pattern_m(z_m);
+                let deflection_m = [x_m + x_off_m, y_m + y_off_m].map(|bent_m| {
+                    let seen_m = bent_m + noise_m * self.sweep_noise.draw();
+                    (seen_m / pixel_m).round() * pixel_m
+                });
+                ShapeSample { z_m, deflection_m }
+            })
+            .collect()
+    }
+
+    /// Position of guide 2 along x and y, metres.
+    pub fn position_m(&self) -> [f64; 2] {
+        self.actuators.each_ref().map(Actuator::position_m)
+    }
+
+    /// Force on guide 2 along x and y, newtons.
+    pub fn force_n(&self) -> [f64; 2] {
+        self.position_m().map(|position_m| self.beam.force_n(self.drive.beyond_clearance_m(position_m)))
+    }
+
+    /// What the rig really is.
+    pub fn truth(&self) -> Truth {
+        self.truth
+    }
+
+    fn bridge_code(&mut self, force_n: f64) -> i32 {
+        let force = &self.simulation.force;
+        let seen_n = force_n + force.noise_n * self.force_noise.draw();
+        let share = seen_n / force.range_n * force.share_of_full_scale;
+        // The cast saturates at nothing: the clamp keeps it within the converter's 24 bits.
+        (share * BRIDGE_CODE_MAX).round().clamp(-BRIDGE_CODE_MAX - 1.0, BRIDGE_CODE_MAX) as i32
+    }
+}
+
+/// One source of unit normal noise.
+#[derive(Debug)]
+pub(crate) struct Noise(ChaCha8Rng);
+
+impl Noise {
+    fn new(seed: u64, part: Stream) -> Self {
+        Self(stream(seed, part))
+    }
+
+    /// One of many of the same part.
+    pub(crate) fn numbered(seed: u64, part: Stream, number: u64) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(part as u64 | (number + 1) << 8);
+        Self(random)
+    }
+
+    fn uniform(&mut self) -> f64 {
+        self.0.random::<f64>()
+    }
+
+    /// One draw.
+    pub(crate) fn draw(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.0)
+    }
+}
+
+/// Independent streams of one seed.
+#[derive(Clone, Copy)]
+pub(crate) enum Stream {
+    Truth,
+    PotentiometerX,
+    PotentiometerY,
+    Force,
+    Sweep,
+    Insertions,
+    Steering,
+    LateralPlans,
+    InsertionPlans,
+    Imperfections,
+}
+
+fn stream(seed: u64, part: Stream) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(part as u64);
+    random
+}
+
+fn within(random: &mut impl Rng, range: Range) -> f64 {
+    range.low + (range.high - range.low) * random.random::<f64>()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,474 @@
+//! A device for tests: speaks the protocol at the far end of a pseudo terminal, and misbehaves as told.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+use protocol::{
+    CalibrationId, CalibrationRecord, CalibrationSource, Command, CommandReceiver, Counters, Envelope, Event,
+    EventKind, Fault, Hello, Load, MAX_CALIBRATION, MAX_FRAME_TO_HOST, Message, Outcome, PIECE_BYTES, Packer,
+    PotentiometerTable, Received, Refusal, Request, ResetReason, RetreatOutcome, Safety, Sample, Scales,
+    State, Status, Text, encode_envelope,
+};
+use serialport::{SerialPort, TTYPort};
+use std::io::{Read, Write};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+const PERIOD_US: u32 = 1_000;
+/// Token of its first connection; the next ones follow.
+const FIRST_CONNECTION: u32 = 0xC0FF_EE00;
+/// The boot that a new fake claims.
+pub const BOOT_ID: u32 = 77;
+
+/// What the device does when a program is started, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Act {
+    /// A batch of this many samples.
+    Batch(usize),
+    /// A batch that is damaged on the way.
+    Corrupt(usize),
+    /// A batch that does not arrive.
+    Lost(usize),
+    /// Samples that the device itself had to drop.
+    Dropped(u64),
+    /// Answers to what is asked, and nothing else, for so many milliseconds.
+    Wait(u64),
+    /// The program ends well.
+    Complete,
+    /// As `Complete`, but the event that says so is lost.
+    CompleteUnheard,
+    /// A fault ends the program.
+    Fail(Fault),
+    /// The device restarts and says so by its next event.
+    Restart,
+    /// The port goes away, and with it what the host has not read yet: let it wait before.
+    Vanish,
+}
+
+/// How the device behaves.
+#[derive(Debug, Clone)]
+pub struct Script {
+    /// Protocol version it claims.
+    pub version: u16,
+    /// Schema hash it claims.
+    pub schema_hash: [u8; 8],
+    /// Answers nothing at all.
+    pub mute: bool,
+    /// Number of answers (after the hello's) that get lost.
+    pub lost_answers: usize,
+    /// Number of statuses that get lost, while their answers arrive, and an older one that nobody asked for.
+    pub lost_statuses: usize,
+    /// Says late, when a program is loaded, that the one before was stopped.
+    pub late_end: bool,
+    /// Refuses every command but the hello.
+    pub refusal: Option<Refusal>,
+    /// Longest time of its own clock without a command while a program runs, milliseconds.
+    pub silence_limit_ms: u32,
+    /// Where its calibration comes from.
+    pub source: CalibrationSource,
+    /// Was tared since its start.
+    pub tared: bool,
+    /// Restarts with the calibration it had, whatever it is told to keep.
+    pub keeps_no_calibration: bool,
+    /// What running a program does.
+    pub program: Vec<Act>,
+}
+
+impl Default for Script {
+    fn default() -> Self {
+        Self {
+            version: protocol::VERSION,
+            schema_hash: protocol::schema_hash(),
+            mute: false,
+            lost_answers: 0,
+            lost_statuses: 0,
+            late_end: false,
+            refusal: None,
+            silence_limit_ms: 2_000,
+            source: CalibrationSource::Stored,
+            tared: true,
+            keeps_no_calibration: false,
+            program: vec![Act::Batch(32), Act::Complete],
+        }
+    }
+}
+
+/// The running device. Dropping it ends it.
+pub struct FakeDevice {
+    /// Name of the port that leads to it.
+    pub port: String,
+    executed: Arc<Mutex<Vec<Request>>>,
+    questions: Arc<AtomicUsize>,
+    stop: Arc<AtomicBool>,
+    worker: Option<JoinHandle<()>>,
+}
+
+impl FakeDevice {
+    /// Starts a device.
+    pub fn start(script: Script) -> Self {
+        let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
+        let port = near.name().expect("the port has a name");
+        // Opened again by its name; kept open here it would be in use.
+        drop(near);
+        far.set_timeout(Duration::from_millis(5)).expect("a timeout");
+        let (executed, questions) = (Arc::default(), Arc::default());
+        let stop = Arc::new(AtomicBool::new(false));
+        let script_silence_ms = script.silence_limit_ms;
+        let worker = std::thread::spawn({
+            let device = Device {
+                script,
+                sequence: 0,
+                boot_id: BOOT_ID,
+                connection: FIRST_CONNECTION,
+                answered: None,
+                executed: Arc::clone(&executed),
+                questions: Arc::clone(&questions),
+                receiver: CommandReceiver::new(),
+                heard_us: 0,
+                calibration: calibration(),
+                loaded: [0; MAX_CALIBRATION + PIECE_BYTES],
+                limits: [4_000, script_silence_ms],
+                packer: Packer::new(PERIOD_US),
+                t_us: 1_000_000,
+                dropped: 0,
+                state: State::Idle,
+                fault: None,
+            };
+            let stop = Arc::clone(&stop);
+            move || device.serve(far, &stop)
+        });
+        Self { port, executed, questions, stop, worker: Some(worker) }
+    }
+
+    /// The commands carried out so far, hellos and status left out.
+    pub fn executed(&self) -> Vec<Request> {
+        self.executed.lock().expect("the device runs").clone()
+    }
+
+    /// How often the status has been asked for.
+    pub fn questions(&self) -> usize {
+        self.questions.load(Ordering::Acquire)
+    }
+}
+
+impl Drop for FakeDevice {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(worker) = self.worker.take() {
+            let _ = worker.join();
+        }
+    }
+}
+
+struct Device {
+    script: Script,
+    sequence: u32,
+    boot_id: u32,
+    connection: u32,
+    answered: Option<(u16, Message)>,
+    executed: Arc<Mutex<Vec<Request>>>,
+    questions: Arc<AtomicUsize>,
+    receiver: CommandReceiver,
+    /// Device time of the last command.
+    heard_us: u64,
+    calibration: CalibrationRecord,
+    loaded: [u8; MAX_CALIBRATION + PIECE_BYTES],
+    /// Force in mN and silence in ms.
+    limits: [u32; 2],
+    packer: Packer,
+    t_us: u64,
+    dropped: u32,
+    state: State,
+    fault: Option<Fault>,
+}
+
+impl Device {
+    fn serve(mut self, mut far: TTYPort, stop: &AtomicBool) {
+        while !stop.load(Ordering::Acquire) {
+            let commands = self.listen(&mut far);
+            if commands.is_empty() {
+                // Nobody has opened the near end yet, or nothing came.
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            for command in commands {
+                self.obey(&command, &mut far);
+                if self.vanishes(&command) {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Commands that have arrived.
+    fn listen(&mut self, far: &mut TTYPort) -> Vec<Command> {
+        let mut bytes = [0; 256];
+        let waiting = far.bytes_to_read().unwrap_or_default();
+        let length = if waiting > 0 { far.read(&mut bytes).unwrap_or_default() } else { 0 };
+        let received = self.receiver.feed(&bytes[..length]);
+        let commands = received.filter_map(|received| match received {
+            Received::Frame(command) if !self.script.mute => Some(command),
+            _ => None,
+        });
+        commands.collect()
+    }
+
+    fn vanishes(&self, command: &Command) -> bool {
+        matches!(command.request, Request::Run { .. }) && self.script.program.contains(&Act::Vanish)
+    }
+
+    fn obey(&mut self, command: &Command, far: &mut TTYPort) {
+        self.heard_us = self.t_us;
+        match command.request {
+            Request::Hello => {
+                let hello = self.hello();
+                self.send(far, Message::Hello(hello));
+                self.connection += 1;
+                self.answered = None;
+                let connection = self.connection;
+                self.send(far, Message::Connected { connection });
+                return self.send(far, Message::Ack { id: command.id });
+            }
+            Request::Status => {
+                self.questions.fetch_add(1, Ordering::AcqRel);
+                let status = Status { t_us: self.t_us, state: self.state, fault: self.fault, ..status() };
+                let [force_limit_mn, silence_limit_ms] = self.limits;
+                let status = Status { force_limit_mn, silence_limit_ms, ..status };
+                if self.script.lost_statuses > 0 {
+                    self.script.lost_statuses -= 1;
+                    self.send(far, Message::Status(Status { position_counts: [8, 9], ..status }));
+                    self.sequence += 1;
+                } else {
+                    self.send(far, Message::Status(status));
+                }
+            }
+            Request::Calibration => {
+                let record = self.calibration.clone();
+                self.send(far, Message::Calibration(record));
+            }
+            Request::Safety => {
+                let safety = Safety {
+                    t_us: self.t_us,
+                    calibration: self.script.source,
+                    tared: self.script.tared,
+                    zero_counts: [0; 2],
+                    cools_in_s: [0; 2],
+                    proven: [true; 2],
+                };
+                self.send(far, Message::Safety(safety));
+            }
+            Request::LoadStep { .. } if self.script.late_end => {
+                self.event(far, EventKind::ProgramEnded { outcome: Outcome::Stopped });
+            }
+            _ => {}
+        }
+        let answer = match &self.answered {
+            Some((id, answer)) if *id == command.id => answer.clone(),
+            _ => self.execute(command),
+        };
+        self.answered = Some((command.id, answer.clone()));
+        if self.script.lost_answers > 0 {
+            self.script.lost_answers -= 1;
+            self.sequence += 1;
+            return;
+        }
+        let accepted = matches!(answer, Message::Ack { .. });
+        self.send(far, answer);
+        if accepted && matches!(command.request, Request::StoreCalibration { .. }) {
+            (self.boot_id, self.sequence, self.answered) = (self.boot_id + 1, 0, None);
+        }
+        if accepted && matches!(command.request, Request::Retreat { .. }) {
+            self.event(far, EventKind::RetreatEnded { outcome: RetreatOutcome::Unloaded });
+        }
+        if accepted && matches!(command.request, Request::Run { .. }) {
+            self.state = State::Pending;
+            for act in self.script.program.clone() {
+                self.act(act, far);
+                let silent_us = self.t_us.saturating_sub(self.heard_us);
+                if self.state == State::Holding && silent_us > 1_000 * u64::from(self.limits[1]) {
+                    return self.act(Act::Fail(Fault::HostSilent), far);
+                }
+            }
+        }
+    }
+
+    fn execute(&mut self, command: &Command) -> Message {
+        if command.connection != self.connection && command.request != Request::Stop {
+            return Message::Refused { id: command.id, refusal: Refusal::OtherBoot };
+        }
+        if let Some(refusal) = self.script.refusal {
+            return Message::Refused { id: command.id, refusal };
+        }
+        match command.request {
+            Request::Limits { force_mn, silence_ms } => self.limits = [force_mn, silence_ms],
+            Request::LoadCalibration { piece, bytes } => {
+                let from = usize::from(piece) * PIECE_BYTES;
+                self.loaded[from..from + PIECE_BYTES].copy_from_slice(&bytes);
+            }
+            Request::StoreCalibration { length, crc } => {
+                let meant = CalibrationRecord::decode(&self.loaded[..usize::from(length)]);
+                match meant.filter(|record| record.crc() == crc) {
+                    Some(_) if self.script.keeps_no_calibration => {}
+                    Some(record) => self.calibration = record,
+                    None => {
+                        let refusal = Refusal::CalibrationInvalid;
+                        return Message::Refused { id: command.id, refusal };
+                    }
+                }
+            }
+            _ => {}
+        }
+        if command.request == Request::AcknowledgeCalibration {
+            self.script.source = CalibrationSource::NominalAcknowledged;
+        }
+        if !matches!(command.request, Request::Status | Request::Safety) {
+            self.executed.lock().expect("the test runs").push(command.request);
+        }
+        Message::Ack { id: command.id }
+    }
+
+    fn act(&mut self, act: Act, far: &mut TTYPort) {
+        match act {
+            Act::Batch(count) => {
+                let batch = self.batch(count);
+                self.send(far, batch);
+            }
+            Act::Corrupt(count) => {
+                let batch = self.batch(count);
+                let mut buffer = [0; MAX_FRAME_TO_HOST];
+                let frame = self.encode(&mut buffer, batch);
+                let middle = frame.len() / 2;
+                // Never a delimiter, whatever it was.
+                frame[middle] = if frame[middle] == 0x55 { 0x56 } else { 0x55 };
+                far.write_all(frame).expect("the far end writes");
+            }
+            Act::Lost(count) => {
+                let batch = self.batch(count);
+                let mut buffer = [0; MAX_FRAME_TO_HOST];
+                self.encode(&mut buffer, batch);
+            }
+            Act::Dropped(count) => {
+                self.t_us += count * u64::from(PERIOD_US);
+                self.dropped += u32::try_from(count).expect("few");
+            }
+            Act::Wait(pause_ms) => {
+                let until = Instant::now() + Duration::from_millis(pause_ms);
+                while Instant::now() < until {
+                    for command in self.listen(far) {
+                        self.obey(&command, far);
+                    }
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            }
+            Act::Complete => {
+                self.state = State::Idle;
+                self.event(far, EventKind::ProgramEnded { outcome: Outcome::Completed });
+            }
+            Act::CompleteUnheard => {
+                self.state = State::Idle;
+                self.sequence += 1;
+            }
+            Act::Fail(fault) => {
+                (self.state, self.fault) = (State::Faulted, Some(fault));
+                self.event(far, EventKind::Faulted { fault });
+                self.event(far, EventKind::ProgramEnded { outcome: Outcome::Faulted });
+            }
+            Act::Restart => {
+                (self.boot_id, self.sequence) = (self.boot_id + 1, 0);
+                self.event(far, EventKind::StepStarted { index: 0 });
+            }
+            Act::Vanish => {}
+        }
+    }
+
+    fn event(&mut self, far: &mut TTYPort, kind: EventKind) {
+        let event = Event { t_us: self.t_us, kind };
+        self.send(far, Message::Event(event));
+    }
+
+    /// Samples of a hold; the position counts up by one per sample, so that a test can tell which is which.
+    fn batch(&mut self, count: usize) -> Message {
+        self.state = State::Holding;
+        let mut closed = None;
+        for _ in 0..count {
+            assert!(closed.is_none(), "more samples than a batch holds");
+            self.t_us += u64::from(PERIOD_US);
+            let at = i32::try_from(self.t_us / 1_000).expect("a short test");
+            let sample = Sample { position_counts: [0, at], force_counts: [0, 10 * at] };
+            closed = self.packer.push(self.t_us, State::Holding, 0, self.dropped, sample);
+        }
+        Message::Samples(closed.or_else(|| self.packer.flush()).expect("a batch of at least one sample"))
+    }
+
+    fn send(&mut self, far: &mut TTYPort, message: Message) {
+        let mut buffer = [0; MAX_FRAME_TO_HOST];
+        let frame = self.encode(&mut buffer, message);
+        // The host may have gone; then nobody misses the frame.
+        let _ = far.write_all(frame);
+    }
+
+    fn encode<'b>(&mut self, buffer: &'b mut [u8], message: Message) -> &'b mut [u8] {
+        let envelope = Envelope { boot_id: self.boot_id, sequence: self.sequence, message };
+        self.sequence += 1;
+        let length = encode_envelope(&envelope, buffer).expect("fits").len();
+        &mut buffer[..length]
+    }
+
+    fn hello(&self) -> Hello {
+        Hello {
+            protocol_version: self.script.version,
+            schema_hash: self.script.schema_hash,
+            firmware_version: Text::new("0.0.0"),
+            commit: Text::new("fake"),
+            board: Text::new("fake"),
+            reset_reason: ResetReason::PowerOn,
+            tick_hz: 1_000_000,
+            now_us: self.t_us,
+            sample_period_us: PERIOD_US,
+            scales: Scales {
+                position_nm_per_count: 1_000,
+                force_nn_per_count: 50_000,
+                travel_um: 10_000,
+                force_range_mn: 5_000,
+            },
+            calibration: CalibrationId { id: self.calibration.id.clone(), crc: self.calibration.crc() },
+            last_panic: None,
+        }
+    }
+}
+
+/// The calibration that a fake starts with.
+pub fn calibration() -> CalibrationRecord {
+    let table = [-10_240, -7_680, -5_120, -2_560, 0, 2_560, 5_120, 7_680, 10_240];
+    let potentiometer = PotentiometerTable {
+        track_codes: [40, 4_055],
+        rising_um: table,
+        falling_um: table.map(|um| um - 20),
+    };
+    CalibrationRecord {
+        id: Text::new("fake-1"),
+        potentiometers: [potentiometer; 2],
+        travel_um: 10_000,
+        force_pn_per_code: [[931_000, 12_000], [-8_000, 925_000]],
+        force_range_mn: 5_000,
+    }
+}
+
+/// A device at rest, at the start of its clock.
+pub fn status() -> Status {
+    Status {
+        t_us: 0,
+        state: State::Idle,
+        step: u8::MAX,
+        fault: None,
+        position_counts: [1, 2],
+        force_counts: [3, 4],
+        streaming: true,
+        counters: Counters::default(),
+        load: Load::default(),
+        motor_budget_permille: [0; 2],
+        force_limit_mn: 4_000,
+        silence_limit_ms: 2_000,
+        stiffness: [None; 2],
+    }
+}

@@ -1,0 +1,12 @@
+//! Studies whose tables need more than a few lines.
+
+pub mod diagnosis;
+pub mod imperfect;
+pub mod tipload;
+
+use std::path::{Path, PathBuf};
+
+/// Root of the workspace.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}

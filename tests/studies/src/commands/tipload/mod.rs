@@ -1,0 +1,243 @@
+//! `cargo xtask study tipload`: whether the intervals of tip load, modulus and gap and the bands of the path hold what is true, on
+//! sessions from a generator of its own, plain and with small imperfections.
+
+pub(crate) mod draw;
+mod halves;
+mod marching;
+
+use anyhow::{Result, ensure};
+use draw::{Imperfections, Kind, World, world};
+use formats::NORMAL_975;
+use halves::{Agreement, agreement};
+use inference::levels::median;
+use inference::predict::{InsertionResult, Options, predict};
+use std::fmt::Write as _;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::Instant;
+
+/// Where the identification ends, mm.
+const UNTIL_MM: [f64; 2] = [50.0, 70.0];
+
+/// What one insertion showed.
+#[derive(Debug, Clone, Copy)]
+struct Judged {
+    load: bool,
+    modulus: bool,
+    gap: bool,
+    load_error: f64,
+    modulus_error: f64,
+    mae_mm: Option<f64>,
+    quadratic_mm: Option<f64>,
+    /// Depths beyond what was used, and how many of them the bands hold, both planes.
+    bands: [usize; 2],
+}
+
+/// What one session showed.
+struct Found {
+    number: usize,
+    judged: Vec<Judged>,
+    seconds: f64,
+    halves: Option<Agreement>,
+}
+
+/// One line of the table.
+struct Line {
+    name: &'static str,
+    until_mm: f64,
+    judged: Vec<Judged>,
+    halves: Vec<Agreement>,
+    seconds: f64,
+    sessions: usize,
+}
+
+/// Runs the study on the worlds whose names hold `only` and prints its table; `verbose` prints every insertion too.
+///
+/// # Errors
+/// Where a session cannot be predicted, which all of them can.
+pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> {
+    ensure!((1..=10_000).contains(&sessions), "--sessions is {sessions}, expected 1 to 10000");
+    let mut lines = Vec::new();
+    let small = Imperfections::small();
+    let two_guides = |imperfections: Imperfections| Kind { imperfections, ..Kind::default() };
+    let worlds = [
+        ("plain", two_guides(Imperfections::default())),
+        ("imperfect", two_guides(small)),
+        ("twice as imperfect", two_guides(small.times(2.0))),
+        ("loads 10 % apart", two_guides(Imperfections { load: 0.1, ..Imperfections::default() })),
+        ("one guide", Kind { one_guide: true, ..Kind::default() }),
+        ("one guide, imperfect", Kind { one_guide: true, imperfections: small, ..Kind::default() }),
+    ];
+    for (name, kind) in worlds {
+        for until_mm in UNTIL_MM.into_iter().filter(|until_mm| format!("{name} {until_mm}").contains(only)) {
+            lines.push(line(name, kind, until_mm, sessions, seed, verbose)?);
+        }
+    }
+    print!("{}", table(&lines));
+    println!("{sessions} sessions of 6 to 12 insertions, seed {seed}");
+    Ok(())
+}
+
+fn line(
+    name: &'static str,
+    kind: Kind,
+    until_mm: f64,
+    sessions: usize,
+    seed: u64,
+    verbose: bool,
+) -> Result<Line> {
+    let next = AtomicUsize::new(0);
+    let found: Mutex<Vec<Found>> = Mutex::new(Vec::new());
+    let work = || -> Result<()> {
+        loop {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            if number >= sessions {
+                return Ok(());
+            }
+            let world = world(seed, number, kind);
+            let start = Instant::now();
+            let judged = judge(&world, until_mm)?;
+            let seconds = start.elapsed().as_secs_f64();
+            if verbose {
+                print!("{}", details(name, number, until_mm, &world, &judged, seconds));
+            }
+            let halves = agreement(&world, &options(until_mm))?;
+            let mut found = found.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            found.push(Found { number, judged, seconds, halves });
+        }
+    };
+    let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
+        workers
+            .into_iter()
+            .try_for_each(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    })?;
+    let mut found = found.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    found.sort_by_key(|one| one.number);
+    let seconds = found.iter().map(|one| one.seconds).sum();
+    let halves = found.iter().filter_map(|one| one.halves).collect();
+    let judged = found.into_iter().flat_map(|one| one.judged).collect();
+    Ok(Line { name, until_mm, judged, halves, seconds, sessions })
+}
+
+fn options(until_mm: f64) -> Options {
+    Options { until_m: 1e-3 * until_mm, ..Options::default() }
+}
+
+fn judge(world: &World, until_mm: f64) -> Result<Vec<Judged>> {
+    let found = predict(&world.session, &options(until_mm))?;
+    let good = found.insertions.iter().zip(&world.truth).filter(|(one, _)| one.error.is_none());
+    let judged = good.filter_map(|(one, truth)| {
+        let learned = one.learned.as_ref()?;
+        let within = |interval: [f64; 2], truth: f64| (interval[0]..=interval[1]).contains(&truth);
+        let (load_n, sd_n) = (one.tip_force_n?, one.tip_force_sd_n?);
+        // The vertical part of a load whose bevel is rolled a little: the roll is not part of the truth that is compared.
+        let (x_n, x_sd_n) = (one.tip_force_x_n?, one.tip_force_x_sd_n?);
+        let whole_n = load_n.hypot(x_n);
+        let whole_sd_n = (load_n * sd_n).hypot(x_n * x_sd_n) / whole_n;
+        Some(Judged {
+            load: (whole_n - truth.load_n).abs() <= NORMAL_975 * whole_sd_n,
+            modulus: within(learned.k_ci95_kpa, 1e-3 * truth.modulus_pa),
+            gap: within(learned.gap_ci95_mm, 1e3 * truth.gap_m),
+            load_error: whole_n / truth.load_n - 1.0,
+            modulus_error: 1e3 * learned.k_kpa / truth.modulus_pa - 1.0,
+            mae_mm: one.mae_mm,
+            quadratic_mm: one
+                .compare
+                .iter()
+                .find(|other| other.method == "quadratic")
+                .and_then(|other| other.mae_mm),
+            bands: bands(one, until_mm),
+        })
+    });
+    Ok(judged.collect())
+}
+
+/// Depths measured beyond what was used, and how many of these readings the bands hold.
+fn bands(one: &InsertionResult, until_mm: f64) -> [usize; 2] {
+    let horizontal = one.measured_x_mm.iter().zip(one.lo95_x_mm.iter().zip(&one.hi95_x_mm));
+    let planes = std::iter::once((&one.measured_y_mm, (&one.lo95_y_mm, &one.hi95_y_mm))).chain(horizontal);
+    let mut counts = [0; 2];
+    for (measured_mm, (low_mm, high_mm)) in planes {
+        let bands = low_mm.iter().zip(high_mm).zip(&one.depth_mm);
+        for (measured_mm, ((low_mm, high_mm), depth_mm)) in measured_mm.iter().zip(bands) {
+            if let (Some(measured_mm), true) = (measured_mm, *depth_mm > until_mm) {
+                counts[0] += 1;
+                counts[1] += usize::from((low_mm..=high_mm).contains(&measured_mm));
+            }
+        }
+    }
+    counts
+}
+
+fn details(
+    name: &str,
+    number: usize,
+    until_mm: f64,
+    world: &World,
+    judged: &[Judged],
+    seconds: f64,
+) -> String {
+    let mut text = String::new();
+    let yes = |yes: bool| if yes { "in" } else { "OUT" };
+    for (one, truth) in judged.iter().zip(&world.truth) {
+        let _ = writeln!(
+            text,
+            "{name} {number} {until_mm:.0} mm: load {:.3} N {:+.1} % {}, K {:.1} kPa {:+.1} % {}, gap {:.1} mm {}, error {:.3} mm, bands {}/{}, {seconds:.2} s",
+            truth.load_n,
+            100.0 * one.load_error,
+            yes(one.load),
+            1e-3 * truth.modulus_pa,
+            100.0 * one.modulus_error,
+            yes(one.modulus),
+            1e3 * truth.gap_m,
+            yes(one.gap),
+            one.mae_mm.unwrap_or(f64::NAN),
+            one.bands[1],
+            one.bands[0]
+        );
+    }
+    text
+}
+
+fn table(lines: &[Line]) -> String {
+    let mut text = "| world | from, mm | load covered | K covered | gap covered | bands hold | load error, median | K error, median | path error, mm (quadratic) | halves overlap: load, K (difference, sd) | s per session |\n\
+                    |---|---|---|---|---|---|---|---|---|---|---|\n"
+        .to_owned();
+    for line in lines {
+        let share = |of: &dyn Fn(&Judged) -> bool| {
+            100.0 * line.judged.iter().filter(|one| of(one)).count() as f64 / line.judged.len() as f64
+        };
+        let counts =
+            line.judged.iter().fold([0; 2], |sum, one| [sum[0] + one.bands[0], sum[1] + one.bands[1]]);
+        let _ = writeln!(
+            text,
+            "| {} | {:.0} | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.1} % | {:.3} ({:.2}) | {}, {} | {:.2} |",
+            line.name,
+            line.until_mm,
+            share(&|one| one.load),
+            share(&|one| one.modulus),
+            share(&|one| one.gap),
+            100.0 * counts[1] as f64 / counts[0] as f64,
+            100.0 * median(line.judged.iter().map(|one| one.load_error.abs()).collect()),
+            100.0 * median(line.judged.iter().map(|one| one.modulus_error.abs()).collect()),
+            median(line.judged.iter().filter_map(|one| one.mae_mm).collect()),
+            median(line.judged.iter().filter_map(|one| one.quadratic_mm).collect()),
+            overlap(&line.halves, 0),
+            overlap(&line.halves, 1),
+            line.seconds / line.sessions as f64
+        );
+    }
+    text
+}
+
+/// Share of the sessions whose halves agree about the numbered quantity, with the root mean square of their difference in standard
+/// deviations.
+fn overlap(halves: &[Agreement], number: usize) -> String {
+    let count = halves.len() as f64;
+    let share = halves.iter().filter(|one| one.overlap[number]).count() as f64 / count;
+    let square = halves.iter().map(|one| one.difference[number].powi(2)).sum::<f64>() / count;
+    format!("{:.0} % ({:.1})", 100.0 * share, square.sqrt())
+}

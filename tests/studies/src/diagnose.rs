@@ -1,0 +1,197 @@
+//! The blind study: how often the workflow is right on sessions of a generator that shares nothing with the forward model.
+//!
+//! Effects at three strengths, sessions that lack nothing, pairs, and things that the catalogue has no name for. What can be told at
+//! all is computed, not judged by the outcome: the truth's predictions without noise take the place of the readings, and the fits of
+//! all rivals to them give the expected gain of chi-square and the expected log evidence over the nearest rival.
+
+use formats::session::Session;
+use inference::diagnose::{Diagnosis, Expected, Options, Truth as Hypothetical, Verdict, diagnose, expected};
+use mechanics::effects::effect;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+use std::time::Instant;
+use worlds::{self as blind, Design, Foreign, Truth, strengths};
+
+/// What is hidden in a session.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub enum Hidden {
+    /// Nothing.
+    Nothing,
+    /// An effect at a strength, 0 to 2.
+    One(&'static str, usize),
+    /// Two effects of middle strength.
+    Pair(&'static str, &'static str),
+    /// Something the catalogue has no name for.
+    Foreign(&'static str),
+}
+
+/// How a session was diagnosed.
+#[derive(Debug, Clone, Serialize)]
+pub struct Outcome {
+    /// What was hidden.
+    pub hidden: Hidden,
+    /// What the session was drawn from.
+    pub seed: u64,
+    /// The verdict.
+    pub verdict: Verdict,
+    /// What was named, with its class.
+    pub named: Vec<(String, Vec<String>)>,
+    /// For every parameter of what was hidden and found: its id and whether the interval holds the truth.
+    pub covered: Vec<(String, bool)>,
+    /// What was found: parameters with their intervals.
+    pub found: Vec<(String, f64, [f64; 2])>,
+    /// Share of the gap removed on held-out runs, and reduced chi-square after.
+    pub removed: Option<f64>,
+    /// Reduced chi-square on held-out runs under the final model.
+    pub chi2_after: Option<f64>,
+    /// Gain of chi-square that was to be expected; of single effects.
+    pub expected_gain: Option<f64>,
+    /// Log evidence over the nearest rival that was to be expected.
+    pub expected_apart: Option<f64>,
+    /// The nearest rival.
+    pub rival: Option<String>,
+    /// Probability of the smooth structure left, before and after.
+    pub p: [f64; 2],
+    /// What improved the fit without explaining it.
+    pub partial: Vec<String>,
+    /// Log evidence of the first effect named and what the search needed.
+    pub gain: Option<f64>,
+    /// What the search needed.
+    pub margin: f64,
+    /// Time on one core.
+    pub seconds: f64,
+}
+
+/// How often each kind of session is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    /// Sessions that lack nothing.
+    pub nothing: usize,
+    /// Of every effect at every strength.
+    pub one: usize,
+    /// Pairs.
+    pub pairs: usize,
+    /// Of every thing without a name.
+    pub foreign: usize,
+}
+
+/// Sessions of a study of some size.
+pub fn cases(size: Size, seed: u64) -> Vec<(Hidden, u64)> {
+    let mut cases = Vec::new();
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    cases.extend((0..size.nothing).map(|_| Hidden::Nothing));
+    let ids: Vec<&'static str> = blind::ids().collect();
+    for id in &ids {
+        for strength in 0..3 {
+            cases.extend((0..size.one).map(|_| Hidden::One(id, strength)));
+        }
+    }
+    let is_tip = |id: &str| id.starts_with("tip.");
+    while cases.iter().filter(|hidden| matches!(hidden, Hidden::Pair(..))).count() < size.pairs {
+        let [a, b] = [0, 1].map(|_| ids[random.random_range(0..ids.len())]);
+        if a < b && !is_tip(a) && !is_tip(b) {
+            cases.push(Hidden::Pair(a, b));
+        }
+    }
+    for foreign in Foreign::ALL {
+        cases.extend((0..size.foreign).map(|_| Hidden::Foreign(foreign.name())));
+    }
+    cases.into_iter().map(|hidden| (hidden, random.random())).collect()
+}
+
+/// Makes and diagnoses the sessions of a study on all cores, in order.
+pub fn run(cases: &[(Hidden, u64)], tell: impl Fn(usize) + Sync) -> Vec<Outcome> {
+    let outcomes = blind::on_all_cores(cases.len(), |number| {
+        let (hidden, seed) = &cases[number];
+        let outcome = outcome(hidden, *seed);
+        tell(number);
+        outcome
+    });
+    outcomes.into_iter().flatten().collect()
+}
+
+/// The session that hides something, and its truth.
+pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
+    let at = |id: &'static str, strength: usize| {
+        (id, strengths(id).map(|all| all[strength].clone()).unwrap_or_default())
+    };
+    let effects = match hidden {
+        Hidden::Nothing | Hidden::Foreign(_) => Vec::new(),
+        Hidden::One(id, strength) => vec![at(id, *strength)],
+        Hidden::Pair(a, b) => vec![at(a, 1), at(b, 1)],
+    };
+    let foreign = match hidden {
+        Hidden::Foreign(name) => Foreign::ALL.into_iter().find(|foreign| foreign.name() == *name),
+        _ => None,
+    };
+    let needs_insertions = effects.iter().any(|(id, _)| id.starts_with("tip."));
+    let both = matches!(hidden, Hidden::Nothing) && uniform(0.0, 1.0) < 0.3;
+    let design = if needs_insertions || both { Design::insertions() } else { Design::nine_runs() };
+    let truth = Truth { k_kpa: uniform(8.0, 20.0), tip_load_n: uniform(0.12, 0.25), effects, foreign };
+    (blind::session(&truth, &design, seed), truth)
+}
+
+fn outcome(hidden: &Hidden, seed: u64) -> Option<Outcome> {
+    let (session, truth) = make(hidden, seed);
+    let started = Instant::now();
+    let found = diagnose(&session, &Options { seed, ..Options::default() }, |_| {}).ok()?;
+    let seconds = started.elapsed().as_secs_f64();
+    let expected: Option<Expected> = match hidden {
+        Hidden::One(..) => expected_of(&session, &truth),
+        _ => None,
+    };
+    Some(Outcome {
+        hidden: hidden.clone(),
+        seed,
+        verdict: found.verdict,
+        named: found.effects.iter().map(|effect| (effect.id.clone(), effect.class.clone())).collect(),
+        covered: covered(&found, &truth),
+        found: found
+            .effects
+            .iter()
+            .flat_map(|effect| {
+                let of = effect.parameters.iter();
+                of.map(|(name, found)| (format!("{} {name}", effect.id), found.value, found.ci95))
+            })
+            .collect(),
+        removed: found.gap.as_ref().and_then(|gap| gap.removed),
+        chi2_after: found.gap.as_ref().map(|gap| gap.after.chi2_reduced),
+        expected_gain: expected.as_ref().map(|expected| expected.gain),
+        expected_apart: expected.as_ref().map(|expected| expected.apart),
+        rival: expected.and_then(|expected| expected.rival),
+        p: [found.adequacy[0].p, found.adequacy[1].p],
+        partial: found.partial,
+        gain: found.effects.first().map(|effect| effect.log_evidence_gain),
+        margin: found.margin,
+        seconds,
+    })
+}
+
+/// Whether the intervals of what was found hold the truth.
+fn covered(found: &Diagnosis, truth: &Truth) -> Vec<(String, bool)> {
+    let mut covered = Vec::new();
+    for (id, values) in &truth.effects {
+        let (Some(found), Some(effect)) = (found.effects.iter().find(|effect| effect.id == *id), effect(id))
+        else {
+            continue;
+        };
+        for (info, value) in effect.parameters().iter().zip(values) {
+            if let Some(estimate) = found.parameters.get(info.name) {
+                let [low, high] = estimate.ci95;
+                covered.push((format!("{id} {}", info.name), (low..=high).contains(value)));
+            }
+        }
+    }
+    covered
+}
+
+/// What is to be expected of a session that hides one effect.
+fn expected_of(session: &Session, truth: &Truth) -> Option<Expected> {
+    let (id, values) = truth.effects.first()?;
+    let truth =
+        Hypothetical { effect: id, values, modulus_pa: 1e3 * truth.k_kpa, tip_load_n: truth.tip_load_n };
+    expected(session, &truth)
+}

@@ -1,0 +1,18 @@
+//! Studies of the estimators on synthetic worlds: how far they are off, and how often their intervals hold the truth.
+//!
+//! | module | of | worlds from |
+//! |---|---|---|
+//! | [`relation`] | foundation modulus against Young's modulus | the continuum solution |
+//! | [`plan`] | what `guide plan` promises | the forward model |
+//! | [`predict`] | the path of insertions | the forward model |
+//! | [`track`], [`layers`] | online estimators | the simulated steering rig |
+//! | [`diagnose`] | the diagnosis | an independent generator, `worlds` |
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+pub mod diagnose;
+pub mod layers;
+pub mod plan;
+pub mod predict;
+pub mod relation;
+pub mod track;

@@ -1,0 +1,254 @@
+//! `cargo xtask study`: tables of the documentation.
+
+mod commands;
+
+use anyhow::{Context, Result, ensure};
+use clap::Parser;
+use commands::{diagnosis, imperfect, root, tipload};
+use std::fmt::Write as _;
+use std::process::ExitCode;
+use studies::predict::{Cell, METHODS, study};
+
+/// Make a table of the documentation, or one that comes with the tool
+#[derive(Parser)]
+#[command(name = "cargo xtask study", bin_name = "cargo xtask study")]
+struct Args {
+    /// Which: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's deflection (part of the forward
+    /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
+    /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), or what `guide plan`
+    /// promises against what simulated sessions scatter by, or tracking through two layers whose boundary lies anywhere; without a name
+    /// all that the documentation quotes, as it quotes them, written where it has them
+    #[arg(value_parser = [
+        "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers",
+    ])]
+    name: String,
+    /// Sessions of insertions, or imperfect ones of all kinds
+    #[arg(long, default_value_t = 40)]
+    sessions: usize,
+    /// What they are drawn from
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Steering runs of each kind for the estimators of others
+    #[arg(long, default_value_t = 60)]
+    runs: usize,
+    /// Steering runs of each kind for the sound estimator
+    #[arg(long, default_value_t = 1000)]
+    sound_runs: usize,
+    /// Blind sessions of every effect and strength
+    #[arg(long, default_value_t = 4)]
+    repeats: usize,
+    /// Only tables, blind sessions, or worlds of the study of tip loads, whose names hold this; imperfect ones by number too, as #12
+    #[arg(long, default_value = "")]
+    only: String,
+    /// Only methods whose names begin like this
+    #[arg(long, default_value = "")]
+    method: String,
+    /// Seed of a second column of the blind study; drawn anew without it
+    #[arg(long)]
+    fresh_seed: Option<u64>,
+    #[command(flatten)]
+    imperfect: imperfect::Options,
+    /// Print every insertion of the study of tip loads
+    #[arg(long)]
+    verbose: bool,
+}
+
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(args: &Args) -> Result<()> {
+    match args.name.as_str() {
+        "insertion" => insertion(args),
+        "tipload" => tipload::run(args.sessions, args.seed, &args.only, args.verbose),
+        "steering" => steering(args),
+        "diagnose" => diagnosis::run(args.repeats, [args.seed, fresh(args.fresh_seed)], &args.only),
+        "imperfect" => imperfect::run(&args.imperfect, args.sessions, args.seed, &args.only),
+        "operator" => operator(&args.only),
+        "plan" => plan(args),
+        "layers" => layers(args),
+        _ => modulus_relation(),
+    }
+}
+
+/// A seed that nobody has used while building: from the clock, unless it is stated to repeat a study.
+fn fresh(stated: Option<u64>) -> u64 {
+    stated.unwrap_or_else(|| {
+        let now = time::OffsetDateTime::now_utc().unix_timestamp_nanos();
+        (now / 1000 % 1_000_000_000) as u64
+    })
+}
+
+/// Computes the tables of an elastic body's stiffness whose names hold `only`, and puts them where the forward model has them from.
+fn operator(only: &str) -> Result<()> {
+    use mechanics::continuum::contact;
+    use mechanics::continuum::operator::{uniform_table, varied_table};
+    let progress =
+        |ratio: f64, poisson: f64| eprintln!("depth {ratio:.2} radii, Poisson's ratio {poisson:.3}");
+    let folder = root().join("host/mechanics/src/continuum");
+    let write = |name: &str, table: &dyn Fn() -> Result<Vec<u8>>| -> Result<()> {
+        if name.contains(only) {
+            std::fs::write(folder.join(name), table()?)?;
+        }
+        Ok(())
+    };
+    write("contact.csv", &|| Ok(contact::table(progress)?.into_bytes()))?;
+    write("uniform.csv", &|| Ok(uniform_table(progress)?.into_bytes()))?;
+    write("varied.f32", &|| Ok(varied_table(progress)?))?;
+    println!("{}", folder.display());
+    Ok(())
+}
+
+/// Tracking through layers: boundaries found, and what intervals hold.
+fn layers(args: &Args) -> Result<()> {
+    ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
+    println!(
+        "| motion | boundary reported | within 3 mm | in its interval | mean stiffness held | mean damping held | stiffness of cells held | \
+         mean stiffness off (RMS) |\n|---|---|---|---|---|---|---|---|"
+    );
+    for row in studies::layers::layers_study(args.runs, args.seed)? {
+        let [reported, near, held, distinct] = row.boundary;
+        let share = |[held, all]: [usize; 2]| format!("{:.0} %", 100.0 * held as f64 / all.max(1) as f64);
+        println!(
+            "| {} | {reported} of {distinct} | {near} | {held} | {} | {} | {} | {:.1} % |",
+            row.motion,
+            share(row.held[0]),
+            share(row.held[1]),
+            share(row.held[2]),
+            100.0 * row.stiffness_rms
+        );
+    }
+    println!("{} runs of each motion, seed {}", args.runs, args.seed);
+    Ok(())
+}
+
+/// Promised against observed half-widths of seven protocols.
+fn plan(args: &Args) -> Result<()> {
+    let sessions = args.sessions;
+    ensure!((2..=100_000).contains(&sessions), "--sessions is {sessions}, expected 2 to 100000");
+    println!(
+        "| protocol | promised, % | observed, % | promised over observed (95 %) | covered |\n|---|---|---|---|---|"
+    );
+    for (number, protocol) in (0..).zip(studies::plan::protocols()) {
+        let seed = args.seed.wrapping_mul(1000).wrapping_add(number);
+        let row = protocol.compare(sessions, seed).context("a protocol cannot be simulated")?;
+        let [low, high] = row.ratio_ci95();
+        println!(
+            "| {} | {:.3} | {:.3} | {:.2} ({low:.2} to {high:.2}) | {} of {sessions} |",
+            row.name,
+            row.promised_percent,
+            row.observed_percent,
+            row.ratio(),
+            row.covered
+        );
+    }
+    println!("{sessions} sessions of each protocol, seed {}", args.seed);
+    Ok(())
+}
+
+/// Computes the table of K/E and puts it where `guide relation --table` has it from.
+fn modulus_relation() -> Result<()> {
+    let path = root().join("host/inference/src/relation.csv");
+    let table = studies::relation::table(|gauge| eprintln!("needle of {gauge} gauge"))?;
+    std::fs::write(&path, table)?;
+    println!("{}", path.display());
+    Ok(())
+}
+
+fn insertion(args: &Args) -> Result<()> {
+    ensure!((1..=10_000).contains(&args.sessions), "--sessions is {}, expected 1 to 10000", args.sessions);
+    let cells = study(args.sessions, args.seed)?;
+    print!("{}", table(&cells));
+    let mean = |method: &str| {
+        let of: Vec<f64> =
+            cells.iter().filter(|cell| cell.method == method).map(|cell| cell.mae_mm[0]).collect();
+        of.iter().sum::<f64>() / of.len() as f64
+    };
+    for method in &METHODS[1..] {
+        println!(
+            "{method}: {:+.0} % mean absolute error against {}",
+            100.0 * (mean(method) / mean(METHODS[0]) - 1.0),
+            METHODS[0]
+        );
+    }
+    println!("{} insertions, seed {}", 6 * args.sessions, args.seed);
+    Ok(())
+}
+
+fn steering(args: &Args) -> Result<()> {
+    for (option, runs) in [("--runs", args.runs), ("--sound-runs", args.sound_runs)] {
+        ensure!((1..=100_000).contains(&runs), "{option} is {runs}, expected 1 to 100000");
+    }
+    let runs = |method: &str| match method {
+        _ if !method.starts_with(&args.method) => 0,
+        _ if method.starts_with("sound") => args.sound_runs,
+        _ => args.runs,
+    };
+    let cells = studies::track::study(runs, 20, args.seed)?;
+    println!(
+        "| method | motion | tip noise, mm | converged | from, mm | tip error RMS, mm | largest, mm | stiffness off by | damping off by | held by the 95 % interval: stiffness, damping |\n\
+         |---|---|---|---|---|---|---|---|---|---|"
+    );
+    for cell in &cells {
+        let share =
+            |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.0} %", 100.0 * share));
+        let held = match cell.coverage {
+            [None, None] => "-".to_owned(),
+            [stiffness, damping] => format!("{}, {}", share(stiffness), share(damping)),
+        };
+        let error = |i: usize| {
+            let told = if cell.told[i] < 1.0 {
+                format!(" (told in {:.0} %)", 100.0 * cell.told[i])
+            } else {
+                String::new()
+            };
+            if cell.told[i] > 0.0 {
+                format!("{:.0} %{told}", 100.0 * cell.error[i])
+            } else {
+                "not told".to_owned()
+            }
+        };
+        println!(
+            "| {} | {} | {} | {} of {} | {:.0} | {:.2} | {:.2} | {} | {} | {held} |",
+            cell.method,
+            cell.motion.name,
+            cell.tip_sd_mm,
+            cell.converged,
+            cell.runs,
+            cell.distance_mm,
+            cell.tip_mm[0],
+            cell.tip_mm[1],
+            error(0),
+            error(1),
+        );
+    }
+    println!(
+        "{} runs of each kind, {} of the sound estimator, seed {}",
+        args.runs, args.sound_runs, args.seed
+    );
+    Ok(())
+}
+
+/// The cells as a Markdown table.
+fn table(cells: &[Cell]) -> String {
+    let mut text = "| method | from, mm | at, mm | predicted, mm | true, mm | mean absolute error, mm | in the 95 % band |\n\
+                    |---|---|---|---|---|---|---|\n"
+        .to_owned();
+    for cell in cells {
+        let pair = |[mean, sd]: [f64; 2]| format!("{mean:.2} +- {sd:.2}");
+        let held = cell.coverage.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+        let (predicted, real, error) = (pair(cell.predicted_mm), pair(cell.true_mm), pair(cell.mae_mm));
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {predicted} | {real} | {error} | {held} |",
+            cell.method, cell.until_mm, cell.depth_mm
+        );
+    }
+    text
+}

@@ -1,0 +1,159 @@
+//! The whole bench: firmware in QEMU, simulated rig, serial port, in a folder of its own.
+
+use crate::cosim::Cosim;
+use crate::images::{self, Image};
+use crate::qemu::{self, Qemu};
+use crate::terminals::Terminals;
+use anyhow::{Result, ensure};
+use control::calibration::Calibration;
+use control::slots::to_stored;
+use emulation::flash_model::{ERASED, PAGES, STORED_BYTES};
+use simulation::rig::config::RigConfig;
+use std::fs;
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
+use tempfile::TempDir;
+
+/// A running bench. Dropping it ends everything.
+#[derive(Debug)]
+pub struct Bench {
+    qemu: Option<Qemu>,
+    cosim: Option<Cosim>,
+    terminals: Terminals,
+    folder: TempDir,
+}
+
+impl Bench {
+    /// Builds the image if need be and starts it with a rig. Everything is ended when the time limit is over, whatever hangs.
+    ///
+    /// # Errors
+    /// Where anything of it cannot be had.
+    pub fn start(config: RigConfig, seed: u64, speed: f64, limit: Duration) -> Result<Self> {
+        // The simulated rig is built as designed, and its calibration is stored: nobody has to acknowledge the constants.
+        let calibrated = to_stored(&Calibration::nominal_record(), 1);
+        Self::with_flash(config, seed, speed, limit, &[&calibrated])
+    }
+
+    /// The same with this content of the flash's pages: what is missing is erased.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn with_flash(
+        config: RigConfig,
+        seed: u64,
+        speed: f64,
+        limit: Duration,
+        pages: &[&[u8]],
+    ) -> Result<Self> {
+        let elf = images::build(Image::Qemu)?;
+        let folder = tempfile::Builder::new().prefix("needle-guide-").tempdir()?;
+        let mut flash = vec![ERASED; PAGES * STORED_BYTES];
+        for (kept, page) in flash.chunks_exact_mut(STORED_BYTES).zip(pages) {
+            kept.iter_mut().zip(*page).for_each(|(kept, byte)| *kept = *byte);
+        }
+        fs::write(folder.path().join("flash.bin"), flash)?;
+        fs::write(folder.path().join("unique-id.bin"), unique_id())?;
+        // The rig waits for QEMU to open its pipes, but not for long.
+        let turn = qemu::turn();
+        let cosim = Cosim::start(config, seed, folder.path(), speed)?;
+        let qemu = Qemu::start(turn, &elf, folder.path(), limit)?;
+        let terminals = Terminals::watch()?;
+        let bench = Self { qemu: Some(qemu), cosim: Some(cosim), terminals, folder };
+        bench.await_first_steps(limit)?;
+        Ok(bench)
+    }
+
+    /// Waits until the firmware's clock runs.
+    fn await_first_steps(&self, limit: Duration) -> Result<()> {
+        let began = Instant::now();
+        while self.rig().steps() < 10 {
+            ensure!(self.runs()?, "the firmware ended at once: {:#?}", self.log());
+            ensure!(began.elapsed() < limit, "the firmware did not start in {limit:?}: {:#?}", self.log());
+            thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
+    }
+
+    /// The serial port, as `guide` takes it.
+    pub fn port(&self) -> String {
+        self.folder.path().join("serial").display().to_string()
+    }
+
+    /// Folder for files of this run.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The rig.
+    ///
+    /// # Panics
+    /// After [`Self::stop`].
+    pub fn rig(&self) -> &Cosim {
+        self.cosim.as_ref().expect("the bench runs")
+    }
+
+    /// Whether this computer's pseudo terminals, over which the link goes, keep up.
+    pub fn terminals(&self) -> &Terminals {
+        &self.terminals
+    }
+
+    /// The firmware's log so far.
+    pub fn log(&self) -> Vec<String> {
+        self.qemu.as_ref().map(Qemu::log).unwrap_or_default()
+    }
+
+    /// Whether the firmware runs.
+    ///
+    /// # Errors
+    /// Where the system does not say.
+    pub fn runs(&self) -> Result<bool> {
+        self.qemu.as_ref().map_or(Ok(false), |qemu| Ok(qemu.exited()?.is_none()))
+    }
+
+    /// Ends the firmware as a power switch would, at once.
+    pub fn pull_the_plug(&mut self) {
+        self.qemu = None;
+    }
+
+    /// Powers the firmware off and waits for its end.
+    ///
+    /// # Errors
+    /// Where the lockstep failed, or the firmware does not end or ends with another code than 0.
+    pub fn stop(mut self) -> Result<Vec<String>> {
+        if let Some(cosim) = self.cosim.take() {
+            cosim.stop()?;
+        }
+        match self.qemu.take() {
+            Some(qemu) => {
+                let (code, log) = qemu.wait(Duration::from_secs(10))?;
+                ensure!(code == 0, "the firmware ended with code {code}; its log: {log:#?}");
+                Ok(log)
+            }
+            None => Ok(Vec::new()),
+        }
+    }
+}
+
+/// A number that no other board has: a host must not take a new rig for the one that it knew.
+fn unique_id() -> [u8; 12] {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    let mut bytes = [0; 12];
+    let (time, process) = bytes.split_at_mut(8);
+    time.copy_from_slice(&(since.as_nanos() as u64).to_le_bytes());
+    process.copy_from_slice(&std::process::id().to_le_bytes());
+    bytes
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        // QEMU first: the rig's thread then sees the end of its pipe.
+        self.qemu = None;
+        self.cosim = None;
+        if thread::panicking()
+            && let Some(stall) = self.terminals.stall()
+        {
+            eprintln!("{stall}");
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! `cargo xtask campaign`: random sequences of commands, loads, tares, calibrations, faults, restarts and old frames, by the million
+//! on the controller in this process and by the thousand on the firmware in QEMU. What must hold is in [`control::campaign`].
+//!
+//! | part | does |
+//! |---|---|
+//! | [`line`] | frames over the serial port, ids and repeats as a sequence wants them |
+//! | [`qemu`] | the firmware in QEMU with its rig, as a sequence has it |
+
+mod line;
+mod qemu;
+
+use anyhow::{Result, anyhow, bail};
+use control::campaign::{Tally, run_in_process};
+use std::fmt;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Sequences of a power-on in QEMU: a violation is reproduced from the first of them.
+const SEQUENCES_PER_BOOT: u64 = 50;
+/// How often the progress is reported.
+const REPORT_INTERVAL: Duration = Duration::from_secs(60);
+
+/// Options of `cargo xtask campaign`.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct Args {
+    /// Sequences on the controller in this process
+    #[arg(long, default_value_t = 20_000)]
+    pub sequences: u64,
+    /// Sequences on the firmware in QEMU, after them
+    #[arg(long, default_value_t = 0)]
+    pub qemu: u64,
+    /// First seed: each sequence has its own, one after the other
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// What was done without a violation.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Survived {
+    /// In this process, and the time that took.
+    pub in_process: Option<(Tally, Duration)>,
+    /// On the firmware in QEMU, and the time that took.
+    pub in_qemu: Option<(Tally, Duration)>,
+}
+
+impl fmt::Display for Survived {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rows = [("in process", self.in_process), ("in QEMU", self.in_qemu)];
+        for (name, (tally, took)) in rows.into_iter().filter_map(|(name, done)| Some((name, done?))) {
+            writeln!(f, "{name:<11}  {tally}, in {:.0} s", took.as_secs_f64())?;
+        }
+        f.write_str("no force, travel, duty or latched fault was got round, and every fault was left by its documented way")
+    }
+}
+
+/// Runs both.
+///
+/// # Errors
+/// The first violation, with the seed of its sequence; or where the bench fails.
+pub fn run(args: Args) -> Result<Survived> {
+    let mut survived = Survived::default();
+    if args.sequences > 0 {
+        survived.in_process = Some(timed(|| in_process(args.seed, args.sequences))?);
+    }
+    if args.qemu > 0 {
+        survived.in_qemu = Some(timed(|| in_qemu(args.seed, args.qemu))?);
+    }
+    Ok(survived)
+}
+
+fn timed(run: impl FnOnce() -> Result<Tally>) -> Result<(Tally, Duration)> {
+    let began = Instant::now();
+    Ok((run()?, began.elapsed()))
+}
+
+/// On all processors.
+fn in_process(seed: u64, sequences: u64) -> Result<Tally> {
+    let (next, ends, found) = (AtomicU64::new(0), AtomicBool::new(false), Mutex::new(None));
+    let worker = || {
+        let mut tally = Tally::default();
+        while !ends.load(Ordering::Relaxed) {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            if index >= sequences {
+                break;
+            }
+            match run_in_process(seed.wrapping_add(index)) {
+                Ok(of_one) => tally.add(of_one),
+                Err(violation) => {
+                    ends.store(true, Ordering::Relaxed);
+                    if let Ok(mut found) = found.lock() {
+                        found.get_or_insert(violation);
+                    }
+                }
+            }
+        }
+        tally
+    };
+    let mut all = Tally::default();
+    thread::scope(|scope| -> Result<()> {
+        let count = thread::available_parallelism()?.get();
+        let workers: Vec<_> = (0..count).map(|_| scope.spawn(worker)).collect();
+        for worker in workers {
+            all.add(worker.join().map_err(|_| anyhow!("a sequence panicked"))?);
+        }
+        Ok(())
+    })?;
+    match found.into_inner() {
+        Ok(None) => Ok(all),
+        Ok(Some(violation)) => bail!("{violation}"),
+        Err(_) => bail!("a sequence panicked"),
+    }
+}
+
+fn in_qemu(seed: u64, sequences: u64) -> Result<Tally> {
+    let mut all = Tally::default();
+    let mut reported = Instant::now();
+    while all.sequences < sequences {
+        let first = seed.wrapping_add(all.sequences);
+        let count = SEQUENCES_PER_BOOT.min(sequences - all.sequences);
+        all.add(qemu::boot(first, count)?);
+        if reported.elapsed() > REPORT_INTERVAL {
+            reported = Instant::now();
+            eprintln!("{} of {sequences} sequences in QEMU", all.sequences);
+        }
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_campaign_counts_what_it_did() {
+        let survived = run(Args { sequences: 12, qemu: 0, seed: 5 }).unwrap();
+        let (tally, _) = survived.in_process.unwrap();
+        assert_eq!(tally.sequences, 12);
+        assert!(tally.acts >= 12 && tally.commands > tally.acts && tally.device_ms > 1_000, "{tally}");
+        assert_eq!(survived.in_qemu, None);
+    }
+}

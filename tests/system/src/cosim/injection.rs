@@ -1,0 +1,428 @@
+//! What tests do to the electronics between rig and firmware, and how soon the firmware lets go of the motors.
+
+use super::line::{LINE_BAUD, Line};
+use emulation::plant::{FORCE_CODE_MAX, FULL_SCALE, POTENTIOMETER_CODE_MAX, PlantReply, PlantRequest};
+use simulation::rig::{BridgeInputs, Codes};
+
+/// What is injected; by default nothing. Axes are 0 for x and 1 for y.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Injection {
+    /// The emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// The force converter's frames fail their checksum.
+    pub corrupt_force: bool,
+    /// The force converter has no new data.
+    pub force_silent: bool,
+    /// The force converter resets, once.
+    pub force_reset: bool,
+    /// The force codes stay what they were last.
+    pub force_stuck: bool,
+    /// Force added to both readings, newtons.
+    pub force_spike_n: Option<[f64; 2]>,
+    /// This axis reads the greatest force code.
+    pub force_saturated: Option<usize>,
+    /// The same for one reading; then the converter has no new data.
+    pub force_saturated_once: Option<usize>,
+    /// This potentiometer's wiper is at its supply.
+    pub potentiometer_open: Option<usize>,
+    /// This potentiometer's wiper is at ground.
+    pub potentiometer_short: Option<usize>,
+    /// Added to the potentiometers' codes.
+    pub potentiometer_jump_codes: [i32; 2],
+    /// This motor gets nothing, so its rod stands.
+    pub jammed: Option<usize>,
+    /// This motor gets that share of its voltage.
+    pub weak: Option<(usize, f64)>,
+    /// This motor gets that duty whatever is commanded.
+    pub runaway: Option<(usize, f64)>,
+    /// Time of a potentiometer's conversion beyond its normal one, microseconds; [`emulation::plant::NEVER`] for one that does
+    /// not end.
+    pub conversion_us: u16,
+    /// Rate of the line towards the host, bits per second; by default that of [`super::LINE_BAUD`].
+    pub line_baud: Option<u32>,
+    /// The supply sags, once: the core resets.
+    pub brown_out: bool,
+    /// The program panics, once.
+    pub panic: bool,
+    /// The firmware gets no answer: time stands still.
+    pub freeze: bool,
+}
+
+/// When an injection begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Trigger {
+    /// In the next period.
+    Now,
+    /// When a motor has been driven for so many periods on end.
+    Driving {
+        /// The periods, this one included.
+        for_periods: u64,
+    },
+    /// In this period since the start, as [`super::Cosim::steps`] counts them.
+    AtStep(u64),
+    /// When an axis really is at a position or further from the middle.
+    Beyond {
+        /// 0 for x, 1 for y.
+        axis: usize,
+        /// The position; its sign tells the side.
+        position_mm: f64,
+    },
+}
+
+/// How the firmware took an injection. Periods count from the start, whatever resets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reaction {
+    /// The period whose reply was the first with the injection.
+    pub injected_at_step: u64,
+    /// The period from whose request on no input of a bridge has been high: both motors are off, not even braked.
+    pub released_at_step: Option<u64>,
+    /// Requests with an input high that came after one with none.
+    pub driven_after_release: u64,
+}
+
+impl Reaction {
+    /// Periods from injection to release: 1 if the very next request released. `None` while it has not, or has not stayed so.
+    pub fn periods(&self) -> Option<u64> {
+        self.released_at_step.map(|released| released - self.injected_at_step)
+    }
+}
+
+/// Everything between the rig and the firmware.
+#[derive(Debug)]
+pub(super) struct Electronics {
+    codes_per_n: f64,
+    injection: Injection,
+    /// What is injected from the next period on.
+    next: Option<Injection>,
+    /// What waits for something.
+    pending: Option<(Trigger, Injection)>,
+    reaction: Option<Reaction>,
+    /// A motor has been driven for so many periods on end.
+    driven_periods: u64,
+    /// No input has been high from this period on.
+    released_since: Option<u64>,
+    /// What happens once and has not yet.
+    reset_force: bool,
+    saturates_once: bool,
+    brown_out: bool,
+    panic: bool,
+    /// Force codes of the last reply.
+    force_codes: [i32; 2],
+    line: Line,
+}
+
+impl Electronics {
+    pub(super) fn new(codes_per_n: f64) -> Self {
+        Self {
+            codes_per_n,
+            injection: Injection::default(),
+            next: None,
+            pending: None,
+            reaction: None,
+            driven_periods: 0,
+            released_since: None,
+            reset_force: false,
+            saturates_once: false,
+            brown_out: false,
+            panic: false,
+            force_codes: [0; 2],
+            line: Line::default(),
+        }
+    }
+
+    pub(super) fn inject_when(&mut self, trigger: Trigger, injection: Injection) {
+        (self.next, self.pending) = match trigger {
+            Trigger::Now => (Some(injection), None),
+            _ => (self.next, Some((trigger, injection))),
+        };
+    }
+
+    pub(super) fn freezes(&self) -> bool {
+        self.next.unwrap_or(self.injection).freeze
+    }
+
+    pub(super) fn reaction(&self) -> Option<Reaction> {
+        self.reaction
+    }
+
+    pub(super) fn released_since(&self) -> Option<u64> {
+        self.released_since
+    }
+
+    pub(super) fn bridges_driven(&self) -> bool {
+        self.driven_periods > 0
+    }
+
+    /// Takes what the firmware commands in a period; the inputs that arrive at the motors. The rig is where it was at the end
+    /// of the period before.
+    pub(super) fn command(
+        &mut self,
+        period: u64,
+        request: &PlantRequest,
+        position_m: [f64; 2],
+    ) -> BridgeInputs {
+        let [x1, x2, y1, y2] = request.compare;
+        self.driven_periods = if x1 != x2 || y1 != y2 { self.driven_periods + 1 } else { 0 };
+        let released = request.compare == [0; 4];
+        self.released_since = released.then(|| self.released_since.unwrap_or(period));
+        self.observe(period, released);
+        if let Some(injection) = self.next.take() {
+            self.begin(period, injection);
+        }
+        let begins = self.pending.take_if(|(trigger, _)| match *trigger {
+            Trigger::Now => true,
+            Trigger::Driving { for_periods } => self.driven_periods >= for_periods,
+            Trigger::AtStep(step) => period >= step,
+            Trigger::Beyond { axis, position_mm } => {
+                position_m[axis] * position_mm.signum() >= position_mm.abs() * 1e-3
+            }
+        });
+        if let Some((_, injection)) = begins {
+            self.begin(period, injection);
+        }
+        self.arriving([[x1, x2], [y1, y2]].map(|pair| pair.map(|x| f64::from(x) / f64::from(FULL_SCALE))))
+    }
+
+    fn begin(&mut self, period: u64, injection: Injection) {
+        self.reset_force = injection.force_reset;
+        self.saturates_once = injection.force_saturated_once.is_some();
+        self.brown_out = injection.brown_out;
+        self.panic = injection.panic;
+        self.injection = injection;
+        // The end of an injection is none: what it did can still be read.
+        if injection != Injection::default() {
+            let reaction =
+                Reaction { injected_at_step: period, released_at_step: None, driven_after_release: 0 };
+            self.reaction = Some(reaction);
+        }
+    }
+
+    /// Follows the reaction to what was injected before this request.
+    fn observe(&mut self, period: u64, released: bool) {
+        let Some(reaction) = &mut self.reaction else { return };
+        if released {
+            reaction.released_at_step.get_or_insert(period);
+        } else if reaction.released_at_step.take().is_some() || reaction.driven_after_release > 0 {
+            reaction.driven_after_release += 1;
+        }
+    }
+
+    fn arriving(&self, commanded: BridgeInputs) -> BridgeInputs {
+        let Injection { jammed, weak, runaway, .. } = self.injection;
+        let mut inputs = commanded;
+        if let Some((axis, duty)) = runaway {
+            let low = 1.0 - duty.abs();
+            inputs[axis] = if duty > 0.0 { [1.0, low] } else { [low, 1.0] };
+        }
+        if let Some((axis, share)) = weak {
+            inputs[axis] = inputs[axis].map(|high| high * share);
+        }
+        if let Some(axis) = jammed {
+            inputs[axis] = [0.0; 2];
+        }
+        inputs
+    }
+
+    /// What the firmware senses at the end of the period.
+    pub(super) fn sense(&mut self, step: u32, codes: Codes, power_off: bool) -> PlantReply {
+        let injection = self.injection;
+        let saturates_once = std::mem::take(&mut self.saturates_once);
+        let saturated =
+            injection.force_saturated.or(injection.force_saturated_once.filter(|_| saturates_once));
+        self.force_codes = self.force(codes.bridge, saturated);
+        PlantReply {
+            step,
+            potentiometer_codes: potentiometers(&injection, codes.potentiometer),
+            force_codes: self.force_codes,
+            potentiometer_conversion_us: injection.conversion_us,
+            line_bytes: self.line.bytes(injection.line_baud.unwrap_or(LINE_BAUD)),
+            emergency_stop: injection.emergency_stop,
+            force_ready: !injection.force_silent
+                && (saturates_once || injection.force_saturated_once.is_none()),
+            corrupt_force_crc: injection.corrupt_force,
+            reset_force_converter: std::mem::take(&mut self.reset_force),
+            power_off,
+            brown_out: std::mem::take(&mut self.brown_out),
+            panic: std::mem::take(&mut self.panic),
+        }
+    }
+
+    fn force(&self, codes: [i32; 2], saturated: Option<usize>) -> [i32; 2] {
+        let injection = &self.injection;
+        if injection.force_stuck {
+            return self.force_codes;
+        }
+        let added_n = injection.force_spike_n.unwrap_or_default();
+        [0, 1].map(|axis| {
+            let seen = f64::from(codes[axis]) + added_n[axis] * self.codes_per_n;
+            if saturated == Some(axis) {
+                FORCE_CODE_MAX
+            } else {
+                seen.round().clamp(f64::from(-FORCE_CODE_MAX - 1), f64::from(FORCE_CODE_MAX)) as i32
+            }
+        })
+    }
+}
+
+fn potentiometers(injection: &Injection, codes: [u16; 2]) -> [u16; 2] {
+    [0, 1].map(|axis| {
+        if injection.potentiometer_open == Some(axis) {
+            return POTENTIOMETER_CODE_MAX;
+        }
+        if injection.potentiometer_short == Some(axis) {
+            return 0;
+        }
+        let seen = i32::from(codes[axis]) + injection.potentiometer_jump_codes[axis];
+        seen.clamp(0, i32::from(POTENTIOMETER_CODE_MAX)) as u16
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CODES: Codes = Codes { potentiometer: [2_000, 2_100], bridge: [1_000, -1_000] };
+    const DRIVEN: [u16; 4] = [FULL_SCALE, 0, FULL_SCALE, FULL_SCALE];
+    const BRAKED: [u16; 4] = [FULL_SCALE; 4];
+    const RELEASED: [u16; 4] = [0; 4];
+
+    fn request(compare: [u16; 4]) -> PlantRequest {
+        PlantRequest { compare, ..PlantRequest::default() }
+    }
+
+    /// Runs periods from the first number on; returns the last inputs and reply.
+    fn run(electronics: &mut Electronics, first: u64, commands: &[[u16; 4]]) -> (BridgeInputs, PlantReply) {
+        let mut last = (BridgeInputs::default(), PlantReply::default());
+        for (period, compare) in (first..).zip(commands) {
+            let inputs = electronics.command(period, &request(*compare), [0.0; 2]);
+            last = (inputs, electronics.sense(period as u32, CODES, false));
+        }
+        last
+    }
+
+    /// The inputs and the reply of the first period with an injection.
+    fn with(injection: Injection) -> (BridgeInputs, PlantReply) {
+        let mut electronics = Electronics::new(100.0);
+        electronics.inject_when(Trigger::Now, injection);
+        run(&mut electronics, 0, &[DRIVEN])
+    }
+
+    #[test]
+    fn nothing_is_injected_by_default() {
+        let (inputs, reply) = with(Injection::default());
+        assert_eq!(inputs, [[1.0, 0.0], [1.0, 1.0]]);
+        let expected = PlantReply {
+            potentiometer_codes: CODES.potentiometer,
+            force_codes: CODES.bridge,
+            line_bytes: 46,
+            force_ready: true,
+            ..PlantReply::default()
+        };
+        assert_eq!(reply, expected);
+    }
+
+    #[test]
+    fn force_injections_change_the_codes() {
+        let spike = with(Injection { force_spike_n: Some([0.5, -1.0]), ..Injection::default() }).1;
+        assert_eq!(spike.force_codes, [1_050, -1_100]);
+        let saturated = with(Injection { force_saturated: Some(1), ..Injection::default() }).1;
+        assert_eq!(saturated.force_codes, [1_000, FORCE_CODE_MAX]);
+        assert!(!with(Injection { force_silent: true, ..Injection::default() }).1.force_ready);
+        let mut once = Electronics::new(1.0);
+        let saturated_once = Injection { force_saturated_once: Some(0), ..Injection::default() };
+        once.inject_when(Trigger::Now, saturated_once);
+        let first = run(&mut once, 0, &[RELEASED]).1;
+        assert_eq!((first.force_codes[0], first.force_ready), (FORCE_CODE_MAX, true));
+        assert!(!run(&mut once, 1, &[RELEASED, RELEASED]).1.force_ready);
+        let mut electronics = Electronics::new(1.0);
+        electronics.inject_when(Trigger::Now, Injection { force_stuck: true, ..Injection::default() });
+        run(&mut electronics, 0, &[RELEASED]);
+        electronics.command(1, &request(RELEASED), [0.0; 2]);
+        let other = Codes { bridge: [7, 7], ..CODES };
+        assert_eq!(electronics.sense(1, other, false).force_codes, [0; 2]);
+    }
+
+    #[test]
+    fn potentiometer_injections_stay_within_the_converter() {
+        let injection = Injection {
+            potentiometer_jump_codes: [-3_000, 50],
+            conversion_us: 30,
+            line_baud: Some(35_000),
+            ..Injection::default()
+        };
+        let reply = with(injection).1;
+        assert_eq!(reply.potentiometer_codes, [0, 2_150]);
+        assert_eq!((reply.potentiometer_conversion_us, reply.line_bytes), (30, 3));
+        let open =
+            Injection { potentiometer_open: Some(0), potentiometer_short: Some(1), ..Injection::default() };
+        assert_eq!(with(open).1.potentiometer_codes, [POTENTIOMETER_CODE_MAX, 0]);
+    }
+
+    #[test]
+    fn motors_get_what_the_injection_leaves_them() {
+        let inputs = |injection| with(injection).0;
+        let base = Injection::default();
+        assert_eq!(inputs(Injection { jammed: Some(0), ..base }), [[0.0; 2], [1.0; 2]]);
+        assert_eq!(inputs(Injection { weak: Some((0, 0.25)), ..base }), [[0.25, 0.0], [1.0; 2]]);
+        assert_eq!(inputs(Injection { runaway: Some((1, -0.75)), ..base }), [[1.0, 0.0], [0.25, 1.0]]);
+    }
+
+    #[test]
+    fn resets_happen_once() {
+        let mut electronics = Electronics::new(1.0);
+        let injection = Injection { force_reset: true, brown_out: true, ..Injection::default() };
+        electronics.inject_when(Trigger::Now, injection);
+        let first = run(&mut electronics, 0, &[RELEASED]).1;
+        assert!(first.reset_force_converter && first.brown_out);
+        let second = run(&mut electronics, 1, &[RELEASED]).1;
+        assert!(!second.reset_force_converter && !second.brown_out);
+    }
+
+    #[test]
+    fn triggers_wait_for_their_condition() {
+        let stop = Injection { emergency_stop: true, ..Injection::default() };
+        let mut electronics = Electronics::new(1.0);
+        electronics.inject_when(Trigger::Driving { for_periods: 2 }, stop);
+        assert!(!run(&mut electronics, 0, &[DRIVEN, BRAKED, DRIVEN]).1.emergency_stop);
+        assert!(run(&mut electronics, 3, &[DRIVEN]).1.emergency_stop);
+        let mut electronics = Electronics::new(1.0);
+        electronics.inject_when(Trigger::AtStep(2), stop);
+        assert!(!run(&mut electronics, 0, &[RELEASED; 2]).1.emergency_stop);
+        assert!(run(&mut electronics, 2, &[RELEASED]).1.emergency_stop);
+        let mut electronics = Electronics::new(1.0);
+        electronics.inject_when(Trigger::Beyond { axis: 1, position_mm: -2.0 }, stop);
+        for (y_m, expected) in [(2.5e-3, false), (-1.9e-3, false), (-2.1e-3, true)] {
+            electronics.command(0, &request(RELEASED), [0.0, y_m]);
+            assert_eq!(electronics.sense(0, CODES, false).emergency_stop, expected, "{y_m}");
+        }
+    }
+
+    #[test]
+    fn a_reaction_lasts_until_the_release_that_stays() {
+        let stop = Injection { emergency_stop: true, ..Injection::default() };
+        let mut electronics = Electronics::new(1.0);
+        electronics.inject_when(Trigger::AtStep(10), stop);
+        run(&mut electronics, 9, &[DRIVEN]);
+        assert_eq!(electronics.reaction(), None);
+        run(&mut electronics, 10, &[DRIVEN, DRIVEN, BRAKED]);
+        let reaction = electronics.reaction().unwrap();
+        assert_eq!((reaction.injected_at_step, reaction.periods()), (10, None), "a brake is no release");
+        run(&mut electronics, 13, &[RELEASED, RELEASED]);
+        let reaction = electronics.reaction().unwrap();
+        assert_eq!((reaction.periods(), reaction.driven_after_release), (Some(3), 0));
+        run(&mut electronics, 15, &[DRIVEN, BRAKED, RELEASED]);
+        let reaction = electronics.reaction().unwrap();
+        assert_eq!((reaction.periods(), reaction.driven_after_release), (Some(7), 2));
+    }
+
+    #[test]
+    fn the_next_request_is_one_period_and_the_end_of_an_injection_keeps_it() {
+        let stop = Injection { emergency_stop: true, ..Injection::default() };
+        let mut electronics = Electronics::new(1.0);
+        electronics.inject_when(Trigger::Now, stop);
+        run(&mut electronics, 4, &[DRIVEN, RELEASED]);
+        electronics.inject_when(Trigger::Now, Injection::default());
+        assert!(!run(&mut electronics, 6, &[RELEASED]).1.emergency_stop);
+        assert_eq!(electronics.reaction().unwrap().periods(), Some(1));
+    }
+}

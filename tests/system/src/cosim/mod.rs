@@ -1,0 +1,303 @@
+//! The simulated rig on the far side of the firmware's drivers, in lockstep with its control period.
+//!
+//! Once per millisecond of device time the firmware in QEMU writes one record into a named pipe (what the PWM outputs are) and
+//! waits for one (what the converters read): device time passes exactly as the rig does, however fast the machine is. A
+//! firmware that resets goes on with the same rig.
+//!
+//! | part | does |
+//! |---|---|
+//! | [`injection`] | what goes wrong between rig and firmware, and how soon the firmware reacts |
+//! | [`history`] | what passed between them in each of the last periods |
+//! | [`sweeps`] | the rig's ultrasound |
+
+mod history;
+mod injection;
+mod line;
+mod sweeps;
+
+pub use history::{History, KEPT_PERIODS, Period};
+pub use injection::{Injection, Reaction, Trigger};
+pub use line::{BITS_PER_BYTE, LINE_BAUD};
+pub use sweeps::take_sweep;
+
+use anyhow::{Context, Result, bail};
+use emulation::plant::{FORCE_CODE_MAX, PlantReply, PlantRequest, RECORD_BYTES, REPLY_PIPE, REQUEST_PIPE};
+use injection::Electronics;
+use rustix::fs::{Mode, OFlags};
+use simulation::rig::SimulatedRig;
+use simulation::rig::config::RigConfig;
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// Length of one lockstep period, seconds.
+const PERIOD_S: f64 = 1e-3;
+/// How long the firmware may take to open the pipes.
+const START_LIMIT: Duration = Duration::from_secs(20);
+/// The rig runs in bursts of this many periods and sleeps between them: a sleep per period would mostly be overhead.
+const BURST_PERIODS: u64 = 5;
+
+#[derive(Debug)]
+struct State {
+    rig: SimulatedRig,
+    electronics: Electronics,
+    /// Periods since the start.
+    steps: u64,
+    /// Starts of the firmware after the first.
+    resets: u64,
+    /// Period in which the firmware started last.
+    started: u64,
+    /// How far guide 2 really was from the middle and how hard it was pressed, at most since this was last asked.
+    reach: Reach,
+    /// What passed in each of the last periods, if it is to be kept.
+    history: Option<History>,
+}
+
+/// The most of both axes.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Reach {
+    /// Distance from the middle, metres.
+    pub position_m: f64,
+    /// Force, newtons.
+    pub force_n: f64,
+}
+
+/// The running rig.
+#[derive(Debug)]
+pub struct Cosim {
+    state: Arc<Mutex<State>>,
+    stop: Arc<AtomicBool>,
+    folder: PathBuf,
+    worker: Option<JoinHandle<Result<()>>>,
+}
+
+impl Cosim {
+    /// Makes the pipes and the socket in a folder and waits there for the firmware. `speed`: how many times faster than the
+    /// wall clock the rig may run; infinite for as fast as it can.
+    ///
+    /// # Errors
+    /// Where the rig makes no sense, or pipes or socket cannot be made.
+    pub fn start(config: RigConfig, seed: u64, folder: &Path, speed: f64) -> Result<Self> {
+        let force = &config.simulation.force;
+        let codes_per_n = force.share_of_full_scale * f64::from(FORCE_CODE_MAX) / force.range_n;
+        let rig = SimulatedRig::new(config, seed)?;
+        for name in [REQUEST_PIPE, REPLY_PIPE] {
+            let path = folder.join(name);
+            rustix::fs::mknodat(
+                rustix::fs::CWD,
+                &path,
+                rustix::fs::FileType::Fifo,
+                Mode::RUSR | Mode::WUSR,
+                0,
+            )
+            .with_context(|| format!("cannot make the pipe {}", path.display()))?;
+        }
+        let state = Arc::new(Mutex::new(State {
+            rig,
+            electronics: Electronics::new(codes_per_n),
+            steps: 0,
+            resets: 0,
+            started: 0,
+            reach: Reach::default(),
+            history: None,
+        }));
+        let stop = Arc::new(AtomicBool::new(false));
+        sweeps::serve(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;
+        let worker = thread::Builder::new().name("rig".into()).spawn({
+            let (state, stop, folder) = (Arc::clone(&state), Arc::clone(&stop), folder.to_owned());
+            move || serve(&state, &stop, &folder, speed)
+        })?;
+        Ok(Self { state, stop, folder: folder.to_owned(), worker: Some(worker) })
+    }
+
+    /// Looks at the rig.
+    pub fn rig<T>(&self, look: impl FnOnce(&mut SimulatedRig) -> T) -> T {
+        look(&mut lock(&self.state).rig)
+    }
+
+    /// Changes what is injected, from the next period on; what waited for a trigger is forgotten.
+    pub fn inject(&self, injection: Injection) {
+        self.inject_when(Trigger::Now, injection);
+    }
+
+    /// Changes what is injected in the very period in which something comes true; what waited for another trigger is
+    /// forgotten.
+    pub fn inject_when(&self, trigger: Trigger, injection: Injection) {
+        lock(&self.state).electronics.inject_when(trigger, injection);
+    }
+
+    /// How the firmware took the last injection that was one; `None` where there was none yet.
+    pub fn reaction(&self) -> Option<Reaction> {
+        lock(&self.state).electronics.reaction()
+    }
+
+    /// Periods since the firmware first started.
+    pub fn steps(&self) -> u64 {
+        lock(&self.state).steps
+    }
+
+    /// From now on what passes is kept, for the last [`KEPT_PERIODS`].
+    pub fn keep_history(&self) {
+        let mut state = lock(&self.state);
+        let from = state.steps;
+        state.history.get_or_insert_with(|| History::new(from));
+    }
+
+    /// What passed in a period since the start; `None` where it has not been yet, or is not kept.
+    pub fn period(&self, step: u64) -> Option<Period> {
+        lock(&self.state).history.as_ref()?.get(step)
+    }
+
+    /// Period in which the firmware started last: zero of its clock.
+    pub fn started(&self) -> u64 {
+        lock(&self.state).started
+    }
+
+    /// The period from whose request on no input of a bridge has been high; `None` while one is.
+    pub fn released_since(&self) -> Option<u64> {
+        lock(&self.state).electronics.released_since()
+    }
+
+    /// How far the guide went and how hard it was pressed since this was last asked.
+    pub fn take_reach(&self) -> Reach {
+        std::mem::take(&mut lock(&self.state).reach)
+    }
+
+    /// How often the firmware has started again.
+    pub fn resets(&self) -> u64 {
+        lock(&self.state).resets
+    }
+
+    /// Whether a bridge drove its motor in the last period.
+    pub fn bridges_driven(&self) -> bool {
+        lock(&self.state).electronics.bridges_driven()
+    }
+
+    /// Where sweeps are served.
+    pub fn ultrasound(&self) -> PathBuf {
+        self.folder.join("ultrasound")
+    }
+
+    /// Has the firmware powered off and waits for the end.
+    ///
+    /// # Errors
+    /// What went wrong in the lockstep.
+    pub fn stop(mut self) -> Result<()> {
+        self.shut_down()
+    }
+
+    fn shut_down(&mut self) -> Result<()> {
+        self.stop.store(true, Ordering::Release);
+        // The sweep server waits for a connection; this one tells it to look at the flag.
+        let _ = UnixStream::connect(self.ultrasound());
+        match self.worker.take().map(JoinHandle::join) {
+            Some(Ok(outcome)) => outcome,
+            Some(Err(_)) => bail!("the rig's thread panicked"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Drop for Cosim {
+    fn drop(&mut self) {
+        let _ = self.shut_down();
+    }
+}
+
+fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn serve(state: &Mutex<State>, stop: &AtomicBool, folder: &Path, speed: f64) -> Result<()> {
+    let deadline = Instant::now() + START_LIMIT;
+    let Some((mut requests, mut replies)) = open_pipes(folder, stop, deadline)? else { return Ok(()) };
+    let mut record = [0; RECORD_BYTES];
+    let began = Instant::now();
+    while read_record(&mut requests, &mut record, stop)? {
+        let request = PlantRequest::from_bytes(&record).context("the firmware sent no plant record")?;
+        while lock(state).electronics.freezes() && !stop.load(Ordering::Acquire) {
+            thread::sleep(Duration::from_millis(5));
+        }
+        let (reply, steps) = step(&mut lock(state), &request, stop.load(Ordering::Acquire));
+        if replies.write_all(&reply.to_bytes()).is_err() {
+            break;
+        }
+        pace(steps, began, speed);
+    }
+    Ok(())
+}
+
+/// One period; the reply, and the periods since the start.
+fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> (PlantReply, u64) {
+    let State { rig, electronics, steps, resets, started, reach, history } = state;
+    if request.step == 0 && *steps > 0 {
+        *resets += 1;
+        *started = *steps;
+    }
+    let inputs = electronics.command(*steps, request, rig.position_m());
+    let codes = rig.step(inputs, PERIOD_S);
+    *steps += 1;
+    let reply = electronics.sense(request.step, codes, power_off);
+    if let Some(history) = history {
+        // Only who keeps the history asks for these, and they take time.
+        for (position_m, force_n) in rig.position_m().into_iter().zip(rig.force_n()) {
+            reach.position_m = reach.position_m.max(position_m.abs());
+            reach.force_n = reach.force_n.max(force_n.abs());
+        }
+        history.push(Period {
+            potentiometer_codes: reply.potentiometer_codes,
+            force_codes: reply.force_codes,
+            released: request.compare == [0; 4],
+            slow: reply.potentiometer_conversion_us > 0,
+            force_repeats: !reply.force_ready || reply.corrupt_force_crc || reply.reset_force_converter,
+        });
+    }
+    (reply, *steps)
+}
+
+/// Sleeps so that rig time does not run ahead of the wall clock times `speed`.
+fn pace(step: u64, began: Instant, speed: f64) {
+    if speed.is_finite() && step.is_multiple_of(BURST_PERIODS) {
+        let due = Duration::from_secs_f64(step as f64 * PERIOD_S / speed);
+        if let Some(ahead) = due.checked_sub(began.elapsed()) {
+            thread::sleep(ahead);
+        }
+    }
+}
+
+/// Opens both pipes without ever hanging on a firmware that does not come. `None` when asked to stop meanwhile.
+fn open_pipes(folder: &Path, stop: &AtomicBool, deadline: Instant) -> Result<Option<(File, File)>> {
+    let flags = OFlags::NONBLOCK.bits() as i32;
+    let requests = OpenOptions::new().read(true).custom_flags(flags).open(folder.join(REQUEST_PIPE))?;
+    loop {
+        // Opening for writing succeeds once the firmware has the other end.
+        match OpenOptions::new().write(true).custom_flags(flags).open(folder.join(REPLY_PIPE)) {
+            Ok(replies) => {
+                for pipe in [&requests, &replies] {
+                    let flags = rustix::fs::fcntl_getfl(pipe)?;
+                    rustix::fs::fcntl_setfl(pipe, flags - OFlags::NONBLOCK)?;
+                }
+                return Ok(Some((requests, replies)));
+            }
+            Err(_) if stop.load(Ordering::Acquire) => return Ok(None),
+            Err(_) if Instant::now() < deadline => thread::sleep(Duration::from_millis(2)),
+            Err(error) => bail!("the firmware did not open the plant pipes in {START_LIMIT:?}: {error}"),
+        }
+    }
+}
+
+/// Reads one record; false at the end of the pipe.
+fn read_record(pipe: &mut File, record: &mut [u8], stop: &AtomicBool) -> Result<bool> {
+    match pipe.read_exact(record) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => Ok(false),
+        Err(_) if stop.load(Ordering::Acquire) => Ok(false),
+        Err(error) => Err(error).context("the plant pipe broke"),
+    }
+}

@@ -1,0 +1,346 @@
+//! `cargo xtask demo` and `cargo xtask rig`: the whole system at work on a machine without a board.
+//!
+//! The demonstration types the commands a user would type and shows what they say. Its motions start at fixed times of the
+//! device's clock, and the rig advances with that clock, so the same seed gives the same numbers on any machine.
+
+pub mod hidden;
+pub mod seeds;
+
+use crate::bench::Bench;
+use crate::images;
+use anyhow::{Context, Result, ensure};
+use formats::session::{InsertionRun, Noise, Session, SessionWriter, Setup};
+use mechanics::Rig;
+use serde_json::Value;
+use simulation::rig::Truth;
+use simulation::rig::config::RigConfig;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Everything is ended after this long, whatever hangs.
+const LIMIT: Duration = Duration::from_secs(120);
+/// When home, tare and the measurement start, seconds of the device's clock. The times between leave every command twice the
+/// time it needs on a slow machine: a command that comes too late is refused, not carried out at another time.
+const HOME_AT: &str = "4";
+const TARE_AT: &str = "10";
+const ACQUIRE_AT: &str = "15";
+/// Insertions of the needle after the modulus is known.
+const INSERTIONS: usize = 4;
+/// Rig seconds per second.
+const SPEED: f64 = 2.0;
+
+/// Options of `cargo xtask demo`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// What tissue, actuators and noise are drawn from
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where rig file and session are kept
+    #[arg(long, value_name = "DIR", default_value = "target/demo")]
+    out: PathBuf,
+}
+
+/// Options of `cargo xtask rig`.
+#[derive(clap::Args)]
+pub struct RigArgs {
+    /// What tissue, actuators and noise are drawn from
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Rig file with an optional table `[simulation]` (default: the demonstration's rig)
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Rig seconds per second; a large number for as fast as this machine can
+    #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
+    speed: f64,
+}
+
+/// What the demonstration found, against what was true.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// `guide identify --json`.
+    pub identified: Value,
+    /// `guide predict --json`.
+    pub predicted: Value,
+    /// The session it recorded.
+    pub session: Session,
+    /// What the rig really was.
+    pub truth: Truth,
+    /// From the start of QEMU to the result.
+    pub elapsed: Duration,
+}
+
+impl Outcome {
+    /// A number of the first run's result of a method, kilopascals.
+    ///
+    /// # Errors
+    /// Where the result has no such number.
+    pub fn number(&self, method: &str, field: &str) -> Result<f64> {
+        let value = self.identified.pointer(&format!("/runs/0/methods/{method}/{field}"));
+        value.and_then(Value::as_f64).with_context(|| format!("identify gave no {field} by {method}"))
+    }
+
+    /// Relative error of the identified modulus.
+    ///
+    /// # Errors
+    /// Where the result has none.
+    pub fn error(&self) -> Result<f64> {
+        Ok(self.number("likelihood", "k_kpa")? / (self.truth.modulus_pa * 1e-3) - 1.0)
+    }
+
+    /// Share of the measured tip positions beyond what was seen that lie inside the predicted bands.
+    pub fn share_inside(&self) -> f64 {
+        let (mut inside, mut all) = (0.0, 0.0);
+        for one in self.predicted["insertions"].as_array().into_iter().flatten() {
+            for plane in ["y", "x"] {
+                let list =
+                    |name: &str| one[format!("{name}_{plane}_mm")].as_array().cloned().unwrap_or_default();
+                let (low, high, seen) = (list("lo95"), list("hi95"), list("measured"));
+                for (i, seen) in seen.iter().enumerate().skip(51) {
+                    let number = |list: &[Value]| list.get(i).and_then(Value::as_f64);
+                    if let (Some(seen), Some(low), Some(high)) = (seen.as_f64(), number(&low), number(&high))
+                    {
+                        all += 1.0;
+                        inside += f64::from(u8::from((low..=high).contains(&seen)));
+                    }
+                }
+            }
+        }
+        inside / all
+    }
+
+    /// Mean error of a predicted path, millimetres; `method` is one of those compared, or none for this one.
+    pub fn path_error_mm(&self, method: Option<&str>) -> f64 {
+        let errors =
+            self.predicted["insertions"].as_array().into_iter().flatten().filter_map(|one| match method {
+                None => one["mae_mm"].as_f64(),
+                Some(name) => {
+                    one["compare"].as_array()?.iter().find(|other| other["method"] == name)?["mae_mm"]
+                        .as_f64()
+                }
+            });
+        let errors: Vec<f64> = errors.collect();
+        errors.iter().sum::<f64>() / errors.len() as f64
+    }
+
+    /// Samples that the session says were lost between the first and the last.
+    pub fn lost_samples(&self) -> f64 {
+        self.session.lateral.iter().flat_map(|run| run.force.lost_before.iter().flatten()).sum()
+    }
+
+    /// The likelihood's 95 % interval, kilopascals.
+    ///
+    /// # Errors
+    /// Where the result has none.
+    pub fn interval_kpa(&self) -> Result<[f64; 2]> {
+        Ok([self.number("likelihood", "ci95_kpa/0")?, self.number("likelihood", "ci95_kpa/1")?])
+    }
+}
+
+/// Runs the demonstration and judges it. Whether the hidden effect is found is a result that is printed, not an error.
+///
+/// # Errors
+/// Where a command fails, samples were lost, or the modulus is off by more than a tenth.
+pub fn run(args: &Args) -> Result<()> {
+    let outcome = procedure(&this_program()?, args.seed, &args.out, &mut |text| print!("{text}"))?;
+    print!("{}", judgement(&outcome, args.seed, &args.out)?);
+    println!();
+    println!(
+        "another rig, which hides an effect; the firmware runs the diagnostic staircase at three depths:\n"
+    );
+    let found = hidden::diagnosis(&this_program()?, args.seed, &args.out, &hidden::PLAN, &mut |text| {
+        print!("{text}")
+    })?;
+    println!("{}", found.told(args.seed));
+    println!("figures and the augmented model are in {}", args.out.display());
+    let (lost, error) = (outcome.lost_samples(), outcome.error()?);
+    ensure!(lost == 0.0, "{lost} samples were lost on the way");
+    ensure!(error.abs() < 0.1, "the identified modulus is off by {:.0} %", 100.0 * error);
+    Ok(())
+}
+
+/// What was found against what was true, in words.
+///
+/// # Errors
+/// Where the result lacks a number.
+pub fn judgement(outcome: &Outcome, seed: u64, out: &Path) -> Result<String> {
+    let true_kpa = outcome.truth.modulus_pa * 1e-3;
+    let found_kpa = outcome.number("likelihood", "k_kpa")?;
+    let [low_kpa, high_kpa] = outcome.interval_kpa()?;
+    let verdict = if (low_kpa..=high_kpa).contains(&true_kpa) { "contains" } else { "misses" };
+    Ok(format!(
+        "what nobody told the estimator (seed {seed}):
+  true K           {true_kpa:.2} kPa
+  identified K     {found_kpa:.2} kPa, off by {:+.1} %
+  95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K
+  start of QEMU to K: {:.1} s
+  tip beyond 50 mm: off by {:.2} mm on average ({:.2} mm by a quadratic), {:.0} % inside the 95 % bands
+the session is in {}
+",
+        100.0 * outcome.error()?,
+        outcome.elapsed.as_secs_f64(),
+        outcome.path_error_mm(None),
+        outcome.path_error_mm(Some("quadratic")),
+        100.0 * outcome.share_inside(),
+        out.join(SESSION).display(),
+    ))
+}
+
+const SESSION: &str = "phantom";
+
+/// Homes, tares, displaces, holds, records and identifies with the program `guide`; `say` gets what a user would see. `xtask` is
+/// the program that takes sweeps from the rig.
+///
+/// # Errors
+/// Where a command fails.
+pub fn procedure(xtask: &Path, seed: u64, out: &Path, say: &mut dyn FnMut(&str)) -> Result<Outcome> {
+    let guide = images::build_guide()?;
+    let config = RigConfig::default();
+    let session = out.join(SESSION);
+    if session.exists() {
+        fs::remove_dir_all(&session).with_context(|| format!("cannot clear {}", session.display()))?;
+    }
+    fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let rig_file = out.join("rig.toml");
+    fs::write(&rig_file, rig_toml(&config.rig))?;
+    let depth_mm = config.simulation.depth_mm.to_string();
+    let user_rig = config.rig.clone();
+    images::build(images::Image::Qemu)?;
+
+    let began = Instant::now();
+    let bench = Bench::start(config, seed, SPEED, LIMIT)?;
+    let port = bench.port();
+    let sweep = sweep_command(xtask, &bench);
+    let (session, rig_file) = (path(&session)?, path(&rig_file)?);
+    let mut guide = Typist { program: guide, say };
+    guide.shown(&["home", "--port", &port, "--at-s", HOME_AT])?;
+    guide.shown(&["tare", "--port", &port, "--at-s", TARE_AT])?;
+    let acquire =
+        ["acquire", "--port", &port, "--at-s", ACQUIRE_AT, "--program", "displace", "--rig", rig_file];
+    let recording = ["--depth-mm", &depth_mm, "--out", session, "--sweep-command", &sweep];
+    guide.shown(&[&acquire[..], &recording].concat())?;
+    let truth = bench.rig().rig(|rig| rig.truth());
+    let insertions = bench.rig().rig(|rig| rig.insertions(&user_rig, seed, INSERTIONS))?;
+    bench.stop()?;
+    guide.shown(&["identify", session])?;
+    let elapsed = began.elapsed();
+    (guide.say)(
+        "(the needle is inserted by hand, and its tip tracked, four times: i1 to i4 of the session)\n\n",
+    );
+    record(Path::new(session), &user_rig, &insertions)?;
+    guide.shown(&["predict", session, "--until", "50", "--compare"])?;
+    let predicted = serde_json::from_str(&guide.output(&["predict", session, "--until", "50", "--json"])?)
+        .context("guide predict --json printed no JSON")?;
+    let identified = serde_json::from_str(&guide.output(&["identify", session, "--json"])?)
+        .context("guide identify --json printed no JSON")?;
+    Ok(Outcome { identified, predicted, session: Session::read(Path::new(session))?, truth, elapsed })
+}
+
+/// Adds the insertions to the session.
+fn record(session: &Path, rig: &Rig, insertions: &[InsertionRun]) -> Result<()> {
+    let setup = Setup {
+        name: String::new(),
+        rig: rig.clone(),
+        fixture_mass_kg: None,
+        noise: Noise::default(),
+        tissue: Default::default(),
+    };
+    let mut writer = SessionWriter::open(session, &setup)?;
+    Ok(insertions.iter().try_for_each(|run| writer.insertion(run))?)
+}
+
+/// The rig's file, as its user would write it.
+fn rig_toml(rig: &Rig) -> String {
+    let needle = &rig.needle;
+    format!(
+        "[needle]\nyoungs_modulus_gpa = {:.1}\nouter_diameter_mm = {:.3}\ninner_diameter_mm = {:.3}\n\n\
+         [rig]\nguide2_mm = {:.2}\nentry_mm = {:.2}\n",
+        needle.youngs_modulus_pa * 1e-9,
+        needle.outer_diameter_m * 1e3,
+        needle.inner_diameter_m * 1e3,
+        rig.guide2_m * 1e3,
+        rig.entry_m * 1e3,
+    )
+}
+
+/// The command by which `guide acquire` takes a sweep.
+fn sweep_command(xtask: &Path, bench: &Bench) -> String {
+    format!("'{}' sweep --socket '{}'", xtask.display(), bench.rig().ultrasound().display())
+}
+
+/// Path of this program, from the working folder where it lies in it.
+pub(crate) fn this_program() -> Result<PathBuf> {
+    let path = std::env::current_exe().context("cannot find this program")?;
+    let folder = std::env::current_dir().context("cannot find the working folder")?;
+    Ok(path.strip_prefix(folder).map(Path::to_owned).unwrap_or(path))
+}
+
+fn path(path: &Path) -> Result<&str> {
+    path.to_str().with_context(|| format!("{} is not UTF-8", path.display()))
+}
+
+/// Types commands and shows what they say.
+struct Typist<'a> {
+    program: PathBuf,
+    say: &'a mut dyn FnMut(&str),
+}
+
+impl Typist<'_> {
+    fn shown(&mut self, arguments: &[&str]) -> Result<()> {
+        self.echo(arguments);
+        let said = self.output(arguments)?;
+        (self.say)(&said);
+        (self.say)("\n");
+        Ok(())
+    }
+
+    fn echo(&mut self, arguments: &[&str]) {
+        let quoted = arguments.iter().map(|argument| match *argument {
+            // Long commands go on in the next line; which they are must not depend on how long paths are.
+            "--rig" | "--sweep-command" => format!("\\\n    {argument}"),
+            text if text.contains(' ') => format!("\"{text}\""),
+            text => text.to_owned(),
+        });
+        (self.say)(&format!("$ guide {}\n", quoted.collect::<Vec<_>>().join(" ")));
+    }
+
+    fn output(&self, arguments: &[&str]) -> Result<String> {
+        let output = Command::new(&self.program).args(arguments).stdin(Stdio::null()).output()?;
+        let said = String::from_utf8_lossy(&output.stderr);
+        ensure!(output.status.success(), "guide {}: {}", arguments.join(" "), said.trim());
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+}
+
+/// Starts firmware and rig and leaves them to the user until interrupted.
+///
+/// # Errors
+/// Where they cannot be started or the firmware ends.
+pub fn rig(args: &RigArgs) -> Result<()> {
+    ensure!(args.speed > 0.0, "--speed is {}, expected a positive number", args.speed);
+    let config = args.config.as_deref().map_or_else(|| Ok(RigConfig::default()), RigConfig::read)?;
+    let bench = Bench::start(config, args.seed, args.speed, Duration::MAX)?;
+    println!("port            {}", bench.port());
+    println!("sweep command   {}", sweep_command(&this_program()?, &bench));
+    println!("the firmware's log follows; Ctrl-C ends it");
+    let ended = Arc::new(AtomicBool::new(false));
+    ctrlc::set_handler({
+        let ended = Arc::clone(&ended);
+        move || ended.store(true, Ordering::Release)
+    })?;
+    let mut shown = 0;
+    while bench.runs()? && !ended.load(Ordering::Acquire) {
+        let log = bench.log();
+        for line in log.iter().skip(shown) {
+            println!("{line}");
+        }
+        shown = log.len();
+        thread::sleep(Duration::from_millis(100));
+    }
+    ensure!(ended.load(Ordering::Acquire), "the firmware ended");
+    Ok(())
+}

@@ -1,0 +1,161 @@
+//! The end of the demonstration: a rig that hides an effect, and the discrepancy workflow that finds it.
+
+use super::{LIMIT, SPEED, Typist, path, rig_toml, sweep_command};
+use crate::bench::Bench;
+use crate::images;
+use anyhow::{Context, Result};
+use serde_json::Value;
+use simulation::rig::config::{HiddenEffect, RigConfig};
+use simulation::rig::imperfections::Imperfections;
+use std::fs;
+use std::path::Path;
+
+/// When home, tare and the first staircase start, and how long after it the next one does; seconds of the device's clock.
+const HOME_AT: &str = "4";
+const TARE_AT: &str = "10";
+const FIRST_AT_S: u32 = 15;
+const EVERY_S: u32 = 24;
+/// Depths of the needle, millimetres, and staircases at each.
+pub const PLAN: [(f64, usize); 3] = [(20.0, 1), (30.0, 2), (40.0, 1)];
+
+/// What was hidden and what was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// What the rig hid.
+    pub hidden: HiddenEffect,
+    /// Modulus of the tissue, the mean over the staircases: it differs a little from start to start.
+    pub true_k_kpa: f64,
+    /// `guide diagnose --json`.
+    pub diagnosis: Value,
+}
+
+impl Found {
+    /// Classes of the effects that are named.
+    pub fn classes(&self) -> Vec<Vec<&str>> {
+        let is_named = matches!(self.verdict(), "named" | "ambiguous");
+        let effects = self.diagnosis["effects"].as_array().into_iter().flatten().filter(|_| is_named);
+        effects
+            .map(|effect| {
+                effect["class"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
+            })
+            .collect()
+    }
+
+    /// The verdict of the diagnosis.
+    pub fn verdict(&self) -> &str {
+        self.diagnosis["verdict"].as_str().unwrap_or("no verdict")
+    }
+
+    /// Whether the hidden effect is named, or in the class that is.
+    pub fn is_in_class(&self) -> bool {
+        self.classes().iter().any(|class| class.contains(&self.hidden.id.as_str()))
+    }
+
+    /// Whether it is named, alone in its class.
+    pub fn is_named(&self) -> bool {
+        self.classes().contains(&vec![self.hidden.id.as_str()])
+    }
+
+    /// Classes that are named and do not hold the hidden effect.
+    pub fn further(&self) -> Vec<Vec<&str>> {
+        let is_other = |class: &Vec<&str>| !class.contains(&self.hidden.id.as_str());
+        self.classes().into_iter().filter(is_other).collect()
+    }
+
+    /// The modulus that the diagnosis reports, against the true one, as a share, and whether its interval holds that.
+    pub fn modulus_error(&self) -> Option<(f64, bool)> {
+        let interval = &self.diagnosis["k_ci95_kpa"];
+        let (low, high) = (interval.get(0)?.as_f64()?, interval.get(1)?.as_f64()?);
+        let error = self.diagnosis["k_kpa"].as_f64()? / self.true_k_kpa - 1.0;
+        Some((error, (low..=high).contains(&self.true_k_kpa)))
+    }
+
+    /// What was hidden and what came of it, in words.
+    pub fn told(&self, seed: u64) -> String {
+        let values: Vec<String> = self.hidden.values.iter().map(f64::to_string).collect();
+        let list = |classes: Vec<Vec<&str>>| {
+            classes.iter().map(|class| class.join(" or ")).collect::<Vec<_>>().join("; ")
+        };
+        let found = if self.is_named() {
+            "found: named".to_owned()
+        } else if self.is_in_class() {
+            format!("found: one of {}", list(self.classes()))
+        } else if self.classes().is_empty() {
+            let partial = self.diagnosis["partial"].as_array().into_iter().flatten();
+            let partial: Vec<&str> = partial.filter_map(Value::as_str).collect();
+            let helps = if partial.is_empty() {
+                String::new()
+            } else {
+                format!("; these explain a part: {}", partial.join(", "))
+            };
+            format!("not found: the verdict is {}{helps}", self.verdict())
+        } else {
+            format!("not found: named is {}", list(self.classes()))
+        };
+        let further = match self.further() {
+            further if further.is_empty() || !self.is_in_class() => String::new(),
+            further => format!("; named beside it, and not there: {}", list(further)),
+        };
+        format!("what the rig hid (seed {seed}): {} {}\n{found}{further}", self.hidden.id, values.join(", "))
+    }
+
+    /// Share of the removable gap that is gone on runs that no fit has seen.
+    pub fn removed(&self) -> Option<f64> {
+        self.diagnosis.pointer("/gap/removed").and_then(Value::as_f64)
+    }
+}
+
+/// Lets the firmware run the diagnostic staircase on rigs that hide the seed's effect behind small imperfections, one per depth, and
+/// diagnoses the session.
+///
+/// # Errors
+/// Where a command fails.
+pub fn diagnosis(
+    xtask: &Path,
+    seed: u64,
+    out: &Path,
+    plan: &[(f64, usize)],
+    say: &mut dyn FnMut(&str),
+) -> Result<Found> {
+    let guide = images::build_guide()?;
+    let session = out.join("hidden");
+    if session.exists() {
+        fs::remove_dir_all(&session).with_context(|| format!("cannot clear {}", session.display()))?;
+    }
+    fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let rig_file = out.join("rig.toml");
+    fs::write(&rig_file, rig_toml(&RigConfig::default().rig))?;
+    let (model_file, figures) = (out.join("model.toml"), out.join("figures"));
+    let (session, rig_file) = (path(&session)?, path(&rig_file)?);
+    let hidden = HiddenEffect::of_seed(seed);
+    let mut guide = Typist { program: guide, say };
+    let (mut modulus_kpa, mut runs) = (0.0, 0.0);
+    for (start, (depth_mm, staircases)) in (0..).zip(plan) {
+        let mut config = RigConfig::default();
+        config.simulation.depth_mm = *depth_mm;
+        config.simulation.effects = vec![hidden.clone()];
+        config.simulation.imperfections = Imperfections::of_seed(seed, start);
+        let bench = Bench::start(config, seed, SPEED, LIMIT)?;
+        let (port, sweep) = (bench.port(), sweep_command(xtask, &bench));
+        guide.output(&["home", "--port", &port, "--at-s", HOME_AT])?;
+        guide.output(&["tare", "--port", &port, "--at-s", TARE_AT])?;
+        for number in 0..*staircases {
+            let at_s = (FIRST_AT_S + EVERY_S * number as u32).to_string();
+            let depth_mm = depth_mm.to_string();
+            let acquire = ["acquire", "--port", &port, "--at-s", &at_s, "--program", "quick-staircase"];
+            let recording = ["--rig", rig_file, "--depth-mm", &depth_mm, "--out", session];
+            let arguments = [&acquire[..], &recording, &["--sweep-command", &sweep]].concat();
+            guide.echo(&arguments);
+            guide.output(&arguments)?;
+        }
+        modulus_kpa += *staircases as f64 * 1e-3 * bench.rig().rig(|rig| rig.truth().modulus_pa);
+        runs += *staircases as f64;
+        bench.stop()?;
+    }
+    (guide.say)("\n");
+    let diagnose = ["diagnose", session, "--out", path(&model_file)?, "--plots", path(&figures)?];
+    guide.shown(&diagnose)?;
+    let diagnosis = serde_json::from_str(&guide.output(&["diagnose", session, "--json"])?)
+        .context("guide diagnose --json printed no JSON")?;
+    Ok(Found { hidden, true_k_kpa: modulus_kpa / runs, diagnosis })
+}

@@ -1,0 +1,119 @@
+//! `cargo xtask study demo`: the end of the demonstration for many seeds, what the firmware itself records of rigs that hide an effect.
+
+use super::hidden::{Found, PLAN, diagnosis};
+use super::this_program;
+use anyhow::{Result, ensure};
+
+/// The modulus is near the true one within this share.
+const NEAR: f64 = 0.03;
+
+/// Options of `cargo xtask study demo`.
+#[derive(clap::Args, Debug, Clone)]
+pub struct Seeds {
+    /// Seeds of the demonstration's rigs that hide an effect
+    #[arg(long, default_value_t = 20)]
+    pub seeds: u64,
+    /// First of these seeds
+    #[arg(long, default_value_t = 1)]
+    pub from: u64,
+}
+
+/// Runs the end of the demonstration for each seed; one line each and the counts.
+///
+/// # Errors
+/// Where a command fails.
+pub fn run(options: &Seeds) -> Result<()> {
+    ensure!((1..=1000).contains(&options.seeds), "--seeds is {}, expected 1 to 1000", options.seeds);
+    let (xtask, folder) = (this_program()?, tempfile::tempdir()?);
+    let mut all = Vec::new();
+    for seed in options.from..options.from.saturating_add(options.seeds) {
+        let out = folder.path().join(seed.to_string());
+        let found = diagnosis(&xtask, seed, &out, &PLAN, &mut |_| {})?;
+        let modulus = found.modulus_error().map_or("no modulus".to_owned(), |(error, holds)| {
+            let interval = if holds { "in its interval" } else { "not in its interval" };
+            format!("modulus off by {:+.1} %, the true one {interval}", 100.0 * error)
+        });
+        println!("{}; {modulus}", found.told(seed).replace('\n', ": "));
+        all.push(found);
+    }
+    println!("{}", summary(&all));
+    Ok(())
+}
+
+/// The counts as a table.
+fn summary(all: &[Found]) -> String {
+    let count = |good: &dyn Fn(&Found) -> bool| all.iter().filter(|found| good(found)).count();
+    let rows = [
+        ("named alone", count(&|found| found.is_named())),
+        ("named or in the class", count(&|found| found.is_in_class())),
+        ("something else named", count(&|found| !found.further().is_empty())),
+        ("nothing named", count(&|found| found.classes().is_empty())),
+        (
+            "modulus within 3 %",
+            count(&|found| found.modulus_error().is_some_and(|(off, _)| off.abs() <= NEAR)),
+        ),
+        (
+            "true modulus in its 95 % interval",
+            count(&|found| found.modulus_error().is_some_and(|(_, holds)| holds)),
+        ),
+    ];
+    let rows: Vec<String> =
+        rows.iter().map(|(what, count)| format!("| {what} | {count} of {} |", all.len())).collect();
+    format!("| hidden behind small imperfections | rigs |\n|---|---|\n{}", rows.join("\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+    use simulation::rig::config::HiddenEffect;
+
+    fn found(diagnosis: serde_json::Value) -> Found {
+        let hidden = HiddenEffect { id: "tissue.skin".to_owned(), values: vec![0.25] };
+        Found { hidden, true_k_kpa: 10.0, diagnosis }
+    }
+
+    #[test]
+    fn results_are_counted_and_worded_as_they_are() {
+        let named = found(json!({"verdict": "named", "k_kpa": 10.2, "k_ci95_kpa": [9.9, 10.5],
+            "effects": [{"id": "tissue.skin", "class": ["tissue.skin"]}]}));
+        let classed = found(json!({"verdict": "ambiguous", "k_kpa": 11.0, "k_ci95_kpa": [10.8, 11.2],
+            "effects": [{"id": "tissue.layers", "class": ["tissue.layers", "tissue.skin"]}]}));
+        let further = found(json!({"verdict": "named", "k_kpa": 10.0, "k_ci95_kpa": [9.9, 10.1],
+            "effects": [{"id": "tissue.skin", "class": ["tissue.skin"]}, {"id": "rig.backlash", "class": ["rig.backlash"]}]}));
+        let missed = found(
+            json!({"verdict": "unexplained", "effects": [{"id": "tissue.skin", "class": ["tissue.skin"]}],
+            "partial": ["tissue.skin"]}),
+        );
+        let wrong = found(
+            json!({"verdict": "named", "effects": [{"id": "rig.backlash", "class": ["rig.backlash"]}]}),
+        );
+        assert!(named.is_named() && named.is_in_class() && named.further().is_empty());
+        assert!(!classed.is_named() && classed.is_in_class());
+        assert!(!missed.is_in_class() && missed.classes().is_empty());
+        assert!(named.told(1).ends_with("found: named"), "{}", named.told(1));
+        assert!(
+            classed.told(1).ends_with("found: one of tissue.layers or tissue.skin"),
+            "{}",
+            classed.told(1)
+        );
+        assert!(further.told(1).contains("not there: rig.backlash"), "{}", further.told(1));
+        assert!(
+            missed.told(1).ends_with("unexplained; these explain a part: tissue.skin"),
+            "{}",
+            missed.told(1)
+        );
+        assert!(wrong.told(1).contains("not found: named is rig.backlash"), "{}", wrong.told(1));
+        let table = summary(&[named, classed, further, missed, wrong]);
+        for row in [
+            "named alone | 2",
+            "in the class | 3",
+            "else named | 2",
+            "nothing named | 1",
+            "within 3 % | 2",
+            "interval | 2",
+        ] {
+            assert!(table.contains(row), "{row}\n{table}");
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Every kind of file beside sessions and recordings.
+//!
+//! Input: a byte that chooses the kind, then the file.
+
+use super::folder;
+use control::calibration::Calibration;
+use device::link::Program;
+use device::sweep::Sweep;
+use formats::calibration_file;
+use formats::model_file::ModelFile;
+use formats::session::Setup;
+use formats::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, poses, slicer, trajcontrol};
+use simulation::rig::config::RigConfig;
+use simulation::simulate::SimulationPlan;
+use std::fs;
+use std::path::Path;
+
+/// Reads one file.
+///
+/// # Panics
+/// Where what is written of it is read as something else.
+pub fn run(data: &[u8]) {
+    let Some((&kind, content)) = data.split_first() else { return };
+    let folder = folder();
+    let (path, other) = (folder.path().join("file"), folder.path().join("other"));
+    fs::write(&path, content).expect("writes");
+    match kind % 9 {
+        0 => model(&path, &other),
+        1 => {
+            if let Ok(config) = RigConfig::read(&path) {
+                assert!(Setup::read(&path).is_ok(), "{config:?}");
+            }
+        }
+        2 => program(&path),
+        3 => {
+            let _ = SimulationPlan::read(&path, None);
+        }
+        4 => calibration(&path, &other),
+        5 => shape(slicer(&path).ok()),
+        6 => {
+            shape(poses(&path, None).ok());
+            shape(poses(&path, Some(LengthUnit::Metres)).ok());
+        }
+        7 => {
+            if let Ok(recording) = trajcontrol(&path) {
+                let run = recording.run;
+                assert_eq!(run.depth_m.len(), run.tip_y_m.len());
+                assert!(run.depth_m.iter().chain(&run.tip_y_m).all(|value| value.is_finite()));
+            }
+        }
+        _ => {
+            if let Ok(text) = std::str::from_utf8(content)
+                && let Ok(sweep) = Sweep::parse(text)
+            {
+                assert!(sweep.rows(0.0).all(|row| row.z_m.is_finite() && row.deflection_y_m.is_finite()));
+            }
+        }
+    }
+}
+
+fn model(path: &Path, other: &Path) {
+    let Ok(model) = ModelFile::read(path) else { return };
+    model.write(other).expect("a model that was read is written");
+    let again = ModelFile::read(other).expect("what was written is read");
+    assert_eq!(again, model);
+}
+
+fn program(path: &Path) {
+    let Some(path) = path.to_str() else { return };
+    if let Ok(program) = Program::load(path) {
+        let steps = program.device_steps();
+        assert!((1..=protocol::MAX_STEPS).contains(&steps.len()), "{} steps", steps.len());
+    }
+}
+
+fn calibration(path: &Path, other: &Path) {
+    let Ok(record) = calibration_file::read(path) else { return };
+    assert!(Calibration::new(record.clone()).is_ok(), "the device refuses what the file may say: {record:?}");
+    calibration_file::write(other, &record).expect("a calibration that was read is written");
+    let again = calibration_file::read(other).expect("what was written is read");
+    assert_eq!(again, record);
+}
+
+/// A needle's points as a shape of a session.
+fn shape(needle: Option<NeedlePoints>) {
+    let Some(needle) = needle else { return };
+    let up = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
+    for axis in [Axis::Given([0.0, 0.0, 1.0]), Axis::Fitted(0.06)] {
+        let straight = Straight { origin_m: None, origin_z_m: 0.0, axis, up };
+        if let Ok((shape, _)) = Frame::new(&straight, &needle).and_then(|frame| frame.shape(&needle)) {
+            assert!(shape.z_m.iter().chain(&shape.y_m).all(|value| value.is_finite()), "{shape:?}");
+        }
+    }
+}

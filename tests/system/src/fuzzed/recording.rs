@@ -1,0 +1,93 @@
+//! Raw recordings: what is in them, what can be recovered, and what is exported.
+//!
+//! Input: a byte that says whether the rest is a file as it is, or the parts of one, whose checksums are made here.
+
+use super::{Bytes, folder, sealed};
+use device::recording::export::{RunOptions, to_npy, to_session};
+use device::recording::{Contents, recover};
+use std::fs;
+
+const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+const MESSAGE: u8 = 5;
+const CHUNK: u8 = 6;
+const DATA_END: u8 = 0x0F;
+const FOOTER: u8 = 2;
+/// Number of the channel of frames in a file that does not say otherwise.
+const FRAMES: u16 = 1;
+
+/// Reads, recovers and exports.
+///
+/// # Panics
+/// Where what is recovered is damaged or holds something else.
+pub fn run(data: &[u8]) {
+    let Some((&made, rest)) = data.split_first() else { return };
+    let file = if made & 1 == 0 { rest.to_vec() } else { parts(Bytes(rest)) };
+    let folder = folder();
+    let (from, to) = (folder.path().join("run.mcap"), folder.path().join("clean.mcap"));
+    fs::write(&from, file).expect("writes");
+
+    let contents = Contents::read(&from, &mut |_| {});
+    let recovered = recover(&from, &to, &mut |_| {});
+    assert_eq!(contents.is_ok(), recovered.is_ok(), "{contents:?}, {recovered:?}");
+    let options = RunOptions { depth_mm: Some(20.0), ..RunOptions::default() };
+    let _ = to_session(&from, &folder.path().join("session"), &options, &mut |_| {});
+    let _ = to_npy(&from, &folder.path().join("run.npy"), &mut |_| {});
+
+    let (Ok(before), Ok(_)) = (contents, recovered) else { return };
+    let after = Contents::read(&to, &mut |_| {}).expect("what was recovered is read");
+    assert!(after.damage.bytes == 0 && !after.damage.unfinished, "{after:?}");
+    assert_eq!((after.frames, after.samples), (before.frames, before.samples));
+    assert_eq!((after.frames_missing, after.restarts), (before.frames_missing, before.restarts));
+    assert_eq!(after.faults, before.faults);
+}
+
+/// A file of parts: frames, messages and records in chunks, and bytes between them.
+fn parts(mut bytes: Bytes) -> Vec<u8> {
+    let mut file = MAGIC.to_vec();
+    let mut records = Vec::new();
+    while !bytes.is_empty() {
+        match bytes.u8() % 6 {
+            0 => record(&mut records, MESSAGE, &message(FRAMES, &mut bytes, true)),
+            1 => {
+                let channel = u16::from(bytes.u8() % 8);
+                record(&mut records, MESSAGE, &message(channel, &mut bytes, false));
+            }
+            2 => {
+                let opcode = bytes.u8();
+                record(&mut records, opcode, bytes.sized());
+            }
+            3 => chunk(&mut file, &std::mem::take(&mut records)),
+            4 => file.extend_from_slice(bytes.sized()),
+            _ => file.extend(sealed(bytes.sized())),
+        }
+    }
+    chunk(&mut file, &records);
+    let mut footer = Vec::new();
+    record(&mut file, DATA_END, &[0; 4]);
+    record(&mut footer, FOOTER, &[0; 20]);
+    [&file, &footer, MAGIC].concat()
+}
+
+/// A message: its times, and a frame of the payload or the bytes as they are.
+fn message(channel: u16, bytes: &mut Bytes, framed: bool) -> Vec<u8> {
+    let mut content = channel.to_le_bytes().to_vec();
+    content.extend([0; 4]);
+    content.extend(bytes.array::<4>().into_iter().chain([0; 4]));
+    content.extend(bytes.array::<4>().into_iter().chain([0; 4]));
+    let length = bytes.u16();
+    let payload = bytes.take(length.into());
+    content.extend(if framed { sealed(payload) } else { payload.to_vec() });
+    content
+}
+
+fn record(out: &mut Vec<u8>, opcode: u8, content: &[u8]) {
+    out.push(opcode);
+    out.extend((content.len() as u64).to_le_bytes());
+    out.extend(content);
+}
+
+fn chunk(file: &mut Vec<u8>, records: &[u8]) {
+    let length = (records.len() as u64).to_le_bytes();
+    let crc = protocol::calibration_crc(records).to_le_bytes();
+    record(file, CHUNK, &[&[0; 16], &length[..], &crc, &[0; 4], &length, records].concat());
+}

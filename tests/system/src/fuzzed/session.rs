@@ -1,0 +1,54 @@
+//! A session's files: read, checked, identified.
+//!
+//! Input: the session file, then other files, each after a line `==> NAME <==`.
+
+use super::folder;
+use formats::session::Session;
+use inference::check::check;
+use inference::identify::{Options, identify};
+use std::fs;
+use std::path::Path;
+
+/// Most other files.
+const MOST_FILES: usize = 8;
+
+/// Reads, checks and identifies.
+///
+/// # Panics
+/// Where a check finds no error in what cannot be read, or one in what can.
+pub fn run(data: &[u8]) {
+    let folder = folder();
+    lay(data, folder.path());
+    let read = Session::read(folder.path());
+    let check = check(folder.path());
+    match read {
+        Ok(session) => {
+            assert_eq!(check.errors(), 0, "{:?}", check.findings);
+            let _ = identify(&session, &Options::default());
+        }
+        Err(error) => assert!(check.errors() > 0, "not found by a check: {error}"),
+    }
+}
+
+/// Writes the files of an input.
+fn lay(data: &[u8], folder: &Path) {
+    const BEGIN: &[u8] = b"\n==> ";
+    const END: &[u8] = b" <==\n";
+    let find = |bytes: &[u8], what: &[u8]| bytes.windows(what.len()).position(|window| window == what);
+    let mut name = "session.toml".to_owned();
+    let mut rest = data;
+    for _ in 0..=MOST_FILES {
+        let end = find(rest, BEGIN);
+        let content = &rest[..end.map_or(rest.len(), |end| end + 1)];
+        fs::write(folder.join(&name), content).expect("writes");
+        let Some(end) = end else { break };
+        rest = &rest[end + BEGIN.len()..];
+        let Some(length) = find(rest, END) else { break };
+        name = String::from_utf8_lossy(&rest[..length]).into_owned();
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
+        if name.starts_with('.') || !(1..=64).contains(&name.len()) || !name.chars().all(is_plain) {
+            break;
+        }
+        rest = &rest[length + END.len()..];
+    }
+}

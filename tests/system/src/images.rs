@@ -1,0 +1,127 @@
+//! Building the programs under test: the firmware's images and `guide`.
+
+use anyhow::{Context, Result, bail};
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Target of the firmware.
+const TARGET: &str = "thumbv7em-none-eabihf";
+/// Environment variable that names the program `guide` to test.
+pub const GUIDE: &str = "NEEDLE_GUIDE_PROGRAM";
+/// Cargo profile of the firmware's images.
+const PROFILE: &str = "firmware";
+
+/// A firmware image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Image {
+    /// What is flashed to the board.
+    Flash,
+    /// The same with the trap-and-emulate layer, for QEMU.
+    Qemu,
+    /// The protocol's tests, for QEMU.
+    Conformance,
+    /// The online estimator over a recorded run, for QEMU.
+    Tracking,
+    /// The control core over everything it can be made to do, for QEMU.
+    Timing,
+}
+
+impl Image {
+    /// All of them, those first that most tests need.
+    pub const ALL: [Self; 5] = [Self::Qemu, Self::Conformance, Self::Tracking, Self::Timing, Self::Flash];
+
+    const fn binary(self) -> &'static str {
+        match self {
+            Self::Flash | Self::Qemu => "firmware",
+            Self::Conformance => "conformance",
+            Self::Tracking => "tracking",
+            Self::Timing => "timing",
+        }
+    }
+
+    /// Folder of its build; images with the same dependencies share one.
+    const fn folder(self) -> &'static str {
+        match self {
+            Self::Flash => "image-flash",
+            Self::Qemu | Self::Conformance | Self::Tracking | Self::Timing => "image-qemu",
+        }
+    }
+
+    const fn features(self) -> &'static str {
+        match self {
+            Self::Flash => "flash",
+            Self::Qemu | Self::Timing | Self::Tracking => "qemu",
+            Self::Conformance => "conformance",
+        }
+    }
+}
+
+/// Root of the workspace.
+pub fn root() -> &'static Path {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.ancestors().nth(2).unwrap_or(here)
+}
+
+/// Folder of everything that is built.
+pub fn target_dir() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+}
+
+/// Builds an image and returns its ELF file.
+///
+/// # Errors
+/// Where the build fails or warns; its messages have gone to standard error.
+pub fn build(image: Image) -> Result<PathBuf> {
+    let folder = target_dir().join(image.folder());
+    let mut child = cargo()
+        .args(["build", "--package", "firmware", "--bin", image.binary()])
+        .args(["--target", TARGET, "--profile", PROFILE, "--features", image.features()])
+        .arg("--target-dir")
+        .arg(&folder)
+        .stdin(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .context("cannot run cargo")?;
+    // Progress is shown as it comes: the first build takes a minute.
+    let mut warned = false;
+    for line in BufReader::new(child.stderr.take().context("cargo has no messages")?).lines() {
+        let line = line?;
+        warned |= line.starts_with("warning");
+        eprintln!("{line}");
+    }
+    if !child.wait()?.success() {
+        bail!("the firmware does not build ({image:?})");
+    }
+    if warned {
+        bail!("the firmware builds with warnings ({image:?})");
+    }
+    Ok(folder.join(TARGET).join(PROFILE).join(image.binary()))
+}
+
+/// Builds `guide` and returns the program, or returns the one that [`GUIDE`] names: whoever has just built everything says so, and
+/// nothing is built once more.
+///
+/// # Errors
+/// Where the build fails; its messages have gone to standard error.
+pub fn build_guide() -> Result<PathBuf> {
+    if let Some(built) = std::env::var_os(GUIDE) {
+        return Ok(built.into());
+    }
+    let status = cargo()
+        .args(["build", "--package", "host", "--bin", "guide"])
+        .stdin(Stdio::null())
+        .status()
+        .context("cannot run cargo")?;
+    if !status.success() {
+        bail!("guide does not build");
+    }
+    Ok(target_dir().join("debug").join(format!("guide{}", std::env::consts::EXE_SUFFIX)))
+}
+
+/// Cargo as it was called, in the workspace.
+pub fn cargo() -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.current_dir(root());
+    command
+}

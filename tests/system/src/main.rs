@@ -1,0 +1,100 @@
+//! The program behind `cargo xtask`, which builds it first: demonstration, tests and long runs of the whole system.
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use system::{beside, campaign, cosim, demo, fuzz, readme, size, soak, stress, suite, timing, tracking};
+
+/// Set up, build, test and demonstrate the needle guide
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Cli {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Run the whole procedure on the firmware in QEMU with a simulated rig
+    Demo(demo::Args),
+    /// Run every test: host, protocol on the host and in QEMU, firmware end to end
+    Test,
+    /// Measure the programs beside what one would take instead, and how their cost grows; write the page of it
+    Bench(beside::Args),
+    /// Build the image for the board and compare its flash and RAM use with the committed figures
+    Size(size::Args),
+    /// Make the outputs and pictures of README.md anew, or compare them
+    Readme(readme::Args),
+    /// Run the end of the demonstration for many seeds
+    StudyDemo(demo::seeds::Seeds),
+    /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
+    Tracking,
+    /// Run the firmware on a bad cable: flipped bits, cuts, programs; nothing wrong may arrive, nothing be lost uncounted
+    Stress(stress::Args),
+    /// Run the firmware for an hour of its time with random commands, faults, restarts, cuts and flipped bits; what must hold is
+    /// checked throughout
+    Soak(soak::Args),
+    /// Carry out random sequences of commands, faults and restarts, in this process and through the firmware in QEMU: none may get
+    /// round a limit
+    Campaign(campaign::Args),
+    /// Feed every reader of bytes with generated inputs; reports which one makes it fail
+    Fuzz(fuzz::Args),
+    /// Run the control core on the target, in QEMU: instructions per control period
+    Timing,
+    /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
+    Rig(demo::RigArgs),
+    /// Print one ultrasound sweep of a simulated rig as CSV
+    Sweep {
+        /// Where the rig serves its sweeps
+        #[arg(long, value_name = "SOCKET")]
+        socket: PathBuf,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(Cli::parse().task) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(task: Task) -> Result<()> {
+    match task {
+        Task::Demo(args) => demo::run(&args),
+        Task::Test => suite::run(),
+        Task::Bench(args) => beside::run(&args),
+        Task::Size(args) => size::run(&args),
+        Task::Readme(args) => readme::run(&args),
+        Task::StudyDemo(args) => demo::seeds::run(&args),
+        Task::Tracking => {
+            println!("{}", tracking::run()?);
+            Ok(())
+        }
+        Task::Stress(args) => {
+            println!("{}", stress::run(args)?);
+            Ok(())
+        }
+        Task::Soak(args) => {
+            println!("{}", soak::run(args)?);
+            Ok(())
+        }
+        Task::Campaign(args) => {
+            println!("{}", campaign::run(args)?);
+            Ok(())
+        }
+        Task::Fuzz(args) => fuzz::run(&args),
+        Task::Timing => {
+            println!("{}", timing::run()?);
+            Ok(())
+        }
+        Task::Rig(args) => demo::rig(&args),
+        Task::Sweep { socket } => {
+            print!("{}", cosim::take_sweep(&socket)?);
+            Ok(())
+        }
+    }
+}

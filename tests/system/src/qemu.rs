@@ -1,0 +1,199 @@
+//! Running an image in QEMU, with a time limit and its log.
+
+use anyhow::{Context, Result, bail};
+use defmt_decoder::{DecodeError, Table};
+use std::collections::VecDeque;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// The QEMU program.
+const QEMU: &str = "qemu-system-arm";
+/// Nanoseconds of virtual time per instruction, as a power of two: 4 ns, three times as fast as the real part. An emulated
+/// register access takes 200 instructions; at this rate a control period has the share of a millisecond it has on the board.
+const ICOUNT_SHIFT: u32 = 2;
+/// How often the end of QEMU is looked for.
+const POLL: Duration = Duration::from_millis(20);
+
+/// Lines of the firmware's log that are kept, so that a run of hours takes no more memory than one of minutes.
+const LOG_LINES: usize = 2_000;
+
+/// A running QEMU. Dropping it ends it.
+#[derive(Debug)]
+pub struct Qemu {
+    child: Arc<Mutex<Child>>,
+    log: Arc<Mutex<VecDeque<String>>>,
+    decoder: Option<JoinHandle<()>>,
+    serial: PathBuf,
+    _turn: Turn,
+}
+
+/// One QEMU of a process runs at a time: it takes a whole processor, and rig, link and test want theirs while it runs. Two on a
+/// small machine starve each other until answers come too late.
+static TURN: Mutex<()> = Mutex::new(());
+
+/// The right to run a QEMU. Whoever starts something that waits for QEMU takes the turn first, and then starts it.
+#[derive(Debug)]
+pub struct Turn {
+    _guard: MutexGuard<'static, ()>,
+}
+
+/// Waits for its turn.
+pub fn turn() -> Turn {
+    Turn { _guard: TURN.lock().unwrap_or_else(PoisonError::into_inner) }
+}
+
+impl Qemu {
+    /// Starts an image with its working folder, where the plant pipes are and the serial port's link appears. It is killed when
+    /// the time limit is over, whatever hangs.
+    ///
+    /// # Errors
+    /// Where QEMU cannot be started or its serial port does not appear.
+    pub fn start(turn: Turn, elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
+        let serial = folder.join("serial");
+        let mut child = Command::new(QEMU)
+            .current_dir(folder)
+            .args(["-machine", "b-l475e-iot01a", "-display", "none", "-monitor", "none", "-nodefaults"])
+            .arg("-chardev")
+            .arg(format!("pty,id=usb,path={}", serial.display()))
+            .args(["-serial", "chardev:usb"])
+            .args(["-semihosting-config", "enable=on,target=native"])
+            .args(["-icount", &format!("shift={ICOUNT_SHIFT},sleep=off")])
+            .arg("-kernel")
+            .arg(elf)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("cannot start {QEMU}"))?;
+        let log = Arc::new(Mutex::new(VecDeque::new()));
+        let stdout = child.stdout.take().context("QEMU has no output")?;
+        let mut stderr = child.stderr.take().context("QEMU has no error output")?;
+        let image = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+        let decoder = thread::Builder::new().name("firmware log".into()).spawn({
+            let log = Arc::clone(&log);
+            move || decode(&image, stdout, &log)
+        })?;
+        thread::Builder::new().name("qemu messages".into()).spawn({
+            let log = Arc::clone(&log);
+            move || {
+                let mut text = String::new();
+                let _ = stderr.read_to_string(&mut text);
+                let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
+                log.extend(text.lines().map(|line| format!("qemu: {line}")));
+            }
+        })?;
+        let child = Arc::new(Mutex::new(child));
+        kill_after(Arc::clone(&child), limit)?;
+        let qemu = Self { child, log, decoder: Some(decoder), serial, _turn: turn };
+        qemu.await_serial()?;
+        Ok(qemu)
+    }
+
+    /// The serial port, as the host opens it.
+    pub fn serial(&self) -> &Path {
+        &self.serial
+    }
+
+    /// The end of the firmware's log so far, and QEMU's own messages.
+    pub fn log(&self) -> Vec<String> {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
+    }
+
+    /// Waits for the firmware to end by itself; returns its exit code.
+    ///
+    /// # Errors
+    /// Where it has not ended in time.
+    pub fn wait(mut self, limit: Duration) -> Result<(i32, Vec<String>)> {
+        let deadline = Instant::now() + limit;
+        loop {
+            if let Some(status) = self.exited()? {
+                if let Some(decoder) = self.decoder.take() {
+                    let _ = decoder.join();
+                }
+                return Ok((status.code().unwrap_or(-1), self.log()));
+            }
+            if Instant::now() > deadline {
+                bail!("the firmware has not ended in {limit:?}; its log: {:#?}", self.log());
+            }
+            thread::sleep(POLL);
+        }
+    }
+
+    /// How it ended; `None` while it runs.
+    ///
+    /// # Errors
+    /// Where the system does not say.
+    pub fn exited(&self) -> Result<Option<ExitStatus>> {
+        self.child.lock().unwrap_or_else(PoisonError::into_inner).try_wait().context("cannot look after QEMU")
+    }
+
+    fn await_serial(&self) -> Result<()> {
+        let deadline = Instant::now() + Duration::from_secs(10);
+        while !self.serial.exists() {
+            if let Some(status) = self.exited()? {
+                bail!("QEMU ended at once ({status}): {:?}", self.log());
+            }
+            if Instant::now() > deadline {
+                bail!("QEMU made no serial port in 10 s: {:?}", self.log());
+            }
+            thread::sleep(POLL);
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Qemu {
+    fn drop(&mut self) {
+        let mut child = self.child.lock().unwrap_or_else(PoisonError::into_inner);
+        let _ = child.kill();
+        let _ = child.wait();
+    }
+}
+
+fn kill_after(child: Arc<Mutex<Child>>, limit: Duration) -> Result<()> {
+    let child = Arc::downgrade(&child);
+    thread::Builder::new().name("qemu time limit".into()).spawn(move || {
+        let began = Instant::now();
+        while began.elapsed() < limit {
+            thread::sleep(POLL);
+            if child.strong_count() == 0 {
+                return;
+            }
+        }
+        if let Some(child) = child.upgrade() {
+            let _ = child.lock().unwrap_or_else(PoisonError::into_inner).kill();
+        }
+    })?;
+    Ok(())
+}
+
+fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) {
+    let say = |line: String| {
+        let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
+        if log.len() == LOG_LINES {
+            log.pop_front();
+        }
+        log.push_back(line);
+    };
+    let table = match Table::parse(image) {
+        Ok(Some(table)) => table,
+        _ => return say("(the image has no log table)".to_owned()),
+    };
+    let mut decoder = table.new_stream_decoder();
+    let mut buffer = [0; 1024];
+    while let Ok(length @ 1..) = stdout.read(&mut buffer) {
+        decoder.received(buffer.get(..length).unwrap_or_default());
+        loop {
+            match decoder.decode() {
+                Ok(frame) => say(frame.display(false).to_string()),
+                Err(DecodeError::UnexpectedEof) => break,
+                Err(DecodeError::Malformed) if table.encoding().can_recover() => {}
+                Err(DecodeError::Malformed) => return say("(the log is garbled from here on)".to_owned()),
+            }
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! `cargo xtask test`: every test there is, and how many passed.
+//!
+//! 1. All that `cargo test` has, with the end-to-end tests, which boot the firmware in QEMU.
+//! 2. The protocol's tests on the target, in QEMU.
+//! 3. The online estimator on the target, in QEMU.
+//! 4. The control core on the target, in QEMU: instructions per period.
+//! 5. The board's image: builds without warnings, and has not grown.
+//!
+//! The last line is `N passed, N failed`.
+
+use crate::images::{self, Image};
+use crate::qemu::{Qemu, turn};
+use crate::{size, timing, tracking};
+use anyhow::{Context, Result, bail};
+use std::io::{BufRead, BufReader};
+use std::ops::AddAssign;
+use std::process::Stdio;
+use std::time::Duration;
+
+/// The protocol's tests take less than a second in QEMU.
+const CONFORMANCE_LIMIT: Duration = Duration::from_secs(60);
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Counts {
+    passed: u64,
+    failed: u64,
+}
+
+impl AddAssign for Counts {
+    fn add_assign(&mut self, other: Self) {
+        self.passed += other.passed;
+        self.failed += other.failed;
+    }
+}
+
+impl Counts {
+    /// One more test with this outcome.
+    fn of(name: &str, outcome: Result<()>) -> Self {
+        match outcome {
+            Ok(()) => {
+                println!("test {name} ... ok");
+                Self { passed: 1, failed: 0 }
+            }
+            Err(error) => {
+                println!("test {name} ... FAILED: {error:#}");
+                Self { passed: 0, failed: 1 }
+            }
+        }
+    }
+}
+
+/// Runs everything.
+///
+/// # Errors
+/// Where a test failed or something could not be built.
+pub fn run() -> Result<()> {
+    // Meanwhile, on cores that wait for the last crate of the tests. What goes wrong is said where the image is used.
+    let images = std::thread::spawn(|| Image::ALL.map(images::build));
+    let mut counts = host()?;
+    drop(images.join());
+    println!("\n     Running the protocol's tests on the target, in QEMU");
+    match conformance() {
+        Ok(found) => counts += found,
+        Err(error) => counts += Counts::of("the protocol on the target", Err(error)),
+    }
+    println!("\n     Running the online estimator on the target, in QEMU");
+    let tracked = tracking::run().map(|tracked| println!("{tracked}"));
+    counts += Counts::of("the online estimator on the target", tracked);
+    println!("\n     Running the control core on the target, in QEMU");
+    let timed = timing::run().map(|timing| println!("{timing}"));
+    counts += Counts::of("the control core on the target", timed);
+    println!("\n     Building the board's image");
+    counts += Counts::of("the image has not grown", size::run(&size::Args::default()));
+    println!("\n{} passed, {} failed", counts.passed, counts.failed);
+    if counts.failed > 0 {
+        bail!("{} tests failed", counts.failed);
+    }
+    Ok(())
+}
+
+/// Runs `cargo test` and counts.
+fn host() -> Result<Counts> {
+    let mut child = images::cargo()
+        .args(["test", "--workspace", "--no-fail-fast", "--", "--include-ignored"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .context("cannot run cargo")?;
+    let mut counts = Counts::default();
+    for line in BufReader::new(child.stdout.take().context("cargo has no output")?).lines() {
+        let line = line?;
+        println!("{line}");
+        if let Some(of_line) = result_line(&line) {
+            counts += of_line;
+        }
+    }
+    let status = child.wait()?;
+    if !status.success() && counts.failed == 0 {
+        bail!("cargo test failed before it ran the tests");
+    }
+    Ok(counts)
+}
+
+/// Counts in a line like `test result: ok. 12 passed; 0 failed; ...`.
+fn result_line(line: &str) -> Option<Counts> {
+    let (_, counts) = line.strip_prefix("test result: ")?.split_once(". ")?;
+    let number = |what: &str| {
+        let part = counts.split("; ").find_map(|part| part.strip_suffix(what))?;
+        part.trim().parse().ok()
+    };
+    Some(Counts { passed: number("passed")?, failed: number("failed")? })
+}
+
+/// Runs the protocol's tests on the target and counts.
+fn conformance() -> Result<Counts> {
+    let elf = images::build(Image::Conformance)?;
+    let folder = tempfile::tempdir()?;
+    let qemu = Qemu::start(turn(), &elf, folder.path(), CONFORMANCE_LIMIT)?;
+    let (_, log) = qemu.wait(CONFORMANCE_LIMIT)?;
+    for line in &log {
+        println!("{}", line.split_once(' ').map_or(line.as_str(), |(_level, text)| text));
+    }
+    let last = log.last().and_then(|line| line.split_once(' ')).map(|(_level, text)| text);
+    last.and_then(conformance_line).context("the protocol's tests did not come to their end")
+}
+
+/// Counts in the line `12 passed, 0 failed`.
+fn conformance_line(line: &str) -> Option<Counts> {
+    let (passed, failed) = line.split_once(" passed, ")?;
+    Some(Counts { passed: passed.parse().ok()?, failed: failed.strip_suffix(" failed")?.parse().ok()? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_read_from_the_lines_of_both_runners() {
+        let line = "test result: FAILED. 12 passed; 3 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.1s";
+        assert_eq!(result_line(line), Some(Counts { passed: 12, failed: 3 }));
+        assert_eq!(result_line("test a::b ... ok"), None);
+        assert_eq!(conformance_line("42 passed, 1 failed"), Some(Counts { passed: 42, failed: 1 }));
+        assert_eq!(conformance_line("done"), None);
+    }
+}

@@ -1,0 +1,45 @@
+//! A client in Python that is made of the protocol's schema alone: it agrees with every test vector, and drives the rig.
+
+use simulation::rig::config::RigConfig;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::time::Duration;
+use system::bench::Bench;
+use system::images::root;
+
+/// Runs the client; nothing where this computer has no Python.
+fn client(arguments: &[&str]) -> Option<Output> {
+    let client = root().join("tests/peers/guide_protocol.py");
+    let spec = root().join("protocol/spec");
+    let output = Command::new("python3").args([client.as_path(), Path::new(&spec)]).args(arguments).output();
+    match output {
+        Ok(output) => Some(output),
+        Err(error) => {
+            println!("no python3 here: {error}");
+            None
+        }
+    }
+}
+
+fn succeeds(output: &Output) {
+    let (said, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{said}{errors}");
+    println!("{said}");
+}
+
+#[test]
+fn a_client_made_of_the_schema_agrees_with_every_vector() {
+    if let Some(output) = client(&["vectors"]) {
+        succeeds(&output);
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_client_made_of_the_schema_drives_the_rig() {
+    let bench = Bench::start(RigConfig::default(), 51, 4.0, Duration::from_secs(120)).unwrap();
+    if let Some(output) = client(&["port", &bench.port()]) {
+        succeeds(&output);
+    }
+    bench.stop().unwrap();
+}

@@ -1,0 +1,188 @@
+//! Sequences of commands that once led round the limits of force and travel, or into a fault without a way out.
+
+use super::*;
+use device::monitor::{Event, Order, Worker};
+use protocol::{Command, RetreatOutcome, encode_command};
+use std::io::Write;
+
+fn retreat(client: &mut Client, y_um: i32) -> RetreatOutcome {
+    client.request(Request::Retreat { x_um: 0, y_um }).unwrap();
+    retreat_ended(client)
+}
+
+fn retreat_ended(client: &mut Client) -> RetreatOutcome {
+    until(client, |kind| match kind {
+        EventKind::RetreatEnded { outcome } => Some(outcome),
+        _ => None,
+    })
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_load_beyond_the_range_is_left_by_a_retreat() {
+    let (bench, mut client) = bench(RigConfig::default());
+    client.request(Request::Limits { force_mn: 5_000, silence_ms: SILENCE_MS }).unwrap();
+    assert_eq!(ended(&mut client, &[move_y(9_000, 2_000)]), Outcome::Faulted);
+    let fault = client.status().unwrap().fault.unwrap();
+    assert!(fault.allows_retreat(), "{fault:?}");
+    assert_eq!(refusal(client.request(Request::ClearFault)), Refusal::CauseRemains);
+    // Further in: it gives up before the force has risen, and cannot be repeated until it has.
+    let before_n = bench.rig().rig(|rig| rig.force_n()[1].abs());
+    let further = Request::Retreat { x_um: 0, y_um: 800 };
+    assert_eq!(retreat(&mut client, 800), RetreatOutcome::ForceNotFalling);
+    let mut tries = 1;
+    while client.request(further).is_ok() {
+        tries += 1;
+        assert_eq!(retreat_ended(&mut client), RetreatOutcome::ForceNotFalling);
+    }
+    assert!(tries <= 2, "{tries} retreats into the load");
+    assert_eq!(refusal(client.request(further)), Refusal::OutOfTravel);
+    let after_n = bench.rig().rig(|rig| rig.force_n()[1].abs());
+    assert!(after_n < before_n + 0.2, "from {before_n} N to {after_n} N");
+    assert_eq!(retreat(&mut client, -1_000), RetreatOutcome::Unloaded);
+    assert_eq!(client.status().unwrap().fault, Some(fault), "it stands until it is cleared");
+    client.request(Request::ClearFault).unwrap();
+    assert_eq!(ended(&mut client, &[move_y(0, 2_000)]), Outcome::Completed);
+    drop(client);
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn the_monitor_retreats_from_a_load() {
+    let (bench, mut client) = bench(RigConfig::default());
+    client.request(Request::Limits { force_mn: 2_000, silence_ms: SILENCE_MS }).unwrap();
+    assert_eq!(ended(&mut client, &[move_y(6_000, 2_000)]), Outcome::Faulted);
+    assert_eq!(client.status().unwrap().fault, Some(Fault::ForceLimit));
+    let (sender, events) = std::sync::mpsc::channel();
+    let worker = Worker::start(client, move |event| drop(sender.send(event))).unwrap();
+    let said = |wanted: &str| {
+        let began = Instant::now();
+        while began.elapsed() < LIMIT / 2 {
+            if let Ok(Event::Command(outcome)) = events.recv_timeout(Duration::from_millis(100))
+                && outcome.text.contains(wanted)
+            {
+                return outcome;
+            }
+        }
+        panic!("the monitor does not say {wanted:?}");
+    };
+    worker.order(Order::Clear);
+    assert!(!said("cause of the fault").good);
+    // Into the load by an arrow key, and out of it by the key for that.
+    worker.order(Order::Jog([0.0, 1e-3]));
+    assert!(!said("does not fall this way").good);
+    worker.order(Order::Retreat);
+    assert!(said("out of the load").good);
+    worker.order(Order::Clear);
+    assert!(said("cleared").good);
+    worker.order(Order::Home);
+    assert!(said("home: done").good);
+    drop(worker);
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn tares_under_load_do_not_move_the_force_limit() {
+    let (bench, mut client) = bench(RigConfig::default());
+    assert_eq!(ended(&mut client, &[move_y(0, 2_000), Step::Tare { duration_ms: 200 }]), Outcome::Completed);
+    client.request(Request::Limits { force_mn: 600, silence_ms: SILENCE_MS }).unwrap();
+    let zero_counts = client.safety().unwrap().zero_counts;
+    let zero_n = client.force_n(zero_counts)[1];
+    let mut most_n = 0.0_f64;
+    for turn in 1..=10 {
+        let steps =
+            [move_y(300 * turn, 1_000), Step::Hold { duration_ms: 300 }, Step::Tare { duration_ms: 200 }];
+        if ended(&mut client, &steps) == Outcome::Faulted {
+            break;
+        }
+        most_n = most_n.max(bench.rig().rig(|rig| rig.force_n()[1].abs()));
+    }
+    assert_eq!(client.status().unwrap().fault, Some(Fault::ForceLimit));
+    most_n = most_n.max(bench.rig().rig(|rig| rig.force_n()[1].abs()));
+    // The rig's own force has the offset of its bridge beside it.
+    assert!(most_n < 0.6 + zero_n.abs() + 0.1, "{most_n} N at a limit of 0.6 N and an offset of {zero_n} N");
+    drop(client);
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_tare_under_load_is_rejected() {
+    let (bench, mut client) = bench(RigConfig::default());
+    let steps = [move_y(3_000, 2_000), Step::Hold { duration_ms: 300 }, Step::Tare { duration_ms: 200 }];
+    assert_eq!(ended(&mut client, &steps), Outcome::TareRejected);
+    let safety = client.safety().unwrap();
+    assert_eq!((safety.tared, safety.zero_counts), (false, [0; 2]));
+    drop(client);
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_ramp_to_the_end_of_the_travel_rests_within_it() {
+    let (bench, mut client) = bench(unloaded());
+    bench.rig().keep_history();
+    assert_eq!(ended(&mut client, &[move_y(0, 2_000)]), Outcome::Completed);
+    let ramp = Step::Ramp { x_um: 0, y_um: 10_000, duration_ms: 1_000 };
+    assert_eq!(ended(&mut client, &[ramp]), Outcome::Completed);
+    eventually("it has come to rest", || !bench.rig().bridges_driven());
+    let since = bench.rig().steps();
+    eventually("time passes", || bench.rig().steps() > since + 300);
+    let rests_mm = bench.rig().rig(|rig| rig.position_m()[1]) * 1e3;
+    let most_mm = bench.rig().take_reach().position_m * 1e3;
+    println!("rests at {rests_mm} mm, at most {most_mm} mm");
+    assert!(rests_mm < 10.06 && most_mm < 10.1, "rests at {rests_mm} mm, at most {most_mm} mm");
+    drop(client);
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_frame_from_before_does_not_move_the_guide_again() {
+    let (bench, mut client) = bench(RigConfig::default());
+    assert_eq!(ended(&mut client, &[move_y(0, 2_000), move_y(500, 1_000)]), Outcome::Completed);
+    let connection = client.connection();
+    let old: Vec<Vec<u8>> = (0..60)
+        .map(|id| {
+            let steps = [move_y(0, 2_000), move_y(500, 1_000)];
+            let request = Request::Run { steps: 2, crc: program_crc(&steps), start_us: 0 };
+            let mut buffer = [0; protocol::MAX_FRAME_TO_DEVICE];
+            encode_command(&Command { id, connection, request }, &mut buffer).unwrap().to_vec()
+        })
+        .collect();
+    for _ in 0..60 {
+        client.status().unwrap();
+    }
+    drop(client);
+    let counters = {
+        let mut port = serialport::new(bench.port(), 460_800).open().unwrap();
+        for frame in &old {
+            port.write_all(frame).unwrap();
+        }
+        let since = bench.rig().steps();
+        eventually("they have arrived", || bench.rig().steps() > since + 3_000);
+        drop(port);
+        Client::connect(&bench.port()).unwrap().status().unwrap()
+    };
+    assert_eq!((counters.state, counters.fault), (State::Idle, None));
+    assert!(
+        bench.rig().released_since().is_some_and(|since| bench.rig().steps() > since + 3_000),
+        "it moved"
+    );
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_start_years_ahead_is_refused() {
+    let (bench, mut client) = bench(RigConfig::default());
+    let run = load(&mut client, &[move_y(0, 1_000)], u64::MAX);
+    assert_eq!(refusal(client.request(run)), Refusal::OutOfRange);
+    let description = client.description().unwrap();
+    assert_eq!(description.start_limit_us, protocol::START_LIMIT_US);
+    assert_eq!(description.schema_hash, protocol::schema_hash());
+    drop(client);
+    bench.stop().unwrap();
+}

@@ -1,0 +1,86 @@
+//! The host, and the cable to it.
+
+use super::*;
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn the_host_is_killed() {
+    let (bench, mut client) = bench(RigConfig::default());
+    client.request(Request::Limits { force_mn: 4_000, silence_ms: 1_500 }).unwrap();
+    start(&mut client, &[move_y(1_000, 2_000), Step::Hold { duration_ms: 600_000 }]);
+    // The time of a status is that of the period in which its question was heard.
+    let heard_us = client.status().unwrap().t_us;
+    let began = Instant::now();
+    let told_us = loop {
+        assert!(began.elapsed() < LIMIT / 2, "no fault");
+        if let Some(Telemetry::Event(event)) = client.next(Duration::from_millis(100)).unwrap()
+            && event.kind == (EventKind::Faulted { fault: Fault::HostSilent })
+        {
+            break event.t_us;
+        }
+    };
+    assert_eq!(told_us - heard_us, 1_501_000, "the first period after the time that is set");
+    eventually("the bridges are off", || !bench.rig().bridges_driven());
+    clears(&bench, &mut client);
+    drop(client);
+    bench.stop().unwrap();
+}
+
+/// A program runs, and then the link has these troubles: the device stops, and tells when it is heard again.
+fn without_a_host(trouble: impl FnOnce(&NoisyWire)) -> protocol::Counters {
+    let (bench, client) = bench(RigConfig::default());
+    drop(client);
+    let wire = NoisyWire::connect(&bench.folder().join("serial"), 5).unwrap();
+    let mut client = Client::connect(&wire.port()).unwrap();
+    client.request(Request::Limits { force_mn: 4_000, silence_ms: 1_500 }).unwrap();
+    start(&mut client, &[move_y(1_000, 2_000), Step::Hold { duration_ms: 600_000 }]);
+    let heard_us = client.status().unwrap().t_us;
+    trouble(&wire);
+    eventually("the silence is long", || bench.rig().steps() * 1_000 > heard_us + 2_500_000);
+    assert!(!bench.rig().bridges_driven());
+    wire.babble(0.0);
+    wire.mend();
+    eventually("it is heard again", || client.status().is_ok());
+    let status = client.status().unwrap();
+    assert_eq!((status.state, status.fault), (State::Faulted, Some(Fault::HostSilent)));
+    drop(client);
+    drop(wire);
+    bench.stop().unwrap();
+    status.counters
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn the_link_is_cut() {
+    let counters = without_a_host(NoisyWire::cut);
+    assert_eq!((counters.control_overruns, counters.faults), (0, 1));
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_babbling_host_is_no_host() {
+    let counters = without_a_host(|wire| wire.babble(2.0));
+    assert!(counters.frames_corrupt + counters.frames_overlong > 0, "{counters:?}");
+    assert_eq!((counters.control_overruns, counters.faults), (0, 1));
+}
+
+/// Half a minute of flipped bits, cuts and programs: see `cargo xtask stress` for longer.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_bad_cable_costs_samples_that_are_counted_and_nothing_else() {
+    let args = system::stress::Args { minutes: 0.4, bit_error_rate: 1e-4, seed: 3 };
+    let survived = system::stress::run(args).unwrap();
+    println!("{survived}");
+    assert!(survived.samples > 10_000 && survived.cuts > 0 && survived.programs > 0, "{survived}");
+    assert!(survived.losses.frames_corrupt > 10 && survived.flipped_bits[1] > 10, "{survived}");
+}
+
+/// Some seconds of everything at random: see `cargo xtask soak` for longer.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn random_commands_faults_and_restarts_leave_nothing_that_must_hold_behind() {
+    let survived = system::soak::run(system::soak::Args { minutes: 0.3, seed: 1 }).unwrap();
+    println!("{survived}");
+    assert!(survived.samples > 8_000 && survived.tally.commands() > 50, "{survived}");
+    assert!(survived.tally.fault_kinds() > 1, "{survived}");
+}

@@ -1,0 +1,76 @@
+//! Time that runs out: restarts, hangs and late periods.
+
+use super::*;
+use emulation::plant::NEVER;
+use protocol::ResetReason;
+
+/// The device restarts in mid-motion: it says why, drives nothing, and has the fault acknowledged before it moves again.
+fn restarts(injection: Injection, within: std::ops::RangeInclusive<u64>) -> protocol::Hello {
+    let (bench, mut client) = bench(RigConfig::default());
+    bench.rig().inject_when(Trigger::Driving { for_periods: 100 }, injection);
+    start(&mut client, &[move_y(2_500, 1_000)]);
+    eventually("the device restarts", || bench.rig().resets() > 0);
+    bench.rig().inject(NOTHING);
+    drop(client);
+    let mut client = None;
+    eventually("it answers again", || {
+        client = Client::connect(&bench.port()).ok();
+        client.is_some()
+    });
+    let mut client = client.unwrap();
+    assert_released(&bench, within);
+    let status = client.status().unwrap();
+    assert_eq!((status.state, status.fault), (State::Faulted, Some(Fault::Restarted)));
+    let run = client.request(Request::Run { steps: 1, crc: 0, start_us: 0 }).unwrap_err();
+    let faulted = Refusal::Faulted { fault: Fault::Restarted };
+    assert!(matches!(run, LinkError::Refused { refusal, .. } if refusal == faulted), "{run}");
+    clears(&bench, &mut client);
+    let hello = client.hello().clone();
+    drop(client);
+    bench.stop().unwrap();
+    hello
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_control_task_that_hangs_is_reset() {
+    // The watchdog's 4 ms, from the last period that ended.
+    let hello = restarts(Injection { conversion_us: NEVER, ..NOTHING }, 4..=6);
+    assert_eq!((hello.reset_reason, hello.last_panic), (ResetReason::Watchdog, None));
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn the_supply_sags_in_mid_motion() {
+    let hello = restarts(Injection { brown_out: true, ..NOTHING }, 1..=2);
+    assert_eq!((hello.reset_reason, hello.last_panic), (ResetReason::BrownOut, None));
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_panic_restarts_and_is_told() {
+    let hello = restarts(Injection { panic: true, ..NOTHING }, 1..=2);
+    assert_eq!(hello.reset_reason, ResetReason::Software);
+    let told = hello.last_panic.expect("the panic is told");
+    assert!(told.contains(".rs:") && told.contains("the plant asks for a panic"), "{told}");
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_slow_converter_makes_control_late() {
+    let (bench, mut client) = bench(RigConfig::default());
+    let slow = Injection { conversion_us: 700, ..NOTHING };
+    bench.rig().inject_when(Trigger::Driving { for_periods: 100 }, slow);
+    start(&mut client, &[move_y(2_500, 1_000)]);
+    // Nobody is heard while control takes all the time there is.
+    let released = || bench.rig().reaction().is_some_and(|reaction| reaction.periods().is_some());
+    eventually("the bridges are off", released);
+    bench.rig().inject(NOTHING);
+    await_fault(&mut client, Fault::Overrun);
+    // Two conversions of 0.7 ms make a period 0.5 ms too long, so that every other one begins late, and the second is the fault.
+    assert_released(&bench, 2..=12);
+    clears(&bench, &mut client);
+    assert!(client.status().unwrap().counters.control_overruns >= 2);
+    drop(client);
+    bench.stop().unwrap();
+}

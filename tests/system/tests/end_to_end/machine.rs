@@ -1,0 +1,177 @@
+//! The machine under the firmware when it fails: resets, slow conversions, a slow line. What the firmware makes of it is
+//! tested elsewhere.
+
+use device::link::{Client, Telemetry};
+use protocol::Request;
+use simulation::rig::config::RigConfig;
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
+use system::bench::Bench;
+use system::cosim::{BITS_PER_BYTE, Injection, Trigger};
+use system::wire::{Direction, NoisyWire};
+
+/// Everything ends after this, whatever hangs.
+const LIMIT: Duration = Duration::from_secs(60);
+/// Rig seconds per second.
+const SPEED: f64 = 4.0;
+
+fn bench(seed: u64) -> Bench {
+    Bench::start(RigConfig::default(), seed, SPEED, LIMIT).unwrap()
+}
+
+/// Patient: a device that spins on a register takes the computer far longer than one that sleeps.
+fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
+    let began = Instant::now();
+    while !holds() {
+        assert!(began.elapsed() < Duration::from_secs(40), "never: {what}");
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// Waits until so many periods have passed; returns how many really have.
+fn pass(bench: &Bench, periods: u64) -> u64 {
+    let from = bench.rig().steps();
+    eventually("time goes on", || bench.rig().steps() >= from + periods);
+    bench.rig().steps() - from
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_supply_that_sags_starts_the_firmware_again_with_the_same_rig() {
+    let bench = bench(31);
+    let boot_id = Client::connect(&bench.port()).unwrap().boot_id();
+    let at = bench.rig().steps() + 50;
+    let sag = Injection { brown_out: true, ..Injection::default() };
+    bench.rig().inject_when(Trigger::AtStep(at), sag);
+    eventually("the firmware starts again", || bench.rig().resets() == 1);
+    assert_eq!(bench.rig().reaction().unwrap().injected_at_step, at);
+    pass(&bench, 200);
+    let mut client = Client::connect(&bench.port()).unwrap();
+    assert_ne!(client.boot_id(), boot_id);
+    client.status().unwrap();
+    assert_eq!(bench.rig().resets(), 1, "once");
+    drop(client);
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn slow_conversions_cost_the_device_the_time_they_take() {
+    let bench = bench(33);
+    let mut client = Client::connect(&bench.port()).unwrap();
+    let mut overruns = |conversion_us| {
+        let before = client.status().unwrap().counters.control_overruns;
+        bench.rig().inject(Injection { conversion_us, ..Injection::default() });
+        pass(&bench, 60);
+        bench.rig().inject(Injection::default());
+        client.status().unwrap().counters.control_overruns - before
+    };
+    // The driver converts four times per period.
+    assert_eq!(overruns(200), 0, "800 us fit in");
+    assert!(overruns(400) > 10, "1600 us do not");
+    drop(client);
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn the_line_carries_no_more_than_its_rate() {
+    let bench = bench(34);
+    let wire = NoisyWire::connect(Path::new(&bench.port()), 1).unwrap();
+    let mut client = Client::connect(&wire.port()).unwrap();
+    client.request(Request::Stream { enable: true }).unwrap();
+    let carried = || wire.counters(Direction::ToHost).bytes;
+    let line = |line_baud| bench.rig().inject(Injection { line_baud, ..Injection::default() });
+    line(Some(30_000));
+    pass(&bench, 50);
+    let from = carried();
+    let periods = pass(&bench, 200);
+    let bytes = carried() - from;
+    // On a busy machine some 30 ms of the rig pass between looking at the two counters; without a limit it would be thousands of bytes.
+    assert!((3 * periods - 120..=3 * periods + 120).contains(&bytes), "{bytes} bytes in {periods} periods");
+    line(None);
+    client.request(Request::Stream { enable: false }).unwrap();
+    assert_eq!(client.losses(), Default::default(), "late is not lost");
+    drop(client);
+    bench.stop().unwrap();
+}
+
+/// A line that the samples fill carries all of them: so many samples a second as fit need no reserve of more than a tenth.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_line_filled_to_nine_tenths_loses_nothing() {
+    let bench = bench(36);
+    let wire = NoisyWire::connect(Path::new(&bench.port()), 1).unwrap();
+    let mut client = Client::connect(&wire.port()).unwrap();
+    client.request(Request::Stream { enable: true }).unwrap();
+    let (mut samples, mut lost) = (0, 0);
+    // Bytes and periods while it listens.
+    let mut listen = |client: &mut Client, periods: u64| {
+        let (bytes, from) = (wire.counters(Direction::ToHost).bytes, bench.rig().steps());
+        while bench.rig().steps() < from + periods {
+            if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
+                (samples, lost) = (samples + batch.points.len() as u64, lost + batch.lost_before);
+            }
+        }
+        (wire.counters(Direction::ToHost).bytes - bytes, bench.rig().steps() - from)
+    };
+    let (bytes, periods) = listen(&mut client, 4_000);
+    let needed_baud = (bytes * u64::from(BITS_PER_BYTE) * 1_000).div_ceil(periods) as u32;
+    let line_baud = needed_baud * 100 / 96;
+    bench.rig().inject(Injection { line_baud: Some(line_baud), ..Injection::default() });
+    let (bytes, periods) = listen(&mut client, 40_000);
+    let used = (bytes * u64::from(BITS_PER_BYTE) * 1_000) as f64 / periods as f64 / f64::from(line_baud);
+    let counters = client.status().unwrap().counters;
+    bench.rig().inject(Injection::default());
+    client.request(Request::Stream { enable: false }).unwrap();
+    assert!((0.9..1.0).contains(&used), "{used} of {line_baud} baud are used");
+    assert!(samples > 43_000, "{samples} samples");
+    assert_eq!(
+        (lost, counters.samples_dropped, counters.messages_dropped),
+        (0, 0, 0),
+        "at {used} of {line_baud} baud"
+    );
+    assert_eq!(client.losses(), Default::default());
+    drop(client);
+    bench.stop().unwrap();
+}
+
+/// What the line cannot carry is dropped in whole batches, each of which both ends count, and control does not notice.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_line_too_slow_for_the_samples_costs_whole_batches() {
+    let bench = bench(35);
+    let mut client = Client::connect(&bench.port()).unwrap();
+    client.request(Request::Stream { enable: true }).unwrap();
+    let mut heard = Vec::new();
+    let mut listen = |client: &mut Client, periods: u64| {
+        let until = bench.rig().steps() + periods;
+        while bench.rig().steps() < until {
+            if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
+                heard.push((batch.lost_before, batch.points));
+            }
+        }
+    };
+    listen(&mut client, 200);
+    bench.rig().inject(Injection { line_baud: Some(22_000), ..Injection::default() });
+    listen(&mut client, 4_000);
+    bench.rig().inject(Injection::default());
+    listen(&mut client, 1_000);
+    let status = client.status().unwrap();
+    client.request(Request::Stream { enable: false }).unwrap();
+    let lost: u64 = heard.iter().map(|(lost, _)| lost).sum();
+    assert!((1_000..3_000).contains(&lost), "{lost} samples lost where half of 4000 fit");
+    assert_eq!(u64::from(status.counters.samples_dropped), lost, "the device counts the same");
+    assert_eq!((status.counters.control_overruns, status.counters.messages_dropped), (0, 0));
+    let mut expected_s = heard[0].1[0].time_s;
+    for (lost, points) in &heard {
+        expected_s += *lost as f64 * 1e-3;
+        for point in points {
+            assert!((point.time_s - expected_s).abs() < 1e-6, "{} instead of {expected_s}", point.time_s);
+            expected_s += 1e-3;
+        }
+    }
+    drop(client);
+    bench.stop().unwrap();
+}

@@ -1,0 +1,115 @@
+//! Ports that do not work: `guide` says so in one line and fails.
+
+use protocol::{
+    Command as ToDevice, CommandReceiver, Envelope, Hello, MAX_FRAME_TO_HOST, Message, Received, ResetReason,
+    Scales, Text, encode_envelope,
+};
+use serialport::{SerialPort, TTYPort};
+use simulation::rig::config::RigConfig;
+use std::io::{Read, Write};
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use system::bench::Bench;
+use system::images::build_guide;
+
+/// Runs `guide status`, which must fail; returns what it said.
+fn status_fails(port: &str) -> String {
+    let output = Command::new(build_guide().unwrap()).args(["status", "--port", port]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(output.stdout.is_empty());
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(said.starts_with("error: ") && said.contains(port), "{said}");
+    said
+}
+
+/// Does something with a pty's far end while `guide` tries the near one.
+fn with_far_end(answer: impl Fn(&ToDevice) -> Option<Envelope> + Send + Sync) -> String {
+    let (mut far, near) = TTYPort::pair().unwrap();
+    let port = near.name().unwrap();
+    // `guide` opens the near end by its name; until then the far one reads errors.
+    drop(near);
+    far.set_timeout(Duration::from_millis(20)).unwrap();
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut receiver = CommandReceiver::new();
+            let mut bytes = [0; 64];
+            while !done.load(Ordering::Acquire) {
+                let Ok(length) = far.read(&mut bytes) else {
+                    std::thread::sleep(Duration::from_millis(2));
+                    continue;
+                };
+                for received in receiver.feed(&bytes[..length]) {
+                    let Received::Frame(command) = received else { continue };
+                    if let Some(envelope) = answer(&command) {
+                        let mut buffer = [0; MAX_FRAME_TO_HOST];
+                        far.write_all(encode_envelope(&envelope, &mut buffer).unwrap()).unwrap();
+                    }
+                }
+            }
+        });
+        let said = status_fails(&port);
+        done.store(true, Ordering::Release);
+        said
+    })
+}
+
+fn hello(protocol_version: u16, schema_hash: [u8; 8]) -> Option<Envelope> {
+    let hello = Hello {
+        protocol_version,
+        schema_hash,
+        firmware_version: Text::new("9.9.9"),
+        commit: Text::new("abcdef"),
+        board: Text::new("fake"),
+        reset_reason: ResetReason::PowerOn,
+        tick_hz: 1_000_000,
+        now_us: 1,
+        sample_period_us: 1_000,
+        scales: Scales { position_nm_per_count: 1, force_nn_per_count: 1, travel_um: 1, force_range_mn: 1 },
+        calibration: Default::default(),
+        last_panic: None,
+    };
+    Some(Envelope { boot_id: 1, sequence: 0, message: Message::Hello(hello) })
+}
+
+#[test]
+#[ignore = "builds guide: cargo xtask test runs it"]
+fn a_port_that_is_not_there() {
+    let said = status_fails("/dev/no-such-port");
+    assert!(said.contains("no such port"), "{said}");
+}
+
+#[test]
+#[ignore = "builds guide: cargo xtask test runs it"]
+fn a_port_that_does_not_answer() {
+    let said = with_far_end(|_| None);
+    assert!(said.contains("no answer"), "{said}");
+}
+
+#[test]
+#[ignore = "builds guide: cargo xtask test runs it"]
+fn a_device_of_another_protocol_version() {
+    let said = with_far_end(|_| hello(protocol::VERSION + 1, protocol::schema_hash()));
+    assert!(said.contains(&format!("protocol version {}", protocol::VERSION + 1)), "{said}");
+}
+
+#[test]
+#[ignore = "builds guide: cargo xtask test runs it"]
+fn a_device_with_other_message_types() {
+    let said = with_far_end(|_| hello(protocol::VERSION, protocol::schema_hash().map(|byte| !byte)));
+    assert!(said.contains("message types differ"), "{said}");
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_port_in_use() {
+    let bench = Bench::start(RigConfig::default(), 31, 4.0, Duration::from_secs(60)).unwrap();
+    let port = bench.port();
+    let held = device::link::Client::connect(&port).unwrap();
+    let said = status_fails(&port);
+    assert!(said.contains("in use by another program"), "{said}");
+    drop(held);
+    bench.stop().unwrap();
+}

@@ -1,0 +1,112 @@
+//! Builds with cargo's progress on the screen, and runs what was built.
+
+use crate::setup;
+use anyhow::{Context, Result, ensure};
+use std::ffi::{OsStr, OsString};
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+/// What `cargo xtask demo` does, before it does it.
+pub fn announce_demo() {
+    eprintln!(
+        "xtask: 1. the Rust target and QEMU for the firmware, if they are missing\n\
+         xtask: 2. builds `guide` and the simulated rig (minutes the first time, seconds after), then the firmware\n\
+         xtask: 3. the firmware in QEMU measures a simulated tissue; `guide` identifies its modulus K, predicts insertions, finds a hidden \
+         effect"
+    );
+}
+
+/// Builds `guide` and the program `system`, and runs a task of the latter.
+///
+/// # Errors
+/// Where the build fails or the program cannot be started.
+pub fn system(task: &str, arguments: &[OsString]) -> Result<ExitCode> {
+    cargo(&["build", "--package", "host", "--package", "system", "--bin", "guide", "--bin", "system"])?;
+    run_system(task, arguments)
+}
+
+/// Runs a task of the program `system`, which is built.
+///
+/// # Errors
+/// Where it cannot be started.
+pub fn run_system(task: &str, arguments: &[OsString]) -> Result<ExitCode> {
+    run(&target_dir().join("debug").join("system"), [OsStr::new(task)], arguments)
+}
+
+/// Makes a table: with optimisation, but for the study that runs the firmware.
+///
+/// # Errors
+/// As [`system`].
+pub fn study(arguments: &[OsString]) -> Result<ExitCode> {
+    match arguments.split_first() {
+        Some((name, rest)) if name == "demo" => {
+            setup::ensure_all()?;
+            system("study-demo", rest)
+        }
+        Some(_) => studies(arguments),
+        None => {
+            let code = studies(&["modulus-relation".into()])?;
+            if code != ExitCode::SUCCESS {
+                return Ok(code);
+            }
+            setup::ensure_all()?;
+            system("readme", &["--group".into(), "long".into(), "--only".into(), "cargo xtask study".into()])
+        }
+    }
+}
+
+fn studies(arguments: &[OsString]) -> Result<ExitCode> {
+    cargo(&["build", "--release", "--package", "studies", "--bin", "studies"])?;
+    run(&target_dir().join("release").join("studies"), [], arguments)
+}
+
+/// Runs cargo in the workspace with its output on the screen.
+///
+/// # Errors
+/// Where it fails.
+pub fn cargo(arguments: &[&str]) -> Result<()> {
+    cargo_with(arguments, &[])
+}
+
+/// The same with environment variables.
+///
+/// # Errors
+/// Where it fails.
+pub fn cargo_with(arguments: &[&str], environment: &[(&str, &str)]) -> Result<()> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let status = Command::new(cargo)
+        .current_dir(root())
+        .args(arguments)
+        .envs(environment.iter().copied())
+        .status()
+        .context("cannot run cargo")?;
+    ensure!(status.success(), "cargo {} failed", arguments.join(" "));
+    Ok(())
+}
+
+/// Runs a program to its end, in the folder that the user is in.
+fn run<'a>(
+    program: &Path,
+    first: impl IntoIterator<Item = &'a OsStr>,
+    arguments: &[OsString],
+) -> Result<ExitCode> {
+    let status = Command::new(program)
+        .args(first)
+        .args(arguments)
+        // It need not be built once more.
+        .env("NEEDLE_GUIDE_PROGRAM", target_dir().join("debug").join("guide"))
+        .status()
+        .with_context(|| format!("cannot run {}", program.display()))?;
+    let code = status.code().and_then(|code| u8::try_from(code).ok());
+    Ok(code.map_or(ExitCode::FAILURE, ExitCode::from))
+}
+
+/// Root of the workspace.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Folder of everything that is built.
+pub fn target_dir() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+}

@@ -1,0 +1,58 @@
+//! `cargo xtask lint`: format, lints, documentation and licences. `cargo xtask test` begins with them.
+
+use crate::build::{cargo, cargo_with, target_dir};
+use crate::setup::TARGET;
+use anyhow::Result;
+use std::process::{Command, Stdio};
+
+/// Features of the firmware's images that are linted, with the folder of their build.
+const IMAGES: [(&str, &str); 2] = [("flash", "image-flash"), ("conformance", "image-qemu")];
+
+/// What `cargo xtask test` does, before it does it.
+pub fn announce() {
+    eprintln!(
+        "xtask: format, lints and documentation first, then every test; the first time this builds everything"
+    );
+}
+
+/// All checks that run nothing of the project.
+///
+/// # Errors
+/// Where there is anything to complain about.
+pub fn all() -> Result<()> {
+    cargo(&["fmt", "--all", "--check"])?;
+    cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])?;
+    cargo_with(&["doc", "--workspace", "--no-deps", "--lib"], &[("RUSTDOCFLAGS", "-D warnings")])?;
+    for (features, folder) in IMAGES {
+        cargo(&[
+            "clippy",
+            "--package",
+            "firmware",
+            "--target",
+            TARGET,
+            "--profile",
+            "firmware",
+            "--features",
+            features,
+            "--target-dir",
+            &target_dir().join(folder).display().to_string(),
+            "--",
+            "-D",
+            "warnings",
+        ])?;
+    }
+    licences()
+}
+
+/// Licences, bans and sources of all dependencies, by cargo-deny where it is installed.
+fn licences() -> Result<()> {
+    let installed =
+        Command::new("cargo-deny").arg("--version").stdout(Stdio::null()).status().is_ok_and(|s| s.success());
+    if installed {
+        return cargo(&["deny", "--all-features", "check", "licenses", "bans", "sources"]);
+    }
+    eprintln!(
+        "xtask: cargo-deny is not installed, licences are not checked (cargo install --locked cargo-deny)"
+    );
+    Ok(())
+}
