@@ -26,11 +26,11 @@ const SEED: u32 = 1;
 
 fn main() -> Result<()> {
     let mut clock = Clock::new(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("operations"));
-    mechanics::beam(&mut clock)?;
+    forward::beam(&mut clock)?;
     foundations(&mut clock)?;
-    mechanics::identification(&mut clock)?;
+    forward::identification(&mut clock)?;
     energy(&mut clock)?;
-    mechanics::insertion(&mut clock)?;
+    forward::insertion(&mut clock)?;
     estimators::recursive(&mut clock, &estimators::rows(SEED.into()))?;
     estimators::online(&mut clock, SEED.into())?;
     estimators::prediction(&mut clock)?;
@@ -58,7 +58,7 @@ fn foundations(clock: &mut Clock) -> Result<()> {
 
 /// The modulus of the same run by the balance of energy.
 fn energy(clock: &mut Clock) -> Result<()> {
-    let run = mechanics::run(40);
+    let run = forward::run(40);
     let level = &run.levels[0];
     let balance = Balance {
         displacement_m: level.displacement_m[0],

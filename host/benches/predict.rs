@@ -12,11 +12,11 @@ mod forward;
 
 use criterion::Criterion;
 use formats::session::{InsertionRun, Noise, Session};
+use forward::insertion_model as model;
 use inference::insertion::{Belief, Candidates, Learned, Live, ReadingNoise, TipPath, Tissue, learn};
 use inference::predict::{Options, predict};
 use mechanics::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip};
 use mechanics::insertion::grid_m;
-use mechanics::insertion_model as model;
 use std::hint::black_box;
 
 const READING_M: f64 = 0.1e-3;

@@ -1,4 +1,5 @@
-//! Least squares as a square-root information filter: `|R theta - z|^2` with `R` upper triangular.
+//! Least squares as a square-root information filter: `|R theta - z|^2` with `R` upper triangular
+//! (theory, eq. 52).
 //!
 //! Rows are taken in by rotations, which neither square the condition number nor can lose positive definiteness, whatever the
 //! precision. What is known before the first row keeps `R` regular for good: information only grows or fades back towards it, so

@@ -1,4 +1,5 @@
-//! From samples to rows: the prefilter, and what the samples say of their own noise.
+//! From samples to rows: the prefilter, and what the samples say of their own noise
+//! (theory, eq. 53).
 
 use super::{Refused, Row, Sample, Settings};
 use nalgebra::{RealField, convert};

@@ -1,4 +1,5 @@
-//! The replay that keeps the filter honest: all rows anew, one at a time, at the parameters of the day.
+//! The replay that keeps the filter honest: all rows anew, one at a time, at the parameters of the day
+//! (theory, eq. 54).
 
 use super::filter::Filter;
 use super::information::dot;

@@ -1,4 +1,5 @@
-//! The needle in the tissue, row after row, with the derivatives of all it does with respect to the parameters.
+//! The needle in the tissue, row after row, with the derivatives of all it does with respect to the
+//! parameters (theory, eq. 51).
 //!
 //! The steering model with its base at the measured place, without inertia of the needle (its slowest mode is a hundred times
 //! faster than a row): `(Xi + sum psi psi^T (k + c/dt)) q = ..`, `w = y_b + psi q`. Springs pull towards the path that the

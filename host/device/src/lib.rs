@@ -9,6 +9,18 @@
 //! | [`sweep`] | ultrasound sweeps by an external command |
 //! | [`tare`] | whether readings are quiet enough for a zero |
 //! | [`igtl`] | OpenIGTLink, for navigation software |
+//!
+//! # Example
+//!
+//! A motion program that comes with the tool, as the device gets it:
+//!
+//! ```
+//! use device::link::Program;
+//!
+//! let program = Program::load("staircase")?;
+//! assert!(!program.device_steps().is_empty());
+//! # Ok::<(), device::link::program::ProgramError>(())
+//! ```
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 

@@ -1,7 +1,7 @@
 //! Calibration files: the constants of one rig as people measure them, to and from the record that the device keeps.
 //!
 //! A file has any number of points per potentiometer; the record has a position at every 512 codes, found between the points on
-//! straight lines and beyond them along the first and the last. The README describes the file.
+//! straight lines and beyond them along the first and the last. The page on calibration of the manual describes the file.
 
 use crate::session::fields::Fields;
 use crate::session::{Problem, SessionError, read_text, replace};

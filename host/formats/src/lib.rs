@@ -7,6 +7,19 @@
 //! | [`calibration_file`] | `calibration.toml`: the constants that the device works with |
 //!
 //! Every error names file, line, column and field, and what is valid.
+//!
+//! # Example
+//!
+//! ```
+//! use formats::session::Session;
+//! use std::path::Path;
+//!
+//! // An error says where, what, and what is valid.
+//! match Session::read(Path::new("no-such-session")) {
+//!     Err(error) => assert!(error.to_string().contains("no-such-session")),
+//!     Ok(_) => unreachable!("nobody has written it"),
+//! }
+//! ```
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 

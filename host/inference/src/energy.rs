@@ -1,4 +1,4 @@
-//! The energy balance of Paper A (Lehmann et al.), (4)-(6), on shape polynomials.
+//! The energy balance of Paper A (Lehmann et al.), (4)-(6), on shape polynomials (theory, eq. 31).
 //!
 //! Inside the tissue the shape is a quadratic polynomial fitted by least squares, outside a cubic that is clamped at
 //! guide 1 and continues the quadratic in value and slope at the entry. The work of guide 2 equals the bending energy of

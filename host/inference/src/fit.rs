@@ -1,4 +1,5 @@
-//! Weighted least squares with parameters shared by all blocks of data and nuisances of each block.
+//! Weighted least squares with parameters shared by all blocks of data and nuisances of each block
+//! (theory, eq. 25).
 //!
 //! Levenberg and Marquardt's method on residuals already divided by their standard deviations. Jacobians are central
 //! differences, on the way there one-sided ones. The nuisances are eliminated block by block (Schur complement), so the

@@ -1,4 +1,5 @@
-//! Young's modulus from an indentation: slope of the force against depth with unknown force offset and contact point.
+//! Young's modulus from an indentation: slope of the force against depth with unknown force offset and contact point
+//! (theory, eq. 32).
 //!
 //! `F = F0 + E g(d - d0)` in contact and `F0` before it. Flat punch of radius a: `g(x) = 2 a x k / (1 - nu^2)` (Sneddon 1965; Paper A
 //! (21) where the layer is thick, with `k = 1`); sphere of radius R: `g(x) = 4 sqrt(R) x^1.5 k / (3 (1 - nu^2))` (Hertz 1882); `k` is the factor

@@ -1,5 +1,5 @@
 //! Intervals that do not lean on the fit being linear: profile likelihood and parametric bootstrap of the first shared
-//! parameter.
+//! parameter (theory, eq. 27).
 
 use super::{Block, Fit, FitError, LateralData, Measured, Parameter, Prior, fit};
 use rand::SeedableRng;

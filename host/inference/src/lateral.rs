@@ -1,5 +1,5 @@
 //! A lateral run as data for [`fit`](super::fit): shared `ln K`, own true displacement of every level and, where there
-//! is a hold at zero displacement, the force sensor's offset.
+//! is a hold at zero displacement, the force sensor's offset (theory, eq. 24).
 //!
 //! The measured displacement of a level is data like any other, not the truth: the true one is an unknown, so its
 //! uncertainty is in the interval of K. Force and displacement at zero displacement are a level too; together with the

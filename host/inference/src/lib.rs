@@ -4,6 +4,20 @@
 //! lateral run as one of its blocks. [`energy`] is the energy balance of Paper A (Lehmann et al.), for comparison.
 //! [`insertion`] is the tip load and the path of a needle that advances.
 //! [`modulus`] relates the foundation modulus to Young's modulus; [`indentation`] is an independent measurement of the latter.
+//!
+//! # Example
+//!
+//! The modulus of simulated tissue, from one lateral run:
+//!
+//! ```
+//! use inference::identify::{Options, identify};
+//! # let truth = worlds::Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: Vec::new(), foreign: None };
+//! # let session = worlds::session(&truth, &worlds::Design::four_runs(), 3);
+//! let found = identify(&session, &Options::default())?;
+//! let [low, high] = found.pooled.ci95_kpa;
+//! assert!((low..=high).contains(&12.0), "K {} ({low} to {high}) kPa", found.pooled.k_kpa);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 

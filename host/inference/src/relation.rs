@@ -1,6 +1,6 @@
 //! How foundation modulus and Young's modulus belong together: the foundation modulus that a lateral run identifies in an elastic
 //! body ([`Continuum`]). It depends on needle, depth, Poisson's ratio and guide positions, on Young's modulus itself, through the
-//! needle's flexibility, and a little on what is measured how well, because no springs do exactly what a body does. For needles
+//! needle's flexibility, and a little on what is measured how well, because no springs do exactly what a body does (theory, eq. 20). For needles
 //! deeper than about 60 mm it is more than a little: there the shape asks for softer springs than the force, and K is a number of
 //! the test as much as of the tissue. Young's modulus found through the relation for that very test is not affected.
 
@@ -12,7 +12,7 @@ use mechanics::{Rig, Support};
 /// [`identify`](crate::identify) finds in a lateral run in such a body.
 ///
 /// # Errors
-/// [`ModelError::OutOfRange`] for a Young's modulus outside [`YOUNGS_RANGE_PA`], [`FitError`] where the body or the beam cannot be
+/// [`ModelError::OutOfRange`](mechanics::ModelError::OutOfRange) for a Young's modulus outside [`YOUNGS_RANGE_PA`](mechanics::continuum::YOUNGS_RANGE_PA), [`FitError`] where the body or the beam cannot be
 /// solved.
 pub fn foundation_modulus_pa(
     body: &Continuum,

@@ -1,4 +1,4 @@
-//! The needle as a beam on an elastic foundation, solved exactly.
+//! The needle as a beam on an elastic foundation, solved exactly (theory, eq. 1 to 5).
 //!
 //! `EI u'''' + ((P - G) u')' + K(z) u = F delta(z - c2) - k u delta(z - c)`, clamped at guide 1 (`u = 0`, and `u' = 0` or
 //! `u' = compliance EI u''`; where guide 2 is the only guide it is at 0, and its force there stands for `u = 0`), free at the tip

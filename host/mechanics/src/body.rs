@@ -1,4 +1,5 @@
-//! The tissue as an elastic body: from the deflection of the needle below the surface to the force of the body on it.
+//! The tissue as an elastic body: from the deflection of the needle below the surface to the force of the body on it
+//! (theory, eq. 15 to 19).
 //!
 //! A half space with a free surface, to which the needle's wall and tip are bonded; the needle's sections stay plane and normal to
 //! its axis. The deflection below the surface is a sum of Legendre polynomials with coefficients c; the energy of the body is
@@ -8,8 +9,6 @@
 //!
 //! Tissue whose modulus varies with depth is reduced to a few fields (see there): force within 1 to 2 % and shape within
 //! 15 um per millimetre for moduli between a quarter and four times that at the surface, exact where they are all the same.
-//!
-#![doc = include_str!("body/theory.md")]
 
 mod ritz;
 mod stiffened;

@@ -3,7 +3,7 @@
 //!
 //! `EI u'''' + r(z, u - u_t) = F delta(z - c2)` with the supports of [`BeamProblem`]; weak form, cubic elements, four Gauss
 //! points per element, Newton's method, banded Cholesky (half-bandwidth 3): the work grows linearly with the number of
-//! elements (`model.md`, section 2). Elements end at guide 2, at the surface and at the faces of layers.
+//! elements (theory, eq. 6). Elements end at guide 2, at the surface and at the faces of layers.
 
 mod newton;
 

@@ -1,7 +1,7 @@
 //! The needle at every depth of an insertion, per unit of what acts on it.
 //!
-//! The tissue springs act on `u - u_t`, where the cut path `u_t(z)` is the place of the tip when it passed `z` (`model.md`,
-//! section 4). At one depth the needle is linear in its tip load, the displacement of guide 2 and the cut path, so that its tip
+//! The tissue springs act on `u - u_t`, where the cut path `u_t(z)` is the place of the tip when it passed `z`
+//! (theory, eq. 37). At one depth the needle is linear in its tip load, the displacement of guide 2 and the cut path, so that its tip
 //! is at `u = a F + b g + sum_j w_j u_t(z_j)`. By reciprocity all `w` come from the shape under one unit load at the tip: `a` is
 //! its deflection there, `w_j` the springs' share of it. The beam grows by one element per step, and of its Cholesky factor only
 //! the last rows change: a step costs one back substitution, linear in the length. The path is linear between nodes and its

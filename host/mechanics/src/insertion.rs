@@ -1,6 +1,6 @@
 //! An insertion: the needle grows into the tissue, and its tip leaves the cut path behind.
 //!
-//! Quasi-static (`model.md`, section 4): at each depth the needle is in equilibrium with guide 2, the springs at rest on the
+//! Quasi-static (theory, eq. 37): at each depth the needle is in equilibrium with guide 2, the springs at rest on the
 //! path cut so far, and the load that the bevel takes at the tip. The load turns with the needle about its axis.
 
 use super::cache::Cache;

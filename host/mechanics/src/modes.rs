@@ -1,6 +1,6 @@
 //! Rayleigh-Ritz with the modes of a cantilever, the numerical method of Paper A (Lehmann et al.), (13)-(20).
 //!
-//! It converges slowly under a point load (`model.md`, section 2): it is here to reproduce the paper. Compute with the
+//! It converges slowly under a point load (theory, eq. 8): it is here to reproduce the paper. Compute with the
 //! exact [`Beam`](super::Beam).
 
 use super::quadrature::integrate;
@@ -11,8 +11,8 @@ use std::f64::consts::PI;
 /// Most modes: beyond, the matrix is as ill-conditioned as it gets without telling more.
 const MOST_MODES: usize = 200;
 
-/// A mode of a cantilever over `x` from 0 at the clamp to 1 at the tip, scaled to 1 there (Paper A, (14), as corrected in
-/// `model.md`, section 1).
+/// A mode of a cantilever over `x` from 0 at the clamp to 1 at the tip, scaled to 1 there (Paper A, (14), corrected:
+/// theory, eq. 7).
 ///
 /// Written with decaying exponentials only: `cosh - sinh` of a high mode would cancel every digit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -129,8 +129,8 @@ fn energy(
     Ok((length_m, modes, matrix))
 }
 
-/// Tip load at which the needle's tip is at the end of the cut path, N: the bordered system of Paper A, (20), as corrected in
-/// `model.md`, section 1, with `count` modes. `path_m`: the cut path against position along the needle. For comparison:
+/// Tip load at which the needle's tip is at the end of the cut path, N: the bordered system of Paper A, (20), corrected
+/// (theory, eq. 9), with `count` modes. `path_m`: the cut path against position along the needle. For comparison:
 /// [`Growth::load_of_path_n`](super::growth::Growth::load_of_path_n) solves it exactly.
 ///
 /// # Errors

@@ -1,5 +1,5 @@
 //! The needle steered at its base while it goes in: springs and dampers of the tissue, inertia, the remembered cut path
-//! (`model.md`, section 5; the model of the spring-beam-damper paper with any number of modes).
+//! (theory, eq. 48; the model of the spring-beam-damper paper with any number of modes).
 //!
 //! `M x'' + C x' + (K + Pi_1) x = b_u F_y + H`, `x = [alpha, q..]` of `w = alpha + sum phi_i q_i`, with the unconstrained
 //! modes `phi_i` of the needle on its moving fixture; `K = int k p p^T` and `C = int c_d p p^T` over the inserted part, `H = int k

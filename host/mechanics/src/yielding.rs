@@ -1,4 +1,5 @@
-//! An insertion into tissue that yields: what the linear needle of [`Growth`](super::growth::Growth) cannot do.
+//! An insertion into tissue that yields: what the linear needle of [`Growth`](super::growth::Growth) cannot do
+//! (theory, eq. 11).
 //!
 //! The reaction of the tissue per length is that of a soil that yields, `K s / sqrt(1 + (K s / p_y)^2)` with the stretch `s` from the cut
 //! path and a yield load that grows with depth, `p_y = p_0 exp(depth / d)`: near the free surface tissue gives way upwards. It is elastic:

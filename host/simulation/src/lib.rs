@@ -7,6 +7,18 @@
 //!
 //! What it computes comes from the same forward model as identification and prediction; worlds for tests of these two come from
 //! elsewhere.
+//!
+//! # Example
+//!
+//! ```
+//! use simulation::rig::config::RigConfig;
+//! use simulation::rig::SimulatedRig;
+//!
+//! let rig = SimulatedRig::new(RigConfig::of_seed(7), 7)?;
+//! assert!(rig.truth().modulus_pa > 1e3);
+//! assert_eq!(rig.force_n().len(), 2);
+//! # Ok::<(), simulation::rig::RigError>(())
+//! ```
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 

@@ -18,7 +18,8 @@ fn every_point_of_a_shape_is_drawn_twice_and_text_is_escaped() {
     let mut session = session(&truth, &Design::four_runs(), 3);
     session.lateral.truncate(1);
     session.lateral[0].id = "a & b".to_owned();
-    let options = Options { foundation: FoundationChoice::Springs, profile: true, ..Options::default() };
+    let options =
+        Options { foundation: Some(FoundationChoice::Springs), profile: true, ..Options::default() };
     let result = identify(&session, &options).expect("identifies");
     let run = &result.runs[0];
     let points: usize = run.shape.iter().map(|shape| shape.z_mm.len()).sum();

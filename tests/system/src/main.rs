@@ -24,7 +24,7 @@ enum Task {
     Bench(beside::Args),
     /// Build the image for the board and compare its flash and RAM use with the committed figures
     Size(size::Args),
-    /// Make the outputs and pictures of README.md anew, or compare them
+    /// Make the outputs and pictures of README.md and the manual anew, or compare them
     Readme(readme::Args),
     /// Run the end of the demonstration for many seeds
     StudyDemo(demo::seeds::Seeds),

@@ -4,7 +4,7 @@ use crate::clock::Clock;
 use crate::machine::Machine;
 use crate::forward::Own;
 use crate::python::{Peer, Python};
-use crate::{estimators, mechanics, session};
+use crate::{estimators, forward, session};
 use anyhow::{Result, ensure};
 use serde::Serialize;
 use std::path::Path;
@@ -98,15 +98,15 @@ pub fn measure(
 ) -> Result<Vec<Row>> {
     let mut table = Table { python, rows: Vec::new() };
 
-    let beam = mechanics::beam(clock)?;
+    let beam = forward::beam(clock)?;
     // Three pieces: fundamental solutions of 1, 1 and 5 groups of terms, sweeps to the clamp and back, 16 coefficients of the series in
     // the tissue for both loads (elsewhere it ends by itself), 41 deflections by 24 terms.
     let flops = 7.0 * 26.0 + 3.0 * (105.0 + 40.0) + 2.0 * 16.0 * 5.0 + 41.0 * 48.0;
     let limit = by_flops(machine, flops, "series, sweeps, 41 deflections");
     table.row("beam solve", "beam", &(), (&beam, 1e-3), "beam, load, 41 deflections", limit)?;
 
-    let identification = mechanics::identification(clock)?;
-    let runs = mechanics::model_runs()?;
+    let identification = forward::identification(clock)?;
+    let runs = forward::model_runs()?;
     let limit = (format!("{runs} beam solves that it asks for"), Some(runs as f64 * beam.seconds));
     table.row(
         "identification of a run",
@@ -117,7 +117,7 @@ pub fn measure(
         limit,
     )?;
 
-    let insertion = mechanics::insertion(clock)?;
+    let insertion = forward::insertion(clock)?;
     // Per step and element: back substitution of two unknowns, weights of the path, and their sum.
     let flops = 280.0 * 280.0 / 2.0 * (2.0 * 7.0 + 14.0 + 4.0);
     let limit = by_flops(machine, flops, "back substitutions and weights");

@@ -1,7 +1,7 @@
 //! How cost grows: times at four or five sizes, and the exponent by least squares in logarithms with its 95 % interval.
 
 use crate::clock::Clock;
-use crate::{mechanics, session};
+use crate::{forward, session};
 use anyhow::{Context, Result};
 use inference::{LateralData, Parameter, effect_parameters, fit};
 use mechanics::effects::effect;
@@ -71,7 +71,7 @@ impl Study<'_> {
 /// Measures all of them.
 pub fn measure(clock: &mut Clock, cache: &Path) -> Result<Vec<Growing>> {
     let mut study = Study { clock, all: Vec::new() };
-    let rig = mechanics::rig();
+    let rig = forward::rig();
     let uniform = Foundation::uniform(16e3)?;
     study.grow(
         "beam: layers",
@@ -121,7 +121,7 @@ pub fn measure(clock: &mut Clock, cache: &Path) -> Result<Vec<Growing>> {
         &[140, 280, 560, 1120],
         (2.0, "a back substitution per step"),
         |steps| {
-            let problem = mechanics::insertion_model().problem(0.14)?;
+            let problem = forward::insertion_model().problem(0.14)?;
             Ok(move || {
                 let nodes_m = grid_m(0.14, 0.14 / steps as f64, &[]);
                 let growth = Growth::without_slopes(&problem, nodes_m, Guide2Grip::Holding).expect("grows");
@@ -136,13 +136,13 @@ pub fn measure(clock: &mut Clock, cache: &Path) -> Result<Vec<Growing>> {
         "identification: shape samples",
         &[1000, 2000, 4000, 8000],
         (1.0, "residuals"),
-        |samples| fitted(vec![mechanics::LN_K], vec![mechanics::run(samples)]),
+        |samples| fitted(vec![forward::LN_K], vec![forward::run(samples)]),
     )?;
     study.grow(
         "identification: runs",
         &[8, 16, 32, 64, 128],
         (1.0, "runs are eliminated one by one"),
-        |runs| fitted(vec![mechanics::LN_K], vec![mechanics::run(40); runs]),
+        |runs| fitted(vec![forward::LN_K], vec![forward::run(40); runs]),
     )?;
     let nuisances = [
         "rig.frame_compliance",
@@ -161,9 +161,9 @@ pub fn measure(clock: &mut Clock, cache: &Path) -> Result<Vec<Growing>> {
         |count| {
             let effects = nuisances.iter().take(count).map(|id| effect(id).with_context(|| (*id).to_owned()));
             let effects = effects.collect::<Result<Vec<_>>>()?;
-            let mut unknowns = vec![mechanics::LN_K];
+            let mut unknowns = vec![forward::LN_K];
             unknowns.extend(effect_parameters(&effects));
-            fitted(unknowns, vec![LateralData { effects, ..mechanics::run(40) }])
+            fitted(unknowns, vec![LateralData { effects, ..forward::run(40) }])
         },
     )?;
     study.grow(

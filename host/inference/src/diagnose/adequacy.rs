@@ -1,4 +1,4 @@
-//! Whether a model is adequate, and where it is not.
+//! Whether a model is adequate, and where it is not (theory, eq. 67).
 //!
 //! What a model lacks is smooth in the coordinates of the data: depth, displacement, direction of motion, time. Two questions are
 //! asked of the residuals of a fit, the parameters' part always taken off:

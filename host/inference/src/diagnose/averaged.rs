@@ -1,5 +1,5 @@
 //! Intervals over all members of a class: where the data do not determine which of several effects is missing, intervals of the modulus
-//! and of the tip load include all of them.
+//! and of the tip load include all of them (theory, eq. 66).
 //!
 //! Every way to take one member of each class has a fit; its posterior counts with its evidence (Bayesian model averaging, Hoeting
 //! et al. 1999, Statistical Science 14:382). The value that is reported is that of the first member, whose effects the model file has;

@@ -1,4 +1,5 @@
-//! Evidence of a model that is never exact: its discrepancy is part of the covariance.
+//! Evidence of a model that is never exact: its discrepancy is part of the covariance
+//! (theory, eq. 60 and 61).
 //!
 //! Whitened data of all runs: `r = J d + Phi a + e`, `e ~ N(0, I)`, `d ~ N(m, I)` the parameters in units of their priors, and
 //! `a_j ~ N(0, s_g^2)` the amplitudes of the discrepancy's patterns, whose groups g have one size each. With `B = [Phi, J]`,

@@ -1,4 +1,5 @@
-//! The next measurement: of a menu, the one that tells the members of a class apart best.
+//! The next measurement: of a menu, the one that tells the members of a class apart best
+//! (theory, eq. 69).
 //!
 //! For every measurement and every two members the difference of their predictions, over the noise, less what the second one's
 //! parameters could still do about it given what the session has told of them: the expected divergence. The best measurement is the

@@ -1,4 +1,5 @@
-//! What of the readings is noise: its size, and how far it is correlated, from the scatter about smooth curves.
+//! What of the readings is noise: its size, and how far it is correlated, from the scatter about smooth curves
+//! (theory, eq. 58).
 //!
 //! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a part that
 //! forgets exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. What is the same in

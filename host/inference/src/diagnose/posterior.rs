@@ -1,4 +1,4 @@
-//! A hypothesis fitted to runs: parameters, sizes of the discrepancy and evidence together.
+//! A hypothesis fitted to runs: parameters, sizes of the discrepancy and evidence together (theory, eq. 62).
 //!
 //! Gauss and Newton's method in the metric of noise and discrepancy. Every round finds the likeliest sizes for the current
 //! linearisation, then takes a step that is halved until the objective at these sizes falls. The evidence is that of Laplace's

@@ -1,4 +1,5 @@
-//! Scoring every effect of the catalogue without refitting, and how large the best score of nothing is.
+//! Scoring every effect of the catalogue without refitting, and how large the best score of nothing is
+//! (theory, eq. 63 and 64).
 //!
 //! Around the current fit an effect of amplitude a (in steps of an ordinary size) changes the predictions by `a d`. What of d the
 //! parameters in the model could do too is taken off (`d` orthogonal to their sensitivities), and what is left is projected on the

@@ -1,4 +1,5 @@
-//! The search: score, refit, accept, add, repeat; and which rivals explain the data as well.
+//! The search: score, refit, accept, add, repeat; and which rivals explain the data as well
+//! (theory, eq. 65).
 
 use super::adequacy::Adequacy;
 use super::believed::{Layout, NORMAL_975, Prepared, Scale};

@@ -1,4 +1,4 @@
-//! Residuals of one run made independent, with unit variance.
+//! Residuals of one run made independent, with unit variance (theory, eq. 59).
 //!
 //! The covariance of a run's numbers has blocks (forces of a plane; one sweep; one path) from the sensors' noise, and a few patterns
 //! on top: where guide 2 stands in a hold is known only as well as the mean of its readings, and moves force and shape of that hold

@@ -1,4 +1,5 @@
-//! Young's modulus from the needle in an elastic body, fitted to the same runs as the springs, and which of the two explains them.
+//! Young's modulus from the needle in an elastic body, fitted to the same runs as the springs, and which of the two explains them
+//! (theory, eq. 30).
 
 use super::fitting::{Estimate, NORMAL_975, fit_alone};
 use super::model_error::{Beside, with_model_error};

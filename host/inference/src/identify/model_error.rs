@@ -1,4 +1,5 @@
-//! Model error in the intervals: what every rig and tissue leaves behind any model, beside the noise of the readings.
+//! Model error in the intervals: what every rig and tissue leaves behind any model, beside the noise of the readings
+//! (theory, eq. 29).
 //!
 //! The runs are fitted once more with the discrepancy of a diagnosis, the parameters of its effects free within their priors.
 //! The value stays that of the likelihood of the noise; the interval reaches as far as noise and discrepancy together, and as far as the

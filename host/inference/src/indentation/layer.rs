@@ -1,4 +1,5 @@
-//! An indenter on a layer of finite thickness that is bonded to a rigid base: how much stiffer than a half space it is.
+//! An indenter on a layer of finite thickness that is bonded to a rigid base: how much stiffer than a half space it is
+//! (theory, eq. 33).
 //!
 //! A frictionless rigid indenter of revolution on an elastic layer leads to one Fredholm equation (Lebedev and Ufliand 1958; Hayes,
 //! Keer, Herrmann and Mockros, J. Biomech. 5 (1972) 541): with `e = a / h`, contact radius over thickness,

@@ -1,4 +1,5 @@
-//! Log evidence of a set of recordings at one candidate, and what they say about the next insertion.
+//! Log evidence of a set of recordings at one candidate, and what they say about the next insertion
+//! (theory, eq. 43).
 //!
 //! The unknowns of an insertion are what all insertions share plus its own part, both normal. Per recording its own part is integrated
 //! out, which leaves a message about the shared part; messages add up, so that leaving one recording out costs nothing.

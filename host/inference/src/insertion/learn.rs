@@ -1,4 +1,4 @@
-//! Learning from earlier insertions of the same rig and tissue: empirical Bayes.
+//! Learning from earlier insertions of the same rig and tissue: empirical Bayes (theory, eq. 44).
 //!
 //! How large the unknowns' parts are ([`Scales`]) and which modulus and gap are how likely follows from the evidence of the earlier
 //! insertions. The evidence has one top, or several: each is climbed (Gauss and Newton for modulus and gap, a quasi-Newton method for the

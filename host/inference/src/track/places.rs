@@ -1,4 +1,5 @@
-//! Where two layers meet: posterior of the boundary's depth, over how much the layers vary within.
+//! Where two layers meet: posterior of the boundary's depth, over how much the layers vary within
+//! (theory, eq. 56).
 //!
 //! A hypothesis is a depth of the boundary, or none, and a standard deviation of what varies within a layer. The rows of the run are
 //! fitted anew under each (Gauss-Newton over all rows); weights are those of the evidence by Laplace's method (Bayesian model averaging; Hoeting,

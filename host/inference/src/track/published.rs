@@ -1,4 +1,4 @@
-//! The estimator of the spring-beam-damper paper, (7)-(10), as printed, with the errata of `model.md`, section 1: recursive least
+//! The estimator of the spring-beam-damper paper, (7)-(10), as printed, with the errata (theory, eq. 57): recursive least
 //! squares with forgetting on the second difference of tip and base, one mode, powers of the depth in metres within a
 //! segment, covariance reset at the segment's start. And a relative with a variable forgetting factor.
 

@@ -1,4 +1,5 @@
-//! Solutions of `u'''' + a u'' + t u = 0` within a piece, as power series in `x` from 0 at its start to 1 at its end.
+//! Solutions of `u'''' + a u'' + t u = 0` within a piece, as power series in `x` from 0 at its start to 1 at its end
+//! (theory, eq. 3).
 //!
 //! `sum b_n x^n` with `b_(n+4) = -(t b_n / ((n+1)(n+2)(n+3)(n+4)) + a b_(n+2) / ((n+3)(n+4)))`. The magnitude of the roots of
 //! `r^4 + a r^2 + t` is at most the fourth root of `s = (|a| + sqrt(t))^2`, so that `b_n` is at most `s^(n/4) / n!` of the start.

@@ -1,4 +1,4 @@
-//! Continuity and boundary conditions of the pieces, solved by two sweeps.
+//! Continuity and boundary conditions of the pieces, solved by two sweeps (theory, eq. 4).
 //!
 //! What lies beyond a section acts on it as a spring with a load: with `m = u''` and `q = u''' + (P - G)/EI u'`,
 //! `m = b u + c u' + m_0` and `q = s u - b u' + q_0`; three numbers, as springs are symmetric. At the tip all but `q_0` are 0.

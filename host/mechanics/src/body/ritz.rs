@@ -1,4 +1,5 @@
-//! The needle in an elastic body: one polynomial below the surface, exact beam-columns above it.
+//! The needle in an elastic body: one polynomial below the surface, exact beam-columns above it
+//! (theory, eq. 16).
 //!
 //! Unknowns are the rotation in guide 1 where that gives, deflection and slope at the ends of the pieces above the body, and the
 //! Legendre coefficients c of the deflection in the body; the deflection and slope where the body begins follow from c. Energy:

@@ -1,4 +1,4 @@
-//! A needle that touches the wall of an intact hole on one side only, without friction: unilateral contact.
+//! A needle that touches the wall of an intact hole on one side only, without friction: unilateral contact (theory, eq. 22).
 //!
 //! The needle moves sideways as a whole by `u`. At a place (z, t) of the wall the pressure `p` is not negative, the wall's normal
 //! displacement `w` is not less than `u cos t`, and one of the two is met exactly (Signorini's conditions); no shear acts on the wall, and

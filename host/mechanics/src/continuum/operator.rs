@@ -1,5 +1,6 @@
 //! From the deflection of a needle to the force of the body around it: the stiffness of an elastic half space against Legendre
-//! patterns of the needle's deflection, solved directly, and the tables that the forward model interpolates.
+//! patterns of the needle's deflection, solved directly, and the tables that the forward model interpolates
+//! (theory, eq. 15 and 18).
 //!
 //! Per unit of Young's modulus and of depth the matrix of a uniform body depends on the ratio of depth to radius and on Poisson's
 //! ratio alone: it is tabulated at Chebyshev's nodes in the logarithm of the one and in the other. A body whose modulus varies with

@@ -3,7 +3,7 @@
 //! `u_r = U cos t`, `u_t = V sin t`, `u_z = W cos t` over the meridian plane; quadratic displacements and a continuous bilinear
 //! pressure (Taylor-Hood), so that nothing locks up to a Poisson's ratio of one half. The needle's sections move as rigid discs,
 //! `U = u(z)`, `V = -u(z)`, `W = 0` at the wall; what is left after all other unknowns are eliminated is the stiffness against
-//! `u` at the nodes of the wall (`model.md`, section 6).
+//! `u` at the nodes of the wall (theory, eq. 17).
 
 use super::mesh::Mesh;
 use super::sparse::Sparse;

@@ -264,7 +264,7 @@ fn plain_foundation(modulus_pa: f64) -> crate::Foundation {
     crate::Foundation::uniform(modulus_pa).expect("a modulus")
 }
 
-/// The rest force of model.md, and a shape that is parabolic beyond guide 2.
+/// The rest force (theory, eq. 14), and a shape that is parabolic beyond guide 2.
 #[test]
 fn a_bent_needle_pushes_at_rest() {
     let still = with("needle.prebend", &[0.2, -0.1]);

@@ -1,4 +1,4 @@
-//! Modes of the moving needle: a beam clamped to a fixture that is itself free to move sideways (`model.md`, section 5).
+//! Modes of the moving needle: a beam clamped to a fixture that is itself free to move sideways (theory, eq. 47).
 
 use crate::quadrature::integrate;
 use crate::{ModelError, check};

@@ -42,7 +42,7 @@ pub fn run(repeats: usize, seeds: [u64; 2], only: &str) -> Result<()> {
         goals([(seed, &outcomes), (fresh, &again)]),
         confusion(&outcomes),
     );
-    let path = super::root().join("host/inference/src/diagnose/study.md");
+    let path = super::root().join("host/manual/src/blind-study.md");
     std::fs::write(&path, &text).with_context(|| format!("{}: cannot write", path.display()))?;
     print!("{text}");
     for outcome in outcomes.iter().chain(&again).filter(|outcome| is_surprise(outcome)) {

@@ -1,32 +1,43 @@
-//! `cargo xtask readme`: the outputs and pictures of README.md, made by the commands that it shows, or compared with them.
+//! `cargo xtask readme`: the outputs and pictures of README.md and of the manual, made by the commands that they show, or compared
+//! with them.
 //!
 //! A comment before a block says where its text comes from; without one a block is left alone:
 //!
-//! * `<!-- readme: quick -->`: a console block. Its `$ guide ...` lines are run in the order of the page, all in one folder.
+//! * `<!-- readme: quick -->`: a console block. Its `$ guide ...` lines are run in the order of the pages, all in one folder.
 //! * `<!-- readme: file NAME -->`: a file that this folder gets at that place.
 //! * `<!-- readme: rig PART -->`: what a rig in QEMU is needed for, see [`rig`].
 //! * `<!-- readme: long COMMAND -->`: what takes minutes to hours, made only when asked for.
+//! * `<!-- readme: excerpt -->`, `<!-- readme: excerpt PART -->`: lines of an output that stands in full elsewhere, see [`excerpt`].
 //!
-//! Pictures of the page that lie in [`PICTURES`] are those that the quick commands draw into `figures`.
+//! With `fails` at its end (`<!-- readme: quick fails -->`) the commands have to fail, and the block shows what they print on standard
+//! error too.
+//!
+//! Pictures that lie in [`PICTURES`] are those that the quick commands draw into `figures`.
 //!
 //! Not `trycmd`: it runs all blocks of a page inside `cargo test`, and knows no groups, no files written on the page, no tables, no
 //! pictures, and no text that comes from a demonstration which a test runs anyway.
 
+pub mod book;
+mod excerpt;
+#[cfg(test)]
+mod links;
 pub mod page;
 mod pictures;
 pub mod rig;
 pub mod same;
 pub mod shell;
+#[cfg(test)]
+mod sources;
 
 use crate::images;
-use anyhow::{Context, Result, bail};
-use page::{Block, Made, Page};
+use anyhow::{Context, Result, bail, ensure};
+use book::Book;
+use page::{Block, Made};
 use shell::Shell;
-use std::path::PathBuf;
 use std::process::Stdio;
 
-/// Where the pictures of the page are, from the root.
-pub const PICTURES: &str = "host/pictures";
+/// Where the pictures of the pages are, from the root.
+pub const PICTURES: &str = "host/manual/src/pictures";
 
 /// Options of `cargo xtask readme`.
 #[derive(clap::Args)]
@@ -53,7 +64,7 @@ pub enum Group {
     Long,
 }
 
-/// Text for a block of the page.
+/// Text for a block.
 type Fresh<'a> = (&'a Block, String);
 
 /// Makes the blocks anew, or compares them.
@@ -61,8 +72,9 @@ type Fresh<'a> = (&'a Block, String);
 /// # Errors
 /// Where a command fails, or with `--check` anything differs.
 pub fn run(args: &Args) -> Result<()> {
-    let mut page = Page::read(path())?;
-    let blocks = page.blocks()?;
+    let root = images::root();
+    let mut book = Book::read(root)?;
+    let blocks = book.blocks()?;
     let wants = |group| args.group.map_or(group != Group::Long, |only| only == group);
     let folder = tempfile::tempdir()?;
     let mut fresh = Vec::new();
@@ -72,13 +84,7 @@ pub fn run(args: &Args) -> Result<()> {
         drawn = Some(folder.path().join("figures"));
     }
     if wants(Group::Rig) {
-        let parts = rig::all(&blocks)?;
-        for block in &blocks {
-            if let Made::Rig(part) = &block.made {
-                let text = parts.get(part).with_context(|| format!("{}: no part {part}", block.place()))?;
-                fresh.push((block, text.clone()));
-            }
-        }
+        fresh.extend(rig::all(&blocks)?);
     }
     if wants(Group::Long) {
         fresh.extend(long(&blocks, &args.only)?);
@@ -89,11 +95,10 @@ pub fn run(args: &Args) -> Result<()> {
     });
     if args.check {
         let mut complaints: Vec<String> = fresh.iter().map(|(block, text)| same::told(block, text)).collect();
-        complaints.extend(drawn.iter().flat_map(|drawn| pictures::differing(&page, drawn)));
-        if !complaints.is_empty() {
-            bail!("{}\n`cargo xtask readme` makes it anew", complaints.join("\n"));
-        }
-        println!("README.md says what the commands say");
+        complaints.extend(drawn.iter().flat_map(|drawn| pictures::differing(&book, drawn)));
+        complaints.extend(excerpt::complaints(&blocks));
+        ensure!(complaints.is_empty(), "{}\n`cargo xtask readme` makes it anew", complaints.join("\n"));
+        println!("README.md and the manual show what the commands print");
         return Ok(());
     }
     for (block, _) in &fresh {
@@ -101,11 +106,13 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let fresh: Vec<(Block, String)> =
         fresh.into_iter().map(|(block, text)| (block.clone(), same::shown(&text))).collect();
-    page.replace(fresh, &time::OffsetDateTime::now_utc().date().to_string());
+    book.replace(root, fresh, &time::OffsetDateTime::now_utc().date().to_string())?;
     if let Some(drawn) = drawn {
-        pictures::take(&page, &drawn)?;
+        pictures::take(&book, &drawn)?;
     }
-    page.write(path())
+    let complaints = excerpt::complaints(&book.blocks()?);
+    ensure!(complaints.is_empty(), "excerpts to be changed by hand:\n{}", complaints.join("\n"));
+    Ok(())
 }
 
 /// Compares the quick blocks and the pictures with what the commands say now.
@@ -116,47 +123,58 @@ pub fn check_quick() -> Result<()> {
     run(&Args { check: true, group: Some(Group::Quick), only: String::new() })
 }
 
-/// Compares a part that needs the rig with what a run of it said.
+/// Compares a part that needs the rig with what a run of it printed.
 ///
 /// # Errors
-/// Where they differ, or the page has no such part.
-pub fn check_part(part: &str, said: &str) -> Result<()> {
-    let block = part_of_page(part)?;
-    if !same::same(&block, said) {
-        bail!("{}", same::told(&block, said));
-    }
+/// Where they differ, or no page has such a part.
+pub fn check_part(part: &str, printed: &str) -> Result<()> {
+    parts(part)?.iter().try_for_each(|block| compare(block, printed))
+}
+
+/// Runs the console blocks of a part in the order of the pages and compares them.
+///
+/// # Errors
+/// Where they differ, a command fails, or no page has such a part.
+pub fn check_console(part: &str, shell: &Shell) -> Result<()> {
+    write_files(&Book::read(images::root())?.blocks()?, shell)?;
+    parts(part)?.iter().try_for_each(|block| compare(block, &shell.run(block)?))
+}
+
+fn compare(block: &Block, printed: &str) -> Result<()> {
+    ensure!(same::same(block, printed), "{}", same::told(block, printed));
     Ok(())
 }
 
-/// Runs the console block of a part and compares it.
-///
-/// # Errors
-/// Where they differ, a command fails, or the page has no such part.
-pub fn check_console(part: &str, shell: &Shell) -> Result<()> {
-    check_part(part, &shell.run(&part_of_page(part)?)?)
-}
-
-fn part_of_page(part: &str) -> Result<Block> {
-    let blocks = Page::read(path())?.blocks()?;
-    let found = blocks.into_iter().find(|block| block.made == Made::Rig(part.to_owned()));
-    found.with_context(|| format!("README.md has no block `<!-- readme: rig {part} -->`"))
-}
-
-/// The page.
-pub fn path() -> PathBuf {
-    images::root().join("README.md")
+/// The blocks of a part that needs the rig.
+fn parts(part: &str) -> Result<Vec<Block>> {
+    let mut blocks = Book::read(images::root())?.blocks()?;
+    blocks.retain(|block| block.made == Made::Rig(part.to_owned()));
+    ensure!(!blocks.is_empty(), "no page has a block `<!-- readme: rig {part} -->`");
+    Ok(blocks)
 }
 
 fn quick<'a>(blocks: &'a [Block], shell: &Shell) -> Result<Vec<Fresh<'a>>> {
     let mut fresh = Vec::new();
     for block in blocks {
         match &block.made {
-            Made::File(name) => std::fs::write(shell.folder().join(name), block.text())?,
+            Made::File(_) => write_files(std::slice::from_ref(block), shell)?,
             Made::Quick => fresh.push((block, shell.run(block)?)),
-            Made::Rig(_) | Made::Long(_) => {}
+            Made::Rig(_) | Made::Long(_) | Made::Excerpt(_) => {}
         }
     }
     Ok(fresh)
+}
+
+/// Puts the files that stand on the pages into the folder of the commands.
+fn write_files(blocks: &[Block], shell: &Shell) -> Result<()> {
+    for block in blocks {
+        if let Made::File(name) = &block.made {
+            let path = shell.folder().join(name);
+            path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+            std::fs::write(path, block.text())?;
+        }
+    }
+    Ok(())
 }
 
 /// Runs the long commands one after the other. A table is the first one that its command prints.
@@ -192,4 +210,16 @@ fn cargo(command: &str) -> Result<String> {
         bail!("`{command}` failed");
     }
     Ok(String::from_utf8(output.stdout)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_excerpt_is_a_part_of_an_output() {
+        let blocks = Book::read(images::root()).unwrap().blocks().unwrap();
+        let complaints = excerpt::complaints(&blocks);
+        assert!(complaints.is_empty(), "{}", complaints.join("\n"));
+    }
 }

@@ -1,4 +1,4 @@
-//! README.md as lines, and the blocks in it that are made.
+//! A page as lines, and the blocks in it that are made.
 
 use anyhow::{Context, Result, bail, ensure};
 use std::fs;
@@ -17,6 +17,8 @@ pub enum Made {
     File(String),
     /// A part of what a rig shows.
     Rig(String),
+    /// Lines of other blocks: of this part of the rig, or of those with the same commands.
+    Excerpt(Option<String>),
     /// A command that takes long. Below the block a line says when it was.
     Long(String),
 }
@@ -26,6 +28,10 @@ pub enum Made {
 pub struct Block {
     /// What makes it.
     pub made: Made,
+    /// Its commands fail.
+    pub fails: bool,
+    /// Its page, from the root.
+    page: String,
     /// Its lines, without the fence, counted from 0.
     range: Range<usize>,
     lines: Vec<String>,
@@ -42,9 +48,14 @@ impl Block {
         self.lines.iter().map(|line| format!("{line}\n")).collect()
     }
 
+    /// Its page, from the root.
+    pub fn page(&self) -> &str {
+        &self.page
+    }
+
     /// File and number of a line of it.
     pub fn place_of(&self, line: usize) -> String {
-        format!("README.md:{}", self.range.start + line + 1)
+        format!("{}:{}", self.page, self.range.start + line + 1)
     }
 
     /// File and number of its first line.
@@ -58,26 +69,36 @@ impl Block {
     }
 }
 
-/// The page.
+/// A page of Markdown.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Page {
+    name: String,
     lines: Vec<String>,
 }
 
 impl Page {
-    /// Reads it.
+    /// Reads the page with this name: its path from the root.
     ///
     /// # Errors
     /// Where there is none.
-    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        let text = fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display()))?;
-        Ok(Self::of(&text))
+    pub fn read(root: &Path, name: &str) -> Result<Self> {
+        let text = fs::read_to_string(root.join(name)).with_context(|| format!("{name}: cannot read"))?;
+        Ok(Self::of(name, &text))
     }
 
     /// From its text.
-    pub fn of(text: &str) -> Self {
-        Self { lines: text.lines().map(str::to_owned).collect() }
+    pub fn of(name: &str, text: &str) -> Self {
+        Self { name: name.to_owned(), lines: text.lines().map(str::to_owned).collect() }
+    }
+
+    /// Its path from the root.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its text.
+    pub fn text(&self) -> String {
+        self.lines.iter().map(|line| format!("{line}\n")).collect()
     }
 
     /// Its lines.
@@ -96,17 +117,25 @@ impl Page {
             else {
                 continue;
             };
-            let place = || format!("README.md:{}: `{mark}`", number + 1);
-            let made = match mark.split_once(' ') {
-                None if mark == "quick" => Made::Quick,
+            let place = || format!("{}:{}: `{mark}`", self.name, number + 1);
+            let (what, fails) = mark.strip_suffix(" fails").map_or((mark, false), |what| (what, true));
+            let made = match what.split_once(' ') {
+                None if what == "quick" => Made::Quick,
+                None if what == "excerpt" => Made::Excerpt(None),
+                Some(("excerpt", part)) => Made::Excerpt(Some(part.to_owned())),
                 Some(("file", name)) => Made::File(name.to_owned()),
                 Some(("rig", part)) => Made::Rig(part.to_owned()),
                 Some(("long", command)) => Made::Long(command.to_owned()),
-                _ => bail!("{}: expected `quick`, `file NAME`, `rig PART` or `long COMMAND`", place()),
+                _ => bail!(
+                    "{}: expected `quick`, `file NAME`, `rig PART`, `long COMMAND`, `excerpt` or `excerpt PART`; \
+                     `fails` after it where the commands fail",
+                    place()
+                ),
             };
             let range = self.block_after(number).with_context(place)?;
             ensure!(!range.is_empty(), "{}: the block is empty", place());
-            blocks.push(Block { made, lines: self.lines[range.clone()].to_vec(), range });
+            let lines = self.lines[range.clone()].to_vec();
+            blocks.push(Block { made, fails, page: self.name.clone(), range, lines });
         }
         Ok(blocks)
     }
@@ -154,10 +183,8 @@ impl Page {
     ///
     /// # Errors
     /// Where that is not possible.
-    pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
-        let text: String = self.lines.iter().map(|line| format!("{line}\n")).collect();
-        fs::write(path, text).with_context(|| format!("{}: cannot write", path.display()))
+    pub fn write(&self, root: &Path) -> Result<()> {
+        fs::write(root.join(&self.name), self.text()).with_context(|| format!("{}: cannot write", self.name))
     }
 }
 
@@ -170,12 +197,12 @@ mod tests {
 
     #[test]
     fn marked_blocks_are_found_and_replaced() {
-        let mut page = Page::of(TEXT);
+        let mut page = Page::of("a.md", TEXT);
         let blocks = page.blocks().unwrap();
         assert_eq!(blocks.len(), 2);
         assert_eq!(
             (&blocks[0].made, blocks[0].place(), blocks[0].text().as_str()),
-            (&Made::Quick, "README.md:4".to_owned(), "$ guide ports\nnone\n")
+            (&Made::Quick, "a.md:4".to_owned(), "$ guide ports\nnone\n")
         );
         assert_eq!((blocks[1].is_table(), blocks[1].lines().len()), (true, 3));
         let fresh = ["$ guide ports\none\ntwo", "| a |\n|---|\n| 2 |"];
@@ -183,19 +210,19 @@ mod tests {
             let blocks = page.blocks().unwrap();
             page.replace(blocks.into_iter().zip(fresh.map(str::to_owned)).collect(), today);
             let signed = format!("| 2 |\n\nMade on {today} by `cargo x`.");
-            assert_eq!(page, Page::of(&TEXT.replace("none", "one\ntwo").replace("| 1 |", &signed)));
+            assert_eq!(page, Page::of("a.md", &TEXT.replace("none", "one\ntwo").replace("| 1 |", &signed)));
         }
     }
 
     #[test]
     fn marks_that_are_not_understood_are_named() {
         for (text, word) in [
-            ("<!-- readme: slow -->\n```\na\n```\n", "README.md:1: `slow`: expected `quick`"),
+            ("<!-- readme: slow -->\n```\na\n```\n", "a.md:1: `slow`: expected `quick`"),
             ("<!-- readme: quick -->\ntext\n", "expected a fence"),
             ("<!-- readme: quick -->\n```\nno end\n", "has no end"),
             ("<!-- readme: quick -->\n```\n```\n", "is empty"),
         ] {
-            let error = format!("{:#}", Page::of(text).blocks().unwrap_err());
+            let error = format!("{:#}", Page::of("a.md", text).blocks().unwrap_err());
             assert!(error.contains(word), "{error}");
         }
     }

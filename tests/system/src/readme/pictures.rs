@@ -1,7 +1,7 @@
-//! The pictures of the page: which it shows, and whether they are those that the commands draw.
+//! The pictures of the pages: which they show, and whether they are those that the commands draw.
 
 use super::PICTURES;
-use super::page::Page;
+use super::book::Book;
 use crate::images;
 use anyhow::{Context, Result};
 use std::collections::BTreeSet;
@@ -11,28 +11,33 @@ use std::path::Path;
 /// More is too much for a page, bytes.
 const LARGEST: usize = 60_000;
 
-/// Names of the pictures that the page shows.
-fn shown(page: &Page) -> BTreeSet<String> {
-    let prefix = format!("]({PICTURES}/");
-    let names = page.lines().iter().flat_map(|line| line.split(prefix.as_str()).skip(1));
-    names.filter_map(|rest| Some(rest.split_once(')')?.0.to_owned())).collect()
+/// Names of the pictures that the pages show.
+fn shown(book: &Book) -> BTreeSet<String> {
+    let folder = PICTURES.rsplit('/').next().unwrap_or(PICTURES);
+    let texts: Vec<String> = book.pages().iter().map(|page| page.text()).collect();
+    let links = texts.iter().flat_map(|text| text.split("](").skip(1));
+    let names = links.filter_map(|rest| {
+        let (path, name) = rest.split_once(')')?.0.rsplit_once('/')?;
+        (path.rsplit('/').next() == Some(folder)).then(|| name.to_owned())
+    });
+    names.collect()
 }
 
 /// What is wrong with the committed pictures, if these were drawn now.
-pub fn differing(page: &Page, drawn: &Path) -> Vec<String> {
+pub fn differing(book: &Book, drawn: &Path) -> Vec<String> {
     let folder = images::root().join(PICTURES);
-    let shown = shown(page);
+    let shown = shown(book);
     let mut complaints = Vec::new();
     for name in &shown {
         let file = format!("{PICTURES}/{name}");
         match (fs::read(folder.join(name)), fs::read(drawn.join(name))) {
-            (_, Err(_)) => complaints.push(format!("{file}: no command of README.md draws figures/{name}")),
+            (_, Err(_)) => complaints.push(format!("{file}: no command of the pages draws figures/{name}")),
             (Err(_), _) => complaints.push(format!("{file}: missing")),
             (Ok(kept), Ok(_)) if kept.len() > LARGEST => {
                 complaints.push(format!("{file}: {} bytes, expected at most {LARGEST}", kept.len()));
             }
             (Ok(kept), Ok(now)) if kept != now => {
-                complaints.push(format!("{file}: the commands of README.md draw another picture"));
+                complaints.push(format!("{file}: the commands of the pages draw another picture"));
             }
             _ => {}
         }
@@ -42,18 +47,18 @@ pub fn differing(page: &Page, drawn: &Path) -> Vec<String> {
     complaints.extend(
         names
             .filter(|name| !shown.contains(name))
-            .map(|name| format!("{PICTURES}/{name}: not shown in README.md")),
+            .map(|name| format!("{PICTURES}/{name}: not shown on any page")),
     );
     complaints
 }
 
-/// Keeps the pictures that the page shows.
-pub fn take(page: &Page, drawn: &Path) -> Result<()> {
+/// Keeps the pictures that the pages show.
+pub fn take(book: &Book, drawn: &Path) -> Result<()> {
     let folder = images::root().join(PICTURES);
     fs::create_dir_all(&folder)?;
-    for name in shown(page) {
+    for name in shown(book) {
         let (from, to) = (drawn.join(&name), folder.join(&name));
-        fs::copy(&from, &to).with_context(|| format!("no command of README.md draws figures/{name}"))?;
+        fs::copy(&from, &to).with_context(|| format!("no command of the pages draws figures/{name}"))?;
     }
     Ok(())
 }

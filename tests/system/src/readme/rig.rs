@@ -1,9 +1,9 @@
-//! The parts of the page that a rig in QEMU is needed for.
+//! The parts of the pages that a rig in QEMU is needed for.
 //!
 //! * `demo`: the procedure of `cargo xtask demo`
 //! * `hidden`: its end, where the rig hides an effect
-//! * `recording`: a console block about the files that the procedure left
-//! * `live`: a console block on a running rig; what shows the moment is compared without its numbers
+//! * `recording`: console blocks about the files that the procedure left
+//! * `live`: console blocks on a running rig, one after the other; what shows the moment is compared without its numbers
 //!
 //! The end-to-end tests run the same procedures, and compare these parts on the way.
 
@@ -12,18 +12,17 @@ use super::shell::Shell;
 use crate::bench::Bench;
 use crate::demo::{hidden, judgement, procedure};
 use crate::images;
-use anyhow::{Context, Result};
+use anyhow::{Result, bail};
 use simulation::rig::config::RigConfig;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What the page's rig is drawn from.
+/// What the rig of the pages is drawn from.
 pub const SEED: u64 = 1;
 /// Where the demonstration keeps its files, from the folder it runs in.
 const OUT: &str = "target/demo";
 /// The program that takes sweeps, as the demonstration names it when it is called from the root.
-const XTASK: &str = "target/debug/xtask";
+const XTASK: &str = "target/debug/system";
 const LIMIT: Duration = Duration::from_secs(120);
 /// Rig seconds per second of the running rig.
 const SPEED: f64 = 4.0;
@@ -42,31 +41,45 @@ pub fn as_shown(said: &str, folder: &Path, xtask: &Path) -> String {
     said[begin..].to_owned()
 }
 
-/// All parts.
-pub(super) fn all(blocks: &[Block]) -> Result<BTreeMap<String, String>> {
+/// All parts, with what they show now.
+pub(super) fn all(blocks: &[Block]) -> Result<Vec<(&Block, String)>> {
     let (folder, xtask) = (tempfile::tempdir()?, std::env::current_exe()?);
     let out = out(folder.path());
-    let mut parts = BTreeMap::new();
-    eprintln!("the procedure of the demonstration");
-    let mut said = String::new();
-    let outcome = procedure(&xtask, SEED, &out, &mut |text| said.push_str(text))?;
-    said.push_str(&judgement(&outcome, SEED, &out)?);
-    parts.insert("demo".to_owned(), as_shown(&said, folder.path(), &xtask));
     let shell = Shell::new(images::build_guide()?, folder.path());
-    parts.insert("recording".to_owned(), shell.run(find(blocks, "recording")?)?);
+    let of = |part: &str| {
+        let part = Made::Rig(part.to_owned());
+        blocks.iter().filter(move |block| block.made == part)
+    };
+    let mut fresh = Vec::new();
+    eprintln!("the procedure of the demonstration");
+    let mut printed = String::new();
+    let outcome = procedure(&xtask, SEED, &out, &mut |text| printed.push_str(text))?;
+    printed.push_str(&judgement(&outcome, SEED, &out)?);
+    let printed = as_shown(&printed, folder.path(), &xtask);
+    fresh.extend(of("demo").map(|block| (block, printed.clone())));
+    for block in of("recording") {
+        fresh.push((block, shell.run(block)?));
+    }
     eprintln!("the rig that hides an effect");
-    said.clear();
-    let found = hidden::diagnosis(&xtask, SEED, &out, &hidden::PLAN, &mut |text| said.push_str(text))?;
-    said.push_str(&found.told(SEED));
-    parts.insert("hidden".to_owned(), as_shown(&said, folder.path(), &xtask));
+    let mut printed = String::new();
+    let found = hidden::diagnosis(&xtask, SEED, &out, &hidden::PLAN, &mut |text| printed.push_str(text))?;
+    printed.push_str(&found.told(SEED));
+    let printed = as_shown(&printed, folder.path(), &xtask);
+    fresh.extend(of("hidden").map(|block| (block, printed.clone())));
     eprintln!("a running rig");
     let bench = Bench::start(RigConfig::default(), SEED, SPEED, LIMIT)?;
-    parts.insert("live".to_owned(), shell.with_port(bench.port()).run(find(blocks, "live")?)?);
+    let shell = shell.with_port(bench.port());
+    super::write_files(blocks, &shell)?;
+    for block in of("live") {
+        fresh.push((block, shell.run(block)?));
+    }
     bench.stop()?;
-    Ok(parts)
-}
-
-fn find<'a>(blocks: &'a [Block], part: &str) -> Result<&'a Block> {
-    let found = blocks.iter().find(|block| block.made == Made::Rig(part.to_owned()));
-    found.with_context(|| format!("README.md has no part {part}"))
+    for block in blocks {
+        if let Made::Rig(part) = &block.made
+            && !["demo", "recording", "hidden", "live"].contains(&part.as_str())
+        {
+            bail!("{}: no part {part}", block.place());
+        }
+    }
+    Ok(fresh)
 }

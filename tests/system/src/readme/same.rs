@@ -14,7 +14,9 @@ const SHOWN: [(&str, &str); 2] = [
 ];
 
 /// What differs by nature, and what stands for it in a comparison.
-const COMPARED: [(&str, &str); 3] = [
+const COMPARED: [(&str, &str); 4] = [
+    // A free port of this machine.
+    (r"(OpenIGTLink at 127\.0\.0\.1):\d+", "$1:0"),
     // Seconds of this machine.
     (r"(start of QEMU to K:) [0-9.]+ s", "$1 0 s"),
     // How long a raw recording is depends on when the host asked for the stream.
@@ -55,7 +57,7 @@ pub fn same(block: &Block, fresh: &str) -> bool {
 pub fn told(block: &Block, fresh: &str) -> String {
     let (shown, fresh) = (normal(block, &block.text()), normal(block, fresh));
     let diff = TextDiff::from_lines(&shown, &fresh);
-    let diff = diff.unified_diff().context_radius(2).header("README.md", "the command").to_string();
+    let diff = diff.unified_diff().context_radius(2).header(block.page(), "the command").to_string();
     format!("{}: the output is another one:\n{diff}", block.place())
 }
 
@@ -73,7 +75,7 @@ mod tests {
 
     fn block(made: &str, text: &str) -> Block {
         let page = format!("<!-- readme: {made} -->\n```console\n{text}\n```\n");
-        Page::of(&page).blocks().unwrap().remove(0)
+        Page::of("a.md", &page).blocks().unwrap().remove(0)
     }
 
     #[test]
@@ -83,7 +85,7 @@ mod tests {
         let other = "$ guide home --port /tmp/needle-guide-KP2mC9/serial\nK 14.45 kPa\n";
         assert!(!same(&shown, other));
         let told = told(&shown, other);
-        assert!(told.starts_with("README.md:3: ") && told.contains("-K 14.44 kPa\n+K 14.45 kPa"), "{told}");
+        assert!(told.starts_with("a.md:3: ") && told.contains("-K 14.44 kPa\n+K 14.45 kPa"), "{told}");
     }
 
     #[test]

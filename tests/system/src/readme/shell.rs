@@ -5,6 +5,9 @@ use anyhow::{Context, Result, bail, ensure};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+/// The port of a running rig, as the pages show it.
+const PORT: &str = "/tmp/needle-guide-AbCdEf/serial";
+
 /// Where the commands of console blocks run, and what stands for what the page names.
 #[derive(Debug, Clone)]
 pub struct Shell {
@@ -19,7 +22,7 @@ impl Shell {
         Self { guide, folder: folder.to_owned(), port: None }
     }
 
-    /// With this port in place of the page's.
+    /// With this port in place of the pages'.
     #[must_use]
     pub fn with_port(self, port: String) -> Self {
         Self { port: Some(port), ..self }
@@ -33,13 +36,13 @@ impl Shell {
     /// The block with what its commands print now.
     ///
     /// # Errors
-    /// Where a command fails, or is none of `guide`; the error names its line.
+    /// Where a command fails that should not or the other way round, or is none of `guide`; the error names its line.
     pub fn run(&self, block: &Block) -> Result<String> {
         let mut text = String::new();
         let mut said_before = false;
         for command in commands(block.lines()) {
             let place = || format!("{}: `{}`", block.place_of(command.line), command.joined);
-            let said = self.say(&command.joined).with_context(place)?;
+            let said = self.say(&command.joined, block.fails).with_context(place)?;
             if said_before {
                 text.push('\n');
             }
@@ -53,19 +56,17 @@ impl Shell {
         Ok(text)
     }
 
-    fn say(&self, command: &str) -> Result<String> {
+    fn say(&self, command: &str, fails: bool) -> Result<String> {
         let words = shlex::split(command).context("quotes without an end")?;
         let [program, arguments @ ..] = words.as_slice() else { bail!("no command") };
         ensure!(program == "guide", "only commands of `guide` are run");
-        let mut arguments = arguments.to_vec();
-        if let Some((port, at)) =
-            self.port.as_ref().zip(arguments.iter().position(|argument| argument == "--port"))
-            && let Some(named) = arguments.get_mut(at + 1)
-        {
-            named.clone_from(port);
-        }
+        let port = |argument: &String| match &self.port {
+            Some(port) if argument == PORT => port.clone(),
+            _ => argument.clone(),
+        };
+        let arguments = arguments.iter().map(port);
         let output = Command::new(&self.guide)
-            .args(&arguments)
+            .args(arguments)
             .current_dir(&self.folder)
             .stdin(Stdio::null())
             // The width of help and the colours are those of no terminal, whoever calls.
@@ -74,6 +75,10 @@ impl Shell {
             .output()
             .context("cannot start")?;
         let complaint = String::from_utf8_lossy(&output.stderr);
+        if fails {
+            ensure!(!output.status.success(), "succeeds");
+            return Ok(String::from_utf8(output.stdout)? + &complaint);
+        }
         ensure!(output.status.success(), "fails: {}", complaint.trim());
         Ok(String::from_utf8(output.stdout)?)
     }

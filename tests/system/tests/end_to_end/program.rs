@@ -15,7 +15,7 @@ use system::readme::{self, shell::Shell};
 
 const XTASK: &str = env!("CARGO_BIN_EXE_system");
 
-/// What the procedure finds, its recording, and what README.md shows of it.
+/// What the procedure finds, its recording, and what the pages show of it.
 fn run_procedure(seed: u64) -> (Outcome, String, String) {
     let folder = tempfile::tempdir().unwrap();
     let out = readme::rig::out(folder.path());
@@ -69,7 +69,7 @@ fn the_procedure_finds_the_modulus_that_nobody_told_it_and_repeats_exactly() {
     assert_ne!(other.identified["pooled"], outcome.identified["pooled"]);
 }
 
-/// Seeds of rigs whose hidden effect has to be found, beside the one that README.md shows: each of another effect.
+/// Seeds of rigs whose hidden effect has to be found, beside the one that the pages show: each of another effect.
 const HIDING_SEEDS: [u64; 3] = [2, 3, 12];
 
 /// The firmware runs the staircase on rigs that hide something behind small imperfections, and the workflow finds it.
@@ -92,7 +92,7 @@ fn a_hidden_effect_is_found_from_what_the_firmware_records() {
     }
 }
 
-/// Without a schedule, as by hand: what README.md types, then move there, and the status says so.
+/// Without a schedule, as by hand: what the pages type, then move there, and the status says so.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_move_by_hand_arrives() {

@@ -1,17 +1,19 @@
-//! README.md says what the commands say, and names only what there is.
+//! README.md and the manual show what the commands print, and name only what there is.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;
-use system::images::build_guide;
+use system::images::{build_guide, root};
+use system::readme::book::{Book, MANUAL};
+use system::readme::check_quick;
 use system::readme::page::Page;
-use system::readme::{check_quick, path};
 
-/// Options of other programs that the page names: cargo, cargo bench and cargo test, probe-rs.
-const OF_OTHERS: [&str; 6] = ["--path", "--bench", "--all-targets", "--nocapture", "--chip", "--help"];
+/// Options of other programs that the pages name: cargo, cargo bench and cargo test, probe-rs, git.
+const OF_OTHERS: [&str; 8] =
+    ["--path", "--bench", "--all-targets", "--nocapture", "--chip", "--help", "--lib", "--config"];
 
 #[test]
-fn the_readme_says_what_the_commands_say() {
+fn the_pages_show_what_the_commands_print() {
     check_quick().unwrap_or_else(|error| panic!("{error:#}"));
 }
 
@@ -70,7 +72,7 @@ fn options_in(text: &str) -> Vec<String> {
     words.filter(is_option).map(str::to_owned).collect()
 }
 
-/// What is typed on the page: code in a line, and the lines of fenced blocks, joined where they go on, and
+/// What is typed on a page: code in a line, and the lines of fenced blocks, joined where they go on, and
 /// the commands of marks; with the line's number.
 fn typed(page: &Page) -> Vec<(usize, String)> {
     let mut found: Vec<(usize, String)> = Vec::new();
@@ -89,7 +91,12 @@ fn typed(page: &Page) -> Vec<(usize, String)> {
             found.push((number + 1, command.trim_end_matches(" -->").to_owned()));
         } else {
             // What is broken over two lines would be read the wrong way round.
-            assert!(line.matches('`').count().is_multiple_of(2), "README.md:{}: code has no end", number + 1);
+            assert!(
+                line.matches('`').count().is_multiple_of(2),
+                "{}:{}: code has no end",
+                page.name(),
+                number + 1
+            );
             found.extend(line.split('`').skip(1).step_by(2).map(|code| (number + 1, code.to_owned())));
         }
     }
@@ -97,13 +104,14 @@ fn typed(page: &Page) -> Vec<(usize, String)> {
 }
 
 #[test]
-fn every_command_and_option_of_the_readme_exists() {
+fn every_command_and_option_of_the_pages_exists() {
     let (guide, xtask) =
         (Program::of(&build_guide().unwrap()), Program::of(Path::new(env!("CARGO_BIN_EXE_system"))));
     let every: BTreeSet<&String> = guide.commands.values().chain(xtask.commands.values()).flatten().collect();
-    let page = Page::read(path()).unwrap();
+    let book = Book::read(root()).unwrap();
     let mut wrong = Vec::new();
-    for (number, text) in typed(&page) {
+    let typed = book.pages().iter().flat_map(|page| typed(page).into_iter().map(move |typed| (page, typed)));
+    for (page, (number, text)) in typed {
         let known = match (text.strip_prefix("guide "), text.strip_prefix("cargo xtask ")) {
             // What is drawn as `guide 1 ...` is a part of the rig.
             (Some(rest), _) if rest.starts_with(|c: char| c.is_ascii_lowercase()) => {
@@ -118,25 +126,63 @@ fn every_command_and_option_of_the_readme_exists() {
         for option in named.flat_map(|word| options_in(word)) {
             let fault = match &known {
                 Some(None) => continue,
+                // Every command has it, and help does not list it as an option of its own.
+                Some(Some(_)) if option == "--help" => continue,
                 Some(Some((_, options))) if options.contains(&option) => continue,
                 Some(Some((name, _))) => format!("{name} has no option {option}"),
                 None if every.contains(&option) || OF_OTHERS.contains(&option.as_str()) => continue,
                 None => format!("no command has an option {option}"),
             };
-            wrong.push(format!("README.md:{number}: `{text}`: {fault}"));
+            wrong.push(format!("{}:{number}: `{text}`: {fault}", page.name()));
         }
         if known == Some(None) {
-            wrong.push(format!("README.md:{number}: `{text}`: no such command"));
+            wrong.push(format!("{}:{number}: `{text}`: no such command", page.name()));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Every sub-command has a page with its own outputs, and no page is about a command that does not exist.
+#[test]
+fn every_command_has_its_page() {
+    let guide = Program::of(&build_guide().unwrap());
+    let book = Book::read(root()).unwrap();
+    let folder = format!("{MANUAL}/commands/");
+    let names = book.pages().iter().filter_map(|page| page.name().strip_prefix(&folder)?.strip_suffix(".md"));
+    assert_eq!(names.map(str::to_owned).collect::<BTreeSet<_>>(), guide.top());
+    for name in guide.top() {
+        let page = book.page(&format!("{folder}{name}.md")).unwrap();
+        let blocks = page.blocks().unwrap();
+        let lines = || blocks.iter().flat_map(|block| block.lines());
+        assert!(
+            page.lines().first().is_some_and(|line| *line == format!("# `guide {name}`")),
+            "{name}: title"
+        );
+        assert!(lines().any(|line| line.starts_with(&format!("$ guide {name} "))), "{name}: no output of it");
+    }
+}
+
+/// Every effect of the catalogue is described.
+#[test]
+fn every_effect_has_its_place() {
+    let output = Command::new(build_guide().unwrap()).args(["effects", "--json"]).output().unwrap();
+    let catalogue: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let effects = catalogue["effects"].as_array().unwrap();
+    let book = Book::read(root()).unwrap();
+    let page = book.page(&format!("{MANUAL}/effects.md")).unwrap();
+    assert!(effects.len() > 20);
+    for effect in effects {
+        let title = format!("### `{}`", effect["id"].as_str().unwrap());
+        assert!(page.lines().contains(&title), "effects.md has no heading {title}");
+    }
 }
 
 /// The table names every sub-command once, no other, and in each row only options of the commands in that row.
 #[test]
 fn the_table_of_commands_is_that_of_the_program() {
     let guide = Program::of(&build_guide().unwrap());
-    let page = Page::read(path()).unwrap();
+    let book = Book::read(root()).unwrap();
+    let page = book.page(&format!("{MANUAL}/commands.md")).unwrap();
     let rows = page.lines().iter().skip_while(|line| *line != "| command | does |").skip(2);
     let mut named = Vec::new();
     for row in rows.take_while(|line| line.starts_with('|')) {
