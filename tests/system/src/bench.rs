@@ -2,7 +2,7 @@
 
 use crate::cosim::Cosim;
 use crate::images::{self, Image};
-use crate::qemu::{self, Qemu};
+use crate::qemu::{self, HANGS, Qemu};
 use crate::terminals::Terminals;
 use anyhow::{Result, ensure};
 use control::calibration::Calibration;
@@ -111,6 +111,13 @@ impl Bench {
         self.qemu.as_ref().map_or(Ok(false), |qemu| Ok(qemu.exited()?.is_none()))
     }
 
+    /// Sets another time limit for everything, from now on.
+    pub fn limit(&self, limit: Duration) {
+        if let Some(qemu) = &self.qemu {
+            qemu.limit(limit);
+        }
+    }
+
     /// Ends the firmware as a power switch would, at once.
     pub fn pull_the_plug(&mut self) {
         self.qemu = None;
@@ -126,7 +133,7 @@ impl Bench {
         }
         match self.qemu.take() {
             Some(qemu) => {
-                let (code, log) = qemu.wait(Duration::from_secs(10))?;
+                let (code, log) = qemu.wait(HANGS)?;
                 ensure!(code == 0, "the firmware ended with code {code}; its log: {log:#?}");
                 Ok(log)
             }

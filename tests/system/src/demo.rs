@@ -1,34 +1,35 @@
 //! `cargo xtask demo` and `cargo xtask rig`: the whole system at work on a machine without a board.
 //!
 //! The demonstration types the commands a user would type and shows what they say. Its motions start at fixed times of the
-//! device's clock, and the rig advances with that clock, so the same seed gives the same numbers on any machine.
+//! device's clock, and the rig advances with that clock, so the same seed gives the same numbers on any machine. The rig knows
+//! these times, and waits for a command that a busy machine has not come to yet.
 
 pub mod hidden;
 pub mod seeds;
 
 use crate::bench::Bench;
+use crate::cosim::Appointment;
 use crate::images;
+use crate::qemu::HANGS;
 use anyhow::{Context, Result, ensure};
+use device::link::Program;
 use formats::session::{InsertionRun, Noise, Session, SessionWriter, Setup};
 use mechanics::Rig;
 use serde_json::Value;
 use simulation::rig::Truth;
 use simulation::rig::config::RigConfig;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{fs, thread};
 
-/// Everything is ended after this long, whatever hangs.
-const LIMIT: Duration = Duration::from_secs(120);
-/// When home, tare and the measurement start, seconds of the device's clock. The times between leave every command twice the
-/// time it needs on a slow machine: a command that comes too late is refused, not carried out at another time.
-const HOME_AT: &str = "4";
-const TARE_AT: &str = "10";
-const ACQUIRE_AT: &str = "15";
+/// When home, tare and the measurement start, seconds of the device's clock. A command that comes too late is refused, not carried
+/// out at another time; the rig's clock waits for each of them, however slow or busy the machine is.
+const HOME_AT_S: u32 = 4;
+const TARE_AT_S: u32 = 10;
+const ACQUIRE_AT_S: u32 = 15;
 /// Insertions of the needle after the modulus is known.
 const INSERTIONS: usize = 4;
 /// Rig seconds per second.
@@ -191,6 +192,8 @@ the session is in {}
 }
 
 const SESSION: &str = "phantom";
+/// The motion program of the measurement.
+const PROGRAM: &str = "displace";
 
 /// Homes, tares, displaces, holds, records and identifies with the program `guide`; `say` gets what a user would see. `xtask` is
 /// the program that takes sweeps from the rig.
@@ -212,15 +215,21 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, say: &mut dyn FnMut(&str))
     images::build(images::Image::Qemu)?;
 
     let began = Instant::now();
-    let bench = Bench::start(config, seed, SPEED, LIMIT)?;
+    let bench = Bench::start(config, seed, SPEED, HANGS)?;
+    bench.rig().expect([
+        Appointment::at_s(HOME_AT_S),
+        Appointment::at_s(TARE_AT_S),
+        Appointment::at_s(ACQUIRE_AT_S).with_sweeps(sweeps(PROGRAM)?),
+    ]);
     let port = bench.port();
     let sweep = sweep_command(xtask, &bench);
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let mut guide = Typist { program: guide, say };
-    guide.shown(&["home", "--port", &port, "--at-s", HOME_AT])?;
-    guide.shown(&["tare", "--port", &port, "--at-s", TARE_AT])?;
+    let [home_at, tare_at, acquire_at] = [HOME_AT_S, TARE_AT_S, ACQUIRE_AT_S].map(|at_s| at_s.to_string());
+    guide.shown(&["home", "--port", &port, "--at-s", &home_at])?;
+    guide.shown(&["tare", "--port", &port, "--at-s", &tare_at])?;
     let acquire =
-        ["acquire", "--port", &port, "--at-s", ACQUIRE_AT, "--program", "displace", "--rig", rig_file];
+        ["acquire", "--port", &port, "--at-s", &acquire_at, "--program", PROGRAM, "--rig", rig_file];
     let recording = ["--depth-mm", &depth_mm, "--out", session, "--sweep-command", &sweep];
     guide.shown(&[&acquire[..], &recording].concat())?;
     let truth = bench.rig().rig(|rig| rig.truth());
@@ -270,6 +279,12 @@ fn rig_toml(rig: &Rig) -> String {
 /// The command by which `guide acquire` takes a sweep.
 fn sweep_command(xtask: &Path, bench: &Bench) -> String {
     format!("'{}' sweep --socket '{}'", xtask.display(), bench.rig().ultrasound().display())
+}
+
+/// The steps of a motion program in which a sweep is taken.
+fn sweeps(program: &str) -> Result<Vec<u8>> {
+    let steps = (0..).zip(Program::load(program)?.steps);
+    Ok(steps.filter(|(_, planned)| planned.sweep).map(|(index, _)| index).collect())
 }
 
 /// Path of this program, from the working folder where it lies in it.

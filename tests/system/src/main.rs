@@ -1,7 +1,8 @@
 //! The program behind `cargo xtask`, which builds it first: demonstration, tests and long runs of the whole system.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use system::{beside, campaign, cosim, demo, fuzz, readme, size, soak, stress, suite, timing, tracking};
@@ -93,8 +94,9 @@ fn run(task: Task) -> Result<()> {
         }
         Task::Rig(args) => demo::rig(&args),
         Task::Sweep { socket } => {
-            print!("{}", cosim::take_sweep(&socket)?);
-            Ok(())
+            let taken = cosim::take_sweep(&socket, true)?;
+            print!("{}", taken.text);
+            std::io::stdout().flush().context("cannot print the sweep")
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Running an image in QEMU, with a time limit and its log.
 
+use crate::cosim::OUTPUT_PIPE;
 use anyhow::{Context, Result, bail};
 use defmt_decoder::{DecodeError, Table};
 use std::collections::VecDeque;
@@ -15,6 +16,8 @@ const QEMU: &str = "qemu-system-arm";
 /// Nanoseconds of virtual time per instruction, as a power of two: 4 ns, three times as fast as the real part. An emulated
 /// register access takes 200 instructions; at this rate a control period has the share of a millisecond it has on the board.
 const ICOUNT_SHIFT: u32 = 2;
+/// After this, by the computer's clock, something hangs. No limit of speed: many times what the slowest computer takes.
+pub const HANGS: Duration = Duration::from_secs(900);
 /// How often the end of QEMU is looked for.
 const POLL: Duration = Duration::from_millis(20);
 
@@ -28,6 +31,7 @@ pub struct Qemu {
     log: Arc<Mutex<VecDeque<String>>>,
     decoder: Option<JoinHandle<()>>,
     serial: PathBuf,
+    deadline: Arc<Mutex<Option<Instant>>>,
     _turn: Turn,
 }
 
@@ -54,11 +58,16 @@ impl Qemu {
     /// Where QEMU cannot be started or its serial port does not appear.
     pub fn start(turn: Turn, elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
         let serial = folder.join("serial");
+        let mut port = format!("pty,id=usb,path={}", serial.display());
+        if folder.join(OUTPUT_PIPE).exists() {
+            // Somebody wants to know what the device says.
+            port += &format!(",logfile={OUTPUT_PIPE}");
+        }
         let mut child = Command::new(QEMU)
             .current_dir(folder)
             .args(["-machine", "b-l475e-iot01a", "-display", "none", "-monitor", "none", "-nodefaults"])
             .arg("-chardev")
-            .arg(format!("pty,id=usb,path={}", serial.display()))
+            .arg(port)
             .args(["-serial", "chardev:usb"])
             .args(["-semihosting-config", "enable=on,target=native"])
             .args(["-icount", &format!("shift={ICOUNT_SHIFT},sleep=off")])
@@ -87,8 +96,9 @@ impl Qemu {
             }
         })?;
         let child = Arc::new(Mutex::new(child));
-        kill_after(Arc::clone(&child), limit)?;
-        let qemu = Self { child, log, decoder: Some(decoder), serial, _turn: turn };
+        let deadline = Arc::new(Mutex::new(Instant::now().checked_add(limit)));
+        kill_at(&child, Arc::clone(&deadline))?;
+        let qemu = Self { child, log, decoder: Some(decoder), serial, deadline, _turn: turn };
         qemu.await_serial()?;
         Ok(qemu)
     }
@@ -101,6 +111,11 @@ impl Qemu {
     /// The end of the firmware's log so far, and QEMU's own messages.
     pub fn log(&self) -> Vec<String> {
         self.log.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
+    }
+
+    /// Sets another time limit, from now on.
+    pub fn limit(&self, limit: Duration) {
+        *self.deadline.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now().checked_add(limit);
     }
 
     /// Waits for the firmware to end by itself; returns its exit code.
@@ -132,13 +147,13 @@ impl Qemu {
     }
 
     fn await_serial(&self) -> Result<()> {
-        let deadline = Instant::now() + Duration::from_secs(10);
+        let deadline = Instant::now() + HANGS;
         while !self.serial.exists() {
             if let Some(status) = self.exited()? {
                 bail!("QEMU ended at once ({status}): {:?}", self.log());
             }
             if Instant::now() > deadline {
-                bail!("QEMU made no serial port in 10 s: {:?}", self.log());
+                bail!("QEMU made no serial port in {HANGS:?}: {:?}", self.log());
             }
             thread::sleep(POLL);
         }
@@ -154,11 +169,15 @@ impl Drop for Qemu {
     }
 }
 
-fn kill_after(child: Arc<Mutex<Child>>, limit: Duration) -> Result<()> {
-    let child = Arc::downgrade(&child);
+/// Kills QEMU when its time is over; where there is no such time it never is.
+fn kill_at(child: &Arc<Mutex<Child>>, deadline: Arc<Mutex<Option<Instant>>>) -> Result<()> {
+    let child = Arc::downgrade(child);
+    let is_over = move || {
+        let deadline = *deadline.lock().unwrap_or_else(PoisonError::into_inner);
+        deadline.is_some_and(|deadline| Instant::now() >= deadline)
+    };
     thread::Builder::new().name("qemu time limit".into()).spawn(move || {
-        let began = Instant::now();
-        while began.elapsed() < limit {
+        while !is_over() {
             thread::sleep(POLL);
             if child.strong_count() == 0 {
                 return;

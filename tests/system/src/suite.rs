@@ -9,16 +9,12 @@
 //! The last line is `N passed, N failed`.
 
 use crate::images::{self, Image};
-use crate::qemu::{Qemu, turn};
+use crate::qemu::{HANGS, Qemu, turn};
 use crate::{size, timing, tracking};
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader};
 use std::ops::AddAssign;
 use std::process::Stdio;
-use std::time::Duration;
-
-/// The protocol's tests take less than a second in QEMU.
-const CONFORMANCE_LIMIT: Duration = Duration::from_secs(60);
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Counts {
@@ -115,8 +111,8 @@ fn result_line(line: &str) -> Option<Counts> {
 fn conformance() -> Result<Counts> {
     let elf = images::build(Image::Conformance)?;
     let folder = tempfile::tempdir()?;
-    let qemu = Qemu::start(turn(), &elf, folder.path(), CONFORMANCE_LIMIT)?;
-    let (_, log) = qemu.wait(CONFORMANCE_LIMIT)?;
+    let qemu = Qemu::start(turn(), &elf, folder.path(), HANGS)?;
+    let (_, log) = qemu.wait(HANGS)?;
     for line in &log {
         println!("{}", line.split_once(' ').map_or(line.as_str(), |(_level, text)| text));
     }

@@ -123,7 +123,7 @@ mod tests {
         let terminals = Terminals::watch().unwrap();
         let began = Instant::now();
         // Far more than any stall that was ever seen.
-        while terminals.shared.seen().longest.is_zero() && began.elapsed() < Duration::from_secs(300) {
+        while terminals.shared.seen().longest.is_zero() && began.elapsed() < crate::qemu::HANGS {
             thread::sleep(PAUSE);
         }
         assert!(!terminals.shared.seen().longest.is_zero(), "no byte has passed");

@@ -1,13 +1,11 @@
 //! `cargo xtask timing`: what a control period costs on the target, in instructions, and what share of the processor that is.
 
 use crate::images::{self, Image};
-use crate::qemu::{Qemu, turn};
+use crate::qemu::{HANGS, Qemu, turn};
 use anyhow::{Context, Result, ensure};
 use std::fmt::{self, Display};
-use std::time::Duration;
 
 /// Five minutes of control take a few seconds.
-const LIMIT: Duration = Duration::from_secs(120);
 /// Clocks in a control period: a millisecond at 80 MHz.
 const CLOCKS: f64 = 80_000.0;
 /// Clocks per instruction: what code from flash with its accelerator takes on this core, with some to spare.
@@ -62,8 +60,8 @@ impl Display for Timing {
 pub fn run() -> Result<Timing> {
     let elf = images::build(Image::Timing)?;
     let folder = tempfile::tempdir()?;
-    let qemu = Qemu::start(turn(), &elf, folder.path(), LIMIT)?;
-    let (code, log) = qemu.wait(LIMIT)?;
+    let qemu = Qemu::start(turn(), &elf, folder.path(), HANGS)?;
+    let (code, log) = qemu.wait(HANGS)?;
     ensure!(code == 0, "the timing image ended with {code}: {log:#?}");
     let line = log.iter().find_map(|line| line.split_once("period ")).context("the image says nothing")?.1;
     let timing = read(line).with_context(|| format!("not a timing: {line}"))?;

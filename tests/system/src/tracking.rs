@@ -2,7 +2,7 @@
 //! host's in double precision.
 
 use crate::images::{self, Image};
-use crate::qemu::{Qemu, turn};
+use crate::qemu::{HANGS, Qemu, turn};
 use anyhow::{Context, Result, ensure};
 use estimator::{Estimate, Settings};
 use formats::session::SteeringRun;
@@ -13,10 +13,8 @@ use simulation::rig::steering::{Inclusion, Plan, Sensors, SteeringRig, Tissue, T
 use std::fmt::{self, Display};
 use std::fs;
 use std::path::Path;
-use std::time::Duration;
 
 /// The run takes a few seconds in QEMU.
-const LIMIT: Duration = Duration::from_secs(120);
 /// How far the target may be from the host: stiffness as a share of its interval's half-width, tip in m.
 const STIFFNESS_SHARE: f64 = 0.25;
 const TIP_M: f64 = 0.05e-3;
@@ -71,8 +69,8 @@ pub fn run() -> Result<Tracked> {
     let settings = settings::<f64>(&needle, &dynamics)?;
     let run = recorded()?;
     write(folder.path(), &settings, &run)?;
-    let qemu = Qemu::start(turn(), &elf, folder.path(), LIMIT)?;
-    let (code, log) = qemu.wait(LIMIT)?;
+    let qemu = Qemu::start(turn(), &elf, folder.path(), HANGS)?;
+    let (code, log) = qemu.wait(HANGS)?;
     ensure!(code == 0, "the estimator's image ended with {code}: {log:#?}");
     let mut tracker = SoundTracker::new(settings).context("the layout does not fit")?;
     let host: Vec<Estimate<f64>> =

@@ -287,6 +287,7 @@ fn stream(seed: u64, number: u64) -> ChaCha8Rng {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::qemu::HANGS;
 
     /// A cable between two pseudo terminals; the first is the device's, the second a user's view of the near end.
     fn cable(seed: u64) -> (Pty, NoisyWire, OwnedFd) {
@@ -297,12 +298,21 @@ mod tests {
         (device, wire, host)
     }
 
-    /// Reads what comes until nothing has for a while, or the count is reached.
+    /// Reads so many bytes.
     fn receive(from: BorrowedFd<'_>, count: usize) -> Vec<u8> {
+        receive_within(from, count, &Timespec { tv_sec: HANGS.as_secs() as i64, tv_nsec: 0 })
+    }
+
+    /// Whether nothing comes for a while.
+    fn is_silent(from: BorrowedFd<'_>) -> bool {
+        receive_within(from, 1, &Timespec { tv_sec: 0, tv_nsec: 300_000_000 }).is_empty()
+    }
+
+    /// Reads what comes until nothing has for so long, or the count is reached.
+    fn receive_within(from: BorrowedFd<'_>, count: usize, patience: &Timespec) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut buffer = [0; 4096];
-        let patience = Timespec { tv_sec: 0, tv_nsec: 300_000_000 };
-        while bytes.len() < count && wait(from, PollFlags::IN, &patience) {
+        while bytes.len() < count && wait(from, PollFlags::IN, patience) {
             let length = rustix::io::read(from, &mut buffer).unwrap_or_default();
             bytes.extend_from_slice(&buffer[..length]);
         }
@@ -321,6 +331,14 @@ mod tests {
 
     fn pattern(count: usize) -> Vec<u8> {
         (0..count).map(|i| (i * 31 + i / 256) as u8).collect()
+    }
+
+    fn eventually(mut holds: impl FnMut() -> bool) {
+        let began = Instant::now();
+        while !holds() {
+            assert!(began.elapsed() < HANGS, "never");
+            thread::sleep(Duration::from_millis(2));
+        }
     }
 
     #[test]
@@ -370,14 +388,16 @@ mod tests {
     fn a_cut_cable_loses_everything_until_it_is_mended() {
         let (device, wire, host) = cable(6);
         rustix::io::write(&device.master, b"unread").unwrap();
-        thread::sleep(Duration::from_millis(50));
+        eventually(|| wire.counters(Direction::ToHost).bytes == 6);
+        // They are in the terminal's queue as soon as they can be read.
+        assert!(wait(host.as_fd(), PollFlags::IN, &Timespec { tv_sec: HANGS.as_secs() as i64, tv_nsec: 0 }));
         wire.cut();
         rustix::io::write(&device.master, b"lost").unwrap();
         rustix::io::write(&host, b"lost").unwrap();
-        assert!(receive(host.as_fd(), 1).is_empty());
-        assert!(receive(device.master.as_fd(), 1).is_empty());
-        assert_eq!(wire.counters(Direction::ToHost).dropped, 4);
-        assert_eq!(wire.counters(Direction::ToDevice).dropped, 4);
+        for direction in [Direction::ToHost, Direction::ToDevice] {
+            eventually(|| wire.counters(direction).dropped == 4);
+        }
+        assert!(is_silent(host.as_fd()) && is_silent(device.master.as_fd()));
         wire.mend();
         assert_eq!(through(device.master.as_fd(), host.as_fd(), b"back"), b"back");
         assert_eq!(through(host.as_fd(), device.master.as_fd(), b"again"), b"again");

@@ -6,6 +6,7 @@
 use super::line::Line;
 use crate::bench::Bench;
 use crate::cosim::Injection;
+use crate::qemu::HANGS;
 use anyhow::{Context, Result, anyhow};
 use control::calibration::Calibration;
 use control::campaign::judge::{Judge, ROLLS_ON_UM, Seen};
@@ -22,8 +23,6 @@ const SPEED: f64 = f64::INFINITY;
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(1_500);
 /// How often a command is sent.
 const TRIES: u32 = 8;
-/// Time by this computer's clock in which the device has restarted, or a period has passed.
-const HANGS: Duration = Duration::from_secs(60);
 /// Device time between two signs of life, milliseconds.
 const STATUS_INTERVAL_MS: u64 = 400;
 /// Device time in which a replayed frame has been received and carried out, milliseconds.

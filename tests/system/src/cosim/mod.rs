@@ -9,21 +9,35 @@
 //! | [`injection`] | what goes wrong between rig and firmware, and how soon the firmware reacts |
 //! | [`history`] | what passed between them in each of the last periods |
 //! | [`sweeps`] | the rig's ultrasound |
+//! | [`output`] | what the device says on its serial line |
+//! | [`gate`] | where device time waits for a host that is not given processor time |
+//! | [`pace`] | how fast device time runs otherwise |
 
+mod gate;
 mod history;
 mod injection;
 mod line;
+mod output;
+mod pace;
 mod sweeps;
 
+pub use gate::Appointment;
 pub use history::{History, KEPT_PERIODS, Period};
 pub use injection::{Injection, Reaction, Trigger};
 pub use line::{BITS_PER_BYTE, LINE_BAUD};
+pub(crate) use output::OUTPUT_PIPE;
 pub use sweeps::take_sweep;
 
+use crate::qemu::HANGS;
 use anyhow::{Context, Result, bail};
-use emulation::plant::{FORCE_CODE_MAX, PlantReply, PlantRequest, RECORD_BYTES, REPLY_PIPE, REQUEST_PIPE};
+use emulation::plant::{
+    FORCE_CODE_MAX, PERIOD_US, PlantReply, PlantRequest, RECORD_BYTES, REPLY_PIPE, REQUEST_PIPE,
+};
+use gate::Gate;
 use injection::Electronics;
-use rustix::fs::{Mode, OFlags};
+use output::Output;
+use pace::Pace;
+use rustix::fs::OFlags;
 use simulation::rig::SimulatedRig;
 use simulation::rig::config::RigConfig;
 use std::fs::{File, OpenOptions};
@@ -38,10 +52,8 @@ use std::time::{Duration, Instant};
 
 /// Length of one lockstep period, seconds.
 const PERIOD_S: f64 = 1e-3;
-/// How long the firmware may take to open the pipes.
-const START_LIMIT: Duration = Duration::from_secs(20);
-/// The rig runs in bursts of this many periods and sleeps between them: a sleep per period would mostly be overhead.
-const BURST_PERIODS: u64 = 5;
+/// How soon the rig sees, while it waits, that what it waits for has come.
+const LOOK: Duration = Duration::from_millis(2);
 
 #[derive(Debug)]
 struct State {
@@ -57,6 +69,9 @@ struct State {
     reach: Reach,
     /// What passed in each of the last periods, if it is to be kept.
     history: Option<History>,
+    gate: Gate,
+    /// Bytes that the device had sent over its line before the period.
+    sent_bytes: u64,
 }
 
 /// The most of both axes.
@@ -79,7 +94,7 @@ pub struct Cosim {
 
 impl Cosim {
     /// Makes the pipes and the socket in a folder and waits there for the firmware. `speed`: how many times faster than the
-    /// wall clock the rig may run; infinite for as fast as it can.
+    /// wall clock the rig may run; infinite for as fast as it can. It never runs ahead of a host: see [`gate`].
     ///
     /// # Errors
     /// Where the rig makes no sense, or pipes or socket cannot be made.
@@ -88,16 +103,9 @@ impl Cosim {
         let codes_per_n = force.share_of_full_scale * f64::from(FORCE_CODE_MAX) / force.range_n;
         let rig = SimulatedRig::new(config, seed)?;
         for name in [REQUEST_PIPE, REPLY_PIPE] {
-            let path = folder.join(name);
-            rustix::fs::mknodat(
-                rustix::fs::CWD,
-                &path,
-                rustix::fs::FileType::Fifo,
-                Mode::RUSR | Mode::WUSR,
-                0,
-            )
-            .with_context(|| format!("cannot make the pipe {}", path.display()))?;
+            output::make_pipe(&folder.join(name))?;
         }
+        let output = Output::open(folder)?;
         let state = Arc::new(Mutex::new(State {
             rig,
             electronics: Electronics::new(codes_per_n),
@@ -106,14 +114,26 @@ impl Cosim {
             started: 0,
             reach: Reach::default(),
             history: None,
+            gate: Gate::new(),
+            sent_bytes: 0,
         }));
         let stop = Arc::new(AtomicBool::new(false));
         sweeps::serve(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;
         let worker = thread::Builder::new().name("rig".into()).spawn({
             let (state, stop, folder) = (Arc::clone(&state), Arc::clone(&stop), folder.to_owned());
-            move || serve(&state, &stop, &folder, speed)
+            move || serve(&state, &stop, &folder, output, speed)
         })?;
         Ok(Self { state, stop, folder: folder.to_owned(), worker: Some(worker) })
+    }
+
+    /// Announces motion programs that a host is going to start: device time waits for each to be accepted and for its sweeps.
+    pub fn expect(&self, appointments: impl IntoIterator<Item = Appointment>) {
+        lock(&self.state).gate.expect(appointments);
+    }
+
+    /// Whether a host may be silent on purpose from now on: device time does not wait for it.
+    pub fn host_may_be_silent(&self, may: bool) {
+        lock(&self.state).gate.host_may_be_silent(may);
     }
 
     /// Looks at the rig.
@@ -140,6 +160,12 @@ impl Cosim {
     /// Periods since the firmware first started.
     pub fn steps(&self) -> u64 {
         lock(&self.state).steps
+    }
+
+    /// Periods since the firmware first started, and bytes that it had sent over its line by then.
+    pub fn sent(&self) -> (u64, u64) {
+        let state = lock(&self.state);
+        (state.steps, state.sent_bytes)
     }
 
     /// From now on what passes is kept, for the last [`KEPT_PERIODS`].
@@ -214,28 +240,60 @@ fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
     state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn serve(state: &Mutex<State>, stop: &AtomicBool, folder: &Path, speed: f64) -> Result<()> {
-    let deadline = Instant::now() + START_LIMIT;
+fn serve(
+    state: &Mutex<State>,
+    stop: &AtomicBool,
+    folder: &Path,
+    mut output: Output,
+    speed: f64,
+) -> Result<()> {
+    let deadline = Instant::now() + HANGS;
     let Some((mut requests, mut replies)) = open_pipes(folder, stop, deadline)? else { return Ok(()) };
     let mut record = [0; RECORD_BYTES];
-    let began = Instant::now();
+    let mut pace = Pace::new(Duration::from_micros(PERIOD_US.into()), speed, Instant::now());
     while read_record(&mut requests, &mut record, stop)? {
         let request = PlantRequest::from_bytes(&record).context("the firmware sent no plant record")?;
         while lock(state).electronics.freezes() && !stop.load(Ordering::Acquire) {
-            thread::sleep(Duration::from_millis(5));
+            thread::sleep(LOOK);
         }
-        let (reply, steps) = step(&mut lock(state), &request, stop.load(Ordering::Acquire));
+        let now_ms = u64::from(request.step);
+        {
+            let State { gate, sent_bytes, .. } = &mut *lock(state);
+            *sent_bytes += output.drain(|message| gate.hear(now_ms, message));
+            if request.step == 0 {
+                // What was said before is of the start before.
+                gate.restarted();
+            }
+        }
+        hold_back(state, stop, now_ms);
+        let reply = step(&mut lock(state), &request, stop.load(Ordering::Acquire));
         if replies.write_all(&reply.to_bytes()).is_err() {
             break;
         }
-        pace(steps, began, speed);
+        match pace.period(Instant::now()) {
+            Duration::ZERO => {}
+            ahead => thread::sleep(ahead),
+        }
     }
     Ok(())
 }
 
-/// One period; the reply, and the periods since the start.
-fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> (PlantReply, u64) {
-    let State { rig, electronics, steps, resets, started, reach, history } = state;
+/// Keeps the device in a period while it has to wait for its host.
+fn hold_back(state: &Mutex<State>, stop: &AtomicBool, now_ms: u64) {
+    let began = Instant::now();
+    while !stop.load(Ordering::Acquire) {
+        let now = Instant::now();
+        let Some(waiting) = lock(state).gate.waiting(now_ms, now) else { return };
+        match waiting.crawl().checked_sub(now - began) {
+            None | Some(Duration::ZERO) => return,
+            Some(left) => thread::sleep(left.min(LOOK)),
+        }
+    }
+}
+
+/// One period.
+fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> PlantReply {
+    let State { rig, electronics, steps, resets, started, reach, history, .. } = state;
     if request.step == 0 && *steps > 0 {
         *resets += 1;
         *started = *steps;
@@ -258,17 +316,7 @@ fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> (PlantRep
             force_repeats: !reply.force_ready || reply.corrupt_force_crc || reply.reset_force_converter,
         });
     }
-    (reply, *steps)
-}
-
-/// Sleeps so that rig time does not run ahead of the wall clock times `speed`.
-fn pace(step: u64, began: Instant, speed: f64) {
-    if speed.is_finite() && step.is_multiple_of(BURST_PERIODS) {
-        let due = Duration::from_secs_f64(step as f64 * PERIOD_S / speed);
-        if let Some(ahead) = due.checked_sub(began.elapsed()) {
-            thread::sleep(ahead);
-        }
-    }
+    reply
 }
 
 /// Opens both pipes without ever hanging on a firmware that does not come. `None` when asked to stop meanwhile.
@@ -287,7 +335,7 @@ fn open_pipes(folder: &Path, stop: &AtomicBool, deadline: Instant) -> Result<Opt
             }
             Err(_) if stop.load(Ordering::Acquire) => return Ok(None),
             Err(_) if Instant::now() < deadline => thread::sleep(Duration::from_millis(2)),
-            Err(error) => bail!("the firmware did not open the plant pipes in {START_LIMIT:?}: {error}"),
+            Err(error) => bail!("the firmware did not open the plant pipes in {HANGS:?}: {error}"),
         }
     }
 }

@@ -1,15 +1,25 @@
 //! The rig's ultrasound probe on a socket: one sweep per connection, as text that `guide acquire` takes.
+//!
+//! A sweep costs no device time: from the connection on, device time waits ([`super::gate`]) until the program that takes the
+//! sweep has ended and been waited for by the one that started it, which then has all of its output.
 
-use super::{State, lock};
+use super::{LOOK, State, lock};
+use crate::qemu::HANGS;
 use anyhow::{Context, Result};
+use rustix::process::{Pid, test_kill_process};
 use simulation::rig::SimulatedRig;
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
+use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// How long device time waits for whoever takes a sweep, by the computer's clock: one that hangs, or that nobody waits for, must
+/// not keep it for ever.
+const PATIENCE: Duration = Duration::from_secs(20);
 
 pub(super) fn serve(path: &Path, state: Arc<Mutex<State>>, stop: Arc<AtomicBool>) -> Result<()> {
     let listener = UnixListener::bind(path)
@@ -19,14 +29,47 @@ pub(super) fn serve(path: &Path, state: Arc<Mutex<State>>, stop: Arc<AtomicBool>
             if stop.load(Ordering::Acquire) {
                 return;
             }
-            if let Ok(mut stream) = stream {
-                let text = sweep_csv(&mut lock(&state).rig);
-                // A client that has gone away takes no sweep; the next one will.
-                let _ = stream.write_all(text.as_bytes());
+            if let Ok(stream) = stream {
+                lock(&state).gate.sweep_begins();
+                give(stream, &state, &stop);
+                lock(&state).gate.sweep_ends();
             }
         }
     })?;
     Ok(())
+}
+
+/// Gives one sweep, and waits for the end of the program that takes it.
+fn give(mut stream: UnixStream, state: &Mutex<State>, stop: &AtomicBool) {
+    let text = sweep_csv(&mut lock(state).rig);
+    // A client that has gone away takes no sweep; the next one will.
+    let given = stream.write_all(text.as_bytes()).and_then(|()| stream.shutdown(Shutdown::Write));
+    if given.is_err() || stream.set_read_timeout(Some(LOOK)).is_err() {
+        return;
+    }
+    let began = Instant::now();
+    let goes_on = || began.elapsed() < PATIENCE && !stop.load(Ordering::Acquire);
+    let mut said = Vec::new();
+    while goes_on() && is_open(&mut stream, &mut said) {}
+    let taker = str::from_utf8(&said).ok().and_then(|text| text.trim().parse().ok()).and_then(Pid::from_raw);
+    while goes_on() && taker.is_some_and(|taker| test_kill_process(taker).is_ok()) {
+        thread::sleep(LOOK);
+    }
+}
+
+/// Whether the far end has it open, looked at for a moment; what it has said is kept.
+fn is_open(stream: &mut UnixStream, said: &mut Vec<u8>) -> bool {
+    let mut bytes = [0; 64];
+    match stream.read(&mut bytes) {
+        Ok(length) => {
+            said.extend(bytes.iter().take(length));
+            // Far more than a number has.
+            length > 0 && said.len() < bytes.len()
+        }
+        Err(error) => {
+            matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
+        }
+    }
 }
 
 fn sweep_csv(rig: &mut SimulatedRig) -> String {
@@ -38,15 +81,101 @@ fn sweep_csv(rig: &mut SimulatedRig) -> String {
     text
 }
 
-/// Takes one sweep from a rig that serves them: what `xtask sweep` prints.
+/// A sweep that is being taken. The rig waits until this is dropped: whoever prints the text keeps it until that is done.
+#[derive(Debug)]
+pub struct TakenSweep {
+    /// The sweep as CSV.
+    pub text: String,
+    _stream: UnixStream,
+}
+
+/// Takes one sweep from a rig that serves them: what `xtask sweep` prints. The rig waits for the end of this process too, if a
+/// program is to have its output.
 ///
 /// # Errors
 /// Where nobody serves there.
-pub fn take_sweep(socket: &Path) -> Result<String> {
+pub fn take_sweep(socket: &Path, for_a_program: bool) -> Result<TakenSweep> {
     let mut stream = UnixStream::connect(socket)
         .with_context(|| format!("no simulated ultrasound at {}", socket.display()))?;
-    stream.set_read_timeout(Some(Duration::from_secs(5)))?;
+    stream.set_read_timeout(Some(HANGS))?;
+    if for_a_program {
+        write!(stream, "{}", std::process::id())?;
+    }
     let mut text = String::new();
     stream.read_to_string(&mut text).context("the simulated ultrasound broke off")?;
-    Ok(text)
+    Ok(TakenSweep { text, _stream: stream })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::gate::Waiting;
+    use super::super::{Electronics, Gate, Reach};
+    use super::*;
+    use simulation::rig::config::RigConfig;
+    use std::process::{Command, Stdio};
+
+    /// A rig that serves sweeps.
+    fn served(folder: &Path) -> (std::path::PathBuf, Arc<Mutex<State>>, Arc<AtomicBool>) {
+        let state = State {
+            rig: SimulatedRig::new(RigConfig::default(), 1).unwrap(),
+            electronics: Electronics::new(1.0),
+            steps: 0,
+            resets: 0,
+            started: 0,
+            reach: Reach::default(),
+            history: None,
+            gate: Gate::new(),
+            sent_bytes: 0,
+        };
+        let (state, stop) = (Arc::new(Mutex::new(state)), Arc::new(AtomicBool::new(false)));
+        let socket = folder.join("ultrasound");
+        serve(&socket, Arc::clone(&state), Arc::clone(&stop)).unwrap();
+        (socket, state, stop)
+    }
+
+    fn waits(state: &Mutex<State>) -> bool {
+        lock(state).gate.waiting(0, Instant::now()) == Some(Waiting::Sweep)
+    }
+
+    fn eventually(mut holds: impl FnMut() -> bool) {
+        let began = Instant::now();
+        while !holds() {
+            assert!(began.elapsed() < HANGS, "never");
+            thread::sleep(LOOK);
+        }
+    }
+
+    #[test]
+    fn device_time_waits_while_a_sweep_is_taken_and_no_longer() {
+        let folder = tempfile::tempdir().unwrap();
+        let (socket, state, stop) = served(folder.path());
+        assert!(!waits(&state));
+        let taken = take_sweep(&socket, false).unwrap();
+        assert!(taken.text.lines().count() > 10, "{}", taken.text);
+        assert!(waits(&state), "until it is dropped");
+        drop(taken);
+        eventually(|| !waits(&state));
+        stop.store(true, Ordering::Release);
+    }
+
+    #[test]
+    fn device_time_waits_until_somebody_has_seen_the_end_of_the_program_that_took_a_sweep() {
+        let folder = tempfile::tempdir().unwrap();
+        let (socket, state, stop) = served(folder.path());
+        // It ends when it is told, and is a process until it has been waited for.
+        let mut program = Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        let mut stream = UnixStream::connect(&socket).unwrap();
+        write!(stream, "{}", program.id()).unwrap();
+        stream.read_to_string(&mut String::new()).unwrap();
+        drop(stream);
+        eventually(|| waits(&state));
+        drop(program.stdin.take());
+        for _ in 0..20 {
+            thread::sleep(LOOK);
+            assert!(waits(&state), "it has not been waited for");
+        }
+        program.wait().unwrap();
+        eventually(|| !waits(&state));
+        stop.store(true, Ordering::Release);
+    }
 }

@@ -1,8 +1,10 @@
 //! The end of the demonstration: a rig that hides an effect, and the discrepancy workflow that finds it.
 
-use super::{LIMIT, SPEED, Typist, path, rig_toml, sweep_command};
+use super::{SPEED, Typist, path, rig_toml, sweep_command, sweeps};
 use crate::bench::Bench;
+use crate::cosim::Appointment;
 use crate::images;
+use crate::qemu::HANGS;
 use anyhow::{Context, Result};
 use serde_json::Value;
 use simulation::rig::config::{HiddenEffect, RigConfig};
@@ -11,10 +13,12 @@ use std::fs;
 use std::path::Path;
 
 /// When home, tare and the first staircase start, and how long after it the next one does; seconds of the device's clock.
-const HOME_AT: &str = "4";
-const TARE_AT: &str = "10";
+const HOME_AT_S: u32 = 4;
+const TARE_AT_S: u32 = 10;
 const FIRST_AT_S: u32 = 15;
 const EVERY_S: u32 = 24;
+/// The motion program.
+const PROGRAM: &str = "quick-staircase";
 /// Depths of the needle, millimetres, and staircases at each.
 pub const PLAN: [(f64, usize); 3] = [(20.0, 1), (30.0, 2), (40.0, 1)];
 
@@ -135,14 +139,18 @@ pub fn diagnosis(
         config.simulation.depth_mm = *depth_mm;
         config.simulation.effects = vec![hidden.clone()];
         config.simulation.imperfections = Imperfections::of_seed(seed, start);
-        let bench = Bench::start(config, seed, SPEED, LIMIT)?;
+        let bench = Bench::start(config, seed, SPEED, HANGS)?;
+        let starts_s: Vec<u32> =
+            (0..*staircases).map(|number| FIRST_AT_S + EVERY_S * number as u32).collect();
+        bench.rig().expect([HOME_AT_S, TARE_AT_S].map(Appointment::at_s));
+        let sweeps = sweeps(PROGRAM)?;
+        bench.rig().expect(starts_s.iter().map(|at_s| Appointment::at_s(*at_s).with_sweeps(sweeps.clone())));
         let (port, sweep) = (bench.port(), sweep_command(xtask, &bench));
-        guide.output(&["home", "--port", &port, "--at-s", HOME_AT])?;
-        guide.output(&["tare", "--port", &port, "--at-s", TARE_AT])?;
-        for number in 0..*staircases {
-            let at_s = (FIRST_AT_S + EVERY_S * number as u32).to_string();
-            let depth_mm = depth_mm.to_string();
-            let acquire = ["acquire", "--port", &port, "--at-s", &at_s, "--program", "quick-staircase"];
+        guide.output(&["home", "--port", &port, "--at-s", &HOME_AT_S.to_string()])?;
+        guide.output(&["tare", "--port", &port, "--at-s", &TARE_AT_S.to_string()])?;
+        for at_s in starts_s {
+            let (at_s, depth_mm) = (at_s.to_string(), depth_mm.to_string());
+            let acquire = ["acquire", "--port", &port, "--at-s", &at_s, "--program", PROGRAM];
             let recording = ["--rig", rig_file, "--depth-mm", &depth_mm, "--out", session];
             let arguments = [&acquire[..], &recording, &["--sweep-command", &sweep]].concat();
             guide.echo(&arguments);

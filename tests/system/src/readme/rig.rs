@@ -12,10 +12,10 @@ use super::shell::Shell;
 use crate::bench::Bench;
 use crate::demo::{hidden, judgement, procedure};
 use crate::images;
+use crate::qemu::HANGS;
 use anyhow::{Result, bail};
 use simulation::rig::config::RigConfig;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// What the rig of the pages is drawn from.
 pub const SEED: u64 = 1;
@@ -23,7 +23,6 @@ pub const SEED: u64 = 1;
 const OUT: &str = "target/demo";
 /// The program that takes sweeps, as the demonstration names it when it is called from the root.
 const XTASK: &str = "target/debug/system";
-const LIMIT: Duration = Duration::from_secs(120);
 /// Rig seconds per second of the running rig.
 const SPEED: f64 = 4.0;
 
@@ -67,7 +66,7 @@ pub(super) fn all(blocks: &[Block]) -> Result<Vec<(&Block, String)>> {
     let printed = as_shown(&printed, folder.path(), &xtask);
     fresh.extend(of("hidden").map(|block| (block, printed.clone())));
     eprintln!("a running rig");
-    let bench = Bench::start(RigConfig::default(), SEED, SPEED, LIMIT)?;
+    let bench = Bench::start(RigConfig::default(), SEED, SPEED, HANGS)?;
     let shell = shell.with_port(bench.port());
     super::write_files(blocks, &shell)?;
     for block in of("live") {

@@ -6,6 +6,7 @@ use super::tally::Tally;
 use super::watch::{Memory, Watch};
 use crate::bench::Bench;
 use crate::cosim::Cosim;
+use crate::qemu::HANGS;
 use crate::trial::Books;
 use anyhow::{Context, Result, bail, ensure};
 use device::link::{Client, LinkError, Telemetry};
@@ -15,8 +16,6 @@ use std::time::{Duration, Instant};
 
 /// How long one look for what the device says waits.
 const LOOK: Duration = Duration::from_millis(5);
-/// Time by this computer's clock in which the rig goes on, or it hangs.
-const HANGS: Duration = Duration::from_secs(30);
 /// How often a question on a bad line is asked anew, each time with the client's own repeats.
 pub const ATTEMPTS: u32 = 8;
 

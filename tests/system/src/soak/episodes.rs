@@ -5,6 +5,7 @@ use super::answers::Answer;
 use super::device::{ATTEMPTS, Device};
 use super::faults::{Cause, Leads};
 use crate::cosim::{Injection, Trigger};
+use crate::qemu::HANGS;
 use anyhow::{Result, bail, ensure};
 use protocol::{Fault, Refusal, Request, ResetReason, State, Status};
 use rand::RngExt;
@@ -19,8 +20,6 @@ const CLEARS_MS: u64 = 3_000;
 const SILENT_MS: u32 = 1_500;
 /// Time in which a question that was sent has been heard.
 const HEARD_MS: u64 = 40;
-/// Time by this computer's clock in which the device has restarted.
-const RESTARTS: Duration = Duration::from_secs(60);
 /// How long a MoveTimeout takes.
 const MOVE_TIMEOUT_MS: u64 = 10_000;
 
@@ -190,7 +189,7 @@ impl Device<'_> {
                 self.rig().inject(Injection::default());
                 return self.insist(Request::Stop);
             }
-            ensure!(began.elapsed() < RESTARTS, "{}: no restart in {RESTARTS:?}", cause.name);
+            ensure!(began.elapsed() < HANGS, "{}: no restart in {HANGS:?}", cause.name);
             thread::sleep(Duration::from_millis(2));
         }
         self.rig().inject(Injection::default());
@@ -230,11 +229,13 @@ impl Device<'_> {
             let status = self.status()?;
             let heard_ms = status.t_us / 1_000 + self.rig().started();
             let latest_ms = self.now_ms() + HEARD_MS + u64::from(SILENT_MS);
+            self.rig().host_may_be_silent(true);
             // A bad line can be a silence of its own.
             if status.fault.is_none() {
                 let off = |device: &mut Self| Ok(device.rig().released_since().is_some());
                 self.until("the silence is noticed", 2 * u64::from(SILENT_MS), off)?;
             }
+            self.rig().host_may_be_silent(false);
             let Some(off_ms) = self.rig().released_since() else {
                 bail!("a silence of {} ms was not noticed", 2 * SILENT_MS)
             };

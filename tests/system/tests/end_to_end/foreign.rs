@@ -3,9 +3,9 @@
 use simulation::rig::config::RigConfig;
 use std::path::Path;
 use std::process::{Command, Output};
-use std::time::Duration;
 use system::bench::Bench;
 use system::images::root;
+use system::qemu::HANGS;
 
 /// Runs the client; nothing where this computer has no Python.
 fn client(arguments: &[&str]) -> Option<Output> {
@@ -37,7 +37,7 @@ fn a_client_made_of_the_schema_agrees_with_every_vector() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_client_made_of_the_schema_drives_the_rig() {
-    let bench = Bench::start(RigConfig::default(), 51, 4.0, Duration::from_secs(120)).unwrap();
+    let bench = Bench::start(RigConfig::default(), 51, 4.0, HANGS).unwrap();
     if let Some(output) = client(&["port", &bench.port()]) {
         succeeds(&output);
     }

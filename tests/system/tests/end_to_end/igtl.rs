@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use system::bench::Bench;
 use system::images::build_guide;
 use system::peers::{self, Running};
+use system::qemu::HANGS;
 
 const RIG: &str = "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
                    [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n";
@@ -36,7 +37,7 @@ fn start(command: &mut Command, out: &Path) -> Running {
 fn await_port(port: u16) {
     let began = Instant::now();
     while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
-        assert!(began.elapsed() < Duration::from_secs(20), "nobody listens at {port}");
+        assert!(began.elapsed() < HANGS, "nobody listens at {port}");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
@@ -65,7 +66,7 @@ fn finished(child: Child) -> (bool, String) {
 fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_shapes() {
     let Some(python) = had(peers::python()) else { return };
     let receiver = had(peers::examples(&["Receiver/ReceiveClient", "Tracker/TrackerServer"]));
-    let bench = Bench::start(RigConfig::default(), 23, 1.0, Duration::from_secs(120)).unwrap();
+    let bench = Bench::start(RigConfig::default(), 23, 1.0, HANGS).unwrap();
     let guide = build_guide().unwrap();
     let path = |name: &str| bench.folder().join(name);
     let (session, shapes, rig) = (path("session"), path("shapes"), path("rig.toml"));
@@ -220,7 +221,7 @@ fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_sh
                 .output()
                 .unwrap();
             let said = String::from_utf8_lossy(&output.stderr);
-            if !said.contains("cannot connect to OpenIGTLink") || began.elapsed() > Duration::from_secs(20) {
+            if !said.contains("cannot connect to OpenIGTLink") || began.elapsed() > HANGS {
                 break output;
             }
         };
@@ -284,7 +285,7 @@ fn a_foreign_viewer_hears_the_results_that_the_commands_print() {
         if let Some(last) = heard(&lines, device).pop() {
             return last["said"].clone();
         }
-        assert!(began.elapsed() < Duration::from_secs(60), "no {device}");
+        assert!(began.elapsed() < HANGS, "no {device}");
         std::thread::sleep(Duration::from_millis(50));
     };
     let document = |device: &str| -> Value { serde_json::from_str(text(device).as_str().unwrap()).unwrap() };
@@ -328,7 +329,7 @@ fn told_runs(lines: &Path, before: u64) -> u64 {
         let told: Value = serde_json::from_str(told["said"].as_str().unwrap()).unwrap();
         match told["runs"].as_u64() {
             Some(runs) if runs != before => return runs,
-            _ => assert!(began.elapsed() < Duration::from_secs(60), "still {before} runs"),
+            _ => assert!(began.elapsed() < HANGS, "still {before} runs"),
         }
         std::thread::sleep(Duration::from_millis(50));
     }

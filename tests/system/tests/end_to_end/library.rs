@@ -10,15 +10,14 @@ use std::thread;
 use std::time::{Duration, Instant};
 use system::bench::Bench;
 use system::cosim::Injection;
+use system::qemu::HANGS;
 
-/// Everything ends after this, whatever hangs.
-const LIMIT: Duration = Duration::from_secs(60);
 /// Rig seconds per second.
 const SPEED: f64 = 4.0;
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn bench(seed: u64) -> (Bench, Client) {
-    let bench = Bench::start(RigConfig::default(), seed, SPEED, LIMIT).unwrap();
+    let bench = Bench::start(RigConfig::default(), seed, SPEED, HANGS).unwrap();
     let client = Client::connect(&bench.port()).unwrap();
     (bench, client)
 }
@@ -60,7 +59,7 @@ fn mean(batches: &[Batch], step: u8) -> ([f64; 2], [f64; 2], f64) {
 pub(super) fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let began = Instant::now();
     while !holds() {
-        assert!(began.elapsed() < Duration::from_secs(10), "never: {what}");
+        assert!(began.elapsed() < HANGS, "never: {what}");
         thread::sleep(Duration::from_millis(10));
     }
 }
@@ -148,12 +147,12 @@ fn force_readings_that_fail_their_checksum_end_the_motion() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_firmware_that_hangs_is_given_up_and_its_qemu_killed() {
-    let limit = Duration::from_secs(6);
-    let bench = Bench::start(RigConfig::default(), 14, SPEED, limit).unwrap();
-    let mut client = Client::connect(&bench.port()).unwrap();
+    let (bench, mut client) = bench(14);
     bench.rig().inject(Injection { freeze: true, ..Injection::default() });
     let given_up = client.status().unwrap_err();
     assert!(matches!(given_up, LinkError::Unanswered { .. } | LinkError::Gone { .. }), "{given_up}");
+    assert!(bench.runs().unwrap(), "its time limit is far");
+    bench.limit(Duration::from_millis(200));
     eventually("QEMU is killed at its time limit", || !bench.runs().unwrap());
 }
 

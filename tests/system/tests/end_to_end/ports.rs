@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use system::bench::Bench;
 use system::images::build_guide;
+use system::qemu::HANGS;
 
 /// Runs `guide status`, which must fail; returns what it said.
 fn status_fails(port: &str) -> String {
@@ -105,7 +106,7 @@ fn a_device_with_other_message_types() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_port_in_use() {
-    let bench = Bench::start(RigConfig::default(), 31, 4.0, Duration::from_secs(60)).unwrap();
+    let bench = Bench::start(RigConfig::default(), 31, 4.0, HANGS).unwrap();
     let port = bench.port();
     let held = device::link::Client::connect(&port).unwrap();
     let said = status_fails(&port);

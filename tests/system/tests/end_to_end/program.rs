@@ -11,6 +11,7 @@ use system::bench::Bench;
 use system::demo::hidden::{PLAN, diagnosis};
 use system::demo::{Outcome, judgement, procedure};
 use system::images::build_guide;
+use system::qemu::HANGS;
 use system::readme::{self, shell::Shell};
 
 const XTASK: &str = env!("CARGO_BIN_EXE_system");
@@ -92,19 +93,22 @@ fn a_hidden_effect_is_found_from_what_the_firmware_records() {
     }
 }
 
+/// A rig whose force has a tenth of the noise. A drift is estimated from a second of noisy readings, and the default noise looks
+/// like one that matters once in some twenty tares, depending on when the tare happens to begin; this noise does not.
+fn quiet() -> RigConfig {
+    let mut config = RigConfig::default();
+    config.simulation.force.noise_n /= 10.0;
+    config
+}
+
 /// Without a schedule, as by hand: what the pages type, then move there, and the status says so.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_move_by_hand_arrives() {
     let guide = build_guide().unwrap();
-    // Noise of a second looks like a drift once in some twenty tares; not time after time. Each attempt has a device that was
-    // started for it: what the commands print depends on what they did to it before.
-    let attempt = |seed| {
-        let bench = Bench::start(RigConfig::default(), seed, 4.0, Duration::from_secs(60)).unwrap();
-        let shell = Shell::new(guide.clone(), bench.folder()).with_port(bench.port());
-        readme::check_console("live", &shell).map(|()| bench)
-    };
-    let bench = (21..24).find_map(|seed| attempt(seed).ok()).unwrap_or_else(|| attempt(24).unwrap());
+    let bench = Bench::start(quiet(), 21, 4.0, HANGS).unwrap();
+    let shell = Shell::new(guide.clone(), bench.folder()).with_port(bench.port());
+    readme::check_console("live", &shell).unwrap();
     let output = Command::new(&guide)
         .args(["move", "--port", &bench.port(), "--x-mm", "-0.5", "--y-mm", "0.7", "--json"])
         .output()
@@ -121,7 +125,7 @@ fn a_move_by_hand_arrives() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_plug_pulled_in_mid_run_is_told_in_one_line_and_costs_nothing_recorded() {
-    let mut bench = Bench::start(RigConfig::default(), 22, 4.0, Duration::from_secs(60)).unwrap();
+    let mut bench = Bench::start(RigConfig::default(), 22, 4.0, HANGS).unwrap();
     let guide = build_guide().unwrap();
     let session = bench.folder().join("session");
     let rig_file = bench.folder().join("rig.toml");
@@ -146,7 +150,7 @@ fn a_plug_pulled_in_mid_run_is_told_in_one_line_and_costs_nothing_recorded() {
     let rows = || std::fs::read_to_string(&force_file).map_or(0, |text| text.lines().count());
     let began = Instant::now();
     while rows() < 2_000 {
-        assert!(began.elapsed() < Duration::from_secs(20), "nothing is recorded");
+        assert!(began.elapsed() < HANGS, "nothing is recorded");
         thread::sleep(Duration::from_millis(20));
     }
     let before = rows();
@@ -168,7 +172,7 @@ fn a_plug_pulled_in_mid_run_is_told_in_one_line_and_costs_nothing_recorded() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn tracking_live_joins_device_and_tracker() {
-    let bench = Bench::start(RigConfig::default(), 23, 4.0, Duration::from_secs(60)).unwrap();
+    let bench = Bench::start(RigConfig::default(), 23, 4.0, HANGS).unwrap();
     let guide = build_guide().unwrap();
     let file = |name: &str, text: &str| {
         let path = bench.folder().join(name);
@@ -221,7 +225,7 @@ fn guide(bench: &Bench, arguments: &[&str]) -> Value {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
-    let bench = Bench::start(RigConfig::default(), 24, 4.0, Duration::from_secs(120)).unwrap();
+    let bench = Bench::start(quiet(), 24, 4.0, HANGS).unwrap();
     let before = guide(&bench, &["calibration"]);
     assert_eq!(before["id"], "nominal");
     // Shifted by 2 mm along y, twice the force along x.
@@ -248,20 +252,15 @@ fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
     bench.rig().inject(system::cosim::Injection { brown_out: true, ..Default::default() });
     let began = Instant::now();
     while bench.rig().resets() < 2 {
-        assert!(began.elapsed() < Duration::from_secs(20), "no restart");
+        assert!(began.elapsed() < HANGS, "no restart");
         thread::sleep(Duration::from_millis(10));
     }
     guide(&bench, &["clear"]);
     assert_eq!(guide(&bench, &["calibration"])["crc"], stored["crc"]);
     // To where the needle is not loaded: a tare under load is rejected.
     guide(&bench, &["move", "--x-mm", "0", "--y-mm", "2"]);
-    // Noise of a second looks like a drift once in some twenty times; not time after time.
-    let good = (0..4).any(|_| {
-        let tare = guide(&bench, &["tare"]);
-        assert_eq!(tare["readings"], Value::from(1_000), "{tare}");
-        tare["verdict"] == "good"
-    });
-    assert!(good, "no tare is good");
+    let tare = guide(&bench, &["tare"]);
+    assert_eq!((&tare["readings"], &tare["verdict"]), (&Value::from(1_000), &Value::from("good")), "{tare}");
 
     let rig_file = bench.folder().join("rig.toml");
     std::fs::write(

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;
-use system::images::{build_guide, root};
+use system::images::{build_guide, cargo, root};
 use system::readme::book::{Book, MANUAL};
 use system::readme::check_quick;
 use system::readme::page::Page;
@@ -33,6 +33,27 @@ impl Program {
             waiting.extend(sub_commands(&help).into_iter().map(|name| [words.clone(), vec![name]].concat()));
             commands.insert(words.join(" "), options(&help));
         }
+        Self { commands }
+    }
+
+    /// `cargo xtask`: its own tasks, with the options of the programs that it runs.
+    fn xtask() -> Self {
+        let help_of = |package: &str| {
+            let output = cargo()
+                .args(["run", "--quiet", "--package", package, "--", "--help"])
+                .env("COLUMNS", "100")
+                .output()
+                .unwrap();
+            assert!(output.status.success(), "{package}: {}", String::from_utf8_lossy(&output.stderr));
+            String::from_utf8(output.stdout).unwrap()
+        };
+        let system = Self::of(Path::new(env!("CARGO_BIN_EXE_system"))).commands;
+        let tasks = sub_commands(&help_of("xtask")).into_iter();
+        let mut commands: BTreeMap<String, BTreeSet<String>> =
+            tasks.map(|name| (name.clone(), system.get(&name).cloned().unwrap_or_default())).collect();
+        let of_studies = options(&help_of("studies")).into_iter();
+        let of_studies = of_studies.chain(system.get("study-demo").into_iter().flatten().cloned());
+        commands.entry("study".to_owned()).or_default().extend(of_studies);
         Self { commands }
     }
 
@@ -105,8 +126,7 @@ fn typed(page: &Page) -> Vec<(usize, String)> {
 
 #[test]
 fn every_command_and_option_of_the_pages_exists() {
-    let (guide, xtask) =
-        (Program::of(&build_guide().unwrap()), Program::of(Path::new(env!("CARGO_BIN_EXE_system"))));
+    let (guide, xtask) = (Program::of(&build_guide().unwrap()), Program::xtask());
     let every: BTreeSet<&String> = guide.commands.values().chain(xtask.commands.values()).flatten().collect();
     let book = Book::read(root()).unwrap();
     let mut wrong = Vec::new();

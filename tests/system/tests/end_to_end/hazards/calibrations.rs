@@ -86,7 +86,7 @@ fn an_axis_that_moves_the_wrong_way_is_stopped_at_once() {
         (table.rising_um, table.falling_um) = (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
     }
     let stored = to_stored(&turned, 3);
-    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, LIMIT, &[&stored]).unwrap();
+    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, HANGS, &[&stored]).unwrap();
     let mut client = Client::connect(&bench.port()).unwrap();
     let from_m = bench.rig().rig(|rig| rig.position_m());
     let here_um = client.status().unwrap().position_counts;
@@ -111,7 +111,7 @@ fn an_axis_that_moves_the_wrong_way_is_stopped_at_once() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_device_without_a_calibration_does_not_move_unasked() {
-    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, LIMIT, &[]).unwrap();
+    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, HANGS, &[]).unwrap();
     let mut client = Client::connect(&bench.port()).unwrap();
     assert_eq!(client.safety().unwrap().calibration, CalibrationSource::Nominal);
     let run = load(&mut client, &[move_y(0, 1_000)], 0);
@@ -127,7 +127,7 @@ fn a_device_without_a_calibration_does_not_move_unasked() {
 fn a_calibration_that_is_lost_is_a_fault() {
     let mut damaged = to_stored(&Calibration::nominal_record(), 3);
     damaged[60] ^= 4;
-    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, LIMIT, &[&[], &damaged]).unwrap();
+    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, HANGS, &[&[], &damaged]).unwrap();
     let mut client = Client::connect(&bench.port()).unwrap();
     let status = client.status().unwrap();
     assert_eq!((status.state, status.fault), (State::Faulted, Some(Fault::CalibrationLost)));
@@ -153,7 +153,7 @@ fn power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new
         if 8 * words + 8 <= page.len() && words > 0 {
             page[8 * words..8 * words + 4].copy_from_slice(&[0, 0x55, 0xAA, 1]);
         }
-        let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, LIMIT, &[&page, &old]).unwrap();
+        let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, HANGS, &[&page, &old]).unwrap();
         let mut client = Client::connect(&bench.port()).unwrap();
         assert_eq!(client.hello().calibration.id.as_str(), id, "{words} double words written");
         assert_eq!(client.status().unwrap().fault, None);
