@@ -18,7 +18,7 @@ use crate::board::{self, Board, BoardActuators, BoardPanel, BoardSensors};
 use control::calibration::Calibration;
 use control::hal::{Actuators, Panel, Sensors};
 use control::telemetry::{Item, Outbox, Telemetry};
-use control::{Controller, Drive, Inputs, Note, PERIOD_US, REPORT_PERIODS, Start};
+use control::{Controller, Drive, Inputs, OutboundMessage, PERIOD_US, REPORT_PERIODS, Start};
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 use defmt::{Debug2Format, error, info, warn};
@@ -260,9 +260,9 @@ async fn control(
     }
 }
 
-fn log(note: &Note) {
+fn log(note: &OutboundMessage) {
     match note {
-        Note::Event(event) => match event.kind {
+        OutboundMessage::Event(event) => match event.kind {
             EventKind::Faulted { fault } => error!("fault {} at {} us", fault as u8, event.t_us),
             EventKind::ProgramEnded { .. } => info!("program ended at {} us", event.t_us),
             EventKind::Tared(_) => info!("tared at {} us", event.t_us),
@@ -271,16 +271,16 @@ fn log(note: &Note) {
             EventKind::RetreatEnded { .. } => info!("retreat ended at {} us", event.t_us),
             EventKind::StepEnded { .. } => {}
         },
-        Note::Refused(id, _) => warn!("command {} refused", id),
-        Note::Hello
-        | Note::Stream(_)
-        | Note::Ack(_)
-        | Note::Status(_)
-        | Note::Report(_)
-        | Note::Calibration
-        | Note::Connected(_)
-        | Note::Safety(_)
-        | Note::SafetyReport(_)
-        | Note::Description => {}
+        OutboundMessage::Refused(id, _) => warn!("command {} refused", id),
+        OutboundMessage::Hello
+        | OutboundMessage::Stream(_)
+        | OutboundMessage::Ack(_)
+        | OutboundMessage::Status(_)
+        | OutboundMessage::Report(_)
+        | OutboundMessage::Calibration
+        | OutboundMessage::Connected(_)
+        | OutboundMessage::Safety(_)
+        | OutboundMessage::SafetyReport(_)
+        | OutboundMessage::Description => {}
     }
 }

@@ -10,7 +10,7 @@ use control::ads131m02::ForceFault;
 use control::calibration::Calibration;
 use control::hal::Readings;
 use control::telemetry::{Item, Outbox, Telemetry};
-use control::{Controller, Drive, Inputs, Note, Outputs, PERIOD_S, PERIOD_US, Start};
+use control::{Controller, Drive, Inputs, OutboundMessage, Outputs, PERIOD_S, PERIOD_US, Start};
 use cortex_m::Peripherals;
 use firmware::qemu::{ExitCode, Stopwatch, exit};
 use heapless::Deque;
@@ -185,7 +185,7 @@ fn main() -> ! {
         });
         plant.step(outputs.drive);
         for note in &outputs.notes {
-            if let Note::Connected(token) = note {
+            if let OutboundMessage::Connected(token) = note {
                 (connection, id) = (*token, 0);
             }
         }

@@ -13,9 +13,9 @@ mod forward;
 use criterion::Criterion;
 use formats::session::{InsertionRun, Noise, Session};
 use forward::insertion_model as model;
-use inference::insertion::{Belief, Candidates, Learned, Live, ReadingNoise, TipPath, Tissue, learn};
+use inference::insertion::{Candidates, Learned, Live, Posterior, ReadingNoise, TipPath, Tissue, learn};
 use inference::predict::{Options, predict};
-use mechanics::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip};
+use mechanics::growth::{Acting, DEFAULT_STEP_M, GrowingBeam, Guide2Grip};
 use mechanics::insertion::grid_m;
 use std::hint::black_box;
 
@@ -38,7 +38,7 @@ fn learned(paths: &[TipPath]) -> (Candidates, Learned) {
 fn session() -> Session {
     let model = model();
     let problem = model.problem(0.12).expect("a problem");
-    let growth = Growth::new(&problem, grid_m(0.12, 1e-3, &[]), Guide2Grip::Holding).expect("grows");
+    let growth = GrowingBeam::new(&problem, grid_m(0.12, 1e-3, &[]), Guide2Grip::Holding).expect("grows");
     let run = |number: usize| {
         let tip_m = |plane: usize| {
             let load_n = [0.2, 0.02][plane] * (1.0 + 0.03 * (3.0 * number as f64).sin());
@@ -81,7 +81,7 @@ fn main() {
     criterion.bench_function("insertion model, 140 mm in steps of 0.5 mm", |bencher| {
         bencher.iter(|| {
             let nodes_m = grid_m(0.14, DEFAULT_STEP_M, &[]);
-            let growth = Growth::new(black_box(&problem), nodes_m, Guide2Grip::Holding).expect("grows");
+            let growth = GrowingBeam::new(black_box(&problem), nodes_m, Guide2Grip::Holding).expect("grows");
             growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] })
         });
     });
@@ -97,7 +97,7 @@ fn main() {
         bencher.iter(|| learned(black_box(&paths)));
     });
     let (candidates, learned) = learned(&paths);
-    let mut followed = Live::new(Belief::new(&candidates, &learned));
+    let mut followed = Live::new(Posterior::new(&candidates, &learned));
     for bin in paths[0].bins.iter().take_while(|bin| bin.depth_m < 0.0695) {
         followed.push(bin.depth_m, bin.tip_m);
     }

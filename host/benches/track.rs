@@ -12,7 +12,7 @@ mod forward;
 
 use criterion::Criterion;
 use estimators::SENSORS;
-use inference::track::kalman::{Kalman, Kind, Told};
+use inference::track::kalman::{FilterConfig, Kalman, Kind};
 use inference::track::method::Method;
 use inference::track::published::{Printed, Published};
 use inference::track::sound::{Sound, settings};
@@ -24,7 +24,7 @@ fn main() {
     let needle = &rig.needle;
     let run = estimators::steering(1).expect("a run");
     let printed = Printed::default();
-    let told = Told {
+    let told = FilterConfig {
         start: [printed.start[1], printed.start[0]],
         base_sd_m: SENSORS.base_m,
         force_sd_n: SENSORS.force_n,

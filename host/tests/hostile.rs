@@ -18,7 +18,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Fewest malformed inputs.
-const LEAST_CASES: usize = 60;
+const MIN_CASES: usize = 60;
 /// No malformed input may keep the program busy for longer.
 const LIMIT: Duration = Duration::from_secs(10);
 /// Commands that run at once.
@@ -177,7 +177,7 @@ fn table() -> Vec<Case> {
 fn malformed_inputs_are_told_and_sound_ones_taken() {
     let cases = table();
     let malformed = cases.iter().filter(|case| !case.sound).count();
-    assert!(malformed >= LEAST_CASES, "{malformed} malformed inputs, expected {LEAST_CASES}");
+    assert!(malformed >= MIN_CASES, "{malformed} malformed inputs, expected {MIN_CASES}");
     let (next, told) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     thread::scope(|scope| {
         for _ in 0..WORKERS {

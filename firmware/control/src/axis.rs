@@ -3,7 +3,7 @@
 //! The setpoint's speed is fed forward, the position error is fed back (proportional and integral). A brushed gear motor does
 //! not turn below a certain duty, so every wanted speed is mapped to a duty beyond that dead band. Once the setpoint stands
 //! still and the error is within [`SETTLE_UM`], the drive brakes; where the axis then comes to rest further off, it is sent on a
-//! few times. From then on the drive stays off until the error exceeds [`WAKE_UM`]: the screw holds by itself, and a drive that
+//! few times. From then on the drive stays off until the error exceeds [`REENGAGE_ERROR_UM`]: the screw holds by itself, and a drive that
 //! keeps chasing potentiometer noise only wears it out.
 //!
 //! The axis also knows which way it has moved last ([`Axis::rising`]): the calibration has a table for each way, and goes
@@ -19,10 +19,10 @@ pub const DEAD_BAND: f32 = 0.18;
 /// Error within which the axis counts as arrived, micrometres.
 pub const SETTLE_UM: f32 = 15.0;
 /// Error beyond which a resting axis drives again, micrometres: twice the noise of the filtered reading beyond [`SETTLE_UM`].
-pub const WAKE_UM: f32 = 45.0;
+pub const REENGAGE_ERROR_UM: f32 = 45.0;
 /// Time of rest before the axis counts as settled, periods: it has stopped and the filter has caught up long before.
 const SETTLE_PERIODS: u16 = 100;
-/// How often an axis that came to rest beyond [`SETTLE_UM`] is sent on. After that within [`WAKE_UM`] has to do.
+/// How often an axis that came to rest beyond [`SETTLE_UM`] is sent on. After that within [`REENGAGE_ERROR_UM`] has to do.
 const APPROACHES: u8 = 4;
 
 /// Share of the new reading in the filtered position: a time constant of 8 periods.
@@ -65,7 +65,7 @@ pub struct Axis {
     approaches: u8,
     rising: f32,
     duty: f32,
-    odd_readings: u16,
+    outlier_count: u16,
     speed_limit_um_s: f32,
 }
 
@@ -81,7 +81,7 @@ impl Axis {
             approaches: 0,
             rising: 0.5,
             duty: 0.0,
-            odd_readings: 0,
+            outlier_count: 0,
             speed_limit_um_s: PROVING_SPEED_UM_S,
         }
     }
@@ -91,11 +91,11 @@ impl Axis {
         let filtered = self.filtered_um.get_or_insert(position_um);
         let expected_um = *filtered;
         if (position_um - expected_um).abs() <= JUMP_UM {
-            self.odd_readings = 0;
+            self.outlier_count = 0;
             *filtered += FILTER_SHARE * (position_um - expected_um);
-        } else if self.odd_readings < ODD_READINGS {
+        } else if self.outlier_count < ODD_READINGS {
             // One odd reading is not believed; what stays is, and is a fault.
-            self.odd_readings += 1;
+            self.outlier_count += 1;
         } else {
             *filtered = position_um;
         }
@@ -158,7 +158,7 @@ impl Axis {
             self.approaches = 0;
         } else if error_um.abs() < SETTLE_UM {
             self.resting = true;
-        } else if error_um.abs() > WAKE_UM || self.stopped_off_target() {
+        } else if error_um.abs() > REENGAGE_ERROR_UM || self.stopped_off_target() {
             self.resting = false;
         }
         if self.resting {
@@ -234,7 +234,7 @@ mod tests {
             for target_um in [-6_000.0, -200.0, 50.0, 1_200.0, 6_000.0] {
                 let actuator = Actuator { position_um: 0.0, dead_band, full_speed_um_s };
                 let (position_um, periods, drives) = arrive(actuator, target_um, 20.0);
-                assert!((position_um - target_um).abs() < WAKE_UM, "{position_um} for {target_um}");
+                assert!((position_um - target_um).abs() < REENGAGE_ERROR_UM, "{position_um} for {target_um}");
                 assert!(periods < 2_500, "{periods} periods for {target_um}");
                 assert_eq!(drives, 0, "hunts at {target_um}");
             }

@@ -52,13 +52,13 @@ struct Connection {
 
 /// The connections of this boot.
 #[derive(Debug)]
-pub struct Conversation {
+pub struct CommandSession {
     connections: heapless::Vec<Connection, CONNECTIONS>,
     next_token: u32,
     commands: u32,
 }
 
-impl Conversation {
+impl CommandSession {
     /// No connection yet.
     pub const fn new(boot_id: u32) -> Self {
         Self { connections: heapless::Vec::new(), next_token: boot_id, commands: 0 }
@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn a_repeat_gets_the_first_answer_and_another_request_of_its_id_none() {
-        let mut conversation = Conversation::new(7);
+        let mut conversation = CommandSession::new(7);
         let token = conversation.begin();
         let clear = command(3, token, Request::ClearFault);
         assert_eq!(conversation.admit(&clear), Admission::New);
@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn an_old_frame_never_acts_however_long_ago_it_was() {
-        let mut conversation = Conversation::new(7);
+        let mut conversation = CommandSession::new(7);
         let token = conversation.begin();
         let old = command(0, token, Request::ClearFault);
         for id in 0..=u16::MAX {
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn stray_hellos_do_not_end_the_connection_at_work() {
-        let mut conversation = Conversation::new(7);
+        let mut conversation = CommandSession::new(7);
         let token = conversation.begin();
         for id in 0..100 {
             let strays: std::vec::Vec<u32> = (0..2).map(|_| conversation.begin()).collect();
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn a_command_of_no_connection_is_refused_but_stop_is_not() {
-        let mut conversation = Conversation::new(7);
+        let mut conversation = CommandSession::new(7);
         assert_eq!(
             conversation.admit(&command(1, 7, Request::ClearFault)),
             Admission::Refused(Refusal::OtherBoot)

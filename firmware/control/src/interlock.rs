@@ -264,7 +264,7 @@ impl Interlock {
             observed.watches.iter().any(DriveWatch::wrong_way) && !Mutation::AnyDirection.is_out();
         causes.add(wrong_way, Fault::WrongWay);
         causes.add(observed.watches.iter().any(DriveWatch::stalled), Fault::Stall);
-        let far = |watch: &DriveWatch| watch.far_periods() >= PERSISTENCE_PERIODS;
+        let far = |watch: &DriveWatch| watch.following_error_periods() >= PERSISTENCE_PERIODS;
         causes.add(observed.watches.iter().any(far), Fault::FollowingError);
         // A saturated converter gives no valid reading either, and is a load.
         let stale = force.stale_periods() >= STALE_LIMIT_PERIODS && force.saturated_periods() == 0;

@@ -62,13 +62,13 @@ pub mod telemetry;
 use crate::calibration::Calibration;
 use axis::Axis;
 use carried::Carried;
-use commands::Conversation;
+use commands::CommandSession;
 use force::ForceChannel;
 use indicator::Indicator;
 use interlock::{Causes, Interlock, Limits, Observed};
 use motor::{DriveWatch, DutyBudget};
 use mutation::Mutation;
-pub use period::{Drive, Inputs, Note, Notes, Outputs};
+pub use period::{Drive, Inputs, OutboundMessage, OutboundMessages, Outputs};
 use program::{Executor, Phase};
 use protocol::{CalibrationSource, Event, EventKind, Fault, Outcome, RetreatOutcome, Sample};
 use report::SAFETY_REPORTS;
@@ -97,10 +97,10 @@ pub struct Controller {
     stiffness: StiffnessFit,
     interlock: Interlock,
     executor: Executor,
-    conversation: Conversation,
+    conversation: CommandSession,
     indicator: Indicator,
     incoming: Incoming,
-    heard_us: u64,
+    last_command_us: u64,
     control_overruns: u32,
     report_due: u32,
     safety_due: u32,
@@ -147,10 +147,10 @@ impl Controller {
             stiffness: StiffnessFit::new(),
             interlock,
             executor: Executor::new(),
-            conversation: Conversation::new(boot_id),
+            conversation: CommandSession::new(boot_id),
             indicator: Indicator::new(),
             incoming: Incoming::new(),
-            heard_us: 0,
+            last_command_us: 0,
             control_overruns: 0,
             report_due: REPORT_PERIODS,
             safety_due: SAFETY_REPORTS,
@@ -176,11 +176,11 @@ impl Controller {
 
     /// One control period.
     pub fn step(&mut self, inputs: &Inputs) -> Outputs {
-        let mut notes = Notes::new();
+        let mut notes = OutboundMessages::new();
         let late = inputs.late_us > LATE_US;
         self.control_overruns = self.control_overruns.saturating_add(late.into());
         if inputs.command.is_some() {
-            self.heard_us = inputs.now_us;
+            self.last_command_us = inputs.now_us;
         }
         let (sample, causes) = self.sense(inputs, late);
         if let Some(fault) = causes.first().filter(|_| self.interlock.latched().is_none()) {
@@ -189,7 +189,7 @@ impl Controller {
         self.follow_load(causes, inputs.now_us, &mut notes);
         let mut store = None;
         if let Some(command) = &inputs.command {
-            store = self.obey(command, inputs, sample, causes, &mut notes);
+            store = self.handle_command(command, inputs, sample, causes, &mut notes);
         }
         let drive = self.advance(inputs.now_us, &mut notes);
         self.watch(drive);
@@ -198,7 +198,7 @@ impl Controller {
         if self.report_due == 0 {
             self.report_due = REPORT_PERIODS;
             if self.streaming {
-                push(&mut notes, Note::Report(self.status(inputs, sample)));
+                push(&mut notes, OutboundMessage::Report(self.status(inputs, sample)));
             }
             self.safety_due = self.safety_due.saturating_sub(1);
         }
@@ -235,7 +235,7 @@ impl Controller {
             expected_um,
             duty: self.axes.each_ref().map(Axis::last_duty),
             active: self.executor.phase() != Phase::Idle,
-            silent_us: inputs.now_us.saturating_sub(self.heard_us),
+            silent_us: inputs.now_us.saturating_sub(self.last_command_us),
             late,
             watches: &self.watches,
             budgets: &self.budgets,
@@ -250,7 +250,7 @@ impl Controller {
     }
 
     /// Runs the program for one period and the axes after it.
-    fn advance(&mut self, now_us: u64, notes: &mut Notes) -> Drive {
+    fn advance(&mut self, now_us: u64, notes: &mut OutboundMessages) -> Drive {
         if self.interlock.latched().is_some() && self.executor.phase() != Phase::Retreating {
             return Drive::Release;
         }
@@ -269,14 +269,14 @@ impl Controller {
             return Drive::Release;
         }
         if let Some(index) = progress.ended {
-            push(notes, Note::Event(event(now_us, EventKind::StepEnded { index })));
+            push(notes, OutboundMessage::Event(event(now_us, EventKind::StepEnded { index })));
         }
         if let Some(index) = progress.started {
-            push(notes, Note::Event(event(now_us, EventKind::StepStarted { index })));
+            push(notes, OutboundMessage::Event(event(now_us, EventKind::StepStarted { index })));
         }
         if progress.completed {
             let kind = EventKind::ProgramEnded { outcome: Outcome::Completed };
-            push(notes, Note::Event(event(now_us, kind)));
+            push(notes, OutboundMessage::Event(event(now_us, kind)));
         }
         if progress.timed_out {
             self.trip(Fault::MoveTimeout, now_us, notes);
@@ -302,19 +302,19 @@ impl Controller {
     }
 
     /// Takes the zero of the tare that has ended. One that is no good ends the program; false then.
-    fn finish_tare(&mut self, now_us: u64, index: u8, notes: &mut Notes) -> bool {
+    fn finish_tare(&mut self, now_us: u64, index: u8, notes: &mut OutboundMessages) -> bool {
         let periods_per_s = f64::from(1_000_000 / PERIOD_US);
         match self.force.finish_tare(self.calibration.force_range_mn(), periods_per_s) {
             Ok(tare) => {
                 self.stiffness = StiffnessFit::new();
-                push(notes, Note::Event(event(now_us, EventKind::Tared(tare))));
+                push(notes, OutboundMessage::Event(event(now_us, EventKind::Tared(tare))));
                 true
             }
             Err((tare, problem)) => {
-                push(notes, Note::Event(event(now_us, EventKind::TareRejected { tare, problem })));
-                push(notes, Note::Event(event(now_us, EventKind::StepEnded { index })));
+                push(notes, OutboundMessage::Event(event(now_us, EventKind::TareRejected { tare, problem })));
+                push(notes, OutboundMessage::Event(event(now_us, EventKind::StepEnded { index })));
                 let kind = EventKind::ProgramEnded { outcome: Outcome::TareRejected };
-                push(notes, Note::Event(event(now_us, kind)));
+                push(notes, OutboundMessage::Event(event(now_us, kind)));
                 self.executor.abort();
                 self.axes.iter_mut().for_each(Axis::rest);
                 false
@@ -323,7 +323,7 @@ impl Controller {
     }
 
     /// Ends a retreat that has done its work, or does harm.
-    fn follow_load(&mut self, causes: Causes, now_us: u64, notes: &mut Notes) {
+    fn follow_load(&mut self, causes: Causes, now_us: u64, notes: &mut OutboundMessages) {
         if self.executor.phase() != Phase::Retreating {
             return;
         }
@@ -340,11 +340,11 @@ impl Controller {
         }
     }
 
-    fn end_retreat(&mut self, outcome: RetreatOutcome, now_us: u64, notes: &mut Notes) {
+    fn end_retreat(&mut self, outcome: RetreatOutcome, now_us: u64, notes: &mut OutboundMessages) {
         self.executor.abort();
         self.axes.iter_mut().for_each(Axis::rest);
         self.climb.end(self.force.load_counts());
-        push(notes, Note::Event(event(now_us, EventKind::RetreatEnded { outcome })));
+        push(notes, OutboundMessage::Event(event(now_us, EventKind::RetreatEnded { outcome })));
     }
 
     /// Tells the motors' keepers what was done.
@@ -372,19 +372,19 @@ impl Controller {
     }
 
     /// Latches a fault, ends the program and says so.
-    fn trip(&mut self, fault: Fault, now_us: u64, notes: &mut Notes) {
+    fn trip(&mut self, fault: Fault, now_us: u64, notes: &mut OutboundMessages) {
         self.interlock.latch(fault);
         self.climb = Climb::default();
-        push(notes, Note::Event(event(now_us, EventKind::Faulted { fault })));
+        push(notes, OutboundMessage::Event(event(now_us, EventKind::Faulted { fault })));
         self.end_program(Outcome::Faulted, now_us, notes);
     }
 
-    fn end_program(&mut self, outcome: Outcome, now_us: u64, notes: &mut Notes) {
+    fn end_program(&mut self, outcome: Outcome, now_us: u64, notes: &mut OutboundMessages) {
         if self.executor.phase() == Phase::Retreating {
             return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
         }
         if self.executor.abort() {
-            push(notes, Note::Event(event(now_us, EventKind::ProgramEnded { outcome })));
+            push(notes, OutboundMessage::Event(event(now_us, EventKind::ProgramEnded { outcome })));
         }
         self.axes.iter_mut().for_each(Axis::rest);
     }
@@ -394,8 +394,8 @@ fn event(t_us: u64, kind: EventKind) -> Event {
     Event { t_us, kind }
 }
 
-/// `Notes` holds the most that one period can say, so nothing is ever refused here; the longest period is covered by a test.
-fn push(notes: &mut Notes, note: Note) {
+/// `OutboundMessages` holds the most that one period can say, so nothing is ever refused here; the longest period is covered by a test.
+fn push(notes: &mut OutboundMessages, note: OutboundMessage) {
     let pushed = notes.push(note);
     debug_assert!(pushed.is_ok(), "more notes in one period than there is room for");
 }

@@ -138,7 +138,7 @@ pub struct DriveWatch {
     from_um: f32,
     sign: f32,
     periods: u32,
-    far_periods: u16,
+    following_error_periods: u16,
     /// Which way the axis is driven, for how long, and where it was when that was judged first.
     way: f32,
     way_periods: u32,
@@ -155,7 +155,7 @@ impl DriveWatch {
             from_um: 0.0,
             sign: 0.0,
             periods: 0,
-            far_periods: 0,
+            following_error_periods: 0,
             way: 0.0,
             way_periods: 0,
             way_from_um: 0.0,
@@ -173,7 +173,7 @@ impl DriveWatch {
             self.periods = self.periods.saturating_add(1);
         }
         let far = setpoint.is_some_and(|at| (at.position_um - position_um).abs() > FOLLOWING_LIMIT_UM);
-        self.far_periods = if far { self.far_periods.saturating_add(1) } else { 0 };
+        self.following_error_periods = if far { self.following_error_periods.saturating_add(1) } else { 0 };
         self.judge_way(duty, position_um);
     }
 
@@ -208,8 +208,8 @@ impl DriveWatch {
     }
 
     /// Consecutive periods too far from the setpoint.
-    pub fn far_periods(&self) -> u16 {
-        self.far_periods
+    pub fn following_error_periods(&self) -> u16 {
+        self.following_error_periods
     }
 }
 

@@ -5,7 +5,7 @@ use protocol::{CalibrationRecord, Command, Counters, Event, Load, Refusal, Safet
 
 /// What the controller has to say in one period; the link task turns each into a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Note {
+pub enum OutboundMessage {
     /// Send the hello.
     Hello,
     /// A connection has begun: its token.
@@ -34,7 +34,7 @@ pub enum Note {
 
 /// Most notes of one period: a fault and a program's end, an answer of three parts, the end of a step with its tare, of the
 /// program or the start of the next step, and two reports.
-pub type Notes = heapless::Vec<Note, 12>;
+pub type OutboundMessages = heapless::Vec<OutboundMessage, 12>;
 
 /// Everything that goes into one control period.
 #[derive(Debug, Clone)]
@@ -76,7 +76,7 @@ pub struct Outputs {
     /// The sample of this period.
     pub sample: Sample,
     /// Answers and events, in order.
-    pub notes: Notes,
+    pub notes: OutboundMessages,
     /// Keep [`super::Controller::carried`] for the next start.
     pub keep: bool,
     /// Keep this calibration and restart with it, once the answer has gone out.

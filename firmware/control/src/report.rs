@@ -4,7 +4,7 @@ use super::interlock::Limits;
 use super::motor::DriveWatch;
 use super::mutation::Mutation;
 use super::program::Phase;
-use super::{Controller, Inputs, NO_STEP, Note, Notes, push};
+use super::{Controller, Inputs, NO_STEP, OutboundMessage, OutboundMessages, push};
 use protocol::{Counters, Safety, Sample, State, Status};
 
 /// Periods between two unasked words on safety, in reports.
@@ -12,12 +12,12 @@ pub(super) const SAFETY_REPORTS: u32 = 10;
 
 impl Controller {
     /// Says what decides whether the guide may move, where that is due.
-    pub(super) fn report_safety(&mut self, now_us: u64, notes: &mut Notes) {
+    pub(super) fn report_safety(&mut self, now_us: u64, notes: &mut OutboundMessages) {
         let said = (self.source, self.force.is_tared(), self.force.zero_counts());
         if self.streaming && (self.safety_due == 0 || self.said != Some(said)) {
             self.safety_due = SAFETY_REPORTS;
             self.said = Some(said);
-            push(notes, Note::SafetyReport(self.safety(now_us)));
+            push(notes, OutboundMessage::SafetyReport(self.safety(now_us)));
         }
     }
 

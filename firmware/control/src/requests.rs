@@ -5,7 +5,7 @@ use super::interlock::{Causes, Limits};
 use super::mutation::Mutation;
 use super::program::Phase;
 use super::retreat::LoadWatch;
-use super::{Axis, Controller, Inputs, Note, Notes, push};
+use super::{Axis, Controller, Inputs, OutboundMessage, OutboundMessages, push};
 use protocol::{
     CalibrationRecord, CalibrationSource, Command, Fault, Outcome, RETREAT_LIMIT_UM, Refusal, Request,
     SILENCE_LIMIT_MS, Sample,
@@ -13,13 +13,13 @@ use protocol::{
 
 impl Controller {
     /// Answers a command; returns the calibration that is to be kept, where it asks for that.
-    pub(super) fn obey(
+    pub(super) fn handle_command(
         &mut self,
         command: &Command,
         inputs: &Inputs,
         sample: Sample,
         causes: Causes,
-        notes: &mut Notes,
+        notes: &mut OutboundMessages,
     ) -> Option<CalibrationRecord> {
         let mut store = None;
         let answer = match self.conversation.admit(command) {
@@ -41,20 +41,24 @@ impl Controller {
         // Questions are answered afresh each time they arrive: the earlier answer may be what was lost.
         match command.request {
             Request::Hello => {
-                push(notes, Note::Hello);
-                push(notes, Note::Connected(self.conversation.begin()));
+                push(notes, OutboundMessage::Hello);
+                push(notes, OutboundMessage::Connected(self.conversation.begin()));
             }
-            Request::Status if answer.is_ok() => push(notes, Note::Status(self.status(inputs, sample))),
-            Request::Calibration if answer.is_ok() => push(notes, Note::Calibration),
-            Request::Safety if answer.is_ok() => push(notes, Note::Safety(self.safety(inputs.now_us))),
-            Request::Describe if answer.is_ok() => push(notes, Note::Description),
+            Request::Status if answer.is_ok() => {
+                push(notes, OutboundMessage::Status(self.status(inputs, sample)))
+            }
+            Request::Calibration if answer.is_ok() => push(notes, OutboundMessage::Calibration),
+            Request::Safety if answer.is_ok() => {
+                push(notes, OutboundMessage::Safety(self.safety(inputs.now_us)))
+            }
+            Request::Describe if answer.is_ok() => push(notes, OutboundMessage::Description),
             _ => {}
         }
         push(
             notes,
             match answer {
-                Ok(()) => Note::Ack(command.id),
-                Err(refusal) => Note::Refused(command.id, refusal),
+                Ok(()) => OutboundMessage::Ack(command.id),
+                Err(refusal) => OutboundMessage::Refused(command.id, refusal),
             },
         );
         store
@@ -65,7 +69,7 @@ impl Controller {
         request: &Request,
         now_us: u64,
         causes: Causes,
-        notes: &mut Notes,
+        notes: &mut OutboundMessages,
     ) -> Result<(), Refusal> {
         match *request {
             Request::Hello | Request::Status | Request::Calibration | Request::Safety | Request::Describe => {
@@ -74,7 +78,7 @@ impl Controller {
             Request::Stream { enable } => {
                 self.streaming = enable;
                 self.said = None;
-                push(notes, Note::Stream(enable));
+                push(notes, OutboundMessage::Stream(enable));
                 Ok(())
             }
             Request::LoadStep { index, step } => {

@@ -20,9 +20,9 @@ use protocol::{Sample, Stiffness};
 /// Periods per filtered reading.
 pub const DECIMATION: i32 = 10;
 /// Standard deviation of the displacements below which there is no slope to tell, millimetres.
-const LEAST_SPREAD_MM: f32 = 0.05;
+const MIN_SPREAD_MM: f32 = 0.05;
 /// Readings below which there is none.
-const LEAST_READINGS: u32 = 5;
+const MIN_READINGS: u32 = 5;
 
 type Filter = Decimator<DECIMATION>;
 
@@ -60,7 +60,7 @@ impl Line {
     /// Slope and its standard error, newtons per millimetre, where the displacements tell one.
     fn slope(&self) -> Option<(f32, f32)> {
         let spread_mm = self.triangle[(1, 1)].abs() / libm::sqrtf(self.readings as f32);
-        if self.readings < LEAST_READINGS || spread_mm < LEAST_SPREAD_MM {
+        if self.readings < MIN_READINGS || spread_mm < MIN_SPREAD_MM {
             return None;
         }
         let scatter_n = self.triangle[(2, 2)] / libm::sqrtf((self.readings - 2) as f32);

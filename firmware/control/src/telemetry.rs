@@ -3,7 +3,7 @@
 //! The way out is bounded and is never waited for. Where it is full, the batch that is ready is dropped whole and its samples
 //! are counted, so that the host sees one gap of known length; the last places are kept for answers and events.
 
-use super::{Note, Outputs, PERIOD_US};
+use super::{OutboundMessage, Outputs, PERIOD_US};
 use protocol::{Packer, Samples};
 
 /// One frame's content.
@@ -12,7 +12,7 @@ pub enum Item {
     /// A batch of samples.
     Batch(Samples),
     /// An answer, an event or the state.
-    Note(Note),
+    OutboundMessage(OutboundMessage),
 }
 
 /// The queue towards the link.
@@ -56,17 +56,17 @@ impl Telemetry {
     pub fn send(&mut self, t_us: u64, outputs: &Outputs, outbox: &mut impl Outbox) {
         for note in &outputs.notes {
             // What was sampled before an answer or an event goes out before it; the state told now and then waits for nothing.
-            let report = matches!(note, Note::Report(_) | Note::SafetyReport(_));
+            let report = matches!(note, OutboundMessage::Report(_) | OutboundMessage::SafetyReport(_));
             if !report && let Some(batch) = self.packer.flush() {
                 self.batch(batch, outbox);
             }
             // A state that is told all the time is dropped for nothing: the next one says more.
             let may_wait = report && outbox.room() <= RESERVED_FOR_NOTES;
-            if let Note::Stream(enable) = note {
+            if let OutboundMessage::Stream(enable) = note {
                 self.streaming = *enable;
             } else if may_wait {
                 continue;
-            } else if !outbox.put(Item::Note(*note)) {
+            } else if !outbox.put(Item::OutboundMessage(*note)) {
                 self.messages_dropped = self.messages_dropped.saturating_add(1);
             }
         }
@@ -90,7 +90,7 @@ impl Telemetry {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Drive, NO_STEP, Notes};
+    use super::super::{Drive, NO_STEP, OutboundMessages};
     use super::*;
     use proptest::prelude::*;
     use protocol::{Sample, State};
@@ -116,8 +116,8 @@ mod tests {
         }
     }
 
-    fn outputs(t_ms: u64, notes: &[Note]) -> Outputs {
-        let mut all = Notes::new();
+    fn outputs(t_ms: u64, notes: &[OutboundMessage]) -> Outputs {
+        let mut all = OutboundMessages::new();
         for note in notes {
             all.push(*note).expect("few notes");
         }
@@ -143,9 +143,9 @@ mod tests {
             let mut telemetry = Telemetry::new();
             let mut queue = Queue { items: VecDeque::new(), places: 12 };
             let mut arrived = Vec::new();
-            telemetry.send(0, &outputs(0, &[Note::Stream(true)]), &mut queue);
+            telemetry.send(0, &outputs(0, &[OutboundMessage::Stream(true)]), &mut queue);
             for (t_ms, (take, rarely, note)) in (1_u64..).zip(takes) {
-                let notes: Vec<_> = note.filter(|_| rarely && t_ms % 7 == 0).map(Note::Ack).into_iter().collect();
+                let notes: Vec<_> = note.filter(|_| rarely && t_ms % 7 == 0).map(OutboundMessage::Ack).into_iter().collect();
                 telemetry.send(t_ms * 1_000, &outputs(t_ms, &notes), &mut queue);
                 if t_ms % 20 == 0 {
                     arrived.extend((0..take).filter_map(|_| queue.items.pop_front()));
@@ -153,7 +153,7 @@ mod tests {
             }
             // The host goes away, the outbox drains, and what is still in the packer is flushed by an answer.
             arrived.extend(queue.items.drain(..));
-            telemetry.send(1_000_000_000, &outputs(1_000_000, &[Note::Stream(false)]), &mut queue);
+            telemetry.send(1_000_000_000, &outputs(1_000_000, &[OutboundMessage::Stream(false)]), &mut queue);
             arrived.extend(queue.items.drain(..));
             let (mut next_us, mut dropped) = (0, 0);
             for item in arrived {
@@ -175,17 +175,17 @@ mod tests {
     fn notes_have_places_that_batches_cannot_take() {
         let mut telemetry = Telemetry::new();
         let mut queue = Queue { items: VecDeque::new(), places: RESERVED_FOR_NOTES + 2 };
-        telemetry.send(0, &outputs(0, &[Note::Stream(true)]), &mut queue);
+        telemetry.send(0, &outputs(0, &[OutboundMessage::Stream(true)]), &mut queue);
         for t_ms in 1..1_000 {
             telemetry.send(t_ms * 1_000, &outputs(t_ms, &[]), &mut queue);
         }
         assert_eq!(queue.items.len(), 2);
         assert!(telemetry.samples_dropped() > 800);
         for id in 0..RESERVED_FOR_NOTES as u16 {
-            telemetry.send(1_000_000, &outputs(1_000, &[Note::Ack(id)]), &mut queue);
+            telemetry.send(1_000_000, &outputs(1_000, &[OutboundMessage::Ack(id)]), &mut queue);
         }
         assert_eq!((queue.room(), telemetry.messages_dropped()), (0, 0));
-        telemetry.send(1_001_000, &outputs(1_001, &[Note::Ack(99)]), &mut queue);
+        telemetry.send(1_001_000, &outputs(1_001, &[OutboundMessage::Ack(99)]), &mut queue);
         assert_eq!(telemetry.messages_dropped(), 1);
     }
 }

@@ -1,6 +1,6 @@
 //! The controller against a small plant, and over arbitrary inputs.
 
-use super::axis::WAKE_UM;
+use super::axis::REENGAGE_ERROR_UM;
 use super::*;
 use crate::ads131m02::ForceFault;
 use crate::hal::Readings;
@@ -44,7 +44,7 @@ struct Bench {
     asks_every: u64,
     connection: u32,
     next_id: u16,
-    notes: std::vec::Vec<Note>,
+    notes: std::vec::Vec<OutboundMessage>,
     last: Option<Outputs>,
 }
 
@@ -128,8 +128,8 @@ impl Bench {
     fn answer(&mut self, command: Command) -> Result<(), Refusal> {
         let outputs = self.period(Some(command));
         let answer = outputs.notes.iter().find_map(|note| match *note {
-            Note::Ack(id) if id == command.id => Some(Ok(())),
-            Note::Refused(id, refusal) if id == command.id => Some(Err(refusal)),
+            OutboundMessage::Ack(id) if id == command.id => Some(Ok(())),
+            OutboundMessage::Refused(id, refusal) if id == command.id => Some(Err(refusal)),
             _ => None,
         });
         answer.expect("every command is answered in its period")
@@ -147,7 +147,9 @@ impl Bench {
         for _ in 0..60_000 {
             self.period(None);
             let ended = self.notes.iter().find_map(|note| match note {
-                Note::Event(Event { kind: EventKind::ProgramEnded { outcome }, .. }) => Some(*outcome),
+                OutboundMessage::Event(Event { kind: EventKind::ProgramEnded { outcome }, .. }) => {
+                    Some(*outcome)
+                }
                 _ => None,
             });
             if let Some(outcome) = ended {
@@ -168,18 +170,18 @@ fn homes_tares_displaces_and_holds() {
         Step::Hold { duration_ms: 500 },
     ]);
     assert_eq!(bench.finish(), Outcome::Completed);
-    assert!(bench.position_um[0].abs() < WAKE_UM, "{:?}", bench.position_um);
-    assert!((bench.position_um[1] - 1_200.0).abs() < WAKE_UM, "{:?}", bench.position_um);
+    assert!(bench.position_um[0].abs() < REENGAGE_ERROR_UM, "{:?}", bench.position_um);
+    assert!((bench.position_um[1] - 1_200.0).abs() < REENGAGE_ERROR_UM, "{:?}", bench.position_um);
     let outputs = bench.periods(1);
     assert_eq!((outputs.state, outputs.step, outputs.drive), (State::Idle, NO_STEP, Drive::Release));
     // After the tare at home the force is that of the displacement alone: 20 counts per micrometre.
     let [_, force] = outputs.sample.force_counts;
-    assert!((force as f32 - 24_000.0).abs() < 20.0 * 2.0 * WAKE_UM, "{force}");
+    assert!((force as f32 - 24_000.0).abs() < 20.0 * 2.0 * REENGAGE_ERROR_UM, "{force}");
     let order: std::vec::Vec<u8> = bench
         .notes
         .iter()
         .filter_map(|note| match note {
-            Note::Event(Event { kind: EventKind::StepEnded { index }, .. }) => Some(*index),
+            OutboundMessage::Event(Event { kind: EventKind::StepEnded { index }, .. }) => Some(*index),
             _ => None,
         })
         .collect();
@@ -230,8 +232,9 @@ fn a_repeated_command_is_carried_out_once() {
     bench.periods(50);
     assert_eq!(bench.answer(run), Ok(()));
     bench.periods(50);
-    let starts =
-        |note: &&Note| matches!(note, Note::Event(Event { kind: EventKind::StepStarted { .. }, .. }));
+    let starts = |note: &&OutboundMessage| {
+        matches!(note, OutboundMessage::Event(Event { kind: EventKind::StepStarted { .. }, .. }))
+    };
     assert_eq!(bench.notes.iter().filter(starts).count(), 1);
 }
 
@@ -251,7 +254,11 @@ fn a_status_is_told_again_when_it_is_asked_again() {
     let status = Command { id: 5, connection: bench.connection, request: Request::Status };
     for _ in 0..2 {
         let outputs = bench.period(Some(status));
-        assert!(matches!(outputs.notes.as_slice(), [Note::Status(_), Note::Ack(5)]), "{:?}", outputs.notes);
+        assert!(
+            matches!(outputs.notes.as_slice(), [OutboundMessage::Status(_), OutboundMessage::Ack(5)]),
+            "{:?}",
+            outputs.notes
+        );
     }
 }
 
@@ -339,7 +346,7 @@ proptest! {
 
 /// The token of the first connection of this boot.
 fn first_token() -> u32 {
-    commands::Conversation::new(BOOT).begin()
+    commands::CommandSession::new(BOOT).begin()
 }
 
 /// An intact frame of anything that can be said.

@@ -8,7 +8,7 @@
 use nalgebra::{RealField, convert};
 
 /// Most coefficients per segment.
-pub const MOST_COEFFICIENTS: usize = 8;
+pub const MAX_COEFFICIENTS: usize = 8;
 /// Damping of 1 in the parameters, N s/m^2.
 pub const DAMPING_UNIT: f64 = 1e3;
 /// Stiffness that tissue can have, N/m^2: a search does not leave this.
@@ -60,7 +60,7 @@ impl Layout {
 pub struct Field<T, const C: usize> {
     layout: Layout,
     segment: [u8; C],
-    basis: [[T; MOST_COEFFICIENTS]; C],
+    basis: [[T; MAX_COEFFICIENTS]; C],
     /// Stiffness of each cell, N/m^2.
     pub stiffness: [T; C],
     /// Damping of each cell, N s/m^2.
@@ -72,7 +72,7 @@ impl<T: RealField + Copy, const C: usize> Field<T, C> {
     /// its begin; what is beyond it is as its end.
     pub fn new(layout: Layout, cell_m: T, segment_m: T, reach_m: T) -> Self {
         let mut segment = [0; C];
-        let mut basis = [[T::zero(); MOST_COEFFICIENTS]; C];
+        let mut basis = [[T::zero(); MAX_COEFFICIENTS]; C];
         let mut middle_m = cell_m * convert(0.5);
         for (segment, basis) in segment.iter_mut().zip(&mut basis) {
             let mut top_m = T::zero();
@@ -126,10 +126,10 @@ fn sum<T: RealField + Copy>(parameters: &[T], basis: &[T]) -> T {
 }
 
 /// Legendre polynomials by their recursion.
-fn legendre<T: RealField + Copy>(u: T, values: &mut [T; MOST_COEFFICIENTS]) {
+fn legendre<T: RealField + Copy>(u: T, values: &mut [T; MAX_COEFFICIENTS]) {
     values[0] = T::one();
     values[1] = u;
-    for n in 2..MOST_COEFFICIENTS {
+    for n in 2..MAX_COEFFICIENTS {
         let order: T = convert(n as f64);
         let odd = order + order - T::one();
         values[n] = (odd * u * values[n - 1] - (order - T::one()) * values[n - 2]) / order;

@@ -5,7 +5,7 @@ use super::information::{Information, dot};
 use super::needle::Shape;
 use super::noise::Deviation;
 use super::simulation::Simulation;
-use super::{Estimate, Evidence, Row, Seen, Settings, Value};
+use super::{Estimate, Evidence, Identifiability, Row, Settings, Value};
 use nalgebra::{RealField, convert};
 
 /// Parameters, what is known of them, and the simulation that goes with them.
@@ -309,7 +309,11 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         let [_, wide] = self.widening();
         let relative = (self.information.variance(*gradient) * wide).sqrt() / mean;
         let factor = (convert::<f64, T>(1.96) * relative.min(convert(20.0))).exp();
-        let seen = if relative < convert(0.5) { Seen::Yes } else { Seen::No };
+        let seen = if relative < convert(0.5) {
+            Identifiability::Identified
+        } else {
+            Identifiability::NotIdentified
+        };
         Value { value: mean, low: mean / factor, high: mean * factor, seen }
     }
 
@@ -341,11 +345,11 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         let high = (free + twice).max(twice);
         // Four standard deviations, and a replay that has come to rest: looked at after every row, two would be passed by chance.
         let seen = if self.settled && free > convert::<f64, T>(4.0) * sd {
-            Seen::Yes
+            Identifiability::Identified
         } else if variance * wide < before * convert(0.1) {
-            Seen::AtMost
+            Identifiability::UpperBound
         } else {
-            Seen::No
+            Identifiability::NotIdentified
         };
         let both = self.information.covariance(stiffness_by, damping_by);
         let correlation = both / (variance * self.information.variance(stiffness_by)).sqrt();

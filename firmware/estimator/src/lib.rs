@@ -160,15 +160,15 @@ pub enum Refused {
     TooDeep,
 }
 
-/// Whether a value can be told from what was measured so far.
+/// Whether what was measured so far determines a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Seen {
-    /// Yes, within its interval.
-    Yes,
-    /// Only that it is not above the interval's end.
-    AtMost,
-    /// No: the motion so far says nothing of it.
-    No,
+pub enum Identifiability {
+    /// Within its interval.
+    Identified,
+    /// Not above the interval's end.
+    UpperBound,
+    /// The motion so far does not determine it.
+    NotIdentified,
 }
 
 /// A value with its 95 % interval.
@@ -181,7 +181,7 @@ pub struct Value<T> {
     /// Upper end.
     pub high: T,
     /// Whether it can be told.
-    pub seen: Seen,
+    pub seen: Identifiability,
 }
 
 /// What is known after a row.
@@ -240,7 +240,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
     /// Nothing measured yet. Nothing where the layout has not `N` parameters or too many per segment.
     pub fn new(settings: Settings<T, M>) -> Option<Self> {
         let layout = settings.layout;
-        let most = field::MOST_COEFFICIENTS;
+        let most = field::MAX_COEFFICIENTS;
         let fits = layout.parameters() == N && layout.segments > 0 && (1..=most).contains(&layout.stiffness);
         if !fits || !(1..=most).contains(&layout.damping) {
             return None;

@@ -29,7 +29,7 @@ pub struct Replay<T: RealField, const M: usize, const C: usize, const N: usize> 
 /// step; so many of them in a row.
 const FAR_SHARE: f64 = 0.5;
 const FAR_LEAST: f64 = 25.0;
-const MOST_FAR: u8 = 10;
+const MAX_FAR: u8 = 10;
 /// A step has made things worse where deviations have grown by this factor and this much. What it was made for are the newest rows
 /// too: the older ones may well lose a little.
 const WORSE_SHARE: f64 = 1.3;
@@ -37,7 +37,7 @@ const WORSE_LEAST: f64 = 5.0;
 /// A replay has come to rest where its step is this short, squared, in standard deviations of the eighteen parameters together.
 const SETTLED: f64 = 1.0;
 /// Most halvings of a step.
-const MOST_HALVINGS: u8 = 6;
+const MAX_HALVINGS: u8 = 6;
 
 impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay<T, M, C, N> {
     /// Not begun.
@@ -103,7 +103,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
     /// All rows are replayed.
     fn end(&mut self, live: &mut Filter<T, M, C, N>) {
         if let Some((best, rows, cost)) = self.best
-            && self.halvings < MOST_HALVINGS
+            && self.halvings < MAX_HALVINGS
             && self.next < rows + rows / 4
             && self.cost_then > cost * convert(WORSE_SHARE) + convert(WORSE_LEAST)
         {
@@ -135,7 +135,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         if !near && filter.squares > live.squares {
             self.far += 1;
             let mut next = live.parameters;
-            if self.far < MOST_FAR {
+            if self.far < MAX_FAR {
                 let step = filter.step_to(&target);
                 next = filter.parameters;
                 next.iter_mut().zip(step).for_each(|(next, step)| *next += step);

@@ -6,7 +6,7 @@ use super::{Background, CHECK_IN, COMMANDS, OUTBOX, RECEIVE_COUNTERS};
 use crate::board::{BootInfo, pins};
 use control::calibration::{Calibration, FORCE_NN_PER_COUNT, POSITION_NM_PER_COUNT};
 use control::telemetry::Item;
-use control::{DESCRIPTION, Note, PERIOD_US};
+use control::{DESCRIPTION, OutboundMessage, PERIOD_US};
 use defmt::{error, warn};
 use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
 use embassy_time::{Duration, Instant, with_timeout};
@@ -33,7 +33,8 @@ pub(super) async fn receive(mut port: BufferedUartRx<'static>) {
                     match frame {
                         Received::Frame(command) => COMMANDS.send(command).await,
                         Received::Unreadable(Some(id)) => {
-                            let refused = Item::Note(Note::Refused(id, Refusal::Unreadable));
+                            let refused =
+                                Item::OutboundMessage(OutboundMessage::Refused(id, Refusal::Unreadable));
                             let lost = OUTBOX.try_send(refused).is_err();
                             messages_dropped = messages_dropped.saturating_add(lost.into());
                         }
@@ -66,17 +67,25 @@ pub(super) async fn send(port: BufferedUartTx<'static>, boot: BootInfo, calibrat
         let Ok(item) = with_timeout(CHECK_IN, OUTBOX.receive()).await else { continue };
         let message = match item {
             Item::Batch(batch) => Message::Samples(batch),
-            Item::Note(Note::Hello) => Message::Hello(hello(&boot, calibration)),
-            Item::Note(Note::Ack(id)) => Message::Ack { id },
-            Item::Note(Note::Refused(id, refusal)) => Message::Refused { id, refusal },
-            Item::Note(Note::Event(event)) => Message::Event(event),
-            Item::Note(Note::Status(status) | Note::Report(status)) => Message::Status(status),
-            Item::Note(Note::Connected(connection)) => Message::Connected { connection },
-            Item::Note(Note::Safety(safety) | Note::SafetyReport(safety)) => Message::Safety(safety),
-            Item::Note(Note::Description) => Message::Description(DESCRIPTION),
-            Item::Note(Note::Calibration) => Message::Calibration(calibration.record().clone()),
+            Item::OutboundMessage(OutboundMessage::Hello) => Message::Hello(hello(&boot, calibration)),
+            Item::OutboundMessage(OutboundMessage::Ack(id)) => Message::Ack { id },
+            Item::OutboundMessage(OutboundMessage::Refused(id, refusal)) => Message::Refused { id, refusal },
+            Item::OutboundMessage(OutboundMessage::Event(event)) => Message::Event(event),
+            Item::OutboundMessage(OutboundMessage::Status(status) | OutboundMessage::Report(status)) => {
+                Message::Status(status)
+            }
+            Item::OutboundMessage(OutboundMessage::Connected(connection)) => {
+                Message::Connected { connection }
+            }
+            Item::OutboundMessage(
+                OutboundMessage::Safety(safety) | OutboundMessage::SafetyReport(safety),
+            ) => Message::Safety(safety),
+            Item::OutboundMessage(OutboundMessage::Description) => Message::Description(DESCRIPTION),
+            Item::OutboundMessage(OutboundMessage::Calibration) => {
+                Message::Calibration(calibration.record().clone())
+            }
             // Telemetry itself acts on it.
-            Item::Note(Note::Stream(_)) => continue,
+            Item::OutboundMessage(OutboundMessage::Stream(_)) => continue,
         };
         link.send(message).await;
     }

@@ -40,7 +40,7 @@ unsafe fn with<R>(work: impl FnOnce(&mut Retained) -> R) -> R {
 }
 
 /// What the last run has left.
-pub(super) struct Legacy {
+pub(super) struct RetainedState {
     /// Number of this boot, from an arbitrary start after power-on.
     pub(super) boots: u32,
     /// The memory was kept: power had been on before.
@@ -54,7 +54,7 @@ pub(super) struct Legacy {
 }
 
 /// Takes what the last run has left; call it once, before any task runs.
-pub(super) fn take() -> Legacy {
+pub(super) fn take() -> RetainedState {
     // SAFETY: no task runs yet.
     unsafe {
         with(|retained| {
@@ -70,7 +70,7 @@ pub(super) fn take() -> Legacy {
             retained.panic_magic = 0;
             retained.calibration = [0; STORED_BYTES];
             let carried = Carried::from_bytes(&retained.carried);
-            Legacy { boots, kept, panic, calibration, carried }
+            RetainedState { boots, kept, panic, calibration, carried }
         })
     }
 }

@@ -6,7 +6,7 @@
 mod sweeps;
 
 use crate::igtl::Channel;
-use crate::igtl::channel::Seen;
+use crate::igtl::channel::Observation;
 use crate::link::{Batch, Client, LinkError, LinkLosses, Program, RunOptions, Telemetry, run};
 use crate::sweep::{Sweep, SweepError};
 use formats::session::{ForceRow, LateralWriter, Provenance, SessionError};
@@ -61,7 +61,7 @@ pub enum Ultrasound<'a> {
 }
 
 /// Looks on while a run is recorded.
-pub trait Witness {
+pub trait AcquisitionObserver {
     /// A step of the program has begun.
     fn step(&mut self, _step: usize) {}
     /// Samples have arrived, of the run or of the time around it.
@@ -73,7 +73,7 @@ pub trait Witness {
 }
 
 /// Nobody looks on.
-impl Witness for () {}
+impl AcquisitionObserver for () {}
 
 /// What a recording holds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
@@ -159,18 +159,18 @@ impl<'w, 's> Recorder<'w, 's> {
     pub fn track(
         &mut self,
         tracker: &mut Channel,
-        witness: &mut dyn Witness,
+        observer: &mut dyn AcquisitionObserver,
     ) -> Result<Vec<f64>, SessionError> {
         let mut times_s = Vec::new();
         for seen in tracker.look() {
             match seen {
-                Seen::Note(text) => witness.note(&text),
-                Seen::Shape(sweep) => {
+                Observation::Note(text) => observer.note(&text),
+                Observation::Shape(sweep) => {
                     let time_s = sweep.rows(0.0).next().map(|row| row.time_s);
                     let first_s = self.first_s.unwrap_or(f64::INFINITY);
                     if let Some(time_s) = time_s.filter(|time_s| *time_s >= first_s) {
                         self.sweep(&sweep, time_s)?;
-                        witness.sweep(&sweep, time_s);
+                        observer.sweep(&sweep, time_s);
                         times_s.push(time_s);
                     }
                 }
@@ -202,22 +202,22 @@ pub fn acquire(
     options: RunOptions,
     ultrasound: Ultrasound<'_>,
     recorder: &mut Recorder,
-    witness: &mut dyn Witness,
+    observer: &mut dyn AcquisitionObserver,
 ) -> Result<Recorded, RecordError> {
     let mut sweeps = Sweeps::new(program, ultrasound);
     let outcome = run(client, program, options, |_, telemetry| {
         match telemetry {
             Telemetry::Samples(batch) => {
-                witness.samples(batch);
+                observer.samples(batch);
                 // The time before the start and after the end is not part of the run.
                 if !matches!(batch.state, State::Idle | State::Pending | State::Faulted | State::Retreating) {
                     recorder.batch(batch)?;
                 }
-                sweeps.follow(batch, recorder, witness)?;
+                sweeps.follow(batch, recorder, observer)?;
             }
             Telemetry::Event(event) => {
                 if let EventKind::StepStarted { index } = event.kind {
-                    witness.step(usize::from(index));
+                    observer.step(usize::from(index));
                 }
             }
             Telemetry::Status(_) => {}

@@ -21,7 +21,7 @@ const FORCE_RANGE_N: [f64; 2] = [0.001, 1_000.0];
 /// What fits into the record's 32 bits of piconewtons.
 const FORCE_N_PER_CODE: [f64; 2] = [-2.147e-3, 2.147e-3];
 /// Least sine of the angle between the rows of the force matrix.
-const LEAST_SINE: f64 = 0.05;
+const MIN_SINE: f64 = 0.05;
 const AXES: [&str; 2] = ["x", "y"];
 
 /// Reads a calibration file.
@@ -95,7 +95,7 @@ fn force_matrix(file: &Fields<'_>) -> Result<[[i32; 2]; 2], SessionError> {
     };
     let [[xx, xy], [yx, yy]] = [[xx, xy], [yx, yy]].map(|row| row.map(f64::round));
     let size = xx.hypot(xy) * yx.hypot(yy);
-    if (xx * yy - xy * yx).abs() <= LEAST_SINE * size {
+    if (xx * yy - xy * yx).abs() <= MIN_SINE * size {
         let problem = Problem::Syntax("the two rows say the same".to_owned());
         return Err(file.field_fault(FIELD, problem, "rows from which both forces can be told"));
     }

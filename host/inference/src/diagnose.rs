@@ -5,7 +5,7 @@
 //! | runs as numbers with their places | `data`, `cells` |
 //! | split: what is learned from, what judges | `split` |
 //! | noise, and residuals made independent | `noise`, `whiten` |
-//! | what is unknown | `believed` |
+//! | what is unknown | `layout` |
 //! | what every rig leaves behind any model | `discrepancy` |
 //! | evidence with that discrepancy, and fits | `evidence`, `posterior` |
 //! | where it disagrees, and whether at all | `adequacy` |
@@ -15,32 +15,32 @@
 //! | before and after on what was held out | `split` |
 //! | what remains, and whether it matters | `remaining` |
 //! | intervals over all members of a class | `averaged` |
-//! | the result | `story`, `results` |
+//! | the result | `report`, `results` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
 //! optimal discriminating designs. What is added is the loop, with names, abstention and a proof on runs that nothing has seen.
 
 mod adequacy;
 mod averaged;
-mod believed;
 mod cells;
 mod data;
 mod discrepancy;
+pub mod display;
 mod evidence;
 mod expected;
 mod foundation;
+mod layout;
 mod misread;
 mod next;
 mod noise;
 mod posterior;
 mod remaining;
+mod report;
 mod results;
 mod score;
 mod search;
 mod split;
-mod story;
 mod whiten;
-pub mod words;
 
 pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
@@ -54,21 +54,21 @@ pub use results::{
 
 use crate::FitError;
 use adequacy::{Adequacy, regions};
-use believed::{Layout, Prepared, Scale, kinds};
 use data::Run;
 use discrepancy::patterns;
 use evidence::Patterns;
 use formats::session::Session;
+use layout::{Layout, Prepared, Scale, kinds};
 use mechanics::effects::Effect;
 use mechanics::{Experiment, Insertion, ModelError, Support};
 use noise::Noise;
 use posterior::{Fitted, MAX_ROUNDS};
 use rayon::prelude::*;
 use remaining::Remaining;
+use report::DiagnosisReport;
 use search::{Found, Search};
 use split::{Judge, Training, split};
 use std::path::PathBuf;
-use story::Story;
 use whiten::Whitener;
 
 /// What the user may choose.
@@ -140,7 +140,7 @@ pub enum DiagnoseError {
 }
 
 /// Beside others an effect with more rivals than this is no name.
-const MOST_IN_CLASS: usize = 3;
+const MAX_IN_CLASS: usize = 3;
 
 /// Diagnoses a session; `tell` hears what goes on.
 ///
@@ -194,7 +194,7 @@ pub fn diagnose(
     let gap = judge.gap(&start, final_fit, options.seed)?;
     let remaining =
         Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
-    let story = Story {
+    let story = DiagnosisReport {
         session,
         options,
         all: &all,
@@ -209,7 +209,7 @@ pub fn diagnose(
         multiples: final_fit.multiples(&patterns),
         held_out: judge.runs(),
     };
-    Ok(story.told(where_before.iter().map(story::region).collect(), gap, remaining, warnings))
+    Ok(story.told(where_before.iter().map(report::region).collect(), gap, remaining, warnings))
 }
 
 /// How a session would be divided.
@@ -244,10 +244,10 @@ fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> 
     let lateral = session.lateral.iter().map(|run| (&run.id, Run::lateral(run, &session.rig)));
     let insertion = session.insertion.iter().map(|run| (&run.id, Run::insertion(run)));
     let (mut runs, mut warnings) = (Vec::new(), Vec::new());
-    let criteria = crate::levels::HoldCriteria::default();
+    let criteria = crate::holds::HoldCriteria::default();
     for run in &session.lateral {
-        let unused = crate::levels::unused(run, &session.rig, &criteria);
-        warnings.extend(crate::levels::summary(&unused).iter().map(|what| format!("run {}: {what}", run.id)));
+        let unused = crate::holds::unused(run, &session.rig, &criteria);
+        warnings.extend(crate::holds::summary(&unused).iter().map(|what| format!("run {}: {what}", run.id)));
     }
     for (id, run) in lateral.chain(insertion) {
         match run {
@@ -427,7 +427,7 @@ fn verdict(found: &Found, before: &Adequacy, share: f64) -> Verdict {
 /// Whether effects were added that could be any of many: they soak up what another thing has left, and are no names. A single effect
 /// of many possible ones is another matter: that is a weak one, and its class says so.
 fn absorbs(found: &Found) -> bool {
-    found.members.len() > 1 && found.members.iter().any(|member| member.class.len() > MOST_IN_CLASS)
+    found.members.len() > 1 && found.members.iter().any(|member| member.class.len() > MAX_IN_CLASS)
 }
 
 #[cfg(test)]

@@ -38,7 +38,7 @@ pub struct EnergyModulus {
 }
 
 /// Least number of shape points inside the tissue.
-pub const LEAST_POINTS: usize = 3;
+pub const MIN_POINTS: usize = 3;
 
 /// Applies the energy balance to one level; nothing where there is no guide 1, fewer than three points lie inside the tissue or they do not
 /// determine a quadratic.
@@ -53,7 +53,7 @@ pub fn energy_modulus(rig: &Rig, depth_m: f64, balance: &Balance) -> Option<Ener
         .map(|(z_m, u_m)| ((z_m - rig.entry_m) / depth_m, *u_m))
         .filter(|(s, _)| (-1e-6..=1.0 + 1e-6).contains(s))
         .collect();
-    if shape.len() < LEAST_POINTS {
+    if shape.len() < MIN_POINTS {
         return None;
     }
     let powers = DMatrix::from_fn(shape.len(), 3, |row, power| shape[row].0.powi(power as i32));

@@ -53,7 +53,7 @@ impl Parameter {
 /// One run's data.
 pub trait Block {
     /// The model at values of the shared parameters, for any nuisances.
-    type Ready<'a>
+    type Prepared<'a>
     where
         Self: 'a;
 
@@ -64,13 +64,13 @@ pub trait Block {
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    fn ready(&self, shared: &[f64]) -> Result<Self::Ready<'_>, ModelError>;
+    fn prepare(&self, shared: &[f64]) -> Result<Self::Prepared<'_>, ModelError>;
 
     /// `(measured - predicted) / sigma` of everything measured, always in the same order and number.
     ///
     /// # Errors
     /// Where the model cannot be evaluated.
-    fn residuals(&self, ready: &Self::Ready<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError>;
+    fn residuals(&self, ready: &Self::Prepared<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError>;
 }
 
 /// The best parameters and what is known about them.
@@ -222,7 +222,7 @@ impl Point {
 struct Tried<'a, B: Block + 'a> {
     point: Point,
     /// The model of each block at the shared parameters.
-    ready: Vec<B::Ready<'a>>,
+    ready: Vec<B::Prepared<'a>>,
     residuals: Vec<Vec<f64>>,
     chi_square: f64,
 }
@@ -230,7 +230,7 @@ struct Tried<'a, B: Block + 'a> {
 impl<'a, B: Block> Tried<'a, B> {
     fn at(point: Point, shared: &[Parameter], blocks: &'a [B]) -> Result<Self, FitError> {
         let ready: Vec<_> =
-            blocks.iter().map(|block| block.ready(&point.shared)).collect::<Result<_, _>>()?;
+            blocks.iter().map(|block| block.prepare(&point.shared)).collect::<Result<_, _>>()?;
         let of_blocks = blocks.iter().zip(&ready).zip(&point.nuisances);
         let residuals = of_blocks
             .map(|((block, ready), nuisances)| finite(block.residuals(ready, nuisances)?))

@@ -6,13 +6,13 @@ use super::*;
 struct Decay(Vec<f64>);
 
 impl Block for Decay {
-    type Ready<'a> = f64;
+    type Prepared<'a> = f64;
 
     fn nuisances(&self) -> Vec<Parameter> {
         vec![Parameter::free(1.0, 1e-5)]
     }
 
-    fn ready(&self, shared: &[f64]) -> Result<f64, ModelError> {
+    fn prepare(&self, shared: &[f64]) -> Result<f64, ModelError> {
         Ok(shared[0])
     }
 
@@ -91,12 +91,12 @@ fn what_is_free_is_fitted_beside_what_is_at_its_bound() {
     /// Two measurements of `a` and one of `a + b`, all as 1, 1 and -3.
     struct Sum;
     impl Block for Sum {
-        type Ready<'a> = [f64; 2];
+        type Prepared<'a> = [f64; 2];
 
         fn nuisances(&self) -> Vec<Parameter> {
             Vec::new()
         }
-        fn ready(&self, shared: &[f64]) -> Result<[f64; 2], ModelError> {
+        fn prepare(&self, shared: &[f64]) -> Result<[f64; 2], ModelError> {
             Ok([shared[0], shared[1]])
         }
         fn residuals(&self, [a, b]: &[f64; 2], _: &[f64]) -> Result<Vec<f64>, ModelError> {

@@ -31,7 +31,7 @@ pub use results::{
 
 use crate::check::suspicions_of_identification;
 use crate::energy::energy_modulus;
-use crate::levels::{Unused, unused_of_session};
+use crate::holds::{Unused, unused_of_session};
 use crate::{LateralData, channel_fits, shape_fits};
 use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};
 use formats::session::{LateralRun, Session};

@@ -7,7 +7,7 @@
 
 pub mod layer;
 
-use crate::levels::mean;
+use crate::holds::mean;
 pub use formats::session::Indenter;
 use layer::{SphereFactor, punch_factor};
 use nalgebra::{DMatrix, DVector, Matrix3};
@@ -31,7 +31,7 @@ pub struct Contact {
 pub struct Indented {
     /// Young's modulus.
     pub youngs_pa: f64,
-    /// Its 95 % interval from the scatter about the curve; nothing for fewer than [`LEAST_ROWS_OF_INTERVAL`] rows.
+    /// Its 95 % interval from the scatter about the curve; nothing for fewer than [`MIN_ROWS_OF_INTERVAL`] rows.
     pub ci95_pa: Option<[f64; 2]>,
     /// Force before contact; nothing where a flat punch was in contact all along (any offset fits then with its own contact point).
     pub offset_n: Option<f64>,
@@ -57,7 +57,7 @@ pub struct Indented {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IndentationError {
     /// Too few rows.
-    #[error("{found} rows of increasing depth, expected {LEAST_ROWS} or more")]
+    #[error("{found} rows of increasing depth, expected {MIN_ROWS} or more")]
     FewRows {
         /// Number of rows.
         found: usize,
@@ -78,9 +78,9 @@ pub enum IndentationError {
 }
 
 /// Fewest rows.
-pub const LEAST_ROWS: usize = 3;
+pub const MIN_ROWS: usize = 3;
 /// Fewest rows from which the scatter gives an interval.
-pub const LEAST_ROWS_OF_INTERVAL: usize = 8;
+pub const MIN_ROWS_OF_INTERVAL: usize = 8;
 /// Share of the depth after contact that is not used with a flat punch: an edge touches before the whole face does.
 const TOE: f64 = 0.2;
 /// Before contact the force has less than this share of the slope after it.
@@ -95,7 +95,7 @@ const ROUNDS: usize = 5;
 /// [`IndentationError`].
 pub fn indented(contact: &Contact, depth_m: &[f64], force_n: &[f64]) -> Result<Indented, IndentationError> {
     let rows = loading(depth_m, force_n);
-    if rows.len() < LEAST_ROWS {
+    if rows.len() < MIN_ROWS {
         return Err(IndentationError::FewRows { found: rows.len() });
     }
     let (first_m, last_m) = span(&rows);
@@ -241,7 +241,7 @@ impl Fitted {
         let quantile =
             StudentsT::new(0.0, 1.0, (freedom / worth).max(2.0)).map_or(1.96, |t| t.inverse_cdf(0.975));
         let ci95_pa = sd_pa
-            .filter(|sd| rows >= LEAST_ROWS_OF_INTERVAL && sd.is_finite())
+            .filter(|sd| rows >= MIN_ROWS_OF_INTERVAL && sd.is_finite())
             .map(|sd| [self.slope_pa - quantile * sd, self.slope_pa + quantile * sd]);
         let (nonlinearity, nonlinearity_se) = self.nonlinearity(curve, worth);
         let floor = f64::EPSILON * self.rows.iter().map(|[_, f]| f * f).fold(0.0, f64::max);
@@ -337,7 +337,7 @@ fn flat(rows: &[[f64; 2]], curve: &Curve) -> Option<Fitted> {
         let contact_m = first_m.min(0.0).max(first_m - 0.25 * (last_m - first_m));
         let toe_m = contact_m + TOE * (last_m - contact_m);
         let used: Vec<[f64; 2]> = rows.iter().filter(|[d, _]| *d > toe_m).copied().collect();
-        let used = if used.len() < LEAST_ROWS { rows } else { &used };
+        let used = if used.len() < MIN_ROWS { rows } else { &used };
         return line(used, curve, first_m.min(0.0));
     };
     // Rows of the toe lie between; offset and line are extrapolated to where they meet.
@@ -351,7 +351,7 @@ fn flat(rows: &[[f64; 2]], curve: &Curve) -> Option<Fitted> {
 /// Whether rows before the contact point are those of an indenter that does not touch yet.
 fn has_approach(rows: &[[f64; 2]], fit: &Fitted, curve: &Curve) -> bool {
     let before: Vec<[f64; 2]> = rows.iter().filter(|[d, _]| *d < fit.contact_m).copied().collect();
-    if before.len() < LEAST_ROWS {
+    if before.len() < MIN_ROWS {
         return false;
     }
     let n = before.len() as f64;

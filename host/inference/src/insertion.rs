@@ -2,7 +2,7 @@
 //!
 //! The model is linear in everything but the modulus K and the gap between guide 2 and the tissue (theory, eq. 42): an
 //! offset of the tip sensor, the angle of entry, guide 2 off its zero, the place of the surface, the tip load and its wander with depth
-//! (stationary, with a memory that is learned) are normal unknowns, so that given K and gap the smoother is exact ([`Belief`]). The
+//! (stationary, with a memory that is learned) are normal unknowns, so that given K and gap the smoother is exact ([`Posterior`]). The
 //! posterior of K and gap is climbed and covered by a grid as fine as it is narrow ([`learn`]), on responses that are solved once per
 //! session ([`Candidates`]): their uncertainty is carried through. Insertions of one rig share a part of these unknowns; how much, is
 //! learned from them.
@@ -11,7 +11,6 @@
 
 pub mod baselines;
 mod basis;
-mod belief;
 mod candidates;
 mod evidence;
 mod fold;
@@ -21,6 +20,7 @@ mod learn;
 mod motion;
 mod path;
 mod place;
+mod posterior;
 pub mod published;
 mod quadrature;
 mod rear;
@@ -30,11 +30,11 @@ mod search;
 #[cfg(test)]
 mod tests;
 
-pub use belief::{Belief, Determined, Live, Moments};
 pub use candidates::{Candidate, Candidates, Tissue};
 pub use layout::Layout;
 pub use learn::{Learned, Start, learn, learn_from, start};
 pub use path::{Bin, PathError, TipPath, direction_scatter_rad, row_scatter_m};
+pub use posterior::{Determined, Live, Moments, Posterior};
 pub use rear::Rear;
 pub(crate) use scales::of_median;
 pub use scales::{ReadingNoise, Scales};

@@ -129,7 +129,7 @@ impl LateralData {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{LevelData, ShapeDatum};
+    use crate::{HoldData, ShapeDatum};
     use mechanics::{Beam, Foundation, Needle, Rig};
 
     const LN_K: Parameter = Parameter { start: 9.5, step: 1e-4, least: 2.0, most: 16.0, prior: None };
@@ -141,7 +141,7 @@ mod tests {
             let z_m = 0.07 + 1e-3 * f64::from(i);
             ShapeDatum { z_m, deflection_m: [beam.deflection_m(1.2e-3, z_m), 0.0] }
         };
-        let level = LevelData {
+        let level = HoldData {
             displacement_m: vec![Measured { value: 1.2e-3, sd: 15e-6 }],
             force_n: vec![Measured { value: beam.force_n(1.2e-3), sd: 0.1 }],
             shape: (1..30).map(point).collect(),

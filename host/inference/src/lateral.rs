@@ -6,15 +6,17 @@
 //! offset they are the zero of the run, with the uncertainty of their own.
 
 use super::{Block, Fit, Parameter, Prior};
-use crate::levels::reversal_of_means_m;
+use crate::holds::reversal_of_means_m;
 use mechanics::effects::{Effect, ParameterInfo};
-use mechanics::{DriveSample, Model, ModelError, Mounted, Rig, Series, ShapePoint, Sight, Support};
+use mechanics::{
+    DriveSample, Model, ModelError, ObservationPlan, PreparedNeedle, Rig, Series, ShapePoint, Support,
+};
 use smallvec::SmallVec;
 use std::borrow::Cow;
 
-mod course;
+mod history;
 
-pub use course::{Course, Fixed};
+pub use history::{DisplacementHistory, Fixed};
 
 /// A true displacement is not expected further beyond a measured one than this, standard deviations.
 const FAR_SD: f64 = 4.0;
@@ -39,7 +41,7 @@ pub struct ShapeDatum {
 
 /// What was measured at one level; one entry per plane, `[y]` or `[y, x]`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LevelData {
+pub struct HoldData {
     /// Displacement of guide 2.
     pub displacement_m: Vec<Measured>,
     /// Force of guide 2.
@@ -60,7 +62,7 @@ pub struct LateralData {
     /// Number of planes with data: 1 or 2.
     pub planes: usize,
     /// Its levels; the zero holds among them.
-    pub levels: Vec<LevelData>,
+    pub levels: Vec<HoldData>,
     /// Standard deviation of a deflection.
     pub shape_sd_m: f64,
     /// Whether the force sensor's offset is unknown (a zero hold determines it); otherwise it is taken as zero.
@@ -95,10 +97,10 @@ impl LateralData {
     /// One plane of the run alone, 0 for y and 1 for x; nothing where guide 2 was not displaced in it by more than `least_m`.
     pub fn in_plane(&self, plane: usize, least_m: f64) -> Option<Self> {
         let one = |values: &[Measured]| values.get(plane).copied().into_iter().collect::<Vec<_>>();
-        let levels: Vec<LevelData> = self
+        let levels: Vec<HoldData> = self
             .levels
             .iter()
-            .map(|level| LevelData {
+            .map(|level| HoldData {
                 displacement_m: one(&level.displacement_m),
                 force_n: one(&level.force_n),
                 shape: level
@@ -200,7 +202,7 @@ fn of_plane(series: &Series, plane: usize) -> &[f64] {
 }
 
 impl Block for LateralData {
-    type Ready<'a> = Mounted<'a>;
+    type Prepared<'a> = PreparedNeedle<'a>;
 
     fn nuisances(&self) -> Vec<Parameter> {
         let offsets = (0..self.offsets()).map(|_| Parameter::free(0.0, 1e-3));
@@ -208,16 +210,20 @@ impl Block for LateralData {
         offsets.chain(true_m.map(|measured| Parameter::free(measured.value, 1e-6))).collect()
     }
 
-    fn ready(&self, shared: &[f64]) -> Result<Mounted<'_>, ModelError> {
+    fn prepare(&self, shared: &[f64]) -> Result<PreparedNeedle<'_>, ModelError> {
         // A course is one of both planes, whichever of them the data are of.
         let planes = if self.fixed.is_some() { 2 } else { self.planes };
-        let sight =
-            Sight { shape: &self.shape(), most_m: self.most_m(), planes, reversal_m: self.reversal_m() };
-        Mounted::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
+        let sight = ObservationPlan {
+            shape: &self.shape(),
+            most_m: self.most_m(),
+            planes,
+            reversal_m: self.reversal_m(),
+        };
+        PreparedNeedle::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
     }
 
     /// Plane by plane: displacements, forces, shape points.
-    fn residuals(&self, ready: &Mounted<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
+    fn residuals(&self, ready: &PreparedNeedle<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
         let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
         let mut predicted = ready.moved(&self.drive(displacements_m))?;
         if let Some(fixed) = &self.fixed {

@@ -25,12 +25,12 @@ pub mod check;
 pub mod diagnose;
 pub mod energy;
 mod fit;
+pub mod holds;
 pub mod identify;
 pub mod indentation;
 pub mod insertion;
 pub mod intervals;
 mod lateral;
-pub mod levels;
 pub mod modulus;
 #[cfg(test)]
 mod monte_carlo;
@@ -41,6 +41,6 @@ pub mod track;
 
 pub use fit::{Block, Fit, FitError, Parameter, Prior, fit};
 pub use lateral::{
-    ChannelFit, Course, Fixed, LateralData, LevelData, Measured, ShapeDatum, ShapeFit, channel_fits,
-    effect_parameters, shape_fits,
+    ChannelFit, DisplacementHistory, Fixed, HoldData, LateralData, Measured, ShapeDatum, ShapeFit,
+    channel_fits, effect_parameters, shape_fits,
 };

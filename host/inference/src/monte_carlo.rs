@@ -2,7 +2,7 @@
 //! model under test.
 
 use super::energy::{Balance, energy_modulus};
-use super::{LateralData, LevelData, Measured, Parameter, ShapeDatum, fit};
+use super::{HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
 use mechanics::{Needle, Rig};
 use noise::Noise;
 use worlds::finite_elements::unit_shape;
@@ -33,7 +33,7 @@ fn data(
     shape_sd_m: f64,
 ) -> LateralData {
     let point = |(z_m, u_m): &(f64, f64)| ShapeDatum { z_m: *z_m, deflection_m: [*u_m, 0.0] };
-    let level = LevelData {
+    let level = HoldData {
         displacement_m: vec![displacement],
         force_n: vec![force],
         shape: shape.iter().map(point).collect(),

@@ -6,8 +6,8 @@
 //! displacements and the force sensor's zero are unknown. The modulus is not known beforehand: every figure is the worst over a range.
 //! `cargo xtask study plan` compares the plan with the scatter of simulated sessions.
 
-use crate::levels::{HoldCriteria, trimmed_s};
-use crate::{FitError, LateralData, LevelData, Measured, Parameter, ShapeDatum, effect_parameters, fit};
+use crate::holds::{HoldCriteria, trimmed_s};
+use crate::{FitError, HoldData, LateralData, Measured, Parameter, ShapeDatum, effect_parameters, fit};
 use formats::NORMAL_975;
 use formats::session::DEPTH_RANGE_MM;
 use mechanics::effects::Effect;
@@ -148,7 +148,7 @@ pub enum PlanError {
     },
     /// A hold has too few readings to be detected.
     #[error(
-        "hold_s: {hold_s} s at {rate_hz} Hz are {readings:.0} readings, expected {LEAST_READINGS:.0} or more"
+        "hold_s: {hold_s} s at {rate_hz} Hz are {readings:.0} readings, expected {MIN_READINGS:.0} or more"
     )]
     FewReadings {
         /// Length of a hold.
@@ -159,7 +159,7 @@ pub enum PlanError {
         readings: f64,
     },
     /// Too few points of the shape to identify anything.
-    #[error("spacing_mm: {spacing_mm} leaves {found} shape points in {depth_mm} mm of depth, expected at least {LEAST_POINTS}: at most {:.3}", depth_mm / LEAST_POINTS as f64)]
+    #[error("spacing_mm: {spacing_mm} leaves {found} shape points in {depth_mm} mm of depth, expected at least {MIN_POINTS}: at most {:.3}", depth_mm / MIN_POINTS as f64)]
     FewPoints {
         /// Distance between points.
         spacing_mm: f64,
@@ -177,14 +177,14 @@ pub enum PlanError {
 }
 
 /// Fewest shape points that `identify` accepts.
-const LEAST_POINTS: usize = crate::energy::LEAST_POINTS;
+const MIN_POINTS: usize = crate::energy::MIN_POINTS;
 /// Number of moduli of the range at which a choice is evaluated.
 const MODULI: u32 = 5;
 const LN_STEP: f64 = 1e-4;
 /// An interval wider than this is none.
-const MOST_HALF_WIDTH_PERCENT: f64 = 1e3;
+const MAX_HALF_WIDTH_PERCENT: f64 = 1e3;
 /// Fewest readings of a hold.
-const LEAST_READINGS: f64 = 20.0;
+const MIN_READINGS: f64 = 20.0;
 
 impl Question {
     /// Readings of which a hold's mean is made: detection cuts off what may still be motion at its ends.
@@ -246,10 +246,10 @@ impl Question {
             });
         }
         let (hold_s, rate_hz, readings) = (self.hold_s, self.rate_hz, self.hold_s * self.rate_hz);
-        if readings < LEAST_READINGS * (1.0 - 1e-9) {
+        if readings < MIN_READINGS * (1.0 - 1e-9) {
             return Err(PlanError::FewReadings { hold_s, rate_hz, readings });
         }
-        let few = self.depths_m.iter().find(|depth_m| self.points(**depth_m) < LEAST_POINTS);
+        let few = self.depths_m.iter().find(|depth_m| self.points(**depth_m) < MIN_POINTS);
         few.map_or(Ok(()), |depth_m| {
             let (spacing_mm, depth_mm) = (1e3 * self.shape_spacing_m, 1e3 * depth_m);
             Err(PlanError::FewPoints { spacing_mm, depth_mm, found: self.points(*depth_m) })
@@ -323,7 +323,7 @@ fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> 
 
         // No number is larger than this, and none is none.
         let half_width_percent =
-            if half_width_percent <= MOST_HALF_WIDTH_PERCENT { half_width_percent } else { f64::INFINITY };
+            if half_width_percent <= MAX_HALF_WIDTH_PERCENT { half_width_percent } else { f64::INFINITY };
         choice.half_width_percent = choice.half_width_percent.max(half_width_percent);
         choice.force_n = choice.force_n.max(force_n);
         choice.needle_strain_percent = choice.needle_strain_percent.max(100.0 * strain);
@@ -349,7 +349,7 @@ fn data(question: &Question, rig: &Rig, beam: &Beam, depth_m: f64, displacement_
         let points = if [0.0, least, most].contains(level) { points } else { 0 };
         let point =
             |i: usize| ShapeDatum { z_m: z_m(i), deflection_m: [beam.deflection_m(at_m, z_m(i)), 0.0] };
-        LevelData {
+        HoldData {
             displacement_m: vec![Measured { value: at_m, sd: question.displacement_sd_m / of_mean }],
             force_n: vec![Measured { value: beam.force_n(at_m), sd: question.force_sd_n / of_mean }],
             shape: (0..points).map(point).collect(),

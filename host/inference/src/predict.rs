@@ -12,7 +12,7 @@ use crate::identify::{self, identify};
 use crate::insertion::baselines::Baseline;
 use crate::insertion::published::published;
 use crate::insertion::{
-    Belief, Candidates, Determined, PathError, ReadingNoise, Rear, Start, TipPath, Tissue,
+    Candidates, Determined, PathError, Posterior, ReadingNoise, Rear, Start, TipPath, Tissue,
     direction_scatter_rad, learn_from, row_scatter_m, start,
 };
 use formats::session::{InsertionRun, Session};
@@ -69,7 +69,7 @@ const REFERENCE_MODULUS_SD_LN: f64 = 1.5;
 const INSERTION_SD_LN: f64 = 0.1;
 /// Least gap between guide 2 and tissue that is believed, and the standard deviation of its logarithm: needles are loose in guides
 /// and surfaces give way.
-const LEAST_GAP_M: f64 = 10e-3;
+const MIN_GAP_M: f64 = 10e-3;
 const GAP_SD_LN: f64 = 0.7;
 /// Rotation stiffness of the needle beyond its only guide, in bending stiffnesses over the gap; the share of a rear of which nothing is
 /// stated, and its standard deviation: anything between a clamp and a hinge.
@@ -171,7 +171,7 @@ fn not_applied(options: &Options) -> Vec<String> {
 
 /// Foundation and its uncertainty: as asked for, from the lateral runs, or of any soft tissue.
 fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> Result<Tissue, PredictError> {
-    let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(LEAST_GAP_M);
+    let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(MIN_GAP_M);
     let with = |foundation: Foundation, sd_ln: f64| {
         let mut model = Model::uniform(session.rig.clone(), 0.0)?;
         model.foundation = foundation;
@@ -239,7 +239,7 @@ fn rear(rig: &Rig, options: &Options) -> Option<Rear> {
     let Guides::One { rear_rotation_n_m_per_rad: stated } = rig.guides else { return None };
     let is_given = options.effects.iter().any(|(effect, _)| effect.id() == REAR_ROTATION);
     let unknown = stated.map(|stiffness| stiffness.is_none() && !is_given);
-    let gap_m = (rig.entry_m - rig.guide2_m).max(LEAST_GAP_M);
+    let gap_m = (rig.entry_m - rig.guide2_m).max(MIN_GAP_M);
     let needle_n_m_per_rad = NEEDLE_PER_GAP * rig.needle.bending_stiffness_n_m2() / gap_m;
     unknown.contains(&true).then_some(Rear {
         needle_n_m_per_rad,
@@ -292,7 +292,7 @@ impl Workflow<'_> {
         let reading_m = noise.position_m;
         let learned =
             learn_from(self.candidates, &known, &earlier, number, noise, self.start.filter(|_| from_others));
-        let mut belief = Belief::new(self.candidates, &learned);
+        let mut belief = Posterior::new(self.candidates, &learned);
         belief.update_all(&seen);
         if !belief.is_sound() {
             return Err(PathError::Unexplained);

@@ -4,7 +4,7 @@
 //! deeper than about 60 mm it is more than a little: there the shape asks for softer springs than the force, and K is a number of
 //! the test as much as of the tissue. Young's modulus found through the relation for that very test is not affected.
 
-use crate::{FitError, LateralData, LevelData, Measured, Parameter, ShapeDatum, fit};
+use crate::{FitError, HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
 use mechanics::continuum::{Continuum, check_youngs};
 use mechanics::{Rig, Support};
 
@@ -32,7 +32,7 @@ fn fitted_modulus_pa(body: &Continuum, rig: &Rig, youngs_pa: f64, run: &Run) -> 
         let z_m = rig.entry_m + body.depth_m() * (i as f64 + 0.5) / points as f64;
         ShapeDatum { z_m, deflection_m: [force_n * unit.deflection_m(z_m), 0.0] }
     };
-    let level = LevelData {
+    let level = HoldData {
         displacement_m: vec![Measured { value: run.displacement_m, sd: run.displacement_sd_m }],
         force_n: vec![Measured { value: force_n, sd: run.force_sd_n }],
         shape: (0..points).map(point).collect(),

@@ -16,7 +16,7 @@ mod units;
 
 use estimator::{Estimate, Refused, Settings};
 use formats::session::{Session, SteeringRun};
-use kalman::{Kalman, Kind, Told};
+use kalman::{FilterConfig, Kalman, Kind};
 use layers::LayeredTracker;
 use mechanics::{Dynamics, ModelError};
 use method::{Method, Report, samples};
@@ -57,7 +57,7 @@ pub enum TrackError {
 /// Segments of the estimator: its memory is fixed, on the host as in the firmware.
 const SEGMENTS: usize = 2;
 /// Fewest cells of a segment.
-const LEAST_CELLS: f64 = 2.0;
+const MIN_CELLS: f64 = 2.0;
 
 /// What is asked for.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -106,8 +106,8 @@ fn settings(session: &Session, options: &Options) -> Result<Settings<f64, MODES>
     settings.force_sd_n = session.noise.force_n.unwrap_or(0.0);
     settings.tip_sd_m = session.noise.tip_m.unwrap_or(0.0);
     settings.base_sd_m = session.noise.displacement_m.unwrap_or(0.0);
-    if settings.segment_m < LEAST_CELLS * settings.cell_m {
-        let least_mm = 1e3 * LEAST_CELLS * settings.cell_m;
+    if settings.segment_m < MIN_CELLS * settings.cell_m {
+        let least_mm = 1e3 * MIN_CELLS * settings.cell_m;
         return Err(TrackError::ShortSegment { segment_mm: 1e3 * settings.segment_m, least_mm });
     }
     Ok(settings)
@@ -193,7 +193,7 @@ fn compare(
     let printed = Printed { segment_m: options.segment_m.unwrap_or(usual.segment_m), ..usual };
     let start = options.start.unwrap_or([printed.start[1], printed.start[0]]);
     let printed = Printed { start: [start[1], start[0]], ..printed };
-    let told = Told {
+    let told = FilterConfig {
         start,
         base_sd_m: session.noise.displacement_m.unwrap_or(2e-5),
         force_sd_n: session.noise.force_n.unwrap_or(0.05),

@@ -41,7 +41,7 @@ pub struct BeamProblem {
     /// Rotation of the needle in guide 1, or in its only guide, per moment; 0 is a perfect clamp.
     pub clamp_compliance_rad_per_n_m: f64,
     /// How far the frame that carries guide 2 gives per force on it, where guide 2 holds the needle during an insertion
-    /// ([`Growth`](super::growth::Growth)). Per unit force at guide 2 ([`BeamProblem::solve`]) it makes no difference; lateral runs
+    /// ([`GrowingBeam`](super::growth::GrowingBeam)). Per unit force at guide 2 ([`BeamProblem::solve`]) it makes no difference; lateral runs
     /// have it in series with the needle ([`Drive`](super::Drive)).
     pub guide2_compliance_m_per_n: f64,
     /// Compressive axial load of the needle, P: energy `-P/2 int_0^L u'^2`.

@@ -29,7 +29,7 @@ const VARIED_RANGE: [f64; 2] = [4.0, 600.0];
 /// Poisson's ratios of bodies whose modulus varies.
 const VARIED_POISSON: [f64; 2] = [0.25, 0.5];
 /// The modulus may vary by such a factor.
-const MOST_CONTRAST: f64 = 12.0;
+const MAX_CONTRAST: f64 = 12.0;
 /// Below so many depths of the tip nothing counts any more that grows with depth.
 const GROWTH_ENDS: f64 = 10.0;
 /// Below the tip a modulus that decreases with depth goes no further down than to this share of its value without the gradient: a
@@ -64,7 +64,7 @@ pub(super) fn stiffness(
         "modulus below over modulus above",
         most / least,
         "a factor of at most 12 on an elastic body",
-        least > 0.0 && most <= MOST_CONTRAST * least,
+        least > 0.0 && most <= MAX_CONTRAST * least,
     )?;
     check(
         "depth over needle radius",

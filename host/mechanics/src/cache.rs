@@ -1,7 +1,7 @@
 //! Needles that were solved lately: runs at one depth share their needle, and so do models that differ in what sensors do. Threads
 //! share them too; what is solved depends on nothing but what is asked, so that it does not matter which of them did it.
 
-use super::growth::{Growth, Guide2Grip};
+use super::growth::{GrowingBeam, Guide2Grip};
 use super::lateral::Response;
 use super::{BeamProblem, ModelError};
 use std::collections::VecDeque;
@@ -14,17 +14,17 @@ const KEPT: usize = 48;
 #[derive(Debug, Default)]
 pub struct Cache {
     responses: Mutex<VecDeque<(BeamProblem, f64, Arc<Response>)>>,
-    growths: Mutex<VecDeque<Grown>>,
+    growths: Mutex<VecDeque<CachedBeam>>,
 }
 
 /// A needle that grew, by what was solved.
 #[derive(Debug)]
-struct Grown {
+struct CachedBeam {
     problem: BeamProblem,
     depths_m: Vec<f64>,
     grip: Guide2Grip,
     slopes: bool,
-    growth: Arc<Growth>,
+    growth: Arc<GrowingBeam>,
 }
 
 impl Cache {
@@ -50,23 +50,23 @@ impl Cache {
         depths_m: &[f64],
         grip: Guide2Grip,
         slopes: bool,
-    ) -> Result<Arc<Growth>, ModelError> {
+    ) -> Result<Arc<GrowingBeam>, ModelError> {
         // A needle that grows does not care how deep it was meant to go in the end, nor how the tissue would relax; what yields is not
         // solved here.
         let mut key = problem.clone();
         (key.depth_m, key.law) = (0.0, Default::default());
-        let is_it = |grown: &&Grown| {
+        let is_it = |grown: &&CachedBeam| {
             grown.grip == grip && grown.slopes == slopes && grown.problem == key && grown.depths_m == depths_m
         };
         if let Some(grown) = locked(&self.growths).iter().find(is_it) {
             return Ok(grown.growth.clone());
         }
-        let solve = if slopes { Growth::new } else { Growth::without_slopes };
+        let solve = if slopes { GrowingBeam::new } else { GrowingBeam::without_slopes };
         let growth = Arc::new(solve(problem, depths_m.to_vec(), grip)?);
         let mut known = locked(&self.growths);
         known.truncate(KEPT - 1);
         let depths_m = depths_m.to_vec();
-        known.push_front(Grown { problem: key, depths_m, grip, slopes, growth: growth.clone() });
+        known.push_front(CachedBeam { problem: key, depths_m, grip, slopes, growth: growth.clone() });
         Ok(growth)
     }
 }

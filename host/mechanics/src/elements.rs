@@ -11,7 +11,7 @@ use super::{BeamProblem, Foundation, ModelError, check};
 
 /// Length of an element that brings the error below one part in a million for needles in tissue.
 pub const DEFAULT_ELEMENT_M: f64 = 0.5e-3;
-const MOST_ELEMENTS: f64 = 100_000.0;
+const MAX_ELEMENTS: f64 = 100_000.0;
 
 /// Lateral reaction of the tissue on a point of the needle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,7 +128,7 @@ impl Elements {
         problem.support.needs_springs("a needle cut into elements")?;
         let length_m = problem.entry_m + problem.depth_m;
         let count = length_m / element_m;
-        check("element_m", element_m, "a hundred-thousandth of the needle or more", count <= MOST_ELEMENTS)?;
+        check("element_m", element_m, "a hundred-thousandth of the needle or more", count <= MAX_ELEMENTS)?;
         let mut nodes_m = vec![0.0];
         let mut faces_m = vec![problem.guide2_m, problem.entry_m];
         let inside = problem.foundation.faces_m().map(|face_m| problem.entry_m + face_m);

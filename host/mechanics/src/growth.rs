@@ -11,15 +11,15 @@ mod in_body;
 mod springs;
 
 use super::{BeamProblem, ModelError, check};
-use springs::GrowingBeam;
+use springs::SpringBeam;
 
 /// Step that keeps the path within one part in ten thousand for needles in tissue.
 pub const DEFAULT_STEP_M: f64 = 0.5e-3;
-const MOST_STEPS: f64 = 20_000.0;
+const MAX_STEPS: f64 = 20_000.0;
 /// Steps shorter than this add no element of their own: the stiffness of one grows with the inverse cube of its length, and beside
 /// that of the tissue vanishes in rounding (an element of a fiftieth of a millimetre costs one part in ten thousand of the path). The
 /// needle is then taken where the step before began.
-const LEAST_ELEMENT_M: f64 = 0.04e-3;
+const MIN_ELEMENT_M: f64 = 0.04e-3;
 
 /// What guide 2 does while the needle is inserted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,7 +32,7 @@ pub enum Guide2Grip {
 
 /// Responses of the tip at every node of an insertion.
 #[derive(Debug, Clone)]
-pub struct Growth {
+pub struct GrowingBeam {
     depths_m: Vec<f64>,
     /// Per node; nodes with no element between them share theirs.
     rows: Vec<Row>,
@@ -80,7 +80,7 @@ pub struct TipState {
     pub load_n: [f64; 2],
 }
 
-impl Growth {
+impl GrowingBeam {
     /// Solves the needle of `problem` at every depth of `depths_m` (0 first, increasing).
     ///
     /// # Errors
@@ -92,7 +92,7 @@ impl Growth {
     /// The same without slopes: for a tip that takes a load, in half of the time.
     ///
     /// # Errors
-    /// As [`Growth::new`].
+    /// As [`GrowingBeam::new`].
     pub fn without_slopes(
         problem: &BeamProblem,
         depths_m: Vec<f64>,
@@ -117,7 +117,7 @@ impl Growth {
                 gap_m > 1e-6,
             )?;
         }
-        check("depth_m", depths_m.len() as f64, "up to 20000 steps", depths_m.len() as f64 <= MOST_STEPS)?;
+        check("depth_m", depths_m.len() as f64, "up to 20000 steps", depths_m.len() as f64 <= MAX_STEPS)?;
         let first_m = depths_m.first().copied().unwrap_or(f64::NAN);
         check("depth_m", first_m, "0 first", first_m == 0.0)?;
         for pair in depths_m.windows(2) {
@@ -132,14 +132,14 @@ impl Growth {
             let elements = (1..depths_m.len()).map(|node| [node - 1, node]).collect();
             return Ok(Self { depths_m, rows, elements });
         }
-        let mut beam = GrowingBeam::new(problem, grip);
+        let mut beam = SpringBeam::new(problem, grip);
         let mut rows = Vec::with_capacity(depths_m.len());
         beam.extend(problem.entry_m - beam.length_m, None);
         let mut newest = beam.row(slopes)?;
         let mut elements = Vec::with_capacity(depths_m.len());
         let mut reached_m = 0.0;
         for (node, depth_m) in depths_m.iter().enumerate() {
-            if depth_m - reached_m >= LEAST_ELEMENT_M {
+            if depth_m - reached_m >= MIN_ELEMENT_M {
                 beam.extend(depth_m - reached_m, Some(reached_m));
                 newest = beam.row(slopes)?;
                 elements.push([node - 1, node]);
@@ -197,7 +197,7 @@ impl Growth {
     }
 
     /// The same of a needle of a stress-free curvature in this plane (per node, on arriving and on leaving), as in
-    /// [`Growth::bent_under_load`]. A needle that is turned at rest springs over under the load that it has.
+    /// [`GrowingBeam::bent_under_load`]. A needle that is turned at rest springs over under the load that it has.
     pub fn bent_at_cut_angle(
         &self,
         angle_rad: impl Fn(usize) -> [f64; 2],
@@ -263,7 +263,7 @@ impl Growth {
         self.bent_tip_slopes(states, guide2_m, |_| [0.0; 2])
     }
 
-    /// The same of a needle of a stress-free curvature in this plane, as in [`Growth::bent_under_load`].
+    /// The same of a needle of a stress-free curvature in this plane, as in [`GrowingBeam::bent_under_load`].
     pub fn bent_tip_slopes(
         &self,
         states: &[TipState],

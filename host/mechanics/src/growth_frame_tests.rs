@@ -28,7 +28,7 @@ fn frames_lie_between_a_rigid_guide_and_none() {
     for support in SUPPORTS {
         let run = |compliance_m_per_n: f64, grip: Guide2Grip| {
             let problem = framed(support, compliance_m_per_n);
-            let growth = Growth::new(&problem, grid_m(0.08, 1e-3, &[]), grip).expect("grows");
+            let growth = GrowingBeam::new(&problem, grid_m(0.08, 1e-3, &[]), grip).expect("grows");
             let states = growth.under_load(moved_and_turned);
             let slopes = growth.tip_slopes(&states, |node| moved_and_turned(node).guide2_m);
             states
@@ -54,7 +54,7 @@ fn frames_lie_between_a_rigid_guide_and_none() {
 fn a_bend_is_a_moment_at_the_tip() {
     for support in SUPPORTS {
         let problem = framed(support, 0.2e-3);
-        let growth = Growth::new(&problem, grid_m(0.08, 1e-3, &[]), Guide2Grip::Holding).expect("grows");
+        let growth = GrowingBeam::new(&problem, grid_m(0.08, 1e-3, &[]), Guide2Grip::Holding).expect("grows");
         let unit = problem.bending_stiffness_n_m2;
         // By reciprocity a moment at the tip deflects it as a load there turns it.
         for Row { deflection, slope } in &growth.rows {
@@ -68,7 +68,7 @@ fn a_bend_is_a_moment_at_the_tip() {
 fn a_bent_needle_cuts_at_its_angle() {
     let problem = framed(Support::Springs, 0.3e-3);
     let nodes_m = grid_m(0.08, 0.25e-3, &[0.04]);
-    let growth = Growth::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
+    let growth = GrowingBeam::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
     let bent = |node: usize| {
         [nodes_m[node] > 0.04, nodes_m[node] >= 0.04].map(|turned| if turned { -0.4 } else { 0.4 })
     };

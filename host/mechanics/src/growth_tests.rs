@@ -42,7 +42,7 @@ fn the_steady_state_matches_the_reference() {
         (16000.0, 2.8320490683797113, 15.860473316981668),
     ] {
         let problem = model(modulus_pa, 0.02, 0.042).problem(0.6).expect("a problem");
-        let growth = Growth::new(&problem, grid_m(0.6, 1e-3, &[]), Guide2Grip::Free).expect("grows");
+        let growth = GrowingBeam::new(&problem, grid_m(0.6, 1e-3, &[]), Guide2Grip::Free).expect("grows");
         let states = growth.under_load(|_| Acting { load_n: [1.0; 2], guide2_m: [0.0; 2] });
         let [a, b, c] = [560, 580, 600].map(|node: usize| states[node].tip_m[0]);
         let curvature = (a - 2.0 * b + c) / (0.02 * 0.02);
@@ -76,7 +76,7 @@ fn the_step_is_of_second_order() {
     let problem = BeamProblem::new(&rig, foundation, 0.1);
     let end = |step_m: f64| {
         let growth =
-            Growth::new(&problem, grid_m(0.1, step_m, &[0.04321]), Guide2Grip::Holding).expect("grows");
+            GrowingBeam::new(&problem, grid_m(0.1, step_m, &[0.04321]), Guide2Grip::Holding).expect("grows");
         let nodes_m = growth.depths_m().to_vec();
         let states = growth.under_load(|node| {
             let sign = |turned: bool| if turned { -0.2 } else { 0.2 };
@@ -179,7 +179,7 @@ fn slopes_are_those_of_the_needle() {
     let model = model(10360.0, 0.06, 0.07);
     let problem = model.problem(0.08).expect("a problem");
     let nodes_m = grid_m(0.08, 0.25e-3, &[]);
-    let growth = Growth::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
+    let growth = GrowingBeam::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
     // Straight tissue that was never cut: the path is 0 but for the newest node, and the needle that of the beam on its foundation.
     let states: Vec<TipState> = nodes_m.iter().map(|_| TipState::default()).collect();
     let last = nodes_m.len() - 1;
@@ -196,7 +196,7 @@ fn slopes_are_those_of_the_needle() {
     // Half the displacement on leaving, half the slope.
     let halved = growth.tip_slopes(&states, |_| [held_m, 0.5 * held_m]);
     assert!((halved[last][1] - 0.5 * slopes[last][1]).abs() < 1e-12);
-    let without = Growth::without_slopes(&problem, nodes_m, Guide2Grip::Holding).expect("grows");
+    let without = GrowingBeam::without_slopes(&problem, nodes_m, Guide2Grip::Holding).expect("grows");
     assert!(without.tip_slopes(&states, |_| [held_m; 2])[last][0].is_nan());
 }
 

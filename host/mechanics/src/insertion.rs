@@ -45,7 +45,7 @@ impl Insertion {
         }
     }
 
-    /// Gives insertions the nodes of all of them, so that one solution ([`Growth`](super::growth::Growth)) serves them all.
+    /// Gives insertions the nodes of all of them, so that one solution ([`GrowingBeam`](super::growth::GrowingBeam)) serves them all.
     pub fn share_nodes<'a>(insertions: impl Iterator<Item = &'a mut Self>) {
         let all: Vec<&mut Self> = insertions.collect();
         let ends = all.iter().flat_map(|one| one.depth_m.iter().copied().reduce(f64::max));
@@ -84,11 +84,11 @@ pub struct TipLaw {
 /// A load along the bevel that varies with depth and speed, on top of the given one.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct BevelLoad {
-    /// Growth with depth, N/m.
+    /// GrowingBeam with depth, N/m.
     pub slope_n_per_m: f64,
     /// Jumps: depth, m, and load from there on, N.
     pub steps: Vec<[f64; 2]>,
-    /// Growth with speed, N s/m.
+    /// GrowingBeam with speed, N s/m.
     pub rate_n_s_per_m: f64,
     /// How far the bevel is turned about the needle from what is stated, rad.
     pub roll_rad: f64,
@@ -125,7 +125,7 @@ pub(super) struct Tip {
 /// The tip at the depths of an insertion, of a needle with a stress-free curvature, vertical and horizontal before it is turned.
 ///
 /// # Errors
-/// As [`Growth::new`], and [`ModelError::OutOfRange`] for depths that are negative.
+/// As [`GrowingBeam::new`], and [`ModelError::OutOfRange`] for depths that are negative.
 pub(super) fn tip(
     problems: &[BeamProblem; 2],
     law: &TipLaw,

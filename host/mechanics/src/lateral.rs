@@ -42,7 +42,7 @@ impl Drive {
 /// Shares of the modulus whose shapes span the relaxing needle.
 const SHARES: [f64; 4] = [1.0, 0.55, 0.25, 0.08];
 /// Directions of the memory that are smaller than this beside the largest are none.
-const LEAST_DIRECTION: f64 = 1e-8;
+const MIN_DIRECTION: f64 = 1e-8;
 /// Panels of ten Gauss points over which the tissue's energy is integrated.
 const PANEL_M: f64 = 20e-3;
 /// Displacements at which the stiffening needle is solved.
@@ -50,7 +50,7 @@ const NODES: usize = 6;
 /// Elements for the difference that stiffening makes.
 const ELEMENT_M: f64 = 2e-3;
 /// Stiffening below this share of the modulus is none.
-const LEAST_STIFFENING: f64 = 1e-9;
+const MIN_STIFFENING: f64 = 1e-9;
 
 /// What a needle does in one plane.
 #[derive(Debug)]
@@ -84,11 +84,7 @@ impl Response {
         Ok(Self {
             beam: problem.solve()?,
             relaxing: if law.relaxing_share > 0.0 { Some(Relaxing::new(problem)?) } else { None },
-            stiffening: if stretch > LEAST_STIFFENING {
-                Some(Stiffening::new(problem, most_m)?)
-            } else {
-                None
-            },
+            stiffening: if stretch > MIN_STIFFENING { Some(Stiffening::new(problem, most_m)?) } else { None },
         })
     }
 
@@ -197,7 +193,7 @@ impl Relaxing {
             _ => 0.0,
         });
         let within = (differences.transpose() * &tissue * &differences).symmetric_eigen();
-        let least = LEAST_DIRECTION * within.eigenvalues.max();
+        let least = MIN_DIRECTION * within.eigenvalues.max();
         let kept: Vec<DVector<f64>> = within
             .eigenvalues
             .iter()

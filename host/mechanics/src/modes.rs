@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use std::f64::consts::PI;
 
 /// Most modes: beyond, the matrix is as ill-conditioned as it gets without telling more.
-const MOST_MODES: usize = 200;
+const MAX_MODES: usize = 200;
 
 /// A mode of a cantilever over `x` from 0 at the clamp to 1 at the tip, scaled to 1 there (Paper A, (14), corrected:
 /// theory, eq. 7).
@@ -103,7 +103,7 @@ fn energy(
     problem: &BeamProblem,
     count: usize,
 ) -> Result<(f64, Vec<CantileverMode>, DMatrix<f64>), ModelError> {
-    check("modes", count as f64, "1 to 200", (1..=MOST_MODES).contains(&count))?;
+    check("modes", count as f64, "1 to 200", (1..=MAX_MODES).contains(&count))?;
     let compliance = problem.clamp_compliance_rad_per_n_m;
     check("clamp_compliance_rad_per_n_m", compliance, "0", compliance == 0.0)?;
     let length_m = problem.entry_m + problem.depth_m;
@@ -131,7 +131,7 @@ fn energy(
 
 /// Tip load at which the needle's tip is at the end of the cut path, N: the bordered system of Paper A, (20), corrected
 /// (theory, eq. 9), with `count` modes. `path_m`: the cut path against position along the needle. For comparison:
-/// [`Growth::load_of_path_n`](super::growth::Growth::load_of_path_n) solves it exactly.
+/// [`GrowingBeam::load_of_path_n`](super::growth::GrowingBeam::load_of_path_n) solves it exactly.
 ///
 /// # Errors
 /// As [`RayleighRitz::solve`].

@@ -1,10 +1,10 @@
 //! From what is believed and what was done to what every sensor should have read.
 
 use super::cache::Cache;
-use super::effects::{Effect, Seen};
+use super::effects::{Effect, ObservationContext};
 use super::insertion::{self, Insertion, TipLaw};
 use super::lateral::Drive;
-use super::mounted::{self, Mounted, Sight};
+use super::prepared::{self, ObservationPlan, PreparedNeedle};
 use super::steering::{self, Dynamics, Steering};
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig, Support};
 use std::borrow::Cow;
@@ -113,8 +113,8 @@ impl Model {
         curvature_per_m
     }
 
-    pub(super) fn observe(&self, seen: &Seen<'_>, channels: &mut Channels) {
-        self.effects.iter().for_each(|(effect, values)| effect.observe(values, seen, channels));
+    pub(super) fn observe(&self, context: &ObservationContext<'_>, channels: &mut Channels) {
+        self.effects.iter().for_each(|(effect, values)| effect.observe(values, context, channels));
     }
 }
 
@@ -268,7 +268,8 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
                 base_m: one_plane(moved.base_m),
                 ..Channels::default()
             };
-            let seen = Seen { time_s: &run.time_s, commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
+            let seen =
+                ObservationContext { time_s: &run.time_s, commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
             model.observe(&seen, &mut channels);
             Ok(channels)
         }
@@ -277,8 +278,8 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
 
 fn predict_lateral(model: &Model, lateral: &Lateral, cache: &Cache) -> Result<Channels, ModelError> {
     let Lateral { depth_m, drive, shape, reversal_m } = lateral;
-    let sight = Sight { shape, most_m: mounted::most_m(drive), planes: 2, reversal_m: *reversal_m };
-    Mounted::new(Cow::Borrowed(model), *depth_m, sight, Some(cache))?.moved(drive)
+    let plan = ObservationPlan { shape, most_m: prepared::most_m(drive), planes: 2, reversal_m: *reversal_m };
+    PreparedNeedle::new(Cow::Borrowed(model), *depth_m, plan, Some(cache))?.moved(drive)
 }
 
 /// Small forces: the linear needle, without what lies between actuator and needle.
@@ -311,7 +312,10 @@ fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Resu
         insertion::tip(&problems, &law, curvature_per_m, &inserted, cache)?;
     let mut channels =
         Channels { tip_m: position_m, tip_direction_rad: direction_rad, ..Channels::two_planes() };
-    model.observe(&Seen { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] }, &mut channels);
+    model.observe(
+        &ObservationContext { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] },
+        &mut channels,
+    );
     Ok(channels)
 }
 

@@ -2,7 +2,7 @@
 
 use crate::effects::effect;
 use crate::elements::{Elements, Guide2};
-use crate::growth::{Growth, Guide2Grip, TipState};
+use crate::growth::{GrowingBeam, Guide2Grip, TipState};
 use crate::insertion::grid_m;
 use crate::{
     BeamProblem, DriveSample, Experiment, Foundation, Guides, Insertion, Lateral, Model, ModelError, Needle,
@@ -67,7 +67,7 @@ fn three_solvers_agree_on_one_guide() {
             assert_close(pushed.deflection_m(0.0), 0.3 * beam.guide2_force().deflection_m(0.0), 1e-5);
 
             let nodes_m = grid_m(0.06, 0.5e-3, &[]);
-            let growth = Growth::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
+            let growth = GrowingBeam::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
             let at_zero = vec![TipState::default(); nodes_m.len()];
             let load_n = growth.load_of_path_n(&vec![0.0; nodes_m.len()], &vec![1e-3; nodes_m.len()]);
             // The load that keeps the tip at 0 while guide 2 is at 1 mm, from the beam's two unit loads.
@@ -134,7 +134,7 @@ fn rejects_a_needle_that_nothing_holds() {
     assert!(rig([Some(0.0), None]).validate().is_err());
     rig([Some(0.1), None]).validate().expect("valid");
     let problem = model([Some(1.0); 2]).problem(0.06).expect("a problem");
-    let free = Growth::new(&problem, vec![0.0, 0.01], Guide2Grip::Free);
+    let free = GrowingBeam::new(&problem, vec![0.0, 0.01], Guide2Grip::Free);
     assert!(matches!(free, Err(ModelError::OutOfRange { name: "guide2_m", .. })));
     // Without tissue the guide takes no force to move.
     let nowhere = BeamProblem { foundation: Foundation::none(), ..problem };

@@ -1,4 +1,4 @@
-//! An insertion into tissue that yields: what the linear needle of [`Growth`](super::growth::Growth) cannot do
+//! An insertion into tissue that yields: what the linear needle of [`GrowingBeam`](super::growth::GrowingBeam) cannot do
 //! (theory, eq. 11).
 //!
 //! The reaction of the tissue per length is that of a soil that yields, `K s / sqrt(1 + (K s / p_y)^2)` with the stretch `s` from the cut
@@ -142,7 +142,7 @@ mod tests {
     use super::super::insertion::grid_m;
     use super::super::{Beam, Foundation, Needle, Rig};
     use super::*;
-    use crate::growth::Growth;
+    use crate::growth::GrowingBeam;
 
     fn problem(inverse_yield_m_per_n: f64, depth_m: f64) -> BeamProblem {
         let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
@@ -168,7 +168,7 @@ mod tests {
                 [node > 40, node > 39].map(|turned| if turned { -curvature_per_m } else { curvature_per_m })
             };
             let nodes_m = grid_m(0.06, STEP_M, &[]);
-            let growth = Growth::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
+            let growth = GrowingBeam::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
             let linear = growth.bent_under_load(acting, bent);
             let expected = growth.bent_tip_slopes(&linear, |node| acting(node).guide2_m, bent);
             let (states, slopes) =

@@ -14,7 +14,7 @@
 //! use simulation::rig::config::RigConfig;
 //! use simulation::rig::SimulatedRig;
 //!
-//! let rig = SimulatedRig::new(RigConfig::of_seed(7), 7)?;
+//! let rig = SimulatedRig::new(RigConfig::default(), 7)?;
 //! assert!(rig.truth().modulus_pa > 1e3);
 //! assert_eq!(rig.force_n().len(), 2);
 //! # Ok::<(), simulation::rig::RigError>(())

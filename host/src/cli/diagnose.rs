@@ -5,7 +5,7 @@ use anyhow::Context;
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use host::figures;
-use inference::diagnose::words::{channel, quantity, unit};
+use inference::diagnose::display::{channel, quantity, unit};
 use inference::diagnose::{
     Diagnosis, Estimate, FoundEffect, FoundationChoice, Gap, INCOMPRESSIBLE, MeanModulus, Options,
     RemainingSize, diagnose,

@@ -7,11 +7,11 @@ use clap::builder::TypedValueParser;
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use host::figures;
+use inference::holds::HoldCriteria;
 use inference::identify::{
     Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NoiseAlone, NuisanceResult,
     Options, Reference, RunResult, YoungsBy, identify,
 };
-use inference::levels::HoldCriteria;
 use mechanics::Support;
 use mechanics::effects::{EFFECTS, Effect, effect};
 use std::fmt::{self, Display};

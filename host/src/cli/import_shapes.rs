@@ -7,7 +7,7 @@ use formats::session::import::{Axis, Frame, LengthUnit, NeedlePoints, Straight, 
 use formats::session::{
     DEPTH_RANGE_MM, ForceSeries, LateralRun, Provenance, SessionWriter, Setup, ShapeSeries,
 };
-use inference::levels::{HoldCriteria, Path as LevelPath, levels};
+use inference::holds::{HoldCriteria, Path as LevelPath, holds};
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
@@ -249,7 +249,7 @@ fn hold_times_s(path: &Path, force: ForceSeries, id: &str, depth_m: f64) -> (Vec
         force,
         shape: ShapeSeries::default(),
     };
-    let found = levels(&run, &HoldCriteria::default());
+    let found = holds(&run, &HoldCriteria::default());
     let middle = |[from_s, to_s]: [f64; 2]| 0.5 * (from_s + to_s);
     let displaced = found.iter().filter(|level| level.path != LevelPath::Zero);
     (

@@ -7,7 +7,7 @@ use super::output::Output;
 use super::rig_args::{FaultNotes, interrupted};
 use anyhow::{Context, bail};
 use device::link::{Client, Program, RunOptions, Telemetry};
-use estimator::{Estimate, Refused, Sample, Seen, Value};
+use estimator::{Estimate, Identifiability, Refused, Sample, Value};
 use formats::session::Session;
 use inference::track::sound::SoundTracker;
 use inference::track::{Options, tracker};
@@ -53,7 +53,7 @@ struct Line {
 
 impl Line {
     fn new(time_s: f64, estimate: &Estimate<f64>) -> Self {
-        let told = |value: Value<f64>| (value.seen == Seen::Yes).then_some(value.value);
+        let told = |value: Value<f64>| (value.seen == Identifiability::Identified).then_some(value.value);
         Self {
             time_s,
             depth_mm: 1e3 * estimate.depth_m,

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 /// Time between two drawings of the screen.
 const FRAME: Duration = Duration::from_millis(50);
 /// Time between two looks for a new status.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Least time between two lines for machines, a little less than the device takes between two statuses.
 const LINE: Duration = Duration::from_millis(90);
 /// Device time that is streamed for one frame as text, seconds, and its size.
@@ -115,7 +115,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 fn lines(watch: &Watch, out: &mut Output) -> anyhow::Result<()> {
     let (mut told, mut line_at) = (0, None::<Instant>);
     while watch.goes_on()? {
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL_INTERVAL);
         if line_at.is_some_and(|at| at.elapsed() < LINE) || watch.state().news() == told {
             continue;
         }
@@ -147,7 +147,7 @@ fn once(watch: &Watch, out: &mut Output) -> anyhow::Result<()> {
         if watch.began.elapsed() > ONCE_LIMIT {
             bail!("the device has not streamed {ONCE_S} s of its time in {ONCE_LIMIT:?}");
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL_INTERVAL);
     }
     bail!("interrupted")
 }

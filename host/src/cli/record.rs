@@ -5,13 +5,13 @@ use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
 use anyhow::{Context, bail};
 use device::link::{Batch, Client, Program, Telemetry};
-use device::record::{Recorded, Recorder, Ultrasound, Witness, acquire, provenance};
+use device::record::{AcquisitionObserver, Recorded, Recorder, Ultrasound, acquire, provenance};
 use device::recording::{About, RawFile, RawRecorder};
 use device::sweep::Sweep;
 use formats::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup};
 use host::igtl::Live;
 use indicatif::{ProgressBar, ProgressStyle};
-use inference::levels::{HoldCriteria, Unused, summary, unused};
+use inference::holds::{HoldCriteria, Unused, summary, unused};
 use protocol::{Request, Step};
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -230,7 +230,7 @@ struct Watch<'a> {
     out: &'a Output,
 }
 
-impl Witness for Watch<'_> {
+impl AcquisitionObserver for Watch<'_> {
     fn step(&mut self, step: usize) {
         self.bar.set_position(step as u64);
     }

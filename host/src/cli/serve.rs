@@ -23,7 +23,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 /// How often the program looks whether it is to end.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// How often the session's files are looked at. They are read when they have not changed between two looks.
 const LOOK_AT_FILES: Duration = Duration::from_secs(1);
 
@@ -116,7 +116,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         if worker.as_ref().is_some_and(|worker| !worker.is_running()) {
             bail!("the link's thread has ended");
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL_INTERVAL);
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use super::page::{Block, Fact, Outcome, Section, estimate, number, thinned, value, words};
 use crate::figures;
-use inference::diagnose::words::{channel, quantity, unit};
+use inference::diagnose::display::{channel, quantity, unit};
 use inference::diagnose::{Channel, Diagnosis, Gap, Verdict};
 use mechanics::effects::effect;
 

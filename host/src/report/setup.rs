@@ -2,7 +2,7 @@
 
 use super::page::{Block, Outcome, Section, count, number, value, word, words};
 use formats::session::{LateralRun, Provenance, Session};
-use inference::levels::{HoldCriteria, levels};
+use inference::holds::{HoldCriteria, holds};
 use mechanics::Guides;
 
 /// Needle, rig and runs.
@@ -70,7 +70,7 @@ fn runs(session: &Session) -> Option<Block> {
     let none = || "-".to_owned();
     let mut rows = Vec::new();
     for run in &session.lateral {
-        let holds = levels(run, &HoldCriteria::default()).len();
+        let holds = holds(run, &HoldCriteria::default()).len();
         let depth_mm = 1e3 * run.depth_m;
         rows.push(row(&run.id, "lateral", depth_mm, run.force.time_s.len(), holds.to_string(), gaps(run)));
     }

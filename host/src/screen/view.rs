@@ -20,12 +20,12 @@ const JOG_STEPS_MM: [f64; 6] = [0.05, 0.1, 0.2, 0.5, 1.0, 2.0];
 /// The step at the start.
 const FIRST_JOG_STEP: usize = 3;
 /// Rows below which plots show nothing.
-const LEAST_PLOT_ROWS: u16 = 6;
+const MIN_PLOT_ROWS: u16 = 6;
 /// Rows that the times below the lower plot take.
 const TIME_ROWS: u16 = 2;
 
 /// Most rows of words in an alarm.
-const MOST_ALARM_ROWS: usize = 5;
+const MAX_ALARM_ROWS: usize = 5;
 
 /// What every key does.
 const HELP: [(&str, &str); 10] = [
@@ -196,7 +196,7 @@ impl Screen<'_> {
     }
 
     fn plots(&self, area: Rect, buffer: &mut Buffer) {
-        if area.height < LEAST_PLOT_ROWS {
+        if area.height < MIN_PLOT_ROWS {
             return;
         }
         let upper = (area.height - TIME_ROWS).div_ceil(2);
@@ -263,7 +263,7 @@ impl Alarm {
     fn draw(self, rows: &mut Rows, buffer: &mut Buffer) {
         let width = usize::from(rows.0.width.saturating_sub(2));
         let mut lines: Vec<String> = self.lines.iter().flat_map(|line| wrapped(line, width)).collect();
-        lines.truncate(MOST_ALARM_ROWS);
+        lines.truncate(MAX_ALARM_ROWS);
         let height = lines.len() as u16 + 2;
         let lines: Vec<Line> = lines.into_iter().map(Line::from).collect();
         let style = Style::new().fg(self.colour).bold();

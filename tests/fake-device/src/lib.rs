@@ -125,7 +125,7 @@ impl FakeDevice {
                 executed: Arc::clone(&executed),
                 questions: Arc::clone(&questions),
                 receiver: CommandReceiver::new(),
-                heard_us: 0,
+                last_command_us: 0,
                 calibration: calibration(),
                 loaded: [0; MAX_CALIBRATION + PIECE_BYTES],
                 limits: [4_000, script_silence_ms],
@@ -171,7 +171,7 @@ struct Device {
     questions: Arc<AtomicUsize>,
     receiver: CommandReceiver,
     /// Device time of the last command.
-    heard_us: u64,
+    last_command_us: u64,
     calibration: CalibrationRecord,
     loaded: [u8; MAX_CALIBRATION + PIECE_BYTES],
     /// Force in mN and silence in ms.
@@ -192,7 +192,7 @@ impl Device {
                 std::thread::sleep(Duration::from_millis(1));
             }
             for command in commands {
-                self.obey(&command, &mut far);
+                self.handle_command(&command, &mut far);
                 if self.vanishes(&command) {
                     return;
                 }
@@ -217,8 +217,8 @@ impl Device {
         matches!(command.request, Request::Run { .. }) && self.script.program.contains(&Act::Vanish)
     }
 
-    fn obey(&mut self, command: &Command, far: &mut TTYPort) {
-        self.heard_us = self.t_us;
+    fn handle_command(&mut self, command: &Command, far: &mut TTYPort) {
+        self.last_command_us = self.t_us;
         match command.request {
             Request::Hello => {
                 let hello = self.hello();
@@ -284,7 +284,7 @@ impl Device {
             self.state = State::Pending;
             for act in self.script.program.clone() {
                 self.act(act, far);
-                let silent_us = self.t_us.saturating_sub(self.heard_us);
+                let silent_us = self.t_us.saturating_sub(self.last_command_us);
                 if self.state == State::Holding && silent_us > 1_000 * u64::from(self.limits[1]) {
                     return self.act(Act::Fail(Fault::HostSilent), far);
                 }
@@ -355,7 +355,7 @@ impl Device {
                 let until = Instant::now() + Duration::from_millis(pause_ms);
                 while Instant::now() < until {
                     for command in self.listen(far) {
-                        self.obey(&command, far);
+                        self.handle_command(&command, far);
                     }
                     std::thread::sleep(Duration::from_millis(1));
                 }

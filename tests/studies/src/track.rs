@@ -3,9 +3,9 @@
 //! disturbances; and the same moved to and fro. All methods start from the paper's initial values, about a hundred times too high, and are given the same
 //! samples. The truth is the steering model with ten modes, inertia and a stage.
 
-use inference::levels::median;
+use inference::holds::median;
 use inference::track::TrackError;
-use inference::track::kalman::{Kalman, Kind, Told};
+use inference::track::kalman::{FilterConfig, Kalman, Kind};
 use inference::track::method::{Method, Report, samples};
 use inference::track::published::{Forgetting, Printed, Published};
 use inference::track::results::CONVERGED_MM;
@@ -142,7 +142,7 @@ fn make(
     sensors: Sensors,
 ) -> Result<Box<dyn Method>, TrackError> {
     let printed = Printed::default();
-    let told = Told {
+    let told = FilterConfig {
         start: [printed.start[1], printed.start[0]],
         base_sd_m: sensors.base_m,
         force_sd_n: sensors.force_n,

@@ -18,12 +18,13 @@ use mechanics::Rig;
 use serde_json::Value;
 use simulation::rig::Truth;
 use simulation::rig::config::RigConfig;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 use std::time::{Duration, Instant};
-use std::{fs, thread};
 
 /// When home, tare and the measurement start, seconds of the device's clock. A command that comes too late is refused, not carried
 /// out at another time; the rig's clock waits for each of them, however slow or busy the machine is.

@@ -15,7 +15,7 @@ const BY_HAND: &str = "rustup toolchain install nightly --profile minimal";
 /// Longest time for one input, seconds: what takes longer hangs.
 const TIMEOUT_S: u32 = 10;
 /// Most memory of a target, megabytes.
-const MOST_MEMORY_MB: u32 = 1_024;
+const MAX_MEMORY_MB: u32 = 1_024;
 
 /// Options of `cargo xtask fuzz`.
 #[derive(Debug, Clone, clap::Args)]
@@ -157,7 +157,7 @@ fn fuzz(program: &Path, folder: &Path, target: &Target, args: &Args) -> Result<O
         format!("-seed={}", args.seed),
         format!("-max_len={}", target.most_bytes),
         format!("-timeout={TIMEOUT_S}"),
-        format!("-rss_limit_mb={MOST_MEMORY_MB}"),
+        format!("-rss_limit_mb={MAX_MEMORY_MB}"),
         format!("-artifact_prefix={}/", artifacts.display()),
         "-print_final_stats=1".to_owned(),
     ]);

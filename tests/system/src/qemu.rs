@@ -17,7 +17,7 @@ const QEMU: &str = "qemu-system-arm";
 /// register access takes 200 instructions; at this rate a control period has the share of a millisecond it has on the board.
 const ICOUNT_SHIFT: u32 = 2;
 /// After this, by the computer's clock, something hangs. No limit of speed: many times what the slowest computer takes.
-pub const HANGS: Duration = Duration::from_secs(900);
+pub const HANGS: Duration = Duration::from_secs(1_800);
 /// How often the end of QEMU is looked for.
 const POLL: Duration = Duration::from_millis(20);
 

@@ -17,12 +17,12 @@ use std::time::{Duration, Instant};
 /// Between two bytes.
 const PAUSE: Duration = Duration::from_millis(5);
 /// How soon the thread sees that it is to end.
-const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+const TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 /// A byte that is kept for longer can cost an answer: a client waits for 600 ms.
 const STALLED: Duration = Duration::from_millis(500);
 
 #[derive(Debug, Default)]
-struct Seen {
+struct Progress {
     longest: Duration,
     /// When the byte that is under way was sent.
     sent: Option<Instant>,
@@ -31,12 +31,12 @@ struct Seen {
 #[derive(Debug, Default)]
 struct Shared {
     stop: AtomicBool,
-    seen: Mutex<Seen>,
+    progress: Mutex<Progress>,
 }
 
 impl Shared {
-    fn seen(&self) -> MutexGuard<'_, Seen> {
-        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
+    fn progress(&self) -> MutexGuard<'_, Progress> {
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -64,7 +64,7 @@ impl Terminals {
 
     /// Longest that a byte was kept so far, the one under way included.
     pub fn longest(&self) -> Duration {
-        let seen = self.shared.seen();
+        let seen = self.shared.progress();
         seen.longest.max(seen.sent.map_or(Duration::ZERO, |sent| sent.elapsed()))
     }
 
@@ -96,14 +96,14 @@ fn send_bytes(terminal: &Pty, shared: &Shared) {
         if rustix::io::write(&terminal.master, &byte) != Ok(1) {
             return;
         }
-        shared.seen().sent = Some(sent);
-        while !wait(terminal.slave.as_fd(), PollFlags::IN, &PATIENCE) {
+        shared.progress().sent = Some(sent);
+        while !wait(terminal.slave.as_fd(), PollFlags::IN, &TIMEOUT) {
             if shared.stop.load(Ordering::Acquire) {
                 return;
             }
         }
         let read = rustix::io::read(&terminal.slave, &mut byte);
-        let mut seen = shared.seen();
+        let mut seen = shared.progress();
         seen.longest = seen.longest.max(sent.elapsed());
         seen.sent = None;
         drop(seen);
@@ -123,19 +123,19 @@ mod tests {
         let terminals = Terminals::watch().unwrap();
         let began = Instant::now();
         // Far more than any stall that was ever seen.
-        while terminals.shared.seen().longest.is_zero() && began.elapsed() < crate::qemu::HANGS {
+        while terminals.shared.progress().longest.is_zero() && began.elapsed() < crate::qemu::HANGS {
             thread::sleep(PAUSE);
         }
-        assert!(!terminals.shared.seen().longest.is_zero(), "no byte has passed");
+        assert!(!terminals.shared.progress().longest.is_zero(), "no byte has passed");
     }
 
     #[test]
     fn a_byte_that_is_under_way_for_long_is_told() {
         let terminals = Terminals { shared: Arc::default(), worker: None };
         assert_eq!(terminals.stall(), None);
-        terminals.shared.seen().sent = Instant::now().checked_sub(Duration::from_secs(3));
+        terminals.shared.progress().sent = Instant::now().checked_sub(Duration::from_secs(3));
         assert!(terminals.stall().unwrap().contains("for up to 3."));
-        *terminals.shared.seen() = Seen { longest: Duration::from_secs(7), sent: None };
+        *terminals.shared.progress() = Progress { longest: Duration::from_secs(7), sent: None };
         assert!(terminals.stall().unwrap().contains("for up to 7.0 s"));
     }
 }

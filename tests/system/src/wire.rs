@@ -20,7 +20,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 /// How soon the threads look at the controls while no bytes come.
-const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 5_000_000 };
+const TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 5_000_000 };
 /// The same while a host babbles.
 const BABBLE_PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 1_000_000 };
 /// Most bytes taken at once.
@@ -172,7 +172,7 @@ impl Drop for NoisyWire {
 
 fn to_host(shared: &Shared, device: BorrowedFd<'_>, host: BorrowedFd<'_>, _seed: u64) {
     while !shared.stops() {
-        carry(shared, Direction::ToHost, device, host, &PATIENCE);
+        carry(shared, Direction::ToHost, device, host, &TIMEOUT);
     }
 }
 
@@ -181,7 +181,7 @@ fn to_device(shared: &Shared, device: BorrowedFd<'_>, host: BorrowedFd<'_>, seed
     let (mut last, mut owed) = (Instant::now(), 0.0);
     while !shared.stops() {
         let per_ms = *lock(&shared.babble_per_ms);
-        let patience = if per_ms > 0.0 { &BABBLE_PATIENCE } else { &PATIENCE };
+        let patience = if per_ms > 0.0 { &BABBLE_PATIENCE } else { &TIMEOUT };
         carry(shared, Direction::ToDevice, host, device, patience);
         let now = Instant::now();
         owed += per_ms * (now - last).as_secs_f64() * 1e3;

@@ -21,7 +21,7 @@ const CREEP_S: [f64; 2] = [3.0, 20.0];
 const WARMING_S: [f64; 2] = [10.0, 60.0];
 const SCREW_M: [f64; 2] = [0.5e-3, 1.5e-3];
 /// Random numbers of normal imperfections end here, in standard deviations.
-const MOST_SD: f64 = 2.5;
+const MAX_SD: f64 = 2.5;
 /// The stream of what all runs share.
 const SHARED: u64 = u32::MAX as u64;
 
@@ -46,7 +46,7 @@ impl Draw {
 
     fn normal(&mut self) -> f64 {
         let draw: f64 = StandardNormal.sample(&mut self.0);
-        draw.clamp(-MOST_SD, MOST_SD)
+        draw.clamp(-MAX_SD, MAX_SD)
     }
 
     /// Waves of these lengths with a root mean square of 1 together.

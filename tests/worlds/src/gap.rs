@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 
 /// Gauss-Newton steps of modulus and tip load, their largest change, and the difference of a derivative.
 const STEPS: usize = 6;
-const MOST_CHANGE: f64 = 0.5;
+const MAX_CHANGE: f64 = 0.5;
 const DIFFERENCE: f64 = 1e-3;
 const STILL: f64 = 1e-5;
 
@@ -56,7 +56,7 @@ pub fn misfit_of(measured: &Session, model: &dyn Fn([f64; 2]) -> Session, noise:
         let Some(step) = normal.cholesky().map(|factor| factor.solve(&slopes.tr_mul(&residuals))) else {
             break;
         };
-        let step: Vec<f64> = step.iter().map(|step| step.clamp(-MOST_CHANGE, MOST_CHANGE)).collect();
+        let step: Vec<f64> = step.iter().map(|step| step.clamp(-MAX_CHANGE, MAX_CHANGE)).collect();
         let tried: Vec<f64> = values.iter().zip(&step).map(|(value, step)| value - step).collect();
         let left = off(&tried);
         if left.norm_squared() > residuals.norm_squared() {

@@ -15,7 +15,7 @@ const GROWTH_M: f64 = 1e-9;
 const OTHER_SIDE: f64 = 0.5;
 /// Newton steps of nonlinear tissue end below this change.
 const STILL_M: f64 = 1e-11;
-const MOST_STEPS: usize = 50;
+const MAX_STEPS: usize = 50;
 
 /// What really happens in one plane.
 #[derive(Debug, Clone)]
@@ -204,7 +204,7 @@ fn settle(
     deflection_m: &mut [f64],
     factor: &mut Option<(Vec<f64>, Factor)>,
 ) {
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let mut unbalanced_n = chain.band.times(deflection_m);
         let mut tangent = vec![0.0; deflection_m.len()];
         for (node, now_m) in deflection_m.iter().enumerate() {

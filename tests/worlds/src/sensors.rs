@@ -104,13 +104,13 @@ struct Hold {
 }
 
 /// Motion of guide 2: corners of its displacement, and its holds.
-struct Course {
+struct DisplacementHistory {
     time_s: Vec<f64>,
     at_m: Vec<f64>,
     holds: Vec<Hold>,
 }
 
-impl Course {
+impl DisplacementHistory {
     fn new(plan: &LateralPlan) -> Self {
         let mut course = Self { time_s: vec![0.0], at_m: vec![0.0], holds: Vec::new() };
         let (mut now_s, mut at_m) = (0.0, 0.0);
@@ -223,7 +223,7 @@ type March<'a> = dyn Fn(usize, &[f64], &[usize]) -> Motion + 'a;
 pub(super) fn lateral_run(part: &LateralPart<'_>, march: &March<'_>) -> LateralRun {
     let LateralPart { world, flaws, plan, noise, seed, run } = *part;
     assert!(plan.axis < 2, "{}: axis {}, expected 0 (y) or 1 (x)", plan.id, plan.axis);
-    let course = Course::new(plan);
+    let course = DisplacementHistory::new(plan);
     let period_s = 1.0 / noise.rate_hz;
     let count = (course.end_s() * noise.rate_hz).round() as usize + 1;
     let time_s: Vec<f64> = (0..count).map(|i| i as f64 / noise.rate_hz).collect();

@@ -1,13 +1,13 @@
 //! The controller with a small rig, in the same process: two actuators with a lag on springs, a cell with an offset.
 
-use super::judge::{Judge, ROLLS_ON_UM, Seen};
+use super::judge::{Judge, Observation, ROLLS_ON_UM};
 use super::{Causes, Checked, Condition, Converter, Target, Violation, acts};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
 use crate::carried::Carried;
 use crate::hal::Readings;
 use crate::motor::DutyBudget;
-use crate::{Controller, Drive, Inputs, Note, Origin, Outputs, PERIOD_S, PERIOD_US, Start};
+use crate::{Controller, Drive, Inputs, Origin, OutboundMessage, Outputs, PERIOD_S, PERIOD_US, Start};
 use protocol::{
     CalibrationRecord, Command, Counters, Event, EventKind, Fault, Load, Refusal, Request, Safety, State,
 };
@@ -184,16 +184,20 @@ impl Bench {
         let mut ended = None;
         for note in &outputs.notes {
             match note {
-                Note::Event(Event { kind: EventKind::StepStarted { index: 0 }, .. }) => started += 1,
-                Note::Event(Event { kind: EventKind::Faulted { fault }, .. }) => self.fault = Some(*fault),
-                Note::Event(Event { kind: EventKind::ProgramEnded { outcome }, .. }) => {
+                OutboundMessage::Event(Event { kind: EventKind::StepStarted { index: 0 }, .. }) => {
+                    started += 1
+                }
+                OutboundMessage::Event(Event { kind: EventKind::Faulted { fault }, .. }) => {
+                    self.fault = Some(*fault)
+                }
+                OutboundMessage::Event(Event { kind: EventKind::ProgramEnded { outcome }, .. }) => {
                     ended = Some(*outcome)
                 }
-                Note::Connected(token) => (self.connection, self.next_id) = (*token, 0),
-                Note::Safety(safety) => self.safety = Some(*safety),
-                Note::Ack(id) | Note::Refused(id, _) => {
+                OutboundMessage::Connected(token) => (self.connection, self.next_id) = (*token, 0),
+                OutboundMessage::Safety(safety) => self.safety = Some(*safety),
+                OutboundMessage::Ack(id) | OutboundMessage::Refused(id, _) => {
                     answers += u32::from(command.is_some_and(|command| command.id == *id));
-                    cleared |= matches!(note, Note::Ack(_))
+                    cleared |= matches!(note, OutboundMessage::Ack(_))
                         && command.is_some_and(|command| {
                             matches!(command.request, Request::ClearFault | Request::AcknowledgeCalibration)
                         });
@@ -212,7 +216,7 @@ impl Bench {
         if idle == self.fault.is_some() {
             return Err(Violation(format!("{:?} with the fault {:?}", outputs.state, self.fault)));
         }
-        self.judge.look(&Seen {
+        self.judge.look(&Observation {
             now_ms: (self.before_us + self.now_us) / 1_000,
             driven: outputs.drive != Drive::Release,
             state: outputs.state,
@@ -258,8 +262,8 @@ impl Target for Bench {
         self.judge.sends(&request, self.rig.position_um);
         let outputs = self.period(Some(command))?;
         let answer = outputs.notes.iter().find_map(|note| match *note {
-            Note::Ack(id) if id == command.id => Some(Ok(())),
-            Note::Refused(id, refusal) if id == command.id => Some(Err(refusal)),
+            OutboundMessage::Ack(id) if id == command.id => Some(Ok(())),
+            OutboundMessage::Refused(id, refusal) if id == command.id => Some(Err(refusal)),
             _ => None,
         });
         let answer = answer.ok_or_else(|| Violation(format!("no answer to {request:?}")))?;

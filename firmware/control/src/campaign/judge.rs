@@ -23,7 +23,7 @@ const RETREATS_N: f32 = 0.12;
 
 /// What was seen since the last look.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
+pub struct Observation {
     /// Device time, milliseconds; it need not begin at 0, but must not go back.
     pub now_ms: u64,
     /// A bridge drives.
@@ -157,7 +157,7 @@ impl Judge {
     ///
     /// # Errors
     /// What does not hold.
-    pub fn look(&mut self, seen: &Seen) -> Checked<()> {
+    pub fn look(&mut self, seen: &Observation) -> Checked<()> {
         let violated = |text| Err(Violation(text));
         if self.latched.is_some() && seen.fault != self.latched && !seen.cleared {
             return violated(format!("{:?} went without its clear: {:?}", self.latched, seen.fault));
@@ -186,7 +186,7 @@ impl Judge {
         Ok(())
     }
 
-    fn rests(&mut self, seen: &Seen) -> Checked<()> {
+    fn rests(&mut self, seen: &Observation) -> Checked<()> {
         if seen.driven {
             self.driven_ms = seen.now_ms;
             return Ok(());

@@ -20,7 +20,7 @@ fn periods_to(bench: &mut Bench, fault: Fault, most: u32) -> u32 {
         if outputs.state == State::Faulted {
             assert_eq!(bench.controller.interlock.latched(), Some(fault));
             assert_eq!(outputs.drive, Drive::Release);
-            let told = |note: &Note| matches!(note, Note::Event(Event { kind: EventKind::Faulted { fault: told }, .. }) if *told == fault);
+            let told = |note: &OutboundMessage| matches!(note, OutboundMessage::Event(Event { kind: EventKind::Faulted { fault: told }, .. }) if *told == fault);
             assert_eq!(outputs.notes.iter().filter(|note| told(note)).count(), 1, "{:?}", outputs.notes);
             for _ in 0..300 {
                 assert_eq!(bench.period(None).drive, Drive::Release);

@@ -50,7 +50,7 @@ fn retreat(bench: &mut Bench, y_um: i32) -> Result<RetreatOutcome, Refusal> {
     bench.command(Request::Retreat { x_um: 0, y_um })?;
     for _ in 0..10_000 {
         let found = bench.notes.iter().find_map(|note| match note {
-            Note::Event(Event { kind: EventKind::RetreatEnded { outcome }, .. }) => Some(*outcome),
+            OutboundMessage::Event(Event { kind: EventKind::RetreatEnded { outcome }, .. }) => Some(*outcome),
             _ => None,
         });
         if let Some(outcome) = found {
@@ -244,7 +244,9 @@ fn tares_under_load_do_not_move_the_limit() {
 fn a_tare_far_from_zero_or_on_a_settling_force_is_rejected_and_ends_the_program() {
     let rejected = |bench: &Bench| {
         bench.notes.iter().find_map(|note| match note {
-            Note::Event(Event { kind: EventKind::TareRejected { problem, .. }, .. }) => Some(*problem),
+            OutboundMessage::Event(Event { kind: EventKind::TareRejected { problem, .. }, .. }) => {
+                Some(*problem)
+            }
             _ => None,
         })
     };
@@ -287,7 +289,7 @@ fn a_ramp_as_the_last_step_rests_within_the_travel() {
             }
             assert_eq!(bench.controller.interlock.latched(), None);
             let rests_um = bench.position_um[1];
-            assert!((rests_um - y_um as f32).abs() <= WAKE_UM, "{rests_um} for {y_um}");
+            assert!((rests_um - y_um as f32).abs() <= REENGAGE_ERROR_UM, "{rests_um} for {y_um}");
             let over_um = most_um - y_um.abs() as f32;
             assert!(
                 over_um < if last || y_um.abs() > 9_000 { 60.0 } else { 250.0 },
@@ -316,8 +318,9 @@ fn a_frame_from_before_never_moves_the_guide_again() {
     // The same id with another content.
     let clear = Command { request: Request::ClearFault, ..run };
     assert_eq!(bench.answer(clear), Err(Refusal::IdUsed));
-    let starts =
-        |note: &&Note| matches!(note, Note::Event(Event { kind: EventKind::StepStarted { .. }, .. }));
+    let starts = |note: &&OutboundMessage| {
+        matches!(note, OutboundMessage::Event(Event { kind: EventKind::StepStarted { .. }, .. }))
+    };
     assert_eq!(bench.notes.iter().filter(starts).count(), 1);
 }
 

@@ -8,11 +8,11 @@ use estimator::information::Information;
 use formats::session::InsertionRun;
 use inference::diagnose::{Options, diagnose};
 use inference::insertion::{
-    Belief, Candidates, Learned, Live, ReadingNoise, TipPath, Tissue as Believed, learn,
+    Candidates, Learned, Live, Posterior, ReadingNoise, TipPath, Tissue as Believed, learn,
 };
 use inference::track::method::{Method, samples};
 use inference::track::sound::{Sound, settings};
-use mechanics::growth::{Acting, Growth, Guide2Grip};
+use mechanics::growth::{Acting, GrowingBeam, Guide2Grip};
 use mechanics::insertion::grid_m;
 use mechanics::{Dynamics, Needle, Rig};
 use serde::Serialize;
@@ -127,7 +127,7 @@ pub struct PredictionSize {
 /// Six insertions to 140 mm, a row per millimetre, with errors that repeat.
 pub fn paths() -> Result<Vec<TipPath>> {
     let problem = insertion_model().problem(0.14)?;
-    let growth = Growth::new(&problem, grid_m(0.14, 1e-3, &[]), Guide2Grip::Holding)?;
+    let growth = GrowingBeam::new(&problem, grid_m(0.14, 1e-3, &[]), Guide2Grip::Holding)?;
     let path = |number: usize| {
         let load_n = 0.2 + 0.01 * (3.0 * number as f64).sin();
         let states = growth.under_load(|_| Acting { load_n: [load_n; 2], guide2_m: [0.0; 2] });
@@ -164,7 +164,7 @@ pub fn prediction(clock: &mut Clock) -> Result<(f64, PredictionSize)> {
         0,
         ReadingNoise { position_m: 1e-4, ..ReadingNoise::default() },
     );
-    let mut followed = Live::new(Belief::new(&candidates, &learned));
+    let mut followed = Live::new(Posterior::new(&candidates, &learned));
     for bin in paths[0].bins.iter().take_while(|bin| bin.depth_m < 0.0695) {
         followed.push(bin.depth_m, bin.tip_m);
     }

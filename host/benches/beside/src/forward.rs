@@ -2,8 +2,8 @@
 
 use crate::clock::Clock;
 use anyhow::Result;
-use inference::{Block, LateralData, LevelData, Measured, Parameter, ShapeDatum, fit};
-use mechanics::growth::{Acting, DEFAULT_STEP_M, Growth, Guide2Grip};
+use inference::{Block, HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
+use mechanics::growth::{Acting, DEFAULT_STEP_M, GrowingBeam, Guide2Grip};
 use mechanics::insertion::grid_m;
 use mechanics::{Beam, Foundation, Model, ModelError, Needle, Rig};
 use std::cell::Cell;
@@ -60,7 +60,7 @@ pub fn run(samples: usize) -> LateralData {
         let error_m = SHAPE_SD_M * (2.0 * i as f64).sin();
         ShapeDatum { z_m, deflection_m: [beam.deflection_m(1.2e-3, z_m) + error_m, 0.0] }
     });
-    let level = LevelData {
+    let level = HoldData {
         displacement_m: vec![Measured { value: 1.205e-3, sd: 15e-6 }],
         force_n: vec![Measured { value: beam.force_n(1.2e-3) + 0.05, sd: 0.1 }],
         shape: shape.collect(),
@@ -99,7 +99,7 @@ pub fn insertion(clock: &mut Clock) -> Result<Own> {
     Own::of(clock, "insertion", || {
         let nodes_m = grid_m(INSERTION_M, DEFAULT_STEP_M, &[]);
         let growth =
-            Growth::without_slopes(black_box(&problem), nodes_m, Guide2Grip::Holding).expect("grows");
+            GrowingBeam::without_slopes(black_box(&problem), nodes_m, Guide2Grip::Holding).expect("grows");
         let states = growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] });
         states.iter().step_by(20).skip(1).map(|state| 1e3 * state.tip_m[0]).collect()
     })
@@ -109,18 +109,18 @@ pub fn insertion(clock: &mut Clock) -> Result<Own> {
 pub fn model_runs() -> Result<usize> {
     struct Counted(LateralData, Cell<usize>);
     impl Block for Counted {
-        type Ready<'a> = <LateralData as Block>::Ready<'a>;
+        type Prepared<'a> = <LateralData as Block>::Prepared<'a>;
 
         fn nuisances(&self) -> Vec<Parameter> {
             self.0.nuisances()
         }
 
-        fn ready(&self, shared: &[f64]) -> Result<Self::Ready<'_>, ModelError> {
+        fn prepare(&self, shared: &[f64]) -> Result<Self::Prepared<'_>, ModelError> {
             self.1.set(self.1.get() + 1);
-            self.0.ready(shared)
+            self.0.prepare(shared)
         }
 
-        fn residuals(&self, ready: &Self::Ready<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
+        fn residuals(&self, ready: &Self::Prepared<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
             self.0.residuals(ready, nuisances)
         }
     }

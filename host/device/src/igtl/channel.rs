@@ -2,7 +2,7 @@
 
 use super::clock::Clocks;
 use super::message::{Content, Message};
-use super::source::{News, Source};
+use super::source::{ConnectionEvent, Source};
 use super::{IgtlError, Pose};
 use crate::link::Batch;
 use crate::sweep::Sweep;
@@ -16,7 +16,7 @@ pub const TIP: &str = "NeedleTipToReference";
 /// What [`Settings::delay_s`] may be.
 pub const DELAY_RANGE_S: [f64; 2] = [0.0, 10.0];
 /// Most different remarks: their words come from the peer.
-const MOST_NOTES: usize = 32;
+const MAX_NOTES: usize = 32;
 
 /// What is taken from a tracker, and where the needle is for it.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,7 +33,7 @@ pub struct Settings {
 
 /// What the tracker has told.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Seen {
+pub enum Observation {
     /// Where the needle was; its samples say when.
     Shape(Sweep),
     /// Something that a person should know; each is told once.
@@ -67,22 +67,24 @@ impl Channel {
     }
 
     /// What has been told since the last look, in the order of arrival. Never waits. Nothing is a shape before the first sample.
-    pub fn look(&mut self) -> Vec<Seen> {
-        let news: Vec<News> = self.source.news().collect();
+    pub fn look(&mut self) -> Vec<Observation> {
+        let news: Vec<ConnectionEvent> = self.source.news().collect();
         let mut seen = Vec::new();
         for news in news {
             let note = match news {
-                News::Message(message, at) => match self.shape(&message, at) {
+                ConnectionEvent::Message(message, at) => match self.shape(&message, at) {
                     Ok(shape) => {
-                        seen.extend(shape.map(Seen::Shape));
+                        seen.extend(shape.map(Observation::Shape));
                         None
                     }
                     Err(note) => Some(note),
                 },
-                News::Unreadable(why) => Some(format!("a message is left out: {why}")),
-                News::Passed(kind, device) => Some(format!("{kind} `{device}` is not used")),
-                News::Lost(why) => Some(format!("the connection is lost: {why}; it is tried again")),
-                News::Back => Some("the connection is there again".to_owned()),
+                ConnectionEvent::Unreadable(why) => Some(format!("a message is left out: {why}")),
+                ConnectionEvent::Passed(kind, device) => Some(format!("{kind} `{device}` is not used")),
+                ConnectionEvent::Lost(why) => {
+                    Some(format!("the connection is lost: {why}; it is tried again"))
+                }
+                ConnectionEvent::Back => Some("the connection is there again".to_owned()),
             };
             seen.extend(note.and_then(|note| self.note(note)));
         }
@@ -97,13 +99,13 @@ impl Channel {
     }
 
     /// A remark, where it is new.
-    fn note(&mut self, note: String) -> Option<Seen> {
-        if self.noted.len() >= MOST_NOTES || !self.noted.insert(note.clone()) {
+    fn note(&mut self, note: String) -> Option<Observation> {
+        if self.noted.len() >= MAX_NOTES || !self.noted.insert(note.clone()) {
             return None;
         }
         let address = self.source.address();
-        let last = if self.noted.len() == MOST_NOTES { " (further remarks are left out)" } else { "" };
-        Some(Seen::Note(format!("OpenIGTLink at {address}: {note}{last}")))
+        let last = if self.noted.len() == MAX_NOTES { " (further remarks are left out)" } else { "" };
+        Some(Observation::Note(format!("OpenIGTLink at {address}: {note}{last}")))
     }
 
     /// The needle's points in a message; nothing where it was before the first sample; an error where it is of no use.

@@ -9,9 +9,9 @@ pub const HEADER_BYTES: usize = 58;
 /// Checksum of bodies.
 pub(super) const CRC: Crc<u64, Table<16>> = Crc::<u64, Table<16>>::new(&CRC_64_ECMA_182);
 /// Longest text of a STRING message, bytes: its length is sent in 16 bits.
-pub const MOST_TEXT: usize = u16::MAX as usize;
+pub const MAX_TEXT: usize = u16::MAX as usize;
 /// Most points of a POINT message that are read: a needle has a few hundred.
-pub const MOST_POINTS: usize = 1_900;
+pub const MAX_POINTS: usize = 1_900;
 /// Bytes of one point.
 pub(super) const POINT_BYTES: usize = 136;
 /// Bytes of the fields of a header: type and device name.
@@ -196,7 +196,7 @@ impl Content {
                 body.extend(floats.flat_map(f32::to_be_bytes));
             }
             Self::Points(points) => {
-                for point in points.iter().take(MOST_POINTS) {
+                for point in points.iter().take(MAX_POINTS) {
                     body.extend(padded::<64>(&point.name));
                     body.extend(padded::<32>(&point.group));
                     // White, opaque.
@@ -207,7 +207,7 @@ impl Content {
                 }
             }
             Self::Text(text) => {
-                let text = cut(text, MOST_TEXT);
+                let text = cut(text, MAX_TEXT);
                 body.extend(UTF_8.to_be_bytes());
                 body.extend((text.len() as u16).to_be_bytes());
                 body.extend(text.as_bytes());
@@ -293,7 +293,7 @@ fn position(body: &[u8]) -> Option<Pose> {
 /// A list of points.
 fn points(body: &[u8]) -> Option<Vec<Point>> {
     let (chunks, rest) = body.as_chunks::<POINT_BYTES>();
-    if !rest.is_empty() || chunks.len() > MOST_POINTS {
+    if !rest.is_empty() || chunks.len() > MAX_POINTS {
         return None;
     }
     let read = |chunk: &[u8; POINT_BYTES]| {

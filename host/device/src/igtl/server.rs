@@ -2,7 +2,7 @@
 //!
 //! Every client has a thread that writes and one that reads. What is live waits in a short queue per client: where a client is slow,
 //! the oldest is dropped. What stays true (results) is kept, and told to those who come later. A client that does not take a message
-//! within [`PATIENCE`], or sends what is no OpenIGTLink, is left.
+//! within [`TIMEOUT`], or sends what is no OpenIGTLink, is left.
 
 use super::IgtlError;
 use super::message::Message;
@@ -16,13 +16,13 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Most clients at a time.
-pub const MOST_CLIENTS: usize = 16;
+pub const MAX_CLIENTS: usize = 16;
 /// Updates that wait for a client.
 const QUEUE: usize = 16;
 /// How long a client may not take anything.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// How often threads look whether they are still wanted.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// A server under way. Dropping it closes every connection.
 #[derive(Debug)]
@@ -35,7 +35,7 @@ pub struct Publisher {
 /// What server and clients share.
 #[derive(Debug, Default)]
 struct Shared {
-    told: Mutex<Told>,
+    state: Mutex<PublisherState>,
     news: Condvar,
     ended: AtomicBool,
     dropped: AtomicU64,
@@ -43,7 +43,7 @@ struct Shared {
 
 /// What clients are told.
 #[derive(Debug, Default)]
-struct Told {
+struct PublisherState {
     /// Results by device name, as bytes.
     kept: BTreeMap<String, Arc<[u8]>>,
     /// What waits for each client, by its number.
@@ -52,9 +52,9 @@ struct Told {
 }
 
 impl Shared {
-    fn told(&self) -> MutexGuard<'_, Told> {
+    fn state(&self) -> MutexGuard<'_, PublisherState> {
         // A thread that panicked has left whole entries.
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn has_ended(&self) -> bool {
@@ -88,7 +88,7 @@ impl Publisher {
 
     /// Clients that are connected.
     pub fn clients(&self) -> usize {
-        self.shared.told().queues.len()
+        self.shared.state().queues.len()
     }
 
     /// Updates that clients were too slow for.
@@ -99,7 +99,7 @@ impl Publisher {
     /// Tells what is so now. Never waits.
     pub fn publish(&self, messages: &[Message]) {
         let bytes: Arc<[u8]> = messages.iter().flat_map(Message::to_bytes).collect();
-        let mut told = self.shared.told();
+        let mut told = self.shared.state();
         for queue in told.queues.values_mut() {
             self.enqueue(queue, bytes.clone());
         }
@@ -109,7 +109,7 @@ impl Publisher {
 
     /// Tells what stays so until a message of the same type and device name is told, also to clients who come later.
     pub fn keep(&self, messages: &[Message]) {
-        let mut told = self.shared.told();
+        let mut told = self.shared.state();
         for message in messages {
             let bytes: Arc<[u8]> = message.to_bytes().into();
             told.kept.insert(format!("{} {}", message.content.kind(), message.device), bytes.clone());
@@ -147,7 +147,7 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
         threads.retain(|thread| !thread.is_finished());
         match listener.accept() {
             // More than that are turned away; the connection closes here.
-            Ok((stream, _)) if threads.len() < MOST_CLIENTS => {
+            Ok((stream, _)) if threads.len() < MAX_CLIENTS => {
                 let own = shared.clone();
                 let named = std::thread::Builder::new().name("igtl client".into());
                 // Where there is no thread there is no client.
@@ -155,7 +155,7 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
             }
             Ok(_) => {}
             // Also where a client was gone before it was taken.
-            Err(_) => std::thread::sleep(LOOK),
+            Err(_) => std::thread::sleep(POLL_INTERVAL),
         }
     }
     for thread in threads {
@@ -166,7 +166,7 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
 /// One client, from its first message to its last.
 fn serve(stream: TcpStream, shared: &Shared) {
     let number = {
-        let mut told = shared.told();
+        let mut told = shared.state();
         let number = told.next;
         told.next += 1;
         let kept = told.kept.values().cloned().collect();
@@ -185,17 +185,17 @@ fn serve(stream: TcpStream, shared: &Shared) {
         gone.store(true, Ordering::Release);
         let _ = stream.shutdown(std::net::Shutdown::Both);
     });
-    shared.told().queues.remove(&number);
+    shared.state().queues.remove(&number);
 }
 
 /// Writes what waits for a client.
 fn speak(mut stream: &TcpStream, number: u64, shared: &Shared, gone: &AtomicBool) -> io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
-    stream.set_write_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(TIMEOUT))?;
     loop {
         let bytes = {
-            let mut told = shared.told();
+            let mut told = shared.state();
             loop {
                 if shared.has_ended() || gone.load(Ordering::Acquire) {
                     return Ok(());
@@ -203,7 +203,8 @@ fn speak(mut stream: &TcpStream, number: u64, shared: &Shared, gone: &AtomicBool
                 if let Some(bytes) = told.queues.get_mut(&number).and_then(VecDeque::pop_front) {
                     break bytes;
                 }
-                told = shared.news.wait_timeout(told, LOOK).unwrap_or_else(PoisonError::into_inner).0;
+                told =
+                    shared.news.wait_timeout(told, POLL_INTERVAL).unwrap_or_else(PoisonError::into_inner).0;
             }
         };
         stream.write_all(&bytes)?;
@@ -212,7 +213,7 @@ fn speak(mut stream: &TcpStream, number: u64, shared: &Shared, gone: &AtomicBool
 
 /// Reads what a client says, so that it can say it and its end is noticed. Requests are not answered: everything is told anyway.
 fn listen(mut stream: &TcpStream, shared: &Shared, gone: &AtomicBool) -> io::Result<()> {
-    stream.set_read_timeout(Some(LOOK))?;
+    stream.set_read_timeout(Some(POLL_INTERVAL))?;
     let mut decoder = Decoder::default();
     let mut bytes = [0; 4096];
     while !shared.has_ended() && !gone.load(Ordering::Acquire) {

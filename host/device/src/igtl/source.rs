@@ -17,15 +17,15 @@ const CONNECT: Duration = Duration::from_secs(3);
 /// Time between two attempts.
 const RECONNECT: Duration = Duration::from_secs(1);
 /// How long a peer may stop in the middle of a message.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// How often the thread looks whether it is still wanted.
-const LOOK: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Most that waits to be taken: seconds of a quick tracker.
 const QUEUE: usize = 256;
 
 /// What has happened on the connection.
 #[derive(Debug)]
-pub enum News {
+pub enum ConnectionEvent {
     /// A message, and when it had arrived.
     Message(Message, Instant),
     /// One that cannot be read.
@@ -42,7 +42,7 @@ pub enum News {
 #[derive(Debug)]
 pub struct Source {
     address: String,
-    news: Receiver<News>,
+    news: Receiver<ConnectionEvent>,
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
 }
@@ -95,7 +95,7 @@ impl Source {
     }
 
     /// What has happened since the last look. Never waits.
-    pub fn news(&self) -> impl Iterator<Item = News> + '_ {
+    pub fn news(&self) -> impl Iterator<Item = ConnectionEvent> + '_ {
         self.news.try_iter()
     }
 
@@ -127,8 +127,8 @@ fn open(host: &str, port: u16) -> io::Result<TcpStream> {
 }
 
 /// Until nobody wants it any more.
-fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<News>, shared: &Shared) {
-    let tell = |news: News| match sender.try_send(news) {
+fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<ConnectionEvent>, shared: &Shared) {
+    let tell = |news: ConnectionEvent| match sender.try_send(news) {
         Ok(()) => {}
         Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
             shared.dropped.fetch_add(1, Ordering::Relaxed);
@@ -138,24 +138,24 @@ fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<News>, shar
     while let Some(stream) = connection.take() {
         match listen(stream, &tell, shared) {
             Err(Gone::Unwanted) | Ok(()) => return,
-            Err(gone) => tell(News::Lost(gone.to_string())),
+            Err(gone) => tell(ConnectionEvent::Lost(gone.to_string())),
         }
         while connection.is_none() && !shared.ended.load(Ordering::Acquire) {
             let next = Instant::now() + RECONNECT;
             while Instant::now() < next && !shared.ended.load(Ordering::Acquire) {
-                std::thread::sleep(LOOK);
+                std::thread::sleep(POLL_INTERVAL);
             }
             connection = open(host, port).ok();
             if connection.is_some() {
-                tell(News::Back);
+                tell(ConnectionEvent::Back);
             }
         }
     }
 }
 
 /// One connection, to its end.
-fn listen(mut stream: TcpStream, tell: &impl Fn(News), shared: &Shared) -> Result<(), Gone> {
-    stream.set_read_timeout(Some(LOOK))?;
+fn listen(mut stream: TcpStream, tell: &impl Fn(ConnectionEvent), shared: &Shared) -> Result<(), Gone> {
+    stream.set_read_timeout(Some(POLL_INTERVAL))?;
     let mut decoder = Decoder::default();
     let mut bytes = vec![0; 1 << 16];
     let mut heard = Instant::now();
@@ -166,14 +166,14 @@ fn listen(mut stream: TcpStream, tell: &impl Fn(News), shared: &Shared) -> Resul
                 heard = Instant::now();
                 decoder.feed(bytes.get(..count).unwrap_or_default(), |arrival| {
                     tell(match arrival {
-                        Arrival::Message(message) => News::Message(message, heard),
-                        Arrival::Unreadable(why) => News::Unreadable(why),
-                        Arrival::Passed(kind, device) => News::Passed(kind, device),
+                        Arrival::Message(message) => ConnectionEvent::Message(message, heard),
+                        Arrival::Unreadable(why) => ConnectionEvent::Unreadable(why),
+                        Arrival::Passed(kind, device) => ConnectionEvent::Passed(kind, device),
                     });
                 })?;
             }
             Err(error) if is_pause(&error) => {
-                if decoder.is_inside() && heard.elapsed() > PATIENCE {
+                if decoder.is_inside() && heard.elapsed() > TIMEOUT {
                     return Err(Gone::Stalled);
                 }
             }

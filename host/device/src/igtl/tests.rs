@@ -1,10 +1,10 @@
 //! Bytes of another implementation, any bytes at all, peers that misbehave, and what comes of a tracker's messages.
 
-use super::channel::{Channel, Seen, Settings, TIP};
+use super::channel::{Channel, Observation, Settings, TIP};
 use super::message::HEADER_BYTES;
-use super::message::{Content, MOST_POINTS, MOST_TEXT, Message, Point, Pose};
+use super::message::{Content, MAX_POINTS, MAX_TEXT, Message, Point, Pose};
 use super::source::Source;
-use super::wire::{Arrival, Broken, Decoder, MOST_KEPT};
+use super::wire::{Arrival, Broken, Decoder, MAX_KEPT};
 use super::{IgtlError, PORT, Publisher, host_and_port};
 use crate::link::{Batch, Point as Sample};
 use formats::session::import::Frame;
@@ -145,11 +145,11 @@ fn texts_and_lists_are_cut_to_what_a_message_holds() {
     let [Arrival::Message(Message { device, content: Content::Text(text), .. })] = &arrivals[..] else {
         panic!("{arrivals:?}");
     };
-    assert_eq!((device.as_str(), text.len()), ("éééééééééé", MOST_TEXT - 1));
-    let many = message("NeedleShape", 0, Content::Points(vec![Point::default(); MOST_POINTS + 5]));
+    assert_eq!((device.as_str(), text.len()), ("éééééééééé", MAX_TEXT - 1));
+    let many = message("NeedleShape", 0, Content::Points(vec![Point::default(); MAX_POINTS + 5]));
     let (arrivals, ..) = decoded(&many.to_bytes(), 9_999);
     assert!(
-        matches!(&arrivals[..], [Arrival::Message(Message { content: Content::Points(points), .. })] if points.len() == MOST_POINTS)
+        matches!(&arrivals[..], [Arrival::Message(Message { content: Content::Points(points), .. })] if points.len() == MAX_POINTS)
     );
 }
 
@@ -223,7 +223,7 @@ proptest! {
         bytes.extend(rest);
         let (arrivals, _, decoder) = decoded(&bytes, piece);
         prop_assert!(arrivals.len() <= bytes.len() / HEADER_BYTES);
-        prop_assert!(decoder.kept() <= HEADER_BYTES + MOST_KEPT);
+        prop_assert!(decoder.kept() <= HEADER_BYTES + MAX_KEPT);
     }
 }
 
@@ -305,7 +305,7 @@ fn clients_that_never_read_or_talk_nonsense_hold_nobody_up() {
     deaf[0].write_all(&[0xFF; 500]).expect("takes it");
     eventually("nonsense is no client", || publisher.clients() == 2);
     // More than sockets hold.
-    let large = message("NeedleShape", 1, Content::Points(vec![Point::default(); MOST_POINTS]));
+    let large = message("NeedleShape", 1, Content::Points(vec![Point::default(); MAX_POINTS]));
     let began = Instant::now();
     for _ in 0..200 {
         publisher.publish(std::slice::from_ref(&large));
@@ -335,7 +335,7 @@ fn samples(time_s: f64) -> Batch {
 }
 
 /// What a channel tells until there is as much as this.
-fn look(channel: &mut Channel, count: usize) -> Vec<Seen> {
+fn look(channel: &mut Channel, count: usize) -> Vec<Observation> {
     let (mut seen, deadline) = (Vec::new(), Instant::now() + Duration::from_secs(20));
     while seen.len() < count {
         assert!(Instant::now() < deadline, "only {seen:?}");
@@ -364,7 +364,13 @@ fn a_tracker_becomes_sweeps_in_the_frame_of_the_session() {
         tracker.write_all(&message(device, 0, content).to_bytes()).expect("sends");
     }
     let seen = look(&mut channel, 4);
-    let [Seen::Shape(curve), Seen::Shape(tip), Seen::Note(other), Seen::Note(far)] = &seen[..] else {
+    let [
+        Observation::Shape(curve),
+        Observation::Shape(tip),
+        Observation::Note(other),
+        Observation::Note(far),
+    ] = &seen[..]
+    else {
         panic!("{seen:?}");
     };
     let rows: Vec<_> = curve.rows(0.0).collect();
@@ -401,7 +407,13 @@ fn a_tracker_that_goes_away_or_babbles_is_tried_again() {
     let tip = message(TIP, 0, Content::Transform(Pose::at([30.0, 0.0, 1.0])));
     third.write_all(&tip.to_bytes()).expect("sends");
     let seen = look(&mut channel, 4);
-    let [Seen::Note(babbled), Seen::Note(back), Seen::Note(closed), Seen::Shape(_)] = &seen[..] else {
+    let [
+        Observation::Note(babbled),
+        Observation::Note(back),
+        Observation::Note(closed),
+        Observation::Shape(_),
+    ] = &seen[..]
+    else {
         panic!("{seen:?}");
     };
     assert!(babbled.contains("header version 21331, expected 1 or 2"), "{babbled}");

@@ -1,12 +1,12 @@
 //! What arrives on a connection, cut into messages: knows no socket, so that anything can be fed to it.
 
-use super::message::{CRC, Content, HEADER_BYTES, MOST_POINTS, Message, MessageError, POINT_BYTES, unpadded};
+use super::message::{CRC, Content, HEADER_BYTES, MAX_POINTS, Message, MessageError, POINT_BYTES, unpadded};
 use std::time::Duration;
 
 /// Largest body that is kept. Larger ones (images) and those of other types are passed over without being kept.
-pub const MOST_KEPT: usize = MOST_POINTS * POINT_BYTES + 4_096;
+pub const MAX_KEPT: usize = MAX_POINTS * POINT_BYTES + 4_096;
 /// Largest body that is passed over: an image of a gigabyte is none.
-pub const MOST_PASSED: u64 = 1 << 30;
+pub const MAX_PASSED: u64 = 1 << 30;
 
 /// The bytes are no OpenIGTLink, or have got out of step: the connection is of no use any more.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -15,7 +15,7 @@ pub enum Broken {
     #[error("a message with header version {0}, expected 1 or 2: the peer does not speak OpenIGTLink")]
     Version(u16),
     /// Size of the body.
-    #[error("a message of {0} bytes, expected at most {MOST_PASSED}")]
+    #[error("a message of {0} bytes, expected at most {MAX_PASSED}")]
     Size(u64),
 }
 
@@ -146,10 +146,10 @@ impl Decoder {
         if !(1..=2).contains(&header.version) {
             return Err(Broken::Version(header.version));
         }
-        if header.body_bytes > MOST_PASSED {
+        if header.body_bytes > MAX_PASSED {
             return Err(Broken::Size(header.body_bytes));
         }
-        if header.body_bytes > MOST_KEPT as u64 || !Content::READ.contains(&header.kind.as_str()) {
+        if header.body_bytes > MAX_KEPT as u64 || !Content::READ.contains(&header.kind.as_str()) {
             self.skip = header.body_bytes;
             self.kept.clear();
             return Ok(Some(Arrival::Passed(header.kind, header.device)));

@@ -151,7 +151,7 @@ impl Client {
     }
 
     /// Has everything seen that goes over the link from now on; the hello that is known already comes first.
-    pub fn listen_in(&mut self, mut tap: Box<dyn Tap>) {
+    pub fn attach_tap(&mut self, mut tap: Box<dyn Tap>) {
         tap.received(&Envelope {
             boot_id: self.boot_id,
             sequence: self.hello_sequence,

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 /// Longest time between two questions for the status, on this machine's clock.
 pub(super) const STATUS_INTERVAL: Duration = Duration::from_millis(250);
 /// How long one look for telemetry waits: short, so that an interrupt is obeyed soon.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// How to run a program.
 #[derive(Debug, Clone, Copy)]
@@ -83,7 +83,7 @@ fn follow<E: From<LinkError>>(
     observe: &mut impl FnMut(&Client, &Telemetry) -> Result<(), E>,
 ) -> Result<(), E> {
     let mut end = EndWatch::new(accepted);
-    let mut signs = SignsOfLife::new(accepted);
+    let mut signs = Keepalive::new(accepted);
     let mut last_heard = Instant::now();
     loop {
         if options.interrupted.load(Ordering::Acquire) {
@@ -93,7 +93,7 @@ fn follow<E: From<LinkError>>(
             client.ask_on_the_way()?;
             signs.given();
         }
-        if let Some(telemetry) = client.next(LOOK)? {
+        if let Some(telemetry) = client.next(POLL_INTERVAL)? {
             last_heard = Instant::now();
             observe(client, &telemetry)?;
             signs.see(&telemetry);
@@ -122,7 +122,7 @@ fn follow<E: From<LinkError>>(
 }
 
 /// When the device must hear from the host again. Its clock counts, which a simulated rig runs faster than this machine's.
-struct SignsOfLife {
+struct Keepalive {
     every_us: u64,
     /// Latest device time heard of.
     device_us: u64,
@@ -130,7 +130,7 @@ struct SignsOfLife {
     given_at: Instant,
 }
 
-impl SignsOfLife {
+impl Keepalive {
     fn new(status: &Status) -> Self {
         // Three of four may be lost.
         let every_us = u64::from(status.silence_limit_ms.max(SILENCE_LIMIT_MS[0])) * 1_000 / 4;

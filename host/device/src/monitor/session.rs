@@ -13,7 +13,7 @@ use protocol::{
 use std::time::{Duration, Instant};
 
 /// How long one look for telemetry waits: short, so that orders are obeyed soon.
-const LOOK: Duration = Duration::from_millis(10);
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
 /// How often the link's counters are told.
 const CARRIED: Duration = Duration::from_millis(100);
 /// Speeds of jogs and of the way home, millimetres per second.
@@ -70,7 +70,7 @@ impl<'a> Session<'a> {
 
     /// Looks once at what the device says, and speaks to it where that is due.
     pub fn look(&mut self) -> Result<(), LinkError> {
-        if let Some(telemetry) = self.client.next(LOOK)? {
+        if let Some(telemetry) = self.client.next(POLL_INTERVAL)? {
             self.heard(telemetry)?;
         }
         if self.pace.is_due(Instant::now()) {
@@ -85,7 +85,7 @@ impl<'a> Session<'a> {
     }
 
     /// Has an order carried out. A refusal is told; it does not end the connection.
-    pub fn obey(&mut self, order: Order) -> Result<(), LinkError> {
+    pub fn handle_command(&mut self, order: Order) -> Result<(), LinkError> {
         let obeyed = match order {
             Order::Tare => self.start("tare".to_owned(), Step::Tare { duration_ms: TARE_MS }, false),
             Order::Home => self.go("home".to_owned(), [0.0; 2], HOME_MM_S, false),
@@ -266,7 +266,7 @@ impl<'a> Session<'a> {
                 });
                 self.say(&format!("{name}: done{}", noise.unwrap_or_default()), true);
                 if let Some(by_m) = next_jog_m {
-                    return self.obey(Order::Jog(by_m));
+                    return self.handle_command(Order::Jog(by_m));
                 }
             }
             End::TareRejected => {

@@ -51,7 +51,7 @@ impl Worker {
     /// Has something done; what becomes of it is told.
     pub fn order(&self, order: Order) {
         if let Some(orders) = &self.orders {
-            // Where the thread has ended nobody can obey; `is_running` says so.
+            // Where the thread has ended nobody can handle_command; `is_running` says so.
             let _ = orders.send(order);
         }
     }
@@ -104,7 +104,7 @@ impl Link {
         let mut session = Session::begin(client, tell)?;
         loop {
             match waiting(orders) {
-                Some(orders) => orders.into_iter().try_for_each(|order| session.obey(order))?,
+                Some(orders) => orders.into_iter().try_for_each(|order| session.handle_command(order))?,
                 None => return session.end(),
             }
             session.look()?;

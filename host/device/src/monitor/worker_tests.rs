@@ -6,7 +6,7 @@ use fake_device::{Act, BOOT_ID, FakeDevice, Script};
 use protocol::{Fault, Request, Step};
 use std::path::Path;
 
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 
 fn started(port: &str) -> (Worker, Receiver<Event>) {
     let (sender, events) = mpsc::channel();
@@ -26,7 +26,7 @@ fn with_program(program: &[Act]) -> (FakeDevice, Worker, Receiver<Event>) {
 
 /// Waits for an event and returns what is wanted of it.
 fn wait_for<T>(events: &Receiver<Event>, mut wanted: impl FnMut(Event) -> Option<T>) -> T {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     loop {
         let left = deadline.saturating_duration_since(Instant::now());
         if let Some(found) = wanted(events.recv_timeout(left).expect("the event comes in time")) {

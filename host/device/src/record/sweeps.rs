@@ -1,6 +1,6 @@
 //! The sweeps of a motion program: one per hold that asks for one, or all that a tracker tells.
 
-use super::{RecordError, Recorder, Ultrasound, Witness};
+use super::{AcquisitionObserver, RecordError, Recorder, Ultrasound};
 use crate::link::{Batch, Program};
 use crate::sweep::SweepTask;
 use std::collections::BTreeMap;
@@ -30,7 +30,7 @@ impl<'a> Sweeps<'a> {
         &mut self,
         batch: &Batch,
         recorder: &mut Recorder,
-        witness: &mut dyn Witness,
+        observer: &mut dyn AcquisitionObserver,
     ) -> Result<(), RecordError> {
         if let (Some(first), Some(last)) = (batch.points.first(), batch.points.last())
             && let Some(seen) = batch.step.and_then(|step| self.wanted.get_mut(&step))
@@ -40,10 +40,10 @@ impl<'a> Sweeps<'a> {
         }
         match &mut self.ultrasound {
             Ultrasound::Absent => Ok(()),
-            Ultrasound::Command(_) => self.run_command(batch, recorder, witness),
+            Ultrasound::Command(_) => self.run_command(batch, recorder, observer),
             Ultrasound::Tracker(tracker) => {
                 tracker.samples(batch);
-                let times_s = recorder.track(tracker, witness)?;
+                let times_s = recorder.track(tracker, observer)?;
                 let told = |seen: &Option<[f64; 2]>| {
                     let [from_s, to_s] = seen.unwrap_or([f64::INFINITY; 2]);
                     times_s.iter().any(|time_s| (from_s..=to_s + AHEAD_S).contains(time_s))
@@ -59,7 +59,7 @@ impl<'a> Sweeps<'a> {
         &mut self,
         batch: &Batch,
         recorder: &mut Recorder,
-        witness: &mut dyn Witness,
+        observer: &mut dyn AcquisitionObserver,
     ) -> Result<(), RecordError> {
         if let Some((task, step, time_s)) = self.under_way.take() {
             match task.finished() {
@@ -69,7 +69,7 @@ impl<'a> Sweeps<'a> {
                     }
                     let sweep = sweep?;
                     recorder.sweep(&sweep, time_s)?;
-                    witness.sweep(&sweep, time_s);
+                    observer.sweep(&sweep, time_s);
                 }
                 Err(task) if batch.step == Some(step) => self.under_way = Some((task, step, time_s)),
                 Err(_) => return Err(RecordError::HoldTooShort { number: usize::from(step) + 1 }),

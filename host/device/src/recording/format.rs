@@ -33,7 +33,7 @@ pub const CHUNK_HEAD: u64 = 40;
 /// Bytes of a footer's content.
 pub const FOOTER_BYTES: u64 = 20;
 /// A chunk longer than this is no chunk: the reader holds one at a time.
-pub const MOST_CHUNK_BYTES: u64 = 16 << 20;
+pub const MAX_CHUNK_BYTES: u64 = 16 << 20;
 
 /// Appends a record.
 pub fn record(out: &mut Vec<u8>, opcode: u8, content: impl FnOnce(&mut Vec<u8>)) {
@@ -130,7 +130,7 @@ impl ChunkHead {
         let log_ns = [fields.u64()?, fields.u64()?];
         let (uncompressed, crc) = (fields.u64()?, fields.u32()?);
         let (name_bytes, records_bytes) = (fields.u32()?, fields.u64()?);
-        let fits = length <= MOST_CHUNK_BYTES
+        let fits = length <= MAX_CHUNK_BYTES
             && length.checked_sub(CHUNK_HEAD) == Some(records_bytes)
             && uncompressed == records_bytes;
         (opcode == op::CHUNK && name_bytes == 0 && fits).then_some(Self { crc, log_ns, records_bytes })

@@ -58,7 +58,7 @@ impl RawRecorder {
             .name("raw recording".into())
             .spawn(move || write(transcript, &receiver))
             .map_err(RecordingError::io(path, 0, "start writing"))?;
-        client.listen_in(Box::new(Ear(sender.clone())));
+        client.attach_tap(Box::new(Ear(sender.clone())));
         Ok(Self { path: path.to_owned(), sender, worker })
     }
 

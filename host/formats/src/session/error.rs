@@ -187,7 +187,7 @@ pub fn split_message(message: &str, otherwise: &str) -> (Problem, String) {
 }
 
 /// Most bytes that are read of what has no end of its own, such as a device.
-const MOST_BYTES: u64 = 64 << 20;
+const MAX_BYTES: u64 = 64 << 20;
 
 /// Reads a whole text file, without a byte order mark.
 pub fn read_text(path: &Path) -> Result<String, SessionError> {
@@ -226,7 +226,7 @@ fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
     if file.metadata()?.is_file() {
         (&file).read_to_end(&mut bytes)?;
     // No text has a NUL byte: what is behind one is not waited for.
-    } else if BufReader::new((&file).take(MOST_BYTES + 1)).read_until(0, &mut bytes)? as u64 > MOST_BYTES {
+    } else if BufReader::new((&file).take(MAX_BYTES + 1)).read_until(0, &mut bytes)? as u64 > MAX_BYTES {
         return Err(io::Error::other("this is no file, and does not end"));
     }
     Ok(bytes)

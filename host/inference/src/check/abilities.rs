@@ -8,9 +8,9 @@ use crate::track::{self, dynamics};
 use formats::session::Session;
 
 /// Least depth to which an insertion can be seen, millimetres, as `guide predict --until` accepts it.
-const LEAST_UNTIL_MM: f64 = 5.0;
+const MIN_UNTIL_MM: f64 = 5.0;
 /// Bins that a prediction needs to begin with.
-const LEAST_BINS: usize = 3;
+const MIN_BINS: usize = 3;
 
 /// The workflows, in the order in which they are used.
 pub fn of(session: &Session) -> Vec<Ability> {
@@ -71,7 +71,7 @@ fn predict(session: &Session) -> Ability {
         ability.lacks("no [[insertion]]".to_owned());
     }
     // The first and last depth up to which every insertion can be seen.
-    let (mut from_mm, mut to_mm) = (LEAST_UNTIL_MM, f64::INFINITY);
+    let (mut from_mm, mut to_mm) = (MIN_UNTIL_MM, f64::INFINITY);
     for run in &session.insertion {
         let path = match TipPath::new(run) {
             Ok(path) => path,
@@ -80,9 +80,9 @@ fn predict(session: &Session) -> Ability {
                 continue;
             }
         };
-        let Some(begins) = path.bins.get(LEAST_BINS - 1) else {
+        let Some(begins) = path.bins.get(MIN_BINS - 1) else {
             let found = path.bins.len();
-            ability.leaves_out(&run.id, format!("{found} depths, expected {LEAST_BINS} or more"));
+            ability.leaves_out(&run.id, format!("{found} depths, expected {MIN_BINS} or more"));
             continue;
         };
         from_mm = from_mm.max((1e3 * begins.depth_m).ceil());

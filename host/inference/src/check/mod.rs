@@ -4,7 +4,7 @@
 mod abilities;
 mod suspicions;
 
-pub(crate) use suspicions::{LEAST_MOTION_M, suspicions_of_identification};
+pub(crate) use suspicions::{MIN_MOTION_M, suspicions_of_identification};
 
 use formats::session::{Place, Session, SessionError, Survey};
 use serde::Serialize;

@@ -1,27 +1,27 @@
 //! What can be read and still may not be meant: units mixed up, gaps, calibrations mixed, noise not stated, files used twice.
 
 use super::Finding;
+use crate::holds::{HoldCriteria, summary, unused};
 use crate::insertion::TipPath;
-use crate::levels::{HoldCriteria, summary, unused};
 use formats::session::{ForceSeries, IndentationRun, InsertionRun, LateralRun, Session, SteeringRun};
 use std::path::Path;
 
 /// Forces beyond this are beyond the sensors that such a guide has, newtons.
-const MOST_FORCE_N: f64 = 20.0;
+const MAX_FORCE_N: f64 = 20.0;
 /// Indentation forces beyond this are none that soft tissue takes, newtons.
-const MOST_INDENTATION_N: f64 = 100.0;
+const MAX_INDENTATION_N: f64 = 100.0;
 /// Forces below this are none beside a displacement of [`MOVED_M`].
-const LEAST_FORCE_N: f64 = 1e-3;
+const MIN_FORCE_N: f64 = 1e-3;
 /// A displacement that should be felt and seen.
 const MOVED_M: f64 = 0.1e-3;
 /// Lateral motions below this are nothing a rig does on purpose; a thousand times as much is: metres for millimetres.
-pub(crate) const LEAST_MOTION_M: f64 = 0.02e-3;
+pub(crate) const MIN_MOTION_M: f64 = 0.02e-3;
 /// Guide 2 goes a few millimetres at most.
-const MOST_DISPLACEMENT_M: f64 = 15e-3;
+const MAX_DISPLACEMENT_M: f64 = 15e-3;
 /// A needle is not bent by so many times the displacement of its guide.
-const MOST_DEFLECTION: f64 = 10.0;
+const MAX_DEFLECTION: f64 = 10.0;
 /// Lateral runs less deep than this are no use.
-const LEAST_DEPTH_M: f64 = 3e-3;
+const MIN_DEPTH_M: f64 = 3e-3;
 /// Rows further apart than this are no series, seconds.
 const LONGEST_PERIOD_S: f64 = 5.0;
 /// A gap is so many times as long as the usual time between rows, and this long, seconds.
@@ -166,7 +166,7 @@ impl Found {
     fn lateral(&mut self, session: &Session, run: &LateralRun, file: &Path) {
         let LateralRun { id, force, shape, force_path, shape_path, .. } = run;
         let depth_mm = mm(run.depth_m);
-        self.when(run.depth_m < LEAST_DEPTH_M, file, || {
+        self.when(run.depth_m < MIN_DEPTH_M, file, || {
             (
                 format!("lateral.depth_mm: {depth_mm} in run {id}"),
                 "millimetres: is this in metres or centimetres?",
@@ -197,7 +197,7 @@ impl Found {
         self.when(moved_m > MOVED_M && bent_m < 1e-2 * moved_m, shape_path, || {
             (format!("deflection_y_mm: {bent_mm} at most"), "millimetres: is this in metres?")
         });
-        self.when(moved_m > MOVED_M && bent_m > MOST_DEFLECTION * moved_m, shape_path, || {
+        self.when(moved_m > MOVED_M && bent_m > MAX_DEFLECTION * moved_m, shape_path, || {
             let what =
                 format!("deflection_y_mm: {bent_mm:.2} at most, guide 2 moved by {:.2} mm", 1e3 * moved_m);
             (what, "millimetres from the straight needle")
@@ -214,17 +214,17 @@ impl Found {
     fn force(&mut self, force: &ForceSeries, moved_m: f64, path: &Path) {
         let most_n = largest(&force.force_y_n).max(force.force_x_n.as_deref().map_or(0.0, largest));
         let moved_mm = mm(moved_m);
-        self.when(most_n > MOST_FORCE_N, path, || {
+        self.when(most_n > MAX_FORCE_N, path, || {
             (format!("force_y_n: {most_n:.1} N at most"), "a few newtons: are these millinewtons, or codes?")
         });
-        self.when(moved_m > MOVED_M && most_n < LEAST_FORCE_N, path, || {
+        self.when(moved_m > MOVED_M && most_n < MIN_FORCE_N, path, || {
             let what = format!("force_y_n: {most_n} N at most while guide 2 moves by {moved_mm:.2} mm");
             (what, "a force that is felt: newtons, a sensor that is connected")
         });
-        self.when(moved_m > 0.0 && moved_m < LEAST_MOTION_M, path, || {
+        self.when(moved_m > 0.0 && moved_m < MIN_MOTION_M, path, || {
             (format!("displacement_y_mm: {moved_mm} at most"), "millimetres: is this in metres?")
         });
-        self.when(moved_m > MOST_DISPLACEMENT_M, path, || {
+        self.when(moved_m > MAX_DISPLACEMENT_M, path, || {
             (format!("displacement_y_mm: {moved_mm:.1} at most"), "a few millimetres: are these micrometres?")
         });
         let lost: f64 = force.lost_before.iter().flatten().sum();
@@ -271,7 +271,7 @@ impl Found {
             let what = format!("tip_y_mm: {aside_mm:.1} at most in {:.1} mm of depth", 1e3 * deepest_m);
             (what, "distances from the straight needle's line, not positions in the room")
         });
-        self.when(deepest_m >= 20e-3 && aside_m < LEAST_MOTION_M, path, || {
+        self.when(deepest_m >= 20e-3 && aside_m < MIN_MOTION_M, path, || {
             (format!("tip_y_mm: {aside_mm} at most"), "millimetres: is this in metres?")
         });
         let Ok(seen) = TipPath::new(run) else { return };
@@ -289,11 +289,11 @@ impl Found {
 
     fn indentation(&mut self, run: &IndentationRun) {
         let deepest_m = largest(&run.depth_m);
-        self.when(deepest_m < LEAST_MOTION_M, &run.path, || {
+        self.when(deepest_m < MIN_MOTION_M, &run.path, || {
             (format!("depth_mm: {} mm at most", mm(deepest_m)), "millimetres: is this in metres?")
         });
         let most_n = largest(&run.force_n);
-        self.when(most_n > MOST_INDENTATION_N, &run.path, || {
+        self.when(most_n > MAX_INDENTATION_N, &run.path, || {
             (format!("force_n: {most_n:.1} N at most"), "newtons: are these millinewtons?")
         });
         let deepest_mm = mm(deepest_m);
@@ -315,7 +315,7 @@ impl Found {
             (format!("depth_mm: {} at most", mm(deepest_m)), "millimetres: is this in metres?")
         });
         let most_n = largest(&run.base_force_y_n);
-        self.when(most_n > MOST_FORCE_N, &run.path, || {
+        self.when(most_n > MAX_FORCE_N, &run.path, || {
             (format!("base_force_y_n: {most_n:.1} N at most"), "a few newtons: are these millinewtons?")
         });
         self.times(&run.time_s, &run.path);

@@ -8,9 +8,9 @@
 //! * which interval of which coordinate stands out most, in one channel, alike or opposite on both sides of zero ([`regions`]): a scan,
 //!   its significance corrected for the number of intervals looked at.
 
-use super::believed::Prepared;
 use super::data::{Channel, Datum, Kind};
 use super::evidence::Patterns;
+use super::layout::Prepared;
 use super::posterior::Fitted;
 use super::score::{NOISE_TOLERANCE, stacked};
 use crate::FitError;
@@ -21,10 +21,10 @@ use std::cmp::Reverse;
 /// A model is inadequate where chance makes residuals as smooth as these in fewer sessions than this.
 const LEVEL: f64 = 1e-4;
 /// Directions smaller than this beside the largest are combinations of others.
-const LEAST_DIRECTION: f64 = 1e-9;
+const MIN_DIRECTION: f64 = 1e-9;
 /// Bins of a coordinate, and intervals reported.
 const BINS: usize = 8;
-const MOST_REGIONS: usize = 5;
+const MAX_REGIONS: usize = 5;
 
 /// Chi-square in smooth functions of the coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,7 +125,7 @@ fn structure(products: &DMatrix<f64>) -> (Structure, DVector<f64>) {
     let (mut chi_square, mut functions) = (0.0, 0);
     let mut coefficients = DVector::zeros(count);
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-        if *value > LEAST_DIRECTION * largest {
+        if *value > MIN_DIRECTION * largest {
             let projected = vector.dot(&along);
             chi_square += projected * projected / value;
             functions += 1;
@@ -348,7 +348,7 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Vec<Region> {
     let mut kept: Vec<Region> = Vec::new();
     for region in found {
         let same = |other: &&Region| other.channel == region.channel && other.coordinate == region.coordinate;
-        if kept.iter().find(same).is_none() && kept.len() < MOST_REGIONS {
+        if kept.iter().find(same).is_none() && kept.len() < MAX_REGIONS {
             kept.push(region);
         }
     }

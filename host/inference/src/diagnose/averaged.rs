@@ -5,14 +5,14 @@
 //! et al. 1999, Statistical Science 14:382). The value that is reported is that of the first member, whose effects the model file has;
 //! the interval is that of the mixture.
 
-use super::believed::NORMAL_975;
+use super::layout::NORMAL_975;
 use super::posterior::Fitted;
 use super::search::{Member, one_sided};
 use mechanics::effects::Effect;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Evidence smaller than the largest by more than this has no weight that shows.
-const LEAST_LN_WEIGHT: f64 = -12.0;
+const MIN_LN_WEIGHT: f64 = -12.0;
 /// Steps of the bisection: enough for rounding to be all that is left.
 const BISECTIONS: usize = 80;
 
@@ -38,7 +38,7 @@ impl<'a> Averaged<'a> {
         let all: Vec<(f64, &Fitted)> =
             std::iter::once(fitted).chain(others).map(|of| (ln_weight(of), of)).collect();
         let largest = all.iter().map(|(ln, _)| *ln).fold(f64::NEG_INFINITY, f64::max);
-        let fits = all.into_iter().filter(|(ln, _)| *ln > largest + LEAST_LN_WEIGHT);
+        let fits = all.into_iter().filter(|(ln, _)| *ln > largest + MIN_LN_WEIGHT);
         Self { fits: fits.map(|(ln, of)| ((ln - largest).exp(), of)).collect() }
     }
 

@@ -1,7 +1,7 @@
 //! A lateral recording in cells: means over a twentieth of a second, without what is misread, and stretches of cells over which forces
 //! are averaged.
 
-use crate::levels::Level;
+use crate::holds::Hold;
 use formats::session::LateralRun;
 use std::ops::Range;
 
@@ -46,14 +46,14 @@ fn cleaned(values: &[f64]) -> Vec<f64> {
 }
 
 /// Means over short stretches of a recording.
-pub(super) fn cells(run: &LateralRun, holds: &[Level]) -> Cells {
+pub(super) fn cells(run: &LateralRun, holds: &[Hold]) -> Cells {
     let force = &run.force;
     let rows = force.time_s.len();
     let zeros = || vec![0.0; rows];
     let force_n = [cleaned(&force.force_y_n), force.force_x_n.as_deref().map_or_else(zeros, cleaned)];
     let read_m = [force.displacement_y_m.clone(), force.displacement_x_m.clone().unwrap_or_else(zeros)];
     let hold_of = |time_s: f64| {
-        let inside = |h: &Level| (h.time_s[0] + EDGE_S..=h.time_s[1] - EDGE_S).contains(&time_s);
+        let inside = |h: &Hold| (h.time_s[0] + EDGE_S..=h.time_s[1] - EDGE_S).contains(&time_s);
         holds.iter().position(|h| inside(h) && h.lost_samples == 0)
     };
     let mut cells = Cells::default();

@@ -5,8 +5,8 @@
 //! neighbours are left out; whether they are is seen from the readings alone, never from a model.
 
 use super::cells::{Cells, cells, held, stood, stretches};
+use crate::holds::{Hold, HoldCriteria, holds, median, reversal_m, reversal_of_means_m};
 use crate::insertion::{Bin, TipPath};
-use crate::levels::{HoldCriteria, Level, levels, median, reversal_m, reversal_of_means_m};
 use formats::session::{InsertionRun, LateralRun};
 use mechanics::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapePoint};
 
@@ -177,7 +177,7 @@ const SPEED_CELL_M: f64 = 0.2e-3;
 impl Run {
     /// A lateral run; the reason where it has no hold.
     pub fn lateral(run: &LateralRun, rig: &Rig) -> Result<Self, String> {
-        let holds = levels(run, &HoldCriteria::default());
+        let holds = holds(run, &HoldCriteria::default());
         if holds.is_empty() {
             return Err(format!(
                 "{}: displacement_y_mm: no hold found, expected guide 2 held still for 0.5 s or more",
@@ -380,16 +380,16 @@ fn speed(run: &InsertionRun) -> Option<f64> {
     (seconds.len() >= 2).then(|| SPEED_CELL_M / median(seconds))
 }
 
-fn hold_places(holds: &[Level], axis: usize, depth_m: f64) -> Vec<Place> {
+fn hold_places(holds: &[Hold], axis: usize, depth_m: f64) -> Vec<Place> {
     // A mean's standard error from its own scatter; what moves by less has not moved.
-    let error_m = |hold: &Level| {
+    let error_m = |hold: &Hold| {
         let mean = [Some(hold.displacement_y_m), hold.displacement_x_m][axis];
         mean.map_or(0.0, |mean| mean.standard_error(mean.scatter))
     };
     let reversal_m = reversal_of_means_m(&holds.iter().map(error_m).collect::<Vec<_>>());
     let mut extreme_m = 0.0;
     let mut direction = 0.0;
-    let place = |hold: &Level| {
+    let place = |hold: &Hold| {
         let level_m = hold.displacement_m()[axis];
         let moved_m: f64 = level_m - extreme_m;
         if moved_m * direction > 0.0 || moved_m.abs() > reversal_m {
@@ -405,7 +405,7 @@ fn hold_places(holds: &[Level], axis: usize, depth_m: f64) -> Vec<Place> {
 fn sweep(
     run: &LateralRun,
     rig: &Rig,
-    hold: &Level,
+    hold: &Hold,
     (part, place, start_s): (usize, Place, f64),
     points: &mut Vec<ShapePoint>,
     data: &mut Vec<Datum>,

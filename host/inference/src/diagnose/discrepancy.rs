@@ -13,9 +13,9 @@ mod insertion;
 mod lateral;
 
 use super::Multiples;
-use super::believed::{Layout, Prepared};
 use super::data::{Datum, Kind, Run};
 use super::evidence::{Group, Patterns, RunPatterns};
+use super::layout::{Layout, Prepared};
 use mechanics::{Cache, Channels, Experiment, Model, ModelError, predict_with};
 use nalgebra::DMatrix;
 
@@ -83,7 +83,7 @@ impl Around<'_> {
     ) -> Result<Vec<f64>, ModelError> {
         let (mut model, mut experiment) = (self.model.clone(), self.run.experiment.clone());
         change(&mut model, &mut experiment)?;
-        let moved = super::believed::predicted(self.run, &predict_with(&model, &experiment, self.cache)?);
+        let moved = super::layout::predicted(self.run, &predict_with(&model, &experiment, self.cache)?);
         Ok(moved.iter().zip(&self.predicted).map(|(to, from)| (to - from) / step).collect())
     }
 
@@ -169,7 +169,7 @@ fn groups(layout: &Layout, values: &[f64], runs: &[Prepared]) -> Result<Vec<Grou
     let around = |prepared: &'_ Prepared| -> Result<_, ModelError> {
         let model = layout.model_of(values, prepared.run.kind, prepared.run.is_reference)?;
         let channels: Channels = predict_with(&model, &prepared.run.experiment, &layout.cache)?;
-        Ok((model, super::believed::predicted(&prepared.run, &channels)))
+        Ok((model, super::layout::predicted(&prepared.run, &channels)))
     };
     let mut all = Vec::with_capacity(runs.len());
     for prepared in runs {

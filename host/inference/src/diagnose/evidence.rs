@@ -13,7 +13,7 @@
 //! Kennedy and O'Hagan, "Bayesian calibration of computer models" (2001); Brynjarsdottir and O'Hagan, "Learning about physical
 //! parameters: the importance of model discrepancy" (2014).
 
-use super::believed::Prepared;
+use super::layout::Prepared;
 use argmin::core::{CostFunction, Executor, Gradient, State};
 use argmin::solver::linesearch::MoreThuenteLineSearch;
 use argmin::solver::quasinewton::LBFGS;

@@ -2,8 +2,8 @@
 //! computed, not judged by an outcome. The truth's predictions without noise take the place of the readings, and the fits of all rivals
 //! to them give the expected gain of chi-square and the expected log evidence over the nearest rival.
 
-use super::believed::{Layout, differences};
 use super::evidence::Patterns;
+use super::layout::{Layout, differences};
 use super::noise::Noise;
 use super::posterior::{self, Fitted, MAX_ROUNDS};
 use super::score::Scores;

@@ -5,12 +5,12 @@
 //! parameters could still do about it given what the session has told of them: the expected divergence. The best measurement is the
 //! one whose least divergence over all pairs is greatest.
 
-use super::believed::Layout;
 use super::data::{Kind, Run};
+use super::layout::Layout;
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::NextMeasurement;
-use mechanics::effects::{Effect, Seen};
+use mechanics::effects::{Effect, ObservationContext};
 use mechanics::{
     Channels, DriveSample, Experiment, Insertion, Lateral, ModelError, Profile, Series, ShapePoint, predict,
 };
@@ -22,11 +22,11 @@ const RATE_HZ: f64 = 10.0;
 const SPACING_M: f64 = 1e-3;
 /// Depth by which another run is deeper or shallower, and least depth of one.
 const OTHER_M: f64 = 10e-3;
-const LEAST_M: f64 = 8e-3;
+const MIN_M: f64 = 8e-3;
 /// Known force that is hung on the sensor.
 const WEIGHT_N: f64 = 1.0;
 /// A divergence below this tells nothing apart.
-const LEAST_DIVERGENCE: f64 = 4.0;
+const MIN_DIVERGENCE: f64 = 4.0;
 
 /// What could be measured.
 enum Planned {
@@ -64,7 +64,7 @@ pub(super) fn next_measurement(
             best = Some((least, item));
         }
     }
-    let (divergence, Item { kind, what, .. }) = best.filter(|(least, _)| *least > LEAST_DIVERGENCE)?;
+    let (divergence, Item { kind, what, .. }) = best.filter(|(least, _)| *least > MIN_DIVERGENCE)?;
     Some(NextMeasurement {
         kind: kind.to_owned(),
         what,
@@ -105,7 +105,8 @@ fn seen(
             let model = layout.model(values, Kind::Lateral)?;
             let one = |force_n| Series { y: vec![force_n], x: Some(vec![0.0]) };
             let mut channels = Channels { force_n: one(WEIGHT_N), ..Channels::default() };
-            let seen = Seen { time_s: &[0.0], commanded_m: [&[0.0], &[0.0]], reversal_m: [0.0; 2] };
+            let seen =
+                ObservationContext { time_s: &[0.0], commanded_m: [&[0.0], &[0.0]], reversal_m: [0.0; 2] };
             // Weights are hung on the sensor: friction and drift of the guide have no part in it.
             model.effects.iter().for_each(|(effect, values)| effect.observe(values, &seen, &mut channels));
             let sd = noise.force.of_mean(60, 3.0).sqrt();
@@ -159,7 +160,7 @@ fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
             format!("a staircase to {:.1} mm at {:.0} mm depth", mm(level_m), mm(most_m + OTHER_M)),
             Staircase { depth_m: most_m + OTHER_M, ..plain },
         );
-        if least_m - OTHER_M >= LEAST_M {
+        if least_m - OTHER_M >= MIN_M {
             add(
                 "another_depth",
                 format!("a staircase to {:.1} mm at {:.0} mm depth", mm(level_m), mm(least_m - OTHER_M)),

@@ -70,8 +70,8 @@ const LEAST: Noise = {
 /// Where nothing is stated and nothing can be seen.
 const TYPICAL: [f64; 5] = [0.05, 20e-6, 30e-6, 0.1e-3, 1e-3];
 /// Readings of a segment and groups of like segments that are looked at.
-const MOST_READINGS: usize = 40;
-const MOST_GROUPS: usize = 12;
+const MAX_READINGS: usize = 40;
+const MAX_GROUPS: usize = 12;
 /// Memories, in distances of readings, and shares of the correlated part that are tried.
 const MEMORIES: [f64; 7] = [0.7, 1.0, 1.5, 2.2, 3.5, 5.5, 9.0];
 const SHARES: [f64; 9] = [0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 0.95];
@@ -223,7 +223,7 @@ fn holds(runs: &[Run], of: impl Fn(&Run, usize, usize) -> f64) -> Vec<Segment> {
             let end = start + cells.hold[start..].iter().take_while(|other| **other == hold).count();
             let settled_s = cells.time_s[start] + SETTLED_S;
             let settled = (start..end).filter(|i| cells.time_s[*i] >= settled_s);
-            let settled: Vec<usize> = settled.take(MOST_READINGS).collect();
+            let settled: Vec<usize> = settled.take(MAX_READINGS).collect();
             if hold.is_some() {
                 for plane in 0..2 {
                     let usable = settled.iter().filter(|i| of(run, plane, **i).is_finite());
@@ -248,7 +248,7 @@ fn lines(runs: &[Run], channels: [Channel; 2]) -> Vec<Segment> {
         for channel in channels {
             let of_channel = |part: usize| {
                 let data = run.data.iter().filter(move |d| d.channel == channel && d.part == part);
-                data.take(MOST_READINGS).map(|d| (d.place.depth_m, d.measured))
+                data.take(MAX_READINGS).map(|d| (d.place.depth_m, d.measured))
             };
             for part in (0..run.parts()).filter(|part| !run.turns_in(*part)) {
                 let (at, values): (Vec<f64>, Vec<f64>) = of_channel(part).unzip();
@@ -282,7 +282,7 @@ fn estimate(segments: &[Segment], degree: usize) -> Option<Sensor> {
     }
     // Many lengths are many groups; the largest of them tell enough.
     groups.sort_by_key(|(_, values)| std::cmp::Reverse(values.len()));
-    groups.truncate(MOST_GROUPS);
+    groups.truncate(MAX_GROUPS);
     let mut best: Option<(f64, Sensor)> = None;
     for lengths in MEMORIES {
         for share in SHARES {

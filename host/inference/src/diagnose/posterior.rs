@@ -5,9 +5,9 @@
 //! method at the end, at the parameters themselves.
 
 use super::Multiples;
-use super::believed::{Layout, NORMAL_975, Prepared, Scale};
 use super::data::Kind;
 use super::evidence::{Evidence, Patterns, Products};
+use super::layout::{Layout, NORMAL_975, Prepared, Scale};
 use crate::{FitError, Parameter};
 use nalgebra::{DMatrix, DVector};
 

@@ -1,8 +1,8 @@
 //! What remains between a model and the measurement once everything that has a name is in it.
 
 use super::adequacy::Adequacy;
-use super::believed::NORMAL_975;
 use super::evidence::Patterns;
+use super::layout::NORMAL_975;
 use super::posterior::Fitted;
 use super::results::{Gap, RemainingResult, RemainingSize};
 

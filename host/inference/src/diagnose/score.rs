@@ -9,9 +9,9 @@
 //! Under the current model the residuals are independent normal numbers, so that all scores of a session that lacks nothing are
 //! drawn from the same projections: the parametric bootstrap of the whole search ([`Scores::margin`]).
 
-use super::believed::{Prepared, Scale, prior};
 use super::data::Kind;
 use super::evidence::Patterns;
+use super::layout::{Prepared, Scale, prior};
 use super::posterior::Fitted;
 use crate::FitError;
 use mechanics::effects::{EFFECTS, Effect, neutral};
@@ -21,9 +21,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-/// One way in which an effect may act: a place or time, and the directions of its amplitudes.
+/// One hypothesis in which an effect may act: a place or time, and the directions of its amplitudes.
 #[derive(Debug, Clone)]
-struct Way {
+struct Hypothesis {
     /// Values of the parameters at amplitudes of one, each alone.
     probes: Vec<Vec<f64>>,
     /// Precision of the prior of every amplitude.
@@ -38,11 +38,11 @@ struct Way {
 #[derive(Debug, Clone)]
 pub(super) struct Score {
     pub effect: &'static dyn Effect,
-    /// Gain of chi-square at the best way.
+    /// Gain of chi-square at the best hypothesis.
     pub chi_square: f64,
     /// Logarithm of the evidence over the current model.
     pub log_evidence: f64,
-    /// Values at the best ways and amplitudes: where a fit may start. Neighbours of the best place are among them, because far from
+    /// Values at the best hypotheses and amplitudes: where a fit may start. Neighbours of the best place are among them, because far from
     /// the neutral value the best place moves.
     pub starts: Vec<Vec<f64>>,
     /// Whether the session can tell this effect at all: a likely size would be seen.
@@ -52,7 +52,7 @@ pub(super) struct Score {
 /// Scores of the whole catalogue around a fit.
 #[derive(Debug)]
 pub(super) struct Scores {
-    ways: Vec<(&'static dyn Effect, Vec<Way>)>,
+    hypotheses: Vec<(&'static dyn Effect, Vec<Hypothesis>)>,
     /// Scalar products of the directions, the parameters' part taken off.
     gram: DMatrix<f64>,
     /// Scalar products of directions and residuals.
@@ -98,27 +98,27 @@ impl Scores {
                 };
                 runs.iter().zip(&fitted.residuals).map(of_run).collect()
             };
-            let with_directions = |way: Way| {
-                let directions: Vec<Vec<DVector<f64>>> = way.probes.iter().map(direction).collect();
-                (way, directions)
+            let with_directions = |hypothesis: Hypothesis| {
+                let directions: Vec<Vec<DVector<f64>>> = hypothesis.probes.iter().map(direction).collect();
+                (hypothesis, directions)
             };
-            (effect, ways_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
+            (effect, hypotheses_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
         };
         let unknown: Vec<&'static dyn Effect> =
             EFFECTS.into_iter().filter(|effect| !known(*effect) && fitted.layout.may_lack(*effect)).collect();
         let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();
-        let (mut ways, mut directions) = (Vec::new(), Vec::new());
+        let (mut hypotheses, mut directions) = (Vec::new(), Vec::new());
         for (effect, of_effect) in all {
-            let numbered = |(mut way, mut more): (Way, Vec<Vec<DVector<f64>>>)| {
-                way.columns.extend(directions.len()..directions.len() + more.len());
+            let numbered = |(mut hypothesis, mut more): (Hypothesis, Vec<Vec<DVector<f64>>>)| {
+                hypothesis.columns.extend(directions.len()..directions.len() + more.len());
                 directions.append(&mut more);
-                way
+                hypothesis
             };
-            ways.push((effect, of_effect.into_iter().map(numbered).collect()));
+            hypotheses.push((effect, of_effect.into_iter().map(numbered).collect()));
         }
         let count = directions.len();
         if count == 0 {
-            return Ok(Self { ways, gram: DMatrix::zeros(0, 0), along: DVector::zeros(0) });
+            return Ok(Self { hypotheses, gram: DMatrix::zeros(0, 0), along: DVector::zeros(0) });
         }
         let columns = |(number, residuals): (usize, &Vec<f64>)| {
             let mut columns: Vec<DVector<f64>> =
@@ -132,34 +132,37 @@ impl Scores {
         let metric = fitted.beside_parameters(patterns, &sizes, &columns).ok_or(FitError::Undetermined)?;
         let gram = metric.view((0, 0), (count, count)).into_owned();
         let along = metric.view((0, count), (count, 1)).column(0).into_owned();
-        Ok(Self { ways, gram, along })
+        Ok(Self { hypotheses, gram, along })
     }
 
     /// The scores of the session, best first.
     pub fn ranked(&self) -> Vec<Score> {
         let mut scores: Vec<Score> = self
-            .ways
+            .hypotheses
             .iter()
-            .map(|(effect, ways)| {
-                let of_ways: Vec<WayScore> = ways.iter().map(|way| self.score(way, &self.along)).collect();
-                let best = (0..ways.len())
+            .map(|(effect, hypotheses)| {
+                let of_ways: Vec<HypothesisScore> =
+                    hypotheses.iter().map(|hypothesis| self.score(hypothesis, &self.along)).collect();
+                let best = (0..hypotheses.len())
                     .max_by(|a, b| of_ways[*a].log_evidence.total_cmp(&of_ways[*b].log_evidence));
                 let best = best.unwrap_or(0);
-                let told = ways.iter().any(|way| {
-                    way.columns
-                        .iter()
-                        .zip(&way.precisions)
-                        .any(|(column, precision)| self.gram[(*column, *column)] > TOLD * TOLD * precision)
-                });
+                let told =
+                    hypotheses.iter().any(|hypothesis| {
+                        hypothesis.columns.iter().zip(&hypothesis.precisions).any(|(column, precision)| {
+                            self.gram[(*column, *column)] > TOLD * TOLD * precision
+                        })
+                    });
                 Score {
                     effect: *effect,
-                    chi_square: of_ways.iter().map(|way| way.chi_square).fold(0.0, f64::max),
-                    log_evidence: mean_of_exponentials(of_ways.iter().map(|way| way.log_evidence)),
+                    chi_square: of_ways.iter().map(|hypothesis| hypothesis.chi_square).fold(0.0, f64::max),
+                    log_evidence: mean_of_exponentials(
+                        of_ways.iter().map(|hypothesis| hypothesis.log_evidence),
+                    ),
                     starts: [Some(best), best.checked_sub(1), Some(best + 1)]
                         .into_iter()
                         .flatten()
-                        .filter_map(|number| Some((ways.get(number)?, of_ways.get(number)?)))
-                        .map(|(way, score)| start(*effect, way, &score.amplitudes))
+                        .filter_map(|number| Some((hypotheses.get(number)?, of_ways.get(number)?)))
+                        .map(|(hypothesis, score)| start(*effect, hypothesis, &score.amplitudes))
                         .collect(),
                     is_told: told,
                 }
@@ -182,10 +185,12 @@ impl Scores {
             .map(|_| {
                 let drawn = DVector::from_fn(root.ncols(), |_, _| StandardNormal.sample(&mut random));
                 let along = &root * drawn;
-                let of_effect = |(_, ways): &(&dyn Effect, Vec<Way>)| {
-                    mean_of_exponentials(ways.iter().map(|way| self.score(way, &along).log_evidence))
+                let of_effect = |(_, hypotheses): &(&dyn Effect, Vec<Hypothesis>)| {
+                    mean_of_exponentials(
+                        hypotheses.iter().map(|hypothesis| self.score(hypothesis, &along).log_evidence),
+                    )
                 };
-                self.ways.iter().map(of_effect).fold(f64::NEG_INFINITY, f64::max)
+                self.hypotheses.iter().map(of_effect).fold(f64::NEG_INFINITY, f64::max)
             })
             .collect();
         largest.sort_by(f64::total_cmp);
@@ -193,17 +198,17 @@ impl Scores {
         largest[at.min(draws) - 1]
     }
 
-    fn score(&self, way: &Way, along: &DVector<f64>) -> WayScore {
-        let k = way.columns.len();
-        let b = DVector::from_fn(k, |i, _| along[way.columns[i]]);
-        let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(way.columns[i], way.columns[j])]);
-        let prior = DMatrix::from_diagonal(&DVector::from_column_slice(&way.precisions));
-        let Some(factor) = (&gram + &prior).cholesky() else { return WayScore::none(k) };
+    fn score(&self, hypothesis: &Hypothesis, along: &DVector<f64>) -> HypothesisScore {
+        let k = hypothesis.columns.len();
+        let b = DVector::from_fn(k, |i, _| along[hypothesis.columns[i]]);
+        let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(hypothesis.columns[i], hypothesis.columns[j])]);
+        let prior = DMatrix::from_diagonal(&DVector::from_column_slice(&hypothesis.precisions));
+        let Some(factor) = (&gram + &prior).cholesky() else { return HypothesisScore::none(k) };
         let mut amplitudes = factor.solve(&b);
         let log_determinant = 2.0 * factor.l().diagonal().map(f64::ln).sum();
-        let log_prior: f64 = way.precisions.iter().map(|p| p.ln()).sum();
+        let log_prior: f64 = hypothesis.precisions.iter().map(|p| p.ln()).sum();
         let occam = 0.5 * (log_determinant - log_prior);
-        let wrong_side = amplitudes.iter().zip(&way.two_sided).any(|(a, two)| *a <= 0.0 && !two);
+        let wrong_side = amplitudes.iter().zip(&hypothesis.two_sided).any(|(a, two)| *a <= 0.0 && !two);
         if wrong_side {
             amplitudes.fill(0.0);
         }
@@ -211,34 +216,38 @@ impl Scores {
         let free = (&gram + DMatrix::identity(k, k) * (1e-9 * gram.trace().max(1e-300))).cholesky();
         let chi_square = if wrong_side { 0.0 } else { free.map_or(gain, |free| b.dot(&free.solve(&b))) };
         // Half of the prior of a one-sided amplitude lies where it cannot be; the other half counts twice.
-        let sides = way.two_sided.iter().filter(|two| !**two).count() as f64 * std::f64::consts::LN_2;
+        let sides = hypothesis.two_sided.iter().filter(|two| !**two).count() as f64 * std::f64::consts::LN_2;
         let sides = if wrong_side { 0.0 } else { sides };
-        WayScore { chi_square, log_evidence: 0.5 * gain - occam + sides, amplitudes }
+        HypothesisScore { chi_square, log_evidence: 0.5 * gain - occam + sides, amplitudes }
     }
 }
 
-struct WayScore {
+struct HypothesisScore {
     chi_square: f64,
     log_evidence: f64,
     amplitudes: DVector<f64>,
 }
 
-impl WayScore {
+impl HypothesisScore {
     fn none(k: usize) -> Self {
         Self { chi_square: 0.0, log_evidence: f64::NEG_INFINITY, amplitudes: DVector::zeros(k) }
     }
 }
 
-/// Every way in which an effect may act.
-fn ways_of(effect: &'static dyn Effect) -> Vec<Way> {
+/// Every hypothesis in which an effect may act.
+fn hypotheses_of(effect: &'static dyn Effect) -> Vec<Hypothesis> {
     let infos = effect.parameters();
     let places: Vec<Option<f64>> = match infos.iter().find(|info| !info.nodes.is_empty()) {
         Some(info) => info.nodes.iter().map(|node| Some(*node)).collect(),
         None => vec![None],
     };
-    let way = |place: Option<f64>| {
-        let mut way =
-            Way { probes: Vec::new(), precisions: Vec::new(), two_sided: Vec::new(), columns: Vec::new() };
+    let hypothesis = |place: Option<f64>| {
+        let mut hypothesis = Hypothesis {
+            probes: Vec::new(),
+            precisions: Vec::new(),
+            two_sided: Vec::new(),
+            columns: Vec::new(),
+        };
         for (index, info) in infos.iter().enumerate().filter(|(_, info)| info.nodes.is_empty()) {
             let mut values = neutral(effect);
             values[index] += info.prior_sd;
@@ -249,25 +258,26 @@ fn ways_of(effect: &'static dyn Effect) -> Vec<Way> {
             }
             let scale = Scale::of(info);
             let step = scale.inside(values[index]) - scale.inside(info.neutral);
-            way.probes.push(values);
-            way.precisions.push((step / prior(info).sd).powi(2));
-            way.two_sided.push(info.is_two_sided());
+            hypothesis.probes.push(values);
+            hypothesis.precisions.push((step / prior(info).sd).powi(2));
+            hypothesis.two_sided.push(info.is_two_sided());
         }
-        way
+        hypothesis
     };
-    places.into_iter().map(way).collect()
+    places.into_iter().map(hypothesis).collect()
 }
 
 /// Values at an amplitude, within what is likely.
-fn start(effect: &dyn Effect, way: &Way, amplitudes: &DVector<f64>) -> Vec<f64> {
-    let mut values = way.probes.first().cloned().unwrap_or_else(|| neutral(effect));
+fn start(effect: &dyn Effect, hypothesis: &Hypothesis, amplitudes: &DVector<f64>) -> Vec<f64> {
+    let mut values = hypothesis.probes.first().cloned().unwrap_or_else(|| neutral(effect));
     let mut amplitudes = amplitudes.iter();
     for ((value, info), index) in values.iter_mut().zip(effect.parameters()).zip(0..) {
         if !info.nodes.is_empty() {
             continue;
         }
         let scale = Scale::of(info);
-        let probe = way.probes.get(index).and_then(|probe| probe.get(index)).copied().unwrap_or(*value);
+        let probe =
+            hypothesis.probes.get(index).and_then(|probe| probe.get(index)).copied().unwrap_or(*value);
         let step = scale.inside(probe) - scale.inside(info.neutral);
         let amplitude = amplitudes.next().copied().unwrap_or(0.0);
         let [low, high] = info.likely.map(|end| scale.inside(end));

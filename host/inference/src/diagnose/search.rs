@@ -2,8 +2,8 @@
 //! (theory, eq. 65).
 
 use super::adequacy::Adequacy;
-use super::believed::{Layout, NORMAL_975, Prepared, Scale};
 use super::evidence::Patterns;
+use super::layout::{Layout, NORMAL_975, Prepared, Scale};
 use super::posterior::{Fitted, MAX_ROUNDS};
 use super::score::{Score, Scores, stacked};
 use super::split::Judge;
@@ -23,16 +23,16 @@ const SHARE: f64 = 0.5;
 const SHARE_OF_STRONG: f64 = 0.15;
 const STRONG_GAIN: f64 = 10.0;
 /// Least size of an effect, as a share of what may be overlooked and of the likely values.
-const LEAST_OF_OVERLOOKED: f64 = 0.2;
-const LEAST_OF_LIKELY: f64 = 0.015;
+const MIN_OF_OVERLOOKED: f64 = 0.2;
+const MIN_OF_LIKELY: f64 = 0.015;
 /// Leaders that are refitted, in the search and among rivals of what was found, and how far behind the best they may be by score.
 pub(super) const MAX_LEADERS: usize = 14;
 const BEHIND: f64 = 15.0;
 const BEHIND_SHARE: f64 = 0.7;
 /// A score below which an effect is not refitted.
-const LEAST_SCORE: f64 = -2.0;
+const MIN_SCORE: f64 = -2.0;
 /// A first refit below which an effect that costs much is given up.
-const LEAST_OF_COSTLY: f64 = 1.0;
+const MIN_OF_COSTLY: f64 = 1.0;
 /// Rounds of the first refit; the best of these, and all that are not far behind them, go on until they settle.
 const FIRST_ROUNDS: usize = 2;
 const MAX_SETTLED: usize = 5;
@@ -108,7 +108,7 @@ impl Search<'_> {
             .enumerate()
             .map(|(rank, score)| {
                 // One of which every evaluation is an iteration at every depth is tried where its score speaks for it.
-                let least = if score.effect.info().is_costly { 0.0 } else { LEAST_SCORE };
+                let least = if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
                 let leads = rank < most && score.is_told && score.log_evidence > (best - behind).max(least);
                 let refit = if leads { self.refit(base, &score) } else { None };
                 Candidate { score, refit }
@@ -118,8 +118,7 @@ impl Search<'_> {
         let near = candidates.first().map_or(0.0, Candidate::gain) - NEAR;
         let settled = |(rank, candidate): (usize, &mut Candidate)| {
             let is_costly = candidate.score.effect.info().is_costly;
-            if rank >= MAX_SETTLED && candidate.gain() < near
-                || is_costly && candidate.gain() < LEAST_OF_COSTLY
+            if rank >= MAX_SETTLED && candidate.gain() < near || is_costly && candidate.gain() < MIN_OF_COSTLY
             {
                 return;
             }
@@ -322,7 +321,7 @@ fn least_size(info: &ParameterInfo) -> f64 {
     let scale = Scale::of(info);
     let overlooked = scale.inside(info.neutral + info.prior_sd) - scale.inside(info.neutral);
     let [low, high] = info.likely.map(|end| scale.inside(end));
-    (LEAST_OF_OVERLOOKED * overlooked).min(LEAST_OF_LIKELY * (high - low))
+    (MIN_OF_OVERLOOKED * overlooked).min(MIN_OF_LIKELY * (high - low))
 }
 
 /// Whether an effect of a fit is large enough to matter, has an interval without its neutral value and without an end of its range, and

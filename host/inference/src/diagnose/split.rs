@@ -4,10 +4,10 @@
 //! fit, noise estimate, threshold or selection depends on it.
 
 use super::Multiples;
-use super::believed::{Prepared, differences};
 use super::data::{Channel, Kind, Run, Source};
 use super::discrepancy;
 use super::evidence::Patterns;
+use super::layout::{Prepared, differences};
 use super::noise::Noise;
 use super::posterior::{self, Fitted};
 use super::results::{Gap, GapSide, ResidualPoint};

@@ -79,7 +79,7 @@ impl Normal {
         let of_blocks = blocks.iter().zip(ready).zip(&point.nuisances).zip(parameters).zip(residuals);
         for ((((block, ready), nuisances), of_block), residuals) in of_blocks {
             let mut by_shared = columns(residuals, &point.shared, shared, differences, |values| {
-                block.residuals(&block.ready(values)?, nuisances)
+                block.residuals(&block.prepare(values)?, nuisances)
             })?;
             by_shared.extend_from_slice(residuals);
             let by_shared = DMatrix::from_vec(residuals.len(), last + 1, by_shared);

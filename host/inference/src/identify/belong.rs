@@ -7,7 +7,7 @@
 
 use super::{Fitted, RunError, RunResult};
 use crate::LateralData;
-use crate::levels::Unused;
+use crate::holds::Unused;
 use formats::session::LateralRun;
 
 /// Multiple of the residuals of the other runs of a depth beyond which a run cannot belong to them.

@@ -37,7 +37,7 @@ pub(super) fn fit_alone(data: &mut LateralData, known_shape_noise: bool) -> Resu
             // K is an unknown that the shape determines most of.
             let freedom = (shape.count as f64 - 1.0).max(1.0);
             let scale = (shape.chi_square / freedom).sqrt();
-            data.shape_sd_m = (data.shape_sd_m * scale).max(prepare::LEAST_SHAPE_SD_M);
+            data.shape_sd_m = (data.shape_sd_m * scale).max(prepare::MIN_SHAPE_SD_M);
             near.iter_mut().zip(&best.shared).for_each(|(parameter, value)| parameter.start = *value);
             best = fit(&near, std::slice::from_ref(data))?;
         }
@@ -66,7 +66,7 @@ pub(super) fn start(data: &LateralData) -> Parameter {
     let chi_square = |ln_k: f64| {
         let mut shared = vec![ln_k];
         shared.extend(&neutral);
-        let residuals = data.ready(&shared).and_then(|ready| data.residuals(&ready, &nuisances));
+        let residuals = data.prepare(&shared).and_then(|ready| data.residuals(&ready, &nuisances));
         let residuals = residuals.unwrap_or_else(|_| vec![f64::INFINITY]);
         residuals.iter().map(|r| r * r).sum::<f64>()
     };

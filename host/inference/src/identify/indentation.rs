@@ -2,7 +2,7 @@
 
 use super::reference::Youngs;
 use super::{DepthResult, Fitted, IndentationResult, Reference, RunResult, YoungsModulus};
-use crate::check::LEAST_MOTION_M;
+use crate::check::MIN_MOTION_M;
 use crate::indentation::{Contact, Indented, Indenter, indented};
 use crate::modulus::{Sample, welch_p};
 use formats::session::{IndentationRun, Session};
@@ -111,7 +111,7 @@ fn depths(
 /// One indentation, or why it gives nothing.
 fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
     let deepest_m = run.depth_m.iter().copied().fold(0.0, f64::max);
-    if deepest_m < LEAST_MOTION_M {
+    if deepest_m < MIN_MOTION_M {
         return Err(format!(
             "depth_mm: {:.6} mm at most, expected millimetres: is this in metres?",
             1e3 * deepest_m

@@ -2,7 +2,7 @@
 
 use super::FoundationChoice;
 use crate::diagnose::{INCOMPRESSIBLE, Multiples};
-use crate::levels::HoldCriteria;
+use crate::holds::HoldCriteria;
 use crate::modulus::Relation;
 use formats::session::Session;
 use mechanics::Support;

@@ -2,9 +2,9 @@
 
 use super::belong::check_shape_sign;
 use super::{HoldResult, NoiseResult, Options, RunError};
-use crate::energy::{Balance, LEAST_POINTS};
-use crate::levels::{BEYOND_TIP_M, HoldCriteria, Level, Mean, Path, levels, reversal_m, summary, unused};
-use crate::{Course, Fixed, LateralData, LevelData, Measured, ShapeDatum};
+use crate::energy::{Balance, MIN_POINTS};
+use crate::holds::{BEYOND_TIP_M, Hold, HoldCriteria, Mean, Path, holds, reversal_m, summary, unused};
+use crate::{DisplacementHistory, Fixed, HoldData, LateralData, Measured, ShapeDatum};
 use formats::session::{LateralRun, Session};
 use mechanics::Support;
 use mechanics::effects::{Effect, effect};
@@ -13,10 +13,10 @@ use std::ops::Range;
 /// Standard deviation of a deflection before its residuals tell more.
 const FIRST_SHAPE_SD_M: f64 = 25e-6;
 /// No shape is known better than this.
-pub(super) const LEAST_SHAPE_SD_M: f64 = 1e-6;
+pub(super) const MIN_SHAPE_SD_M: f64 = 1e-6;
 /// No displacement and no force is known better than this.
-const LEAST_DISPLACEMENT_SD_M: f64 = 1e-6;
-const LEAST_FORCE_SD_N: f64 = 1e-4;
+const MIN_DISPLACEMENT_SD_M: f64 = 1e-6;
+const MIN_FORCE_SD_N: f64 = 1e-4;
 /// How an only guide gives.
 const REAR_ROTATION: &str = "rig.rear_rotation";
 /// Least time between rows of a run's course.
@@ -38,18 +38,18 @@ pub(super) struct Prepared {
 
 pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) -> Result<Prepared, RunError> {
     let criteria = &options.criteria;
-    let found = levels(run, criteria);
+    let found = holds(run, criteria);
     let mut warnings: Vec<String> = summary(&unused(run, &session.rig, criteria));
-    let used: Vec<&Level> = found.iter().filter(|level| level.lost_samples == 0).collect();
-    let displaced: Vec<&Level> = used.iter().copied().filter(|level| level.path != Path::Zero).collect();
+    let used: Vec<&Hold> = found.iter().filter(|level| level.lost_samples == 0).collect();
+    let displaced: Vec<&Hold> = used.iter().copied().filter(|level| level.path != Path::Zero).collect();
     check_levels(run, criteria, &found, &used, &displaced)?;
 
     let planes = planes(run, &used, criteria, &mut warnings);
     let noise = Deviations::of(session, run, &used);
-    let shape_of = |level: &Level| shape_points(session, run, level);
+    let shape_of = |level: &Hold| shape_points(session, run, level);
     let inside =
         displaced.iter().flat_map(|level| shape_of(level)).filter(|p| p.z_m >= session.rig.entry_m).count();
-    if inside < LEAST_POINTS {
+    if inside < MIN_POINTS {
         return Err(RunError::TooFewPoints { path: run.shape_path.clone(), found: inside });
     }
 
@@ -118,9 +118,9 @@ fn nuisances(session: &Session, options: &Options) -> Vec<&'static dyn Effect> {
 fn check_levels(
     run: &LateralRun,
     criteria: &HoldCriteria,
-    found: &[Level],
-    used: &[&Level],
-    displaced: &[&Level],
+    found: &[Hold],
+    used: &[&Hold],
+    displaced: &[&Hold],
 ) -> Result<(), RunError> {
     let path = run.force_path.clone();
     if found.is_empty() {
@@ -138,7 +138,7 @@ fn check_levels(
 }
 
 /// The horizontal plane counts where it was moved in and its shape was seen.
-fn planes(run: &LateralRun, used: &[&Level], criteria: &HoldCriteria, warnings: &mut Vec<String>) -> usize {
+fn planes(run: &LateralRun, used: &[&Hold], criteria: &HoldCriteria, warnings: &mut Vec<String>) -> usize {
     let moved = used.iter().any(|level| level.displacement_m()[1].abs() > criteria.zero_m);
     if moved && run.shape.x_m.is_none() {
         warnings.push(
@@ -149,7 +149,7 @@ fn planes(run: &LateralRun, used: &[&Level], criteria: &HoldCriteria, warnings: 
 }
 
 /// Shape points of a level that lie on the needle.
-fn shape_points(session: &Session, run: &LateralRun, level: &Level) -> Vec<ShapeDatum> {
+fn shape_points(session: &Session, run: &LateralRun, level: &Hold) -> Vec<ShapeDatum> {
     level.shape.iter().filter_map(|index| shape_point(session, run, *index)).collect()
 }
 
@@ -165,7 +165,7 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
 
 /// The run's course, for effects that depend on it: rows closer than [`COURSE_STEP_S`] are thinned, since nothing that is modelled
 /// is quicker. A shape without times was seen in the middle of its hold.
-fn course(session: &Session, run: &LateralRun, used: &[&Level]) -> Course {
+fn course(session: &Session, run: &LateralRun, used: &[&Hold]) -> DisplacementHistory {
     let mut last_s = f64::NEG_INFINITY;
     let mut kept = Vec::new();
     for (row, time_s) in run.force.time_s.iter().enumerate() {
@@ -177,15 +177,15 @@ fn course(session: &Session, run: &LateralRun, used: &[&Level]) -> Course {
     let thinned =
         |column: &[f64]| -> Vec<f64> { kept.iter().filter_map(|row| column.get(*row)).copied().collect() };
     let time_s = thinned(&run.force.time_s);
-    let rows = |level: &&Level| {
+    let rows = |level: &&Hold| {
         let [from_s, to_s] = level.time_s;
         time_s.partition_point(|at_s| *at_s < from_s)..time_s.partition_point(|at_s| *at_s <= to_s)
     };
-    let seen_s = |level: &Level, index: usize| {
+    let seen_s = |level: &Hold, index: usize| {
         let own_s = run.shape.time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
         own_s.map_or(0.5 * (level.time_s[0] + level.time_s[1]), |stamp_s| level.observed_s(stamp_s))
     };
-    let on_needle = |level: &&Level| -> Vec<f64> {
+    let on_needle = |level: &&Hold| -> Vec<f64> {
         let indices = level.shape.iter().filter(|index| shape_point(session, run, **index).is_some());
         indices.map(|index| seen_s(level, *index)).collect()
     };
@@ -193,7 +193,7 @@ fn course(session: &Session, run: &LateralRun, used: &[&Level]) -> Course {
     let displacement_x_m = run.force.displacement_x_m.as_deref().map_or_else(still, thinned);
     let displacement_m = [thinned(&run.force.displacement_y_m), displacement_x_m];
     let holds: Vec<Range<usize>> = used.iter().map(rows).collect();
-    Course {
+    DisplacementHistory {
         reversal_m: displacement_m.each_ref().map(|readings_m| reversal_m(readings_m, &holds)),
         displacement_m,
         holds,
@@ -211,8 +211,8 @@ struct Deviations {
 }
 
 impl Deviations {
-    fn of(session: &Session, run: &LateralRun, used: &[&Level]) -> Self {
-        let pooled = |means: &dyn Fn(&Level) -> [Option<Mean>; 2]| {
+    fn of(session: &Session, run: &LateralRun, used: &[&Hold]) -> Self {
+        let pooled = |means: &dyn Fn(&Hold) -> [Option<Mean>; 2]| {
             let scatter =
                 used.iter().flat_map(|level| means(level)).flatten().filter(|mean| mean.samples > 1);
             let (sum, count) = scatter.fold((0.0, 0.0), |(sum, count), mean| {
@@ -224,11 +224,11 @@ impl Deviations {
         let force = pooled(&|level| [Some(level.force_y_n), level.force_x_n]);
         let displacement = pooled(&|level| [Some(level.displacement_y_m), level.displacement_x_m]);
         let (force_n, force_systematic_n) =
-            split(force, session.noise.force_n, LEAST_FORCE_SD_N.max(rounding_sd(&run.force.force_y_n)));
+            split(force, session.noise.force_n, MIN_FORCE_SD_N.max(rounding_sd(&run.force.force_y_n)));
         let (displacement_m, displacement_systematic_m) = split(
             displacement,
             session.noise.displacement_m,
-            LEAST_DISPLACEMENT_SD_M.max(rounding_sd(&run.force.displacement_y_m)),
+            MIN_DISPLACEMENT_SD_M.max(rounding_sd(&run.force.displacement_y_m)),
         );
         Self { force_n, displacement_m, force_systematic_n, displacement_systematic_m }
     }
@@ -242,10 +242,10 @@ impl Deviations {
         Measured { value: mean.value, sd: error_m.hypot(self.displacement_systematic_m) }
     }
 
-    fn level(&self, level: &Level, planes: usize, shape: Vec<ShapeDatum>) -> LevelData {
+    fn level(&self, level: &Hold, planes: usize, shape: Vec<ShapeDatum>) -> HoldData {
         let displacement = [Some(level.displacement_y_m), level.displacement_x_m];
         let force = [Some(level.force_y_n), level.force_x_n];
-        LevelData {
+        HoldData {
             displacement_m: displacement
                 .iter()
                 .flatten()
@@ -286,22 +286,22 @@ fn rounding_sd(values: &[f64]) -> f64 {
 
 /// The displaced levels in the plane of their displacement, relative to the mean of the zero levels.
 fn balances(
-    used: &[&Level],
+    used: &[&Hold],
     noise: &Deviations,
     planes: usize,
-    shape_of: impl Fn(&Level) -> Vec<ShapeDatum>,
+    shape_of: impl Fn(&Hold) -> Vec<ShapeDatum>,
 ) -> Vec<Balance> {
-    let data = |level: &Level| noise.level(level, planes, shape_of(level));
-    let (zeros, displaced): (Vec<&Level>, Vec<&Level>) =
+    let data = |level: &Hold| noise.level(level, planes, shape_of(level));
+    let (zeros, displaced): (Vec<&Hold>, Vec<&Hold>) =
         used.iter().partition(|level| level.path == Path::Zero);
-    let zeros: Vec<LevelData> = zeros.into_iter().map(data).collect();
-    let zero = |plane: usize, of: fn(&LevelData) -> &Vec<Measured>| {
+    let zeros: Vec<HoldData> = zeros.into_iter().map(data).collect();
+    let zero = |plane: usize, of: fn(&HoldData) -> &Vec<Measured>| {
         let values: Vec<Measured> = zeros.iter().filter_map(|level| of(level).get(plane).copied()).collect();
         let n = values.len().max(1) as f64;
         let variance = values.iter().map(|v| v.sd.powi(2)).sum::<f64>() / (n * n);
         Measured { value: values.iter().map(|v| v.value).sum::<f64>() / n, sd: variance.sqrt() }
     };
-    let relative = |level: &LevelData, of: fn(&LevelData) -> &Vec<Measured>| -> Vec<Measured> {
+    let relative = |level: &HoldData, of: fn(&HoldData) -> &Vec<Measured>| -> Vec<Measured> {
         let planes = of(level).iter().enumerate();
         planes
             .map(|(plane, measured)| {
@@ -346,7 +346,7 @@ fn check_sign(run: &LateralRun, balances: &[Balance]) -> Result<(), RunError> {
     }
 }
 
-fn hold_result(level: &Level, noise: &Deviations) -> HoldResult {
+fn hold_result(level: &Hold, noise: &Deviations) -> HoldResult {
     HoldResult {
         from_s: level.time_s[0],
         to_s: level.time_s[1],

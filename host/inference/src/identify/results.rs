@@ -11,7 +11,7 @@ pub use run::{
 };
 
 use super::{FoundationResult, Layers};
-use crate::levels::Unused;
+use crate::holds::Unused;
 use mechanics::Needle;
 use serde::Serialize;
 

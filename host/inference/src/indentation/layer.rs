@@ -14,9 +14,9 @@ use nalgebra::{DMatrix, DVector};
 use std::f64::consts::PI;
 
 /// Largest contact radius over thickness that is solved; beyond it the answer depends on details of the base.
-pub const MOST_RADIUS_TO_THICKNESS: f64 = 5.0;
+pub const MAX_RADIUS_TO_THICKNESS: f64 = 5.0;
 /// Beyond this wave number times thickness the layer is a half space (1 - L is below 1e-20).
-const MOST_WAVE_NUMBER: f64 = 30.0;
+const MAX_WAVE_NUMBER: f64 = 30.0;
 /// Length of a panel of wave numbers: kernels turn by less than one and a half turns in it.
 const PANEL: f64 = 0.9;
 
@@ -41,8 +41,8 @@ fn contact(ratio: f64, poisson: f64) -> Option<Contact> {
     // The edge is a point without weight: the solution there is wanted.
     nodes.push((1.0, 0.0));
     let waves: Vec<(f64, f64)> = {
-        let panels = (MOST_WAVE_NUMBER / PANEL).ceil() as usize;
-        let length = MOST_WAVE_NUMBER / panels as f64;
+        let panels = (MAX_WAVE_NUMBER / PANEL).ceil() as usize;
+        let length = MAX_WAVE_NUMBER / panels as f64;
         (0..panels)
             .map(|panel| panel as f64 * length)
             .flat_map(|from| quadrature::points(from, from + length))
@@ -63,9 +63,9 @@ fn contact(ratio: f64, poisson: f64) -> Option<Contact> {
 }
 
 /// Hayes' factor for a flat punch: force over that of a half space, for a radius over thickness `ratio`. Nothing beyond
-/// [`MOST_RADIUS_TO_THICKNESS`].
+/// [`MAX_RADIUS_TO_THICKNESS`].
 pub fn punch_factor(ratio: f64, poisson: f64) -> Option<f64> {
-    if !(0.0..=MOST_RADIUS_TO_THICKNESS).contains(&ratio) {
+    if !(0.0..=MAX_RADIUS_TO_THICKNESS).contains(&ratio) {
         return None;
     }
     contact(ratio, poisson).map(|contact| contact.sums[0])
@@ -80,14 +80,14 @@ pub struct SphereFactor {
 
 impl SphereFactor {
     /// Tabulates it up to a largest indentation; nothing where the contact becomes wider than
-    /// [`MOST_RADIUS_TO_THICKNESS`] thicknesses.
+    /// [`MAX_RADIUS_TO_THICKNESS`] thicknesses.
     pub fn new(radius_m: f64, thickness_m: f64, most_m: f64, poisson: f64) -> Option<Self> {
         const STEPS: i32 = 24;
         let wanted = radius_m * most_m / thickness_m.powi(2);
         let mut table = vec![[0.0, 1.0]];
         // Contact radii that grow by even factors up to the largest; stop beyond what is wanted.
         for step in 0..=STEPS {
-            let ratio = MOST_RADIUS_TO_THICKNESS * 1.3f64.powi(step - STEPS);
+            let ratio = MAX_RADIUS_TO_THICKNESS * 1.3f64.powi(step - STEPS);
             let Contact { sums, edges } = contact(ratio, poisson)?;
             // Contact ends where the pressure vanishes: phi = d phi_1 - a^2 / R phi_2 is zero there.
             let depth = edges[1] / edges[0];

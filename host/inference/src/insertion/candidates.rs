@@ -9,7 +9,7 @@ use super::motion::Motion;
 use super::path::TipPath;
 use super::place::{Place, depths};
 use super::rear::{REAR_SHARES, Rear};
-use mechanics::growth::{Acting, Growth, Guide2Grip};
+use mechanics::growth::{Acting, GrowingBeam, Guide2Grip};
 use mechanics::insertion::{self, grid_m};
 use mechanics::{Guides, Model, ModelError, Plane, Profile};
 use std::collections::HashMap;
@@ -141,7 +141,7 @@ impl Candidates {
     /// For recordings of one rig, down to `last_m`. Nothing is solved yet.
     ///
     /// # Errors
-    /// As [`Growth::new`], for the middle of what is known beforehand.
+    /// As [`GrowingBeam::new`], for the middle of what is known beforehand.
     pub fn new(tissue: &Tissue, paths: &[TipPath], last_m: f64) -> Result<Self, ModelError> {
         let layout = Layout::new(paths, last_m, tissue.rear.is_some());
         let last_m = layout.knots_m.last().copied().unwrap_or(last_m);
@@ -241,7 +241,7 @@ impl Candidates {
     /// Responses of all recordings at a candidate.
     ///
     /// # Errors
-    /// As [`Growth::new`].
+    /// As [`GrowingBeam::new`].
     pub(super) fn responses(
         &self,
         candidate: Candidate,
@@ -331,10 +331,10 @@ impl Candidates {
         let curvature_per_m = model.curvature_per_m();
         let problem = model.problem_in([Plane::Y, Plane::X][plane], self.last_m)?;
         let directed = self.layout.direction;
-        let solve = if directed { Growth::new } else { Growth::without_slopes };
+        let solve = if directed { GrowingBeam::new } else { GrowingBeam::without_slopes };
         let grow = |plan: &Plan| solve(&problem, plan.nodes_m.to_vec(), Guide2Grip::Holding);
         // Plans without a turn at rest have the same nodes.
-        let mut growths: Vec<(&Plan, Arc<Growth>)> = Vec::with_capacity(self.plans.len());
+        let mut growths: Vec<(&Plan, Arc<GrowingBeam>)> = Vec::with_capacity(self.plans.len());
         for plan in &self.plans {
             let known = growths.iter().find(|(known, _)| known.nodes_m == plan.nodes_m);
             let growth = match known {
@@ -366,7 +366,7 @@ impl Candidates {
     }
 
     /// Part by part, positions of all before directions of all.
-    fn plan_responses(&self, growth: &Growth, plan: &Plan) -> Vec<f64> {
+    fn plan_responses(&self, growth: &GrowingBeam, plan: &Plan) -> Vec<f64> {
         let nodes_m = growth.depths_m();
         let directed = self.layout.direction;
         let held = |guide2_m: [f64; 2]| under(growth, &|_| Acting { load_n: [0.0; 2], guide2_m }, directed);
@@ -399,7 +399,7 @@ impl Candidates {
 }
 
 /// Tip under what acts, node by node on arriving and on leaving, and its direction where that is asked for.
-fn under(growth: &Growth, acting: &dyn Fn(usize) -> Acting, directed: bool) -> [Vec<f64>; 2] {
+fn under(growth: &GrowingBeam, acting: &dyn Fn(usize) -> Acting, directed: bool) -> [Vec<f64>; 2] {
     let states = growth.under_load(acting);
     let slopes = if directed { growth.tip_slopes(&states, |node| acting(node).guide2_m) } else { Vec::new() };
     [states.iter().flat_map(|state| state.tip_m).collect(), slopes.concat()]

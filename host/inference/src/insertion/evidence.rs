@@ -5,10 +5,10 @@
 //! out, which leaves a message about the shared part; messages add up, so that leaving one recording out costs nothing.
 
 use super::basis::{Basis, Measured};
-use super::belief::Normal;
 use super::layout::{GAP, Layout, MODULUS};
 use super::path::TipPath;
 use super::place::Place;
+use super::posterior::Normal;
 use super::scales::{Map, Scales};
 use nalgebra::{DMatrix, DVector};
 use pulp::Arch;

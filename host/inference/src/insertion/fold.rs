@@ -12,22 +12,22 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Tops further behind the best one than this are given up.
-const LEAST_LN_TOP: f64 = 7.0;
+const MIN_LN_TOP: f64 = 7.0;
 /// Spacing of the first scan, of the logarithms, and tops that are climbed from it.
 const SCAN_LN: f64 = 0.5;
-const MOST_TOPS: usize = 3;
+const MAX_TOPS: usize = 3;
 /// Steps of a climb, and how often a step that leads down is halved.
-const MOST_STEPS: usize = 8;
-const MOST_HALVINGS: usize = 4;
+const MAX_STEPS: usize = 8;
+const MAX_HALVINGS: usize = 4;
 /// A rear is solved anew where the mean of its share is further away than this.
 const SMALL_REAR_STEP: f64 = 0.05;
 /// Steps of it, and how far one goes at most.
-const MOST_REAR_STEPS: usize = 3;
-const MOST_REAR_STEP: f64 = 0.3;
+const MAX_REAR_STEPS: usize = 3;
+const MAX_REAR_STEP: f64 = 0.3;
 /// Steps below this part of a standard deviation end a climb.
 const SMALL_STEP: f64 = 0.1;
 /// Rounds of climbs, of candidate and scales in turn.
-const MOST_ROUNDS: usize = 3;
+const MAX_ROUNDS: usize = 3;
 
 /// The recordings that are learned from.
 pub(super) struct Fold<'a> {
@@ -107,14 +107,14 @@ impl<'a> Fold<'a> {
     /// The same with a rear that is not known solved where its posterior has its mean.
     pub(super) fn solve_about_rear(&self, mut candidate: Candidate, likeliest: &[f64]) -> Option<Solved> {
         let mut solved = self.solve(candidate, Fineness::Fine)?;
-        for _ in 0..MOST_REAR_STEPS {
+        for _ in 0..MAX_REAR_STEPS {
             let scales = self.scales(likeliest, &solved);
             let found = self.evidence(&solved, &scales, false);
             let Some(found) = found else { break };
             let Some(rear_share) = found.rear_share(&self.candidates.layout, &scales) else { break };
             let mut furthest = 0.0_f64;
             for (at, to) in candidate.rear_share.iter_mut().zip(rear_share) {
-                let step = (to - *at).clamp(-MOST_REAR_STEP, MOST_REAR_STEP);
+                let step = (to - *at).clamp(-MAX_REAR_STEP, MAX_REAR_STEP);
                 furthest = furthest.max(step.abs());
                 *at += step;
             }
@@ -155,7 +155,7 @@ impl<'a> Fold<'a> {
     /// Tops of the posterior, the highest first.
     pub(super) fn tops(&self, start: &Start) -> Vec<Top> {
         let mut tops: Vec<Top> = Vec::new();
-        for candidate in start.candidates.iter().copied().take(MOST_TOPS) {
+        for candidate in start.candidates.iter().copied().take(MAX_TOPS) {
             // The scales that suit the first top suit the others well enough to compare them.
             let from = tops.first().map_or(&start.likeliest, |top| &top.likeliest);
             let Some(top) = self.climb(candidate, from, tops.is_empty()) else { continue };
@@ -170,7 +170,7 @@ impl<'a> Fold<'a> {
         }
         tops.sort_by(|a, b| b.ln.total_cmp(&a.ln));
         let most = tops.first().map_or(0.0, |top| top.ln);
-        tops.retain(|top| top.ln > most - LEAST_LN_TOP);
+        tops.retain(|top| top.ln > most - MIN_LN_TOP);
         tops
     }
 
@@ -209,7 +209,7 @@ impl<'a> Fold<'a> {
         let mut likeliest = likeliest.to_vec();
         let mut solved = self.solve_about_rear(candidate, &likeliest)?;
         let mut covariance = [[0.0; 2]; 2];
-        let rounds = if scales_too { MOST_ROUNDS } else { 1 };
+        let rounds = if scales_too { MAX_ROUNDS } else { 1 };
         for _ in 0..rounds {
             let from = solved.candidate;
             (solved, covariance) = self.climb_candidate(solved, &likeliest)?;
@@ -236,14 +236,14 @@ impl<'a> Fold<'a> {
     ) -> Option<(Solved, [[f64; 2]; 2])> {
         let sds = self.candidates.prior_sds();
         let mut ln = self.ln_posterior(&solved, likeliest);
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let (pull, information) = self.step(&solved, likeliest)?;
             let at = [solved.candidate.modulus_ln, solved.candidate.gap_ln];
             let (step, covariance) = newton(pull, information, at, sds);
             let scaled = |i: usize| step[i].abs() > SMALL_STEP * covariance[i][i].sqrt();
             let mut share = 1.0;
             let mut better = None;
-            while better.is_none() && share > 0.5f64.powi(MOST_HALVINGS as i32) && (scaled(0) || scaled(1)) {
+            while better.is_none() && share > 0.5f64.powi(MAX_HALVINGS as i32) && (scaled(0) || scaled(1)) {
                 let to = self.candidates.clamped(Candidate {
                     modulus_ln: at[0] + share * step[0],
                     gap_ln: at[1] + share * step[1],

@@ -6,11 +6,11 @@
 //! points, weighted by their posterior, then stand for it: what is predicted integrates over all of it.
 
 use super::basis::Basis;
-use super::belief::Normal;
 use super::candidates::{Candidate, Candidates};
 use super::evidence::{Evidence, System};
 use super::fold::Fold;
 use super::path::TipPath;
+use super::posterior::Normal;
 use super::quadrature::{GridPoint, cumulative_shares};
 use super::scales::{ReadingNoise, Scales};
 use std::collections::HashMap;
@@ -121,7 +121,7 @@ pub fn learn_from(
     // What a part weighs before the insertion begins says little where it was drawn to suit the insertion itself.
     if !alone {
         let most = learned.parts.iter().map(|part| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
-        learned.parts.retain(|part| part.ln_weight > most - LEAST_LN_WEIGHT);
+        learned.parts.retain(|part| part.ln_weight > most - MIN_LN_WEIGHT);
     }
     learned
 }
@@ -138,6 +138,6 @@ pub fn start(candidates: &Candidates, seen: &[TipPath], noise: ReadingNoise) -> 
 }
 
 /// Parts further behind than this (natural logarithm) before an insertion begins are given up.
-const LEAST_LN_WEIGHT: f64 = 7.0;
+const MIN_LN_WEIGHT: f64 = 7.0;
 /// Evenly spread draws are multiples of it.
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_8;

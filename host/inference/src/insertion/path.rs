@@ -4,7 +4,7 @@
 //! needle is drawn back at the end. A row counts while the tip is near where it cuts; rows at one depth with the same rotation and
 //! guide position make one bin.
 
-use crate::levels::median;
+use crate::holds::median;
 use formats::session::InsertionRun;
 use mechanics::{Insertion, ModelError, Profile};
 

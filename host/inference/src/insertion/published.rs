@@ -3,7 +3,7 @@
 //! exact, measured positions as the cut path.
 
 use super::path::TipPath;
-use mechanics::growth::{Acting, Growth, Guide2Grip};
+use mechanics::growth::{Acting, GrowingBeam, Guide2Grip};
 use mechanics::insertion::grid_m;
 use mechanics::{Model, ModelError};
 
@@ -25,14 +25,14 @@ pub struct Published {
 /// `offset_m`: reading of the tip sensor, per plane, of a needle that is straight. The needle is taken as not turned.
 ///
 /// # Errors
-/// As [`Growth::new`].
+/// As [`GrowingBeam::new`].
 pub fn published(
     model: &Model,
     path: &TipPath,
     offset_m: [f64; 2],
     [from_m, until_m, last_m]: [f64; 3],
 ) -> Result<Published, ModelError> {
-    let growth = Growth::new(&model.problem(last_m)?, grid_m(last_m, STEP_M, &[]), Guide2Grip::Holding)?;
+    let growth = GrowingBeam::new(&model.problem(last_m)?, grid_m(last_m, STEP_M, &[]), Guide2Grip::Holding)?;
     let depth_m = growth.depths_m().to_vec();
     let seen = depth_m.partition_point(|m| *m <= until_m + 1e-9);
     let first = depth_m.partition_point(|m| *m < from_m - 1e-9).min(seen.saturating_sub(1));

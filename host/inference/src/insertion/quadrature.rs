@@ -9,9 +9,9 @@ use rand_distr::{Distribution, StandardNormal};
 use std::sync::Arc;
 
 /// Grid points further behind the best one than this are not used, and so many standard deviations apart are two of them.
-const LEAST_LN_POINT: f64 = 7.0;
+const MIN_LN_POINT: f64 = 7.0;
 const GRID_SDS: f64 = 1.25;
-const MOST_POINTS: usize = 160;
+const MAX_POINTS: usize = 160;
 /// Draws of scales and candidate, in pairs on both sides of the likeliest scales; their spread against the posterior's.
 const PAIRS: usize = 40;
 const SPREAD: f64 = 1.1;
@@ -52,7 +52,7 @@ impl Fold<'_> {
                 };
                 let Some(solved) = self.solve_about_rear(candidate, &top.likeliest) else { continue };
                 let ln = self.ln_posterior(&solved, &top.likeliest);
-                if ln < most - LEAST_LN_POINT || !ln.is_finite() {
+                if ln < most - MIN_LN_POINT || !ln.is_finite() {
                     continue;
                 }
                 most = most.max(ln);
@@ -61,7 +61,7 @@ impl Fold<'_> {
                 for (di, dj) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
                     let next = [at[0] + di, at[1] + dj];
                     let is_flat = (di != 0 && first == 0.0) || (dj != 0 && second == 0.0);
-                    if !is_flat && !known.contains(&next) && known.len() < MOST_POINTS {
+                    if !is_flat && !known.contains(&next) && known.len() < MAX_POINTS {
                         known.push(next);
                         // The nearest first, so that whatever is left out is far.
                         open.insert(0, (next, rear_share));
@@ -69,7 +69,7 @@ impl Fold<'_> {
                 }
             }
         }
-        grid.retain(|point| point.ln > most - LEAST_LN_POINT);
+        grid.retain(|point| point.ln > most - MIN_LN_POINT);
         grid
     }
 

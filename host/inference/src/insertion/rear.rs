@@ -1,7 +1,7 @@
 //! The rear of a needle in one guide, whose rotation stiffness is not stated.
 
 /// No rear is stiffer or softer than by this share.
-const LEAST_SHARE: f64 = 0.01;
+const MIN_SHARE: f64 = 0.01;
 /// Shares that are solved: from a clamp to next to a hinge.
 pub(super) const REAR_SHARES: [f64; 2] = [0.0, 0.97];
 
@@ -25,7 +25,7 @@ pub struct Rear {
 impl Rear {
     /// k_r of a difference of the share from its middle.
     pub fn stiffness_n_m_per_rad(&self, difference: f64) -> f64 {
-        let share = (self.middle + difference).clamp(LEAST_SHARE, 1.0 - LEAST_SHARE);
+        let share = (self.middle + difference).clamp(MIN_SHARE, 1.0 - MIN_SHARE);
         self.needle_n_m_per_rad * (1.0 / share - 1.0)
     }
 

@@ -88,10 +88,10 @@ pub(super) const MOVING: usize = 10;
 /// Numbers of those that matter only where the tip's direction is measured.
 pub(super) const DIRECTION: Range<usize> = 11..14;
 /// Loads below this are as large, N: where a tip takes hardly any, nothing is known to a share of it.
-const LEAST_LOAD_N: f64 = 0.02;
+const MIN_LOAD_N: f64 = 0.02;
 /// No path is smoother than this, m: the model is solved in steps.
-const LEAST_IRREGULARITY_M: f64 = 3e-6;
-const LEAST_UNSTEADY_RAD: f64 = 3e-5;
+const MIN_IRREGULARITY_M: f64 = 3e-6;
+const MIN_UNSTEADY_RAD: f64 = 3e-5;
 /// What all insertions of a session share has one value in each plane, which says little of a size: these are wide. Offset (m), angle
 /// (rad), load (a multiple of its size).
 const SHARED_OFFSET_M: f64 = 0.1;
@@ -125,7 +125,7 @@ impl Scales {
     /// From distances to the typical ones, in standard deviations, for tip loads of about `load_n`.
     pub(super) fn from_logarithms(x: &[f64], known: Known) -> Self {
         let Known { noise, rear_share, load_n } = known;
-        let load_n = load_n.max(LEAST_LOAD_N);
+        let load_n = load_n.max(MIN_LOAD_N);
         let at = |i: usize| TYPICAL[i].0 * (x[i] * TYPICAL[i].1).clamp(-9.0, 9.0).exp();
         Self {
             offset_m: at(0),
@@ -137,11 +137,11 @@ impl Scales {
             modulus_ln: at(6),
             entry_m: at(7),
             drift_m: at(8),
-            irregularity_m: at(9).max(LEAST_IRREGULARITY_M),
+            irregularity_m: at(9).max(MIN_IRREGULARITY_M),
             moving_m: at(MOVING),
             tilt_rad: at(11),
             bend_rad: at(12),
-            unsteady_rad: at(13).max(LEAST_UNSTEADY_RAD),
+            unsteady_rad: at(13).max(MIN_UNSTEADY_RAD),
             reading_m: noise.position_m,
             direction_rad: noise.direction_rad,
             rear_share,

@@ -5,7 +5,7 @@ use argmin::solver::linesearch::MoreThuenteLineSearch;
 use argmin::solver::quasinewton::LBFGS;
 
 /// Steps of the search.
-const MOST_STEPS: u64 = 30;
+const MAX_STEPS: u64 = 30;
 /// Step of the differences that give a slope, and of those that give a curvature.
 const SLOPE_STEP: f64 = 1e-3;
 const BEND_STEP: f64 = 0.3;
@@ -58,7 +58,7 @@ pub(super) fn likeliest(cost: &dyn Fn(&[f64]) -> f64, start: &[f64], active: &[u
         let solver = LBFGS::new(line, 7).with_tolerance_cost(1e-2).ok()?.with_tolerance_grad(5e-2).ok()?;
         let problem = Along { cost, point: start, active };
         let run =
-            Executor::new(problem, solver).configure(|state| state.param(from).max_iters(MOST_STEPS)).run();
+            Executor::new(problem, solver).configure(|state| state.param(from).max_iters(MAX_STEPS)).run();
         run.ok()?.state().get_best_param().cloned()
     };
     best().map_or_else(|| start.to_vec(), |x| along.at(&x))

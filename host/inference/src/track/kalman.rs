@@ -34,7 +34,7 @@ pub enum Kind {
 
 /// What the filters are told.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Told {
+pub struct FilterConfig {
     /// Stiffness and damping at first.
     pub start: [f64; 2],
     /// Standard deviations of base, force and tip.
@@ -61,7 +61,7 @@ fn possible(which: usize, logarithm: f64) -> f64 {
 #[derive(Debug, Clone)]
 pub struct Kalman {
     kind: Kind,
-    told: Told,
+    told: FilterConfig,
     mass: Overlaps,
     elastic: Overlaps,
     base: Coordinates,
@@ -91,7 +91,12 @@ impl Kalman {
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] for a needle that is none.
-    pub fn new(kind: Kind, needle: &Needle, dynamics: &Dynamics, told: Told) -> Result<Self, ModelError> {
+    pub fn new(
+        kind: Kind,
+        needle: &Needle,
+        dynamics: &Dynamics,
+        told: FilterConfig,
+    ) -> Result<Self, ModelError> {
         let modes: Vec<FreeMode> = free_modes(&dynamics.clamped(needle), MODES)?;
         let functions = Functions::of(&modes, dynamics.length_m);
         let factors = functions.factors(&modes);

@@ -1,6 +1,6 @@
 //! Values of several hypotheses as one: what they differ by is in the intervals.
 
-use estimator::{Estimate, Seen, Value};
+use estimator::{Estimate, Identifiability, Value};
 use formats::NORMAL_975;
 
 /// Weights that sum to 1 from logarithms.
@@ -41,12 +41,12 @@ pub(super) fn mixed_stiffness(values: &[Value<f64>], weights: &[f64]) -> Value<f
         .sum();
     let sd = variance.sqrt();
     let factor = (NORMAL_975 * sd.min(20.0)).exp();
-    let seen = if sd < 0.5 { Seen::Yes } else { Seen::No };
+    let seen = if sd < 0.5 { Identifiability::Identified } else { Identifiability::NotIdentified };
     Value { value: mean.exp(), low: mean.exp() / factor, high: mean.exp() * factor, seen }
 }
 
 /// Damping, which may be nothing; `seen` is that of the most probable.
-fn mixed_damping(values: &[Value<f64>], weights: &[f64], seen: Seen) -> Value<f64> {
+fn mixed_damping(values: &[Value<f64>], weights: &[f64], seen: Identifiability) -> Value<f64> {
     let sum = |of: &dyn Fn(&Value<f64>) -> f64| -> f64 {
         values.iter().zip(weights).map(|(value, weight)| weight * of(value)).sum()
     };
@@ -55,6 +55,7 @@ fn mixed_damping(values: &[Value<f64>], weights: &[f64], seen: Seen) -> Value<f6
     let below = sum(&|value| (value.value - value.low).powi(2) + apart(value)).sqrt();
     let above = sum(&|value| (value.high - value.value).powi(2) + apart(value)).sqrt();
     let low = (mean - below).max(0.0);
-    let seen = if seen == Seen::Yes && low <= 0.0 { Seen::AtMost } else { seen };
+    let seen =
+        if seen == Identifiability::Identified && low <= 0.0 { Identifiability::UpperBound } else { seen };
     Value { value: mean, low, high: mean + above, seen }
 }

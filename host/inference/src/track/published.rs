@@ -50,7 +50,7 @@ pub enum Forgetting {
 }
 
 /// Least forgetting factor of the variable kind.
-const LEAST_FORGETTING: f64 = 0.9;
+const MIN_FORGETTING: f64 = 0.9;
 
 /// The estimator.
 #[derive(Debug, Clone)]
@@ -170,7 +170,7 @@ impl Published {
             Forgetting::Constant(factor) => factor,
             Forgetting::Variable(kept) => {
                 let told = residual.norm_squared() / (1.0 + spread.trace());
-                (1.0 - told / kept).clamp(LEAST_FORGETTING, 1.0)
+                (1.0 - told / kept).clamp(MIN_FORGETTING, 1.0)
             }
         };
         let Some(inverse) = (spread + DMatrix::identity(2, 2) * forgetting).try_inverse() else { return };

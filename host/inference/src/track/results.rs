@@ -3,7 +3,7 @@
 
 use super::layers::Layered;
 use super::sound::SoundTracker;
-use estimator::{Estimate, Refused, Seen, Value};
+use estimator::{Estimate, Identifiability, Refused, Value};
 use formats::session::SteeringRun;
 use serde::Serialize;
 
@@ -97,9 +97,9 @@ pub struct ValueResult {
 impl From<Value<f64>> for ValueResult {
     fn from(value: Value<f64>) -> Self {
         let told = match value.seen {
-            Seen::Yes => "yes",
-            Seen::AtMost => "at most",
-            Seen::No => "no",
+            Identifiability::Identified => "yes",
+            Identifiability::UpperBound => "at most",
+            Identifiability::NotIdentified => "no",
         };
         Self { value: told_value(value), ci95: [value.low, value.high], told }
     }
@@ -118,7 +118,7 @@ impl ValueResult {
 }
 
 fn told_value(value: Value<f64>) -> Option<f64> {
-    (value.seen == Seen::Yes).then_some(value.value)
+    (value.seen == Identifiability::Identified).then_some(value.value)
 }
 
 /// What is known at the end of a run.
@@ -226,17 +226,17 @@ impl TrackResult {
             None if !is_sound => {}
             None => warnings.push("too short for a single row: nothing can be told".to_owned()),
             Some(last) => {
-                if last.stiffness.seen != Seen::Yes {
+                if last.stiffness.seen != Identifiability::Identified {
                     warnings
                         .push("stiffness cannot be told from this motion: move the base sideways".to_owned());
                 }
                 match last.damping.seen {
-                    Seen::Yes => {}
-                    Seen::AtMost => warnings.push(format!(
+                    Identifiability::Identified => {}
+                    Identifiability::UpperBound => warnings.push(format!(
                         "damping cannot be told from this motion, only that it is below {:.0} N s/m^2: move faster, stop, or move to and fro",
                         last.damping.high
                     )),
-                    Seen::No => warnings.push(
+                    Identifiability::NotIdentified => warnings.push(
                         "damping cannot be told from this motion: move faster, stop, or move to and fro".to_owned(),
                     ),
                 }

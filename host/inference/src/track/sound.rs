@@ -2,7 +2,7 @@
 
 use super::method::{Method, Report};
 use estimator::needle::Mode;
-use estimator::{Estimate, Sample, Seen, Settings, Tracker, Value};
+use estimator::{Estimate, Identifiability, Sample, Settings, Tracker, Value};
 use mechanics::steering::modes::free_modes;
 use mechanics::{Dynamics, ModelError, Needle};
 use nalgebra::{RealField, convert};
@@ -71,7 +71,7 @@ impl<T: RealField + Copy + Into<f64>> Method for Sound<T> {
 
 /// An estimate in double precision; a value that cannot be told is none.
 pub fn report<T: RealField + Copy + Into<f64>>(estimate: Estimate<T>) -> Report {
-    let value = |value: Value<T>| (value.seen == Seen::Yes).then(|| value.value.into());
+    let value = |value: Value<T>| (value.seen == Identifiability::Identified).then(|| value.value.into());
     let interval = |value: Value<T>| Some([value.low.into(), value.high.into()]);
     Report {
         depth_m: estimate.depth_m.into(),

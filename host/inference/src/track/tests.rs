@@ -1,10 +1,10 @@
 //! Estimators on simulated runs whose tissue is known.
 
-use super::kalman::{Kalman, Kind, Told};
+use super::kalman::{FilterConfig, Kalman, Kind};
 use super::method::{Method, Report, samples};
 use super::published::{Forgetting, Printed, Published};
 use super::sound::{Sound, SoundTracker, settings};
-use estimator::{Refused, Sample, Seen};
+use estimator::{Identifiability, Refused, Sample};
 use formats::session::SteeringRun;
 use mechanics::{BaseDrive, Dynamics, Experiment, Foundation, Model, Needle, Rig, Steering, predict};
 use simulation::rig::steering::{Plan, Sensors, SteeringRig, Tissue, TissueLayer};
@@ -99,7 +99,7 @@ fn the_published_regression_is_right() {
 #[test]
 fn kalman_filters_find_uniform_tissue() {
     let run = matching(3, 10e-3);
-    let told = Told { start: [5e3, 5e2], base_sd_m: 1e-5, force_sd_n: 2e-3, tip_sd_m: 1e-5 };
+    let told = FilterConfig { start: [5e3, 5e2], base_sd_m: 1e-5, force_sd_n: 2e-3, tip_sd_m: 1e-5 };
     for kind in [Kind::Extended, Kind::Unscented] {
         let mut method = Kalman::new(kind, &rig().needle, &dynamics(), told).expect("a needle");
         let report = last(&mut method, &run);
@@ -120,7 +120,7 @@ fn motion_to_and_fro_tells_everything() {
     let estimate = tracker.finish().expect("rows");
     assert!((estimate.stiffness.value / 2e4 - 1.0).abs() < 0.03, "{estimate:?}");
     assert!((estimate.damping.value / 2e3 - 1.0).abs() < 0.2, "{estimate:?}");
-    assert_eq!(estimate.damping.seen, Seen::Yes);
+    assert_eq!(estimate.damping.seen, Identifiability::Identified);
 }
 
 /// Starts a hundred times too high and too low end at the same.
@@ -170,8 +170,8 @@ fn straight_insertions_tell_nothing() {
         SoundTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
     for sample in samples(&run) {
         if let Some(estimate) = tracker.update(&sample).expect("taken") {
-            assert_ne!(estimate.stiffness.seen, Seen::Yes, "{estimate:?}");
-            assert_eq!(estimate.damping.seen, Seen::No, "{estimate:?}");
+            assert_ne!(estimate.stiffness.seen, Identifiability::Identified, "{estimate:?}");
+            assert_eq!(estimate.damping.seen, Identifiability::NotIdentified, "{estimate:?}");
         }
     }
 }

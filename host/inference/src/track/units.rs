@@ -11,9 +11,9 @@ pub(super) const GROSS_MISFIT: f64 = 10.0;
 /// A change is the reason where it leaves less than this share of the deviation.
 const EXPLAINS: f64 = 0.2;
 /// Insertions less deep than this are none.
-const LEAST_DEPTH_M: f64 = 1e-3;
+const MIN_DEPTH_M: f64 = 1e-3;
 /// Lateral motion that a base in metres seems to have at most.
-const LEAST_MOTION_M: f64 = 0.1e-3;
+const MIN_MOTION_M: f64 = 0.1e-3;
 
 /// A way in which a file may differ from the format.
 struct Change {
@@ -77,7 +77,7 @@ pub(super) fn explain(
 ) -> Result<Option<String>, TrackError> {
     let deepest_m = run.depth_m.iter().map(|depth_m| depth_m.abs()).fold(0.0, f64::max);
     // A run that does not advance at all is no matter of units.
-    if deepest_m > 0.0 && deepest_m < LEAST_DEPTH_M {
+    if deepest_m > 0.0 && deepest_m < MIN_DEPTH_M {
         return Ok(Some(format!("depth_mm: {:.4} at most: is it in metres?", 1e3 * deepest_m)));
     }
     let moved = |values: &[f64]| {
@@ -87,7 +87,7 @@ pub(super) fn explain(
         most - least
     };
     let (base_m, tip_m) = (moved(&run.base_y_m), moved(&run.tip_y_m));
-    if base_m > 0.0 && base_m < LEAST_MOTION_M && tip_m < LEAST_MOTION_M && moved(&run.base_force_y_n) > 0.1 {
+    if base_m > 0.0 && base_m < MIN_MOTION_M && tip_m < MIN_MOTION_M && moved(&run.base_force_y_n) > 0.1 {
         return Ok(Some(format!(
             "base_y_mm and tip_y_mm: {:.4} and {:.4} from end to end: are they in metres?",
             1e3 * base_m,

@@ -14,7 +14,7 @@ use std::sync::LazyLock;
 /// Unknowns at most: a rotation, two nodes of two, and the coefficients.
 const MOST: usize = 5 + MODES;
 /// Lengths below this are none.
-const LEAST_M: f64 = 1e-9;
+const MIN_M: f64 = 1e-9;
 
 /// A vector of unknowns.
 pub(super) type Unknowns = [f64; MOST];
@@ -78,7 +78,7 @@ impl Ritz {
     pub fn new(problem: &BeamProblem) -> Result<Option<Self>, ModelError> {
         let from_m = super::surface_m(&problem.foundation);
         let depth_m = problem.depth_m - from_m;
-        if depth_m <= LEAST_M {
+        if depth_m <= MIN_M {
             return Ok(None);
         }
         let tissue =
@@ -119,12 +119,12 @@ impl Ritz {
         let ends: Vec<f64> = faces
             .iter()
             .map(|(face_m, _)| *face_m)
-            .filter(|m| *m > LEAST_M && self.body_m - m > LEAST_M)
+            .filter(|m| *m > MIN_M && self.body_m - m > MIN_M)
             .collect();
         // Nodes above the body are those that do not lie where it begins, or on one another.
         let mut nodes_m: Vec<f64> = Vec::with_capacity(2);
         for end_m in ends {
-            if nodes_m.last().is_none_or(|last_m| end_m - last_m > LEAST_M) {
+            if nodes_m.last().is_none_or(|last_m| end_m - last_m > MIN_M) {
                 nodes_m.push(end_m);
             }
         }
@@ -139,7 +139,7 @@ impl Ritz {
             ]
         };
         let section = |z_m: f64, count: usize| -> Section {
-            match nodes_m.iter().position(|node_m| (node_m - z_m).abs() <= LEAST_M) {
+            match nodes_m.iter().position(|node_m| (node_m - z_m).abs() <= MIN_M) {
                 Some(node) => [vec![(count + 2 * node, 1.0)], vec![(count + 2 * node + 1, 1.0)]],
                 None => at_body.clone(),
             }
@@ -151,7 +151,7 @@ impl Ritz {
         }
         let mut start_m = 0.0;
         for (face_m, axial_n) in faces {
-            if face_m - start_m <= LEAST_M {
+            if face_m - start_m <= MIN_M {
                 continue;
             }
             let end = section(face_m, self.count);

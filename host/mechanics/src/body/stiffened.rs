@@ -11,7 +11,7 @@ use crate::{BeamProblem, ModelError};
 
 /// Elements of the shape that is handed on.
 const ELEMENTS: usize = 40;
-const MOST_ITERATIONS: usize = 60;
+const MAX_ITERATIONS: usize = 60;
 /// A step of this share of the displacement is the last.
 const LAST_STEP: f64 = 1e-9;
 /// Panels of ten Gauss points below the surface.
@@ -69,7 +69,7 @@ impl Stiffened {
         let mut shape = unit.scaled(force_n);
         if stiffens {
             let mut converged = false;
-            for _ in 0..MOST_ITERATIONS {
+            for _ in 0..MAX_ITERATIONS {
                 let (tangent, internal) = self.stiffening(&ritz.coefficients(&shape));
                 let solved = ritz.factor_with(&tangent)?;
                 // (K + 3 k u^2) x = F e + 2 k u^3, with F such that guide 2 is where it is held.

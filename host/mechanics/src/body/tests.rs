@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::continuum::operator::direct;
-use crate::growth::{Acting, Growth, Guide2Grip};
+use crate::growth::{Acting, GrowingBeam, Guide2Grip};
 use crate::{BeamProblem, Layer, Model, Needle, Rig};
 
 fn rig() -> Rig {
@@ -129,7 +129,7 @@ fn insertions_converge_with_the_step() {
     let problem = problem(Foundation::uniform(20e3).expect("a modulus"), 0.5, 0.08);
     let tip = |steps: usize| {
         let depths = (0..=steps).map(|i| 0.08 * i as f64 / steps as f64).collect();
-        let growth = Growth::new(&problem, depths, Guide2Grip::Holding).expect("grows");
+        let growth = GrowingBeam::new(&problem, depths, Guide2Grip::Holding).expect("grows");
         let loaded = growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] });
         let still = growth.under_load(|_| Acting::default());
         assert!(still.iter().all(|state| state.tip_m == [0.0; 2]));

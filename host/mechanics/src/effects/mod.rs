@@ -85,7 +85,7 @@ pub struct EffectInfo {
 
 /// What the sensors' maps know beside the values: when and where guide 2 was told to be.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen<'a> {
+pub struct ObservationContext<'a> {
     /// Times of the force samples.
     pub time_s: &'a [f64],
     /// Displacement that guide 2 was told, vertical and horizontal; empty in insertions and steering runs.
@@ -130,10 +130,10 @@ pub trait Effect: Debug + Sync {
     fn rest(&self, _values: &[f64], _curvature_per_m: &mut [f64; 2]) {}
 
     /// Changes where the needle is really looked at.
-    fn look(&self, _values: &[f64], _point: &mut ShapePoint) {}
+    fn map_position(&self, _values: &[f64], _point: &mut ShapePoint) {}
 
     /// Changes what the sensors read.
-    fn observe(&self, _values: &[f64], _seen: &Seen<'_>, _channels: &mut Channels) {}
+    fn observe(&self, _values: &[f64], _context: &ObservationContext<'_>, _channels: &mut Channels) {}
 
     /// Changes what acts on the tip in an insertion.
     fn tip(&self, _values: &[f64], _law: &mut TipLaw) {}

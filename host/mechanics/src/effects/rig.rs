@@ -1,12 +1,12 @@
 //! Effects of the rig: guides, frame, actuators.
 
-use super::{Effect, EffectInfo, MM, ParameterInfo, Seen, Shows, first};
+use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, Shows, first};
 use crate::lateral::Drive;
 use crate::predict::Plane;
 use crate::{BeamProblem, Channels, ModelError, Rig};
 
 /// Motion that is rounding of the numbers.
-const LEAST_REVERSAL_M: f64 = 1e-9;
+const MIN_REVERSAL_M: f64 = 1e-9;
 
 /// `rig.clamp_compliance`.
 #[derive(Debug)]
@@ -146,11 +146,11 @@ impl Effect for Friction {
         }
     }
 
-    fn observe(&self, values: &[f64], seen: &Seen<'_>, channels: &mut Channels) {
+    fn observe(&self, values: &[f64], context: &ObservationContext<'_>, channels: &mut Channels) {
         let friction_n = first(values);
         let planes = [Some(&mut channels.force_n.y), channels.force_n.x.as_mut()];
         for ((force_n, commanded_m), reversal_m) in
-            planes.into_iter().zip(seen.commanded_m).zip(seen.reversal_m)
+            planes.into_iter().zip(context.commanded_m).zip(context.reversal_m)
         {
             let directions = directions(commanded_m, reversal_m);
             for (force_n, direction) in force_n.into_iter().flatten().zip(directions) {
@@ -163,7 +163,7 @@ impl Effect for Friction {
 /// Sign of the last motion at every sample; 0 before the first. Guide 2 has turned round once it has come back by more than
 /// `reversal_m`.
 fn directions(commanded_m: &[f64], reversal_m: f64) -> impl Iterator<Item = f64> {
-    let reversal_m = reversal_m.max(LEAST_REVERSAL_M);
+    let reversal_m = reversal_m.max(MIN_REVERSAL_M);
     let mut direction = 0.0;
     let mut extreme_m = commanded_m.first().copied().unwrap_or_default();
     commanded_m.iter().map(move |at_m| {

@@ -1,6 +1,6 @@
 //! Effects of the sensors.
 
-use super::{Effect, EffectInfo, MM, ParameterInfo, Seen, Shows, first};
+use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, Shows, first};
 use crate::{Channels, Series, ShapePoint};
 
 /// Changes every value of a series by its plane (0: vertical) and index.
@@ -35,7 +35,7 @@ impl Effect for ForceBias {
         }
     }
 
-    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+    fn observe(&self, values: &[f64], _context: &ObservationContext<'_>, channels: &mut Channels) {
         each(&mut channels.force_n, |plane, _, force_n| *force_n += of_plane(values, plane));
     }
 }
@@ -58,7 +58,7 @@ impl Effect for ForceGain {
         }
     }
 
-    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+    fn observe(&self, values: &[f64], _context: &ObservationContext<'_>, channels: &mut Channels) {
         let factor = 1.0 + first(values);
         each(&mut channels.force_n, |_, _, force_n| *force_n *= factor);
     }
@@ -85,9 +85,9 @@ impl Effect for ForceDrift {
         }
     }
 
-    fn observe(&self, values: &[f64], seen: &Seen<'_>, channels: &mut Channels) {
-        let start_s = first(seen.time_s);
-        let since_s = |i: usize| seen.time_s.get(i).map_or(0.0, |time_s| time_s - start_s);
+    fn observe(&self, values: &[f64], context: &ObservationContext<'_>, channels: &mut Channels) {
+        let start_s = first(context.time_s);
+        let since_s = |i: usize| context.time_s.get(i).map_or(0.0, |time_s| time_s - start_s);
         each(&mut channels.force_n, |plane, i, force_n| *force_n += of_plane(values, plane) * since_s(i));
     }
 }
@@ -110,7 +110,7 @@ impl Effect for Crosstalk {
         }
     }
 
-    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+    fn observe(&self, values: &[f64], _context: &ObservationContext<'_>, channels: &mut Channels) {
         let ratio = first(values);
         let Series { y, x: Some(x) } = &mut channels.force_n else { return };
         for (y, x) in y.iter_mut().zip(x) {
@@ -137,14 +137,14 @@ impl Effect for Delay {
         }
     }
 
-    fn observe(&self, values: &[f64], seen: &Seen<'_>, channels: &mut Channels) {
+    fn observe(&self, values: &[f64], context: &ObservationContext<'_>, channels: &mut Channels) {
         let delay_s = first(values);
         if delay_s <= 0.0 {
             return;
         }
         let planes = [Some(&mut channels.force_n.y), channels.force_n.x.as_mut()];
         for force_n in planes.into_iter().flatten() {
-            let read_n = seen.time_s.iter().map(|time_s| at(seen.time_s, force_n, time_s - delay_s));
+            let read_n = context.time_s.iter().map(|time_s| at(context.time_s, force_n, time_s - delay_s));
             *force_n = read_n.collect();
         }
     }
@@ -171,7 +171,7 @@ impl Effect for ShapeOffset {
         }
     }
 
-    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+    fn observe(&self, values: &[f64], _context: &ObservationContext<'_>, channels: &mut Channels) {
         each(&mut channels.shape_m, |plane, _, u_m| *u_m += of_plane(values, plane) * MM);
     }
 }
@@ -194,7 +194,7 @@ impl Effect for ShapeScale {
         }
     }
 
-    fn observe(&self, values: &[f64], _seen: &Seen<'_>, channels: &mut Channels) {
+    fn observe(&self, values: &[f64], _context: &ObservationContext<'_>, channels: &mut Channels) {
         let factor = 1.0 + first(values);
         each(&mut channels.shape_m, |_, _, u_m| *u_m *= factor);
     }
@@ -218,7 +218,7 @@ impl Effect for DepthShift {
         }
     }
 
-    fn look(&self, values: &[f64], point: &mut ShapePoint) {
+    fn map_position(&self, values: &[f64], point: &mut ShapePoint) {
         point.z_m += first(values) * MM;
     }
 }

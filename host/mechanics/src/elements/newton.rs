@@ -12,11 +12,11 @@ use super::{
     hermite,
 };
 
-const MOST_ITERATIONS: usize = 60;
+const MAX_ITERATIONS: usize = 60;
 /// A step of this share of the deflection is the last: Newton's method squares the error, and rounding is not far below.
 const LAST_STEP: f64 = 1e-6;
 /// Steps are not shortened below this share.
-const LEAST_SHARE: f64 = 1e-3;
+const MIN_SHARE: f64 = 1e-3;
 
 /// A Gauss point in the tissue.
 struct Point<P> {
@@ -83,7 +83,7 @@ impl Elements {
         }
         let problem = self.problem(springs, path, guide2, tip_force_n);
         let mut balance = problem.balance(&unknowns, &fixed);
-        for _ in 0..MOST_ITERATIONS {
+        for _ in 0..MAX_ITERATIONS {
             let step = balance.step(&fixed).ok_or(ModelError::Singular)?;
             let before = norm(&balance.rest, &fixed);
             let mut share = 1.0;
@@ -93,7 +93,7 @@ impl Elements {
                 let next = problem.balance(&tried, &fixed);
                 // A full step is right where the springs are linear; beyond that, half of it until the balance improves.
                 let improves = norm(&next.rest, &fixed) <= before.max(f64::MIN_POSITIVE);
-                if improves || share < LEAST_SHARE || is_last {
+                if improves || share < MIN_SHARE || is_last {
                     (unknowns, balance) = (tried, next);
                     break;
                 }

@@ -3,13 +3,13 @@
 //! What the cut path does to the tip follows from the needle's shape under a unit load at the tip (reciprocity): the body's line
 //! load on that shape is the weight of the path. The path is projected on the polynomials of the deflection.
 
-use super::{Growth, Guide2Grip, Response, Row};
+use super::{GrowingBeam, Guide2Grip, Response, Row};
 use crate::body::{Load, MODES, Ritz, powers, surface_m};
 use crate::elements::GAUSS;
 use crate::{BeamProblem, Foundation, ModelError, Support};
 
 /// Depths closer than this to where the body begins are not in it.
-const LEAST_M: f64 = 1e-9;
+const MIN_M: f64 = 1e-9;
 
 /// Responses of the tip at every depth.
 pub(super) fn rows(
@@ -19,9 +19,9 @@ pub(super) fn rows(
     slopes: bool,
 ) -> Result<Vec<Row>, ModelError> {
     let from_m = surface_m(&problem.foundation);
-    let bare = depths_m.partition_point(|depth_m| depth_m - from_m <= LEAST_M);
+    let bare = depths_m.partition_point(|depth_m| depth_m - from_m <= MIN_M);
     let free = BeamProblem { support: Support::Springs, foundation: Foundation::none(), ..problem.clone() };
-    let mut rows = Growth::solved(&free, depths_m[..bare].to_vec(), grip, slopes)?.rows;
+    let mut rows = GrowingBeam::solved(&free, depths_m[..bare].to_vec(), grip, slopes)?.rows;
     let moments = Moments::new(depths_m, from_m);
     let mut at = problem.clone();
     for node in bare..depths_m.len() {
@@ -61,7 +61,7 @@ struct Moments {
 
 impl Moments {
     fn new(nodes_m: &[f64], from_m: f64) -> Self {
-        let unit_m = (nodes_m.last().copied().unwrap_or_default() - from_m).max(LEAST_M);
+        let unit_m = (nodes_m.last().copied().unwrap_or_default() - from_m).max(MIN_M);
         let of_element = |ends: &[f64]| {
             let (start_m, end_m) = (ends[0], ends[1]);
             let mut moments = [[0.0; 2]; MODES];

@@ -6,7 +6,7 @@ use crate::elements::{GAUSS, add_tension, bending_stiffness, hermite};
 use crate::{BeamProblem, ModelError};
 
 /// The beam from guide 1 to the tip, element by element, with its factor kept up to date.
-pub(super) struct GrowingBeam<'p> {
+pub(super) struct SpringBeam<'p> {
     problem: &'p BeamProblem,
     /// Depths of the faces between layers.
     faces_m: Vec<f64>,
@@ -25,7 +25,7 @@ pub(super) struct GrowingBeam<'p> {
     shape: Vec<f64>,
 }
 
-impl<'p> GrowingBeam<'p> {
+impl<'p> SpringBeam<'p> {
     pub fn new(problem: &'p BeamProblem, grip: Guide2Grip) -> Self {
         let mut beam = Self {
             problem,

@@ -238,7 +238,7 @@ fn a_cut_angle_matches_the_reference() {
 
         let problem = model.problem(0.14).expect("a problem");
         let grip = if held { Guide2Grip::Holding } else { Guide2Grip::Free };
-        let growth = Growth::new(&problem, grid_m(0.14, DEFAULT_STEP_M, &[0.07]), grip).expect("grows");
+        let growth = GrowingBeam::new(&problem, grid_m(0.14, DEFAULT_STEP_M, &[0.07]), grip).expect("grows");
         let sign = |node: usize, after: bool| match turn_m {
             Some(m) if growth.depths_m()[node] > m || (after && growth.depths_m()[node] == m) => -0.02,
             _ => 0.02,
@@ -255,7 +255,8 @@ fn a_cut_angle_matches_the_reference() {
 #[test]
 fn the_load_of_a_path_matches_the_reference() {
     let problem = model(10360.0, 0.02, 0.042).problem(0.05).expect("a problem");
-    let growth = Growth::new(&problem, grid_m(0.05, DEFAULT_STEP_M, &[]), Guide2Grip::Free).expect("grows");
+    let growth =
+        GrowingBeam::new(&problem, grid_m(0.05, DEFAULT_STEP_M, &[]), Guide2Grip::Free).expect("grows");
     let path_m: Vec<f64> = growth.depths_m().iter().map(|d| 0.02 * d + 0.3 * d * d).collect();
     let load_n = growth.load_of_path_n(&path_m, &vec![0.0; path_m.len()]);
     for (depth_m, expected_n) in
@@ -270,7 +271,7 @@ fn the_load_of_a_path_matches_the_reference() {
 #[test]
 fn the_published_prediction_matches_the_reference() {
     let problem = model(10360.0, 0.02, 0.042).problem(0.14).expect("a problem");
-    let growth = Growth::new(&problem, grid_m(0.14, 1e-3, &[]), Guide2Grip::Free).expect("grows");
+    let growth = GrowingBeam::new(&problem, grid_m(0.14, 1e-3, &[]), Guide2Grip::Free).expect("grows");
     let path_m: Vec<f64> = growth.depths_m()[..=50].iter().map(|d| 0.02 * d + 0.3 * d * d).collect();
     let load_n = growth.load_of_path_n(&path_m, &[0.0; 51]);
     let mean_n = load_n[30..=50].iter().sum::<f64>() / 21.0;

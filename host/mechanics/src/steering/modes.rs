@@ -83,14 +83,14 @@ impl FreeMode {
 }
 
 /// Most modes: the twentieth bends the needle every few millimetres.
-pub const MOST_MODES: usize = 20;
+pub const MAX_MODES: usize = 20;
 
 /// The first `count` modes.
 ///
 /// # Errors
 /// [`ModelError::OutOfRange`] for a needle that is none, or a number of modes that is 0 or too large.
 pub fn free_modes(needle: &Clamped, count: usize) -> Result<Vec<FreeMode>, ModelError> {
-    check("modes", count as f64, "1 to 20", (1..=MOST_MODES).contains(&count))?;
+    check("modes", count as f64, "1 to 20", (1..=MAX_MODES).contains(&count))?;
     check("length_m", needle.length_m, "more than 0", needle.length_m > 0.0)?;
     let stiffness = needle.bending_stiffness_n_m2;
     check("bending_stiffness_n_m2", stiffness, "more than 0", stiffness > 0.0)?;

@@ -42,14 +42,14 @@ const DRIFT_SD_N: f64 = 0.008;
 const PATTERN_MM: [f64; 2] = [0.008, 0.015];
 const PERIOD_MM: [f64; 2] = [4.0, 10.0];
 /// Draws end here, in standard deviations.
-const MOST_SD: f64 = 2.0;
+const MAX_SD: f64 = 2.0;
 
 impl Imperfections {
     /// Those of a rig of this seed at one of its starts: the pattern stays, zero and modulus differ from start to start.
     pub fn of_seed(seed: u64, start: u64) -> Self {
         let mut rig = Noise::numbered(seed, Stream::Imperfections, 0);
         let mut this = Noise::numbered(seed, Stream::Imperfections, start + 1);
-        let mut normal = || this.draw().clamp(-MOST_SD, MOST_SD);
+        let mut normal = || this.draw().clamp(-MAX_SD, MAX_SD);
         let mut within = |[low, high]: [f64; 2]| low + (high - low) * rig.uniform();
         Self {
             modulus_factor: 1.0 + MODULUS_SD * normal(),

@@ -21,7 +21,7 @@ pub mod steering;
 
 use actuator::Actuator;
 use config::{ConfigError, Range, RigConfig, Simulation};
-use mechanics::effects::{Effect, Seen, effect};
+use mechanics::effects::{Effect, ObservationContext, effect};
 use mechanics::{Beam, Channels, Drive, Model, ModelError, Series};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -159,7 +159,7 @@ impl SimulatedRig {
         };
         let mut shape_m = Series { x: Some(bent(0)), y: bent(1) };
         let mut channels = Channels { shape_m: std::mem::take(&mut shape_m), ..Channels::default() };
-        let seen = Seen { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
+        let seen = ObservationContext { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
         self.effects.iter().for_each(|(effect, values)| effect.observe(values, &seen, &mut channels));
         let Series { y, x } = channels.shape_m;
         let (noise_m, x) = (ultrasound.noise_mm * 1e-3, x.unwrap_or_default());

@@ -12,8 +12,8 @@ const LEVELS_MM: [f64; 9] = [0.0, 0.4, 0.8, 1.2, 0.8, 0.0, -0.6, -1.2, 0.0];
 /// Levels that differ by less are the same.
 const SAME_M: f64 = 1e-9;
 /// Fewest rows of a hold, so that it is found again; most rows and points of a run.
-const LEAST_ROWS: f64 = 20.0;
-const MOST_ROWS: f64 = 1e6;
+const MIN_ROWS: f64 = 20.0;
+const MAX_ROWS: f64 = 1e6;
 
 /// Direction in which guide 2 is moved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -200,8 +200,8 @@ impl LateralPlan {
             spacing_m: MM * number("spacing_mm", [0.05, 100.0], 1.0)?,
         };
         let rows = plan.hold_s * plan.rate_hz;
-        if rows < LEAST_ROWS {
-            let expected = format!("{LEAST_ROWS} rows or more: {} s", LEAST_ROWS / plan.rate_hz);
+        if rows < MIN_ROWS {
+            let expected = format!("{MIN_ROWS} rows or more: {} s", MIN_ROWS / plan.rate_hz);
             return Err(fields.field_fault("hold_s", Problem::OutOfRange(plan.hold_s), expected));
         }
         let end_s = plan.holds().last().map_or(0.0, |hold| hold.from_s + plan.hold_s);
@@ -210,9 +210,9 @@ impl LateralPlan {
             ("rate_hz", (end_s * plan.rate_hz).ceil(), "rows", "levels_mm, hold_s and rate_hz make them"),
             ("spacing_mm", points.ceil(), "shape points", "depth_mm, levels_mm and spacing_mm make them"),
         ];
-        if let Some((field, count, what, why)) = sizes.into_iter().find(|(_, count, ..)| *count > MOST_ROWS) {
+        if let Some((field, count, what, why)) = sizes.into_iter().find(|(_, count, ..)| *count > MAX_ROWS) {
             let problem = Problem::Syntax(format!("{count} {what}"));
-            return Err(fields.field_fault(field, problem, format!("at most {MOST_ROWS} in a run: {why}")));
+            return Err(fields.field_fault(field, problem, format!("at most {MAX_ROWS} in a run: {why}")));
         }
         Ok(plan)
     }

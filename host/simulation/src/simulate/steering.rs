@@ -12,9 +12,9 @@ const DAMPING: [f64; 2] = [0.0, 1e7];
 /// Depths of faces and lumps.
 const DEPTH_MM: [f64; 2] = [0.0, 500.0];
 /// More jerks than this in a run are no disturbance.
-const MOST_DISTURBANCES: f64 = 1000.0;
+const MAX_DISTURBANCES: f64 = 1000.0;
 /// Most samples of a run.
-const MOST_SAMPLES: f64 = 1e6;
+const MAX_SAMPLES: f64 = 1e6;
 
 /// Steering runs with the tissue that they go through.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -133,7 +133,7 @@ fn run(fields: &Fields<'_>, id: String) -> Result<Plan, SessionError> {
         wobble_hz: number("wobble_hz", [0.01, 5.0], 0.5)?,
         period_ms: number("period_ms", [1.0, 1000.0], 20.0)?,
         disturbances: fields
-            .optional_whole("disturbances", [0.0, MOST_DISTURBANCES])?
+            .optional_whole("disturbances", [0.0, MAX_DISTURBANCES])?
             .map_or(0, |count| count as usize),
     };
     if plan.straight_mm >= plan.depth_mm {
@@ -141,10 +141,10 @@ fn run(fields: &Fields<'_>, id: String) -> Result<Plan, SessionError> {
         return Err(fields.field_fault("straight_mm", Problem::OutOfRange(plan.straight_mm), expected));
     }
     let samples = (1e3 * plan.depth_mm / plan.speed_mm_s / plan.period_ms).ceil();
-    if samples > MOST_SAMPLES {
+    if samples > MAX_SAMPLES {
         let problem = Problem::Syntax(format!("{samples} samples"));
         let expected =
-            format!("at most {MOST_SAMPLES} in a run: depth_mm, speed_mm_s and period_ms make them");
+            format!("at most {MAX_SAMPLES} in a run: depth_mm, speed_mm_s and period_ms make them");
         return Err(fields.field_fault("period_ms", problem, expected));
     }
     Ok(plan)

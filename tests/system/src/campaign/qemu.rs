@@ -9,7 +9,7 @@ use crate::cosim::Injection;
 use crate::qemu::HANGS;
 use anyhow::{Context, Result, anyhow};
 use control::calibration::Calibration;
-use control::campaign::judge::{Judge, ROLLS_ON_UM, Seen};
+use control::campaign::judge::{Judge, Observation, ROLLS_ON_UM};
 use control::campaign::{self, Causes, Checked, Condition, Converter, Tally, Target, Violation};
 use protocol::{CalibrationRecord, Command, EventKind, Message, Outcome, Refusal, Request, Safety, Status};
 use simulation::rig::config::{Range, RigConfig};
@@ -178,7 +178,7 @@ impl<'a> Device<'a> {
         let status = self.status.ok_or_else(|| Violation("an answer without a status".to_owned()))?;
         let rig = self.bench.rig();
         let driven = rig.bridges_driven();
-        self.judge.look(&Seen {
+        self.judge.look(&Observation {
             now_ms: rig.steps(),
             driven,
             state: status.state,

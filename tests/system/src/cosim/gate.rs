@@ -15,7 +15,7 @@
 //! has crawled to where it would be missed.
 //!
 //! A host that is silent on purpose, cut off or killed looks like one that gets no processor time, only for longer: after
-//! [`PATIENCE`] at a crawl it is let be silent, until a command is answered again. Tests whose subject is silence say so
+//! [`TIMEOUT`] at a crawl it is let be silent, until a command is answered again. Tests whose subject is silence say so
 //! ([`super::Cosim::host_may_be_silent`]) and do not wait for that.
 
 use protocol::{Event, EventKind, Message, State};
@@ -32,7 +32,7 @@ const START_RESERVE_MS: u64 = 2_000;
 const SWEEP_RESERVE_MS: u64 = 500;
 /// Wall-clock time at a crawl after which a silent host is let be silent. A program whose thread is ready to run gets processor
 /// time within a fraction of this, also where ten others want it.
-const PATIENCE: Duration = Duration::from_secs(4);
+const TIMEOUT: Duration = Duration::from_secs(4);
 /// Silence limit of the host before the device has told another one, milliseconds.
 const SILENCE_LIMIT_MS: u64 = 2_000;
 
@@ -130,6 +130,11 @@ impl Gate {
         *self = Self { may_be_silent, under_way, appointments, ..Self::new() };
     }
 
+    /// When the device answered a command last.
+    pub(super) fn answered_ms(&self) -> u64 {
+        self.answered_ms
+    }
+
     /// A sweep begins to be taken.
     pub(super) fn sweep_begins(&mut self) {
         self.under_way += 1;
@@ -203,7 +208,7 @@ impl Gate {
             return None;
         }
         let since = *self.waiting_since.get_or_insert(now);
-        (now.saturating_duration_since(since) < PATIENCE).then_some(Waiting::Host)
+        (now.saturating_duration_since(since) < TIMEOUT).then_some(Waiting::Host)
     }
 }
 
@@ -291,11 +296,11 @@ mod tests {
         let began = Instant::now();
         let mut gate = running(0);
         assert_eq!(gate.waiting(1_000, began), Some(Waiting::Host));
-        assert_eq!(gate.waiting(1_100, began + PATIENCE - MS), Some(Waiting::Host));
-        assert_eq!(gate.waiting(1_101, began + PATIENCE), None);
-        assert_eq!(gate.waiting(1_900, began + 9 * PATIENCE), None);
+        assert_eq!(gate.waiting(1_100, began + TIMEOUT - MS), Some(Waiting::Host));
+        assert_eq!(gate.waiting(1_101, began + TIMEOUT), None);
+        assert_eq!(gate.waiting(1_900, began + 9 * TIMEOUT), None);
         gate.hear(1_950, &Message::Ack { id: 7 });
-        assert_eq!(gate.waiting(2_950, began + 10 * PATIENCE), Some(Waiting::Host));
+        assert_eq!(gate.waiting(2_950, began + 10 * TIMEOUT), Some(Waiting::Host));
         let mut gate = running(0);
         gate.host_may_be_silent(true);
         assert_eq!(first_wait(&mut gate, 0..9_000, began), None);
@@ -306,7 +311,7 @@ mod tests {
     /// At a crawl, patience is over long before the silence is a fault: nothing of what is waited for is missed.
     #[test]
     fn the_reserves_are_longer_than_patience_at_a_crawl() {
-        let crawled_ms = |crawl: Duration| PATIENCE.as_millis() / crawl.as_millis();
+        let crawled_ms = |crawl: Duration| TIMEOUT.as_millis() / crawl.as_millis();
         assert!(crawled_ms(CRAWL) <= u128::from(SILENCE_LIMIT_MS / 4));
         assert!(crawled_ms(CRAWL) <= u128::from(START_RESERVE_MS / 4));
         // The shortest hold with a sweep that comes with the programs has 1.2 s.
@@ -347,6 +352,7 @@ mod tests {
         assert_eq!(gate.waiting(1_510, now), None);
         assert_eq!(step(&mut gate, 2_000, 1), None, "a step without a sweep");
         // One that is taken early is not waited for.
+        gate.hear(3_000, &Message::Ack { id: 2 });
         gate.hear(3_000, &event(3_000, EventKind::StepStarted { index: 2 }));
         gate.sweep_begins();
         gate.sweep_ends();

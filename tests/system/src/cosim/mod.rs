@@ -53,7 +53,7 @@ use std::time::{Duration, Instant};
 /// Length of one lockstep period, seconds.
 const PERIOD_S: f64 = 1e-3;
 /// How soon the rig sees, while it waits, that what it waits for has come.
-const LOOK: Duration = Duration::from_millis(2);
+const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 #[derive(Debug)]
 struct State {
@@ -134,6 +134,11 @@ impl Cosim {
     /// Whether a host may be silent on purpose from now on: device time does not wait for it.
     pub fn host_may_be_silent(&self, may: bool) {
         lock(&self.state).gate.host_may_be_silent(may);
+    }
+
+    /// When the device answered a command last, milliseconds of its clock.
+    pub fn answered_ms(&self) -> u64 {
+        lock(&self.state).gate.answered_ms()
     }
 
     /// Looks at the rig.
@@ -254,7 +259,7 @@ fn serve(
     while read_record(&mut requests, &mut record, stop)? {
         let request = PlantRequest::from_bytes(&record).context("the firmware sent no plant record")?;
         while lock(state).electronics.freezes() && !stop.load(Ordering::Acquire) {
-            thread::sleep(LOOK);
+            thread::sleep(POLL_INTERVAL);
         }
         let now_ms = u64::from(request.step);
         {
@@ -286,7 +291,7 @@ fn hold_back(state: &Mutex<State>, stop: &AtomicBool, now_ms: u64) {
         let Some(waiting) = lock(state).gate.waiting(now_ms, now) else { return };
         match waiting.crawl().checked_sub(now - began) {
             None | Some(Duration::ZERO) => return,
-            Some(left) => thread::sleep(left.min(LOOK)),
+            Some(left) => thread::sleep(left.min(POLL_INTERVAL)),
         }
     }
 }

@@ -3,7 +3,7 @@
 //! A sweep costs no device time: from the connection on, device time waits ([`super::gate`]) until the program that takes the
 //! sweep has ended and been waited for by the one that started it, which then has all of its output.
 
-use super::{LOOK, State, lock};
+use super::{POLL_INTERVAL, State, lock};
 use crate::qemu::HANGS;
 use anyhow::{Context, Result};
 use rustix::process::{Pid, test_kill_process};
@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 /// How long device time waits for whoever takes a sweep, by the computer's clock: one that hangs, or that nobody waits for, must
 /// not keep it for ever.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 pub(super) fn serve(path: &Path, state: Arc<Mutex<State>>, stop: Arc<AtomicBool>) -> Result<()> {
     let listener = UnixListener::bind(path)
@@ -44,16 +44,16 @@ fn give(mut stream: UnixStream, state: &Mutex<State>, stop: &AtomicBool) {
     let text = sweep_csv(&mut lock(state).rig);
     // A client that has gone away takes no sweep; the next one will.
     let given = stream.write_all(text.as_bytes()).and_then(|()| stream.shutdown(Shutdown::Write));
-    if given.is_err() || stream.set_read_timeout(Some(LOOK)).is_err() {
+    if given.is_err() || stream.set_read_timeout(Some(POLL_INTERVAL)).is_err() {
         return;
     }
     let began = Instant::now();
-    let goes_on = || began.elapsed() < PATIENCE && !stop.load(Ordering::Acquire);
+    let goes_on = || began.elapsed() < TIMEOUT && !stop.load(Ordering::Acquire);
     let mut said = Vec::new();
     while goes_on() && is_open(&mut stream, &mut said) {}
     let taker = str::from_utf8(&said).ok().and_then(|text| text.trim().parse().ok()).and_then(Pid::from_raw);
     while goes_on() && taker.is_some_and(|taker| test_kill_process(taker).is_ok()) {
-        thread::sleep(LOOK);
+        thread::sleep(POLL_INTERVAL);
     }
 }
 
@@ -141,7 +141,7 @@ mod tests {
         let began = Instant::now();
         while !holds() {
             assert!(began.elapsed() < HANGS, "never");
-            thread::sleep(LOOK);
+            thread::sleep(POLL_INTERVAL);
         }
     }
 
@@ -171,7 +171,7 @@ mod tests {
         eventually(|| waits(&state));
         drop(program.stdin.take());
         for _ in 0..20 {
-            thread::sleep(LOOK);
+            thread::sleep(POLL_INTERVAL);
             assert!(waits(&state), "it has not been waited for");
         }
         program.wait().unwrap();

@@ -7,7 +7,7 @@ use super::{Bytes, sealed};
 use control::ads131m02::ForceFault;
 use control::calibration::Calibration;
 use control::hal::Readings;
-use control::{Controller, Drive, Inputs, Note, Outputs, PERIOD_S, PERIOD_US, Start};
+use control::{Controller, Drive, Inputs, OutboundMessage, Outputs, PERIOD_S, PERIOD_US, Start};
 use emulation::plant::FORCE_CODE_MAX;
 use protocol::{
     CalibrationRecord, Command, CommandReceiver, Counters, Load, MAX_CALIBRATION, MAX_STEPS, PIECE_BYTES,
@@ -18,7 +18,7 @@ const BOOT_ID: u32 = 42;
 /// Numbers of commands that do not come from [`Bench::ask`].
 const FOREIGN: u16 = 1 << 15;
 /// Most periods of one input: longer ones take time and find nothing new.
-const MOST_PERIODS: u32 = 8_000;
+const MAX_PERIODS: u32 = 8_000;
 
 /// Runs the operations.
 ///
@@ -27,7 +27,7 @@ const MOST_PERIODS: u32 = 8_000;
 pub fn run(data: &[u8]) {
     let mut bytes = Bytes(data);
     let mut bench = Bench::new(bytes.u8() & 1 != 0);
-    while !bytes.is_empty() && bench.periods < MOST_PERIODS {
+    while !bytes.is_empty() && bench.periods < MAX_PERIODS {
         bench.operation(&mut bytes);
     }
 }
@@ -175,7 +175,7 @@ impl Bench {
         });
         self.judge(&outputs, command.as_ref());
         for note in &outputs.notes {
-            if let Note::Connected(connection) = note {
+            if let OutboundMessage::Connected(connection) = note {
                 (self.connection, self.next_id) = (*connection, 0);
             }
         }
@@ -203,8 +203,8 @@ impl Bench {
             .notes
             .iter()
             .filter_map(|note| match note {
-                Note::Ack(id) => Some((*id, true)),
-                Note::Refused(id, _) => Some((*id, false)),
+                OutboundMessage::Ack(id) => Some((*id, true)),
+                OutboundMessage::Refused(id, _) => Some((*id, false)),
                 _ => None,
             })
             .collect();

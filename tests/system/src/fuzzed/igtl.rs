@@ -6,7 +6,7 @@
 use super::Bytes;
 use device::igtl::message::HEADER_BYTES;
 use device::igtl::message::{Content, Message};
-use device::igtl::wire::{Arrival, Broken, Decoder, MOST_KEPT};
+use device::igtl::wire::{Arrival, Broken, Decoder, MAX_KEPT};
 
 /// Feeds the decoder.
 ///
@@ -32,7 +32,7 @@ fn decoded(stream: &[u8], piece: usize) -> (Vec<Arrival>, Result<(), Broken>) {
     let (mut decoder, mut arrivals) = (Decoder::default(), Vec::new());
     for piece in stream.chunks(piece) {
         let outcome = decoder.feed(piece, |arrival| arrivals.push(arrival));
-        assert!(decoder.kept() <= HEADER_BYTES + MOST_KEPT, "{} bytes are kept", decoder.kept());
+        assert!(decoder.kept() <= HEADER_BYTES + MAX_KEPT, "{} bytes are kept", decoder.kept());
         if outcome.is_err() {
             return (arrivals, outcome);
         }

@@ -87,8 +87,8 @@ pub(crate) fn folder() -> tempfile::TempDir {
 
 /// A frame of this payload, or of as much of it as a frame holds: written apart from the protocol's own code.
 pub(crate) fn sealed(payload: &[u8]) -> Vec<u8> {
-    const MOST_PAYLOAD: usize = 249;
-    let payload = &payload[..payload.len().min(MOST_PAYLOAD)];
+    const MAX_PAYLOAD: usize = 249;
+    let payload = &payload[..payload.len().min(MAX_PAYLOAD)];
     let plain = [payload, &protocol::calibration_crc(payload).to_le_bytes()].concat();
     let mut frame = vec![0];
     // Below 254 bytes, stuffing is one count before every run without zeros.

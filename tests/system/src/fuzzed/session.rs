@@ -10,7 +10,7 @@ use std::fs;
 use std::path::Path;
 
 /// Most other files.
-const MOST_FILES: usize = 8;
+const MAX_FILES: usize = 8;
 
 /// Reads, checks and identifies.
 ///
@@ -37,7 +37,7 @@ fn lay(data: &[u8], folder: &Path) {
     let find = |bytes: &[u8], what: &[u8]| bytes.windows(what.len()).position(|window| window == what);
     let mut name = "session.toml".to_owned();
     let mut rest = data;
-    for _ in 0..=MOST_FILES {
+    for _ in 0..=MAX_FILES {
         let end = find(rest, BEGIN);
         let content = &rest[..end.map_or(rest.len(), |end| end + 1)];
         fs::write(folder.join(&name), content).expect("writes");

@@ -80,8 +80,8 @@ mod tests {
         assert!(of("$ guide a\none\n...\nthree", "excerpt").is_empty());
         assert!(of("five\n...", "excerpt demo").is_empty());
         for (excerpt, mark, word) in [
-            ("$ guide a\none\nthree", "excerpt", "a.md:15: `three` does not follow"),
-            ("three\n...\none", "excerpt", "a.md:15: `one`"),
+            ("$ guide a\none\nthree", "excerpt", "a.md:18: `three` does not follow"),
+            ("three\n...\none", "excerpt", "a.md:18: `one`"),
             ("one\n...\nfive", "excerpt", "`five` does not follow in any output"),
             ("one", "excerpt demo", "in part demo"),
             ("one", "excerpt other", "no block to compare with in part other"),

@@ -15,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use std::time::{Duration, Instant};
 
 /// How long one look for what the device says waits.
-const LOOK: Duration = Duration::from_millis(5);
+const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// How often a question on a bad line is asked anew, each time with the client's own repeats.
 pub const ATTEMPTS: u32 = 8;
 
@@ -83,7 +83,7 @@ impl<'a> Device<'a> {
         self.line.step(self.bench.rig().steps(), &mut self.random);
         self.watch.reach(self.rig().take_reach())?;
         self.memory.look(self.now_ms())?;
-        let telemetry = self.client()?.next(LOOK)?;
+        let telemetry = self.client()?.next(POLL_INTERVAL)?;
         telemetry.map_or(Ok(()), |telemetry| self.take(telemetry))?;
         self.drain()
     }
@@ -293,7 +293,7 @@ impl<'a> Device<'a> {
     pub fn connect(&mut self) -> Result<()> {
         for _ in 0..ATTEMPTS {
             while self.line.is_cut() {
-                std::thread::sleep(LOOK);
+                std::thread::sleep(POLL_INTERVAL);
                 self.line.step(self.bench.rig().steps(), &mut self.random);
             }
             let from_ms = self.device_ms();

@@ -1,6 +1,6 @@
 //! The firmware driven with the host library: what the physics says must be what is measured.
 
-use control::axis::WAKE_UM;
+use control::axis::REENGAGE_ERROR_UM;
 use device::link::{Batch, Client, LinkError, Program, RunOptions, Telemetry, run};
 use mechanics::Model;
 use protocol::{Fault, Refusal, Request, State, Step};
@@ -85,7 +85,10 @@ fn the_guide_goes_where_it_is_sent_and_the_force_is_that_of_the_model() {
         for axis in [0, 1] {
             let target_m = f64::from([x_um, y_um][axis]) * 1e-6;
             let off_m = true_m[axis] - target_m;
-            assert!(off_m.abs() < f64::from(WAKE_UM) * 1e-6, "axis {axis} rests {off_m:e} m off its target");
+            assert!(
+                off_m.abs() < f64::from(REENGAGE_ERROR_UM) * 1e-6,
+                "axis {axis} rests {off_m:e} m off its target"
+            );
             // A code is 12 um; the mean of a second of noisy codes is far better than one, and offset by half at most.
             let seen_off_m = seen_m[axis] - true_m[axis];
             assert!(seen_off_m.abs() < 7e-6, "axis {axis} is measured {seen_off_m:e} m off");

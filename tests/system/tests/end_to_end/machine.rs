@@ -10,7 +10,6 @@ use system::bench::Bench;
 use system::cosim::{BITS_PER_BYTE, Injection, Trigger};
 use system::qemu::HANGS;
 
-
 /// Rig seconds per second.
 const SPEED: f64 = 4.0;
 

@@ -45,7 +45,7 @@ const IMPOSSIBLE: [&str; 3] = ["tissue.stiffening", "tissue.relaxation", "tissue
 /// Modulus of a gap, as a share.
 const GAP: f64 = 1e-6;
 /// Bodies that are kept, some fifty kilobytes each.
-const MOST_KEPT: usize = 256;
+const MAX_KEPT: usize = 256;
 /// Below the tip by this much the tissue goes on as it is.
 const GOES_ON_M: f64 = 10e-3;
 
@@ -110,7 +110,7 @@ impl Bodies {
         let mesh = Mesh::new(radius_m, length_m, &[world.gap_m, boundary_m], fineness);
         let wall = Arc::new(wall::solve(&mesh, poisson, &modulus)?);
         let mut kept = kept();
-        if kept.len() >= MOST_KEPT {
+        if kept.len() >= MAX_KEPT {
             kept.clear();
         }
         kept.insert(key, Arc::clone(&wall));

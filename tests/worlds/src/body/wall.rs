@@ -17,7 +17,7 @@ const SIZE: usize = 27;
 const GAUSS: [[f64; 2]; 3] =
     [[-0.774_596_669_241_483_4, 5.0 / 9.0], [0.0, 8.0 / 9.0], [0.774_596_669_241_483_4, 5.0 / 9.0]];
 /// The body is never stiffer in volume than by this `1 - 2 nu`: nothing differs in six digits.
-const LEAST_COMPRESSIBLE: f64 = 2e-5;
+const MIN_COMPRESSIBLE: f64 = 2e-5;
 
 /// Stiffness of a body of unit Young's modulus against deflection and slope at the wall's nodes, in the order
 /// `u, u'` of one node after the other: m, m^2, m^3.
@@ -166,7 +166,7 @@ pub(super) fn element(
 ) -> SMatrix<f64, SIZE, SIZE> {
     let [half_r, half_z] = [radii_m, depths_m].map(|[from, to]| 0.5 * (to - from));
     let [middle_r, middle_z] = [radii_m, depths_m].map(|[from, to]| 0.5 * (to + from));
-    let compressible = (1.0 - 2.0 * poisson).max(LEAST_COMPRESSIBLE);
+    let compressible = (1.0 - 2.0 * poisson).max(MIN_COMPRESSIBLE);
     let mut stiffness = SMatrix::<f64, SIZE, SIZE>::zeros();
     let mut divergence = SMatrix::<f64, 3, SIZE>::zeros();
     let mut compliance = Matrix3::zeros();

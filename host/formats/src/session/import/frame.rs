@@ -5,12 +5,12 @@ use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};
 
 /// Fewest points of a shape.
-const LEAST_POINTS: usize = 3;
+const MIN_POINTS: usize = 3;
 /// The vertical has to differ from the needle's direction by this, as the sine of the angle.
-const LEAST_SINE: f64 = 0.1;
+const MIN_SINE: f64 = 0.1;
 /// What a session's shape can hold: position along the needle and deflection, metres.
 const Z_M: [f64; 2] = [0.0, 2.0];
-const MOST_DEFLECTION_M: f64 = 0.2;
+const MAX_DEFLECTION_M: f64 = 0.2;
 
 /// A needle's points, in the order of the file, from the base to the tip.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,7 +49,7 @@ pub enum FrameError {
         up: [f64; 3],
     },
     /// Hardly any point.
-    #[error("{}: {found} points beyond guide 1, expected {LEAST_POINTS} or more", path.display())]
+    #[error("{}: {found} points beyond guide 1, expected {MIN_POINTS} or more", path.display())]
     TooFew {
         /// The file.
         path: PathBuf,
@@ -151,7 +151,7 @@ impl Frame {
         let across = |up: &[f64; 3]| {
             let unit = Vector3::from(*up).try_normalize(1e-12)?;
             let across = unit - z * z.dot(&unit);
-            (across.norm() > LEAST_SINE).then(|| across.normalize())
+            (across.norm() > MIN_SINE).then(|| across.normalize())
         };
         let up = ups.first().copied().unwrap_or_default();
         let y = ups.iter().find_map(across).ok_or(FrameError::UpAlongAxis { up })?;
@@ -166,7 +166,7 @@ impl Frame {
 
     /// Whether a point in the session's frame can be one of a needle under a guide, be it behind guide 1.
     pub fn is_near([z_m, y_m, x_m]: [f64; 3]) -> bool {
-        z_m <= Z_M[1] && y_m.abs() <= MOST_DEFLECTION_M && x_m.abs() <= MOST_DEFLECTION_M
+        z_m <= Z_M[1] && y_m.abs() <= MAX_DEFLECTION_M && x_m.abs() <= MAX_DEFLECTION_M
     }
 
     /// A shape in the session's frame, and how many of its points are behind guide 1 and left out.
@@ -193,7 +193,7 @@ impl Frame {
             shape.y_m.push(off_y_m);
             x_m.push(off_x_m);
         }
-        if shape.z_m.len() < LEAST_POINTS {
+        if shape.z_m.len() < MIN_POINTS {
             return Err(FrameError::TooFew { path: needle.path.clone(), found: shape.z_m.len() });
         }
         shape.x_m = Some(x_m);

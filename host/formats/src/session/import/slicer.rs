@@ -9,7 +9,7 @@ use std::fmt;
 use std::path::Path;
 
 /// Coordinates that a scanner has, millimetres.
-const MOST_MM: f64 = 5000.0;
+const MAX_MM: f64 = 5000.0;
 /// Kinds of markups that are a line of points.
 const KINDS: [&str; 4] = ["Curve", "ClosedCurve", "Line", "Fiducial"];
 
@@ -159,9 +159,9 @@ impl<'de> Deserialize<'de> for Units {
 impl<'de> Deserialize<'de> for Position {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let position = <[f64; 3]>::deserialize(deserializer)?;
-        match position.iter().find(|mm| mm.abs() > MOST_MM) {
+        match position.iter().find(|mm| mm.abs() > MAX_MM) {
             Some(mm) => Err(D::Error::custom(format!(
-                "position {mm}, expected millimetres from -{MOST_MM} to {MOST_MM}"
+                "position {mm}, expected millimetres from -{MAX_MM} to {MAX_MM}"
             ))),
             None => Ok(Self(position)),
         }

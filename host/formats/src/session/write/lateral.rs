@@ -113,7 +113,7 @@ impl<'a> LateralWriter<'a> {
         let rows = &mut file(self).rows;
         rows.push_str(line);
         rows.push('\n');
-        if rows.len() > MOST_PENDING_BYTES { self.flush() } else { Ok(()) }
+        if rows.len() > MAX_PENDING_BYTES { self.flush() } else { Ok(()) }
     }
 
     /// Hands all rows so far to the operating system, whole rows only, so that a crash of this program loses none of them.
@@ -166,7 +166,7 @@ impl<'a> LateralWriter<'a> {
 }
 
 /// Rows are handed to the operating system when they are as long as this, even if nobody asks.
-const MOST_PENDING_BYTES: usize = 1 << 20;
+const MAX_PENDING_BYTES: usize = 1 << 20;
 
 /// A CSV file being written: created with its first rows, which wait here until they are flushed.
 #[derive(Debug)]

@@ -1,9 +1,9 @@
 //! Patterns in lateral runs: what a careful laboratory would not notice, in tissue, image, force sensor and guides.
 
 use super::{Around, Cause, GroupPatterns, Made, Scope};
-use crate::diagnose::believed::predicted;
 use crate::diagnose::data::{Kind, Source};
 use crate::diagnose::evidence::Group;
+use crate::diagnose::layout::predicted;
 use mechanics::effects::effect;
 use mechanics::{Experiment, Foundation, Layer, ModelError, predict_with};
 use nalgebra::DMatrix;

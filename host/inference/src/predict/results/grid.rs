@@ -1,8 +1,8 @@
 //! The depths of a result, what was measured there, and how far off a prediction is.
 
 use super::{InsertionResult, NORMAL_975, PlaneResult};
-use crate::insertion::{Belief, Bin, Moments, TipPath, of_median};
-use crate::levels::median;
+use crate::holds::median;
+use crate::insertion::{Bin, Moments, Posterior, TipPath, of_median};
 use formats::session::InsertionRun;
 
 /// A measured value is the median of the rows this close to the depth.
@@ -106,7 +106,7 @@ impl Grid {
         self,
         run: &InsertionRun,
         seen: &TipPath,
-        belief: &Belief<'_>,
+        belief: &Posterior<'_>,
         reading_m: f64,
     ) -> InsertionResult {
         let until_m = self.until_m;

@@ -2,7 +2,7 @@
 
 use super::{NORMAL_95, NORMAL_975};
 use crate::identify::KPerEi;
-use crate::insertion::{Belief, Determined, Moments, Rear, TipPath, Tissue};
+use crate::insertion::{Determined, Moments, Posterior, Rear, TipPath, Tissue};
 use serde::Serialize;
 
 /// Rig and tissue, learned from the other insertions and the part that was seen.
@@ -85,7 +85,7 @@ impl RearResult {
 
 impl LearnedResult {
     pub(in crate::predict) fn new(
-        belief: &Belief<'_>,
+        belief: &Posterior<'_>,
         tissue: &Tissue,
         others: &[&TipPath],
         reading_m: f64,

@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::time::Instant;
 
 /// A class of more members is no answer.
-pub const MOST_IN_CLASS: usize = 3;
+pub const MAX_IN_CLASS: usize = 3;
 /// Effects that stand for each other: courses of the modulus below the surface, and what softens along the needle.
 const FAMILIES: [&[&str]; 3] = [
     &["tissue.layers", "tissue.gradient", "tissue.entry_gap"],
@@ -90,7 +90,7 @@ impl Outcome {
         let stands = |id: &str| {
             id == hidden || FAMILIES.iter().any(|family| family.contains(&id) && family.contains(&hidden))
         };
-        class.len() <= MOST_IN_CLASS && class.iter().any(|id| stands(id))
+        class.len() <= MAX_IN_CLASS && class.iter().any(|id| stands(id))
     }
 
     /// Whether the hidden effect, or one that stands for it, is named or in a class of at most three.

@@ -9,7 +9,7 @@ use anyhow::{Result, ensure};
 use draw::{Imperfections, Kind, World, world};
 use formats::NORMAL_975;
 use halves::{Agreement, agreement};
-use inference::levels::median;
+use inference::holds::median;
 use inference::predict::{InsertionResult, Options, predict};
 use std::fmt::Write as _;
 use std::sync::Mutex;

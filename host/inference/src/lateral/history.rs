@@ -4,7 +4,7 @@
 //! such effects are given, the forward model is driven along the recorded displacement, the rows of every hold at that hold's true
 //! displacement, and its force is averaged over the rows of the hold as the measured one was.
 
-use super::LevelData;
+use super::HoldData;
 use mechanics::effects::Effect;
 use mechanics::{Channels, DriveSample, Series, ShapePoint};
 use std::ops::Range;
@@ -15,14 +15,14 @@ pub struct Fixed {
     /// Effects with the values of their parameters.
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     /// What was done in the run.
-    pub course: Course,
+    pub course: DisplacementHistory,
     /// Plane that the first plane of the data is: 0 for y, and 1 where the data are those of x alone.
     pub first_plane: usize,
 }
 
 /// What was done in a run, and which part of it is which level.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Course {
+pub struct DisplacementHistory {
     /// Time of every row.
     pub time_s: Vec<f64>,
     /// Recorded displacement of guide 2, vertical and horizontal.
@@ -56,7 +56,7 @@ impl Fixed {
     }
 
     /// When and where the shape of these levels was seen.
-    pub(super) fn shape(&self, levels: &[LevelData]) -> Vec<ShapePoint> {
+    pub(super) fn shape(&self, levels: &[HoldData]) -> Vec<ShapePoint> {
         let points = levels.iter().flat_map(|level| &level.shape).zip(&self.course.shape_time_s);
         points.map(|(point, time_s)| ShapePoint { time_s: *time_s, z_m: point.z_m }).collect()
     }
@@ -106,7 +106,7 @@ mod tests {
     #[test]
     fn a_course_without_effects_is_its_holds() {
         let measured = |value: f64| vec![Measured { value, sd: 1.0 }];
-        let level = LevelData {
+        let level = HoldData {
             displacement_m: measured(1e-3),
             force_n: measured(1.0),
             shape: vec![ShapeDatum { z_m: 0.09, deflection_m: [1e-3, 0.0] }],
@@ -124,14 +124,14 @@ mod tests {
             fixed: None,
         };
         let residuals = |data: &LateralData| {
-            let ready = data.ready(&[16e3_f64.ln()]).expect("solves");
+            let ready = data.prepare(&[16e3_f64.ln()]).expect("solves");
             data.residuals(&ready, &[1.1e-3]).expect("moves")
         };
         let plain = residuals(&holds);
         for first_plane in [0, 1] {
             let mut displacement_m = [vec![0.0; 3], vec![0.0; 3]];
             displacement_m[first_plane] = vec![0.0, 1e-3, 1e-3];
-            let course = Course {
+            let course = DisplacementHistory {
                 time_s: vec![0.0, 1.0, 2.0],
                 displacement_m,
                 reversal_m: [0.0; 2],

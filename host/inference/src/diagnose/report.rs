@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 const PARTIAL: usize = 3;
 
 /// What the result is made of.
-pub(super) struct Story<'a> {
+pub(super) struct DiagnosisReport<'a> {
     pub session: &'a Session,
     pub options: &'a Options,
     pub all: &'a [Run],
@@ -40,7 +40,7 @@ pub(super) struct Story<'a> {
     pub held_out: usize,
 }
 
-impl Story<'_> {
+impl DiagnosisReport<'_> {
     /// The result.
     pub fn told(
         &self,

@@ -3,13 +3,13 @@
 //! A run ramps guide 2 sideways, holds it, and comes back, with any number of holds on the way. [`levels`] finds the
 //! holds, gives each its mean displacement and force with honest standard errors, and assigns the shape sweeps to them.
 
-mod holds;
+mod detection;
 mod motion;
 mod statistics;
 mod sweeps;
 mod unused;
 
-pub use holds::{Hold, HoldCriteria, find_holds, find_marked_holds, trimmed_s};
+pub use detection::{HoldCriteria, HoldSpan, find_holds, find_marked_holds, trimmed_s};
 pub use motion::{reversal_m, reversal_of_means_m};
 pub use statistics::{Mean, mean, median};
 pub use unused::{BEYOND_TIP_M, Unused, summary, unused, unused_of_session};
@@ -30,7 +30,7 @@ pub enum Path {
 
 /// A displacement level: one hold of guide 2.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Level {
+pub struct Hold {
     /// First and last time of the hold.
     pub time_s: [f64; 2],
     /// Loading, unloading or zero.
@@ -49,7 +49,7 @@ pub struct Level {
     pub shape: Vec<usize>,
 }
 
-impl Level {
+impl Hold {
     /// Displacement in the plane of guide 2, `[y, x]`.
     pub fn displacement_m(&self) -> [f64; 2] {
         [self.displacement_y_m.value, self.displacement_x_m.map_or(0.0, |mean| mean.value)]
@@ -72,12 +72,12 @@ impl Level {
 /// A shape point belongs to the hold that contains its time, or that begins or ends within three samples (at least 0.15 s)
 /// of it while guide 2 stood; points at other times (ramps) belong to none and are listed by [`unused`]. Without
 /// times the shape belongs to the last hold that is not at zero displacement.
-pub fn levels(run: &LateralRun, criteria: &HoldCriteria) -> Vec<Level> {
+pub fn holds(run: &LateralRun, criteria: &HoldCriteria) -> Vec<Hold> {
     survey(run, criteria).0
 }
 
 /// The levels, and the shape points that belong to none.
-fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Level>, Vec<Stray>) {
+fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<Stray>) {
     let force = &run.force;
     let mut planes = vec![force.displacement_y_m.as_slice()];
     planes.extend(force.displacement_x_m.as_deref());
@@ -85,14 +85,14 @@ fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Level>, Vec<Stray>)
         Some(marks) => find_marked_holds(&force.time_s, &planes, marks, criteria),
         None => find_holds(&force.time_s, &planes, criteria),
     };
-    let mut levels: Vec<Level> = holds
+    let mut levels: Vec<Hold> = holds
         .into_iter()
         .map(|hold| {
             let part = |values: &[f64]| mean(values.get(hold.rows.clone()).unwrap_or_default());
             // Rows lost before the first row of the hold were lost on the way to it.
             let inside = hold.rows.start + 1..hold.rows.end.max(hold.rows.start + 1);
             let lost = force.lost_before.as_deref().and_then(|lost| lost.get(inside)).unwrap_or_default();
-            Level {
+            Hold {
                 time_s: hold.time_s,
                 path: Path::Zero,
                 displacement_y_m: part(&force.displacement_y_m),
@@ -111,8 +111,8 @@ fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Level>, Vec<Stray>)
 
 /// Zero is what is close to zero in itself and beside the largest level, or too close to be told from it; the rest is
 /// loading or unloading.
-fn name_paths(levels: &mut [Level], criteria: &HoldCriteria) {
-    let largest_m = levels.iter().map(Level::distance_m).fold(0.0, f64::max);
+fn name_paths(levels: &mut [Hold], criteria: &HoldCriteria) {
+    let largest_m = levels.iter().map(Hold::distance_m).fold(0.0, f64::max);
     let zero_m = criteria.zero_m.min(0.1 * largest_m).max(criteria.still_m);
     let mut before = [0.0; 2];
     for level in levels {

@@ -3,7 +3,7 @@
 //! Identification asks one needle for many motions, as true displacements are unknowns; [`predict`](super::predict) asks for one.
 
 use super::cache::Cache;
-use super::effects::Seen;
+use super::effects::ObservationContext;
 use super::lateral::{Drive, Response, Samples};
 use super::predict::Plane;
 use super::rest::Rest;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// A model's needle at a depth, with the places at which its shape is seen.
 #[derive(Debug, Clone)]
-pub struct Mounted<'a> {
+pub struct PreparedNeedle<'a> {
     model: Cow<'a, Model>,
     depth_m: f64,
     drive: Drive,
@@ -29,7 +29,7 @@ pub struct Mounted<'a> {
 
 /// What will be done with a mounted needle and seen of it.
 #[derive(Debug, Clone, Copy)]
-pub struct Sight<'a> {
+pub struct ObservationPlan<'a> {
     /// When and where its shape is seen.
     pub shape: &'a [ShapePoint],
     /// How far guide 2 goes in each plane.
@@ -40,7 +40,7 @@ pub struct Sight<'a> {
     pub reversal_m: [f64; 2],
 }
 
-impl<'a> Mounted<'a> {
+impl<'a> PreparedNeedle<'a> {
     /// The needle of `model` at a depth, moved and seen as said; the cache may know it.
     ///
     /// # Errors
@@ -48,7 +48,7 @@ impl<'a> Mounted<'a> {
     pub fn new(
         model: Cow<'a, Model>,
         depth_m: f64,
-        Sight { shape, most_m, planes, reversal_m }: Sight<'_>,
+        ObservationPlan { shape, most_m, planes, reversal_m }: ObservationPlan<'_>,
         cache: Option<&Cache>,
     ) -> Result<Self, ModelError> {
         let mut drive = Drive::default();
@@ -101,7 +101,8 @@ impl<'a> Mounted<'a> {
             channels.shape_m.x = Some(shape_x_m);
             channels.tip_m.x = Some(Vec::new());
         }
-        let seen = Seen { time_s: &times_s, commanded_m: [&y_m, &x_m], reversal_m: self.reversal_m };
+        let seen =
+            ObservationContext { time_s: &times_s, commanded_m: [&y_m, &x_m], reversal_m: self.reversal_m };
         self.model.observe(&seen, &mut channels);
         Ok(channels)
     }
@@ -118,7 +119,7 @@ impl<'a> Mounted<'a> {
         let mut motion = response.moved(times_s, told_m, self.drive);
         let Places { z_m, pictures } = &self.places;
         let mut shape_m = Vec::with_capacity(pictures.iter().map(|picture| picture.places.len()).sum());
-        for Picture { time_s, places } in pictures {
+        for ShapeFrame { time_s, places } in pictures {
             let (between, share) = place_in(times_s, *time_s)?;
             let first = shape_m.len();
             self.rest.add_deflections_m(plane, &z_m[places.clone()], &mut shape_m);
@@ -164,12 +165,12 @@ pub(super) fn most_m(drive: &[DriveSample]) -> [f64; 2] {
 struct Places {
     /// The same places are here once as long as picture after picture shows them.
     z_m: Vec<f64>,
-    pictures: Vec<Picture>,
+    pictures: Vec<ShapeFrame>,
 }
 
 /// What is seen of the needle at one time.
 #[derive(Debug, Clone)]
-struct Picture {
+struct ShapeFrame {
     time_s: f64,
     /// Its places, in the order of its points.
     places: Range<usize>,
@@ -184,7 +185,7 @@ impl Places {
             if !model.effects.is_empty() {
                 for (point, z_m) in picture.iter().zip(&mut all.z_m[first..]) {
                     let mut seen = *point;
-                    model.effects.iter().for_each(|(effect, values)| effect.look(values, &mut seen));
+                    model.effects.iter().for_each(|(effect, values)| effect.map_position(values, &mut seen));
                     *z_m = seen.z_m;
                 }
             }
@@ -194,7 +195,7 @@ impl Places {
                 all.z_m.truncate(first);
                 places = before;
             }
-            all.pictures.extend(picture.first().map(|point| Picture { time_s: point.time_s, places }));
+            all.pictures.extend(picture.first().map(|point| ShapeFrame { time_s: point.time_s, places }));
         }
         all
     }
@@ -285,9 +286,9 @@ mod tests {
         [at(0.5, [0.08, 0.09, 0.1]), at(1.0, [0.08, 0.09, 0.1]), at(1.5, [0.075, 0.09, 0.1])].concat()
     }
 
-    fn mounted(model: &Model, most_m: f64, planes: usize) -> Mounted<'_> {
-        let sight = Sight { shape: &shape(), most_m: [most_m; 2], planes, reversal_m: [0.0; 2] };
-        Mounted::new(Cow::Borrowed(model), 0.03, sight, None).expect("mounts")
+    fn mounted(model: &Model, most_m: f64, planes: usize) -> PreparedNeedle<'_> {
+        let sight = ObservationPlan { shape: &shape(), most_m: [most_m; 2], planes, reversal_m: [0.0; 2] };
+        PreparedNeedle::new(Cow::Borrowed(model), 0.03, sight, None).expect("mounts")
     }
 
     #[test]

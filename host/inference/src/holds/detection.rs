@@ -28,7 +28,7 @@ impl Default for HoldCriteria {
 
 /// A hold.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hold {
+pub struct HoldSpan {
     /// Rows of the series.
     pub rows: Range<usize>,
     /// Times of its first and last row.
@@ -50,7 +50,7 @@ const FLANK: usize = 4;
 const SIGMAS: f64 = 4.0;
 
 /// Holds of a series of increasing times and one displacement column per plane, in order of time.
-pub fn find_holds(time_s: &[f64], planes_m: &[&[f64]], criteria: &HoldCriteria) -> Vec<Hold> {
+pub fn find_holds(time_s: &[f64], planes_m: &[&[f64]], criteria: &HoldCriteria) -> Vec<HoldSpan> {
     search(time_s, planes_m, &[Part { rows: 0..time_s.len(), kind: Kind::Unmarked }], criteria)
 }
 
@@ -60,13 +60,13 @@ pub fn find_marked_holds(
     planes_m: &[&[f64]],
     marks: &[Mark],
     criteria: &HoldCriteria,
-) -> Vec<Hold> {
+) -> Vec<HoldSpan> {
     let mut parts = Vec::new();
     let mut row = 0;
     for same in marks.get(..time_s.len()).unwrap_or(marks).chunk_by(|a, b| a == b) {
         let kind = match same.first() {
             Some(Mark { step: Some(_), moving: Some(true) }) => Kind::Move,
-            Some(Mark { step: Some(_), moving: Some(false) }) => Kind::Hold,
+            Some(Mark { step: Some(_), moving: Some(false) }) => Kind::HoldSpan,
             Some(Mark { step: Some(_), moving: None }) => Kind::Step,
             Some(Mark { step: None, .. }) | None => Kind::Unmarked,
         };
@@ -90,12 +90,12 @@ enum Kind {
     /// It is one step of a program.
     Step,
     /// It is a step that does not move.
-    Hold,
+    HoldSpan,
     /// It is a step that moves.
     Move,
 }
 
-fn search(time_s: &[f64], planes_m: &[&[f64]], parts: &[Part], criteria: &HoldCriteria) -> Vec<Hold> {
+fn search(time_s: &[f64], planes_m: &[&[f64]], parts: &[Part], criteria: &HoldCriteria) -> Vec<HoldSpan> {
     let bins = Bins::new(time_s, planes_m, parts, criteria);
     let mut holds = Vec::new();
     for part in parts.iter().filter(|part| part.kind != Kind::Move) {
@@ -115,7 +115,7 @@ fn search(time_s: &[f64], planes_m: &[&[f64]], parts: &[Part], criteria: &HoldCr
             if let (Some(first_s), Some(last_s)) =
                 (time_s.get(rows.start), time_s.get(rows.end.saturating_sub(1)))
             {
-                holds.push(Hold { rows, time_s: [*first_s, *last_s] });
+                holds.push(HoldSpan { rows, time_s: [*first_s, *last_s] });
             }
         }
     }
@@ -196,7 +196,7 @@ impl Bins {
         let whole = stretch.clone();
         self.trim(&mut stretch);
         let mostly_ends = || 4 * stretch.len() < 3 * whole.len() && !self.still(&whole, criteria);
-        let ramp = kind != Kind::Hold && (mostly_ends() || self.goes_on(&whole, criteria));
+        let ramp = kind != Kind::HoldSpan && (mostly_ends() || self.goes_on(&whole, criteria));
         let (Some(first_s), Some(last_s)) =
             (self.time_s.get(stretch.start), self.time_s.get(stretch.end - 1))
         else {

@@ -53,7 +53,7 @@ fn staircases_are_found_at_any_rate_speed_and_rounding() {
         for speed_mm_s in [0.2, 1.0, 5.0] {
             for (noise_mm, step_mm) in [(0.0, 0.0), (0.02, 0.0), (0.005, 0.01), (0.002, 0.05), (0.02, 0.02)] {
                 let run = staircase(&steps, 3.0, speed_mm_s, rate_hz, noise_mm, step_mm);
-                let found = levels(&run, &HoldCriteria::default());
+                let found = holds(&run, &HoldCriteria::default());
                 let case = format!("{rate_hz} Hz, {speed_mm_s} mm/s, noise {noise_mm}, rounding {step_mm}");
                 let means: Vec<f64> = found.iter().map(|l| 1e3 * l.displacement_y_m.value).collect();
                 assert_eq!(found.len(), steps.len(), "{case}: {means:.3?}");
@@ -80,7 +80,7 @@ fn a_ramp_is_no_hold() {
     for speed_mm_s in [0.2, 0.5, 1.0] {
         for rate_hz in [10.0, 100.0, 1000.0] {
             let run = staircase(&[0.0, 3.0], 0.0, speed_mm_s, rate_hz, 0.02, 0.0);
-            let found = levels(&run, &HoldCriteria::default());
+            let found = holds(&run, &HoldCriteria::default());
             assert!(found.is_empty(), "{speed_mm_s} mm/s at {rate_hz} Hz: {} holds", found.len());
         }
     }
@@ -115,13 +115,11 @@ fn shape_points_go_to_their_holds() {
         y_m: vec![0.0; 5],
         x_m: None,
     };
-    let points: Vec<_> =
-        levels(&run, &HoldCriteria::default()).into_iter().map(|level| level.shape).collect();
+    let points: Vec<_> = holds(&run, &HoldCriteria::default()).into_iter().map(|level| level.shape).collect();
     assert_eq!(points, [vec![0], vec![2, 3], vec![4]]);
 
     run.shape.time_s = None;
-    let points: Vec<_> =
-        levels(&run, &HoldCriteria::default()).into_iter().map(|level| level.shape).collect();
+    let points: Vec<_> = holds(&run, &HoldCriteria::default()).into_iter().map(|level| level.shape).collect();
     assert_eq!(points, [vec![], vec![0, 1, 2, 3, 4], vec![]]);
 }
 
@@ -132,7 +130,7 @@ fn lost_samples_are_counted_inside_holds_only() {
     lost[160] = 5.0;
     lost[250] = 3.0;
     run.force.lost_before = Some(lost);
-    let counts: Vec<_> = levels(&run, &HoldCriteria::default()).into_iter().map(|l| l.lost_samples).collect();
+    let counts: Vec<_> = holds(&run, &HoldCriteria::default()).into_iter().map(|l| l.lost_samples).collect();
     assert_eq!(counts, [0, 3, 0]);
 }
 
@@ -140,9 +138,9 @@ fn lost_samples_are_counted_inside_holds_only() {
 fn empty_and_tiny_series_have_no_levels() {
     for rate_hz in [1.0, 10.0] {
         let mut run = staircase(&[0.0], 0.3, 1.0, rate_hz, 0.0, 0.0);
-        assert!(levels(&run, &HoldCriteria::default()).is_empty());
+        assert!(holds(&run, &HoldCriteria::default()).is_empty());
         run.force = ForceSeries::default();
-        assert!(levels(&run, &HoldCriteria::default()).is_empty());
+        assert!(holds(&run, &HoldCriteria::default()).is_empty());
     }
 }
 
@@ -172,13 +170,13 @@ fn marked_holds_lie_within_their_steps() {
             assert_eq!(marks.len(), run.force.time_s.len());
             run.force.marks = Some(marks.clone());
             let planes = [run.force.displacement_y_m.as_slice()];
-            let holds = find_marked_holds(&run.force.time_s, &planes, &marks, &HoldCriteria::default());
-            assert_eq!(holds.len(), steps.len(), "{rate_hz} Hz, {speed_mm_s} mm/s");
-            for (hold, step) in holds.iter().zip(0..) {
+            let spans = find_marked_holds(&run.force.time_s, &planes, &marks, &HoldCriteria::default());
+            assert_eq!(spans.len(), steps.len(), "{rate_hz} Hz, {speed_mm_s} mm/s");
+            for (hold, step) in spans.iter().zip(0..) {
                 let within = marks[hold.rows.clone()].iter().all(|mark| mark.step == Some(2 * step + 1));
                 assert!(within, "{rate_hz} Hz, {speed_mm_s} mm/s: {hold:?}");
             }
-            let found = levels(&run, &HoldCriteria::default());
+            let found = holds(&run, &HoldCriteria::default());
             for (level, expected_mm) in found.iter().zip(steps) {
                 assert!((1e3 * level.displacement_y_m.value - expected_mm).abs() < 0.01, "{expected_mm}");
             }
@@ -189,11 +187,11 @@ fn marked_holds_lie_within_their_steps() {
 #[test]
 fn two_steps_at_one_place_are_two_holds_and_a_move_is_none() {
     let mut run = staircase(&[0.5], 6.0, 1.0, 100.0, 0.002, 0.0);
-    assert_eq!(levels(&run, &HoldCriteria::default()).len(), 1);
+    assert_eq!(holds(&run, &HoldCriteria::default()).len(), 1);
     let mark = |step, moving| Mark { step: Some(step), moving: Some(moving) };
     let marks = [[mark(0, false); 200], [mark(1, true); 200], [mark(2, false); 200]].concat();
     run.force.marks = Some(marks);
-    let found = levels(&run, &HoldCriteria::default());
+    let found = holds(&run, &HoldCriteria::default());
     let times: Vec<[f64; 2]> = found.iter().map(|level| level.time_s).collect();
     assert_eq!(times.len(), 2, "{times:?}");
     assert!(times[0][1] < 2.0 && times[1][0] >= 4.0, "{times:?}");
@@ -202,9 +200,9 @@ fn two_steps_at_one_place_are_two_holds_and_a_move_is_none() {
 #[test]
 fn rows_outside_a_program_are_searched_as_ever() {
     let mut run = staircase(&[0.0, 1.2, 0.0], 3.0, 2.0, 50.0, 0.01, 0.0);
-    let plain = levels(&run, &HoldCriteria::default());
+    let plain = holds(&run, &HoldCriteria::default());
     run.force.marks = Some(vec![Mark::default(); run.force.time_s.len()]);
-    assert_eq!(levels(&run, &HoldCriteria::default()), plain);
+    assert_eq!(holds(&run, &HoldCriteria::default()), plain);
 }
 
 #[test]
@@ -214,7 +212,7 @@ fn a_hold_after_a_ramp_that_has_not_settled_is_found() {
     let mark = |step, moving| Mark { step: Some(step), moving: Some(moving) };
     run.force.marks =
         Some([vec![mark(0, false); 200], vec![mark(1, true); 70], vec![mark(2, false); 230]].concat());
-    let found = levels(&run, &HoldCriteria::default());
+    let found = holds(&run, &HoldCriteria::default());
     assert_eq!(found.len(), 2);
     assert!((1e3 * found[1].displacement_y_m.value - 1.0).abs() < 0.002, "{:?}", found[1]);
 }
@@ -282,7 +280,7 @@ fn sweeps_that_no_hold_takes_are_listed_with_their_reasons() {
     let rig = mechanics::Rig::two_guides(mechanics::Needle::gauge_18(), 0.06, 0.07);
     let found = unused(&run, &rig, &HoldCriteria::default());
     let parts: Vec<(&str, usize)> = found.iter().map(|part| (part.part, part.count)).collect();
-    let hold = levels(&run, &HoldCriteria::default())[2].displacement_y_m.samples;
+    let hold = holds(&run, &HoldCriteria::default())[2].displacement_y_m.samples;
     assert_eq!(
         parts,
         [("hold", hold), ("points", 3), ("sweep", 1), ("sweep", 1), ("points", 1)],

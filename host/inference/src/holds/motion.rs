@@ -1,11 +1,11 @@
 //! How far guide 2 has to come back before it has turned round, and not its sensor's noise.
 
-use super::holds::noise;
+use super::detection::noise;
 use super::statistics::median;
 use std::ops::Range;
 
 /// Displacements are never known better than this.
-const LEAST_M: f64 = 1e-6;
+const MIN_M: f64 = 1e-6;
 /// Beyond the expected span of the noise, standard deviations.
 const BEYOND_SD: f64 = 1.0;
 
@@ -21,7 +21,7 @@ pub fn reversal_m(readings_m: &[f64], holds: &[Range<usize>]) -> f64 {
         (n > 1.0).then(|| (rows.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt())
     };
     let sd_m = noise(readings_m).max(median(holds.iter().filter_map(scatter).collect()));
-    span(sd_m, readings_m.len()).max(LEAST_M)
+    span(sd_m, readings_m.len()).max(MIN_M)
 }
 
 /// The span of `count` normal values, and a little more.
@@ -31,5 +31,5 @@ fn span(sd: f64, count: usize) -> f64 {
 
 /// The same for means of holds with these standard deviations.
 pub fn reversal_of_means_m(sds_m: &[f64]) -> f64 {
-    span(sds_m.iter().copied().fold(0.0, f64::max), sds_m.len()).max(LEAST_M)
+    span(sds_m.iter().copied().fold(0.0, f64::max), sds_m.len()).max(MIN_M)
 }

@@ -4,8 +4,8 @@
 //! detection of holds cuts off what may still be motion, so a point stamped a little before or after a hold belongs to it too,
 //! provided that guide 2 stood at the displacement of the hold at the last reading up to the stamp or at the reading next to it.
 
-use super::holds::BIN_S;
-use super::{HoldCriteria, Level, Path};
+use super::detection::BIN_S;
+use super::{Hold, HoldCriteria, Path};
 use formats::session::{ForceSeries, ShapeSeries};
 use std::ops::Range;
 
@@ -32,7 +32,7 @@ pub(super) struct Stray {
 
 /// Gives every level the shape points that belong to it; the rest, sweep by sweep.
 pub(super) fn assign(
-    levels: &mut [Level],
+    levels: &mut [Hold],
     shape: &ShapeSeries,
     force: &ForceSeries,
     criteria: &HoldCriteria,
@@ -68,7 +68,7 @@ pub(super) fn assign(
     strays
 }
 
-fn reason(levels: &[Level], force: &ForceSeries, [first_s, last_s]: [f64; 2]) -> &'static str {
+fn reason(levels: &[Hold], force: &ForceSeries, [first_s, last_s]: [f64; 2]) -> &'static str {
     let begins_s = force.time_s.first().copied().unwrap_or_default();
     let ends_s = force.time_s.last().copied().unwrap_or_default();
     if levels.is_empty() {
@@ -82,13 +82,13 @@ fn reason(levels: &[Level], force: &ForceSeries, [first_s, last_s]: [f64; 2]) ->
 
 /// The hold that a stamp belongs to: the one that contains it, else the nearest within the tolerance at which guide 2 stood.
 fn hold_of(
-    levels: &[Level],
+    levels: &[Hold],
     force: &ForceSeries,
     time_s: f64,
     tolerance_s: f64,
     criteria: &HoldCriteria,
 ) -> Option<usize> {
-    let outside_s = |level: &Level| (level.time_s[0] - time_s).max(time_s - level.time_s[1]).max(0.0);
+    let outside_s = |level: &Hold| (level.time_s[0] - time_s).max(time_s - level.time_s[1]).max(0.0);
     let nearest =
         (0..levels.len()).min_by(|a, b| outside_s(&levels[*a]).total_cmp(&outside_s(&levels[*b])))?;
     let level = levels.get(nearest)?;

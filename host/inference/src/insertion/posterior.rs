@@ -11,7 +11,7 @@ use super::scales::Scales;
 use nalgebra::{DMatrix, DVector};
 
 /// Parts below this share of the weight are left out of a prediction.
-const LEAST_WEIGHT: f64 = 1e-4;
+const MIN_WEIGHT: f64 = 1e-4;
 /// A mean so many standard deviations of the prior from its middle, or an interval that reaches further, is at an end of the range.
 const END: f64 = 2.5;
 const END_OF_INTERVAL: f64 = 3.2;
@@ -73,7 +73,7 @@ impl Normal {
 
 /// What is known of one insertion.
 #[derive(Debug, Clone)]
-pub struct Belief<'c> {
+pub struct Posterior<'c> {
     candidates: &'c Candidates,
     /// Possible sizes of the unknowns.
     scales: Vec<Scales>,
@@ -81,7 +81,7 @@ pub struct Belief<'c> {
     parts: Vec<Part>,
 }
 
-impl<'c> Belief<'c> {
+impl<'c> Posterior<'c> {
     /// Before anything of the insertion that was learned for is known.
     pub fn new(candidates: &'c Candidates, learned: &Learned) -> Self {
         let Learned { scales, parts, nodes } = learned.clone();
@@ -239,7 +239,7 @@ impl<'c> Belief<'c> {
         let most = finite.clone().map(|(_, part)| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
         let mut shares: Vec<_> = finite.map(|(i, part)| (i, (part.ln_weight - most).exp())).collect();
         let total: f64 = shares.iter().map(|(_, share)| share).sum();
-        shares.retain(|(_, share)| *share > LEAST_WEIGHT * total);
+        shares.retain(|(_, share)| *share > MIN_WEIGHT * total);
         let total: f64 = shares.iter().map(|(_, share)| share).sum();
         shares.iter_mut().for_each(|(_, share)| *share /= total);
         shares
@@ -355,16 +355,16 @@ fn own(part: &Part, layout: &Layout, unknown: usize, prior_sd: f64) -> Moments {
 #[derive(Debug, Clone)]
 pub struct Live<'c> {
     /// Without the bin that readings still go to.
-    settled: Belief<'c>,
+    settled: Posterior<'c>,
     /// With it.
-    now: Belief<'c>,
+    now: Posterior<'c>,
     /// Depth, vertical and horizontal tip position of each of its readings, m.
     open: Vec<[f64; 3]>,
 }
 
 impl<'c> Live<'c> {
     /// Follows an insertion.
-    pub fn new(belief: Belief<'c>) -> Self {
+    pub fn new(belief: Posterior<'c>) -> Self {
         Self { settled: belief.clone(), now: belief, open: Vec::new() }
     }
 
@@ -381,7 +381,7 @@ impl<'c> Live<'c> {
         let mean_m = column(0).iter().sum::<f64>() / self.open.len() as f64;
         self.now.update(&Bin {
             depth_m: mean_m,
-            tip_m: [crate::levels::median(column(1)), crate::levels::median(column(2))],
+            tip_m: [crate::holds::median(column(1)), crate::holds::median(column(2))],
             direction_rad: [None; 2],
             rows: self.open.len() as f64,
             moving: false,
@@ -390,7 +390,7 @@ impl<'c> Live<'c> {
     }
 
     /// What is known now.
-    pub fn belief(&self) -> &Belief<'c> {
+    pub fn belief(&self) -> &Posterior<'c> {
         &self.now
     }
 }

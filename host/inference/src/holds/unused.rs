@@ -1,6 +1,6 @@
 //! What of a recording no result uses, with the reason: every run, hold, sweep and shape point is either used or in this list.
 
-use super::{HoldCriteria, Level, sweeps::Stray};
+use super::{Hold, HoldCriteria, sweeps::Stray};
 use formats::session::{LateralRun, Session};
 use mechanics::Rig;
 use serde::Serialize;
@@ -106,7 +106,7 @@ pub fn summary(unused: &[Unused]) -> Vec<String> {
 }
 
 /// Points of a hold that lie behind guide 1 or beyond the tip.
-fn off_needle(run: &LateralRun, rig: &Rig, level: &Level) -> Option<Unused> {
+fn off_needle(run: &LateralRun, rig: &Rig, level: &Hold) -> Option<Unused> {
     let tip_m = rig.entry_m + run.depth_m;
     let is_off = |index: &&usize| {
         run.shape.z_m.get(**index).is_some_and(|z_m| !(0.0..=tip_m + BEYOND_TIP_M).contains(z_m))
