@@ -61,7 +61,9 @@ fn resolved(page: &str, link: &str) -> String {
     for part in link.split('/') {
         match part {
             "" | "." => {}
-            ".." if parts.last().is_some_and(|last| *last != "..") => drop(parts.pop()),
+            ".." if parts.last().is_some_and(|last| *last != "..") => {
+                parts.pop();
+            }
             part => parts.push(part),
         }
     }
