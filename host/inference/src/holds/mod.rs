@@ -1,6 +1,6 @@
-//! From a lateral run's time series to its displacement levels.
+//! From a lateral run's time series to its displacement holds.
 //!
-//! A run ramps guide 2 sideways, holds it, and comes back, with any number of holds on the way. [`levels`] finds the
+//! A run ramps guide 2 sideways, holds it, and comes back, with any number of holds on the way. [`holds`](fn@holds) finds the
 //! holds, gives each its mean displacement and force with honest standard errors, and assigns the shape sweeps to them.
 
 mod detection;
