@@ -109,7 +109,7 @@ pub fn build_guide() -> Result<PathBuf> {
         return Ok(built.into());
     }
     let status = cargo()
-        .args(["build", "--package", "host", "--bin", "guide"])
+        .args(["build", "--package", "host", "--package", "system", "--bin", "guide"])
         .stdin(Stdio::null())
         .status()
         .context("cannot run cargo")?;

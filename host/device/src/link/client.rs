@@ -32,6 +32,17 @@ pub enum Telemetry {
     Status(Box<Status>),
 }
 
+impl Telemetry {
+    /// Device time of it, microseconds: of the last sample of a batch.
+    pub(crate) fn device_us(&self) -> Option<u64> {
+        match self {
+            Self::Samples(batch) => batch.points.last().map(|point| (point.time_s * 1e6) as u64),
+            Self::Event(event) => Some(event.t_us),
+            Self::Status(status) => Some(status.t_us),
+        }
+    }
+}
+
 /// Consecutive samples of one state and step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Batch {

@@ -4,6 +4,7 @@ pub mod client;
 pub mod condition;
 mod constants;
 pub mod error;
+pub(crate) mod keepalive;
 pub mod port;
 pub mod program;
 mod retreat;

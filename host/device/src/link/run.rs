@@ -6,13 +6,12 @@
 
 use super::client::{Client, SILENCE_LIMIT, Telemetry};
 use super::error::LinkError;
+use super::keepalive::Keepalive;
 use super::program::Program;
 use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, State, Status, TareProblem};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Longest time between two questions for the status, on this machine's clock.
-pub(super) const STATUS_INTERVAL: Duration = Duration::from_millis(250);
 /// How long one look for telemetry waits: short, so that an interrupt is obeyed soon.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
@@ -83,20 +82,21 @@ fn follow<E: From<LinkError>>(
     observe: &mut impl FnMut(&Client, &Telemetry) -> Result<(), E>,
 ) -> Result<(), E> {
     let mut end = EndWatch::new(accepted);
-    let mut signs = Keepalive::new(accepted);
+    let limit_ms = accepted.silence_limit_ms.max(SILENCE_LIMIT_MS[0]);
+    let mut keepalive = Keepalive::new(Instant::now(), accepted.t_us, limit_ms);
     let mut last_heard = Instant::now();
     loop {
         if options.interrupted.load(Ordering::Acquire) {
             return Err(LinkError::Interrupted.into());
         }
-        if signs.due() {
+        if keepalive.is_due(Instant::now()) {
             client.ask_on_the_way()?;
-            signs.given();
+            keepalive.sent(Instant::now());
         }
         if let Some(telemetry) = client.next(POLL_INTERVAL)? {
             last_heard = Instant::now();
             observe(client, &telemetry)?;
-            signs.see(&telemetry);
+            keepalive.clock(telemetry.device_us().unwrap_or_default());
             end.see(&telemetry);
         } else if last_heard.elapsed() > SILENCE_LIMIT {
             return Err(LinkError::Silent { port: client.port().to_owned() }.into());
@@ -118,41 +118,6 @@ fn follow<E: From<LinkError>>(
                 return Err(LinkError::ProgramEnded { fault }.into());
             }
         }
-    }
-}
-
-/// When the device must hear from the host again. Its clock counts, which a simulated rig runs faster than this machine's.
-struct Keepalive {
-    every_us: u64,
-    /// Latest device time heard of.
-    device_us: u64,
-    given_us: u64,
-    given_at: Instant,
-}
-
-impl Keepalive {
-    fn new(status: &Status) -> Self {
-        // Three of four may be lost.
-        let every_us = u64::from(status.silence_limit_ms.max(SILENCE_LIMIT_MS[0])) * 1_000 / 4;
-        Self { every_us, device_us: status.t_us, given_us: status.t_us, given_at: Instant::now() }
-    }
-
-    fn see(&mut self, telemetry: &Telemetry) {
-        let said_us = match telemetry {
-            Telemetry::Samples(batch) => batch.points.last().map_or(0, |point| (point.time_s * 1e6) as u64),
-            Telemetry::Event(event) => event.t_us,
-            Telemetry::Status(status) => status.t_us,
-        };
-        self.device_us = self.device_us.max(said_us);
-    }
-
-    fn due(&self) -> bool {
-        self.device_us >= self.given_us.saturating_add(self.every_us)
-            || self.given_at.elapsed() >= STATUS_INTERVAL.min(Duration::from_micros(self.every_us))
-    }
-
-    fn given(&mut self) {
-        (self.given_us, self.given_at) = (self.device_us, Instant::now());
     }
 }
 

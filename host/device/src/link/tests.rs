@@ -1,6 +1,6 @@
 //! The link against a device that misbehaves.
 
-use super::run::STATUS_INTERVAL;
+use super::keepalive::INTERVAL;
 use super::{Batch, Client, Limits, LinkError, LinkLosses, Program, RunOptions, Telemetry, run};
 use fake_device::{self as fake, Act, FakeDevice, Script};
 use protocol::{CalibrationRecord, Fault, Refusal, Request, State, Step, Text};
@@ -220,7 +220,7 @@ fn an_end_found_by_asking_costs_no_sample() {
     run(&mut client, &hold(), OPTIONS, |_, telemetry| {
         if let Telemetry::Samples(batch) = telemetry {
             if samples == 0 {
-                std::thread::sleep(STATUS_INTERVAL + Duration::from_millis(50));
+                std::thread::sleep(INTERVAL + Duration::from_millis(50));
             }
             samples += batch.points.len();
         }
@@ -239,7 +239,7 @@ fn a_port_that_goes_away_while_the_host_is_behind_costs_no_sample() {
     let ended = run(&mut client, &hold(), OPTIONS, |_, telemetry| {
         if let Telemetry::Samples(batch) = telemetry {
             if samples == 0 {
-                std::thread::sleep(STATUS_INTERVAL + Duration::from_millis(50));
+                std::thread::sleep(INTERVAL + Duration::from_millis(50));
             }
             samples += batch.points.len();
         }

@@ -8,7 +8,6 @@ pub mod state;
 pub mod traces;
 pub mod worker;
 
-mod pace;
 mod session;
 
 #[cfg(test)]

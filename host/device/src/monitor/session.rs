@@ -1,10 +1,10 @@
 //! One connection: orders become motion programs, and the ends of those are told.
 
 use super::health::Carried;
-use super::pace::Pace;
 use super::state::{Event, Outcome};
 use super::worker::Order;
 use crate::link::error::{explain_fault, explain_retreat};
+use crate::link::keepalive::Keepalive;
 use crate::link::program::move_to;
 use crate::link::{Client, LinkError, Telemetry};
 use protocol::{
@@ -14,6 +14,10 @@ use std::time::{Duration, Instant};
 
 /// How long one look for telemetry waits: short, so that orders are obeyed soon.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
+/// A status that has not come unasked for this long is asked for.
+const STATUS: Duration = Duration::from_millis(100);
+/// Limit of a device that has not stated its own yet, milliseconds.
+const LIMIT_MS: u32 = 2_000;
 /// How often the link's counters are told.
 const CARRIED: Duration = Duration::from_millis(100);
 /// Speeds of jogs and of the way home, millimetres per second.
@@ -33,7 +37,9 @@ struct Running {
 pub(super) struct Session<'a> {
     client: Client,
     tell: &'a mut dyn FnMut(Event),
-    pace: Pace,
+    keepalive: Keepalive,
+    /// When a status came last.
+    status_at: Instant,
     told: Instant,
     /// A program waits or runs, or a retreat, whoever started it.
     active: bool,
@@ -50,12 +56,13 @@ impl<'a> Session<'a> {
     pub fn begin(client: Client, tell: &'a mut dyn FnMut(Event)) -> Result<Self, LinkError> {
         let hello = client.hello();
         let now = Instant::now();
-        let pace = Pace::new(now, hello.now_us as f64 * 1e-6);
+        let keepalive = Keepalive::new(now, hello.now_us, LIMIT_MS);
         tell(Event::Connected { boot_id: client.boot_id(), hello: Box::new(hello.clone()) });
         let mut session = Self {
             client,
             tell,
-            pace,
+            keepalive,
+            status_at: now,
             told: now,
             active: false,
             fault: None,
@@ -73,7 +80,8 @@ impl<'a> Session<'a> {
         if let Some(telemetry) = self.client.next(POLL_INTERVAL)? {
             self.heard(telemetry)?;
         }
-        if self.pace.is_due(Instant::now()) {
+        let now = Instant::now();
+        if self.keepalive.is_due(now) || now.saturating_duration_since(self.status_at) >= STATUS {
             self.ask()?;
         }
         if self.told.elapsed() >= CARRIED {
@@ -120,14 +128,14 @@ impl<'a> Session<'a> {
 
     fn request(&mut self, request: Request) -> Result<(), LinkError> {
         self.client.request(request)?;
-        self.pace.spoken(Instant::now());
+        self.keepalive.sent(Instant::now());
         Ok(())
     }
 
     /// Asks for the status: it says for certain whether a program has ended whose end was lost.
     fn ask(&mut self) -> Result<Status, LinkError> {
         let status = self.client.status()?;
-        self.pace.spoken(Instant::now());
+        self.keepalive.sent(Instant::now());
         // What was said before the answer comes first; the answer is among it.
         self.catch_up()?;
         match status.state {
@@ -208,38 +216,33 @@ impl<'a> Session<'a> {
 
     fn heard(&mut self, telemetry: Telemetry) -> Result<(), LinkError> {
         let mut end = None;
+        self.keepalive.clock(telemetry.device_us().unwrap_or_default());
         match &telemetry {
             Telemetry::Samples(batch) => {
                 self.state(batch.state);
-                if let Some(point) = batch.points.last() {
-                    self.pace.clock(point.time_s);
-                }
             }
             Telemetry::Status(status) => {
                 self.state(status.state);
                 self.fault = status.fault;
-                self.pace.clock(status.t_us as f64 * 1e-6);
-                self.pace.status(Instant::now(), status.silence_limit_ms);
+                self.status_at = Instant::now();
+                self.keepalive.limit(status.silence_limit_ms);
             }
-            Telemetry::Event(event) => {
-                self.pace.clock(event.t_us as f64 * 1e-6);
-                match event.kind {
-                    EventKind::Faulted { fault } => self.fault = Some(fault),
-                    EventKind::Tared(tare) => {
-                        if let Some(running) = &mut self.running {
-                            running.tare = Some(tare);
-                        }
+            Telemetry::Event(event) => match event.kind {
+                EventKind::Faulted { fault } => self.fault = Some(fault),
+                EventKind::Tared(tare) => {
+                    if let Some(running) = &mut self.running {
+                        running.tare = Some(tare);
                     }
-                    EventKind::ProgramEnded { outcome } => end = Some(outcome),
-                    EventKind::RetreatEnded { outcome } => {
-                        let good = matches!(outcome, RetreatOutcome::Unloaded | RetreatOutcome::Moved);
-                        self.say(&format!("retreat: {}", explain_retreat(outcome)), good);
-                    }
-                    EventKind::TareRejected { .. }
-                    | EventKind::StepStarted { .. }
-                    | EventKind::StepEnded { .. } => {}
                 }
-            }
+                EventKind::ProgramEnded { outcome } => end = Some(outcome),
+                EventKind::RetreatEnded { outcome } => {
+                    let good = matches!(outcome, RetreatOutcome::Unloaded | RetreatOutcome::Moved);
+                    self.say(&format!("retreat: {}", explain_retreat(outcome)), good);
+                }
+                EventKind::TareRejected { .. }
+                | EventKind::StepStarted { .. }
+                | EventKind::StepEnded { .. } => {}
+            },
         }
         (self.tell)(Event::Telemetry(telemetry));
         end.map_or(Ok(()), |end| self.ended(end))
