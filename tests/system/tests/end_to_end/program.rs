@@ -93,20 +93,12 @@ fn a_hidden_effect_is_found_from_what_the_firmware_records() {
     }
 }
 
-/// A rig whose force has a tenth of the noise. A drift is estimated from a second of noisy readings, and the default noise looks
-/// like one that matters once in some twenty tares, depending on when the tare happens to begin; this noise does not.
-fn quiet() -> RigConfig {
-    let mut config = RigConfig::default();
-    config.simulation.force.noise_n /= 10.0;
-    config
-}
-
 /// Without a schedule, as by hand: what the pages type, then move there, and the status says so.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_move_by_hand_arrives() {
     let guide = build_guide().unwrap();
-    let bench = Bench::start(quiet(), 21, 4.0, HANGS).unwrap();
+    let bench = Bench::start(readme::rig::quiet(), 21, 4.0, HANGS).unwrap();
     let shell = Shell::new(guide.clone(), bench.folder()).with_port(bench.port());
     readme::check_console("live", &shell).unwrap();
     let output = Command::new(&guide)
@@ -225,7 +217,7 @@ fn guide(bench: &Bench, arguments: &[&str]) -> Value {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_stored_calibration_outlives_a_restart_and_is_worked_with() {
-    let bench = Bench::start(quiet(), 24, 4.0, HANGS).unwrap();
+    let bench = Bench::start(readme::rig::quiet(), 24, 4.0, HANGS).unwrap();
     let before = guide(&bench, &["calibration"]);
     assert_eq!(before["id"], "nominal");
     // Shifted by 2 mm along y, twice the force along x.

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;
-use system::images::{build_guide, cargo, root};
+use system::images::{build_guide, cargo, root, target_dir};
 use system::readme::book::{Book, MANUAL};
 use system::readme::check_quick;
 use system::readme::page::Page;
@@ -38,12 +38,17 @@ impl Program {
 
     /// `cargo xtask`: its own tasks, with the options of the programs that it runs.
     fn xtask() -> Self {
+        // Beside this test where the whole workspace is tested; else they are built.
         let help_of = |package: &str| {
-            let output = cargo()
-                .args(["run", "--quiet", "--package", package, "--", "--help"])
-                .env("COLUMNS", "100")
-                .output()
-                .unwrap();
+            let built = target_dir().join("debug").join(package);
+            let mut command = if built.exists() {
+                Command::new(built)
+            } else {
+                let mut command = cargo();
+                command.args(["run", "--quiet", "--package", package, "--"]);
+                command
+            };
+            let output = command.arg("--help").env("COLUMNS", "100").output().unwrap();
             assert!(output.status.success(), "{package}: {}", String::from_utf8_lossy(&output.stderr));
             String::from_utf8(output.stdout).unwrap()
         };
@@ -99,6 +104,8 @@ fn typed(page: &Page) -> Vec<(usize, String)> {
     let mut found: Vec<(usize, String)> = Vec::new();
     let (mut fenced, mut goes_on) = (false, false);
     for (number, line) in page.lines().iter().enumerate() {
+        // Blocks of a list's items are indented.
+        let line = line.trim_start();
         if line.starts_with("```") {
             fenced = !fenced;
         } else if fenced {
