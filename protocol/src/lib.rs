@@ -152,6 +152,26 @@
 //! # Ok::<(), protocol::EncodeError>(())
 //! ```
 //!
+//! # Example
+//!
+//! A byte of the first of two frames is damaged on the way to the host; the second arrives, and the loss is counted:
+//!
+//! ```
+//! use protocol::{Envelope, EnvelopeReceiver, MAX_FRAME_TO_HOST, Message, Received, encode_envelope};
+//!
+//! let acknowledged = |id| Envelope { boot_id: 1, sequence: u32::from(id), message: Message::Ack { id } };
+//! let mut buffer = [0; MAX_FRAME_TO_HOST];
+//! let mut line = encode_envelope(&acknowledged(7), &mut buffer)?.to_vec();
+//! line[5] ^= 0x10;
+//! line.extend_from_slice(encode_envelope(&acknowledged(8), &mut buffer)?);
+//!
+//! let mut receiver = EnvelopeReceiver::new();
+//! let arrived: Vec<_> = receiver.feed(&line).collect();
+//! assert_eq!(arrived, [Received::Corrupt, Received::Frame(acknowledged(8))]);
+//! assert_eq!(receiver.losses().corrupt, 1);
+//! # Ok::<(), protocol::EncodeError>(())
+//! ```
+//!
 //! [COBS]: https://doi.org/10.1109/90.769765
 //! [postcard]: https://postcard.jamesmunns.com/wire-format
 #![no_std]

@@ -21,6 +21,28 @@
 //! | [`indicator`] | the status light |
 //! | [`ads131m02`], [`calibration`], [`slots`] | the force converter; the constants of a rig, and where they are kept |
 //! | [`campaign`] | on hosts: random sequences against what must hold |
+//!
+//! # Example
+//!
+//! The line of the emergency stop opens: in the same period both bridges are off and the fault is latched:
+//!
+//! ```
+//! use control::{Controller, Drive, Inputs, PERIOD_US, Start, calibration::Calibration, hal::Readings};
+//! use protocol::{Counters, Load, State};
+//!
+//! let mut controller = Controller::new(Calibration::default(), Start::ordinary(1));
+//! let mut period = |number: u32, emergency_stop: bool| {
+//!     let readings =
+//!         Readings { potentiometer_codes: [2048; 2], force_codes: Ok([number as i32, 0]), emergency_stop };
+//!     let now_us = u64::from(number * PERIOD_US);
+//!     let (counters, load) = (Counters::default(), Load::default());
+//!     controller.step(&Inputs { now_us, late_us: 0, readings, command: None, counters, load })
+//! };
+//! assert_eq!(period(1, false).state, State::Idle);
+//! let stopped = period(2, true);
+//! assert_eq!((stopped.state, stopped.drive), (State::Faulted, Drive::Release));
+//! assert_eq!(period(3, false).state, State::Faulted);
+//! ```
 
 #![cfg_attr(target_os = "none", no_std)]
 #![forbid(unsafe_code)]

@@ -1,0 +1,101 @@
+//! Writes the rows of another program's files as a lateral run of a session, and reads the session back.
+//!
+//! The other program separates columns with semicolons and writes milliseconds, micrometres and millinewtons. It records one plane;
+//! the other one was not moved.
+//!
+//! ```sh
+//! cargo run -p host --example importer -- imported
+//! guide check imported
+//! ```
+
+use anyhow::{Context, ensure};
+use formats::session::{ForceRow, Noise, Session, SessionWriter, Setup, ShapeRow, Tissue};
+use mechanics::{Needle, Rig};
+use serde::Deserialize;
+use std::path::Path;
+
+const FORCE: &str = "\
+t/ms;pos/um;load/mN
+0;0;0
+500;1;2
+1000;0;-1
+1500;600;558
+2000;1200;1116
+2500;1201;1113
+3000;1199;1115
+";
+const SHAPE: &str = "\
+t/ms;z/mm;lift/um
+2500;72;1355
+2500;76;1396
+2500;80;1422
+2500;85;1461
+2500;90;1480
+2500;95;1514
+";
+
+#[derive(Deserialize)]
+struct TheirForce {
+    #[serde(rename = "t/ms")]
+    time_ms: f64,
+    #[serde(rename = "pos/um")]
+    position_um: f64,
+    #[serde(rename = "load/mN")]
+    load_mn: f64,
+}
+
+#[derive(Deserialize)]
+struct TheirShape {
+    #[serde(rename = "t/ms")]
+    time_ms: f64,
+    #[serde(rename = "z/mm")]
+    z_mm: f64,
+    #[serde(rename = "lift/um")]
+    lift_um: f64,
+}
+
+fn main() -> anyhow::Result<()> {
+    let folder = std::env::args_os().nth(1).context("expected a folder for the session")?;
+    let folder = Path::new(&folder);
+    let setup = Setup {
+        name: "imported".to_owned(),
+        rig: Rig::two_guides(Needle::gauge_18(), 0.060, 0.070),
+        fixture_mass_kg: None,
+        noise: Noise { force_n: Some(2e-3), shape_m: Some(5e-6), ..Noise::default() },
+        tissue: Tissue::default(),
+    };
+    // An existing session is extended, if its needle and rig are the same; an id that is taken is an error.
+    let mut session = SessionWriter::open(folder, &setup)?;
+    let mut run = session.lateral("d30-1", 0.030)?;
+    let reader = |text| csv::ReaderBuilder::new().delimiter(b';').from_reader(str::as_bytes(text));
+    for row in reader(FORCE).deserialize() {
+        let TheirForce { time_ms, position_um, load_mn } = row?;
+        run.force(&ForceRow {
+            time_s: 1e-3 * time_ms,
+            displacement_y_m: 1e-6 * position_um,
+            force_y_n: 1e-3 * load_mn,
+            ..ForceRow::default()
+        })?;
+    }
+    for row in reader(SHAPE).deserialize() {
+        let TheirShape { time_ms, z_mm, lift_um } = row?;
+        run.shape(&ShapeRow {
+            time_s: 1e-3 * time_ms,
+            z_m: 1e-3 * z_mm,
+            deflection_y_m: 1e-6 * lift_um,
+            ..ShapeRow::default()
+        })?;
+    }
+    run.finish()?;
+
+    for run in &Session::read(folder)?.lateral {
+        let (readings, points) = (run.force.time_s.len(), run.shape.z_m.len());
+        ensure!(readings > 0 && points > 0, "{}: no rows", run.id);
+        println!(
+            "{}: {readings} force readings, {points} points of the shape, {:.0} mm deep",
+            run.id,
+            1e3 * run.depth_m
+        );
+    }
+    Ok(())
+}
