@@ -32,10 +32,8 @@ fn main() -> anyhow::Result<()> {
             Telemetry::Samples(batch) => {
                 samples += batch.points.len();
                 lost += batch.lost_before;
-                let [_, force_y_n] = [0, 1].map(|axis| {
-                    batch.points.iter().map(|point| point.force_n[axis].abs()).fold(0.0, f64::max)
-                });
-                greatest_n = greatest_n.max(force_y_n);
+                let forces_n = batch.points.iter().map(|point| point.force_n[1].abs());
+                greatest_n = forces_n.fold(greatest_n, f64::max);
             }
             Telemetry::Event(event) => println!("event      {:?}", event.kind),
             Telemetry::Status(_) => {}

@@ -1,8 +1,7 @@
 //! Follows an insertion reading by reading, and prints at every centimetre where the tip will be at the end, with its 95 % band.
 //!
 //! The last insertion of the session is the one that is followed; K is identified from the lateral runs, and tip load and path are
-//! learned from the other insertions. `guide predict` does the same for every insertion of a session. The band is that of the tip:
-//! the noise of a reading is not in it.
+//! learned from the other insertions, as `guide predict` does. The noise of a reading is not in the band.
 //!
 //! ```sh
 //! guide init --example playground

@@ -11,7 +11,6 @@
 use anyhow::{Context, ensure};
 use formats::session::{ForceRow, Noise, Session, SessionWriter, Setup, ShapeRow, Tissue};
 use mechanics::{Needle, Rig};
-use serde::Deserialize;
 use std::path::Path;
 
 const FORCE: &str = "\
@@ -34,26 +33,6 @@ t/ms;z/mm;lift/um
 2500;95;1514
 ";
 
-#[derive(Deserialize)]
-struct TheirForce {
-    #[serde(rename = "t/ms")]
-    time_ms: f64,
-    #[serde(rename = "pos/um")]
-    position_um: f64,
-    #[serde(rename = "load/mN")]
-    load_mn: f64,
-}
-
-#[derive(Deserialize)]
-struct TheirShape {
-    #[serde(rename = "t/ms")]
-    time_ms: f64,
-    #[serde(rename = "z/mm")]
-    z_mm: f64,
-    #[serde(rename = "lift/um")]
-    lift_um: f64,
-}
-
 fn main() -> anyhow::Result<()> {
     let folder = std::env::args_os().nth(1).context("expected a folder for the session")?;
     let folder = Path::new(&folder);
@@ -69,7 +48,7 @@ fn main() -> anyhow::Result<()> {
     let mut run = session.lateral("d30-1", 0.030)?;
     let reader = |text| csv::ReaderBuilder::new().delimiter(b';').from_reader(str::as_bytes(text));
     for row in reader(FORCE).deserialize() {
-        let TheirForce { time_ms, position_um, load_mn } = row?;
+        let [time_ms, position_um, load_mn]: [f64; 3] = row?;
         run.force(&ForceRow {
             time_s: 1e-3 * time_ms,
             displacement_y_m: 1e-6 * position_um,
@@ -78,7 +57,7 @@ fn main() -> anyhow::Result<()> {
         })?;
     }
     for row in reader(SHAPE).deserialize() {
-        let TheirShape { time_ms, z_mm, lift_um } = row?;
+        let [time_ms, z_mm, lift_um]: [f64; 3] = row?;
         run.shape(&ShapeRow {
             time_s: 1e-3 * time_ms,
             z_m: 1e-3 * z_mm,
