@@ -1,73 +1,106 @@
 //! `cargo xtask`: installs what is missing, builds what is needed with cargo's own progress on the screen, and runs it.
 //!
-//! It depends on nothing of the product, so that it is built in seconds and says what it does before the long builds. What it runs:
-//! `system` (the whole system in QEMU), `studies` (Monte Carlo tables), cargo itself.
+//! It depends on nothing of the product and on one small package, so that it is built in seconds and says what it does before the
+//! long builds. What it runs: `system` (the whole system in QEMU), `studies` (Monte Carlo tables), cargo itself. Options belong to what
+//! is run: `cargo xtask demo --help` prints those of the demonstration.
 
 mod build;
 mod check;
 mod setup;
 
-use anyhow::Result;
-use clap::{Parser, Subcommand};
+use anyhow::{Result, bail};
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// Set up, build, test and demonstrate the needle guide
-#[derive(Parser)]
-#[command(name = "cargo xtask", bin_name = "cargo xtask")]
-struct Cli {
-    #[command(subcommand)]
-    task: Task,
+/// What a task needs before it is run by the program `system`.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Needs {
+    /// The program alone.
+    Nothing,
+    /// The microcontroller's Rust target.
+    Target,
+    /// That and QEMU.
+    Qemu,
+    /// It is carried out here.
+    Here,
 }
 
-#[derive(Subcommand)]
-enum Task {
-    /// Run the whole procedure on the firmware in QEMU with a simulated rig
-    Demo(Passed),
-    /// Run every check and test: format, lints, documentation, host, protocol, firmware end to end
-    Test,
-    /// Check format, lints, documentation and licences, for the host and for the microcontroller
-    Lint,
-    /// Install what is missing: the microcontroller's Rust target, QEMU
-    Setup(setup::Args),
-    /// Measure the programs beside what one would take instead, and how their cost grows; write the page of it
-    Bench(Passed),
-    /// Build the image for the board and compare its flash and RAM use with the committed figures
-    Size(Passed),
-    /// Make the outputs and pictures of the documentation anew, or compare them
-    Readme(Passed),
-    /// Make a table of the documentation, or one that comes with the tool
-    Study(Passed),
-    /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
-    Tracking(Passed),
-    /// Run the firmware on a bad cable: flipped bits, cuts, programs; nothing wrong may arrive, nothing be lost uncounted
-    Stress(Passed),
-    /// Run the firmware for an hour of its time with random commands, faults, restarts, cuts and flipped bits; what must hold is
-    /// checked throughout
-    Soak(Passed),
-    /// Carry out random sequences of commands, faults and restarts, in this process and through the firmware in QEMU: none may get
-    /// round a limit
-    Campaign(Passed),
-    /// Feed every reader of bytes with generated inputs; reports which one makes it fail
-    Fuzz(Passed),
-    /// Run the control core on the target, in QEMU: instructions per control period
-    Timing(Passed),
-    /// Start the firmware in QEMU with a simulated rig and leave it running for `guide`
-    Rig(Passed),
-    /// Print one ultrasound sweep of a simulated rig as CSV
-    Sweep(Passed),
-}
-
-/// Arguments for the program that does it; `--help` prints its options.
-#[derive(clap::Args)]
-#[command(disable_help_flag = true)]
-struct Passed {
-    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "OPTIONS")]
-    arguments: Vec<OsString>,
-}
+/// Tasks, with what they need and do.
+const TASKS: [(&str, Needs, &str); 16] = [
+    ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
+    (
+        "test",
+        Needs::Here,
+        "Run every check and test: format, lints, documentation, host, protocol, firmware end to end",
+    ),
+    (
+        "lint",
+        Needs::Here,
+        "Check format, lints, documentation and licences, for the host and for the microcontroller",
+    ),
+    (
+        "setup",
+        Needs::Here,
+        "Install what is missing: the microcontroller's Rust target, QEMU (--no-install: only name it)",
+    ),
+    (
+        "bench",
+        Needs::Nothing,
+        "Measure the programs beside what one would take instead, and how their cost grows",
+    ),
+    (
+        "size",
+        Needs::Target,
+        "Build the image for the board and compare its flash and RAM use with the committed figures",
+    ),
+    ("readme", Needs::Qemu, "Make the outputs and pictures of the documentation anew, or compare them"),
+    ("study", Needs::Here, "Make a table of the documentation, or one that comes with the tool"),
+    (
+        "tracking",
+        Needs::Qemu,
+        "Run the online estimator on the target: agreement with the host, instructions per update",
+    ),
+    (
+        "stress",
+        Needs::Qemu,
+        "Run the firmware on a bad cable: nothing wrong may arrive, nothing be lost uncounted",
+    ),
+    (
+        "soak",
+        Needs::Qemu,
+        "Run the firmware for an hour of its time with random commands, faults, restarts and cuts",
+    ),
+    (
+        "campaign",
+        Needs::Qemu,
+        "Carry out random sequences of commands, faults and restarts: none may get round a limit",
+    ),
+    (
+        "fuzz",
+        Needs::Nothing,
+        "Feed every reader of bytes with generated inputs; reports which one makes it fail",
+    ),
+    ("timing", Needs::Qemu, "Run the control core on the target: instructions per control period"),
+    ("rig", Needs::Qemu, "Start the firmware in QEMU with a simulated rig and leave it running for `guide`"),
+    ("sweep", Needs::Nothing, "Print one ultrasound sweep of a simulated rig as CSV"),
+];
 
 fn main() -> ExitCode {
-    match run(Cli::parse().task) {
+    let mut arguments = std::env::args_os().skip(1);
+    let Some(task) = arguments.next().map(|task| task.to_string_lossy().into_owned()) else {
+        eprint!("{}", help());
+        return ExitCode::from(2);
+    };
+    if ["--help", "-h", "help"].contains(&task.as_str()) {
+        print!("{}", help());
+        return ExitCode::SUCCESS;
+    }
+    let Some((name, needs, _)) = TASKS.iter().find(|(name, ..)| *name == task) else {
+        eprintln!("error: there is no task `{task}`\n\n{}", help());
+        return ExitCode::from(2);
+    };
+    let arguments: Vec<OsString> = arguments.collect();
+    match run(name, *needs, &arguments) {
         Ok(code) => code,
         Err(error) => {
             eprintln!("error: {error:#}");
@@ -76,17 +109,48 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(task: Task) -> Result<ExitCode> {
-    let system = |name: &str, passed: &Passed| build::system(name, &passed.arguments);
-    match task {
-        Task::Demo(passed) => {
-            if !passed.arguments.iter().any(|argument| argument == "--help" || argument == "-h") {
-                build::announce_demo();
-                setup::ensure_all()?;
-            }
-            system("demo", &passed)
+fn help() -> String {
+    let tasks: String = TASKS.iter().map(|(name, _, what)| format!("  {name:<10}{what}\n")).collect();
+    format!(
+        "Set up, build, test and demonstrate the needle guide\n\nUsage: cargo xtask <TASK> [OPTIONS]\n\nCommands:\n{tasks}\n\
+         `cargo xtask TASK --help` prints the options of a task; the first time it is built for that.\n"
+    )
+}
+
+fn run(name: &str, needs: Needs, arguments: &[OsString]) -> Result<ExitCode> {
+    let asks_for_help = arguments.iter().any(|argument| argument == "--help" || argument == "-h");
+    match needs {
+        _ if asks_for_help && !["test", "lint", "setup", "study"].contains(&name) => {}
+        Needs::Target => setup::ensure_target()?,
+        Needs::Qemu => setup::ensure_all()?,
+        Needs::Nothing => {}
+        Needs::Here => return here(name, arguments),
+    }
+    build::system(name, arguments)
+}
+
+/// Tasks that are carried out here.
+fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
+    match name {
+        "demo" => {
+            build::announce_demo();
+            setup::ensure_all()?;
+            build::system("demo", arguments)
         }
-        Task::Test => {
+        "study" => build::study(arguments),
+        "setup" => {
+            let only_name = arguments == ["--no-install"];
+            if !only_name && !arguments.is_empty() {
+                bail!("setup: unknown option, expected --no-install or none");
+            }
+            setup::setup(only_name).map(|()| ExitCode::SUCCESS)
+        }
+        _ if !arguments.is_empty() => bail!("{name} has no options"),
+        "lint" => {
+            setup::ensure_target()?;
+            check::all().map(|()| ExitCode::SUCCESS)
+        }
+        _ => {
             check::announce();
             setup::ensure_all()?;
             check::all()?;
@@ -94,34 +158,5 @@ fn run(task: Task) -> Result<ExitCode> {
             build::cargo(&["test", "--workspace", "--no-run"])?;
             build::run_system("test", &[])
         }
-        Task::Lint => {
-            setup::ensure_target()?;
-            check::all().map(|()| ExitCode::SUCCESS)
-        }
-        Task::Setup(args) => setup::setup(args).map(|()| ExitCode::SUCCESS),
-        Task::Bench(passed) => system("bench", &passed),
-        Task::Size(passed) => {
-            setup::ensure_target()?;
-            system("size", &passed)
-        }
-        Task::Readme(passed) => {
-            setup::ensure_all()?;
-            system("readme", &passed)
-        }
-        Task::Study(passed) => build::study(&passed.arguments),
-        Task::Tracking(passed) => in_qemu("tracking", &passed),
-        Task::Stress(passed) => in_qemu("stress", &passed),
-        Task::Soak(passed) => in_qemu("soak", &passed),
-        Task::Campaign(passed) => in_qemu("campaign", &passed),
-        Task::Fuzz(passed) => system("fuzz", &passed),
-        Task::Timing(passed) => in_qemu("timing", &passed),
-        Task::Rig(passed) => in_qemu("rig", &passed),
-        Task::Sweep(passed) => system("sweep", &passed),
     }
-}
-
-/// What needs the firmware's target and QEMU.
-fn in_qemu(name: &str, passed: &Passed) -> Result<ExitCode> {
-    setup::ensure_all()?;
-    build::system(name, &passed.arguments)
 }

@@ -18,20 +18,12 @@ pub const QEMU_NEEDED: (u32, u32) = (9, 2);
 const APT_SOURCES: &str = "/etc/apt/sources.list.d";
 const BACKPORTS_FILE: &str = "/etc/apt/sources.list.d/needle-guide-backports.sources";
 
-/// Options of `cargo xtask setup`.
-#[derive(Debug, Clone, Copy, clap::Args)]
-pub struct Args {
-    /// Install nothing and change nothing: only say what is missing
-    #[arg(long)]
-    no_install: bool,
-}
-
 /// Runs `cargo xtask setup`.
 ///
 /// # Errors
-/// As [`ensure_all`]; with `--no-install` names all that is missing.
-pub fn setup(args: Args) -> Result<()> {
-    if !args.no_install {
+/// As [`ensure_all`]; with `only_name` nothing is installed or changed, and all that is missing is named.
+pub fn setup(only_name: bool) -> Result<()> {
+    if !only_name {
         return ensure_all();
     }
     let (major, minor) = QEMU_NEEDED;

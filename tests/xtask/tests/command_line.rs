@@ -18,5 +18,5 @@ fn help_names_the_tasks() {
 fn an_unknown_task_is_refused() {
     let output = xtask(&["dance"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("unrecognized subcommand 'dance'"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("there is no task `dance`"));
 }
