@@ -5,6 +5,7 @@
 
 use super::error::LinkError;
 use super::wire::{LinkLosses, Received, Tap, Wire};
+use super::words::request_name;
 use protocol::{
     CalibrationRecord, Command, Description, Envelope, EventKind, Hello, Message, Request, Safety, Sample,
     Samples, State, Status,
@@ -334,7 +335,7 @@ impl Client {
                         return Ok(told.and_then(|(sequence, said)| (sequence == before).then_some(said)));
                     }
                     Some(Message::Refused { id: answered, refusal }) if answered == id => {
-                        return Err(LinkError::Refused { command: name(&request), refusal });
+                        return Err(LinkError::Refused { command: request_name(&request), refusal });
                     }
                     Some(
                         said @ (Message::Status(_)
@@ -349,7 +350,7 @@ impl Client {
             }
         }
         let port = self.wire.name().to_owned();
-        Err(LinkError::Unanswered { port, command: name(&request), tries: TRIES })
+        Err(LinkError::Unanswered { port, command: request_name(&request), tries: TRIES })
     }
 
     /// The next id; where there are none left, of a new connection.
@@ -469,27 +470,6 @@ pub(super) fn other_version(port: &str, theirs: u16) -> LinkError {
         };
     }
     LinkError::OtherVersion { port: port.to_owned(), theirs, ours: protocol::VERSION }
-}
-
-/// A request as the user knows it.
-fn name(request: &Request) -> &'static str {
-    match request {
-        Request::Hello => "hello",
-        Request::Status => "status",
-        Request::Stream { .. } => "stream",
-        Request::LoadStep { .. } => "load step",
-        Request::Run { .. } => "run",
-        Request::Stop => "stop",
-        Request::ClearFault => "clear",
-        Request::Limits { .. } => "limits",
-        Request::LoadCalibration { .. } => "load calibration",
-        Request::StoreCalibration { .. } => "store calibration",
-        Request::Calibration => "calibration",
-        Request::Retreat { .. } => "retreat",
-        Request::AcknowledgeCalibration => "acknowledge calibration",
-        Request::Describe => "describe",
-        Request::Safety => "safety",
-    }
 }
 
 #[cfg(test)]

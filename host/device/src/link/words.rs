@@ -1,6 +1,6 @@
 //! Names of what the device says, as people read them.
 
-use protocol::{CalibrationSource, Counters, ResetReason, State};
+use protocol::{CalibrationSource, Counters, Request, ResetReason, State};
 
 /// What the controller is doing.
 pub fn state(state: State) -> &'static str {
@@ -53,4 +53,25 @@ pub fn counters(counters: &Counters) -> [(u32, &'static str); 13] {
         (counters.control_overruns, "late control periods"),
         (counters.faults, "faults latched"),
     ]
+}
+
+/// A request as the user knows it.
+pub fn request_name(request: &Request) -> &'static str {
+    match request {
+        Request::Hello => "hello",
+        Request::Status => "status",
+        Request::Stream { .. } => "stream",
+        Request::LoadStep { .. } => "load step",
+        Request::Run { .. } => "run",
+        Request::Stop => "stop",
+        Request::ClearFault => "clear",
+        Request::Limits { .. } => "limits",
+        Request::LoadCalibration { .. } => "load calibration",
+        Request::StoreCalibration { .. } => "store calibration",
+        Request::Calibration => "calibration",
+        Request::Retreat { .. } => "retreat",
+        Request::AcknowledgeCalibration => "acknowledge calibration",
+        Request::Describe => "describe",
+        Request::Safety => "safety",
+    }
 }

@@ -52,27 +52,6 @@ pub fn expected(request: &Request, state: State, fault: Option<Fault>, sound: Re
     }
 }
 
-/// A command as the figures name it.
-pub fn name(request: &Request) -> &'static str {
-    match request {
-        Request::Hello => "hello",
-        Request::Status => "status",
-        Request::Stream { .. } => "stream",
-        Request::LoadStep { .. } => "load step",
-        Request::Run { .. } => "run",
-        Request::Stop => "stop",
-        Request::ClearFault => "clear",
-        Request::Limits { .. } => "limits",
-        Request::LoadCalibration { .. } => "load calibration",
-        Request::StoreCalibration { .. } => "store calibration",
-        Request::Calibration => "calibration",
-        Request::Retreat { .. } => "retreat",
-        Request::AcknowledgeCalibration => "acknowledge calibration",
-        Request::Describe => "describe",
-        Request::Safety => "safety",
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

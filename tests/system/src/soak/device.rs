@@ -9,6 +9,7 @@ use crate::cosim::Cosim;
 use crate::qemu::HANGS;
 use crate::trial::Books;
 use anyhow::{Context, Result, bail, ensure};
+use device::link::words::request_name;
 use device::link::{Client, LinkError, Telemetry};
 use protocol::{EventKind, Fault, Refusal, Request, Status};
 use rand_chacha::ChaCha8Rng;
@@ -206,7 +207,7 @@ impl<'a> Device<'a> {
         if answer != Answer::Unanswered {
             self.heard_ms = from_ms;
         }
-        self.tally.command(answers::name(&request), answer);
+        self.tally.command(request_name(&request), answer);
         self.drain()?;
         Ok(answer)
     }
@@ -235,7 +236,7 @@ impl<'a> Device<'a> {
         ensure!(
             ended || faulted,
             "`{}` was answered with {answer:?} in {:?} (fault {:?}), {:?} (fault {:?}) after it; for an idle device {sound:?} is right",
-            answers::name(&request),
+            request_name(&request),
             before.state,
             before.fault,
             after.state,
@@ -251,11 +252,11 @@ impl<'a> Device<'a> {
                 Answer::Accepted => return Ok(()),
                 Answer::Unanswered => {}
                 Answer::Refused(refusal) => {
-                    bail!("`{}` was refused with {refusal:?}", answers::name(&request))
+                    bail!("`{}` was refused with {refusal:?}", request_name(&request))
                 }
             }
         }
-        bail!("`{}` was lost {ATTEMPTS} times", answers::name(&request))
+        bail!("`{}` was lost {ATTEMPTS} times", request_name(&request))
     }
 
     /// Sets limits that the device has accepted.
