@@ -9,8 +9,21 @@ use system::readme::check_quick;
 use system::readme::page::Page;
 
 /// Options of other programs that the pages name: cargo, cargo bench and cargo test, probe-rs, git.
-const OF_OTHERS: [&str; 8] =
-    ["--path", "--bench", "--all-targets", "--nocapture", "--chip", "--help", "--lib", "--config"];
+const OF_OTHERS: [&str; 13] = [
+    "--path",
+    "--bench",
+    "--all-targets",
+    "--nocapture",
+    "--chip",
+    "--help",
+    "--lib",
+    "--config",
+    "--workspace",
+    "--no-deps",
+    "--open",
+    "--release",
+    "--example",
+];
 
 #[test]
 fn the_pages_show_what_the_commands_print() {
