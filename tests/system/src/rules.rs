@@ -39,11 +39,17 @@ fn all_crates_but_the_firmware_forbid_unsafe_code() {
     }
 }
 
-/// All packages that the workspace is built from on this machine and for the board.
+/// All packages that the workspace is built from on a Linux machine.
 fn packages() -> Vec<Value> {
     let output = cargo()
-        .args(["metadata", "--format-version", "1", "--offline", "--locked", "--filter-platform"])
-        .args(["x86_64-unknown-linux-gnu", "--filter-platform", "thumbv7em-none-eabihf"])
+        .args([
+            "metadata",
+            "--format-version",
+            "1",
+            "--locked",
+            "--filter-platform",
+            "x86_64-unknown-linux-gnu",
+        ])
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
