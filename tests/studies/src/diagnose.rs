@@ -161,7 +161,7 @@ fn outcome(hidden: &Hidden, seed: u64) -> Option<Outcome> {
         chi2_after: found.gap.as_ref().map(|gap| gap.after.chi2_reduced),
         expected_gain: expected.as_ref().map(|expected| expected.gain),
         expected_apart: expected.as_ref().map(|expected| expected.apart),
-        rival: expected.and_then(|expected| expected.rival),
+        rival: expected.and_then(|expected| expected.competitor),
         p: [found.adequacy[0].p, found.adequacy[1].p],
         partial: found.partial,
         gain: found.effects.first().map(|effect| effect.log_evidence_gain),

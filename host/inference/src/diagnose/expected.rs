@@ -1,6 +1,6 @@
-//! What a diagnosis should find in a session, if the truth were known: whether an effect can be told from its rivals at all is
-//! computed, not judged by an outcome. The truth's predictions without noise take the place of the readings, and the fits of all rivals
-//! to them give the expected gain of chi-square and the expected log evidence over the nearest rival.
+//! What a diagnosis should find in a session, if the truth were known: whether an effect can be distinguished from competing ones is
+//! computed, not judged by an outcome. The truth's predictions without noise take the place of the readings, and the fits of all effects
+//! to them give the expected gain of chi-square and the expected log evidence over the nearest competing effect.
 
 use super::evidence::Patterns;
 use super::layout::{Layout, differences};
@@ -31,10 +31,10 @@ pub struct Truth<'a> {
 pub struct Expected {
     /// Gain of chi-square over the plain model, beside the stated tolerances of a rig.
     pub gain: f64,
-    /// Log evidence over the nearest rival; no effect at all is a rival too.
+    /// Log evidence over the nearest competing effect; no effect at all competes too.
     pub apart: f64,
-    /// The nearest rival effect.
-    pub rival: Option<String>,
+    /// The nearest competing effect.
+    pub competitor: Option<String>,
 }
 
 /// What is to be expected of a session laid out like this one, if this were the truth; nothing where the session has no runs that
@@ -89,8 +89,8 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
             .max_by(|a, b| a.0.total_cmp(&b.0))
     };
     let own = gain_of(true).map_or(one_sided(hidden) - 5.0, |(gain, _)| gain);
-    let rival = gain_of(false);
-    // Nothing at all is a rival too.
-    let nearest = rival.map_or(0.0, |(gain, _)| gain).max(0.0);
-    Some(Expected { gain: misfit, apart: own - nearest, rival: rival.map(|(_, id)| id.to_owned()) })
+    let competitor = gain_of(false);
+    // No effect at all competes too.
+    let nearest = competitor.map_or(0.0, |(gain, _)| gain).max(0.0);
+    Some(Expected { gain: misfit, apart: own - nearest, competitor: competitor.map(|(_, id)| id.to_owned()) })
 }

@@ -33,7 +33,7 @@ const SWEEP_RESERVE_MS: u64 = 500;
 /// Wall-clock time at a crawl after which a silent host is let be silent. A program whose thread is ready to run gets processor
 /// time within a fraction of this, also where ten others want it.
 const TIMEOUT: Duration = Duration::from_secs(4);
-/// Silence limit of the host before the device has told another one, milliseconds.
+/// Silence limit of the host before the device has stated another one, milliseconds.
 const SILENCE_LIMIT_MS: u64 = 2_000;
 
 /// A motion program that a host is going to start, in the order in which they start.
@@ -86,7 +86,7 @@ pub(super) struct Gate {
     may_be_silent: bool,
     /// A program is pending or runs.
     active: bool,
-    /// When the last program ended, microseconds: what was said of the time before tells nothing of the next one.
+    /// When the last program ended, microseconds: states from before do not belong to the next one.
     ended_us: u64,
     silence_limit_ms: u64,
     /// When a command was answered last.
@@ -332,7 +332,7 @@ mod tests {
         gate.hear(5_001, &status(4_999, State::Moving, 60_000));
         gate.hear(5_002, &status(5_002, State::Idle, 60_000));
         assert_eq!(first_wait(&mut gate, 5_003..10_000, now), Some((10_000 - reserve, Waiting::Start)));
-        assert_eq!(gate.waiting(10_000, now), None, "it is too late now: the host is told so by the device");
+        assert_eq!(gate.waiting(10_000, now), None, "it is too late now: the device refuses the program");
     }
 
     #[test]

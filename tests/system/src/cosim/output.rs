@@ -33,7 +33,7 @@ impl Output {
         Ok(Self { pipe, receiver: EnvelopeReceiver::new() })
     }
 
-    /// Hands out what was said since the last call, in order; returns of how many bytes. What is no message is left out.
+    /// Hands out what was said since the last call, in order; returns of how many bytes. What is no message is skipped.
     pub(super) fn drain(&mut self, mut take: impl FnMut(&Message)) -> u64 {
         let (mut bytes, mut count) = ([0; 1024], 0);
         while let Ok(length @ 1..) = self.pipe.read(&mut bytes) {
