@@ -1,7 +1,7 @@
 //! `cargo xtask demo` and `cargo xtask rig`: the whole system at work on a machine without a board.
 //!
-//! The demonstration types the commands a user would type and shows what they say. Its motions start at fixed times of the
-//! device's clock, and the rig advances with that clock, so the same seed gives the same numbers on any machine. The rig knows
+//! The demonstration types the commands a user would type and shows what they print. Its motions start at fixed times of the
+//! device's clock, and the rig advances with that clock, so the same seed gives the same numbers on any machine. The rig has
 //! these times, and waits for a command that a busy machine has not come to yet.
 
 pub mod hidden;
@@ -34,7 +34,7 @@ const ACQUIRE_AT_S: u32 = 15;
 /// Insertions of the needle after the modulus is known.
 const INSERTIONS: usize = 4;
 /// Rig seconds per second.
-const SPEED: f64 = 2.0;
+const SPEED: f64 = 4.0;
 
 /// Options of `cargo xtask demo`.
 #[derive(clap::Args)]
@@ -94,20 +94,21 @@ impl Outcome {
         Ok(self.number("likelihood", "k_kpa")? / (self.truth.modulus_pa * 1e-3) - 1.0)
     }
 
-    /// Share of the measured tip positions beyond what was seen that lie inside the predicted bands.
+    /// Share of the measured tip positions beyond the last reading used that lie inside the predicted bands.
     pub fn share_inside(&self) -> f64 {
         let (mut inside, mut all) = (0.0, 0.0);
         for one in self.predicted["insertions"].as_array().into_iter().flatten() {
             for plane in ["y", "x"] {
                 let list =
                     |name: &str| one[format!("{name}_{plane}_mm")].as_array().cloned().unwrap_or_default();
-                let (low, high, seen) = (list("lo95"), list("hi95"), list("measured"));
-                for (i, seen) in seen.iter().enumerate().skip(51) {
+                let (low, high, measured) = (list("lo95"), list("hi95"), list("measured"));
+                for (i, measured) in measured.iter().enumerate().skip(51) {
                     let number = |list: &[Value]| list.get(i).and_then(Value::as_f64);
-                    if let (Some(seen), Some(low), Some(high)) = (seen.as_f64(), number(&low), number(&high))
+                    if let (Some(measured), Some(low), Some(high)) =
+                        (measured.as_f64(), number(&low), number(&high))
                     {
                         all += 1.0;
-                        inside += f64::from(u8::from((low..=high).contains(&seen)));
+                        inside += f64::from(u8::from((low..=high).contains(&measured)));
                     }
                 }
             }
@@ -129,7 +130,7 @@ impl Outcome {
         errors.iter().sum::<f64>() / errors.len() as f64
     }
 
-    /// Samples that the session says were lost between the first and the last.
+    /// Samples that the session counts as lost between the first and the last.
     pub fn lost_samples(&self) -> f64 {
         self.session.lateral.iter().flat_map(|run| run.force.lost_before.iter().flatten()).sum()
     }
@@ -157,7 +158,7 @@ pub fn run(args: &Args) -> Result<()> {
     let found = hidden::diagnosis(&this_program()?, args.seed, &args.out, &hidden::PLAN, &mut |text| {
         print!("{text}")
     })?;
-    println!("{}", found.told(args.seed));
+    println!("{}", found.summary(args.seed));
     println!("figures and the augmented model are in {}", args.out.display());
     let (lost, error) = (outcome.lost_samples(), outcome.error()?);
     ensure!(lost == 0.0, "{lost} samples were lost on the way");
@@ -175,7 +176,7 @@ pub fn judgement(outcome: &Outcome, seed: u64, out: &Path) -> Result<String> {
     let [low_kpa, high_kpa] = outcome.interval_kpa()?;
     let verdict = if (low_kpa..=high_kpa).contains(&true_kpa) { "contains" } else { "misses" };
     Ok(format!(
-        "what nobody told the estimator (seed {seed}):
+        "ground truth, hidden from the estimator (seed {seed}):
   true K           {true_kpa:.2} kPa
   identified K     {found_kpa:.2} kPa, off by {:+.1} %
   95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K
@@ -196,12 +197,12 @@ const SESSION: &str = "phantom";
 /// The motion program of the measurement.
 const PROGRAM: &str = "displace";
 
-/// Homes, tares, displaces, holds, records and identifies with the program `guide`; `say` gets what a user would see. `xtask` is
+/// Homes, tares, displaces, holds, records and identifies with the program `guide`; `show` gets what a user would read. `xtask` is
 /// the program that takes sweeps from the rig.
 ///
 /// # Errors
 /// Where a command fails.
-pub fn procedure(xtask: &Path, seed: u64, out: &Path, say: &mut dyn FnMut(&str)) -> Result<Outcome> {
+pub fn procedure(xtask: &Path, seed: u64, out: &Path, show: &mut dyn FnMut(&str)) -> Result<Outcome> {
     let guide = images::build_guide()?;
     let config = RigConfig::default();
     let session = out.join(SESSION);
@@ -225,7 +226,7 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, say: &mut dyn FnMut(&str))
     let port = bench.port();
     let sweep = sweep_command(xtask, &bench);
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
-    let mut guide = Typist { program: guide, say };
+    let mut guide = Typist { program: guide, show };
     let [home_at, tare_at, acquire_at] = [HOME_AT_S, TARE_AT_S, ACQUIRE_AT_S].map(|at_s| at_s.to_string());
     guide.shown(&["home", "--port", &port, "--at-s", &home_at])?;
     guide.shown(&["tare", "--port", &port, "--at-s", &tare_at])?;
@@ -238,7 +239,7 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, say: &mut dyn FnMut(&str))
     bench.stop()?;
     guide.shown(&["identify", session])?;
     let elapsed = began.elapsed();
-    (guide.say)(
+    (guide.show)(
         "(the needle is inserted by hand, and its tip tracked, four times: i1 to i4 of the session)\n\n",
     );
     record(Path::new(session), &user_rig, &insertions)?;
@@ -299,18 +300,18 @@ fn path(path: &Path) -> Result<&str> {
     path.to_str().with_context(|| format!("{} is not UTF-8", path.display()))
 }
 
-/// Types commands and shows what they say.
+/// Types commands and shows what they print.
 struct Typist<'a> {
     program: PathBuf,
-    say: &'a mut dyn FnMut(&str),
+    show: &'a mut dyn FnMut(&str),
 }
 
 impl Typist<'_> {
     fn shown(&mut self, arguments: &[&str]) -> Result<()> {
         self.echo(arguments);
-        let said = self.output(arguments)?;
-        (self.say)(&said);
-        (self.say)("\n");
+        let printed = self.output(arguments)?;
+        (self.show)(&printed);
+        (self.show)("\n");
         Ok(())
     }
 
@@ -321,13 +322,13 @@ impl Typist<'_> {
             text if text.contains(' ') => format!("\"{text}\""),
             text => text.to_owned(),
         });
-        (self.say)(&format!("$ guide {}\n", quoted.collect::<Vec<_>>().join(" ")));
+        (self.show)(&format!("$ guide {}\n", quoted.collect::<Vec<_>>().join(" ")));
     }
 
     fn output(&self, arguments: &[&str]) -> Result<String> {
         let output = Command::new(&self.program).args(arguments).stdin(Stdio::null()).output()?;
-        let said = String::from_utf8_lossy(&output.stderr);
-        ensure!(output.status.success(), "guide {}: {}", arguments.join(" "), said.trim());
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        ensure!(output.status.success(), "guide {}: {}", arguments.join(" "), stderr.trim());
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
 }

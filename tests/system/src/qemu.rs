@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -18,7 +18,7 @@ const QEMU: &str = "qemu-system-arm";
 const ICOUNT_SHIFT: u32 = 2;
 /// After this, by the computer's clock, something hangs. No limit of speed: many times what the slowest computer takes.
 pub const HANGS: Duration = Duration::from_secs(1_800);
-/// How often the end of QEMU is looked for.
+/// How often the end of QEMU is polled.
 const POLL: Duration = Duration::from_millis(20);
 
 /// Lines of the firmware's log that are kept, so that a run of hours takes no more memory than one of minutes.
@@ -35,24 +35,36 @@ pub struct Qemu {
     _turn: Turn,
 }
 
-/// One QEMU of a process runs at a time: it takes a whole processor, and rig, link and test want theirs while it runs. Two on a
-/// small machine starve each other until answers come too late.
-static TURN: Mutex<()> = Mutex::new(());
+/// QEMUs of this process that run now.
+static RUNNING: Mutex<usize> = Mutex::new(0);
+/// One of them ended.
+static ENDED: Condvar = Condvar::new();
 
-/// The right to run a QEMU. Whoever starts something that waits for QEMU takes the turn first, and then starts it.
+/// The right to run a QEMU, which takes about a processor: as many run at a time as there are processors. Code that starts something
+/// that waits for QEMU takes the turn first, and then starts it.
 #[derive(Debug)]
-pub struct Turn {
-    _guard: MutexGuard<'static, ()>,
-}
+pub struct Turn(());
 
 /// Waits for its turn.
 pub fn turn() -> Turn {
-    Turn { _guard: TURN.lock().unwrap_or_else(PoisonError::into_inner) }
+    let processors = thread::available_parallelism().map_or(1, usize::from);
+    let running = RUNNING.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut running =
+        ENDED.wait_while(running, |running| *running >= processors).unwrap_or_else(PoisonError::into_inner);
+    *running += 1;
+    Turn(())
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        *RUNNING.lock().unwrap_or_else(PoisonError::into_inner) -= 1;
+        ENDED.notify_one();
+    }
 }
 
 impl Qemu {
     /// Starts an image with its working folder, where the plant pipes are and the serial port's link appears. It is killed when
-    /// the time limit is over, whatever hangs.
+    /// the time limit is over, even if it hangs.
     ///
     /// # Errors
     /// Where QEMU cannot be started or its serial port does not appear.
@@ -60,7 +72,7 @@ impl Qemu {
         let serial = folder.join("serial");
         let mut port = format!("pty,id=usb,path={}", serial.display());
         if folder.join(OUTPUT_PIPE).exists() {
-            // Somebody wants to know what the device says.
+            // The device's output is read.
             port += &format!(",logfile={OUTPUT_PIPE}");
         }
         let mut child = Command::new(QEMU)
@@ -141,9 +153,9 @@ impl Qemu {
     /// How it ended; `None` while it runs.
     ///
     /// # Errors
-    /// Where the system does not say.
+    /// Where the system does not report it.
     pub fn exited(&self) -> Result<Option<ExitStatus>> {
-        self.child.lock().unwrap_or_else(PoisonError::into_inner).try_wait().context("cannot look after QEMU")
+        self.child.lock().unwrap_or_else(PoisonError::into_inner).try_wait().context("cannot check QEMU")
     }
 
     fn await_serial(&self) -> Result<()> {
@@ -191,7 +203,7 @@ fn kill_at(child: &Arc<Mutex<Child>>, deadline: Arc<Mutex<Option<Instant>>>) -> 
 }
 
 fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) {
-    let say = |line: String| {
+    let push = |line: String| {
         let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
         if log.len() == LOG_LINES {
             log.pop_front();
@@ -200,7 +212,7 @@ fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) 
     };
     let table = match Table::parse(image) {
         Ok(Some(table)) => table,
-        _ => return say("(the image has no log table)".to_owned()),
+        _ => return push("(the image has no log table)".to_owned()),
     };
     let mut decoder = table.new_stream_decoder();
     let mut buffer = [0; 1024];
@@ -208,10 +220,10 @@ fn decode(image: &[u8], mut stdout: ChildStdout, log: &Mutex<VecDeque<String>>) 
         decoder.received(buffer.get(..length).unwrap_or_default());
         loop {
             match decoder.decode() {
-                Ok(frame) => say(frame.display(false).to_string()),
+                Ok(frame) => push(frame.display(false).to_string()),
                 Err(DecodeError::UnexpectedEof) => break,
                 Err(DecodeError::Malformed) if table.encoding().can_recover() => {}
-                Err(DecodeError::Malformed) => return say("(the log is garbled from here on)".to_owned()),
+                Err(DecodeError::Malformed) => return push("(the log is garbled from here on)".to_owned()),
             }
         }
     }
