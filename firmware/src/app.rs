@@ -4,10 +4,10 @@
 //! |---|---|---|---|
 //! | control | interrupt | sensors, actuators, panel, controller | one control period every millisecond |
 //! | receive | background | receiving half of the serial port | bytes to commands |
-//! | send | background | sending half of the serial port | what the control task has to say to frames |
+//! | send | background | sending half of the serial port | the control task's output to frames |
 //! | housekeep | background | nothing | measures the stack; restarts with a new calibration |
 //!
-//! Commands go to the control task through [`COMMANDS`], everything it has to say goes to the send task through [`OUTBOX`], in
+//! Commands go to the control task through [`COMMANDS`], everything it sends goes to the send task through [`OUTBOX`], in
 //! order. The control task never waits for either: when the link is slow, whole batches of samples are dropped and counted
 //! ([`control::telemetry`]). It feeds the watchdog in every period, and only while every background task has shown
 //! within [`CHECK_IN_LIMIT_PERIODS`] that it runs, so that no task can hang unnoticed.
@@ -63,7 +63,7 @@ const NO_COUNTERS: Counters = Counters {
 static IDLE_US: AtomicU32 = AtomicU32::new(0);
 /// Bytes of the stack that have never been used.
 static STACK_FREE_BYTES: AtomicU32 = AtomicU32::new(0);
-/// Background tasks that have run since the control task last looked.
+/// Background tasks that have run since the control task last checked.
 static CHECKED_IN: AtomicU8 = AtomicU8::new(0);
 
 /// A background task, by the bit with which it checks in.
@@ -158,7 +158,7 @@ async fn housekeep() {
     }
 }
 
-/// The queue as the telemetry sees it.
+/// The queue in the form that the telemetry uses.
 struct Queue;
 
 impl Outbox for Queue {
@@ -180,7 +180,7 @@ struct Meter {
 impl Meter {
     /// A period has begun so late and taken so long.
     fn period(&mut self, late: Duration, worked: Duration) {
-        // The clock's step is added: what is less than a microsecond longer must not look shorter.
+        // The clock's step is added: what is less than a microsecond longer must not appear shorter.
         let ceil_us = |duration: Duration| u16::try_from(duration.as_micros() + 1).unwrap_or(u16::MAX);
         let load = &mut self.load;
         load.longest_period_us = load.longest_period_us.max(ceil_us(worked));
@@ -207,7 +207,7 @@ async fn control(
     let mut telemetry = Telemetry::new();
     let mut meter = Meter { load: Load::default(), periods: 0 };
     let mut led = false;
-    let mut unseen_periods = 0_u32;
+    let mut silent_periods = 0_u32;
 
     // Whole periods since start, so that sample times are multiples of the period.
     let mut due = Instant::from_micros(Instant::now().as_micros().next_multiple_of(PERIOD_US.into()));
@@ -216,7 +216,7 @@ async fn control(
         Timer::at(due).await;
         let began = Instant::now();
         let late = began.saturating_duration_since(due);
-        // What can no longer be caught up is skipped; the host sees the gap in the sample times.
+        // What can no longer be caught up is skipped; the host finds the gap in the sample times.
         due += PERIOD * (late.as_micros() / u64::from(PERIOD_US)) as u32;
 
         let received = RECEIVE_COUNTERS.lock(Cell::get);
@@ -240,12 +240,12 @@ async fn control(
             led = outputs.led;
             panel.led(led);
         }
-        unseen_periods = unseen_periods.saturating_add(1);
+        silent_periods = silent_periods.saturating_add(1);
         if CHECKED_IN.load(Ordering::Relaxed) == EVERY_BACKGROUND {
             CHECKED_IN.store(0, Ordering::Relaxed);
-            unseen_periods = 0;
+            silent_periods = 0;
         }
-        if unseen_periods < CHECK_IN_LIMIT_PERIODS {
+        if silent_periods < CHECK_IN_LIMIT_PERIODS {
             panel.feed_watchdog();
         }
         outputs.notes.iter().for_each(log);

@@ -23,7 +23,7 @@ const BOOT: u32 = 1;
 /// Periods that are measured: five minutes.
 const PERIODS: u32 = 300_000;
 /// Periods between two commands.
-const ASKS_EVERY: u32 = 3;
+const COMMAND_PERIODS: u32 = 3;
 /// Full speed of the actuators, micrometres per second.
 const FULL_SPEED_UM_S: f32 = 20_000.0;
 
@@ -83,9 +83,9 @@ impl Plant {
     }
 }
 
-/// A host that asks for everything.
+/// A host that requests everything.
 struct Host {
-    /// It has yet to say hello to this start.
+    /// It has yet to send a hello to this start.
     greets: bool,
     turn: u32,
     steps: [Step; MAX_STEPS],
@@ -114,7 +114,7 @@ impl Host {
         Self { greets: true, turn: 0, steps, calibration, length: bytes.len() }
     }
 
-    fn asks(&mut self, random: &mut Random) -> Request {
+    fn next_request(&mut self, random: &mut Random) -> Request {
         if core::mem::take(&mut self.greets) {
             return Request::Hello;
         }
@@ -167,8 +167,11 @@ fn main() -> ! {
     let (mut sum, mut most, mut driven, mut notes, mut faults) = (0_u64, 0_u32, 0_u32, 0_u32, 0_u32);
     for period in 1..=PERIODS {
         let now_us = u64::from(period) * u64::from(PERIOD_US);
-        let command =
-            (period % ASKS_EVERY == 0).then(|| Command { id, connection, request: host.asks(&mut random) });
+        let command = (period % COMMAND_PERIODS == 0).then(|| Command {
+            id,
+            connection,
+            request: host.next_request(&mut random),
+        });
         id = id.wrapping_add(command.is_some().into());
         let inputs = Inputs {
             now_us,

@@ -1,7 +1,7 @@
 //! Every operation of the page of benches ([`README.md`](README.md)) without its peers: `cargo bench --bench operations`. The page, with
 //! them: `cargo xtask bench`.
 
-#![allow(dead_code, reason = "the modules are those of the page, which says more of them")]
+#![allow(dead_code, reason = "the modules are those of the page, which uses more of them")]
 
 #[path = "beside/src/clock.rs"]
 mod clock;

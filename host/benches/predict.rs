@@ -1,7 +1,7 @@
 //! Speed of the prediction: the insertion model, a whole session of twelve insertions on one core, learning from five insertions, and one step of the live form (a reading goes in, the
 //! path to 140 mm with its band comes out), which has to keep up with a tracker at 100 Hz.
 
-#![allow(dead_code, reason = "the modules are those of the page of benches, which says more of them")]
+#![allow(dead_code, reason = "the modules are those of the page of benches, which uses more of them")]
 
 #[path = "beside/src/clock.rs"]
 mod clock;
@@ -106,7 +106,7 @@ fn main() {
         bencher.iter(|| {
             let mut live = followed.clone();
             live.push(0.07, black_box([2e-3, 0.0]));
-            live.belief().tip_m(&depths_m)
+            live.posterior().tip_m(&depths_m)
         });
     });
     criterion.final_summary();

@@ -1,7 +1,7 @@
 //! Cost of the online estimators: a whole steering run of 1001 samples (80 mm at 4 mm/s, one every 20 ms), so that milliseconds here
 //! are microseconds per update; the longest single update of the sound one; and the comparators on the same samples.
 
-#![allow(dead_code, reason = "the modules are those of the page of benches, which says more of them")]
+#![allow(dead_code, reason = "the modules are those of the page of benches, which uses more of them")]
 
 #[path = "beside/src/clock.rs"]
 mod clock;
@@ -24,7 +24,7 @@ fn main() {
     let needle = &rig.needle;
     let run = estimators::steering(1).expect("a run");
     let printed = Printed::default();
-    let told = FilterConfig {
+    let config = FilterConfig {
         start: [printed.start[1], printed.start[0]],
         base_sd_m: SENSORS.base_m,
         force_sd_n: SENSORS.force_n,
@@ -47,8 +47,8 @@ fn main() {
         Box::new(Sound::new(settings::<f32>(needle, &dynamics).expect("a needle")).expect("fits"))
     });
     bench("published", &|| Box::new(Published::new(needle, &dynamics, printed).expect("a needle")));
-    bench("EKF", &|| Box::new(Kalman::new(Kind::Extended, needle, &dynamics, told).expect("a needle")));
-    bench("UKF", &|| Box::new(Kalman::new(Kind::Unscented, needle, &dynamics, told).expect("a needle")));
+    bench("EKF", &|| Box::new(Kalman::new(Kind::Extended, needle, &dynamics, config).expect("a needle")));
+    bench("UKF", &|| Box::new(Kalman::new(Kind::Unscented, needle, &dynamics, config).expect("a needle")));
     group.finish();
     // The least of several runs is what each update takes when nothing else disturbs it.
     let mut least = vec![Duration::MAX; run.len()];

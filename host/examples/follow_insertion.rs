@@ -60,8 +60,8 @@ fn main() -> anyhow::Result<()> {
         let tip_x_m = followed.tip_x_m.as_ref().and_then(|tip_m| tip_m.get(row)).copied().unwrap_or(0.0);
         live.push(*depth_m, [*tip_y_m, tip_x_m]);
         if *depth_m >= next_m {
-            ensure!(live.belief().is_sound(), "no modulus and gap explain the readings up to here");
-            let predicted = live.belief().tip_m(&[end_m]);
+            ensure!(live.posterior().is_sound(), "no modulus and gap explain the readings up to here");
+            let predicted = live.posterior().tip_m(&[end_m]);
             let tip = predicted.first().and_then(|plane| plane.first()).context("no plane was measured")?;
             let [low_m, high_m] = [-HALF_BAND_SD, HALF_BAND_SD].map(|sds| tip.mean + sds * tip.sd);
             println!(

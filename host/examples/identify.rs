@@ -47,7 +47,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Modulus with its interval, and what to know before it is used.
+/// Modulus with its interval, and what to consider before it is used.
 fn print_modulus(name: &str, found: &Identification) {
     let pooled = &found.pooled;
     let [low_kpa, high_kpa] = pooled.ci95_kpa;

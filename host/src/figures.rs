@@ -44,8 +44,8 @@ pub fn shape(run: &RunResult) -> Result<String, FigureError> {
         let area = area.titled(&title, (FONT, 22)).map_err(failed)?;
         let (above, below) = area.split_vertically(430);
         let z_mm = range(run.shape.iter().flat_map(|shape| &shape.z_mm).copied());
-        let seen = run.shape.iter().flat_map(|shape| shape.measured_mm.iter().chain(&shape.fitted_mm));
-        let deflections = headroom(range(seen.copied()), run.shape.len(), 370);
+        let deflections = run.shape.iter().flat_map(|shape| shape.measured_mm.iter().chain(&shape.fitted_mm));
+        let deflections = headroom(range(deflections.copied()), run.shape.len(), 370);
         let mut chart = axes(&above, z_mm.clone(), deflections, "deflection, mm", "")?;
         for (index, shape) in run.shape.iter().enumerate() {
             let colour = Palette99::pick(index).to_rgba();
@@ -84,7 +84,7 @@ fn headroom(range: Range<f64>, lines: usize, pixels: u32) -> Range<f64> {
     range.start..range.end + (range.end - range.start) * share / (1.0 - share)
 }
 
-/// Rise of chi-square over K; nothing where the profile was not asked for.
+/// Rise of chi-square over K; nothing where the profile was not requested.
 ///
 /// # Errors
 /// [`FigureError`] where the drawing fails.

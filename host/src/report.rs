@@ -1,4 +1,4 @@
-//! A session's report for the lab notebook: what every analysis of it says, as one page that needs nothing else.
+//! A session's report for the lab notebook: the results of every analysis of it, as one page that needs nothing else.
 //!
 //! | step | file |
 //! |---|---|
@@ -6,7 +6,7 @@
 //! | the sections | `setup`, `identification`, `insertions`, `steering`, `discrepancy`, `origin` |
 //! | the page as HTML | `html` |
 //!
-//! An analysis that the session has nothing for is left out with a line that says so; one that fails is a line with its reason. The
+//! An analysis that the session has nothing for is skipped with a line that reports it; one that fails is a line with its reason. The
 //! same session, options and [`Origin`] give the same report, byte by byte.
 
 mod discrepancy;
@@ -37,7 +37,7 @@ const FIRST: usize = 6;
 /// What the user may choose.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Depth up to which each insertion is seen.
+    /// Depth up to which readings of each insertion are used.
     pub until_m: f64,
     /// Effects to take into the model, and its modulus where the session has no lateral runs.
     pub model: Option<ModelFile>,
@@ -63,14 +63,14 @@ pub struct Analyses {
 }
 
 impl Analyses {
-    /// Analyses a session; `tell` hears what goes on.
-    pub fn of(session: &Session, options: &Options, mut tell: impl FnMut(&str)) -> Self {
+    /// Analyses a session; `on_progress` is called with each step.
+    pub fn of(session: &Session, options: &Options, mut on_progress: impl FnMut(&str)) -> Self {
         let effects = options.model.as_ref().map(ModelFile::effects).unwrap_or_default();
         let discrepancy = options.model.as_ref().map(|model| model.discrepancy.clone()).unwrap_or_default();
         let has_lateral = !session.lateral.is_empty();
         let has_insertions = !session.insertion.is_empty();
 
-        tell("identifying");
+        on_progress("identifying");
         let of_identification = identify::Options {
             relation: YoungsBy::Continuum(Contact::Bonded),
             fixed: effects.clone(),
@@ -79,7 +79,7 @@ impl Analyses {
         };
         let identification =
             outcome(has_lateral, "the session has no lateral runs", || identify(session, &of_identification));
-        tell("predicting");
+        on_progress("predicting");
         let modulus_pa =
             options.model.as_ref().filter(|_| !has_lateral).and_then(ModelFile::modulus_and_sd_pa);
         let of_prediction = predict::Options {
@@ -91,7 +91,7 @@ impl Analyses {
         };
         let prediction =
             outcome(has_insertions, "the session has no insertions", || predict(session, &of_prediction));
-        tell("tracking");
+        on_progress("tracking");
         let tracking = outcome(!session.steering.is_empty(), "the session has no steering runs", || {
             track(session, &track::Options::default())
         });
@@ -103,8 +103,9 @@ impl Analyses {
             ..diagnose::Options::default()
         };
         let none = "the session has neither lateral runs nor insertions";
-        let diagnosis =
-            outcome(has_lateral || has_insertions, none, || diagnose(session, &of_diagnosis, &mut tell));
+        let diagnosis = outcome(has_lateral || has_insertions, none, || {
+            diagnose(session, &of_diagnosis, &mut on_progress)
+        });
         Self { identification, prediction, tracking, diagnosis }
     }
 

@@ -61,7 +61,7 @@ fn writer(folder: &Path) -> SessionWriter {
     SessionWriter::open(
         folder,
         &Setup {
-            name: "made up".to_owned(),
+            name: "simulated".to_owned(),
             rig: rig(),
             fixture_mass_kg: None,
             noise,
@@ -228,7 +228,7 @@ fn recordings_of_others_are_imported() {
     let done = json(&["import", "trajcontrol", path(&recordings), "--out", path(&out), "--json"]);
     assert_eq!(done["insertions"].as_array().map(Vec::len), Some(2));
     assert!(
-        done["left_out"][0]["reason"].as_str().expect("a reason").contains("empty.csv:1:1: rows: no rows")
+        done["skipped"][0]["reason"].as_str().expect("a reason").contains("empty.csv:1:1: rows: no rows")
     );
     let found = json(&["predict", path(&out), "--json"]);
     assert!(found["insertions"][0]["mae_mm"].as_f64().expect("measured") < 0.3);
@@ -247,7 +247,7 @@ fn recordings_of_others_are_imported() {
     let more = json(&[&["import", "trajcontrol"], &mixed[..], &["--out", path(&out), "--json"]].concat());
     assert_eq!(more["insertions"][0]["id"], "run_3");
     assert_eq!(more["insertions"][0]["skipped"][1]["reason"], "jump");
-    assert_eq!(more["left_out"].as_array().map(Vec::len), Some(3));
+    assert_eq!(more["skipped"].as_array().map(Vec::len), Some(3));
     json(&["check", path(&out), "--json"]);
     assert_eq!(json(&["predict", path(&out), "--json"])["insertions"].as_array().map(Vec::len), Some(3));
     // A second time their names are taken.
@@ -291,7 +291,7 @@ fn steering_runs_are_simulated_and_tracked() {
     assert_eq!(made["runs"][0]["mean_stiffness_n_per_m2"], 20000.0);
     let figures = folder.path().join("figures");
     let found = json(&["track", path(&dir), "--json", "--compare", "--plots", path(&figures)]);
-    assert_eq!(found["schema"], "guide.track/1");
+    assert_eq!(found["schema"], "guide.track/2");
     let run = &found["runs"][0];
     assert_eq!(run["id"], "s8");
     let last = &run["last"]["stiffness_n_per_m2"];
@@ -315,8 +315,8 @@ fn steering_runs_are_simulated_and_tracked() {
     let straight = &found["runs"][1];
     assert!(straight["last"]["stiffness_n_per_m2"]["value"].is_null(), "{}", straight["last"]);
     assert!(straight["damping_n_s_per_m2"].as_array().expect("a list").iter().all(Value::is_null));
-    let said = text(&guide(&["track", path(&dir)]).stdout);
-    assert!(said.contains("straight: stiffness cannot be told from this motion"), "{said}");
+    let printed = text(&guide(&["track", path(&dir)]).stdout);
+    assert!(printed.contains("straight: stiffness is not identifiable from this motion"), "{printed}");
     assert!(figures.join("s8.track.svg").exists());
     // The same seed makes the same session; another one, or a run that is there, does not.
     let again = folder.path().join("again");
@@ -333,8 +333,8 @@ fn steering_faults_name_their_place() {
     let out = folder.path().join("out");
     let fails = |text: &str, expected: &str| {
         fs::write(&config, text).expect("written");
-        let said = failure(&["simulate", "--config", path(&config), "--out", path(&out)]);
-        assert!(said.contains(expected), "{said}");
+        let printed = failure(&["simulate", "--config", path(&config), "--out", path(&out)]);
+        assert!(printed.contains(expected), "{printed}");
     };
     fails(&STEERING.replace("length_mm = 130.0", ""), "steering.toml:2:1: needle.length_mm: missing");
     fails(&STEERING.replace("fixture_mass_kg = 0.3", ""), "rig.fixture_mass_kg: missing");
@@ -362,10 +362,10 @@ fn steering_faults_name_their_place() {
     fs::write(&toml, fs::read_to_string(&toml).expect("written") + entry).expect("written");
     assert!(failure(&["track", dir]).contains("[needle] length_mm: missing"));
     let found = json(&["track", dir, "--length-mm", "130", "--json"]);
-    // Two samples tell nothing, and no number is made of them.
+    // Two samples identify nothing, and no number is made of them.
     assert!(found["runs"][0]["last"]["stiffness_n_per_m2"]["value"].is_null(), "{}", found["runs"][0]);
-    let said = found["runs"][0]["warnings"].to_string();
-    assert!(said.contains("can be told") || said.contains("cannot be told"), "{said}");
+    let printed = found["runs"][0]["warnings"].to_string();
+    assert!(printed.contains("identifiable"), "{printed}");
     fs::write(folder.path().join("s1.csv"), csv.replace("\n0.1,", "\nx,")).expect("written");
     assert!(
         failure(&["track", dir, "--length-mm", "130"]).contains("s1.csv:3:1: time_s"),
@@ -378,7 +378,7 @@ fn steering_faults_name_their_place() {
 }
 
 #[test]
-fn a_calibration_file_is_checked_before_any_device_is_asked() {
+fn a_calibration_file_is_checked_before_any_device_is_opened() {
     let folder = folder();
     let file = folder.path().join("unit-7.toml");
     let text = "id = \"unit-7\"\ntravel_mm = 10\nforce_range_n = 5\nforce_n_per_code = [[9.31e-7, 0], [0, 9.31e-7]]\n\
@@ -389,8 +389,8 @@ fn a_calibration_file_is_checked_before_any_device_is_asked() {
         failure(&["calibration", "--port", "/dev/no-such-port", "--store", path(&file)])
     };
     assert!(store(text).contains("no such port"));
-    let said = store(&text.replacen("[-25, 25]", "[-25, 25, 26]", 1));
-    assert!(said.contains("unit-7.toml:8:13: potentiometer.x.rising_mm: a list of 3"), "{said}");
+    let printed = store(&text.replacen("[-25, 25]", "[-25, 25, 26]", 1));
+    assert!(printed.contains("unit-7.toml:8:13: potentiometer.x.rising_mm: a list of 3"), "{printed}");
     assert!(failure(&["limits", "--port", "/dev/no-such-port", "--force-n", "2"]).contains("no such port"));
 }
 
@@ -408,13 +408,13 @@ fn runs_with_different_calibrations_are_named() {
         fs::write(&toml, text).expect("writes");
         let output = guide(&["identify", dir]);
         assert!(output.status.success(), "{}", text_of(&output));
-        let said = text_of(&output);
-        assert_eq!(said.contains("different calibrations"), warned, "{said}");
-        assert!(!warned || said.contains("d30-1 with 0000002a; again with 1a2b3c4d"), "{said}");
+        let printed = text_of(&output);
+        assert_eq!(printed.contains("different calibrations"), warned, "{printed}");
+        assert!(!warned || printed.contains("d30-1 with 0000002a; again with 1a2b3c4d"), "{printed}");
     }
 }
 
-/// What a command said beside its result.
+/// What a command printed beside its result.
 fn text_of(output: &Output) -> String {
     text(&output.stderr)
 }

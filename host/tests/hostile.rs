@@ -1,4 +1,4 @@
-//! Malformed inputs and what `guide` says of each, word for word; and odd ones that it takes as they are, so that it does not grow
+//! Malformed inputs and what `guide` prints of each, word for word; and unusual ones that it takes as they are, so that it does not grow
 //! stricter.
 //!
 //! `hostile/base` is a small sound session with a file of every other kind beside it. A case is a folder in `hostile/cases` whose files
@@ -48,7 +48,7 @@ struct Case {
     stdout: Vec<String>,
     /// The input is sound: the result is that of this other case.
     same_as: Option<String>,
-    /// The input is sound, though it looks odd.
+    /// The input is sound, though it is unusual.
     #[serde(default)]
     sound: bool,
 }
@@ -109,7 +109,7 @@ fn guide(case: &Case, command: &str) -> Outcome {
         String::from_utf8_lossy(&text).into_owned()
     };
     thread::scope(|scope| {
-        let said = scope.spawn(|| read(&mut stdout));
+        let printed = scope.spawn(|| read(&mut stdout));
         let remarks = scope.spawn(|| read(&mut stderr));
         let deadline = Instant::now() + LIMIT;
         let status = loop {
@@ -123,17 +123,17 @@ fn guide(case: &Case, command: &str) -> Outcome {
                 None => thread::sleep(Duration::from_millis(2)),
             }
         };
-        let [stdout, stderr] = [said, remarks].map(|text| text.join().expect("read"));
+        let [stdout, stderr] = [printed, remarks].map(|text| text.join().expect("read"));
         Outcome { exit: status.and_then(|status| status.code()), stdout, stderr }
     })
 }
 
-/// How what happened differs from what the table says; nothing where it does not.
+/// How what happened differs from what the table states; nothing where it does not.
 fn deviations(case: &Case, others: &[Case]) -> String {
-    let mut told = String::new();
+    let mut deviations = String::new();
     let Outcome { exit, stdout, stderr } = guide(case, &case.command);
     let mut differ = |what: &str, expected: &str, got: &str| {
-        let _ = writeln!(told, "  {what}\n    expected {expected}\n    got      {got}");
+        let _ = writeln!(deviations, "  {what}\n    expected {expected}\n    got      {got}");
     };
     match exit {
         None => differ("time", "an end within 10 s", "none, or a signal"),
@@ -148,7 +148,7 @@ fn deviations(case: &Case, others: &[Case]) -> String {
             differ("standard output", line, stdout.trim_end());
         }
     }
-    // What stops a command with a place in the session is what a check of the session says.
+    // What stops a command with a place in the session is what a check of the session reports.
     if let [message] = case.stderr.as_slice()
         && let Some(finding) = message.strip_prefix("error: ./")
     {
@@ -165,7 +165,7 @@ fn deviations(case: &Case, others: &[Case]) -> String {
             differ("result", expected.stdout.trim_end(), stdout.trim_end());
         }
     }
-    told
+    deviations
 }
 
 fn table() -> Vec<Case> {
@@ -174,18 +174,19 @@ fn table() -> Vec<Case> {
 }
 
 #[test]
-fn malformed_inputs_are_told_and_sound_ones_taken() {
+fn rejects_malformed_inputs_and_accepts_sound_ones() {
     let cases = table();
     let malformed = cases.iter().filter(|case| !case.sound).count();
     assert!(malformed >= MIN_CASES, "{malformed} malformed inputs, expected {MIN_CASES}");
-    let (next, told) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let (next, failures) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     thread::scope(|scope| {
         for _ in 0..WORKERS {
             scope.spawn(|| {
                 while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let found = deviations(case, &cases);
                     if !found.is_empty() {
-                        told.lock()
+                        failures
+                            .lock()
                             .expect("a list")
                             .push(format!("{}: {}\n{found}", case.name, case.command));
                     }
@@ -193,9 +194,15 @@ fn malformed_inputs_are_told_and_sound_ones_taken() {
             });
         }
     });
-    let mut told = told.into_inner().expect("a list");
-    told.sort();
-    assert!(told.is_empty(), "{} of {} cases deviate\n\n{}", told.len(), cases.len(), told.join("\n"));
+    let mut failures = failures.into_inner().expect("a list");
+    failures.sort();
+    assert!(
+        failures.is_empty(),
+        "{} of {} cases deviate\n\n{}",
+        failures.len(),
+        cases.len(),
+        failures.join("\n")
+    );
 }
 
 #[test]

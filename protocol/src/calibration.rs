@@ -1,7 +1,7 @@
 //! The constants of one rig, as the host sends them and the device keeps them.
 //!
 //! A record is sent in pieces of [`PIECE_BYTES`] (`Request::LoadCalibration`) and then stored (`Request::StoreCalibration`) if
-//! its checksum is the one that was meant. The device keeps it through power-off and says its id and checksum in every hello, so
+//! its checksum is the one that was meant. The device keeps it through power-off and reports its id and checksum in every hello, so
 //! that each recording can name the constants it was made with.
 
 use crate::Text;

@@ -64,7 +64,7 @@ mod tests {
     }
 
     proptest! {
-        /// What the host's processor multiplies is what the device looks up, however the bytes are cut.
+        /// The host's multiplication equals the device's table, however the bytes are cut.
         #[test]
         fn host_and_device_agree(bytes: Vec<u8>, cut: prop::sample::Index) {
             let (first, second) = bytes.split_at(cut.index(bytes.len() + 1));

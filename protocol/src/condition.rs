@@ -27,7 +27,7 @@ pub struct Safety {
 pub enum CalibrationSource {
     /// From the calibration that is stored on the device.
     Stored,
-    /// None is stored: those of the rig as designed, which nobody has acknowledged since the start.
+    /// None is stored: those of the rig as designed, not acknowledged since the start.
     Nominal,
     /// The same, acknowledged: programs run.
     NominalAcknowledged,

@@ -98,7 +98,7 @@ impl Incoming for Command {
     }
 }
 
-/// The protocol version in the payload of an `Envelope` that holds a `Hello`, whatever follows it.
+/// The protocol version in the payload of an `Envelope` that holds a `Hello`, independent of what follows it.
 pub fn peek_hello_version(payload: &[u8]) -> Option<u16> {
     const HELLO: u32 = 0;
     match postcard::take_from_bytes::<(u32, u32, u32, u16)>(payload) {
@@ -184,7 +184,7 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
         event
     }
 
-    /// Takes a chunk and yields its events. Bytes beyond the last event asked for are not taken: exhaust it.
+    /// Takes a chunk and yields its events. Bytes beyond the last event requested are not taken: exhaust it.
     pub fn feed<'a>(&'a mut self, chunk: &'a [u8]) -> impl Iterator<Item = Received<T>> + 'a {
         let mut rest = chunk;
         core::iter::from_fn(move || {
@@ -204,7 +204,7 @@ impl<T: Incoming, const N: usize> Receiver<T, N> {
         })
     }
 
-    /// Takes as many bytes as fit and says how many.
+    /// Takes as many bytes as fit and returns how many.
     fn fill(&mut self, bytes: &[u8]) -> usize {
         let room = N - self.body.len();
         let fits = bytes.get(..room).unwrap_or(bytes);

@@ -2,14 +2,14 @@
 //!
 //! Two streams of bytes, one each way, over anything that carries eight-bit bytes in order (a UART, a USB serial port, a
 //! pseudo terminal). Bytes may be damaged or lost anywhere; nothing that is damaged is ever taken for a message, and what is
-//! lost is counted. The page says what is on the wire; the types say what the fields mean. Numbers on it are held to the code
+//! lost is counted. The page specifies the wire, the types document the fields. Numbers on it are held to the code
 //! by the tests, most of them by [`conformance`](#conformance), which also runs on the microcontroller.
 //!
 //! # A frame
 //!
 //! | on the wire, in this order | bytes | what |
 //! |---|---|---|
-//! | delimiter | 1 | `0x00`: ends whatever noise came before |
+//! | delimiter | 1 | `0x00`: ends any noise before it |
 //! | body, byte-stuffed ([COBS]) | | holds no `0x00`; 1 byte more than what it carries |
 //! | &nbsp; payload | 3 to 247 | the message in [postcard] format |
 //! | &nbsp; checksum | 4 | CRC-32/ISO-HDLC of the payload, little-endian: the one of zlib, Ethernet and PNG |
@@ -25,7 +25,7 @@
 //!
 //! A receiver ([`Receiver`]) drops what is longer than the bound up to the next delimiter, unstuffs, compares the checksum,
 //! and only then reads the message, which must use up the payload to its last byte. What fails is counted as
-//! over-long, corrupt or unreadable ([`Losses`]), costs no neighbour, and is never asked for again by the receiver.
+//! over-long, corrupt or unreadable ([`Losses`]), costs no neighbour, and is never requested again by the receiver.
 //!
 //! `Stop`, sent as command 300 of the connection `0xA1B2C3D4`:
 //!
@@ -49,7 +49,7 @@
 //! # Ok::<(), protocol::EncodeError>(())
 //! ```
 //!
-//! # What is said
+//! # Requests and messages
 //!
 //! The host sends a [`Command`]: `id`, `connection`, [`Request`]. The device sends an [`Envelope`]: `boot_id`, `sequence`,
 //! [`Message`]. The number is the variant's place, as it stands on the wire.
@@ -74,39 +74,39 @@
 //!
 //! | | message | when |
 //! |---|---|---|
-//! | 0 | [`Hello`] | asked for: version, schema hash, board, clock, sample period, value of a count, calibration, last panic |
+//! | 0 | [`Hello`] | on request: version, schema hash, board, clock, sample period, value of a count, calibration, last panic |
 //! | 1 | `Ack { id }` | the command was carried out, now or when it came before |
 //! | 2 | `Refused { id, refusal }` | it was not, and why: [`Refusal`] |
 //! | 3 | [`Samples`] | a batch is full or its state ended, while telemetry is on |
 //! | 4 | [`Event`] | a step began or ended, a tare was found, the program ended, a fault was latched |
-//! | 5 | [`Status`] | asked for, and ten times a second while telemetry is on: state, fault, position, force, counters, load, stiffness |
-//! | 6 | [`CalibrationRecord`] | asked for |
+//! | 5 | [`Status`] | on request, and ten times a second while telemetry is on: state, fault, position, force, counters, load, stiffness |
+//! | 6 | [`CalibrationRecord`] | on request |
 //! | 7 | `Connected { connection }` | after the hello |
-//! | 8 | [`Safety`] | asked for; while telemetry is on when it changes, and once a second |
-//! | 9 | [`Description`] | asked for |
+//! | 8 | [`Safety`] | on request; while telemetry is on when it changes, and once a second |
+//! | 9 | [`Description`] | on request |
 //!
 //! What each request is refused with in each state, the remedy of each refusal and fault, and what has changed from version to
 //! version stand in `protocol/spec/protocol.md`, beside the schema and the test vectors for other languages.
 //!
 //! # Rules
 //!
-//! * **Handshake.** The host says hello first, always; the device never assumes that it was. The version is at a place that no
-//!   version of the protocol moves, so that two versions can tell that they differ ([`peek_hello_version`]). With
-//!   equal [`VERSION`] the [`schema_hash`] of all types must be equal too, or nothing further is said.
+//! * **Handshake.** The host sends a hello first, always; the device never assumes one. The version is at a place that no
+//!   version of the protocol moves, so that two versions can detect that they differ ([`peek_hello_version`]). With
+//!   equal [`VERSION`] the [`schema_hash`] of all types must be equal too, or nothing further is sent.
 //! * **Commands are carried out once.** The host waits for `Ack` or `Refused` with the id of its command and sends the same
 //!   frame again when none comes; the device gives a repeat the answer it gave before and does nothing. Ids only grow within a
 //!   connection: a used one whose answer is forgotten, or that comes with another request, is refused. `Stop` and `Hello` are carried out
 //!   each time. One command is under way at a time.
 //! * **Connections.** A command without a valid token is refused (`Hello` and `Stop` excepted), so that nothing meant for the
-//!   state before a restart, and no frame from an earlier connection, happens after it. An envelope of another boot tells the host of
+//!   state before a restart, and no frame from an earlier connection, happens after it. An envelope of another boot informs the host of
 //!   the restart.
 //! * **Sequence.** Envelopes are numbered from 0 at each boot, wrapping; the next one is one more. A jump forward by less than
 //!   2³¹ is that many frames lost, less one; the same number is a duplicate, one from behind is late, and neither is used
 //!   ([`SequenceTracker`]).
 //! * **Time.** Device microseconds since boot, in 64 bits. A batch has the time of its first sample; the others follow at
-//!   `Hello::sample_period_us`. A hole in the times is that many samples lost, whoever lost them; what the device itself
-//!   had to drop it says in `Samples::dropped`.
-//! * **Silence.** While a program is pending or running the device wants to hear from the host: any intact command will do.
+//!   `Hello::sample_period_us`. A hole in the times is that many samples lost, on either side; what the device itself
+//!   had to drop it reports in `Samples::dropped`.
+//! * **Silence.** While a program is pending or running the device has to receive from the host: any intact command will do.
 //!   After `silence_ms` without one it latches a fault and switches the bridges off.
 //! * **Nothing from the device is sent again.** What may be lost is repeated in later state: every batch has state and step,
 //!   `Status` has state, fault and counters, so that a host that missed an event still finds the end of a program.
@@ -125,7 +125,7 @@
 //! | packed | 3.7 |
 //! | packed, on the wire, with its share of the frame | 4.5 |
 //!
-//! whatever the position and the force are: a batch spans little more than the noise, or than one step of a motion. That is
+//! at any position and force: a batch spans little more than the noise, or than one step of a motion. That is
 //! 4.5 kB/s of the 46 kB/s that 460,800 baud carry, so that a line disturbed for a while catches up, and a file of frames
 //! stays small. The price is that a batch is used whole or not at all, which the checksum makes true anyway.
 //! See [`pack`].

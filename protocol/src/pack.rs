@@ -1,7 +1,7 @@
 //! Samples in and out of batches.
 //!
 //! A sample is four numbers: position x, position y, force x, force y, each an `i32` count. In [`Samples::packed`] each of these
-//! channels has as many bits a reading as its readings of this batch need, whatever their absolute value:
+//! channels has as many bits a reading as its readings of this batch need, at any absolute value:
 //!
 //! | in this order | bytes | what |
 //! |---|---|---|
@@ -11,7 +11,7 @@
 //! | &nbsp; start | 0, or 1 to 5 | a postcard `i32`, of differences only: what the first is added to |
 //! | the samples | | each the four readings' bits, the lowest first, without gaps; zeros fill the last byte |
 //!
-//! A reading is what its bits say more than the base or, of differences, than the base and the reading before (wrapping). The packer
+//! A reading is the value of its bits plus the base or, of differences, plus the base and the reading before (wrapping). The packer
 //! takes for each channel what is shorter: readings where there is only noise, differences where the guide moves or the force
 //! rises. With position noise of 3 counts and force noise of 100 counts (standard deviations) a sample takes 3.7 bytes packed and
 //! 4.5 bytes on the line, its share of the frame (26 bytes for 32 samples) included, against 16 bytes as plain integers. A test
@@ -70,7 +70,7 @@ struct Open {
 }
 
 impl Packer {
-    /// `period_us`: nominal time between samples, which is also what `Hello::sample_period_us` says.
+    /// `period_us`: nominal time between samples, also in `Hello::sample_period_us`.
     pub const fn new(period_us: u32) -> Self {
         Self { period_us, open: None }
     }
@@ -169,7 +169,7 @@ pub enum UnpackError {
         /// The channel, from 0.
         channel: u8,
     },
-    /// The heads say how many bytes the samples take.
+    /// The heads give how many bytes the samples take.
     #[error("the samples have {found} bytes where their widths need {expected}")]
     Length {
         /// How many these samples take.

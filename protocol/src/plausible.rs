@@ -1,4 +1,4 @@
-//! Whether a rig can have the constants of a calibration: what the device asks of a record before it moves anything by it, and
+//! Whether a rig can have the constants of a calibration: what the device requires of a record before it moves anything by it, and
 //! the host before it sends one.
 //!
 //! The interlocks compare with newtons and micrometres, so that a slip of a unit in the calibration would switch them off. The
@@ -274,7 +274,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the cell and the actuator within the bounds: ten times and a tenth of any of their units is refused.
+        /// For any cell and actuator within the bounds: ten times and a tenth of any of their units is refused.
         #[test]
         fn a_slip_of_a_unit_by_ten_or_more_is_refused(
             millivolts_per_volt in 0.65_f64..3.0, range_mn in 500_u32..20_000, stroke_mm in 25.0_f64..65.0,

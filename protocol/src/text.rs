@@ -1,4 +1,4 @@
-//! Fixed-capacity text and bytes that know their schema and their largest encoding.
+//! Fixed-capacity text and bytes with their schema and their largest encoding.
 
 use core::{fmt, ops::Deref};
 use postcard::experimental::max_size::MaxSize;

@@ -1,6 +1,6 @@
-//! Commands: what the host asks of the device.
+//! Commands of the host to the device.
 //!
-//! Every [`Command`] is answered by exactly one `Ack` or `Refused` with the same id (and, where the table says so, by a further
+//! Every [`Command`] is answered by exactly one `Ack` or `Refused` with the same id (and, where the table lists one, by a further
 //! message before it). A command that arrives twice (the host repeats it when no answer came) is executed once and
 //! answered twice; `Stop` alone is carried out each time. The order of the variants is the wire format: append, never insert.
 //!
@@ -45,10 +45,10 @@ pub struct Command {
     pub request: Request,
 }
 
-/// What the host can ask for.
+/// What the host can request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum Request {
-    /// Who are you? Never assumed to have been said at boot.
+    /// Identity of the device. Never assumed to have been requested at boot.
     Hello,
     /// State, fault and counters, now.
     Status,
@@ -127,7 +127,7 @@ pub enum Request {
 pub const RETREAT_LIMIT_UM: i32 = 1_000;
 /// Most that the start of a program may lie ahead, microseconds.
 pub const START_LIMIT_US: u64 = 3_600_000_000;
-/// Fastest path that a step may ask for, micrometres per second.
+/// Fastest path that a step may request, micrometres per second.
 pub const SPEED_LIMIT_UM_S: u32 = 10_000;
 /// Longest hold or ramp, milliseconds.
 pub const DURATION_LIMIT_MS: u32 = 3_600_000;

@@ -1,4 +1,4 @@
-//! Messages: what the device tells the host.
+//! Messages of the device to the host.
 //!
 //! Answers (`Hello`, `Ack`, `Refused`, `Status`) follow a command; `Samples`, `Event` come on their own. None is ever sent
 //! again: what may go missing is repeated in later state (`Status`, the state and step of every batch, the running count of
@@ -20,7 +20,7 @@ pub struct Envelope {
     pub message: Message,
 }
 
-/// What the device can say.
+/// What the device can send.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum Message {
     /// Answer to `Request::Hello`.
@@ -41,7 +41,7 @@ pub enum Message {
     Samples(Samples),
     /// Something happened.
     Event(Event),
-    /// Answer to `Request::Status`; while telemetry is on also unasked, ten times a second.
+    /// Answer to `Request::Status`; while telemetry is on also unsolicited, ten times a second.
     Status(Status),
     /// Answer to `Request::Calibration`.
     Calibration(CalibrationRecord),
@@ -50,7 +50,7 @@ pub enum Message {
         /// What every command of it carries ([`crate::Command::connection`]).
         connection: u32,
     },
-    /// Answer to `Request::Safety`; while telemetry is on also unasked, when it has changed and once a second.
+    /// Answer to `Request::Safety`; while telemetry is on also unsolicited, when it has changed and once a second.
     Safety(Safety),
     /// Answer to `Request::Describe`.
     Description(Description),
@@ -59,7 +59,7 @@ pub enum Message {
 /// Who the device is and how to read what it sends.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub struct Hello {
-    /// [`crate::VERSION`] of the firmware. First, so that it can be read whatever follows.
+    /// [`crate::VERSION`] of the firmware. First, so that it can be read independent of what follows.
     pub protocol_version: u16,
     /// [`crate::schema_hash`] of the firmware's message types.
     pub schema_hash: [u8; 8],
@@ -85,7 +85,7 @@ pub struct Hello {
     pub last_panic: Option<Text<PANIC_BYTES>>,
 }
 
-/// Most bytes of a panic that are told.
+/// Most bytes of a panic that are reported.
 pub const PANIC_BYTES: usize = 88;
 
 /// Value of one count of each channel, and the channels' ranges.
@@ -110,7 +110,7 @@ pub enum ResetReason {
     Pin,
     /// The watchdog was not fed.
     Watchdog,
-    /// The firmware asked for it.
+    /// The firmware requested it.
     Software,
     /// The supply voltage sagged.
     BrownOut,
@@ -121,7 +121,7 @@ pub enum ResetReason {
 /// Why a command was not carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
 pub enum Refusal {
-    /// The device has restarted since the host said hello.
+    /// The device has restarted since the host's hello.
     OtherBoot,
     /// A fault is latched: read the status, remove the cause, clear it.
     Faulted {
@@ -180,7 +180,7 @@ pub enum Fault {
     ForceStuck,
     /// 10: no intact command came from the host for too long while a program was pending or running.
     HostSilent,
-    /// 11: the device restarted by itself: watchdog, supply, or a panic, which the hello tells.
+    /// 11: the device restarted by itself: watchdog, supply, or a panic, which the hello reports.
     Restarted,
     /// 12: the control task was late.
     Overrun,
@@ -335,7 +335,7 @@ pub const TARE_CHANGE_PERCENT: u32 = 1;
 pub enum RetreatOutcome {
     /// The cause of the fault is gone, with a margin.
     Unloaded,
-    /// The guide has moved by what was asked for; the cause remains.
+    /// The guide has moved by what was requested; the cause remains.
     Moved,
     /// The force did not fall: try another direction.
     ForceNotFalling,
@@ -360,7 +360,7 @@ pub struct Tare {
     pub unique_codes: [u8; 2],
 }
 
-/// Different codes that a tare tells apart. A sound converter gives another code nearly every time.
+/// Different codes that a tare distinguishes. A sound converter gives another code nearly every time.
 pub const UNIQUE_CODES: u8 = 24;
 
 /// How a program ended.

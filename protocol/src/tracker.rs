@@ -2,7 +2,7 @@
 
 use crate::{Envelope, Message, Samples};
 
-/// Follows the envelopes of one device in the order of their arrival and says what is missing between them.
+/// Follows the envelopes of one device in the order of their arrival and reports what is missing between them.
 ///
 /// It learns the sample period from every `Hello` that passes; before the first (and after a restart, before the next) it
 /// judges no gap in time. What was lost after the last envelope before a restart cannot be known and is not counted.
@@ -24,11 +24,11 @@ struct Device {
 /// Where an envelope stands in the order of the device's frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// The first ever seen: what came before it is unknown.
+    /// The first ever received: what came before it is unknown.
     First,
     /// Later than the one before it, by one or, if frames are missing, more.
     Next,
-    /// The first seen after a restart of the device: loaded steps, tare and streaming are gone, and a new hello is due.
+    /// The first received after a restart of the device: loaded steps, tare and streaming are gone, and a new hello is due.
     Restarted,
     /// The same number as the one before it. Do not use it again.
     Duplicate,
@@ -36,16 +36,16 @@ pub enum Order {
     Late,
 }
 
-/// What one envelope tells about losses.
+/// What one envelope reveals of losses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Arrival {
     /// Its place in the order.
     pub order: Order,
     /// Frames that were sent between the one before and this one, and did not arrive. After a restart: since that.
     pub frames_missing: u32,
-    /// Samples that the device says it has dropped since the batch before.
+    /// Samples that the device reports as dropped since the batch before.
     pub samples_dropped: u32,
-    /// Samples that are missing in time between the batch before and this one, for whatever reason: lost with a frame,
+    /// Samples that are missing in time between the batch before and this one, for any reason: lost with a frame,
     /// dropped by the device, or not taken.
     pub samples_missing: u64,
     /// This batch begins before the end of the batch before: the device's clock or its packing is wrong.
@@ -72,9 +72,9 @@ pub struct Totals {
     pub frames_missing: u64,
     /// Samples that arrived.
     pub samples: u64,
-    /// Samples missing in time, for whatever reason.
+    /// Samples missing in time, for any reason.
     pub samples_missing: u64,
-    /// Samples that the device says it has dropped. They are among those missing in time.
+    /// Samples that the device reports as dropped. They are among those missing in time.
     pub samples_dropped: u64,
     /// Restarts of the device.
     pub restarts: u64,
@@ -87,7 +87,7 @@ pub struct Totals {
 }
 
 impl SequenceTracker {
-    /// Nothing seen yet.
+    /// Nothing received yet.
     pub fn new() -> Self {
         Self::default()
     }

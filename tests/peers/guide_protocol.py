@@ -164,7 +164,7 @@ class Client:
         self.port = os.open(port, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(self.port)
         self.connection = self.id = 0
-        messages = self.ask("Hello")
+        messages = self.request("Hello")
         self.hello = next(message["Hello"] for message in messages if "Hello" in message)
         # The id goes on from the hello's: an answer to a hello that was sent twice may still be on its way.
         self.connection = next(message["Connected"]["connection"] for message in messages if "Connected" in message)
@@ -190,7 +190,7 @@ class Client:
                 return None
             self.buffer += os.read(self.port, 4096)
 
-    def ask(self, request):
+    def request(self, request):
         """Sends a command until it is answered; what came with the answer."""
         command = {"id": self.id, "connection": self.connection, "request": request}
         self.id += 1
@@ -208,16 +208,16 @@ class Client:
         raise AssertionError(f"no answer to {command}")
 
     def refusal(self, request):
-        answer = self.ask(request)[-1]
+        answer = self.request(request)[-1]
         return answer["Refused"]["refusal"] if "Refused" in answer else None
 
 
 def drive(folder, port):
     protocol = Protocol(folder)
     client = Client(protocol, port)
-    description = next(m["Description"] for m in client.ask("Describe") if "Description" in m)
+    description = next(m["Description"] for m in client.request("Describe") if "Description" in m)
     assert description["start_limit_us"] == protocol.schema["limits"]["start_ahead_us"]
-    safety = next(m["Safety"] for m in client.ask("Safety") if "Safety" in m)
+    safety = next(m["Safety"] for m in client.request("Safety") if "Safety" in m)
     if safety["calibration"] == "Nominal":
         assert client.refusal("AcknowledgeCalibration") is None
     steps = [{"Move": {"x_um": 0, "y_um": 200, "speed_um_s": 1000}}, {"Hold": {"duration_ms": 50}}]
@@ -236,13 +236,13 @@ def drive(folder, port):
         if message and "Event" in message and isinstance(message["Event"]["kind"], dict):
             ended = message["Event"]["kind"].get("ProgramEnded", {}).get("outcome")
         if message is None:
-            client.ask("Status")
+            client.request("Status")
     assert ended == "Completed", ended
     for _ in range(description["answers_remembered"]):
-        client.ask("Status")
+        client.request("Status")
     answer = client.repeat(accepted)[-1]
     assert answer.get("Refused", {}).get("refusal") == "IdUsed", answer
-    status = next(m["Status"] for m in client.ask("Status") if "Status" in m)
+    status = next(m["Status"] for m in client.request("Status") if "Status" in m)
     assert status["state"] == "Idle" and abs(status["position_counts"][1] - 200) < 60, status
     print("the guide moved, and an old frame did not move it again")
 

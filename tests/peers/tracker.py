@@ -1,4 +1,4 @@
-"""A foreign tracker: serves the needle's shape, as a command tells it, over OpenIGTLink.
+"""A foreign tracker: serves the needle's shape, as a command prints it, over OpenIGTLink.
 
 Each shape is kept as a file before it is sent, and sent with the number of that file as its points' name.
 
@@ -20,15 +20,15 @@ while True:
     if not server.is_connected():
         time.sleep(0.01)
         continue
-    seen_s = time.time()
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    if told.returncode != 0:
+    measured_s = time.time()
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode != 0:
         time.sleep(0.05)
         continue
-    (folder / f"{number}.csv").write_text(told.stdout)
-    rows = list(csv.DictReader(told.stdout.splitlines()))
+    (folder / f"{number}.csv").write_text(result.stdout)
+    rows = list(csv.DictReader(result.stdout.splitlines()))
     # A point is x, y, z.
     points = [[float(row.get("deflection_x_mm") or 0), float(row["deflection_y_mm"]), float(row["z_mm"])] for row in rows]
-    server.send_message(pyigtl.PointMessage(points, timestamp=seen_s, device_name="NeedleShape"), wait=True)
+    server.send_message(pyigtl.PointMessage(points, timestamp=measured_s, device_name="NeedleShape"), wait=True)
     number += 1
     time.sleep(0.1)

@@ -1,4 +1,4 @@
-"""A foreign client: connects to an OpenIGTLink server and prints every message that it sees as a line of JSON.
+"""A foreign client: connects to an OpenIGTLink server and prints every message that it receives as a line of JSON.
 
 Usage: viewer.py PORT
 """
@@ -18,7 +18,7 @@ FIELDS = {
 client = pyigtl.OpenIGTLinkClient("127.0.0.1", int(sys.argv[1]))
 while True:
     for message in client.get_latest_messages():
-        said = FIELDS[message.message_type](message)
-        line = {"type": message.message_type, "device": message.device_name, "stamp_s": message.timestamp, "said": said}
+        content = FIELDS[message.message_type](message)
+        line = {"type": message.message_type, "device": message.device_name, "stamp_s": message.timestamp, "content": content}
         print(json.dumps(line), flush=True)
     time.sleep(0.002)

@@ -7,7 +7,7 @@
 //! words (six per frame), mode 1, most significant bit first.
 //!
 //! A sample is never a plausible number when something is wrong: every doubt is a [`ForceFault`]. A device that resets by
-//! itself (brown-out) falls back to gain 1 and says so in its status until MODE is written, so the fault persists until
+//! itself (brown-out) falls back to gain 1 and reports it in its status until MODE is written, so the fault persists until
 //! [`Ads131m02::configure`] succeeds.
 //!
 //! At 4 kSPS and one read per millisecond each read finds new samples. The device buffers two samples per channel, so
@@ -310,7 +310,7 @@ mod tests {
         assert_eq!(converter.read(), Err(ForceFault::Saturated { channel: 1 }));
     }
 
-    /// Plays fixed words back, whatever is sent; keeps what was sent.
+    /// Answers with fixed words; keeps what was sent.
     struct Tape {
         answer: [u16; FRAME_WORDS],
         sent: [u16; FRAME_WORDS],

@@ -6,7 +6,7 @@
 //! few times. From then on the drive stays off until the error exceeds [`REENGAGE_ERROR_UM`]: the screw holds by itself, and a drive that
 //! keeps chasing potentiometer noise only wears it out.
 //!
-//! The axis also knows which way it has moved last ([`Axis::rising`]): the calibration has a table for each way, and goes
+//! The axis also keeps which way it has moved last ([`Axis::rising`]): the calibration has a table for each way, and goes
 //! from one to the other over [`PLAY_PERIODS`] of driving, so that the position never jumps.
 
 use super::PERIOD_S;
@@ -29,12 +29,12 @@ const APPROACHES: u8 = 4;
 const FILTER_SHARE: f32 = 0.125;
 const PROPORTIONAL_PER_S: f32 = 12.0;
 const INTEGRAL_PER_S2: f32 = 60.0;
-/// Most that the integral may ask for, micrometres per second: enough for a dead band that is larger than assumed.
+/// Most that the integral may command, micrometres per second: enough for a dead band that is larger than assumed.
 const INTEGRAL_LIMIT_UM_S: f32 = 3_000.0;
 
-/// Fastest that the loop asks for, micrometres per second: the actuator's speed with nothing to push.
+/// Fastest that the loop commands, micrometres per second: the actuator's speed with nothing to push.
 pub const SPEED_LIMIT_UM_S: f32 = FULL_SPEED_UM_S;
-/// Fastest as long as nobody has seen the axis move the way it is driven, micrometres per second: a wrong way is noticed within
+/// Fastest until the axis has been observed to move the way it is driven, micrometres per second: a wrong way is noticed within
 /// 0.3 mm. Its duty is just beyond the one at which an axis that stands is a stalled one.
 pub const PROVING_SPEED_UM_S: f32 = 4_400.0;
 /// Driving in one direction that takes up the play between screw and potentiometer, periods.
@@ -43,8 +43,8 @@ pub const PLAY_PERIODS: u16 = 20;
 /// Jump of a position from one period to the next that no motor makes, micrometres: it makes 25 in a period, and the filtered
 /// position that is compared with lags by up to 200.
 pub const JUMP_UM: f32 = 1_000.0;
-/// Readings beyond a jump that are not believed: the interlock has acted before they are.
-const ODD_READINGS: u16 = PERSISTENCE_PERIODS;
+/// Readings beyond a jump that are rejected: the interlock acts before one is accepted.
+const MAX_OUTLIERS: u16 = PERSISTENCE_PERIODS;
 
 /// Where an axis should be and how fast its setpoint moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,7 +71,7 @@ pub struct Axis {
 
 impl Axis {
     /// An axis at rest.
-    #[expect(clippy::new_without_default, reason = "`Axis::new()` says more at its only use")]
+    #[expect(clippy::new_without_default, reason = "`Axis::new()` is clearer at its only use")]
     pub fn new() -> Self {
         Self {
             filtered_um: None,
@@ -93,8 +93,8 @@ impl Axis {
         if (position_um - expected_um).abs() <= JUMP_UM {
             self.outlier_count = 0;
             *filtered += FILTER_SHARE * (position_um - expected_um);
-        } else if self.outlier_count < ODD_READINGS {
-            // One odd reading is not believed; what stays is, and is a fault.
+        } else if self.outlier_count < MAX_OUTLIERS {
+            // One outlying reading is rejected; what lasts is accepted, and is a fault.
             self.outlier_count += 1;
         } else {
             *filtered = position_um;

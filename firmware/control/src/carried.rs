@@ -1,6 +1,6 @@
 //! What a restart must not forget: the latched fault, how the motors were driven, and what retreats have added to the load.
 //!
-//! The board keeps it in memory that outlives a reset. After power-on there is nothing: the motors may be hot then, and nobody knows.
+//! The board keeps it in memory that outlives a reset. After power-on there is nothing: whether the motors are hot is unknown then.
 
 use super::motor::{BUDGET_BYTES, DutyBudget};
 use super::retreat::{CLIMB_BYTES, Climb};

@@ -1,7 +1,7 @@
 //! Which commands are carried out: each once, and none meant for the device as it was before.
 //!
 //! A hello begins a connection: the device answers with a token that every command of it carries, and ids only grow within it.
-//! The host repeats a command when no answer came; the answers to the latest commands are remembered with what was asked, so that
+//! The host repeats a command when no answer came; the answers to the latest commands are kept with their requests, so that
 //! a repeat gets the same answer and changes nothing. A frame from before (recorded, delayed, repeated by a faulty line) has a
 //! token that is forgotten or an id that is used, and does nothing, however often it comes.
 //!

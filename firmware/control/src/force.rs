@@ -23,7 +23,7 @@ pub struct ForceChannel {
 
 impl ForceChannel {
     /// No tare, no reading yet.
-    #[expect(clippy::new_without_default, reason = "`ForceChannel::new()` says more at its only use")]
+    #[expect(clippy::new_without_default, reason = "`ForceChannel::new()` is clearer at its only use")]
     pub fn new() -> Self {
         Self {
             zero_counts: [0; 2],
@@ -125,7 +125,7 @@ impl ForceChannel {
         }
     }
 
-    /// Makes the tare's mean the zero and says how good it is.
+    /// Makes the tare's mean the zero and reports its quality.
     ///
     /// # Errors
     /// What is wrong with it: the zero stays what it was.

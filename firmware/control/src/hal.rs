@@ -1,4 +1,4 @@
-//! What the control logic asks of a board: three small traits, so that another board is one more implementation and the
+//! What the control logic requires of a board: three small traits, so that another board is one more implementation and the
 //! logic runs against a simulated rig in tests.
 
 pub use crate::ads131m02::ForceFault;

@@ -20,7 +20,7 @@ pub struct Indicator {
 
 impl Indicator {
     /// Dark.
-    #[expect(clippy::new_without_default, reason = "`Indicator::new()` says more at its only use")]
+    #[expect(clippy::new_without_default, reason = "`Indicator::new()` is clearer at its only use")]
     pub fn new() -> Self {
         Self { period: 0, phase: 0.0, owed: 0.0 }
     }
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn states_look_different() {
+    fn states_differ() {
         assert_eq!(share_on(State::Moving, 1_000), 1.0);
         assert_eq!(share_on(State::Faulted, 1_000), 0.5);
         // The mean of (0.5 - 0.5 cos)^2 is 3/8.

@@ -1,7 +1,7 @@
 //! When to stop, and why: every cause is latched and stays until it is gone *and* cleared by command.
 //!
 //! The safe state is bridges off: a lead screw is not driven back by its load, so the guide stays where it is. It is entered in
-//! the period in which a cause is detected. Detection takes as long as the table says, so that one odd reading is no fault;
+//! the period in which a cause is detected. Detection takes as long as the table states, so that one outlying reading is not a fault;
 //! what has no time given is detected within 2 periods of 1 ms.
 //!
 //! | no. | fault | hazard | detected by | within | test |
@@ -17,7 +17,7 @@
 //! | 8 | `FollowingError` | weak supply, slipping screw | further than 1.5 mm from the setpoint | 2 periods of being that far | `a_weak_motor_falls_behind` |
 //! | 9 | `ForceStuck` | the converter repeats itself: force cannot be limited | the same code 50 times in a row | 50 periods | `the_force_converter_is_stuck` |
 //! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no intact command for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
-//! | 11 | `Restarted` | the program ran away; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_told` |
+//! | 11 | `Restarted` | the program ran away; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_reported` |
 //! | 12 | `Overrun` | the control task is starved and the loop is no longer one | began more than half a period late, twice in 16 periods | 2 late periods | `a_slow_converter_makes_control_late` |
 //! | 13 | `MotorHot` | motor burns out | driven 20 % of 5 minutes | at once | `a_motor_that_never_rests_is_locked_out`, `storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors` |
 //! | 14 | `WrongWay` | a table's sign, swapped wires: the loop runs away | 0.06 mm against the driven direction, from 35 periods of driving that way on | 0.3 mm of motion | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
@@ -50,7 +50,7 @@ pub const STUCK_LIMIT_READINGS: u16 = 50;
 pub const TRAVEL_MARGIN_UM: f32 = 200.0;
 /// Distance from the filtered position that is motion and not noise, micrometres.
 const OUTWARD_UM: f32 = 50.0;
-/// Periods over which late starts are looked at.
+/// Periods over which late starts are counted.
 const LATE_WINDOW_PERIODS: u8 = 16;
 
 /// What the host may set.
@@ -69,7 +69,7 @@ impl Limits {
     }
 }
 
-/// What is looked at in one period, besides the force.
+/// What is checked in one period, besides the force.
 #[derive(Debug)]
 pub struct Observed<'a> {
     /// The sensors' readings.
@@ -90,7 +90,7 @@ pub struct Observed<'a> {
     pub watches: &'a [DriveWatch; 2],
     /// What the motors have left.
     pub budgets: &'a [DutyBudget; 2],
-    /// The calibration was lost and nobody has acknowledged that.
+    /// The calibration was lost and that is not acknowledged.
     pub calibration_lost: bool,
 }
 
@@ -150,7 +150,7 @@ impl Causes {
 struct Persistent(u16);
 
 impl Persistent {
-    fn sees(&mut self, present: bool) -> bool {
+    fn step(&mut self, present: bool) -> bool {
         self.0 = if present { self.0.saturating_add(1) } else { 0 };
         self.0 >= PERSISTENCE_PERIODS
     }
@@ -228,30 +228,30 @@ impl Interlock {
         force: &ForceChannel,
         observed: &Observed<'_>,
     ) -> Causes {
-        // Each counter sees every period, whatever else there is.
+        // Each counter counts every period, independent of the others.
         let beyond = |counts: [i32; 2], limit_mn: u32| {
             counts.iter().any(|counts| counts.unsigned_abs() > counts_of_mn(limit_mn).unsigned_abs())
         };
-        let over_range = self.over_range.sees(beyond(force.absolute_counts(), calibration.force_range_mn()));
-        // From the calibration's zero too: whatever was tared before, no more than the limit acts on the cell.
-        let over_limit = self.over_limit.sees(
+        let over_range = self.over_range.step(beyond(force.absolute_counts(), calibration.force_range_mn()));
+        // From the calibration's zero too: independent of the tare, no more than the limit acts on the cell.
+        let over_limit = self.over_limit.step(
             beyond(force.relative_counts(), self.limits.force_mn)
                 || (beyond(force.absolute_counts(), self.limits.force_mn)
                     && !Mutation::LimitFromTare.is_out()),
         );
-        let off_track = self.off_track.sees(!calibration.on_track(observed.readings.potentiometer_codes));
+        let off_track = self.off_track.step(!calibration.on_track(observed.readings.potentiometer_codes));
         let axes = || {
             let places = observed.position_um.into_iter().zip(observed.expected_um);
             places.zip(observed.duty).map(|((at_um, expected_um), duty)| (at_um, expected_um, duty))
         };
         let jumped =
-            self.jumped.sees(axes().any(|(at_um, expected_um, _)| (at_um - expected_um).abs() > JUMP_UM));
+            self.jumped.step(axes().any(|(at_um, expected_um, _)| (at_um - expected_um).abs() > JUMP_UM));
         let travel_um = calibration.travel_um() as f32 + TRAVEL_MARGIN_UM;
         let outward = |(at_um, expected_um, duty): (f32, f32, f32)| {
             let moved_um = (at_um - expected_um).copysign(at_um * (at_um - expected_um));
             at_um.abs() > travel_um && (at_um * duty > 0.0 || moved_um > OUTWARD_UM)
         };
-        let beyond_travel = self.beyond_travel.sees(axes().any(outward));
+        let beyond_travel = self.beyond_travel.step(axes().any(outward));
         let overrun = self.overruns(observed.late) && observed.active;
         let silent = observed.active && observed.silent_us > u64::from(self.limits.silence_ms) * 1_000;
         let mut causes = Causes::default();

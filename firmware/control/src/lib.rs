@@ -47,7 +47,7 @@
 #![cfg_attr(target_os = "none", no_std)]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
-// Nothing that a host or a sensor says can make it panic.
+// No input of a host or a sensor can make it panic.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)
@@ -103,7 +103,7 @@ use store::Incoming;
 pub const PERIOD_US: u32 = 1_000;
 /// Control period, seconds.
 pub const PERIOD_S: f32 = PERIOD_US as f32 * 1e-6;
-/// Periods between two unasked statuses.
+/// Periods between two unsolicited statuses.
 pub const REPORT_PERIODS: u32 = 100_000 / PERIOD_US;
 /// Step index outside a program.
 pub const NO_STEP: u8 = u8::MAX;
@@ -128,19 +128,19 @@ pub struct Controller {
     safety_due: u32,
     streaming: bool,
     source: CalibrationSource,
-    /// The calibration was lost and nobody has acknowledged that.
+    /// The calibration was lost and that is not acknowledged.
     calibration_lost: bool,
     retreat: LoadWatch,
     climb: Climb,
     /// A calibration was accepted: the device is about to restart.
     restarting: bool,
-    /// What was last said of these, and kept of the fault.
-    said: Option<Said>,
+    /// What was last reported of these, and kept of the fault.
+    reported: Option<ReportedSafety>,
     kept_fault: Option<Fault>,
 }
 
-/// What of the safety is said at once when it changes.
-type Said = (CalibrationSource, bool, [i32; 2]);
+/// What of the safety is reported at once when it changes.
+type ReportedSafety = (CalibrationSource, bool, [i32; 2]);
 
 /// A period that begins later than this is a late one, microseconds.
 const LATE_US: u32 = PERIOD_US / 2;
@@ -152,7 +152,7 @@ impl Controller {
         let Start { boot_id, restarted, origin, carried } = start;
         let Carried { fault, budgets, climb } =
             carried.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
-        // What was latched before the restart comes first; the hello tells the restart itself.
+        // What was latched before the restart comes first; the hello reports the restart itself.
         let lost = origin == Origin::Lost;
         // That of a calibration which has been lost is latched anew, or has been stored.
         let fault = fault.filter(|fault| *fault != Fault::CalibrationLost);
@@ -185,7 +185,7 @@ impl Controller {
             retreat: LoadWatch::new(),
             climb,
             restarting: false,
-            said: None,
+            reported: None,
             kept_fault: None,
             calibration,
         }
@@ -369,7 +369,7 @@ impl Controller {
         push(notes, OutboundMessage::Event(event(now_us, EventKind::RetreatEnded { outcome })));
     }
 
-    /// Tells the motors' keepers what was done.
+    /// Updates the motors' watches and budgets with what was done.
     fn watch(&mut self, drive: Drive) {
         let duty = match drive {
             Drive::Release => [0.0; 2],
@@ -393,7 +393,7 @@ impl Controller {
         }
     }
 
-    /// Latches a fault, ends the program and says so.
+    /// Latches a fault, ends the program and reports it.
     fn trip(&mut self, fault: Fault, now_us: u64, notes: &mut OutboundMessages) {
         self.interlock.latch(fault);
         self.climb = Climb::default();
@@ -416,7 +416,7 @@ fn event(t_us: u64, kind: EventKind) -> Event {
     Event { t_us, kind }
 }
 
-/// `OutboundMessages` holds the most that one period can say, so nothing is ever refused here; the longest period is covered by a test.
+/// `OutboundMessages` holds the most that one period can send, so nothing is ever refused here; the longest period is covered by a test.
 fn push(notes: &mut OutboundMessages, note: OutboundMessage) {
     let pushed = notes.push(note);
     debug_assert!(pushed.is_ok(), "more notes in one period than there is room for");

@@ -266,15 +266,15 @@ mod tests {
                 period += 1;
             }
             for _ in 0..40 {
-                let (said_s, mut waited) = (budget.cools_in_s(), 0);
+                let (reported_s, mut waited) = (budget.cools_in_s(), 0);
                 let mut resting = budget.clone();
                 while resting.is_locked() {
                     resting.step(false);
                     waited += 1;
                 }
                 assert!(
-                    (u32::from(said_s) * 1_000).abs_diff(waited) <= 1_000,
-                    "{said_s} s said, {waited} ms"
+                    (u32::from(reported_s) * 1_000).abs_diff(waited) <= 1_000,
+                    "{reported_s} s reported, {waited} ms"
                 );
                 (0..1_234).for_each(|_| budget.step(false));
             }

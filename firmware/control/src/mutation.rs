@@ -14,7 +14,7 @@
 //! | `AnyDirection` | tables of the wrong sign make the loop run away | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
 //! | `OldFramesAct` | a frame that is replayed moves the guide again | `a_frame_from_before_does_not_move_the_guide_again` |
 //! | `AnyStart` | a program waits for years and then starts | `a_start_years_ahead_is_refused` |
-//! | `CoolingTooShort` | a hot motor is not cool when it is said to be | `a_motor_that_never_rests_is_locked_out` |
+//! | `CoolingTooShort` | a hot motor is not cool when it is reported to be | `a_motor_that_never_rests_is_locked_out` |
 //! | `SilentAfterSaturation` | one saturated reading hides that none follows: no force limit | `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load` |
 //! | `RetreatsClimb` | retreats in the wrong direction add up | `a_load_beyond_the_range_is_left_by_a_retreat` |
 

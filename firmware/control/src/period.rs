@@ -3,7 +3,7 @@
 use crate::hal::Readings;
 use protocol::{CalibrationRecord, Command, Counters, Event, Load, Refusal, Safety, Sample, State, Status};
 
-/// What the controller has to say in one period; the link task turns each into a frame.
+/// What the controller sends in one period; the link task turns each into a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutboundMessage {
     /// Send the hello.
@@ -18,17 +18,17 @@ pub enum OutboundMessage {
     Refused(u16, Refusal),
     /// Something happened.
     Event(Event),
-    /// The state was asked for.
+    /// The state, on request.
     Status(Status),
-    /// The state, unasked.
+    /// The state, unsolicited.
     Report(Status),
-    /// The calibration was asked for.
+    /// The calibration, on request.
     Calibration,
-    /// Tare, calibration and heat were asked for.
+    /// Tare, calibration and heat, on request.
     Safety(Safety),
-    /// The same, unasked.
+    /// The same, unsolicited.
     SafetyReport(Safety),
-    /// What the device was built for was asked for.
+    /// What the device was built for, on request.
     Description,
 }
 
@@ -43,7 +43,7 @@ pub struct Inputs {
     pub now_us: u64,
     /// How much later it began, microseconds.
     pub late_us: u32,
-    /// What the sensors say.
+    /// What the sensors read.
     pub readings: Readings,
     /// A command that arrived.
     pub command: Option<Command>,

@@ -1,7 +1,7 @@
 //! Motion programs: a list of steps that the device runs by itself, so that timing does not depend on the host or the link.
 //!
 //! A move's setpoint travels in a straight line, both axes arriving together ([`Profile`]); the step ends when both axes have
-//! settled. Each later move starts from the target before it, not from where noise says the guide is.
+//! settled. Each later move starts from the target before it, not from the noisy position.
 
 use super::PERIOD_US;
 use super::axis::Setpoint;
@@ -175,7 +175,7 @@ impl Executor {
             let (Step::Move { x_um, y_um, .. } | Step::Ramp { x_um, y_um, .. }) = *step else { continue };
             let (to_x, to_y) = (x_um as f32, y_um as f32);
             if let Step::Ramp { duration_ms, .. } = *step {
-                // Compared as squares: all steps are looked at in one period.
+                // Compared as squares: all steps are checked in one period.
                 let (dx, dy, reach_um) =
                     (to_x - from_x, to_y - from_y, SPEED_LIMIT_UM_S as f32 * duration_ms as f32 * 1e-3);
                 if dx * dx + dy * dy > reach_um * reach_um {
@@ -197,7 +197,7 @@ impl Executor {
         self.activity = Activity::Retreating { since_us: now_us };
     }
 
-    /// Ends whatever waits or runs; true if there was something.
+    /// Ends what waits or runs; true if there was something.
     pub fn abort(&mut self) -> bool {
         let active = !matches!(self.activity, Activity::Idle);
         self.activity = Activity::Idle;

@@ -14,7 +14,7 @@ fn loaded(steps: &[Step]) -> Executor {
 }
 
 #[test]
-fn both_axes_arrive_together_at_the_asked_speed() {
+fn both_axes_arrive_together_at_the_requested_speed() {
     let mut executor = loaded(&[Step::Move { x_um: 3_000, y_um: 4_000, speed_um_s: 1_000 }]);
     executor.advance(0, false, [0.0; 2]);
     executor.advance(2_525_000, false, [0.0; 2]);

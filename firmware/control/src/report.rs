@@ -7,16 +7,16 @@ use super::program::Phase;
 use super::{Controller, Inputs, NO_STEP, OutboundMessage, OutboundMessages, push};
 use protocol::{Counters, Safety, Sample, State, Status};
 
-/// Periods between two unasked words on safety, in reports.
+/// Reports of the state between two unsolicited ones of safety.
 pub(super) const SAFETY_REPORTS: u32 = 10;
 
 impl Controller {
-    /// Says what decides whether the guide may move, where that is due.
+    /// Reports what decides whether the guide may move, where that is due.
     pub(super) fn report_safety(&mut self, now_us: u64, notes: &mut OutboundMessages) {
-        let said = (self.source, self.force.is_tared(), self.force.zero_counts());
-        if self.streaming && (self.safety_due == 0 || self.said != Some(said)) {
+        let reported = (self.source, self.force.is_tared(), self.force.zero_counts());
+        if self.streaming && (self.safety_due == 0 || self.reported != Some(reported)) {
             self.safety_due = SAFETY_REPORTS;
-            self.said = Some(said);
+            self.reported = Some(reported);
             push(notes, OutboundMessage::SafetyReport(self.safety(now_us)));
         }
     }

@@ -12,7 +12,7 @@ use protocol::{
 };
 
 impl Controller {
-    /// Answers a command; returns the calibration that is to be kept, where it asks for that.
+    /// Answers a command; returns the calibration that is to be kept, where it requests that.
     pub(super) fn handle_command(
         &mut self,
         command: &Command,
@@ -77,7 +77,7 @@ impl Controller {
             }
             Request::Stream { enable } => {
                 self.streaming = enable;
-                self.said = None;
+                self.reported = None;
                 push(notes, OutboundMessage::Stream(enable));
                 Ok(())
             }

@@ -1,7 +1,7 @@
 //! Out of a load while its fault stands: a short, slow motion that ends as soon as the force does not fall.
 //!
-//! A lead screw holds the guide where the load stopped it, so that the cause of the fault would stay for ever. The host says which
-//! way; the device sees to it that the way leads out: every [`PROGRESS_UM`] must take [`PROGRESS_PERCENT`] of the rated range off the
+//! A lead screw holds the guide where the load stopped it, so that the cause of the fault would stay for ever. The host states which
+//! way; the device ensures that it leads out: every [`PROGRESS_UM`] must take [`PROGRESS_PERCENT`] of the rated range off the
 //! load, which must never be more than [`RISE_PERCENT`] above its least so far. Where the converter is saturated there is no
 //! force to watch: then only the way towards the straight needle is open.
 //!
@@ -22,7 +22,7 @@ pub const PROGRESS_PERCENT: f32 = 0.4;
 /// Share of the limit below which the guide counts as unloaded.
 pub const UNLOADED: f32 = 0.9;
 
-/// What the load says.
+/// What the load does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trend {
     /// Go on.
@@ -43,7 +43,7 @@ pub struct LoadWatch {
 
 impl LoadWatch {
     /// At the start.
-    #[expect(clippy::new_without_default, reason = "`LoadWatch::new()` says more at its only use")]
+    #[expect(clippy::new_without_default, reason = "`LoadWatch::new()` is clearer at its only use")]
     pub const fn new() -> Self {
         Self { mark: None, least: i32::MAX }
     }

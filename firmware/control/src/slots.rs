@@ -200,7 +200,7 @@ mod tests {
                 page[8 * at..8 * at + 8].copy_from_slice(word);
                 states.push(page);
             }
-            let mut seen_new = 0;
+            let mut found_new = 0;
             for (cut, state) in states.iter().enumerate() {
                 let mut cut_off = slots;
                 cut_off[next.slot] = *state;
@@ -208,12 +208,12 @@ mod tests {
                 assert_eq!(choice.origin, Origin::Stored, "cut {cut}");
                 let found = choice.calibration.record();
                 assert!(*found == old || *found == new, "cut {cut}: {}", found.id.as_str());
-                seen_new += u32::from(*found == new);
+                found_new += u32::from(*found == new);
                 // Written again after that, it is there.
                 cut_off[choice.next.slot] = to_stored(&new, choice.next.sequence);
                 assert_eq!(*choose(&cut_off).calibration.record(), new, "cut {cut}");
             }
-            assert!(seen_new >= 1);
+            assert!(found_new >= 1);
             slots[next.slot] = target;
             old = new;
         }

@@ -19,7 +19,7 @@ pub const DESCRIPTION: Description = Description {
     connections: commands::CONNECTIONS as u8,
 };
 
-/// What the board knows at the start.
+/// What the board provides at the start.
 #[derive(Debug, Clone)]
 pub struct Start {
     /// Identity of the boot.

@@ -19,7 +19,7 @@ use protocol::{Sample, Stiffness};
 
 /// Periods per filtered reading.
 pub const DECIMATION: i32 = 10;
-/// Standard deviation of the displacements below which there is no slope to tell, millimetres.
+/// Standard deviation of the displacements below which the slope is not identifiable, millimetres.
 const MIN_SPREAD_MM: f32 = 0.05;
 /// Readings below which there is none.
 const MIN_READINGS: u32 = 5;
@@ -57,7 +57,7 @@ impl Line {
         self.readings = self.readings.saturating_add(1);
     }
 
-    /// Slope and its standard error, newtons per millimetre, where the displacements tell one.
+    /// Slope and its standard error, newtons per millimetre, where the displacements determine them.
     fn slope(&self) -> Option<(f32, f32)> {
         let spread_mm = self.triangle[(1, 1)].abs() / libm::sqrtf(self.readings as f32);
         if self.readings < MIN_READINGS || spread_mm < MIN_SPREAD_MM {

@@ -1,4 +1,4 @@
-//! Finding the zero of the force channels, and saying how good it is.
+//! Finding the zero of the force channels, and its quality.
 //!
 //! Sums are exact integers about the first reading; the result is computed once, at the end.
 
@@ -7,7 +7,7 @@ use crate::calibration::counts_of_mn;
 use protocol::{TARE_CHANGE_PERCENT, TARE_ZERO_PERCENT, Tare, TareProblem, UNIQUE_CODES};
 
 /// What is wrong with a tare on a cell of this rated range. A zero under load would take that load off the force that is measured and
-/// limited; a force that still settles leaves a zero that nobody can repeat.
+/// limited; a force that still settles leaves a zero that is not repeatable.
 pub fn problem(tare: &Tare, range_mn: u32, periods_per_s: f64) -> Option<TareProblem> {
     let range = f64::from(counts_of_mn(range_mn));
     let beyond = |counts: f64, percent: u32| counts.abs() > range * f64::from(percent) * 1e-2;
@@ -73,7 +73,7 @@ impl Taring {
             channel.sum_squares = channel.sum_squares.saturating_add(deviation.saturating_mul(deviation));
             channel.sum_moments = channel.sum_moments.saturating_add(time.saturating_mul(deviation));
             if !channel.codes.contains(&code) {
-                // A full list has said what it is there to say.
+                // A full list is enough.
                 let _ = channel.codes.push(code);
             }
         }

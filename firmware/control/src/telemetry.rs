@@ -1,7 +1,7 @@
-//! What the controller says, on its way to the link: samples gathered into batches, notes between them, in order.
+//! The controller's output on its way to the link: samples gathered into batches, notes between them, in order.
 //!
 //! The way out is bounded and is never waited for. Where it is full, the batch that is ready is dropped whole and its samples
-//! are counted, so that the host sees one gap of known length; the last places are kept for answers and events.
+//! are counted, so that the host finds one gap of known length; the last places are kept for answers and events.
 
 use super::{OutboundMessage, Outputs, PERIOD_US};
 use protocol::{Packer, Samples};
@@ -37,7 +37,7 @@ pub struct Telemetry {
 
 impl Telemetry {
     /// Telemetry off.
-    #[expect(clippy::new_without_default, reason = "`Telemetry::new()` says more at its only use")]
+    #[expect(clippy::new_without_default, reason = "`Telemetry::new()` is clearer at its only use")]
     pub const fn new() -> Self {
         Self { packer: Packer::new(PERIOD_US), streaming: false, samples_dropped: 0, messages_dropped: 0 }
     }
@@ -55,12 +55,12 @@ impl Telemetry {
     /// Hands on what one period has brought; `t_us` is its device time.
     pub fn send(&mut self, t_us: u64, outputs: &Outputs, outbox: &mut impl Outbox) {
         for note in &outputs.notes {
-            // What was sampled before an answer or an event goes out before it; the state told now and then waits for nothing.
+            // What was sampled before an answer or an event goes out before it; the periodic state waits for nothing.
             let report = matches!(note, OutboundMessage::Report(_) | OutboundMessage::SafetyReport(_));
             if !report && let Some(batch) = self.packer.flush() {
                 self.batch(batch, outbox);
             }
-            // A state that is told all the time is dropped for nothing: the next one says more.
+            // A periodic state may be dropped: the next one supersedes it.
             let may_wait = report && outbox.room() <= RESERVED_FOR_NOTES;
             if let OutboundMessage::Stream(enable) = note {
                 self.streaming = *enable;
@@ -134,8 +134,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the link takes and when: every sample arrives once and in order, or lies in a gap whose length the next
-        /// batch tells; answers stand after the samples that were before them.
+        /// However much the link takes and when: every sample arrives once and in order, or lies in a gap whose length the next
+        /// batch reports; answers stand after the samples that were before them.
         #[test]
         fn every_sample_arrives_or_is_counted_before_the_next_batch(
             takes in prop::collection::vec((0_usize..3, any::<bool>(), prop::option::of(0_u16..4)), 50..600),

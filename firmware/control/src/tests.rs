@@ -38,10 +38,10 @@ struct Bench {
     potentiometer_codes: Option<[u16; 2]>,
     /// Share of the speed that the motors really have.
     strength: f32,
-    /// The bridge of y is stuck at this duty, whatever it is told.
+    /// The bridge of y is stuck at this duty.
     runaway: Option<f32>,
-    /// Periods between two questions of the host; 0 for a silent host.
-    asks_every: u64,
+    /// Periods between two status requests of the host; 0 for a silent host.
+    request_periods: u64,
     connection: u32,
     next_id: u16,
     notes: std::vec::Vec<OutboundMessage>,
@@ -65,7 +65,7 @@ impl Bench {
             potentiometer_codes: None,
             strength: 1.0,
             runaway: None,
-            asks_every: 500,
+            request_periods: 500,
             next_id: 1,
             notes: vec![],
             last: None,
@@ -74,11 +74,11 @@ impl Bench {
 
     fn period(&mut self, command: Option<Command>) -> Outputs {
         self.now_us += u64::from(PERIOD_US);
-        let asks = self.asks_every > 0 && (self.now_us / 1_000).is_multiple_of(self.asks_every);
+        let due = self.request_periods > 0 && (self.now_us / 1_000).is_multiple_of(self.request_periods);
         let command = command.or_else(|| {
             let id = self.next_id;
-            self.next_id = self.next_id.wrapping_add(asks.into());
-            asks.then_some(Command { id, connection: self.connection, request: Request::Status })
+            self.next_id = self.next_id.wrapping_add(due.into());
+            due.then_some(Command { id, connection: self.connection, request: Request::Status })
         });
         let code = |um: f32| (um / 12.207_031 + 2_048.0).round().clamp(0.0, 4_095.0) as u16;
         // 1 N/mm; a code is 0.93 uN, and a sound converter never gives the same one twice.
@@ -239,7 +239,7 @@ fn a_repeated_command_is_carried_out_once() {
 }
 
 #[test]
-fn stop_ends_a_program_even_from_a_host_that_knows_an_earlier_boot() {
+fn stop_ends_a_program_even_with_the_token_of_an_earlier_boot() {
     let mut bench = Bench::new();
     bench.run(&[Step::Move { x_um: 0, y_um: 5_000, speed_um_s: 1_000 }]);
     bench.periods(100);
@@ -249,7 +249,7 @@ fn stop_ends_a_program_even_from_a_host_that_knows_an_earlier_boot() {
 }
 
 #[test]
-fn a_status_is_told_again_when_it_is_asked_again() {
+fn a_repeated_status_request_is_answered_again() {
     let mut bench = Bench::new();
     let status = Command { id: 5, connection: bench.connection, request: Request::Status };
     for _ in 0..2 {
@@ -349,7 +349,7 @@ fn first_token() -> u32 {
     commands::CommandSession::new(BOOT).begin()
 }
 
-/// An intact frame of anything that can be said.
+/// An intact frame of any command.
 fn any_frame() -> impl Strategy<Value = std::vec::Vec<u8>> {
     (any::<u16>(), prop_oneof![Just(first_token()), any::<u32>()], any_request()).prop_map(
         |(id, connection, request)| {

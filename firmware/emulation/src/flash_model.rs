@@ -3,7 +3,7 @@
 //!
 //! Models the unlock keys, the erasure of these pages, the programming of erased double words and the errors of doing it
 //! wrong. Only the first [`STORED_BYTES`] of a page can be programmed; the rest stays erased and is write-protected.
-//! Everything is done at once: the busy flag is never seen. Other pages, mass erasure, fast programming, option bytes and
+//! Everything is done at once: the busy flag is never set. Other pages, mass erasure, fast programming, option bytes and
 //! interrupts are refused.
 
 use crate::thumb::Width;
@@ -100,7 +100,7 @@ impl FlashModel {
         Ok(())
     }
 
-    /// The chip locks the register until the next reset after a wrong key; nobody should ever need that.
+    /// The chip locks the register until the next reset after a wrong key; no driver should ever need that.
     fn unlock(&mut self, key: u32) -> Result<(), Unknown> {
         if self.control & CR_LOCK == 0 || key != KEYS[self.keys] {
             return Err(Unknown);

@@ -2,7 +2,7 @@
 //!
 //! The firmware writes a [`PlantRequest`] to the named pipe [`REQUEST_PIPE`] and waits for the [`PlantReply`] on
 //! [`REPLY_PIPE`]; device time advances by one period ([`PERIOD_US`]) per exchange and by nothing else, so firmware and
-//! plant run in lockstep whatever the speed of the computer. Both records are [`RECORD_BYTES`] long, little endian,
+//! plant run in lockstep at any speed of the computer. Both records are [`RECORD_BYTES`] long, little endian,
 //! unused bytes zero. The host's co-simulation uses this same module.
 //!
 //! Request, device to plant:

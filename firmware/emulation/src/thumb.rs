@@ -84,7 +84,7 @@ pub enum Refused {
     Stack,
     /// The transfer or the write-back targets the stack pointer or the program counter.
     StackOrProgramCounter,
-    /// Not a load or store that this decoder knows.
+    /// Not a load or store that this decoder supports.
     Unknown,
 }
 
@@ -142,7 +142,7 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
             };
             Ok(plain(direction, width, signed, low, address))
         }
-        // Immediate offset, scaled by the width; bit 11 tells loads from stores.
+        // Immediate offset, scaled by the width; bit 11 distinguishes loads from stores.
         0b0110..=0b1001 => {
             let direction = if code & 0x0800 == 0 { Store } else { Load };
             let (width, register, address) = match code >> 12 {

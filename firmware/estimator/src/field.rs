@@ -1,4 +1,4 @@
-//! Stiffness and damping of the tissue against depth, as the parameters say (theory, eq. 50).
+//! Stiffness and damping of the tissue against depth, from the parameters (theory, eq. 50).
 //!
 //! Depth is cut into segments. In each, the logarithm of the stiffness and the damping itself are sums of Legendre polynomials of
 //! the depth scaled to -1 .. 1: orthogonal, so that parameters of one segment hardly disturb each other, where powers of the

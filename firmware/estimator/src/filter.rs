@@ -26,7 +26,7 @@ pub struct Filter<T: RealField, const M: usize, const C: usize, const N: usize> 
     last: [T; 2],
     pub(super) cost: T,
     pub(super) settled: bool,
-    /// What the last row said, predicted and measured, before the parameters have moved.
+    /// Force and tip of the last row, predicted and measured, before the parameters have moved.
     waiting: Option<[T; 4]>,
     pub(super) latest: Option<Estimate<T>>,
 }
@@ -80,7 +80,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         filter
     }
 
-    /// Starts from what another filter has found, segment by segment its mean; whatever comes is better than nothing measured.
+    /// Starts from what another filter has found, segment by segment its mean: any measured start is better than none.
     pub(super) fn start_from(&mut self, other: &Self) {
         let mut parameters = self.parameters;
         for segment in 0..self.layout.segments {
@@ -100,7 +100,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         self.latest = other.latest;
     }
 
-    /// What the rows say for this layout against another.
+    /// Evidence of the rows for this layout against another.
     pub(super) fn evidence(&self) -> Evidence<T> {
         let [_, wide] = self.widening();
         Evidence {
@@ -263,10 +263,10 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
 
     /// Moves the parameters to what the last row has made of them, once.
     pub fn conclude(&mut self) -> Option<Estimate<T>> {
-        let said = self.waiting.take()?;
+        let row = self.waiting.take()?;
         let target = self.solution();
         self.move_to(&target);
-        self.latest = Some(self.estimate(said));
+        self.latest = Some(self.estimate(row));
         self.latest
     }
 
@@ -309,12 +309,12 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         let [_, wide] = self.widening();
         let relative = (self.information.variance(*gradient) * wide).sqrt() / mean;
         let factor = (convert::<f64, T>(1.96) * relative.min(convert(20.0))).exp();
-        let seen = if relative < convert(0.5) {
+        let identifiability = if relative < convert(0.5) {
             Identifiability::Identified
         } else {
             Identifiability::NotIdentified
         };
-        Value { value: mean, low: mean / factor, high: mean * factor, seen }
+        Value { value: mean, low: mean / factor, high: mean * factor, identifiability }
     }
 
     fn estimate(&self, [force_n, measured_force_n, tip_m, measured_tip_m]: [T; 4]) -> Estimate<T> {
@@ -343,8 +343,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         let twice = convert::<f64, T>(1.96) * sd;
         let low = (free - twice).max(T::zero());
         let high = (free + twice).max(twice);
-        // Four standard deviations, and a replay that has come to rest: looked at after every row, two would be passed by chance.
-        let seen = if self.settled && free > convert::<f64, T>(4.0) * sd {
+        // Four standard deviations, and a replay that has come to rest: checked after every row, two would be passed by chance.
+        let identifiability = if self.settled && free > convert::<f64, T>(4.0) * sd {
             Identifiability::Identified
         } else if variance * wide < before * convert(0.1) {
             Identifiability::UpperBound
@@ -356,7 +356,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         Estimate {
             depth_m,
             stiffness: self.stiffness_value(stiffness, &stiffness_by),
-            damping: Value { value: damping, low, high, seen },
+            damping: Value { value: damping, low, high, identifiability },
             correlation,
             tip_m,
             measured_tip_m,
@@ -374,7 +374,7 @@ fn prior<T: RealField + Copy, const M: usize, const N: usize>(
 ) -> Information<T, N> {
     let layout = settings.layout;
     let mut prior = Information::none();
-    let mut know = |index: usize, against: Option<usize>, value: T, sd: T| {
+    let mut constrain = |index: usize, against: Option<usize>, value: T, sd: T| {
         let mut row = [T::zero(); N];
         row[index] = sd.recip();
         if let Some(against) = against {
@@ -386,21 +386,21 @@ fn prior<T: RealField + Copy, const M: usize, const N: usize>(
     for segment in 0..layout.segments {
         let (stiffness, damping) = (layout.stiffness_at(segment), layout.damping_at(segment));
         if segment == 0 {
-            know(stiffness, None, convert::<f64, T>(STIFFNESS).ln(), sd(LOG_STIFFNESS_SD));
-            know(damping, None, T::zero(), sd(DAMPING_SD));
+            constrain(stiffness, None, convert::<f64, T>(STIFFNESS).ln(), sd(LOG_STIFFNESS_SD));
+            constrain(damping, None, T::zero(), sd(DAMPING_SD));
         } else {
             // Neighbouring layers differ by a factor of three or so.
-            know(stiffness, Some(layout.stiffness_at(segment - 1)), T::zero(), sd(1.0));
-            know(damping, Some(layout.damping_at(segment - 1)), T::zero(), sd(1.0));
+            constrain(stiffness, Some(layout.stiffness_at(segment - 1)), T::zero(), sd(1.0));
+            constrain(damping, Some(layout.damping_at(segment - 1)), T::zero(), sd(1.0));
         }
         for order in 1..layout.stiffness {
-            know(stiffness + order, None, T::zero(), settings.variation / sd(order as f64));
+            constrain(stiffness + order, None, T::zero(), settings.variation / sd(order as f64));
         }
         for order in 1..layout.damping {
-            know(damping + order, None, T::zero(), settings.variation / sd(order as f64));
+            constrain(damping + order, None, T::zero(), settings.variation / sd(order as f64));
         }
     }
-    know(layout.force_offset(), None, T::zero(), settings.force_offset_sd_n);
-    know(layout.tip_offset(), None, T::zero(), settings.tip_offset_sd_m);
+    constrain(layout.force_offset(), None, T::zero(), settings.force_offset_sd_n);
+    constrain(layout.tip_offset(), None, T::zero(), settings.tip_offset_sd_m);
     prior
 }

@@ -1,7 +1,7 @@
 //! Least squares as a square-root information filter: `|R theta - z|^2` with `R` upper triangular
 //! (theory, eq. 52).
 //!
-//! Rows are taken in by rotations, which neither square the condition number nor can lose positive definiteness, whatever the
+//! Rows are taken in by rotations, which neither square the condition number nor can lose positive definiteness, at any
 //! precision. What is known before the first row keeps `R` regular for good: information only grows or fades back towards it, so
 //! there is no wind-up.
 

@@ -3,14 +3,14 @@
 //!
 //! What is estimated are properties of the tissue at its depth ([`field`]), not of the insertion: mean values over the inserted
 //! part, which the spring-beam-damper paper estimates, follow from them. Samples are averaged into rows of about a
-//! millimetre of insertion, force, base and tip alike (the prefilter). For every row a simulation of the needle ([`simulation`]) says
-//! what force and tip should have been, and by how much each parameter changes them: two rows of least squares, taken
+//! millimetre of insertion, force, base and tip alike (the prefilter). For every row a simulation of the needle ([`simulation`])
+//! predicts force and tip, and by how much each parameter changes them: two rows of least squares, taken
 //! into a square-root information filter ([`information`]).
 //!
 //! The simulation is not linear in the parameters. Rows that were taken in when the parameters were still wrong would stay
 //! wrong for good: so between two rows, one old row per sample, the whole insertion is replayed with the parameters of the day,
 //! and when the replay has caught up it takes the filter's place (Gauss-Newton, one step per replay, halved where it makes
-//! things worse). A start that is wrong by a factor of a hundred is forgotten within a few replays.
+//! the fit worse). A start that is wrong by a factor of a hundred is forgotten within a few replays.
 //!
 //! # Example
 //!
@@ -51,7 +51,7 @@
 //!     tracker.update(sample).expect("a sample that goes on from the one before");
 //! }
 //! let stiffness = tracker.finish().expect("rows").stiffness;
-//! assert_eq!(stiffness.seen, Identifiability::Identified);
+//! assert_eq!(stiffness.identifiability, Identifiability::Identified);
 //! assert!((stiffness.low..stiffness.high).contains(&15e3), "{stiffness:?}");
 //! ```
 #![cfg_attr(not(test), no_std)]
@@ -223,8 +223,8 @@ pub struct Value<T> {
     pub low: T,
     /// Upper end.
     pub high: T,
-    /// Whether it can be told.
-    pub seen: Identifiability,
+    /// Whether the data determine it.
+    pub identifiability: Identifiability,
 }
 
 /// What is known after a row.
@@ -238,11 +238,11 @@ pub struct Estimate<T> {
     pub damping: Value<T>,
     /// Correlation of the two: near -1 or 1 only a combination of them is known.
     pub correlation: T,
-    /// Where the simulated tip is, before this row was looked at.
+    /// Where the simulated tip is, before this row was used.
     pub tip_m: T,
     /// Where the measured tip is, its offset taken off.
     pub measured_tip_m: T,
-    /// What the simulated force is, before this row was looked at.
+    /// What the simulated force is, before this row was used.
     pub force_n: T,
     /// What the measured force is, its offset taken off.
     pub measured_force_n: T,
@@ -252,7 +252,7 @@ pub struct Estimate<T> {
     pub settled: bool,
 }
 
-/// What the rows say for a layout of segments against another one, of the same rows and noise: logarithm of the evidence
+/// Evidence of the rows for a layout of segments against another one, of the same rows and noise: logarithm of the evidence
 /// `-cost / (2 wide) - occam`, by Laplace's method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Evidence<T> {
@@ -303,7 +303,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
     /// weighed with the next, so that no sample takes long).
     ///
     /// # Errors
-    /// [`Refused`]; the sample is left out and nothing else changes.
+    /// [`Refused`]; the sample is skipped and nothing else changes.
     pub fn update(&mut self, sample: &Sample<T>) -> Result<Option<Estimate<T>>, Refused> {
         let reach_m = (self.settings.cell_m * convert(C as f64)).min(self.settings.length_m);
         let row = self.noise.take(sample, &self.settings, reach_m)?;
@@ -386,7 +386,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         Self { settings, shape, live, replay, ..self.clone() }
     }
 
-    /// What the rows say for these segments.
+    /// Evidence of the rows for these segments.
     pub fn evidence(&self) -> Evidence<T> {
         self.live.evidence()
     }
@@ -396,7 +396,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
         self.live.parameters()
     }
 
-    /// No more samples: replays until the parameters rest, then says what is known.
+    /// No more samples: replays until the parameters rest, then returns the final estimate.
     pub fn finish(&mut self) -> Option<Estimate<T>> {
         let _ = self.live.conclude();
         let most = 40 * (self.rows.len() + 1);

@@ -1,4 +1,4 @@
-//! From samples to rows: the prefilter, and what the samples say of their own noise
+//! From samples to rows: the prefilter, and the noise of the samples from the samples themselves
 //! (theory, eq. 53).
 
 use super::{Refused, Row, Sample, Settings};
@@ -88,7 +88,7 @@ impl<T: RealField + Copy> Noise<T> {
         if !(deeper || aside || long) {
             return Ok(None);
         }
-        // A rest says something once, when the damping fades; a long one must not fill the memory.
+        // A rest is informative once, when the damping fades; a long one must not fill the memory.
         let rests = !(deeper || aside);
         let drop = rests && self.rested;
         self.rested = rests;

@@ -13,12 +13,12 @@ use nalgebra::{RealField, convert};
 pub struct Replay<T: RealField, const M: usize, const C: usize, const N: usize> {
     filter: Filter<T, M, C, N>,
     next: usize,
-    /// The best parameters that a whole replay has seen, the number of its rows, and its cost.
+    /// The best parameters of all whole replays, the number of their rows, and their cost.
     best: Option<([T; N], usize, T)>,
     /// Cost of this replay when it had as many rows as the best one.
     cost_then: T,
     halvings: u8,
-    /// Replays in a row that were too far from the best parameters to be believed.
+    /// Replays in a row that were too far from the best parameters to be accepted.
     far: u8,
     /// Rows of the last replay whose parameters came to rest.
     settled_rows: usize,
@@ -30,7 +30,7 @@ pub struct Replay<T: RealField, const M: usize, const C: usize, const N: usize> 
 const FAR_SHARE: f64 = 0.5;
 const FAR_LEAST: f64 = 25.0;
 const MAX_FAR: u8 = 10;
-/// A step has made things worse where deviations have grown by this factor and this much. What it was made for are the newest rows
+/// A step has made the fit worse where deviations have grown by this factor and this much. What it was made for are the newest rows
 /// too: the older ones may well lose a little.
 const WORSE_SHARE: f64 = 1.3;
 const WORSE_LEAST: f64 = 5.0;

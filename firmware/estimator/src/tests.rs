@@ -51,13 +51,13 @@ fn last(parameters: &[f64; PARAMETERS]) -> ([f64; 2], [[f64; PARAMETERS]; 2]) {
     field.set(parameters, CELLS);
     let mut simulation =
         Simulation::<f64, MODES, CELLS, PARAMETERS>::new(settings.cell_m, settings.length_m, 0.3, 0.0);
-    let mut said = ([0.0; 2], [[0.0; PARAMETERS]; 2]);
+    let mut latest = ([0.0; 2], [[0.0; PARAMETERS]; 2]);
     for row in rows() {
         let predicted = simulation.predict(&shape, &field, &row).expect("regular");
-        said = ([predicted.force_n, predicted.tip_m], [predicted.force_by, predicted.tip_by]);
+        latest = ([predicted.force_n, predicted.tip_m], [predicted.force_by, predicted.tip_by]);
         simulation.advance(&row, &predicted, 0.0);
     }
-    said
+    latest
 }
 
 /// Through forty rows, the path that they cut and the dampers' memory.
@@ -150,7 +150,7 @@ fn number() -> impl Strategy<Value = f32> {
 }
 
 proptest! {
-    /// Whatever comes in, in single precision and with a small memory: no panic, and every number that comes out is one, with
+    /// Any input, in single precision and with a small memory: no panic, and every number that comes out is one, with
     /// stiffness above and damping not below nothing.
     #[test]
     fn any_input_leaves_numbers(
@@ -172,8 +172,8 @@ proptest! {
         for (step_s, depth_m, base_m, force_n, tip_m) in samples {
             time_s += step_s;
             let sample = Sample { time_s, depth_m: depth_m * 0.3, base_m, force_n, tip_m };
-            let said = tracker.update(&sample).ok().flatten().into_iter().chain(tracker.finish());
-            for estimate in said {
+            let estimates = tracker.update(&sample).ok().flatten().into_iter().chain(tracker.finish());
+            for estimate in estimates {
                 for value in [estimate.stiffness, estimate.damping] {
                     prop_assert!(value.value.is_finite() && value.low.is_finite(), "{estimate:?}");
                     prop_assert!(value.low <= value.high, "{estimate:?}");

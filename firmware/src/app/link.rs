@@ -16,7 +16,7 @@ use protocol::{
     encode_envelope,
 };
 
-/// How often room in the port's buffer is looked for.
+/// How often room in the port's buffer is polled.
 const ROOM: Duration = Duration::from_millis(10);
 
 #[embassy_executor::task]
@@ -110,7 +110,7 @@ impl Link {
     }
 
     /// Writes all bytes, however long the line takes. A frame that the port refuses is a gap in the sequence, which the host
-    /// counts. The driver may forget to wake a writer that found too little room, so it is asked again: twice before a full
+    /// counts. The driver may forget to wake a writer that found too little room, so it is polled again: twice before a full
     /// buffer runs dry.
     async fn write(&mut self, mut bytes: &[u8]) {
         while !bytes.is_empty() {

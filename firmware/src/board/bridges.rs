@@ -3,7 +3,7 @@
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{GPIOA, GPIOB};
 
-/// Makes the pins of both bridges plain outputs and drives them low, whatever state the drivers are in.
+/// Makes the pins of both bridges plain outputs and drives them low, in any state of the drivers.
 pub(super) fn hold_off() {
     for (port, pin) in [(GPIOB, 0), (GPIOB, 1), (GPIOA, 15), (GPIOA, 2)] {
         port.bsrr().write(|w| w.set_br(pin, true));

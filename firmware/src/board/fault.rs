@@ -52,14 +52,14 @@ fn defmt_panic() -> ! {
     stop()
 }
 
-/// Flash whose programming was cut off reads with an error that its check code cannot mend, and the chip tells so here. The flag is
+/// Flash whose programming was cut off reads with an error that its check code cannot mend, and the chip reports it here. The flag is
 /// cleared and the reader finds by its own checksum that what it has read is nothing.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     let damaged = FLASH.eccr().read().eccd();
     FLASH.eccr().modify(|w| w.set_eccd(true));
     if !damaged {
-        panic!("a non-maskable interrupt that nothing here asks for");
+        panic!("unexpected non-maskable interrupt");
     }
 }
 

@@ -144,7 +144,7 @@ pub fn take() -> Board {
     Board { sensors, actuators, panel, serial, calibration, origin, boot, control, background }
 }
 
-/// Stores what is to be stored, and reads what is. Where there is nothing sound, it is the rig as designed, which the hello says.
+/// Stores what is to be stored, and reads what is. Where there is nothing sound, it is the rig as designed, which the hello reports.
 fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibration, Origin) {
     let mut choice = choose(&mut store);
     if let Some(record) = to_store {

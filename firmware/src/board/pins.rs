@@ -21,7 +21,7 @@ use embassy_stm32::time::Hertz;
 
 /// Core, AHB and APB clock.
 pub const CORE_CLOCK: Hertz = Hertz(80_000_000);
-/// The board's name, as the hello tells it.
+/// The board's name in the hello.
 pub const BOARD_NAME: &str = "B-L475E-IOT01A";
 /// Speed of the serial port, 8N1.
 pub const SERIAL_BAUD: u32 = 460_800;

@@ -35,7 +35,7 @@ static mut RETAINED: MaybeUninit<Retained> = MaybeUninit::uninit();
 /// # Safety
 /// Nothing else may work on it meanwhile: start-up before any task runs, or code with interrupts off.
 unsafe fn with<R>(work: impl FnOnce(&mut Retained) -> R) -> R {
-    // SAFETY: every bit pattern is a valid value of every field; the caller sees to it that there is one reference at a time.
+    // SAFETY: every bit pattern is a valid value of every field; the caller ensures that there is one reference at a time.
     work(unsafe { &mut *ptr::addr_of_mut!(RETAINED).cast::<Retained>() })
 }
 

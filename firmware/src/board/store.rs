@@ -1,7 +1,7 @@
 //! The store: the last two pages of the flash, each of which keeps a few hundred bytes without power.
 //!
 //! The pages lie in the second bank and the program in the first, so the core goes on while one is erased (about 25 ms) and
-//! programmed; whoever writes waits. A write that is cut off leaves anything in its page, and the other one as it was: what is
+//! programmed; the writer waits. A write that is cut off leaves anything in its page, and the other one as it was: what is
 //! stored must carry its own check, and the older of two is erased for the new one ([`control::slots`]).
 
 use embassy_stm32::Peri;
@@ -100,7 +100,7 @@ const fn offset_of(slot: usize) -> u32 {
 }
 
 /// Switches the cache of data read from flash off. While one bank is written and the other read, the chip may put wrong data
-/// into it (the errata of the L47x tell so), and it does not notice that a page was erased.
+/// into it (errata of the L47x), and it does not notice that a page was erased.
 fn pause_data_cache() -> bool {
     let caching = pac::FLASH.acr().read().dcen();
     pac::FLASH.acr().modify(|w| w.set_dcen(false));

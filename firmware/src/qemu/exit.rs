@@ -3,7 +3,7 @@
 /// How a run ended: QEMU's exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExitCode {
-    /// The plant asked for power-off, or all tests passed.
+    /// The plant requested power-off, or all tests passed.
     PowerOff = 0,
     /// A test failed.
     TestsFailed = 1,

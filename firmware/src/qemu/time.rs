@@ -36,7 +36,7 @@ embassy_time_driver::time_driver_impl!(static TIME: SysTickTime = SysTickTime {
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
 
-/// Exchanges so far. An atomic, because the fault handler reads it whatever it has interrupted.
+/// Exchanges so far. An atomic, because the fault handler reads it in any context.
 static STEPS: AtomicU32 = AtomicU32::new(0);
 
 /// Microseconds since the start; for code that the SysTick handler cannot interrupt: with interrupts masked, or in the
@@ -70,7 +70,7 @@ impl SysTickTime {
             })
         };
         if reply.panic {
-            panic!("the plant asks for a panic");
+            panic!("the plant requests a panic");
         }
         if reply.brown_out {
             peripherals::brown_out_reset();

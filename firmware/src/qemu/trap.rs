@@ -199,7 +199,7 @@ fn gather(frame: &Frame, saved: &[u32; 8], exc_return: u32) -> [u32; 16] {
     registers[4..12].copy_from_slice(saved);
     registers[12] = frame.r12;
     // Bit 4 of EXC_RETURN is clear where the core stacked (or left room for) the floating-point registers; bit 9 of the
-    // stacked status tells a padding word.
+    // stacked status flags a padding word.
     let stacked = if exc_return & 0x10 == 0 { 0x68 } else { 0x20 };
     registers[13] = (frame as *const Frame as u32) + stacked + ((frame.xpsr >> 9) & 1) * 4;
     registers[14] = frame.lr;

@@ -4,7 +4,7 @@ Hermite elements with SciPy's banded solver, and by the frame programs of struct
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from timing import told
+from timing import report
 from unit_shape import DEPTH, EI, ENTRY, GUIDE2, SAMPLES, Z, unit_shape
 
 K = 16e3
@@ -48,7 +48,7 @@ def elements(k=K):
     for i in range(4):
         for j in range(i + 1):
             np.add.at(banded[i - j], at + j, local[:, i, j])
-    # Clamped: the first two unknowns are left out.
+    # Clamped: the first two unknowns are dropped.
     right = np.zeros(2 * NODES - 2)
     right[2 * LOADED - 2] = 1.0
     u = np.append([0.0, 0.0], solveh_banded(banded[:, 2:], right, lower=True))
@@ -118,8 +118,8 @@ def frames(k=K):
         model.add_support_spring(node_id=int(i) + 1, translation=2, k=float(k * LUMPED[i]))
     model.point_load(node_id=LOADED + 1, Fy=1.0)
     model.solve()
-    told = model.get_node_results_system()
-    u = np.array([abs(node["uy"]) for node in told])
+    results = model.get_node_results_system()
+    u = np.array([abs(node["uy"]) for node in results])
     slope = np.gradient(u, STEP)
     return np.append(u[LOADED], hermite(u, slope, Z))
 
@@ -135,4 +135,4 @@ PEERS = [
 
 if __name__ == "__main__":
     assert SAMPLES == len(Z)
-    told(PEERS)
+    report(PEERS)

@@ -5,7 +5,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from beam import PEERS
-from timing import told
+from timing import report
 from unit_shape import SAMPLES, Z, unit_shape
 
 SHAPE_SD = 25e-6
@@ -20,10 +20,10 @@ def main():
         """With a beam: from K to the deflections at guide 2 and at Z under 1 N at guide 2."""
 
         def residuals(x):
-            per_newton, *seen = solve(np.exp(x[0]))
+            per_newton, *per_force = solve(np.exp(x[0]))
             f = x[1] / per_newton
             ends = [(1.205e-3 - x[1]) / 15e-6, (force + 0.05 - f) / 0.1]
-            return np.concatenate([ends, (shape - f * np.array(seen)) / SHAPE_SD])
+            return np.concatenate([ends, (shape - f * np.array(per_force)) / SHAPE_SD])
 
         def identify():
             found = least_squares(residuals, [9.0, 1.205e-3], x_scale=[1.0, 1e-3], method="lm")
@@ -33,7 +33,7 @@ def main():
 
         return identify
 
-    told([(f"SciPy, `least_squares` on {name}", identification(solve)) for name, solve in PEERS])
+    report([(f"SciPy, `least_squares` on {name}", identification(solve)) for name, solve in PEERS])
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ Hermite elements, the springs at rest on the path that the tip has cut. The resu
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from timing import told
+from timing import report
 from unit_shape import EI, GUIDE2
 
 ENTRY, K, LOAD, STEP, STEPS = 0.085, 12e3, 0.2, 0.5e-3, 280
@@ -54,4 +54,4 @@ def insertion():
 
 
 if __name__ == "__main__":
-    told([("SciPy, `solveh_banded` at every depth", insertion)])
+    report([("SciPy, `solveh_banded` at every depth", insertion)])

@@ -4,7 +4,7 @@ parts gives, which is 0."""
 
 import numpy as np
 
-from timing import given, told
+from timing import given, report
 
 DATA = given()
 PARTS, SIZE, DEPTHS = DATA["parts"], DATA["unknowns"], DATA["depths"]
@@ -57,4 +57,4 @@ def work():
 
 if __name__ == "__main__":
     assert difference() < 1e-10
-    told([("NumPy, all parts at once", work)])
+    report([("NumPy, all parts at once", work)])

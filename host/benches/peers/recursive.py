@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from timing import given, told
+from timing import given, report
 
 DATA = given()
 ROWS, VALUES = np.array(DATA["rows"]), np.array(DATA["values"])
@@ -41,7 +41,7 @@ def by_padasip():
 
 
 if __name__ == "__main__":
-    told([
+    report([
         ("NumPy", by_numpy, COUNT),
         ("filterpy, `KalmanFilter.update`", by_filterpy, COUNT),
         ("padasip, `FilterRLS.adapt`", by_padasip, COUNT),

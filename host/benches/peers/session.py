@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from timing import given, told
+from timing import given, report
 
 FOLDER = Path(given()["folder"])
 COLUMNS = {
@@ -41,7 +41,7 @@ def by_csv(path, columns):
 
 
 if __name__ == "__main__":
-    told([
+    report([
         ("pandas, `read_csv`, and tomllib", lambda: sums(by_pandas)),
         ("Python's own csv and tomllib", lambda: sums(by_csv)),
     ])

@@ -16,18 +16,18 @@ def seconds(work, least=3, most=300, budget=1.0):
     return min(times)
 
 
-def told(peers):
+def report(peers):
     """Prints what was measured: name, function and what part of its result is compared, as (name, work) or (name, work, calls)."""
     out = []
     for name, work, *calls in peers:
         try:
             result = [float(value) for value in work()]
             out.append({"name": name, "seconds": seconds(work) / (calls[0] if calls else 1), "result": result})
-        except Exception as error:  # A peer that does not run here is told, not hidden.
+        except Exception as error:  # A peer that does not run here is reported, not hidden.
             out.append({"name": name, "error": f"{type(error).__name__}: {error}"})
     json.dump(out, sys.stdout)
 
 
 def given():
-    """What the caller says."""
+    """Input from the caller."""
     return json.load(open(sys.argv[1]))

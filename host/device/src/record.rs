@@ -1,4 +1,4 @@
-//! Recording a lateral run: what the device streams and what the ultrasound sees, into a session.
+//! Recording a lateral run: what the device streams and what the ultrasound measures, into a session.
 //!
 //! Rows reach the operating system several times a second, so a crash or a pulled cable costs a fraction of a second. Losses are
 //! written where they happened (column `lost_before`), never smoothed over.
@@ -35,14 +35,14 @@ pub enum RecordError {
         /// Number of the step, from 1.
         number: usize,
     },
-    /// A hold that asks for a sweep was not seen at all.
+    /// No samples arrived of a hold that requires a sweep.
     #[error("step {number}: no sweep was taken: no samples of this hold arrived")]
-    HoldNotSeen {
+    HoldWithoutSamples {
         /// Number of the step, from 1.
         number: usize,
     },
-    /// The tracker was silent in a hold that asks for a sweep.
-    #[error("step {number}: no sweep was taken: the tracker told no shape in this hold")]
+    /// The tracker was silent in a hold that requires a sweep.
+    #[error("step {number}: no sweep was taken: the tracker sent no shape in this hold")]
     HoldNotTracked {
         /// Number of the step, from 1.
         number: usize,
@@ -54,25 +54,25 @@ pub enum RecordError {
 pub enum Ultrasound<'a> {
     /// From nowhere: displacement and force alone are recorded.
     Absent,
-    /// From a command that is run in every hold that asks for one.
+    /// From a command that is run in every hold that requires one.
     Command(&'a str),
-    /// From a tracker that tells shapes by itself, all of which are recorded.
+    /// From a tracker that sends shapes by itself, all of which are recorded.
     Tracker(Box<Channel>),
 }
 
-/// Looks on while a run is recorded.
+/// Observes a run while it is recorded.
 pub trait AcquisitionObserver {
     /// A step of the program has begun.
     fn step(&mut self, _step: usize) {}
     /// Samples have arrived, of the run or of the time around it.
     fn samples(&mut self, _batch: &Batch) {}
-    /// A sweep has been recorded, taken at this device time unless it says when.
+    /// A sweep has been recorded, taken at this device time unless it has times of its own.
     fn sweep(&mut self, _sweep: &Sweep, _time_s: f64) {}
-    /// Something that a person should know.
+    /// A remark for the user.
     fn note(&mut self, _text: &str) {}
 }
 
-/// Nobody looks on.
+/// No observer.
 impl AcquisitionObserver for () {}
 
 /// What a recording holds.
@@ -122,7 +122,7 @@ impl<'w, 's> Recorder<'w, 's> {
     /// Writes a batch.
     ///
     /// # Errors
-    /// What the session's files say.
+    /// Errors of the session's files.
     pub fn batch(&mut self, batch: &Batch) -> Result<(), SessionError> {
         // What was lost before the first row lies outside the run.
         let mut lost_before = if self.first_s.is_some() { batch.lost_before } else { 0 };
@@ -152,18 +152,18 @@ impl<'w, 's> Recorder<'w, 's> {
         Ok(())
     }
 
-    /// Writes what a tracker has told of the time since the first sample.
+    /// Writes what a tracker has sent of the time since the first sample.
     ///
     /// # Errors
-    /// What the session's files say.
+    /// Errors of the session's files.
     pub fn track(
         &mut self,
         tracker: &mut Channel,
         observer: &mut dyn AcquisitionObserver,
     ) -> Result<Vec<f64>, SessionError> {
         let mut times_s = Vec::new();
-        for seen in tracker.look() {
-            match seen {
+        for observation in tracker.poll() {
+            match observation {
                 Observation::Note(text) => observer.note(&text),
                 Observation::Shape(sweep) => {
                     let time_s = sweep.rows(0.0).next().map(|row| row.time_s);
@@ -179,10 +179,10 @@ impl<'w, 's> Recorder<'w, 's> {
         Ok(times_s)
     }
 
-    /// Writes a sweep taken at this device time, unless the sweep says when it was taken.
+    /// Writes a sweep taken at this device time, unless the sweep has times of its own.
     ///
     /// # Errors
-    /// What the session's files say.
+    /// Errors of the session's files.
     pub fn sweep(&mut self, sweep: &Sweep, time_s: f64) -> Result<(), SessionError> {
         for row in sweep.rows(time_s) {
             self.writer.shape(&row)?;
@@ -192,7 +192,7 @@ impl<'w, 's> Recorder<'w, 's> {
     }
 }
 
-/// Runs a program and records it, with the sweeps that its holds ask for where there is an ultrasound.
+/// Runs a program and records it, with the sweeps that its holds require where there is an ultrasound.
 ///
 /// # Errors
 /// [`RecordError`]; what was recorded until then has been written.

@@ -1,4 +1,4 @@
-//! One ultrasound sweep from whatever program a lab has: a command whose standard output is the sweep.
+//! One ultrasound sweep from any program that a lab has: a command whose standard output is the sweep.
 //!
 //! The output is CSV with a header: `z_mm` and `deflection_y_mm`, and where they are known `deflection_x_mm` and `time_s` (on
 //! the device's clock); other columns are ignored.
@@ -21,18 +21,18 @@ pub enum SweepError {
     Start {
         /// The command.
         command: String,
-        /// What the system says.
+        /// The system's error.
         cause: String,
     },
     /// The command failed.
-    #[error("the sweep command `{command}` failed ({status}): {said}")]
+    #[error("the sweep command `{command}` failed ({status}): {last_line}")]
     Failed {
         /// The command.
         command: String,
         /// Its exit status.
         status: String,
-        /// The last line it said.
-        said: String,
+        /// The last line of its standard error.
+        last_line: String,
     },
     /// Its output is no sweep.
     #[error(transparent)]
@@ -66,12 +66,12 @@ impl Sweep {
         Ok(Self { rows: shape.z_m.iter().zip(&shape.y_m).enumerate().map(row).collect() })
     }
 
-    /// Samples that say when they were taken.
+    /// Samples with times of their own.
     pub fn at_own_times(rows: Vec<ShapeRow>) -> Self {
         Self { rows: rows.into_iter().map(|row| (Some(row.time_s), row)).collect() }
     }
 
-    /// The samples; those that do not say when they were taken were taken at this time.
+    /// The samples; those without times of their own were taken at this time.
     pub fn rows(&self, time_s: f64) -> impl Iterator<Item = ShapeRow> {
         self.rows.iter().map(move |(own, row)| ShapeRow { time_s: own.unwrap_or(time_s), ..*row })
     }
@@ -101,17 +101,17 @@ impl SweepTask {
         let (sender, receiver) = mpsc::channel();
         let command = command.to_owned();
         std::thread::spawn(move || {
-            // Both pipes are emptied: a command that says a lot must not wait for its reader.
-            let said = child.stderr.take().map(|stderr| std::thread::spawn(move || tail(stderr)));
+            // Both pipes are emptied: a command that prints a lot must not wait for its reader.
+            let errors = child.stderr.take().map(|stderr| std::thread::spawn(move || tail(stderr)));
             let mut text = String::new();
             let read = child.stdout.take().map(|stdout| stdout.take(OUTPUT_LIMIT).read_to_string(&mut text));
             let outcome = match (read, child.wait()) {
                 (Some(Ok(_)), Ok(status)) if status.success() => Sweep::parse(&text),
                 (Some(Err(error)), _) => Err(SweepError::Read(error.to_string())),
                 (_, Ok(status)) => {
-                    let said = said.and_then(|said| said.join().ok()).unwrap_or_default();
-                    let said = said.lines().last().unwrap_or_default().to_owned();
-                    Err(SweepError::Failed { command, status: status.to_string(), said })
+                    let errors = errors.and_then(|errors| errors.join().ok()).unwrap_or_default();
+                    let last_line = errors.lines().last().unwrap_or_default().to_owned();
+                    Err(SweepError::Failed { command, status: status.to_string(), last_line })
                 }
                 (_, Err(error)) => Err(SweepError::Start { command, cause: error.to_string() }),
             };
@@ -184,13 +184,13 @@ mod tests {
             // What no session could be read with afterwards.
             ("z_mm,deflection_y_mm\n-1,0\n", ":2:1: z_mm: -1 is out of range"),
         ] {
-            let said = message(text);
-            assert!(said.starts_with(&format!("the sweep command's output{expected}")), "{said}");
+            let message = message(text);
+            assert!(message.starts_with(&format!("the sweep command's output{expected}")), "{message}");
         }
     }
 
     #[test]
-    fn a_command_gives_a_sweep_or_says_why_not() {
+    fn a_command_gives_a_sweep_or_an_error() {
         let good = complete(r#"printf 'z_mm,deflection_y_mm\n71,0.5\n'"#).unwrap();
         assert_eq!(good.rows(1.0).count(), 1);
         let failed = complete("sh -c 'echo probe is off >&2; exit 3'").unwrap_err().to_string();

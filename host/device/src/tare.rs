@@ -1,4 +1,4 @@
-//! How good a tare was: what the device says of its readings, in units, with intervals and a verdict.
+//! Quality of a tare: the device's report of its readings, in units, with intervals and a verdict.
 
 use crate::link::Client;
 use protocol::{Tare, UNIQUE_CODES};
@@ -92,7 +92,7 @@ pub enum TareFault {
 }
 
 impl TareQuality {
-    /// What a device's tare says.
+    /// Quality from a device's tare.
     pub fn new(client: &Client, tare: &Tare) -> Self {
         let scales = client.hello().scales;
         let count_n = f64::from(scales.force_nn_per_count) * 1e-9;
@@ -148,8 +148,8 @@ impl TareQuality {
         for (axis, found) in ['x', 'y'].into_iter().zip(&self.axes) {
             let limit_n = DRIFT_PER_MINUTE * self.force_range_n;
             let n_per_minute = 60.0 * found.drift_n_per_s;
-            let told = found.drift_ci95_n_per_s.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
-            if told && n_per_minute.abs() > limit_n {
+            let significant = found.drift_ci95_n_per_s.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
+            if significant && n_per_minute.abs() > limit_n {
                 faults.push(TareFault::Drift { axis, n_per_minute, limit_n });
             }
             let limit_n = NOISE_SHARE * self.force_range_n;
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn a_good_tare_is_told_in_units() {
+    fn a_good_tare_is_reported_in_units() {
         let quality = of(GOOD);
         let [x, y] = quality.axes;
         assert!((x.zero_n - 0.1).abs() < 1e-12 && (y.sd_n - 4.5e-3).abs() < 1e-12);
@@ -207,10 +207,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said() {
-        let faulty = |tare: Tare, said: &str| {
+    fn what_is_wrong_is_reported() {
+        let faulty = |tare: Tare, expected: &str| {
             let verdict = of(tare).verdict();
-            assert!(verdict.contains(said), "{verdict}");
+            assert!(verdict.contains(expected), "{verdict}");
         };
         faulty(Tare { readings: 0, ..GOOD }, "no reading was valid");
         faulty(Tare { readings: 0, periods: 0, ..GOOD }, "no reading was valid");
@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn what_noise_explains_is_no_fault() {
-        // A drift of 0.15 N a minute that these readings cannot tell from none, and few codes of few readings.
+        // A drift of 0.15 N a minute that these readings cannot distinguish from none, and few codes of few readings.
         let short =
             Tare { drift_counts_per_s: [50, 0], periods: 20, readings: 20, unique_codes: [9, 8], ..GOOD };
         assert_eq!(of(short).verdict(), "good");

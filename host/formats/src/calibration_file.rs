@@ -35,12 +35,12 @@ pub fn read(path: &Path) -> Result<CalibrationRecord, SessionError> {
 /// Writes a record as a calibration file, which reads as the same record.
 ///
 /// # Errors
-/// What the operating system says.
+/// As reported by the operating system.
 pub fn write(path: &Path, record: &CalibrationRecord) -> Result<(), SessionError> {
     replace(path, &to_toml(record))
 }
 
-/// A record that a rig can have. The device refuses any other too, but cannot say why.
+/// A record that a rig can have. The device refuses any other too, but gives no reason.
 fn sound(path: &Path, text: &str) -> Result<CalibrationRecord, SessionError> {
     Fields::parse(path, text, |file| {
         let record = record(file)?;
@@ -96,8 +96,8 @@ fn force_matrix(file: &Fields<'_>) -> Result<[[i32; 2]; 2], SessionError> {
     let [[xx, xy], [yx, yy]] = [[xx, xy], [yx, yy]].map(|row| row.map(f64::round));
     let size = xx.hypot(xy) * yx.hypot(yy);
     if (xx * yy - xy * yx).abs() <= MIN_SINE * size {
-        let problem = Problem::Syntax("the two rows say the same".to_owned());
-        return Err(file.field_fault(FIELD, problem, "rows from which both forces can be told"));
+        let problem = Problem::Syntax("the two rows are proportional".to_owned());
+        return Err(file.field_fault(FIELD, problem, "rows that determine both forces"));
     }
     Ok([[xx, xy], [yx, yy]].map(|row| row.map(|pn| pn as i32)))
 }
@@ -191,7 +191,7 @@ fn direction(knots_um: &[i16; KNOTS]) -> bool {
     knots_um.first() < knots_um.last()
 }
 
-/// Newtons per code, as a record's piconewtons say.
+/// Newtons per code, from a record's piconewtons.
 pub fn force_n_per_code(record: &CalibrationRecord) -> [[f64; 2]; 2] {
     // The decimal number itself, which a product would miss by a last digit.
     record.force_pn_per_code.map(|row| row.map(|pn| format!("{pn}e-12").parse().unwrap_or_default()))
@@ -254,7 +254,7 @@ rising_mm = [20.0, -19.0]
 falling_mm = [20.1, -19.0]
 "#;
 
-    fn said(text: &str) -> Result<CalibrationRecord, String> {
+    fn parse(text: &str) -> Result<CalibrationRecord, String> {
         Fields::parse(Path::new("c.toml"), text, record).map_err(|error| error.to_string())
     }
 
@@ -262,8 +262,8 @@ falling_mm = [20.1, -19.0]
     fn constants_that_no_rig_has_name_their_field() {
         let text = FILE.replace("[-10, 0, 30]", "[-10.5, 0, 30]").replace("[20.0, -19.0]", "[25.0, -24.0]");
         let text = text.replace("[20.1, -19.0]", "[25.1, -24.0]");
-        let said = |text: &str| sound(Path::new("c.toml"), text).map_err(|error| error.to_string());
-        said(&text).expect("sound");
+        let parse = |text: &str| sound(Path::new("c.toml"), text).map_err(|error| error.to_string());
+        parse(&text).expect("sound");
         for (from, to, expected) in [
             (
                 "[[9.31e-7, 0.0], [0.0, 9.31e-7]]",
@@ -278,14 +278,14 @@ falling_mm = [20.1, -19.0]
             ("travel_mm = 10.0", "travel_mm = 30.0", "travel_mm: the travel of 30000 um"),
             ("[-10.5, 0, 30]", "[-1.05, 0, 3]", "potentiometer: the position of axis 0 changes by"),
         ] {
-            let message = said(&text.replacen(from, to, 1)).expect_err(to);
+            let message = parse(&text.replacen(from, to, 1)).expect_err(to);
             assert!(message.contains(expected), "{message}");
         }
     }
 
     #[test]
     fn any_points_become_the_knots_of_the_record() {
-        let record = said(FILE).expect("good");
+        let record = parse(FILE).expect("good");
         let [x, y] = record.potentiometers;
         assert_eq!(x.rising_um, [-10_000, -4_880, 240, 5_360, 10_480, 15_600, 20_720, 25_840, 30_960]);
         assert_eq!(x.falling_um, x.rising_um, "no play");
@@ -306,8 +306,12 @@ falling_mm = [20.1, -19.0]
             ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[1e-7, 0.0], [1]]", "1 is out of range"),
             ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[1e-7, 0.0], [0]]", "force_n_per_code: a list of 1"),
             ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[1, 2]", "force_n_per_code: this is an integer"),
-            ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[1e-7, 2e-7], [2e-7, 4e-7]]", "the two rows say the same"),
-            ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[1e-7, 0], [0, 0]]", "the two rows say the same"),
+            (
+                "[[9.31e-7, 0.0], [0.0, 9.31e-7]]",
+                "[[1e-7, 2e-7], [2e-7, 4e-7]]",
+                "the two rows are proportional",
+            ),
+            ("[[9.31e-7, 0.0], [0.0, 9.31e-7]]", "[[1e-7, 0], [0, 0]]", "the two rows are proportional"),
             (
                 "codes = [0, 1000, 4000]",
                 "codes = [0, 1000.5, 4000]",
@@ -328,7 +332,7 @@ falling_mm = [20.1, -19.0]
             ("[20.1, -19.0]", "[-20.1, 19.0]", "falling_mm: against the direction of rising_mm"),
             ("[potentiometer.y]", "[potentiometer.z]", "potentiometer.z: \"z\" is not known"),
         ] {
-            let message = said(&FILE.replacen(from, to, 1)).expect_err(to);
+            let message = parse(&FILE.replacen(from, to, 1)).expect_err(to);
             assert!(message.contains(expected), "{message}");
         }
     }
@@ -358,16 +362,16 @@ falling_mm = [20.1, -19.0]
             let force_pn_per_code = [[xx, xy], [yx, -yy]];
             let record = CalibrationRecord { id: Text::new(&id), potentiometers, travel_um, force_pn_per_code, force_range_mn };
             let text = to_toml(&record);
-            prop_assert_eq!(said(&text), Ok(record), "{}", text);
+            prop_assert_eq!(parse(&text), Ok(record), "{}", text);
         }
 
         #[test]
         fn arbitrary_text_never_panics(text in "\\PC{0,80}", at in any::<prop::sample::Index>(), with in any::<char>()) {
-            let _ = said(&text);
+            let _ = parse(&text);
             let at = at.index(FILE.len());
             let mut damaged: Vec<char> = FILE.chars().collect();
             damaged[at] = with;
-            let _ = said(&damaged.into_iter().collect::<String>());
+            let _ = parse(&damaged.into_iter().collect::<String>());
         }
     }
 }

@@ -14,10 +14,10 @@
 //! use formats::session::Session;
 //! use std::path::Path;
 //!
-//! // An error says where, what, and what is valid.
+//! // An error states where, what, and what is valid.
 //! match Session::read(Path::new("no-such-session")) {
 //!     Err(error) => assert!(error.to_string().contains("no-such-session")),
-//!     Ok(_) => unreachable!("nobody has written it"),
+//!     Ok(_) => unreachable!("there is no such session"),
 //! }
 //! ```
 #![forbid(unsafe_code)]

@@ -24,8 +24,8 @@
 //! value = 14.8
 //! ```
 //!
-//! A parameter that does nothing at its neutral value may be left out beside another one; a place or a time may not. What is
-//! not known here is refused: a misspelt name would change the model without a word.
+//! A parameter that does nothing at its neutral value may be omitted beside another one; a place or a time may not. What is
+//! not known here is refused: a misspelt name would change the model silently.
 
 mod discrepancy;
 
@@ -139,11 +139,11 @@ impl ModelFile {
                 found.discrepancy.extend(multiple.map(|multiple| (name.to_owned(), multiple)));
             }
         }
-        let mut seen = HashSet::new();
+        let mut ids = HashSet::new();
         for fields in file.tables("effect")? {
             let learned = LearnedEffect::read(&fields)?;
             let id = learned.effect.id();
-            if !seen.insert(id) {
+            if !ids.insert(id) {
                 return Err(fields.field_fault("id", Problem::Duplicate(id.to_owned()), "one effect per id"));
             }
             found.effects.push(learned);
@@ -151,10 +151,10 @@ impl ModelFile {
         Ok(found)
     }
 
-    /// Writes the model, replacing an older one in one step; an empty `learned_from` is left out.
+    /// Writes the model, replacing an older one in one step; an empty `learned_from` is omitted.
     ///
     /// # Errors
-    /// [`SessionError::NotFinite`], or what the operating system says.
+    /// [`SessionError::NotFinite`], or an error of the operating system.
     pub fn write(&self, path: &Path) -> Result<(), SessionError> {
         replace(path, &self.text(path)?)
     }
@@ -239,7 +239,7 @@ impl ModelFile {
         Some([self.modulus_pa?, self.modulus_ci95_pa.map_or(0.0, sd_pa)])
     }
 
-    /// What the other model says, and this one where that says nothing.
+    /// The other model's values, and this one's where it has none.
     pub fn replaced_by(mut self, other: &Self) -> Self {
         if other.modulus_pa.is_some() {
             (self.modulus_pa, self.modulus_ci95_pa) = (other.modulus_pa, other.modulus_ci95_pa);

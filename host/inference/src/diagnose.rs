@@ -10,15 +10,15 @@
 //! | evidence with that discrepancy, and fits | `evidence`, `posterior` |
 //! | where it disagrees, and whether at all | `adequacy` |
 //! | score every effect, margin by bootstrap | `score` |
-//! | refit, accept, add, repeat; rivals | `search` |
-//! | what would tell rivals apart | `next` |
+//! | refit, accept, add, repeat; competing effects | `search` |
+//! | what would distinguish competing effects | `next` |
 //! | before and after on what was held out | `split` |
 //! | what remains, and whether it matters | `remaining` |
 //! | intervals over all members of a class | `averaged` |
 //! | the result | `report`, `results` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
-//! optimal discriminating designs. What is added is the loop, with names, abstention and a proof on runs that nothing has seen.
+//! optimal discriminating designs. What is added is the loop, with names, abstention and a proof on runs that no fit has used.
 
 mod adequacy;
 mod averaged;
@@ -45,7 +45,7 @@ mod whiten;
 pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
-pub(crate) use foundation::{Asked, DiscrepantModulus, FoundationEvidence, beside_discrepancy};
+pub(crate) use foundation::{BesideInput, DiscrepantModulus, FoundationEvidence, beside_discrepancy};
 pub use results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, GapSide, MeanModulus,
     NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize, ResidualPoint,
@@ -84,7 +84,7 @@ pub struct Options {
     pub poisson: f64,
     /// What of the discrepancy is larger than in an ordinary rig, as multiples of that, by the names of a model file.
     pub discrepancy: Multiples,
-    /// The session to compare with: what it determines is carried over, and what differs from it is looked for.
+    /// The session to compare with: what it determines is carried over, and what differs from it is searched for.
     pub reference: Option<Session>,
 }
 
@@ -139,22 +139,22 @@ pub enum DiagnoseError {
     Fit(#[from] FitError),
 }
 
-/// Beside others an effect with more rivals than this is no name.
+/// Beside others an effect with more competitors than this is no name.
 const MAX_IN_CLASS: usize = 3;
 
-/// Diagnoses a session; `tell` hears what goes on.
+/// Diagnoses a session; `on_progress` receives a line for each step.
 ///
 /// # Errors
-/// [`DiagnoseError`] where nothing can be said at all.
+/// [`DiagnoseError`] where nothing can be diagnosed.
 pub fn diagnose(
     session: &Session,
     options: &Options,
-    mut tell: impl FnMut(&str),
+    mut on_progress: impl FnMut(&str),
 ) -> Result<Diagnosis, DiagnoseError> {
     let (runs, mut warnings) = runs_of(session)?;
     let all: Vec<Run> = runs.clone();
     let (Training { mut runs, rule }, held_out) = split(runs);
-    tell(&rule);
+    on_progress(&rule);
     let (noise, disagreements) = Noise::with_disagreements(&runs, &session.noise);
     warnings.extend(disagreements);
     let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
@@ -162,7 +162,7 @@ pub fn diagnose(
     let mut noises = Noises { session: noise, reference: noise };
     let mut multiples = options.discrepancy.clone();
     if let Some(reference) = &options.reference {
-        tell("the reference is fitted");
+        on_progress("the reference is fitted");
         let (mut of_reference, skipped) = runs_of(reference)?;
         of_reference.iter_mut().for_each(|run| run.is_reference = true);
         warnings.extend(skipped.into_iter().map(|what| format!("reference: {what}")));
@@ -177,8 +177,8 @@ pub fn diagnose(
     }
     let start = fit_start(&layout, &runs, &noises, &options.given, &multiples)?;
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
-    tell(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
-    let (foundation, start, found) = choose(start, &judge, options, &mut tell)?;
+    on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
+    let (foundation, start, found) = choose(start, &judge, options, &mut on_progress)?;
     let Start { runs: prepared, patterns, fitted: start } = start;
     let before = Adequacy::of(&start, &prepared, &patterns)?;
     let where_before = regions(&start, &prepared);
@@ -186,15 +186,15 @@ pub fn diagnose(
 
     let verdict = verdict(&found, &before, judge.share(&start, &found.fitted));
     let is_large = || Remaining::of(&before, &start, &patterns, None).size == RemainingSize::Large;
-    // What moves the modulus beyond its interval is no everyday matter, however smooth it looks.
+    // What moves the modulus beyond its interval is no everyday matter, however smooth it is.
     let verdict = if verdict == Verdict::Adequate && is_large() { Verdict::Unexplained } else { verdict };
     let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
     let final_fit = if is_named { &found.fitted } else { &start };
-    tell("the runs that were held out are compared");
+    on_progress("the runs that were held out are compared");
     let gap = judge.gap(&start, final_fit, options.seed)?;
     let remaining =
         Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
-    let story = DiagnosisReport {
+    let report = DiagnosisReport {
         session,
         options,
         all: &all,
@@ -209,7 +209,7 @@ pub fn diagnose(
         multiples: final_fit.multiples(&patterns),
         held_out: judge.runs(),
     };
-    Ok(story.told(where_before.iter().map(report::region).collect(), gap, remaining, warnings))
+    Ok(report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings))
 }
 
 /// How a session would be divided.
@@ -218,7 +218,7 @@ pub struct Division {
     /// Runs that can be used.
     pub used: Vec<String>,
     /// Why others cannot.
-    pub left_out: Vec<String>,
+    pub skipped: Vec<String>,
     /// Runs of which something, or all, is held out; without any nothing is ever named.
     pub held_out: Vec<String>,
     /// The division in words.
@@ -230,10 +230,10 @@ pub struct Division {
 /// # Errors
 /// [`DiagnoseError`] where no run can be used.
 pub fn division(session: &Session) -> Result<Division, DiagnoseError> {
-    let (runs, left_out) = runs_of(session)?;
+    let (runs, skipped) = runs_of(session)?;
     let used = runs.iter().map(|run| run.id.clone()).collect();
     let (Training { rule, .. }, held_out) = split(runs);
-    Ok(Division { used, left_out, held_out: held_out.ids(), rule })
+    Ok(Division { used, skipped, held_out: held_out.ids(), rule })
 }
 
 /// All runs that can be used, and why others cannot.
@@ -252,7 +252,7 @@ fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> 
     for (id, run) in lateral.chain(insertion) {
         match run {
             Ok(run) => runs.push(run),
-            Err(why) => warnings.push(format!("run {id} is left out: {why}")),
+            Err(why) => warnings.push(format!("run {id} is skipped: {why}")),
         }
     }
     share_nodes(&mut runs);
@@ -286,8 +286,8 @@ struct Start {
     fitted: Fitted,
 }
 
-/// Fits the starting model: twice, because what makes residuals independent, and what the discrepancy looks like, need to know about
-/// what to expect. The first time there is noise alone. `multiples` say what of the discrepancy is larger than usual.
+/// Fits the starting model: twice, because what makes residuals independent, and the form of the discrepancy, depend on what to
+/// expect. The first time there is noise alone. `multiples` state what of the discrepancy is larger than usual.
 fn fit_start(
     layout: &Layout,
     runs: &[Run],
@@ -424,8 +424,8 @@ fn verdict(found: &Found, before: &Adequacy, share: f64) -> Verdict {
     }
 }
 
-/// Whether effects were added that could be any of many: they soak up what another thing has left, and are no names. A single effect
-/// of many possible ones is another matter: that is a weak one, and its class says so.
+/// Whether effects were added that could be any of many: they absorb what another effect has left, and are no names. A single effect
+/// of many possible ones is another matter: that is a weak one, as its class shows.
 fn absorbs(found: &Found) -> bool {
     found.members.len() > 1 && found.members.iter().any(|member| member.class.len() > MAX_IN_CLASS)
 }

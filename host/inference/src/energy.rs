@@ -33,7 +33,7 @@ pub struct EnergyModulus {
     /// With the work `F u(c2)`.
     pub corrected_pa: f64,
     /// Standard deviation of the corrected form from the noise of force, displacement and shape (first order); it does
-    /// not know of the bias.
+    /// not include the bias.
     pub corrected_sd_pa: f64,
 }
 

@@ -242,7 +242,7 @@ impl<'a, B: Block> Tried<'a, B> {
 }
 
 fn finite(residuals: Vec<f64>) -> Result<Vec<f64>, FitError> {
-    // Without a way out of the loop several are looked at at once.
+    // Without a way out of the loop several are examined at once.
     if residuals.iter().fold(true, |all, r| all & r.is_finite()) {
         Ok(residuals)
     } else {

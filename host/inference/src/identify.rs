@@ -2,7 +2,7 @@
 //!
 //! Per run: the energy balance of Paper A (Lehmann et al.) as printed and corrected, and the likelihood of the exact
 //! beam, which is the recommended one. Pooled: one likelihood fit of all runs with a shared K. A run that cannot be
-//! identified is reported with its reason and left out of the pool; it never contributes a number.
+//! identified is reported with its reason and excluded from the pool; it never contributes a number.
 
 mod belong;
 mod body;
@@ -61,7 +61,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
                 fitted.push(of_run);
             }
             Err(why) => {
-                warnings.push(format!("run {} is left out: {why}", run.id));
+                warnings.push(format!("run {} is skipped: {why}", run.id));
                 runs.push(RunResult::failed(run, why.to_string()));
                 unused.push(Unused::run(run, why.to_string()));
                 reasons.push((run.id.clone(), why));
@@ -92,11 +92,11 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let directions = pool::directions(&fitted, options.criteria.zero_m);
     let layers = options.layers.then(|| layers::layers(runs_of_body.as_ref().unwrap_or(&fitted))).flatten();
     if options.layers && layers.is_none() {
-        warnings.push("two layers cannot be told from these runs: they need runs at several depths, beyond the boundary too".to_owned());
+        warnings.push("two layers are not identifiable from these runs: they need runs at several depths, beyond the boundary too".to_owned());
     }
     if !options.fixed.is_empty() {
         warnings.push(
-            "the energy method knows no effects: its modulus is that of the plain model, for comparison only"
+            "the energy method models no effects: its modulus is that of the plain model, for comparison only"
                 .to_owned(),
         );
     }
@@ -129,7 +129,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     })
 }
 
-/// Whether a run can be used, without fitting anything: what it lacks, or what is to be said of it.
+/// Whether a run can be used, without fitting anything: what it lacks, or warnings about it.
 ///
 /// # Errors
 /// [`RunError`] where [`identify`] would leave it out for what was recorded.
@@ -190,7 +190,7 @@ fn identify_run(
         degrees_of_freedom: Some(best.degrees_of_freedom),
         warnings: prepared.warnings,
         error: None,
-        left_out: None,
+        skipped: None,
     };
     let fitted = Fitted {
         id: run.id.clone(),

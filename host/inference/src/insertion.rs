@@ -1,8 +1,8 @@
 //! Inference from insertions: tip load, path and its band, learned from earlier insertions of the same rig and tissue.
 //!
 //! The model is linear in everything but the modulus K and the gap between guide 2 and the tissue (theory, eq. 42): an
-//! offset of the tip sensor, the angle of entry, guide 2 off its zero, the place of the surface, the tip load and its wander with depth
-//! (stationary, with a memory that is learned) are normal unknowns, so that given K and gap the smoother is exact ([`Posterior`]). The
+//! offset of the tip sensor, the angle of entry, guide 2 off its zero, the place of the surface, the tip load and its process noise along
+//! depth (stationary, with a memory that is learned) are normal unknowns, so that given K and gap the smoother is exact ([`Posterior`]). The
 //! posterior of K and gap is climbed and covered by a grid as fine as it is narrow ([`learn`]), on responses that are solved once per
 //! session ([`Candidates`]): their uncertainty is carried through. Insertions of one rig share a part of these unknowns; how much, is
 //! learned from them.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 /// Standard deviation that pins a parameter: its misfit is far below rounding of chi-square.
 const PINNED_SD: f64 = 1e-7;
-/// Furthest that the end of an interval is looked for, standard deviations.
+/// Furthest that the end of an interval is searched for, standard deviations.
 const FURTHEST_SD: f64 = 12.0;
 const BISECTIONS: usize = 24;
 
@@ -64,7 +64,7 @@ pub fn profile_interval<B: Block>(
 }
 
 /// The first shared parameter as found on `count` sets of data drawn from the fit, in increasing order: what repeats of the
-/// same experiment would give. Sets without a fit are left out. On all cores; the result does not depend on how many there are.
+/// same experiment would give. Sets without a fit are skipped. On all cores; the result does not depend on how many there are.
 pub fn bootstrap(
     shared: &[Parameter],
     blocks: &[LateralData],

@@ -163,7 +163,7 @@ impl LateralData {
         of_levels.map(sample).collect()
     }
 
-    /// When and where the shape was seen.
+    /// When and where the shape was measured.
     fn shape(&self) -> Vec<ShapePoint> {
         if let Some(fixed) = &self.fixed {
             return fixed.shape(&self.levels);

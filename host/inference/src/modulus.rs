@@ -18,7 +18,7 @@ pub enum Relation {
     /// Twice Vesic: tissue on both sides of the needle.
     Embedded,
     /// Rigid cylinder bonded in an incompressible full space (from the drag of a cylinder in viscous flow):
-    /// `K = (4 pi / 3) E / (ln(L/D) + 0.839)`; Poisson's ratio is 1/2 whatever was asked for.
+    /// `K = (4 pi / 3) E / (ln(L/D) + 0.839)`; Poisson's ratio is always 1/2.
     RigidCylinder,
 }
 
@@ -51,7 +51,7 @@ impl Relation {
         }
     }
 
-    /// Young's modulus of tissue with Poisson's ratio `poisson` in which a length `depth_m` of the needle sees the
+    /// Young's modulus of tissue with Poisson's ratio `poisson` in which a length `depth_m` of the needle is held by the
     /// foundation modulus `modulus_pa`.
     pub fn youngs_modulus_pa(self, modulus_pa: f64, needle: &Needle, depth_m: f64, poisson: f64) -> f64 {
         let diameter_m = needle.outer_diameter_m;

@@ -101,11 +101,11 @@ fn likelihood_is_unbiased_at_the_bound_and_covers() {
         for _ in 0..RUNS {
             let displacement_m = displacement(1.2e-3 + 0.02e-3 * noise.normal());
             let force_n = force(force_n + force_sd_n * noise.normal());
-            let seen = exact.iter().map(|(z_m, u_m)| {
+            let measured = exact.iter().map(|(z_m, u_m)| {
                 let noisy_m = u_m + 0.02e-3 * noise.normal();
                 (*z_m, (noisy_m / PIXEL_M).round() * PIXEL_M)
             });
-            let shape_m: Vec<_> = seen.collect();
+            let shape_m: Vec<_> = measured.collect();
             let run = data(depth_m, displacement_m, force_n, &shape_m, shape_sd_m);
             let fit = fit(&[LN_K], &[run]).expect("fits");
             moduli.push(1e-3 * fit.shared[0].exp());

@@ -14,7 +14,7 @@ use mechanics::effects::Effect;
 use mechanics::{Beam, Model, ModelError, Rig, Support};
 use serde::Serialize;
 
-/// What is asked.
+/// What is requested.
 #[derive(Debug, Clone)]
 pub struct Question {
     /// Needle, guides and tissue surface.

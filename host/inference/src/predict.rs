@@ -24,7 +24,7 @@ use std::path::PathBuf;
 /// What the user may choose.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Depth up to which an insertion is seen.
+    /// Depth up to which an insertion is observed.
     pub until_m: f64,
     /// Depth to which it is predicted; to its last recorded depth where not given.
     pub to_m: Option<f64>,
@@ -64,10 +64,10 @@ const TYPICAL_MODULUS_SD_LN: f64 = 1.0;
 /// soft tissue about a stiff needle to stiff tissue about a thin one, 600 kPa.
 const REFERENCE_MODULUS_PA: f64 = 30e3;
 const REFERENCE_MODULUS_SD_LN: f64 = 1.5;
-/// How far the modulus felt in an insertion may be from that of a lateral run (standard deviation of the logarithm): faster
+/// How far the modulus of an insertion may be from that of a lateral run (standard deviation of the logarithm): faster
 /// motion, tissue that was cut.
 const INSERTION_SD_LN: f64 = 0.1;
-/// Least gap between guide 2 and tissue that is believed, and the standard deviation of its logarithm: needles are loose in guides
+/// Least gap between guide 2 and tissue that is accepted, and the standard deviation of its logarithm: needles are loose in guides
 /// and surfaces give way.
 const MIN_GAP_M: f64 = 10e-3;
 const GAP_SD_LN: f64 = 0.7;
@@ -78,7 +78,7 @@ const REAR_SHARE: f64 = 0.4;
 const REAR_SHARE_SD: f64 = 0.3;
 /// The effect by which a rear is given.
 const REAR_ROTATION: &str = "rig.rear_rotation";
-/// Noise of a reading of the tip's direction where neither the session nor its rows tell, rad.
+/// Noise of a reading of the tip's direction where neither the session nor its rows give it, rad.
 const DIRECTION_RAD: f64 = 1e-3;
 
 /// Why a session cannot be predicted.
@@ -137,7 +137,7 @@ pub fn predict(session: &Session, options: &Options) -> Result<Prediction, Predi
             workflow.insertion(run, &path, number - 1).map_err(|why| located(run, why))
         });
         insertions.push(result.unwrap_or_else(|why| {
-            warnings.push(format!("insertion {} is left out: {why}", run.id));
+            warnings.push(format!("insertion {} is skipped: {why}", run.id));
             InsertionResult::failed(run, options.until_m, why)
         }));
     }
@@ -169,7 +169,7 @@ fn not_applied(options: &Options) -> Vec<String> {
     warnings
 }
 
-/// Foundation and its uncertainty: as asked for, from the lateral runs, or of any soft tissue.
+/// Foundation and its uncertainty: as requested, from the lateral runs, or of any soft tissue.
 fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> Result<Tissue, PredictError> {
     let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(MIN_GAP_M);
     let with = |foundation: Foundation, sd_ln: f64| {
@@ -188,7 +188,7 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
         return with(Foundation::uniform(modulus_pa)?, (sd_pa / modulus_pa).hypot(INSERTION_SD_LN));
     }
     if !session.lateral.is_empty() {
-        let asked = identify::Options {
+        let of_lateral = identify::Options {
             layers: options.layers,
             fixed: options.effects.clone(),
             discrepancy: options.discrepancy.clone(),
@@ -196,7 +196,7 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
             foundation: Some(identify::FoundationChoice::Springs),
             ..identify::Options::default()
         };
-        match identify(session, &asked) {
+        match identify(session, &of_lateral) {
             Ok(found) => {
                 let pooled = &found.pooled;
                 let sd_ln = (pooled.sd_kpa / pooled.k_kpa).hypot(INSERTION_SD_LN);
@@ -213,7 +213,8 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
                 };
                 if options.layers && found.layers.is_none() {
                     warnings.push(
-                        "two layers cannot be told from the lateral runs: uniform tissue is taken".to_owned(),
+                        "two layers are not identifiable from the lateral runs: uniform tissue is taken"
+                            .to_owned(),
                     );
                 }
                 return with(foundation, sd_ln);
@@ -260,14 +261,14 @@ struct Workflow<'a> {
     start: Option<&'a Start>,
 }
 
-/// Where the search of every fold begins: found once, from nothing that lies beyond the depth from which anything is predicted.
+/// Where the search of every fold begins: found once, from nothing that lies beyond the depth from which predictions start.
 fn begin(session: &Session, options: &Options, candidates: &Candidates, paths: &[TipPath]) -> Option<Start> {
     // Numbers must stay those of the candidates: all recordings, or none.
-    let seen: Option<Vec<TipPath>> = paths.iter().map(|path| path.until(options.until_m).ok()).collect();
+    let observed: Option<Vec<TipPath>> = paths.iter().map(|path| path.until(options.until_m).ok()).collect();
     let runs: Vec<_> = session.insertion.iter().map(|run| (run, options.until_m)).collect();
     let position_m = session.noise.tip_m.or_else(|| row_scatter_m(&runs)).unwrap_or(0.0);
     let noise = ReadingNoise { position_m, direction_rad: direction_rad(session, &runs) };
-    start(candidates, &seen?, noise)
+    start(candidates, &observed?, noise)
 }
 
 /// Noise of a reading of the tip's direction: as stated, or as rest rows show it.
@@ -283,25 +284,25 @@ impl Workflow<'_> {
         number: usize,
     ) -> Result<InsertionResult, PathError> {
         let Options { until_m, to_m, learn: from_others, published_from_m, .. } = *self.options;
-        let seen = path.until(until_m)?;
+        let observed = path.until(until_m)?;
         let earlier: Vec<usize> =
             (0..self.paths.len()).filter(|other| from_others && *other != number).collect();
         let mut known = self.paths.to_vec();
-        known[number] = seen.clone();
+        known[number] = observed.clone();
         let (noise, shown_m) = self.noise(run, !earlier.is_empty());
         let reading_m = noise.position_m;
         let learned =
             learn_from(self.candidates, &known, &earlier, number, noise, self.start.filter(|_| from_others));
-        let mut belief = Posterior::new(self.candidates, &learned);
-        belief.update_all(&seen);
-        if !belief.is_sound() {
+        let mut posterior = Posterior::new(self.candidates, &learned);
+        posterior.update_all(&observed);
+        if !posterior.is_sound() {
             return Err(PathError::Unexplained);
         }
 
         let last_m = to_m.unwrap_or(path.deepest_m).max(0.0);
         let grid = Grid::new(run, last_m, until_m);
         let others: Vec<&TipPath> = earlier.iter().filter_map(|other| self.paths.get(*other)).collect();
-        let stops = seen.with_bins(grid.stops(seen.planes));
+        let stops = observed.with_bins(grid.stops(observed.planes));
         let mut compare = Vec::new();
         for baseline in Baseline::ALL {
             if let Some(planes) = baseline.predict(&stops, &others, &grid.depth_m) {
@@ -309,19 +310,20 @@ impl Workflow<'_> {
             }
         }
         let from_m = published_from_m.min(0.5 * until_m);
-        let offset_m = surface_m(&seen);
+        let offset_m = surface_m(&observed);
         let reach_m = last_m.max(until_m);
-        let carried = published(&self.tissue.model, &seen, offset_m, [from_m, until_m, reach_m])?;
+        let carried = published(&self.tissue.model, &observed, offset_m, [from_m, until_m, reach_m])?;
         compare.push(CompareResult {
             tip_force_n: Some(carried.load_n),
             ..CompareResult::new("published", &grid, carried.tip_m)
         });
 
-        let mut result = grid.result(run, &seen, &belief, shown_m.min(reading_m));
-        result.learned = Some(LearnedResult::new(&belief, self.tissue, &others, reading_m));
+        let mut result = grid.result(run, &observed, &posterior, shown_m.min(reading_m));
+        result.learned = Some(LearnedResult::new(&posterior, self.tissue, &others, reading_m));
         result.compare = compare;
-        result.warnings = warnings(&seen, path);
-        for (name, determined) in ["the modulus", "the effective gap"].into_iter().zip(belief.determined()) {
+        result.warnings = warnings(&observed, path);
+        for (name, determined) in ["the modulus", "the effective gap"].into_iter().zip(posterior.determined())
+        {
             if let Some(warning) = end_of_range(name, determined) {
                 result.warnings.push(warning);
             }
@@ -329,18 +331,18 @@ impl Workflow<'_> {
         Ok(result)
     }
 
-    /// Noise of one tip reading: as stated, or as the rest rows of the others, or of what is seen of `run`, show it; and that of its
-    /// position as they show it, where they do. Where nothing tells it is 0, because then it is part of the irregularity.
+    /// Noise of one tip reading: as stated, or as the rest rows of the others, or of the observed part of `run`, show it; and that of its
+    /// position as they show it, where they do. Where neither gives it it is 0, because then it is part of the irregularity.
     fn noise(&self, run: &InsertionRun, from_others: bool) -> (ReadingNoise, f64) {
         let others = self.session.insertion.iter().filter(|other| other.id != run.id);
-        let told: Vec<_> = match from_others {
+        let recordings: Vec<_> = match from_others {
             true => others.map(|other| (other, f64::INFINITY)).collect(),
             false => vec![(run, self.options.until_m)],
         };
-        let (stated_m, seen_m) = (self.session.noise.tip_m, row_scatter_m(&told));
-        let position_m = stated_m.or(seen_m).unwrap_or(0.0);
-        let noise = ReadingNoise { position_m, direction_rad: direction_rad(self.session, &told) };
-        (noise, seen_m.or(stated_m).unwrap_or(0.0))
+        let (stated_m, scatter_m) = (self.session.noise.tip_m, row_scatter_m(&recordings));
+        let position_m = stated_m.or(scatter_m).unwrap_or(0.0);
+        let noise = ReadingNoise { position_m, direction_rad: direction_rad(self.session, &recordings) };
+        (noise, scatter_m.or(stated_m).unwrap_or(0.0))
     }
 }
 
@@ -358,27 +360,27 @@ fn end_of_range(name: &str, determined: Determined) -> Option<String> {
 }
 
 /// Tip reading of the needle at the surface: the mean over the first two millimetres.
-fn surface_m(seen: &TipPath) -> [f64; 2] {
-    let first_m = seen.bins.first().map_or(0.0, |bin| bin.depth_m);
-    let near: Vec<_> = seen.bins.iter().take_while(|bin| bin.depth_m <= first_m + 2e-3).collect();
+fn surface_m(observed: &TipPath) -> [f64; 2] {
+    let first_m = observed.bins.first().map_or(0.0, |bin| bin.depth_m);
+    let near: Vec<_> = observed.bins.iter().take_while(|bin| bin.depth_m <= first_m + 2e-3).collect();
     [0, 1].map(|plane| near.iter().map(|bin| bin.tip_m[plane]).sum::<f64>() / near.len() as f64)
 }
 
-fn warnings(seen: &TipPath, path: &TipPath) -> Vec<String> {
+fn warnings(observed: &TipPath, path: &TipPath) -> Vec<String> {
     let mut warnings = Vec::new();
-    for [from_m, to_m] in &seen.gaps_m {
+    for [from_m, to_m] in &observed.gaps_m {
         warnings.push(format!("no samples between {:.1} and {:.1} mm", 1e3 * from_m, 1e3 * to_m));
     }
-    let first_mm = 1e3 * seen.bins.first().map_or(0.0, |bin| bin.depth_m);
+    let first_mm = 1e3 * observed.bins.first().map_or(0.0, |bin| bin.depth_m);
     if first_mm > 10.0 {
         warnings.push(format!("the first sample in the tissue is at {first_mm:.1} mm"));
     }
     // Some rows always are: before the surface, and at the end.
     let used: f64 = path.bins.iter().map(|bin| bin.rows).sum();
-    if path.rows_left_out as f64 > 0.2 * used {
+    if path.rows_skipped as f64 > 0.2 * used {
         warnings.push(format!(
-            "{} rows beside {used:.0} are left out: before the surface, drawn back, misread, or in the middle of a turn",
-            path.rows_left_out
+            "{} rows beside {used:.0} are skipped: before the surface, drawn back, misread, or in the middle of a turn",
+            path.rows_skipped
         ));
     }
     warnings

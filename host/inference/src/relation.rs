@@ -1,7 +1,7 @@
 //! How foundation modulus and Young's modulus belong together: the foundation modulus that a lateral run identifies in an elastic
 //! body ([`Continuum`]). It depends on needle, depth, Poisson's ratio and guide positions, on Young's modulus itself, through the
 //! needle's flexibility, and a little on what is measured how well, because no springs do exactly what a body does (theory, eq. 20). For needles
-//! deeper than about 60 mm it is more than a little: there the shape asks for softer springs than the force, and K is a number of
+//! deeper than about 60 mm it is more than a little: there the shape requires softer springs than the force, and K is a number of
 //! the test as much as of the tissue. Young's modulus found through the relation for that very test is not affected.
 
 use crate::{FitError, HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
@@ -72,7 +72,7 @@ pub fn youngs_modulus_pa(body: &Continuum, rig: &Rig, modulus_pa: f64, run: &Run
     Err(FitError::NotConverged)
 }
 
-/// The lateral run that is identified: its noise decides whether force or shape has the say where springs and continuum differ.
+/// The lateral run that is identified: its noise sets the weights of force and shape where springs and continuum differ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Run {
     /// Displacement of guide 2.

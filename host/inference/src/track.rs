@@ -59,12 +59,12 @@ const SEGMENTS: usize = 2;
 /// Fewest cells of a segment.
 const MIN_CELLS: f64 = 2.0;
 
-/// What is asked for.
+/// What is requested.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
-    /// Length of the needle from the fixture to the tip, instead of what the session says.
+    /// Length of the needle from the fixture to the tip, instead of what the session states.
     pub length_m: Option<f64>,
-    /// Mass of the fixture, instead of what the session says.
+    /// Mass of the fixture, instead of what the session states.
     pub fixture_mass_kg: Option<f64>,
     /// Where the search starts: stiffness, N/m^2, and damping, N s/m^2.
     pub start: Option<[f64; 2]>,
@@ -88,7 +88,7 @@ pub fn dynamics(session: &Session, options: &Options) -> Result<Dynamics, TrackE
 /// The estimator for a session.
 ///
 /// # Errors
-/// [`TrackError`] where the session does not say enough or makes no sense.
+/// [`TrackError`] where the session does not state enough or makes no sense.
 pub fn tracker(session: &Session, options: &Options) -> Result<SoundTracker<f64>, TrackError> {
     SoundTracker::new(settings(session, options)?).ok_or(TrackError::Layout)
 }
@@ -116,7 +116,7 @@ fn settings(session: &Session, options: &Options) -> Result<Settings<f64, MODES>
 /// Tracks every steering run of a session.
 ///
 /// # Errors
-/// [`TrackError`] where the session has no steering run or does not say how long the needle is.
+/// [`TrackError`] where the session has no steering run or does not state how long the needle is.
 pub fn track(session: &Session, options: &Options) -> Result<Tracking, TrackError> {
     if session.steering.is_empty() {
         return Err(TrackError::NoRuns);
@@ -173,7 +173,7 @@ fn one(session: &Session, options: &Options, run: &SteeringRun) -> Result<TrackR
     result.warnings.splice(0..0, units);
     (result.field, result.layers) = (field, layers);
     if let Some((row, why)) = refused.first() {
-        result.warnings.push(results::left_out(refused.len(), *row, *why, run));
+        result.warnings.push(results::skipped(refused.len(), *row, *why, run));
     }
     if options.compare {
         result.compare = compare(session, options, run)?;
@@ -193,7 +193,7 @@ fn compare(
     let printed = Printed { segment_m: options.segment_m.unwrap_or(usual.segment_m), ..usual };
     let start = options.start.unwrap_or([printed.start[1], printed.start[0]]);
     let printed = Printed { start: [start[1], start[0]], ..printed };
-    let told = FilterConfig {
+    let config = FilterConfig {
         start,
         base_sd_m: session.noise.displacement_m.unwrap_or(2e-5),
         force_sd_n: session.noise.force_n.unwrap_or(0.05),
@@ -201,8 +201,8 @@ fn compare(
     };
     let methods: [(&'static str, Box<dyn Method>); 3] = [
         ("published", Box::new(Published::new(needle, &dynamics, printed)?)),
-        ("EKF", Box::new(Kalman::new(Kind::Extended, needle, &dynamics, told)?)),
-        ("UKF", Box::new(Kalman::new(Kind::Unscented, needle, &dynamics, told)?)),
+        ("EKF", Box::new(Kalman::new(Kind::Extended, needle, &dynamics, config)?)),
+        ("UKF", Box::new(Kalman::new(Kind::Unscented, needle, &dynamics, config)?)),
     ];
     Ok(methods
         .into_iter()

@@ -376,7 +376,7 @@ impl<'a> Response<'a> {
     #[inline]
     fn number(&self, z_m: f64) -> Option<usize> {
         let spans = &self.beam.spans;
-        // In uniform tissue that is not deep it is the last one that is asked for.
+        // In uniform tissue that is not deep it is the last one that is needed.
         match spans.last() {
             Some(last) if last.start_m <= z_m => Some(spans.len() - 1),
             _ => self.search(z_m),

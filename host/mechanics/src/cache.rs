@@ -1,5 +1,5 @@
 //! Needles that were solved lately: runs at one depth share their needle, and so do models that differ in what sensors do. Threads
-//! share them too; what is solved depends on nothing but what is asked, so that it does not matter which of them did it.
+//! share them too; what is solved depends on nothing but the request, so that it does not matter which of them did it.
 
 use super::growth::{GrowingBeam, Guide2Grip};
 use super::lateral::Response;

@@ -163,7 +163,7 @@ impl Continuum {
         let scale = self.share() * youngs_pa;
         for i in 0..self.wall.depths_m.len() {
             for j in 0..self.wall.depths_m.len() {
-                // Symmetric to rounding; the factorisation wants it to the bit.
+                // Symmetric to rounding; the factorisation needs it to the bit.
                 let value = 0.5 * (self.wall.matrix_m[(i, j)] + self.wall.matrix_m[(j, i)]);
                 stiffness[(2 * (entry + i), 2 * (entry + j))] += scale * value;
             }

@@ -103,7 +103,7 @@ fn graded_stiffness_is_the_limit_of_many_layers() {
     }
 }
 
-/// A rigid translation along with its path stretches no spring; a needle that lies on its path feels nothing.
+/// A rigid translation along with its path stretches no spring; no force acts on a needle on its path.
 #[test]
 fn springs_at_rest_on_a_path_do_not_push() {
     let problem = problem(0.06, 0.07, 0.04, uniform(16e3));
@@ -117,7 +117,7 @@ fn springs_at_rest_on_a_path_do_not_push() {
     assert!(deformed.deflection_m(0.11) > 2.0 * unit.guide2_force().deflection_m(0.11));
 }
 
-/// Stiffening springs `K u (1 + (u/u0)^2)`: the work of guide 2 is the energy of needle and springs, whatever the load.
+/// Stiffening springs `K u (1 + (u/u0)^2)`: the work of guide 2 is the energy of needle and springs, at any load.
 #[test]
 fn stiffening_springs_conserve_energy() {
     let (modulus_pa, u0_m) = (16e3, 0.5e-3);

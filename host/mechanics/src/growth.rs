@@ -187,7 +187,7 @@ impl GrowingBeam {
     }
 
     /// The tip's way when it cuts at an angle to the needle: the slope of the path is that of the needle at its tip plus
-    /// `angle_rad` (per node, on arriving and on leaving). The path starts at 0, and the tip load is what the springs ask for.
+    /// `angle_rad` (per node, on arriving and on leaving). The path starts at 0, and the tip load is what balances the springs.
     pub fn at_cut_angle(
         &self,
         angle_rad: impl Fn(usize) -> [f64; 2],
@@ -243,7 +243,7 @@ impl GrowingBeam {
         states
     }
 
-    /// The tip load that each point of a given path asks for, N: the bordered system of Paper A, equation (20), solved
+    /// The tip load that each point of a given path requires, N: the bordered system of Paper A, equation (20), solved
     /// exactly. `path_m` and `guide2_m` have one entry per node.
     pub fn load_of_path_n(&self, path_m: &[f64], guide2_m: &[f64]) -> Vec<f64> {
         let states: Vec<_> = path_m.iter().map(|u| TipState { tip_m: [*u; 2], load_n: [0.0; 2] }).collect();

@@ -24,7 +24,7 @@ fn ramp(slope: f64) -> Profile {
     Profile::new(vec![[0.0, 0.0], [1.0, slope]]).expect("a profile")
 }
 
-/// The agreement asked of a step-based solution: one part in ten thousand of the largest value.
+/// The agreement required of a step-based solution: one part in ten thousand of the largest value.
 #[track_caller]
 fn assert_within_spread(path: &[f64], expected: &[f64]) {
     let spread = 1e-4 * expected.iter().fold(0.0, |most: f64, u| most.max(u.abs()));
@@ -53,7 +53,7 @@ fn the_steady_state_matches_the_reference() {
     }
 }
 
-/// Without springs the tip of a beam under a load is that of a cantilever, whatever path it left.
+/// Without springs the tip of a beam under a load is that of a cantilever, on any path.
 #[test]
 fn without_tissue_it_is_a_cantilever() {
     let mut model = model(0.0, 0.02, 0.042);
@@ -127,7 +127,7 @@ fn impossible_insertions_are_refused() {
     assert!(Profile::new(vec![[0.0, f64::NAN]]).is_err());
 }
 
-/// What jumps at a depth is looked for at a node that is that depth to the last bit.
+/// What jumps at a depth is evaluated at a node that is that depth to the last bit.
 #[test]
 fn grids_hold_their_fixed_depths() {
     for depth_m in [0.03, 0.041, 0.043_21, 0.07] {
@@ -187,7 +187,7 @@ fn slopes_are_those_of_the_needle() {
     let slopes = growth.tip_slopes(&states, |_| [held_m; 2]);
     let beam = problem.solve().expect("solves");
     let expected = beam.guide2_force().slope(0.07 + 0.08) * beam.force_n(held_m);
-    // `states` say that the tip stays at 0, so that the last spring rests there too: the same as a foundation at rest at 0.
+    // In `states` the tip stays at 0, so that the last spring rests there too: the same as a foundation at rest at 0.
     assert!(
         (slopes[last][0] - expected).abs() < 1e-4 * expected.abs().max(1e-4),
         "{} {expected}",
@@ -226,7 +226,7 @@ fn the_direction_of_a_needle_that_cuts_straight_is_the_slope_of_its_path() {
     assert!((y - angle_rad).abs() < 1e-6, "{y}");
     assert!((path_slope(&tip_x) - direction(&direction_x)).abs() < 1e-12);
     assert!((direction_x[0] - (-0.02f64).tan()).abs() < 1e-12);
-    // Not asked for, not computed.
+    // Not requested, not computed.
     let insertion = Insertion { tip_direction: false, ..insertion };
     let channels = predict(&model, &Experiment::Insertion(insertion)).expect("predicts");
     assert!(channels.tip_direction_rad.y.is_empty());

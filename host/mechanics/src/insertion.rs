@@ -11,7 +11,7 @@ use std::borrow::Cow;
 /// What was done: how deep, how turned, and what guide 2 did.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Insertion {
-    /// Depths at which the tip is looked at, not negative.
+    /// Depths at which the tip is measured, not negative.
     pub depth_m: Vec<f64>,
     /// Rotation of the needle about its axis, rad, against depth.
     pub rotation_rad: Profile,
@@ -65,7 +65,7 @@ pub enum Cutting {
     Angle([f64; 2]),
 }
 
-/// What is believed of the tip.
+/// Assumptions about the tip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TipLaw {
     /// How it cuts.
@@ -118,7 +118,7 @@ impl TipLaw {
 pub(super) struct Tip {
     /// Its position.
     pub position_m: Series,
-    /// Slope of the needle there; nothing where that is not asked for.
+    /// Slope of the needle there; `None` where that is not requested.
     pub direction_rad: Series,
 }
 
@@ -166,7 +166,7 @@ struct Drawn<'a> {
 }
 
 impl Drawn<'_> {
-    /// Position of the tip and slope of the needle there in one plane, at every depth that is asked for.
+    /// Position of the tip and slope of the needle there in one plane, at every requested depth.
     fn plane(&self, plane: usize, problem: &BeamProblem, cache: &Cache) -> Result<[Vec<f64>; 2], ModelError> {
         let Self { law, insertion, grip, last_m, .. } = *self;
         let yields = problem.law.inverse_yield_m_per_n != 0.0;
@@ -223,8 +223,9 @@ impl Drawn<'_> {
         let straight = law.entry_angle_rad[plane].tan();
         let depths_m = insertion.depth_m.iter();
         let position_m = depths_m.clone().map(|m| at_depth(&grid_m, &tips_m, *m) + straight * m).collect();
-        let asked = if insertion.tip_direction { insertion.depth_m.as_slice() } else { &[] };
-        let direction_rad = asked.iter().map(|m| at_depth(&grid_m, &directions, *m) + straight).collect();
+        let direction_at_m = if insertion.tip_direction { insertion.depth_m.as_slice() } else { &[] };
+        let direction_rad =
+            direction_at_m.iter().map(|m| at_depth(&grid_m, &directions, *m) + straight).collect();
         Ok([position_m, direction_rad])
     }
 
@@ -260,7 +261,7 @@ pub fn grid_m(last_m: f64, step_m: f64, also_m: &[f64]) -> Vec<f64> {
     let mut start_m = 0.0;
     for end_m in fixed_m {
         let count = ((end_m - start_m) / step_m - 1e-9).ceil().max(1.0);
-        // The ends themselves to the last bit: what jumps there is looked for there.
+        // The ends themselves to the last bit: what jumps there is evaluated there.
         nodes_m.extend((1..count as usize).map(|i| start_m + (end_m - start_m) * i as f64 / count));
         nodes_m.push(end_m);
         start_m = end_m;
@@ -294,7 +295,7 @@ fn loads<'a>(
     move |node| {
         let z_m = nodes_m[node];
         let all = |y_n: f64, x_n: f64, more_n: f64| {
-            // The bevel is vertical unless the load says that it is not.
+            // The bevel is vertical unless the load states that it is not.
             let [along_y, along_x] =
                 if x_n == 0.0 { [1.0, 0.0] } else { [y_n / y_n.hypot(x_n), x_n / y_n.hypot(x_n)] };
             [y_n + more_n * along_y, x_n + more_n * along_x]

@@ -1,4 +1,4 @@
-//! The needle in one plane under a guide 2 that moves: from where guide 2 is told to go to force and shape.
+//! The needle in one plane under a guide 2 that moves: from its commanded position to force and shape.
 //!
 //! On the way from the actuator to the needle lie the compliance of the frame and the clearance of the guide ([`Drive`]). The
 //! needle's answer is a sum of a few shapes with coefficients that vary in time ([`Motion`]):

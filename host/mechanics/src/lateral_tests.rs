@@ -34,9 +34,9 @@ fn relaxation_goes_from_one_modulus_to_the_other() {
         assert!((motion.force_n[1] / (1e-3 * force(&problem)) - 1.0).abs() < 1e-6);
         assert!((motion.force_n[2] / (1e-3 * force(&relaxed)) - 1.0).abs() < 1e-6);
         let weights = response.shape_at(&[0.095]);
-        let seen: f64 = motion.between([2, 2], 0.0).zip(&weights).map(|(c, w)| c * w).sum();
+        let deflection_m: f64 = motion.between([2, 2], 0.0).zip(&weights).map(|(c, w)| c * w).sum();
         let expected = relaxed.solve().expect("solves").deflection_m(1e-3, 0.095);
-        assert!((seen / expected - 1.0).abs() < 1e-5, "{seen} {expected}");
+        assert!((deflection_m / expected - 1.0).abs() < 1e-5, "{deflection_m} {expected}");
     }
 }
 
@@ -82,7 +82,7 @@ fn relaxation_on_the_way_is_that_of_small_steps() {
     assert!((found / expected - 1.0).abs() < 1e-4, "{found} {expected}");
 }
 
-/// Between its nodes the stiffening needle is what the elements say, and the frame takes its share.
+/// Between its nodes the stiffening needle is that of the elements, and the frame takes its share.
 #[test]
 fn stiffening_is_interpolated() {
     let law = TissueLaw { inverse_u0_per_m: 1e3, ..TissueLaw::default() };
@@ -101,11 +101,11 @@ fn stiffening_is_interpolated() {
             "{at_m} {motion:?} {expected:?}"
         );
         let weights = response.shape_at(&[0.1]);
-        let seen: f64 = motion.between([0, 0], 0.0).zip(&weights).map(|(c, w)| c * w).sum();
-        assert!((seen - expected.deflection_m(0.1)).abs() < 1e-4 * at_m.abs(), "{at_m}");
+        let deflection_m: f64 = motion.between([0, 0], 0.0).zip(&weights).map(|(c, w)| c * w).sum();
+        assert!((deflection_m - expected.deflection_m(0.1)).abs() < 1e-4 * at_m.abs(), "{at_m}");
         let drive = Drive { frame_compliance_m_per_n: 1e-4, clearance_m: 0.0 };
-        let told_m = at_m + 1e-4 * expected.guide2_force_n;
-        let framed = response.moved(&[0.0], &[told_m], drive);
+        let commanded_m = at_m + 1e-4 * expected.guide2_force_n;
+        let framed = response.moved(&[0.0], &[commanded_m], drive);
         assert!((framed.force_n[0] / expected.guide2_force_n - 1.0).abs() < 1e-4, "{at_m}");
     }
 }

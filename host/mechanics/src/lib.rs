@@ -1,4 +1,4 @@
-//! The forward model: what every sensor should read, given what is believed and what was done.
+//! The forward model: what every sensor should read, given the model and what was done.
 //!
 //! [`predict`] is the one entry: identification, simulation and diagnosis all call it. It is pure: no clock, no
 //! randomness, no input or output. Underneath, [`BeamProblem`] is the needle as a beam in the tissue, which is a row of springs or
@@ -75,11 +75,11 @@ pub enum ModelError {
         /// What is accepted.
         expected: &'static str,
     },
-    /// An experiment without a drive sample says nothing about where guide 2 was.
+    /// An experiment without a drive sample has no position of guide 2.
     #[error("a lateral experiment needs at least one drive sample")]
     NoDrive,
     /// A steering run needs masses, damping and the needle's length.
-    #[error("the model says nothing of what moves: a steering run cannot be predicted")]
+    #[error("the model has no dynamics: a steering run cannot be predicted")]
     NoDynamics,
     /// Newton's method does not come to an end.
     #[error("the equilibrium of the needle is not found")]

@@ -8,7 +8,7 @@ use super::{BeamProblem, ModelError, check};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::PI;
 
-/// Most modes: beyond, the matrix is as ill-conditioned as it gets without telling more.
+/// Most modes: beyond, the matrix is as ill-conditioned as it gets without more information.
 const MAX_MODES: usize = 200;
 
 /// A mode of a cantilever over `x` from 0 at the clamp to 1 at the tip, scaled to 1 there (Paper A, (14), corrected:

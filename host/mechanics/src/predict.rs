@@ -1,4 +1,4 @@
-//! From what is believed and what was done to what every sensor should have read.
+//! From the model and what was done to what every sensor should have read.
 
 use super::cache::Cache;
 use super::effects::{Effect, ObservationContext};
@@ -9,7 +9,7 @@ use super::steering::{self, Dynamics, Steering};
 use super::{Beam, BeamProblem, Foundation, ModelError, Rig, Support};
 use std::borrow::Cow;
 
-/// What is believed: the hardware and the tissue.
+/// The model: hardware and tissue.
 #[derive(Debug, Clone)]
 pub struct Model {
     /// Needle, guides and tissue surface.
@@ -140,14 +140,14 @@ pub enum Experiment {
     Steering(Steering),
 }
 
-/// A lateral run: where guide 2 was, and where and when the shape was looked at.
+/// A lateral run: where guide 2 was, and where and when the shape was measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lateral {
     /// Length of the needle inside the tissue.
     pub depth_m: f64,
     /// Displacement of guide 2 against time, in increasing time.
     pub drive: Vec<DriveSample>,
-    /// Points at which the shape was seen.
+    /// Points at which the shape was measured.
     pub shape: Vec<ShapePoint>,
     /// Motion back by this or less is noise of `drive`, vertical and horizontal; 0 where `drive` is the commanded motion.
     pub reversal_m: [f64; 2],
@@ -160,7 +160,7 @@ pub struct LateralForce {
     pub depth_m: f64,
     /// Force of guide 2 against time, in increasing time.
     pub drive: Vec<ForceSample>,
-    /// Points at which the shape was seen.
+    /// Points at which the shape was measured.
     pub shape: Vec<ShapePoint>,
 }
 
@@ -186,7 +186,7 @@ pub struct DriveSample {
     pub x_m: f64,
 }
 
-/// A point of the needle looked at at one time.
+/// A point of the needle measured at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShapePoint {
     /// Time.
@@ -238,16 +238,16 @@ impl Channels {
 
 /// What every sensor should read in `experiment` if `model` is right.
 ///
-/// Order: beam and drive, rest, solve, look, observe; effects of one kind in the order of the model's list.
+/// Order: beam and drive, rest, solve, map position, observe; effects of one kind in the order of the model's list.
 ///
 /// # Errors
 /// As [`BeamProblem::solve`], [`ModelError::NoDrive`] where there are shape points but no drive sample, and
-/// [`ModelError::NoDynamics`] where a steering run is asked of a model without.
+/// [`ModelError::NoDynamics`] where a steering run is requested of a model without.
 pub fn predict(model: &Model, experiment: &Experiment) -> Result<Channels, ModelError> {
     predict_with(model, experiment, &Cache::default())
 }
 
-/// The same as [`predict`], which solves no needle twice that the cache still knows: for many runs or many models that differ little.
+/// The same as [`predict`], which solves no needle twice that the cache still holds: for many runs or many models that differ little.
 ///
 /// # Errors
 /// As [`predict`].
@@ -268,9 +268,9 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
                 base_m: one_plane(moved.base_m),
                 ..Channels::default()
             };
-            let seen =
+            let context =
                 ObservationContext { time_s: &run.time_s, commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
-            model.observe(&seen, &mut channels);
+            model.observe(&context, &mut channels);
             Ok(channels)
         }
     }

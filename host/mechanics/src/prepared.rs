@@ -1,6 +1,6 @@
 //! A needle in the tissue at a depth, ready to be moved sideways: what no motion of guide 2 changes is solved once.
 //!
-//! Identification asks one needle for many motions, as true displacements are unknowns; [`predict`](super::predict) asks for one.
+//! Identification needs many motions of one needle, as true displacements are unknowns; [`predict`](super::predict) needs one.
 
 use super::cache::Cache;
 use super::effects::ObservationContext;
@@ -12,7 +12,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A model's needle at a depth, with the places at which its shape is seen.
+/// A model's needle at a depth, with the places at which its shape is measured.
 #[derive(Debug, Clone)]
 pub struct PreparedNeedle<'a> {
     model: Cow<'a, Model>,
@@ -27,21 +27,21 @@ pub struct PreparedNeedle<'a> {
     reversal_m: [f64; 2],
 }
 
-/// What will be done with a mounted needle and seen of it.
+/// What will be done with a prepared needle and measured of it.
 #[derive(Debug, Clone, Copy)]
 pub struct ObservationPlan<'a> {
-    /// When and where its shape is seen.
+    /// When and where its shape is measured.
     pub shape: &'a [ShapePoint],
     /// How far guide 2 goes in each plane.
     pub most_m: [f64; 2],
-    /// Planes that are looked at: 1, the vertical one, or 2.
+    /// Planes that are measured: 1, the vertical one, or 2.
     pub planes: usize,
     /// Motion back by this or less is noise of the displacement in each plane; 0 where the motion is exact.
     pub reversal_m: [f64; 2],
 }
 
 impl<'a> PreparedNeedle<'a> {
-    /// The needle of `model` at a depth, moved and seen as said; the cache may know it.
+    /// The needle of `model` at a depth, moved and measured as planned; the cache may hold it.
     ///
     /// # Errors
     /// As [`BeamProblem::solve`].
@@ -70,11 +70,11 @@ impl<'a> PreparedNeedle<'a> {
         })
     }
 
-    /// What the sensors should read while guide 2 is told to move like this, in increasing time.
+    /// What the sensors should read under this commanded motion of guide 2, in increasing time.
     ///
     /// # Errors
     /// [`ModelError::NoDrive`] where there are shape points but no drive sample; as [`BeamProblem::solve`] where tissue stiffens and
-    /// guide 2 goes further than was said.
+    /// guide 2 goes further than planned.
     pub fn moved(&self, drive: &[DriveSample]) -> Result<Channels, ModelError> {
         let further;
         let needles = if self.needles.reach(most_m(drive)) {
@@ -101,9 +101,9 @@ impl<'a> PreparedNeedle<'a> {
             channels.shape_m.x = Some(shape_x_m);
             channels.tip_m.x = Some(Vec::new());
         }
-        let seen =
+        let context =
             ObservationContext { time_s: &times_s, commanded_m: [&y_m, &x_m], reversal_m: self.reversal_m };
-        self.model.observe(&seen, &mut channels);
+        self.model.observe(&context, &mut channels);
         Ok(channels)
     }
 
@@ -113,13 +113,13 @@ impl<'a> PreparedNeedle<'a> {
         plane: usize,
         needles: &Needles,
         times_s: &[f64],
-        told_m: &[f64],
+        commanded_m: &[f64],
     ) -> Result<(Vec<f64>, Vec<f64>), ModelError> {
         let Needle { response, weights } = needles.of_plane(plane);
-        let mut motion = response.moved(times_s, told_m, self.drive);
-        let Places { z_m, pictures } = &self.places;
-        let mut shape_m = Vec::with_capacity(pictures.iter().map(|picture| picture.places.len()).sum());
-        for ShapeFrame { time_s, places } in pictures {
+        let mut motion = response.moved(times_s, commanded_m, self.drive);
+        let Places { z_m, frames } = &self.places;
+        let mut shape_m = Vec::with_capacity(frames.iter().map(|frame| frame.places.len()).sum());
+        for ShapeFrame { time_s, places } in frames {
             let (between, share) = place_in(times_s, *time_s)?;
             let first = shape_m.len();
             self.rest.add_deflections_m(plane, &z_m[places.clone()], &mut shape_m);
@@ -155,20 +155,20 @@ impl Problems {
     }
 }
 
-/// How far guide 2 is told to go in each plane.
+/// Largest commanded displacement in each plane.
 pub(super) fn most_m(drive: &[DriveSample]) -> [f64; 2] {
     drive.iter().fold([0.0; 2], |[y_m, x_m], sample| [sample.y_m.abs().max(y_m), sample.x_m.abs().max(x_m)])
 }
 
-/// Where the points of a shape are, as they are seen, picture by picture.
+/// Where the points of a shape are measured, frame by frame.
 #[derive(Debug, Clone, Default)]
 struct Places {
-    /// The same places are here once as long as picture after picture shows them.
+    /// The same places are here once as long as frame after frame shows them.
     z_m: Vec<f64>,
-    pictures: Vec<ShapeFrame>,
+    frames: Vec<ShapeFrame>,
 }
 
-/// What is seen of the needle at one time.
+/// What is measured of the needle at one time.
 #[derive(Debug, Clone)]
 struct ShapeFrame {
     time_s: f64,
@@ -178,24 +178,27 @@ struct ShapeFrame {
 
 impl Places {
     fn of(model: &Model, shape: &[ShapePoint]) -> Self {
-        let mut all = Self { z_m: Vec::with_capacity(shape.len()), pictures: Vec::new() };
-        for picture in shape.chunk_by(|a, b| a.time_s == b.time_s) {
+        let mut all = Self { z_m: Vec::with_capacity(shape.len()), frames: Vec::new() };
+        for frame in shape.chunk_by(|a, b| a.time_s == b.time_s) {
             let first = all.z_m.len();
-            all.z_m.extend(picture.iter().map(|point| point.z_m));
+            all.z_m.extend(frame.iter().map(|point| point.z_m));
             if !model.effects.is_empty() {
-                for (point, z_m) in picture.iter().zip(&mut all.z_m[first..]) {
-                    let mut seen = *point;
-                    model.effects.iter().for_each(|(effect, values)| effect.map_position(values, &mut seen));
-                    *z_m = seen.z_m;
+                for (point, z_m) in frame.iter().zip(&mut all.z_m[first..]) {
+                    let mut measured = *point;
+                    model
+                        .effects
+                        .iter()
+                        .for_each(|(effect, values)| effect.map_position(values, &mut measured));
+                    *z_m = measured.z_m;
                 }
             }
             let mut places = first..all.z_m.len();
-            let before = all.pictures.last().map(|before| before.places.clone());
+            let before = all.frames.last().map(|before| before.places.clone());
             if let Some(before) = before.filter(|before| all.z_m[before.clone()] == all.z_m[first..]) {
                 all.z_m.truncate(first);
                 places = before;
             }
-            all.pictures.extend(picture.first().map(|point| ShapeFrame { time_s: point.time_s, places }));
+            all.frames.extend(frame.first().map(|point| ShapeFrame { time_s: point.time_s, places }));
         }
         all
     }
@@ -274,74 +277,78 @@ mod tests {
         model
     }
 
-    fn told(steps_mm: &[[f64; 2]]) -> Vec<DriveSample> {
+    fn commanded(steps_mm: &[[f64; 2]]) -> Vec<DriveSample> {
         let sample =
             |(i, [y, x]): (usize, &[f64; 2])| DriveSample { time_s: i as f64, y_m: 1e-3 * y, x_m: 1e-3 * x };
         steps_mm.iter().enumerate().map(sample).collect()
     }
 
-    /// Three pictures: two of the same places, one of others.
+    /// Three frames: two of the same places, one of others.
     fn shape() -> Vec<ShapePoint> {
         let at = |time_s: f64, all_m: [f64; 3]| all_m.map(|z_m| ShapePoint { time_s, z_m });
         [at(0.5, [0.08, 0.09, 0.1]), at(1.0, [0.08, 0.09, 0.1]), at(1.5, [0.075, 0.09, 0.1])].concat()
     }
 
-    fn mounted(model: &Model, most_m: f64, planes: usize) -> PreparedNeedle<'_> {
-        let sight = ObservationPlan { shape: &shape(), most_m: [most_m; 2], planes, reversal_m: [0.0; 2] };
-        PreparedNeedle::new(Cow::Borrowed(model), 0.03, sight, None).expect("mounts")
+    fn prepared(model: &Model, most_m: f64, planes: usize) -> PreparedNeedle<'_> {
+        let plan = ObservationPlan { shape: &shape(), most_m: [most_m; 2], planes, reversal_m: [0.0; 2] };
+        PreparedNeedle::new(Cow::Borrowed(model), 0.03, plan, None).expect("solves")
     }
 
     #[test]
-    fn places_seen_again_are_there_once() {
+    fn places_measured_again_are_stored_once() {
         let model = model(&[]);
-        let places = mounted(&model, 1e-3, 2).places;
+        let places = prepared(&model, 1e-3, 2).places;
         assert_eq!(places.z_m, [0.08, 0.09, 0.1, 0.075, 0.09, 0.1]);
-        assert_eq!(places.pictures.iter().map(|p| p.places.clone()).collect::<Vec<_>>(), [0..3, 0..3, 3..6]);
+        assert_eq!(places.frames.iter().map(|p| p.places.clone()).collect::<Vec<_>>(), [0..3, 0..3, 3..6]);
     }
 
     #[test]
     fn points_are_where_the_needle_is_at_their_time() {
         let model = model(&[]);
-        let seen =
-            mounted(&model, 1e-3, 2).moved(&told(&[[0.0, 0.0], [1.0, -0.5], [0.4, 0.0]])).expect("moves");
+        let channels = prepared(&model, 1e-3, 2)
+            .moved(&commanded(&[[0.0, 0.0], [1.0, -0.5], [0.4, 0.0]]))
+            .expect("moves");
         let beam = model.beam(0.03).expect("solves");
         // Half way to 1 mm, at it, and half way back to 0.4 mm.
         for (i, (point, at_m)) in
             shape().iter().zip([0.5e-3, 1e-3, 0.7e-3].map(|m| [m; 3]).concat()).enumerate()
         {
             let expected_m = beam.deflection_m(at_m, point.z_m);
-            assert!((seen.shape_m.y[i] / expected_m - 1.0).abs() < 1e-12, "{i}");
+            assert!((channels.shape_m.y[i] / expected_m - 1.0).abs() < 1e-12, "{i}");
         }
-        assert_eq!(seen.shape_m.x.as_ref().expect("both planes")[4], -0.5 * seen.shape_m.y[4]);
+        assert_eq!(channels.shape_m.x.as_ref().expect("both planes")[4], -0.5 * channels.shape_m.y[4]);
     }
 
     #[test]
     fn one_plane_is_the_first_of_two() {
-        let (model, told) = (model(&[]), told(&[[0.0, 0.0], [1.0, 0.3]]));
-        let [one, two] = [1, 2].map(|planes| mounted(&model, 1e-3, planes).moved(&told).expect("moves"));
+        let (model, commanded) = (model(&[]), commanded(&[[0.0, 0.0], [1.0, 0.3]]));
+        let [one, two] =
+            [1, 2].map(|planes| prepared(&model, 1e-3, planes).moved(&commanded).expect("moves"));
         assert_eq!((&one.force_n.y, &one.shape_m.y), (&two.force_n.y, &two.shape_m.y));
         assert_eq!((one.force_n.x, two.force_n.x.map(|x| x.len())), (None, Some(2)));
     }
 
-    /// Crosstalk brings the horizontal force into the vertical one, whether anyone looks at the horizontal plane or not.
+    /// Crosstalk brings the horizontal force into the vertical one, whether the horizontal plane is measured or not.
     #[test]
-    fn an_effect_sees_both_planes() {
+    fn an_effect_gets_both_planes() {
         let crosstalk = effect("sensor.crosstalk").expect("an effect");
         let values: Vec<f64> = crosstalk.parameters().iter().map(|_| 0.1).collect();
-        let (model, told) = (model(&[("sensor.crosstalk", &values)]), told(&[[0.0, 0.0], [1.0, 0.3]]));
-        let [one, two] = [1, 2].map(|planes| mounted(&model, 1e-3, planes).moved(&told).expect("moves"));
+        let (model, commanded) =
+            (model(&[("sensor.crosstalk", &values)]), commanded(&[[0.0, 0.0], [1.0, 0.3]]));
+        let [one, two] =
+            [1, 2].map(|planes| prepared(&model, 1e-3, planes).moved(&commanded).expect("moves"));
         assert_eq!(one, two);
     }
 
-    /// Where tissue stiffens the needle is solved for the way it was said to go, and anew for any longer one.
+    /// Where tissue stiffens the needle is solved for the planned displacement, and anew for any larger one.
     #[test]
-    fn a_longer_way_than_said_is_no_extrapolation() {
+    fn a_larger_displacement_than_planned_is_no_extrapolation() {
         let model = model(&[("tissue.stiffening", &[0.5])]);
-        let told = told(&[[0.0, 0.0], [2.0, 0.0]]);
+        let commanded = commanded(&[[0.0, 0.0], [2.0, 0.0]]);
         let [short, long] =
-            [0.2e-3, 2e-3].map(|most_m| mounted(&model, most_m, 1).moved(&told).expect("moves"));
+            [0.2e-3, 2e-3].map(|most_m| prepared(&model, most_m, 1).moved(&commanded).expect("moves"));
         assert_eq!(short, long);
-        let linear = mounted(&self::model(&[]), 2e-3, 1).moved(&told).expect("moves");
+        let linear = prepared(&self::model(&[]), 2e-3, 1).moved(&commanded).expect("moves");
         assert!(long.force_n.y[1] > 1.05 * linear.force_n.y[1]);
     }
 }

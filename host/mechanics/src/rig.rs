@@ -47,7 +47,7 @@ pub enum Guides {
     /// Guide 1, in which the needle is clamped, and the actuated guide 2.
     #[default]
     Two,
-    /// The actuated guide alone. The needle's rear is held by whoever pushes it: with the slope it happens to have, against which an
+    /// The actuated guide alone. The needle's rear is held by what pushes it: with the slope it happens to have, against which an
     /// elastic moment works, `EI u''(0) = k_r (u'(0) - slope)`. The slope tilts needle and path as a whole: it is the angle of entry
     /// of an insertion ([`TipLaw::entry_angle_rad`](super::TipLaw)).
     One {
@@ -101,7 +101,7 @@ impl Rig {
         matches!(self.guides, Guides::One { .. })
     }
 
-    /// Whether it has one guide, of which nobody knows how the needle turns in it in one of the planes.
+    /// Whether it has one guide and the rotational stiffness of the needle's rear is not known in one of the planes.
     pub fn rear_is_unknown(&self) -> bool {
         [0, 1].into_iter().any(|plane| self.rear_is_unknown_in(plane))
     }

@@ -95,16 +95,17 @@ fn one_guide_goes_through_the_forward_model() {
         ..Insertion::default()
     };
     let run = |model: &Model| predict(model, &Experiment::Insertion(insertion.clone())).expect("predicts");
-    let seen = run(&model([Some(5.0), Some(0.2)]));
-    let (tip_x, direction_x) = (seen.tip_m.x.clone().expect("x"), seen.tip_direction_rad.x.expect("x"));
+    let channels = run(&model([Some(5.0), Some(0.2)]));
+    let (tip_x, direction_x) =
+        (channels.tip_m.x.clone().expect("x"), channels.tip_direction_rad.x.expect("x"));
     // A rear that gives lets the tissue turn the needle back.
-    assert!(tip_x[2] != seen.tip_m.y[2] && direction_x[0] < seen.tip_direction_rad.y[0]);
+    assert!(tip_x[2] != channels.tip_m.y[2] && direction_x[0] < channels.tip_direction_rad.y[0]);
     let mut tilted = model([Some(5.0), Some(0.2)]);
     tilted.tip = TipLaw { entry_angle_rad: [0.02, 0.0], ..TipLaw::default() };
     let tilted = run(&tilted);
     for (i, depth_m) in depth_m.iter().enumerate() {
-        assert_close(tilted.tip_m.y[i] - seen.tip_m.y[i], 0.02f64.tan() * depth_m, 1e-9);
-        assert_close(tilted.tip_direction_rad.y[i] - seen.tip_direction_rad.y[i], 0.02f64.tan(), 1e-9);
+        assert_close(tilted.tip_m.y[i] - channels.tip_m.y[i], 0.02f64.tan() * depth_m, 1e-9);
+        assert_close(tilted.tip_direction_rad.y[i] - channels.tip_direction_rad.y[i], 0.02f64.tan(), 1e-9);
     }
     // A compliance on top of the rig's is one in its place.
     let mut softer = model([Some(5.0), None]);

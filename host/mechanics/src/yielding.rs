@@ -182,7 +182,7 @@ mod tests {
         }
     }
 
-    /// Statics: whatever the tissue does, its reactions hold the needle in balance, and none exceeds the yield load.
+    /// Statics: in every state of the tissue its reactions hold the needle in balance, and none exceeds the yield load.
     #[test]
     fn reactions_balance_and_stay_below_the_yield_load() {
         let law =

@@ -1,4 +1,4 @@
-//! Lateral runs and insertions from the forward model with effects, as a plan in a file asks for them: what is to be found is known.
+//! Lateral runs and insertions from the forward model with effects, as a plan in a file states them: what is to be found is known.
 //!
 //! The sensors' noise is white and normal, drawn from a seed, each run from its own stream: one more run changes no other.
 
@@ -158,10 +158,10 @@ fn lateral(
     let (depth_m, drive) = (plan.depth_m, drive.collect());
     let done = Lateral { depth_m, drive, shape: shape.clone(), reversal_m: [0.0; 2] };
     let Channels { displacement_m, force_n, shape_m, .. } = predict(model, &Experiment::Lateral(done))?;
-    let mut seen = |values: Vec<f64>, sd: f64| -> Vec<f64> {
+    let mut measured = |values: Vec<f64>, sd: f64| -> Vec<f64> {
         values.into_iter().map(|value| value + sd * noise.draw()).collect()
     };
-    let mut both = |y: Vec<f64>, x: Option<Vec<f64>>, sd: f64| (seen(y, sd), x.map(|x| seen(x, sd)));
+    let mut both = |y: Vec<f64>, x: Option<Vec<f64>>, sd: f64| (measured(y, sd), x.map(|x| measured(x, sd)));
     let (displacement_y_m, displacement_x_m) =
         both(displacement_m.y, displacement_m.x, sensors.displacement_m);
     let (force_y_n, force_x_n) = both(force_n.y, force_n.x, sensors.force_n);
@@ -198,7 +198,7 @@ fn insertion(
 ) -> Result<InsertionRun, ModelError> {
     let steps = (plan.depth_m / plan.step_m + 1e-9).floor() as usize;
     let mut depth_m: Vec<f64> = (0..=steps).map(|step| step as f64 * plan.step_m).collect();
-    // A turn happens at a depth that is looked at, and so does the end.
+    // A turn happens at a measured depth, and so does the end.
     depth_m.extend(plan.turn_at_m);
     depth_m.push(plan.depth_m);
     depth_m.sort_by(f64::total_cmp);
@@ -217,18 +217,18 @@ fn insertion(
         ..Insertion::default()
     };
     let Channels { tip_m, tip_direction_rad, .. } = predict(model, &Experiment::Insertion(done))?;
-    let mut seen = |values: Vec<f64>, sd: f64| -> Vec<f64> {
+    let mut measured = |values: Vec<f64>, sd: f64| -> Vec<f64> {
         values.into_iter().map(|value| value + sd * noise.draw()).collect()
     };
     Ok(InsertionRun {
         id: plan.id.clone(),
         path: format!("{}.csv", plan.id).into(),
-        tip_y_m: seen(tip_m.y, sensors.tip_m),
-        tip_x_m: tip_m.x.map(|x_m| seen(x_m, sensors.tip_m)),
-        tip_direction_y_rad: sensors.tip_direction_rad.map(|sd_rad| seen(tip_direction_rad.y, sd_rad)),
+        tip_y_m: measured(tip_m.y, sensors.tip_m),
+        tip_x_m: tip_m.x.map(|x_m| measured(x_m, sensors.tip_m)),
+        tip_direction_y_rad: sensors.tip_direction_rad.map(|sd_rad| measured(tip_direction_rad.y, sd_rad)),
         tip_direction_x_rad: sensors
             .tip_direction_rad
-            .and_then(|sd_rad| tip_direction_rad.x.map(|x_rad| seen(x_rad, sd_rad))),
+            .and_then(|sd_rad| tip_direction_rad.x.map(|x_rad| measured(x_rad, sd_rad))),
         time_s: Some(depth_m.iter().map(|depth_m| depth_m / plan.speed_m_per_s).collect()),
         rotation_rad: plan
             .turn_at_m

@@ -2,11 +2,11 @@
 
 use super::output::Output;
 use anyhow::ensure;
-use inference::check::{Ability, Check, LeftOut, Severity, check};
+use inference::check::{Ability, Check, Severity, Skipped, check};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
-/// Check a session: all that is wrong, what looks wrong, and what each command can do with it
+/// Check a session: errors, suspicions, and what each command can do with it
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide check phantom-a\n  guide check phantom-a --json\n\nExit code 0 where the session can be used (warnings \
@@ -58,7 +58,7 @@ impl Display for Text<'_> {
 }
 
 fn write_ability(f: &mut fmt::Formatter<'_>, ability: &Ability) -> fmt::Result {
-    let Ability { command, usable, runs, left_out, remarks } = ability;
+    let Ability { command, usable, runs, skipped, remarks } = ability;
     let able = match (usable, runs.len()) {
         (false, _) => "no".to_owned(),
         (true, 0) => "yes".to_owned(),
@@ -66,7 +66,7 @@ fn write_ability(f: &mut fmt::Formatter<'_>, ability: &Ability) -> fmt::Result {
         (true, count) => format!("yes, {count} runs: {}", runs.join(", ")),
     };
     writeln!(f, "{command:<13}{able}")?;
-    for LeftOut { id, reason } in left_out {
+    for Skipped { id, reason } in skipped {
         let id = id.as_ref().map_or(String::new(), |id| format!("without {id}: "));
         writeln!(f, "             {id}{reason}")?;
     }

@@ -1,4 +1,4 @@
-//! Whether to colour: what `--color` says; else not where `NO_COLOR` is set, `TERM` is `dumb`, or nobody looks.
+//! Whether to colour: as `--color` requests; else not where `NO_COLOR` is set, `TERM` is `dumb`, or it is no terminal.
 
 use clap::{ColorChoice, ValueEnum};
 use ratatui::crossterm::style::force_color_output;
@@ -7,7 +7,7 @@ use std::io::{self, IsTerminal};
 
 /// What `--color` will be, before the command line is parsed: its own errors and help are coloured, or not, as well. What is no
 /// choice is left to the parser to refuse.
-pub fn asked(arguments: impl IntoIterator<Item = OsString>) -> ColorChoice {
+pub fn requested(arguments: impl IntoIterator<Item = OsString>) -> ColorChoice {
     let mut arguments = arguments.into_iter();
     let mut choice = ColorChoice::Auto;
     while let Some(argument) = arguments.next() {
@@ -24,7 +24,7 @@ pub fn asked(arguments: impl IntoIterator<Item = OsString>) -> ColorChoice {
     choice
 }
 
-/// Whether standard error is coloured; tells the live screen too, which has a switch of its own.
+/// Whether standard error is coloured; sets the live screen too, which has a switch of its own.
 pub fn settle(choice: ColorChoice) -> bool {
     match choice {
         ColorChoice::Always => force_color_output(true),
@@ -71,17 +71,17 @@ mod tests {
 
     #[test]
     fn the_choice_is_found_before_parsing() {
-        let asked = |line: &str| asked(line.split(' ').map(OsString::from));
-        assert_eq!(asked("guide ports"), ColorChoice::Auto);
-        assert_eq!(asked("guide --color never ports"), ColorChoice::Never);
-        assert_eq!(asked("guide ports --color=always"), ColorChoice::Always);
-        assert_eq!(asked("guide ports --color=mauve"), ColorChoice::Auto);
-        assert_eq!(asked("guide identify -- --color=always"), ColorChoice::Auto);
-        assert_eq!(asked("guide --color"), ColorChoice::Auto);
+        let requested = |line: &str| requested(line.split(' ').map(OsString::from));
+        assert_eq!(requested("guide ports"), ColorChoice::Auto);
+        assert_eq!(requested("guide --color never ports"), ColorChoice::Never);
+        assert_eq!(requested("guide ports --color=always"), ColorChoice::Always);
+        assert_eq!(requested("guide ports --color=mauve"), ColorChoice::Auto);
+        assert_eq!(requested("guide identify -- --color=always"), ColorChoice::Auto);
+        assert_eq!(requested("guide --color"), ColorChoice::Auto);
     }
 
     #[test]
-    fn colours_only_where_somebody_looks_and_wants_them() {
+    fn colours_only_on_terminals_and_where_not_declined() {
         let (auto, set, empty) = (ColorChoice::Auto, Some(OsStr::new("1")), Some(OsStr::new("")));
         assert!(on(auto, true, None, None) && on(auto, true, empty, Some(OsStr::new("xterm"))));
         assert!(!on(auto, false, None, None) && !on(auto, true, set, None));

@@ -111,18 +111,18 @@ impl Display for Text<'_> {
         writeln!(f, "session      {}", found.split)?;
         let noise: Vec<String> = found.noise.iter().map(|(name, sd)| quantity(name, *sd)).collect();
         writeln!(f, "noise        {} (one standard deviation of a reading)", noise.join(", "))?;
-        let tested = found.ranking.len() - found.not_told.len().min(found.ranking.len());
-        let told = if found.not_told.is_empty() {
+        let tested = found.ranking.len() - found.not_identifiable.len().min(found.ranking.len());
+        let not_identifiable = if found.not_identifiable.is_empty() {
             String::new()
         } else {
-            format!("; these runs cannot tell {}", found.not_told.join(", "))
+            format!("; not identifiable from these runs: {}", found.not_identifiable.join(", "))
         };
         let given = if found.given.is_empty() {
             String::new()
         } else {
             format!(" beside {} in the model", found.given.join(", "))
         };
-        writeln!(f, "tested       {tested} effects{given}{told}")?;
+        writeln!(f, "tested       {tested} effects{given}{not_identifiable}")?;
         for (number, region) in found.regions.iter().take(REGIONS).enumerate() {
             let name = if number == 0 { "where" } else { "" };
             writeln!(f, "{name:<13}{region}")?;
@@ -164,7 +164,7 @@ impl Display for Text<'_> {
         if let Some(next) = &found.next_measurement {
             writeln!(
                 f,
-                "next         {}: tells {} apart (chi-square {:.0} expected)",
+                "next         {}: distinguishes {} (chi-square {:.0} expected)",
                 next.what,
                 next.separates.join(" and "),
                 next.expected_divergence
@@ -249,7 +249,7 @@ fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result 
     if let Some(effect) = effect(&found.id) {
         writeln!(f, "             {}", effect.info().physics)?;
     }
-    let others = found.rivals();
+    let others = found.competing_effects();
     if !others.is_empty() {
         writeln!(f, "             or {}", others.join(", or "))?;
     }

@@ -20,7 +20,7 @@ pub struct Args {
 struct Catalogue {
     schema: &'static str,
     effects: Vec<One>,
-    /// Whether one was asked for.
+    /// Whether one was requested.
     #[serde(skip)]
     in_detail: bool,
 }
@@ -49,8 +49,8 @@ struct Parameter {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let asked = |effect: &&dyn Effect| args.id.as_deref().is_none_or(|id| effect.id() == id);
-    let effects: Vec<One> = EFFECTS.iter().copied().filter(asked).map(One::new).collect();
+    let requested = |effect: &&dyn Effect| args.id.as_deref().is_none_or(|id| effect.id() == id);
+    let effects: Vec<One> = EFFECTS.iter().copied().filter(requested).map(One::new).collect();
     if let Some(id) = &args.id {
         ensure!(!effects.is_empty(), "ID: \"{id}\" is not known, expected {}", expected_ids(id));
     }

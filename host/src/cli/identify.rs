@@ -101,7 +101,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     nuisances.dedup_by_key(|effect| effect.id());
     let model = args.model.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
     let fixed = model.effects();
-    // What the command line says goes before what the model was learned on, and that before what the session states.
+    // What the command line states goes before what the model was learned on, and that before what the session states.
     let learned = match model.support {
         Some(Support::Body { poisson }) => (Some(FoundationChoice::Body), Some(poisson)),
         Some(Support::Springs) => (Some(FoundationChoice::Springs), None),
@@ -141,13 +141,13 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         draw(&result, folder, out)?;
     }
     out.result(&result, Text(&result))?;
-    if !result.runs.iter().all(|run| run.error.is_none() && run.left_out.is_none()) {
-        out.note("some runs are left out; see the warnings");
+    if !result.runs.iter().all(|run| run.error.is_none() && run.skipped.is_none()) {
+        out.note("some runs are skipped; see the warnings");
     }
     Ok(())
 }
 
-/// Says which runs were recorded with which calibration where it is not the same for all.
+/// Reports which runs were recorded with which calibration where it is not the same for all.
 fn warn_of_calibrations(session: &Session, out: &Output) {
     let calibrations = session.calibrations();
     if calibrations.len() > 1 {
@@ -159,7 +159,7 @@ fn warn_of_calibrations(session: &Session, out: &Output) {
     }
 }
 
-/// Draws the figures and says where they are.
+/// Draws the figures and reports their paths.
 fn draw(result: &Identification, folder: &Path, out: &Output) -> anyhow::Result<()> {
     for run in result.runs.iter().filter(|run| run.error.is_none()) {
         figures_file(folder, &format!("{}.shape", run.id), &figures::shape(run)?, out)?;
@@ -325,7 +325,7 @@ fn write_run(f: &mut fmt::Formatter<'_>, run: &RunResult, width: usize) -> fmt::
         "  {:<width$}  {:>5.1} mm   {likelihood:<22}  {without_force:<22}  {energy:<22}  {printed}{}",
         run.id,
         run.depth_mm,
-        if run.left_out.is_some() { "  (not pooled)" } else { "" }
+        if run.skipped.is_some() { "  (not pooled)" } else { "" }
     )
 }
 

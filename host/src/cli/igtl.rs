@@ -14,7 +14,7 @@ use inference::identify::{self, identify};
 use mechanics::{Model, Rig};
 use std::path::Path;
 
-/// A tracker that tells where the needle is.
+/// A tracker that measures where the needle is.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Tracker over OpenIGTLink")]
 pub struct TrackerArgs {
@@ -93,7 +93,7 @@ impl RateArgs {
 #[command(next_help_heading = "Publishing over OpenIGTLink")]
 pub struct PublishArgs {
     /// Publish guide, force and sweeps over OpenIGTLink meanwhile, as `guide serve --igtl` does, and tip and shape where the session
-    /// knows the modulus already; to this machine alone unless an address is given
+    /// gives the modulus already; to this machine alone unless an address is given
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = USUAL)]
     publish: Option<String>,
     #[command(flatten)]
@@ -112,7 +112,7 @@ impl PublishArgs {
         match Session::read(dir).ok().as_ref().and_then(modulus_pa) {
             Some(modulus_pa) => know_tissue(live.scene(), rig, modulus_pa, None, depth_mm)?,
             None => out.note(
-                "tip and shape of the needle are not published: the session does not tell the modulus yet",
+                "tip and shape of the needle are not published: the session does not give the modulus yet",
             ),
         }
         Ok(Some(live))
@@ -125,7 +125,7 @@ fn modulus_pa(session: &Session) -> Option<f64> {
     found.map(|found| 1e3 * found.pooled.k_kpa)
 }
 
-/// Has tip and shape told.
+/// Has tip and shape published.
 pub fn know_tissue(
     scene: &mut Scene,
     rig: &Rig,
@@ -133,7 +133,7 @@ pub fn know_tissue(
     model: Option<&ModelFile>,
     depth_mm: f64,
 ) -> anyhow::Result<()> {
-    let mut believed = Model::uniform(rig.clone(), modulus_pa)?;
-    believed.effects = model.map(ModelFile::effects).unwrap_or_default();
-    scene.tissue(&believed, 1e-3 * depth_mm).context("cannot solve the needle")
+    let mut model_of_tissue = Model::uniform(rig.clone(), modulus_pa)?;
+    model_of_tissue.effects = model.map(ModelFile::effects).unwrap_or_default();
+    scene.tissue(&model_of_tissue, 1e-3 * depth_mm).context("cannot solve the needle")
 }

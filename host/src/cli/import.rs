@@ -56,7 +56,7 @@ struct Imported {
     schema: &'static str,
     session: PathBuf,
     insertions: Vec<One>,
-    left_out: Vec<LeftOut>,
+    skipped: Vec<SkippedFile>,
 }
 
 #[derive(Serialize)]
@@ -79,7 +79,7 @@ struct SkippedRows {
 }
 
 #[derive(Serialize)]
-struct LeftOut {
+struct SkippedFile {
     path: PathBuf,
     reason: String,
 }
@@ -92,24 +92,24 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         Kind::Trajcontrol => {}
     }
     ensure!(
-        !import_shapes::is_asked(&args.shapes),
+        !import_shapes::is_requested(&args.shapes),
         "trajcontrol: has options that are for shapes, expected them with slicer or fbg only"
     );
     let mut imported = Imported {
-        schema: "guide.import/1",
+        schema: "guide.import/2",
         session: args.out.clone(),
         insertions: Vec::new(),
-        left_out: Vec::new(),
+        skipped: Vec::new(),
     };
     let mut recordings: Vec<Recording> = Vec::new();
-    for path in files(&args.paths, &mut imported.left_out) {
+    for path in files(&args.paths, &mut imported.skipped) {
         match read(&path) {
             Ok(recording) => recordings.push(recording),
-            Err(reason) => imported.left_out.push(LeftOut { path, reason }),
+            Err(reason) => imported.skipped.push(SkippedFile { path, reason }),
         }
     }
     let reasons = |imported: &Imported| {
-        imported.left_out.iter().map(|left| left.reason.clone()).collect::<Vec<_>>().join("; ")
+        imported.skipped.iter().map(|left| left.reason.clone()).collect::<Vec<_>>().join("; ")
     };
     ensure!(!recordings.is_empty(), "no recording is an insertion: {}", reasons(&imported));
     let mut session = SessionWriter::open(&args.out, &setup(args, out)?)?;
@@ -118,7 +118,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         match session.insertion(&recording.run) {
             Ok(()) => imported.insertions.push(One::new(recording)),
             Err(why) => {
-                imported.left_out.push(LeftOut { path: recording.run.path, reason: why.to_string() });
+                imported.skipped.push(SkippedFile { path: recording.run.path, reason: why.to_string() });
             }
         }
     }
@@ -158,7 +158,7 @@ impl One {
 }
 
 /// Files as given, and the CSV files in folders, in order of their names.
-fn files(paths: &[PathBuf], left_out: &mut Vec<LeftOut>) -> Vec<PathBuf> {
+fn files(paths: &[PathBuf], skipped: &mut Vec<SkippedFile>) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for path in paths {
         if !path.is_dir() {
@@ -173,13 +173,13 @@ fn files(paths: &[PathBuf], left_out: &mut Vec<LeftOut>) -> Vec<PathBuf> {
             }
             Err(cause) => {
                 let reason = format!("{}: cannot read: {cause}", path.display());
-                left_out.push(LeftOut { path: path.clone(), reason });
+                skipped.push(SkippedFile { path: path.clone(), reason });
                 continue;
             }
         };
         if inside.is_empty() {
             let reason = format!("{}: no CSV files, expected recordings", path.display());
-            left_out.push(LeftOut { path: path.clone(), reason });
+            skipped.push(SkippedFile { path: path.clone(), reason });
         }
         inside.sort();
         found.extend(inside);
@@ -193,14 +193,14 @@ fn shapes(source: Source, args: &Args, out: &mut Output) -> anyhow::Result<()> {
     import_shapes::run(source, &args.paths, &args.shapes, &args.out, &setup, out)
 }
 
-/// Needle and rig: as told, as in the session that is added to, or usual ones.
+/// Needle and rig: as stated, as in the session that is added to, or usual ones.
 fn setup(args: &Args, out: &Output) -> anyhow::Result<Setup> {
     let there = args.out.join("session.toml");
     let file = args.rig.clone().or_else(|| there.exists().then_some(there));
     let mut setup = match &file {
         Some(path) => Setup::read(path)?,
         None => {
-            out.note("needle and rig are assumed: 18 gauge, guide 2 at 60 mm, tissue at 70 mm (--rig says otherwise)");
+            out.note("needle and rig are assumed: 18 gauge, guide 2 at 60 mm, tissue at 70 mm (--rig states others)");
             Setup {
                 name: String::new(),
                 rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
@@ -234,8 +234,8 @@ impl Display for Text<'_> {
                 writeln!(f, "note         {id}: {remark}")?;
             }
         }
-        for LeftOut { reason, .. } in &self.0.left_out {
-            writeln!(f, "left out     {reason}")?;
+        for SkippedFile { reason, .. } in &self.0.skipped {
+            writeln!(f, "skipped      {reason}")?;
         }
         writeln!(f, "session      {}", self.0.session.display())
     }

@@ -32,7 +32,7 @@ pub struct ShapeArgs {
     /// Direction that is up, the session's y (default: anterior, or superior where the needle goes that way; 0,1,0 for fbg)
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     up: Option<[f64; 3]>,
-    /// Lengths in files of fbg (auto: as their header says, or as a needle of up to 2 m can be)
+    /// Lengths in files of fbg (auto: as their header states, or as a needle of up to 2 m can be)
     #[arg(long, value_enum, default_value = "auto")]
     units: Units,
     /// Force series of the run: a CSV file as in a session
@@ -44,7 +44,7 @@ pub struct ShapeArgs {
     /// Name of the run (default: that of the first file)
     #[arg(long)]
     id: Option<String>,
-    /// When each file was seen, on the clock of the force series (default: in its holds, one after the other)
+    /// When each file was measured, on the clock of the force series (default: in its holds, one after the other)
     #[arg(long, value_name = "SECONDS", value_delimiter = ',', allow_hyphen_values = true)]
     time_s: Vec<f64>,
 }
@@ -86,7 +86,7 @@ struct Lateral {
     depth_mm: f64,
     sweeps: usize,
     points: usize,
-    /// When the sweeps were seen; none where the shape belongs to the last hold.
+    /// When the sweeps were measured; none where the shape belongs to the last hold.
     time_s: Option<Vec<f64>>,
     has_force: bool,
     origin_mm: [f64; 3],
@@ -95,7 +95,7 @@ struct Lateral {
 }
 
 /// Whether any option is given that is for shapes alone.
-pub fn is_asked(args: &ShapeArgs) -> bool {
+pub fn is_requested(args: &ShapeArgs) -> bool {
     let ShapeArgs { origin_mm, origin_z_mm, axis, straight_mm, up, units, force, depth_mm, id, time_s } =
         args;
     let vectors = [origin_mm, axis, up].iter().any(|given| given.is_some());
@@ -137,7 +137,7 @@ pub fn run(
     for needle in &needles {
         let (shape, behind) = frame.shape(needle)?;
         if behind > 0 {
-            notes.push(format!("{}: {behind} points behind guide 1: left out", needle.path.display()));
+            notes.push(format!("{}: {behind} points behind guide 1: skipped", needle.path.display()));
         }
         shapes.push(shape);
     }
@@ -163,7 +163,7 @@ pub fn run(
     }
     let [origin_m, axis, up] = frame.parts();
     let imported = Imported {
-        schema: "guide.import/1",
+        schema: "guide.import/2",
         session: to.to_owned(),
         lateral: Lateral {
             id,
@@ -182,7 +182,7 @@ pub fn run(
     out.result(&imported, &imported)
 }
 
-/// What the user says of the straight needle, and what is usual otherwise.
+/// What the user states of the straight needle, and what is usual otherwise.
 fn straight(source: Source, args: &ShapeArgs, entry_m: f64) -> Straight {
     let fitted = args.straight_mm.map(|mm| Axis::Fitted(1e-3 * mm));
     let usual = match source {
@@ -204,10 +204,10 @@ fn deepest_m(shapes: &[ShapeSeries]) -> f64 {
     shapes.iter().flat_map(|shape| &shape.z_m).copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// When each of the shapes was seen: as told, or in the holds of the force series; a single one belongs to the last hold, and so needs
+/// When each of the shapes was measured: as stated, or in the holds of the force series; a single one belongs to the last hold, and so needs
 /// no time.
 fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow::Result<Option<Vec<f64>>> {
-    // A force series is looked at in any case: what is wrong with it is told before anything is written.
+    // A force series is read in any case: its errors are reported before anything is written.
     let force = args
         .force
         .as_deref()

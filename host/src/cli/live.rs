@@ -53,13 +53,14 @@ struct Line {
 
 impl Line {
     fn new(time_s: f64, estimate: &Estimate<f64>) -> Self {
-        let told = |value: Value<f64>| (value.seen == Identifiability::Identified).then_some(value.value);
+        let identified =
+            |value: Value<f64>| (value.identifiability == Identifiability::Identified).then_some(value.value);
         Self {
             time_s,
             depth_mm: 1e3 * estimate.depth_m,
-            stiffness_n_per_m2: told(estimate.stiffness),
+            stiffness_n_per_m2: identified(estimate.stiffness),
             stiffness_ci95_n_per_m2: [estimate.stiffness.low, estimate.stiffness.high],
-            damping_n_s_per_m2: told(estimate.damping),
+            damping_n_s_per_m2: identified(estimate.damping),
             damping_ci95_n_s_per_m2: [estimate.damping.low, estimate.damping.high],
             tip_y_mm: 1e3 * estimate.tip_m,
             measured_tip_y_mm: 1e3 * estimate.measured_tip_m,
@@ -74,7 +75,7 @@ impl Display for Line {
             Some(value) => {
                 format!("{:.digits$} ({:.digits$} to {:.digits$})", 1e-3 * value, 1e-3 * low, 1e-3 * high)
             }
-            None => "cannot be told".to_owned(),
+            None => "not identifiable".to_owned(),
         };
         writeln!(
             f,
@@ -143,7 +144,7 @@ impl Joined {
                 self.refused += 1;
                 if self.refused == 1 {
                     out.note(format_args!(
-                        "a reading at {:.1} mm is left out: {}",
+                        "a reading at {:.1} mm is rejected: {}",
                         1e3 * depth_m,
                         reason(why)
                     ));
@@ -186,7 +187,7 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
         client.request(Request::Stream { enable: false })?;
     }
     if joined.refused > 0 {
-        out.note(format_args!("{} readings were left out", joined.refused));
+        out.note(format_args!("{} readings were rejected", joined.refused));
     }
     match joined.tracker.finish() {
         Some(estimate) => {

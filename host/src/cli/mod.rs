@@ -96,7 +96,7 @@ enum Command {
 
 /// Runs the sub-command named on the command line and turns its outcome into an exit code.
 pub fn main() -> ExitCode {
-    let command = Cli::command().color(colour::asked(std::env::args_os().skip(1)));
+    let command = Cli::command().color(colour::requested(std::env::args_os().skip(1)));
     let cli = Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit());
     let coloured = colour::settle(cli.color);
     let mut out = Output::new(cli.json, coloured);

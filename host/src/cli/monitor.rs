@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 /// Time between two drawings of the screen.
 const FRAME: Duration = Duration::from_millis(50);
-/// Time between two looks for a new status.
+/// Time between two checks for a new status.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Least time between two lines for machines, a little less than the device takes between two statuses.
 const LINE: Duration = Duration::from_millis(90);
@@ -104,7 +104,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         bail!("needs a terminal; for machines use `guide status --json` or `guide record`");
     }
     let watch = Watch::begin(args)?;
-    // Has a panic restore the terminal too, before it says what it has to say.
+    // Has a panic restore the terminal too, before it prints its message.
     let mut terminal = ratatui::try_init().context("cannot use the terminal")?;
     let outcome = screen(&watch, &mut terminal);
     ratatui::restore();
@@ -113,16 +113,16 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 
 /// One line per status.
 fn lines(watch: &Watch, out: &mut Output) -> anyhow::Result<()> {
-    let (mut told, mut line_at) = (0, None::<Instant>);
+    let (mut shown, mut line_at) = (0, None::<Instant>);
     while watch.goes_on()? {
         std::thread::sleep(POLL_INTERVAL);
-        if line_at.is_some_and(|at| at.elapsed() < LINE) || watch.state().news() == told {
+        if line_at.is_some_and(|at| at.elapsed() < LINE) || watch.state().news() == shown {
             continue;
         }
         line_at = Some(Instant::now());
         let report = {
             let state = watch.state();
-            told = state.news();
+            shown = state.news();
             Report::new(&state, watch.now_s())
         };
         out.line(&report, "")?;

@@ -1,4 +1,4 @@
-//! `guide status`, `home`, `move`, `stop`, `clear`, `retreat`: operating the rig by hand. Each ends by telling where the guide is.
+//! `guide status`, `home`, `move`, `stop`, `clear`, `retreat`: operating the rig by hand. Each ends by reporting where the guide is.
 
 use super::output::Output;
 use super::rig_args::{ForceLimitArgs, PortArgs, Rest, StartArgs, run_step};
@@ -41,8 +41,8 @@ pub struct HomeArgs {
 /// Runs `guide home`.
 pub fn home(args: &HomeArgs, out: &mut Output) -> anyhow::Result<()> {
     let step = move_to([0.0, 0.0], args.speed_mm_s).map_err(|problem| anyhow!("{problem}"))?;
-    let (mut client, said) = run_step(&args.port, args.start, ForceLimitArgs::default(), "home", step)?;
-    report_status("guide.home/1", &mut client, Rest::of(&said), Detail::Brief, out)
+    let (mut client, received) = run_step(&args.port, args.start, ForceLimitArgs::default(), "home", step)?;
+    report_status("guide.home/1", &mut client, Rest::of(&received), Detail::Brief, out)
 }
 
 /// Move guide 2 to a position and stay there
@@ -69,8 +69,8 @@ pub struct MoveArgs {
 /// Runs `guide move`.
 pub fn move_guide(args: &MoveArgs, out: &mut Output) -> anyhow::Result<()> {
     let step = move_to([args.x_mm, args.y_mm], args.speed_mm_s).map_err(|problem| anyhow!("{problem}"))?;
-    let (mut client, said) = run_step(&args.port, args.start, args.limit, "move", step)?;
-    report_status("guide.move/1", &mut client, Rest::of(&said), Detail::Brief, out)
+    let (mut client, received) = run_step(&args.port, args.start, args.limit, "move", step)?;
+    report_status("guide.move/1", &mut client, Rest::of(&received), Detail::Brief, out)
 }
 
 /// Stop the guide where it is; its lead screws hold it

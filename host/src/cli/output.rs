@@ -34,7 +34,7 @@ impl Output {
         self.json
     }
 
-    /// Prints the result in the form the user asked for.
+    /// Prints the result in the form that was requested.
     pub fn result(&mut self, result: &impl Serialize, text: impl Display) -> anyhow::Result<()> {
         let written = if self.json {
             serde_json::to_writer_pretty(&mut self.stdout, result)
@@ -58,7 +58,7 @@ impl Output {
         written.and_then(|()| self.stdout.flush()).map_err(closed)
     }
 
-    /// Says something beside the result; a closed standard error is ignored.
+    /// Prints a note beside the result; a closed standard error is ignored.
     pub fn note(&self, text: impl Display) {
         remark(&text.to_string(), self.coloured);
     }
@@ -69,7 +69,7 @@ impl Output {
     }
 }
 
-/// Writes a figure and says where it is. The name may hold anything; a file name may not.
+/// Writes a figure and reports its path. The name may hold anything; a file name may not.
 pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyhow::Result<()> {
     fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
@@ -79,7 +79,7 @@ pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyho
     fs::write(&path, svg).with_context(|| format!("{}: cannot write", path.display()))
 }
 
-/// A line on standard error that says what goes on, on terminals only.
+/// A line on standard error that reports progress, on terminals only.
 pub fn spinner() -> ProgressBar {
     let bar = ProgressBar::new_spinner();
     if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Session folder (holds session.toml)
     dir: PathBuf,
-    /// Depth up to which each insertion is seen, millimetres
+    /// Depth up to which readings of each insertion are used, millimetres
     #[arg(long, default_value_t = 50.0, value_name = "MM")]
     until: f64,
     /// Depth to which it is predicted, millimetres (default: its last recorded depth)
@@ -118,7 +118,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     out.result(&result, Text { result: &result, compare: args.compare })
 }
 
-/// Draws every insertion and says where.
+/// Draws every insertion and reports the paths.
 fn draw(result: &Prediction, folder: &Path, out: &Output) -> anyhow::Result<()> {
     for insertion in result.insertions.iter().filter(|insertion| insertion.error.is_none()) {
         let svg = figures::insertion(insertion)?;
@@ -139,7 +139,7 @@ impl Display for Text<'_> {
         let until_mm = good.first().map_or(0.0, |one| one.identified_until_mm);
         writeln!(
             f,
-            "tip seen to {until_mm:.0} mm, predicted beyond (95 % band); tip load there, needle not turned"
+            "tip measured to {until_mm:.0} mm, predicted beyond (95 % band); tip load there, needle not turned"
         )?;
         let width = good.iter().map(|one| one.id.chars().count()).fold(9, usize::max);
         writeln!(
@@ -182,11 +182,11 @@ fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usi
                  name: &str,
                  force: String,
                  tip: [f64; 3],
-                 seen: Option<f64>| {
+                 measured: Option<f64>| {
         let [tip, low, high] = tip;
         let predicted = format!("{tip:.2} ({low:.2} to {high:.2}) mm");
-        let (measured, error) = match seen {
-            Some(seen) => (format!("{seen:.2} mm"), format!("{:+.2} mm", tip - seen)),
+        let (measured, error) = match measured {
+            Some(value) => (format!("{value:.2} mm"), format!("{:+.2} mm", tip - value)),
             None => ("-".to_owned(), "-".to_owned()),
         };
         writeln!(
@@ -194,12 +194,12 @@ fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usi
             "  {id:<width$}  {name}      {force:<18}  {index:>5} mm  {predicted:<25}  {measured:<10}  {error}"
         )
     };
-    let seen = |list: &[Option<f64>]| list.get(index).copied().flatten();
+    let reading = |list: &[Option<f64>]| list.get(index).copied().flatten();
     let tip = [at(&one.tip_y_mm), at(&one.lo95_y_mm), at(&one.hi95_y_mm)];
-    plane(f, &one.id, "y", force(one.tip_force_n, one.tip_force_sd_n), tip, seen(&one.measured_y_mm))?;
+    plane(f, &one.id, "y", force(one.tip_force_n, one.tip_force_sd_n), tip, reading(&one.measured_y_mm))?;
     if let (Some(tip_x), Some(low), Some(high)) = (&one.tip_x_mm, &one.lo95_x_mm, &one.hi95_x_mm) {
         let tip = [at(tip_x), at(low), at(high)];
-        let measured = one.measured_x_mm.as_deref().and_then(seen);
+        let measured = one.measured_x_mm.as_deref().and_then(reading);
         plane(f, "", "x", force(one.tip_force_x_n, one.tip_force_x_sd_n), tip, measured)?;
     }
     Ok(())
@@ -239,7 +239,7 @@ fn write_comparison(f: &mut fmt::Formatter<'_>, good: &[&InsertionResult]) -> fm
         }
     };
     writeln!(f, "distance from the measured tip, mean over the insertions")?;
-    writeln!(f, "  method            mean beyond what was seen   at the last depth")?;
+    writeln!(f, "  method            mean beyond the readings    at the last depth")?;
     let line = |f: &mut fmt::Formatter<'_>, name: &str, mae: String, last: String| {
         writeln!(f, "  {name:<16}  {mae:<26}  {last}")
     };

@@ -34,7 +34,7 @@ struct SessionArgs {
     /// Name of the run (default: made of the depth and a number)
     #[arg(long, value_name = "ID")]
     id: Option<String>,
-    /// Raw recording of everything the device says (default: <run>.mcap in the session folder)
+    /// Raw recording of everything the device sends (default: <run>.mcap in the session folder)
     #[arg(long, value_name = "FILE", conflicts_with = "no_raw")]
     raw: Option<PathBuf>,
     /// Leave the raw recording out
@@ -76,7 +76,7 @@ pub struct AcquireArgs {
     #[arg(long, value_name = "FILE")]
     program: String,
     /// Command that prints one ultrasound sweep as CSV (z_mm, deflection_y_mm[, deflection_x_mm, time_s]); run in every hold
-    /// that asks for a sweep
+    /// that requests a sweep
     #[arg(long, value_name = "COMMAND", conflicts_with = "igtl")]
     sweep_command: Option<String>,
     /// Measure although the force was not tared since the device started: its zero is that of the calibration
@@ -215,7 +215,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
             }
         }
         // What comes after the last row is in neither.
-        client.listen_no_more();
+        client.detach_tap();
         client.request(Request::Stream { enable: false })?;
         Ok(Recorded { link: client.losses(), ..recorder.recorded() })
     });
@@ -223,7 +223,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
     print("guide.record/1", &args.session, &id, outcome?, raw?.as_ref(), out)
 }
 
-/// Looks on while a run is recorded: shows the progress, publishes where that is wanted.
+/// Follows the recording of a run: shows the progress, publishes where that is wanted.
 struct Watch<'a> {
     bar: &'a ProgressBar,
     live: Option<Live>,
@@ -305,7 +305,7 @@ fn open_session(args: &SessionArgs) -> anyhow::Result<Opened> {
     Ok(Opened { session, id, setup })
 }
 
-/// Records one run and enters it in the session whatever happens: what was recorded before a failure is kept.
+/// Records one run and enters it in the session in any case: what was recorded before a failure is kept.
 fn measure(
     session: &mut SessionWriter,
     id: &str,

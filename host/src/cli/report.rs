@@ -27,7 +27,7 @@ pub struct Args {
     /// Take the effects of a model file (model.toml) into the model, and its modulus where the session has no lateral runs
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Depth up to which each insertion is seen, millimetres
+    /// Depth up to which readings of each insertion are used, millimetres
     #[arg(long, default_value_t = 50.0, value_name = "MM")]
     until: f64,
     /// Date of the report: YYYY-MM-DD, or today (default: time of the newest file that it is made from)
@@ -90,7 +90,7 @@ struct Done<'a> {
 #[derive(Serialize)]
 struct SectionState<'a> {
     id: &'static str,
-    /// `done`, `left out` or `failed`.
+    /// `done`, `skipped` or `failed`.
     state: &'static str,
     /// Why it is not done.
     why: Option<&'a str>,
@@ -102,13 +102,13 @@ impl<'a> Done<'a> {
         let sections = report.sections.iter().map(|section| {
             let (state, why) = match &section.content {
                 Outcome::Found(_) => ("done", None),
-                Outcome::NotThere(what) => ("left out", Some(*what)),
+                Outcome::NotThere(what) => ("skipped", Some(*what)),
                 Outcome::Failed(why) => ("failed", Some(why.as_str())),
             };
             SectionState { id: section.id, state, why }
         });
         Self {
-            schema: "guide.report/1",
+            schema: "guide.report/2",
             session: session.name.as_deref(),
             file: path.display().to_string(),
             bytes,

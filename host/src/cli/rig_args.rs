@@ -1,4 +1,4 @@
-//! What the sub-commands that operate the rig share: port, interrupt, limit, running one step, telling of faults.
+//! What the sub-commands that operate the rig share: port, interrupt, limit, running one step, reporting faults.
 
 use super::output::Output;
 use anyhow::bail;
@@ -37,7 +37,7 @@ pub struct ForceLimitArgs {
 }
 
 impl ForceLimitArgs {
-    /// Sets the limit where one was asked for.
+    /// Sets the limit where one was requested.
     pub fn set(self, client: &mut Client) -> Result<(), LinkError> {
         if self.force_limit_n.is_some() {
             client.set_limits(self.force_limit_n, None)?;
@@ -51,7 +51,7 @@ fn device_time(text: &str) -> Result<f64, String> {
     if time_s > 0.0 && time_s < 1e9 { Ok(time_s) } else { Err("expected 0 to 1e9 seconds".to_owned()) }
 }
 
-/// Set when the user asks to end.
+/// Set when the user interrupts.
 pub fn interrupted() -> anyhow::Result<&'static AtomicBool> {
     static INTERRUPTED: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Release))?;
@@ -60,7 +60,7 @@ pub fn interrupted() -> anyhow::Result<&'static AtomicBool> {
 
 impl StartArgs {
     /// Has the device move by the constants of the rig as designed, where it has no calibration of its own: with `--nominal`, or when
-    /// the user says so at a terminal.
+    /// the user confirms it at a terminal.
     pub fn acknowledge(self, client: &mut Client) -> anyhow::Result<()> {
         if client.safety()?.calibration != CalibrationSource::Nominal {
             return Ok(());
@@ -79,7 +79,7 @@ impl StartArgs {
     }
 }
 
-/// Asks at the terminal; no where there is none.
+/// Prompts at the terminal; no where there is none.
 fn confirmed() -> anyhow::Result<bool> {
     if !std::io::stdin().is_terminal() || !std::io::stderr().is_terminal() {
         return Ok(false);
@@ -109,8 +109,8 @@ const REST_SAMPLES: usize = 100;
 
 impl Rest {
     /// The end of what was streamed; nothing where nothing was.
-    pub fn of(said: &[Telemetry]) -> Option<Self> {
-        let points = said.iter().rev().flat_map(|telemetry| {
+    pub fn of(received: &[Telemetry]) -> Option<Self> {
+        let points = received.iter().rev().flat_map(|telemetry| {
             match telemetry {
                 Telemetry::Samples(batch) if batch.step.is_some() => batch.points.as_slice(),
                 _ => &[],
@@ -130,7 +130,7 @@ impl Rest {
     }
 }
 
-/// Runs one step on the device and returns all that it said meanwhile.
+/// Runs one step on the device and returns the telemetry received meanwhile.
 pub fn run_step(
     port: &PortArgs,
     start: StartArgs,
@@ -142,31 +142,31 @@ pub fn run_step(
     start.acknowledge(&mut client)?;
     limit.set(&mut client)?;
     let program = Program::single(name, step);
-    let mut said = Vec::new();
+    let mut received = Vec::new();
     run(&mut client, &program, start.options(true)?, |_, telemetry| {
-        said.push(telemetry.clone());
+        received.push(telemetry.clone());
         Ok::<(), LinkError>(())
     })?;
-    Ok((client, said))
+    Ok((client, received))
 }
 
-/// Tells of faults while something goes on that they do not end: each once, whoever says so first.
+/// Reports faults during work that they do not end: each once, from whichever message comes first.
 #[derive(Default)]
 pub struct FaultNotes {
-    told: Option<Fault>,
+    reported: Option<Fault>,
 }
 
 impl FaultNotes {
-    /// Looks at what the device says; `meanwhile` is what goes on.
+    /// Checks what the device sends; `meanwhile` names the work under way.
     pub fn see(&mut self, telemetry: &Telemetry, meanwhile: &str, out: &Output) {
         let fault = match telemetry {
             Telemetry::Event(Event { kind: EventKind::Faulted { fault }, .. }) => Some(*fault),
             Telemetry::Status(status) => status.fault,
             Telemetry::Event(_) | Telemetry::Samples(_) => return,
         };
-        if let Some(fault) = fault.filter(|_| fault != self.told) {
+        if let Some(fault) = fault.filter(|_| fault != self.reported) {
             out.note(format_args!("{}; {meanwhile}", explain_latched(fault)));
         }
-        self.told = fault;
+        self.reported = fault;
     }
 }

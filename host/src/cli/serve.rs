@@ -1,4 +1,4 @@
-//! `guide serve`: results of a session and what its device measures, for whoever listens over OpenIGTLink.
+//! `guide serve`: results of a session and what its device measures, for OpenIGTLink clients.
 
 use super::igtl::{RateArgs, USUAL, know_tissue};
 use super::output::Output;
@@ -22,9 +22,9 @@ use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
-/// How often the program looks whether it is to end.
+/// How often the program checks whether it is to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// How often the session's files are looked at. They are read when they have not changed between two looks.
+/// How often the session's files are checked. They are read when they have not changed between two checks.
 const LOOK_AT_FILES: Duration = Duration::from_secs(1);
 
 /// Publish results and live values over OpenIGTLink (3D Slicer, PLUS and others): guide, force, needle, tip, modulus, predicted path
@@ -52,7 +52,7 @@ pub struct Args {
     /// Take the effects of a model file (model.toml) into the model
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Depth up to which each insertion is seen for the prediction of its rest, millimetres
+    /// Depth up to which readings of each insertion are used for the prediction of its rest, millimetres
     #[arg(long, value_name = "MM", default_value_t = 50.0, value_parser = super::record::depth_mm)]
     until: f64,
     #[command(flatten)]
@@ -94,7 +94,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let client = args.port.as_deref().map(Client::connect).transpose()?;
     let live = Arc::new(Mutex::new(args.rate.serve(&args.igtl, scene)?));
     let address = lock(&live).publisher().address().to_string();
-    let (remarks, heard) = mpsc::channel();
+    let (remarks, received) = mpsc::channel();
     let worker = client.map(|client| follow(client, &live, remarks)).transpose()?;
     let report = Report { schema: "guide.serve/1", session: &args.dir, address, port: args.port.as_deref() };
     out.line(&report, &report)?;
@@ -112,7 +112,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
                 results.publish(out);
             }
         }
-        heard.try_iter().for_each(|remark: String| out.note(remark));
+        received.try_iter().for_each(|remark: String| out.note(remark));
         if worker.as_ref().is_some_and(|worker| !worker.is_running()) {
             bail!("the link's thread has ended");
         }
@@ -124,16 +124,16 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 /// Publishes what the device streams; a lost connection is made again.
 fn follow(client: Client, live: &Arc<Mutex<Live>>, remarks: Sender<String>) -> anyhow::Result<Worker> {
     let live = Arc::clone(live);
-    let tell = move |event| {
+    let on_event = move |event| {
         let remark = match event {
             Event::Telemetry(Telemetry::Samples(batch)) => return lock(&live).samples(&batch),
             Event::Lost(reason) => format!("the device is gone: {reason}"),
             Event::Connected { .. } | Event::Telemetry(_) | Event::Carried(_) | Event::Command(_) => return,
         };
-        // Where nobody hears it the program ends.
+        // Where there is no receiver left the program ends.
         let _ = remarks.send(remark);
     };
-    Worker::start(client, tell).context("cannot start the link's thread")
+    Worker::start(client, on_event).context("cannot start the link's thread")
 }
 
 /// A thread that has panicked while it published leaves what can go on.
@@ -150,7 +150,7 @@ struct Results<'a> {
 }
 
 impl Results<'_> {
-    /// Reads the session and publishes what it gives; what it does not give is said, once.
+    /// Reads the session and publishes what it gives; what it does not give is reported, once.
     fn publish(&mut self, out: &Output) {
         let session = match Session::read(&self.args.dir) {
             Ok(session) => session,
@@ -194,13 +194,13 @@ impl Results<'_> {
         if self.args.port.is_some() {
             let found_kpa = found.map(|found| found.pooled.k_kpa);
             let k_kpa = self.args.k_kpa.or(found_kpa).or(of_model.map(|[modulus_pa, _]| 1e-3 * modulus_pa));
-            self.know(&session, k_kpa, out);
+            self.publish_tissue(&session, k_kpa, out);
         }
         lock(self.live).publisher().keep(&messages);
     }
 
-    /// Has tip and shape told.
-    fn know(&mut self, session: &Session, k_kpa: Option<f64>, out: &Output) {
+    /// Has tip and shape published.
+    fn publish_tissue(&mut self, session: &Session, k_kpa: Option<f64>, out: &Output) {
         let last_mm = session.lateral.last().map(|run| 1e3 * run.depth_m);
         let Some(depth_mm) = self.args.depth_mm.or(last_mm) else {
             let [least, most] = DEPTH_RANGE_MM;
@@ -211,7 +211,7 @@ impl Results<'_> {
         };
         let Some(k_kpa) = k_kpa else {
             return self.note(
-                "tip and shape of the needle are not published: the session does not tell the modulus, nor does --k-kpa".to_owned(),
+                "tip and shape of the needle are not published: neither the session nor --k-kpa gives the modulus".to_owned(),
                 out,
             );
         };
@@ -232,7 +232,7 @@ impl Results<'_> {
 /// The session's files, to see when they change.
 #[derive(Default)]
 struct FilesWatch {
-    seen: Option<Vec<(PathBuf, u64, SystemTime)>>,
+    previous: Option<Vec<(PathBuf, u64, SystemTime)>>,
     read: Option<Vec<(PathBuf, u64, SystemTime)>>,
 }
 
@@ -240,8 +240,9 @@ impl FilesWatch {
     /// Whether the files differ from when this was last true, and have not changed since the look before. The first look counts.
     fn has_settled(&mut self, dir: &Path) -> bool {
         let now = Self::state(dir);
-        let settled = self.seen.as_ref().is_none_or(|seen| *seen == now) && self.read.as_ref() != Some(&now);
-        self.seen = Some(now.clone());
+        let settled = self.previous.as_ref().is_none_or(|previous| *previous == now)
+            && self.read.as_ref() != Some(&now);
+        self.previous = Some(now.clone());
         if settled {
             self.read = Some(now);
         }

@@ -1,4 +1,4 @@
-//! `guide completions` and `guide man`: what a shell and `man` know of this program, from the definition of its command line.
+//! `guide completions` and `guide man`: what a shell and `man` need of this program, from the definition of its command line.
 
 use super::Cli;
 use super::output::Output;

@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 /// Make a session from the forward model: lateral runs, insertions, steering runs
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide simulate --config plan.toml --out made-up --seed 1\n  guide simulate --config plan.toml --model model.toml \
-                  --out made-up\n\nThe file has [needle], [rig] and [noise] of a session. For lateral runs and insertions also\n\n  [tissue]\n  \
+    after_help = "Example:\n  guide simulate --config plan.toml --out simulated --seed 1\n  guide simulate --config plan.toml --model model.toml \
+                  --out simulated\n\nThe file has [needle], [rig] and [noise] of a session. For lateral runs and insertions also\n\n  [tissue]\n  \
                   k_kpa = 12.0\n  [tip]\n  load_n = 0.2         # optional\n  [[effect]]           # optional; ids and parameters: guide effects\n  \
                   id = \"tissue.layers\"\n  parameters = { k_ratio = { value = 2.0 }, boundary_mm = { value = 15 } }\n\n  [[lateral]]\n  id = \"y20-1\"\n  \
                   depth_mm = 20        # also axis, levels_mm, hold_s, ramp_mm_per_s, rate_hz, sweep_levels, spacing_mm\n\n  [[insertion]]\n  \

@@ -1,4 +1,4 @@
-//! What `guide status` and the commands that operate the rig tell of the device, in the units of a user.
+//! What `guide status` and the commands that operate the rig report of the device, in the units of a user.
 
 use super::output::Output;
 use super::rig_args::Rest;
@@ -11,7 +11,7 @@ use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::fmt::{self, Display};
 
-/// How much of it is told as text.
+/// How much of it is printed as text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Detail {
     /// Where the guide is, and what has gone wrong.
@@ -184,13 +184,14 @@ impl Report {
         if cools_in_s > 0 {
             writeln!(f, "           hot: {cools_in_s} s of rest until `guide clear`")?;
         }
-        let told =
-            |slope: &Option<Slope>| slope.as_ref().map_or("not told yet".to_owned(), ToString::to_string);
+        let text = |slope: &Option<Slope>| {
+            slope.as_ref().map_or("not identified yet".to_owned(), ToString::to_string)
+        };
         writeln!(
             f,
             "stiffness  x {}   y {} (95 % interval)",
-            told(&self.stiffness_x),
-            told(&self.stiffness_y)
+            text(&self.stiffness_x),
+            text(&self.stiffness_y)
         )
     }
 }
@@ -217,7 +218,7 @@ impl Display for Report {
     }
 }
 
-/// Asks the device for its state and prints it; position and force are those of `rest` where there is one.
+/// Requests the state of the device and prints it; position and force are those of `rest` where there is one.
 pub fn report_status(
     schema: &'static str,
     client: &mut Client,

@@ -86,7 +86,7 @@ impl Display for Tared {
         writeln!(f, "noise      x {:.4} N    y {:.4} N (sd of one reading)", self.sd_x_n, self.sd_y_n)?;
         let drift = |n_per_s: f64, ci95: Option<[f64; 2]>| match ci95 {
             Some([low, high]) => format!("{n_per_s:+.5} ({low:+.5} to {high:+.5}) N/s"),
-            None => "cannot be told".to_owned(),
+            None => "not identifiable".to_owned(),
         };
         writeln!(
             f,
@@ -115,8 +115,8 @@ impl Display for Tared {
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let duration_ms = milliseconds(args.duration_s).map_err(|problem| anyhow!("--duration-s: {problem}"))?;
     let limit = ForceLimitArgs::default();
-    let (client, said) = run_step(&args.port, args.start, limit, "tare", Step::Tare { duration_ms })?;
-    let tared = said.iter().find_map(|telemetry| match telemetry {
+    let (client, received) = run_step(&args.port, args.start, limit, "tare", Step::Tare { duration_ms })?;
+    let tared = received.iter().find_map(|telemetry| match telemetry {
         Telemetry::Event(event) => match event.kind {
             EventKind::Tared(tare) => Some(tare),
             _ => None,

@@ -24,7 +24,7 @@ pub fn residuals(gap: &Gap) -> Result<String, FigureError> {
         let area = SVGBackend::with_string(&mut svg, (WIDTH, height)).into_drawing_area();
         area.fill(&WHITE).map_err(failed)?;
         let area =
-            area.titled("measured less predicted, runs that no fit has seen", (FONT, 22)).map_err(failed)?;
+            area.titled("measured less predicted, runs held out of every fit", (FONT, 22)).map_err(failed)?;
         for (panel, channel) in area.split_evenly((channels.len().max(1), 1)).iter().zip(&channels) {
             let of_channel = || gap.points.iter().filter(|point| point.channel == *channel);
             let x = range(of_channel().map(|point| point.at_mm));

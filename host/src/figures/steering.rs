@@ -85,7 +85,7 @@ fn tip(area: &Area<'_>, one: &TrackResult) -> Result<(), FigureError> {
 fn error(area: &Area<'_>, one: &TrackResult) -> Result<(), FigureError> {
     let depths = range(one.depth_mm.iter().copied());
     let offs: Vec<f64> =
-        one.tip_y_mm.iter().zip(&one.measured_tip_y_mm).map(|(tip, seen)| tip - seen).collect();
+        one.tip_y_mm.iter().zip(&one.measured_tip_y_mm).map(|(tip, measured)| tip - measured).collect();
     let mut chart = axes(area, depths.clone(), range(offs.iter().copied().chain([0.0])), "error, mm", "")?;
     chart.draw_series(LineSeries::new([(depths.start, 0.0), (depths.end, 0.0)], GREY)).map_err(failed)?;
     let line = one.depth_mm.iter().copied().zip(offs);
@@ -101,7 +101,7 @@ struct Parameter<'a> {
     high: &'a [f64],
 }
 
-/// Where a value is told, its line; its interval everywhere, cut at three times the largest value (before anything is told it spans
+/// Where a value is identified, its line; its interval everywhere, cut at three times the largest value (before anything is identified it spans
 /// decades).
 fn parameter(
     area: &Area<'_>,
@@ -115,7 +115,8 @@ fn parameter(
     let cut = |values: &[f64]| values.iter().map(|value| (1e-3 * value).clamp(0.0, top)).collect::<Vec<_>>();
     let mut chart = axes(area, range(depths_mm.iter().copied()), 0.0..top.max(1e-3), of.name, x_name)?;
     chart.draw_series(std::iter::once(band(depths_mm, &cut(of.low), &cut(of.high), BLUE))).map_err(failed)?;
-    let told = depths_mm.iter().zip(of.values).filter_map(|(depth, value)| Some((*depth, 1e-3 * (*value)?)));
-    chart.draw_series(told.map(|at| Circle::new(at, 2, BLUE.filled()))).map_err(failed)?;
+    let identified =
+        depths_mm.iter().zip(of.values).filter_map(|(depth, value)| Some((*depth, 1e-3 * (*value)?)));
+    chart.draw_series(identified.map(|at| Circle::new(at, 2, BLUE.filled()))).map_err(failed)?;
     Ok(())
 }

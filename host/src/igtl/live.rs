@@ -1,4 +1,4 @@
-//! A running device and its session, told to whoever listens.
+//! A running device and its session, published to the clients.
 
 use super::scene::Scene;
 use device::igtl::Publisher;
@@ -6,7 +6,7 @@ use device::link::{Batch, Point};
 use device::sweep::Sweep;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// Updates per second of the device's clock unless told otherwise: what a viewer shows smoothly.
+/// Updates per second of the device's clock unless another rate is requested: what a viewer shows smoothly.
 pub const USUAL_RATE_HZ: f64 = 20.0;
 
 /// Publishes what the device streams, and no more often than wanted.
@@ -32,7 +32,7 @@ impl Live {
         &self.publisher
     }
 
-    /// What is told.
+    /// What is published.
     pub fn scene(&mut self) -> &mut Scene {
         &mut self.scene
     }

@@ -1,8 +1,8 @@
-//! What clients are told: guide and force as they are measured, needle and tip as the model has them, results with their intervals.
+//! What is published to clients: guide and force as they are measured, needle and tip as the model has them, results with their intervals.
 //!
 //! The frame `Reference` is the session's: z along the straight needle from guide 1, x horizontal, y vertical. In it,
 //!
-//! | message | says |
+//! | message | content |
 //! |---|---|
 //! | TRANSFORM `GuideToReference` | where guide 2 is |
 //! | SENSOR `Force` | lateral force along x and y |
@@ -39,7 +39,7 @@ struct Needle {
     beam_x: Beam,
 }
 
-/// What is told of one rig.
+/// What is published of one rig.
 #[derive(Debug, Clone)]
 pub struct Scene {
     guide2_m: f64,
@@ -99,7 +99,7 @@ impl Scene {
         Self { guide2_m, entry_m, needle: None }
     }
 
-    /// The tissue is known: tip and shape are told from now on.
+    /// The tissue is known: tip and shape are published from now on.
     ///
     /// # Errors
     /// As [`Model::problem_in`].
@@ -197,10 +197,10 @@ impl Scene {
             let width_y = at(&last.hi95_y_mm, index) - at(&last.lo95_y_mm, index);
             let width_x = of(&last.hi95_x_mm, index) - of(&last.lo95_x_mm, index);
             let (x_mm, y_mm) = (of(&last.tip_x_mm, index), at(&last.tip_y_mm, index));
-            let seen = *depth_mm <= last.identified_until_mm;
+            let measured = *depth_mm <= last.identified_until_mm;
             ListPoint {
                 name: format!("{depth_mm} mm"),
-                group: if seen { "seen" } else { "predicted" }.to_owned(),
+                group: if measured { "measured" } else { "predicted" }.to_owned(),
                 position_mm: [x_mm, y_mm, 1e3 * self.entry_m + depth_mm].map(|mm| mm as f32),
                 diameter_mm: width_y.max(width_x) as f32,
             }

@@ -18,7 +18,7 @@ pub(super) fn facts(found: &Diagnosis) -> Vec<Fact> {
         let named = found
             .effects
             .iter()
-            .map(|effect| [vec![effect.id.as_str()], effect.rivals()].concat().join(" or "));
+            .map(|effect| [vec![effect.id.as_str()], effect.competing_effects()].concat().join(" or "));
         verdict = format!("{verdict}: {}", named.collect::<Vec<_>>().join("; "));
     }
     if let Some(gap) = found.gap.as_ref().filter(|_| !found.effects.is_empty()) {
@@ -70,7 +70,7 @@ fn removed(gap: &Gap) -> String {
 /// The section.
 pub(super) fn section(outcome: &Outcome<Diagnosis>) -> Section {
     outcome.section("discrepancy", "What the model lacks", |found| {
-        let mut blocks = vec![Block::Text(story(found)), Block::Notes(remarks(found))];
+        let mut blocks = vec![Block::Text(summary(found)), Block::Notes(remarks(found))];
         blocks.extend(regions(found));
         blocks.extend(effects(found));
         if let Some(of_gap) = &found.gap {
@@ -82,13 +82,13 @@ pub(super) fn section(outcome: &Outcome<Diagnosis>) -> Section {
 }
 
 /// What was done and found, in sentences.
-fn story(found: &Diagnosis) -> String {
+fn summary(found: &Diagnosis) -> String {
     let noise: Vec<String> = found.noise.iter().map(|(name, sd)| quantity(name, *sd)).collect();
     let mut text = format!(
         "Session: {}. Noise of a reading, one standard deviation: {}. {} effects were tested. Verdict: {}.",
         found.split,
         noise.join(", "),
-        found.ranking.len() - found.not_told.len().min(found.ranking.len()),
+        found.ranking.len() - found.not_identifiable.len().min(found.ranking.len()),
         found.verdict.explained()
     );
     let mut more = |sentence: String| {
@@ -121,19 +121,19 @@ fn story(found: &Diagnosis) -> String {
     text
 }
 
-/// What to measure next, what the session cannot tell, what else to know.
+/// What to measure next, what is not identifiable from the session, remarks.
 fn remarks(found: &Diagnosis) -> Vec<String> {
     let mut remarks = Vec::new();
     if let Some(next) = &found.next_measurement {
         remarks.push(format!(
-            "Measure next: {}: tells {} apart (chi-square {:.0} expected).",
+            "Measure next: {}: distinguishes {} (chi-square {:.0} expected).",
             next.what,
             next.separates.join(" and "),
             next.expected_divergence
         ));
     }
-    if !found.not_told.is_empty() {
-        remarks.push(format!("These runs cannot tell {}.", found.not_told.join(", ")));
+    if !found.not_identifiable.is_empty() {
+        remarks.push(format!("Not identifiable from these runs: {}.", found.not_identifiable.join(", ")));
     }
     remarks.extend(found.limits.iter().chain(&found.warnings).cloned());
     remarks
@@ -150,13 +150,13 @@ fn regions(found: &Diagnosis) -> Option<Block> {
 
 fn effects(found: &Diagnosis) -> Option<Block> {
     let rows = found.effects.iter().map(|one| {
-        let rivals = one.rivals();
+        let competitors = one.competing_effects();
         vec![
             one.id.clone(),
             effect(&one.id).map_or("-".to_owned(), |of| of.info().physics.to_owned()),
             one.parameters_in_words(),
             value(Some(one.log_evidence_gain), 1),
-            if rivals.is_empty() { "none".to_owned() } else { rivals.join(", ") },
+            if competitors.is_empty() { "none".to_owned() } else { competitors.join(", ") },
         ]
     });
     let rows: Vec<_> = rows.collect();

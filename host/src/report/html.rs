@@ -59,7 +59,7 @@ fn section(section: &Section) -> Markup {
         section aria-labelledby=(section.id) {
             h2 id=(section.id) { (section.title) }
             @match &section.content {
-                Outcome::NotThere(what) => p class="quiet" { "Left out: " (what) "." },
+                Outcome::NotThere(what) => p class="quiet" { "Skipped: " (what) "." },
                 Outcome::Failed(why) => p class="failed" { strong { "Failed: " } (why) },
                 Outcome::Found(blocks) => @for one in blocks { (block(one)) },
             }

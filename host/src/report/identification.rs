@@ -71,7 +71,7 @@ pub(super) fn section(session: &Session, outcome: &Outcome<Identification>) -> S
         }
         if good.len() > FIGURES {
             blocks.push(Block::Text(format!(
-                "Figures of {} more are left out; guide identify --plots draws them.",
+                "Figures of {} more are not shown; guide identify --plots draws them.",
                 count(good.len() - FIGURES, "run")
             )));
         }

@@ -51,7 +51,7 @@ fn over_insertions(loads_n: &[f64]) -> Option<String> {
     }
 }
 
-/// Everything that the user should know, each message once.
+/// Warnings of all insertions, each message once.
 pub(super) fn warnings(found: &Prediction) -> Vec<String> {
     found.messages()
 }
@@ -63,7 +63,7 @@ pub(super) fn section(outcome: &Outcome<Prediction>) -> Section {
         let until_mm = good.first().map_or(0.0, |one| one.identified_until_mm);
         let mut blocks = vec![
             Block::Text(format!(
-                "The tip was seen to {until_mm:.0} mm and is predicted beyond, with the band that holds 95 % of the readings. \
+                "The tip was measured to {until_mm:.0} mm and is predicted beyond, with the band that holds 95 % of the readings. \
                  Tip loads are those at that depth, the needle not turned."
             )),
             loads(&good),
@@ -83,7 +83,7 @@ pub(super) fn section(outcome: &Outcome<Prediction>) -> Section {
         }
         if good.len() > FIGURES {
             blocks.push(Block::Text(format!(
-                "Figures of {} more are left out; guide predict --plots draws them.",
+                "Figures of {} more are not shown; guide predict --plots draws them.",
                 count(good.len() - FIGURES, "insertion")
             )));
         }
@@ -158,7 +158,7 @@ fn errors(good: &[&InsertionResult]) -> Block {
         number("mean distance, mm"),
     ];
     Block::table(
-        "Predicted and measured tip; the mean distance is over all depths beyond what was seen, both planes",
+        "Predicted and measured tip; the mean distance is over all depths beyond the readings used, both planes",
         columns,
         rows,
     )
@@ -180,7 +180,8 @@ fn methods(good: &[&InsertionResult]) -> Option<Block> {
         let last_mm = mean(found().map(|other| other?.last_error_mm).collect());
         rows.push(vec![name.to_owned(), mae_mm, last_mm]);
     }
-    let columns = [words("method"), number("mean beyond what was seen, mm"), number("at the last depth, mm")];
+    let columns =
+        [words("method"), number("mean beyond the readings used, mm"), number("at the last depth, mm")];
     Some(Block::table(
         "Distance from the measured tip by several methods, mean over the insertions",
         columns,

@@ -10,7 +10,7 @@ use std::time::SystemTime;
 use time::format_description::well_known::Iso8601;
 use time::{Date, OffsetDateTime};
 
-/// Where a report comes from. Nothing here is read from a clock unless the user asks for it.
+/// Where a report comes from. Nothing here is read from a clock unless the user requests it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Origin {
     /// The command that made it.

@@ -1,4 +1,4 @@
-//! What a report is made of, whatever it is printed as: facts, sections, tables, figures. All text is plain; the printer escapes it.
+//! What a report is made of, independent of how it is printed: facts, sections, tables, figures. All text is plain; the printer escapes it.
 
 use crate::figures::FigureError;
 
@@ -10,7 +10,7 @@ pub(super) const FIGURES: usize = 8;
 pub struct Report {
     /// Name of the session, or of its folder.
     pub name: String,
-    /// What to know before anything else.
+    /// Warnings that come before everything else.
     pub warnings: Vec<String>,
     /// The results on one screen.
     pub summary: Vec<Fact>,
@@ -84,12 +84,12 @@ pub struct Section {
 }
 
 impl Section {
-    /// Takes out notes that are among the warnings at the top: everything is said once.
-    pub(super) fn without_notes(&mut self, said: &[String]) {
+    /// Takes out notes that are among the warnings at the top: everything is stated once.
+    pub(super) fn without_notes(&mut self, shown: &[String]) {
         let Outcome::Found(blocks) = &mut self.content else { return };
         for block in blocks {
             if let Block::Notes(notes) = block {
-                notes.retain(|note| !said.contains(note));
+                notes.retain(|note| !shown.contains(note));
             }
         }
     }

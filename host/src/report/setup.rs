@@ -104,7 +104,7 @@ fn gaps(run: &LateralRun) -> String {
     }
 }
 
-/// What each run was recorded with; nothing where no run says so.
+/// What each run was recorded with; nothing where no run states it.
 fn recorded_with(session: &Session) -> Option<Block> {
     let known = session.lateral.iter().filter(|run| run.provenance != Provenance::default());
     let rows: Vec<Vec<String>> = known

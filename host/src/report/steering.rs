@@ -6,18 +6,18 @@ use inference::track::results::{TrackResult, Tracking};
 
 /// Facts for the summary.
 pub(super) fn facts(found: &Tracking) -> Vec<Fact> {
-    let told = found.runs.iter().filter_map(|run| {
+    let identified = found.runs.iter().filter_map(|run| {
         let last = run.last.as_ref()?;
         Some(format!("{}: {}", run.id, last.stiffness_n_per_m2.words(1e-3, 1)))
     });
-    let told: Vec<String> = told.collect();
-    match told.is_empty() {
+    let identified: Vec<String> = identified.collect();
+    match identified.is_empty() {
         true => Vec::new(),
-        false => vec![Fact::new("Stiffness while steered, kN/m²", told.join("; "))],
+        false => vec![Fact::new("Stiffness while steered, kN/m²", identified.join("; "))],
     }
 }
 
-/// Everything that the user should know, run by run.
+/// Warnings of every run.
 pub(super) fn warnings(found: &Tracking) -> Vec<String> {
     let own = found.runs.iter();
     let own = own.flat_map(|run| run.warnings.iter().map(|warning| format!("{}: {warning}", run.id)));

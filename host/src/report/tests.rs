@@ -12,7 +12,7 @@ use worlds::{Design, Truth, session};
 
 fn origin() -> Origin {
     Origin {
-        command: "guide report made-up --until 50".to_owned(),
+        command: "guide report simulated --until 50".to_owned(),
         date: "2025-03-01".to_owned(),
         files: vec![FileSum { name: "session.toml".to_owned(), bytes: 12, sha256: "00ff".repeat(16) }],
     }
@@ -20,7 +20,7 @@ fn origin() -> Origin {
 
 fn empty() -> Session {
     Session {
-        dir: PathBuf::from("made-up"),
+        dir: PathBuf::from("simulated"),
         name: None,
         rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
         fixture_mass_kg: None,
@@ -130,7 +130,7 @@ fn a_report_has_the_numbers_of_the_analyses() {
     let [low, high] = diagnosed.k_ci95_kpa;
     let k = format!("{:.2} ({low:.2} to {high:.2})", diagnosed.k_kpa);
     assert_has(&html, &[diagnosed.verdict.explained(), &k, "tip.rate", "the model lacks tip.rate"]);
-    assert_has(&html, &["Left out: the session has no steering runs.", "00ff00ff", "2025-03-01"]);
+    assert_has(&html, &["Skipped: the session has no steering runs.", "00ff00ff", "2025-03-01"]);
     assert!(html.matches("<figure>").count() > found.runs.len() * 3 + predicted.insertions.len());
     assert!(html.find("Warnings") < html.find("Summary"), "warnings come first");
 }
@@ -155,18 +155,18 @@ fn names_from_files_are_text() {
 }
 
 #[test]
-fn what_a_session_does_not_have_is_left_out() {
+fn what_a_session_does_not_have_is_skipped() {
     let html = html_of(&empty());
     for what in ["lateral runs", "insertions", "steering runs"] {
-        assert_has(&html, &[&format!("Left out: the session has no {what}.")]);
+        assert_has(&html, &[&format!("Skipped: the session has no {what}.")]);
     }
-    assert_has(&html, &["neither lateral runs nor insertions", "There is no result", "made-up"]);
+    assert_has(&html, &["neither lateral runs nor insertions", "There is no result", "simulated"]);
     assert!(!html.contains("<figure>") && !html.contains("id=\"warnings\""));
 }
 
 /// A session of nothing but runs that no analysis can use.
 #[test]
-fn what_fails_is_said_in_its_section() {
+fn what_fails_is_reported_in_its_section() {
     let mut bad = empty();
     let path = PathBuf::from("x.csv");
     let (id, none) = ("x".to_owned(), None::<Vec<f64>>);

@@ -87,8 +87,12 @@ fn phase(state: &State) -> Line<'static> {
 
 fn link(state: &State, now_s: f64) -> Line<'static> {
     let [bytes_per_s, samples_per_s] = state.health.per_second();
-    let heard = state.silent_s(now_s).map_or("never".to_owned(), |silent_s| format!("{silent_s:.1} s ago"));
-    row("link", format!("{:.1} kB/s   {samples_per_s:.0} samples/s   last heard {heard}", bytes_per_s * 1e-3))
+    let received =
+        state.silent_s(now_s).map_or("never".to_owned(), |silent_s| format!("{silent_s:.1} s ago"));
+    row(
+        "link",
+        format!("{:.1} kB/s   {samples_per_s:.0} samples/s   last received {received}", bytes_per_s * 1e-3),
+    )
 }
 
 fn lost(state: &State) -> Line<'static> {

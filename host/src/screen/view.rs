@@ -89,7 +89,7 @@ pub struct Screen<'a> {
     pub state: &'a State,
     /// What the user has chosen.
     pub settings: Settings,
-    /// Now, by the clock that the state was told.
+    /// Now, by the clock of the state.
     pub now_s: f64,
 }
 

@@ -58,7 +58,7 @@ fn all_that_matters_is_on_the_smallest_usual_terminal() {
         has(&screen, &["holding, step 2", "device clock 5.0 s", "telemetry on"]);
         has(
             &screen,
-            &["kB/s", "samples/s", "last heard 0.0 s ago", "0 samples   0 frames missing   0 CRC errors"],
+            &["kB/s", "samples/s", "last received 0.0 s ago", "0 samples   0 frames missing   0 CRC errors"],
         );
         has(&screen, &["CPU 23 %", "longest period 412 us", "free stack 10240 B", "motors 3, 0 %"]);
         has(

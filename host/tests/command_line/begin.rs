@@ -11,7 +11,7 @@ fn a_template_is_checked_and_never_overwritten() {
     assert_eq!(begun["schema"], "guide.init/1");
     assert_eq!(begun["files"].as_array().map(Vec::len), Some(6));
     let found = json(&["check", path(&dir), "--json"]);
-    assert_eq!(found["schema"], "guide.check/1");
+    assert_eq!(found["schema"], "guide.check/2");
     assert_eq!((&found["usable"], &found["empty"]), (&true.into(), &true.into()));
     assert!(found["findings"].as_array().expect("a list").is_empty());
     assert!(failure(&["init", path(&dir)]).contains("session.toml: is there already"));
@@ -58,7 +58,7 @@ fn the_example_has_something_for_every_command() {
         assert_eq!(a, b, "{file}");
     }
 
-    // Two faults, both told, each on a line with its place.
+    // Two faults, both reported, each on a line with its place.
     fs::write(dir.join("i2.csv"), "depth_mm,tip_y_mm\n1,x\n").expect("written");
     fs::write(dir.join("d20-1.shape.csv"), "z_mm\n").expect("written");
     let output = guide(&["check", path(&dir)]);

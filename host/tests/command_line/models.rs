@@ -69,12 +69,12 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
     assert_eq!((&made["lateral"][0]["id"], &made["insertion"][0]["id"]), (&"y25".into(), &"i1".into()));
     assert_eq!(made["runs"].as_array().map(Vec::len), Some(0));
     let again = path(&folder.path().join("again")).to_owned();
-    let said = guide(&["simulate", "--config", &config, "--model", &model, "--out", &again]);
-    let said = text(&said.stdout);
+    let printed = guide(&["simulate", "--config", &config, "--model", &model, "--out", &again]);
+    let printed = text(&printed.stdout);
     for part in
         ["lateral      y25: ", "K 12 kPa, tip load 0.2 N", "tissue.layers: boundary_mm 12, k_ratio 2.5"]
     {
-        assert!(said.contains(part), "{part} is not in {said}");
+        assert!(printed.contains(part), "{part} is not in {printed}");
     }
     let csv = |dir: &str| fs::read_to_string(Path::new(dir).join("y25.force.csv")).expect("written");
     assert_eq!(csv(&dir), csv(&again), "the same seed");
@@ -86,11 +86,14 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
     let without = json(&["identify", &dir, "--json", "--relation", "vesic"]);
     assert!(without.get("effects").is_none());
     assert!(k_kpa(&without)[0] > 12.5, "{without}");
-    let said = text(&guide(&["identify", &dir, "--model", &model, "--relation", "vesic"]).stdout);
-    assert!(said.contains("model with   tissue.layers") && said.contains("knows no effects"), "{said}");
+    let printed = text(&guide(&["identify", &dir, "--model", &model, "--relation", "vesic"]).stdout);
+    assert!(
+        printed.contains("model with   tissue.layers") && printed.contains("models no effects"),
+        "{printed}"
+    );
     for wrong in [&["--nuisance", "tissue.layers"][..], &["--layers"]] {
-        let said = failure(&[&["identify", &dir, "--model", &model], wrong].concat());
-        assert!(said.contains("in the model already"), "{said}");
+        let printed = failure(&[&["identify", &dir, "--model", &model], wrong].concat());
+        assert!(printed.contains("in the model already"), "{printed}");
     }
 
     // Insertions alone: the modulus is that of the file, unless it is given.
@@ -105,12 +108,12 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
     let by_file = json(&["predict", &alone, "--model", &model, "--json"]);
     let sd = (0.5f64 / formats::NORMAL_975).to_string();
     let layers = "tissue.layers=2.5,12";
-    let told = json(&["predict", &alone, "--k-kpa", "12", &sd, "--effect", layers, "--json"]);
+    let by_option = json(&["predict", &alone, "--k-kpa", "12", &sd, "--effect", layers, "--json"]);
     let path_of = |found: &Value| -> Vec<f64> {
         let tip = found["insertions"][0]["tip_y_mm"].as_array().expect("a list");
         tip.iter().map(|mm| mm.as_f64().expect("a number")).collect()
     };
-    assert!(path_of(&by_file).iter().zip(path_of(&told)).all(|(a, b)| (a - b).abs() < 1e-6));
+    assert!(path_of(&by_file).iter().zip(path_of(&by_option)).all(|(a, b)| (a - b).abs() < 1e-6));
     let other = json(&["predict", &alone, "--model", &model, "--effect", "tissue.layers=1,12", "--json"]);
     assert_ne!(path_of(&by_file), path_of(&other));
     assert!(failure(&["predict", &alone, "--model", &model, "--layers"]).contains("in the model already"));
@@ -119,8 +122,8 @@ fn a_model_file_is_simulated_identified_and_predicted_with() {
     for command in
         [&["identify", &dir][..], &["predict", &dir], &["simulate", "--config", &config, "--out", &dir]]
     {
-        let said = failure(&[command, &["--model", &model]].concat());
-        assert!(said.contains("model.toml:8:6: effect.id: \"tissue.layer\" is not known"), "{said}");
+        let printed = failure(&[command, &["--model", &model]].concat());
+        assert!(printed.contains("model.toml:8:6: effect.id: \"tissue.layer\" is not known"), "{printed}");
     }
 }
 
@@ -131,8 +134,8 @@ fn plan_faults_name_their_place() {
     let out = folder.path().join("out");
     let fails = |text: &str, expected: &str| {
         fs::write(&config, text).expect("written");
-        let said = failure(&["simulate", "--config", path(&config), "--out", path(&out)]);
-        assert!(said.contains(expected), "{said}");
+        let printed = failure(&["simulate", "--config", path(&config), "--out", path(&out)]);
+        assert!(printed.contains(expected), "{printed}");
         assert!(!out.exists(), "nothing is left behind");
     };
     fails(&PLAN.replace("k_kpa = 9.0", ""), "plan.toml:11:1: tissue.k_kpa: missing");
@@ -163,17 +166,19 @@ fn effects_are_listed() {
         (&1.0.into(), &"1".into(), &50.0.into())
     );
     assert!(boundary["neutral"].is_null() && boundary["nodes"].is_array() && boundary["unit"] == "mm");
-    let said = text(&guide(&["effects"]).stdout);
+    let printed = text(&guide(&["effects"]).stdout);
     assert!(
-        said.contains("tissue.layers\n  physics") && said.contains("tip.rate") && !said.contains("likely"),
-        "{said}"
+        printed.contains("tissue.layers\n  physics")
+            && printed.contains("tip.rate")
+            && !printed.contains("likely"),
+        "{printed}"
     );
     assert!(text(&guide(&["effects", "rig.backlash"]).stdout).contains("likely 0 to 0.4"));
-    let said = failure(&["effects", "tissue.layer"]);
-    assert!(said.contains("\"tissue.layer\" is not known, expected one of tissue.layers"), "{said}");
+    let printed = failure(&["effects", "tissue.layer"]);
+    assert!(printed.contains("\"tissue.layer\" is not known, expected one of tissue.layers"), "{printed}");
 }
 
-/// Simulated with a layer nobody tells of, diagnosed, explained; the model file serves the next commands.
+/// Simulated with a layer hidden from the estimator, diagnosed, explained; the model file serves the next commands.
 #[test]
 fn a_missing_layer_is_named_and_its_model_explains_the_session() {
     let folder = folder();
@@ -190,7 +195,7 @@ fn a_missing_layer_is_named_and_its_model_explains_the_session() {
     fs::write(&config, plan).expect("written");
     guide(&["simulate", "--config", &config, "--out", &dir]);
     let found = json(&["diagnose", &dir, "--out", &model, "--plots", &plots, "--json"]);
-    assert_eq!(found["schema"], "guide.diagnose/1");
+    assert_eq!(found["schema"], "guide.diagnose/2");
     // At three depths a gradient or a gap may stand for a layer; nothing else.
     assert!(found["verdict"] == "named" || found["verdict"] == "ambiguous", "{}", found["verdict"]);
     assert_eq!(found["effects"][0]["id"], "tissue.layers");
@@ -210,6 +215,6 @@ fn a_missing_layer_is_named_and_its_model_explains_the_session() {
         (&explained["verdict"], &explained["given"][0]),
         (&"adequate".into(), &"tissue.layers".into())
     );
-    let said = text(&guide(&["diagnose", &dir]).stdout);
-    assert!(said.contains("missing      tissue.layers") && said.contains("remaining    "), "{said}");
+    let printed = text(&guide(&["diagnose", &dir]).stdout);
+    assert!(printed.contains("missing      tissue.layers") && printed.contains("remaining    "), "{printed}");
 }

@@ -9,7 +9,7 @@ fn without_a_terminal_there_is_no_screen() {
 }
 
 #[test]
-fn without_a_device_there_is_nothing_to_tell() {
+fn rejects_a_port_without_a_device() {
     for form in ["--once", "--json"] {
         let line = failure(&["monitor", "--port", "/dev/no-such-port", form]);
         assert!(line.starts_with("error: /dev/no-such-port: no such port"), "{line}");

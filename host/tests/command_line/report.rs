@@ -22,10 +22,10 @@ fn a_report_has_the_numbers_of_the_other_commands() {
     session(folder.path());
     let dir = path(folder.path());
     let done = json(&["report", dir, "--json"]);
-    assert_eq!(done["schema"], "guide.report/1");
+    assert_eq!(done["schema"], "guide.report/2");
     let states: Vec<_> =
         done["sections"].as_array().expect("a list").iter().map(|one| &one["state"]).collect();
-    assert_eq!(states, ["done", "done", "done", "left out", "done", "done"]);
+    assert_eq!(states, ["done", "done", "done", "skipped", "done", "done"]);
     let html = fs::read_to_string(folder.path().join("report.html")).expect("written");
     assert_eq!(done["bytes"], html.len());
     assert!(html.len() < 2_000_000);
@@ -34,7 +34,8 @@ fn a_report_has_the_numbers_of_the_other_commands() {
     let k_kpa = found["pooled"]["k_kpa"].as_f64().expect("a modulus");
     assert!((k_kpa / (1e-3 * K_PA) - 1.0).abs() < 0.02);
     let load_n = json(&["predict", dir, "--json"])["insertions"][0]["tip_force_n"].as_f64().expect("a load");
-    for part in [format!("{k_kpa:.2} ("), format!(">{load_n:.3}<"), "made up".to_owned(), "i1.csv".to_owned()]
+    for part in
+        [format!("{k_kpa:.2} ("), format!(">{load_n:.3}<"), "simulated".to_owned(), "i1.csv".to_owned()]
     {
         assert!(html.contains(&part), "{part} is not in the report");
     }
@@ -51,8 +52,12 @@ fn a_report_is_the_same_bytes_each_time() {
     let html = fs::read_to_string(folder.path().join("report.html")).expect("written");
     // The report in the folder is no part of the session, and where it is written to changes nothing.
     let out = folder.path().join("again.html");
-    let said = guide(&["report", dir, "--out", path(&out)]);
-    assert!(said.status.success() && text(&said.stdout).contains("again.html"), "{}", text(&said.stderr));
+    let printed = guide(&["report", dir, "--out", path(&out)]);
+    assert!(
+        printed.status.success() && text(&printed.stdout).contains("again.html"),
+        "{}",
+        text(&printed.stderr)
+    );
     assert_eq!(fs::read_to_string(&out).expect("written"), html);
     let dated =
         json(&["report", dir, "--out", path(&out), "--date", "2025-03-01", "--until", "60", "--json"]);
@@ -65,7 +70,7 @@ fn a_report_is_made_where_analyses_fail() {
     let folder = folder();
     session(folder.path());
     let dir = path(folder.path());
-    // Guide 2 never moves, and the tip is seen once.
+    // Guide 2 never moves, and the tip is measured once.
     let still: String = (0..200).map(|row| format!("{},0,0\n", 0.02 * f64::from(row))).collect();
     let header = "time_s,displacement_y_mm,force_y_n\n";
     fs::write(folder.path().join("d30-1.force.csv"), format!("{header}{still}")).expect("writes");
@@ -131,7 +136,7 @@ fn a_report_fits_a_browser_window() {
     assert_eq!(info.width, WIDTH);
     assert!(colours.len() > 20, "the picture is blank: {} colours", colours.len());
 
-    // A copy that says how wide it is.
+    // A copy with its width stated.
     let measured = folder.path().join("measured.html");
     let script = "<script>document.body.dataset.width = document.documentElement.scrollWidth + '/' + innerWidth</script></body>";
     let html = fs::read_to_string(&page).expect("written");

@@ -57,7 +57,7 @@ fn a_curve_of_slicer_gives_the_same_modulus() {
     let placed = ["--origin-mm", &origin, "--axis", &along, "--up", &up, "--depth-mm", "30"];
     let with_force = ["--force", path(&force), "--json"];
     let done = json(&[&import[..], &placed, &with_force].concat());
-    assert_eq!((&done["schema"], &done["lateral"]["id"]), (&"guide.import/1".into(), &"hold".into()));
+    assert_eq!((&done["schema"], &done["lateral"]["id"]), (&"guide.import/2".into(), &"hold".into()));
     assert_eq!(done["lateral"]["points"], 30);
     let (native_kpa, imported_kpa) = (modulus(&native), modulus(&out));
     assert!((imported_kpa / native_kpa - 1.0).abs() < 1e-6, "{imported_kpa} and {native_kpa}");
@@ -68,7 +68,7 @@ fn a_curve_of_slicer_gives_the_same_modulus() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stderr).contains("bare.force.csv: has a header only"));
     assert_eq!(Session::read(&out).expect("reads").lateral.len(), 2);
-    // Where nothing is told, the first part is straight.
+    // Where nothing is stated, the first part is straight.
     let drawn = ["import", "slicer", path(&file), "--out", path(&out), "--id", "drawn"];
     let output = guide(&drawn);
     assert!(text(&output.stderr).contains("is laid through the first part of"), "{}", text(&output.stderr));
@@ -105,20 +105,20 @@ fn poses_of_a_fibre_give_the_same_modulus() {
     let times = done["lateral"]["time_s"].as_array().expect("times");
     assert!(times[0].as_f64() < Some(3.0) && times[1].as_f64() > Some(4.0), "{times:?}");
     let three = ["import", "fbg", path(&bent), path(&bent), path(&bent), "--id", "three"];
-    let said = failure(&[&three[..], &common].concat());
-    assert!(said.contains("2 holds, 1 of them displaced, expected one for each of 3 files"), "{said}");
+    let printed = failure(&[&three[..], &common].concat());
+    assert!(printed.contains("2 holds, 1 of them displaced, expected one for each of 3 files"), "{printed}");
     let timed = ["--time-s", "5,6,7", "--units", "m"];
     assert!(guide(&[&three[..], &timed, &common].concat()).status.success());
 
-    for (wrong, says) in [
+    for (wrong, expected) in [
         (&["--time-s", "5"][..], "--time-s: 1 times, expected 2"),
         (&["--axis", "0,0,0"], "axis: [0.0, 0.0, 0.0], expected a direction"),
         (&["--up", "0,0,2"], "is along the needle"),
         (&["--units", "mm"], "is the unit right?"),
         (&["--id", "a/b"], "cannot be part of a file name"),
     ] {
-        let said = failure(&[&["import", "fbg", path(&straight), path(&bent)], wrong, &common].concat());
-        assert!(said.contains(says), "{said}");
+        let printed = failure(&[&["import", "fbg", path(&straight), path(&bent)], wrong, &common].concat());
+        assert!(printed.contains(expected), "{printed}");
     }
     let mixed = ["import", "trajcontrol", path(&bent), "--out", path(&out), "--up", "0,1,0"];
     assert!(failure(&mixed).contains("options that are for shapes"));

@@ -23,7 +23,7 @@ fn completions_know_every_sub_command() {
         assert!(output.status.success(), "{shell}");
         let script = text(&output.stdout);
         for command in &commands {
-            assert!(script.contains(command.as_str()), "{shell} does not know {command}");
+            assert!(script.contains(command.as_str()), "{shell} has no {command}");
         }
         if shell == "bash" {
             is_bash(&script);
@@ -63,26 +63,26 @@ fn every_sub_command_has_a_manual_page_with_an_example() {
 
 #[test]
 fn colours_are_for_terminals_and_those_who_ask() {
-    let said = |arguments: &[&str], variable: Option<(&str, &str)>| {
+    let printed = |arguments: &[&str], variable: Option<(&str, &str)>| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_guide"));
         command.args(arguments).env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").envs(variable);
         let output = command.output().expect("guide starts");
         [output.stdout, output.stderr].concat()
     };
     let coloured = |bytes: &[u8]| bytes.contains(&0x1b);
-    // Help, a result, wrong use, a failure: what clap says, and what guide says.
+    // Help, a result, wrong use, a failure: what clap prints, and what guide prints.
     let all: [&[&str]; 4] =
         [&["identify", "--help"], &["effects"], &["effects", "--jason"], &["identify", "no/such/folder"]];
     for arguments in all {
         for variable in [None, Some(("NO_COLOR", "1")), Some(("TERM", "xterm-256color"))] {
-            assert!(!coloured(&said(arguments, variable)), "{arguments:?} {variable:?}");
+            assert!(!coloured(&printed(arguments, variable)), "{arguments:?} {variable:?}");
         }
         let never = [arguments, &["--color", "never"]].concat();
-        assert!(!coloured(&said(&never, None)), "{arguments:?}");
+        assert!(!coloured(&printed(&never, None)), "{arguments:?}");
         let always = [arguments, &["--color=always"]].concat();
         // Results are for machines as well, and stay plain.
         let is_result = arguments == ["effects"];
-        assert_eq!(coloured(&said(&always, Some(("NO_COLOR", "1")))), !is_result, "{arguments:?}");
+        assert_eq!(coloured(&printed(&always, Some(("NO_COLOR", "1")))), !is_result, "{arguments:?}");
     }
     assert_eq!(guide(&["effects", "--color", "mauve"]).status.code(), Some(2));
 }

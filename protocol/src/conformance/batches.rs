@@ -174,7 +174,7 @@ pub(super) fn damaged_batches_are_refused_whole() -> Verdict {
     Ok(())
 }
 
-/// With realistic noise: what the documentation of [`crate::pack`] says.
+/// With realistic noise: what the documentation of [`crate::pack`] states.
 pub(super) fn bytes_per_sample_are_as_documented() -> Verdict {
     let mut noise = Noise(1);
     let mut packer = Packer::new(PERIOD_US);

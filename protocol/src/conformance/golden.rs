@@ -47,8 +47,8 @@ pub(super) fn envelopes_decode_from_their_golden_bytes() -> Verdict {
     decodes(ENVELOPES, EnvelopeReceiver::new())
 }
 
-/// The variants of an enum seen so far. A variant that is not listed does not compile.
-macro_rules! seen {
+/// The variants of an enum covered so far. A variant that is not listed does not compile.
+macro_rules! covered {
     ($name:ident: $type:ident { $($variant:ident)* }) => {
         #[derive(Default)]
         struct $name(u32);
@@ -70,27 +70,27 @@ macro_rules! seen {
     };
 }
 
-seen!(Requests: Request {
+covered!(Requests: Request {
     Hello Status Stream LoadStep Run Stop ClearFault Limits LoadCalibration StoreCalibration Calibration
     Retreat AcknowledgeCalibration Describe Safety
 });
-seen!(Steps: Step { Move Hold Tare Ramp });
-seen!(Messages: Message { Hello Ack Refused Samples Event Status Calibration Connected Safety Description });
-seen!(ResetReasons: ResetReason { PowerOn Pin Watchdog Software BrownOut Other });
-seen!(Refusals: Refusal {
+covered!(Steps: Step { Move Hold Tare Ramp });
+covered!(Messages: Message { Hello Ack Refused Samples Event Status Calibration Connected Safety Description });
+covered!(ResetReasons: ResetReason { PowerOn Pin Watchdog Software BrownOut Other });
+covered!(Refusals: Refusal {
     OtherBoot Faulted Busy OutOfTravel OutOfRange ProgramMismatch TooLate CauseRemains Unreadable
     CalibrationInvalid IdUsed NotUnderLoad CalibrationNotAcknowledged
 });
-seen!(Faults: Fault {
+covered!(Faults: Fault {
     EmergencyStop ForceSensor ForceRange Potentiometer MoveTimeout ForceLimit Travel Stall FollowingError ForceStuck HostSilent
     Restarted Overrun MotorHot WrongWay CalibrationLost
 });
-seen!(States: State { Idle Pending Moving Holding Taring Faulted Retreating });
-seen!(EventKinds: EventKind { StepStarted StepEnded Tared ProgramEnded Faulted TareRejected RetreatEnded });
-seen!(Outcomes: Outcome { Completed Stopped Faulted TareRejected });
-seen!(TareProblems: TareProblem { FarFromZero Settling });
-seen!(RetreatOutcomes: RetreatOutcome { Unloaded Moved ForceNotFalling Stopped });
-seen!(CalibrationSources: CalibrationSource { Stored Nominal NominalAcknowledged });
+covered!(States: State { Idle Pending Moving Holding Taring Faulted Retreating });
+covered!(EventKinds: EventKind { StepStarted StepEnded Tared ProgramEnded Faulted TareRejected RetreatEnded });
+covered!(Outcomes: Outcome { Completed Stopped Faulted TareRejected });
+covered!(TareProblems: TareProblem { FarFromZero Settling });
+covered!(RetreatOutcomes: RetreatOutcome { Unloaded Moved ForceNotFalling Stopped });
+covered!(CalibrationSources: CalibrationSource { Stored Nominal NominalAcknowledged });
 
 pub(super) fn every_variant_has_golden_bytes() -> Verdict {
     let (mut requests, mut steps) = (Requests::default(), Steps::default());

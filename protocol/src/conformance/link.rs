@@ -147,7 +147,7 @@ pub(super) fn good_truncated_good() -> Verdict {
     for missing in 2..16 {
         sandwiches(&|_, length| length.saturating_sub(missing).max(2), CORRUPT)?;
     }
-    // Without its closing delimiter a frame is whole all the same: the next opening one ends it. Told apart in `gives`.
+    // Without its closing delimiter a frame is whole all the same: the next opening one ends it. Distinguished in `gives`.
     let mut buffer = BUFFER;
     let message = command(Request::Stop);
     let length = encode_command(&message, &mut buffer).map_err(|_| "a command was not encoded")?.len();
@@ -285,12 +285,12 @@ pub(super) fn unreadable_command_gives_its_id() -> Verdict {
     let id = unreadable::<Command, MAX_BODY_TO_DEVICE>(unknown_request)?;
     check(id == Some(300), "the id of an unknown request was not saved")?;
     let id = unreadable::<Command, MAX_BODY_TO_DEVICE>(&[0xFF, 0xFF, 0xFF, 0xFF])?;
-    check(id.is_none(), "an id was made up")
+    check(id.is_none(), "an id was read from something other than a command")
 }
 
 pub(super) fn hello_of_another_version_gives_its_version() -> Verdict {
     let mut buffer = BUFFER;
-    let hello = payload(&(1_u32, 2_u32, 0_u32, 2_u16, "fields we do not know"), &mut buffer)?;
+    let hello = payload(&(1_u32, 2_u32, 0_u32, 2_u16, "fields of version two"), &mut buffer)?;
     let version = unreadable::<Envelope, MAX_BODY_TO_HOST>(hello)?;
     check(version == Some(2), "the version of another hello was not read")?;
     let other = payload(&(1_u32, 2_u32, 200_u32, 2_u16), &mut buffer)?;

@@ -20,7 +20,7 @@ use std::{format, fs, println};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/spec");
 
-/// A file is what is made anew, or is written where that is asked for.
+/// A file is what is made anew, or is written where that is requested.
 fn is_current(name: &str, made: &str) {
     let path = format!("{FOLDER}/{name}");
     if std::env::var_os("NEEDLE_GUIDE_WRITE_SPEC").is_some() {
@@ -30,7 +30,7 @@ fn is_current(name: &str, made: &str) {
     let there = fs::read_to_string(&path).unwrap_or_default();
     assert!(
         there == made,
-        "{path} is not what the code says: NEEDLE_GUIDE_WRITE_SPEC=1 cargo test -p protocol spec"
+        "{path} differs from the code: NEEDLE_GUIDE_WRITE_SPEC=1 cargo test -p protocol spec"
     );
 }
 

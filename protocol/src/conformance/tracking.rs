@@ -1,4 +1,4 @@
-//! What the tracker says about what is missing.
+//! What the tracker reports as missing.
 
 use super::{Verdict, check};
 use crate::{
@@ -46,7 +46,7 @@ const fn in_order(order: Order) -> Arrival {
 
 const NEXT: Arrival = in_order(Order::Next);
 
-/// A tracker that has seen a hello and one batch, samples 0 to 9, of boot 1, sequence 0 and 1.
+/// A tracker that has received a hello and one batch, samples 0 to 9, of boot 1, sequence 0 and 1.
 fn begun() -> SequenceTracker {
     let mut tracker = SequenceTracker::new();
     tracker.observe(&hello(1, 0));

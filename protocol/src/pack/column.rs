@@ -157,7 +157,7 @@ impl Spread {
     }
 }
 
-/// Writes bytes, then bits, the lowest first, from the start of a buffer. What does not fit is left out: see [`Writer::end`].
+/// Writes bytes, then bits, the lowest first, from the start of a buffer. What does not fit is omitted: see [`Writer::end`].
 pub(super) struct Writer<'a> {
     buffer: &'a mut [u8],
     length: usize,

@@ -1,4 +1,4 @@
-//! A device for tests: speaks the protocol at the far end of a pseudo terminal, and misbehaves as told.
+//! A device for tests: speaks the protocol at the far end of a pseudo terminal, and misbehaves as scripted.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
@@ -32,15 +32,15 @@ pub enum Act {
     Lost(usize),
     /// Samples that the device itself had to drop.
     Dropped(u64),
-    /// Answers to what is asked, and nothing else, for so many milliseconds.
+    /// Answers to requests, and nothing else, for so many milliseconds.
     Wait(u64),
     /// The program ends well.
     Complete,
-    /// As `Complete`, but the event that says so is lost.
-    CompleteUnheard,
+    /// As `Complete`, but its event is lost.
+    CompleteWithoutEvent,
     /// A fault ends the program.
     Fail(Fault),
-    /// The device restarts and says so by its next event.
+    /// The device restarts, which its next event shows.
     Restart,
     /// The port goes away, and with it what the host has not read yet: let it wait before.
     Vanish,
@@ -57,9 +57,9 @@ pub struct Script {
     pub mute: bool,
     /// Number of answers (after the hello's) that get lost.
     pub lost_answers: usize,
-    /// Number of statuses that get lost, while their answers arrive, and an older one that nobody asked for.
+    /// Number of statuses that get lost, while their answers arrive, and an older one that was not requested.
     pub lost_statuses: usize,
-    /// Says late, when a program is loaded, that the one before was stopped.
+    /// Reports late, when a program is loaded, that the one before was stopped.
     pub late_end: bool,
     /// Refuses every command but the hello.
     pub refusal: Option<Refusal>,
@@ -69,7 +69,7 @@ pub struct Script {
     pub source: CalibrationSource,
     /// Was tared since its start.
     pub tared: bool,
-    /// Restarts with the calibration it had, whatever it is told to keep.
+    /// Restarts with the calibration it had, also after a command to keep another.
     pub keeps_no_calibration: bool,
     /// What running a program does.
     pub program: Vec<Act>,
@@ -141,12 +141,12 @@ impl FakeDevice {
         Self { port, executed, questions, stop, worker: Some(worker) }
     }
 
-    /// The commands carried out so far, hellos and status left out.
+    /// The commands carried out so far, without hellos and status.
     pub fn executed(&self) -> Vec<Request> {
         self.executed.lock().expect("the device runs").clone()
     }
 
-    /// How often the status has been asked for.
+    /// How often the status has been requested.
     pub fn questions(&self) -> usize {
         self.questions.load(Ordering::Acquire)
     }
@@ -186,9 +186,9 @@ struct Device {
 impl Device {
     fn serve(mut self, mut far: TTYPort, stop: &AtomicBool) {
         while !stop.load(Ordering::Acquire) {
-            let commands = self.listen(&mut far);
+            let commands = self.receive(&mut far);
             if commands.is_empty() {
-                // Nobody has opened the near end yet, or nothing came.
+                // The near end is not open yet, or nothing came.
                 std::thread::sleep(Duration::from_millis(1));
             }
             for command in commands {
@@ -201,7 +201,7 @@ impl Device {
     }
 
     /// Commands that have arrived.
-    fn listen(&mut self, far: &mut TTYPort) -> Vec<Command> {
+    fn receive(&mut self, far: &mut TTYPort) -> Vec<Command> {
         let mut bytes = [0; 256];
         let waiting = far.bytes_to_read().unwrap_or_default();
         let length = if waiting > 0 { far.read(&mut bytes).unwrap_or_default() } else { 0 };
@@ -338,7 +338,7 @@ impl Device {
                 let mut buffer = [0; MAX_FRAME_TO_HOST];
                 let frame = self.encode(&mut buffer, batch);
                 let middle = frame.len() / 2;
-                // Never a delimiter, whatever it was.
+                // Never a delimiter.
                 frame[middle] = if frame[middle] == 0x55 { 0x56 } else { 0x55 };
                 far.write_all(frame).expect("the far end writes");
             }
@@ -354,7 +354,7 @@ impl Device {
             Act::Wait(pause_ms) => {
                 let until = Instant::now() + Duration::from_millis(pause_ms);
                 while Instant::now() < until {
-                    for command in self.listen(far) {
+                    for command in self.receive(far) {
                         self.handle_command(&command, far);
                     }
                     std::thread::sleep(Duration::from_millis(1));
@@ -364,7 +364,7 @@ impl Device {
                 self.state = State::Idle;
                 self.event(far, EventKind::ProgramEnded { outcome: Outcome::Completed });
             }
-            Act::CompleteUnheard => {
+            Act::CompleteWithoutEvent => {
                 self.state = State::Idle;
                 self.sequence += 1;
             }
@@ -386,7 +386,7 @@ impl Device {
         self.send(far, Message::Event(event));
     }
 
-    /// Samples of a hold; the position counts up by one per sample, so that a test can tell which is which.
+    /// Samples of a hold; the position counts up by one per sample, so that a test can identify each sample.
     fn batch(&mut self, count: usize) -> Message {
         self.state = State::Holding;
         let mut closed = None;
@@ -403,7 +403,7 @@ impl Device {
     fn send(&mut self, far: &mut TTYPort, message: Message) {
         let mut buffer = [0; MAX_FRAME_TO_HOST];
         let frame = self.encode(&mut buffer, message);
-        // The host may have gone; then nobody misses the frame.
+        // The host may have gone; then the frame is not needed.
         let _ = far.write_all(frame);
     }
 

@@ -1,8 +1,8 @@
 //! The blind study: how often the workflow is right on sessions of a generator that shares nothing with the forward model.
 //!
-//! Effects at three strengths, sessions that lack nothing, pairs, and things that the catalogue has no name for. What can be told at
+//! Effects at three strengths, sessions that lack nothing, pairs, and effects outside the catalogue. What is identifiable at
 //! all is computed, not judged by the outcome: the truth's predictions without noise take the place of the readings, and the fits of
-//! all rivals to them give the expected gain of chi-square and the expected log evidence over the nearest rival.
+//! all competing effects to them give the expected gain of chi-square and the expected log evidence over the nearest competitor.
 
 use formats::session::Session;
 use inference::diagnose::{Diagnosis, Expected, Options, Truth as Hypothetical, Verdict, diagnose, expected};
@@ -47,10 +47,10 @@ pub struct Outcome {
     pub chi2_after: Option<f64>,
     /// Gain of chi-square that was to be expected; of single effects.
     pub expected_gain: Option<f64>,
-    /// Log evidence over the nearest rival that was to be expected.
+    /// Expected log evidence over the nearest competitor.
     pub expected_apart: Option<f64>,
-    /// The nearest rival.
-    pub rival: Option<String>,
+    /// The nearest competitor.
+    pub competitor: Option<String>,
     /// Probability of the smooth structure left, before and after.
     pub p: [f64; 2],
     /// What improved the fit without explaining it.
@@ -72,7 +72,7 @@ pub struct Size {
     pub one: usize,
     /// Pairs.
     pub pairs: usize,
-    /// Of every thing without a name.
+    /// Of every effect outside the catalogue.
     pub foreign: usize,
 }
 
@@ -101,11 +101,11 @@ pub fn cases(size: Size, seed: u64) -> Vec<(Hidden, u64)> {
 }
 
 /// Makes and diagnoses the sessions of a study on all cores, in order.
-pub fn run(cases: &[(Hidden, u64)], tell: impl Fn(usize) + Sync) -> Vec<Outcome> {
+pub fn run(cases: &[(Hidden, u64)], on_progress: impl Fn(usize) + Sync) -> Vec<Outcome> {
     let outcomes = blind::on_all_cores(cases.len(), |number| {
         let (hidden, seed) = &cases[number];
         let outcome = outcome(hidden, *seed);
-        tell(number);
+        on_progress(number);
         outcome
     });
     outcomes.into_iter().flatten().collect()
@@ -161,7 +161,7 @@ fn outcome(hidden: &Hidden, seed: u64) -> Option<Outcome> {
         chi2_after: found.gap.as_ref().map(|gap| gap.after.chi2_reduced),
         expected_gain: expected.as_ref().map(|expected| expected.gain),
         expected_apart: expected.as_ref().map(|expected| expected.apart),
-        rival: expected.and_then(|expected| expected.competitor),
+        competitor: expected.and_then(|expected| expected.competitor),
         p: [found.adequacy[0].p, found.adequacy[1].p],
         partial: found.partial,
         gain: found.effects.first().map(|effect| effect.log_evidence_gain),

@@ -77,7 +77,7 @@ fn run(args: &Args) -> Result<()> {
     }
 }
 
-/// A seed that nobody has used while building: from the clock, unless it is stated to repeat a study.
+/// A seed that was not used in development: from the clock, unless it is stated to repeat a study.
 fn fresh(stated: Option<u64>) -> u64 {
     stated.unwrap_or_else(|| {
         let now = time::OffsetDateTime::now_utc().unix_timestamp_nanos();
@@ -203,15 +203,15 @@ fn steering(args: &Args) -> Result<()> {
             [stiffness, damping] => format!("{}, {}", share(stiffness), share(damping)),
         };
         let error = |i: usize| {
-            let told = if cell.told[i] < 1.0 {
-                format!(" (told in {:.0} %)", 100.0 * cell.told[i])
+            let share = if cell.identified[i] < 1.0 {
+                format!(" (identified in {:.0} %)", 100.0 * cell.identified[i])
             } else {
                 String::new()
             };
-            if cell.told[i] > 0.0 {
-                format!("{:.0} %{told}", 100.0 * cell.error[i])
+            if cell.identified[i] > 0.0 {
+                format!("{:.0} %{share}", 100.0 * cell.error[i])
             } else {
-                "not told".to_owned()
+                "not identified".to_owned()
             }
         };
         println!(

@@ -225,7 +225,7 @@ impl StudyProtocol {
 mod tests {
     use super::*;
 
-    /// Promised over observed: 24 sessions know a standard deviation to 15 %, seven protocols together to 5.5 %.
+    /// Promised over observed: 24 sessions determine a standard deviation to 15 %, seven protocols together to 5.5 %.
     #[test]
     fn the_plan_promises_what_simulated_sessions_scatter_by() {
         const SESSIONS: usize = 24;

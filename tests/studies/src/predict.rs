@@ -2,8 +2,8 @@
 //! depths, predicted from 50 and from 70 mm, by the published method and by this one.
 //!
 //! The truth shares no code with the prediction: every depth is solved by the exact beam, the cut path is integrated against its
-//! influence line in steps of a quarter of a millimetre, the tip load wanders as a stationary process (not as the random walk that
-//! is assumed), and the modulus that the prediction is told is off by a standard deviation of 17 %, as identified ones are.
+//! influence line in steps of a quarter of a millimetre, the tip load varies as a stationary process (not as the random walk that
+//! is assumed), and the modulus that the prediction is given is off by a standard deviation of 17 %, as identified ones are.
 
 use formats::session::Session;
 use inference::insertion::TipPath;
@@ -23,14 +23,14 @@ const INSERTIONS: usize = 6;
 pub const DEPTHS_MM: [usize; 4] = [80, 100, 120, 140];
 /// Where the identification ends, mm.
 pub const UNTIL_MM: [usize; 2] = [50, 70];
-/// Standard deviation of the modulus that the prediction is told, as a share of the true one.
+/// Standard deviation of the modulus that the prediction is given, as a share of the true one.
 const MODULUS_SD: f64 = 0.17;
 /// How far the effective gap is from the stated one (standard deviation of the logarithm), the needle's angle to the axis of depth
-/// in all insertions of a session and in each, the tip load's wander about its mean and its memory.
+/// in all insertions of a session and in each, the tip load's variation about its mean and its memory.
 const GAP_SD_LN: f64 = 0.3;
 const SHARED_ANGLE_SD_RAD: f64 = 3e-3;
 const ANGLE_SD_RAD: f64 = 2e-3;
-const WANDER_SD: f64 = 0.15;
+const LOAD_SD: f64 = 0.15;
 const MEMORY_M: f64 = 0.05;
 const LAST_MM: usize = 140;
 
@@ -117,10 +117,10 @@ fn mean_and_sd(values: Vec<f64>) -> [f64; 2] {
     [mean, (square / (count - 1.0).max(1.0)).sqrt()]
 }
 
-/// A session, what the prediction is told of its tissue, and the truth.
+/// A session, the modulus that the prediction is given, and the truth.
 struct Drawn {
     session: Session,
-    told_pa: f64,
+    given_pa: f64,
     /// Tip position at every millimetre, per insertion.
     truth_m: Vec<Vec<f64>>,
 }
@@ -131,19 +131,19 @@ impl Drawn {
     /// Prediction of every method for every insertion, as functions of depth.
     fn judge(&self, until_mm: usize) -> Result<Vec<Judged<'_>>, PredictError> {
         let until_m = 1e-3 * until_mm as f64;
-        let model = Model::uniform(self.session.rig.clone(), self.told_pa)?;
+        let model = Model::uniform(self.session.rig.clone(), self.given_pa)?;
         let mut judged: Vec<Judged<'_>> = Vec::new();
         for (number, run) in self.session.insertion.iter().enumerate() {
-            let seen = TipPath::new(run).and_then(|path| path.until(until_m));
-            let Ok(seen) = seen else { continue };
-            let found = published(&model, &seen, [0.0; 2], [0.03, until_m, 1e-3 * LAST_MM as f64])?;
+            let tracked = TipPath::new(run).and_then(|path| path.until(until_m));
+            let Ok(tracked) = tracked else { continue };
+            let found = published(&model, &tracked, [0.0; 2], [0.03, until_m, 1e-3 * LAST_MM as f64])?;
             let path_m = found.tip_m.into_iter().next().unwrap_or_default();
             let sample =
                 move |depth_mm: usize| Sample { predicted_mm: 1e3 * path_m[depth_mm], ..Sample::default() };
             judged.push((0, Box::new(sample), number));
         }
         for (method, learn) in [(1, false), (2, true)] {
-            let modulus_pa = Some([self.told_pa, MODULUS_SD * self.told_pa]);
+            let modulus_pa = Some([self.given_pa, MODULUS_SD * self.given_pa]);
             let options = Options { until_m, learn, modulus_pa, ..Options::default() };
             for (number, result) in predict(&self.session, &options)?.insertions.into_iter().enumerate() {
                 let sample = move |depth_mm: usize| Sample {
@@ -172,7 +172,7 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
     let effective = Rig { entry_m: guide2_m + gap_m * normal(GAP_SD_LN, rng).exp(), ..rig.clone() };
     let shared_angle_rad = normal(SHARED_ANGLE_SD_RAD, rng);
     let modulus_pa = uniform(6e3, 18e3, rng);
-    let told_pa = modulus_pa * normal(MODULUS_SD, rng).exp();
+    let given_pa = modulus_pa * normal(MODULUS_SD, rng).exp();
     let noise_m = uniform(0.05e-3, 0.2e-3, rng);
     let level_n = uniform(0.15, 0.25, rng);
     let lines = influence(&effective, modulus_pa, LAST_MM)?;
@@ -181,11 +181,11 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
         let angle_rad = shared_angle_rad + normal(ANGLE_SD_RAD, rng);
         let mean_n = level_n * (1.0 + normal(0.1, rng));
         let memory = (-STEP_M / MEMORY_M).exp();
-        let mut wander = normal(WANDER_SD, rng);
+        let mut variation = normal(LOAD_SD, rng);
         let load_n: Vec<f64> = (0..lines.len())
             .map(|_| {
-                wander = memory * wander + normal(WANDER_SD * (1.0 - memory * memory).sqrt(), rng);
-                mean_n * (1.0 + wander)
+                variation = memory * variation + normal(LOAD_SD * (1.0 - memory * memory).sqrt(), rng);
+                mean_n * (1.0 + variation)
             })
             .collect();
         let straight = (0..=LAST_MM).map(|mm| angle_rad * 1e-3 * mm as f64);
@@ -199,7 +199,7 @@ fn draw(rng: &mut ChaCha8Rng) -> Result<Drawn, PredictError> {
         recorded.push((tip_m.iter().map(|u_m| u_m + normal(noise_m, rng)).collect(), None, None));
         truth_m.push(tip_m);
     }
-    Ok(Drawn { session: insertion_session(rig, Some(noise_m), recorded), told_pa, truth_m })
+    Ok(Drawn { session: insertion_session(rig, Some(noise_m), recorded), given_pa, truth_m })
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ const YOUNGS_KPA: [f64; 5] = [5.0, 10.0, 16.0, 30.0, 50.0];
 const GUIDE2_M: f64 = 0.06;
 const ENTRY_M: f64 = 0.07;
 
-/// Computes the table as CSV; `progress` is told of every needle.
+/// Computes the table as CSV; `progress` is called for every needle.
 ///
 /// # Errors
 /// [`FitError`] where a case cannot be solved.

@@ -29,7 +29,7 @@ pub struct Motion {
     pub wobble_mm: f64,
 }
 
-/// Without and with support as in the paper; and to and fro, which tells damping from stiffness.
+/// Without and with support as in the paper; and to and fro, which separates damping from stiffness.
 pub const MOTIONS: [Motion; 3] = [
     Motion { name: "without support", straight_mm: 0.0, wobble_mm: 0.0 },
     Motion { name: "with support", straight_mm: 30.0, wobble_mm: 0.0 },
@@ -70,16 +70,16 @@ pub struct Cell {
     pub tip_mm: [f64; 2],
     /// Mean distance from the begin of the lateral motion to convergence, of runs that converged, mm.
     pub distance_mm: f64,
-    /// Median error of mean stiffness and mean damping at the end, as a share of the true one; of runs in which they were told.
+    /// Median error of mean stiffness and mean damping at the end, as a share of the true one; of runs in which they were identified.
     pub error: [f64; 2],
-    /// Share of runs in which they were told at the end.
-    pub told: [f64; 2],
+    /// Share of runs in which they were identified at the end.
+    pub identified: [f64; 2],
     /// Share of 95 % intervals that hold the true mean.
     pub coverage: [Option<f64>; 2],
 }
 
-/// Runs every method on as many runs per cell as `runs` says, on all cores, each with its own stream of the seed; methods with none
-/// are left out.
+/// Runs every method on as many runs per cell as `runs` gives, on all cores, each with its own stream of the seed; methods with none
+/// are skipped.
 ///
 /// # Errors
 /// Where the model cannot be evaluated, which it can for these rigs.
@@ -142,7 +142,7 @@ fn make(
     sensors: Sensors,
 ) -> Result<Box<dyn Method>, TrackError> {
     let printed = Printed::default();
-    let told = FilterConfig {
+    let config = FilterConfig {
         start: [printed.start[1], printed.start[0]],
         base_sd_m: sensors.base_m,
         force_sd_n: sensors.force_n,
@@ -155,8 +155,8 @@ fn make(
             let forgetting = Forgetting::Variable(1e-6);
             Box::new(Published::new(needle, dynamics, Printed { order: 1, forgetting, ..printed })?)
         }
-        "EKF" => Box::new(Kalman::new(Kind::Extended, needle, dynamics, told)?),
-        "UKF" => Box::new(Kalman::new(Kind::Unscented, needle, dynamics, told)?),
+        "EKF" => Box::new(Kalman::new(Kind::Extended, needle, dynamics, config)?),
+        "UKF" => Box::new(Kalman::new(Kind::Unscented, needle, dynamics, config)?),
         "sound, f32" => {
             let mut settings = settings::<f32>(needle, dynamics)?;
             settings.start = start(printed.start).map(|value| value as f32);
@@ -263,7 +263,7 @@ fn summarise(method: &'static str, motion: Motion, tip_sd_mm: f64, judged: &[Jud
     let sum = |of: &dyn Fn(&Judged) -> f64| good.iter().map(|one| of(one)).sum::<f64>();
     let points = sum(&|one| one.count as f64).max(1.0);
     let error = [0, 1].map(|i| median(judged.iter().filter_map(|one| one.error[i]).collect()));
-    let told = [0, 1]
+    let identified = [0, 1]
         .map(|i| judged.iter().filter(|one| one.error[i].is_some()).count() as f64 / judged.len() as f64);
     let coverage = [0, 1].map(|i| {
         let [held, all] =
@@ -283,7 +283,7 @@ fn summarise(method: &'static str, motion: Motion, tip_sd_mm: f64, judged: &[Jud
         ],
         distance_mm: sum(&|one| one.distance_mm) / (good.len().max(1)) as f64,
         error,
-        told,
+        identified,
         coverage,
     }
 }

@@ -25,12 +25,12 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// Builds the image if need be and starts it with a rig. Everything is ended when the time limit is over, whatever hangs.
+    /// Builds the image if need be and starts it with a rig. Everything is ended when the time limit is over, even if a part hangs.
     ///
     /// # Errors
     /// Where anything of it cannot be had.
     pub fn start(config: RigConfig, seed: u64, speed: f64, limit: Duration) -> Result<Self> {
-        // The simulated rig is built as designed, and its calibration is stored: nobody has to acknowledge the constants.
+        // The simulated rig is built as designed, and its calibration is stored: the constants need no acknowledgement.
         let calibrated = to_stored(&Calibration::nominal_record(), 1);
         Self::with_flash(config, seed, speed, limit, &[&calibrated])
     }
@@ -106,7 +106,7 @@ impl Bench {
     /// Whether the firmware runs.
     ///
     /// # Errors
-    /// Where the system does not say.
+    /// Where the system does not report it.
     pub fn runs(&self) -> Result<bool> {
         self.qemu.as_ref().map_or(Ok(false), |qemu| Ok(qemu.exited()?.is_none()))
     }
@@ -142,7 +142,7 @@ impl Bench {
     }
 }
 
-/// A number that no other board has: a host must not take a new rig for the one that it knew.
+/// A number that no other board has: a host must not take a new rig for the one before.
 fn unique_id() -> [u8; 12] {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     let mut bytes = [0; 12];
@@ -154,7 +154,7 @@ fn unique_id() -> [u8; 12] {
 
 impl Drop for Bench {
     fn drop(&mut self) {
-        // QEMU first: the rig's thread then sees the end of its pipe.
+        // QEMU first: the rig's thread then reaches the end of its pipe.
         self.qemu = None;
         self.cosim = None;
         if thread::panicking()

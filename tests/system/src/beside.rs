@@ -1,7 +1,7 @@
 //! `cargo xtask bench`: the guide's programs beside what one would take instead, and how their cost grows, into one page.
 //!
 //! What is compared with is built here and nowhere else: the package has a workspace of its own, and the peers in Python an
-//! environment in the target folder. Where Python or the network is missing they are left out, with the reason.
+//! environment in the target folder. Where Python or the network is missing they are skipped, with the reason.
 
 use crate::images;
 use anyhow::{Context, Result, ensure};

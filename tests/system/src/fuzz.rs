@@ -89,21 +89,22 @@ impl fmt::Display for Row {
 
 /// The machine that the nightly compiler builds for.
 fn nightly_host() -> Result<String> {
-    let said = Command::new("rustup").args(["run", "nightly", "rustc", "-vV"]).stdin(Stdio::null()).output();
-    let said = said.ok().filter(|output| output.status.success());
-    let said = said.with_context(|| {
+    let version =
+        Command::new("rustup").args(["run", "nightly", "rustc", "-vV"]).stdin(Stdio::null()).output();
+    let version = version.ok().filter(|output| output.status.success());
+    let version = version.with_context(|| {
         format!("fuzzing needs a nightly compiler for its sanitizer; install it: {BY_HAND}")
     })?;
-    let text = String::from_utf8_lossy(&said.stdout);
+    let text = String::from_utf8_lossy(&version.stdout);
     let host = text.lines().find_map(|line| line.strip_prefix("host: "));
-    Ok(host.context("rustc does not say what it builds for")?.to_owned())
+    Ok(host.context("rustc does not report its target")?.to_owned())
 }
 
 /// The program of `cargo fuzz`: the one that is installed, or one of our own.
 fn ensure_cargo_fuzz() -> Result<PathBuf> {
     let works = |program: &Path| {
-        let said = Command::new(program).args(["fuzz", "--version"]).stdin(Stdio::null()).output();
-        said.is_ok_and(|output| output.status.success())
+        let version = Command::new(program).args(["fuzz", "--version"]).stdin(Stdio::null()).output();
+        version.is_ok_and(|output| output.status.success())
     };
     let installed = PathBuf::from("cargo-fuzz");
     if works(&installed) {
@@ -169,25 +170,25 @@ fn fuzz(program: &Path, folder: &Path, target: &Target, args: &Args) -> Result<O
         .stdin(Stdio::null())
         .output()
         .with_context(|| format!("cannot run {}", program.display()))?;
-    let said = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     let log = folder.join(format!("{}.log", target.name));
-    fs::write(&log, said.as_bytes()).with_context(|| format!("cannot write {}", log.display()))?;
-    let mut outcome = outcome(&said);
+    fs::write(&log, stderr.as_bytes()).with_context(|| format!("cannot write {}", log.display()))?;
+    let mut outcome = outcome(&stderr);
     if !output.status.success() && outcome.found.is_none() {
         outcome.found = Some(format!("{}: it ended by itself, see {}", target.name, log.display()));
     }
     Ok(outcome)
 }
 
-/// Reads what a target has said.
-fn outcome(said: &str) -> Outcome {
+/// Reads the output of a target.
+fn outcome(stderr: &str) -> Outcome {
     let number = |text: &str| text.trim().parse().ok();
     let last = |name: &str| {
-        let lines = said.lines().filter_map(|line| line.split_once(name));
+        let lines = stderr.lines().filter_map(|line| line.split_once(name));
         let mut numbers = lines.filter_map(|(_, after)| number(after.split_whitespace().next()?));
         numbers.next_back().unwrap_or(0)
     };
-    let found = said.lines().find_map(|line| line.split_once("Test unit written to "));
+    let found = stderr.lines().find_map(|line| line.split_once("Test unit written to "));
     Outcome {
         executions: last("stat::number_of_executed_units:"),
         per_second: last("stat::average_exec_per_sec:"),
@@ -201,7 +202,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_target_says_is_read() {
+    fn the_output_of_a_target_is_read() {
         let quiet = "#2\tINITED cov: 12 ft: 13 corp: 1/1b exec/s: 0 rss: 40Mb\n\
                      #900\tDONE   cov: 345 ft: 400 corp: 9/99b lim: 64 exec/s: 450 rss: 60Mb\n\
                      Done 900 runs in 2 second(s)\n\

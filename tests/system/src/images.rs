@@ -99,7 +99,7 @@ pub fn build(image: Image) -> Result<PathBuf> {
     Ok(folder.join(TARGET).join(PROFILE).join(image.binary()))
 }
 
-/// Builds `guide` and returns the program, or returns the one that [`GUIDE`] names: whoever has just built everything says so, and
+/// Builds `guide` and returns the program, or returns the one that [`GUIDE`] names: what has just built everything sets it, and
 /// nothing is built once more.
 ///
 /// # Errors

@@ -20,7 +20,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_out_of_range_is_told_its_range() {
+    fn a_number_out_of_range_is_rejected_with_its_range() {
         assert_eq!((minutes("60"), share("1e-5")), (Ok(60.0), Ok(1e-5)));
         for wrong in ["-3", "0", "1e300", "NaN", "an hour"] {
             assert_eq!(minutes(wrong), Err("expected a number from 0.01 to 1440".to_owned()), "{wrong}");

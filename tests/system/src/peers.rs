@@ -1,6 +1,6 @@
 //! Other people's OpenIGTLink: `pyigtl` for Python, and the C++ library's examples as Debian packages them.
 //!
-//! Both are set up in `target/peers` when they are first needed; where they cannot be had, the reason is told instead. Nothing is
+//! Both are set up in `target/peers` when they are first needed; where they cannot be had, the reason is reported instead. Nothing is
 //! installed in the system.
 
 use crate::images::root;
@@ -47,8 +47,8 @@ fn run(command: &mut Command) -> Result<Output, String> {
     if output.status.success() {
         return Ok(output);
     }
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    Err(format!("{name} failed: {}", said.lines().last().unwrap_or_default()))
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    Err(format!("{name} failed: {}", stderr.lines().last().unwrap_or_default()))
 }
 
 /// A Python that has `pyigtl`.

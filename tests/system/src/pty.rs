@@ -11,7 +11,7 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 #[derive(Debug)]
 pub(crate) struct Pty {
     pub(crate) master: OwnedFd,
-    /// Kept open, so that the master can be read whether somebody has the terminal or not.
+    /// Kept open, so that the master can be read whether the terminal is open or not.
     pub(crate) slave: OwnedFd,
     /// Where it is opened.
     pub(crate) name: String,
@@ -41,7 +41,7 @@ pub(crate) fn make_raw(terminal: BorrowedFd<'_>) -> Result<()> {
 }
 
 /// Waits until something can be done; false if nothing can.
-pub(crate) fn wait(fd: BorrowedFd<'_>, what: PollFlags, patience: &Timespec) -> bool {
+pub(crate) fn wait(fd: BorrowedFd<'_>, what: PollFlags, timeout: &Timespec) -> bool {
     let mut fds = [PollFd::from_borrowed_fd(fd, what)];
-    poll(&mut fds, Some(patience)).is_ok_and(|ready| ready > 0)
+    poll(&mut fds, Some(timeout)).is_ok_and(|ready| ready > 0)
 }

@@ -1,4 +1,4 @@
-//! Rules about the source and what it is built from that no lint knows.
+//! Rules about the source and what it is built from that no lint checks.
 
 use crate::images::{cargo, root};
 use serde_json::Value;

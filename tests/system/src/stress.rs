@@ -129,12 +129,12 @@ struct Trial<'a> {
 impl Trial<'_> {
     fn run(&mut self, duration_ms: u64) -> Result<Survived> {
         // The longest silence that the device allows: cuts are part of this, and shorter.
-        self.ask(Request::Limits { force_mn: 5_000, silence_ms: 60_000 })?;
-        self.ask(Request::Stream { enable: true })?;
+        self.request(Request::Limits { force_mn: 5_000, silence_ms: 60_000 })?;
+        self.request(Request::Stream { enable: true })?;
         let began_ms = self.bench.rig().steps();
         let mut program_ms = began_ms + 1_000;
         while self.bench.rig().steps() < began_ms + duration_ms {
-            self.listen(Duration::from_millis(20))?;
+            self.receive(Duration::from_millis(20))?;
             let now_ms = self.bench.rig().steps();
             self.cuts.step(now_ms, self.wire, &mut self.random);
             if !self.cuts.is_cut() && now_ms >= program_ms {
@@ -145,15 +145,15 @@ impl Trial<'_> {
         self.finish()
     }
 
-    /// Asks until it is done; a question whose answer was lost is asked again.
-    fn ask(&mut self, request: Request) -> Result<()> {
+    /// Sends a request until it is answered or given up.
+    fn request(&mut self, request: Request) -> Result<()> {
         match self.client.request(request) {
             Ok(()) | Err(LinkError::Unanswered { .. }) => Ok(()),
             Err(error) => bail!(error),
         }
     }
 
-    /// A small motion, or a fault cleared: whatever the state allows.
+    /// A small motion, or a fault cleared, as the state allows.
     fn program(&mut self) -> Result<()> {
         let y_um = self.random.random_range(-400..400);
         let steps = [Step::Move { x_um: 0, y_um, speed_um_s: 2_000 }, Step::Hold { duration_ms: 500 }];
@@ -173,7 +173,7 @@ impl Trial<'_> {
         Ok(())
     }
 
-    fn listen(&mut self, timeout: Duration) -> Result<()> {
+    fn receive(&mut self, timeout: Duration) -> Result<()> {
         let mut next = self.client.next(timeout)?;
         while let Some(telemetry) = next {
             if let Telemetry::Samples(batch) = telemetry {
@@ -189,10 +189,10 @@ impl Trial<'_> {
         for direction in [Direction::ToDevice, Direction::ToHost] {
             self.wire.bit_error_rate(direction, 0.0);
         }
-        // One whole batch on a good cable tells what was lost before it.
+        // One whole batch on a good cable counts what was lost before it.
         let until = self.bench.rig().steps() + 500;
         while self.bench.rig().steps() < until {
-            self.listen(Duration::from_millis(20))?;
+            self.receive(Duration::from_millis(20))?;
         }
         let status = self.client.status()?;
         self.client.request(Request::Stream { enable: false })?;

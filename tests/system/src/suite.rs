@@ -50,7 +50,7 @@ impl Counts {
 /// # Errors
 /// Where a test failed or something could not be built.
 pub fn run() -> Result<()> {
-    // Meanwhile, on cores that wait for the last crate of the tests. What goes wrong is said where the image is used.
+    // Meanwhile, on cores that wait for the last crate of the tests. What goes wrong is reported where the image is used.
     let images = std::thread::spawn(|| Image::ALL.map(images::build));
     let mut counts = host()?;
     drop(images.join());

@@ -2,8 +2,8 @@
 //!
 //! The simulated serial line goes over them, and the kernel moves their bytes with worker threads. There are kernels that
 //! give those no processor time for seconds while programs run (Linux 6.18 with `sched_autogroup_enabled=1`: up to 77 s, in
-//! `dmesg` as "workqueue lockup", pending `flush_to_ldisc`). A link then looks like one to a device that does not answer.
-//! A byte that goes through a terminal of its own every few milliseconds tells the two apart.
+//! `dmesg` as "workqueue lockup", pending `flush_to_ldisc`). A link then appears like one to a device that does not answer.
+//! A byte that goes through a terminal of its own every few milliseconds distinguishes the two.
 
 use crate::pty::{Pty, wait};
 use anyhow::{Context, Result};
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 /// Between two bytes.
 const PAUSE: Duration = Duration::from_millis(5);
-/// How soon the thread sees that it is to end.
+/// How often the thread checks whether it is to end.
 const TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 /// A byte that is kept for longer can cost an answer: a client waits for 600 ms.
 const STALLED: Duration = Duration::from_millis(500);
@@ -64,11 +64,11 @@ impl Terminals {
 
     /// Longest that a byte was kept so far, the one under way included.
     pub fn longest(&self) -> Duration {
-        let seen = self.shared.progress();
-        seen.longest.max(seen.sent.map_or(Duration::ZERO, |sent| sent.elapsed()))
+        let progress = self.shared.progress();
+        progress.longest.max(progress.sent.map_or(Duration::ZERO, |sent| sent.elapsed()))
     }
 
-    /// What to say of a link that failed meanwhile; nothing where it was not this computer.
+    /// Remark on a link that failed meanwhile; `None` where it was not this computer.
     pub fn stall(&self) -> Option<String> {
         let longest = self.longest();
         (longest > STALLED).then(|| {
@@ -103,10 +103,10 @@ fn send_bytes(terminal: &Pty, shared: &Shared) {
             }
         }
         let read = rustix::io::read(&terminal.slave, &mut byte);
-        let mut seen = shared.progress();
-        seen.longest = seen.longest.max(sent.elapsed());
-        seen.sent = None;
-        drop(seen);
+        let mut progress = shared.progress();
+        progress.longest = progress.longest.max(sent.elapsed());
+        progress.sent = None;
+        drop(progress);
         if read != Ok(1) {
             return;
         }
@@ -122,7 +122,7 @@ mod tests {
     fn bytes_pass() {
         let terminals = Terminals::watch().unwrap();
         let began = Instant::now();
-        // Far more than any stall that was ever seen.
+        // Far more than any stall ever measured.
         while terminals.shared.progress().longest.is_zero() && began.elapsed() < crate::qemu::HANGS {
             thread::sleep(PAUSE);
         }
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_that_is_under_way_for_long_is_told() {
+    fn a_byte_that_is_under_way_for_long_is_reported() {
         let terminals = Terminals { shared: Arc::default(), worker: None };
         assert_eq!(terminals.stall(), None);
         terminals.shared.progress().sent = Instant::now().checked_sub(Duration::from_secs(3));

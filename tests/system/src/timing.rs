@@ -13,7 +13,7 @@ const CLOCKS_PER_INSTRUCTION: f64 = 1.5;
 /// Share of the processor that the longest period may take.
 const SHARE: f64 = 0.25;
 
-/// What the target has said.
+/// What the target has printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Timing {
     /// Control periods measured.
@@ -63,7 +63,7 @@ pub fn run() -> Result<Timing> {
     let qemu = Qemu::start(turn(), &elf, folder.path(), HANGS)?;
     let (code, log) = qemu.wait(HANGS)?;
     ensure!(code == 0, "the timing image ended with {code}: {log:#?}");
-    let line = log.iter().find_map(|line| line.split_once("period ")).context("the image says nothing")?.1;
+    let line = log.iter().find_map(|line| line.split_once("period ")).context("the image prints nothing")?.1;
     let timing = read(line).with_context(|| format!("not a timing: {line}"))?;
     ensure!(
         timing.driven * 10 > timing.periods && timing.faulted > 0 && timing.notes > timing.periods / 10,

@@ -23,7 +23,7 @@ const BUDGET: u64 = 80_000 * 2 / 3;
 const LENGTH_M: f64 = 0.13;
 const FIXTURE_KG: f64 = 0.3;
 
-/// What the target has said.
+/// What the target has printed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tracked {
     /// Estimates.
@@ -149,8 +149,7 @@ fn compare(host: &[Estimate<f64>], log: &[String]) -> Result<Tracked> {
         rows += 1;
     }
     ensure!(rows == host.len() && rows > 0, "{rows} rows on the target, {} on the host", host.len());
-    let cost =
-        log.iter().find_map(|line| line.split_once("cost ")).context("the image says nothing of its cost")?.1;
+    let cost = log.iter().find_map(|line| line.split_once("cost ")).context("the image prints no cost")?.1;
     let numbers: Vec<u64> =
         cost.split(|c: char| !c.is_ascii_digit()).filter_map(|word| word.parse().ok()).collect();
     let [updates, mean_instructions, most_instructions, bytes] = numbers[..] else {

@@ -1,7 +1,7 @@
-//! A bad cable between the firmware's serial port and whoever opens it.
+//! A bad cable between the firmware's serial port and its host.
 //!
 //! [`NoisyWire`] opens the firmware's pseudo terminal and offers another one in its stead. Bytes go through unchanged and at
-//! once, unless told otherwise: bits flip at a given rate, the cable is cut and mended, a mad host babbles. What flips comes
+//! once, unless set otherwise: bits flip at a given rate, the cable is cut and mended, a mad host babbles. What flips comes
 //! from a seed; where it falls depends on nothing but the number of bits that went before.
 
 use crate::pty::{Pty, make_raw, wait};
@@ -19,10 +19,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// How soon the threads look at the controls while no bytes come.
+/// How often the threads read the controls while no bytes come.
 const TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 5_000_000 };
 /// The same while a host babbles.
-const BABBLE_PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 1_000_000 };
+const BABBLE_TIMEOUT: Timespec = Timespec { tv_sec: 0, tv_nsec: 1_000_000 };
 /// Most bytes taken at once.
 const CHUNK_BYTES: usize = 1024;
 
@@ -35,7 +35,7 @@ pub enum Direction {
     ToHost,
 }
 
-/// What a direction has seen.
+/// What has passed in a direction.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Bytes that came out at the other end, babble not included.
@@ -44,7 +44,7 @@ pub struct Counters {
     pub flipped_bits: u64,
     /// Bytes that went in and never came out.
     pub dropped: u64,
-    /// Bytes that nobody sent.
+    /// Bytes that no host sent.
     pub babbled: u64,
 }
 
@@ -155,7 +155,7 @@ impl NoisyWire {
         *lock(&self.shared.babble_per_ms) = bytes_per_ms;
     }
 
-    /// What a direction has seen.
+    /// What has passed in a direction.
     pub fn counters(&self, direction: Direction) -> Counters {
         self.shared.lane(direction).counters
     }
@@ -181,8 +181,8 @@ fn to_device(shared: &Shared, device: BorrowedFd<'_>, host: BorrowedFd<'_>, seed
     let (mut last, mut owed) = (Instant::now(), 0.0);
     while !shared.stops() {
         let per_ms = *lock(&shared.babble_per_ms);
-        let patience = if per_ms > 0.0 { &BABBLE_PATIENCE } else { &TIMEOUT };
-        carry(shared, Direction::ToDevice, host, device, patience);
+        let timeout = if per_ms > 0.0 { &BABBLE_TIMEOUT } else { &TIMEOUT };
+        carry(shared, Direction::ToDevice, host, device, timeout);
         let now = Instant::now();
         owed += per_ms * (now - last).as_secs_f64() * 1e3;
         last = now;
@@ -202,10 +202,10 @@ fn carry(
     direction: Direction,
     from: BorrowedFd<'_>,
     to: BorrowedFd<'_>,
-    patience: &Timespec,
+    timeout: &Timespec,
 ) {
     let mut buffer = [0; CHUNK_BYTES];
-    if !wait(from, PollFlags::IN, patience) {
+    if !wait(from, PollFlags::IN, timeout) {
         return;
     }
     let bytes = match rustix::io::read(from, &mut buffer) {
@@ -214,15 +214,15 @@ fn carry(
         Err(_) => &mut [],
     };
     if bytes.is_empty() {
-        // The far end has gone, and says so at once each time.
+        // The far end has gone, and reads return at once each time.
         thread::sleep(Duration::from_millis(5));
         return;
     }
     let flipped = shared.lane(direction).errors.apply(bytes);
     let mut left = &*bytes;
     while !left.is_empty() && !shared.is_cut() && !shared.stops() {
-        if wait(to, PollFlags::OUT, patience) {
-            // Held while they are written: whoever has read them finds them counted.
+        if wait(to, PollFlags::OUT, timeout) {
+            // Held while they are written: what has been read is counted.
             let mut lane = shared.lane(direction);
             let taken = rustix::io::write(to, left).unwrap_or_default();
             left = &left[taken..];
@@ -309,10 +309,10 @@ mod tests {
     }
 
     /// Reads what comes until nothing has for so long, or the count is reached.
-    fn receive_within(from: BorrowedFd<'_>, count: usize, patience: &Timespec) -> Vec<u8> {
+    fn receive_within(from: BorrowedFd<'_>, count: usize, timeout: &Timespec) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut buffer = [0; 4096];
-        while bytes.len() < count && wait(from, PollFlags::IN, patience) {
+        while bytes.len() < count && wait(from, PollFlags::IN, timeout) {
             let length = rustix::io::read(from, &mut buffer).unwrap_or_default();
             bytes.extend_from_slice(&buffer[..length]);
         }
@@ -357,9 +357,10 @@ mod tests {
         let (device, wire, host) = cable(2);
         wire.bit_error_rate(Direction::ToHost, 1e-3);
         let sent = pattern(50_000);
-        let seen = through(device.master.as_fd(), host.as_fd(), &sent);
-        let wrong: u32 = sent.iter().zip(&seen).map(|(sent, seen)| (sent ^ seen).count_ones()).sum();
-        assert_eq!(seen.len(), sent.len());
+        let received = through(device.master.as_fd(), host.as_fd(), &sent);
+        let wrong: u32 =
+            sent.iter().zip(&received).map(|(sent, received)| (sent ^ received).count_ones()).sum();
+        assert_eq!(received.len(), sent.len());
         assert_eq!(wire.counters(Direction::ToHost).flipped_bits, u64::from(wrong));
         // 400 expected, standard deviation 20.
         assert!((320..480).contains(&wrong), "{wrong} bits of 400000 flipped");
@@ -408,10 +409,10 @@ mod tests {
         let (device, wire, _host) = cable(7);
         wire.babble(10.0);
         let began = Instant::now();
-        let heard = receive(device.master.as_fd(), 2_000);
+        let received = receive(device.master.as_fd(), 2_000);
         wire.babble(0.0);
-        assert_eq!(heard.len() / 2_000, 1);
+        assert_eq!(received.len() / 2_000, 1);
         assert!(began.elapsed() >= Duration::from_millis(150), "2000 bytes in {:?}", began.elapsed());
-        assert!(wire.counters(Direction::ToDevice).babbled >= heard.len() as u64);
+        assert!(wire.counters(Direction::ToDevice).babbled >= received.len() as u64);
     }
 }

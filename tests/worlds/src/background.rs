@@ -25,7 +25,7 @@ pub enum Imperfection {
     ShapeProportional,
     /// Sine in the force reading: root mean square.
     ForceHum,
-    /// Slow wandering of the force reading within a run: root mean square.
+    /// Slow drift of the force reading within a run: root mean square.
     ForceDrift,
     /// Zero of the force reading, another one in each run: largest.
     ForceZero,
@@ -61,7 +61,7 @@ pub enum Imperfection {
     InsertionLoad,
     /// Surface away from where it is stated, another one in each insertion: largest.
     InsertionEntry,
-    /// Slow wandering of the tracked tip: root mean square.
+    /// Slow drift of the tracked tip: root mean square.
     TipDrift,
 }
 
@@ -107,7 +107,7 @@ const KINDS: [(Imperfection, &str, [f64; 2], Scope, bool); 26] = [
 
 /// How many kinds come together.
 const TOGETHER: [usize; 2] = [4, 7];
-/// Excess of chi-square per reading, the modulus adapted, that nobody would notice.
+/// Excess of chi-square per reading, the modulus adapted, that passes unnoticed.
 const UNNOTICED: f64 = 0.07;
 /// Draws before a set that would be noticed is made smaller.
 const DRAWS: usize = 20;
@@ -145,7 +145,7 @@ impl Imperfection {
     }
 }
 
-/// Imperfections of a session with their sizes; what they look like in each run is drawn from the seed.
+/// Imperfections of a session with their sizes; their form in each run is drawn from the seed.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Background {
     /// Kinds with their sizes; none twice.

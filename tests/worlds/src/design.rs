@@ -134,7 +134,7 @@ impl NoisePlan {
 
 const AXES: [&str; 2] = ["y", "x"];
 
-/// The usual staircase at a depth; `take` tells repeats apart.
+/// The usual staircase at a depth; `take` distinguishes repeats.
 fn staircase(axis: usize, depth_mm: f64, take: &str) -> LateralPlan {
     LateralPlan {
         id: format!("{}{depth_mm:.0}{take}", AXES[axis]),

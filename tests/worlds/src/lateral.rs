@@ -22,7 +22,7 @@ const MAX_STEPS: usize = 50;
 pub(super) struct Motion {
     /// Force of guide 2 on the needle at every sample.
     pub force_n: Vec<f64>,
-    /// Deflection of every node at the samples that were asked for.
+    /// Deflection of every node at the requested samples.
     pub shape_m: Vec<Vec<f64>>,
 }
 

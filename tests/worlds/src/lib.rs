@@ -52,14 +52,14 @@ use world::World;
 
 const MM: f64 = 1e-3;
 
-/// What is really there: found blindly, told to nobody but the test.
+/// Ground truth, hidden from everything but the test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
     /// Foundation modulus of the plane y.
     pub k_kpa: f64,
     /// Lateral load that the bevel takes at the tip.
     pub tip_load_n: f64,
-    /// Effects by id with their values; trailing values left out are neutral.
+    /// Effects by id with their values; omitted trailing values are neutral.
     pub effects: Vec<(&'static str, Vec<f64>)>,
     /// Something beyond these effects.
     pub foreign: Option<Foreign>,

@@ -21,7 +21,7 @@ const OUTLIER_SD: [f64; 2] = [6.0, 12.0];
 /// First sample of a sweep below the surface, and the distance between samples.
 const FIRST_SAMPLE_M: f64 = 0.5 * MM;
 pub(super) const SAMPLE_SPACING_M: f64 = MM;
-/// Foreign things: drift to and fro, times per run; part of the squared force; edge of the warped image.
+/// Foreign effects: drift to and fro, times per run; part of the squared force; edge of the warped image.
 const SINE_N: f64 = 0.12;
 const SINES_PER_RUN: f64 = 3.0;
 const SQUARE_PER_N: f64 = 0.1;
@@ -308,27 +308,27 @@ fn shape(
     for (sweep, at_s) in sweeps_s.iter().enumerate() {
         time_s.extend(std::iter::repeat_n(*at_s, count));
         z_m.extend(depths_m.iter().map(|depth_m| world.entry_m + depth_m));
-        for (plane, seen_m) in planes_m.iter_mut().enumerate() {
+        for (plane, plane_m) in planes_m.iter_mut().enumerate() {
             let nodes_m = &shapes_m[plane][sweep];
             let places_m: Vec<f64> = (0..nodes_m.len()).map(|node| node as f64 * STEP_M).collect();
-            let seen = |at_m: &f64| {
-                let looked_at_m = world.entry_m + at_m + world.depth_shift_m;
-                let needle_m = between(&places_m, nodes_m, looked_at_m, true);
+            let measured = |at_m: &f64| {
+                let z_m = world.entry_m + at_m + world.depth_shift_m;
+                let needle_m = between(&places_m, nodes_m, z_m, true);
                 (1.0 + world.shape_scale) * needle_m
                     + world.shape_offset_m[plane]
                     + warp_m(world, at_m / depth_m)
             };
-            let mut values_m: Vec<f64> = depths_m.iter().map(seen).collect();
+            let mut values_m: Vec<f64> = depths_m.iter().map(measured).collect();
             flaws.shape(plane as u64, &depths_m, &mut values_m);
             add(&mut values_m, random.errors(&spread, count), MM * noise.pixel_mm);
-            seen_m.extend(values_m);
+            plane_m.extend(values_m);
         }
     }
     let [y_m, x_m] = planes_m;
     ShapeSeries { time_s: Some(time_s), z_m, y_m, x_m: Some(x_m) }
 }
 
-/// Legendre's cubic over the needle in the tissue: no offset, tilt or curvature of the whole looks like it.
+/// Legendre's cubic over the needle in the tissue: no offset, tilt or curvature of the whole is similar to it.
 fn warp_m(world: &World, share: f64) -> f64 {
     let place = 2.0 * share - 1.0;
     let cubic = 0.5 * (5.0 * place.powi(3) - 3.0 * place);

@@ -153,7 +153,7 @@ fn every_effect_does_something_and_nothing_when_neutral() {
 }
 
 #[test]
-fn foreign_things_are_far_beyond_noise() {
+fn foreign_effects_are_far_beyond_noise() {
     let plain = session(&truth(vec![]), &small(), 1);
     for foreign in Foreign::ALL {
         let foreign_truth = Truth { foreign: Some(foreign), ..truth(vec![]) };
@@ -241,7 +241,7 @@ fn noise_is_as_planned() {
 }
 
 #[test]
-fn plans_are_as_told() {
+fn plans_follow_the_design() {
     let nine = session(&truth(vec![]), &Design::nine_runs(), 1);
     assert_eq!(nine.lateral.len(), 9);
     let run = &nine.lateral[2];

@@ -156,7 +156,7 @@ impl World {
         }
     }
 
-    /// Whether this foreign thing is there.
+    /// Whether this foreign effect is there.
     pub fn has(&self, foreign: Foreign) -> bool {
         self.foreign == Some(foreign)
     }

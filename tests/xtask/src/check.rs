@@ -1,7 +1,8 @@
-//! `cargo xtask lint`: format, lints, documentation and licences. `cargo xtask test` begins with them.
+//! `cargo xtask lint`: format, words, lints, documentation and licences. `cargo xtask test` begins with them.
 
 use crate::build::{cargo, cargo_with, target_dir};
 use crate::setup::TARGET;
+use crate::words;
 use anyhow::Result;
 use std::process::{Command, Stdio};
 
@@ -21,6 +22,7 @@ pub fn announce() {
 /// Where there is anything to complain about.
 pub fn all() -> Result<()> {
     cargo(&["fmt", "--all", "--check"])?;
+    words::check()?;
     cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])?;
     cargo_with(&["doc", "--workspace", "--no-deps", "--lib"], &[("RUSTDOCFLAGS", "-D warnings")])?;
     for (features, folder) in IMAGES {

@@ -1,12 +1,13 @@
 //! `cargo xtask`: installs what is missing, builds what is needed with cargo's own progress on the screen, and runs it.
 //!
-//! It depends on nothing of the product and on one small package, so that it is built in seconds and says what it does before the
+//! It depends on nothing of the product and on one small package, so that it is built in seconds and prints what it does before the
 //! long builds. What it runs: `system` (the whole system in QEMU), `studies` (Monte Carlo tables), cargo itself. Options belong to what
 //! is run: `cargo xtask demo --help` prints those of the demonstration.
 
 mod build;
 mod check;
 mod setup;
+mod words;
 
 use anyhow::{Result, bail};
 use std::ffi::OsString;
@@ -118,9 +119,9 @@ fn help() -> String {
 }
 
 fn run(name: &str, needs: Needs, arguments: &[OsString]) -> Result<ExitCode> {
-    let asks_for_help = arguments.iter().any(|argument| argument == "--help" || argument == "-h");
+    let wants_help = arguments.iter().any(|argument| argument == "--help" || argument == "-h");
     match needs {
-        _ if asks_for_help && !["test", "lint", "setup", "study"].contains(&name) => {}
+        _ if wants_help && !["test", "lint", "setup", "study"].contains(&name) => {}
         Needs::Target => setup::ensure_target()?,
         Needs::Qemu => setup::ensure_all()?,
         Needs::Nothing => {}

@@ -1,7 +1,7 @@
 //! What a fresh machine needs: the microcontroller's Rust target and a QEMU that has the board.
 //!
 //! What is missing is installed where that takes no decision of the user (a Rust target through rustup; QEMU through apt where
-//! this runs as root); otherwise one line says what to install.
+//! this runs as root); otherwise one line states what to install.
 
 use anyhow::{Context, Result, bail};
 use std::fs;
@@ -58,7 +58,7 @@ pub fn ensure_target() -> Result<()> {
     if has_target()? {
         return Ok(());
     }
-    say(format_args!("installing the Rust target {TARGET} (to build the firmware)"));
+    log(format_args!("installing the Rust target {TARGET} (to build the firmware)"));
     run(Command::new("rustup").args(["target", "add", TARGET]))
         .with_context(|| format!("cannot install the Rust target; by hand: rustup target add {TARGET}"))
 }
@@ -71,7 +71,7 @@ fn has_target() -> Result<bool> {
 /// Installs QEMU if it is missing or too old.
 ///
 /// # Errors
-/// Says which version is needed and where to get it, where it cannot be installed.
+/// States which version is needed and where to get it, where it cannot be installed.
 pub fn ensure_qemu() -> Result<()> {
     let found = qemu_version();
     if found.is_some_and(|version| version >= QEMU_NEEDED) {
@@ -85,8 +85,8 @@ pub fn ensure_qemu() -> Result<()> {
     if !Path::new("/usr/bin/apt-get").exists() || !is_root() {
         bail!("{wanted}: {by_hand}");
     }
-    say(format_args!(
-        "{wanted}: installing it with apt (to run the firmware); `cargo xtask setup --no-install` only says what is missing"
+    log(format_args!(
+        "{wanted}: installing it with apt (to run the firmware); `cargo xtask setup --no-install` only reports what is missing"
     ));
     apt(&["update"]).with_context(|| format!("{wanted}: {by_hand}"))?;
     let release = if candidate_version()? >= Some(QEMU_NEEDED) { None } else { add_backports()? };
@@ -107,7 +107,7 @@ fn qemu_version() -> Option<(u32, u32)> {
     parse_version(text.split("version ").nth(1)?)
 }
 
-/// Major and minor number at the start of a version, a Debian epoch left out.
+/// Major and minor number at the start of a version, without a Debian epoch.
 fn parse_version(text: &str) -> Option<(u32, u32)> {
     let upstream = match text.split_once(':') {
         Some((epoch, rest)) if epoch.bytes().all(|byte| byte.is_ascii_digit()) => rest,
@@ -126,7 +126,7 @@ fn candidate_version() -> Result<Option<(u32, u32)>> {
 
 /// Adds the distribution's backports, at the address the machine's own sources already use; returns the suite's name.
 fn add_backports() -> Result<Option<String>> {
-    let release = fs::read_to_string("/etc/os-release").context("cannot tell the distribution")?;
+    let release = fs::read_to_string("/etc/os-release").context("cannot determine the distribution")?;
     let field = |name: &str| {
         let value = release.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
         value.map(|value| value.trim_matches('"').to_owned())
@@ -141,7 +141,7 @@ fn add_backports() -> Result<Option<String>> {
             configured_archive(&codename).context("no source of this Debian release is configured")?;
         let signed = key.map_or(String::new(), |key| format!("Signed-By: {key}\n"));
         let source = format!("Types: deb\nURIs: {address}\nSuites: {suite}\nComponents: main\n{signed}");
-        say(format_args!(
+        log(format_args!(
             "adding {suite} to this system's apt sources: {BACKPORTS_FILE}; to undo it, remove that file and run apt-get update"
         ));
         fs::write(BACKPORTS_FILE, source).with_context(|| format!("cannot write {BACKPORTS_FILE}"))?;
@@ -191,8 +191,8 @@ fn run(command: &mut Command) -> Result<()> {
     let name = command.get_program().to_string_lossy().into_owned();
     let result = command.stdin(Stdio::null()).output().with_context(|| format!("cannot run {name}"))?;
     if !result.status.success() {
-        let said = String::from_utf8_lossy(&result.stderr);
-        bail!("{name} failed: {}", said.lines().last().unwrap_or("it said nothing"));
+        let stderr = String::from_utf8_lossy(&result.stderr);
+        bail!("{name} failed: {}", stderr.lines().last().unwrap_or("no output"));
     }
     Ok(())
 }
@@ -206,7 +206,7 @@ fn output(command: &mut Command) -> Result<String> {
     Ok(String::from_utf8_lossy(&result.stdout).into_owned())
 }
 
-fn say(text: std::fmt::Arguments) {
+fn log(text: std::fmt::Arguments) {
     eprintln!("xtask: {text}");
 }
 

@@ -17,7 +17,7 @@ const FALLEN_N: f32 = 0.03;
 const COOLING_LIMIT_S: u16 = 310;
 
 /// SplitMix64 (Steele, Lea, Flood: Fast splittable pseudorandom number generators, 2014): the seeds that are kept stay the same
-/// sequences whatever becomes of a library.
+/// sequences when a library changes.
 #[derive(Debug)]
 pub struct Random(u64);
 
@@ -80,7 +80,7 @@ impl<'a, T: Target> Sequence<'a, T> {
             15 => self.old_frame(),
             16 | 17 => {
                 let force_mn = 300 + self.random.below(4_700);
-                self.ask(Request::Limits { force_mn, silence_ms: 2_000 })
+                self.request(Request::Limits { force_mn, silence_ms: 2_000 })
             }
             18 => {
                 self.target.set(Causes { emergency_stop: true, ..Causes::default() })?;
@@ -98,7 +98,7 @@ impl<'a, T: Target> Sequence<'a, T> {
             22 => {
                 let by_um = |random: &mut Random| random.between(-1_000, 1_000);
                 let (x_um, y_um) = (by_um(&mut self.random), by_um(&mut self.random));
-                self.ask(Request::Retreat { x_um, y_um })?;
+                self.request(Request::Retreat { x_um, y_um })?;
                 let wait_ms = self.random.below(1_500);
                 self.target.pass(wait_ms)
             }
@@ -110,14 +110,14 @@ impl<'a, T: Target> Sequence<'a, T> {
                 self.target.silence(ms)
             }
             26 => self.target.reset(),
-            27 => self.ask(Request::AcknowledgeCalibration),
+            27 => self.request(Request::AcknowledgeCalibration),
             28 if self.target.is_patient() && self.random.one_in(40) => self.heat(),
             _ => self.leave(),
         }
     }
 
-    fn ask(&mut self, request: Request) -> Checked<()> {
-        self.target.ask(request).map(drop)
+    fn request(&mut self, request: Request) -> Checked<()> {
+        self.target.request(request).map(drop)
     }
 
     fn step(&mut self) -> Step {
@@ -145,14 +145,14 @@ impl<'a, T: Target> Sequence<'a, T> {
 
     fn run(&mut self, steps: &[Step]) -> Checked<()> {
         for (index, step) in (0..).zip(steps) {
-            self.ask(Request::LoadStep { index, step: *step })?;
+            self.request(Request::LoadStep { index, step: *step })?;
         }
         let start_us = match self.random.below(12) {
             0 => u64::MAX - u64::from(self.random.below(9)),
             1 => self.target.condition()?.now_us + 50_000,
             _ => 0,
         };
-        self.ask(Request::Run { steps: steps.len() as u8, crc: program_crc(steps), start_us })
+        self.request(Request::Run { steps: steps.len() as u8, crc: program_crc(steps), start_us })
     }
 
     /// A fast motion is stopped anywhere, and another one follows at once.
@@ -161,7 +161,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.run(&[step])?;
         let wait_ms = self.random.below(1_500);
         self.target.pass(wait_ms)?;
-        self.ask(Request::Stop)?;
+        self.request(Request::Stop)?;
         self.program()
     }
 
@@ -190,7 +190,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         for turn in 0..16 {
             let x_um = if crosses && turn % 2 == 0 { 300 } else { 0 };
             let y_um = if x_um == 0 { y_um.signum() * 1_000 } else { 0 };
-            self.ask(Request::Retreat { x_um, y_um })?;
+            self.request(Request::Retreat { x_um, y_um })?;
             self.target.pass(900)?;
         }
         Ok(())
@@ -253,9 +253,9 @@ impl<'a, T: Target> Sequence<'a, T> {
         for (piece, chunk) in (0..).zip(bytes.chunks(PIECE_BYTES)) {
             let mut bytes = [0; PIECE_BYTES];
             bytes[..chunk.len()].copy_from_slice(chunk);
-            self.ask(Request::LoadCalibration { piece, bytes })?;
+            self.request(Request::LoadCalibration { piece, bytes })?;
         }
-        self.ask(Request::StoreCalibration { length: bytes.len() as u8, crc: record.crc() })
+        self.request(Request::StoreCalibration { length: bytes.len() as u8, crc: record.crc() })
     }
 
     /// A frame that was sent before: any, or the latest program when its answer is forgotten; with its own content or another.
@@ -273,7 +273,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         {
             old = run;
             for _ in 0..REMEMBERED {
-                let answer = self.target.ask(Request::Status)?;
+                let answer = self.target.request(Request::Status)?;
                 answer.map_err(|refusal| Violation(format!("a status is refused: {refusal:?}")))?;
             }
         }
@@ -284,22 +284,22 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.target.pass(5)
     }
 
-    /// Whatever is latched has a way out, under the load that caused it, by commands alone.
+    /// Any latched fault has a way out, under the load that caused it, by commands alone.
     ///
     /// # Errors
     /// Where there is none, and what does not hold.
     pub fn leave(&mut self) -> Checked<()> {
         self.target.set(Causes::default())?;
-        self.ask(Request::Stop)?;
+        self.request(Request::Stop)?;
         self.target.pass(30)?;
         let (mut waited, mut towards) = (false, 1);
         for turn in 0..TRIES {
             let condition = self.target.condition()?;
             let Some(fault) = condition.fault else { return Ok(()) };
             if fault == Fault::CalibrationLost {
-                self.ask(Request::AcknowledgeCalibration)?;
+                self.request(Request::AcknowledgeCalibration)?;
             }
-            if self.target.ask(Request::ClearFault)?.is_ok() {
+            if self.target.request(Request::ClearFault)?.is_ok() {
                 self.faults_left += 1;
                 return Ok(());
             }
@@ -315,12 +315,12 @@ impl<'a, T: Target> Sequence<'a, T> {
                 continue;
             }
             // One that was lost before another fault was latched.
-            self.ask(Request::AcknowledgeCalibration)?;
+            self.request(Request::AcknowledgeCalibration)?;
             towards = self.retreat(condition.force_n, towards)?;
             if turn == TRIES / 2 {
                 // A limit below what was tared has no place where it is met: the other way out of `ForceLimit`.
                 let force_mn = self.target.record().force_range_mn;
-                self.ask(Request::Limits { force_mn, silence_ms: 2_000 })?;
+                self.request(Request::Limits { force_mn, silence_ms: 2_000 })?;
             }
         }
         let condition = self.target.condition()?;
@@ -334,7 +334,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         let mut by_um = [0; 2];
         by_um[axis] = if force_n[axis] > 0.0 { -1_000 * towards } else { 1_000 * towards };
         let [x_um, y_um] = by_um;
-        match self.target.ask(Request::Retreat { x_um, y_um })? {
+        match self.target.request(Request::Retreat { x_um, y_um })? {
             Err(Refusal::NotUnderLoad | Refusal::OutOfTravel | Refusal::Busy) | Ok(()) => {}
             Err(refusal) => return Err(Violation(format!("a retreat is refused: {refusal:?}"))),
         }

@@ -169,7 +169,7 @@ impl Bench {
         let outputs = self.controller.step(&inputs);
         self.rig.step(outputs.drive);
         self.tally.commands += u64::from(command.is_some());
-        self.look(&outputs, command.as_ref())?;
+        self.observe(&outputs, command.as_ref())?;
         if let Some(record) = outputs.store.clone() {
             (self.record, self.origin) = (record, Origin::Stored);
             self.restart(false)?;
@@ -177,7 +177,7 @@ impl Bench {
         Ok(outputs)
     }
 
-    fn look(&mut self, outputs: &Outputs, command: Option<&Command>) -> Checked<()> {
+    fn observe(&mut self, outputs: &Outputs, command: Option<&Command>) -> Checked<()> {
         let mut started = 0;
         let mut answers = 0;
         let mut cleared = false;
@@ -208,7 +208,7 @@ impl Bench {
         if answers != u32::from(command.is_some()) {
             return Err(Violation(format!("{answers} answers to {command:?}")));
         }
-        // What is latched is asked for only where it may have changed: the copy takes time.
+        // The latched fault is read only where it may have changed: the copy takes time.
         if outputs.keep || cleared {
             self.fault = self.controller.carried().fault;
         }
@@ -216,7 +216,7 @@ impl Bench {
         if idle == self.fault.is_some() {
             return Err(Violation(format!("{:?} with the fault {:?}", outputs.state, self.fault)));
         }
-        self.judge.look(&Observation {
+        self.judge.observe(&Observation {
             now_ms: (self.before_us + self.now_us) / 1_000,
             driven: outputs.drive != Drive::Release,
             state: outputs.state,
@@ -249,7 +249,7 @@ impl Bench {
 }
 
 impl Target for Bench {
-    fn ask(&mut self, request: Request) -> Checked<Result<(), Refusal>> {
+    fn request(&mut self, request: Request) -> Checked<Result<(), Refusal>> {
         if self.connection == 0 {
             self.period(Some(HELLO))?;
         }
@@ -278,7 +278,7 @@ impl Target for Bench {
     fn pass(&mut self, ms: u32) -> Checked<()> {
         for _ in 0..ms {
             if (self.now_us / u64::from(PERIOD_US)).is_multiple_of(STATUS_PERIODS) {
-                self.ask(Request::Status).map(drop)?;
+                self.request(Request::Status).map(drop)?;
             } else {
                 self.period(None)?;
             }
@@ -300,7 +300,7 @@ impl Target for Bench {
     }
 
     fn condition(&mut self) -> Checked<Condition> {
-        self.ask(Request::Safety)?.map_err(|refusal| Violation(format!("safety: {refusal:?}")))?;
+        self.request(Request::Safety)?.map_err(|refusal| Violation(format!("safety: {refusal:?}")))?;
         Ok(Condition {
             now_us: self.now_us,
             fault: self.fault,

@@ -1,4 +1,4 @@
-//! What must hold whatever is sent.
+//! What must hold for any commands.
 
 use super::{Checked, Violation};
 use crate::calibration::Calibration;
@@ -21,7 +21,7 @@ pub const ROLLS_ON_UM: f32 = 320.0;
 /// What retreats in the wrong direction may add in all, newtons: twice 1 % of the rated range of 5 N, and what the motor rolls on.
 const RETREATS_N: f32 = 0.12;
 
-/// What was seen since the last look.
+/// What was observed since the last check.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
     /// Device time, milliseconds; it need not begin at 0, but must not go back.
@@ -153,31 +153,31 @@ impl Judge {
         Ok(())
     }
 
-    /// Looks at what happened.
+    /// Checks an observation.
     ///
     /// # Errors
     /// What does not hold.
-    pub fn look(&mut self, seen: &Observation) -> Checked<()> {
+    pub fn observe(&mut self, observed: &Observation) -> Checked<()> {
         let violated = |text| Err(Violation(text));
-        if self.latched.is_some() && seen.fault != self.latched && !seen.cleared {
-            return violated(format!("{:?} went without its clear: {:?}", self.latched, seen.fault));
+        if self.latched.is_some() && observed.fault != self.latched && !observed.cleared {
+            return violated(format!("{:?} went without its clear: {:?}", self.latched, observed.fault));
         }
-        self.latched = seen.fault;
-        self.ended = seen.ended.or(self.ended);
-        if seen.driven && seen.fault.is_some() && seen.state != State::Retreating {
-            return violated(format!("driven in {:?}", seen.fault));
+        self.latched = observed.fault;
+        self.ended = observed.ended.or(self.ended);
+        if observed.driven && observed.fault.is_some() && observed.state != State::Retreating {
+            return violated(format!("driven in {:?}", observed.fault));
         }
-        self.allowed_n = self.allowed_n.min(seen.force_n.max(self.limit_n));
-        if seen.force_n > self.allowed_n + self.overshoot_n + RETREATS_N {
-            return violated(format!("{} N where {} N is the limit", seen.force_n, self.allowed_n));
+        self.allowed_n = self.allowed_n.min(observed.force_n.max(self.limit_n));
+        if observed.force_n > self.allowed_n + self.overshoot_n + RETREATS_N {
+            return violated(format!("{} N where {} N is the limit", observed.force_n, self.allowed_n));
         }
-        self.starts += seen.started;
+        self.starts += observed.started;
         if self.starts > self.runs {
             return violated(format!("{} programs started of {} accepted", self.starts, self.runs));
         }
-        self.rests(seen)?;
+        self.rests(observed)?;
         if self.turned {
-            let moved = seen.position_um.iter().zip(self.from_um).map(|(um, from)| (um - from).abs());
+            let moved = observed.position_um.iter().zip(self.from_um).map(|(um, from)| (um - from).abs());
             let moved_um = moved.fold(0.0, f32::max);
             if moved_um > WRONG_WAY_UM {
                 return violated(format!("moved {moved_um} um by tables of the wrong sign"));
@@ -186,15 +186,15 @@ impl Judge {
         Ok(())
     }
 
-    fn rests(&mut self, seen: &Observation) -> Checked<()> {
-        if seen.driven {
-            self.driven_ms = seen.now_ms;
+    fn rests(&mut self, observed: &Observation) -> Checked<()> {
+        if observed.driven {
+            self.driven_ms = observed.now_ms;
             return Ok(());
         }
-        if self.turned || seen.now_ms < self.driven_ms + REST_MS {
+        if self.turned || observed.now_ms < self.driven_ms + REST_MS {
             return Ok(());
         }
-        let at_um = seen.position_um.iter().map(|um| um.abs()).fold(0.0, f32::max);
+        let at_um = observed.position_um.iter().map(|um| um.abs()).fold(0.0, f32::max);
         let margin_um = match self.ended {
             Some(Outcome::Completed) => REST_UM,
             Some(Outcome::Stopped | Outcome::TareRejected) => STOPPED_REST_UM,

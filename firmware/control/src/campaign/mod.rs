@@ -1,16 +1,16 @@
-//! Random sequences of commands that know the protocol, with loads, tares, calibrations, faults, restarts and old frames, against
-//! what must hold whatever the sequence. For tests on the host: no image has it.
+//! Random sequences of commands of the protocol, with loads, tares, calibrations, faults, restarts and old frames, against
+//! what must hold for any sequence. For tests on the host: no image has it.
 //!
-//! A sequence is one to [`MAX_ACTS`] acts ([`acts`]), each a few commands and causes, and then the way out of whatever is latched.
+//! A sequence is one to [`MAX_ACTS`] acts ([`acts`]), each a few commands and causes, and then the way out of any latched fault.
 //! It depends on its seed alone and is carried out by a [`Target`]: the controller with a small rig in the same process ([`mod@bench`]),
 //! or the firmware in QEMU. What must hold is in [`judge`]:
 //!
 //! * no force beyond the limit, counted from the calibration's zero, by more than the stated overshoot;
 //! * no rest beyond the travel, and no motion that is the wrong way for more than 0.3 mm;
 //! * no latched fault that goes without its clear, nothing driven in a fault but a retreat;
-//! * no program that starts twice, or without having been asked for;
+//! * no program that starts twice, or without a request;
 //! * no restart that forgets a fault or how the motors were driven;
-//! * every command is answered once, and every fault is left again by what the manual says, under the load that caused it.
+//! * every command is answered once, and every fault is left again by the manual's way out, under the load that caused it.
 
 pub mod acts;
 pub mod bench;
@@ -85,7 +85,7 @@ pub trait Target {
     ///
     /// # Errors
     /// What does not hold.
-    fn ask(&mut self, request: Request) -> Checked<Result<(), Refusal>>;
+    fn request(&mut self, request: Request) -> Checked<Result<(), Refusal>>;
 
     /// Sends a frame again that was sent before, or one of another connection; its answer does not matter.
     ///

@@ -20,7 +20,7 @@ const FOUND_BY: [(Mutation, u64); Mutation::ALL.len()] = [
 /// Sequences that once found a gap, or what must hold stated too narrowly.
 const KEPT: [u64; 9] = [14, 716, 1_015, 1_176, 1_270, 2_900, 4_000, 4_039, 5_230];
 
-/// `cargo xtask campaign` runs as many as are asked for.
+/// `cargo xtask campaign` runs as many as are requested.
 #[test]
 fn no_sequence_of_commands_gets_round_the_limits() {
     let mut tally = Tally::default();

@@ -20,8 +20,8 @@ fn periods_to(bench: &mut Bench, fault: Fault, most: u32) -> u32 {
         if outputs.state == State::Faulted {
             assert_eq!(bench.controller.interlock.latched(), Some(fault));
             assert_eq!(outputs.drive, Drive::Release);
-            let told = |note: &OutboundMessage| matches!(note, OutboundMessage::Event(Event { kind: EventKind::Faulted { fault: told }, .. }) if *told == fault);
-            assert_eq!(outputs.notes.iter().filter(|note| told(note)).count(), 1, "{:?}", outputs.notes);
+            let reports = |note: &OutboundMessage| matches!(note, OutboundMessage::Event(Event { kind: EventKind::Faulted { fault: reported }, .. }) if *reported == fault);
+            assert_eq!(outputs.notes.iter().filter(|note| reports(note)).count(), 1, "{:?}", outputs.notes);
             for _ in 0..300 {
                 assert_eq!(bench.period(None).drive, Drive::Release);
             }
@@ -77,7 +77,7 @@ fn a_saturated_converter() {
 }
 
 #[test]
-fn one_odd_reading_is_no_fault() {
+fn one_outlying_reading_is_not_a_fault() {
     let mut bench = moving();
     bench.push_n = [9.0; 2];
     bench.potentiometer_codes = Some([4_095, 0]);
@@ -170,7 +170,7 @@ fn an_axis_that_cannot_finish_times_out() {
 #[test]
 fn a_silent_host_ends_a_program_and_only_a_program() {
     let mut bench = Bench::new();
-    bench.asks_every = 0;
+    bench.request_periods = 0;
     assert_eq!(bench.periods(5_000).state, State::Idle);
     bench.run(&[Step::Hold { duration_ms: 60_000 }]);
     assert_eq!(periods_to(&mut bench, Fault::HostSilent, 5_000), 2_001);

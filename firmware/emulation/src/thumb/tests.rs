@@ -4,7 +4,7 @@ use super::*;
 use Direction::{Load, Store};
 use Width::{Byte, Half, Word};
 
-/// Registers whose values tell which one was used: r0 = 0x4000_0000, r1 = 0x4000_1000, ..., but small r2 and r3 as
+/// Registers whose values show which one was used: r0 = 0x4000_0000, r1 = 0x4000_1000, ..., but small r2 and r3 as
 /// offsets.
 fn registers() -> [u32; 16] {
     let mut registers = core::array::from_fn(|i| 0x4000_0000 + 0x1000 * i as u32);

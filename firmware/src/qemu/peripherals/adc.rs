@@ -1,6 +1,6 @@
 //! The converter ADC1: single conversions of the two potentiometer channels.
 //!
-//! Regulator, calibration, enable and conversion follow the chip's order and are immediate, unless the plant says how long
+//! Regulator, calibration, enable and conversion follow the chip's order and are immediate, unless the plant sets how long
 //! a conversion takes: its flags then come when that device time has passed, or never. A conversion takes the plant's code
 //! of the channel in the first rank as it stands at the start; averaging in hardware leaves a constant as it is, so its
 //! settings are only kept. Sequences of more than one rank, other channels, injected conversions, stopping, DMA and

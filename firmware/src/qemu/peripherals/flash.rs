@@ -1,4 +1,4 @@
-//! The flash interface and the last two pages of the flash, on the model that the host's tests know too.
+//! The flash interface and the last two pages of the flash, on the model that the host's tests use too.
 //!
 //! The pages' memory survives a reset of the core, as flash does. At power-on it is what the file `flash.bin` in QEMU's working folder
 //! holds, page after page, and erased without one.
@@ -34,7 +34,7 @@ impl Flash {
         Self { model: FlashModel::new() }
     }
 
-    /// Power has come on, unless the memory has been kept: takes what the file says. Before anything is trapped.
+    /// Power has come on, unless the memory has been kept: takes the file's content. Before anything is trapped.
     pub(crate) fn power_on(&mut self) {
         // SAFETY: as in `parts`.
         let memory = unsafe { &mut *ptr::addr_of_mut!(MEMORY).cast::<Memory>() };

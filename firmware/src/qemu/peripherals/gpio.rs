@@ -1,6 +1,6 @@
 //! GPIO: port B watched for the chip select and the LED, and the plant's levels put on two inputs.
 //!
-//! QEMU models GPIO, so accesses to port B are passed on and only looked at. The inputs need no trap: QEMU gives an input
+//! QEMU models GPIO, so accesses to port B are passed on and only observed. The inputs need no trap: QEMU gives an input
 //! that nothing drives the level of its pull resistor, so turning the pull of the pin is the switch in the plant.
 
 use crate::qemu::{Registers, Unmodelled};
@@ -17,7 +17,7 @@ const LED: u32 = 1 << 14;
 
 /// Port B.
 pub(crate) struct Gpio {
-    /// Output data register as last seen.
+    /// Output data register as last read.
     output: u32,
     /// Level of the chip select after its last change, until taken.
     edge: Option<bool>,

@@ -1,4 +1,4 @@
-//! The independent watchdog, and the reset flags that tell its resets.
+//! The independent watchdog, and the reset flags that report its resets.
 //!
 //! Counts plant time; when it is not fed in time, the core is reset, and a mark in memory that survives the reset
 //! becomes the watchdog's flag in CSR at the next start; brown-outs work the same way. The window function is refused.

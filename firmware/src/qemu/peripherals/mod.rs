@@ -1,6 +1,6 @@
 //! Software models of the peripherals that QEMU lacks, or models differently from the chip.
 //!
-//! Each models what the drivers of this project need, says so in its head, and refuses the rest, so that a driver that
+//! Each models what the drivers of this project need, lists it in its head, and refuses the rest, so that a driver that
 //! starts to use more fails loudly instead of reading zeros.
 
 mod adc;

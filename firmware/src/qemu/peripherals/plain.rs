@@ -35,7 +35,7 @@ impl Registers for Pwr {
     }
 }
 
-/// The chip's unique number, which QEMU does not map at all. Whoever simulates the board chooses it in the file `unique-id.bin`, so
+/// The chip's unique number, which QEMU does not map at all. The simulation of the board sets it in the file `unique-id.bin`, so
 /// that no two boards have the same boot ids.
 pub(crate) struct UniqueId {
     bytes: [u8; 12],
@@ -46,7 +46,7 @@ impl UniqueId {
         Self { bytes: *b"QEMU no file" }
     }
 
-    /// Takes what the file says; before anything is trapped.
+    /// Takes the file's content; before anything is trapped.
     pub(crate) fn power_on(&mut self) {
         crate::qemu::link::load(c"unique-id.bin", &mut self.bytes);
     }

@@ -1,6 +1,6 @@
 //! Reset and clock control, for the flags of the last reset; all else is passed on to QEMU's own model.
 //!
-//! QEMU shows none of the flags and lets nobody set them. They lie in CSR above the bit that clears them.
+//! QEMU has none of the flags and no way to set them. They are in CSR above the bit that clears them.
 
 use crate::qemu::{Registers, Unmodelled};
 use embassy_stm32::pac::RCC;

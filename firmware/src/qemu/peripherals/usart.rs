@@ -1,10 +1,10 @@
 //! The registers of USART1 that QEMU treats differently from the chip; they are passed on to QEMU's own model.
 //!
-//! QEMU takes words only, where drivers use bytes for the data registers. And its ICR clears whatever status bit is
+//! QEMU takes words only, where drivers use bytes for the data registers. And its ICR clears any status bit that is
 //! written, where the chip ignores the bits that ICR does not have: drivers acknowledge by writing the whole status,
 //! which would clear "transmit register empty" and stop the transmission.
 //!
-//! Just that is how the line gets its speed. QEMU transmits at once; here the plant says how many bytes the line carries per
+//! Just that is how the line gets its speed. QEMU transmits at once; here the plant sets how many bytes the line carries per
 //! period. When they are used up, the next byte stays here, and "transmit register empty" and "transmission complete" are
 //! cleared, as they are in the chip while a byte waits for the one before it. The driver waits for its interrupt; the byte
 //! goes to QEMU in the next period, which sets both flags again.

@@ -8,7 +8,7 @@ use estimator::information::Information;
 use formats::session::InsertionRun;
 use inference::diagnose::{Options, diagnose};
 use inference::insertion::{
-    Candidates, Learned, Live, Posterior, ReadingNoise, TipPath, Tissue as Believed, learn,
+    Candidates, Learned, Live, Posterior, ReadingNoise, TipPath, Tissue as InsertionTissue, learn,
 };
 use inference::track::method::{Method, samples};
 use inference::track::sound::{Sound, settings};
@@ -120,7 +120,7 @@ pub struct PredictionSize {
     pub candidates: usize,
     /// Unknowns of each.
     pub unknowns: usize,
-    /// Depths at which the path is told.
+    /// Depths at which the path is predicted.
     pub depths: usize,
 }
 
@@ -154,8 +154,13 @@ pub fn paths() -> Result<Vec<TipPath>> {
 /// One reading taken in, then the path to 140 mm with its band; seconds, and the size of it.
 pub fn prediction(clock: &mut Clock) -> Result<(f64, PredictionSize)> {
     let paths = paths()?;
-    let tissue =
-        Believed { model: insertion_model(), modulus_sd_ln: 0.2, gap_m: 0.025, gap_sd_ln: 0.7, rear: None };
+    let tissue = InsertionTissue {
+        model: insertion_model(),
+        modulus_sd_ln: 0.2,
+        gap_m: 0.025,
+        gap_sd_ln: 0.7,
+        rear: None,
+    };
     let candidates = Candidates::new(&tissue, &paths, 0.14)?;
     let learned: Learned = learn(
         &candidates,
@@ -172,7 +177,7 @@ pub fn prediction(clock: &mut Clock) -> Result<(f64, PredictionSize)> {
     let seconds = clock.seconds("prediction", || {
         let mut live = followed.clone();
         live.push(0.07, black_box([2e-3, 0.0]));
-        live.belief().tip_m(&depths_m)
+        live.posterior().tip_m(&depths_m)
     })?;
     let [parts, different] = learned.counts();
     let size = PredictionSize {

@@ -9,7 +9,7 @@ use mechanics::{Beam, Foundation, Model, ModelError, Needle, Rig};
 use std::cell::Cell;
 use std::hint::black_box;
 
-/// Length of the needle in the tissue, and places where its shape is looked at.
+/// Length of the needle in the tissue, and places where its shape is computed.
 pub const DEPTH_M: f64 = 0.03;
 const SAMPLES: usize = 40;
 const SHAPE_SD_M: f64 = 25e-6;
@@ -34,7 +34,7 @@ pub fn rig() -> Rig {
     Rig::two_guides(Needle::gauge_18(), 0.06, 0.07)
 }
 
-/// Where the shape is looked at: the centres of so many cells of the needle in the tissue.
+/// Where the shape is computed: the centres of so many cells of the needle in the tissue.
 fn places(count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |i| 0.07 + DEPTH_M * (i as f64 + 0.5) / count as f64)
 }

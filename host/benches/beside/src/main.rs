@@ -30,7 +30,7 @@ fn main() -> Result<()> {
     let scripts = concat!(env!("CARGO_MANIFEST_DIR"), "/../peers");
     let python = python::Python::new(scripts.as_ref(), &cache);
     if let Err(why) = &python {
-        println!("peers in Python are left out: {why:#}");
+        println!("peers in Python are skipped: {why:#}");
     }
     let python = python.ok();
     let wire = wire::measure(&mut clock, seed)?;

@@ -46,7 +46,7 @@ impl Page<'_> {
     pub fn text(&self) -> Result<String> {
         let mut page = String::new();
         let today = OffsetDateTime::now_utc().format(format_description!("[year]-[month]-[day]"))?;
-        let python = self.python.as_deref().unwrap_or("peers in Python left out");
+        let python = self.python.as_deref().unwrap_or("peers in Python skipped");
         writeln!(
             page,
             "# Beside what one would take instead, and how cost grows\n\n\

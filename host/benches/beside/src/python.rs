@@ -64,17 +64,17 @@ impl Python {
             command.env(threads, "1");
         }
         let text = run(&mut command)?;
-        // Libraries print what they like before.
+        // Libraries may print before it.
         let line = text.lines().last().unwrap_or_default();
-        serde_json::from_str(line).with_context(|| format!("{script}.py said {line}"))
+        serde_json::from_str(line).with_context(|| format!("{script}.py printed {line}"))
     }
 }
 
 fn run(command: &mut Command) -> Result<String> {
     let output = command.output().with_context(|| format!("{command:?}"))?;
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        bail!("{command:?}: {}", said.lines().last().unwrap_or("failed"));
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        bail!("{command:?}: {}", stderr.lines().last().unwrap_or("failed"));
     }
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }

@@ -107,7 +107,7 @@ pub fn measure(
 
     let identification = forward::identification(clock)?;
     let runs = forward::model_runs()?;
-    let limit = (format!("{runs} beam solves that it asks for"), Some(runs as f64 * beam.seconds));
+    let limit = (format!("{runs} beam solves that it needs"), Some(runs as f64 * beam.seconds));
     table.row(
         "identification of a run",
         "identification",

@@ -23,7 +23,7 @@ pub struct Growing {
     pub sizes: Vec<usize>,
     /// Seconds at each.
     pub seconds: Vec<f64>,
-    /// What the theory says for large sizes.
+    /// Theoretical exponent for large sizes.
     pub theory: f64,
     /// Why.
     pub why: &'static str,

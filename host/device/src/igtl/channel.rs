@@ -25,29 +25,29 @@ pub struct Settings {
     pub shape: Option<String>,
     /// Device name of the TRANSFORM or POSITION messages that are the needle's tip.
     pub tip: String,
-    /// Time from what was seen to the stamp of its message.
+    /// Time from the measurement to the stamp of its message.
     pub delay_s: f64,
     /// The session's frame in the tracker's.
     pub frame: Frame,
 }
 
-/// What the tracker has told.
+/// What the tracker has sent.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Observation {
-    /// Where the needle was; its samples say when.
+    /// Where the needle was; its samples have the times.
     Shape(Sweep),
-    /// Something that a person should know; each is told once.
+    /// A remark for the user; each is reported once.
     Note(String),
 }
 
-/// A tracker that is listened to.
+/// A tracker whose messages are received.
 #[derive(Debug)]
 pub struct Channel {
     source: Source,
     settings: Settings,
     clocks: Clocks,
     noted: BTreeSet<String>,
-    told_dropped: u64,
+    reported_dropped: u64,
 }
 
 impl Channel {
@@ -58,44 +58,44 @@ impl Channel {
     pub fn connect(address: &str, settings: Settings) -> Result<Self, IgtlError> {
         let source = Source::connect(address)?;
         let clocks = Clocks::new(Instant::now());
-        Ok(Self { source, settings, clocks, noted: BTreeSet::new(), told_dropped: 0 })
+        Ok(Self { source, settings, clocks, noted: BTreeSet::new(), reported_dropped: 0 })
     }
 
-    /// Samples of the device have just arrived: they say what its clock reads.
+    /// Samples of the device have just arrived: they have the time of its clock.
     pub fn samples(&mut self, batch: &Batch) {
         self.clocks.samples(batch, Instant::now());
     }
 
-    /// What has been told since the last look, in the order of arrival. Never waits. Nothing is a shape before the first sample.
-    pub fn look(&mut self) -> Vec<Observation> {
+    /// What has arrived since the last poll, in the order of arrival. Never waits. Nothing is a shape before the first sample.
+    pub fn poll(&mut self) -> Vec<Observation> {
         let news: Vec<ConnectionEvent> = self.source.news().collect();
-        let mut seen = Vec::new();
+        let mut observed = Vec::new();
         for news in news {
             let note = match news {
                 ConnectionEvent::Message(message, at) => match self.shape(&message, at) {
                     Ok(shape) => {
-                        seen.extend(shape.map(Observation::Shape));
+                        observed.extend(shape.map(Observation::Shape));
                         None
                     }
                     Err(note) => Some(note),
                 },
-                ConnectionEvent::Unreadable(why) => Some(format!("a message is left out: {why}")),
+                ConnectionEvent::Unreadable(why) => Some(format!("a message is skipped: {why}")),
                 ConnectionEvent::Passed(kind, device) => Some(format!("{kind} `{device}` is not used")),
                 ConnectionEvent::Lost(why) => {
                     Some(format!("the connection is lost: {why}; it is tried again"))
                 }
                 ConnectionEvent::Back => Some("the connection is there again".to_owned()),
             };
-            seen.extend(note.and_then(|note| self.note(note)));
+            observed.extend(note.and_then(|note| self.note(note)));
         }
         let dropped = self.source.dropped();
-        if dropped > self.told_dropped {
-            self.told_dropped = dropped;
-            seen.extend(
-                self.note("messages come more quickly than they are taken: some are left out".to_owned()),
+        if dropped > self.reported_dropped {
+            self.reported_dropped = dropped;
+            observed.extend(
+                self.note("messages come more quickly than they are taken: some are skipped".to_owned()),
             );
         }
-        seen
+        observed
     }
 
     /// A remark, where it is new.
@@ -104,7 +104,7 @@ impl Channel {
             return None;
         }
         let address = self.source.address();
-        let last = if self.noted.len() == MAX_NOTES { " (further remarks are left out)" } else { "" };
+        let last = if self.noted.len() == MAX_NOTES { " (further remarks are omitted)" } else { "" };
         Some(Observation::Note(format!("OpenIGTLink at {address}: {note}{last}")))
     }
 
@@ -139,7 +139,7 @@ impl Channel {
                     1e3 * z_m
                 ));
             }
-            // What is behind guide 1 tells nothing.
+            // What is behind guide 1 is of no use.
             if z_m >= 0.0 {
                 rows.push(ShapeRow { time_s, z_m, deflection_y_m, deflection_x_m });
             }

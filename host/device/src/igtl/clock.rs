@@ -1,6 +1,6 @@
 //! When a message was, on the device's clock. Three clocks meet here: the sender's, this machine's and the device's.
 //!
-//! Neither link says how long it takes, only when things arrive. What arrives has been under way for the least time now and then; the
+//! Neither link reports how long it takes, only when things arrive. What arrives has been under way for the least time now and then; the
 //! offset between two clocks is therefore the least difference between arrival and stamp in the last seconds, so that drift is followed
 //! and jitter is not.
 
@@ -8,19 +8,19 @@ use crate::link::Batch;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Time over which the least delay is looked for.
+/// Time over which the least delay is searched.
 const WINDOW: Duration = Duration::from_secs(10);
 /// Most differences that are kept.
 const MAX_KEPT: usize = 1_024;
 /// What arrives this late comes from a clock that was set.
 const SET_S: f64 = 1.0;
-/// How far the device's clock can be ahead of what the newest sample says: the most that a batch is late.
+/// How far the device's clock can be ahead of the newest sample: the most that a batch is late.
 const AHEAD_S: f64 = 0.05;
 
 /// The least of the differences in a window of time.
 #[derive(Debug, Default)]
 struct Least {
-    /// When and what, both rising: whatever is above a newer one is of no use.
+    /// When and what, both rising: what is above a newer one is of no use.
     kept: VecDeque<(Instant, f64)>,
 }
 
@@ -42,7 +42,7 @@ impl Least {
     }
 }
 
-/// The sender's clock and the device's, seen from this machine's.
+/// The sender's clock and the device's, relative to this machine's.
 #[derive(Debug)]
 pub struct Clocks {
     began: Instant,
@@ -70,13 +70,13 @@ impl Clocks {
         self.newest = Some((last.time_s, host_s));
     }
 
-    /// Device time of a message that arrived then; none before the first sample. `stamp` is zero where the sender does not say when
+    /// Device time of a message that arrived then; none before the first sample. `stamp` is zero where the sender does not state when
     /// it was.
     pub fn device_s(&mut self, stamp: Duration, at: Instant) -> Option<f64> {
         let arrived_s = self.host_s(at);
         let sent_s = if stamp.is_zero() { arrived_s } else { self.sent_s(stamp, at, arrived_s) };
         let (newest_s, newest_at_s) = self.newest?;
-        // A device that goes slower than its clock says, as one in a simulator can, is not run ahead of.
+        // A device that goes slower than its clock reads, as one in a simulator can, is not run ahead of.
         let most_s = newest_s + (sent_s - newest_at_s) + AHEAD_S;
         self.device.least().map(|offset_s| (sent_s - offset_s).min(most_s))
     }

@@ -28,13 +28,13 @@ const NEWTON: u64 = (0x0B << 54) | (1 << 50);
 pub struct Message {
     /// Name of what it is about, at most 20 bytes.
     pub device: String,
-    /// When that was, since 1970 by the sender's clock; zero where the sender does not say.
+    /// When that was, since 1970 by the sender's clock; zero where the sender does not state it.
     pub stamp: Duration,
-    /// What it says.
+    /// Its content.
     pub content: Content,
 }
 
-/// What a message says.
+/// Content of a message.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Content {
     /// TRANSFORM: where a frame is, and how it is turned.
@@ -45,7 +45,7 @@ pub enum Content {
     Points(Vec<Point>),
     /// STRING.
     Text(String),
-    /// SENSOR: values in newtons; what is read is not looked at for its unit.
+    /// SENSOR: values in newtons; what is read is not checked for its unit.
     Sensor(Vec<f64>),
 }
 
@@ -231,10 +231,10 @@ impl Message {
         bytes.extend(1u16.to_be_bytes());
         bytes.extend(padded::<TYPE_BYTES>(self.content.kind()));
         bytes.extend(padded::<DEVICE_BYTES>(&self.device));
-        // A second has 2^32 parts. What is later than can be said is said as late as can be.
+        // A second has 2^32 parts. What is later than the latest time is sent as that.
         let parts = (u64::from(self.stamp.subsec_nanos()) << 32) / 1_000_000_000;
-        let said = u32::try_from(self.stamp.as_secs()).map(|seconds| [seconds, parts as u32]);
-        bytes.extend(said.unwrap_or([u32::MAX; 2]).into_iter().flat_map(u32::to_be_bytes));
+        let stamp = u32::try_from(self.stamp.as_secs()).map(|seconds| [seconds, parts as u32]);
+        bytes.extend(stamp.unwrap_or([u32::MAX; 2]).into_iter().flat_map(u32::to_be_bytes));
         bytes.extend((body.len() as u64).to_be_bytes());
         bytes.extend(CRC.checksum(&body).to_be_bytes());
         bytes.extend(body);

@@ -3,11 +3,11 @@
 //!
 //! * [`message`]: the messages and their bytes; [`wire`]: what arrives on a connection, cut into messages.
 //! * [`server`]: clients that receive every message, none of which is waited for.
-//! * [`source`]: a tracker that tells where the needle is; [`clock`]: when that was, on the device's clock; [`channel`]: both as the
+//! * [`source`]: a tracker that sends where the needle is; [`clock`]: when that was, on the device's clock; [`channel`]: both as the
 //!   ultrasound of a recording.
 //!
 //! Nothing that arrives is trusted: sizes are limited before anything is kept, checksums are compared, a peer that stops in the
-//! middle of a message is left. Messages are written as protocol version 1 and 2 have them (header version 1, which everybody reads);
+//! middle of a message is left. Messages are written as protocol version 1 and 2 have them (header version 1, which every peer reads);
 //! header version 2 with its metadata is read too. Coordinates on the wire are millimetres.
 
 pub mod channel;
@@ -36,12 +36,12 @@ pub enum IgtlError {
         /// What is wrong with it.
         problem: String,
     },
-    /// Nobody is there.
+    /// No server is there.
     #[error("cannot connect to OpenIGTLink at {address}: {cause}")]
     Connect {
         /// Where.
         address: String,
-        /// What the system says.
+        /// The system's error.
         cause: std::io::Error,
     },
     /// The address cannot be served at.
@@ -49,7 +49,7 @@ pub enum IgtlError {
     Serve {
         /// Where.
         address: String,
-        /// What the system says.
+        /// The system's error.
         cause: std::io::Error,
     },
     /// The system gives no thread.

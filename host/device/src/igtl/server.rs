@@ -1,7 +1,7 @@
-//! A server that tells all its clients the same, and waits for none of them.
+//! A server that sends all its clients the same, and waits for none of them.
 //!
 //! Every client has a thread that writes and one that reads. What is live waits in a short queue per client: where a client is slow,
-//! the oldest is dropped. What stays true (results) is kept, and told to those who come later. A client that does not take a message
+//! the oldest is dropped. What stays true (results) is kept, and sent to those who come later. A client that does not take a message
 //! within [`TIMEOUT`], or sends what is no OpenIGTLink, is left.
 
 use super::IgtlError;
@@ -21,7 +21,7 @@ pub const MAX_CLIENTS: usize = 16;
 const QUEUE: usize = 16;
 /// How long a client may not take anything.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// How often threads look whether they are still wanted.
+/// How often threads check whether they are still wanted.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// A server under way. Dropping it closes every connection.
@@ -41,7 +41,7 @@ struct Shared {
     dropped: AtomicU64,
 }
 
-/// What clients are told.
+/// What clients are sent.
 #[derive(Debug, Default)]
 struct PublisherState {
     /// Results by device name, as bytes.
@@ -96,28 +96,28 @@ impl Publisher {
         self.shared.dropped.load(Ordering::Relaxed)
     }
 
-    /// Tells what is so now. Never waits.
+    /// Sends live values. Never waits.
     pub fn publish(&self, messages: &[Message]) {
         let bytes: Arc<[u8]> = messages.iter().flat_map(Message::to_bytes).collect();
-        let mut told = self.shared.state();
-        for queue in told.queues.values_mut() {
+        let mut state = self.shared.state();
+        for queue in state.queues.values_mut() {
             self.enqueue(queue, bytes.clone());
         }
-        drop(told);
+        drop(state);
         self.shared.news.notify_all();
     }
 
-    /// Tells what stays so until a message of the same type and device name is told, also to clients who come later.
+    /// Sends what is kept until a message of the same type and device name is sent, also to clients who come later.
     pub fn keep(&self, messages: &[Message]) {
-        let mut told = self.shared.state();
+        let mut state = self.shared.state();
         for message in messages {
             let bytes: Arc<[u8]> = message.to_bytes().into();
-            told.kept.insert(format!("{} {}", message.content.kind(), message.device), bytes.clone());
-            for queue in told.queues.values_mut() {
+            state.kept.insert(format!("{} {}", message.content.kind(), message.device), bytes.clone());
+            for queue in state.queues.values_mut() {
                 self.enqueue(queue, bytes.clone());
             }
         }
-        drop(told);
+        drop(state);
         self.shared.news.notify_all();
     }
 
@@ -166,22 +166,22 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
 /// One client, from its first message to its last.
 fn serve(stream: TcpStream, shared: &Shared) {
     let number = {
-        let mut told = shared.state();
-        let number = told.next;
-        told.next += 1;
-        let kept = told.kept.values().cloned().collect();
-        told.queues.insert(number, kept);
+        let mut state = shared.state();
+        let number = state.next;
+        state.next += 1;
+        let kept = state.kept.values().cloned().collect();
+        state.queues.insert(number, kept);
         number
     };
     let gone = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            // Ends with the connection; nothing that a client says is needed.
-            let _ = listen(&stream, shared, &gone);
+            // Ends with the connection; nothing that a client sends is needed.
+            let _ = receive(&stream, shared, &gone);
             gone.store(true, Ordering::Release);
             shared.news.notify_all();
         });
-        let _ = speak(&stream, number, shared, &gone);
+        let _ = send(&stream, number, shared, &gone);
         gone.store(true, Ordering::Release);
         let _ = stream.shutdown(std::net::Shutdown::Both);
     });
@@ -189,30 +189,30 @@ fn serve(stream: TcpStream, shared: &Shared) {
 }
 
 /// Writes what waits for a client.
-fn speak(mut stream: &TcpStream, number: u64, shared: &Shared, gone: &AtomicBool) -> io::Result<()> {
+fn send(mut stream: &TcpStream, number: u64, shared: &Shared, gone: &AtomicBool) -> io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
     stream.set_write_timeout(Some(TIMEOUT))?;
     loop {
         let bytes = {
-            let mut told = shared.state();
+            let mut state = shared.state();
             loop {
                 if shared.has_ended() || gone.load(Ordering::Acquire) {
                     return Ok(());
                 }
-                if let Some(bytes) = told.queues.get_mut(&number).and_then(VecDeque::pop_front) {
+                if let Some(bytes) = state.queues.get_mut(&number).and_then(VecDeque::pop_front) {
                     break bytes;
                 }
-                told =
-                    shared.news.wait_timeout(told, POLL_INTERVAL).unwrap_or_else(PoisonError::into_inner).0;
+                state =
+                    shared.news.wait_timeout(state, POLL_INTERVAL).unwrap_or_else(PoisonError::into_inner).0;
             }
         };
         stream.write_all(&bytes)?;
     }
 }
 
-/// Reads what a client says, so that it can say it and its end is noticed. Requests are not answered: everything is told anyway.
-fn listen(mut stream: &TcpStream, shared: &Shared, gone: &AtomicBool) -> io::Result<()> {
+/// Reads what a client sends, so that it is never blocked and its end is noticed. Requests are not answered: everything is sent anyway.
+fn receive(mut stream: &TcpStream, shared: &Shared, gone: &AtomicBool) -> io::Result<()> {
     stream.set_read_timeout(Some(POLL_INTERVAL))?;
     let mut decoder = Decoder::default();
     let mut bytes = [0; 4096];

@@ -1,4 +1,4 @@
-//! A tracker or PLUS server that tells where the needle is: a thread of its own reads, and connects again when the connection is lost.
+//! A tracker or PLUS server that sends where the needle is: a thread of its own reads, and connects again when the connection is lost.
 
 use super::message::{Message, MessageError};
 use super::server::is_pause;
@@ -18,7 +18,7 @@ const CONNECT: Duration = Duration::from_secs(3);
 const RECONNECT: Duration = Duration::from_secs(1);
 /// How long a peer may stop in the middle of a message.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// How often the thread looks whether it is still wanted.
+/// How often the thread checks whether it is still wanted.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Most that waits to be taken: seconds of a quick tracker.
 const QUEUE: usize = 256;
@@ -50,7 +50,7 @@ pub struct Source {
 #[derive(Debug, Default)]
 struct Shared {
     ended: AtomicBool,
-    /// Messages that nobody took in time.
+    /// Messages that were not taken in time.
     dropped: AtomicU64,
 }
 
@@ -65,7 +65,7 @@ enum Gone {
     Broken(#[from] Broken),
     #[error(transparent)]
     Io(#[from] io::Error),
-    #[error("nobody listens any more")]
+    #[error("the receiver is gone")]
     Unwanted,
 }
 
@@ -94,12 +94,12 @@ impl Source {
         &self.address
     }
 
-    /// What has happened since the last look. Never waits.
+    /// What has happened since the last poll. Never waits.
     pub fn news(&self) -> impl Iterator<Item = ConnectionEvent> + '_ {
         self.news.try_iter()
     }
 
-    /// Messages that were dropped because nobody took them in time.
+    /// Messages that were dropped because they were not taken in time.
     pub fn dropped(&self) -> u64 {
         self.shared.dropped.load(Ordering::Relaxed)
     }
@@ -126,9 +126,9 @@ fn open(host: &str, port: u16) -> io::Result<TcpStream> {
     Err(last)
 }
 
-/// Until nobody wants it any more.
+/// Until it is not wanted any more.
 fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<ConnectionEvent>, shared: &Shared) {
-    let tell = |news: ConnectionEvent| match sender.try_send(news) {
+    let send = |news: ConnectionEvent| match sender.try_send(news) {
         Ok(()) => {}
         Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
             shared.dropped.fetch_add(1, Ordering::Relaxed);
@@ -136,9 +136,9 @@ fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<ConnectionE
     };
     let mut connection = Some(stream);
     while let Some(stream) = connection.take() {
-        match listen(stream, &tell, shared) {
+        match receive(stream, &send, shared) {
             Err(Gone::Unwanted) | Ok(()) => return,
-            Err(gone) => tell(ConnectionEvent::Lost(gone.to_string())),
+            Err(gone) => send(ConnectionEvent::Lost(gone.to_string())),
         }
         while connection.is_none() && !shared.ended.load(Ordering::Acquire) {
             let next = Instant::now() + RECONNECT;
@@ -147,33 +147,33 @@ fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<ConnectionE
             }
             connection = open(host, port).ok();
             if connection.is_some() {
-                tell(ConnectionEvent::Back);
+                send(ConnectionEvent::Back);
             }
         }
     }
 }
 
 /// One connection, to its end.
-fn listen(mut stream: TcpStream, tell: &impl Fn(ConnectionEvent), shared: &Shared) -> Result<(), Gone> {
+fn receive(mut stream: TcpStream, send: &impl Fn(ConnectionEvent), shared: &Shared) -> Result<(), Gone> {
     stream.set_read_timeout(Some(POLL_INTERVAL))?;
     let mut decoder = Decoder::default();
     let mut bytes = vec![0; 1 << 16];
-    let mut heard = Instant::now();
+    let mut received = Instant::now();
     while !shared.ended.load(Ordering::Acquire) {
         match stream.read(&mut bytes) {
             Ok(0) => return Err(Gone::Closed),
             Ok(count) => {
-                heard = Instant::now();
+                received = Instant::now();
                 decoder.feed(bytes.get(..count).unwrap_or_default(), |arrival| {
-                    tell(match arrival {
-                        Arrival::Message(message) => ConnectionEvent::Message(message, heard),
+                    send(match arrival {
+                        Arrival::Message(message) => ConnectionEvent::Message(message, received),
                         Arrival::Unreadable(why) => ConnectionEvent::Unreadable(why),
                         Arrival::Passed(kind, device) => ConnectionEvent::Passed(kind, device),
                     });
                 })?;
             }
             Err(error) if is_pause(&error) => {
-                if decoder.is_inside() && heard.elapsed() > TIMEOUT {
+                if decoder.is_inside() && received.elapsed() > TIMEOUT {
                     return Err(Gone::Stalled);
                 }
             }

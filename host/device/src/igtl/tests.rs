@@ -106,7 +106,7 @@ fn zeros_behind_a_text_and_the_latest_stamp_are_read_as_they_are_written() {
 }
 
 #[test]
-fn a_damaged_message_is_left_out_and_the_next_is_read() {
+fn a_damaged_message_is_skipped_and_the_next_is_read() {
     let mut damaged = bytes(TRANSFORM);
     *damaged.last_mut().unwrap() ^= 1;
     damaged.extend(bytes(STRING));
@@ -154,7 +154,7 @@ fn texts_and_lists_are_cut_to_what_a_message_holds() {
 }
 
 #[test]
-fn hosts_and_ports_are_told_apart() {
+fn hosts_and_ports_are_distinguished() {
     for (text, host, port) in [
         ("tracker", "tracker", PORT),
         ("10.0.0.2:18945", "10.0.0.2", 18_945),
@@ -207,7 +207,7 @@ proptest! {
         }
     }
 
-    /// Nothing panics, nothing grows, whatever comes: bytes of messages that are changed here and there.
+    /// Nothing panics, nothing grows, for any input: bytes of messages that are changed here and there.
     #[test]
     fn any_bytes_are_borne(
         content in content(),
@@ -228,32 +228,32 @@ proptest! {
 }
 
 /// A connection whose messages are decoded.
-struct Ear {
+struct TestClient {
     stream: TcpStream,
     decoder: Decoder,
-    heard: Vec<Message>,
+    received: Vec<Message>,
 }
 
-impl Ear {
+impl TestClient {
     fn connect(publisher: &Publisher) -> Self {
         let stream = TcpStream::connect(publisher.address()).expect("connects");
         stream.set_read_timeout(Some(Duration::from_millis(50))).expect("a timeout");
-        Self { stream, decoder: Decoder::default(), heard: Vec::new() }
+        Self { stream, decoder: Decoder::default(), received: Vec::new() }
     }
 
-    /// Listens until a message of this name has come.
-    fn hear(&mut self, device: &str) -> Message {
+    /// Reads until a message of this name has come.
+    fn receive(&mut self, device: &str) -> Message {
         let deadline = Instant::now() + Duration::from_secs(20);
         let mut bytes = [0; 4_096];
         loop {
-            if let Some(message) = self.heard.iter().find(|message| message.device == device) {
+            if let Some(message) = self.received.iter().find(|message| message.device == device) {
                 return message.clone();
             }
-            assert!(Instant::now() < deadline, "no {device} among {:?}", self.heard);
+            assert!(Instant::now() < deadline, "no {device} among {:?}", self.received);
             if let Ok(count) = self.stream.read(&mut bytes) {
-                let heard = &mut self.heard;
+                let received = &mut self.received;
                 let fed = self.decoder.feed(&bytes[..count], |arrival| match arrival {
-                    Arrival::Message(message) => heard.push(message),
+                    Arrival::Message(message) => received.push(message),
                     other => panic!("{other:?}"),
                 });
                 fed.expect("our own bytes");
@@ -275,18 +275,18 @@ fn publisher() -> Publisher {
 }
 
 #[test]
-fn results_are_told_to_those_who_come_later_and_live_values_to_those_who_are_there() {
+fn results_are_sent_to_later_clients_and_live_values_to_connected_ones() {
     let publisher = publisher();
     let result = message("Identification", 7, Content::Text("{}".to_owned()));
     publisher.keep(&[message("Identification", 6, Content::Text("old".to_owned()))]);
     publisher.keep(std::slice::from_ref(&result));
-    let mut early = Ear::connect(&publisher);
-    assert_eq!(early.hear("Identification"), result);
-    let mut late = Ear::connect(&publisher);
-    assert_eq!(late.hear("Identification"), result);
+    let mut early = TestClient::connect(&publisher);
+    assert_eq!(early.receive("Identification"), result);
+    let mut late = TestClient::connect(&publisher);
+    assert_eq!(late.receive("Identification"), result);
     let guide = message("GuideToReference", 8, Content::Transform(POSE));
     publisher.publish(std::slice::from_ref(&guide));
-    assert_eq!((early.hear("GuideToReference"), late.hear("GuideToReference")), (guide.clone(), guide));
+    assert_eq!((early.receive("GuideToReference"), late.receive("GuideToReference")), (guide.clone(), guide));
     drop(late);
     eventually("the client is gone", || publisher.clients() == 1);
     drop(publisher);
@@ -296,13 +296,13 @@ fn results_are_told_to_those_who_come_later_and_live_values_to_those_who_are_the
 }
 
 #[test]
-fn clients_that_never_read_or_talk_nonsense_hold_nobody_up() {
+fn clients_that_never_read_or_send_nonsense_delay_no_other() {
     let publisher = publisher();
-    let mut deaf: Vec<TcpStream> =
+    let mut bad: Vec<TcpStream> =
         (0..2).map(|_| TcpStream::connect(publisher.address()).expect("connects")).collect();
-    let mut good = Ear::connect(&publisher);
+    let mut good = TestClient::connect(&publisher);
     eventually("three clients", || publisher.clients() == 3);
-    deaf[0].write_all(&[0xFF; 500]).expect("takes it");
+    bad[0].write_all(&[0xFF; 500]).expect("takes it");
     eventually("nonsense is no client", || publisher.clients() == 2);
     // More than sockets hold.
     let large = message("NeedleShape", 1, Content::Points(vec![Point::default(); MAX_POINTS]));
@@ -310,14 +310,14 @@ fn clients_that_never_read_or_talk_nonsense_hold_nobody_up() {
     for _ in 0..200 {
         publisher.publish(std::slice::from_ref(&large));
     }
-    assert!(began.elapsed() < Duration::from_secs(10), "publishing waits for nobody");
+    assert!(began.elapsed() < Duration::from_secs(10), "publishing waits for no client");
     assert!(publisher.dropped() > 0);
     publisher.publish(&[message("Last", 2, Content::Sensor(vec![1.0]))]);
-    assert_eq!(good.hear("Last").content, Content::Sensor(vec![1.0]));
+    assert_eq!(good.receive("Last").content, Content::Sensor(vec![1.0]));
 }
 
 #[test]
-fn a_port_that_is_taken_is_told() {
+fn a_port_that_is_taken_is_reported() {
     let first = publisher();
     let error = Publisher::bind(first.address()).expect_err("taken").to_string();
     assert!(error.contains("cannot serve OpenIGTLink at 127.0.0.1:"), "{error}");
@@ -334,15 +334,15 @@ fn samples(time_s: f64) -> Batch {
     Batch { state: protocol::State::Holding, step: None, lost_before: 0, points: vec![point] }
 }
 
-/// What a channel tells until there is as much as this.
-fn look(channel: &mut Channel, count: usize) -> Vec<Observation> {
-    let (mut seen, deadline) = (Vec::new(), Instant::now() + Duration::from_secs(20));
-    while seen.len() < count {
-        assert!(Instant::now() < deadline, "only {seen:?}");
-        seen.extend(channel.look());
+/// Observations of a channel until there are as many as this.
+fn observations(channel: &mut Channel, count: usize) -> Vec<Observation> {
+    let (mut observed, deadline) = (Vec::new(), Instant::now() + Duration::from_secs(20));
+    while observed.len() < count {
+        assert!(Instant::now() < deadline, "only {observed:?}");
+        observed.extend(channel.poll());
         std::thread::sleep(Duration::from_millis(2));
     }
-    seen
+    observed
 }
 
 #[test]
@@ -363,15 +363,15 @@ fn a_tracker_becomes_sweeps_in_the_frame_of_the_session() {
     ] {
         tracker.write_all(&message(device, 0, content).to_bytes()).expect("sends");
     }
-    let seen = look(&mut channel, 4);
+    let observed = observations(&mut channel, 4);
     let [
         Observation::Shape(curve),
         Observation::Shape(tip),
         Observation::Note(other),
         Observation::Note(far),
-    ] = &seen[..]
+    ] = &observed[..]
     else {
-        panic!("{seen:?}");
+        panic!("{observed:?}");
     };
     let rows: Vec<_> = curve.rows(0.0).collect();
     // Behind guide 1 is nothing.
@@ -392,7 +392,7 @@ fn a_tracker_becomes_sweeps_in_the_frame_of_the_session() {
 }
 
 #[test]
-fn a_tracker_that_goes_away_or_babbles_is_tried_again() {
+fn a_tracker_that_goes_away_or_sends_nonsense_is_tried_again() {
     let listener = TcpListener::bind("127.0.0.1:0").expect("binds");
     let address = listener.local_addr().expect("an address").to_string();
     let mut channel = Channel::connect(&address, settings()).expect("connects");
@@ -406,23 +406,23 @@ fn a_tracker_that_goes_away_or_babbles_is_tried_again() {
     let (mut third, _) = listener.accept().expect("comes again");
     let tip = message(TIP, 0, Content::Transform(Pose::at([30.0, 0.0, 1.0])));
     third.write_all(&tip.to_bytes()).expect("sends");
-    let seen = look(&mut channel, 4);
+    let observed = observations(&mut channel, 4);
     let [
         Observation::Note(babbled),
         Observation::Note(back),
         Observation::Note(closed),
         Observation::Shape(_),
-    ] = &seen[..]
+    ] = &observed[..]
     else {
-        panic!("{seen:?}");
+        panic!("{observed:?}");
     };
     assert!(babbled.contains("header version 21331, expected 1 or 2"), "{babbled}");
     assert!(back.contains("there again") && closed.contains("closed the connection"), "{back}; {closed}");
 }
 
 #[test]
-fn nobody_there_is_told_at_once() {
+fn a_missing_server_is_reported_at_once() {
     let free = TcpListener::bind("127.0.0.1:0").expect("binds").local_addr().expect("an address");
-    let error = Source::connect(&free.to_string()).expect_err("nobody").to_string();
+    let error = Source::connect(&free.to_string()).expect_err("no server").to_string();
     assert!(error.starts_with(&format!("cannot connect to OpenIGTLink at {free}:")), "{error}");
 }

@@ -1,4 +1,4 @@
-//! What arrives on a connection, cut into messages: knows no socket, so that anything can be fed to it.
+//! What arrives on a connection, cut into messages: has no socket, so that anything can be fed to it.
 
 use super::message::{CRC, Content, HEADER_BYTES, MAX_POINTS, Message, MessageError, POINT_BYTES, unpadded};
 use std::time::Duration;
@@ -38,7 +38,7 @@ pub struct Decoder {
     skip: u64,
 }
 
-/// What a header says.
+/// Content of a header.
 struct Header {
     version: u16,
     kind: String,
@@ -103,11 +103,11 @@ fn within_extended(body: &[u8]) -> Option<&[u8]> {
 }
 
 impl Decoder {
-    /// Takes what has arrived and tells what it completes, in order.
+    /// Takes what has arrived and passes on what it completes, in order.
     ///
     /// # Errors
     /// [`Broken`]: nothing after it can be understood.
-    pub fn feed(&mut self, mut bytes: &[u8], mut tell: impl FnMut(Arrival)) -> Result<(), Broken> {
+    pub fn feed(&mut self, mut bytes: &[u8], mut on_arrival: impl FnMut(Arrival)) -> Result<(), Broken> {
         while !bytes.is_empty() {
             if self.skip > 0 {
                 let passed = usize::try_from(self.skip).unwrap_or(usize::MAX).min(bytes.len());
@@ -119,8 +119,8 @@ impl Decoder {
             let (taken, rest) = bytes.split_at(wanted.saturating_sub(self.kept.len()).min(bytes.len()));
             self.kept.extend_from_slice(taken);
             bytes = rest;
-            if let Some(arrival) = self.look()? {
-                tell(arrival);
+            if let Some(arrival) = self.complete()? {
+                on_arrival(arrival);
             }
         }
         Ok(())
@@ -141,7 +141,7 @@ impl Decoder {
     }
 
     /// What the bytes that are kept amount to.
-    fn look(&mut self) -> Result<Option<Arrival>, Broken> {
+    fn complete(&mut self) -> Result<Option<Arrival>, Broken> {
         let Some(header) = self.header() else { return Ok(None) };
         if !(1..=2).contains(&header.version) {
             return Err(Broken::Version(header.version));

@@ -1,4 +1,4 @@
-//! The device as the host sees it: commands that are answered, and a stream of what it says on its own.
+//! The device from the host's side: commands that are answered, and a stream of what it sends unsolicited.
 //!
 //! A command is sent again when no answer comes, a bounded number of times; the device carries it out once. What arrives
 //! while an answer is awaited is kept in order and handed out by [`Client::next`].
@@ -15,14 +15,14 @@ use std::time::{Duration, Instant};
 
 /// How often a command is sent before its answer is given up.
 pub const TRIES: u32 = 5;
-/// How often a question is asked anew that is acknowledged without its answer.
-pub const ASKS: u32 = 5;
+/// How often a request is made that is acknowledged without its answer.
+pub const REQUESTS: u32 = 5;
 /// How long one answer is awaited: several times the longest command and answer at the slowest link the firmware has.
 pub const ANSWER_TIMEOUT: Duration = Duration::from_millis(600);
-/// How long the device may say nothing while it streams before it counts as gone.
+/// How long the device may send nothing while it streams before it counts as gone.
 pub const SILENCE_LIMIT: Duration = Duration::from_secs(3);
 
-/// What the device says on its own.
+/// What the device sends unsolicited.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Telemetry {
     /// Samples in SI units.
@@ -76,8 +76,8 @@ pub struct Client {
     /// Token of the connection, which every command carries.
     connection: u32,
     next_id: u16,
-    /// Id of a question whose answer nobody waits for: [`Self::ask_on_the_way`].
-    open_question: Option<u16>,
+    /// Id of a status request whose answer is not waited for: [`Self::request_status`].
+    open_request: Option<u16>,
     hello: Hello,
     /// Number of the last frame of the greeting: what comes next follows it.
     hello_sequence: u32,
@@ -86,21 +86,21 @@ pub struct Client {
 }
 
 impl Client {
-    /// Opens a port and says hello.
+    /// Opens a port and sends a hello.
     ///
     /// # Errors
-    /// Where the port cannot be opened, nobody answers, or who answers speaks another protocol.
+    /// Where the port cannot be opened, there is no answer, or the answer is of another protocol.
     pub fn connect(port: &str) -> Result<Self, LinkError> {
         Self::connect_within(port, TRIES)
     }
 
-    /// As [`Self::connect`], giving up after `tries` hellos: for looking through ports.
+    /// As [`Self::connect`], giving up after `tries` hellos: for trying several ports.
     ///
     /// # Errors
     /// As [`Self::connect`].
     pub fn connect_within(port: &str, tries: u32) -> Result<Self, LinkError> {
         let mut wire = Wire::open(port)?;
-        let mut said: Option<(u32, Hello)> = None;
+        let mut answer: Option<(u32, Hello)> = None;
         for id in 0..tries.max(1) {
             wire.send(&Command { id: id as u16, connection: 0, request: Request::Hello })?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
@@ -110,12 +110,12 @@ impl Client {
                     Received::HelloOfVersion(theirs) => return Err(other_version(port, theirs)),
                     Received::Nothing => continue,
                 };
-                match (frame.message, &said) {
+                match (frame.message, &answer) {
                     (Message::Hello(hello), _) => {
                         check_protocol(port, &hello)?;
-                        said = Some((frame.boot_id, hello));
+                        answer = Some((frame.boot_id, hello));
                     }
-                    // The token belongs to the start that said hello, whichever of its hellos it answers.
+                    // The token belongs to the start that sent the hello, whichever of its hellos it answers.
                     (Message::Connected { connection }, Some((boot_id, hello)))
                         if frame.boot_id == *boot_id =>
                     {
@@ -124,9 +124,9 @@ impl Client {
                             inbox: VecDeque::new(),
                             boot_id: *boot_id,
                             connection,
-                            // An answer to a hello that is still on its way is no answer to what is asked next.
+                            // An answer to a hello that is still on its way is no answer to the next request.
                             next_id: tries.max(1) as u16,
-                            open_question: None,
+                            open_request: None,
                             hello: hello.clone(),
                             hello_sequence: frame.sequence,
                             sequence: frame.sequence,
@@ -136,13 +136,13 @@ impl Client {
                 }
             }
         }
-        Err(match said {
+        Err(match answer {
             Some(_) => LinkError::Unanswered { port: port.to_owned(), command: "hello", tries },
             None => LinkError::NoAnswer { port: port.to_owned(), tries, bytes: wire.bytes() },
         })
     }
 
-    /// Who the device said it is.
+    /// Identity of the device, from its hello.
     pub fn hello(&self) -> &Hello {
         &self.hello
     }
@@ -162,7 +162,7 @@ impl Client {
         self.connection
     }
 
-    /// Has everything seen that goes over the link from now on; the hello that is known already comes first.
+    /// Passes everything that goes over the link from now on to a tap; the hello that is known already comes first.
     pub fn attach_tap(&mut self, mut tap: Box<dyn Tap>) {
         tap.received(&Envelope {
             boot_id: self.boot_id,
@@ -172,8 +172,8 @@ impl Client {
         self.wire.set_tap(Some(tap));
     }
 
-    /// Ends that.
-    pub fn listen_no_more(&mut self) {
+    /// Ends [`Self::attach_tap`].
+    pub fn detach_tap(&mut self) {
         self.wire.set_tap(None);
     }
 
@@ -195,7 +195,7 @@ impl Client {
         if matches!(request, Request::Stream { enable: true }) {
             self.wire.stream_begins();
         }
-        self.ask(request).map(|_| ())
+        self.exchange(request).map(|_| ())
     }
 
     /// State, fault and counters of the device, now.
@@ -203,9 +203,9 @@ impl Client {
     /// # Errors
     /// As [`Self::request`].
     pub fn status(&mut self) -> Result<Status, LinkError> {
-        for _ in 0..ASKS {
-            // The status and the answer to its request are two frames; where only the first is lost, it is asked for anew.
-            if let Some(Message::Status(status)) = self.ask(Request::Status)? {
+        for _ in 0..REQUESTS {
+            // The status and the answer to its request are two frames; where only the first is lost, it is requested again.
+            if let Some(Message::Status(status)) = self.exchange(Request::Status)? {
                 return Ok(status);
             }
         }
@@ -217,8 +217,8 @@ impl Client {
     /// # Errors
     /// As [`Self::request`].
     pub fn calibration(&mut self) -> Result<CalibrationRecord, LinkError> {
-        for _ in 0..ASKS {
-            if let Some(Message::Calibration(record)) = self.ask(Request::Calibration)? {
+        for _ in 0..REQUESTS {
+            if let Some(Message::Calibration(record)) = self.exchange(Request::Calibration)? {
                 return Ok(record);
             }
         }
@@ -230,8 +230,8 @@ impl Client {
     /// # Errors
     /// As [`Self::request`].
     pub fn safety(&mut self) -> Result<Safety, LinkError> {
-        for _ in 0..ASKS {
-            if let Some(Message::Safety(safety)) = self.ask(Request::Safety)? {
+        for _ in 0..REQUESTS {
+            if let Some(Message::Safety(safety)) = self.exchange(Request::Safety)? {
                 return Ok(safety);
             }
         }
@@ -243,8 +243,8 @@ impl Client {
     /// # Errors
     /// As [`Self::request`].
     pub fn description(&mut self) -> Result<Description, LinkError> {
-        for _ in 0..ASKS {
-            if let Some(Message::Description(description)) = self.ask(Request::Describe)? {
+        for _ in 0..REQUESTS {
+            if let Some(Message::Description(description)) = self.exchange(Request::Describe)? {
                 return Ok(description);
             }
         }
@@ -252,30 +252,30 @@ impl Client {
     }
 
     fn nothing_but_acks(&self, command: &'static str) -> LinkError {
-        LinkError::AnswerMissing { port: self.wire.name().to_owned(), command, asked: ASKS }
+        LinkError::AnswerMissing { port: self.wire.name().to_owned(), command, tries: REQUESTS }
     }
 
-    /// Asks for the status without waiting: the answer comes among what the device says on its own. The device hears by it that
-    /// the host is there. A question that has not been answered yet is sent again.
+    /// Requests the status without waiting: the answer comes among what the device sends unsolicited. The request also shows that
+    /// the host is there. A request that has not been answered yet is sent again.
     ///
     /// # Errors
     /// [`LinkError::Gone`].
-    pub fn ask_on_the_way(&mut self) -> Result<(), LinkError> {
-        let id = match self.open_question {
+    pub fn request_status(&mut self) -> Result<(), LinkError> {
+        let id = match self.open_request {
             Some(id) => id,
             None => self.take_id()?,
         };
-        self.open_question = Some(id);
+        self.open_request = Some(id);
         self.wire.send(&Command { id, connection: self.connection, request: Request::Status })
     }
 
-    /// Forgets ends of programs that have been heard and not been taken yet: before a program is accepted they are those of others.
+    /// Forgets ends of programs that have been received and not been taken yet: before a program is accepted they are those of others.
     pub(super) fn forget_ends(&mut self) {
         let is_end = |telemetry: &Telemetry| matches!(telemetry, Telemetry::Event(event) if matches!(event.kind, EventKind::ProgramEnded { .. }));
         self.inbox.retain(|telemetry| !is_end(telemetry));
     }
 
-    /// What the device says next on its own; `None` where it says nothing in time.
+    /// What the device sends next unsolicited; `None` where it sends nothing in time.
     ///
     /// # Errors
     /// [`LinkError::Gone`], [`LinkError::Restarted`].
@@ -293,12 +293,12 @@ impl Client {
         Ok(None)
     }
 
-    /// What the device has said on its own and nobody has taken yet, without waiting for more. What is wrong with the link does
-    /// not matter here: this is how the last words of a device that has gone are heard.
+    /// What the device has sent unsolicited and was not taken yet, without waiting for more. What is wrong with the link does
+    /// not matter here: this is how the last messages of a device that has gone are received.
     pub fn waiting(&mut self) -> Option<Telemetry> {
         while self.inbox.is_empty() {
             match self.receive(Duration::ZERO) {
-                // An answer that nobody waits for any more.
+                // An answer that is not waited for any more.
                 Ok(Some(_)) => {}
                 Ok(None) if !self.inbox.is_empty() => {}
                 Ok(None) | Err(_) => return None,
@@ -307,24 +307,24 @@ impl Client {
         self.inbox.pop_front()
     }
 
-    /// Displacement in SI units of what a status or a batch says in counts.
+    /// Displacement in SI units of what a status or a batch has in counts.
     pub fn displacement_m(&self, counts: [i32; 2]) -> [f64; 2] {
         displacement_m(&self.hello, counts)
     }
 
-    /// Force in SI units of what a status, an event or a batch says in counts.
+    /// Force in SI units of what a status, an event or a batch has in counts.
     pub fn force_n(&self, counts: [i32; 2]) -> [f64; 2] {
         force_n(&self.hello, counts)
     }
 
     /// Sends a command until it is answered; a status or a calibration that comes directly before the answer is returned with it. A
-    /// status further before was told unasked, and may be from before the question.
-    fn ask(&mut self, request: Request) -> Result<Option<Message>, LinkError> {
+    /// status further before was unsolicited, and may be from before the request.
+    fn exchange(&mut self, request: Request) -> Result<Option<Message>, LinkError> {
         let id = self.take_id()?;
-        // Its answer may still come; it is not asked again under its old number.
-        self.open_question = None;
+        // Its answer may still come; it is not requested again under its old number.
+        self.open_request = None;
         let command = Command { id, connection: self.connection, request };
-        let mut told = None;
+        let mut last = None;
         for _ in 0..TRIES {
             self.wire.send(&command)?;
             let deadline = Instant::now() + ANSWER_TIMEOUT;
@@ -332,18 +332,18 @@ impl Client {
                 match self.receive(left)? {
                     Some(Message::Ack { id: answered }) if answered == id => {
                         let before = self.sequence.wrapping_sub(1);
-                        return Ok(told.and_then(|(sequence, said)| (sequence == before).then_some(said)));
+                        return Ok(last.and_then(|(sequence, answer)| (sequence == before).then_some(answer)));
                     }
                     Some(Message::Refused { id: answered, refusal }) if answered == id => {
                         return Err(LinkError::Refused { command: request_name(&request), refusal });
                     }
                     Some(
-                        said @ (Message::Status(_)
+                        answer @ (Message::Status(_)
                         | Message::Calibration(_)
                         | Message::Safety(_)
                         | Message::Description(_)),
                     ) => {
-                        told = Some((self.sequence, said));
+                        last = Some((self.sequence, answer));
                     }
                     _ => {}
                 }
@@ -374,7 +374,7 @@ impl Client {
             let deadline = Instant::now() + ANSWER_TIMEOUT;
             while let Some(left) = deadline.checked_duration_since(Instant::now()) {
                 if let Some(Message::Connected { connection }) = self.receive(left)? {
-                    (self.connection, self.next_id, self.open_question) = (connection, 0, None);
+                    (self.connection, self.next_id, self.open_request) = (connection, 0, None);
                     return Ok(());
                 }
             }
@@ -408,16 +408,16 @@ impl Client {
                 self.inbox.push_back(Telemetry::Event(event));
                 Ok(None)
             }
-            // Most of these come unasked; an answer is handed out both ways.
+            // Most of these come unsolicited; an answer is handed out both ways.
             Message::Status(status) => {
                 self.inbox.push_back(Telemetry::Status(Box::new(status)));
                 Ok(Some(Message::Status(status)))
             }
             answer => {
                 if let Message::Ack { id } | Message::Refused { id, .. } = answer
-                    && self.open_question == Some(id)
+                    && self.open_request == Some(id)
                 {
-                    self.open_question = None;
+                    self.open_request = None;
                 }
                 Ok(Some(answer))
             }
@@ -460,7 +460,7 @@ fn check_protocol(port: &str, hello: &Hello) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// A hello that says this version. One of our own that cannot be read has other fields behind the version.
+/// A hello of this version. One of our own that cannot be read has other fields behind the version.
 pub(super) fn other_version(port: &str, theirs: u16) -> LinkError {
     if theirs == protocol::VERSION {
         return LinkError::OtherSchema {

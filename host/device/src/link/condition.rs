@@ -1,4 +1,4 @@
-//! What a status says of the device itself, in the units of a user: the same fields in every document for machines.
+//! The device's own condition from its status, in the units of a user: the same fields in every document for machines.
 
 use protocol::{Counters, Status};
 use serde::Serialize;

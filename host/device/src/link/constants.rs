@@ -32,7 +32,7 @@ impl Client {
         })
     }
 
-    /// Sets limits; what is not given stays. Returns those that are set then, as the device says.
+    /// Sets limits; what is not given stays. Returns those that are set then, as the device reports.
     ///
     /// # Errors
     /// [`LinkError::Limit`] for a value that the device cannot take, and as [`Self::request`].

@@ -11,7 +11,7 @@ pub enum LinkError {
     /// The port cannot be opened.
     #[error(transparent)]
     Port(#[from] PortError),
-    /// Nobody answered the hello.
+    /// No answer to the hello.
     #[error(
         "{port}: no answer to {tries} hellos ({bytes} bytes received, none of them a valid frame): \
          is this the needle guide, is its firmware flashed, is the rate {rate} baud?",
@@ -40,7 +40,7 @@ pub enum LinkError {
     },
     /// The version is the same but the message types differ.
     #[error(
-        "{port}: the device's message types differ from this program's though both say protocol version {version} \
+        "{port}: the device's message types differ from this program's though both state protocol version {version} \
          (firmware commit {commit}): build both from the same source"
     )]
     OtherSchema {
@@ -61,18 +61,18 @@ pub enum LinkError {
         /// How often it was sent.
         tries: u32,
     },
-    /// A question was acknowledged, but its answer did not come.
+    /// A request was acknowledged, but its answer did not come.
     #[error(
-        "{port}: the device acknowledged `{command}` {asked} times without its answer: the line loses frames, or firmware and \
+        "{port}: the device acknowledged `{command}` {tries} times without its answer: the line loses frames, or firmware and \
          program differ"
     )]
     AnswerMissing {
         /// The port's name.
         port: String,
-        /// The question.
+        /// The request.
         command: &'static str,
-        /// How often it was asked.
-        asked: u32,
+        /// How often it was requested.
+        tries: u32,
     },
     /// A command was refused.
     #[error("the device refused `{command}`: {}", explain_refusal(*refusal))]
@@ -87,12 +87,12 @@ pub enum LinkError {
     Gone {
         /// The port's name.
         port: String,
-        /// What the system says.
+        /// The system's error.
         cause: io::Error,
     },
-    /// The device stopped talking while it streamed or was asked.
+    /// The device fell silent while it streamed or had to answer.
     #[error(
-        "{port}: the device has said nothing for {SILENCE_LIMIT:?}, though it should: check the cable and its supply"
+        "{port}: the device has sent nothing for {SILENCE_LIMIT:?}, though it should: check the cable and its supply"
     )]
     Silent {
         /// The port's name.
@@ -100,13 +100,13 @@ pub enum LinkError {
     },
     /// The device restarted in the middle of something.
     #[error(
-        "{port}: the device restarted in mid-run: `guide status` says why; check its supply, then `guide clear`"
+        "{port}: the device restarted in mid-run: `guide status` reports why; check its supply, then `guide clear`"
     )]
     Restarted {
         /// The port's name.
         port: String,
     },
-    /// A batch was intact but its samples are not what it says.
+    /// A batch was intact but its samples are not what it states.
     #[error("{port}: a batch of samples does not unpack: firmware and program differ")]
     Garbled {
         /// The port's name.
@@ -131,7 +131,7 @@ pub enum LinkError {
     Limit {
         /// Which.
         name: &'static str,
-        /// The value asked for.
+        /// The requested value.
         value: f64,
         /// Least value.
         least: f64,
@@ -164,7 +164,7 @@ pub enum LinkError {
         /// The one that the device works with.
         theirs: String,
     },
-    /// The user asked to stop.
+    /// The user requested a stop.
     #[error("interrupted: the guide was stopped")]
     Interrupted,
     /// A message that this program built cannot be encoded.
@@ -241,20 +241,20 @@ pub fn fault_text(fault: Fault) -> FaultText {
             ("an axis is driven and does not move", "check for a jam, the motor's wires and its supply")
         }
         Fault::FollowingError => {
-            ("an axis cannot follow its setpoint", "check the motor supply, or ask for less speed")
+            ("an axis cannot follow its setpoint", "check the motor supply, or reduce the speed")
         }
         Fault::ForceStuck => {
             ("the force reading does not change at all", "check the converter and its clock")
         }
         Fault::HostSilent => {
-            ("nothing was heard from the host while a program ran", "check the cable and the host")
+            ("nothing was received from the host while a program ran", "check the cable and the host")
         }
         Fault::Restarted => {
             ("the device restarted by itself", "see the reset reason and the last panic, check the supply")
         }
         Fault::Overrun => ("the control task was late", "see the load in `guide status`; report it"),
         Fault::MotorHot => {
-            ("a motor has used up its duty cycle", "let it cool: `guide status` says for how long")
+            ("a motor has used up its duty cycle", "let it cool: `guide status` reports for how long")
         }
         Fault::WrongWay => (
             "an axis moves against the direction in which it is driven",

@@ -29,22 +29,22 @@ pub enum PortError {
         /// The port's name.
         port: String,
     },
-    /// It exists but is no serial port, or the system says something else.
+    /// It exists but is no serial port, or the system reports another error.
     #[error("{port}: cannot be opened as a serial port: {cause}")]
     Other {
         /// The port's name.
         port: String,
-        /// What the system says.
+        /// The system's error.
         cause: serialport::Error,
     },
 }
 
-/// A port that the system knows of.
+/// A port that the system lists.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Listed {
     /// Name to open it by.
     pub name: String,
-    /// What the system says of it: product and serial number of a USB device.
+    /// The system's description of it: product and serial number of a USB device.
     pub description: String,
 }
 

@@ -21,7 +21,7 @@
 //! sweep = true           # in each of the holds
 //! ```
 //!
-//! The device knows moves, ramps, holds and tares, [`MAX_STEPS`] of them; staircases become moves and holds here.
+//! The device has moves, ramps, holds and tares, [`MAX_STEPS`] of them; staircases become moves and holds here.
 
 use formats::session::fields::Fields;
 use formats::session::{Place, SessionError, read_text};
@@ -59,7 +59,7 @@ pub enum ProgramError {
     /// The file cannot be read, and no built-in program has that name.
     #[error("{fault}; it is no built-in program either ({known})", known = known())]
     Read {
-        /// What the operating system said.
+        /// The operating system's error.
         fault: SessionError,
     },
     /// The file is not a program.
@@ -99,7 +99,7 @@ fn known() -> String {
     BUILT_IN.map(|(name, _)| name).join(", ")
 }
 
-/// Positions of guide 2 that a program may ask for; a device knows its own travel.
+/// Positions of guide 2 that a program may require; a device has its own travel.
 const TARGET_MM: [f64; 2] = [-1_000.0, 1_000.0];
 const SPEED_MM_S: [f64; 2] = [0.001, 1_000.0];
 const DURATION_S: [f64; 2] = [0.001, 86_400.0];
@@ -305,7 +305,7 @@ fn micrometres(target_mm: [f64; 2]) -> Result<[i32; 2], &'static str> {
 /// A move to a position (x, y) in millimetres at a speed in millimetres per second.
 ///
 /// # Errors
-/// Says what was expected of a value that no rig could take; the device checks against its own limits.
+/// What was expected of a value that no rig could take; the device checks against its own limits.
 pub fn move_to(target_mm: [f64; 2], speed_mm_s: f64) -> Result<Step, &'static str> {
     let [x_um, y_um] = micrometres(target_mm)?;
     if !(SPEED_MM_S[0]..=SPEED_MM_S[1]).contains(&speed_mm_s) {
@@ -317,7 +317,7 @@ pub fn move_to(target_mm: [f64; 2], speed_mm_s: f64) -> Result<Step, &'static st
 /// A duration in seconds as the device takes it.
 ///
 /// # Errors
-/// Says what was expected of a value that is no duration.
+/// What was expected of a value that is no duration.
 pub fn milliseconds(duration_s: f64) -> Result<u32, &'static str> {
     if (DURATION_S[0]..=DURATION_S[1]).contains(&duration_s) {
         Ok((duration_s * 1e3).round() as u32)

@@ -5,7 +5,7 @@ use protocol::RETREAT_LIMIT_UM;
 
 impl Client {
     /// Displacement of a retreat along the axis with the larger force, against it, micrometres: the longest that the device takes. The
-    /// force counts from the calibration's zero, whatever was tared.
+    /// force counts from the calibration's zero, independent of the tare.
     ///
     /// # Errors
     /// As [`Client::status`].

@@ -1,8 +1,8 @@
 //! Running a motion program on the device and following it to its end.
 //!
-//! The device runs the program by itself; the host follows. Events can be lost, so the end is recognised by whatever says so
-//! first: the event, the state in a batch, or a status. The status is asked for all the time, because the device ends a program
-//! whose host has gone silent; nobody waits for the answer, it comes among the rest.
+//! The device runs the program by itself; the host follows. Events can be lost, so the end is recognised by what arrives
+//! first: the event, the state in a batch, or a status. The status is requested all the time, because the device ends a program
+//! whose host has gone silent; the answer is not waited for, it comes among the rest.
 
 use super::client::{Client, SILENCE_LIMIT, Telemetry};
 use super::error::LinkError;
@@ -12,7 +12,7 @@ use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, Stat
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long one look for telemetry waits: short, so that an interrupt is obeyed soon.
+/// How long one poll for telemetry waits: short, so that an interrupt is handled soon.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// How to run a program.
@@ -26,10 +26,10 @@ pub struct RunOptions<'a> {
     pub interrupted: &'a AtomicBool,
 }
 
-/// Loads a program, starts it and follows it. `observe` sees everything the device says, in order, up to the program's end.
+/// Loads a program, starts it and follows it. `observe` receives everything the device sends, in order, up to the program's end.
 ///
 /// # Errors
-/// What the link, the device or `observe` says. Unless the link itself is gone, the guide has been stopped.
+/// Errors of the link, the device or `observe`. Unless the link itself is gone, the guide has been stopped.
 pub fn run<E: From<LinkError>>(
     client: &mut Client,
     program: &Program,
@@ -42,7 +42,7 @@ pub fn run<E: From<LinkError>>(
     if outcome.is_err() {
         // Where the link is gone the stop cannot arrive; the device ends the program by itself and holds.
         let _ = client.request(Request::Stop);
-        // What had arrived before the failure was noticed belongs to the run; the failure itself is told already.
+        // What had arrived before the failure was noticed belongs to the run; the failure itself is reported already.
         while let Some(telemetry) = client.waiting() {
             if observe(client, &telemetry).is_err() {
                 break;
@@ -70,7 +70,7 @@ fn start(client: &mut Client, program: &Program, options: RunOptions) -> Result<
         crc: protocol::program_crc(&steps),
         start_us,
     })?;
-    // The end of this one, should it be among them because the acceptance came late, is found by asking.
+    // The end of this one, should it be among them because the acceptance came late, is found by the status.
     client.forget_ends();
     client.status()
 }
@@ -84,21 +84,21 @@ fn follow<E: From<LinkError>>(
     let mut end = EndWatch::new(accepted);
     let limit_ms = accepted.silence_limit_ms.max(SILENCE_LIMIT_MS[0]);
     let mut keepalive = Keepalive::new(Instant::now(), accepted.t_us, limit_ms);
-    let mut last_heard = Instant::now();
+    let mut last_received = Instant::now();
     loop {
         if options.interrupted.load(Ordering::Acquire) {
             return Err(LinkError::Interrupted.into());
         }
         if keepalive.is_due(Instant::now()) {
-            client.ask_on_the_way()?;
+            client.request_status()?;
             keepalive.sent(Instant::now());
         }
         if let Some(telemetry) = client.next(POLL_INTERVAL)? {
-            last_heard = Instant::now();
+            last_received = Instant::now();
             observe(client, &telemetry)?;
             keepalive.clock(telemetry.device_us().unwrap_or_default());
-            end.see(&telemetry);
-        } else if last_heard.elapsed() > SILENCE_LIMIT {
+            end.observe(&telemetry);
+        } else if last_received.elapsed() > SILENCE_LIMIT {
             return Err(LinkError::Silent { port: client.port().to_owned() }.into());
         }
         match end.outcome {
@@ -125,7 +125,7 @@ fn follow<E: From<LinkError>>(
 struct EndWatch {
     /// Device time at which the program had been accepted: states from then on are its own.
     accepted_us: u64,
-    seen_active: bool,
+    was_active: bool,
     fault: Option<Fault>,
     /// Why a tare was rejected, and the zero that it found.
     tare: Option<(TareProblem, [i32; 2])>,
@@ -134,41 +134,41 @@ struct EndWatch {
 
 impl EndWatch {
     fn new(accepted: &Status) -> Self {
-        Self { accepted_us: accepted.t_us, seen_active: false, fault: None, tare: None, outcome: None }
+        Self { accepted_us: accepted.t_us, was_active: false, fault: None, tare: None, outcome: None }
     }
 
-    fn see(&mut self, telemetry: &Telemetry) {
+    fn observe(&mut self, telemetry: &Telemetry) {
         match telemetry {
             Telemetry::Event(Event { kind, .. }) => match kind {
                 EventKind::ProgramEnded { outcome } => self.outcome = Some(*outcome),
                 EventKind::Faulted { fault } => self.fault = Some(*fault),
-                EventKind::StepStarted { .. } => self.seen_active = true,
+                EventKind::StepStarted { .. } => self.was_active = true,
                 EventKind::TareRejected { tare, problem } => self.tare = Some((*problem, tare.zero_counts)),
                 EventKind::StepEnded { .. } | EventKind::Tared(_) | EventKind::RetreatEnded { .. } => {}
             },
             Telemetry::Status(status) if status.t_us >= self.accepted_us => {
-                self.told(status.state, status.fault);
+                self.observe_state(status.state, status.fault);
             }
             Telemetry::Status(_) => {}
             // Batches of the time before the start may still be on their way: only a change to rest is an end.
             Telemetry::Samples(batch) => match batch.state {
-                State::Idle if self.seen_active => self.end(Outcome::Completed),
-                State::Faulted | State::Retreating if self.seen_active => self.end(Outcome::Faulted),
+                State::Idle if self.was_active => self.end(Outcome::Completed),
+                State::Faulted | State::Retreating if self.was_active => self.end(Outcome::Faulted),
                 State::Idle | State::Faulted | State::Retreating => {}
-                State::Pending | State::Moving | State::Holding | State::Taring => self.seen_active = true,
+                State::Pending | State::Moving | State::Holding | State::Taring => self.was_active = true,
             },
         }
     }
 
     /// Rest after the acceptance of the program is an end.
-    fn told(&mut self, state: State, fault: Option<Fault>) {
+    fn observe_state(&mut self, state: State, fault: Option<Fault>) {
         match state {
             State::Idle => self.end(Outcome::Completed),
             State::Faulted | State::Retreating => {
                 self.fault = fault;
                 self.end(Outcome::Faulted);
             }
-            State::Pending | State::Moving | State::Holding | State::Taring => self.seen_active = true,
+            State::Pending | State::Moving | State::Holding | State::Taring => self.was_active = true,
         }
     }
 
@@ -194,22 +194,22 @@ mod tests {
     #[test]
     fn rest_from_before_the_start_is_no_end() {
         let mut end = EndWatch::new(&status(5, State::Pending, None));
-        end.see(&batch(State::Idle));
-        end.see(&Telemetry::Status(Box::new(status(4, State::Idle, None))));
+        end.observe(&batch(State::Idle));
+        end.observe(&Telemetry::Status(Box::new(status(4, State::Idle, None))));
         assert_eq!(end.outcome, None);
-        end.see(&batch(State::Pending));
-        end.see(&batch(State::Moving));
+        end.observe(&batch(State::Pending));
+        end.observe(&batch(State::Moving));
         assert_eq!(end.outcome, None);
-        end.see(&batch(State::Idle));
+        end.observe(&batch(State::Idle));
         assert_eq!(end.outcome, Some(Outcome::Completed));
     }
 
     #[test]
-    fn an_end_whose_event_was_lost_is_found_by_asking() {
+    fn an_end_whose_event_was_lost_is_found_by_the_status() {
         let mut end = EndWatch::new(&status(5, State::Pending, None));
-        end.see(&Telemetry::Status(Box::new(status(5, State::Holding, None))));
+        end.observe(&Telemetry::Status(Box::new(status(5, State::Holding, None))));
         assert_eq!(end.outcome, None);
-        end.see(&Telemetry::Status(Box::new(status(6, State::Faulted, Some(Fault::ForceRange)))));
+        end.observe(&Telemetry::Status(Box::new(status(6, State::Faulted, Some(Fault::ForceRange)))));
         assert_eq!((end.outcome, end.fault), (Some(Outcome::Faulted), Some(Fault::ForceRange)));
     }
 }

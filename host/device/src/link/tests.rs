@@ -93,7 +93,7 @@ fn damaged_lost_and_dropped_samples_are_counted_where_they_are_missing() {
 }
 
 #[test]
-fn a_lost_answer_is_asked_for_again_and_the_command_carried_out_once() {
+fn a_command_whose_answer_is_lost_is_repeated_and_carried_out_once() {
     let device = FakeDevice::start(Script { lost_answers: 2, ..Script::default() });
     let mut client = Client::connect(&device.port).expect("connects");
     client.request(Request::ClearFault).expect("answered at the third try");
@@ -110,7 +110,7 @@ fn a_device_that_never_answers_a_command_is_given_up() {
 }
 
 #[test]
-fn a_lost_status_is_asked_for_again_and_an_older_one_is_not_taken_for_it() {
+fn a_lost_status_is_requested_again_and_an_older_one_is_not_taken_for_it() {
     let device = FakeDevice::start(Script { lost_statuses: 2, ..Script::default() });
     let mut client = Client::connect(&device.port).expect("connects");
     assert_eq!(client.status().expect("the third arrives").position_counts, [1, 2]);
@@ -135,7 +135,7 @@ fn a_refusal_is_typed_and_explained() {
 }
 
 #[test]
-fn who_does_not_answer_or_speaks_another_protocol_is_told_apart() {
+fn no_answer_and_another_protocol_are_distinguished() {
     let mute = connect_error(Script { mute: true, ..Script::default() });
     assert!(matches!(mute, LinkError::NoAnswer { tries: 1, bytes: 0, .. }), "{mute}");
     let newer = connect_error(Script { version: protocol::VERSION + 1, ..Script::default() });
@@ -176,7 +176,7 @@ fn an_answer_that_never_comes_with_its_acknowledgement_is_named() {
 }
 
 #[test]
-fn a_port_that_is_not_there_and_one_in_use_are_told_apart() {
+fn a_missing_port_and_one_in_use_are_distinguished() {
     let nowhere = Client::connect("/dev/no-such-port").err().expect("no port");
     assert!(nowhere.to_string().contains("no such port"), "{nowhere}");
     let device = FakeDevice::start(Script::default());
@@ -211,11 +211,11 @@ fn a_fault_ends_the_run_and_is_named() {
     assert_eq!(client.status().expect("answers").state, State::Faulted);
 }
 
-/// A host that is behind has asked for the state before it has looked at what came first.
+/// A host that is behind has requested the state before it has handled what came first.
 #[test]
-fn an_end_found_by_asking_costs_no_sample() {
+fn an_end_found_by_a_status_costs_no_sample() {
     let (_device, mut client) =
-        with_program(&[Act::Batch(32), Act::Batch(32), Act::Batch(9), Act::CompleteUnheard]);
+        with_program(&[Act::Batch(32), Act::Batch(32), Act::Batch(9), Act::CompleteWithoutEvent]);
     let mut samples = 0;
     run(&mut client, &hold(), OPTIONS, |_, telemetry| {
         if let Telemetry::Samples(batch) = telemetry {
@@ -230,7 +230,7 @@ fn an_end_found_by_asking_costs_no_sample() {
     assert_eq!(samples, 73);
 }
 
-/// A host that is behind notices that the port has gone before it has looked at what came first.
+/// A host that is behind notices that the port has gone before it has handled what came first.
 #[test]
 fn a_port_that_goes_away_while_the_host_is_behind_costs_no_sample() {
     let program = [Act::Batch(32), Act::Batch(32), Act::Batch(9), Act::Wait(200), Act::Vanish];
@@ -251,7 +251,7 @@ fn a_port_that_goes_away_while_the_host_is_behind_costs_no_sample() {
 
 /// The device's clock runs ten times as fast as this machine's, as that of a simulated rig may.
 #[test]
-fn a_device_with_a_fast_clock_hears_from_its_host_in_time() {
+fn a_device_with_a_fast_clock_receives_commands_in_time() {
     let mut program = vec![[Act::Batch(32), Act::Wait(3)]; 200].concat();
     program.push(Act::Complete);
     let (device, mut client) = with_program(&program);
@@ -262,7 +262,7 @@ fn a_device_with_a_fast_clock_hears_from_its_host_in_time() {
 }
 
 #[test]
-fn a_device_that_says_nothing_hears_from_its_host_all_the_same() {
+fn a_silent_device_receives_commands_all_the_same() {
     let (device, mut client) = with_program(&[Act::Wait(900), Act::Complete]);
     let (_, ended) = run_program(&mut client);
     ended.expect("completes");
@@ -270,14 +270,14 @@ fn a_device_that_says_nothing_hears_from_its_host_all_the_same() {
 }
 
 #[test]
-fn a_host_that_is_busy_for_too_long_is_told_that_it_fell_silent() {
+fn a_host_that_is_busy_for_too_long_is_reported_as_silent() {
     let mut program = vec![Act::Batch(32); 80];
     program.push(Act::Complete);
     let (_device, mut client) = with_program(&program);
     let (_, ended) = run_program(&mut client);
     let error = ended.expect_err("2.6 s at once");
     assert!(matches!(error, LinkError::ProgramEnded { fault: Some(Fault::HostSilent) }), "{error}");
-    assert!(error.to_string().contains("nothing was heard from the host"), "{error}");
+    assert!(error.to_string().contains("nothing was received from the host"), "{error}");
 }
 
 #[test]
@@ -288,12 +288,12 @@ fn limits_are_set_one_by_one_and_checked_first() {
     let set = client.set_limits(Some(2.5), None).expect("taken");
     assert_eq!(set, Limits { force_n: 2.5, silence_s: 2.0 });
     assert_eq!(client.set_limits(None, Some(5.0)).expect("taken"), Limits { force_n: 2.5, silence_s: 5.0 });
-    for (force_n, silence_s, said) in [
+    for (force_n, silence_s, expected) in [
         (Some(6.0), None, "limit of the force: 6 N, expected 0.001 to 5 N"),
         (Some(f64::NAN), None, "limit of the force: NaN N, expected 0.001 to 5 N"),
         (None, Some(0.1), "limit of the silence: 0.1 s, expected 0.2 to 60 s"),
     ] {
-        assert_eq!(client.set_limits(force_n, silence_s).expect_err("refused").to_string(), said);
+        assert_eq!(client.set_limits(force_n, silence_s).expect_err("refused").to_string(), expected);
     }
     assert_eq!(device.executed().len(), 2, "what cannot be taken is not sent");
 }
@@ -312,7 +312,7 @@ fn a_calibration_is_kept_through_the_restart_that_follows() {
 }
 
 #[test]
-fn a_calibration_that_is_not_kept_is_told() {
+fn a_calibration_that_is_not_kept_is_reported() {
     let device = FakeDevice::start(Script { keeps_no_calibration: true, ..Script::default() });
     let client = Client::connect(&device.port).expect("connects");
     let record = CalibrationRecord { id: Text::new("fake-2"), ..fake::calibration() };

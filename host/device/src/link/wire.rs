@@ -17,7 +17,7 @@ use std::time::Duration;
 /// What has been lost on the way from the device.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
 pub struct LinkLosses {
-    /// Frames that the sequence numbers say were sent and that did not arrive.
+    /// Frames that were sent by the sequence numbers and did not arrive.
     pub frames_missing: u64,
     /// Frames that arrived damaged: checksum or byte stuffing wrong.
     pub frames_corrupt: u64,
@@ -50,9 +50,9 @@ pub enum Received {
     Nothing,
 }
 
-/// Sees everything that goes over a link, in the order in which the host takes it.
+/// Receives everything that goes over a link, in the order in which the host takes it.
 pub trait Tap: Send {
-    /// An intact frame from the device, whatever its place in the order.
+    /// An intact frame from the device, at any place in the order.
     fn received(&mut self, envelope: &Envelope);
     /// A command that was sent.
     fn sent(&mut self, command: &Command);
@@ -103,7 +103,7 @@ impl Wire {
         })
     }
 
-    /// Has everything seen that goes over the link from now on, or nothing any more.
+    /// Passes everything that goes over the link from now on to a tap, or nothing any more.
     pub fn set_tap(&mut self, tap: Option<Box<dyn Tap>>) {
         self.tap = tap;
     }

@@ -1,4 +1,4 @@
-//! Names of what the device says, as people read them.
+//! Names of what the device reports, as people read them.
 
 use protocol::{CalibrationSource, Counters, Request, ResetReason, State};
 
@@ -55,7 +55,7 @@ pub fn counters(counters: &Counters) -> [(u32, &'static str); 13] {
     ]
 }
 
-/// A request as the user knows it.
+/// A request by its name in the command line.
 pub fn request_name(request: &Request) -> &'static str {
     match request {
         Request::Hello => "hello",

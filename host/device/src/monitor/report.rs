@@ -68,10 +68,10 @@ impl Report {
         let mean = state.mean();
         let position_mm = mean.map(|(displacement_m, _)| displacement_m.map(|metres| metres * 1e3));
         let force_n = mean.map(|(_, force_n)| force_n);
-        let [stiffness_x, stiffness_y] = state.stiffness().map(|told| {
-            told.map(|told| Stiffness {
-                n_per_mm: told.value_n_per_m * 1e-3,
-                ci95_n_per_mm: told.ci95_n_per_m.map(|end| end * 1e-3),
+        let [stiffness_x, stiffness_y] = state.stiffness().map(|estimate| {
+            estimate.map(|estimate| Stiffness {
+                n_per_mm: estimate.value_n_per_m * 1e-3,
+                ci95_n_per_mm: estimate.ci95_n_per_m.map(|end| end * 1e-3),
             })
         });
         let [bytes_per_s, samples_per_s] = state.health.per_second();

@@ -1,4 +1,4 @@
-//! One connection: orders become motion programs, and the ends of those are told.
+//! One connection: orders become motion programs, and the ends of those are reported.
 
 use super::health::Carried;
 use super::state::{Event, Outcome};
@@ -12,13 +12,13 @@ use protocol::{
 };
 use std::time::{Duration, Instant};
 
-/// How long one look for telemetry waits: short, so that orders are obeyed soon.
+/// How long one poll for telemetry waits: short, so that orders are handled soon.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
-/// A status that has not come unasked for this long is asked for.
+/// A status that has not come unsolicited for this long is requested.
 const STATUS: Duration = Duration::from_millis(100);
 /// Limit of a device that has not stated its own yet, milliseconds.
 const LIMIT_MS: u32 = 2_000;
-/// How often the link's counters are told.
+/// How often the link's counters are reported.
 const CARRIED: Duration = Duration::from_millis(100);
 /// Speeds of jogs and of the way home, millimetres per second.
 const JOG_MM_S: f64 = 1.0;
@@ -36,12 +36,12 @@ struct Running {
 /// A connected device and what is known of it.
 pub(super) struct Session<'a> {
     client: Client,
-    tell: &'a mut dyn FnMut(Event),
+    on_event: &'a mut dyn FnMut(Event),
     keepalive: Keepalive,
     /// When a status came last.
     status_at: Instant,
-    told: Instant,
-    /// A program waits or runs, or a retreat, whoever started it.
+    reported: Instant,
+    /// A program waits or runs, or a retreat, started by any host.
     active: bool,
     fault: Option<Fault>,
     running: Option<Running>,
@@ -53,17 +53,17 @@ pub(super) struct Session<'a> {
 
 impl<'a> Session<'a> {
     /// Switches telemetry on.
-    pub fn begin(client: Client, tell: &'a mut dyn FnMut(Event)) -> Result<Self, LinkError> {
+    pub fn begin(client: Client, on_event: &'a mut dyn FnMut(Event)) -> Result<Self, LinkError> {
         let hello = client.hello();
         let now = Instant::now();
         let keepalive = Keepalive::new(now, hello.now_us, LIMIT_MS);
-        tell(Event::Connected { boot_id: client.boot_id(), hello: Box::new(hello.clone()) });
+        on_event(Event::Connected { boot_id: client.boot_id(), hello: Box::new(hello.clone()) });
         let mut session = Self {
             client,
-            tell,
+            on_event,
             keepalive,
             status_at: now,
-            told: now,
+            reported: now,
             active: false,
             fault: None,
             running: None,
@@ -71,30 +71,30 @@ impl<'a> Session<'a> {
             next_jog_m: None,
         };
         session.request(Request::Stream { enable: true })?;
-        session.ask()?;
+        session.status()?;
         Ok(session)
     }
 
-    /// Looks once at what the device says, and speaks to it where that is due.
-    pub fn look(&mut self) -> Result<(), LinkError> {
+    /// Polls the device once, and sends what is due.
+    pub fn poll(&mut self) -> Result<(), LinkError> {
         if let Some(telemetry) = self.client.next(POLL_INTERVAL)? {
-            self.heard(telemetry)?;
+            self.received(telemetry)?;
         }
         let now = Instant::now();
         if self.keepalive.is_due(now) || now.saturating_duration_since(self.status_at) >= STATUS {
-            self.ask()?;
+            self.status()?;
         }
-        if self.told.elapsed() >= CARRIED {
-            self.told = Instant::now();
+        if self.reported.elapsed() >= CARRIED {
+            self.reported = Instant::now();
             let carried = Carried { bytes: self.client.bytes(), losses: self.client.losses() };
-            (self.tell)(Event::Carried(carried));
+            (self.on_event)(Event::Carried(carried));
         }
         Ok(())
     }
 
-    /// Has an order carried out. A refusal is told; it does not end the connection.
+    /// Has an order carried out. A refusal is reported; it does not end the connection.
     pub fn handle_command(&mut self, order: Order) -> Result<(), LinkError> {
-        let obeyed = match order {
+        let outcome = match order {
             Order::Tare => self.start("tare".to_owned(), Step::Tare { duration_ms: TARE_MS }, false),
             Order::Home => self.go("home".to_owned(), [0.0; 2], HOME_MM_S, false),
             Order::Jog(by_m) if self.fault.is_some_and(Fault::allows_retreat) => {
@@ -103,18 +103,18 @@ impl<'a> Session<'a> {
             Order::Jog(by_m) => self.jog(by_m),
             Order::Retreat => self.client.away_from_load().and_then(|by_um| self.retreat(by_um)),
             Order::Stop => self.stop(),
-            Order::Clear => self.request(Request::ClearFault).map(|()| self.say("cleared", true)),
+            Order::Clear => self.request(Request::ClearFault).map(|()| self.report("cleared", true)),
         };
-        match obeyed {
+        match outcome {
             Err(refused @ LinkError::Refused { .. }) => {
-                self.say(&refused.to_string(), false);
+                self.report(&refused.to_string(), false);
                 Ok(())
             }
             other => other,
         }
     }
 
-    /// Leaves nothing moving that nobody looks after, and telemetry off.
+    /// Leaves nothing moving unattended, and telemetry off.
     pub fn end(mut self) -> Result<(), LinkError> {
         if self.active || self.running.is_some() {
             self.request(Request::Stop)?;
@@ -122,8 +122,8 @@ impl<'a> Session<'a> {
         self.request(Request::Stream { enable: false })
     }
 
-    fn say(&mut self, text: &str, good: bool) {
-        (self.tell)(Event::Command(Outcome { text: text.to_owned(), good }));
+    fn report(&mut self, text: &str, good: bool) {
+        (self.on_event)(Event::Command(Outcome { text: text.to_owned(), good }));
     }
 
     fn request(&mut self, request: Request) -> Result<(), LinkError> {
@@ -132,11 +132,11 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Asks for the status: it says for certain whether a program has ended whose end was lost.
-    fn ask(&mut self) -> Result<Status, LinkError> {
+    /// Requests the status: it shows for certain whether a program has ended whose end was lost.
+    fn status(&mut self) -> Result<Status, LinkError> {
         let status = self.client.status()?;
         self.keepalive.sent(Instant::now());
-        // What was said before the answer comes first; the answer is among it.
+        // What was sent before the answer comes first; the answer is among it.
         self.catch_up()?;
         match status.state {
             State::Idle => self.ended(End::Completed)?,
@@ -148,7 +148,7 @@ impl<'a> Session<'a> {
 
     fn catch_up(&mut self) -> Result<(), LinkError> {
         while let Some(telemetry) = self.client.waiting() {
-            self.heard(telemetry)?;
+            self.received(telemetry)?;
         }
         Ok(())
     }
@@ -157,14 +157,14 @@ impl<'a> Session<'a> {
         (self.next_jog_m, self.sent_to_m) = (None, None);
         self.request(Request::Stop)?;
         self.running = None;
-        self.say("stopped", true);
+        self.report("stopped", true);
         Ok(())
     }
 
     fn retreat(&mut self, [x_um, y_um]: [i32; 2]) -> Result<(), LinkError> {
         self.request(Request::Retreat { x_um, y_um })?;
         let [x_mm, y_mm] = [x_um, y_um].map(|um| f64::from(um) * 1e-3);
-        self.say(&format!("retreat by x {x_mm:+.3} mm, y {y_mm:+.3} mm ..."), true);
+        self.report(&format!("retreat by x {x_mm:+.3} mm, y {y_mm:+.3} mm ..."), true);
         Ok(())
     }
 
@@ -173,14 +173,14 @@ impl<'a> Session<'a> {
             // One may wait, so that a key that is held down moves evenly; with more of them the guide would go on long after it
             // was let go.
             if self.next_jog_m.replace(by_m).is_some() {
-                self.say("one jog waits already: this one takes its place", true);
+                self.report("one jog waits already: this one takes its place", true);
             }
             return Ok(());
         }
         let from_m = match self.sent_to_m {
             Some(sent_to_m) => sent_to_m,
             None => {
-                let status = self.ask()?;
+                let status = self.status()?;
                 self.client.displacement_m(status.position_counts)
             }
         };
@@ -196,7 +196,7 @@ impl<'a> Session<'a> {
                 self.start(name, step, is_jog)?;
                 self.sent_to_m = Some(to_m);
             }
-            Err(problem) => self.say(&format!("{name}: {problem}"), false),
+            Err(problem) => self.report(&format!("{name}: {problem}"), false),
         }
         Ok(())
     }
@@ -204,17 +204,17 @@ impl<'a> Session<'a> {
     fn start(&mut self, name: String, step: Step, is_jog: bool) -> Result<(), LinkError> {
         self.request(Request::LoadStep { index: 0, step })?;
         self.request(Request::Run { steps: 1, crc: protocol::program_crc(&[step]), start_us: 0 })?;
-        // Ends that are heard up to here are those of earlier programs; this one's, should it be among them because the
-        // acceptance came late, is found by asking.
+        // Ends that are received up to here are those of earlier programs; this one's, should it be among them because the
+        // acceptance came late, is found by the status.
         self.running = None;
         self.catch_up()?;
         self.active = true;
-        self.say(&format!("{name} ..."), true);
+        self.report(&format!("{name} ..."), true);
         self.running = Some(Running { name, is_jog, tare: None });
         Ok(())
     }
 
-    fn heard(&mut self, telemetry: Telemetry) -> Result<(), LinkError> {
+    fn received(&mut self, telemetry: Telemetry) -> Result<(), LinkError> {
         let mut end = None;
         self.keepalive.clock(telemetry.device_us().unwrap_or_default());
         match &telemetry {
@@ -237,14 +237,14 @@ impl<'a> Session<'a> {
                 EventKind::ProgramEnded { outcome } => end = Some(outcome),
                 EventKind::RetreatEnded { outcome } => {
                     let good = matches!(outcome, RetreatOutcome::Unloaded | RetreatOutcome::Moved);
-                    self.say(&format!("retreat: {}", explain_retreat(outcome)), good);
+                    self.report(&format!("retreat: {}", explain_retreat(outcome)), good);
                 }
                 EventKind::TareRejected { .. }
                 | EventKind::StepStarted { .. }
                 | EventKind::StepEnded { .. } => {}
             },
         }
-        (self.tell)(Event::Telemetry(telemetry));
+        (self.on_event)(Event::Telemetry(telemetry));
         end.map_or(Ok(()), |end| self.ended(end))
     }
 
@@ -267,23 +267,23 @@ impl<'a> Session<'a> {
                     let [x, y] = self.client.force_n(counts);
                     format!(", noise x {x:.4} N, y {y:.4} N (sd of one reading)")
                 });
-                self.say(&format!("{name}: done{}", noise.unwrap_or_default()), true);
+                self.report(&format!("{name}: done{}", noise.unwrap_or_default()), true);
                 if let Some(by_m) = next_jog_m {
                     return self.handle_command(Order::Jog(by_m));
                 }
             }
             End::TareRejected => {
                 let text = "rejected: unload the needle, wait until the force has settled, tare again";
-                self.say(&format!("{name}: {text}"), false);
+                self.report(&format!("{name}: {text}"), false);
             }
             End::Stopped => {
                 self.sent_to_m = None;
-                self.say(&format!("{name}: stopped"), false);
+                self.report(&format!("{name}: stopped"), false);
             }
             End::Faulted => {
                 self.sent_to_m = None;
                 let fault = self.fault.map_or("a fault".to_owned(), explain_fault);
-                self.say(&format!("{name}: ended by {fault}"), false);
+                self.report(&format!("{name}: ended by {fault}"), false);
             }
         }
         Ok(())

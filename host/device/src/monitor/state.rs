@@ -1,4 +1,4 @@
-//! What is known of the device from what has happened on its link. Knows neither terminal nor clock: times are handed in.
+//! What is known of the device from what has happened on its link. It has neither terminal nor clock: times are passed in.
 
 use super::health::{Carried, Health};
 use super::traces::Traces;
@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 /// Device time over which force and position are averaged, seconds.
 pub const MEAN_S: f64 = 0.1;
-/// Samples that are averaged at most, whatever the device's clock does.
+/// Samples that are averaged at most, at any behaviour of the device's clock.
 const MEAN_SAMPLES: usize = 1_000;
 /// Values that are older than this are shown as old, seconds.
 const OLD_S: f64 = 1.0;
@@ -26,13 +26,13 @@ pub enum Event {
         /// Who it is.
         hello: Box<Hello>,
     },
-    /// The device said something.
+    /// The device sent something.
     Telemetry(Telemetry),
     /// What the connection has carried by now.
     Carried(Carried),
     /// There is no connection, and why.
     Lost(String),
-    /// Something is to be said about a command.
+    /// Outcome of a command.
     Command(Outcome),
 }
 
@@ -45,7 +45,7 @@ pub struct Outcome {
     pub good: bool,
 }
 
-/// What a device says about its last restart.
+/// A device's report of its last restart.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Restart {
     /// Why it started.
@@ -98,10 +98,10 @@ pub struct State {
     /// Losses, rates and load of the link.
     pub health: Health,
     recent: VecDeque<Point>,
-    /// Latest device time that was heard.
+    /// Latest device time that was received.
     clock_s: Option<f64>,
-    /// When something was heard last.
-    heard_s: Option<f64>,
+    /// When something was received last.
+    received_s: Option<f64>,
     /// Device time of the first sample of this connection.
     streamed_from_s: Option<f64>,
     /// What to add to device time for the time of the plots, which goes on when the device starts again from zero.
@@ -130,7 +130,7 @@ impl State {
         }
     }
 
-    /// The user has read what the device says about its restart.
+    /// The user has read the device's report of its restart.
     pub fn dismiss(&mut self) {
         self.restart = None;
     }
@@ -138,8 +138,8 @@ impl State {
     fn connected(&mut self, boot_id: u32, hello: Box<Hello>, now_s: f64) {
         let now_device_s = hello.now_us as f64 * 1e-6;
         let restarted = self.boot_id.is_some_and(|known| known != boot_id);
-        if restarted && let (Some(clock_s), Some(heard_s)) = (self.clock_s, self.heard_s) {
-            let silence_s = (now_s - heard_s).max(RESTART_GAP_S);
+        if restarted && let (Some(clock_s), Some(received_s)) = (self.clock_s, self.received_s) {
+            let silence_s = (now_s - received_s).max(RESTART_GAP_S);
             self.offset_s += clock_s + silence_s - now_device_s;
         }
         if restarted || (self.boot_id.is_none() && hello.last_panic.is_some()) {
@@ -149,13 +149,13 @@ impl State {
         self.health.connected();
         self.recent.clear();
         self.streamed_from_s = None;
-        (self.clock_s, self.heard_s) = (Some(now_device_s), Some(now_s));
+        (self.clock_s, self.received_s) = (Some(now_device_s), Some(now_s));
         (self.boot_id, self.hello, self.down) = (Some(boot_id), Some(hello), None);
         self.news += 1;
     }
 
     fn telemetry(&mut self, telemetry: Telemetry, now_s: f64) {
-        self.heard_s = Some(now_s);
+        self.received_s = Some(now_s);
         match telemetry {
             Telemetry::Samples(batch) => {
                 self.health.samples(batch.points.len());
@@ -201,9 +201,9 @@ impl State {
         self.down.is_some() || self.silent_s(now_s).is_none_or(|silent_s| silent_s > OLD_S)
     }
 
-    /// Time since something was heard.
+    /// Time since something was received.
     pub fn silent_s(&self, now_s: f64) -> Option<f64> {
-        self.heard_s.map(|heard_s| (now_s - heard_s).max(0.0))
+        self.received_s.map(|received_s| (now_s - received_s).max(0.0))
     }
 
     /// Clock of the device.
@@ -236,13 +236,13 @@ impl State {
 
     /// Stiffness along x and y as the device has estimated it; none before guide 2 has moved far enough to determine it.
     pub fn stiffness(&self) -> [Option<Stiffness>; 2] {
-        let told = self.status.as_ref().map_or([None; 2], |status| status.stiffness);
-        told.map(|told| {
-            let told = told?;
-            let freedom = f64::from(told.readings.checked_sub(2).filter(|freedom| *freedom > 0)?);
+        let fit = self.status.as_ref().map_or([None; 2], |status| status.stiffness);
+        fit.map(|fit| {
+            let fit = fit?;
+            let freedom = f64::from(fit.readings.checked_sub(2).filter(|freedom| *freedom > 0)?);
             let quantile = StudentsT::new(0.0, 1.0, freedom).ok()?.inverse_cdf(0.975);
             let (value_n_per_m, half) =
-                (f64::from(told.slope_mn_per_m) * 1e-3, quantile * f64::from(told.sd_mn_per_m) * 1e-3);
+                (f64::from(fit.slope_mn_per_m) * 1e-3, quantile * f64::from(fit.sd_mn_per_m) * 1e-3);
             Some(Stiffness { value_n_per_m, ci95_n_per_m: [value_n_per_m - half, value_n_per_m + half] })
         })
     }
@@ -262,7 +262,7 @@ impl State {
         self.down.as_ref()
     }
 
-    /// What was said about the last command.
+    /// Outcome of the last command.
     pub fn outcome(&self) -> Option<&Outcome> {
         self.outcome.as_ref()
     }

@@ -4,7 +4,7 @@ use super::*;
 use crate::link::LinkLosses;
 use crate::monitor::testing::{batch, hello, running, status};
 
-fn said(status: Status) -> Event {
+fn received(status: Status) -> Event {
     Event::Telemetry(Telemetry::Status(Box::new(status)))
 }
 
@@ -19,11 +19,11 @@ fn force_and_position_are_means_over_a_tenth_of_a_second() {
 }
 
 #[test]
-fn without_samples_the_status_tells() {
+fn without_samples_the_status_is_used() {
     let mut state = State::new("p");
     assert_eq!(state.mean(), None);
     state.take(Event::Connected { boot_id: 1, hello: hello(0, None) }, 0.0);
-    state.take(said(status(1_000, None)), 0.1);
+    state.take(received(status(1_000, None)), 0.1);
     let (displacement_m, force_n) = state.mean().expect("a status");
     assert!((displacement_m[1] - 1.2e-3).abs() < 1e-12);
     assert!((force_n[1] - 1.893).abs() < 1e-9);
@@ -34,26 +34,26 @@ fn stiffness_comes_with_an_interval_or_not_at_all() {
     let mut state = running(1);
     let [x, y] = state.stiffness();
     assert_eq!(x, None);
-    let y = y.expect("told");
+    let y = y.expect("reported");
     assert!((y.value_n_per_m - 1_530.0).abs() < 1e-9);
     let [low, high] = y.ci95_n_per_m;
     assert!((high - low - 2.0 * 1.962 * 20.0).abs() < 0.1, "{low} to {high}");
     for readings in [0, 1, 2] {
-        let told = protocol::Stiffness { slope_mn_per_m: 1, sd_mn_per_m: 1, readings };
-        state.take(said(Status { stiffness: [Some(told); 2], ..status(2_000_000, None) }), 1.0);
+        let estimate = protocol::Stiffness { slope_mn_per_m: 1, sd_mn_per_m: 1, readings };
+        state.take(received(Status { stiffness: [Some(estimate); 2], ..status(2_000_000, None) }), 1.0);
         assert_eq!(state.stiffness(), [None, None], "{readings} readings leave no freedom");
     }
 }
 
 #[test]
-fn a_fault_stays_until_a_status_says_that_it_is_gone() {
+fn a_fault_stays_until_a_status_is_without_it() {
     let mut state = running(1);
     let event = protocol::Event { t_us: 1_000_000, kind: EventKind::Faulted { fault: Fault::Stall } };
     state.take(Event::Telemetry(Telemetry::Event(event)), 1.0);
     assert_eq!(state.fault, Some(Fault::Stall));
     state.take(Event::Telemetry(batch(1_000, 25)), 1.1);
     assert_eq!(state.fault, Some(Fault::Stall));
-    state.take(said(status(1_100_000, None)), 1.2);
+    state.take(received(status(1_100_000, None)), 1.2);
     assert_eq!(state.fault, None);
 }
 
@@ -61,7 +61,7 @@ fn a_fault_stays_until_a_status_says_that_it_is_gone() {
 fn a_lost_connection_keeps_the_values_and_marks_them_old() {
     let mut state = running(5);
     assert!(!state.is_old(5.5));
-    assert!(state.is_old(6.5), "nothing heard for longer than a second");
+    assert!(state.is_old(6.5), "nothing received for longer than a second");
     let before = state.mean();
     state.take(Event::Lost("unplugged".to_owned()), 5.5);
     state.take(Event::Lost("no such port".to_owned()), 6.5);
@@ -88,7 +88,7 @@ fn a_device_that_starts_again_from_zero_goes_on_in_the_plots() {
     let mut state = running(5);
     state.take(Event::Lost("restarted".to_owned()), 5.0);
     state.take(Event::Connected { boot_id: 8, hello: hello(500_000, Some("src/main.rs:1: oh")) }, 6.0);
-    let restart = state.restart.clone().expect("told");
+    let restart = state.restart.clone().expect("reported");
     assert_eq!(restart.reason, ResetReason::Watchdog);
     assert_eq!(restart.panic.as_deref(), Some("src/main.rs:1: oh"));
     assert_eq!(state.clock_s(), Some(0.5));
@@ -101,7 +101,7 @@ fn a_device_that_starts_again_from_zero_goes_on_in_the_plots() {
 }
 
 #[test]
-fn a_panic_before_the_first_hello_is_told_too() {
+fn a_panic_before_the_first_hello_is_reported_too() {
     let mut state = State::new("p");
     state.take(Event::Connected { boot_id: 1, hello: hello(0, None) }, 0.0);
     assert_eq!(state.restart, None);
@@ -111,7 +111,7 @@ fn a_panic_before_the_first_hello_is_told_too() {
 }
 
 #[test]
-fn memory_is_bounded_whatever_the_device_says() {
+fn memory_is_bounded_for_any_telemetry() {
     let mut state = running(1);
     for i in 0..200 {
         // The clock stands.
@@ -128,7 +128,7 @@ fn every_status_and_every_change_of_the_connection_is_news() {
     let losses = LinkLosses::default();
     for event in [
         Event::Connected { boot_id: 1, hello: hello(0, None) },
-        said(status(0, None)),
+        received(status(0, None)),
         Event::Lost("gone".to_owned()),
         Event::Carried(Carried { bytes: 1, losses }),
         Event::Telemetry(batch(0, 25)),

@@ -1,4 +1,4 @@
-//! What the monitor's tests share: a device that says ordinary things.
+//! What the monitor's tests share: a device in ordinary operation.
 
 use device::link::{Batch, Point, Telemetry};
 use device::monitor::state::{Event, State};
@@ -23,7 +23,7 @@ pub fn hello(now_us: u64, last_panic: Option<&str>) -> Box<Hello> {
             travel_um: 10_000,
             force_range_mn: 5_000,
         },
-        calibration: CalibrationId { id: Text::new("made-up"), crc: 1 },
+        calibration: CalibrationId { id: Text::new("simulated"), crc: 1 },
         last_panic: last_panic.map(Text::new),
     })
 }

@@ -52,7 +52,7 @@ impl Traces {
         let index = (time_s / BIN_S).floor() as i64;
         match self.bins.back_mut() {
             Some(last) if index <= last.index => {
-                // `min` and `max` of two numbers leave out what is no number.
+                // `min` and `max` of two numbers skip what is no number.
                 for (low, value) in last.low.iter_mut().zip(values) {
                     *low = low.min(value);
                 }
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spike_of_one_sample_is_seen_in_the_longest_window() {
+    fn a_spike_of_one_sample_is_visible_in_the_longest_window() {
         let mut traces = Traces::default();
         for i in 0..100_000 {
             let value = if i == 50_000 { 9.0 } else { 0.0 };
@@ -206,7 +206,7 @@ mod tests {
             let (low, high) = inside.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), (_, v)| (l.min(*v), h.max(*v)));
             let (least, greatest) = extremes(&runs);
             prop_assert!(least <= low && greatest >= high);
-            // Nothing is made up either.
+            // Nothing is added either.
             prop_assert!(points.iter().any(|(_, v)| *v == least) && points.iter().any(|(_, v)| *v == greatest));
             // In order of time, and at most one entry per column of a run.
             let places: Vec<usize> = runs.iter().flatten().map(|column| column.place).collect();
@@ -228,7 +228,7 @@ mod tests {
         }
 
         #[test]
-        fn memory_is_bounded_whatever_the_clock_does(
+        fn memory_is_bounded_for_any_clock(
             times in proptest::collection::vec(prop_oneof![-1e12..1e12f64, 0.0..1e3f64, Just(f64::INFINITY)], 0..200),
         ) {
             let mut traces = Traces::default();

@@ -1,4 +1,4 @@
-//! The thread that owns the link: hands the user's orders to the device, tells what happens, and connects again when it has gone.
+//! The thread that owns the link: hands the user's orders to the device, reports what happens, and connects again when it has gone.
 
 use super::session::Session;
 use super::state::{Event, Outcome};
@@ -36,22 +36,22 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts with a device that has been connected. `tell` is called for everything that happens, on the thread of the link: it
+    /// Starts with a device that has been connected. `on_event` is called for everything that happens, on the thread of the link: it
     /// must not take long.
     ///
     /// # Errors
     /// Where the system gives no thread.
-    pub fn start(client: Client, tell: impl FnMut(Event) + Send + 'static) -> io::Result<Self> {
+    pub fn start(client: Client, on_event: impl FnMut(Event) + Send + 'static) -> io::Result<Self> {
         let (sender, orders) = mpsc::channel();
-        let mut link = Link { port: client.port().to_owned(), orders, tell: Box::new(tell) };
+        let mut link = Link { port: client.port().to_owned(), orders, on_event: Box::new(on_event) };
         let thread = std::thread::Builder::new().name("monitor".into()).spawn(move || link.run(client))?;
         Ok(Self { orders: Some(sender), thread: Some(thread) })
     }
 
-    /// Has something done; what becomes of it is told.
+    /// Has something done; its outcome is reported.
     pub fn order(&self, order: Order) {
         if let Some(orders) = &self.orders {
-            // Where the thread has ended nobody can handle_command; `is_running` says so.
+            // Where the thread has ended the order is lost; `is_running` reports it.
             let _ = orders.send(order);
         }
     }
@@ -75,7 +75,7 @@ impl Drop for Worker {
 struct Link {
     port: String,
     orders: Receiver<Order>,
-    tell: Box<dyn FnMut(Event) + Send>,
+    on_event: Box<dyn FnMut(Event) + Send>,
 }
 
 impl Link {
@@ -84,7 +84,7 @@ impl Link {
         let mut connected = Ok(client);
         loop {
             let Err(lost) = connected.and_then(|client| self.serve(client)) else { return };
-            (self.tell)(Event::Lost(lost.to_string()));
+            (self.on_event)(Event::Lost(lost.to_string()));
             // A device that has restarted is there already.
             let pause = if matches!(lost, LinkError::Restarted { .. }) { Duration::ZERO } else { RECONNECT };
             if self.has_quit_within(pause) {
@@ -100,14 +100,14 @@ impl Link {
 
     /// One connection, until the user quits.
     fn serve(&mut self, client: Client) -> Result<(), LinkError> {
-        let Self { orders, tell, .. } = self;
-        let mut session = Session::begin(client, tell)?;
+        let Self { orders, on_event, .. } = self;
+        let mut session = Session::begin(client, on_event)?;
         loop {
             match waiting(orders) {
                 Some(orders) => orders.into_iter().try_for_each(|order| session.handle_command(order))?,
                 None => return session.end(),
             }
-            session.look()?;
+            session.poll()?;
         }
     }
 
@@ -118,7 +118,7 @@ impl Link {
             match self.orders.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
                 Ok(_) => {
                     let text = "not done: there is no connection".to_owned();
-                    (self.tell)(Event::Command(Outcome { text, good: false }));
+                    (self.on_event)(Event::Command(Outcome { text, good: false }));
                 }
                 Err(RecvTimeoutError::Timeout) => return false,
                 Err(RecvTimeoutError::Disconnected) => return true,

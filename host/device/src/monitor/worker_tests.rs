@@ -11,11 +11,11 @@ const TIMEOUT: Duration = Duration::from_secs(10);
 fn started(port: &str) -> (Worker, Receiver<Event>) {
     let (sender, events) = mpsc::channel();
     let client = Client::connect(port).expect("connects");
-    let tell = move |event| {
-        // The test has seen enough.
+    let on_event = move |event| {
+        // The test may have ended.
         let _ = sender.send(event);
     };
-    (Worker::start(client, tell).expect("a thread"), events)
+    (Worker::start(client, on_event).expect("a thread"), events)
 }
 
 fn with_program(program: &[Act]) -> (FakeDevice, Worker, Receiver<Event>) {
@@ -66,7 +66,7 @@ fn moves(device: &FakeDevice) -> Vec<[i32; 2]> {
 }
 
 #[test]
-fn telemetry_is_switched_on_and_off_and_the_state_asked_for() {
+fn telemetry_is_switched_on_and_off_and_the_state_requested() {
     let (device, worker, events) = with_program(&[]);
     assert_eq!(connected(&events), BOOT_ID);
     for _ in 0..5 {
@@ -80,13 +80,13 @@ fn telemetry_is_switched_on_and_off_and_the_state_asked_for() {
 #[test]
 fn jogs_go_on_from_where_the_guide_was_sent_last() {
     let (device, worker, events) = with_program(&[Act::Batch(32), Act::Complete]);
-    for (by_m, said) in [
+    for (by_m, text) in [
         ([0.5e-3, 0.0], "jog to x +0.501 mm, y +0.002 mm"),
         ([0.0, -1e-3], "jog to x +0.501 mm, y -0.998 mm"),
     ] {
         worker.order(Order::Jog(by_m));
-        assert_eq!(outcome(&events), (format!("{said} ..."), true));
-        assert_eq!(outcome(&events), (format!("{said}: done"), true));
+        assert_eq!(outcome(&events), (format!("{text} ..."), true));
+        assert_eq!(outcome(&events), (format!("{text}: done"), true));
     }
     worker.order(Order::Home);
     outcome(&events);
@@ -125,7 +125,7 @@ fn a_stop_makes_what_waits_void() {
 
 #[test]
 fn an_end_that_was_lost_is_found_and_a_fault_is_named() {
-    let (_device, worker, events) = with_program(&[Act::Batch(32), Act::CompleteUnheard]);
+    let (_device, worker, events) = with_program(&[Act::Batch(32), Act::CompleteWithoutEvent]);
     worker.order(Order::Tare);
     assert_eq!(outcome(&events), ("tare ...".to_owned(), true));
     assert_eq!(outcome(&events), ("tare: done".to_owned(), true));
@@ -159,7 +159,7 @@ fn in_a_fault_under_load_jogs_are_retreats_and_a_key_finds_the_way() {
 }
 
 #[test]
-fn what_cannot_be_done_is_told_and_ends_nothing() {
+fn what_cannot_be_done_is_reported_and_ends_nothing() {
     let (_device, worker, events) = with_program(&[]);
     worker.order(Order::Jog([2_000.0, 0.0]));
     let (text, good) = outcome(&events);

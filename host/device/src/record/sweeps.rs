@@ -1,4 +1,4 @@
-//! The sweeps of a motion program: one per hold that asks for one, or all that a tracker tells.
+//! The sweeps of a motion program: one per hold that requires one, or all that a tracker sends.
 
 use super::{AcquisitionObserver, RecordError, Recorder, Ultrasound};
 use crate::link::{Batch, Program};
@@ -10,10 +10,10 @@ const SWEEP_DELAY_S: f64 = 0.3;
 /// How far a tracker's shape can be ahead of the samples that have arrived.
 const AHEAD_S: f64 = 0.1;
 
-/// Follows a program and sees to its sweeps.
+/// Follows a program and takes its sweeps.
 pub(super) struct Sweeps<'a> {
     ultrasound: Ultrasound<'a>,
-    /// Steps that still want a sweep, with the device times of their first and their last sample so far.
+    /// Steps that still need a sweep, with the device times of their first and their last sample so far.
     wanted: BTreeMap<u8, Option<[f64; 2]>>,
     under_way: Option<(SweepTask, u8, f64)>,
 }
@@ -25,7 +25,7 @@ impl<'a> Sweeps<'a> {
         Self { wanted: wanted.map(|(index, _)| (index, None)).collect(), ultrasound, under_way: None }
     }
 
-    /// Looks at samples, after they have been recorded.
+    /// Takes samples, after they have been recorded.
     pub fn follow(
         &mut self,
         batch: &Batch,
@@ -33,10 +33,10 @@ impl<'a> Sweeps<'a> {
         observer: &mut dyn AcquisitionObserver,
     ) -> Result<(), RecordError> {
         if let (Some(first), Some(last)) = (batch.points.first(), batch.points.last())
-            && let Some(seen) = batch.step.and_then(|step| self.wanted.get_mut(&step))
+            && let Some(span) = batch.step.and_then(|step| self.wanted.get_mut(&step))
         {
-            let [from_s, _] = seen.unwrap_or([first.time_s, first.time_s]);
-            *seen = Some([from_s, last.time_s]);
+            let [from_s, _] = span.unwrap_or([first.time_s, first.time_s]);
+            *span = Some([from_s, last.time_s]);
         }
         match &mut self.ultrasound {
             Ultrasound::Absent => Ok(()),
@@ -44,17 +44,17 @@ impl<'a> Sweeps<'a> {
             Ultrasound::Tracker(tracker) => {
                 tracker.samples(batch);
                 let times_s = recorder.track(tracker, observer)?;
-                let told = |seen: &Option<[f64; 2]>| {
-                    let [from_s, to_s] = seen.unwrap_or([f64::INFINITY; 2]);
+                let is_tracked = |span: &Option<[f64; 2]>| {
+                    let [from_s, to_s] = span.unwrap_or([f64::INFINITY; 2]);
                     times_s.iter().any(|time_s| (from_s..=to_s + AHEAD_S).contains(time_s))
                 };
-                self.wanted.retain(|_, seen| !told(seen));
+                self.wanted.retain(|_, span| !is_tracked(span));
                 Ok(())
             }
         }
     }
 
-    /// Starts the command in a hold that wants a sweep, and takes what it has printed.
+    /// Starts the command in a hold that needs a sweep, and takes what it has printed.
     fn run_command(
         &mut self,
         batch: &Batch,
@@ -101,7 +101,7 @@ impl<'a> Sweeps<'a> {
                     RecordError::HoldTooShort { number: number(step) }
                 }
             }),
-            Some((step, None)) => Err(RecordError::HoldNotSeen { number: number(step) }),
+            Some((step, None)) => Err(RecordError::HoldWithoutSamples { number: number(step) }),
             None => Ok(()),
         }
     }

@@ -109,7 +109,7 @@ fn a_fault_costs_nothing_that_had_arrived() {
 #[test]
 fn a_hold_that_is_over_before_its_sweep_is_an_error() {
     let (_, ended, _) = record(playing(&[Act::Complete]), &hold(true));
-    assert!(matches!(ended, Err(RecordError::HoldNotSeen { number: 1 })), "{ended:?}");
+    assert!(matches!(ended, Err(RecordError::HoldWithoutSamples { number: 1 })), "{ended:?}");
     let program = [Act::Batch(32), Act::Complete];
     let (_, ended, _) = record(playing(&program), &hold(true));
     assert!(matches!(ended, Err(RecordError::HoldTooShort { number: 1 })), "{ended:?}");

@@ -4,7 +4,7 @@
 //! for people and tools, made anew from the frames by `guide recover`.
 //!
 //! Samples are messages of their own, because a plot over time needs a time per value, which arrays of a batch do not have. They
-//! are in the encoding of ROS 1: plain fields without padding, whose schema is a text that every reader of recordings knows. A
+//! are in the encoding of ROS 1: plain fields without padding, whose schema is a text that every reader of recordings has. A
 //! sample takes 23 bytes; as JSON it would take 150, a thousand times a second. What comes rarely is JSON, which needs no tool.
 
 use super::format::{op, record, sized};
@@ -193,7 +193,7 @@ pub const ABOUT: &[(&str, &str)] = &[
     ("program_version", "string"),
 ];
 
-/// A JSON schema of an object with these fields; one that is not known is left out or null.
+/// A JSON schema of an object with these fields; one that is not known is absent or null.
 fn json_schema(fields: &[(&str, &str)]) -> String {
     let properties: serde_json::Map<_, _> =
         fields.iter().map(|(name, kind)| ((*name).to_owned(), serde_json::json!({ "type": kind }))).collect();

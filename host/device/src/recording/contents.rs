@@ -1,7 +1,7 @@
 //! What a recording holds, and what it does not hold any more.
 
 use super::error::RecordingError;
-use super::replay::{Damages, Heard, Replay};
+use super::replay::{Damages, Replay, ReplayItem};
 use crate::link::error::explain_fault;
 use protocol::{EventKind, Fault, Hello, Message, Order};
 use serde::Serialize;
@@ -42,7 +42,7 @@ pub struct Contents {
     /// Restarts of the device.
     pub restarts: u64,
     /// Faults that were latched: the first of them.
-    pub faults: Vec<FaultSeen>,
+    pub faults: Vec<RecordedFault>,
     /// What is wrong with the file.
     pub damage: Damages,
 }
@@ -66,8 +66,8 @@ pub struct Device {
 
 /// A fault.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FaultSeen {
-    /// Device time at which it was latched or first told, seconds.
+pub struct RecordedFault {
+    /// Device time at which it was latched or first reported, seconds.
     pub time_s: f64,
     /// Its number.
     pub number: u8,
@@ -76,16 +76,16 @@ pub struct FaultSeen {
 }
 
 impl Contents {
-    /// Goes through a recording. `progress` is told how many bytes have been read.
+    /// Goes through a recording. `progress` is called with the bytes read.
     ///
     /// # Errors
     /// [`RecordingError`]; damage is none, it is among the contents.
     pub fn read(path: &Path, progress: &mut dyn FnMut(u64)) -> Result<Self, RecordingError> {
         let mut replay = Replay::open(path)?;
         let mut survey = Survey::default();
-        while let Some(heard) = replay.next()? {
+        while let Some(item) = replay.next()? {
             progress(replay.position());
-            survey.see(&heard);
+            survey.observe(&item);
         }
         Ok(survey.contents(&replay))
     }
@@ -96,13 +96,13 @@ impl Contents {
 pub struct Survey {
     times_s: Option<[f64; 2]>,
     fault: Option<Fault>,
-    faults: Vec<FaultSeen>,
+    faults: Vec<RecordedFault>,
 }
 
 impl Survey {
-    /// Takes what was heard next.
-    pub fn see(&mut self, heard: &Heard) {
-        let Heard::Frame { envelope, order, batch, .. } = heard else { return };
+    /// Takes the next item.
+    pub fn observe(&mut self, item: &ReplayItem) {
+        let ReplayItem::Frame { envelope, order, batch, .. } = item else { return };
         if matches!(order, Order::Duplicate | Order::Late) {
             return;
         }
@@ -124,12 +124,12 @@ impl Survey {
             && self.faults.len() < LISTED_FAULTS
         {
             let cause = explain_fault(fault);
-            self.faults.push(FaultSeen { time_s: t_us as f64 * 1e-6, number: fault as u8, cause });
+            self.faults.push(RecordedFault { time_s: t_us as f64 * 1e-6, number: fault as u8, cause });
         }
         self.fault = fault;
     }
 
-    /// What there was, once all was heard.
+    /// The contents, once all items were taken.
     pub fn contents(self, replay: &Replay) -> Contents {
         let totals = replay.totals();
         let device = replay.first_hello().and_then(|(envelope, _)| match &envelope.message {

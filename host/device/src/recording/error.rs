@@ -15,7 +15,7 @@ pub enum RecordingError {
         offset: u64,
         /// What was tried.
         action: &'static str,
-        /// What the operating system said.
+        /// The operating system's error.
         cause: std::io::Error,
     },
     /// The file is something else.
@@ -65,9 +65,9 @@ pub enum RecordingError {
     Unknown {
         /// The file.
         path: PathBuf,
-        /// What is not known.
+        /// What is missing.
         what: &'static str,
-        /// The option that tells it.
+        /// The option that gives it.
         option: &'static str,
     },
     /// No samples.
@@ -93,13 +93,13 @@ pub enum RecordingError {
     },
 }
 
-/// Where something failed; that it was the beginning says nothing.
+/// Where something failed; the beginning of the file is not mentioned.
 fn at_byte(offset: u64) -> String {
     if offset == 0 { String::new() } else { format!(" at byte {offset}") }
 }
 
 impl RecordingError {
-    /// Wraps what the operating system says.
+    /// Wraps the operating system's error.
     pub(super) fn io(
         path: &std::path::Path,
         offset: u64,

@@ -2,7 +2,7 @@
 
 use super::contents::{Contents, Survey};
 use super::error::RecordingError;
-use super::replay::{Heard, Replay};
+use super::replay::{Replay, ReplayItem};
 use crate::link::Batch;
 use crate::record::{Recorder, provenance};
 use formats::session::{SessionWriter, Setup};
@@ -11,7 +11,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// What a session needs to know and the recording may not tell; what is given goes before what is recorded.
+/// What a session needs and the recording may not have; what is given goes before what is recorded.
 #[derive(Debug, Clone, Default)]
 pub struct RunOptions {
     /// Name of the run.
@@ -36,8 +36,8 @@ pub struct Exported {
 /// Writes the rows that `guide record` or `guide acquire` wrote, bit for bit, as a lateral run of a session.
 ///
 /// # Errors
-/// [`RecordingError::Unknown`] where depth or rig are neither recorded nor given, [`RecordingError::NoHello`], what the session
-/// says.
+/// [`RecordingError::Unknown`] where depth or rig are neither recorded nor given, [`RecordingError::NoHello`], errors of
+/// the session.
 pub fn to_session(
     from: &Path,
     dir: &Path,
@@ -154,10 +154,10 @@ fn each_batch(
     mut take: impl FnMut(&Batch) -> Result<(), RecordingError>,
 ) -> Result<Contents, RecordingError> {
     let mut survey = Survey::default();
-    while let Some(heard) = replay.next()? {
+    while let Some(item) = replay.next()? {
         progress(replay.position());
-        survey.see(&heard);
-        if let Heard::Frame { batch: Some(batch), .. } = &heard {
+        survey.observe(&item);
+        if let ReplayItem::Frame { batch: Some(batch), .. } = &item {
             take(batch)?;
         }
     }

@@ -6,7 +6,7 @@
 //!
 //! * **Written** in chunks with a checksum each, at least every fifth of a second, each in one piece and handed on to the disk.
 //!   Nothing is kept in memory for a chunk that is written: the file's index is made from the file when it is finished.
-//! * **Read** chunk by chunk. Where a chunk is damaged or cut off, the reader looks for the next intact one, and takes from the
+//! * **Read** chunk by chunk. Where a chunk is damaged or cut off, the reader searches the next intact one, and takes from the
 //!   bytes between them every frame whose own checksum is right. A frame that is not what the device sent is never read.
 // What is read cannot make it panic.
 #![cfg_attr(
@@ -27,7 +27,7 @@ mod transcript;
 mod views;
 mod writer;
 
-pub use contents::{Contents, Device, FaultSeen};
+pub use contents::{Contents, Device, RecordedFault};
 pub use error::RecordingError;
 pub use reader::Damage;
 pub use recorder::{RawFile, RawRecorder};

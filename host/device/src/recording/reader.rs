@@ -1,7 +1,7 @@
 //! Reading the container: intact chunks, one at a time, and what can be saved between them.
 //!
-//! Only what a checksum covers is believed. Where the records do not follow each other as they should, everything from the end of
-//! the last one that was sound is looked through for the next intact chunk; the frames in between are found by the same receiver
+//! Only what a checksum covers is accepted. Where the records do not follow each other as they should, everything from the end of
+//! the last one that was sound is searched for the next intact chunk; the frames in between are found by the same receiver
 //! that finds them on the line.
 
 use super::error::RecordingError;
@@ -11,7 +11,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Bytes that are looked through at a time.
+/// Bytes that are searched at a time.
 const WINDOW_BYTES: u64 = 64 << 10;
 /// Bytes that a chunk's head takes, its record's included.
 const HEAD_BYTES: u64 = RECORD_HEAD + CHUNK_HEAD;
@@ -51,7 +51,7 @@ pub struct Reader {
     finished: bool,
 }
 
-/// Looking for the next intact chunk.
+/// The search for the next intact chunk.
 #[derive(Debug)]
 struct Search {
     from: u64,
@@ -118,7 +118,7 @@ impl Reader {
     pub fn next(&mut self) -> Result<Option<Piece>, RecordingError> {
         loop {
             if self.search.is_some() {
-                return self.look_through().map(Some);
+                return self.search_window().map(Some);
             }
             if self.at >= self.length {
                 return Ok(None);
@@ -146,8 +146,8 @@ impl Reader {
         }
     }
 
-    /// Looks through one window for an intact chunk and saves the frames before it.
-    fn look_through(&mut self) -> Result<Piece, RecordingError> {
+    /// Searches one window for an intact chunk and saves the frames before it.
+    fn search_window(&mut self) -> Result<Piece, RecordingError> {
         let Some(mut search) = self.search.take() else { return Ok(Piece::Saved(Vec::new())) };
         if self.at >= self.length {
             return Ok(Piece::Damage(Damage { offset: search.from, bytes: self.length - search.from }));
@@ -180,7 +180,7 @@ impl Reader {
             self.sound = self.at;
             return Ok(Piece::Damage(Damage { offset: search.from, bytes: self.at - search.from }));
         }
-        // The next look finds the chunk at once and tells the damage.
+        // The next search finds the chunk at once and reports the damage.
         self.search = Some(search);
         Ok(Piece::Saved(saved))
     }
@@ -233,7 +233,7 @@ impl Reader {
         }
     }
 
-    /// Whether the file ends with a footer that knows where the data ended.
+    /// Whether the file ends with a footer that states where the data ended.
     fn ends_well(&mut self, data_end: u64) -> Result<bool, RecordingError> {
         let tail = RECORD_HEAD + FOOTER_BYTES + MAGIC.len() as u64;
         let Some(footer) = self.length.checked_sub(tail) else { return Ok(false) };
@@ -244,7 +244,7 @@ impl Reader {
         let summary_start = fields.u64();
         let magic = bytes.ends_with(&MAGIC);
         let (_, crc) = (fields.u64(), fields.u32());
-        // A file without a summary says 0.
+        // A file without a summary has 0.
         let right =
             summary_start.is_some_and(|start| start == data_end || (start == 0 && footer == data_end));
         let ends = head == (Some(op::FOOTER), Some(FOOTER_BYTES)) && right && magic;

@@ -23,15 +23,15 @@ const QUEUE: usize = 2_048;
 #[derive(Debug)]
 pub struct RawRecorder {
     path: PathBuf,
-    sender: SyncSender<Said>,
+    sender: SyncSender<Entry>,
     worker: JoinHandle<Result<u64, RecordingError>>,
 }
 
 /// What is handed to the thread.
-enum Said {
-    /// By the device, at this time of this machine's clock.
+enum Entry {
+    /// From the device, at this time of this machine's clock.
     Received(Box<Envelope>, u64),
-    /// By this program.
+    /// From this program.
     Sent(Command),
     /// Nothing further.
     End,
@@ -58,7 +58,7 @@ impl RawRecorder {
             .name("raw recording".into())
             .spawn(move || write(transcript, &receiver))
             .map_err(RecordingError::io(path, 0, "start writing"))?;
-        client.attach_tap(Box::new(Ear(sender.clone())));
+        client.attach_tap(Box::new(RecorderTap(sender.clone())));
         Ok(Self { path: path.to_owned(), sender, worker })
     }
 
@@ -67,8 +67,8 @@ impl RawRecorder {
     /// # Errors
     /// What went wrong with the file since it was begun.
     pub fn finish(self) -> Result<RawFile, RecordingError> {
-        // Where the thread has ended by an error, it tells that.
-        let _ = self.sender.send(Said::End);
+        // Where the thread has ended by an error, it reports that.
+        let _ = self.sender.send(Entry::End);
         match self.worker.join() {
             Ok(outcome) => outcome.map(|bytes| RawFile { path: self.path, bytes }),
             Err(_) => Err(RecordingError::Writer { path: self.path }),
@@ -77,31 +77,31 @@ impl RawRecorder {
 }
 
 /// The end of the link.
-struct Ear(SyncSender<Said>);
+struct RecorderTap(SyncSender<Entry>);
 
-impl Tap for Ear {
+impl Tap for RecorderTap {
     fn received(&mut self, envelope: &Envelope) {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let host_ns = u64::try_from(since_1970.as_nanos()).unwrap_or(u64::MAX);
-        // A recording that has failed does not end what is recorded: its end tells why.
-        let _ = self.0.send(Said::Received(Box::new(envelope.clone()), host_ns));
+        // A recording that has failed does not end what is recorded: its end reports why.
+        let _ = self.0.send(Entry::Received(Box::new(envelope.clone()), host_ns));
     }
 
     fn sent(&mut self, command: &Command) {
-        let _ = self.0.send(Said::Sent(*command));
+        let _ = self.0.send(Entry::Sent(*command));
     }
 }
 
-/// Writes until nothing further is said.
-fn write(mut transcript: Transcript, receiver: &Receiver<Said>) -> Result<u64, RecordingError> {
+/// Writes until nothing further comes.
+fn write(mut transcript: Transcript, receiver: &Receiver<Entry>) -> Result<u64, RecordingError> {
     // When what waits must be written.
     let mut due: Option<Instant> = None;
     loop {
-        let said = match due {
-            None => receiver.recv().unwrap_or(Said::End),
+        let entry = match due {
+            None => receiver.recv().unwrap_or(Entry::End),
             Some(due_at) => match receiver.recv_timeout(due_at.saturating_duration_since(Instant::now())) {
-                Ok(said) => said,
-                Err(RecvTimeoutError::Disconnected) => Said::End,
+                Ok(entry) => entry,
+                Err(RecvTimeoutError::Disconnected) => Entry::End,
                 Err(RecvTimeoutError::Timeout) => {
                     transcript.flush()?;
                     due = None;
@@ -109,10 +109,10 @@ fn write(mut transcript: Transcript, receiver: &Receiver<Said>) -> Result<u64, R
                 }
             },
         };
-        match said {
-            Said::Received(envelope, host_ns) => transcript.envelope(&envelope, host_ns)?,
-            Said::Sent(command) => transcript.command(&command)?,
-            Said::End => return transcript.finish(),
+        match entry {
+            Entry::Received(envelope, host_ns) => transcript.envelope(&envelope, host_ns)?,
+            Entry::Sent(command) => transcript.command(&command)?,
+            Entry::End => return transcript.finish(),
         }
         let due_at = *due.get_or_insert_with(|| Instant::now() + WRITE_INTERVAL);
         if Instant::now() >= due_at {

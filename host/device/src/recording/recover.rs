@@ -3,7 +3,7 @@
 use super::contents::{Contents, Survey};
 use super::error::RecordingError;
 use super::recorder::RawFile;
-use super::replay::{Heard, Replay};
+use super::replay::{Replay, ReplayItem};
 use super::transcript::Transcript;
 use super::writer::Writer;
 use std::path::Path;
@@ -26,15 +26,15 @@ pub fn recover(
         transcript.prime(hello);
     }
     let mut survey = Survey::default();
-    while let Some(heard) = replay.next()? {
+    while let Some(item) = replay.next()? {
         progress(replay.position());
-        survey.see(&heard);
-        match &heard {
-            Heard::Frame { envelope, anchor_ns: own, .. } => {
+        survey.observe(&item);
+        match &item {
+            ReplayItem::Frame { envelope, anchor_ns: own, .. } => {
                 anchor_ns = own.unwrap_or(anchor_ns);
                 transcript.anchored(envelope, anchor_ns)?;
             }
-            Heard::Command(command) => transcript.command(command)?,
+            ReplayItem::Command(command) => transcript.command(command)?,
         }
     }
     let bytes = transcript.finish()?;

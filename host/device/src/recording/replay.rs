@@ -1,10 +1,10 @@
-//! Hearing a recording as the link heard the device: frames in order, with what is missing between them.
+//! Replaying a recording as the link received it: frames in order, with what is missing between them.
 
 use super::channels::{COUNT, Channel};
 use super::error::RecordingError;
 use super::format::{Fields, op};
 use super::reader::{Damage, Piece, Reader};
-use super::transcript::Ears;
+use super::transcript::StreamState;
 use super::views::{About, HelloFrame};
 use crate::link::Batch;
 use crate::link::client::to_batch;
@@ -17,7 +17,7 @@ const LISTED: usize = 20;
 
 /// Something that went over the link.
 #[derive(Debug)]
-pub enum Heard {
+pub enum ReplayItem {
     /// An intact frame from the device.
     Frame {
         /// Its content.
@@ -26,7 +26,7 @@ pub enum Heard {
         order: Order,
         /// Its samples, where it holds some that are to be used.
         batch: Option<Batch>,
-        /// Nanoseconds from the device's clock to the host's, wrapping, where the recording says so.
+        /// Nanoseconds from the device's clock to the host's, wrapping, where the recording states it.
         anchor_ns: Option<u64>,
     },
     /// A command to the device.
@@ -58,19 +58,19 @@ enum Entry {
     OtherVersion(u16),
 }
 
-/// A recording being heard.
+/// A recording being replayed.
 pub struct Replay {
     reader: Reader,
     channels: Channels,
     waiting: VecDeque<Entry>,
-    ears: Ears,
+    stream: StreamState,
     damages: Damages,
     about: Option<About>,
     hello: Option<(Box<Envelope>, u64)>,
 }
 
 impl Replay {
-    /// Opens a recording, clean or damaged, and looks for who the device is.
+    /// Opens a recording, clean or damaged, and finds which device it is.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let mut first = Self::from_start(path)?;
         let (mut about, mut hello, mut other, mut frames) = (None, None, None, false);
@@ -101,7 +101,7 @@ impl Replay {
         }
         let mut replay = Self::from_start(&path)?;
         if let Some((hello, _)) = &hello {
-            replay.ears.prime(hello);
+            replay.stream.prime(hello);
         }
         (replay.about, replay.hello) = (about, hello);
         Ok(replay)
@@ -112,14 +112,14 @@ impl Replay {
             reader: Reader::open(path)?,
             channels: Channels::default(),
             waiting: VecDeque::new(),
-            ears: Ears::default(),
+            stream: StreamState::default(),
             damages: Damages::default(),
             about: None,
             hello: None,
         })
     }
 
-    /// What is recorded, where the recording says so.
+    /// What is recorded, where the recording states it.
     pub fn about(&self) -> Option<&About> {
         self.about.as_ref()
     }
@@ -131,7 +131,7 @@ impl Replay {
 
     /// Who the device is.
     pub fn hello(&self) -> Option<&Hello> {
-        self.ears.hello()
+        self.stream.hello()
     }
 
     /// The file.
@@ -151,7 +151,7 @@ impl Replay {
 
     /// What the tracker has counted so far, as it counts on the link.
     pub fn totals(&self) -> Totals {
-        self.ears.totals()
+        self.stream.totals()
     }
 
     /// What is wrong with the file. Known at the end.
@@ -160,23 +160,23 @@ impl Replay {
     }
 
     /// What went over the link next; nothing at the end.
-    pub fn next(&mut self) -> Result<Option<Heard>, RecordingError> {
+    pub fn next(&mut self) -> Result<Option<ReplayItem>, RecordingError> {
         while let Some(entry) = self.entry()? {
             match entry {
                 Entry::Frame(envelope, anchor_ns) => {
-                    let order = self.ears.hear(&envelope);
+                    let order = self.stream.observe(&envelope);
                     let used = !matches!(order, Order::Duplicate | Order::Late);
-                    let batch = match (&envelope.message, self.ears.hello()) {
+                    let batch = match (&envelope.message, self.stream.hello()) {
                         (Message::Samples(samples), Some(hello)) if used => {
-                            to_batch(hello, samples, self.ears.lost_before)
+                            to_batch(hello, samples, self.stream.lost_before)
                         }
                         _ => None,
                     };
-                    return Ok(Some(Heard::Frame { envelope, order, batch, anchor_ns }));
+                    return Ok(Some(ReplayItem::Frame { envelope, order, batch, anchor_ns }));
                 }
                 Entry::Command(command) => {
-                    self.ears.command(&command);
-                    return Ok(Some(Heard::Command(command)));
+                    self.stream.command(&command);
+                    return Ok(Some(ReplayItem::Command(command)));
                 }
                 Entry::Hello(..) | Entry::About(_) | Entry::OtherVersion(_) => {}
             }

@@ -1,8 +1,8 @@
 //! From envelopes to messages: every frame as it is, and the views of it.
 //!
 //! Publish times are the device's clock, nanoseconds since its start. Log times are the same clock put to this machine's once,
-//! when the device says hello (or is first heard after a restart): between two messages there lies what the device measured.
-//! A frame without a time of its own (an answer, a command) has that of the latest time heard.
+//! when the device sends its hello (or anything first after a restart): between two messages there lies what the device measured.
+//! A frame without a time of its own (an answer, a command) has the latest time received.
 
 use super::channels::Channel;
 use super::error::RecordingError;
@@ -16,11 +16,11 @@ use protocol::{
 /// Channels, hello and what is recorded stand in every so manieth chunk: at most 40 s are without them.
 const ANNOUNCE_CHUNKS: u32 = 256;
 
-/// Follows one device and writes what it says.
+/// Follows one device and writes what it sends.
 pub struct Transcript {
     writer: Writer,
     about: Option<About>,
-    ears: Ears,
+    stream: StreamState,
     /// Nanoseconds from the device's clock to this machine's, wrapping.
     anchor_ns: Option<u64>,
     device_us: u64,
@@ -30,12 +30,12 @@ pub struct Transcript {
 
 impl Transcript {
     /// A recording into this file. `anchor_ns`: nanoseconds from the device's clock to the host's, where they are known before the
-    /// device is heard.
+    /// device sends anything.
     pub fn new(writer: Writer, about: Option<About>, anchor_ns: Option<u64>) -> Self {
         Self {
             writer,
             about,
-            ears: Ears::default(),
+            stream: StreamState::default(),
             anchor_ns,
             device_us: 0,
             announced: None,
@@ -43,9 +43,9 @@ impl Transcript {
         }
     }
 
-    /// Tells what the counts of a boot mean, whose own hello is lost.
+    /// Sets what the counts of a boot mean, whose own hello is lost.
     pub fn prime(&mut self, hello: &Envelope) {
-        self.ears.prime(hello);
+        self.stream.prime(hello);
     }
 
     /// Writes an envelope whose device's clock was put to the host's before, by so many nanoseconds.
@@ -56,26 +56,26 @@ impl Transcript {
 
     /// Writes an envelope that arrived at this time of this machine's clock.
     pub fn envelope(&mut self, envelope: &Envelope, host_ns: u64) -> Result<(), RecordingError> {
-        let restarted = self.ears.boot_id.is_some_and(|boot_id| boot_id != envelope.boot_id);
+        let restarted = self.stream.boot_id.is_some_and(|boot_id| boot_id != envelope.boot_id);
         if restarted || self.anchor_ns.is_none() {
-            let said_us = said_us(&envelope.message).unwrap_or_default();
-            self.anchor_ns = Some(host_ns.wrapping_sub(nanoseconds(said_us)));
+            let device_us = device_us(&envelope.message).unwrap_or_default();
+            self.anchor_ns = Some(host_ns.wrapping_sub(nanoseconds(device_us)));
         }
         self.write_envelope(envelope)
     }
 
     fn write_envelope(&mut self, envelope: &Envelope) -> Result<(), RecordingError> {
-        if self.ears.boot_id.is_some_and(|boot_id| boot_id != envelope.boot_id) {
+        if self.stream.boot_id.is_some_and(|boot_id| boot_id != envelope.boot_id) {
             self.device_us = 0;
         }
-        let heard = self.ears.hear(envelope);
-        let time_us = said_us(&envelope.message).unwrap_or(self.device_us);
+        let order = self.stream.observe(envelope);
+        let time_us = device_us(&envelope.message).unwrap_or(self.device_us);
         self.device_us = self.device_us.max(time_us);
         self.begin()?;
         let mut buffer = [0; MAX_FRAME_TO_HOST];
         let frame = views::frame(envelope, &mut buffer)?;
         self.write(Channel::Frames, time_us, frame)?;
-        if matches!(heard, Order::Duplicate | Order::Late) {
+        if matches!(order, Order::Duplicate | Order::Late) {
             return Ok(());
         }
         match &envelope.message {
@@ -85,10 +85,10 @@ impl Transcript {
             }
             Message::Samples(samples) => self.samples(samples),
             Message::Event(event) => {
-                let view = views::json(&EventView::new(event, self.ears.hello()))?;
+                let view = views::json(&EventView::new(event, self.stream.hello()))?;
                 self.write(Channel::Event, time_us, &view)
             }
-            Message::Status(status) => match self.ears.hello() {
+            Message::Status(status) => match self.stream.hello() {
                 Some(hello) => {
                     let view = views::json(&StatusView::new(status, hello))?;
                     self.write(Channel::Status, time_us, &view)
@@ -106,7 +106,7 @@ impl Transcript {
 
     /// Writes a command that was sent.
     pub fn command(&mut self, command: &Command) -> Result<(), RecordingError> {
-        self.ears.command(command);
+        self.stream.command(command);
         self.begin()?;
         let view = views::json(command)?;
         self.write(Channel::Command, self.device_us, &view)
@@ -129,8 +129,8 @@ impl Transcript {
     }
 
     fn samples(&mut self, samples: &protocol::Samples) -> Result<(), RecordingError> {
-        let lost_before = self.ears.lost_before;
-        let batch = self.ears.hello().and_then(|hello| to_batch(hello, samples, lost_before));
+        let lost_before = self.stream.lost_before;
+        let batch = self.stream.hello().and_then(|hello| to_batch(hello, samples, lost_before));
         let Some(batch) = batch else { return Ok(()) };
         let mut lost_before = lost_before;
         for point in &batch.points {
@@ -157,9 +157,9 @@ impl Transcript {
             let view = views::json(about)?;
             self.write(Channel::About, self.device_us, &view)?;
         }
-        if let Some(Envelope { boot_id, message: Message::Hello(hello), .. }) = &self.ears.hello {
+        if let Some(Envelope { boot_id, message: Message::Hello(hello), .. }) = &self.stream.hello {
             let mut buffer = [0; MAX_FRAME_TO_HOST];
-            let frame = match &self.ears.hello {
+            let frame = match &self.stream.hello {
                 Some(envelope) => views::frame(envelope, &mut buffer)?,
                 None => &[],
             };
@@ -176,13 +176,13 @@ impl Transcript {
     }
 }
 
-/// Hears what the link hears: order, losses, and what the counts mean.
+/// What the link has of the stream: order, losses, and what the counts mean.
 #[derive(Debug, Default)]
-pub struct Ears {
+pub struct StreamState {
     tracker: SequenceTracker,
     boot_id: Option<u32>,
     hello: Option<Envelope>,
-    /// The hello was told beforehand; its own frame is not the second of its number.
+    /// The hello was given beforehand; its own frame is not the second of its number.
     primed: bool,
     /// Id of the command that switched the stream on last: sent again it is the same command.
     stream_command: Option<u16>,
@@ -190,17 +190,17 @@ pub struct Ears {
     pub lost_before: u64,
 }
 
-impl Ears {
+impl StreamState {
     /// Takes a hello that is known from elsewhere than its own frame.
     pub fn prime(&mut self, hello: &Envelope) {
         if self.boot_id.is_none() {
-            self.hear(hello);
+            self.observe(hello);
             self.primed = true;
         }
     }
 
     /// Takes the next envelope.
-    pub fn hear(&mut self, envelope: &Envelope) -> Order {
+    pub fn observe(&mut self, envelope: &Envelope) -> Order {
         if std::mem::take(&mut self.primed) && self.hello.as_ref() == Some(envelope) {
             return Order::First;
         }
@@ -224,7 +224,7 @@ impl Ears {
         }
     }
 
-    /// Who the device is, if it has said so since its start.
+    /// Who the device is, if it has sent a hello since its start.
     pub fn hello(&self) -> Option<&Hello> {
         match &self.hello {
             Some(Envelope { message: Message::Hello(hello), .. }) => Some(hello),
@@ -238,8 +238,8 @@ impl Ears {
     }
 }
 
-/// The device time that a message says.
-fn said_us(message: &Message) -> Option<u64> {
+/// The device time of a message.
+fn device_us(message: &Message) -> Option<u64> {
     match message {
         Message::Hello(hello) => Some(hello.now_us),
         Message::Samples(samples) => Some(samples.t_us),

@@ -1,4 +1,4 @@
-//! What the device says, for people and tools: units instead of counts, names instead of numbers.
+//! The device's messages, for people and tools: units instead of counts, names instead of numbers.
 
 use super::error::RecordingError;
 use crate::link::condition::{Condition, Troubles};
@@ -57,7 +57,7 @@ pub struct EventView {
 }
 
 impl EventView {
-    /// The view of an event; forces in newtons only where the hello has said what a count is.
+    /// The view of an event; forces in newtons only where a hello has stated what a count is.
     pub fn new(event: &Event, hello: Option<&Hello>) -> Self {
         let view = Self { time_s: seconds(event.t_us), ..Self::default() };
         let newtons =
@@ -221,7 +221,7 @@ impl HelloFrame {
     }
 }
 
-/// Appends a sample, as its schema says.
+/// Appends a sample, in the form of its schema.
 pub fn sample(point: &Point, step: Option<u8>, state: State, lost_before: u64, out: &mut Vec<u8>) {
     let [x_m, y_m] = point.displacement_m;
     let [force_x_n, force_y_n] = point.force_n;

@@ -12,7 +12,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// A chunk is written when it is as long as this, whoever waits for it or not.
+/// A chunk is written when it is as long as this, whether a reader waits for it or not.
 const FULL_CHUNK_BYTES: usize = 256 << 10;
 
 /// A recording being written.

@@ -1,8 +1,8 @@
-//! What a model file may say of the sizes of a rig's discrepancy.
+//! The sizes of a rig's discrepancy in a model file.
 
 use std::collections::BTreeMap;
 
-/// Groups whose sizes are found: what a model file may say of them.
+/// Groups whose sizes are found: as in a model file.
 pub const DISCREPANCY_NAMES: [&str; 29] = [
     "modulus from run to run",
     "modulus changing from run to run",

@@ -33,7 +33,7 @@ fn read(text: &str) -> Result<ModelFile, SessionError> {
 }
 
 #[test]
-fn a_model_is_what_the_file_says() {
+fn a_model_has_the_values_of_its_file() {
     let model = read(GOOD).expect("reads");
     assert_eq!(model.learned_from.as_deref(), Some("phantom-a"));
     assert_eq!((model.modulus_pa, model.modulus_ci95_pa), (Some(12_100.0), Some([11_800.0, 12_400.0])));
@@ -48,7 +48,7 @@ fn a_model_is_what_the_file_says() {
 }
 
 #[test]
-fn one_model_replaces_what_it_says_of_another() {
+fn one_model_replaces_the_values_of_another_that_it_states() {
     let other = read(
         "[model]\nformat = 1\n[tip]\nload_n = 0.3\n[[effect]]\nid = \"tissue.skin\"\n[effect.parameters]\nstiffness_n_per_mm = { value = 1 }\n",
     );
@@ -62,10 +62,10 @@ fn one_model_replaces_what_it_says_of_another() {
 #[test]
 fn faults_are_named_with_their_place() {
     let fails = |text: String, place: &str, words: &[&str]| {
-        let said = read(&text).expect_err("a fault").to_string();
-        assert!(said.contains(&format!("model.toml:{place}")), "{place} in {said}");
+        let message = read(&text).expect_err("a fault").to_string();
+        assert!(message.contains(&format!("model.toml:{place}")), "{place} in {message}");
         for word in words {
-            assert!(said.contains(word), "{word} in {said}");
+            assert!(message.contains(word), "{word} in {message}");
         }
     };
     let with = |from: &str, to: &str| {
@@ -92,7 +92,7 @@ fn faults_are_named_with_their_place() {
     fails(with("value = 14.8", "value = inf"), "19:9", &["not a finite number"]);
     fails(with("value = 14.8", "value = \"deep\""), "19:9", &["this is a string", "a number from 1 to 200"]);
     fails(with("value = 14.8", "valeu = 14.8"), "19:1", &["\"valeu\" is not known", "value, ci95"]);
-    // A ratio without a boundary says nothing; a boundary without a ratio says that there is no second layer.
+    // A ratio without a boundary means nothing; a boundary without a ratio means that there is no second layer.
     let without = with("[effect.parameters.boundary_mm]\nvalue = 14.8\n", "");
     fails(without, "", &["effect.parameters.boundary_mm: missing, expected a table with value, 1 to 200"]);
     let without = with("[effect.parameters.k_ratio]\nvalue = 2.1\nci95 = [1.8, 2.4]\n", "");
@@ -121,12 +121,12 @@ fn faults_are_named_with_their_place() {
 }
 
 #[test]
-fn what_cannot_be_written_is_said() {
+fn reports_what_cannot_be_written() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("model.toml");
     let model = ModelFile { modulus_pa: Some(f64::NAN), ..ModelFile::default() };
-    let said = model.write(&path).expect_err("not finite").to_string();
-    assert!(said.contains("k_kpa") && !path.exists(), "{said}");
+    let message = model.write(&path).expect_err("not finite").to_string();
+    assert!(message.contains("k_kpa") && !path.exists(), "{message}");
     assert!(ModelFile::read(&path).expect_err("no file").to_string().contains("model.toml: cannot read"));
     // Plain numbers stay plain.
     let model = ModelFile { modulus_pa: Some(12_100.0), ..ModelFile::default() };

@@ -15,10 +15,10 @@ pub enum SessionError {
         path: PathBuf,
         /// What was tried.
         action: &'static str,
-        /// What the operating system said.
+        /// Error of the operating system.
         cause: std::io::Error,
     },
-    /// Something in a file is not what the format asks for.
+    /// Something in a file is not what the format requires.
     #[error("{place}: {field}: {problem}, expected {expected}")]
     Field {
         /// Where.
@@ -59,7 +59,7 @@ pub enum SessionError {
     Id {
         /// The session file.
         path: PathBuf,
-        /// The id asked for.
+        /// The requested id.
         id: String,
         /// What is wrong with it.
         problem: &'static str,
@@ -150,10 +150,10 @@ pub enum Problem {
     /// A number with a fraction where there can be none.
     #[error("{0} is not a whole number")]
     NotWhole(f64),
-    /// Nothing of this name, but of one that looks like it.
+    /// Nothing of this name, but of a similar one.
     #[error("missing, but there is \"{0}\"")]
     Misspelt(String),
-    /// A file that is named here cannot be read: its path, and what the operating system said.
+    /// A file that is named here cannot be read: its path, and the error of the operating system.
     #[error("cannot read {0}")]
     Unreadable(String),
     /// A name used twice.
@@ -177,7 +177,7 @@ fn article(noun: &str) -> &'static str {
     if noun.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" }
 }
 
-/// The two halves of a parser's message: what is wrong, and what it expected where it says so.
+/// The two halves of a parser's message: what is wrong, and what was expected where it is stated.
 pub fn split_message(message: &str, otherwise: &str) -> (Problem, String) {
     let (what, expected) = match message.strip_prefix("expected ") {
         Some(expected) => ("unexpected text", expected),

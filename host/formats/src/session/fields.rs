@@ -59,7 +59,7 @@ impl<'d> Fields<'d> {
         self.fault(offset, field, problem, expected)
     }
 
-    /// A fault of a field that is not there; one that looks like it is pointed at.
+    /// A fault of a field that is missing, with the place of one of a similar name.
     fn missing(&self, field: &str, expected: impl Into<String>) -> SessionError {
         let found = misspelt(field, self.names()).map(str::to_owned);
         let key = found.as_ref().and_then(|found| self.table.iter().find(|(key, _)| key.get_ref() == found));
@@ -80,7 +80,7 @@ impl<'d> Fields<'d> {
 
     /// The number of the format, of which there is one so far.
     pub fn format(&self) -> Result<(), SessionError> {
-        const EXPECTED: &str = "1, the format that this version of guide knows";
+        const EXPECTED: &str = "1, the format that this version of guide supports";
         let problem = match self.get("format").map(Spanned::get_ref) {
             None => return Err(self.missing("format", EXPECTED)),
             Some(DeValue::Integer(number)) if number.as_str() == "1" => return Ok(()),
@@ -110,7 +110,7 @@ impl<'d> Fields<'d> {
         }
     }
 
-    /// Refuses fields that are not among `known`, for tables in which a misspelt field must not pass unseen.
+    /// Refuses fields that are not among `known`, for tables in which a misspelt field must not be ignored.
     pub fn only(&self, known: &[&str]) -> Result<(), SessionError> {
         let names = || if known.is_empty() { "nothing here".to_owned() } else { known.join(", ") };
         let unknown = self.table.iter().filter(|(key, _)| !known.contains(&key.get_ref().as_ref()));
@@ -123,11 +123,11 @@ impl<'d> Fields<'d> {
         }
     }
 
-    /// Refuses a field that is not among `known` and looks like one that is and is not there; others are left alone.
+    /// Refuses a field that is not among `known` and similar to one that is and is missing; others are ignored.
     pub fn none_misspelt(&self, known: &[&str]) -> Result<(), SessionError> {
         let own = || self.names().filter(|name| !known.contains(name));
         match known.iter().find(|name| self.get(name).is_none() && misspelt(name, own()).is_some()) {
-            Some(name) => Err(self.missing(name, "this name, or one that does not look like it")),
+            Some(name) => Err(self.missing(name, "this name, or one that is not similar")),
             None => Ok(()),
         }
     }
@@ -289,7 +289,7 @@ impl<'d> Fields<'d> {
         }
     }
 
-    /// Whether something is so; not where nothing is said.
+    /// A flag; false where it is not stated.
     pub fn flag(&self, field: &str) -> Result<bool, SessionError> {
         match self.get(field).map(Spanned::get_ref) {
             None => Ok(false),

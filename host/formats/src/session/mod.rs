@@ -102,7 +102,7 @@ pub struct Provenance {
 }
 
 impl Session {
-    /// The calibrations that its lateral runs say they were recorded with, each with its runs' ids, in order of appearance.
+    /// The calibrations with which its lateral runs were recorded, each with its runs' ids, in order of appearance.
     pub fn calibrations(&self) -> Vec<(u32, Vec<&str>)> {
         let mut found: Vec<(u32, Vec<&str>)> = Vec::new();
         for run in &self.lateral {
@@ -131,7 +131,7 @@ pub struct ForceSeries {
     pub force_x_n: Option<Vec<f64>>,
     /// Samples lost just before each row, where the recorder counted them.
     pub lost_before: Option<Vec<f64>>,
-    /// What the device was doing at each row, where the recorder knew it of any.
+    /// What the device was doing at each row, where the recorder has it of any.
     pub marks: Option<Vec<Mark>>,
 }
 

@@ -2,7 +2,7 @@
 
 use strsim::levenshtein;
 
-/// The candidate that looks like a misspelt `wanted`: it differs in case alone, or in two of five characters at
+/// The candidate that is probably a misspelt `wanted`: it differs in case alone, or in two of five characters at
 /// most, and never in more than two.
 pub fn misspelt<'c>(wanted: &str, candidates: impl IntoIterator<Item = &'c str>) -> Option<&'c str> {
     let near = |candidate: &str| {
@@ -24,6 +24,6 @@ mod tests {
         assert_eq!(misspelt("depth_mm", names), Some("Depth_mm"));
         assert_eq!(misspelt("noise", ["nosie"]), Some("nosie"));
         assert_eq!(misspelt("force_n", names), None);
-        assert_eq!(misspelt("id", ["i", "x"]), None, "too short to tell");
+        assert_eq!(misspelt("id", ["i", "x"]), None, "too short");
     }
 }

@@ -112,7 +112,7 @@ impl Setup {
                 Some(session) => session.optional_text("name")?,
                 None => None,
             };
-            // What is left out here has a usual value, and nobody checks the file: a slip must not pass for that.
+            // What is omitted here has a default, and no check follows: a misspelt name must not pass for that.
             file.none_misspelt(&["needle", "rig", "noise", "tissue"])?;
             for (table, known) in
                 [("needle", &NEEDLE[..]), ("rig", &RIG), ("noise", &NOISE), ("tissue", &TISSUE)]
@@ -136,11 +136,11 @@ fn runs<T>(
     kind: &'static str,
     read: impl Fn(&Fields<'_>, String) -> Result<T, SessionError>,
 ) -> Result<Vec<T>, SessionError> {
-    let mut seen = HashSet::new();
+    let mut ids = HashSet::new();
     let mut runs = Vec::new();
     for fields in file.tables(kind)? {
         let id = fields.text("id")?;
-        if !seen.insert(id.clone()) {
+        if !ids.insert(id.clone()) {
             return Err(fields.field_fault("id", Problem::Duplicate(id), "one run per id"));
         }
         runs.push(read(&fields, id)?);

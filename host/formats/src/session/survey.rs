@@ -1,4 +1,4 @@
-//! Reading a session in which much may be wrong: every file is looked at, every fault kept, what can be read is read.
+//! Reading a session in which much may be wrong: every file is checked, every fault kept, what can be read is read.
 
 use super::error::{Place, Problem, SessionError, read_text};
 use super::fields::Fields;
@@ -9,15 +9,15 @@ use mechanics::Rig;
 use std::collections::HashSet;
 use std::path::{Component, Path};
 
-/// All that reading a session tells.
+/// Result of reading a session.
 #[derive(Debug, Default)]
 pub struct Survey {
     /// What could be read; nothing where needle, guides or the whole file could not.
     pub session: Option<Session>,
-    /// What is wrong, at most one thing per table of the session file and per CSV file. Where there is none, [`Session::read`] reads
+    /// What is wrong, at most one fault per table of the session file and per CSV file. Where there is none, [`Session::read`] reads
     /// the same session.
     pub faults: Vec<SessionError>,
-    /// Fields that are not part of the format, which are ignored: a misspelt one looks like this.
+    /// Fields that are not part of the format, which are ignored: a misspelt one is among them.
     pub unknown: Vec<(Place, String)>,
     /// Columns that are not part of the format, with the name of one that is, is not there, and was perhaps meant.
     pub misspelt: Vec<(Place, String, &'static str)>,
@@ -124,9 +124,9 @@ impl Survey {
         let name = self.keep(head).flatten();
         let needle = self.keep(hardware::needle(file));
         let guides_m = self.keep(hardware::guides_m(file));
-        // What is wrong with both is said once.
+        // What is wrong with both is reported once.
         let guides = guides_m.and_then(|_| self.keep(hardware::guides(file)));
-        // Without a table [rig] that has been said already.
+        // Without a table [rig] that has been reported already.
         let fixture_mass_kg = match file.table("rig") {
             Ok(_) => self.keep(hardware::fixture_mass_kg(file)).flatten(),
             Err(_) => None,
@@ -163,12 +163,12 @@ impl Survey {
         kind: &Kind,
         read: impl Fn(&Fields<'_>, String) -> Result<T, SessionError>,
     ) -> Vec<T> {
-        let mut seen = HashSet::new();
+        let mut ids = HashSet::new();
         let mut runs = Vec::new();
         for fields in self.keep(file.tables(kind.name)).unwrap_or_default() {
             self.unknown.extend(fields.others(kind.fields));
             let id = self.keep(fields.text("id")).unwrap_or_default();
-            if !id.is_empty() && !seen.insert(id.clone()) {
+            if !id.is_empty() && !ids.insert(id.clone()) {
                 let problem = Problem::Duplicate(id.clone());
                 self.faults.push(fields.field_fault("id", problem, "one run per id"));
             }
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_that_a_full_disk_cut_off_is_left_out_and_named() {
+    fn a_row_that_a_full_disk_cut_off_is_skipped_and_named() {
         let toml = HEAD.to_owned()
             + "[[lateral]]\nid = \"a\"\ndepth_mm = 30\nforce = \"f.csv\"\nshape = \"s.csv\"\n";
         let force = "time_s,displacement_y_mm,force_y_n,step\n0,0,0,1\n0.001,0,0.1,1\n0.002,0.0";
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn every_file_and_table_is_looked_at() {
+    fn every_file_and_table_is_checked() {
         let run = |id: &str| {
             format!("[[lateral]]\nid = \"{id}\"\ndepth_mm = 30\nforce = \"f.csv\"\nshape = \"s.csv\"\n")
         };

@@ -4,7 +4,7 @@ use super::error::{Place, Problem, SessionError, read_text};
 use super::names::misspelt;
 use std::path::Path;
 
-/// A column the format knows: its name in the file, the factor to SI and the values that can be right, in the file's
+/// A column of the format: its name in the file, the factor to SI and the values that can be right, in the file's
 /// unit.
 #[derive(Debug, Clone, Copy)]
 pub struct Column {
@@ -225,7 +225,7 @@ pub(super) fn cut_row(path: &Path, text: &str) -> Option<CutRow> {
     cut.then(|| CutRow { offset, place: Place::at(path, text, offset) })
 }
 
-/// Optional columns that are not in the header of a text, where one stands that looks like a misspelt one: its place, its name and
+/// Optional columns that are not in the header of a text, where one of a similar name stands: its place, its name and
 /// the name that was perhaps meant.
 pub(super) fn misspelt_columns(
     path: &Path,
@@ -331,11 +331,7 @@ mod tests {
     fn a_last_row_is_cut_off_where_it_has_no_end_and_too_few_cells() {
         let at = |text: &str| cut_row(Path::new("a.csv"), text).map(|cut| (cut.offset, cut.place.line));
         assert_eq!(at("# c\na,b\n1,2\n3"), Some((12, 4)));
-        assert_eq!(
-            at("a,b\n1,2\n3,"),
-            None,
-            "whether its last number is whole cannot be told, but it is there"
-        );
+        assert_eq!(at("a,b\n1,2\n3,"), None, "its last number may be incomplete, but it is there");
         assert_eq!(at("a,b\n1,2\n3\n"), None, "a whole line with too few cells is a fault");
         assert_eq!(at("a,b\n1,2\n3,4"), None);
         assert_eq!(at("a"), None);

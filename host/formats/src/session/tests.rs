@@ -107,7 +107,7 @@ fn faults_in_the_session_file_name_their_place() {
         (
             "format = 1",
             "format = 2",
-            "session.toml:3:10: session.format: 2 is not known, expected 1, the format that this version of guide knows",
+            "session.toml:3:10: session.format: 2 is not known, expected 1, the format that this version of guide supports",
         ),
         ("[rig]", "[gir]", "session.toml:1:1: rig: missing, expected a table [rig]"),
         (

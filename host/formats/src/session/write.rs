@@ -16,7 +16,7 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// What a new session says about itself.
+/// Head of a new session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setup {
     /// Name of the session.
@@ -56,7 +56,7 @@ impl SessionWriter {
     /// # Errors
     /// [`SessionError::OtherRig`] where an existing session has another needle or rig, [`SessionError::OtherTissue`] where
     /// it states another tissue; otherwise as
-    /// [`Session::read`], or what the operating system says.
+    /// [`Session::read`], or an error of the operating system.
     pub fn open(dir: &Path, setup: &Setup) -> Result<Self, SessionError> {
         let path = dir.join("session.toml");
         if path.exists() {

@@ -1,13 +1,13 @@
 //! What each workflow could do with a session: its own first look at every run, without a fit.
 
-use super::{Ability, LeftOut};
+use super::{Ability, Skipped};
 use crate::diagnose::{DiagnoseError, division};
 use crate::identify::{self, examine};
 use crate::insertion::TipPath;
 use crate::track::{self, dynamics};
 use formats::session::Session;
 
-/// Least depth to which an insertion can be seen, millimetres, as `guide predict --until` accepts it.
+/// Least depth to which an insertion can be observed, millimetres, as `guide predict --until` accepts it.
 const MIN_UNTIL_MM: f64 = 5.0;
 /// Bins that a prediction needs to begin with.
 const MIN_BINS: usize = 3;
@@ -30,15 +30,15 @@ pub fn of(session: &Session) -> Vec<Ability> {
 
 impl Ability {
     fn new(command: &'static str) -> Self {
-        Self { command, usable: false, runs: Vec::new(), left_out: Vec::new(), remarks: Vec::new() }
+        Self { command, usable: false, runs: Vec::new(), skipped: Vec::new(), remarks: Vec::new() }
     }
 
     fn lacks(&mut self, reason: String) {
-        self.left_out.push(LeftOut { id: None, reason });
+        self.skipped.push(Skipped { id: None, reason });
     }
 
-    fn leaves_out(&mut self, id: &str, reason: String) {
-        self.left_out.push(LeftOut { id: Some(id.to_owned()), reason });
+    fn skips(&mut self, id: &str, reason: String) {
+        self.skipped.push(Skipped { id: Some(id.to_owned()), reason });
     }
 }
 
@@ -53,7 +53,7 @@ fn identify(session: &Session) -> Ability {
                 ability.runs.push(run.id.clone());
                 ability.remarks.extend(warnings.iter().map(|warning| format!("{}: {warning}", run.id)));
             }
-            Err(why) => ability.leaves_out(&run.id, why.to_string()),
+            Err(why) => ability.skips(&run.id, why.to_string()),
         }
     }
     ability.usable = !ability.runs.is_empty();
@@ -70,19 +70,19 @@ fn predict(session: &Session) -> Ability {
     if session.insertion.is_empty() {
         ability.lacks("no [[insertion]]".to_owned());
     }
-    // The first and last depth up to which every insertion can be seen.
+    // The first and last depth up to which every insertion can be observed.
     let (mut from_mm, mut to_mm) = (MIN_UNTIL_MM, f64::INFINITY);
     for run in &session.insertion {
         let path = match TipPath::new(run) {
             Ok(path) => path,
             Err(why) => {
-                ability.leaves_out(&run.id, format!("{}: {why}", run.path.display()));
+                ability.skips(&run.id, format!("{}: {why}", run.path.display()));
                 continue;
             }
         };
         let Some(begins) = path.bins.get(MIN_BINS - 1) else {
             let found = path.bins.len();
-            ability.leaves_out(&run.id, format!("{found} depths, expected {MIN_BINS} or more"));
+            ability.skips(&run.id, format!("{found} depths, expected {MIN_BINS} or more"));
             continue;
         };
         from_mm = from_mm.max((1e3 * begins.depth_m).ceil());
@@ -96,7 +96,7 @@ fn predict(session: &Session) -> Ability {
             (to_mm - 1.0).max(from_mm)
         ));
     } else if ability.usable {
-        ability.remarks.push("the insertions have no depth in common to be seen up to".to_owned());
+        ability.remarks.push("the insertions have no depth in common for --until".to_owned());
     }
     if ability.usable && session.lateral.is_empty() {
         ability
@@ -129,7 +129,7 @@ fn diagnose(session: &Session) -> Ability {
         Ok(division) => {
             ability.usable = true;
             ability.runs = division.used;
-            division.left_out.into_iter().for_each(|reason| ability.lacks(reason));
+            division.skipped.into_iter().for_each(|reason| ability.lacks(reason));
             ability.remarks.push(division.rule);
             if division.held_out.is_empty() {
                 ability.remarks.push("too little to hold anything out: nothing can be named".to_owned());

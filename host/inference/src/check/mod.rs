@@ -1,4 +1,4 @@
-//! Whether a session is right, and what can be done with it: every fault of every file, what looks wrong though it can be read, and
+//! Whether a session is right, and what can be done with it: every fault of every file, what can be read but is suspect, and
 //! which workflow can use which run. Nothing is fitted.
 
 mod abilities;
@@ -12,7 +12,7 @@ use std::fmt;
 use std::path::Path;
 
 /// Version of the result.
-const SCHEMA: &str = "guide.check/1";
+const SCHEMA: &str = "guide.check/2";
 
 /// How much a finding matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -24,7 +24,7 @@ pub enum Severity {
     Warning,
 }
 
-/// What is wrong, or looks so.
+/// An error or a suspicion.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// How much it matters.
@@ -46,26 +46,26 @@ pub struct Finding {
 pub struct Ability {
     /// The sub-command of `guide`.
     pub command: &'static str,
-    /// Whether it would do anything, once nothing is wrong.
+    /// Whether it would give a result, once nothing is wrong.
     pub usable: bool,
     /// Runs that it would use.
     pub runs: Vec<String>,
-    /// Runs that it would leave out.
-    pub left_out: Vec<LeftOut>,
+    /// Runs that it would skip.
+    pub skipped: Vec<Skipped>,
     /// More of it, for people.
     pub remarks: Vec<String>,
 }
 
 /// A run that a workflow cannot use.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct LeftOut {
+pub struct Skipped {
     /// The run; none where there is no such run at all.
     pub id: Option<String>,
     /// Why.
     pub reason: String,
 }
 
-/// Everything that a check tells.
+/// The result of a check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Check {
     /// Version of this result.
@@ -89,7 +89,7 @@ impl Check {
     }
 }
 
-/// Checks the session in a folder. Whatever is wrong, there is a result.
+/// Checks the session in a folder. There is a result for any content.
 pub fn check(dir: &Path) -> Check {
     let Survey { session, faults, unknown, misspelt, cut_rows, outside } = Session::survey(dir);
     let mut findings: Vec<Finding> = Vec::new();

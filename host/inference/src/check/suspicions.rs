@@ -12,7 +12,7 @@ const MAX_FORCE_N: f64 = 20.0;
 const MAX_INDENTATION_N: f64 = 100.0;
 /// Forces below this are none beside a displacement of [`MOVED_M`].
 const MIN_FORCE_N: f64 = 1e-3;
-/// A displacement that should be felt and seen.
+/// A displacement that should show in force and shape.
 const MOVED_M: f64 = 0.1e-3;
 /// Lateral motions below this are nothing a rig does on purpose; a thousand times as much is: metres for millimetres.
 pub(crate) const MIN_MOTION_M: f64 = 0.02e-3;
@@ -27,15 +27,15 @@ const LONGEST_PERIOD_S: f64 = 5.0;
 /// A gap is so many times as long as the usual time between rows, and this long, seconds.
 const GAP_TIMES: f64 = 10.0;
 const GAP_S: f64 = 0.2;
-/// Share of an insertion's rows that may be left out without a word.
-const LEFT_OUT: f64 = 0.2;
+/// Share of an insertion's rows that may be skipped without a warning.
+const MAX_SKIPPED: f64 = 0.2;
 /// Standard deviations that sensors have: of force, newtons, and of lengths, millimetres.
 const FORCE_SD_N: [f64; 2] = [1e-5, 2.0];
 const LENGTH_SD_MM: [f64; 2] = [1e-4, 2.0];
 /// And of slopes of the needle, milliradians.
 const DIRECTION_SD_MRAD: [f64; 2] = [0.01, 50.0];
 
-/// All that looks wrong.
+/// All suspicions.
 pub fn of(session: &Session) -> Vec<Finding> {
     let mut found = Found { findings: Vec::new() };
     let file = session.dir.join("session.toml");
@@ -53,7 +53,7 @@ pub fn of(session: &Session) -> Vec<Finding> {
     found.findings
 }
 
-/// What looks wrong with units and sizes of what `identify` reads; noise that is merely not stated is no part of it.
+/// Suspected errors of units and sizes in what `identify` reads; noise that is merely not stated is no part of it.
 pub(crate) fn suspicions_of_identification(session: &Session) -> Vec<String> {
     let mut found = Found { findings: Vec::new() };
     let file = session.dir.join("session.toml");
@@ -76,14 +76,14 @@ struct Found {
 }
 
 impl Found {
-    fn say(&mut self, file: &Path, what: String, expected: &str) {
+    fn warn(&mut self, file: &Path, what: String, expected: &str) {
         self.findings.push(Finding::warning(file, what, Some(expected)));
     }
 
-    fn when(&mut self, is_odd: bool, file: &Path, words: impl FnOnce() -> (String, &'static str)) {
-        if is_odd {
+    fn when(&mut self, is_suspect: bool, file: &Path, words: impl FnOnce() -> (String, &'static str)) {
+        if is_suspect {
             let (what, expected) = words();
-            self.say(file, what, expected);
+            self.warn(file, what, expected);
         }
     }
 
@@ -124,7 +124,7 @@ impl Found {
         for (name, sd, _, [least, most], unit) in stated {
             if let Some(sd) = sd.filter(|sd| !(least..=most).contains(sd)) {
                 let what = format!("noise.{name}: {sd}");
-                self.say(
+                self.warn(
                     file,
                     what,
                     &format!("that of a sensor, {least} to {most} {unit}: is the unit right?"),
@@ -141,7 +141,7 @@ impl Found {
                 .map(|(crc, runs)| format!("{} with {crc:08x}", runs.join(", ")))
                 .collect();
             let what = format!("lateral.calibration_crc: runs differ: {}", named.join("; "));
-            self.say(file, what, "runs recorded with one calibration");
+            self.warn(file, what, "runs recorded with one calibration");
         }
     }
 
@@ -151,14 +151,14 @@ impl Found {
         });
         let insertion = session.insertion.iter().map(|run| (run.id.as_str(), run.path.as_path()));
         let steering = session.steering.iter().map(|run| (run.id.as_str(), run.path.as_path()));
-        let mut seen: Vec<(&str, &Path)> = Vec::new();
+        let mut used: Vec<(&str, &Path)> = Vec::new();
         for (id, path) in lateral.chain(insertion).chain(steering) {
-            match seen.iter().find(|(_, other)| *other == path) {
+            match used.iter().find(|(_, other)| *other == path) {
                 Some((first, _)) => {
                     let what = format!("used by {first} and {id}");
-                    self.say(path, what, "a file for every run: the same data count twice");
+                    self.warn(path, what, "a file for every run: the same data count twice");
                 }
-                None => seen.push((id, path)),
+                None => used.push((id, path)),
             }
         }
     }
@@ -184,13 +184,13 @@ impl Found {
         let reach_m = largest(&shape.z_m);
         let reach_mm = mm(reach_m);
         if reach_mm < 1.0 {
-            self.say(shape_path, format!("z_mm: {reach_mm} at most"), "millimetres: is this in metres?");
+            self.warn(shape_path, format!("z_mm: {reach_mm} at most"), "millimetres: is this in metres?");
         } else if reach_m < entry_m {
             let what = format!("z_mm: {reach_mm:.1} at most, all before the surface at {:.1}", 1e3 * entry_m);
-            self.say(shape_path, what, "positions from guide 1: are these from the surface?");
+            self.warn(shape_path, what, "positions from guide 1: are these from the surface?");
         } else if reach_m > tip_m + 2e-3 {
             let what = format!("z_mm: {reach_mm:.1} is beyond the tip at {:.1}", 1e3 * tip_m);
-            self.say(shape_path, what, "positions on the needle: is depth_mm or entry_mm right?");
+            self.warn(shape_path, what, "positions on the needle: is depth_mm or entry_mm right?");
         }
         let bent_m = largest(&shape.y_m).max(shape.x_m.as_deref().map_or(0.0, largest));
         let bent_mm = mm(bent_m);
@@ -219,7 +219,7 @@ impl Found {
         });
         self.when(moved_m > MOVED_M && most_n < MIN_FORCE_N, path, || {
             let what = format!("force_y_n: {most_n} N at most while guide 2 moves by {moved_mm:.2} mm");
-            (what, "a force that is felt: newtons, a sensor that is connected")
+            (what, "a measurable force: newtons, a sensor that is connected")
         });
         self.when(moved_m > 0.0 && moved_m < MIN_MOTION_M, path, || {
             (format!("displacement_y_mm: {moved_mm} at most"), "millimetres: is this in metres?")
@@ -242,7 +242,7 @@ impl Found {
         let Some(usual_s) = steps_s.get(steps_s.len() / 2).copied() else { return };
         if usual_s > LONGEST_PERIOD_S {
             let what = format!("time_s: {usual_s} s from row to row");
-            self.say(path, what, "seconds: are these milliseconds?");
+            self.warn(path, what, "seconds: are these milliseconds?");
             return;
         }
         let is_gap = |step_s: f64| step_s > (GAP_TIMES * usual_s).max(GAP_S);
@@ -255,7 +255,7 @@ impl Found {
         if let Some((from_s, to_s)) = gaps.first() {
             let more = if gaps.len() > 1 { format!(" and {} more", gaps.len() - 1) } else { String::new() };
             let what = format!("time_s: no rows from {from_s:.2} to {to_s:.2} s{more}");
-            self.say(path, what, "rows at a steady rate");
+            self.warn(path, what, "rows at a steady rate");
         }
     }
 
@@ -274,15 +274,15 @@ impl Found {
         self.when(deepest_m >= 20e-3 && aside_m < MIN_MOTION_M, path, || {
             (format!("tip_y_mm: {aside_mm} at most"), "millimetres: is this in metres?")
         });
-        let Ok(seen) = TipPath::new(run) else { return };
-        if let Some([from_m, to_m]) = seen.gaps_m.first() {
-            let what = format!("depth_mm: nothing seen from {:.0} to {:.0} mm", 1e3 * from_m, 1e3 * to_m);
-            self.say(path, what, "a row every few millimetres");
+        let Ok(tip_path) = TipPath::new(run) else { return };
+        if let Some([from_m, to_m]) = tip_path.gaps_m.first() {
+            let what = format!("depth_mm: no rows from {:.0} to {:.0} mm", 1e3 * from_m, 1e3 * to_m);
+            self.warn(path, what, "a row every few millimetres");
         }
-        let (left_out, rows) = (seen.rows_left_out, run.depth_m.len());
-        self.when(left_out as f64 > LEFT_OUT * rows as f64, path, || {
+        let (skipped, rows) = (tip_path.rows_skipped, run.depth_m.len());
+        self.when(skipped as f64 > MAX_SKIPPED * rows as f64, path, || {
             let what =
-                format!("depth_mm: {left_out} of {rows} rows are before the surface, drawn back, or misread");
+                format!("depth_mm: {skipped} of {rows} rows are before the surface, drawn back, or misread");
             (what, "rows that go into the tissue")
         });
     }

@@ -1,4 +1,4 @@
-//! One made-up session that is right, and every way in which it can be wrong.
+//! One simulated session that is right, and every way in which it can be wrong.
 
 use super::*;
 use formats::session::{ForceRow, SessionWriter, Setup, ShapeRow, template};
@@ -62,11 +62,11 @@ fn the_example_is_right_and_of_use() {
     assert_eq!(found.findings, []);
     for (command, runs) in [("identify", 4), ("predict", 4), ("diagnose", 8)] {
         let ability = ability(&found, command);
-        assert!(ability.usable && ability.left_out.is_empty(), "{ability:?}");
+        assert!(ability.usable && ability.skipped.is_empty(), "{ability:?}");
         assert_eq!(ability.runs.len(), runs, "{command}");
     }
     let track = ability(&found, "track");
-    assert!(!track.usable && track.left_out[0].reason.contains("no [[steering]]"), "{track:?}");
+    assert!(!track.usable && track.skipped[0].reason.contains("no [[steering]]"), "{track:?}");
     assert!(ability(&found, "predict").remarks[0].contains("--until 5 to 99 mm"));
     assert!(ability(&found, "diagnose").remarks[0].contains("d20-2, d40-2"));
     assert!(ability(&found, "report").remarks[0].contains("identify, predict, diagnose"));
@@ -84,7 +84,7 @@ fn a_template_is_valid_and_empty_and_nothing_is_not() {
 }
 
 #[test]
-fn every_error_is_told_with_its_place() {
+fn every_error_is_reported_with_its_place() {
     let folder = example();
     fs::write(folder.path().join("i2.csv"), "depth_mm,tip_y_mm\n1,x\n").expect("written");
     fs::remove_file(folder.path().join("i3.csv")).expect("removed");
@@ -103,7 +103,7 @@ fn units_that_are_mixed_up_are_suspected() {
     let folder = example();
     for (file, name, factor, expected) in [
         ("d20-1.force.csv", "force_y_n", 1e2, "d20-1.force.csv: force_y_n: "),
-        ("d20-1.force.csv", "force_y_n", 1e-6, "expected a force that is felt"),
+        ("d20-1.force.csv", "force_y_n", 1e-6, "expected a measurable force"),
         ("d20-1.force.csv", "displacement_y_mm", 1e-3, "d20-1.force.csv: displacement_y_mm: 0.00"),
         ("d20-1.force.csv", "displacement_y_mm", 20.0, "expected a few millimetres: are these micrometres?"),
         ("d20-1.force.csv", "time_s", 1e3, "expected seconds: are these milliseconds?"),
@@ -133,7 +133,7 @@ fn units_that_are_mixed_up_are_suspected() {
 }
 
 #[test]
-fn what_the_session_file_says_is_doubted() {
+fn what_the_session_file_states_is_checked() {
     let folder = example();
     for (from, to, expected) in [
         ("youngs_modulus_gpa = 200.0", "youngs_modulus_gpa = 2.0", "needle.youngs_modulus_gpa: 2, expected"),
@@ -160,7 +160,7 @@ fn what_the_session_file_says_is_doubted() {
 }
 
 #[test]
-fn gaps_are_told() {
+fn gaps_are_reported() {
     let folder = example();
     let cut = |text: String, out: std::ops::Range<usize>| -> String {
         let kept = text.lines().enumerate().filter(|(line, _)| !out.contains(line));
@@ -171,7 +171,7 @@ fn gaps_are_told() {
     let found = changed(&folder, "d20-1.force.csv", |text| column(&text, "lost_before", |value| value + 1.0));
     assert!(found[0].contains("samples are missing"), "{found:#?}");
     let found = changed(&folder, "i1.csv", |text| cut(text, 61..121));
-    assert!(found[0].starts_with("i1.csv: depth_mm: nothing seen from"), "{found:#?}");
+    assert!(found[0].starts_with("i1.csv: depth_mm: no rows from"), "{found:#?}");
     let found = changed(&folder, "i1.csv", |text| text + &"1,20,0,0\n".repeat(100));
     assert!(found[0].contains("rows are before the surface, drawn back, or misread"), "{found:#?}");
 }
@@ -192,7 +192,7 @@ fn a_run_that_is_no_use_is_named() {
     let found = check(folder.path());
     assert!(!found.usable && found.errors() == 0, "{found:#?}");
     let identify = ability(&found, "identify");
-    assert_eq!(identify.left_out[0].id.as_deref(), Some("short"));
-    assert!(identify.left_out[0].reason.contains("no hold found"), "{identify:?}");
+    assert_eq!(identify.skipped[0].id.as_deref(), Some("short"));
+    assert!(identify.skipped[0].reason.contains("no hold found"), "{identify:?}");
     assert!(!ability(&found, "report").usable);
 }

@@ -1,12 +1,12 @@
 //! Whether a model is adequate, and where it is not (theory, eq. 67).
 //!
 //! What a model lacks is smooth in the coordinates of the data: depth, displacement, direction of motion, time. Two questions are
-//! asked of the residuals of a fit, the parameters' part always taken off:
+//! posed to the residuals of a fit, the parameters' part always taken off:
 //!
 //! * how much of them lies in smooth functions of the coordinates, channel by channel ([`Adequacy`]): a chi-square of as many degrees
-//!   of freedom as there are functions, whatever the missing thing is;
+//!   of freedom as there are functions, for any missing effect;
 //! * which interval of which coordinate stands out most, in one channel, alike or opposite on both sides of zero ([`regions`]): a scan,
-//!   its significance corrected for the number of intervals looked at.
+//!   its significance corrected for the number of intervals tried.
 
 use super::data::{Channel, Datum, Kind};
 use super::evidence::Patterns;
@@ -95,7 +95,7 @@ impl Adequacy {
             .into_iter()
             .filter_map(|channel| {
                 let of_channel = all_data(runs).zip(&discrepancy);
-                let of_channel = of_channel.filter(|((run, d), _)| d.channel == channel && is_asked(run));
+                let of_channel = of_channel.filter(|((run, d), _)| d.channel == channel && is_tested(run));
                 let (sum, count) =
                     of_channel.fold((0.0, 0), |(sum, n), (_, value)| (sum + value * value, n + 1));
                 (count > 0).then(|| (channel, (sum / f64::from(count)).sqrt()))
@@ -140,7 +140,7 @@ fn structure(products: &DMatrix<f64>) -> (Structure, DVector<f64>) {
 }
 
 /// Data that can show that a model is not adequate: the reference is no part of the question.
-fn is_asked(run: &Prepared) -> bool {
+fn is_tested(run: &Prepared) -> bool {
     !run.run.is_reference
 }
 
@@ -152,7 +152,7 @@ fn all_data(runs: &[Prepared]) -> impl Iterator<Item = (&Prepared, &Datum)> {
 fn channel_squares(runs: &[Prepared], residuals: &DVector<f64>) -> Vec<(Channel, f64, usize)> {
     let of = |channel: Channel| {
         let squares = all_data(runs).zip(residuals.iter());
-        let squares = squares.filter(|((run, d), _)| d.channel == channel && is_asked(run));
+        let squares = squares.filter(|((run, d), _)| d.channel == channel && is_tested(run));
         let (sum, count) = squares.fold((0.0, 0), |(sum, n), (_, r)| (sum + r * r, n + 1));
         (channel, sum, count)
     };
@@ -243,7 +243,7 @@ fn smooth_functions(runs: &[Prepared]) -> Vec<Vec<f64>> {
             }
             let belongs = |run: &Prepared, d: &Datum| {
                 d.channel == channel
-                    && is_asked(run)
+                    && is_tested(run)
                     && (of_tip || (run.run.kind == Kind::Lateral && run.run.axis == axis))
             };
             if !all_data(runs).any(|(run, d)| belongs(run, d)) {
@@ -304,11 +304,13 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Vec<Region> {
     let residuals = stacked(&fitted.residuals);
     let basis = orthonormal(&fitted.jacobian);
     let mut found: Vec<Region> = Vec::new();
-    let mut looked_at = 0;
+    let mut tried = 0;
     for channel in Channel::ALL {
         for (name, coordinate) in COORDINATES {
             let values: Vec<Option<f64>> = all_data(runs)
-                .map(|(run, d)| (d.channel == channel && is_asked(run)).then(|| coordinate(run, d)).flatten())
+                .map(|(run, d)| {
+                    (d.channel == channel && is_tested(run)).then(|| coordinate(run, d)).flatten()
+                })
                 .collect();
             let edges = edges(&values);
             if edges.len() < 2 {
@@ -327,13 +329,13 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Vec<Region> {
                             _ => 0.0,
                         };
                         let column: Vec<f64> = all_data(runs).zip(&values).map(member).collect();
-                        let mut seen = whitened(runs, &column);
-                        seen -= &basis * basis.tr_mul(&seen);
-                        seen
+                        let mut projected = whitened(runs, &column);
+                        projected -= &basis * basis.tr_mul(&projected);
+                        projected
                     })
                     .collect();
                 let best = best_interval(&bins, &residuals);
-                looked_at += edges.len() * (edges.len() + 1) / 2;
+                tried += edges.len() * (edges.len() + 1) / 2;
                 if let Some((from, to, sigma, mean)) = best {
                     let (from, to) = (edges[from][0], edges[to][1]);
                     found.push(Region { channel, coordinate: name, from, to, mean, is_odd, sigma });
@@ -341,7 +343,7 @@ pub(super) fn regions(fitted: &Fitted, runs: &[Prepared]) -> Vec<Region> {
             }
         }
     }
-    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / f64::from(looked_at.max(1) as u32));
+    let threshold = Normal::standard().inverse_cdf(1.0 - 0.5 * 0.01 / f64::from(tried.max(1) as u32));
     found.retain(|region| region.sigma.abs() > threshold);
     // Regions of the same readings along two coordinates differ by rounding only: these stay in the order of the coordinates.
     found.sort_by_key(|region| Reverse((1e4 * region.sigma.abs().ln()).round() as i64));

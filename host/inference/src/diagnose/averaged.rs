@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_interval_of_a_mixture_holds_as_much_as_it_says() {
+    fn the_interval_of_a_mixture_holds_as_much_as_it_states() {
         let alone = interval(&[(0.3, 2.0, 0.5)]).expect("an interval");
         assert_eq!(alone, [2.0 - 0.5 * NORMAL_975, 2.0 + 0.5 * NORMAL_975]);
         // Two parts that agree are one.

@@ -1,8 +1,8 @@
-//! A session's runs as the diagnosis sees them: what was done, what was measured, and where each measured number lies.
+//! A session's runs as the diagnosis uses them: what was done, what was measured, and where each measured number lies.
 //!
 //! Force series are averaged over short stretches: the holds from their beginning on in stretches that grow with time, the ramps in
-//! stretches of a tenth of a second. Within a hold guide 2 stands where the mean of its readings says. Readings far off their
-//! neighbours are left out; whether they are is seen from the readings alone, never from a model.
+//! stretches of a tenth of a second. Within a hold guide 2 stands at the mean of its readings. Readings far off their
+//! neighbours are skipped; whether they are is judged from the readings alone, never from a model.
 
 use super::cells::{Cells, cells, held, stood, stretches};
 use crate::holds::{Hold, HoldCriteria, holds, median, reversal_m, reversal_of_means_m};
@@ -154,7 +154,7 @@ pub(super) struct Run {
     pub experiment: Experiment,
     pub data: Vec<Datum>,
     pub cells: Cells,
-    /// Speed of an insertion; 0 where it is not told.
+    /// Speed of an insertion; 0 where it is not recorded.
     pub speed_m_per_s: f64,
     /// Whether it is of the session that the one under diagnosis is compared with.
     pub is_reference: bool,

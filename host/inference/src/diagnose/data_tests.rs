@@ -1,4 +1,4 @@
-//! What a recorded insertion says of speed and of steps at rest.
+//! Speed and steps at rest of a recorded insertion.
 
 use super::*;
 

@@ -4,12 +4,12 @@ use super::results::{FoundEffect, RegionResult, Verdict};
 use std::fmt::{self, Display};
 
 impl Verdict {
-    /// Its name, and what it means where the name does not say.
+    /// Its name, and what it means where the name does not state it.
     pub fn explained(self) -> &'static str {
         match self {
-            Self::Adequate => "adequate: nothing is missing as far as these runs tell",
+            Self::Adequate => "adequate: these runs show no missing effect",
             Self::Named => "named",
-            Self::Ambiguous => "ambiguous: one of a few, which these runs cannot tell apart",
+            Self::Ambiguous => "ambiguous: one of a few, which these runs cannot distinguish",
             Self::Unexplained => "unexplained: something is missing that has no name here",
         }
     }
@@ -42,7 +42,7 @@ impl FoundEffect {
     }
 
     /// Effects that explain the data as well, without itself.
-    pub fn rivals(&self) -> Vec<&str> {
+    pub fn competing_effects(&self) -> Vec<&str> {
         self.class.iter().filter(|id| **id != self.id).map(String::as_str).collect()
     }
 }

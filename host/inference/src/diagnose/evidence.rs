@@ -349,7 +349,7 @@ struct Cost<'a> {
     products: &'a Products,
     free: &'a [usize],
     start: &'a [f64],
-    /// The last point with its value and slopes: both are asked for one after the other.
+    /// The last point with its value and slopes: both are needed one after the other.
     last: RefCell<Option<Evaluated>>,
 }
 

@@ -42,8 +42,8 @@ impl FoundationEvidence {
     }
 }
 
-/// What is asked of [`beside_discrepancy`].
-pub(crate) struct Asked<'a> {
+/// Input of [`beside_discrepancy`].
+pub(crate) struct BesideInput<'a> {
     /// Effects with first values of their parameters.
     pub given: &'a [(&'static dyn Effect, Vec<f64>)],
     /// What of the discrepancy is larger than in an ordinary rig.
@@ -52,24 +52,24 @@ pub(crate) struct Asked<'a> {
     pub body: Option<f64>,
 }
 
-/// Springs, and where it is asked for a body, fitted to all runs of a session beside the discrepancy.
+/// Springs, and where it is requested a body, fitted to all runs of a session beside the discrepancy.
 ///
 /// # Errors
 /// [`DiagnoseError`] where no run can be used or springs have no fit; beside the springs where the body has none.
 pub(crate) fn beside_discrepancy(
     session: &Session,
-    asked: &Asked<'_>,
+    input: &BesideInput<'_>,
 ) -> Result<(DiscrepantModulus, Option<Result<FoundationEvidence, DiagnoseError>>), DiagnoseError> {
     let (runs, _) = runs_of(session)?;
     let noise = Noise::of(&runs, &session.noise);
-    let effects = asked.given.iter().map(|(effect, _)| *effect).collect();
+    let effects = input.given.iter().map(|(effect, _)| *effect).collect();
     let layout = Layout::new(&session.rig, &runs, effects);
     let noises = Noises { session: noise, reference: noise };
-    let springs = fit_start(&layout, &runs, &noises, asked.given, asked.discrepancy)?;
+    let springs = fit_start(&layout, &runs, &noises, input.given, input.discrepancy)?;
     let evidence = |poisson: f64| -> Result<_, DiagnoseError> {
         let body = springs.on(Support::Body { poisson })?;
         let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
         Ok(FoundationEvidence { gain, margin: FOUNDATION_MARGIN, body: DiscrepantModulus::of(&body.fitted) })
     };
-    Ok((DiscrepantModulus::of(&springs.fitted), asked.body.map(evidence)))
+    Ok((DiscrepantModulus::of(&springs.fitted), input.body.map(evidence)))
 }

@@ -1,7 +1,7 @@
-//! What is believed while the workflow goes on: which parameters are unknown, and the model that their values make.
+//! The state of the workflow: which parameters are unknown, and the model that their values make.
 //!
 //! Unknown in every session: the modulus; with insertions the tip load, and, where there are lateral runs too, how far the modulus
-//! felt in an insertion is from that of a lateral run; with one guide, where the needle is pushed by hand, the horizontal load and the gap to the surface
+//! of an insertion is from that of a lateral run; with one guide, where the needle is pushed by hand, the horizontal load and the gap to the surface
 //! too; where the needle turns in a way that is not known at its rear, how far; beside a reference, the ratio of the moduli. Then the parameters of the effects in the model. Inside the fits a ratio, a place or a time is
 //! its logarithm, everything else itself ([`Scale`]).
 
@@ -18,12 +18,12 @@ use std::sync::Arc;
 const TYPICAL_MODULUS_PA: f64 = 15e3;
 const MODULUS_SD_LN: f64 = 1.5;
 const MODULUS_PA: [f64; 2] = [50.0, 5e6];
-/// Tip load before anything is known of it, and its standard deviation.
+/// Prior mean of the tip load, and its standard deviation.
 const TYPICAL_LOAD_N: f64 = 0.1;
 const LOAD_SD_N: f64 = 1.0;
-/// How far the modulus felt in an insertion may be from that of a lateral run, logarithm.
+/// How far the modulus of an insertion may be from that of a lateral run, logarithm.
 const INSERTION_SD_LN: f64 = 0.05;
-/// How far a needle turns at a rear that nobody has measured, held by a hand or a chuck: from stiff to soft.
+/// How far a needle turns at a rear that is not measured, held by a hand or a chuck: from stiff to soft.
 const REAR_RAD_PER_N_M: f64 = 0.5;
 const REAR_SD_LN: f64 = 2.0;
 const REAR_RANGE_RAD_PER_N_M: [f64; 2] = [1e-4, 1e3];
@@ -256,7 +256,7 @@ impl Layout {
         parameters
     }
 
-    /// Where a fit starts that knows nothing.
+    /// Where a fit starts without a former one.
     pub fn first_values(&self) -> Vec<f64> {
         let mut values = vec![0.0; self.own()];
         let Places { load, rear, .. } = self.places();
@@ -268,7 +268,7 @@ impl Layout {
         values
     }
 
-    /// Places from which the first fits start. What insertions by hand say of the modulus depends on how the rear is held and how far the
+    /// Places from which the first fits start. The modulus from insertions by hand depends on how the rear is held and how far the
     /// surface is, and has more than one end.
     pub fn starts(&self, first: &[f64]) -> Vec<Vec<f64>> {
         if !(self.kinds[1] && self.rig.has_one_guide()) {

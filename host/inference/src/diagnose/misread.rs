@@ -14,8 +14,8 @@ pub(super) fn without_misread(z_m: &[f64], values_m: &[f64]) -> Vec<bool> {
         }
         let curve = polynomials(z_m, degree);
         let known = DMatrix::from_fn(indices.len(), degree + 1, |i, j| curve[(indices[i], j)]);
-        let seen = DVector::from_fn(indices.len(), |i, _| values_m[indices[i]]);
-        let Ok(coefficients) = known.svd(true, true).solve(&seen, 1e-12) else { return kept };
+        let measured = DVector::from_fn(indices.len(), |i, _| values_m[indices[i]]);
+        let Ok(coefficients) = known.svd(true, true).solve(&measured, 1e-12) else { return kept };
         let off: Vec<f64> =
             (&curve * coefficients).iter().zip(values_m).map(|(c, v)| (v - c).abs()).collect();
         let mut sizes: Vec<f64> = indices.iter().map(|i| off[*i]).collect();

@@ -1,8 +1,8 @@
-//! The next measurement: of a menu, the one that tells the members of a class apart best
+//! The next measurement: of a menu, the one that separates the members of a class best
 //! (theory, eq. 69).
 //!
 //! For every measurement and every two members the difference of their predictions, over the noise, less what the second one's
-//! parameters could still do about it given what the session has told of them: the expected divergence. The best measurement is the
+//! parameters could still do about it given what the session has determined of them: the expected divergence. The best measurement is the
 //! one whose least divergence over all pairs is greatest.
 
 use super::data::{Kind, Run};
@@ -25,7 +25,7 @@ const OTHER_M: f64 = 10e-3;
 const MIN_M: f64 = 8e-3;
 /// Known force that is hung on the sensor.
 const WEIGHT_N: f64 = 1.0;
-/// A divergence below this tells nothing apart.
+/// A divergence below this separates nothing.
 const MIN_DIVERGENCE: f64 = 4.0;
 
 /// What could be measured.
@@ -43,7 +43,7 @@ struct Item {
     planned: Planned,
 }
 
-/// The best measurement to tell the members of a class apart; nothing where none on the menu does.
+/// The best measurement to separate the members of a class; nothing where none on the menu does.
 pub(super) fn next_measurement(
     class: &[(&'static dyn Effect, Fitted)],
     runs: &[Run],
@@ -75,7 +75,7 @@ pub(super) fn next_measurement(
 
 /// Expected gain of chi-square of `a` over `b` where `a` is true and `b` adapts.
 fn divergence(a: &Fitted, b: &Fitted, planned: &Planned, noise: &Noise) -> Result<f64, ModelError> {
-    let at = |layout: &Layout, values: &[f64]| seen(layout, values, planned, noise);
+    let at = |layout: &Layout, values: &[f64]| readings(layout, values, planned, noise);
     let expected = at(&b.layout, b.values())?;
     let difference = at(&a.layout, a.values())? - &expected;
     let parameters = b.layout.parameters(b.values());
@@ -87,14 +87,14 @@ fn divergence(a: &Fitted, b: &Fitted, planned: &Planned, noise: &Noise) -> Resul
         columns.push((at(&b.layout, &values)? - &expected) * (towards / parameter.step));
     }
     let jacobian = DMatrix::from_columns(&columns);
-    let told = b.covariance.clone().try_inverse().ok_or(ModelError::Singular)?;
-    let normal = (jacobian.transpose() * &jacobian + told).cholesky().ok_or(ModelError::Singular)?;
+    let prior = b.covariance.clone().try_inverse().ok_or(ModelError::Singular)?;
+    let normal = (jacobian.transpose() * &jacobian + prior).cholesky().ok_or(ModelError::Singular)?;
     let along = jacobian.transpose() * &difference;
     Ok(difference.norm_squared() - along.dot(&normal.solve(&along)))
 }
 
 /// What a measurement would read under a model, in standard deviations.
-fn seen(
+fn readings(
     layout: &Layout,
     values: &[f64],
     planned: &Planned,
@@ -105,10 +105,10 @@ fn seen(
             let model = layout.model(values, Kind::Lateral)?;
             let one = |force_n| Series { y: vec![force_n], x: Some(vec![0.0]) };
             let mut channels = Channels { force_n: one(WEIGHT_N), ..Channels::default() };
-            let seen =
+            let context =
                 ObservationContext { time_s: &[0.0], commanded_m: [&[0.0], &[0.0]], reversal_m: [0.0; 2] };
             // Weights are hung on the sensor: friction and drift of the guide have no part in it.
-            model.effects.iter().for_each(|(effect, values)| effect.observe(values, &seen, &mut channels));
+            model.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
             let sd = noise.force.of_mean(60, 3.0).sqrt();
             let Series { y, x } = channels.force_n;
             return Ok(DVector::from_iterator(

@@ -2,8 +2,8 @@
 //! (theory, eq. 58).
 //!
 //! Readings of one hold, one sweep or one stretch of a path are a low polynomial plus noise; the noise is white plus a part that
-//! forgets exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. What is the same in
-//! every sweep of the same places is no noise, and taken off first. What a session states is never undercut: rounding and calibration
+//! decays exponentially. Restricted likelihood picks the shares, so that the polynomials do not bias them. What is the same in
+//! every sweep of the same places is not noise, and taken off first. What a session states is never undercut: rounding and calibration
 //! do not scatter.
 
 use super::data::{Channel, Kind, Run};
@@ -18,7 +18,7 @@ pub(super) struct Sensor {
     pub white: f64,
     /// Variance of what is correlated.
     pub correlated: f64,
-    /// Time (s) or length (m) over which it is forgotten.
+    /// Time (s) or length (m) over which it decays.
     pub memory: f64,
     /// Variance of what stays the same over a hold.
     pub lasting: f64,
@@ -33,8 +33,8 @@ impl Sensor {
     /// Variance of the mean of so many readings over a stretch.
     pub fn of_mean(&self, count: usize, length: f64) -> f64 {
         let n = count.max(1) as f64;
-        let seen = if length > 0.0 { (2.0 * self.memory / length).min(1.0) } else { 1.0 };
-        self.white / n + self.correlated * seen + self.lasting
+        let share = if length > 0.0 { (2.0 * self.memory / length).min(1.0) } else { 1.0 };
+        self.white / n + self.correlated * share + self.lasting
     }
 
     /// Standard deviation of one reading.
@@ -67,9 +67,9 @@ const LEAST: Noise = {
         direction: white(0.1e-3),
     }
 };
-/// Where nothing is stated and nothing can be seen.
+/// Where nothing is stated and nothing can be estimated.
 const TYPICAL: [f64; 5] = [0.05, 20e-6, 30e-6, 0.1e-3, 1e-3];
-/// Readings of a segment and groups of like segments that are looked at.
+/// Readings of a segment and groups of like segments that are used.
 const MAX_READINGS: usize = 40;
 const MAX_GROUPS: usize = 12;
 /// Memories, in distances of readings, and shares of the correlated part that are tried.
@@ -82,7 +82,7 @@ const LINE_DEGREE: usize = 4;
 /// Sweeps of the same places that show what repeats; places closer than this are the same.
 const REPEATS: usize = 3;
 const SAME_PLACE_M: f64 = 0.05e-3;
-/// Readings needed before scatter tells the noise.
+/// Readings needed before scatter gives the noise.
 const ENOUGH: usize = 60;
 /// A stated deviation so many times the scatter is not scatter.
 const NOT_SCATTER: f64 = 1.5;
@@ -96,7 +96,7 @@ struct Segment {
 }
 
 impl Noise {
-    /// Of the runs of a session: what is seen, raised to what is stated.
+    /// Of the runs of a session: what is estimated, raised to what is stated.
     pub fn of(runs: &[Run], stated: &Stated) -> Self {
         Self::with_disagreements(runs, stated).0
     }
@@ -142,7 +142,7 @@ const SENSORS: [(&str, &str, f64); 5] = [
     ("the tip's direction", "mrad", 1e3),
 ];
 
-/// White and correlated part of each sensor's scatter, in the order of [`SENSORS`]; nothing where there is too little to see it in.
+/// White and correlated part of each sensor's scatter, in the order of [`SENSORS`]; nothing where there is too little to estimate it from.
 fn scatter(runs: &[Run]) -> [Option<Sensor>; 5] {
     let force = holds(runs, |run, plane, i| run.cells.force_n[plane][i]);
     let displacement = holds(runs, |run, plane, i| run.cells.read_m[plane][i]);
@@ -189,26 +189,26 @@ fn without_repeats(mut segments: Vec<Segment>, degree: usize) -> Vec<Segment> {
     segments
 }
 
-/// What is seen, raised to what is stated.
-fn combined(seen: Option<Sensor>, stated: Option<f64>, typical: f64, least: Sensor) -> Sensor {
-    let Some(mut seen) = seen else {
+/// What is estimated, raised to what is stated.
+fn combined(found: Option<Sensor>, stated: Option<f64>, typical: f64, least: Sensor) -> Sensor {
+    let Some(mut found) = found else {
         let sd = stated.unwrap_or(typical);
         return Sensor { white: sd * sd, ..least };
     };
-    let variance = seen.white + seen.correlated;
+    let variance = found.white + found.correlated;
     if variance < least.white {
-        seen = Sensor { white: least.white, correlated: 0.0, ..seen };
+        found = Sensor { white: least.white, correlated: 0.0, ..found };
     }
     let variance = variance.max(least.white);
     match stated {
         Some(stated) if stated * stated > NOT_SCATTER * NOT_SCATTER * variance => {
-            Sensor { lasting: stated * stated - variance, ..seen }
+            Sensor { lasting: stated * stated - variance, ..found }
         }
         Some(stated) if stated * stated > variance => {
             let up = stated * stated / variance;
-            Sensor { white: up * seen.white, correlated: up * seen.correlated, ..seen }
+            Sensor { white: up * found.white, correlated: up * found.correlated, ..found }
         }
-        _ => seen,
+        _ => found,
     }
 }
 
@@ -280,7 +280,7 @@ fn estimate(segments: &[Segment], degree: usize) -> Option<Sensor> {
             None => groups.push((segment, DMatrix::from_columns(&[column]))),
         }
     }
-    // Many lengths are many groups; the largest of them tell enough.
+    // Many lengths are many groups; the largest of them suffice.
     groups.sort_by_key(|(_, values)| std::cmp::Reverse(values.len()));
     groups.truncate(MAX_GROUPS);
     let mut best: Option<(f64, Sensor)> = None;

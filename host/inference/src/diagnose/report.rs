@@ -42,7 +42,7 @@ pub(super) struct DiagnosisReport<'a> {
 
 impl DiagnosisReport<'_> {
     /// The result.
-    pub fn told(
+    pub fn diagnosis(
         &self,
         regions: Vec<RegionResult>,
         gap: Option<Gap>,
@@ -126,9 +126,9 @@ impl DiagnosisReport<'_> {
             margin: self.found.margin,
             split: self.split.clone(),
             noise: self.noise_result(),
-            not_told: first
+            not_identifiable: first
                 .iter()
-                .filter(|candidate| !candidate.score.is_told)
+                .filter(|candidate| !candidate.score.is_identifiable)
                 .map(|candidate| candidate.id().to_owned())
                 .collect(),
             limits: self.limits(),
@@ -242,7 +242,7 @@ impl DiagnosisReport<'_> {
         if !lateral.is_empty() {
             let depths = |m: &Run| (m.depth_m / 1e-3).round() as i64;
             if lateral.iter().all(|run| depths(run) == depths(lateral[0])) {
-                limits.push("all lateral runs are at one depth: what varies with depth is hard to tell; take two more depths".to_owned());
+                limits.push("all lateral runs are at one depth: what varies with depth is hard to identify; take two more depths".to_owned());
             }
             if lateral.iter().all(|run| run.axis == lateral[0].axis) {
                 limits.push("all lateral runs are along one axis: anisotropy and crosstalk need a run along the other".to_owned());

@@ -1,4 +1,4 @@
-//! What a diagnosis says, as it goes into JSON.
+//! The result of a diagnosis, as it goes into JSON.
 
 use super::Multiples;
 use super::data::Channel;
@@ -8,17 +8,17 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Name and version of this form.
-pub(super) const SCHEMA: &str = "guide.diagnose/1";
+pub(super) const SCHEMA: &str = "guide.diagnose/2";
 
 /// The outcome in one word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// Nothing is missing as far as the session tells.
+    /// The session shows no missing effect.
     Adequate,
     /// What is missing has a name.
     Named,
-    /// What is missing is one of a few; a measurement would tell which.
+    /// What is missing is one of a few; a measurement would identify which.
     Ambiguous,
     /// Something is missing that the catalogue has no name for, or that the session cannot name.
     Unexplained,
@@ -35,18 +35,18 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// What is missing, and was added to the model.
     pub effects: Vec<FoundEffect>,
-    /// Where model and measurement disagree: before anything is added, or, if unexplained, still.
+    /// Where model and measurement disagree: before any effect is added, or, if unexplained, still.
     #[serde(rename = "where")]
     pub regions: Vec<RegionResult>,
-    /// What would tell the members of a class apart.
+    /// What would separate the members of a class.
     pub next_measurement: Option<NextMeasurement>,
-    /// Before and after on what no fit has seen.
+    /// Before and after on what no fit has used.
     pub gap: Option<Gap>,
-    /// Every effect that was looked for, best first.
+    /// Every effect that was scored, best first.
     pub ranking: Vec<Ranked>,
     /// The model with what was added, where it was written.
     pub model_file: Option<String>,
-    /// What the tissue was taken for, springs or an elastic body, and what the evidence says of both.
+    /// What the tissue was taken for, springs or an elastic body, and the evidence of both.
     pub foundation: FoundationResult,
     /// What the reference has, and how the session differs from it; nothing where there is no reference.
     pub reference: Option<ReferenceResult>,
@@ -77,14 +77,14 @@ pub struct Diagnosis {
     pub adequacy: [AdequacyResult; 2],
     /// Standard deviation of the smooth discrepancy that is left, by channel and unit; where something is unexplained.
     pub discrepancy: BTreeMap<String, f64>,
-    /// Log evidence that the search needs to name anything.
+    /// Log evidence that the search needs to name an effect.
     pub margin: f64,
     /// How the session was divided.
     pub split: String,
     /// Noise that was taken, one standard deviation of a reading.
     pub noise: BTreeMap<String, f64>,
-    /// Effects that this session cannot tell.
-    pub not_told: Vec<String>,
+    /// Effects that are not identifiable from this session.
+    pub not_identifiable: Vec<String>,
     /// What the session could not do, and what would.
     pub limits: Vec<String>,
     /// Remarks.
@@ -211,13 +211,13 @@ pub struct NextMeasurement {
     pub kind: String,
     /// In words.
     pub what: String,
-    /// The effects it tells apart.
+    /// The effects it separates.
     pub separates: Vec<String>,
-    /// Expected gain of chi-square between the two that it tells apart least.
+    /// Expected gain of chi-square between the two that it separates least.
     pub expected_divergence: f64,
 }
 
-/// Before and after on what no fit has seen.
+/// Before and after on what no fit has used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Gap {
     /// The runs that it is from.
@@ -278,7 +278,7 @@ pub struct RemainingResult {
     pub rms: BTreeMap<String, f64>,
     /// Share of the held-out misfit above noise that is left; nothing where there was none.
     pub share_of_gap: Option<f64>,
-    /// Relative change of K where the discrepancy is left out of the fit.
+    /// Relative change of K where the discrepancy is omitted from the fit.
     pub k_change_without_discrepancy: f64,
     /// The imperfections that the evidence finds larger than in an ordinary rig, with their size as a multiple of the ordinary one.
     pub above_everyday: BTreeMap<String, f64>,

@@ -45,8 +45,8 @@ pub(super) struct Score {
     /// Values at the best hypotheses and amplitudes: where a fit may start. Neighbours of the best place are among them, because far from
     /// the neutral value the best place moves.
     pub starts: Vec<Vec<f64>>,
-    /// Whether the session can tell this effect at all: a likely size would be seen.
-    pub is_told: bool,
+    /// Whether the session can identify this effect at all: a likely size would be significant.
+    pub is_identifiable: bool,
 }
 
 /// Scores of the whole catalogue around a fit.
@@ -61,8 +61,8 @@ pub(super) struct Scores {
 
 /// How far the variance of the noise may be from what was taken: it is estimated itself.
 pub(super) const NOISE_TOLERANCE: f64 = 1.1;
-/// A likely effect that is seen with less than this many standard deviations is not told.
-const TOLD: f64 = 2.0;
+/// A likely effect of fewer standard deviations than this is not identifiable.
+const MIN_SIGNIFICANCE: f64 = 2.0;
 
 /// Residuals of all runs in one column.
 pub(super) fn stacked(residuals: &[Vec<f64>]) -> DVector<f64> {
@@ -146,12 +146,11 @@ impl Scores {
                 let best = (0..hypotheses.len())
                     .max_by(|a, b| of_ways[*a].log_evidence.total_cmp(&of_ways[*b].log_evidence));
                 let best = best.unwrap_or(0);
-                let told =
-                    hypotheses.iter().any(|hypothesis| {
-                        hypothesis.columns.iter().zip(&hypothesis.precisions).any(|(column, precision)| {
-                            self.gram[(*column, *column)] > TOLD * TOLD * precision
-                        })
-                    });
+                let is_identifiable = hypotheses.iter().any(|hypothesis| {
+                    hypothesis.columns.iter().zip(&hypothesis.precisions).any(|(column, precision)| {
+                        self.gram[(*column, *column)] > MIN_SIGNIFICANCE * MIN_SIGNIFICANCE * precision
+                    })
+                });
                 Score {
                     effect: *effect,
                     chi_square: of_ways.iter().map(|hypothesis| hypothesis.chi_square).fold(0.0, f64::max),
@@ -164,7 +163,7 @@ impl Scores {
                         .filter_map(|number| Some((hypotheses.get(number)?, of_ways.get(number)?)))
                         .map(|(hypothesis, score)| start(*effect, hypothesis, &score.amplitudes))
                         .collect(),
-                    is_told: told,
+                    is_identifiable,
                 }
             })
             .collect();

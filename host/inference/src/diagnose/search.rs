@@ -1,4 +1,4 @@
-//! The search: score, refit, accept, add, repeat; and which rivals explain the data as well
+//! The search: score, refit, accept, add, repeat; and which competing effects explain the data as well
 //! (theory, eq. 65).
 
 use super::adequacy::Adequacy;
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 const FALSE_ALARMS: f64 = 0.01;
 /// Parametric draws for the margin.
 const DRAWS: usize = 4000;
-/// Log evidence without which nothing is named, whatever the draws.
+/// Log evidence without which nothing is named, independent of the draws.
 const MIN_GAIN: f64 = 5.0;
 /// An effect explains at least this share of what is left; one of strong evidence may be a part of several.
 const SHARE: f64 = 0.5;
@@ -25,7 +25,7 @@ const STRONG_GAIN: f64 = 10.0;
 /// Least size of an effect, as a share of what may be overlooked and of the likely values.
 const MIN_OF_OVERLOOKED: f64 = 0.2;
 const MIN_OF_LIKELY: f64 = 0.015;
-/// Leaders that are refitted, in the search and among rivals of what was found, and how far behind the best they may be by score.
+/// Leaders that are refitted, in the search and among competitors of what was found, and how far behind the best they may be by score.
 pub(super) const MAX_LEADERS: usize = 14;
 const BEHIND: f64 = 15.0;
 const BEHIND_SHARE: f64 = 0.7;
@@ -39,7 +39,7 @@ const MAX_SETTLED: usize = 5;
 const NEAR: f64 = 12.0;
 /// Effects that may be missing at once; more explain anything.
 const MAX_EFFECTS: usize = 3;
-/// A rival within these odds of the best is as good, and, if its predictions are the same within noise, within the second ones.
+/// A competing effect within these odds of the best is as good, and, if its predictions are the same within noise, within the second ones.
 const CLASS: f64 = 4.0;
 const CLASS_ALIKE: f64 = 6.0;
 /// A misfit (chi-square) that is smaller by this is clearly smaller.
@@ -73,7 +73,7 @@ pub(super) struct Member {
     pub index: usize,
     /// Log evidence over the model without it.
     pub gain: f64,
-    /// Fits with a rival in its place; itself first.
+    /// Fits with a competing effect in its place; itself first.
     pub class: Vec<(&'static dyn Effect, Fitted)>,
 }
 
@@ -107,9 +107,10 @@ impl Search<'_> {
             .into_par_iter()
             .enumerate()
             .map(|(rank, score)| {
-                // One of which every evaluation is an iteration at every depth is tried where its score speaks for it.
+                // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
                 let least = if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
-                let leads = rank < most && score.is_told && score.log_evidence > (best - behind).max(least);
+                let leads =
+                    rank < most && score.is_identifiable && score.log_evidence > (best - behind).max(least);
                 let refit = if leads { self.refit(base, &score) } else { None };
                 Candidate { score, refit }
             })
@@ -150,7 +151,7 @@ impl Search<'_> {
             let mut starts = base.values().to_vec();
             let infos = score.effect.parameters().iter().zip(values);
             starts.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
-            // What the rest of the model does is much the same with the effect: good enough to see what it is worth.
+            // What the rest of the model does is much the same with the effect: good enough to judge what it is worth.
             Fitted::beside(&layout, self.runs, self.patterns, &starts, &sizes, FIRST_ROUNDS, &base.jacobian)
                 .ok()
         };
@@ -172,7 +173,7 @@ impl Search<'_> {
         let mut margin = 0.0;
         while current.layout.effects.len() < given + MAX_EFFECTS {
             let scores = Scores::new(&current, self.runs, self.patterns)?;
-            // With every step the search looks again; the margin is that of its own directions.
+            // With every step the search is repeated; the margin is that of its own directions.
             let needed = scores.margin(FALSE_ALARMS, DRAWS, self.seed).max(MIN_GAIN);
             let candidates = self.weigh(&current, &scores, MAX_LEADERS);
             let mut accepted = candidates.iter().filter(|candidate| {
@@ -290,22 +291,22 @@ impl Search<'_> {
             let own = fitted.log_evidence - base.log_evidence + one_sided(effect);
             let mut class = vec![(effect, fitted.clone(), own)];
             for candidate in &candidates {
-                let Some((rival, gain)) = &candidate.refit else { continue };
-                let is_rival = *gain > 0.5 * margin && !rival.at_bound.iter().any(|at| *at);
-                if candidate.id() == effect.id() || !is_rival {
+                let Some((other, gain)) = &candidate.refit else { continue };
+                let competes = *gain > 0.5 * margin && !other.at_bound.iter().any(|at| *at);
+                if candidate.id() == effect.id() || !competes {
                     continue;
                 }
-                let apart = (stacked(&rival.residuals) - stacked(&fitted.residuals)).norm_squared();
+                let apart = (stacked(&other.residuals) - stacked(&fitted.residuals)).norm_squared();
                 let behind = own - gain;
                 if behind < CLASS || (behind < CLASS_ALIKE && apart < ALIKE) {
-                    class.push((candidate.score.effect, rival.clone(), *gain));
+                    class.push((candidate.score.effect, other.clone(), *gain));
                 }
             }
-            // First the one whose physics leaves least; a rival counts as better only where it is clearly so.
+            // First the one whose physics leaves least; a competitor counts as better only where it is clearly so.
             let own_misfit = self.judge.misfit(fitted);
-            let misfit = |(rival, fit, _): &(&'static dyn Effect, Fitted, f64)| {
+            let misfit = |(other, fit, _): &(&'static dyn Effect, Fitted, f64)| {
                 let misfit = self.judge.misfit(fit);
-                if rival.id() == effect.id() { misfit - CLEARLY.min(0.5 * own_misfit) } else { misfit }
+                if other.id() == effect.id() { misfit - CLEARLY.min(0.5 * own_misfit) } else { misfit }
             };
             class.sort_by(|a, b| misfit(a).total_cmp(&misfit(b)));
             let class = class.into_iter().map(|(effect, fitted, _)| (effect, fitted)).collect();
@@ -315,7 +316,7 @@ impl Search<'_> {
     }
 }
 
-/// Size, inside the fits, below which a parameter stands for nothing that anybody would look for: a fifth of what a careful laboratory
+/// Size, inside the fits, below which a parameter stands for nothing of interest: a fifth of what a careful laboratory
 /// would overlook, and no more than a small part of the likely values.
 fn least_size(info: &ParameterInfo) -> f64 {
     let scale = Scale::of(info);

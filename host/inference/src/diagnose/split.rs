@@ -24,7 +24,7 @@ pub(super) struct Training {
     pub rule: String,
 }
 
-/// What no fit sees.
+/// What no fit uses.
 #[derive(Debug)]
 pub(super) struct HeldOut {
     runs: Vec<Run>,
@@ -64,7 +64,7 @@ pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
                 // Not the same level in every run.
                 let is_held = |part: usize| (part + number) % EVERY == EVERY / 2;
                 let held = run.with_parts(is_held);
-                // A part without shape tells little of what the rest of the run does; but it is never learned from.
+                // A part without shape determines little of what the rest of the run does; but it is never learned from.
                 training.push(run.with_parts(|part| !is_held(part)));
                 if !held.data.is_empty() {
                     held_out.push(held);

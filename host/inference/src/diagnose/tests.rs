@@ -75,7 +75,7 @@ fn an_effect_of_the_tip_is_named_beside_lateral_runs() {
 }
 
 #[test]
-fn look_alikes_are_a_class_and_a_known_weight_tells_them_apart() {
+fn look_alikes_are_a_class_and_a_known_weight_separates_them() {
     let found = diagnosed(&truth(vec![("needle.stiffness", vec![0.2])]), &Design::four_runs(), 5);
     assert_eq!(found.verdict, Verdict::Ambiguous, "{found:#?}");
     let mut class = found.effects[0].class.clone();
@@ -91,7 +91,7 @@ fn two_effects_are_both_named() {
     let mut ids: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
     ids.sort_unstable();
     assert_eq!(ids, ["rig.friction", "tissue.skin"]);
-    // Layers stand for a skin where little else tells them apart.
+    // Layers stand for a skin where little else separates them.
     let others = |effect: &FoundEffect| {
         effect.class.iter().filter(|id| **id != effect.id).cloned().collect::<Vec<_>>()
     };
@@ -109,9 +109,9 @@ fn what_has_no_name_is_not_named() {
     }
 }
 
-/// One level held once: nothing to prove anything on, so nothing is named, and what to do is said.
+/// One level held once: nothing to prove anything on, so nothing is named, and the limits state what to do.
 #[test]
-fn a_session_that_cannot_serve_says_so() {
+fn a_session_that_cannot_serve_reports_its_limits() {
     let plan = LateralPlan {
         id: "only".to_owned(),
         depth_mm: 30.0,
@@ -124,10 +124,12 @@ fn a_session_that_cannot_serve_says_so() {
     let found = diagnosed(&truth(vec![("rig.backlash", vec![0.12])]), &design, 8);
     assert!(found.effects.is_empty() && found.gap.is_none(), "{found:#?}");
     assert!(found.limits.iter().any(|limit| limit.contains("repeat")), "{:?}", found.limits);
-    assert!(found.limits.iter().any(|limit| limit.contains("one depth")) && !found.not_told.is_empty());
+    assert!(
+        found.limits.iter().any(|limit| limit.contains("one depth")) && !found.not_identifiable.is_empty()
+    );
 }
 
-/// Whatever the held-out runs hold, no fit, size, score or margin depends on it; a name may be refused for it, never given.
+/// No fit, size, score or margin depends on the held-out runs; a name may be refused for them, never given.
 #[test]
 fn held_out_runs_refuse_names_and_change_nothing_else() {
     let session = session(&truth(vec![("rig.friction", vec![0.1])]), &Design::four_runs(), 9);
@@ -230,7 +232,7 @@ fn independent_residuals_go_back_to_what_they_were() {
     }
 }
 
-/// A pattern that is the same in every sweep is misfit, not noise; so is a scatter that nobody stated.
+/// A pattern that is the same in every sweep is misfit, not noise; so is a scatter that is not stated.
 #[test]
 fn what_repeats_is_misfit_and_unstated_scatter_is_warned_of() {
     let mut session = session(&truth(vec![]), &Design::nine_runs(), 14);
@@ -254,7 +256,7 @@ fn what_repeats_is_misfit_and_unstated_scatter_is_warned_of() {
     assert!(found.effects.is_empty(), "{found:#?}");
 }
 
-/// A model file may say of every imperfection whose size is found how large it is, and of nothing else.
+/// A model file may state of every imperfection whose size is found how large it is, and of nothing else.
 #[test]
 fn imperfections_of_a_model_file_are_those_of_the_fits() {
     let design = Design { insertion: Design::insertions().insertion, ..Design::nine_runs() };

@@ -1,4 +1,4 @@
-//! Normal equations of a fit: derivatives by differences, nuisances eliminated block by block, and the step that they ask for.
+//! Normal equations of a fit: derivatives by differences, nuisances eliminated block by block, and the step that they require.
 
 use super::{Block, FitError, Parameter, Tried, finite};
 use mechanics::ModelError;
@@ -24,7 +24,7 @@ pub(super) enum Differences {
 }
 
 impl Differences {
-    /// The two values of a parameter that are told apart; at a bound only on the inner side.
+    /// The two values of a parameter that are distinguished; at a bound only on the inner side.
     fn ends(self, value: f64, Parameter { step, least, most, .. }: &Parameter) -> [f64; 2] {
         match self {
             Self::Central => [(value - step).max(*least), (value + step).min(*most)],

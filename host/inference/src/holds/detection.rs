@@ -14,7 +14,7 @@ use std::ops::Range;
 pub struct HoldCriteria {
     /// Shortest hold.
     pub min_duration_s: f64,
-    /// Movement that is never seen as such: drift over a hold, rounding of the displacement sensor.
+    /// Movement that never counts as such: drift over a hold, rounding of the displacement sensor.
     pub still_m: f64,
     /// Largest distance from zero that may count as zero displacement (and at most a tenth of the largest level).
     pub zero_m: f64,
@@ -44,7 +44,7 @@ pub fn trimmed_s(period_s: f64) -> f64 {
 
 /// Fewest bins of a hold.
 const MIN_BINS: usize = 8;
-/// Bins on either side of a stretch that tell whether it is part of a ramp.
+/// Bins on either side of a stretch that decide whether it is part of a ramp.
 const FLANK: usize = 4;
 /// Multiple of the noise that is still noise.
 const SIGMAS: f64 = 4.0;

@@ -45,7 +45,7 @@ pub struct Hold {
     pub force_x_n: Option<Mean>,
     /// Samples lost inside the hold; where it is not 0 the hold is not fit for estimation.
     pub lost_samples: u64,
-    /// Shape points seen during the hold, as indices into the run's shape series.
+    /// Shape points measured during the hold, as indices into the run's shape series.
     pub shape: Vec<usize>,
 }
 
@@ -109,7 +109,7 @@ fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<Stray>) 
     (levels, strays)
 }
 
-/// Zero is what is close to zero in itself and beside the largest level, or too close to be told from it; the rest is
+/// Zero is what is close to zero in itself and beside the largest level, or too close to be distinguished from it; the rest is
 /// loading or unloading.
 fn name_paths(levels: &mut [Hold], criteria: &HoldCriteria) {
     let largest_m = levels.iter().map(Hold::distance_m).fold(0.0, f64::max);

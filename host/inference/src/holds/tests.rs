@@ -18,10 +18,10 @@ fn staircase(
     let (mut time_s, mut at_mm) = (0.0, levels_mm[0]);
     let mut force = ForceSeries::default();
     let mut push = |time_s: f64, at_mm: f64| {
-        let seen = at_mm + noise_mm * noise.normal();
-        let seen = if step_mm > 0.0 { (seen / step_mm).round() * step_mm } else { seen };
+        let measured = at_mm + noise_mm * noise.normal();
+        let measured = if step_mm > 0.0 { (measured / step_mm).round() * step_mm } else { measured };
         force.time_s.push(time_s);
-        force.displacement_y_m.push(1e-3 * seen);
+        force.displacement_y_m.push(1e-3 * measured);
         force.force_y_n.push(0.8 * at_mm + 0.05 * noise.normal());
     };
     for level_mm in levels_mm {
@@ -36,7 +36,7 @@ fn staircase(
         }
     }
     LateralRun {
-        id: "made-up".to_owned(),
+        id: "simulated".to_owned(),
         depth_m: 0.03,
         force_path: PathBuf::new(),
         shape_path: PathBuf::new(),

@@ -1,4 +1,4 @@
-//! Runs that cannot belong to the others: left out of what is pooled, by a stated rule and with the reason.
+//! Runs that cannot belong to the others: excluded from the pool, by a stated rule and with the reason.
 //!
 //! The rule: what the fit leaves of the run's shape is more than [`FAR`] times the median of the other runs of its depth, or its residuals
 //! (root of chi-square per degree of freedom, where all noise is stated) are more than [`FAR`] and more than [`FAR`] times that median. A run
@@ -82,7 +82,7 @@ fn misfit(result: &RunResult, fitted: &Fitted) -> Misfit {
     Misfit { depth_m, shape_m: rms * fitted.data.shape_sd_m, sigmas: sigmas.filter(|_| fitted.known_noise) }
 }
 
-/// Takes the runs that cannot belong to the others out of `fitted`, marks them in `runs`, and says so.
+/// Takes the runs that cannot belong to the others out of `fitted`, marks them in `runs`, and warns.
 pub(super) fn set_apart(
     runs: &mut [RunResult],
     fitted: &mut Vec<Fitted>,
@@ -92,15 +92,15 @@ pub(super) fn set_apart(
     let misfits: Vec<Misfit> =
         good.iter().zip(fitted.iter()).map(|(run, fitted)| misfit(run, fitted)).collect();
     let reasons: Vec<Option<String>> = (0..misfits.len()).map(|own| reason(&misfits, own)).collect();
-    // The rule is for the odd one out: where it takes half of the runs or more none is odd.
+    // The rule is for single outlying runs: where it takes half of the runs or more none is outlying.
     if 2 * reasons.iter().flatten().count() >= reasons.len() {
         return Vec::new();
     }
     let mut unused = Vec::new();
     for (run, reason) in good.iter_mut().zip(&reasons) {
         let Some(reason) = reason else { continue };
-        warnings.push(format!("run {} is left out of what is pooled: {reason}", run.id));
-        run.left_out = Some(reason.clone());
+        warnings.push(format!("run {} is excluded from the pool: {reason}", run.id));
+        run.skipped = Some(reason.clone());
         let points = run.holds.iter().map(|hold| hold.shape_points).sum();
         unused.push(Unused {
             run: run.id.clone(),

@@ -32,7 +32,7 @@ pub enum RunError {
         /// Largest displacement of a hold.
         largest_mm: f64,
     },
-    /// Not enough of the shape was seen.
+    /// Not enough of the shape was measured.
     #[error("{}: z_mm: {found} shape points inside the tissue during displaced holds, expected at least 3", path.display())]
     TooFewPoints {
         /// The shape file.
@@ -88,7 +88,7 @@ pub enum IdentifyError {
     /// None of its runs can be identified.
     #[error("no run can be identified: {}", suspicions.iter().cloned().chain(reasons.iter().map(|(id, why)| format!("{id}: {why}"))).collect::<Vec<_>>().join("; "))]
     AllFailed {
-        /// What looks wrong with units and signs, before anything is fitted.
+        /// Suspected errors of units and signs, before anything is fitted.
         suspicions: Vec<String>,
         /// Id and reason of each run.
         reasons: Vec<(String, RunError)>,

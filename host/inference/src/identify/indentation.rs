@@ -10,7 +10,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Depths closer than this are one depth, as in the table.
 const SAME_DEPTH_M: f64 = 0.5e-3;
-/// Bend of the curve that is said: share of the slope, and standard errors.
+/// Bend of the curve that is reported: share of the slope, and standard errors.
 const BENT: f64 = 0.1;
 const BENT_SE: f64 = 3.0;
 /// A sphere pressed in by more than this share of its radius strains the tissue beyond Hertz.
@@ -37,7 +37,7 @@ pub(super) fn reference(
                 indentations.push(found);
             }
             Err(why) => {
-                warnings.push(format!("indentation {} is left out: {}: {why}", run.id, run.path.display()));
+                warnings.push(format!("indentation {} is skipped: {}: {why}", run.id, run.path.display()));
             }
         }
     }
@@ -83,7 +83,7 @@ fn depths(
 ) -> Vec<DepthResult> {
     let mut groups: Vec<(f64, Vec<f64>)> = Vec::new();
     for run in runs {
-        let Some(k_kpa) = run.methods.likelihood.k_kpa.filter(|_| run.left_out.is_none()) else { continue };
+        let Some(k_kpa) = run.methods.likelihood.k_kpa.filter(|_| run.skipped.is_none()) else { continue };
         match groups.iter_mut().find(|(depth_mm, _)| (depth_mm - run.depth_mm).abs() <= 1e3 * SAME_DEPTH_M) {
             Some((_, values)) => values.push(1e3 * k_kpa),
             None => groups.push((run.depth_mm, vec![1e3 * k_kpa])),
@@ -141,7 +141,7 @@ fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
     })
 }
 
-/// What to know of one indentation before its modulus is trusted.
+/// Warnings about one indentation.
 fn remarks(run: &IndentationRun, found: &Indented) -> Vec<String> {
     let mut remarks = Vec::new();
     let bent = found.nonlinearity.abs() > BENT && found.nonlinearity.abs() > BENT_SE * found.nonlinearity_se;

@@ -1,6 +1,6 @@
 //! Two layers from runs at several depths: a modulus each and the boundary between them.
 //!
-//! The fit has several minima in the boundary (a face that no run sees through moves nothing), so it is started from boundaries
+//! The fit has several minima in the boundary (a face that no run reaches beyond changes nothing), so it is started from boundaries
 //! spread over the depths of the runs, and the best is taken.
 
 use super::fitting::{K_RANGE_PA, NORMAL_975, ln_k_parameter};

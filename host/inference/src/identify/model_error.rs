@@ -8,7 +8,7 @@
 use super::fitting::NORMAL_975;
 use super::options::TissueModel;
 use super::{Fitted, FoundationChoice, NoiseAlone, Options, Pooled};
-use crate::diagnose::{Asked, DiscrepantModulus, FoundationEvidence, beside_discrepancy};
+use crate::diagnose::{BesideInput, DiscrepantModulus, FoundationEvidence, beside_discrepancy};
 use formats::session::Session;
 use mechanics::effects::Effect;
 
@@ -49,8 +49,8 @@ pub(super) fn beside(
     let unknown = runs.first().map(|run| run.data.effects.as_slice()).unwrap_or_default();
     let given: Vec<_> = options.fixed.iter().cloned().chain(unknown.iter().map(neutral)).collect();
     let body = (tissue.foundation != FoundationChoice::Springs).then_some(tissue.poisson);
-    let asked = Asked { given: &given, discrepancy: &options.discrepancy, body };
-    let (springs, body) = beside_discrepancy(&used, &asked).map_err(|why| why.to_string())?;
+    let input = BesideInput { given: &given, discrepancy: &options.discrepancy, body };
+    let (springs, body) = beside_discrepancy(&used, &input).map_err(|why| why.to_string())?;
     Ok(Beside { springs, body: body.map(|found| found.map_err(|why| why.to_string())) })
 }
 

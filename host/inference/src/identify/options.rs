@@ -101,7 +101,7 @@ impl Default for Options {
     }
 }
 
-/// The tissue as it is modelled: what the options say, else what the session states, else the default.
+/// The tissue as it is modelled: what the options state, else what the session states, else the default.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TissueModel {
     /// Springs, a body, or what the evidence decides for.

@@ -37,7 +37,7 @@ pub(super) fn pool(runs: &[Fitted], options: &Options, warnings: &mut Vec<String
         }
     };
     if differ {
-        // Runs that differ more than their noise tell how well a shared K is known.
+        // Runs that differ more than their noise determine how well a shared K is known.
         estimate.sd_ln = estimate.sd_ln.max((q / freedom / weight).sqrt());
         estimate.quantile = student_975(freedom);
         // Smaller ones are lost in the rounding of the distribution.

@@ -10,7 +10,7 @@ use mechanics::Support;
 use mechanics::effects::{Effect, effect};
 use std::ops::Range;
 
-/// Standard deviation of a deflection before its residuals tell more.
+/// Standard deviation of a deflection before its residuals determine it.
 const FIRST_SHAPE_SD_M: f64 = 25e-6;
 /// No shape is known better than this.
 pub(super) const MIN_SHAPE_SD_M: f64 = 1e-6;
@@ -62,7 +62,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
         shape_sd_m,
         force_offset: used.len() > displaced.len(),
-        // A force says how stiff needle and tissue are together, and nothing where neither is known.
+        // A force determines the stiffness of needle and tissue together, and nothing where neither is known.
         uses_force: session.rig.needle.stiffness_known,
         effects: nuisances(session, options),
         fixed: (!options.fixed.is_empty()).then(|| Fixed {
@@ -101,7 +101,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
     })
 }
 
-/// What was asked for, and how the needle turns in an only guide of which that is not known.
+/// What was requested, and how the needle turns in an only guide of which that is not known.
 fn nuisances(session: &Session, options: &Options) -> Vec<&'static dyn Effect> {
     let mut effects = options.nuisances.clone();
     let unknown = session.rig.rear_is_unknown();
@@ -137,7 +137,7 @@ fn check_levels(
     }
 }
 
-/// The horizontal plane counts where it was moved in and its shape was seen.
+/// The horizontal plane counts where it was moved in and its shape was measured.
 fn planes(run: &LateralRun, used: &[&Hold], criteria: &HoldCriteria, warnings: &mut Vec<String>) -> usize {
     let moved = used.iter().any(|level| level.displacement_m()[1].abs() > criteria.zero_m);
     if moved && run.shape.x_m.is_none() {
@@ -164,7 +164,7 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
 }
 
 /// The run's course, for effects that depend on it: rows closer than [`COURSE_STEP_S`] are thinned, since nothing that is modelled
-/// is quicker. A shape without times was seen in the middle of its hold.
+/// is quicker. A shape without times was measured in the middle of its hold.
 fn course(session: &Session, run: &LateralRun, used: &[&Hold]) -> DisplacementHistory {
     let mut last_s = f64::NEG_INFINITY;
     let mut kept = Vec::new();
@@ -181,13 +181,13 @@ fn course(session: &Session, run: &LateralRun, used: &[&Hold]) -> DisplacementHi
         let [from_s, to_s] = level.time_s;
         time_s.partition_point(|at_s| *at_s < from_s)..time_s.partition_point(|at_s| *at_s <= to_s)
     };
-    let seen_s = |level: &Hold, index: usize| {
+    let measured_s = |level: &Hold, index: usize| {
         let own_s = run.shape.time_s.as_deref().and_then(|times_s| times_s.get(index)).copied();
         own_s.map_or(0.5 * (level.time_s[0] + level.time_s[1]), |stamp_s| level.observed_s(stamp_s))
     };
     let on_needle = |level: &&Hold| -> Vec<f64> {
         let indices = level.shape.iter().filter(|index| shape_point(session, run, **index).is_some());
-        indices.map(|index| seen_s(level, *index)).collect()
+        indices.map(|index| measured_s(level, *index)).collect()
     };
     let still = || vec![0.0; time_s.len()];
     let displacement_x_m = run.force.displacement_x_m.as_deref().map_or_else(still, thinned);

@@ -35,7 +35,7 @@ struct Depth {
     depth_m: f64,
     /// K of its runs and the ends of its interval, Pa.
     k_pa: [f64; 3],
-    /// The needle in an elastic body, and what was measured how well; where it was asked for.
+    /// The needle in an elastic body, and what was measured how well; where it was requested.
     body: Option<(Continuum, Run)>,
     /// The same for a Poisson's ratio one standard deviation away, where it is not exactly known.
     neighbour: Option<Continuum>,
@@ -73,7 +73,7 @@ impl<'s> Youngs<'s> {
         let single = groups.len() == 1;
         let of_group = |group: Vec<Fitted>| {
             let depth_m = group.iter().map(|run| run.data.depth_m).sum::<f64>() / group.len() as f64;
-            // What is to be said of the pool has been said of all runs.
+            // Warnings about the pool have been given for all runs.
             let own = (!single).then(|| pool::pool(&group, &plain, &mut Vec::new()));
             let Pooled { k_kpa, ci95_kpa, noise_alone, .. } = own.as_ref().unwrap_or(pooled);
             // Model error is no matter of one depth: it comes in once all are combined.
@@ -246,7 +246,7 @@ fn combined(depths: &[LnYoungs], error: f64) -> Option<(LnYoungs, f64)> {
 }
 
 /// Young's modulus as it is reported: that of the body where springs and body were compared and the body is used, else K's
-/// through the relation. K of springs with effects of the tissue is pushed through no relation, which knows none of them.
+/// through the relation. K of springs with effects of the tissue is pushed through no relation: none has effects.
 pub(super) fn headline(
     mut youngs: YoungsModulus,
     foundation: &FoundationResult,

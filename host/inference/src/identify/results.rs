@@ -37,7 +37,7 @@ pub struct Identification {
     pub k_per_ei: Option<KPerEi>,
     /// K of each plane; nothing where guide 2 was displaced in one plane only.
     pub directions: Option<Directions>,
-    /// Two layers; nothing where they were not asked for or the runs do not determine them.
+    /// Two layers; nothing where they were not requested or the runs do not determine them.
     pub layers: Option<Layers>,
     /// Springs against an elastic body.
     pub foundation: FoundationResult,
@@ -47,7 +47,7 @@ pub struct Identification {
     pub reference: Option<Reference>,
     /// What of the recordings is not used, with its reason.
     pub unused: Vec<Unused>,
-    /// What to know before trusting the numbers.
+    /// Warnings about the numbers.
     pub warnings: Vec<String>,
 }
 
@@ -62,9 +62,9 @@ pub struct Pooled {
     pub ci95_kpa: [f64; 2],
     /// What they are by noise alone; nothing where the two are the same, because model error could not be estimated.
     pub noise_alone: Option<NoiseAlone>,
-    /// Profile likelihood; nothing where it was not asked for.
+    /// Profile likelihood; nothing where it was not requested.
     pub profile: Option<Profile>,
-    /// Parametric bootstrap; nothing where it was not asked for.
+    /// Parametric bootstrap; nothing where it was not requested.
     pub bootstrap: Option<Bootstrap>,
     /// What was found of the nuisance effects' parameters, shared by the runs.
     pub nuisances: Vec<NuisanceResult>,

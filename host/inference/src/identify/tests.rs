@@ -43,7 +43,7 @@ fn estimates_are_unbiased_scatter_as_stated_and_cover() {
     assert!((134..=149).contains(&covered), "{covered} of {SESSIONS}");
 }
 
-/// Rigs that differ as the priors say: with the nuisances modelled the intervals cover, without them they do not.
+/// Rigs that differ as the priors state: with the nuisances modelled the intervals cover, without them they do not.
 #[test]
 fn nuisances_in_the_truth_are_covered_when_they_are_modelled() {
     const SESSIONS: usize = 500;
@@ -98,7 +98,7 @@ fn without_force_the_modulus_is_found_with_a_wider_interval_that_covers() {
 }
 
 #[test]
-fn pooling_runs_narrows_the_interval_as_their_number_says() {
+fn pooling_runs_narrows_the_interval_with_their_number() {
     let mut noise = Noise::new(5);
     let mut recipe = Recipe::default();
     let runs: Vec<_> = (0..4).map(|i| recipe.run(&format!("r{i}"), &mut noise)).collect();
@@ -111,7 +111,7 @@ fn pooling_runs_narrows_the_interval_as_their_number_says() {
     let agreement = result.pooled.heterogeneity.expect("four runs");
     assert!(agreement.p > 0.01 && agreement.degrees_of_freedom == 3, "{agreement:?}");
 
-    // A fifth run in tissue of twice the modulus: the runs disagree, and the interval says so.
+    // A fifth run in tissue of twice the modulus: the runs disagree, and the interval shows it.
     recipe.k_kpa = 2.0 * K_KPA;
     session.lateral.push(recipe.run("other", &mut noise));
     let mixed = identified(&session);
@@ -165,8 +165,8 @@ fn residuals_beyond_the_stated_noise_widen_the_interval() {
 fn profile_and_bootstrap_come_on_request() {
     let session = session(vec![Recipe::default().run("a & b", &mut Noise::new(51))]);
     assert_eq!(identified(&session).pooled.profile, None);
-    let asked = Options { profile: true, bootstrap: 100, seed: 7, ..Options::default() };
-    let result = identify(&session, &asked).expect("identifies");
+    let options = Options { profile: true, bootstrap: 100, seed: 7, ..Options::default() };
+    let result = identify(&session, &options).expect("identifies");
     let pooled = &result.pooled;
     let noise = pooled.noise_alone.expect("noise alone");
     assert!(pooled.sd_kpa > noise.sd_kpa, "{pooled:?}");

@@ -13,7 +13,7 @@ pub enum Baseline {
     Cubic,
     /// Kinematic bicycle: the needle starts along its axis and turns with one curvature, whose direction turns with the needle.
     Bicycle,
-    /// The mean path of the earlier insertions, moved onto what was seen.
+    /// The mean path of the earlier insertions, moved onto the observed part.
     MeanOfOthers,
 }
 
@@ -31,26 +31,26 @@ impl Baseline {
         }
     }
 
-    /// Tip position at each depth, per plane, from what is seen; nothing where that is too little.
-    pub fn predict(self, seen: &TipPath, others: &[&TipPath], depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
+    /// Tip position at each depth, per plane, from the observed part; nothing where that is too little.
+    pub fn predict(self, observed: &TipPath, others: &[&TipPath], depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
         match self {
-            Self::Quadratic => polynomial(seen, 2, depths_m),
-            Self::Cubic => polynomial(seen, 3, depths_m),
-            Self::Bicycle => bicycle(seen, depths_m),
-            Self::MeanOfOthers => mean_of_others(seen, others, depths_m),
+            Self::Quadratic => polynomial(observed, 2, depths_m),
+            Self::Cubic => polynomial(observed, 3, depths_m),
+            Self::Bicycle => bicycle(observed, depths_m),
+            Self::MeanOfOthers => mean_of_others(observed, others, depths_m),
         }
     }
 }
 
-fn polynomial(seen: &TipPath, degree: usize, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
-    let reach_m = seen.bins.last()?.depth_m;
+fn polynomial(observed: &TipPath, degree: usize, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
+    let reach_m = observed.bins.last()?.depth_m;
     let row = |depth_m: f64| {
         (0..=degree).map(move |power| (depth_m / reach_m).powi(power as i32)).collect::<Vec<_>>()
     };
-    let at: Vec<_> = seen.bins.iter().map(|bin| row(bin.depth_m)).collect();
-    (0..seen.planes)
+    let at: Vec<_> = observed.bins.iter().map(|bin| row(bin.depth_m)).collect();
+    (0..observed.planes)
         .map(|plane| {
-            let measured: Vec<_> = seen.bins.iter().map(|bin| bin.tip_m[plane]).collect();
+            let measured: Vec<_> = observed.bins.iter().map(|bin| bin.tip_m[plane]).collect();
             let solution = least_squares(&at, &measured)?;
             Some(depths_m.iter().map(|depth_m| dot(&row(*depth_m), &solution)).collect())
         })
@@ -58,14 +58,14 @@ fn polynomial(seen: &TipPath, degree: usize, depths_m: &[f64]) -> Option<Vec<Vec
 }
 
 /// `u'' = kappa` turned by the rotation, both planes at once.
-fn bicycle(seen: &TipPath, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
+fn bicycle(observed: &TipPath, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
     const STEP_M: f64 = 0.25e-3;
-    let last_m = depths_m.iter().copied().fold(0.0, f64::max).max(seen.bins.last()?.depth_m);
+    let last_m = depths_m.iter().copied().fold(0.0, f64::max).max(observed.bins.last()?.depth_m);
     // Twice integrated cosine and sine of the rotation, by the midpoint rule.
     let mut bent = vec![[0.0; 2]];
     let mut heading = [0.0; 2];
     for step in 0..=(last_m / STEP_M).ceil() as usize {
-        let (sin, cos) = seen.done.rotation_rad.before((step as f64 + 0.5) * STEP_M).sin_cos();
+        let (sin, cos) = observed.done.rotation_rad.before((step as f64 + 0.5) * STEP_M).sin_cos();
         let before = bent[step];
         let turned = [heading[0] + STEP_M * cos, heading[1] + STEP_M * sin];
         bent.push([0, 1].map(|i| before[i] + 0.5 * STEP_M * (heading[i] + turned[i])));
@@ -80,33 +80,34 @@ fn bicycle(seen: &TipPath, depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
     // Unknowns: offset and curvature, vertical and horizontal.
     let rows = |depth_m: f64| {
         let [cos, sin] = at(depth_m);
-        if seen.planes == 2 {
+        if observed.planes == 2 {
             vec![vec![1.0, 0.0, cos, -sin], vec![0.0, 1.0, sin, cos]]
         } else {
             vec![vec![1.0, cos]]
         }
     };
-    let design: Vec<_> = seen.bins.iter().flat_map(|bin| rows(bin.depth_m)).collect();
-    let measured: Vec<_> = seen.bins.iter().flat_map(|bin| bin.tip_m.into_iter().take(seen.planes)).collect();
+    let design: Vec<_> = observed.bins.iter().flat_map(|bin| rows(bin.depth_m)).collect();
+    let measured: Vec<_> =
+        observed.bins.iter().flat_map(|bin| bin.tip_m.into_iter().take(observed.planes)).collect();
     let solution = least_squares(&design, &measured)?;
     let plane =
         |plane: usize| depths_m.iter().map(|depth_m| dot(&rows(*depth_m)[plane], &solution)).collect();
-    Some((0..seen.planes).map(plane).collect())
+    Some((0..observed.planes).map(plane).collect())
 }
 
-fn mean_of_others(seen: &TipPath, others: &[&TipPath], depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
-    if others.is_empty() || others.iter().any(|other| other.planes < seen.planes) {
+fn mean_of_others(observed: &TipPath, others: &[&TipPath], depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
+    if others.is_empty() || others.iter().any(|other| other.planes < observed.planes) {
         return None;
     }
     let plane = |plane: usize| {
         let mean = |depth_m: f64| {
             others.iter().map(|other| tip_at(other, plane, depth_m)).sum::<f64>() / others.len() as f64
         };
-        let apart: f64 = seen.bins.iter().map(|bin| bin.tip_m[plane] - mean(bin.depth_m)).sum();
-        let apart_m = apart / seen.bins.len() as f64;
+        let apart: f64 = observed.bins.iter().map(|bin| bin.tip_m[plane] - mean(bin.depth_m)).sum();
+        let apart_m = apart / observed.bins.len() as f64;
         depths_m.iter().map(|depth_m| mean(*depth_m) + apart_m).collect()
     };
-    Some((0..seen.planes).map(plane).collect())
+    Some((0..observed.planes).map(plane).collect())
 }
 
 /// Nothing where there are fewer equations than unknowns or they do not determine them.

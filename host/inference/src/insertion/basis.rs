@@ -1,7 +1,7 @@
 //! One recording's path as a linear function of its unknowns, at one candidate of modulus and gap.
 //!
 //! What a difference of this insertion's modulus or surface does is linear too: the derivative of the path under the load that the path
-//! itself asks for, times the difference. Products of small differences are left out.
+//! itself requires, times the difference. Products of small differences are neglected.
 
 use super::candidates::{Candidate, Candidates, Parts, Responses, Smooth};
 use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};

@@ -1,6 +1,6 @@
 //! Paths per unit of every unknown at any modulus and gap, and at any compliance of a rear that is not known.
 //!
-//! The insertion is solved on a lattice of the logarithms of these, where it is asked for; between its points responses are
+//! The insertion is solved on a lattice of the logarithms of these, where it is needed; between its points responses are
 //! interpolated, which also gives their derivatives. What is solved serves every fold of a session.
 
 use super::lattice::{Mixture, about, cubic, parabola};
@@ -121,7 +121,7 @@ pub(super) struct Parts {
     pub guide2: usize,
     /// What 1 m of guide 2 does at rest, at once.
     pub at_once: usize,
-    /// Under the load along the bevel, which its wander follows.
+    /// Under the load along the bevel, which its process noise follows.
     pub along: usize,
     /// What the load does to the other plane, where they are coupled.
     pub across: usize,
@@ -377,7 +377,7 @@ impl Candidates {
         }
         let turns: &[fn(f64) -> f64] = if self.layout.coupled { &[f64::cos, f64::sin] } else { &[f64::cos] };
         for turn in turns {
-            // The load itself, then its wander at every knot.
+            // The load itself, then its process noise at every knot.
             for part in 0..=self.layout.knots_m.len() {
                 let amount = |depth_m: f64| match part.checked_sub(1) {
                     None => 1.0,
@@ -398,7 +398,7 @@ impl Candidates {
     }
 }
 
-/// Tip under what acts, node by node on arriving and on leaving, and its direction where that is asked for.
+/// Tip under what acts, node by node on arriving and on leaving, and its direction where that is requested.
 fn under(growth: &GrowingBeam, acting: &dyn Fn(usize) -> Acting, directed: bool) -> [Vec<f64>; 2] {
     let states = growth.under_load(acting);
     let slopes = if directed { growth.tip_slopes(&states, |node| acting(node).guide2_m) } else { Vec::new() };

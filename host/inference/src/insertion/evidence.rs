@@ -1,4 +1,4 @@
-//! Log evidence of a set of recordings at one candidate, and what they say about the next insertion
+//! Log evidence of a set of recordings at one candidate, and what they determine about the next insertion
 //! (theory, eq. 43).
 //!
 //! The unknowns of an insertion are what all insertions share plus its own part, both normal. Per recording its own part is integrated
@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector};
 use pulp::Arch;
 
 /// Measured values of one vector of unknowns as a linear function of them, summed up: rows with as many readings have the same variance,
-/// and all that is ever asked of them is their sum of squares.
+/// and only their sum of squares is used.
 #[derive(Debug, Clone)]
 pub(super) struct System {
     groups: Vec<Group>,
@@ -115,7 +115,7 @@ impl System {
     }
 }
 
-/// What one recording says about the shared part, in standard normal numbers of an own part.
+/// What one recording determines of the shared part, in standard normal numbers of an own part.
 struct Message {
     ln: f64,
     information: Vec<f64>,

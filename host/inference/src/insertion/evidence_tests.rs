@@ -39,7 +39,7 @@ fn paths(noise: &mut Noise) -> Vec<TipPath> {
             ..Insertion::default()
         },
         gaps_m: Vec::new(),
-        rows_left_out: 0,
+        rows_skipped: 0,
         rows: Vec::new(),
     };
     (0..3).map(path).collect()

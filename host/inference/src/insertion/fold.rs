@@ -39,7 +39,7 @@ pub(super) struct Fold<'a> {
     pub noise: ReadingNoise,
 }
 
-/// A candidate with what every recording's values say of it.
+/// A candidate with every recording's values at it.
 pub(super) struct Solved {
     pub candidate: Candidate,
     pub ln_prior: f64,
@@ -130,7 +130,7 @@ impl<'a> Fold<'a> {
         Some(solved)
     }
 
-    /// Sizes at a candidate: those of the tip load are shares of the load that the paths ask for there.
+    /// Sizes at a candidate: those of the tip load are shares of the load that the paths require there.
     pub(super) fn scales(&self, x: &[f64], solved: &Solved) -> Scales {
         let load_n = solved.load_n[0].hypot(solved.load_n[1]);
         Scales::from_logarithms(
@@ -204,7 +204,7 @@ impl<'a> Fold<'a> {
         tops.into_iter().map(|(at, _)| candidate(at)).collect()
     }
 
-    /// Climbs from a candidate, in modulus and gap and, where asked, in the scales.
+    /// Climbs from a candidate, in modulus and gap and, where requested, in the scales.
     pub(super) fn climb(&self, candidate: Candidate, likeliest: &[f64], scales_too: bool) -> Option<Top> {
         let mut likeliest = likeliest.to_vec();
         let mut solved = self.solve_about_rear(candidate, &likeliest)?;
@@ -271,14 +271,14 @@ impl<'a> Fold<'a> {
         Some(self.evidence(solved, &scales, true)?.step(&self.candidates.layout, &scales))
     }
 
-    /// Which scales the recordings can say anything of.
+    /// Which scales the recordings can determine.
     pub(super) fn active(&self) -> Vec<usize> {
         let moving = self.training.iter().any(|path| self.paths[*path].bins.iter().any(|bin| bin.moving));
-        let says = |scale: &usize| match scale {
+        let is_active = |scale: &usize| match scale {
             &MOVING => moving,
             scale => self.candidates.layout.direction || !DIRECTION.contains(scale),
         };
-        (0..COUNT).filter(says).collect()
+        (0..COUNT).filter(is_active).collect()
     }
 
     /// Minus the log posterior of the scales at a candidate.
@@ -303,7 +303,7 @@ fn newton(
         if sds[i] > 0.0 {
             let precision = sds[i].powi(-2);
             right[i] -= precision * at[i];
-            // What the path says may not make it less certain than the prior.
+            // The path may not make it less certain than the prior.
             information[i][i] = information[i][i].max(0.0) + precision;
         }
     }

@@ -1,9 +1,10 @@
 //! Which unknowns an insertion has.
 //!
-//! In one plane: offset of the tip sensor (m), angle of entry (rad; a tilt of the tracker looks the same), displacement of guide 2 from
-//! its zero (m), this insertion's modulus against that of all (difference of logarithms), the place of its tissue surface (m beyond
-//! where the depth counts from), a step of the logarithm of the gap (used to find the gap, 0 otherwise), slow drift of the tracker (m), tip load (N), and the wander of
-//! the tip load at knots of depth (N). A needle that is turned carries its load with it, which couples the two planes.
+//! In one plane: offset of the tip sensor (m), angle of entry (rad; a tilt of the tracker has the same effect), displacement of guide 2
+//! from its zero (m), this insertion's modulus against that of all (difference of logarithms), the place of its tissue surface (m beyond
+//! where the depth counts from), a step of the logarithm of the gap (used to find the gap, 0 otherwise), slow drift of the tracker (m),
+//! tip load (N), and the process noise of the tip load at knots of depth (N). A needle that is turned carries its load with it, which
+//! couples the two planes.
 //!
 //! Where the rotation stiffness of an only guide is not known, its share is an unknown of each plane. Where the
 //! tip's direction is measured, a tilt of the sensor on the needle and its slow change with depth (rad) are.
@@ -24,7 +25,7 @@ pub(super) const ENTRY: usize = 4;
 pub(super) const GAP: usize = 5;
 pub(super) const DRIFT: usize = 6;
 pub(super) const LOAD: usize = DRIFT + DRIFTS;
-pub(super) const WANDER: usize = LOAD + 1;
+pub(super) const PROCESS_NOISE: usize = LOAD + 1;
 /// Cosines of depth that make up a slow drift of the tracker: half a wave over the whole depth, a whole one, and so on.
 pub(super) const DRIFTS: usize = 4;
 /// Cosines of depth that make up a slow change of the tilt of the direction sensor.
@@ -70,22 +71,22 @@ impl Layout {
     /// Unknowns of one plane.
     pub(super) fn of_plane(&self) -> usize {
         let tilts = if self.direction { 1 + BENDS } else { 0 };
-        self.wander().end + usize::from(self.rear) + tilts
+        self.process_noise().end + usize::from(self.rear) + tilts
     }
 
     /// Places of a plane's knots of the tip load.
-    pub(super) fn wander(&self) -> Range<usize> {
-        WANDER..WANDER + self.knots_m.len()
+    pub(super) fn process_noise(&self) -> Range<usize> {
+        PROCESS_NOISE..PROCESS_NOISE + self.knots_m.len()
     }
 
     /// Place of the share of the rear.
     pub(super) fn rear(&self) -> Option<usize> {
-        self.rear.then_some(self.wander().end)
+        self.rear.then_some(self.process_noise().end)
     }
 
     /// Place of the tilt of the direction sensor, which its slow change follows.
     pub(super) fn tilt(&self) -> Option<usize> {
-        self.direction.then_some(self.wander().end + usize::from(self.rear))
+        self.direction.then_some(self.process_noise().end + usize::from(self.rear))
     }
 
     /// Length of a vector of unknowns.
@@ -114,7 +115,7 @@ impl Layout {
         let mut row = DVector::zeros(self.unknowns());
         row[at + LOAD] = 1.0;
         for knot in 0..self.knots_m.len() {
-            row[at + WANDER + knot] = self.hat(knot, depth_m);
+            row[at + PROCESS_NOISE + knot] = self.hat(knot, depth_m);
         }
         row
     }
@@ -125,7 +126,7 @@ impl Layout {
         (PI * (number + 1) as f64 * depth_m / last_m).cos()
     }
 
-    /// Share of the wander at a knot in the load at a depth: linear between knots.
+    /// Share of the process noise at a knot in the load at a depth: linear between knots.
     pub(super) fn hat(&self, knot: usize, depth_m: f64) -> f64 {
         let last = self.knots_m.len() - 1;
         let beyond = depth_m / STRETCH_M - knot as f64;

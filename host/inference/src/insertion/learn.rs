@@ -16,7 +16,7 @@ use super::scales::{ReadingNoise, Scales};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// What earlier insertions say about the next.
+/// What earlier insertions determine about the next.
 #[derive(Debug, Clone)]
 pub struct Learned {
     /// Possible sizes of the unknowns.
@@ -118,7 +118,7 @@ pub fn learn_from(
         learned.parts.push(Part { node, scales: learned.scales.len(), ln_weight, normals });
         learned.scales.push(scales);
     }
-    // What a part weighs before the insertion begins says little where it was drawn to suit the insertion itself.
+    // What a part weighs before the insertion begins means little where it was drawn to suit the insertion itself.
     if !alone {
         let most = learned.parts.iter().map(|part| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);
         learned.parts.retain(|part| part.ln_weight > most - MIN_LN_WEIGHT);
@@ -128,9 +128,9 @@ pub fn learn_from(
 
 /// Where the search begins for every fold of a session: from what is known of all its recordings up to the depth from which they are
 /// predicted, so that nothing beyond it plays a part.
-pub fn start(candidates: &Candidates, seen: &[TipPath], noise: ReadingNoise) -> Option<Start> {
-    let training: Vec<usize> = (0..seen.len()).collect();
-    let (fold, start) = Fold::new(candidates, seen, &training, noise, None);
+pub fn start(candidates: &Candidates, observed: &[TipPath], noise: ReadingNoise) -> Option<Start> {
+    let training: Vec<usize> = (0..observed.len()).collect();
+    let (fold, start) = Fold::new(candidates, observed, &training, noise, None);
     let tops = fold.tops(&start);
     let likeliest = tops.first()?.likeliest.clone();
     let candidates = tops.iter().map(|top| top.solved.candidate).collect();

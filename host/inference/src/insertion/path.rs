@@ -1,4 +1,4 @@
-//! A recorded insertion as the estimators see it: tip positions in bins of depth, and what was done.
+//! A recorded insertion as the estimators use it: tip positions in bins of depth, and what was done.
 //!
 //! Recordings are made by hand: needles rest and rows repeat, depth is noisy, each push springs back by a millimetre or two, the
 //! needle is drawn back at the end. A row counts while the tip is near where it cuts; rows at one depth with the same rotation and
@@ -51,7 +51,7 @@ pub enum PathError {
     },
     /// Nothing to identify from.
     #[error("depth_mm: {bins} depths up to {until_mm} mm, expected 3 or more to identify the tip load from")]
-    NothingSeen {
+    TooFewDepths {
         /// Depths that count.
         bins: usize,
         /// Where the identification ends.
@@ -98,7 +98,7 @@ pub struct TipPath {
     /// Stretches of 15 mm or more without samples, m.
     pub gaps_m: Vec<[f64; 2]>,
     /// Rows that are no part of the insertion: before the surface, drawn back, or in the middle of a turn.
-    pub rows_left_out: usize,
+    pub rows_skipped: usize,
     /// The rows behind the bins.
     pub(super) rows: Vec<Row>,
 }
@@ -136,7 +136,7 @@ impl TipPath {
         Ok(Self {
             id: run.id.clone(),
             planes: if run.tip_x_m.is_some() { 2 } else { 1 },
-            rows_left_out: run.depth_m.len() - used as usize,
+            rows_skipped: run.depth_m.len() - used as usize,
             deepest_m,
             done,
             gaps_m: gaps_m(&bins),
@@ -145,15 +145,15 @@ impl TipPath {
         })
     }
 
-    /// The same, seen up to a depth only; what was done stays known, as a plan is.
+    /// The same, observed up to a depth only; what was done stays known, as a plan is.
     ///
     /// # Errors
-    /// [`PathError::NothingSeen`] where fewer than three depths are left.
+    /// [`PathError::TooFewDepths`] where fewer than three depths are left.
     pub fn until(&self, until_m: f64) -> Result<Self, PathError> {
         let rows: Vec<Row> = self.rows.iter().filter(|row| row.depth_m <= until_m).copied().collect();
         let bins = bins(&rows, &self.done);
         if bins.len() < 3 {
-            return Err(PathError::NothingSeen { bins: bins.len(), until_mm: 1e3 * until_m });
+            return Err(PathError::TooFewDepths { bins: bins.len(), until_mm: 1e3 * until_m });
         }
         Ok(Self { gaps_m: gaps_m(&bins), bins, rows, ..self.clone() })
     }
@@ -234,8 +234,8 @@ fn done(run: &InsertionRun, rows: &[Row]) -> Result<Insertion, ModelError> {
         before_m = row.depth_m;
     }
     let [y, x] = guide2;
-    let told = run.guide2_y_m.is_some() || run.guide2_x_m.is_some();
-    let guide2_m = if told { [Profile::new(y)?, Profile::new(x)?] } else { Default::default() };
+    let is_recorded = run.guide2_y_m.is_some() || run.guide2_x_m.is_some();
+    let guide2_m = if is_recorded { [Profile::new(y)?, Profile::new(x)?] } else { Default::default() };
     let rotation_rad = Profile::new(rotation)?;
     Ok(Insertion { rotation_rad, guide2_m: Some(guide2_m), ..Insertion::default() })
 }
@@ -322,7 +322,7 @@ fn gaps_m(bins: &[Bin]) -> Vec<[f64; 2]> {
     pairs.filter(|[from_m, to_m]| to_m - from_m >= GAP_M).collect()
 }
 
-/// Leaves out bins far off the line between their neighbours: glitches of the tip sensor. What happens at rest moves the tip too, so
+/// Drops bins far off the line between their neighbours: glitches of the tip sensor. What happens at rest moves the tip too, so
 /// neighbours across a jump do not count.
 fn without_outliers(bins: Vec<Bin>, done: &Insertion) -> Vec<Bin> {
     let profiles = std::iter::once(&done.rotation_rad).chain(done.guide2_m.iter().flatten());
@@ -351,7 +351,7 @@ fn without_outliers(bins: Vec<Bin>, done: &Insertion) -> Vec<Bin> {
 }
 
 /// Standard deviation of a single tip reading, from rows that follow each other at rest; nothing where there are fewer than ten
-/// such pairs. Each recording is looked at up to a depth. Robust: from the median of the differences.
+/// such pairs. Each recording is read up to a depth. Robust: from the median of the differences.
 pub fn row_scatter_m(runs: &[(&InsertionRun, f64)]) -> Option<f64> {
     scatter(runs, |run| [Some(&run.tip_y_m), run.tip_x_m.as_ref()])
 }

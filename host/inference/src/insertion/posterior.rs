@@ -10,12 +10,12 @@ use super::rear::Rear;
 use super::scales::Scales;
 use nalgebra::{DMatrix, DVector};
 
-/// Parts below this share of the weight are left out of a prediction.
+/// Parts below this share of the weight are omitted from a prediction.
 const MIN_WEIGHT: f64 = 1e-4;
 /// A mean so many standard deviations of the prior from its middle, or an interval that reaches further, is at an end of the range.
 const END: f64 = 2.5;
 const END_OF_INTERVAL: f64 = 3.2;
-/// A posterior at least this wide, against the prior, says nothing of its own.
+/// A posterior at least this wide, against the prior, adds no information.
 const UNINFORMED: f64 = 0.8;
 
 /// Mean and standard deviation.
@@ -82,7 +82,7 @@ pub struct Posterior<'c> {
 }
 
 impl<'c> Posterior<'c> {
-    /// Before anything of the insertion that was learned for is known.
+    /// Before the insertion that was learned for begins.
     pub fn new(candidates: &'c Candidates, learned: &Learned) -> Self {
         let Learned { scales, parts, nodes } = learned.clone();
         Self { candidates, scales, nodes, parts }
@@ -111,7 +111,7 @@ impl<'c> Posterior<'c> {
         path.bins.iter().for_each(|bin| self.update(bin));
     }
 
-    /// Takes over what `other` knows, which began as this one did; nothing is allocated.
+    /// Copies the state of `other`, which began as this one did; nothing is allocated.
     fn copy_from(&mut self, other: &Self) {
         for (part, other) in self.parts.iter_mut().zip(&other.parts) {
             part.ln_weight = other.ln_weight;
@@ -298,9 +298,9 @@ impl<'c> Posterior<'c> {
     }
 }
 
-/// Whether a posterior says more of a logarithm than its prior, of mean 0 and standard deviation `sd`.
+/// Whether a posterior determines a logarithm better than its prior, of mean 0 and standard deviation `sd`.
 fn determined(Moments { mean, sd: found }: Moments, sd: f64) -> Determined {
-    // What is given beforehand to a few per cent is not asked of the data.
+    // What is given beforehand to a few per cent is not required of the data.
     let is_given = sd <= GIVEN_LN;
     if is_given {
         Determined::Identified
@@ -334,7 +334,7 @@ const SHARE_OF_CLAMP: f64 = 0.02;
 /// A prior of the logarithm not wider than this was given.
 const GIVEN_LN: f64 = 0.3;
 
-/// An unknown that both planes have: what each of them says, with the prior counted once.
+/// An unknown that both planes have: the value of each, with the prior counted once.
 fn own(part: &Part, layout: &Layout, unknown: usize, prior_sd: f64) -> Moments {
     let (mut precision, mut pull) = (0.0, 0.0);
     for plane in 0..layout.planes {
@@ -349,7 +349,7 @@ fn own(part: &Part, layout: &Layout, unknown: usize, prior_sd: f64) -> Moments {
     Moments { mean: pull / precision, sd: precision.sqrt().recip() }
 }
 
-/// Follows a needle while it moves: readings come one by one, predictions may be asked for at any time.
+/// Follows a needle while it moves: readings come one by one, predictions are available at any time.
 ///
 /// Readings at one depth are gathered to one bin, as they are in a recording.
 #[derive(Debug, Clone)]
@@ -364,8 +364,8 @@ pub struct Live<'c> {
 
 impl<'c> Live<'c> {
     /// Follows an insertion.
-    pub fn new(belief: Posterior<'c>) -> Self {
-        Self { settled: belief.clone(), now: belief, open: Vec::new() }
+    pub fn new(posterior: Posterior<'c>) -> Self {
+        Self { settled: posterior.clone(), now: posterior, open: Vec::new() }
     }
 
     /// Takes in one reading: depth, vertical and horizontal tip position, m.
@@ -390,7 +390,7 @@ impl<'c> Live<'c> {
     }
 
     /// What is known now.
-    pub fn belief(&self) -> &Posterior<'c> {
+    pub fn posterior(&self) -> &Posterior<'c> {
         &self.now
     }
 }

@@ -1,5 +1,5 @@
 //! The published tip load and prediction (Paper A, Lehmann et al., section III), for comparison: the tip load that each measured
-//! tip position asks for, averaged over the last part of what was seen, and carried on as a constant. Modulus and gap are taken as
+//! tip position requires, averaged over the last part observed, and carried on as a constant. Modulus and gap are taken as
 //! exact, measured positions as the cut path.
 
 use super::path::TipPath;
@@ -17,11 +17,11 @@ pub struct Published {
     pub load_n: Vec<f64>,
     /// Depths of the path, every millimetre.
     pub depth_m: Vec<f64>,
-    /// Path per plane: as measured up to where it was seen, predicted beyond.
+    /// Path per plane: as measured up to where it was observed, predicted beyond.
     pub tip_m: Vec<Vec<f64>>,
 }
 
-/// Predicts from what is seen of `path` up to `until_m`, with the load averaged from `from_m` on, down to `last_m`.
+/// Predicts from `path` up to `until_m`, with the load averaged from `from_m` on, down to `last_m`.
 /// `offset_m`: reading of the tip sensor, per plane, of a needle that is straight. The needle is taken as not turned.
 ///
 /// # Errors
@@ -34,8 +34,8 @@ pub fn published(
 ) -> Result<Published, ModelError> {
     let growth = GrowingBeam::new(&model.problem(last_m)?, grid_m(last_m, STEP_M, &[]), Guide2Grip::Holding)?;
     let depth_m = growth.depths_m().to_vec();
-    let seen = depth_m.partition_point(|m| *m <= until_m + 1e-9);
-    let first = depth_m.partition_point(|m| *m < from_m - 1e-9).min(seen.saturating_sub(1));
+    let observed = depth_m.partition_point(|m| *m <= until_m + 1e-9);
+    let first = depth_m.partition_point(|m| *m < from_m - 1e-9).min(observed.saturating_sub(1));
     let (mut loads_n, mut paths_m) = (Vec::new(), Vec::new());
     for plane in 0..path.planes {
         let guide2_m: Vec<f64> = match &path.done.guide2_m {
@@ -43,8 +43,8 @@ pub fn published(
             None => vec![0.0; depth_m.len()],
         };
         let measured_m: Vec<f64> =
-            depth_m[..seen].iter().map(|m| tip_at(path, plane, *m) - offset_m[plane]).collect();
-        let load_n = growth.load_of_path_n(&measured_m, &guide2_m[..seen]);
+            depth_m[..observed].iter().map(|m| tip_at(path, plane, *m) - offset_m[plane]).collect();
+        let load_n = growth.load_of_path_n(&measured_m, &guide2_m[..observed]);
         let averaged = load_n.get(first..).unwrap_or_default();
         let mean_n = averaged.iter().sum::<f64>() / averaged.len() as f64;
         let states = growth.under_load(|node| Acting {

@@ -63,7 +63,7 @@ impl Fold<'_> {
                     let is_flat = (di != 0 && first == 0.0) || (dj != 0 && second == 0.0);
                     if !is_flat && !known.contains(&next) && known.len() < MAX_POINTS {
                         known.push(next);
-                        // The nearest first, so that whatever is left out is far.
+                        // The nearest first, so that those that are omitted are far.
                         open.insert(0, (next, rear_share));
                     }
                 }
@@ -82,7 +82,7 @@ impl Fold<'_> {
         let mut draws = Vec::with_capacity(2 * PAIRS);
         for _ in 0..PAIRS {
             let mut z: Vec<f64> = sds.iter().map(|_| StandardNormal.sample(&mut rng)).collect();
-            // What the recordings say nothing of stays where it is.
+            // What the recordings do not determine stays where it is.
             z.iter_mut().enumerate().filter(|(i, _)| !active.contains(i)).for_each(|(_, z)| *z = 0.0);
             let ln = -0.5 * z.iter().map(|z: &f64| z * z).sum::<f64>();
             for sign in [-1.0, 1.0] {

@@ -14,11 +14,11 @@ pub struct Scales {
     pub entry_angle_rad: f64,
     /// Own tip load, N.
     pub load_n: f64,
-    /// Shared tip load, N: wide, in proportion to what the paths ask for, so that its size weighs no modulus against another.
+    /// Shared tip load, N: wide, in proportion to what the paths require, so that its size weighs no modulus against another.
     pub shared_load_n: f64,
-    /// Shared and own wander of the tip load about its mean, N.
-    pub wander_n: [f64; 2],
-    /// Depth over which the wander is forgotten, m.
+    /// Shared and own process noise of the tip load about its mean, N.
+    pub process_noise_n: [f64; 2],
+    /// Depth over which the process noise is correlated, m.
     pub memory_m: f64,
     /// Own difference of the logarithm of the modulus.
     pub modulus_ln: f64,
@@ -92,7 +92,7 @@ const MIN_LOAD_N: f64 = 0.02;
 /// No path is smoother than this, m: the model is solved in steps.
 const MIN_IRREGULARITY_M: f64 = 3e-6;
 const MIN_UNSTEADY_RAD: f64 = 3e-5;
-/// What all insertions of a session share has one value in each plane, which says little of a size: these are wide. Offset (m), angle
+/// What all insertions of a session share has one value in each plane, which determines little of a size: these are wide. Offset (m), angle
 /// (rad), load (a multiple of its size).
 const SHARED_OFFSET_M: f64 = 0.1;
 const SHARED_ANGLE_RAD: f64 = 0.05;
@@ -102,7 +102,7 @@ const GUIDE2_M: [f64; 2] = [0.05e-3, 0.01e-3];
 const SHARED_ENTRY_M: f64 = 0.3e-3;
 /// Tilt that all insertions share, rad: how the sensor sits on the needle.
 const SHARED_TILT_RAD: f64 = 0.05;
-/// How far the share of the rear differs between insertions: whoever holds the needle takes it anew.
+/// How far the share of the rear differs between insertions: the needle is gripped anew for each.
 const OWN_REAR_SHARE: f64 = 0.03;
 /// Drift that repeats from insertion to insertion, against that of each: a field of the tracker that is bent a little.
 const SHARED_DRIFT: f64 = 0.5;
@@ -110,15 +110,15 @@ const SHARED_DRIFT: f64 = 0.5;
 const TRUST_LN: f64 = 0.3;
 const SEARCHED_OWN_LN: f64 = 1e-3;
 
-/// Standard deviations of one plane's unknowns before the wander, and how those of their shared parts compare.
+/// Standard deviations of one plane's unknowns before the process noise, and how those of their shared parts compare.
 pub(super) struct Map {
     pub sds: Vec<f64>,
     pub ratios: Vec<f64>,
-    /// Places of the wander, whose own standard deviation is given by what follows.
-    pub wander: Range<usize>,
-    /// Stationary standard deviation of the wander, and how much of it is left after a stretch between knots.
-    pub wander_n: f64,
-    pub forgets: f64,
+    /// Places of the process noise, whose own standard deviation is given by what follows.
+    pub process_noise: Range<usize>,
+    /// Stationary standard deviation of the process noise, and its correlation over a stretch between knots.
+    pub process_noise_n: f64,
+    pub correlation: f64,
 }
 
 impl Scales {
@@ -132,7 +132,7 @@ impl Scales {
             entry_angle_rad: at(1),
             load_n: load_n * at(2),
             shared_load_n: SHARED_LOAD * load_n,
-            wander_n: [load_n * at(3), load_n * at(4)],
+            process_noise_n: [load_n * at(3), load_n * at(4)],
             memory_m: at(5),
             modulus_ln: at(6),
             entry_m: at(7),
@@ -163,7 +163,7 @@ impl Scales {
     pub(super) fn map(&self, layout: &Layout, searching: bool) -> Map {
         let length = layout.of_plane();
         let (mut sds, mut ratios) = (vec![0.0; length], vec![0.0; length]);
-        ratios[layout.wander()].fill(self.wander_n[0] / self.wander_n[1]);
+        ratios[layout.process_noise()].fill(self.process_noise_n[0] / self.process_noise_n[1]);
         let mut set = |i: usize, [shared, own]: [f64; 2]| {
             sds[i] = own;
             ratios[i] = if own > 0.0 { shared / own } else { 0.0 };
@@ -193,16 +193,16 @@ impl Scales {
         Map {
             sds,
             ratios,
-            wander: layout.wander(),
-            wander_n: self.wander_n[1],
-            forgets: (-stretch_m / self.memory_m).exp(),
+            process_noise: layout.process_noise(),
+            process_noise_n: self.process_noise_n[1],
+            correlation: (-stretch_m / self.memory_m).exp(),
         }
     }
 
-    /// How far shared and own wander move the load over a distance, N.
-    pub fn wander_over_n(&self, distance_m: f64) -> [f64; 2] {
+    /// How far shared and own process noise move the load over a distance, N.
+    pub fn process_noise_over_n(&self, distance_m: f64) -> [f64; 2] {
         let share = (2.0 * (1.0 - (-distance_m / self.memory_m).exp())).sqrt();
-        self.wander_n.map(|wander_n| share * wander_n)
+        self.process_noise_n.map(|process_noise_n| share * process_noise_n)
     }
 
     /// Standard deviation of the place of an insertion's surface, m.
@@ -217,15 +217,15 @@ impl Scales {
 }
 
 impl Map {
-    /// From a vector in the unknowns' units of `length` per plane to standard normal numbers, transposed: `D^T v`. The wander is
-    /// stationary and forgets exponentially along the depth.
+    /// From a vector in the unknowns' units of `length` per plane to standard normal numbers, transposed: `D^T v`. The process noise is
+    /// stationary, with a memory that is exponential along the depth.
     pub fn pull_back(&self, values: &mut [f64], length: usize) {
-        let push = (1.0 - self.forgets * self.forgets).sqrt();
+        let push = (1.0 - self.correlation * self.correlation).sqrt();
         for plane in values.chunks_exact_mut(length) {
             let mut sum = 0.0;
-            for (knot, value) in plane[self.wander.clone()].iter_mut().enumerate().rev() {
-                sum = *value + self.forgets * sum;
-                *value = self.wander_n * sum * if knot > 0 { push } else { 1.0 };
+            for (knot, value) in plane[self.process_noise.clone()].iter_mut().enumerate().rev() {
+                sum = *value + self.correlation * sum;
+                *value = self.process_noise_n * sum * if knot > 0 { push } else { 1.0 };
             }
             self.scale(plane);
         }
@@ -233,21 +233,21 @@ impl Map {
 
     /// From standard normal numbers to the unknowns: `D v`.
     pub fn push_forward(&self, values: &mut [f64], length: usize) {
-        let push = (1.0 - self.forgets * self.forgets).sqrt();
+        let push = (1.0 - self.correlation * self.correlation).sqrt();
         for plane in values.chunks_exact_mut(length) {
-            let mut wander = 0.0;
-            for (knot, value) in plane[self.wander.clone()].iter_mut().enumerate() {
+            let mut load = 0.0;
+            for (knot, value) in plane[self.process_noise.clone()].iter_mut().enumerate() {
                 let fresh = if knot > 0 { push * *value } else { *value };
-                wander = self.forgets * wander + fresh;
-                *value = self.wander_n * wander;
+                load = self.correlation * load + fresh;
+                *value = self.process_noise_n * load;
             }
             self.scale(plane);
         }
     }
 
-    /// The unknowns beside the wander.
+    /// The unknowns beside the process noise.
     fn scale(&self, plane: &mut [f64]) {
-        let [before, after] = [0..self.wander.start, self.wander.end..plane.len()];
+        let [before, after] = [0..self.process_noise.start, self.process_noise.end..plane.len()];
         for (value, sd) in plane[before.clone()].iter_mut().zip(&self.sds[before]) {
             *value *= sd;
         }

@@ -2,7 +2,7 @@
 
 use super::basis::{Basis, Measured};
 use super::candidates::{Candidate, Fineness};
-use super::layout::{ENTRY, LOAD, MODULUS, WANDER};
+use super::layout::{ENTRY, LOAD, MODULUS, PROCESS_NOISE};
 use super::scales::{COUNT, Known};
 use super::*;
 use formats::session::InsertionRun;
@@ -55,7 +55,7 @@ fn moved() -> TipPath {
     TipPath::new(&run(&rows)).expect("an insertion")
 }
 
-/// The forward model at another modulus and gap, the tissue beginning later than the depth says.
+/// The forward model at another modulus and gap, the tissue beginning later than the depth states.
 fn forward_m(
     path: &TipPath,
     loads: [Profile; 2],
@@ -94,7 +94,7 @@ fn the_design_is_the_forward_model() {
         let at = plane * layout.of_plane();
         unknowns[at + LOAD] = 0.03;
         for (knot, depth_m) in layout.knots_m.iter().enumerate() {
-            unknowns[at + WANDER + knot] = profile.before(*depth_m) - 0.03;
+            unknowns[at + PROCESS_NOISE + knot] = profile.before(*depth_m) - 0.03;
         }
     }
     let depths_m = [0.0, 0.013, 0.035, 0.041, 0.08];
@@ -109,7 +109,7 @@ fn the_design_is_the_forward_model() {
     }
 }
 
-/// A little more modulus, or tissue that begins a little later, moves the tip as the forward model says.
+/// A little more modulus, or tissue that begins a little later, moves the tip as in the forward model.
 #[test]
 fn differences_of_one_insertion_are_those_of_the_forward_model() {
     let path = moved();
@@ -149,7 +149,7 @@ fn differences_of_one_insertion_are_those_of_the_forward_model() {
 
 /// Load at any two knots covaries as a stationary process with exponential memory.
 #[test]
-fn the_wander_is_stationary() {
+fn the_process_noise_is_stationary() {
     let path =
         TipPath::new(&run(&[0.0, 20.0, 40.0, 60.0, 80.0].map(|d| [d, 0.0, 0.0, 0.0, 0.0, 0.0]))).expect("ok");
     let layout = Layout::new(&[path], 0.08, false);
@@ -158,7 +158,7 @@ fn the_wander_is_stationary() {
         Known { noise: ReadingNoise::default(), rear_share: 0.0, load_n: 0.2 },
     );
     let map = scales.map(&layout, false);
-    // What the wander's standard normal numbers do to the load at a depth.
+    // What the process noise's standard normal numbers do to the load at a depth.
     let load = |depth_m: f64| {
         let mut row: Vec<f64> = layout.load_row(0, depth_m).iter().copied().collect();
         row[LOAD] = 0.0;
@@ -166,7 +166,7 @@ fn the_wander_is_stationary() {
         row
     };
     for [a_m, b_m] in [[0.0, 0.0], [0.0, 0.03], [0.015, 0.075], [0.075, 0.075]] {
-        let expected = scales.wander_n[1].powi(2) * (-f64::abs(a_m - b_m) / scales.memory_m).exp();
+        let expected = scales.process_noise_n[1].powi(2) * (-f64::abs(a_m - b_m) / scales.memory_m).exp();
         let found: f64 = load(a_m).iter().zip(load(b_m)).map(|(a, b)| a * b).sum();
         assert!((found / expected - 1.0).abs() < 1e-9, "{found} is not {expected} between {a_m} and {b_m}");
     }
@@ -183,7 +183,7 @@ fn half_turns_leave_the_planes_apart() {
     assert_eq!([180.0, -180.0, 360.0, 90.0].map(turned), [false, false, false, true]);
 }
 
-/// Steps of guide 2 at depths that differ by less than anything measured are at one depth: the beam stays solvable.
+/// Steps of guide 2 at depths that differ by less than any measurement resolves are at one depth: the beam stays solvable.
 #[test]
 fn rests_that_nearly_coincide_are_one() {
     let rows: Vec<[f64; 6]> = (0..=60)
@@ -214,11 +214,11 @@ fn hands_are_understood() {
     rows[14][0] = 250.0;
     rows.extend((1..20).map(|i| [60.0 - 3.5 * f64::from(i), 0.0, 0.0, 0.0, 0.0, 0.0]));
     let path = TipPath::new(&run(&rows)).expect("an insertion");
-    assert_eq!(path.rows_left_out, 20);
+    assert_eq!(path.rows_skipped, 20);
     assert!(path.bins.iter().all(|bin| bin.depth_m < 0.063));
-    let seen = path.until(0.03).expect("seen");
-    assert!(seen.bins.iter().all(|bin| bin.depth_m <= 0.03));
-    assert_eq!(seen.done, path.done);
+    let observed = path.until(0.03).expect("observed");
+    assert!(observed.bins.iter().all(|bin| bin.depth_m <= 0.03));
+    assert_eq!(observed.done, path.done);
 }
 
 #[test]
@@ -234,11 +234,11 @@ fn a_turn_and_a_push_at_rest_are_jumps() {
     assert_eq!((guide.before(0.02), guide.after(0.02)), (0.0, 1e-3));
     assert_eq!(path.done.rotation_rad.jumps_m().collect::<Vec<_>>(), [0.02]);
     // Rows in the middle of the push count for nothing.
-    assert_eq!(path.rows_left_out, 3, "{:?}", path.bins);
+    assert_eq!(path.rows_skipped, 3, "{:?}", path.bins);
 }
 
 #[test]
-fn what_is_no_insertion_is_said_to_be_none() {
+fn what_is_no_insertion_is_rejected() {
     let depths = |list: &[f64]| run(&list.iter().map(|d| [*d, 0.0, 0.0, 0.0, 0.0, 0.0]).collect::<Vec<_>>());
     let message = |list: &[f64]| TipPath::new(&depths(list)).expect_err("no insertion").to_string();
     assert!(message(&[10.0]).contains("1 of 1 rows advance into the tissue, expected 5 or more"));
@@ -250,7 +250,7 @@ fn what_is_no_insertion_is_said_to_be_none() {
     assert!(path.until(0.01).expect_err("too little").to_string().contains("2 depths up to 10 mm"));
 }
 
-/// Readings one by one lead to the same belief as their bins at once.
+/// Readings one by one lead to the same posterior as their bins at once.
 #[test]
 fn live_and_recorded_agree() {
     let rows: Vec<[f64; 6]> =
@@ -264,7 +264,7 @@ fn live_and_recorded_agree() {
     recorded.update_all(&paths[0]);
     let mut live = Live::new(Posterior::new(&candidates, &learned));
     rows.iter().for_each(|row| live.push(1e-3 * row[0], [1e-3 * row[1], 1e-3 * row[2]]));
-    for (a, b) in recorded.tip_m(&[0.1])[0].iter().zip(&live.belief().tip_m(&[0.1])[0]) {
+    for (a, b) in recorded.tip_m(&[0.1])[0].iter().zip(&live.posterior().tip_m(&[0.1])[0]) {
         assert!((a.mean - b.mean).abs() < 1e-9 && (a.sd - b.sd).abs() < 1e-9);
     }
 }

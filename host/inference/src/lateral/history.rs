@@ -1,6 +1,6 @@
 //! A run's whole course: what some effects depend on.
 //!
-//! Levels are means over holds, but tissue relaxes, sensors drift and lag, and friction and clearance remember the way. Where
+//! Levels are means over holds, but tissue relaxes, sensors drift and lag, and friction and clearance depend on the path. Where
 //! such effects are given, the forward model is driven along the recorded displacement, the rows of every hold at that hold's true
 //! displacement, and its force is averaged over the rows of the hold as the measured one was.
 
@@ -55,7 +55,7 @@ impl Fixed {
         rows.map(|(time_s, (y_m, x_m))| DriveSample { time_s: *time_s, y_m: *y_m, x_m: *x_m }).collect()
     }
 
-    /// When and where the shape of these levels was seen.
+    /// When and where the shape of these levels was measured.
     pub(super) fn shape(&self, levels: &[HoldData]) -> Vec<ShapePoint> {
         let points = levels.iter().flat_map(|level| &level.shape).zip(&self.course.shape_time_s);
         points.map(|(point, time_s)| ShapePoint { time_s: *time_s, z_m: point.z_m }).collect()
@@ -67,7 +67,7 @@ impl Fixed {
     }
 
     /// What the sensors should read at the levels, of what they should read all along.
-    pub(super) fn at_levels(&self, seen: Channels) -> Channels {
+    pub(super) fn at_levels(&self, observed: Channels) -> Channels {
         let holds = &self.course.holds;
         let levels = |series: Series| {
             let of = |values: &[f64]| -> Vec<f64> {
@@ -76,9 +76,9 @@ impl Fixed {
             self.ordered(Series { y: of(&series.y), x: series.x.as_deref().map(of) })
         };
         Channels {
-            displacement_m: levels(seen.displacement_m),
-            force_n: levels(seen.force_n),
-            shape_m: self.ordered(seen.shape_m),
+            displacement_m: levels(observed.displacement_m),
+            force_n: levels(observed.force_n),
+            shape_m: self.ordered(observed.shape_m),
             ..Channels::default()
         }
     }
@@ -102,7 +102,7 @@ mod tests {
     use crate::{Block, LateralData, Measured, ShapeDatum};
     use mechanics::{Needle, Rig};
 
-    /// A course that no effect looks at changes nothing, whichever plane the data are of.
+    /// A course that no effect uses changes nothing, whichever plane the data are of.
     #[test]
     fn a_course_without_effects_is_its_holds() {
         let measured = |value: f64| vec![Measured { value, sd: 1.0 }];

@@ -25,19 +25,19 @@ pub struct Prediction {
     pub session: Option<String>,
     /// In the order of the session.
     pub insertions: Vec<InsertionResult>,
-    /// What the user should know.
+    /// Warnings about the session.
     pub warnings: Vec<String>,
 }
 
 impl Prediction {
-    /// What the user should know: of the session, then of its insertions, each message once with the insertions that it is about.
+    /// Warnings about the session, then about its insertions, each message once with the insertions that it is about.
     pub fn messages(&self) -> Vec<String> {
-        let mut said: Vec<(&str, Vec<&str>)> = Vec::new();
+        let mut messages: Vec<(&str, Vec<&str>)> = Vec::new();
         for one in &self.insertions {
             for warning in &one.warnings {
-                match said.iter_mut().find(|(text, _)| text == warning) {
+                match messages.iter_mut().find(|(text, _)| text == warning) {
                     Some((_, ids)) => ids.push(&one.id),
-                    None => said.push((warning, vec![&one.id])),
+                    None => messages.push((warning, vec![&one.id])),
                 }
             }
         }
@@ -49,7 +49,7 @@ impl Prediction {
                 format!("{}: {text}", ids.join(", "))
             }
         };
-        self.warnings.iter().cloned().chain(said.into_iter().map(about)).collect()
+        self.warnings.iter().cloned().chain(messages.into_iter().map(about)).collect()
     }
 }
 
@@ -58,7 +58,7 @@ impl Prediction {
 pub struct InsertionResult {
     /// Its name.
     pub id: String,
-    /// Depth up to which it was seen.
+    /// Depth up to which it was observed.
     pub identified_until_mm: f64,
     /// Vertical tip load at that depth, before the needle was turned.
     pub tip_force_n: Option<f64>,
@@ -74,7 +74,7 @@ pub struct InsertionResult {
     pub tip_force_x_ci95_n: Option<[f64; 2]>,
     /// Every millimetre from 0 to the last depth.
     pub depth_mm: Vec<f64>,
-    /// Vertical tip position: smoothed up to where it was seen, predicted beyond.
+    /// Vertical tip position: smoothed up to where it was observed, predicted beyond.
     pub tip_y_mm: Vec<f64>,
     /// Lower end of the 95 % band of what will be measured there (the median of the readings).
     pub lo95_y_mm: Vec<f64>,
@@ -94,23 +94,23 @@ pub struct InsertionResult {
     pub load_y: PlaneResult,
     /// Tip load against depth, horizontal.
     pub load_x: Option<PlaneResult>,
-    /// Mean distance between predicted and measured tip beyond what was seen, over the depths measured.
+    /// Mean distance between predicted and measured tip beyond the observed part, over the depths measured.
     pub mae_mm: Option<f64>,
-    /// Distance at the last depth measured beyond what was seen.
+    /// Distance at the last depth measured beyond the observed part.
     pub last_error_mm: Option<f64>,
     /// That depth.
     pub last_measured_mm: Option<f64>,
-    /// Measured values beyond what was seen, of both planes.
+    /// Measured values beyond the observed part, of both planes.
     pub band_readings: usize,
     /// How many of these lie in their 95 % band.
     pub band_held: usize,
-    /// What was believed of rig and tissue.
+    /// Posterior of rig and tissue.
     pub learned: Option<LearnedResult>,
     /// What others would predict from the same.
     pub compare: Vec<CompareResult>,
-    /// What the user should know of this insertion.
+    /// Warnings about this insertion.
     pub warnings: Vec<String>,
-    /// Why it was left out.
+    /// Why it was skipped.
     pub error: Option<String>,
 }
 

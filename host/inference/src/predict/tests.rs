@@ -1,4 +1,4 @@
-//! The workflow on made-up sessions whose truth is known, and on what is wrong with sessions.
+//! The workflow on simulated sessions whose truth is known, and on what is wrong with sessions.
 
 use super::*;
 use mechanics::Rig;
@@ -77,7 +77,7 @@ fn load_modulus_and_gap_are_found_together() {
     }
 }
 
-/// Where the path says nothing of the modulus its value is not given as found.
+/// Where the path does not determine the modulus its value is not given as found.
 #[test]
 fn what_is_not_identifiable_is_not_given_as_found() {
     let mut noise = Noise::new(12);
@@ -103,7 +103,7 @@ fn a_message_is_given_once_with_its_insertions() {
     assert_eq!(found.messages(), ["first", "all 3 insertions: x", "a: y"]);
 }
 
-/// Not a digit of the prediction depends on where this insertion went beyond what was seen.
+/// Not a digit of the prediction depends on where this insertion went beyond the observed part.
 #[test]
 fn nothing_beyond_is_used() {
     let (mut session, _) = steady();
@@ -125,15 +125,15 @@ fn nothing_beyond_is_used() {
 #[test]
 fn a_needle_turned_twice_stays_inside_its_band() {
     let mut noise = Noise::new(5);
-    // The needle is turned at rest, after the tip was looked at.
+    // The needle is turned at rest, after the tip was measured.
     let turned = |step: usize| step > 40 * STEPS_PER_MM && step <= 90 * STEPS_PER_MM;
     let paths = (0..4).map(|_| {
         let load_n = 0.2 + 0.01 * noise.normal();
         let load = |step: usize| if turned(step) { -load_n } else { load_n };
         let exact = truth(&rig(), 11e3, 140, load).expect("solves");
-        let seen: Vec<f64> = exact.iter().map(|u_m| u_m + 0.1e-3 * noise.normal()).collect();
+        let measured: Vec<f64> = exact.iter().map(|u_m| u_m + 0.1e-3 * noise.normal()).collect();
         let rotation = (0..=140).map(|mm| if mm > 40 && mm <= 90 { PI } else { 0.0 }).collect();
-        (exact, (seen, None, Some(rotation)))
+        (exact, (measured, None, Some(rotation)))
     });
     let (exact, recorded): (Vec<_>, Vec<_>) = paths.unzip();
     let session = insertion_session(rig(), Some(0.1e-3), recorded);
@@ -147,20 +147,20 @@ fn a_needle_turned_twice_stays_inside_its_band() {
                 inside += usize::from((one.lo95_y_mm[mm]..=one.hi95_y_mm[mm]).contains(&(1e3 * exact_m)));
             }
             let wide = one.hi95_y_mm[140] - one.lo95_y_mm[140];
-            assert!(wide < if learn { 2.0 } else { 5.0 }, "a band of {wide} mm says nothing");
+            assert!(wide < if learn { 2.0 } else { 5.0 }, "a band of {wide} mm is of no use");
         }
         assert!(inside as f64 > 0.9 * f64::from(all), "{inside} of {all}");
     }
 }
 
 #[test]
-fn what_cannot_be_predicted_is_said() {
+fn what_cannot_be_predicted_is_reported() {
     let (mut session, _) = steady();
     let keep = session.insertion.split_off(0);
     let none = predict(&session, &UNTIL_50).expect_err("no insertion").to_string();
     assert!(none.contains("session.toml: insertion: missing"), "{none}");
 
-    // One sample, depths in metres, nothing before the depth asked for: each says so; the good one is predicted.
+    // One sample, depths in metres, nothing before the depth requested: each is reported; the good one is predicted.
     let mut bad = keep.clone();
     bad[0].depth_m.truncate(1);
     bad[0].tip_y_m.truncate(1);
@@ -201,7 +201,7 @@ fn columns() -> impl Strategy<Value = Vec<[f64; 5]>> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Whatever is recorded: a prediction of finite numbers, or a reason.
+    /// For any recording: a prediction of finite numbers, or a reason.
     #[test]
     fn any_recording_is_predicted_or_refused(
         first in columns(), second in columns(), planes in 0u8..4, until_m in 0.005f64..0.15, learn in any::<bool>(),
@@ -320,7 +320,7 @@ fn a_rear_that_is_not_stated_is_found_in_each_axis() {
     }
 }
 
-/// What a model file says of a clearance or a bent needle is in the prediction: the paths were made by another solution of the same
+/// What a model file states of a clearance or a bent needle is in the prediction: the paths were made by another solution of the same
 /// physics.
 #[test]
 fn clearance_and_bend_of_the_model_are_in_the_path() {

@@ -24,7 +24,7 @@ const FLEXIBLE: [(f64, f64, f64); 6] = [
     (30e3, 0.1, 0.7495653256035734),
 ];
 
-/// The reference's ratio is that of the springs with the same stiffness at guide 2: force alone has the say.
+/// The reference's ratio is that of the springs with the same stiffness at guide 2: force alone decides.
 #[test]
 fn flexible_needles_agree_with_the_reference() {
     let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);

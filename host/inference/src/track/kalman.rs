@@ -32,7 +32,7 @@ pub enum Kind {
     Unscented,
 }
 
-/// What the filters are told.
+/// Start and noise of the filters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilterConfig {
     /// Stiffness and damping at first.
@@ -61,7 +61,7 @@ fn possible(which: usize, logarithm: f64) -> f64 {
 #[derive(Debug, Clone)]
 pub struct Kalman {
     kind: Kind,
-    told: FilterConfig,
+    config: FilterConfig,
     mass: Overlaps,
     elastic: Overlaps,
     base: Coordinates,
@@ -95,7 +95,7 @@ impl Kalman {
         kind: Kind,
         needle: &Needle,
         dynamics: &Dynamics,
-        told: FilterConfig,
+        config: FilterConfig,
     ) -> Result<Self, ModelError> {
         let modes: Vec<FreeMode> = free_modes(&dynamics.clamped(needle), MODES)?;
         let functions = Functions::of(&modes, dynamics.length_m);
@@ -110,16 +110,16 @@ impl Kalman {
         let mut state = Vector::zeros();
         let mut covariance = Square::zeros();
         for i in 0..X {
-            covariance[(i, i)] = told.base_sd_m.powi(2);
+            covariance[(i, i)] = config.base_sd_m.powi(2);
             covariance[(X + i, X + i)] = 1e-8;
         }
         for i in 0..2 {
-            state[2 * X + i] = possible(i, told.start[i].ln());
+            state[2 * X + i] = possible(i, config.start[i].ln());
             covariance[(2 * X + i, 2 * X + i)] = LOG_SD * LOG_SD;
         }
         Ok(Self {
             kind,
-            told,
+            config,
             mass,
             elastic,
             base: at(0.0),
@@ -183,7 +183,7 @@ impl Kalman {
 
     fn process_noise(&self, inserted: &Inserted, inverse: &Overlaps, step_m: f64) -> Square {
         let mut noise = Square::zeros();
-        let kick = inverse * self.base * (inserted.step_s * self.told.force_sd_n);
+        let kick = inverse * self.base * (inserted.step_s * self.config.force_sd_n);
         let mut along = Vector::zeros();
         along.fixed_rows_mut::<X>(0).copy_from(&(kick * inserted.step_s));
         along.fixed_rows_mut::<X>(X).copy_from(&kick);
@@ -191,7 +191,7 @@ impl Kalman {
         for i in 0..2 {
             noise[(2 * X + i, 2 * X + i)] += LOG_WALK.powi(2) * step_m;
         }
-        // What the modes left out and the path's trapezoid leave: a hundredth of a millimetre.
+        // What the modes omit and the path's trapezoid leave: a hundredth of a millimetre.
         for i in 0..X {
             noise[(X + i, X + i)] += 1e-12;
         }
@@ -263,18 +263,18 @@ impl Kalman {
         let weight = |i: usize| if i == 0 { lambda / (size + lambda) } else { side };
         let spread_weight = |i: usize| weight(i) + if i == 0 { 1.0 - alpha * alpha + beta } else { 0.0 };
         let mean: Vector = points.iter().enumerate().map(|(i, point)| point * weight(i)).sum();
-        let seen = points.map(|point| self.outputs(&point));
-        let expected: Vector2<f64> = seen.iter().enumerate().map(|(i, seen)| seen * weight(i)).sum();
+        let outputs = points.map(|point| self.outputs(&point));
+        let expected: Vector2<f64> = outputs.iter().enumerate().map(|(i, output)| output * weight(i)).sum();
         let mut covariance = self.process_noise(inserted, &inverse, step_m);
         let mut spread = noise;
         let mut cross = SMatrix::<f64, STATE, 2>::zeros();
-        for (i, (point, seen)) in points.iter().zip(&seen).enumerate() {
-            let (off, seen_off) = (point - mean, seen - expected);
+        for (i, (point, output)) in points.iter().zip(&outputs).enumerate() {
+            let (off, output_off) = (point - mean, output - expected);
             covariance += off * off.transpose() * spread_weight(i);
-            spread += seen_off * seen_off.transpose() * spread_weight(i);
-            cross += off * seen_off.transpose() * spread_weight(i);
+            spread += output_off * output_off.transpose() * spread_weight(i);
+            cross += off * output_off.transpose() * spread_weight(i);
         }
-        // The process noise is seen too.
+        // The process noise is in the outputs too.
         let rows = self.output_rows();
         let process = self.process_noise(inserted, &inverse, step_m);
         spread += rows * process * rows.transpose();
@@ -316,8 +316,10 @@ impl Method for Kalman {
             end: vector(end.clone()),
         };
         let measured = Vector2::new(sample.base_m - self.start_m, sample.tip_m - self.start_m);
-        let noise =
-            Matrix2::from_diagonal(&Vector2::new(self.told.base_sd_m.powi(2), self.told.tip_sd_m.powi(2)));
+        let noise = Matrix2::from_diagonal(&Vector2::new(
+            self.config.base_sd_m.powi(2),
+            self.config.tip_sd_m.powi(2),
+        ));
         match self.kind {
             Kind::Extended => self.extended(&inserted, step_m, measured, noise)?,
             Kind::Unscented => self.unscented(&inserted, step_m, measured, noise)?,

@@ -5,12 +5,12 @@ use formats::session::SteeringRun;
 use mechanics::steering::{MovingNeedle, Push};
 use mechanics::{Dynamics, Foundation, ModelError, Needle};
 
-/// What an estimator says after a sample.
+/// What an estimator reports after a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Report {
     /// Insertion depth, m.
     pub depth_m: f64,
-    /// Mean stiffness over the inserted part, N/m^2; nothing where it cannot be told.
+    /// Mean stiffness over the inserted part, N/m^2; nothing where it is not identified.
     pub stiffness: Option<f64>,
     /// Its 95 % interval, where the estimator has one.
     pub stiffness_ci95: Option<[f64; 2]>,
@@ -27,7 +27,7 @@ pub trait Method {
     /// Takes a sample.
     fn update(&mut self, sample: &Sample<f64>) -> Option<Report>;
 
-    /// No more samples: what is known in the end, where that is more than what was said last.
+    /// No more samples: the final estimate, where it differs from the last report.
     fn finish(&mut self) -> Option<Report> {
         None
     }
@@ -76,7 +76,7 @@ impl MeanModel {
         })
     }
 
-    /// Goes on to a sample's time, depth and base with these parameters, and says where the tip is.
+    /// Goes on to a sample's time, depth and base with these parameters, and returns where the tip is.
     ///
     /// # Errors
     /// [`ModelError::Singular`].

@@ -22,7 +22,7 @@ pub(super) fn mixed(estimates: &[Estimate<f64>], weights: &[f64]) -> Option<Esti
     let sum = |of: fn(&Estimate<f64>) -> f64| estimates.iter().zip(weights).map(|(e, w)| w * of(e)).sum();
     Some(Estimate {
         stiffness: mixed_stiffness(&stiffness, weights),
-        damping: mixed_damping(&damping, weights, first.damping.seen),
+        damping: mixed_damping(&damping, weights, first.damping.identifiability),
         correlation: sum(|one| one.correlation),
         ..*first
     })
@@ -41,12 +41,12 @@ pub(super) fn mixed_stiffness(values: &[Value<f64>], weights: &[f64]) -> Value<f
         .sum();
     let sd = variance.sqrt();
     let factor = (NORMAL_975 * sd.min(20.0)).exp();
-    let seen = if sd < 0.5 { Identifiability::Identified } else { Identifiability::NotIdentified };
-    Value { value: mean.exp(), low: mean.exp() / factor, high: mean.exp() * factor, seen }
+    let identifiability = if sd < 0.5 { Identifiability::Identified } else { Identifiability::NotIdentified };
+    Value { value: mean.exp(), low: mean.exp() / factor, high: mean.exp() * factor, identifiability }
 }
 
-/// Damping, which may be nothing; `seen` is that of the most probable.
-fn mixed_damping(values: &[Value<f64>], weights: &[f64], seen: Identifiability) -> Value<f64> {
+/// Damping, which may be nothing; `identifiability` is that of the most probable.
+fn mixed_damping(values: &[Value<f64>], weights: &[f64], identifiability: Identifiability) -> Value<f64> {
     let sum = |of: &dyn Fn(&Value<f64>) -> f64| -> f64 {
         values.iter().zip(weights).map(|(value, weight)| weight * of(value)).sum()
     };
@@ -55,7 +55,10 @@ fn mixed_damping(values: &[Value<f64>], weights: &[f64], seen: Identifiability) 
     let below = sum(&|value| (value.value - value.low).powi(2) + apart(value)).sqrt();
     let above = sum(&|value| (value.high - value.value).powi(2) + apart(value)).sqrt();
     let low = (mean - below).max(0.0);
-    let seen =
-        if seen == Identifiability::Identified && low <= 0.0 { Identifiability::UpperBound } else { seen };
-    Value { value: mean, low, high: mean + above, seen }
+    let identifiability = if identifiability == Identifiability::Identified && low <= 0.0 {
+        Identifiability::UpperBound
+    } else {
+        identifiability
+    };
+    Value { value: mean, low, high: mean + above, identifiability }
 }

@@ -169,8 +169,8 @@ impl Published {
         let forgetting = match self.settings.forgetting {
             Forgetting::Constant(factor) => factor,
             Forgetting::Variable(kept) => {
-                let told = residual.norm_squared() / (1.0 + spread.trace());
-                (1.0 - told / kept).clamp(MIN_FORGETTING, 1.0)
+                let information = residual.norm_squared() / (1.0 + spread.trace());
+                (1.0 - information / kept).clamp(MIN_FORGETTING, 1.0)
             }
         };
         let Some(inverse) = (spread + DMatrix::identity(2, 2) * forgetting).try_inverse() else { return };

@@ -8,7 +8,7 @@ use formats::session::SteeringRun;
 use serde::Serialize;
 
 /// Name and version of this form.
-pub(super) const SCHEMA: &str = "guide.track/1";
+pub(super) const SCHEMA: &str = "guide.track/2";
 /// The model has converged where its tip stays this close to the measured one, mm.
 pub const CONVERGED_MM: f64 = 0.5;
 /// Length of insertion over which single samples of a tip are averaged before they are judged, m.
@@ -23,7 +23,7 @@ pub struct Tracking {
     pub session: Option<String>,
     /// In the order of the session.
     pub runs: Vec<TrackResult>,
-    /// What the user should know.
+    /// Warnings about the session.
     pub warnings: Vec<String>,
 }
 
@@ -39,7 +39,7 @@ pub struct Errors {
 }
 
 /// One steering run. Lists have one value per row, about every millimetre of insertion, each made of what had been measured until
-/// then; `null` where the motion so far does not tell.
+/// then; `null` where the motion so far does not identify it.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct TrackResult {
     /// Its name.
@@ -63,7 +63,7 @@ pub struct TrackResult {
     pub damping_hi95_n_s_per_m2: Vec<f64>,
     /// Correlation of the two: near -1 only a combination of them is known.
     pub correlation: Vec<f64>,
-    /// Where the simulated tip was, before the row was looked at.
+    /// Where the simulated tip was, before the row was used.
     pub tip_y_mm: Vec<f64>,
     /// Where the measured tip was, without the sensor's offset.
     pub measured_tip_y_mm: Vec<f64>,
@@ -79,46 +79,46 @@ pub struct TrackResult {
     pub layers: Option<LayersResult>,
     /// What other estimators make of the same.
     pub compare: Vec<CompareResult>,
-    /// What the user should know of this run.
+    /// Warnings about this run.
     pub warnings: Vec<String>,
 }
 
-/// A value with its interval, and whether it can be told.
+/// A value with its interval, and whether it is identified.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ValueResult {
-    /// `null` where it cannot be told.
+    /// `null` where it is not identified.
     pub value: Option<f64>,
     /// 95 % interval.
     pub ci95: [f64; 2],
     /// `yes`; `at most`: only the upper end means something; `no`: what was known before.
-    pub told: &'static str,
+    pub identifiability: &'static str,
 }
 
 impl From<Value<f64>> for ValueResult {
     fn from(value: Value<f64>) -> Self {
-        let told = match value.seen {
+        let identifiability = match value.identifiability {
             Identifiability::Identified => "yes",
             Identifiability::UpperBound => "at most",
             Identifiability::NotIdentified => "no",
         };
-        Self { value: told_value(value), ci95: [value.low, value.high], told }
+        Self { value: identified_value(value), ci95: [value.low, value.high], identifiability }
     }
 }
 
 impl ValueResult {
-    /// The value with its interval, times `scale`; in words where it cannot be told.
+    /// The value with its interval, times `scale`; in words where it is not identified.
     pub fn words(&self, scale: f64, digits: usize) -> String {
         let [low, high] = self.ci95.map(|end| scale * end);
-        match (self.value, self.told) {
+        match (self.value, self.identifiability) {
             (Some(value), _) => format!("{:.digits$} ({low:.digits$} to {high:.digits$})", scale * value),
             (None, "at most") => format!("below {high:.digits$}"),
-            _ => "cannot be told".to_owned(),
+            _ => "not identifiable".to_owned(),
         }
     }
 }
 
-fn told_value(value: Value<f64>) -> Option<f64> {
-    (value.seen == Identifiability::Identified).then_some(value.value)
+fn identified_value(value: Value<f64>) -> Option<f64> {
+    (value.identifiability == Identifiability::Identified).then_some(value.value)
 }
 
 /// What is known at the end of a run.
@@ -141,7 +141,7 @@ pub struct LastResult {
 pub struct FieldResult {
     /// Middles of the cells.
     pub depth_mm: Vec<f64>,
-    /// Stiffness at each; `null` where it cannot be told.
+    /// Stiffness at each; `null` where it is not identified.
     pub stiffness_n_per_m2: Vec<Option<f64>>,
     /// Lower ends of the 95 % intervals.
     pub lo95_n_per_m2: Vec<f64>,
@@ -150,7 +150,7 @@ pub struct FieldResult {
 }
 
 impl FieldResult {
-    /// What an estimator knows down to a depth.
+    /// Estimates down to a depth.
     pub(super) fn of_tracker(tracker: &SoundTracker<f64>, depth_m: f64) -> Self {
         let cell_m = tracker.settings().cell_m;
         let cells = (depth_m / cell_m).ceil() as usize;
@@ -162,7 +162,7 @@ impl FieldResult {
     pub(super) fn new(values: &[Value<f64>], cell_m: f64) -> Self {
         Self {
             depth_mm: (0..values.len()).map(|cell| 1e3 * cell_m * (cell as f64 + 0.5)).collect(),
-            stiffness_n_per_m2: values.iter().map(|value| told_value(*value)).collect(),
+            stiffness_n_per_m2: values.iter().map(|value| identified_value(*value)).collect(),
             lo95_n_per_m2: values.iter().map(|value| value.low).collect(),
             hi95_n_per_m2: values.iter().map(|value| value.high).collect(),
         }
@@ -211,7 +211,7 @@ pub struct CompareResult {
 
 impl TrackResult {
     /// Of the estimates of a run, in order, and what is known at its end.
-    /// `is_sound`: whether units and signs are not what is wrong with it; else nothing is said of tissue and motion.
+    /// `is_sound`: whether units and signs are not what is wrong with it; else no warning is about tissue or motion.
     pub(super) fn new(
         id: &str,
         estimates: &[Estimate<f64>],
@@ -224,20 +224,21 @@ impl TrackResult {
         let mut warnings = Vec::new();
         match last.filter(|_| is_sound) {
             None if !is_sound => {}
-            None => warnings.push("too short for a single row: nothing can be told".to_owned()),
+            None => warnings.push("too short for a single row: nothing is identifiable".to_owned()),
             Some(last) => {
-                if last.stiffness.seen != Identifiability::Identified {
-                    warnings
-                        .push("stiffness cannot be told from this motion: move the base sideways".to_owned());
+                if last.stiffness.identifiability != Identifiability::Identified {
+                    warnings.push(
+                        "stiffness is not identifiable from this motion: move the base sideways".to_owned(),
+                    );
                 }
-                match last.damping.seen {
+                match last.damping.identifiability {
                     Identifiability::Identified => {}
                     Identifiability::UpperBound => warnings.push(format!(
-                        "damping cannot be told from this motion, only that it is below {:.0} N s/m^2: move faster, stop, or move to and fro",
+                        "damping is not identifiable from this motion, only that it is below {:.0} N s/m^2: move faster, stop, or move to and fro",
                         last.damping.high
                     )),
                     Identifiability::NotIdentified => warnings.push(
-                        "damping cannot be told from this motion: move faster, stop, or move to and fro".to_owned(),
+                        "damping is not identifiable from this motion: move faster, stop, or move to and fro".to_owned(),
                     ),
                 }
                 if last.misfit > 4.0 {
@@ -252,10 +253,10 @@ impl TrackResult {
             id: id.to_owned(),
             errors: errors(&offs),
             depth_mm: list(&|one| 1e3 * one.depth_m),
-            stiffness_n_per_m2: estimates.iter().map(|one| told_value(one.stiffness)).collect(),
+            stiffness_n_per_m2: estimates.iter().map(|one| identified_value(one.stiffness)).collect(),
             stiffness_lo95_n_per_m2: list(&|one| one.stiffness.low),
             stiffness_hi95_n_per_m2: list(&|one| one.stiffness.high),
-            damping_n_s_per_m2: estimates.iter().map(|one| told_value(one.damping)).collect(),
+            damping_n_s_per_m2: estimates.iter().map(|one| identified_value(one.damping)).collect(),
             damping_lo95_n_s_per_m2: list(&|one| one.damping.low),
             damping_hi95_n_s_per_m2: list(&|one| one.damping.high),
             correlation: list(&|one| one.correlation),
@@ -310,12 +311,12 @@ pub(super) fn smoothed(offs: &[[f64; 2]]) -> Vec<[f64; 2]> {
 }
 
 /// A sentence on samples that were not taken.
-pub(super) fn left_out(count: usize, row: usize, refused: Refused, run: &SteeringRun) -> String {
+pub(super) fn skipped(count: usize, row: usize, refused: Refused, run: &SteeringRun) -> String {
     let why = match refused {
         Refused::NotANumber => "a value that no rig can have",
         Refused::TimeStands => "its time is not later than the one before",
         Refused::TooDeep => "deeper than the needle or the estimator reaches",
     };
     // The header is line 1.
-    format!("{count} rows left out, the first at {}, line {}: {why}", run.path.display(), row + 2)
+    format!("{count} rows skipped, the first at {}, line {}: {why}", run.path.display(), row + 2)
 }

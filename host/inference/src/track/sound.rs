@@ -69,9 +69,10 @@ impl<T: RealField + Copy + Into<f64>> Method for Sound<T> {
     }
 }
 
-/// An estimate in double precision; a value that cannot be told is none.
+/// An estimate in double precision; a value that is not identified is none.
 pub fn report<T: RealField + Copy + Into<f64>>(estimate: Estimate<T>) -> Report {
-    let value = |value: Value<T>| (value.seen == Identifiability::Identified).then(|| value.value.into());
+    let value =
+        |value: Value<T>| (value.identifiability == Identifiability::Identified).then(|| value.value.into());
     let interval = |value: Value<T>| Some([value.low.into(), value.high.into()]);
     Report {
         depth_m: estimate.depth_m.into(),

@@ -79,7 +79,7 @@ fn last(method: &mut dyn Method, run: &SteeringRun) -> Report {
 }
 
 fn near(found: Option<f64>, expected: f64, share: f64) {
-    let found = found.expect("told");
+    let found = found.expect("identified");
     assert!((found / expected - 1.0).abs() < share, "{found} is not {expected}");
 }
 
@@ -99,9 +99,9 @@ fn the_published_regression_is_right() {
 #[test]
 fn kalman_filters_find_uniform_tissue() {
     let run = matching(3, 10e-3);
-    let told = FilterConfig { start: [5e3, 5e2], base_sd_m: 1e-5, force_sd_n: 2e-3, tip_sd_m: 1e-5 };
+    let config = FilterConfig { start: [5e3, 5e2], base_sd_m: 1e-5, force_sd_n: 2e-3, tip_sd_m: 1e-5 };
     for kind in [Kind::Extended, Kind::Unscented] {
-        let mut method = Kalman::new(kind, &rig().needle, &dynamics(), told).expect("a needle");
+        let mut method = Kalman::new(kind, &rig().needle, &dynamics(), config).expect("a needle");
         let report = last(&mut method, &run);
         near(report.stiffness, 2e4, 0.1);
         near(report.damping, 2e3, 0.5);
@@ -110,7 +110,7 @@ fn kalman_filters_find_uniform_tissue() {
 
 /// The base moved to and fro, without noise: what is left are the rows of a fifth of a second.
 #[test]
-fn motion_to_and_fro_tells_everything() {
+fn motion_to_and_fro_identifies_both() {
     let run = matching(10, 20e-3);
     let mut tracker =
         SoundTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
@@ -120,7 +120,7 @@ fn motion_to_and_fro_tells_everything() {
     let estimate = tracker.finish().expect("rows");
     assert!((estimate.stiffness.value / 2e4 - 1.0).abs() < 0.03, "{estimate:?}");
     assert!((estimate.damping.value / 2e3 - 1.0).abs() < 0.2, "{estimate:?}");
-    assert_eq!(estimate.damping.seen, Identifiability::Identified);
+    assert_eq!(estimate.damping.identifiability, Identifiability::Identified);
 }
 
 /// Starts a hundred times too high and too low end at the same.
@@ -162,16 +162,16 @@ fn single_precision_agrees() {
     assert!(rows > 60);
 }
 
-/// Nothing moves sideways: nothing can be told, and nothing is.
+/// Nothing moves sideways: nothing is identifiable, and nothing identified.
 #[test]
-fn straight_insertions_tell_nothing() {
+fn straight_insertions_identify_nothing() {
     let run = run(&plan(4.0, 0.0, 0.0), ORDINARY, 4);
     let mut tracker =
         SoundTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
     for sample in samples(&run) {
         if let Some(estimate) = tracker.update(&sample).expect("taken") {
-            assert_ne!(estimate.stiffness.seen, Identifiability::Identified, "{estimate:?}");
-            assert_eq!(estimate.damping.seen, Identifiability::NotIdentified, "{estimate:?}");
+            assert_ne!(estimate.stiffness.identifiability, Identifiability::Identified, "{estimate:?}");
+            assert_eq!(estimate.damping.identifiability, Identifiability::NotIdentified, "{estimate:?}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Units and signs of a steering run that the model cannot follow: they are diagnosed before anything is said of tissue or motion.
+//! Units and signs of a steering run that the model cannot follow: they are diagnosed before tissue or motion is judged.
 //!
 //! Where force and tip are further off than [`GROSS_MISFIT`] times their noise, the run is tracked again with each sign turned and each
 //! column in another unit; what makes most of the misfit go away is named.
@@ -17,7 +17,7 @@ const MIN_MOTION_M: f64 = 0.1e-3;
 
 /// A way in which a file may differ from the format.
 struct Change {
-    /// What is asked.
+    /// The question to the user in the warning.
     question: &'static str,
     /// The run as it would be then.
     apply: fn(&mut SteeringRun),
@@ -65,7 +65,7 @@ const CHANGES: [Change; 8] = [
     },
 ];
 
-/// What is to be said of a run without a result, or with one that is grossly off: its units and signs.
+/// The warning about a run without a result, or with one that is grossly off: its units and signs.
 ///
 /// # Errors
 /// As [`track`](super::track).

@@ -10,7 +10,7 @@ use pulp::{Arch, Simd, WithSimd};
 pub(super) const GROUPS: usize = 6;
 const TERMS: usize = 4 * GROUPS;
 
-/// Up to which `s` one group, two, and so on leave out less than 2e-15 of what foundation and axial load do to the shear (and far
+/// Up to which `s` one group, two, and so on neglect less than 2e-15 of what foundation and axial load do to the shear (and far
 /// less of what they do to the deflection): `s^(m-1) < 2e-15 (4m-3)!` for m groups. Without either the series ends by itself.
 const MOST: [f64; GROUPS - 1] = [0.0, 2e-13, 2.6e-5, 2.3e-2, 0.91];
 
@@ -87,7 +87,7 @@ pub(super) fn values(series: &Series, start_m: f64, per_m: f64, z_m: &[f64], val
     Arch::new().dispatch(Values { series, start_m, per_m, z_m, values });
 }
 
-/// What [`values`] is asked.
+/// Argument of [`values`].
 struct Values<'a> {
     series: &'a Series,
     start_m: f64,
@@ -151,7 +151,7 @@ const DERIVED: [[[f64; 2]; 4]; GROUPS] = {
     factors
 };
 
-/// `-1 / ((n+1)(n+2)(n+3)(n+4))`, for all n of which a next coefficient is asked.
+/// `-1 / ((n+1)(n+2)(n+3)(n+4))`, for all n for which a next coefficient is needed.
 const BY_MODULUS: [f64; TERMS + 2] = negated_inverses(4);
 /// `-1 / ((n+3)(n+4))`.
 const BY_AXIAL: [f64; TERMS + 2] = negated_inverses(2);

@@ -17,7 +17,7 @@ const ENTRIES: usize = MODES * (MODES + 1) / 2;
 const FIELD_ENTRIES: usize = FIELDS * (FIELDS + 1) / 2;
 /// Fields that leave the needle where it is.
 const INNER: usize = FIELDS - MODES;
-/// How many interpolated matrices a thread keeps: a fit asks for the same few depths again and again.
+/// How many interpolated matrices a thread keeps: a fit needs the same few depths again and again.
 const KEPT: usize = 8;
 
 static TEXT: &str = include_str!("../continuum/uniform.csv");
@@ -86,7 +86,7 @@ struct Lately {
     uniform: Vec<([f64; 2], Matrix)>,
 }
 
-/// Interpolated fields by the bits of ratio and Poisson's ratio: an insertion asks for those of all its depths again and again, and
+/// Interpolated fields by the bits of ratio and Poisson's ratio: an insertion needs those of all its depths again and again, and
 /// each is a sum over the whole table. All threads share them; emptied when full.
 static FIELDS_LATELY: LazyLock<RwLock<HashMap<[u64; 2], Arc<Varied>>>> = LazyLock::new(RwLock::default);
 /// How many are kept: of 30 kB each.

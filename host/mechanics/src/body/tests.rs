@@ -1,4 +1,4 @@
-//! The needle in a body against direct finite-element solutions, and the laws every body obeys.
+//! The needle in a body against direct finite-element solutions, and the laws that hold for every body.
 
 use super::*;
 use crate::continuum::operator::direct;
@@ -103,7 +103,7 @@ fn deflection_and_slope_are_continuous_and_forces_reciprocal() {
     assert!((beam.tip_force().deflection_m(0.06) / there - 1.0).abs() < 1e-9);
 }
 
-/// A body without stiffness is none, whatever the tables say: the cantilever with a load at guide 2.
+/// A body without stiffness is none, for any table: the cantilever with a load at guide 2.
 #[test]
 fn a_soft_body_leaves_the_cantilever() {
     let problem = problem(Foundation::uniform(1e-6).expect("a modulus"), 0.5, 0.03);

@@ -126,7 +126,7 @@ impl Numbering {
                     let node = row - top;
                     [Unknown::Wall(1.0, node), Unknown::Wall(-1.0, node), Unknown::Fixed]
                 } else if column == 0 {
-                    // On the axis the displacement has one direction, whatever the angle.
+                    // On the axis the displacement has one direction at every angle.
                     let index = next();
                     [Unknown::Free(1.0, index), Unknown::Free(-1.0, index), Unknown::Fixed]
                 } else {

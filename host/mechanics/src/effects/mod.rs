@@ -1,12 +1,12 @@
 //! Effects: what may be wrong with the plain model, each a part of the one forward model.
 //!
 //! An effect has an id, its physics in one line, parameters that do nothing at their neutral values, and the place where it
-//! acts: on the beam problem, on what lies between actuator and needle, on the needle at rest, on where the sensors look, on what
-//! they make of what they see, or on the tip. A [`Model`](super::Model) is a rig, a tissue and a list of effects with values;
+//! acts: on the beam problem, on what lies between actuator and needle, on the needle at rest, on where the sensors measure, on what
+//! they read there, or on the tip. A [`Model`](super::Model) is a rig, a tissue and a list of effects with values;
 //! everything that calls [`predict`](super::predict) honours them. A new effect is one struct in the file of its family and one
 //! line in [`EFFECTS`].
 //!
-//! Order of application: beam, drive, rest, solve, look, observe; within each in the order of the model's list.
+//! Order of application: beam, drive, rest, solve, map position, observe; within each in the order of the model's list.
 
 mod needle;
 mod rig;
@@ -27,7 +27,7 @@ const MM: f64 = 1e-3;
 pub struct ParameterInfo {
     /// Name with unit.
     pub name: &'static str,
-    /// Value at which the effect does nothing (for a place or a time: where it is looked for first).
+    /// Value at which the effect does nothing (for a place or a time: where the search starts).
     pub neutral: f64,
     /// Physically possible values.
     pub range: [f64; 2],
@@ -35,7 +35,7 @@ pub struct ParameterInfo {
     pub likely: [f64; 2],
     /// Standard deviation about the neutral value in an ordinary rig: the prior of a nuisance.
     pub prior_sd: f64,
-    /// For a place or a time, which does nothing by itself: values at which the effect is looked for.
+    /// For a place or a time, which does nothing by itself: start values of the search.
     pub nodes: &'static [f64],
 }
 
@@ -83,12 +83,12 @@ pub struct EffectInfo {
     pub parameters: &'static [ParameterInfo],
 }
 
-/// What the sensors' maps know beside the values: when and where guide 2 was told to be.
+/// Input of the sensors' maps beside the values: the commanded motion of guide 2.
 #[derive(Debug, Clone, Copy)]
 pub struct ObservationContext<'a> {
     /// Times of the force samples.
     pub time_s: &'a [f64],
-    /// Displacement that guide 2 was told, vertical and horizontal; empty in insertions and steering runs.
+    /// Commanded displacement of guide 2, vertical and horizontal; empty in insertions and steering runs.
     pub commanded_m: [&'a [f64]; 2],
     /// Motion back by this or less is noise of the displacement, vertical and horizontal: guide 2 has not turned round.
     pub reversal_m: [f64; 2],
@@ -129,7 +129,7 @@ pub trait Effect: Debug + Sync {
     /// Changes the stress-free curvature of the needle, vertical and horizontal before it is turned, 1/m.
     fn rest(&self, _values: &[f64], _curvature_per_m: &mut [f64; 2]) {}
 
-    /// Changes where the needle is really looked at.
+    /// Changes where the needle is really measured.
     fn map_position(&self, _values: &[f64], _point: &mut ShapePoint) {}
 
     /// Changes what the sensors read.

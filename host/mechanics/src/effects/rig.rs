@@ -84,7 +84,7 @@ impl Effect for FrameCompliance {
         const {
             &EffectInfo {
                 id: "rig.frame_compliance",
-                physics: "the frame gives: guide 2 moves by force times compliance less than told",
+                physics: "the frame gives: guide 2 moves by force times compliance less than commanded",
                 signature: "commanded displacement against the needle's shape; in insertions what guide 2 does to the tip",
                 shows: Shows::BOTH,
                 is_costly: false,

@@ -159,7 +159,7 @@ impl Effect for ShapeOffset {
         const {
             &EffectInfo {
                 id: "sensor.shape_offset",
-                physics: "the shape is seen displaced by a constant, in each plane",
+                physics: "the measured shape is displaced by a constant, in each plane",
                 signature: "shape, at zero displacement too",
                 shows: Shows::LATERAL,
                 is_costly: false,
@@ -185,7 +185,7 @@ impl Effect for ShapeScale {
         const {
             &EffectInfo {
                 id: "sensor.shape_scale",
-                physics: "deflections are seen larger by a share: pixel size, speed of sound",
+                physics: "measured deflections are larger by a share: pixel size, speed of sound",
                 signature: "shape against the displacement of guide 2",
                 shows: Shows::LATERAL,
                 is_costly: false,
@@ -209,7 +209,7 @@ impl Effect for DepthShift {
         const {
             &EffectInfo {
                 id: "sensor.depth_shift",
-                physics: "the shape is seen further along the needle than stated, by a constant",
+                physics: "the shape is measured further along the needle than stated, by a constant",
                 signature: "the slope of the shape times the shift",
                 shows: Shows::LATERAL,
                 is_costly: false,

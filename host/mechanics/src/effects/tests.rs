@@ -156,53 +156,53 @@ fn assert_close(value: f64, expected: f64, relative: f64) {
 }
 
 #[test]
-fn sensors_map_what_they_see() {
+fn sensors_map_what_they_measure() {
     let experiment = lateral(0.03);
     let plain = channels(&plain(), &experiment);
     let x = |channels: &Channels| channels.force_n.x.clone().expect("two planes");
-    let see = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
+    let run = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
     let n = 45;
-    assert_close(see("sensor.force_gain", &[0.1]).force_n.y[n], 1.1 * plain.force_n.y[n], 1e-14);
-    assert_close(see("sensor.force_bias", &[0.1, -0.2]).force_n.y[n], plain.force_n.y[n] + 0.1, 1e-14);
-    assert_close(x(&see("sensor.force_bias", &[0.1, -0.2]))[n], x(&plain)[n] - 0.2, 1e-14);
+    assert_close(run("sensor.force_gain", &[0.1]).force_n.y[n], 1.1 * plain.force_n.y[n], 1e-14);
+    assert_close(run("sensor.force_bias", &[0.1, -0.2]).force_n.y[n], plain.force_n.y[n] + 0.1, 1e-14);
+    assert_close(x(&run("sensor.force_bias", &[0.1, -0.2]))[n], x(&plain)[n] - 0.2, 1e-14);
     // Sample 45 is 4.5 s after the first.
-    assert_close(see("sensor.force_drift", &[0.01, 0.0]).force_n.y[n], plain.force_n.y[n] + 0.045, 1e-12);
+    assert_close(run("sensor.force_drift", &[0.01, 0.0]).force_n.y[n], plain.force_n.y[n] + 0.045, 1e-12);
     assert_close(
-        see("sensor.crosstalk", &[0.1]).force_n.y[n],
+        run("sensor.crosstalk", &[0.1]).force_n.y[n],
         plain.force_n.y[n] + 0.1 * x(&plain)[n],
         1e-14,
     );
     assert_close(
-        see("sensor.delay", &[0.25]).force_n.y[n],
+        run("sensor.delay", &[0.25]).force_n.y[n],
         0.5 * (plain.force_n.y[42] + plain.force_n.y[43]),
         1e-12,
     );
-    assert_close(see("sensor.shape_scale", &[0.1]).shape_m.y[1], 1.1 * plain.shape_m.y[1], 1e-14);
-    assert_close(see("sensor.shape_offset", &[0.1, -0.2]).shape_m.y[1], plain.shape_m.y[1] + 1e-4, 1e-14);
+    assert_close(run("sensor.shape_scale", &[0.1]).shape_m.y[1], 1.1 * plain.shape_m.y[1], 1e-14);
+    assert_close(run("sensor.shape_offset", &[0.1, -0.2]).shape_m.y[1], plain.shape_m.y[1] + 1e-4, 1e-14);
     // The second point is at 80 mm, the third at 85: shifted by 5 mm the one shows the other.
-    assert_close(see("sensor.depth_shift", &[5.0]).shape_m.y[1], plain.shape_m.y[2], 1e-12);
-    assert_eq!(see("sensor.shape_scale", &[0.1]).force_n, plain.force_n);
+    assert_close(run("sensor.depth_shift", &[5.0]).shape_m.y[1], plain.shape_m.y[2], 1e-12);
+    assert_eq!(run("sensor.shape_scale", &[0.1]).force_n, plain.force_n);
 }
 
 #[test]
 fn the_rig_comes_between_actuator_and_needle() {
     let experiment = lateral(0.03);
     let plain = channels(&plain(), &experiment);
-    let see = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
+    let run = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
     let stiffness = plain.force_n.y[59] / 1.2e-3;
     // A clamp of 0.35 rad/(N m): 1 mm takes 1.0152508e-3 m/N against 0.916319e-3.
-    assert_close(see("rig.clamp_compliance", &[0.35]).force_n.y[59], 1.2e-3 / 0.0010152508803166775, 1e-10);
+    assert_close(run("rig.clamp_compliance", &[0.35]).force_n.y[59], 1.2e-3 / 0.0010152508803166775, 1e-10);
     // Two springs in series.
-    let frame = see("rig.frame_compliance", &[0.1]);
+    let frame = run("rig.frame_compliance", &[0.1]);
     assert_close(frame.force_n.y[59], 1.2e-3 / (1.0 / stiffness + 1e-4), 1e-12);
     assert_close(frame.shape_m.y[1] / plain.shape_m.y[1], frame.force_n.y[59] / plain.force_n.y[59], 1e-12);
-    // The displacement read is the one that was told.
+    // The displacement read is the commanded one.
     assert_eq!(frame.displacement_m, plain.displacement_m);
-    let loose = see("rig.backlash", &[0.1]);
+    let loose = run("rig.backlash", &[0.1]);
     assert_close(loose.force_n.y[59], 1.1e-3 * stiffness, 1e-12);
     assert_close(loose.force_n.y[99], -0.9e-3 * stiffness, 1e-12);
     assert_eq!(loose.force_n.y[62..79].iter().filter(|n| **n == 0.0).count(), 9);
-    let dry = see("rig.friction", &[0.05]);
+    let dry = run("rig.friction", &[0.05]);
     let added = |i: usize| dry.force_n.y[i] - plain.force_n.y[i];
     for (i, expected) in [(10, 0.0), (25, 0.05), (39, 0.05), (59, 0.05), (79, -0.05), (99, -0.05)] {
         assert!((added(i) - expected).abs() < 1e-12, "{i}: {}", added(i));
@@ -230,32 +230,32 @@ fn friction_follows_the_motion_and_not_the_noise_of_its_sensor() {
 }
 
 #[test]
-fn the_tissue_changes_as_it_says() {
+fn tissue_effects_act_as_described() {
     let experiment = lateral(0.03);
     let plain = channels(&plain(), &experiment);
-    let see = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
+    let run = |id: &str, values: &[f64]| channels(&with(id, values), &experiment);
     // A boundary below the tip is none, a gap as deep as the needle leaves a cantilever: 3 EI / c2^3.
-    assert_eq!(see("tissue.layers", &[3.0, 40.0]).force_n, plain.force_n);
-    assert!(see("tissue.layers", &[3.0, 10.0]).force_n.y[59] > 1.02 * plain.force_n.y[59]);
+    assert_eq!(run("tissue.layers", &[3.0, 40.0]).force_n, plain.force_n);
+    assert!(run("tissue.layers", &[3.0, 10.0]).force_n.y[59] > 1.02 * plain.force_n.y[59]);
     let cantilever = 3.0 * Needle::gauge_18().bending_stiffness_n_m2() / GUIDE2_M.powi(3) * 1.2e-3;
-    assert_close(see("tissue.entry_gap", &[30.0]).force_n.y[59], cantilever, 1e-9);
+    assert_close(run("tissue.entry_gap", &[30.0]).force_n.y[59], cantilever, 1e-9);
     // Layers with nothing above are a gap.
     let mut above = with("tissue.layers", &[1e9, 5.0]);
     above.foundation = above.foundation.scaled(1e-9).expect("a foundation");
-    let gap = see("tissue.entry_gap", &[5.0]);
+    let gap = run("tissue.entry_gap", &[5.0]);
     assert_close(channels(&above, &experiment).force_n.y[59], gap.force_n.y[59], 1e-6);
     // A hard skin holds the needle where it enters.
-    let skin = see("tissue.skin", &[1e6]);
+    let skin = run("tissue.skin", &[1e6]);
     let held =
         BeamProblem { guide2_m: GUIDE2_M, ..with("tissue.skin", &[1e6]).problem(0.03).expect("a problem") };
     assert!(held.solve().expect("solves").deflection_m(1e-3, ENTRY_M).abs() < 1e-7);
     assert!(skin.force_n.y[59] > plain.force_n.y[59]);
     // Anisotropy by two is twice the modulus, horizontally.
     let twice = channels(&Model { foundation: plain_foundation(32e3), ..self::plain() }, &experiment);
-    let split = see("tissue.anisotropy", &[2.0]);
+    let split = run("tissue.anisotropy", &[2.0]);
     assert_eq!((&split.force_n.y, &split.force_n.x), (&plain.force_n.y, &twice.force_n.x));
     // A stiff shear layer keeps the needle straight in the tissue.
-    let straight = see("tissue.shear", &[1e5]);
+    let straight = run("tissue.shear", &[1e5]);
     let [a, b, c] = [0, 1, 2].map(|i| straight.shape_m.y[i]);
     assert!(((c - b) / 5.0 - (b - a) / 8.0).abs() < 1e-5 * a.abs(), "{a} {b} {c}");
 }
@@ -268,15 +268,19 @@ fn plain_foundation(modulus_pa: f64) -> crate::Foundation {
 #[test]
 fn a_bent_needle_pushes_at_rest() {
     let still = with("needle.prebend", &[0.2, -0.1]);
-    let seen = channels(&still, &lateral(0.03));
+    let measured = channels(&still, &lateral(0.03));
     let ei = Needle::gauge_18().bending_stiffness_n_m2();
-    assert_close(seen.force_n.y[0], -3.0 * ei * 0.2 / (2.0 * GUIDE2_M), 1e-12);
-    assert_close(seen.force_n.x.as_ref().expect("two planes")[0], 3.0 * ei * 0.1 / (2.0 * GUIDE2_M), 1e-12);
+    assert_close(measured.force_n.y[0], -3.0 * ei * 0.2 / (2.0 * GUIDE2_M), 1e-12);
+    assert_close(
+        measured.force_n.x.as_ref().expect("two planes")[0],
+        3.0 * ei * 0.1 / (2.0 * GUIDE2_M),
+        1e-12,
+    );
     // At zero displacement (7 s): slope at guide 2 is kappa c2 / 4.
     let beyond_m = 0.085 - GUIDE2_M;
     let expected_m = 0.2 * (0.25 * GUIDE2_M * beyond_m + 0.5 * beyond_m * beyond_m);
-    assert_close(seen.shape_m.y[6], expected_m, 1e-12);
-    assert_eq!(seen.shape_m.y.len(), 12);
+    assert_close(measured.shape_m.y[6], expected_m, 1e-12);
+    assert_eq!(measured.shape_m.y.len(), 12);
 }
 
 /// Without tissue the tip of a bent needle is where its rest shape has it, and turns with the needle; on springs and on a body.
@@ -291,18 +295,18 @@ fn a_bent_needle_turns_with_its_bend() {
         let depth_m = vec![0.0, 0.03, 0.06];
         let guide2_m = Some(Default::default());
         let done = Insertion { depth_m, rotation_rad, guide2_m, tip_direction: true, ..Insertion::default() };
-        let seen = channels(&model, &Experiment::Insertion(done));
+        let measured = channels(&model, &Experiment::Insertion(done));
         let (x, direction_x) =
-            (seen.tip_m.x.expect("two planes"), seen.tip_direction_rad.x.expect("two planes"));
+            (measured.tip_m.x.expect("two planes"), measured.tip_direction_rad.x.expect("two planes"));
         for (i, (depth_m, turned)) in [(0.0, false), (0.03, false), (0.06, true)].into_iter().enumerate() {
             let beyond_m = ENTRY_M + depth_m - GUIDE2_M;
             // A quarter turn brings (y, x) to (-x, y).
             let [y_per_m, x_per_m] = if turned { [0.1, 0.2] } else { [0.2, -0.1] };
             let per_curvature_m = 0.25 * GUIDE2_M * beyond_m + 0.5 * beyond_m * beyond_m;
-            assert_close(seen.tip_m.y[i], y_per_m * per_curvature_m, 1e-6);
+            assert_close(measured.tip_m.y[i], y_per_m * per_curvature_m, 1e-6);
             assert_close(x[i], x_per_m * per_curvature_m, 1e-6);
             let per_curvature = 0.25 * GUIDE2_M + beyond_m;
-            assert_close(seen.tip_direction_rad.y[i], y_per_m * per_curvature, 1e-6);
+            assert_close(measured.tip_direction_rad.y[i], y_per_m * per_curvature, 1e-6);
             assert_close(direction_x[i], x_per_m * per_curvature, 1e-6);
         }
     }
@@ -363,11 +367,11 @@ fn a_cut_angle_is_the_slope_of_the_path_beside_the_needles() {
             tip_direction: true,
             ..Insertion::default()
         };
-        let seen = channels(&model, &Experiment::Insertion(inserted));
+        let measured = channels(&model, &Experiment::Insertion(inserted));
         let off = |tip_m: &[f64], rad: &[f64]| {
             (tip_m[2] - tip_m[0]) / (2.0 * h_m) - (0.25 * rad[0] + 0.5 * rad[1] + 0.25 * rad[2])
         };
-        let (tip, rad) = (seen.tip_m, seen.tip_direction_rad);
+        let (tip, rad) = (measured.tip_m, measured.tip_direction_rad);
         [off(&tip.y, &rad.y), off(&tip.x.expect("x"), &rad.x.expect("x"))]
     };
     let before = run(None, 0.0);
@@ -381,7 +385,7 @@ fn a_cut_angle_is_the_slope_of_the_path_beside_the_needles() {
     assert!((after[1] - before[1] - 0.04).abs() < 1e-6, "{after:?} {before:?}");
 }
 
-/// In a lateral run the needle in tissue that yields is that of the elements, whatever the displacement; far from yielding it is linear.
+/// In a lateral run the needle in tissue that yields is that of the elements, at any displacement; far from yielding it is linear.
 #[test]
 fn tissue_that_yields_gives_way() {
     let model = with("tissue.yield", &[20.0, 8.0]);
@@ -399,13 +403,13 @@ fn tissue_that_yields_gives_way() {
         let drive = vec![DriveSample { time_s: 0.0, y_m: held_m, x_m: 0.0 }];
         let pushed =
             Experiment::Lateral(Lateral { depth_m: 0.03, drive, shape: shape.clone(), reversal_m: [0.0; 2] });
-        let seen = channels(&model, &pushed);
+        let measured = channels(&model, &pushed);
         let held = crate::elements::Guide2::Held(held_m);
         let expected = elements.solve(&springs, |_| 0.0, held, 0.0).expect("solves");
-        assert_close(seen.force_n.y[0], expected.guide2_force_n, 2e-3);
-        assert_close(seen.shape_m.y[0], expected.deflection_m(0.09), 2e-3);
+        assert_close(measured.force_n.y[0], expected.guide2_force_n, 2e-3);
+        assert_close(measured.shape_m.y[0], expected.deflection_m(0.09), 2e-3);
         let linear = channels(&plain(), &pushed).force_n.y[0];
-        assert!(seen.force_n.y[0] < linear && seen.force_n.y[0] > least * linear, "{held_m}");
+        assert!(measured.force_n.y[0] < linear && measured.force_n.y[0] > least * linear, "{held_m}");
     }
     // A tip that only cuts at an angle has no load to solve for, and is refused.
     let mut angled = model;

@@ -159,7 +159,7 @@ impl Pull {
     }
 
     /// The needle goes deeper by `step_m` from where its tip was at `start_m` sideways; `strength` there. The new end of the
-    /// path is left out: it counts with [`Pull::end`] times where the tip will be.
+    /// path is excluded: it counts with [`Pull::end`] times where the tip will be.
     pub fn advance(&mut self, step_m: f64, strength: f64, start_m: f64) {
         self.sum.axpy(0.5 * step_m * strength * start_m, &self.tip, 1.0);
         self.functions.shift(step_m).apply(self.sum.as_mut_slice());

@@ -82,7 +82,7 @@ fn modes_on_a_light_fixture() {
     );
 }
 
-/// Modes are orthogonal to each other and to the translation in the mass of needle and fixture, whatever the fixture weighs.
+/// Modes are orthogonal to each other and to the translation in the mass of needle and fixture, at any mass of the fixture.
 #[test]
 fn modes_are_orthogonal() {
     for fixture_kg in [0.0, 1e-4, 0.05, 20.0] {

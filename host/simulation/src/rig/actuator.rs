@@ -1,4 +1,4 @@
-//! One actuator as the electronics see it: a gear motor on a lead screw, and the potentiometer on its rod.
+//! One actuator at its electrical interface: a gear motor on a lead screw, and the potentiometer on its rod.
 
 use super::config::{ActuatorConfig, Range};
 use super::{Noise, within};

@@ -19,7 +19,7 @@ pub struct Range {
 /// Everything about a rig that is not drawn from the seed, and the ranges of what is.
 #[derive(Debug, Clone)]
 pub struct RigConfig {
-    /// Needle, guides and tissue surface: what the user of the rig knows too.
+    /// Needle, guides and tissue surface: known to the user of the rig too.
     pub rig: Rig,
     /// The rest.
     pub simulation: Simulation,
@@ -39,7 +39,7 @@ pub struct Simulation {
     pub force: ForceConfig,
     /// Ultrasound.
     pub ultrasound: UltrasoundConfig,
-    /// Effects that the user of the rig does not know of.
+    /// Effects that are hidden from the user of the rig.
     pub effects: Vec<HiddenEffect>,
     /// What is a little off beside them.
     pub imperfections: Imperfections,

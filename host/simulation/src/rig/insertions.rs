@@ -1,6 +1,6 @@
 //! Insertions by hand into the simulated rig's tissue, the tip followed by a tracker.
 //!
-//! The forward model, with what a lab finds too: the bevel turned a little differently each time, a tip load that wanders, a guide
+//! The forward model, with what a lab finds too: the bevel turned a little differently each time, a tip load with process noise, a guide
 //! that holds the needle less well than drawn, an axis of depth that is not quite the needle's, pushes of five millimetres that
 //! spring back, and a tracker with noise.
 
@@ -13,10 +13,10 @@ const LAST_MM: usize = 100;
 /// Pushes, millimetres, and readings at each stop.
 const PUSH_MM: usize = 5;
 const READINGS: usize = 4;
-/// Mean tip load and its scatter from insertion to insertion, N; wander per stop, N.
+/// Mean tip load and its scatter from insertion to insertion, N; process noise per stop, N.
 const LOAD_N: f64 = 0.2;
 const LOAD_SD_N: f64 = 0.015;
-const WANDER_SD_N: f64 = 0.005;
+const PROCESS_NOISE_SD_N: f64 = 0.005;
 /// Angles, rad: of the bevel, of the axis of depth in all insertions and in each.
 const BEVEL_SD_RAD: f64 = 0.1;
 const AXIS_SD_RAD: f64 = 0.01;
@@ -58,7 +58,7 @@ fn tip(noise: &mut Noise, entry_angle_rad: [f64; 2]) -> Result<TipLaw, ModelErro
         let depth_m = 1e-3 * (stop * PUSH_MM) as f64;
         planes[0].push([depth_m, load_n * bevel_rad.cos()]);
         planes[1].push([depth_m, load_n * bevel_rad.sin()]);
-        load_n += WANDER_SD_N * noise.draw();
+        load_n += PROCESS_NOISE_SD_N * noise.draw();
     }
     let [y, x] = planes;
     Ok(TipLaw {
@@ -86,7 +86,7 @@ fn insert(
     let done =
         Insertion { depth_m: depths_m.clone(), guide2_m: Some(Default::default()), ..Insertion::default() };
     let tip_m = predict(model, &Experiment::Insertion(done))?.tip_m;
-    let mut seen = |path_m: Vec<f64>, plane: usize| -> Vec<f64> {
+    let mut measured = |path_m: Vec<f64>, plane: usize| -> Vec<f64> {
         path_m.iter().map(|u_m| u_m + offset_m[plane] + TIP_SD_M * noise.draw()).collect()
     };
     Ok(InsertionRun {
@@ -94,8 +94,8 @@ fn insert(
         id,
         time_s: Some((0..depths_m.len()).map(|row| 0.5 * row as f64).collect()),
         depth_m: depths_m,
-        tip_y_m: seen(tip_m.y, 0),
-        tip_x_m: tip_m.x.map(|x| seen(x, 1)),
+        tip_y_m: measured(tip_m.y, 0),
+        tip_x_m: tip_m.x.map(|x| measured(x, 1)),
         rotation_rad: None,
         guide2_y_m: None,
         guide2_x_m: None,

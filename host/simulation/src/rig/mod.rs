@@ -3,7 +3,7 @@
 //! It stands on the far side of the electronics: bridge inputs in, converter codes out, one call of [`SimulatedRig::step`] per
 //! control period. Everything random comes from one seed, each part from its own stream, so that a rig repeats exactly and
 //! more noise drawn in one part changes nothing in another. What the estimator is to find (the tissue's modulus) is drawn
-//! from the seed too and told to nobody but [`SimulatedRig::truth`].
+//! from the seed too and available only from [`SimulatedRig::truth`].
 //!
 //! | part | models |
 //! |---|---|
@@ -82,7 +82,7 @@ pub struct SimulatedRig {
     beam: Beam,
     /// Between the actuators and the needle.
     drive: Drive,
-    /// What the user does not know of.
+    /// What is hidden from the user.
     effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     actuators: [Actuator; 2],
     bridge_offset_n: [f64; 2],
@@ -159,8 +159,8 @@ impl SimulatedRig {
         };
         let mut shape_m = Series { x: Some(bent(0)), y: bent(1) };
         let mut channels = Channels { shape_m: std::mem::take(&mut shape_m), ..Channels::default() };
-        let seen = ObservationContext { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
-        self.effects.iter().for_each(|(effect, values)| effect.observe(values, &seen, &mut channels));
+        let context = ObservationContext { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
+        self.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
         let Series { y, x } = channels.shape_m;
         let (noise_m, x) = (ultrasound.noise_mm * 1e-3, x.unwrap_or_default());
         x.into_iter()
@@ -170,8 +170,8 @@ impl SimulatedRig {
                 let z_m = self.entry_m + (index + 1) as f64 * spacing_m;
                 let [x_off_m, y_off_m] = imperfections.pattern_m(z_m);
                 let deflection_m = [x_m + x_off_m, y_m + y_off_m].map(|bent_m| {
-                    let seen_m = bent_m + noise_m * self.sweep_noise.draw();
-                    (seen_m / pixel_m).round() * pixel_m
+                    let measured_m = bent_m + noise_m * self.sweep_noise.draw();
+                    (measured_m / pixel_m).round() * pixel_m
                 });
                 ShapeSample { z_m, deflection_m }
             })
@@ -195,8 +195,8 @@ impl SimulatedRig {
 
     fn bridge_code(&mut self, force_n: f64) -> i32 {
         let force = &self.simulation.force;
-        let seen_n = force_n + force.noise_n * self.force_noise.draw();
-        let share = seen_n / force.range_n * force.share_of_full_scale;
+        let measured_n = force_n + force.noise_n * self.force_noise.draw();
+        let share = measured_n / force.range_n * force.share_of_full_scale;
         // The cast saturates at nothing: the clamp keeps it within the converter's 24 bits.
         (share * BRIDGE_CODE_MAX).round().clamp(-BRIDGE_CODE_MAX - 1.0, BRIDGE_CODE_MAX) as i32
     }

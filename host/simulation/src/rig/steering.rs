@@ -139,7 +139,7 @@ pub struct Plan {
     pub lateral_mm: f64,
     /// The needle is supported: it goes in straight this far before it is moved sideways.
     pub straight_mm: f64,
-    /// The base moves to and fro by this much too, which tells damping from stiffness.
+    /// The base moves to and fro by this much too, which separates damping from stiffness.
     pub wobble_mm: f64,
     /// How often.
     pub wobble_hz: f64,

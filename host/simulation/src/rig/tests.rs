@@ -71,7 +71,7 @@ fn readings_scatter_about_the_truth_as_configured() {
 }
 
 #[test]
-fn a_sweep_sees_the_needle_of_the_forward_model() {
+fn a_sweep_measures_the_needle_of_the_forward_model() {
     let mut config = RigConfig::default();
     config.simulation.ultrasound.noise_mm = 0.0;
     config.simulation.ultrasound.pixel_mm = 1e-6;
@@ -81,8 +81,8 @@ fn a_sweep_sees_the_needle_of_the_forward_model() {
     assert_eq!(sweep.len(), 30);
     for sample in sweep {
         let expected = [x_m, y_m].map(|m| rig.beam.deflection_m(m, sample.z_m));
-        for (seen_m, expected_m) in sample.deflection_m.iter().zip(expected) {
-            assert!((seen_m - expected_m).abs() < 1e-9);
+        for (measured_m, expected_m) in sample.deflection_m.iter().zip(expected) {
+            assert!((measured_m - expected_m).abs() < 1e-9);
         }
     }
 }

@@ -7,7 +7,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 const MM: f64 = 1e-3;
-/// Levels that a lateral run goes through unless it says otherwise, millimetres.
+/// Levels that a lateral run goes through unless it states others, millimetres.
 const LEVELS_MM: [f64; 9] = [0.0, 0.4, 0.8, 1.2, 0.8, 0.0, -0.6, -1.2, 0.0];
 /// Levels that differ by less are the same.
 const SAME_M: f64 = 1e-9;
@@ -67,7 +67,7 @@ pub struct InsertionPlan {
     pub speed_m_per_s: f64,
     /// Depth at which the needle is turned by half a turn.
     pub turn_at_m: Option<f64>,
-    /// Distance between the depths at which the tip is looked at.
+    /// Distance between the depths at which the tip is measured.
     pub step_m: f64,
 }
 
@@ -108,8 +108,8 @@ impl RunIds {
 }
 
 impl SimulationPlan {
-    /// Reads the tables `[tissue]`, `[tip]`, `[[effect]]`, `[[lateral]]` and `[[insertion]]` of a file; `model` replaces what it
-    /// says. Other tables are left alone.
+    /// Reads the tables `[tissue]`, `[tip]`, `[[effect]]`, `[[lateral]]` and `[[insertion]]` of a file; `model` replaces its
+    /// values. Other tables are left alone.
     ///
     /// # Errors
     /// [`SessionError`] for the first fault found, with its place.

@@ -1,4 +1,4 @@
-//! Plans carried out: what is written is what the forward model says, with the noise it was given.
+//! Plans carried out: what is written is what the forward model predicts, with the noise it was given.
 
 use super::*;
 use formats::session::{Session, Setup};
@@ -123,9 +123,9 @@ fn what_is_written_is_read() {
 #[test]
 fn faults_in_a_plan_are_named_with_their_place() {
     let fails = |text: &str, words: &[&str]| {
-        let said = plan(text).expect_err("a fault").to_string();
+        let message = plan(text).expect_err("a fault").to_string();
         for word in words {
-            assert!(said.contains(word), "{word} in {said}");
+            assert!(message.contains(word), "{word} in {message}");
         }
     };
     let with = |line: &str| format!("{LATERAL}{line}\n");
@@ -153,7 +153,7 @@ fn faults_in_a_plan_are_named_with_their_place() {
     fails(&LATERAL.replace("k_kpa", "k_pa"), &["2:1: tissue.k_pa", "k_kpa, k_ci95_kpa, foundation, poisson"]);
 }
 
-/// Lateral runs as a plan says, with ordinary noise.
+/// Lateral runs as planned, with ordinary noise.
 fn session(text: &str) -> Session {
     Session {
         dir: "made".into(),
@@ -192,11 +192,11 @@ fn needs(id: &str, values: &[f64], lateral: &str) {
     let [low, high] = with.pooled.ci95_kpa;
     assert!(low < 12.0 && 12.0 < high && high / low < 1.25, "{id}: {low} to {high} with it");
     assert_eq!(with.effects, [id]);
-    assert!(with.warnings.iter().any(|warning| warning.contains("energy method knows no effects")));
+    assert!(with.warnings.iter().any(|warning| warning.contains("energy method models no effects")));
     let without = found(Vec::new());
     let [low, high] = without.pooled.ci95_kpa;
     assert!(high < 12.0 || low > 12.0, "{id}: {low} to {high} without it");
-    assert!(without.effects.is_empty() && !without.warnings.iter().any(|w| w.contains("knows no effects")));
+    assert!(without.effects.is_empty() && !without.warnings.iter().any(|w| w.contains("models no effects")));
 }
 
 const DEEP: &str = "[[lateral]]\nid = \"a\"\ndepth_mm = 30\n";
@@ -220,7 +220,7 @@ fn relaxation_in_the_model_gives_the_modulus() {
     needs("tissue.relaxation", &[0.5, 4.0], &(DEEP.to_owned() + "rate_hz = 130\n"));
 }
 
-/// Along the course of a run, a model whose effect does nothing says what the plain model says of the levels.
+/// Along the course of a run, a model whose effect does nothing predicts what the plain model predicts at the levels.
 #[test]
 fn an_effect_that_does_nothing_changes_nothing() {
     let session = session(LATERAL);

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use studies::diagnose::{Hidden, Outcome, Size, cases, run as run_cases};
 use time::OffsetDateTime;
 
-/// An effect can be told apart where its expected log evidence over the nearest rival is above this, and must be in its class where
+/// An effect is identifiable where its expected log evidence over the nearest competitor is above this, and must be in its class where
 /// its expected gain of chi-square is.
 const APART: f64 = 5.0;
 const GAIN: f64 = 40.0;
@@ -90,10 +90,10 @@ fn is_surprise(outcome: &Outcome) -> bool {
     match &outcome.hidden {
         Hidden::Nothing => outcome.verdict != Verdict::Adequate,
         Hidden::One(id, _) => {
-            let told = outcome.expected_apart.is_some_and(|apart| apart > APART);
-            let seen = outcome.expected_gain.is_some_and(|gain| gain >= GAIN);
-            (told && !(is_named(outcome, id) && outcome.named.len() == 1))
-                || (seen && !is_in_class(outcome, id))
+            let identifiable = outcome.expected_apart.is_some_and(|apart| apart > APART);
+            let detectable = outcome.expected_gain.is_some_and(|gain| gain >= GAIN);
+            (identifiable && !(is_named(outcome, id) && outcome.named.len() == 1))
+                || (detectable && !is_in_class(outcome, id))
         }
         Hidden::Pair(a, b) => !(is_in_class(outcome, a) && is_in_class(outcome, b)),
         Hidden::Foreign(_) => outcome.verdict != Verdict::Unexplained,
@@ -137,8 +137,10 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); 10] {
     let nothing = || outcomes.iter().filter(|o| o.hidden == Hidden::Nothing);
     let foreign = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Foreign(_)));
     let pairs = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Pair(..)));
-    let told = || ones().filter(|(o, _)| o.expected_apart.is_some_and(|apart| apart > APART)).map(|(o, _)| o);
-    let seen = || ones().filter(|(o, _)| o.expected_gain.is_some_and(|gain| gain >= GAIN)).map(|(o, _)| o);
+    let identifiable =
+        || ones().filter(|(o, _)| o.expected_apart.is_some_and(|apart| apart > APART)).map(|(o, _)| o);
+    let detectable =
+        || ones().filter(|(o, _)| o.expected_gain.is_some_and(|gain| gain >= GAIN)).map(|(o, _)| o);
     let classes: Vec<usize> =
         ones().flat_map(|(o, _)| o.named.iter().map(|(_, class)| class.len())).collect();
     let class_size = classes.iter().sum::<usize>() as f64 / classes.len().max(1) as f64;
@@ -171,14 +173,14 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); 10] {
             Share::of(nothing(), |o| o.verdict != Verdict::Adequate).to_string(),
         ),
         (
-            "true effect named (class of one) where it can be told apart",
+            "true effect named (class of one) where it is identifiable",
             ">= 95 %",
-            Share::of(told(), |o| is_named(o, id_of(o)) && o.named.len() == 1).to_string(),
+            Share::of(identifiable(), |o| is_named(o, id_of(o)) && o.named.len() == 1).to_string(),
         ),
         (
             "true effect inside the reported class, expected gain >= 40",
             ">= 98 %",
-            Share::of(seen(), |o| is_in_class(o, id_of(o))).to_string(),
+            Share::of(detectable(), |o| is_in_class(o, id_of(o))).to_string(),
         ),
         ("class size, mean", "<= 1.5", format!("{class_size:.2}")),
         (
@@ -210,7 +212,7 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); 10] {
     ]
 }
 
-/// One row per effect: what became of it, and what else was said.
+/// One row per effect: what became of it, and what else was reported.
 fn confusion(outcomes: &[Outcome]) -> String {
     let mut rows: BTreeMap<String, Vec<&Outcome>> = BTreeMap::new();
     for outcome in outcomes {
@@ -258,7 +260,7 @@ fn confusion(outcomes: &[Outcome]) -> String {
     text
 }
 
-/// Everything about one session, for those who look into it.
+/// Everything about one session, for a closer examination.
 fn line(outcome: &Outcome) -> String {
     let missed: Vec<&String> =
         outcome.covered.iter().filter(|(_, good)| !good).map(|(name, _)| name).collect();
@@ -271,7 +273,7 @@ fn line(outcome: &Outcome) -> String {
         outcome.named,
         outcome.expected_gain.unwrap_or(f64::NAN),
         outcome.expected_apart.unwrap_or(f64::NAN),
-        outcome.rival.as_deref().unwrap_or("none"),
+        outcome.competitor.as_deref().unwrap_or("none"),
         outcome.p[0],
         outcome.p[1],
         outcome.removed,

@@ -1,4 +1,4 @@
-//! Frames over a serial port, with ids, tokens and repeats as the caller wants them: what the host's client never does.
+//! Frames over a serial port, with ids, tokens and repeats as the caller sets them: what the host's client never does.
 
 use crate::pty::{make_raw, wait};
 use anyhow::{Context, Result};

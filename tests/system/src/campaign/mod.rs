@@ -3,7 +3,7 @@
 //!
 //! | part | does |
 //! |---|---|
-//! | [`line`] | frames over the serial port, ids and repeats as a sequence wants them |
+//! | [`line`] | frames over the serial port, ids and repeats as a sequence sets them |
 //! | [`qemu`] | the firmware in QEMU with its rig, as a sequence has it |
 
 mod line;

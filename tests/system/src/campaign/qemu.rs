@@ -1,6 +1,6 @@
 //! The firmware in QEMU with its simulated rig, as a sequence has it.
 //!
-//! What must hold is looked at after every exchange: the rig's own largest force and position since the last look, the bridges, the
+//! What must hold is checked after every exchange: the rig's own largest force and position since the last check, the bridges, the
 //! state that the device reports.
 
 use super::line::Line;
@@ -15,7 +15,7 @@ use protocol::{CalibrationRecord, Command, EventKind, Message, Outcome, Refusal,
 use simulation::rig::config::{Range, RigConfig};
 use std::time::{Duration, Instant};
 
-/// Time for all sequences of a boot, whatever hangs.
+/// Time limit for all sequences of a boot.
 const BOOT_LIMIT: Duration = Duration::from_secs(3_600);
 /// As many rig seconds per second as the computer can do.
 const SPEED: f64 = f64::INFINITY;
@@ -79,7 +79,7 @@ struct Device<'a> {
     record: CalibrationRecord,
     status: Option<Status>,
     safety: Option<Safety>,
-    /// Since the last look.
+    /// Since the last check.
     started: u32,
     ended: Option<Outcome>,
     cleared: bool,
@@ -172,13 +172,13 @@ impl<'a> Device<'a> {
         self.exchange(command)
     }
 
-    /// Asks for the status and compares it, and the rig, with what must hold.
-    fn look(&mut self) -> Checked<Status> {
+    /// Requests the status and compares it, and the rig, with what must hold.
+    fn check(&mut self) -> Checked<Status> {
         self.command(Request::Status)?.map_err(|refusal| Violation(format!("a status: {refusal:?}")))?;
         let status = self.status.ok_or_else(|| Violation("an answer without a status".to_owned()))?;
         let rig = self.bench.rig();
         let driven = rig.bridges_driven();
-        self.judge.look(&Observation {
+        self.judge.observe(&Observation {
             now_ms: rig.steps(),
             driven,
             state: status.state,
@@ -254,8 +254,8 @@ fn broken<T>(outcome: Result<T>) -> Checked<T> {
 }
 
 impl Target for Device<'_> {
-    fn ask(&mut self, request: Request) -> Checked<Result<(), Refusal>> {
-        let before = self.look()?;
+    fn request(&mut self, request: Request) -> Checked<Result<(), Refusal>> {
+        let before = self.check()?;
         let resets = self.bench.rig().resets();
         self.judge.sends(&request, position_um(self.bench));
         let answer = self.command(request)?;
@@ -267,7 +267,7 @@ impl Target for Device<'_> {
         if matches!(request, Request::StoreCalibration { .. }) && answer.is_ok() {
             self.restarted(resets, &before)?;
         }
-        self.look()?;
+        self.check()?;
         Ok(answer)
     }
 
@@ -280,21 +280,21 @@ impl Target for Device<'_> {
             self.take(message);
         }
         // A frame of this connection may be the repeat of a clear: its answer is remembered, and clears nothing.
-        self.look().map(drop)
+        self.check().map(drop)
     }
 
     fn pass(&mut self, ms: u32) -> Checked<()> {
         let until_ms = self.now_ms() + u64::from(ms);
         while self.now_ms() < until_ms {
             self.until_ms(until_ms.min(self.now_ms() + STATUS_INTERVAL_MS))?;
-            self.look()?;
+            self.check()?;
         }
         Ok(())
     }
 
     fn silence(&mut self, ms: u32) -> Checked<()> {
         self.until_ms(self.now_ms() + u64::from(ms))?;
-        self.look().map(drop)
+        self.check().map(drop)
     }
 
     fn set(&mut self, causes: Causes) -> Checked<()> {
@@ -310,7 +310,7 @@ impl Target for Device<'_> {
     }
 
     fn reset(&mut self) -> Checked<()> {
-        let (before, resets) = (self.look()?, self.bench.rig().resets());
+        let (before, resets) = (self.check()?, self.bench.rig().resets());
         let sag = before.t_us.is_multiple_of(2);
         self.bench.rig().inject(Injection { brown_out: sag, panic: !sag, ..Injection::default() });
         self.restarted(resets, &before)
@@ -318,7 +318,7 @@ impl Target for Device<'_> {
 
     fn condition(&mut self) -> Checked<Condition> {
         self.command(Request::Safety)?.map_err(|refusal| Violation(format!("safety: {refusal:?}")))?;
-        let status = self.look()?;
+        let status = self.check()?;
         Ok(Condition {
             now_us: status.t_us,
             fault: status.fault,

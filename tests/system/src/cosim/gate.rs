@@ -1,21 +1,21 @@
 //! When device time has to wait for a host: a busy computer must not let the device run ahead of a program that is not given
 //! processor time.
 //!
-//! The device's own words ([`super::output`]) tell how far the host is, and no clock of the computer does:
+//! The device's own messages ([`super::output`]) show how far the host is, and no clock of the computer does:
 //!
 //! | device time waits | until |
 //! |---|---|
 //! | half the host's silence limit after the last command that the device answered, while a program is pending or runs | the device has answered another one |
 //! | [`START_RESERVE_MS`] before the start of a program that was announced ([`Appointment`]) | the device has accepted a program |
-//! | [`SWEEP_RESERVE_MS`] into an announced hold with an ultrasound sweep | the sweep has been taken, and whoever took it has ended |
+//! | [`SWEEP_RESERVE_MS`] into an announced hold with an ultrasound sweep | the sweep has been taken, and the program that took it has ended |
 //! | while someone takes a sweep | that one has ended |
 //!
 //! Waiting means one period per [`CRAWL`] or [`SWEEP_CRAWL`]: a device that stood still would answer nothing, and a host gives
-//! up a device that says nothing for seconds. The reserves are so long that what is waited for comes long before device time
+//! up a device that sends nothing for seconds. The reserves are so long that what is waited for comes long before device time
 //! has crawled to where it would be missed.
 //!
-//! A host that is silent on purpose, cut off or killed looks like one that gets no processor time, only for longer: after
-//! [`TIMEOUT`] at a crawl it is let be silent, until a command is answered again. Tests whose subject is silence say so
+//! A host that is silent on purpose, cut off or killed is like one that gets no processor time, only for longer: after
+//! [`TIMEOUT`] at a crawl it is let be silent, until a command is answered again. Tests whose subject is silence declare it
 //! ([`super::Cosim::host_may_be_silent`]) and do not wait for that.
 
 use protocol::{Event, EventKind, Message, State};
@@ -31,7 +31,7 @@ const START_RESERVE_MS: u64 = 2_000;
 /// How far into a hold its sweep has to have been taken, milliseconds of the device. Hosts take it after 0.3 s.
 const SWEEP_RESERVE_MS: u64 = 500;
 /// Wall-clock time at a crawl after which a silent host is let be silent. A program whose thread is ready to run gets processor
-/// time within a fraction of this, also where ten others want it.
+/// time within a fraction of this, also where ten others compete for it.
 const TIMEOUT: Duration = Duration::from_secs(4);
 /// Silence limit of the host before the device has stated another one, milliseconds.
 const SILENCE_LIMIT_MS: u64 = 2_000;
@@ -140,14 +140,14 @@ impl Gate {
         self.under_way += 1;
     }
 
-    /// A sweep has been taken, and whoever took it has ended.
+    /// A sweep has been taken, and the program that took it has ended.
     pub(super) fn sweep_ends(&mut self) {
         self.under_way = self.under_way.saturating_sub(1);
         self.hold_ms = None;
     }
 
-    /// Takes what the device has said up to this time.
-    pub(super) fn hear(&mut self, now_ms: u64, message: &Message) {
+    /// Takes a message of the device up to this time.
+    pub(super) fn receive(&mut self, now_ms: u64, message: &Message) {
         match message {
             Message::Ack { .. }
             | Message::Refused { .. }
@@ -165,18 +165,18 @@ impl Gate {
                     self.active = !matches!(status.state, State::Idle | State::Faulted);
                 }
             }
-            Message::Event(event) => self.see(now_ms, event),
-            // Their states come late, and the events tell the same.
+            Message::Event(event) => self.on_event(now_ms, event),
+            // Their states come late, and the events report the same.
             Message::Samples(_) => {}
         }
     }
 
-    fn see(&mut self, now_ms: u64, event: &Event) {
+    fn on_event(&mut self, now_ms: u64, event: &Event) {
         match event.kind {
             EventKind::StepStarted { index } => {
                 self.active = true;
-                let wants = self.appointments.front().is_some_and(|next| next.sweeps.contains(&index));
-                self.hold_ms = wants.then_some(now_ms);
+                let has_sweep = self.appointments.front().is_some_and(|next| next.sweeps.contains(&index));
+                self.hold_ms = has_sweep.then_some(now_ms);
             }
             EventKind::StepEnded { .. } => self.hold_ms = None,
             EventKind::ProgramEnded { .. } => {
@@ -244,8 +244,8 @@ mod tests {
     /// A device on which a program runs from this time on, with its last answer then.
     fn running(from_ms: u64) -> Gate {
         let mut gate = Gate::new();
-        gate.hear(from_ms, &status(from_ms, State::Pending, 2_000));
-        gate.hear(from_ms, &Message::Ack { id: 1 });
+        gate.receive(from_ms, &status(from_ms, State::Pending, 2_000));
+        gate.receive(from_ms, &Message::Ack { id: 1 });
         gate
     }
 
@@ -263,17 +263,17 @@ mod tests {
         let now = Instant::now();
         let mut gate = running(100);
         assert_eq!(first_wait(&mut gate, 100..3_000, now), Some((1_100, Waiting::Host)));
-        gate.hear(1_110, &Message::Refused { id: 2, refusal: protocol::Refusal::Busy });
+        gate.receive(1_110, &Message::Refused { id: 2, refusal: protocol::Refusal::Busy });
         assert_eq!(first_wait(&mut gate, 1_110..3_000, now), Some((2_110, Waiting::Host)));
         // Another limit, which comes before its answer, as it does from the device.
-        gate.hear(2_200, &status(2_200, State::Moving, 300));
-        gate.hear(2_200, &Message::Ack { id: 3 });
+        gate.receive(2_200, &status(2_200, State::Moving, 300));
+        gate.receive(2_200, &Message::Ack { id: 3 });
         assert_eq!(first_wait(&mut gate, 2_200..3_000, now), Some((2_350, Waiting::Host)));
-        // What the device says unasked is no sign of the host.
-        gate.hear(2_360, &status(2_360, State::Moving, 300));
-        gate.hear(2_360, &event(2_360, EventKind::StepStarted { index: 1 }));
+        // What the device sends without a request is no sign of the host.
+        gate.receive(2_360, &status(2_360, State::Moving, 300));
+        gate.receive(2_360, &event(2_360, EventKind::StepStarted { index: 1 }));
         assert_eq!(gate.waiting(2_361, now), Some(Waiting::Host));
-        gate.hear(2_370, &event(2_370, EventKind::ProgramEnded { outcome: Outcome::Completed }));
+        gate.receive(2_370, &event(2_370, EventKind::ProgramEnded { outcome: Outcome::Completed }));
         assert_eq!(first_wait(&mut gate, 2_370..9_000, now), None, "silence is no fault any more");
     }
 
@@ -281,13 +281,13 @@ mod tests {
     fn a_host_at_rest_may_be_silent() {
         let now = Instant::now();
         let mut gate = Gate::new();
-        gate.hear(50, &Message::Connected { connection: 1 });
-        gate.hear(60, &status(60, State::Idle, 200));
+        gate.receive(50, &Message::Connected { connection: 1 });
+        gate.receive(60, &status(60, State::Idle, 200));
         assert_eq!(first_wait(&mut gate, 60..9_000, now), None);
         let mut gate = running(100);
-        gate.hear(200, &event(200, EventKind::Faulted { fault: Fault::Stall }));
+        gate.receive(200, &event(200, EventKind::Faulted { fault: Fault::Stall }));
         // A status from before is no news.
-        gate.hear(201, &status(199, State::Moving, 2_000));
+        gate.receive(201, &status(199, State::Moving, 2_000));
         assert_eq!(first_wait(&mut gate, 201..9_000, now), None);
     }
 
@@ -299,7 +299,7 @@ mod tests {
         assert_eq!(gate.waiting(1_100, began + TIMEOUT - MS), Some(Waiting::Host));
         assert_eq!(gate.waiting(1_101, began + TIMEOUT), None);
         assert_eq!(gate.waiting(1_900, began + 9 * TIMEOUT), None);
-        gate.hear(1_950, &Message::Ack { id: 7 });
+        gate.receive(1_950, &Message::Ack { id: 7 });
         assert_eq!(gate.waiting(2_950, began + 10 * TIMEOUT), Some(Waiting::Host));
         let mut gate = running(0);
         gate.host_may_be_silent(true);
@@ -308,9 +308,9 @@ mod tests {
         assert_eq!(gate.waiting(9_000, began), Some(Waiting::Host));
     }
 
-    /// At a crawl, patience is over long before the silence is a fault: nothing of what is waited for is missed.
+    /// At a crawl, the timeout is over long before the silence is a fault: nothing of what is waited for is missed.
     #[test]
-    fn the_reserves_are_longer_than_patience_at_a_crawl() {
+    fn the_reserves_are_longer_than_the_timeout_at_a_crawl() {
         let crawled_ms = |crawl: Duration| TIMEOUT.as_millis() / crawl.as_millis();
         assert!(crawled_ms(CRAWL) <= u128::from(SILENCE_LIMIT_MS / 4));
         assert!(crawled_ms(CRAWL) <= u128::from(START_RESERVE_MS / 4));
@@ -325,12 +325,12 @@ mod tests {
         gate.expect([Appointment::at_s(4), Appointment::at_s(10)]);
         let reserve = START_RESERVE_MS;
         assert_eq!(first_wait(&mut gate, 0..4_000, now), Some((4_000 - reserve, Waiting::Start)));
-        gate.hear(3_000, &status(3_000, State::Pending, 60_000));
-        gate.hear(3_001, &Message::Ack { id: 1 });
+        gate.receive(3_000, &status(3_000, State::Pending, 60_000));
+        gate.receive(3_001, &Message::Ack { id: 1 });
         assert_eq!(first_wait(&mut gate, 3_001..5_000, now), None);
-        gate.hear(5_000, &event(5_000, EventKind::ProgramEnded { outcome: Outcome::Completed }));
-        gate.hear(5_001, &status(4_999, State::Moving, 60_000));
-        gate.hear(5_002, &status(5_002, State::Idle, 60_000));
+        gate.receive(5_000, &event(5_000, EventKind::ProgramEnded { outcome: Outcome::Completed }));
+        gate.receive(5_001, &status(4_999, State::Moving, 60_000));
+        gate.receive(5_002, &status(5_002, State::Idle, 60_000));
         assert_eq!(first_wait(&mut gate, 5_003..10_000, now), Some((10_000 - reserve, Waiting::Start)));
         assert_eq!(gate.waiting(10_000, now), None, "it is too late now: the device refuses the program");
     }
@@ -341,8 +341,8 @@ mod tests {
         let mut gate = running(0);
         gate.expect([Appointment::at_s(1).with_sweeps(vec![0, 2])]);
         let step = |gate: &mut Gate, from_ms, index| {
-            gate.hear(from_ms, &Message::Ack { id: 1 });
-            gate.hear(from_ms, &event(from_ms, EventKind::StepStarted { index }));
+            gate.receive(from_ms, &Message::Ack { id: 1 });
+            gate.receive(from_ms, &event(from_ms, EventKind::StepStarted { index }));
             first_wait(gate, from_ms..from_ms + 900, now)
         };
         assert_eq!(step(&mut gate, 1_000, 0), Some((1_000 + SWEEP_RESERVE_MS, Waiting::Sweep)));
@@ -352,12 +352,12 @@ mod tests {
         assert_eq!(gate.waiting(1_510, now), None);
         assert_eq!(step(&mut gate, 2_000, 1), None, "a step without a sweep");
         // One that is taken early is not waited for.
-        gate.hear(3_000, &Message::Ack { id: 2 });
-        gate.hear(3_000, &event(3_000, EventKind::StepStarted { index: 2 }));
+        gate.receive(3_000, &Message::Ack { id: 2 });
+        gate.receive(3_000, &event(3_000, EventKind::StepStarted { index: 2 }));
         gate.sweep_begins();
         gate.sweep_ends();
         assert_eq!(first_wait(&mut gate, 3_000..3_900, now), None);
-        gate.hear(3_900, &event(3_900, EventKind::ProgramEnded { outcome: Outcome::Completed }));
+        gate.receive(3_900, &event(3_900, EventKind::ProgramEnded { outcome: Outcome::Completed }));
         assert_eq!(step(&mut gate, 4_000, 0), None, "another program");
     }
 

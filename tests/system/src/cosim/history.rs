@@ -1,8 +1,8 @@
-//! What passed between rig and firmware in each of the last periods, for whoever compares it with what the firmware says.
+//! What passed between rig and firmware in each of the last periods, for comparison with what the firmware reports.
 
 use std::collections::VecDeque;
 
-/// Periods that are kept: longer than anything the firmware says can be under way to its reader.
+/// Periods that are kept: longer than any message of the firmware can be under way to its reader.
 pub const KEPT_PERIODS: usize = 300_000;
 
 /// One period.
@@ -16,7 +16,7 @@ pub struct Period {
     pub released: bool,
     /// The potentiometers' conversions took longer than they should.
     pub slow: bool,
-    /// The force converter gave nothing to believe: the reading before stays.
+    /// The force converter gave no valid reading: the one before stays.
     pub force_repeats: bool,
 }
 

@@ -33,7 +33,7 @@ pub struct Injection {
     pub jammed: Option<usize>,
     /// This motor gets that share of its voltage.
     pub weak: Option<(usize, f64)>,
-    /// This motor gets that duty whatever is commanded.
+    /// This motor gets that duty at every command.
     pub runaway: Option<(usize, f64)>,
     /// Time of a potentiometer's conversion beyond its normal one, microseconds; [`emulation::plant::NEVER`] for one that does
     /// not end.
@@ -64,12 +64,12 @@ pub enum Trigger {
     Beyond {
         /// 0 for x, 1 for y.
         axis: usize,
-        /// The position; its sign tells the side.
+        /// The position; its sign is the side.
         position_mm: f64,
     },
 }
 
-/// How the firmware took an injection. Periods count from the start, whatever resets.
+/// How the firmware took an injection. Periods count from the start, over all resets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reaction {
     /// The period whose reply was the first with the injection.
@@ -254,11 +254,11 @@ impl Electronics {
         }
         let added_n = injection.force_spike_n.unwrap_or_default();
         [0, 1].map(|axis| {
-            let seen = f64::from(codes[axis]) + added_n[axis] * self.codes_per_n;
+            let code = f64::from(codes[axis]) + added_n[axis] * self.codes_per_n;
             if saturated == Some(axis) {
                 FORCE_CODE_MAX
             } else {
-                seen.round().clamp(f64::from(-FORCE_CODE_MAX - 1), f64::from(FORCE_CODE_MAX)) as i32
+                code.round().clamp(f64::from(-FORCE_CODE_MAX - 1), f64::from(FORCE_CODE_MAX)) as i32
             }
         })
     }
@@ -272,8 +272,8 @@ fn potentiometers(injection: &Injection, codes: [u16; 2]) -> [u16; 2] {
         if injection.potentiometer_short == Some(axis) {
             return 0;
         }
-        let seen = i32::from(codes[axis]) + injection.potentiometer_jump_codes[axis];
-        seen.clamp(0, i32::from(POTENTIOMETER_CODE_MAX)) as u16
+        let code = i32::from(codes[axis]) + injection.potentiometer_jump_codes[axis];
+        code.clamp(0, i32::from(POTENTIOMETER_CODE_MAX)) as u16
     })
 }
 

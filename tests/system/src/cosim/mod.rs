@@ -9,7 +9,7 @@
 //! | [`injection`] | what goes wrong between rig and firmware, and how soon the firmware reacts |
 //! | [`history`] | what passed between them in each of the last periods |
 //! | [`sweeps`] | the rig's ultrasound |
-//! | [`output`] | what the device says on its serial line |
+//! | [`output`] | what the device sends on its serial line |
 //! | [`gate`] | where device time waits for a host that is not given processor time |
 //! | [`pace`] | how fast device time runs otherwise |
 
@@ -52,7 +52,7 @@ use std::time::{Duration, Instant};
 
 /// Length of one lockstep period, seconds.
 const PERIOD_S: f64 = 1e-3;
-/// How soon the rig sees, while it waits, that what it waits for has come.
+/// How often the rig, while it waits, checks whether what it waits for has come.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 #[derive(Debug)]
@@ -65,7 +65,7 @@ struct State {
     resets: u64,
     /// Period in which the firmware started last.
     started: u64,
-    /// How far guide 2 really was from the middle and how hard it was pressed, at most since this was last asked.
+    /// How far guide 2 really was from the middle and how hard it was pressed, at most since this was last read.
     reach: Reach,
     /// What passed in each of the last periods, if it is to be kept.
     history: Option<History>,
@@ -141,9 +141,9 @@ impl Cosim {
         lock(&self.state).gate.answered_ms()
     }
 
-    /// Looks at the rig.
-    pub fn rig<T>(&self, look: impl FnOnce(&mut SimulatedRig) -> T) -> T {
-        look(&mut lock(&self.state).rig)
+    /// Gives access to the rig.
+    pub fn rig<T>(&self, access: impl FnOnce(&mut SimulatedRig) -> T) -> T {
+        access(&mut lock(&self.state).rig)
     }
 
     /// Changes what is injected, from the next period on; what waited for a trigger is forgotten.
@@ -195,7 +195,7 @@ impl Cosim {
         lock(&self.state).electronics.released_since()
     }
 
-    /// How far the guide went and how hard it was pressed since this was last asked.
+    /// How far the guide went and how hard it was pressed since this was last read.
     pub fn take_reach(&self) -> Reach {
         std::mem::take(&mut lock(&self.state).reach)
     }
@@ -225,7 +225,7 @@ impl Cosim {
 
     fn shut_down(&mut self) -> Result<()> {
         self.stop.store(true, Ordering::Release);
-        // The sweep server waits for a connection; this one tells it to look at the flag.
+        // The sweep server waits for a connection; this one makes it check the flag.
         let _ = UnixStream::connect(self.ultrasound());
         match self.worker.take().map(JoinHandle::join) {
             Some(Ok(outcome)) => outcome,
@@ -264,9 +264,9 @@ fn serve(
         let now_ms = u64::from(request.step);
         {
             let State { gate, sent_bytes, .. } = &mut *lock(state);
-            *sent_bytes += output.drain(|message| gate.hear(now_ms, message));
+            *sent_bytes += output.drain(|message| gate.receive(now_ms, message));
             if request.step == 0 {
-                // What was said before is of the start before.
+                // Earlier messages are of the start before.
                 gate.restarted();
             }
         }
@@ -308,7 +308,7 @@ fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> PlantRepl
     *steps += 1;
     let reply = electronics.sense(request.step, codes, power_off);
     if let Some(history) = history {
-        // Only who keeps the history asks for these, and they take time.
+        // Only needed where the history is kept, and they take time.
         for (position_m, force_n) in rig.position_m().into_iter().zip(rig.force_n()) {
             reach.position_m = reach.position_m.max(position_m.abs());
             reach.force_n = reach.force_n.max(force_n.abs());
@@ -324,7 +324,7 @@ fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> PlantRepl
     reply
 }
 
-/// Opens both pipes without ever hanging on a firmware that does not come. `None` when asked to stop meanwhile.
+/// Opens both pipes without ever hanging on a firmware that does not come. `None` when stopped meanwhile.
 fn open_pipes(folder: &Path, stop: &AtomicBool, deadline: Instant) -> Result<Option<(File, File)>> {
     let flags = OFlags::NONBLOCK.bits() as i32;
     let requests = OpenOptions::new().read(true).custom_flags(flags).open(folder.join(REQUEST_PIPE))?;

@@ -1,8 +1,8 @@
-//! What the device says on its serial line, in step with its periods.
+//! What the device sends on its serial line, in step with its periods.
 //!
-//! QEMU copies each byte that leaves the serial port into a named pipe before the firmware goes on. So when the firmware asks
-//! for the next period, all that it said before has arrived here, whether a host has the port open or not, and whatever the
-//! host has read of it.
+//! QEMU copies each byte that leaves the serial port into a named pipe before the firmware goes on. So when the firmware requests
+//! the next period, all that it sent before has arrived here, whether a host has the port open or not, and however much
+//! the host has read of it.
 
 use anyhow::{Context, Result};
 use protocol::{EnvelopeReceiver, Message, Received};
@@ -33,7 +33,7 @@ impl Output {
         Ok(Self { pipe, receiver: EnvelopeReceiver::new() })
     }
 
-    /// Hands out what was said since the last call, in order; returns of how many bytes. What is no message is skipped.
+    /// Hands out the messages since the last call, in order; returns of how many bytes. What is no message is skipped.
     pub(super) fn drain(&mut self, mut take: impl FnMut(&Message)) -> u64 {
         let (mut bytes, mut count) = ([0; 1024], 0);
         while let Ok(length @ 1..) = self.pipe.read(&mut bytes) {
@@ -64,12 +64,12 @@ mod tests {
     fn messages_are_handed_out_once_and_in_order_however_they_are_cut() {
         let folder = tempfile::tempdir().unwrap();
         let mut output = Output::open(folder.path()).unwrap();
-        let mut said = || {
+        let mut drained = || {
             let mut found = Vec::new();
             let bytes = output.drain(|message| found.push(message.clone()));
             (found, bytes)
         };
-        assert_eq!(said(), (vec![], 0), "nobody writes yet");
+        assert_eq!(drained(), (vec![], 0), "no writer yet");
         let mut device = OpenOptions::new().write(true).open(folder.path().join(OUTPUT_PIPE)).unwrap();
         let frames: Vec<u8> = [3, 4]
             .into_iter()
@@ -81,12 +81,12 @@ mod tests {
             .collect();
         let (first, rest) = frames.split_at(5);
         device.write_all(first).unwrap();
-        assert_eq!(said(), (vec![], 5), "a part of a message");
+        assert_eq!(drained(), (vec![], 5), "a part of a message");
         device.write_all(rest).unwrap();
-        let (messages, bytes) = said();
+        let (messages, bytes) = drained();
         assert_eq!(messages, [Message::Ack { id: 3 }, Message::Ack { id: 4 }]);
         assert_eq!(bytes, rest.len() as u64);
         drop(device);
-        assert_eq!(said(), (vec![], 0), "nobody writes any more");
+        assert_eq!(drained(), (vec![], 0), "no writer any more");
     }
 }

@@ -41,7 +41,7 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// Runs so many periods, each of which takes `work`, with sleeps as asked for; the time it all took.
+    /// Runs so many periods, each of which takes `work`, with sleeps as requested; the total time.
     fn run(pace: &mut Pace, now: &mut Instant, periods: u32, work: Duration) -> Duration {
         let from = *now;
         for _ in 0..periods {
@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn device_time_runs_at_its_multiple_and_small_delays_are_made_up() {
+    fn device_time_runs_at_its_multiple_and_catches_up_small_delays() {
         let mut now = Instant::now();
         let mut pace = Pace::new(MS, 4.0, now);
         assert_eq!(run(&mut pace, &mut now, 4_000, MS / 100), 1_000 * MS);
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn time_that_was_lost_is_not_made_up() {
+    fn does_not_catch_up_lost_time() {
         let mut now = Instant::now();
         let mut pace = Pace::new(MS, 4.0, now);
         run(&mut pace, &mut now, 400, MS / 100);

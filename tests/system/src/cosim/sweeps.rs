@@ -17,7 +17,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long device time waits for whoever takes a sweep, by the computer's clock: one that hangs, or that nobody waits for, must
+/// How long device time waits for a program that takes a sweep, by the computer's clock: one that hangs, or that is never reaped, must
 /// not keep it for ever.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
@@ -49,22 +49,23 @@ fn give(mut stream: UnixStream, state: &Mutex<State>, stop: &AtomicBool) {
     }
     let began = Instant::now();
     let goes_on = || began.elapsed() < TIMEOUT && !stop.load(Ordering::Acquire);
-    let mut said = Vec::new();
-    while goes_on() && is_open(&mut stream, &mut said) {}
-    let taker = str::from_utf8(&said).ok().and_then(|text| text.trim().parse().ok()).and_then(Pid::from_raw);
+    let mut received = Vec::new();
+    while goes_on() && is_open(&mut stream, &mut received) {}
+    let taker =
+        str::from_utf8(&received).ok().and_then(|text| text.trim().parse().ok()).and_then(Pid::from_raw);
     while goes_on() && taker.is_some_and(|taker| test_kill_process(taker).is_ok()) {
         thread::sleep(POLL_INTERVAL);
     }
 }
 
-/// Whether the far end has it open, looked at for a moment; what it has said is kept.
-fn is_open(stream: &mut UnixStream, said: &mut Vec<u8>) -> bool {
+/// Whether the far end has it open, checked for a moment; what it has sent is kept.
+fn is_open(stream: &mut UnixStream, received: &mut Vec<u8>) -> bool {
     let mut bytes = [0; 64];
     match stream.read(&mut bytes) {
         Ok(length) => {
-            said.extend(bytes.iter().take(length));
+            received.extend(bytes.iter().take(length));
             // Far more than a number has.
-            length > 0 && said.len() < bytes.len()
+            length > 0 && received.len() < bytes.len()
         }
         Err(error) => {
             matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
@@ -81,7 +82,7 @@ fn sweep_csv(rig: &mut SimulatedRig) -> String {
     text
 }
 
-/// A sweep that is being taken. The rig waits until this is dropped: whoever prints the text keeps it until that is done.
+/// A sweep that is being taken. The rig waits until this is dropped: the program that prints the text keeps it until that is done.
 #[derive(Debug)]
 pub struct TakenSweep {
     /// The sweep as CSV.
@@ -93,7 +94,7 @@ pub struct TakenSweep {
 /// program is to have its output.
 ///
 /// # Errors
-/// Where nobody serves there.
+/// Where there is no server.
 pub fn take_sweep(socket: &Path, for_a_program: bool) -> Result<TakenSweep> {
     let mut stream = UnixStream::connect(socket)
         .with_context(|| format!("no simulated ultrasound at {}", socket.display()))?;
@@ -159,10 +160,10 @@ mod tests {
     }
 
     #[test]
-    fn device_time_waits_until_somebody_has_seen_the_end_of_the_program_that_took_a_sweep() {
+    fn device_time_waits_until_the_program_that_took_a_sweep_is_reaped() {
         let folder = tempfile::tempdir().unwrap();
         let (socket, state, stop) = served(folder.path());
-        // It ends when it is told, and is a process until it has been waited for.
+        // It ends when its input does, and is a process until it has been waited for.
         let mut program = Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
         let mut stream = UnixStream::connect(&socket).unwrap();
         write!(stream, "{}", program.id()).unwrap();

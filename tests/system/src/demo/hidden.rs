@@ -75,7 +75,7 @@ impl Found {
     }
 
     /// What was hidden and what came of it, in words.
-    pub fn told(&self, seed: u64) -> String {
+    pub fn summary(&self, seed: u64) -> String {
         let values: Vec<String> = self.hidden.values.iter().map(f64::to_string).collect();
         let list = |classes: Vec<Vec<&str>>| {
             classes.iter().map(|class| class.join(" or ")).collect::<Vec<_>>().join("; ")
@@ -103,7 +103,7 @@ impl Found {
         format!("what the rig hid (seed {seed}): {} {}\n{found}{further}", self.hidden.id, values.join(", "))
     }
 
-    /// Share of the removable gap that is gone on runs that no fit has seen.
+    /// Share of the removable gap that is gone on runs that no fit has used.
     pub fn removed(&self) -> Option<f64> {
         self.diagnosis.pointer("/gap/removed").and_then(Value::as_f64)
     }
@@ -119,7 +119,7 @@ pub fn diagnosis(
     seed: u64,
     out: &Path,
     plan: &[(f64, usize)],
-    say: &mut dyn FnMut(&str),
+    show: &mut dyn FnMut(&str),
 ) -> Result<Found> {
     let guide = images::build_guide()?;
     let session = out.join("hidden");
@@ -132,7 +132,7 @@ pub fn diagnosis(
     let (model_file, figures) = (out.join("model.toml"), out.join("figures"));
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let hidden = HiddenEffect::of_seed(seed);
-    let mut guide = Typist { program: guide, say };
+    let mut guide = Typist { program: guide, show };
     let (mut modulus_kpa, mut runs) = (0.0, 0.0);
     for (start, (depth_mm, staircases)) in (0..).zip(plan) {
         let mut config = RigConfig::default();
@@ -160,7 +160,7 @@ pub fn diagnosis(
         runs += *staircases as f64;
         bench.stop()?;
     }
-    (guide.say)("\n");
+    (guide.show)("\n");
     let diagnose = ["diagnose", session, "--out", path(&model_file)?, "--plots", path(&figures)?];
     guide.shown(&diagnose)?;
     let diagnosis = serde_json::from_str(&guide.output(&["diagnose", session, "--json"])?)

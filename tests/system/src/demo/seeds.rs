@@ -33,7 +33,7 @@ pub fn run(options: &Seeds) -> Result<()> {
             let interval = if holds { "in its interval" } else { "not in its interval" };
             format!("modulus off by {:+.1} %, the true one {interval}", 100.0 * error)
         });
-        println!("{}; {modulus}", found.told(seed).replace('\n', ": "));
+        println!("{}; {modulus}", found.summary(seed).replace('\n', ": "));
         all.push(found);
     }
     println!("{}", summary(&all));
@@ -91,19 +91,19 @@ mod tests {
         assert!(named.is_named() && named.is_in_class() && named.further().is_empty());
         assert!(!classed.is_named() && classed.is_in_class());
         assert!(!missed.is_in_class() && missed.classes().is_empty());
-        assert!(named.told(1).ends_with("found: named"), "{}", named.told(1));
+        assert!(named.summary(1).ends_with("found: named"), "{}", named.summary(1));
         assert!(
-            classed.told(1).ends_with("found: one of tissue.layers or tissue.skin"),
+            classed.summary(1).ends_with("found: one of tissue.layers or tissue.skin"),
             "{}",
-            classed.told(1)
+            classed.summary(1)
         );
-        assert!(further.told(1).contains("not there: rig.backlash"), "{}", further.told(1));
+        assert!(further.summary(1).contains("not there: rig.backlash"), "{}", further.summary(1));
         assert!(
-            missed.told(1).ends_with("unexplained; these explain a part: tissue.skin"),
+            missed.summary(1).ends_with("unexplained; these explain a part: tissue.skin"),
             "{}",
-            missed.told(1)
+            missed.summary(1)
         );
-        assert!(wrong.told(1).contains("not found: named is rig.backlash"), "{}", wrong.told(1));
+        assert!(wrong.summary(1).contains("not found: named is rig.backlash"), "{}", wrong.summary(1));
         let table = summary(&[named, classed, further, missed, wrong]);
         for row in [
             "named alone | 2",

@@ -1,7 +1,7 @@
 //! The control core under arbitrary commands and readings.
 //!
 //! Input: operations, each a byte that chooses it and its own bytes. One is a period or many; a plant that follows the duty stands in
-//! for the rig as long as the readings are not said outright, so that whole programs can run.
+//! for the rig as long as the readings are not given outright, so that whole programs can run.
 
 use super::{Bytes, sealed};
 use control::ads131m02::ForceFault;
@@ -15,7 +15,7 @@ use protocol::{
 };
 
 const BOOT_ID: u32 = 42;
-/// Numbers of commands that do not come from [`Bench::ask`].
+/// Numbers of commands that do not come from [`Bench::request`].
 const FOREIGN: u16 = 1 << 15;
 /// Most periods of one input: longer ones take time and find nothing new.
 const MAX_PERIODS: u32 = 8_000;
@@ -70,9 +70,9 @@ impl Bench {
         .connected()
     }
 
-    /// Says hello.
+    /// Sends a hello.
     fn connected(mut self) -> Self {
-        self.ask(Request::Hello);
+        self.request(Request::Hello);
         self
     }
 
@@ -94,7 +94,7 @@ impl Bench {
                 let payload = [&[0, 0][..], bytes.sized()].concat();
                 let received = CommandReceiver::new().feed(&sealed(&payload)).next();
                 if let Some(Received::Frame(command)) = received {
-                    self.ask(command.request);
+                    self.request(command.request);
                 }
             }
             3 => self.period(self.last),
@@ -102,7 +102,7 @@ impl Bench {
                 let steps = bytes.u8() % (MAX_STEPS as u8 + 1);
                 let crc = program_crc(&self.steps[..steps.into()]);
                 let start_us = if bytes.u8() & 1 == 0 { 0 } else { self.now_us + u64::from(bytes.u16()) };
-                self.ask(Request::Run { steps, crc, start_us });
+                self.request(Request::Run { steps, crc, start_us });
             }
             5 => self.codes = Some([bytes.u16() & 0xFFF, bytes.u16() & 0xFFF]),
             6 => {
@@ -144,12 +144,12 @@ impl Bench {
         for (piece, part) in (0..).zip(record.chunks(PIECE_BYTES)) {
             let mut bytes = [0; PIECE_BYTES];
             bytes[..part.len()].copy_from_slice(part);
-            self.ask(Request::LoadCalibration { piece, bytes });
+            self.request(Request::LoadCalibration { piece, bytes });
         }
-        self.ask(Request::StoreCalibration { length: record.len() as u8, crc: calibration_crc(&record) });
+        self.request(Request::StoreCalibration { length: record.len() as u8, crc: calibration_crc(&record) });
     }
 
-    fn ask(&mut self, request: Request) {
+    fn request(&mut self, request: Request) {
         self.next_id = self.next_id.wrapping_add(1);
         self.period(Some(Command { id: self.next_id, connection: self.connection, request }));
     }
@@ -214,7 +214,7 @@ impl Bench {
         };
         assert!(matches!(answers[..], [(id, _)] if id == command.id), "one answer: {answers:?}");
         let taken = matches!(answers[..], [(_, true)]);
-        // What has a foreign number may be a repeat, which has the answer of what came first, whatever it says itself.
+        // What has a foreign number may be a repeat, which has the answer of what came first, not of its own request.
         if let Request::LoadStep { index, step } = command.request
             && command.id == self.next_id
             && taken
@@ -234,6 +234,6 @@ impl Bench {
         self.controller = Controller::new(calibration.clone(), Start { carried, ..Start::ordinary(BOOT_ID) });
         self.calibration = calibration;
         self.last = None;
-        self.ask(Request::Hello);
+        self.request(Request::Hello);
     }
 }

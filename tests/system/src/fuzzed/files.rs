@@ -75,7 +75,10 @@ fn program(path: &Path) {
 
 fn calibration(path: &Path, other: &Path) {
     let Ok(record) = calibration_file::read(path) else { return };
-    assert!(Calibration::new(record.clone()).is_ok(), "the device refuses what the file may say: {record:?}");
+    assert!(
+        Calibration::new(record.clone()).is_ok(),
+        "the device refuses what the file may hold: {record:?}"
+    );
     calibration_file::write(other, &record).expect("a calibration that was read is written");
     let again = calibration_file::read(other).expect("what was written is read");
     assert_eq!(again, record);

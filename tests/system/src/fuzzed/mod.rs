@@ -6,7 +6,7 @@
 //! | [`receiver`] | bytes in pieces to the receivers of both ends | the books balance; pieces do not matter; a sound frame after a zero byte arrives |
 //! | [`messages`] | payloads of every type | what is read is written and read again as the same |
 //! | [`device`] | commands and readings to the control core | bridges off in a fault; duty within its range; one answer per command; targets within travel |
-//! | [`session`] | a session's files | a check tells what stops a reader |
+//! | [`session`] | a session's files | a check reports what stops a reader |
 //! | [`recording`] | a raw recording | what is recovered is sound and holds the same frames |
 //! | [`igtl`] | bytes in pieces to the decoder of OpenIGTLink | it keeps one message at most; what is read is written and read again as the same |
 //! | [`files`] | every other kind of file | |
@@ -128,7 +128,7 @@ mod tests {
         let mut bytes = 0;
         for target in &TARGETS {
             for (path, input) in kept(target) {
-                // Told where it fails.
+                // Names the input where it fails.
                 println!("{}", path.display());
                 assert!(input.len() <= target.most_bytes, "{} bytes", input.len());
                 (target.run)(&input);

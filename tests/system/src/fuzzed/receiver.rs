@@ -1,6 +1,6 @@
 //! The receivers of both ends of the link, fed with bytes as a line brings them.
 //!
-//! Input: bytes in pieces of the length that the first byte says.
+//! Input: bytes in pieces of the length in the first byte.
 
 use super::sealed;
 use protocol::frame::{Incoming, MAX_BODY_TO_DEVICE, MAX_BODY_TO_HOST};
@@ -49,7 +49,7 @@ where
     }
     assert_eq!(whole, pieces, "the same in pieces");
     assert_eq!(receiver.losses(), in_pieces.losses());
-    // A body is not kept beyond its bound, whatever comes.
+    // A body is not kept beyond its bound, for any input.
     assert!(size_of_val(&receiver) <= N + 64);
 
     // One event for each complete body, and one for a last one that is too long already.
@@ -83,11 +83,11 @@ where
 /// The books of the loss accounting over these envelopes.
 fn tracked(envelopes: &[Envelope]) {
     let mut tracker = SequenceTracker::new();
-    let (mut used, mut left_out, mut samples, mut missing) = (0, 0, 0, 0_u64);
+    let (mut used, mut skipped, mut samples, mut missing) = (0, 0, 0, 0_u64);
     for envelope in envelopes {
         let arrival = tracker.observe(envelope);
         if matches!(arrival.order, Order::Duplicate | Order::Late) {
-            left_out += 1;
+            skipped += 1;
             continue;
         }
         used += 1;
@@ -97,6 +97,6 @@ fn tracked(envelopes: &[Envelope]) {
         }
     }
     let totals = tracker.totals();
-    assert_eq!((totals.frames, totals.duplicates + totals.late), (used, left_out));
+    assert_eq!((totals.frames, totals.duplicates + totals.late), (used, skipped));
     assert_eq!((totals.samples, totals.samples_missing), (samples, missing));
 }

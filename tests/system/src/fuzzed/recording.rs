@@ -1,6 +1,6 @@
 //! Raw recordings: what is in them, what can be recovered, and what is exported.
 //!
-//! Input: a byte that says whether the rest is a file as it is, or the parts of one, whose checksums are made here.
+//! Input: a byte that states whether the rest is a file as it is, or the parts of one, whose checksums are made here.
 
 use super::{Bytes, folder, sealed};
 use device::recording::export::{RunOptions, to_npy, to_session};
@@ -12,7 +12,7 @@ const MESSAGE: u8 = 5;
 const CHUNK: u8 = 6;
 const DATA_END: u8 = 0x0F;
 const FOOTER: u8 = 2;
-/// Number of the channel of frames in a file that does not say otherwise.
+/// Number of the channel of frames in a file that states no other.
 const FRAMES: u16 = 1;
 
 /// Reads, recovers and exports.

@@ -27,7 +27,7 @@ fn complaint(block: &Block, all: &[Block]) -> Option<String> {
     if pieces.iter().all(|piece| piece.is_empty()) {
         return Some(format!("{}: an excerpt without lines", block.place()));
     }
-    // The line that gets furthest tells best what is wrong.
+    // The line that gets furthest shows best what is wrong.
     let reached = sources
         .iter()
         .map(|source| in_order(&pieces, source.lines()))

@@ -1,12 +1,12 @@
 //! `cargo xtask readme`: the outputs and pictures of README.md and of the manual, made by the commands that they show, or compared
 //! with them.
 //!
-//! A comment before a block says where its text comes from; without one a block is left alone:
+//! A comment before a block states where its text comes from; without one a block is left alone:
 //!
 //! * `<!-- readme: quick -->`: a console block. Its `$ guide ...` lines are run in the order of the pages, all in one folder.
 //! * `<!-- readme: file NAME -->`: a file that this folder gets at that place.
 //! * `<!-- readme: rig PART -->`: what a rig in QEMU is needed for, see [`rig`].
-//! * `<!-- readme: long COMMAND -->`: what takes minutes to hours, made only when asked for.
+//! * `<!-- readme: long COMMAND -->`: what takes minutes to hours, made only on request.
 //! * `<!-- readme: excerpt -->`, `<!-- readme: excerpt PART -->`: lines of an output that stands in full elsewhere, see [`excerpt`].
 //!
 //! With `fails` at its end (`<!-- readme: quick fails -->`) the commands have to fail, and the block shows what they print on standard
@@ -14,7 +14,7 @@
 //!
 //! Pictures that lie in [`PICTURES`] are those that the quick commands draw into `figures`.
 //!
-//! Not `trycmd`: it runs all blocks of a page inside `cargo test`, and knows no groups, no files written on the page, no tables, no
+//! Not `trycmd`: it runs all blocks of a page inside `cargo test`, and has no groups, no files written on the page, no tables, no
 //! pictures, and no text that comes from a demonstration which a test runs anyway.
 
 pub mod book;
@@ -56,7 +56,7 @@ pub struct Args {
 /// Blocks that are made together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Group {
-    /// `guide` on made-up data: seconds
+    /// `guide` on simulated data: seconds
     Quick,
     /// What needs the firmware in QEMU: minutes
     Rig,
@@ -75,26 +75,27 @@ pub fn run(args: &Args) -> Result<()> {
     let root = images::root();
     let mut book = Book::read(root)?;
     let blocks = book.blocks()?;
-    let wants = |group| args.group.map_or(group != Group::Long, |only| only == group);
+    let selected = |group| args.group.map_or(group != Group::Long, |only| only == group);
     let folder = tempfile::tempdir()?;
     let mut fresh = Vec::new();
     let mut drawn = None;
-    if wants(Group::Quick) {
+    if selected(Group::Quick) {
         fresh.extend(quick(&blocks, &Shell::new(images::build_guide()?, folder.path()))?);
         drawn = Some(folder.path().join("figures"));
     }
-    if wants(Group::Rig) {
+    if selected(Group::Rig) {
         fresh.extend(rig::all(&blocks)?);
     }
-    if wants(Group::Long) {
+    if selected(Group::Long) {
         fresh.extend(long(&blocks, &args.only)?);
     }
-    // What takes long says when it was made last, though it is the same.
+    // What takes long states when it was made last, though it is the same.
     fresh.retain(|(block, text)| {
         matches!(block.made, Made::Long(_)) && !args.check || !same::same(block, text)
     });
     if args.check {
-        let mut complaints: Vec<String> = fresh.iter().map(|(block, text)| same::told(block, text)).collect();
+        let mut complaints: Vec<String> =
+            fresh.iter().map(|(block, text)| same::difference(block, text)).collect();
         complaints.extend(drawn.iter().flat_map(|drawn| pictures::differing(&book, drawn)));
         complaints.extend(excerpt::complaints(&blocks));
         ensure!(complaints.is_empty(), "{}\n`cargo xtask readme` makes it anew", complaints.join("\n"));
@@ -115,7 +116,7 @@ pub fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// Compares the quick blocks and the pictures with what the commands say now.
+/// Compares the quick blocks and the pictures with what the commands print now.
 ///
 /// # Errors
 /// Where they differ or a command fails.
@@ -141,7 +142,7 @@ pub fn check_console(part: &str, shell: &Shell) -> Result<()> {
 }
 
 fn compare(block: &Block, printed: &str) -> Result<()> {
-    ensure!(same::same(block, printed), "{}", same::told(block, printed));
+    ensure!(same::same(block, printed), "{}", same::difference(block, printed));
     Ok(())
 }
 
@@ -186,12 +187,12 @@ fn long<'a>(blocks: &'a [Block], only: &str) -> Result<Vec<Fresh<'a>>> {
             continue;
         }
         eprintln!("{}: {command}", block.place());
-        let said = cargo(command).with_context(|| block.place())?;
+        let printed = cargo(command).with_context(|| block.place())?;
         let text = if block.is_table() {
             let is_row = |line: &&str| line.starts_with('|');
-            said.lines().skip_while(|line| !is_row(line)).take_while(is_row).collect::<Vec<_>>().join("\n")
+            printed.lines().skip_while(|line| !is_row(line)).take_while(is_row).collect::<Vec<_>>().join("\n")
         } else {
-            format!("$ {command}\n{}", said.trim_end())
+            format!("$ {command}\n{}", printed.trim_end())
         };
         fresh.push((block, text));
     }

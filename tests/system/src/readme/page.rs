@@ -5,7 +5,7 @@ use std::fs;
 use std::ops::Range;
 use std::path::Path;
 
-/// How the line begins that says when a block was made.
+/// Begin of the line that states when a block was made.
 const SIGNED: &str = "Made on ";
 
 /// What makes a block.
@@ -13,13 +13,13 @@ const SIGNED: &str = "Made on ";
 pub enum Made {
     /// Its own commands, without a rig.
     Quick,
-    /// Nobody: it is a file that later commands read.
+    /// Nothing: it is a file that later commands read.
     File(String),
     /// A part of what a rig shows.
     Rig(String),
     /// Lines of other blocks: of this part of the rig, or of those with the same commands.
     Excerpt(Option<String>),
-    /// A command that takes long. Below the block a line says when it was.
+    /// A command that takes long. Below the block a line states when it was.
     Long(String),
 }
 
@@ -159,7 +159,7 @@ impl Page {
         bail!("expected a fence in the next line, or a table after an empty one")
     }
 
-    /// Gives blocks of this page another text; those that take long say below that they are of this day.
+    /// Gives blocks of this page another text; those that take long state below that they are of this day.
     pub fn replace(&mut self, mut fresh: Vec<(Block, String)>, today: &str) {
         // From the end, so that the places before it stay right.
         fresh.sort_by_key(|(block, _)| std::cmp::Reverse(block.range.start));

@@ -26,8 +26,8 @@ const XTASK: &str = "target/debug/system";
 /// Rig seconds per second of the running rig.
 const SPEED: f64 = 4.0;
 
-/// A rig whose force has a tenth of the noise. A drift is estimated from a second of noisy readings, and the default noise looks
-/// like one that matters once in some twenty tares, depending on when the tare happens to begin; this noise does not.
+/// A rig whose force has a tenth of the noise. A drift is estimated from a second of noisy readings, and the default noise appears
+/// as one that matters once in some twenty tares, depending on when the tare happens to begin; this noise does not.
 pub fn quiet() -> RigConfig {
     let mut config = RigConfig::default();
     config.simulation.force.noise_n /= 10.0;
@@ -39,13 +39,13 @@ pub fn out(folder: &Path) -> PathBuf {
     folder.join(OUT)
 }
 
-/// What a run said, as it says it where `folder` is the working folder and `xtask` was built by cargo.
-pub fn as_shown(said: &str, folder: &Path, xtask: &Path) -> String {
-    let said = said.replace(&format!("{}/", folder.display()), "");
-    let said = said.replace(&xtask.display().to_string(), XTASK);
+/// What a run printed, as it prints it where `folder` is the working folder and `xtask` was built by cargo.
+pub fn as_shown(printed: &str, folder: &Path, xtask: &Path) -> String {
+    let printed = printed.replace(&format!("{}/", folder.display()), "");
+    let printed = printed.replace(&xtask.display().to_string(), XTASK);
     // The acquisitions before the diagnosis are like those of the procedure.
-    let begin = said.find("$ guide diagnose").unwrap_or(0);
-    said[begin..].to_owned()
+    let begin = printed.find("$ guide diagnose").unwrap_or(0);
+    printed[begin..].to_owned()
 }
 
 /// All parts, with what they show now.
@@ -70,7 +70,7 @@ pub(super) fn all(blocks: &[Block]) -> Result<Vec<(&Block, String)>> {
     eprintln!("the rig that hides an effect");
     let mut printed = String::new();
     let found = hidden::diagnosis(&xtask, SEED, &out, &hidden::PLAN, &mut |text| printed.push_str(text))?;
-    printed.push_str(&found.told(SEED));
+    printed.push_str(&found.summary(SEED));
     let printed = as_shown(&printed, folder.path(), &xtask);
     fresh.extend(of("hidden").map(|block| (block, printed.clone())));
     eprintln!("a running rig");

@@ -1,4 +1,4 @@
-//! Whether a block says what its command says now, but for what differs from run to run.
+//! Whether a block shows what its command prints now, but for what differs from run to run.
 
 use super::page::{Block, Made};
 use regex::Regex;
@@ -19,7 +19,7 @@ const COMPARED: [(&str, &str); 4] = [
     (r"(OpenIGTLink at 127\.0\.0\.1):\d+", "$1:0"),
     // Seconds of this machine.
     (r"(start of QEMU to K:) [0-9.]+ s", "$1 0 s"),
-    // How long a raw recording is depends on when the host asked for the stream.
+    // How long a raw recording is depends on when the host requested the stream.
     (r"\d+ bytes", "0 bytes"),
     (r"(?m)^samples    .* of the device's clock$", "samples"),
 ];
@@ -48,13 +48,13 @@ pub fn shown(text: &str) -> String {
     replaced(text, &PATTERNS)
 }
 
-/// Whether the block says this already.
+/// Whether the block shows this already.
 pub fn same(block: &Block, fresh: &str) -> bool {
     normal(block, &block.text()) == normal(block, fresh)
 }
 
 /// The difference, with its place.
-pub fn told(block: &Block, fresh: &str) -> String {
+pub fn difference(block: &Block, fresh: &str) -> String {
     let (shown, fresh) = (normal(block, &block.text()), normal(block, fresh));
     let diff = TextDiff::from_lines(&shown, &fresh);
     let diff = diff.unified_diff().context_radius(2).header(block.page(), "the command").to_string();
@@ -84,8 +84,11 @@ mod tests {
         assert!(same(&shown, "$ guide home --port /var/needle-guide-a1b2c3/serial\nK 14.44 kPa\n"));
         let other = "$ guide home --port /tmp/needle-guide-KP2mC9/serial\nK 14.45 kPa\n";
         assert!(!same(&shown, other));
-        let told = told(&shown, other);
-        assert!(told.starts_with("a.md:3: ") && told.contains("-K 14.44 kPa\n+K 14.45 kPa"), "{told}");
+        let difference = difference(&shown, other);
+        assert!(
+            difference.starts_with("a.md:3: ") && difference.contains("-K 14.44 kPa\n+K 14.45 kPa"),
+            "{difference}"
+        );
     }
 
     #[test]

@@ -39,15 +39,15 @@ impl Shell {
     /// Where a command fails that should not or the other way round, or is none of `guide`; the error names its line.
     pub fn run(&self, block: &Block) -> Result<String> {
         let mut text = String::new();
-        let mut said_before = false;
+        let mut printed_before = false;
         for command in commands(block.lines()) {
             let place = || format!("{}: `{}`", block.place_of(command.line), command.joined);
-            let said = self.say(&command.joined, block.fails).with_context(place)?;
-            if said_before {
+            let printed = self.output(&command.joined, block.fails).with_context(place)?;
+            if printed_before {
                 text.push('\n');
             }
-            said_before = !said.is_empty();
-            for line in command.shown.iter().map(String::as_str).chain(said.lines()) {
+            printed_before = !printed.is_empty();
+            for line in command.shown.iter().map(String::as_str).chain(printed.lines()) {
                 text.push_str(line.trim_end());
                 text.push('\n');
             }
@@ -56,7 +56,7 @@ impl Shell {
         Ok(text)
     }
 
-    fn say(&self, command: &str, fails: bool) -> Result<String> {
+    fn output(&self, command: &str, fails: bool) -> Result<String> {
         let words = shlex::split(command).context("quotes without an end")?;
         let [program, arguments @ ..] = words.as_slice() else { bail!("no command") };
         ensure!(program == "guide", "only commands of `guide` are run");
@@ -69,7 +69,7 @@ impl Shell {
             .args(arguments)
             .current_dir(&self.folder)
             .stdin(Stdio::null())
-            // The width of help and the colours are those of no terminal, whoever calls.
+            // The width of help and the colours are those of no terminal, for every caller.
             .env_remove("COLUMNS")
             .env("NO_COLOR", "1")
             .output()
@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn commands_are_joined_over_their_lines() {
-        let text = ["$ guide a \\", "    --b 'c d' \\", "    --e", "said \\", "said", "$ guide f"];
+        let text = ["$ guide a \\", "    --b 'c d' \\", "    --e", "printed \\", "printed", "$ guide f"];
         let commands = commands(&text.map(str::to_owned));
         let joined: Vec<(usize, &str)> =
             commands.iter().map(|typed| (typed.line, typed.joined.as_str())).collect();

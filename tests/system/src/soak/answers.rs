@@ -18,7 +18,7 @@ pub fn is_active(state: State) -> bool {
     !matches!(state, State::Idle | State::Faulted)
 }
 
-/// The answer in a state. `sound`: what an idle device without a fault says to it.
+/// The answer in a state. `sound`: the answer of an idle device without a fault.
 pub fn expected(request: &Request, state: State, fault: Option<Fault>, sound: Result<(), Refusal>) -> Answer {
     let of_content = sound.map_or_else(Answer::Refused, |()| Answer::Accepted);
     match request {

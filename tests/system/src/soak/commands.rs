@@ -161,7 +161,7 @@ impl Device<'_> {
         let before = self.deadline_ms.take();
         let answer = self.order(Request::Run { steps, crc, start_us: plan.start_us }, plan.runs, or)?;
         self.deadline_ms = match answer {
-            // Of a lost answer nobody knows whether it was one.
+            // A lost answer may have been one.
             Answer::Accepted | Answer::Unanswered => {
                 let waits_ms = if plan.start_us > 0 { 5_000 } else { 0 };
                 let duration_ms: u64 = plan.steps.iter().map(|step| self.longest_ms(step)).sum();
@@ -232,8 +232,8 @@ impl Device<'_> {
         }
         let status = self.status()?;
         if answer != Answer::Unanswered {
-            let said = (status.force_limit_mn, status.silence_limit_ms);
-            ensure!(said == (self.force_mn, self.silence_ms), "the limits are {said:?}");
+            let reported = (status.force_limit_mn, status.silence_limit_ms);
+            ensure!(reported == (self.force_mn, self.silence_ms), "the limits are {reported:?}");
         }
         self.force_mn = status.force_limit_mn;
         Ok(())
@@ -243,7 +243,7 @@ impl Device<'_> {
         self.insist(Request::Stream { enable: false })?;
         let pause_ms = self.random.random_range(0..1_000);
         self.pass(pause_ms)?;
-        self.listen_from_now()
+        self.resume_stream()
     }
 
     fn reopen(&mut self) -> Result<()> {

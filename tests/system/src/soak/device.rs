@@ -15,9 +15,9 @@ use protocol::{EventKind, Fault, Refusal, Request, Status};
 use rand_chacha::ChaCha8Rng;
 use std::time::{Duration, Instant};
 
-/// How long one look for what the device says waits.
+/// How long one poll of the device waits.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// How often a question on a bad line is asked anew, each time with the client's own repeats.
+/// How often a request on a bad line is sent anew, each time with the client's own repeats.
 pub const ATTEMPTS: u32 = 8;
 
 /// Everything about the device under trial.
@@ -33,12 +33,12 @@ pub struct Device<'a> {
     /// Rig time up to which the program must have ended.
     pub deadline_ms: Option<u64>,
     /// Rig time before the last command that was answered.
-    pub heard_ms: u64,
+    pub answered_ms: u64,
     /// Limits that are set.
     pub force_mn: u32,
     pub silence_ms: u32,
-    /// Faults that were told and nobody has looked at.
-    pub told: Vec<(Fault, u64)>,
+    /// Faults that were reported and not handled yet.
+    pub reported: Vec<(Fault, u64)>,
 }
 
 impl<'a> Device<'a> {
@@ -55,10 +55,10 @@ impl<'a> Device<'a> {
             random,
             tally: Tally::default(),
             deadline_ms: None,
-            heard_ms: rig.steps(),
+            answered_ms: rig.steps(),
             force_mn: 4_000,
             silence_ms: 2_000,
-            told: Vec::new(),
+            reported: Vec::new(),
         })
     }
 
@@ -79,11 +79,11 @@ impl<'a> Device<'a> {
         self.client.as_mut().context("no client is connected")
     }
 
-    /// Takes what has come, and what is due: the line's changes, a look at rig and memory.
+    /// Takes what has come, and what is due: the line's changes, a check of rig and memory.
     pub fn tick(&mut self) -> Result<()> {
         self.line.step(self.bench.rig().steps(), &mut self.random);
         self.watch.reach(self.rig().take_reach())?;
-        self.memory.look(self.now_ms())?;
+        self.memory.sample(self.now_ms())?;
         let telemetry = self.client()?.next(POLL_INTERVAL)?;
         telemetry.map_or(Ok(()), |telemetry| self.take(telemetry))?;
         self.drain()
@@ -107,7 +107,7 @@ impl<'a> Device<'a> {
                     EventKind::Tared(tare) => self.books.tared(event.t_us / 1_000, tare.zero_counts),
                     EventKind::TareRejected { .. } => self.books.tare_rejected(),
                     EventKind::Faulted { fault } => {
-                        self.told.push((fault, event.t_us / 1_000 + self.rig().started()));
+                        self.reported.push((fault, event.t_us / 1_000 + self.rig().started()));
                     }
                     _ => {}
                 }
@@ -174,10 +174,10 @@ impl<'a> Device<'a> {
                     // A period that has begun is counted by the rig when it ends.
                     ensure!(
                         (from_ms..=until_ms).contains(&t_ms),
-                        "a status asked for between {from_ms} and {until_ms} ms of the rig says {t_ms} ms"
+                        "a status requested between {from_ms} and {until_ms} ms of the rig states {t_ms} ms"
                     );
-                    self.heard_ms = from_ms + self.rig().started();
-                    // It comes among the rest too, and is looked at there in its order.
+                    self.answered_ms = from_ms + self.rig().started();
+                    // It comes among the rest too, and is handled there in its order.
                     self.drain()?;
                     if let Some(deadline_ms) = self.deadline_ms.filter(|_| is_active(status.state)) {
                         let over_ms = (t_ms + self.rig().started()).saturating_sub(deadline_ms);
@@ -192,8 +192,8 @@ impl<'a> Device<'a> {
         bail!("{ATTEMPTS} questions for the status were lost")
     }
 
-    /// Asks once.
-    pub fn ask(&mut self, request: Request) -> Result<Answer> {
+    /// Sends a request once.
+    pub fn request(&mut self, request: Request) -> Result<Answer> {
         self.whole()?;
         let from_ms = self.now_ms();
         let answer = match self.client()?.request(request) {
@@ -205,14 +205,14 @@ impl<'a> Device<'a> {
             }
         };
         if answer != Answer::Unanswered {
-            self.heard_ms = from_ms;
+            self.answered_ms = from_ms;
         }
         self.tally.command(request_name(&request), answer);
         self.drain()?;
         Ok(answer)
     }
 
-    /// Asks once and checks the answer. `sound`: what an idle device says; `or`: what it may say instead.
+    /// Sends a request once and checks the answer. `sound`: the answer of an idle device; `or`: another one that it may give.
     pub fn order(
         &mut self,
         request: Request,
@@ -220,7 +220,7 @@ impl<'a> Device<'a> {
         or: Option<Refusal>,
     ) -> Result<Answer> {
         let before = self.status()?;
-        let answer = self.ask(request)?;
+        let answer = self.request(request)?;
         let fits = |state, fault| {
             let expected = answers::expected(&request, state, fault, sound);
             expected == answer
@@ -245,10 +245,10 @@ impl<'a> Device<'a> {
         Ok(answer)
     }
 
-    /// Asks until it is accepted.
+    /// Repeats a request until it is accepted.
     pub fn insist(&mut self, request: Request) -> Result<()> {
         for _ in 0..ATTEMPTS {
-            match self.ask(request)? {
+            match self.request(request)? {
                 Answer::Accepted => return Ok(()),
                 Answer::Unanswered => {}
                 Answer::Refused(refusal) => {
@@ -266,21 +266,21 @@ impl<'a> Device<'a> {
         Ok(())
     }
 
-    /// Switches the samples on; what was not heard until then is a known gap.
-    pub fn listen_from_now(&mut self) -> Result<()> {
+    /// Switches the samples on; what was not received until then is a known gap.
+    pub fn resume_stream(&mut self) -> Result<()> {
         self.drain()?;
         self.books.reopen(false);
         self.insist(Request::Stream { enable: true })
     }
 
-    /// Closes the port, after what the client says it has lost is compared with the books.
+    /// Closes the port, after the losses that the client reports are compared with the books.
     pub fn close(&mut self) -> Result<()> {
         self.drain()?;
         let client = self.client.take().context("no client is connected")?;
-        let (said, booked) = (client.losses().samples_missing, self.books.lost_of_client());
+        let (reported, booked) = (client.losses().samples_missing, self.books.lost_of_client());
         ensure!(
-            said == booked,
-            "the client says {said} samples are lost, {booked} are missing between batches"
+            reported == booked,
+            "the client reports {reported} samples lost, {booked} are missing between batches"
         );
         Ok(())
     }
@@ -290,7 +290,7 @@ impl<'a> Device<'a> {
         self.client = None;
     }
 
-    /// Opens the port and says hello, as often as a bad line makes it necessary.
+    /// Opens the port and sends a hello, as often as a bad line makes it necessary.
     pub fn connect(&mut self) -> Result<()> {
         for _ in 0..ATTEMPTS {
             while self.line.is_cut() {
@@ -303,10 +303,10 @@ impl<'a> Device<'a> {
                     let (t_ms, until_ms) = (client.hello().now_us / 1_000, self.device_ms());
                     ensure!(
                         (from_ms..=until_ms).contains(&t_ms),
-                        "a hello said between {from_ms} and {until_ms} ms of the rig says {t_ms} ms"
+                        "a hello sent between {from_ms} and {until_ms} ms of the rig states {t_ms} ms"
                     );
                     self.client = Some(client);
-                    self.heard_ms = from_ms + self.rig().started();
+                    self.answered_ms = from_ms + self.rig().started();
                     return Ok(());
                 }
                 Err(LinkError::NoAnswer { .. }) if self.line.is_bad() => {}

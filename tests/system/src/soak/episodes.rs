@@ -18,8 +18,8 @@ const SHOWS_MS: u64 = 20_000;
 const CLEARS_MS: u64 = 3_000;
 /// Silence that ends a program where the host is silent on purpose.
 const SILENT_MS: u32 = 1_500;
-/// Time in which a question that was sent has been heard.
-const HEARD_MS: u64 = 40;
+/// Time in which a request that was sent has been received.
+const DELIVERY_MS: u64 = 40;
 /// How long a MoveTimeout takes.
 const MOVE_TIMEOUT_MS: u64 = 10_000;
 
@@ -38,7 +38,7 @@ impl Device<'_> {
         let reaches_n = self.reaches_n(&status);
         let injection = (cause.injection)(&mut self.random, reaches_n);
         let (from_ms, resets) = (self.now_ms(), self.rig().resets());
-        self.told.clear();
+        self.reported.clear();
         if cause.leads == Leads::Deaf || matches!(cause.leads, Leads::Restart(..)) {
             self.watch.may_be_late();
         }
@@ -110,8 +110,8 @@ impl Device<'_> {
             return self.pass(100);
         };
         ensure!(faults.contains(&fault), "{} led to {fault:?}", cause.name);
-        if let Some((told, _)) = self.told.first() {
-            ensure!(*told == fault, "{}: {told:?} was told and {fault:?} is latched", cause.name);
+        if let Some((reported, _)) = self.reported.first() {
+            ensure!(*reported == fault, "{}: {reported:?} was reported and {fault:?} is latched", cause.name);
         }
         self.deadline_ms = None;
         let within = if fault == Fault::MoveTimeout { MOVE_TIMEOUT_MS } else { cause.within };
@@ -151,12 +151,12 @@ impl Device<'_> {
         let mut lost = 0;
         loop {
             // A cable that is cut is waited for, and what is lost on a bad one is no answer: neither is the device's time.
-            let asked_ms = self.now_ms();
-            match self.ask(Request::ClearFault)? {
+            let requested_ms = self.now_ms();
+            match self.request(Request::ClearFault)? {
                 Answer::Accepted => break,
                 Answer::Refused(Refusal::CauseRemains) => {
                     ensure!(
-                        asked_ms - from_ms < CLEARS_MS,
+                        requested_ms - from_ms < CLEARS_MS,
                         "the cause remained for {CLEARS_MS} ms after its end"
                     );
                 }
@@ -174,7 +174,7 @@ impl Device<'_> {
         Ok(())
     }
 
-    /// The device starts again, says why, and has it acknowledged before anything moves.
+    /// The device starts again, reports why, and has it acknowledged before anything moves.
     fn restarts(
         &mut self,
         cause: &Cause,
@@ -213,10 +213,10 @@ impl Device<'_> {
         self.clear()?;
         self.tally.fault(cause.name, periods);
         self.set_limits(self.force_mn, PATIENT_MS)?;
-        self.listen_from_now()
+        self.resume_stream()
     }
 
-    /// The host says nothing while a program runs.
+    /// The host sends nothing while a program runs.
     pub fn host_is_silent(&mut self) -> Result<()> {
         self.deadline_ms = None;
         self.insist(Request::Stop)?;
@@ -227,8 +227,8 @@ impl Device<'_> {
             Self::motors_are_cool(&status) && self.move_for_a_fault(status.position_counts, 600_000)?;
         if begun {
             let status = self.status()?;
-            let heard_ms = status.t_us / 1_000 + self.rig().started();
-            let latest_ms = self.now_ms() + HEARD_MS + u64::from(SILENT_MS);
+            let received_ms = status.t_us / 1_000 + self.rig().started();
+            let latest_ms = self.now_ms() + DELIVERY_MS + u64::from(SILENT_MS);
             self.rig().host_may_be_silent(true);
             // A bad line can be a silence of its own.
             if status.fault.is_none() {
@@ -242,7 +242,7 @@ impl Device<'_> {
             ensure!(off_ms <= latest_ms, "a silence was noticed {} ms too late", off_ms - latest_ms);
             let fault = self.status()?.fault;
             ensure!(fault == Some(Fault::HostSilent), "a silent host led to {fault:?}");
-            let silent_ms = off_ms.saturating_sub(heard_ms);
+            let silent_ms = off_ms.saturating_sub(received_ms);
             let early = status.fault.is_none() && silent_ms < u64::from(SILENT_MS);
             ensure!(!early, "a silence of {silent_ms} ms was one of {SILENT_MS} ms");
             self.tally.fault("host silent", silent_ms.saturating_sub(u64::from(SILENT_MS)));

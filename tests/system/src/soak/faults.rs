@@ -1,4 +1,4 @@
-//! The faults that the soak makes: what is injected, what the device must say to it and how soon.
+//! The faults that the soak makes: what is injected, what the device must report and how soon.
 
 use crate::cosim::Injection;
 use control::interlock::{STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
@@ -15,7 +15,7 @@ pub enum Leads {
     To(&'static [Fault]),
     /// One of these, unless the move was nearly over.
     Maybe(&'static [Fault]),
-    /// Late periods, in which nobody is heard while the cause is there.
+    /// Late periods, in which no command is handled while the cause is there.
     Deaf,
     /// A restart for this reason, with a last panic or without.
     Restart(ResetReason, bool),
@@ -32,7 +32,7 @@ pub struct Cause {
     pub injection: fn(&mut ChaCha8Rng, f64) -> Injection,
     /// What comes of it.
     pub leads: Leads,
-    /// Periods until both bridges are off, at most: as the table of hazards says.
+    /// Periods until both bridges are off, at most: as in the table of hazards.
     pub within: u64,
     /// The fault cannot be cleared while it is there.
     pub persists: bool,
@@ -99,7 +99,7 @@ pub fn causes() -> Vec<Cause> {
             ..nothing()
         }),
         Cause {
-            // Only the jump itself tells, and it is over.
+            // Only the jump itself is detectable, and it is over.
             persists: false,
             ..latched("potentiometer jumps", 2, &[Fault::Potentiometer], |random, _| {
                 let codes = if random.random() { 150 } else { -150 };

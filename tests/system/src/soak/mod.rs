@@ -47,9 +47,9 @@ const SLOWEST: f64 = 20.0;
 const WARM_MS: u64 = 120_000;
 /// Silence of the host that is allowed while it is not silent on purpose: a bad line costs a client some seconds.
 const PATIENT_MS: u32 = 60_000;
-/// How often it says how far it is, milliseconds of the rig's.
-const TOLD_EVERY_MS: u64 = 300_000;
-/// Lines of the firmware's log that are told with a failure.
+/// How often it reports its progress, milliseconds of the rig's.
+const REPORT_INTERVAL_MS: u64 = 300_000;
+/// Lines of the firmware's log that are printed with a failure.
 const LOG_LINES: usize = 12;
 
 /// Options of `cargo xtask soak`.
@@ -76,8 +76,8 @@ pub struct Survived {
     pub samples: u64,
     /// Samples that were lost, each counted by the host.
     pub missing: u64,
-    /// Samples of times in which nobody listened.
-    pub unheard: u64,
+    /// Samples of times in which no host was receiving.
+    pub unreceived: u64,
     /// How often the cable was cut.
     pub cuts: u32,
     /// Bits that flipped, to the device and to the host.
@@ -94,7 +94,7 @@ pub struct Survived {
     pub reach: crate::cosim::Reach,
     /// Longest that this computer's pseudo terminals kept a byte, seconds.
     pub terminals_s: f64,
-    /// Size of this process after warming up and at the end, bytes; nothing where the system does not say.
+    /// Size of this process after warming up and at the end, bytes; `None` where the system does not report it.
     pub memory_bytes: Option<[u64; 2]>,
 }
 
@@ -110,8 +110,8 @@ impl Display for Survived {
         )?;
         writeln!(
             f,
-            "  {} samples arrived, each as it was sensed and in its millisecond; {} missing, each counted; {} while nobody listened",
-            self.samples, self.missing, self.unheard
+            "  {} samples arrived, each as it was sensed and in its millisecond; {} missing, each counted; {} while no host was receiving",
+            self.samples, self.missing, self.unreceived
         )?;
         writeln!(
             f,
@@ -133,7 +133,7 @@ impl Display for Survived {
                 GROWTH_LIMIT_BYTES / 1024
             ),
             None => {
-                writeln!(f, "  host: this system does not say how large a process is (no /proc/self/statm)")
+                writeln!(f, "  host: this system does not report the size of a process (no /proc/self/statm)")
             }
         }?;
         write!(f, "  this computer's pseudo terminals kept a byte for {:.2} s at most", self.terminals_s)
@@ -173,7 +173,7 @@ pub fn run(args: Args) -> Result<Survived> {
         tally,
         samples: books.samples(),
         missing: books.missing(),
-        unheard: books.unheard(),
+        unreceived: books.unreceived(),
         cuts: line.cuts(),
         flipped_bits: line.flipped_bits(),
         overruns: watch.overruns(),
@@ -191,16 +191,16 @@ pub fn run(args: Args) -> Result<Survived> {
 
 fn soak(device: &mut Device<'_>, duration_ms: u64) -> Result<()> {
     device.set_limits(4_300, PATIENT_MS)?;
-    device.listen_from_now()?;
+    device.resume_stream()?;
     // The guide starts where it happens to be.
     device.home()?;
     let began_ms = device.now_ms();
     let causes = faults::causes();
-    let mut told = 0;
+    let mut reported = 0;
     while device.now_ms() < began_ms + duration_ms {
-        let minutes = (device.now_ms() - began_ms) / TOLD_EVERY_MS * (TOLD_EVERY_MS / 60_000);
-        if minutes > told {
-            told = minutes;
+        let minutes = (device.now_ms() - began_ms) / REPORT_INTERVAL_MS * (REPORT_INTERVAL_MS / 60_000);
+        if minutes > reported {
+            reported = minutes;
             eprintln!("{minutes} of {:.0} minutes", duration_ms as f64 / 60e3);
         }
         match device.random.random_range(0..100) {
@@ -214,7 +214,7 @@ fn soak(device: &mut Device<'_>, duration_ms: u64) -> Result<()> {
         let pause_ms = device.random.random_range(0..800);
         device.pass(pause_ms)?;
     }
-    // One whole batch on a good cable tells what was lost before it.
+    // One whole batch on a good cable counts what was lost before it.
     device.insist(Request::Stop)?;
     let now_ms = device.now_ms();
     device.line.make_good(now_ms);
@@ -234,7 +234,7 @@ fn soak(device: &mut Device<'_>, duration_ms: u64) -> Result<()> {
 mod testing {
     use protocol::{Counters, Load, State, Status};
 
-    /// A device with nothing to say.
+    /// A device with nothing to report.
     pub(super) fn idle() -> Status {
         Status {
             t_us: 0,

@@ -112,7 +112,7 @@ mod tests {
     use protocol::Refusal;
 
     #[test]
-    fn counts_are_told_by_kind_with_the_worst_of_each_fault() {
+    fn counts_are_reported_by_kind_with_the_worst_of_each_fault() {
         let mut tally = Tally::default();
         tally.command("run", Answer::Accepted);
         tally.command("run", Answer::Refused(Refusal::Busy));

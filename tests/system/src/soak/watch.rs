@@ -1,4 +1,4 @@
-//! What must hold of every status, of the rig and of this process, whatever happens.
+//! What must hold of every status, of the rig and of this process, at any time.
 
 use crate::cosim::Reach;
 use anyhow::{Result, ensure};
@@ -10,16 +10,16 @@ pub const STACK_LEAST_BYTES: u32 = 48 * 1024;
 const OUTBOX_PLACES: u8 = 24;
 /// How much this process may grow in [`WINDOW_MS`], bytes: less than a hundredth of the samples of that time.
 pub const GROWTH_LIMIT_BYTES: u64 = 512 * 1024;
-/// Time over which growth is looked at, milliseconds of the rig's.
+/// Time over which growth is checked, milliseconds of the rig's.
 const WINDOW_MS: u64 = 600_000;
-/// How often the size is looked at.
-const LOOK_MS: u64 = 1_000;
+/// How often the size is sampled.
+const SAMPLE_INTERVAL_MS: u64 = 1_000;
 /// Travel with what a motor rolls on and the loop may overshoot, metres.
 const TRAVEL_M: f64 = 10.2e-3;
 /// Range of the force sensor with what is added while a motor that has been switched off rolls on, newtons.
 const FORCE_N: f64 = 5.5;
 
-/// What was last seen.
+/// What was last reported.
 #[derive(Debug, Default)]
 pub struct Watch {
     counters: Counters,
@@ -27,7 +27,7 @@ pub struct Watch {
     may_be_late: bool,
     /// Least free stack and most places of the way out, over all starts.
     pub stack_free_bytes: Option<u32>,
-    /// As the device says.
+    /// As the device reports.
     pub outbox_most: u8,
     /// Late periods of all starts that are over.
     overruns_before: u32,
@@ -134,15 +134,15 @@ impl Memory {
         Self { from_ms, next_ms: from_ms, window: None, first_bytes: None, last_bytes: None }
     }
 
-    /// Looks at it now and then.
+    /// Samples it now and then.
     ///
     /// # Errors
     /// Where it has grown by more than it may.
-    pub fn look(&mut self, now_ms: u64) -> Result<()> {
+    pub fn sample(&mut self, now_ms: u64) -> Result<()> {
         if now_ms < self.next_ms {
             return Ok(());
         }
-        self.next_ms = now_ms + LOOK_MS;
+        self.next_ms = now_ms + SAMPLE_INTERVAL_MS;
         self.last_bytes = resident_bytes();
         let Some(bytes) = self.last_bytes else { return Ok(()) };
         self.first_bytes.get_or_insert(bytes);
@@ -159,7 +159,7 @@ impl Memory {
     }
 }
 
-/// Memory of this process that is in use; nothing where the system does not say.
+/// Memory of this process that is in use; `None` where the system does not report it.
 fn resident_bytes() -> Option<u64> {
     let statm = std::fs::read_to_string("/proc/self/statm").ok()?;
     let pages: u64 = statm.split_whitespace().nth(1)?.parse().ok()?;
@@ -190,14 +190,14 @@ mod tests {
     }
 
     #[test]
-    fn what_this_process_takes_is_known_where_the_system_says() {
+    fn the_memory_of_this_process_is_known_where_the_system_reports_it() {
         if cfg!(target_os = "linux") {
             assert!(resident_bytes().unwrap() > 100_000);
         }
         let mut memory = Memory::new(5);
-        memory.look(4).unwrap();
+        memory.sample(4).unwrap();
         assert_eq!(memory.first_bytes, None);
-        memory.look(5).unwrap();
+        memory.sample(5).unwrap();
         assert_eq!(memory.first_bytes, memory.last_bytes);
     }
 }

@@ -22,9 +22,10 @@ fn client(arguments: &[&str]) -> Option<Output> {
 }
 
 fn succeeds(output: &Output) {
-    let (said, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "{said}{errors}");
-    println!("{said}");
+    let (printed, errors) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{printed}{errors}");
+    println!("{printed}");
 }
 
 #[test]

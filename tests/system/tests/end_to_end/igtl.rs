@@ -1,4 +1,4 @@
-//! OpenIGTLink beside other people's implementations: what they hear is what the session holds, what they tell becomes shapes.
+//! OpenIGTLink beside other people's implementations: what they receive is what the session holds, what they send becomes shapes.
 
 use formats::session::Session;
 use serde_json::Value;
@@ -17,14 +17,14 @@ use system::qemu::HANGS;
 const RIG: &str = "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
                    [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n";
 
-/// A port that nobody has.
+/// A free port.
 fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// The peer, or the reason why it is left out: told past the test harness, which shows nothing of tests that pass.
+/// The peer, or the reason why it is skipped: printed past the test harness, which shows nothing of tests that pass.
 fn had<T>(peer: Result<T, String>) -> Option<T> {
-    peer.map_err(|why| writeln!(std::io::stderr(), "left out: {why}")).ok()
+    peer.map_err(|why| writeln!(std::io::stderr(), "skipped: {why}")).ok()
 }
 
 /// Starts a program whose standard output goes to a file.
@@ -33,17 +33,17 @@ fn start(command: &mut Command, out: &Path) -> Running {
     Running(command.stdin(Stdio::null()).stdout(out).stderr(Stdio::null()).spawn().unwrap())
 }
 
-/// Waits until a port is listened at.
+/// Waits until a port has a server.
 fn await_port(port: u16) {
     let began = Instant::now();
     while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
-        assert!(began.elapsed() < HANGS, "nobody listens at {port}");
+        assert!(began.elapsed() < HANGS, "no server at {port}");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
 
 /// What a viewer has printed of one device.
-fn heard(lines: &Path, device: &str) -> Vec<Value> {
+fn received(lines: &Path, device: &str) -> Vec<Value> {
     let text = fs::read_to_string(lines).unwrap();
     let all = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
     all.filter(|message| message["device"] == device).collect()
@@ -60,10 +60,10 @@ fn finished(child: Child) -> (bool, String) {
     (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-/// One run in QEMU with a foreign tracker as the ultrasound and foreign viewers looking on.
+/// One run in QEMU with a foreign tracker as the ultrasound and foreign viewers connected.
 #[test]
 #[ignore = "needs QEMU and programs of others: cargo xtask test runs it"]
-fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_shapes() {
+fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_its_shapes() {
     let Some(python) = had(peers::python()) else { return };
     let receiver = had(peers::examples(&["Receiver/ReceiveClient", "Tracker/TrackerServer"]));
     let bench = Bench::start(RigConfig::default(), 23, 1.0, HANGS).unwrap();
@@ -101,18 +101,18 @@ fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_sh
         command.args(["127.0.0.1", &port]).stdout(errors.try_clone().unwrap()).stderr(errors);
         (Running(command.stdin(Stdio::null()).spawn().unwrap()), folder)
     });
-    let (done, said) = finished(acquiring);
-    assert!(done, "{said}");
+    let (done, stderr) = finished(acquiring);
+    assert!(done, "{stderr}");
     drop(viewer);
 
-    // What the viewers heard.
+    // What the viewers received.
     let recorded = Session::read(&session).unwrap();
     let run = &recorded.lateral[0];
-    let documents = heard(&path("viewer.txt"), "Guide");
+    let documents = received(&path("viewer.txt"), "Guide");
     let mut compared = 0;
     for document in &documents {
-        let told: Value = serde_json::from_str(document["said"].as_str().unwrap()).unwrap();
-        let time_s = told["time_s"].as_f64().unwrap();
+        let document: Value = serde_json::from_str(document["content"].as_str().unwrap()).unwrap();
+        let time_s = document["time_s"].as_f64().unwrap();
         let Ok(row) = run.force.time_s.binary_search_by(|row_s| row_s.total_cmp(&time_s)) else { continue };
         compared += 1;
         for (field, series, unit) in [
@@ -120,13 +120,13 @@ fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_sh
             ("position_y_mm", &run.force.displacement_y_m, 1e3),
             ("position_x_mm", run.force.displacement_x_m.as_ref().unwrap(), 1e3),
         ] {
-            let off = told[field].as_f64().unwrap() - unit * series[row];
+            let off = document[field].as_f64().unwrap() - unit * series[row];
             // The session's files have nine decimals.
             assert!(off.abs() < 1e-9, "{field} is off by {off} at {time_s} s");
         }
     }
     assert!(compared > 50, "{compared} of {} updates are of the run", documents.len());
-    let poses = heard(&path("viewer.txt"), "GuideToReference");
+    let poses = received(&path("viewer.txt"), "GuideToReference");
     let stamp_s = |message: &Value| message["stamp_s"].as_f64().unwrap();
     let mut posed = 0;
     for pose in &poses {
@@ -135,10 +135,10 @@ fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_sh
         else {
             continue;
         };
-        let told: Value = serde_json::from_str(document["said"].as_str().unwrap()).unwrap();
-        let matrix = &pose["said"];
+        let document: Value = serde_json::from_str(document["content"].as_str().unwrap()).unwrap();
+        let matrix = &pose["content"];
         for (row, expected_mm) in
-            [told["position_x_mm"].as_f64().unwrap(), told["position_y_mm"].as_f64().unwrap(), 60.0]
+            [document["position_x_mm"].as_f64().unwrap(), document["position_y_mm"].as_f64().unwrap(), 60.0]
                 .into_iter()
                 .enumerate()
         {
@@ -157,7 +157,7 @@ fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_sh
         assert!(text.contains("guide.igtl/1") && text.contains("60"), "{text}");
     }
 
-    // What the tracker told.
+    // What the tracker sent.
     let measured = run.shape.time_s.as_ref().unwrap();
     let mut times_s = measured.clone();
     times_s.dedup();
@@ -201,7 +201,7 @@ fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_sh
             Command::new(folder.join("TrackerServer")).args([&port.to_string(), "20"]),
             &path("server.txt"),
         );
-        // The example serves its first client for ever: nobody else may look whether it listens already.
+        // The example serves its first client for ever: no other client may try whether it is up.
         let began = Instant::now();
         let output = loop {
             let output = Command::new(&guide)
@@ -220,8 +220,8 @@ fn foreign_viewers_see_what_the_session_holds_and_a_foreign_tracker_gives_its_sh
                 .arg(&session)
                 .output()
                 .unwrap();
-            let said = String::from_utf8_lossy(&output.stderr);
-            if !said.contains("cannot connect to OpenIGTLink") || began.elapsed() > HANGS {
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            if !stderr.contains("cannot connect to OpenIGTLink") || began.elapsed() > HANGS {
                 break output;
             }
         };
@@ -252,10 +252,10 @@ fn sweep(path: &Path) -> Option<Vec<[f64; 3]>> {
     Some(lines.map(row).collect())
 }
 
-/// Results of a session, as a viewer that comes later hears them.
+/// Results of a session, as a viewer that comes later receives them.
 #[test]
 #[ignore = "needs programs of others: cargo xtask test runs it"]
-fn a_foreign_viewer_hears_the_results_that_the_commands_print() {
+fn a_foreign_viewer_receives_the_results_that_the_commands_print() {
     let Some(python) = had(peers::python()) else { return };
     let guide = build_guide().unwrap();
     let folder = tempfile::tempdir().unwrap();
@@ -282,8 +282,8 @@ fn a_foreign_viewer_hears_the_results_that_the_commands_print() {
     let _viewer = start(Command::new(&python).arg(peers::scripts().join("viewer.py")).arg(port), &lines);
     let began = Instant::now();
     let text = |device: &str| loop {
-        if let Some(last) = heard(&lines, device).pop() {
-            return last["said"].clone();
+        if let Some(last) = received(&lines, device).pop() {
+            return last["content"].clone();
         }
         assert!(began.elapsed() < HANGS, "no {device}");
         std::thread::sleep(Duration::from_millis(50));
@@ -291,16 +291,16 @@ fn a_foreign_viewer_hears_the_results_that_the_commands_print() {
     let document = |device: &str| -> Value { serde_json::from_str(text(device).as_str().unwrap()).unwrap() };
 
     let identified = json(Command::new(&guide).arg("identify").arg(&session));
-    let told = document("Identification");
+    let published = document("Identification");
     for field in ["k_kpa", "sd_kpa", "ci95_kpa"] {
-        assert_eq!(told[field], identified["pooled"][field], "{field}");
+        assert_eq!(published[field], identified["pooled"][field], "{field}");
     }
-    assert_eq!(told["youngs_modulus_kpa"], identified["youngs_modulus_kpa"]["value"]);
+    assert_eq!(published["youngs_modulus_kpa"], identified["youngs_modulus_kpa"]["value"]);
 
     let predicted = json(Command::new(&guide).arg("predict").arg(&session));
     let last = predicted["insertions"].as_array().unwrap().last().unwrap();
-    let told = document("Prediction");
-    assert_eq!((&told["insertion"], &told["tip_force_n"]), (&last["id"], &last["tip_force_n"]));
+    let published = document("Prediction");
+    assert_eq!((&published["insertion"], &published["tip_force_n"]), (&last["id"], &last["tip_force_n"]));
     let path = text("PredictedPath");
     let depths_mm = last["depth_mm"].as_array().unwrap();
     assert_eq!(path.as_array().unwrap().len(), depths_mm.len());
@@ -313,21 +313,21 @@ fn a_foreign_viewer_hears_the_results_that_the_commands_print() {
         }
     }
 
-    // Another number of runs: told anew without being asked.
+    // Another number of runs: sent anew without a request.
     let text = fs::read_to_string(session.join("session.toml")).unwrap();
     let fewer = text.replacen("[[lateral]]", "[[unused]]", 1);
     fs::write(session.join("session.toml"), fewer).unwrap();
-    let runs = told_runs(&lines, identified["pooled"]["runs"].as_u64().unwrap());
+    let runs = published_runs(&lines, identified["pooled"]["runs"].as_u64().unwrap());
     assert_eq!(runs, identified["pooled"]["runs"].as_u64().unwrap() - 1);
 }
 
-/// Number of runs that the latest identification tells, once it is another than before.
-fn told_runs(lines: &Path, before: u64) -> u64 {
+/// Number of runs of the latest identification, once it is another than before.
+fn published_runs(lines: &Path, before: u64) -> u64 {
     let began = Instant::now();
     loop {
-        let told = heard(lines, "Identification").pop().unwrap();
-        let told: Value = serde_json::from_str(told["said"].as_str().unwrap()).unwrap();
-        match told["runs"].as_u64() {
+        let document = received(lines, "Identification").pop().unwrap();
+        let document: Value = serde_json::from_str(document["content"].as_str().unwrap()).unwrap();
+        match document["runs"].as_u64() {
             Some(runs) if runs != before => return runs,
             _ => assert!(began.elapsed() < HANGS, "still {before} runs"),
         }

@@ -1,4 +1,4 @@
-//! The firmware driven with the host library: what the physics says must be what is measured.
+//! The firmware driven with the host library: what the physics predicts must be what is measured.
 
 use control::axis::REENGAGE_ERROR_UM;
 use device::link::{Batch, Client, LinkError, Program, RunOptions, Telemetry, run};
@@ -76,7 +76,7 @@ fn the_guide_goes_where_it_is_sent_and_the_force_is_that_of_the_model() {
         let steps = [move_to(x_um, y_um), Step::Hold { duration_ms: 1_000 }];
         let batches = measure(&mut client, &steps).unwrap();
         assert_eq!(batches.iter().map(|batch| batch.lost_before).sum::<u64>(), 0);
-        let (seen_m, force_n, count) = mean(&batches, 1);
+        let (measured_m, force_n, count) = mean(&batches, 1);
         assert!(count >= 999.0, "{count} samples of a hold of 1 s");
         let (true_m, truth) = bench.rig().rig(|rig| (rig.position_m(), rig.truth()));
         let beam = Model::uniform(RigConfig::default().rig, truth.modulus_pa)
@@ -90,8 +90,8 @@ fn the_guide_goes_where_it_is_sent_and_the_force_is_that_of_the_model() {
                 "axis {axis} rests {off_m:e} m off its target"
             );
             // A code is 12 um; the mean of a second of noisy codes is far better than one, and offset by half at most.
-            let seen_off_m = seen_m[axis] - true_m[axis];
-            assert!(seen_off_m.abs() < 7e-6, "axis {axis} is measured {seen_off_m:e} m off");
+            let measured_off_m = measured_m[axis] - true_m[axis];
+            assert!(measured_off_m.abs() < 7e-6, "axis {axis} is measured {measured_off_m:e} m off");
             // Both the tare and the hold average 1000 readings of 5 mN: 0.16 mN each; counts are 0.05 mN.
             let expected_n = beam.force_n(true_m[axis]) - beam.force_n(at_tare_m[axis]);
             let off_n = force_n[axis] - expected_n;

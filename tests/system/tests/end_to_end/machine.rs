@@ -100,8 +100,8 @@ fn a_line_filled_to_nine_tenths_loses_nothing() {
     let mut client = Client::connect(&bench.port()).unwrap();
     client.request(Request::Stream { enable: true }).unwrap();
     let (mut samples, mut lost) = (0, 0);
-    // Bytes and periods while it listens.
-    let mut listen = |client: &mut Client, periods: u64| {
+    // Bytes and periods while it receives.
+    let mut receive = |client: &mut Client, periods: u64| {
         let (from, sent) = bench.rig().sent();
         while bench.rig().steps() < from + periods {
             if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
@@ -111,11 +111,11 @@ fn a_line_filled_to_nine_tenths_loses_nothing() {
         let (to, all) = bench.rig().sent();
         (all - sent, to - from)
     };
-    let (bytes, periods) = listen(&mut client, 4_000);
+    let (bytes, periods) = receive(&mut client, 4_000);
     let needed_baud = (bytes * u64::from(BITS_PER_BYTE) * 1_000).div_ceil(periods) as u32;
     let line_baud = needed_baud * 100 / 96;
     bench.rig().inject(Injection { line_baud: Some(line_baud), ..Injection::default() });
-    let (bytes, periods) = listen(&mut client, 40_000);
+    let (bytes, periods) = receive(&mut client, 40_000);
     let used = (bytes * u64::from(BITS_PER_BYTE) * 1_000) as f64 / periods as f64 / f64::from(line_baud);
     let counters = client.status().unwrap().counters;
     bench.rig().inject(Injection::default());
@@ -139,28 +139,28 @@ fn a_line_too_slow_for_the_samples_costs_whole_batches() {
     let bench = bench(35);
     let mut client = Client::connect(&bench.port()).unwrap();
     client.request(Request::Stream { enable: true }).unwrap();
-    let mut heard = Vec::new();
-    let mut listen = |client: &mut Client, periods: u64| {
+    let mut received = Vec::new();
+    let mut receive = |client: &mut Client, periods: u64| {
         let until = bench.rig().steps() + periods;
         while bench.rig().steps() < until {
             if let Some(Telemetry::Samples(batch)) = client.next(Duration::from_millis(20)).unwrap() {
-                heard.push((batch.lost_before, batch.points));
+                received.push((batch.lost_before, batch.points));
             }
         }
     };
-    listen(&mut client, 200);
+    receive(&mut client, 200);
     bench.rig().inject(Injection { line_baud: Some(22_000), ..Injection::default() });
-    listen(&mut client, 4_000);
+    receive(&mut client, 4_000);
     bench.rig().inject(Injection::default());
-    listen(&mut client, 1_000);
+    receive(&mut client, 1_000);
     let status = client.status().unwrap();
     client.request(Request::Stream { enable: false }).unwrap();
-    let lost: u64 = heard.iter().map(|(lost, _)| lost).sum();
+    let lost: u64 = received.iter().map(|(lost, _)| lost).sum();
     assert!((1_000..3_000).contains(&lost), "{lost} samples lost where half of 4000 fit");
     assert_eq!(u64::from(status.counters.samples_dropped), lost, "the device counts the same");
     assert_eq!((status.counters.control_overruns, status.counters.messages_dropped), (0, 0));
-    let mut expected_s = heard[0].1[0].time_s;
-    for (lost, points) in &heard {
+    let mut expected_s = received[0].1[0].time_s;
+    for (lost, points) in &received {
         expected_s += *lost as f64 * 1e-3;
         for point in points {
             assert!((point.time_s - expected_s).abs() < 1e-6, "{} instead of {expected_s}", point.time_s);

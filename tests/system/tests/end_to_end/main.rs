@@ -1,5 +1,5 @@
 //! The firmware in QEMU against the simulated rig, from end to end: driven with the host library and with the program
-//! `guide`. They need QEMU, so `cargo test` leaves them out and `cargo xtask test` runs them; what the pages show
+//! `guide`. They need QEMU, so `cargo test` skips them and `cargo xtask test` runs them; what the pages show
 //! without a rig is held to the programs by both.
 
 mod foreign;

@@ -1,4 +1,4 @@
-//! Ports that do not work: `guide` says so in one line and fails.
+//! Ports that do not work: `guide` reports it in one line and fails.
 
 use protocol::{
     Command as ToDevice, CommandReceiver, Envelope, Hello, MAX_FRAME_TO_HOST, Message, Received, ResetReason,
@@ -14,15 +14,15 @@ use system::bench::Bench;
 use system::images::build_guide;
 use system::qemu::HANGS;
 
-/// Runs `guide status`, which must fail; returns what it said.
+/// Runs `guide status`, which must fail; returns its message.
 fn status_fails(port: &str) -> String {
     let output = Command::new(build_guide().unwrap()).args(["status", "--port", port]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     assert!(output.stdout.is_empty());
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(said.lines().count(), 1, "{said}");
-    assert!(said.starts_with("error: ") && said.contains(port), "{said}");
-    said
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(message.lines().count(), 1, "{message}");
+    assert!(message.starts_with("error: ") && message.contains(port), "{message}");
+    message
 }
 
 /// Does something with a pty's far end while `guide` tries the near one.
@@ -51,9 +51,9 @@ fn with_far_end(answer: impl Fn(&ToDevice) -> Option<Envelope> + Send + Sync) ->
                 }
             }
         });
-        let said = status_fails(&port);
+        let message = status_fails(&port);
         done.store(true, Ordering::Release);
-        said
+        message
     })
 }
 
@@ -78,29 +78,29 @@ fn hello(protocol_version: u16, schema_hash: [u8; 8]) -> Option<Envelope> {
 #[test]
 #[ignore = "builds guide: cargo xtask test runs it"]
 fn a_port_that_is_not_there() {
-    let said = status_fails("/dev/no-such-port");
-    assert!(said.contains("no such port"), "{said}");
+    let message = status_fails("/dev/no-such-port");
+    assert!(message.contains("no such port"), "{message}");
 }
 
 #[test]
 #[ignore = "builds guide: cargo xtask test runs it"]
 fn a_port_that_does_not_answer() {
-    let said = with_far_end(|_| None);
-    assert!(said.contains("no answer"), "{said}");
+    let message = with_far_end(|_| None);
+    assert!(message.contains("no answer"), "{message}");
 }
 
 #[test]
 #[ignore = "builds guide: cargo xtask test runs it"]
 fn a_device_of_another_protocol_version() {
-    let said = with_far_end(|_| hello(protocol::VERSION + 1, protocol::schema_hash()));
-    assert!(said.contains(&format!("protocol version {}", protocol::VERSION + 1)), "{said}");
+    let message = with_far_end(|_| hello(protocol::VERSION + 1, protocol::schema_hash()));
+    assert!(message.contains(&format!("protocol version {}", protocol::VERSION + 1)), "{message}");
 }
 
 #[test]
 #[ignore = "builds guide: cargo xtask test runs it"]
 fn a_device_with_other_message_types() {
-    let said = with_far_end(|_| hello(protocol::VERSION, protocol::schema_hash().map(|byte| !byte)));
-    assert!(said.contains("message types differ"), "{said}");
+    let message = with_far_end(|_| hello(protocol::VERSION, protocol::schema_hash().map(|byte| !byte)));
+    assert!(message.contains("message types differ"), "{message}");
 }
 
 #[test]
@@ -109,8 +109,8 @@ fn a_port_in_use() {
     let bench = Bench::start(RigConfig::default(), 31, 4.0, HANGS).unwrap();
     let port = bench.port();
     let held = device::link::Client::connect(&port).unwrap();
-    let said = status_fails(&port);
-    assert!(said.contains("in use by another program"), "{said}");
+    let message = status_fails(&port);
+    assert!(message.contains("in use by another program"), "{message}");
     drop(held);
     bench.stop().unwrap();
 }

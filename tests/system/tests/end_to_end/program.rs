@@ -20,22 +20,22 @@ const XTASK: &str = env!("CARGO_BIN_EXE_system");
 fn run_procedure(seed: u64) -> (Outcome, String, String) {
     let folder = tempfile::tempdir().unwrap();
     let out = readme::rig::out(folder.path());
-    let mut said = String::new();
-    let outcome = procedure(Path::new(XTASK), seed, &out, &mut |text| said.push_str(text)).unwrap();
-    said.push_str(&judgement(&outcome, seed, &out).unwrap());
+    let mut printed = String::new();
+    let outcome = procedure(Path::new(XTASK), seed, &out, &mut |text| printed.push_str(text)).unwrap();
+    printed.push_str(&judgement(&outcome, seed, &out).unwrap());
     if seed == readme::rig::SEED {
         let shell = Shell::new(build_guide().unwrap(), folder.path());
         readme::check_console("recording", &shell).unwrap();
     }
     let force = std::fs::read_to_string(out.join("phantom/d30-1.force.csv")).unwrap();
-    (outcome, force, readme::rig::as_shown(&said, folder.path(), Path::new(XTASK)))
+    (outcome, force, readme::rig::as_shown(&printed, folder.path(), Path::new(XTASK)))
 }
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn the_procedure_finds_the_modulus_that_nobody_told_it_and_repeats_exactly() {
-    let (outcome, force, said) = run_procedure(readme::rig::SEED);
-    readme::check_part("demo", &said).unwrap();
+fn the_procedure_finds_the_hidden_modulus_and_repeats_exactly() {
+    let (outcome, force, printed) = run_procedure(readme::rig::SEED);
+    readme::check_part("demo", &printed).unwrap();
     let true_kpa = outcome.truth.modulus_pa * 1e-3;
     let [low_kpa, high_kpa] = outcome.interval_kpa().unwrap();
     assert!((low_kpa..=high_kpa).contains(&true_kpa), "{true_kpa} kPa is not in {low_kpa} to {high_kpa} kPa");
@@ -78,22 +78,22 @@ const HIDING_SEEDS: [u64; 3] = [2, 3, 12];
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_hidden_effect_is_found_from_what_the_firmware_records() {
     let folder = tempfile::tempdir().unwrap();
-    let (out, mut said) = (readme::rig::out(folder.path()), String::new());
+    let (out, mut printed) = (readme::rig::out(folder.path()), String::new());
     let seed = readme::rig::SEED;
-    let found = diagnosis(Path::new(XTASK), seed, &out, &PLAN, &mut |text| said.push_str(text)).unwrap();
-    said.push_str(&found.told(seed));
-    readme::check_part("hidden", &readme::rig::as_shown(&said, folder.path(), Path::new(XTASK))).unwrap();
+    let found = diagnosis(Path::new(XTASK), seed, &out, &PLAN, &mut |text| printed.push_str(text)).unwrap();
+    printed.push_str(&found.summary(seed));
+    readme::check_part("hidden", &readme::rig::as_shown(&printed, folder.path(), Path::new(XTASK))).unwrap();
     assert!(found.is_in_class(), "{found:#?}");
     assert!(found.removed().unwrap() > 0.9, "{found:#?}");
     assert!(out.join("model.toml").exists() && out.join("figures/residuals.svg").exists());
     for seed in HIDING_SEEDS {
         let found = diagnosis(Path::new(XTASK), seed, &out, &PLAN, &mut |_| {}).unwrap();
-        assert!(found.is_in_class(), "{}\n{found:#?}", found.told(seed));
-        assert!(found.further().is_empty(), "{}\n{found:#?}", found.told(seed));
+        assert!(found.is_in_class(), "{}\n{found:#?}", found.summary(seed));
+        assert!(found.further().is_empty(), "{}\n{found:#?}", found.summary(seed));
     }
 }
 
-/// Without a schedule, as by hand: what the pages type, then move there, and the status says so.
+/// Without a schedule, as by hand: what the pages type, then move there, and the status shows it.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_move_by_hand_arrives() {
@@ -116,7 +116,7 @@ fn a_move_by_hand_arrives() {
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_plug_pulled_in_mid_run_is_told_in_one_line_and_costs_nothing_recorded() {
+fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_costs_nothing_recorded() {
     let mut bench = Bench::start(RigConfig::default(), 22, 4.0, HANGS).unwrap();
     let guide = build_guide().unwrap();
     let session = bench.folder().join("session");
@@ -149,9 +149,9 @@ fn a_plug_pulled_in_mid_run_is_told_in_one_line_and_costs_nothing_recorded() {
     bench.pull_the_plug();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1));
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(said.lines().count(), 1, "{said}");
-    assert!(said.starts_with("error: ") && said.contains("went away"), "{said}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(stderr.lines().count(), 1, "{stderr}");
+    assert!(stderr.starts_with("error: ") && stderr.contains("went away"), "{stderr}");
 
     let read = Session::read(&session).unwrap();
     let times_s = &read.lateral[0].force.time_s;
@@ -190,17 +190,17 @@ fn tracking_live_joins_device_and_tracker() {
         .arg(bench.folder())
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{stderr}");
     let lines: Vec<Value> = String::from_utf8(output.stdout)
         .unwrap()
         .lines()
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();
-    assert!(lines.len() > 5, "{} estimates; {said}", lines.len());
+    assert!(lines.len() > 5, "{} estimates; {stderr}", lines.len());
     let depths: Vec<f64> = lines.iter().map(|line| line["depth_mm"].as_f64().unwrap()).collect();
     assert!(depths.is_sorted(), "{depths:?}");
-    assert!(said.contains("at the end"), "{said}");
+    assert!(stderr.contains("at the end"), "{stderr}");
     bench.stop().unwrap();
 }
 

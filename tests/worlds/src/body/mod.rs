@@ -1,6 +1,6 @@
 //! Sessions whose tissue is an elastic body instead of springs: points of it are coupled, surface and tip differ from the middle.
 //!
-//! A solver of its own: nothing here knows of the tables, operators or solvers that the forward model has. The body is linear, so one
+//! A solver of its own: nothing here uses the forward model's tables, operators or solvers. The body is linear, so one
 //! solution per depth and course of the modulus is enough; the needle is a beam of its own, tied to the wall with its slope.
 //!
 //! | file | has |

@@ -141,7 +141,7 @@ fn numbered(mesh: &Mesh) -> (Vec<[Unknown; 3]>, usize, Vec<f64>) {
                 let [u, slope] = [2 * row, 2 * row + 1];
                 [Unknown::Wall(1.0, u), Unknown::Wall(-1.0, u), Unknown::Wall(-radius_m, slope)]
             } else if column == 0 {
-                // On the axis there is one displacement, whatever the angle.
+                // On the axis there is one displacement at every angle.
                 let index = next();
                 [Unknown::Own(1.0, index), Unknown::Own(-1.0, index), Unknown::Fixed]
             } else {

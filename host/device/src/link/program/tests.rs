@@ -7,7 +7,7 @@ fn the_built_in_programs_are_sound() {
     for (name, _) in BUILT_IN {
         let program = Program::load(name).unwrap();
         assert!(program.steps.iter().any(|step| step.sweep), "{name} takes no sweep");
-        // Whatever is held at the end is held at rest.
+        // What is held at the end is held at rest.
         let mut steps = program.steps.iter().rev().map(|planned| planned.step);
         let last = steps.find(|step| matches!(step, Step::Move { .. }));
         assert!(matches!(last, Some(Step::Move { x_um: 0, y_um: 0, .. })), "{name}");

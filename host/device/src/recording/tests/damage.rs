@@ -151,7 +151,7 @@ fn what_is_no_recording_is_refused() {
 }
 
 #[test]
-fn a_recording_without_depth_or_rig_wants_to_be_told() {
+fn a_recording_without_depth_or_rig_requires_them() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
     let writer = Writer::create(&path, false).expect("a new file");

@@ -85,7 +85,7 @@ fn an_export_has_the_very_files_that_were_written_beside_the_recording() {
 }
 
 #[test]
-fn what_has_arrived_is_in_the_file_though_nobody_finishes_it() {
+fn what_has_arrived_is_in_the_file_though_it_is_not_finished() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
     let acts = [Act::Batch(32), Act::Batch(32), Act::Wait(600), Act::Complete];
@@ -93,18 +93,18 @@ fn what_has_arrived_is_in_the_file_though_nobody_finishes_it() {
     let mut client = Client::connect(&device.port).expect("connects");
     let raw = RawRecorder::start(&path, about(), &mut client).expect("begins");
     let copy = folder.path().join("copy.mcap");
-    let mut seen = 0;
+    let mut written = 0;
     let options = Run { start_us: None, stream: true, interrupted: &NEVER };
     crate::link::run(&mut client, &program(), options, |_, _| {
         fs::copy(&path, &copy).expect("copies");
         if let Ok(contents) = Contents::read(&copy, &mut |_| {}) {
             assert!(contents.damage.unfinished && contents.damage.count == 0, "{contents:?}");
-            seen = seen.max(contents.samples);
+            written = written.max(contents.samples);
         }
         Ok::<(), crate::link::LinkError>(())
     })
     .expect("completes");
-    assert_eq!(seen, 64, "while the program was still running");
+    assert_eq!(written, 64, "while the program was still running");
     raw.finish().expect("finishes");
     assert!(!Contents::read(&path, &mut |_| {}).expect("reads").damage.unfinished);
 }

@@ -18,7 +18,7 @@ use std::path::Path;
 
 const PERIOD_US: u32 = 1_000;
 const BOOT_ID: u32 = 0xA1B2_C3D4;
-/// Host time at which the device says hello.
+/// Host time at which the device sends its hello.
 const HOST_NS: u64 = 1_700_000_000_000_000_000;
 /// Device time at which it does.
 const HELLO_US: u64 = 4_000_000;
@@ -45,7 +45,7 @@ fn hello() -> Hello {
     }
 }
 
-/// What a device says from its hello on: batches, ten statuses a second, an event of every kind. It never ends.
+/// What a device sends from its hello on: batches, ten statuses a second, an event of every kind. It never ends.
 struct Stream {
     noise: Noise,
     packer: Packer,

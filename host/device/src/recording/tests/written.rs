@@ -57,7 +57,7 @@ fn every_field_of_a_json_message_is_in_its_schema() {
     let path = folder.path().join("a.mcap");
     record(&path, &Stream::new().take(200).collect::<Vec<_>>());
     let bytes = fs::read(&path).expect("reads");
-    let mut seen: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    let mut found: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).expect("a recording") {
         let message = message.expect("intact");
         if message.channel.message_encoding != "json" {
@@ -83,9 +83,9 @@ fn every_field_of_a_json_message_is_in_its_schema() {
             };
             assert!(fits || value.is_null(), "{} {name}: {value}", message.channel.topic);
         }
-        seen.entry(message.channel.topic.clone()).or_default().extend(keys(&view));
+        found.entry(message.channel.topic.clone()).or_default().extend(keys(&view));
     }
-    let topics: Vec<_> = seen.keys().map(String::as_str).collect();
+    let topics: Vec<_> = found.keys().map(String::as_str).collect();
     assert_eq!(
         topics,
         ["/guide/command", "/guide/event", "/guide/hello", "/guide/recording", "/guide/status"]

@@ -19,7 +19,7 @@ pub struct NeedlePoints {
     pub path: PathBuf,
     /// Positions in the frame of the file, metres.
     pub points_m: Vec<[f64; 3]>,
-    /// What was assumed or left out, for people.
+    /// What was assumed or skipped, for people.
     pub notes: Vec<String>,
 }
 
@@ -169,7 +169,7 @@ impl Frame {
         z_m <= Z_M[1] && y_m.abs() <= MAX_DEFLECTION_M && x_m.abs() <= MAX_DEFLECTION_M
     }
 
-    /// A shape in the session's frame, and how many of its points are behind guide 1 and left out.
+    /// A shape in the session's frame, and how many of its points are behind guide 1 and skipped.
     ///
     /// # Errors
     /// [`FrameError`] where these points are on no needle under this guide.

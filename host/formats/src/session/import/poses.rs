@@ -1,7 +1,7 @@
 //! Needle shapes as shape-sensing fibres give them: one pose per line, base first, in steps of half a millimetre of arc length.
 //!
 //! A line has a position (3 numbers), a position and a quaternion (7), or a matrix, row by row or column by column (12 or 16); commas,
-//! semicolons, tabs or spaces part them. A header may name the columns; `x`, `y` and `z` are looked for then, with their unit where it
+//! semicolons, tabs or spaces part them. A header may name the columns; then `x`, `y` and `z` are read, with their unit where it
 //! is stated (`x_mm`, `x [m]`, `pose.position.x`).
 
 use super::frame::NeedlePoints;
@@ -17,7 +17,7 @@ pub enum LengthUnit {
     Metres,
 }
 
-/// No needle is longer than this many metres, nor shorter than this many millimetres: that tells the units apart.
+/// No needle is longer than this many metres, nor shorter than this many millimetres: that distinguishes the units.
 const LONGEST: f64 = 2.0;
 /// No shape is shorter than this, metres.
 const SHORTEST_M: f64 = 5e-3;
@@ -38,7 +38,7 @@ enum Layout {
     Plain,
 }
 
-/// Reads a list of poses; without a unit it is told from the needle's length, and said.
+/// Reads a list of poses; without a unit it is inferred from the needle's length, and noted.
 ///
 /// # Errors
 /// [`SessionError`] with file, line and column.
@@ -85,7 +85,7 @@ pub fn poses(path: &Path, unit: Option<LengthUnit>) -> Result<NeedlePoints, Sess
                 }
                 Some(_) => Problem::NotFinite,
                 None if cell.is_empty() => Problem::Empty,
-                // Columns that nobody asks for may hold words.
+                // Columns that are not read may hold words.
                 None if matches!(&layout, Some(Layout::Positions(columns)) if !columns.contains(&numbers.len())) =>
                 {
                     numbers.push(f64::NAN);

@@ -61,18 +61,18 @@ const WITHDRAWN_M: f64 = 3e-3;
 /// A guide that moves by less than this stands still.
 const GUIDE_STILL_M: f64 = 0.05e-3;
 
-/// A row of a recording as the screens see it.
+/// The part of a recording's row that is screened.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Reading {
     /// Depth, and tip position in both planes, m.
     pub tip_m: [f64; 3],
-    /// Slopes of the needle at the tip, or whatever else the tip sensor gives; compared bit for bit.
+    /// Slopes of the needle at the tip, or other output of the tip sensor; compared bit for bit.
     pub orientation: [f64; 4],
     /// The guide in both planes, m.
     pub guide_m: [f64; 2],
 }
 
-/// Per row the reason for which it is skipped, if any. `is_valid` says whether a row can stand in a session.
+/// Per row the reason for which it is skipped, if any. `is_valid`: whether a row can stand in a session.
 pub(super) fn screen(readings: &[Reading], is_valid: impl Fn(usize) -> bool) -> Vec<Option<SkipReason>> {
     let mut reasons = vec![None; readings.len()];
     for (row, reading) in readings.iter().enumerate() {

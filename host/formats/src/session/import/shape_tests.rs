@@ -1,4 +1,4 @@
-//! Made-up shapes, turned into the coordinates of others and read back.
+//! Simulated shapes, turned into the coordinates of others and read back.
 
 use super::{Axis, Frame, FrameError, LengthUnit, NeedlePoints, Straight, poses, slicer};
 use crate::session::SessionError;
@@ -11,7 +11,7 @@ use tempfile::tempdir;
 const UP: [[f64; 3]; 2] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 /// Position along the needle, deflections y and x, millimetres: straight for 10 mm, then bent.
-fn made_up() -> Vec<[f64; 3]> {
+fn simulated() -> Vec<[f64; 3]> {
     (0..120)
         .map(|step| {
             let s = 0.5 * f64::from(step);
@@ -75,7 +75,7 @@ fn given(turn: &Rotation3<f64>, origin: Vector3<f64>) -> Straight {
 
 #[test]
 fn curves_of_slicer_come_back_from_either_system() {
-    let shape = made_up();
+    let shape = simulated();
     let (points, turn, origin) = in_room(&shape);
     let lps: Vec<Vector3<f64>> = points.iter().map(|p| Vector3::new(-p.x, -p.y, p.z)).collect();
     for (system, points) in
@@ -91,19 +91,19 @@ fn curves_of_slicer_come_back_from_either_system() {
 }
 
 #[test]
-fn points_that_are_not_placed_are_left_out() {
-    let text = markups("\"RAS\"", &in_room(&made_up()).0)
+fn points_that_are_not_placed_are_skipped() {
+    let text = markups("\"RAS\"", &in_room(&simulated()).0)
         .replacen("defined", "undefined", 1)
         .replace("\"Curve\"", "\"ClosedCurve\"");
     let needle = written("n.mrk.json", &text, slicer).expect("reads");
     assert_eq!((needle.points_m.len(), needle.notes.len()), (119, 2));
-    assert!(needle.notes[0].ends_with("1 control points are not placed: left out"));
+    assert!(needle.notes[0].ends_with("1 control points are not placed: skipped"));
 }
 
 #[test]
 fn faults_of_markups_name_their_place() {
-    let good = markups("\"LPS\"", &in_room(&made_up()[..3]).0);
-    for (from, to, line, says) in [
+    let good = markups("\"LPS\"", &in_room(&simulated()[..3]).0);
+    for (from, to, line, expected) in [
         (
             "\"LPS\"",
             "\"IJK\"",
@@ -120,9 +120,9 @@ fn faults_of_markups_name_their_place() {
         ("]}]}", "]}]", 7, "the file ends in"),
     ] {
         assert!(good.contains(from), "{from} is not in {good}");
-        let said =
+        let message =
             written("n.mrk.json", &good.replacen(from, to, 1), slicer).expect_err("refused").to_string();
-        assert!(said.contains(&format!("n.mrk.json:{line}:")) && said.contains(says), "{said}");
+        assert!(message.contains(&format!("n.mrk.json:{line}:")) && message.contains(expected), "{message}");
     }
     let none = written("n.mrk.json", "{\"markups\": []}", slicer).expect_err("refused").to_string();
     assert!(none.contains("markups: a list of 0, expected one curve per file"), "{none}");
@@ -135,7 +135,7 @@ fn base() -> Straight {
 
 #[test]
 fn poses_come_back_from_every_layout() {
-    let shape = made_up();
+    let shape = simulated();
     // In the frame of the needle's base x, y, z are a left-handed session's x, y, z turned by nothing.
     let lines = |line: &dyn Fn(f64, f64, f64) -> String| -> String {
         shape.iter().map(|[z, y, x]| line(*x, *y, z - 70.0) + "\n").collect()
@@ -150,7 +150,7 @@ fn poses_come_back_from_every_layout() {
         ("metres", lines(&|x, y, z| format!("{} {} {}", metres(x), metres(y), metres(z)))),
         (
             "header",
-            "# made up\nz_mm,t,y_mm,x_mm\n".to_owned() + &lines(&|x, y, z| format!("{z},now,{y},{x}")),
+            "# simulated\nz_mm,t,y_mm,x_mm\n".to_owned() + &lines(&|x, y, z| format!("{z},now,{y},{x}")),
         ),
         (
             "of a robot",
@@ -164,8 +164,8 @@ fn poses_come_back_from_every_layout() {
         same(&Frame::new(&base(), &needle).expect("a frame"), &needle, &shape, 1e-9);
     }
     let in_metres = lines(&|x, y, z| format!("{} {} {}", metres(x), metres(y), metres(z)));
-    let said = written("n.csv", &in_metres, |path| poses(path, Some(LengthUnit::Millimetres)));
-    assert!(said.expect_err("refused").to_string().contains("a needle 0.06"));
+    let message = written("n.csv", &in_metres, |path| poses(path, Some(LengthUnit::Millimetres)));
+    assert!(message.expect_err("refused").to_string().contains("a needle 0.06"));
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn faults_of_poses_name_their_place() {
         let fault: SessionError = written("n.csv", text, |path| poses(path, None)).expect_err("refused");
         fault.to_string()
     };
-    for (text, says) in [
+    for (text, expected) in [
         ("0 0 0\n0 0 x\n", "n.csv:2:5: pose: \"x\" is not a number, expected a number"),
         ("0,0,0\n0,,1\n", "n.csv:2:3: pose: empty"),
         ("0 0 0\n0 0 inf\n", "n.csv:2:5: pose: not a finite number"),
@@ -191,8 +191,8 @@ fn faults_of_poses_name_their_place() {
         ("0 0 0\n0 0 1e4\n", "expected a needle 5 to 2000 mm long: is the unit right?"),
         ("0 0 0\n0 0 0.0001\n", "a needle 0.100 mm long"),
     ] {
-        let said = refused(text);
-        assert!(said.contains(says), "{said}, expected {says}");
+        let message = refused(text);
+        assert!(message.contains(expected), "{message}, expected {expected}");
     }
 }
 
@@ -215,10 +215,10 @@ fn frames_that_are_none_are_refused() {
     let frame = Frame::new(&base(), &two).expect("a frame");
     assert!(matches!(frame.shape(&two), Err(FrameError::TooFew { found: 2, .. })));
     let far = needle(&[[0.0; 3], [0.3, 0.0, 0.0], [0.0; 3]]);
-    let said = frame.shape(&far).expect_err("refused").to_string();
+    let message = frame.shape(&far).expect_err("refused").to_string();
     assert!(
-        said.contains("n.csv: point 2 is 300.0 mm off the straight needle, 70.0 mm from guide 1"),
-        "{said}"
+        message.contains("n.csv: point 2 is 300.0 mm off the straight needle, 70.0 mm from guide 1"),
+        "{message}"
     );
     // Behind guide 1 there is no needle to be measured.
     let behind = needle(&[[0.0, 0.0, -0.08], [0.0; 3], [0.0, 0.0, 0.01], [0.0, 0.0, 0.02]]);

@@ -24,7 +24,7 @@ struct Markup {
     #[serde(rename = "type")]
     kind: Option<Kind>,
     coordinate_system: System,
-    /// Looked at where it is read: there is but one unit.
+    /// Checked where it is read: there is but one unit.
     #[serde(rename = "coordinateUnits")]
     _units: Option<Units>,
     #[serde(default)]
@@ -60,7 +60,7 @@ pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
     let text = read_text(path)?;
     let place = |line, column| Place { path: path.to_owned(), line, column };
     let file: Markups = serde_json::from_str(&text).map_err(|error| {
-        // The place is told apart from the words.
+        // The place is separated from the words.
         let words = error.to_string();
         let words = words.rsplit_once(" at line ").map_or(words.as_str(), |(words, _)| words).to_owned();
         let words = words.replace("EOF while parsing", "the file ends in");
@@ -86,9 +86,9 @@ pub fn slicer(path: &Path) -> Result<NeedlePoints, SessionError> {
             points.points_m.push([1e-3 * sign * x_mm, 1e-3 * sign * y_mm, 1e-3 * z_mm]);
         }
     }
-    let left_out = markup.control_points.len() - points.points_m.len();
-    if left_out > 0 {
-        points.notes.push(format!("{}: {left_out} control points are not placed: left out", path.display()));
+    let skipped = markup.control_points.len() - points.points_m.len();
+    if skipped > 0 {
+        points.notes.push(format!("{}: {skipped} control points are not placed: skipped", path.display()));
     }
     if markup.kind.as_ref().is_some_and(|Kind(kind)| kind == "ClosedCurve") {
         points.notes.push(format!("{}: a closed curve is taken as an open one", path.display()));

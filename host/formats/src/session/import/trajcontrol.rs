@@ -1,8 +1,8 @@
 //! `trajcontrol`: the CSV files of a needle under a laterally actuated guide with an electromagnetic tip sensor, as its ROS nodes
 //! write them.
 //!
-//! Tip position in millimetres with the insertion along `-y`, up along `z`; guide position in metres; a sensor that has nothing to
-//! say writes zeros. The quaternion `Tip qw, qx, qy, qz` turns the sensor's axes into those of the positions. The needle's tangent at
+//! Tip position in millimetres with the insertion along `-y`, up along `z`; guide position in metres; a sensor without
+//! data writes zeros. The quaternion `Tip qw, qx, qy, qz` turns the sensor's axes into those of the positions. The needle's tangent at
 //! the tip, `t`, is the sensor's z axis, along which its coil is wound and lies in the needle; the slopes of the needle are then
 //! `t_x / -t_y` and `t_z / -t_y`. A coil that does not lie exactly along the needle adds a constant to both.
 
@@ -43,7 +43,7 @@ pub struct Recording {
     pub run: InsertionRun,
     /// Rows that are not, by reason.
     pub skipped: Vec<Skipped>,
-    /// What else is worth knowing of the import, a sentence each.
+    /// Remarks on the import, a sentence each.
     pub remarks: Vec<String>,
 }
 

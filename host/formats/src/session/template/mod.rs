@@ -18,7 +18,7 @@ pub const TABLES: [(&str, &str); 5] = [
     (
         "d30-1.shape.csv",
         "# The needle's shape. Needed: z_mm (from guide 1, so the surface is at entry_mm), deflection_y_mm (from the straight needle).\n\
-         # Optional: deflection_x_mm, time_s (on the clock of the force series: tells in which hold a point was seen; without it all\n\
+         # Optional: deflection_x_mm, time_s (on the clock of the force series: assigns each point to its hold; without it all\n\
          # points belong to the last hold).\n\
          z_mm,deflection_y_mm\n",
     ),

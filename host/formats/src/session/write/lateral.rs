@@ -41,7 +41,7 @@ pub struct ShapeRow {
     pub deflection_x_m: f64,
 }
 
-/// A lateral run being written. What has been flushed is a part of the session, whatever becomes of this program.
+/// A lateral run being written. What has been flushed is a part of the session, even if this program is killed.
 #[derive(Debug)]
 pub struct LateralWriter<'a> {
     session: &'a mut SessionWriter,
@@ -79,7 +79,7 @@ impl<'a> LateralWriter<'a> {
     /// Adds a row to the force series.
     ///
     /// # Errors
-    /// [`SessionError::NotFinite`], or what the operating system says.
+    /// [`SessionError::NotFinite`], or an error of the operating system.
     pub fn force(&mut self, row: &ForceRow) -> Result<(), SessionError> {
         let mut line = self.force.numbers(&[
             ("time_s", row.time_s),
@@ -119,7 +119,7 @@ impl<'a> LateralWriter<'a> {
     /// Hands all rows so far to the operating system, whole rows only, so that a crash of this program loses none of them.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// As reported by the operating system.
     pub fn flush(&mut self) -> Result<(), SessionError> {
         if !self.has_rows {
             return Ok(());
@@ -134,7 +134,7 @@ impl<'a> LateralWriter<'a> {
     /// Writes what is left.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// As reported by the operating system.
     pub fn finish(mut self) -> Result<(), SessionError> {
         self.flush()
     }
@@ -154,7 +154,7 @@ impl<'a> LateralWriter<'a> {
             ("device", device),
             ("firmware", firmware),
         ] {
-            // The device may say nothing, and an empty string would not be read.
+            // The device may report nothing, and an empty string would not be read.
             if let Some(value) = value.filter(|value| !value.trim().is_empty()) {
                 let _ = writeln!(entry, "{field} = {}", toml::Value::from(value));
             }
@@ -165,7 +165,7 @@ impl<'a> LateralWriter<'a> {
     }
 }
 
-/// Rows are handed to the operating system when they are as long as this, even if nobody asks.
+/// Rows are handed to the operating system when they are as long as this, even without a flush.
 const MAX_PENDING_BYTES: usize = 1 << 20;
 
 /// A CSV file being written: created with its first rows, which wait here until they are flushed.

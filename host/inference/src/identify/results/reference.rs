@@ -69,6 +69,6 @@ pub struct IndentationResult {
     pub thickness_factor: f64,
     /// Samples used.
     pub samples: usize,
-    /// What to know before trusting it.
+    /// Warnings about it.
     pub warnings: Vec<String>,
 }

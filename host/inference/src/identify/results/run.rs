@@ -31,12 +31,13 @@ pub struct RunResult {
     pub chi_square: Option<f64>,
     /// Number of values minus number of unknowns.
     pub degrees_of_freedom: Option<usize>,
-    /// What to know before trusting the numbers.
+    /// Warnings about the numbers.
     pub warnings: Vec<String>,
     /// Why there are no numbers.
     pub error: Option<String>,
     /// Why the run is not in what is pooled, though it has numbers of its own.
-    pub left_out: Option<String>,
+    #[serde(rename = "left_out")]
+    pub skipped: Option<String>,
 }
 
 impl RunResult {
@@ -56,7 +57,7 @@ impl RunResult {
             degrees_of_freedom: None,
             warnings: Vec::new(),
             error: Some(why),
-            left_out: None,
+            skipped: None,
         }
     }
 }
@@ -88,7 +89,7 @@ pub struct Energy {
     pub k_kpa: Option<f64>,
     /// Standard deviation from noise alone, without the bias.
     pub sd_kpa: Option<f64>,
-    /// 95 % interval from noise alone: it says how far a repeat would scatter, not how far the method is off.
+    /// 95 % interval from noise alone: it covers how far a repeat would scatter, not how far the method is off.
     pub ci95_kpa: Option<[f64; 2]>,
 }
 
@@ -148,7 +149,7 @@ pub struct NuisanceResult {
     pub value: f64,
     /// Standard deviation.
     pub sd: f64,
-    /// Standard deviation of the prior: where `sd` is not smaller the data say nothing of it.
+    /// Standard deviation of the prior: where `sd` is not smaller the data do not determine it.
     pub prior_sd: f64,
 }
 
@@ -173,7 +174,7 @@ pub struct HoldResult {
     pub force_y_se_n: Option<f64>,
     /// Number of samples.
     pub samples: usize,
-    /// Shape points seen.
+    /// Shape points measured.
     pub shape_points: usize,
     /// Whether the hold was used; a hold with lost samples is not.
     pub used: bool,

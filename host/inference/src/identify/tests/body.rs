@@ -50,8 +50,8 @@ fn holds_truth(youngs: &YoungsModulus) -> bool {
 #[test]
 fn k_of_several_depths_goes_through_the_relation_of_each() {
     let session = on(body(0.5), &[20.0, 40.0], 5);
-    let asked = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..on_springs() };
-    let found = identify(&session, &asked).expect("identifies");
+    let options = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..on_springs() };
+    let found = identify(&session, &options).expect("identifies");
     assert_eq!(found.youngs_modulus_kpa.relation, "continuum");
     assert!(holds_truth(&found.youngs_modulus_kpa), "{:?}", found.youngs_modulus_kpa);
     assert!(!found.warnings.iter().any(|what| what.contains("from depth to depth")), "{:?}", found.warnings);
@@ -61,8 +61,8 @@ fn k_of_several_depths_goes_through_the_relation_of_each() {
 
 #[test]
 fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
-    let asked = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
-    let found = identify(&on(body(0.5), &[20.0, 40.0], 6), &asked).expect("identifies");
+    let options = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
+    let found = identify(&on(body(0.5), &[20.0, 40.0], 6), &options).expect("identifies");
     let foundation = &found.foundation;
     let (gain, margin) = (foundation.log_evidence_gain.expect("compared"), foundation.log_evidence_margin);
     assert_eq!((foundation.used, foundation.by, margin), ("body", "evidence", Some(2.0)));
@@ -73,7 +73,7 @@ fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
         "{sentences}"
     );
     let springs = ModelFile { modulus_pa: Some(16e3), ..ModelFile::default() };
-    let found = identify(&on(springs, &[20.0, 40.0], 7), &asked).expect("identifies");
+    let found = identify(&on(springs, &[20.0, 40.0], 7), &options).expect("identifies");
     assert_eq!(found.foundation.used, "springs", "{:?}", found.foundation);
     let sentences = found.foundation.sentences(&found.pooled, &found.youngs_modulus_kpa).join("; ");
     assert!(sentences.contains("as an elastic body: E"), "{sentences}");
@@ -83,10 +83,10 @@ fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
 fn what_the_session_states_is_used_and_options_go_before_it() {
     let mut session = on(body(0.45), &[30.0], 8);
     let identified = |session: &Session, options: &Options| identify(session, options).expect("identifies");
-    let asked =
+    let options =
         Options { relation: YoungsBy::Continuum(Contact::Bonded), model_error: false, ..Options::default() };
     session.tissue = Tissue { foundation: Some(FoundationKind::Body), poisson: Some(0.45), poisson_sd: None };
-    let exact = identified(&session, &asked);
+    let exact = identified(&session, &options);
     assert_eq!((exact.foundation.used, exact.foundation.by), ("body", "stated"));
     assert_eq!(exact.youngs_modulus_kpa.poisson, 0.45);
     assert!(holds_truth(&exact.youngs_modulus_kpa), "{:?}", exact.youngs_modulus_kpa);
@@ -95,14 +95,11 @@ fn what_the_session_states_is_used_and_options_go_before_it() {
         let [low, high] = found.youngs_modulus_kpa.ci95.expect("an interval");
         high / low
     };
-    let loose = identified(&session, &asked);
+    let loose = identified(&session, &options);
     assert!(width(&loose) > 1.01 * width(&exact), "{} {}", width(&loose), width(&exact));
-    let springs = identified(&session, &Options { poisson_sd: Some(0.0), ..asked.clone() });
-    assert!(
-        (width(&springs) / width(&exact) - 1.0).abs() < 1e-9,
-        "what is asked for goes before the session"
-    );
-    let springs = identified(&session, &Options { foundation: Some(FoundationChoice::Springs), ..asked });
+    let springs = identified(&session, &Options { poisson_sd: Some(0.0), ..options.clone() });
+    assert!((width(&springs) / width(&exact) - 1.0).abs() < 1e-9, "options go before the session");
+    let springs = identified(&session, &Options { foundation: Some(FoundationChoice::Springs), ..options });
     assert_eq!((springs.foundation.used, springs.youngs_modulus_kpa.relation), ("springs", "continuum"));
     // Poisson's ratio is in the relation too.
     assert!(width(&springs) > 1.04, "{}", width(&springs));

@@ -6,7 +6,7 @@ use noise::Noise;
 
 const RATE_HZ: f64 = 50.0;
 const HOLD_S: f64 = 3.0;
-/// Modulus of the tissue that recipes have unless they say otherwise.
+/// Modulus of the tissue that recipes have unless they state otherwise.
 pub const K_KPA: f64 = 16.0;
 
 /// How a run is made; millimetres, newtons, kilopascals.
@@ -74,13 +74,13 @@ impl Recipe {
         let (mut time_s, mut at_mm) = (0.0, 0.0);
         let (mut force_x, mut displacement_x, mut shape_x, mut shape_t) = (vec![], vec![], vec![], vec![]);
         let mut sample = |time_s: f64, at_mm: f64, noise: &mut Noise| {
-            let mut seen = |part: f64| {
+            let mut measured = |part: f64| {
                 let displacement_m = 1e-3 * at_mm * part;
-                let seen_m = displacement_m + 1e-3 * self.displacement_sd_mm * noise.normal();
-                (seen_m, beam.force_n(displacement_m) + self.offset_n + self.force_sd_n * noise.normal())
+                let measured_m = displacement_m + 1e-3 * self.displacement_sd_mm * noise.normal();
+                (measured_m, beam.force_n(displacement_m) + self.offset_n + self.force_sd_n * noise.normal())
             };
-            let (y_m, y_n) = seen(self.direction[0]);
-            let (x_m, x_n) = seen(self.direction[1]);
+            let (y_m, y_n) = measured(self.direction[0]);
+            let (x_m, x_n) = measured(self.direction[1]);
             force.time_s.push(time_s);
             force.displacement_y_m.push(y_m);
             force.force_y_n.push(y_n);
@@ -99,15 +99,15 @@ impl Recipe {
             }
             for point in 0..self.depth_mm as usize {
                 let z_m = 0.07 + 1e-3 * (point as f64 + 0.5);
-                let mut seen = |part: f64| {
+                let mut measured = |part: f64| {
                     let really_m = z_m + 1e-3 * self.shape_shift_mm;
                     let noise_mm = self.shape_offset_mm + self.shape_sd_mm * noise.normal();
                     beam.deflection_m(1e-3 * at_mm * part, really_m) + 1e-3 * noise_mm
                 };
                 shape_t.push(time_s - 0.5 * HOLD_S);
                 shape.z_m.push(z_m);
-                shape.y_m.push(seen(self.direction[0]));
-                shape_x.push(seen(self.direction[1]));
+                shape.y_m.push(measured(self.direction[0]));
+                shape_x.push(measured(self.direction[1]));
             }
         }
         shape.time_s = Some(shape_t);

@@ -12,7 +12,7 @@ fn only_error(run: LateralRun) -> RunError {
 
 /// A shape in the wrong scale, and a force in the wrong scale: numbers come out, and warnings with them.
 #[test]
-fn what_does_not_fit_together_is_said() {
+fn what_does_not_fit_together_is_reported() {
     let warned = |run: LateralRun, words: &str| {
         let warnings = identified(&session(vec![run])).warnings;
         assert!(warnings.iter().any(|warning| warning.contains(words)), "{words}: {warnings:?}");
@@ -55,9 +55,9 @@ fn every_reason_why_a_run_cannot_be_identified_is_named() {
     let why = only_error(still);
     assert!(matches!(why, RunError::NoDisplacement { .. }), "{why}");
 
-    let mut unseen = make(Recipe::default());
-    unseen.shape = ShapeSeries::default();
-    assert!(matches!(only_error(unseen), RunError::TooFewPoints { found: 0, .. }));
+    let mut unmeasured = make(Recipe::default());
+    unmeasured.shape = ShapeSeries::default();
+    assert!(matches!(only_error(unmeasured), RunError::TooFewPoints { found: 0, .. }));
 
     let mut pulled = make(Recipe::default());
     pulled.force.force_y_n.iter_mut().for_each(|force_n| *force_n *= -1.0);
@@ -79,7 +79,7 @@ fn every_reason_why_a_run_cannot_be_identified_is_named() {
 }
 
 #[test]
-fn a_run_that_fails_is_left_out_and_said_so() {
+fn a_run_that_fails_is_skipped_with_a_warning() {
     let mut noise = Noise::new(9);
     let good = Recipe::default().run("good", &mut noise);
     let mut bad = Recipe::default().run("bad", &mut noise);
@@ -89,37 +89,37 @@ fn a_run_that_fails_is_left_out_and_said_so() {
     assert_eq!(both.pooled, alone.pooled);
     assert!(both.runs[1].error.as_ref().expect("a reason").contains("bad.shape.csv"));
     assert_eq!(both.runs[1].methods.likelihood.k_kpa, None);
-    assert!(both.warnings.iter().any(|warning| warning.starts_with("run bad is left out")));
+    assert!(both.warnings.iter().any(|warning| warning.starts_with("run bad is skipped")));
 }
 
 /// A run whose shape belongs to another depth does not move the pooled modulus of the others.
 #[test]
-fn a_run_that_cannot_belong_is_left_out_by_rule() {
+fn a_run_that_cannot_belong_is_excluded_by_rule() {
     for is_stated in [true, false] {
         let mut noise = Noise::new(13);
         let good: Vec<_> = (0..4).map(|i| Recipe::default().run(&format!("r{i}"), &mut noise)).collect();
-        let mut odd = Recipe::default().run("odd", &mut noise);
+        let mut outlying = Recipe::default().run("outlying", &mut noise);
         // A shape in centimetres for millimetres.
-        odd.shape.y_m.iter_mut().for_each(|y_m| *y_m *= 10.0);
+        outlying.shape.y_m.iter_mut().for_each(|y_m| *y_m *= 10.0);
         let mut alone = session(good.clone());
-        let mut both = session([good, vec![odd]].concat());
+        let mut both = session([good, vec![outlying]].concat());
         if is_stated {
             alone.noise = Recipe::default().stated();
             both.noise = alone.noise;
         }
         let (alone, both) = (identified(&alone), identified(&both));
-        assert!(both.runs[4].left_out.is_some() || both.runs[4].error.is_some(), "{:?}", both.warnings);
+        assert!(both.runs[4].skipped.is_some() || both.runs[4].error.is_some(), "{:?}", both.warnings);
         assert_eq!(both.pooled, alone.pooled);
-        let unused = both.unused.iter().find(|unused| unused.run == "odd").expect("listed");
+        let unused = both.unused.iter().find(|unused| unused.run == "outlying").expect("listed");
         assert_eq!(unused.part, "run");
-        assert!(both.warnings.iter().any(|what| what.contains("odd") && what.contains("left out")));
-        assert!(alone.unused.is_empty() && alone.runs.iter().all(|run| run.left_out.is_none()));
+        assert!(both.warnings.iter().any(|what| what.contains("outlying") && what.contains("excluded")));
+        assert!(alone.unused.is_empty() && alone.runs.iter().all(|run| run.skipped.is_none()));
     }
-    // Two that differ: none is the odd one.
+    // Two that differ: neither is the outlying one.
     let mut noise = Noise::new(14);
     let rough = Recipe { shape_sd_mm: 0.3, ..Recipe::default() }.run("rough", &mut noise);
     let pair = identified(&session(vec![Recipe::default().run("fine", &mut noise), rough]));
-    assert!(pair.runs.iter().all(|run| run.left_out.is_none()));
+    assert!(pair.runs.iter().all(|run| run.skipped.is_none()));
 }
 
 /// What `check` suspects of units comes with the numbers, and before the reasons where there are none.

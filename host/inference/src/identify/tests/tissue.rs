@@ -6,7 +6,7 @@ use formats::session::IndentationRun;
 use mechanics::continuum::Contact;
 
 #[test]
-fn directions_are_told_apart() {
+fn directions_are_distinguished() {
     let mut noise = Noise::new(41);
     let oblique = Recipe { direction: [0.8, 0.6], ..Recipe::default() };
     let same = identified(&session(vec![oblique.run("xy", &mut noise)])).directions.expect("both planes");
@@ -65,7 +65,7 @@ fn indentation_is_compared_by_welch() {
 fn two_layers_are_found_from_runs_at_four_depths() {
     const SESSIONS: usize = 30;
     let mut noise = Noise::new(61);
-    let asked = Options { layers: true, ..Options::default() };
+    let options = Options { layers: true, ..Options::default() };
     let mut covered = [0; 3];
     for _ in 0..SESSIONS {
         let run = |depth_mm: f64, noise: &mut Noise| {
@@ -74,7 +74,7 @@ fn two_layers_are_found_from_runs_at_four_depths() {
             recipe.run(&format!("d{depth_mm}"), noise)
         };
         let runs = [10.0, 20.0, 30.0, 40.0].map(|depth_mm| run(depth_mm, &mut noise)).to_vec();
-        let found = identify(&session(runs), &asked).expect("identifies").layers.expect("two layers");
+        let found = identify(&session(runs), &options).expect("identifies").layers.expect("two layers");
         assert!(found.chi_square_gain > 30.0, "{found:?}");
         let intervals = [
             found.upper.ci95_kpa.expect("an interval"),
@@ -89,15 +89,15 @@ fn two_layers_are_found_from_runs_at_four_depths() {
     assert!(covered.iter().all(|covered| *covered >= 25), "{covered:?} of {SESSIONS}");
     let one_depth =
         session(vec![Recipe::default().run("a", &mut noise), Recipe::default().run("b", &mut noise)]);
-    let result = identify(&one_depth, &asked).expect("identifies");
+    let result = identify(&one_depth, &options).expect("identifies");
     assert!(result.layers.is_none() && result.warnings.iter().any(|warning| warning.contains("two layers")));
 }
 
 #[test]
 fn youngs_modulus_by_the_continuum_lies_between_the_published_ones() {
-    let asked = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
+    let options = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
     let session = session(vec![Recipe::default().run("a", &mut Noise::new(71))]);
-    let result = identify(&session, &asked).expect("identifies");
+    let result = identify(&session, &options).expect("identifies");
     let youngs = &result.youngs_modulus_kpa;
     assert_eq!(youngs.relation, "continuum");
     // The reference's K/E of this needle at 16 kPa and 30 mm is 0.867.

@@ -41,10 +41,11 @@ impl Grid {
         Self { depth_m, until_m, measured_y_mm, measured_x_mm, rows }
     }
 
-    /// What was seen as a careful user would tabulate it: medians at every fifth millimetre, where the needle rests.
+    /// The observed part as a careful user would tabulate it: medians at every fifth millimetre, where the needle rests.
     pub fn stops(&self, planes: usize) -> Vec<Bin> {
         let at = |list: &[Option<f64>], i: usize| list.get(i).copied().flatten();
-        let seen = |i: &usize| self.depth_m.get(*i).is_some_and(|depth_m| *depth_m <= self.until_m + 1e-9);
+        let observed =
+            |i: &usize| self.depth_m.get(*i).is_some_and(|depth_m| *depth_m <= self.until_m + 1e-9);
         let stop = |i: usize| {
             let y_mm = at(&self.measured_y_mm, i)?;
             let x_mm = if planes == 2 { at(self.measured_x_mm.as_deref()?, i)? } else { 0.0 };
@@ -57,18 +58,19 @@ impl Grid {
                 leaving: false,
             })
         };
-        (0..).step_by(5).take_while(seen).filter_map(stop).collect()
+        (0..).step_by(5).take_while(observed).filter_map(stop).collect()
     }
 
-    /// Mean distance beyond what was seen, and the distance at the last depth measured.
+    /// Mean distance beyond the observed part, and the distance at the last depth measured.
     pub(super) fn errors(&self, tip_y_mm: &[f64], tip_x_mm: Option<&[f64]>) -> (Option<f64>, Option<f64>) {
         let mut distances = Vec::new();
         for (i, depth_m) in self.depth_m.iter().enumerate() {
-            let miss =
-                |tip: &[f64], seen: &[Option<f64>]| Some(tip.get(i)? - seen.get(i).copied().flatten()?);
+            let miss = |tip: &[f64], measured: &[Option<f64>]| {
+                Some(tip.get(i)? - measured.get(i).copied().flatten()?)
+            };
             let y = miss(tip_y_mm, &self.measured_y_mm);
             let x = match (tip_x_mm, &self.measured_x_mm) {
-                (Some(tip), Some(seen)) => miss(tip, seen),
+                (Some(tip), Some(measured)) => miss(tip, measured),
                 _ => Some(0.0),
             };
             if let (Some(y), Some(x)) = (y, x)
@@ -81,7 +83,7 @@ impl Grid {
         ((!distances.is_empty()).then_some(mean), distances.last().copied())
     }
 
-    /// How many values are measured beyond what was seen, and how many of them lie between two ends.
+    /// How many values are measured beyond the observed part, and how many of them lie between two ends.
     fn held(&self, measured_mm: &[Option<f64>], low_mm: &[f64], high_mm: &[f64]) -> [usize; 2] {
         let beyond = self.depth_m.iter().map(|depth_m| *depth_m > self.until_m + 1e-9);
         let bands = low_mm.iter().zip(high_mm).zip(measured_mm).zip(beyond);
@@ -97,26 +99,26 @@ impl Grid {
 
     fn last_measured_mm(&self) -> Option<f64> {
         let beyond = self.depth_m.iter().zip(&self.measured_y_mm).rev();
-        let mut measured = beyond.filter(|(depth_m, seen)| seen.is_some() && **depth_m > self.until_m + 1e-9);
+        let mut measured = beyond.filter(|(depth_m, y_mm)| y_mm.is_some() && **depth_m > self.until_m + 1e-9);
         measured.next().map(|(depth_m, _)| 1e3 * depth_m)
     }
 
-    /// Everything that follows from a belief.
+    /// Everything that follows from a posterior.
     pub fn result(
         self,
         run: &InsertionRun,
-        seen: &TipPath,
-        belief: &Posterior<'_>,
+        observed: &TipPath,
+        posterior: &Posterior<'_>,
         reading_m: f64,
     ) -> InsertionResult {
         let until_m = self.until_m;
         // The band is that of the values measured: the noise of a median of so many readings is part of it.
         // So is, on average, what readings on the way are off.
-        let moving_m = belief.typical(|scales| scales.moving_m) * seen.moving_share().sqrt();
+        let moving_m = posterior.typical(|scales| scales.moving_m) * observed.moving_share().sqrt();
         let noise_m = moving_m.hypot(reading_m * of_median(self.rows).sqrt());
         let two_planes = run.tip_x_m.is_some();
-        let tips = belief.tip_m(&self.depth_m);
-        let loads = belief.load_n(&self.depth_m);
+        let tips = posterior.tip_m(&self.depth_m);
+        let loads = posterior.load_n(&self.depth_m);
         let of = |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {
             list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
         };
@@ -129,7 +131,7 @@ impl Grid {
         let x = |sds: f64| (two_planes && both).then(|| tip(1, sds));
         let tip_y_mm = tip(0, 0.0);
         let tip_x_mm = x(0.0);
-        let at_end = belief.load_n(&[until_m]).swap_remove(0);
+        let at_end = posterior.load_n(&[until_m]).swap_remove(0);
         let (mae_mm, last_error_mm) = self.errors(&tip_y_mm, tip_x_mm.as_deref());
         let (lo95_y_mm, hi95_y_mm) = (tip(0, -NORMAL_975), tip(0, NORMAL_975));
         let (lo95_x_mm, hi95_x_mm) = (x(-NORMAL_975), x(NORMAL_975));

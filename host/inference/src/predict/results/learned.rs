@@ -5,7 +5,7 @@ use crate::identify::KPerEi;
 use crate::insertion::{Determined, Moments, Posterior, Rear, TipPath, Tissue};
 use serde::Serialize;
 
-/// Rig and tissue, learned from the other insertions and the part that was seen.
+/// Rig and tissue, learned from the other insertions and the observed part.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LearnedResult {
     /// Insertions learned from.
@@ -31,16 +31,16 @@ pub struct LearnedResult {
     /// The same, horizontal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rear_rotation_x: Option<RearResult>,
-    /// Angle between the needle and the axis of depth, vertical and horizontal; a tilt of the tracker cannot be told from it and is
+    /// Angle between the needle and the axis of depth, vertical and horizontal; a tilt of the tracker is not distinguishable from it and
     /// part of it.
     pub entry_angle_deg: Vec<f64>,
     /// Their standard deviations.
     pub entry_angle_sd_deg: Vec<f64>,
     /// Scatter of the tip load from insertion to insertion.
     pub load_scatter_n: f64,
-    /// Wander of the tip load over 100 mm, of this insertion alone.
+    /// Process noise of the tip load over 100 mm, of this insertion alone.
     pub wander_n: f64,
-    /// Wander of the tip load over 100 mm that all insertions share.
+    /// Process noise of the tip load over 100 mm that all insertions share.
     pub shared_wander_n: f64,
     /// Scatter of the tip about a smooth path.
     pub irregularity_mm: f64,
@@ -85,15 +85,15 @@ impl RearResult {
 
 impl LearnedResult {
     pub(in crate::predict) fn new(
-        belief: &Posterior<'_>,
+        posterior: &Posterior<'_>,
         tissue: &Tissue,
         others: &[&TipPath],
         reading_m: f64,
     ) -> Self {
         let surface_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
-        let [factor, gap] = belief.ln_modulus_factor_and_gap();
-        let [k_determined, gap_determined] = belief.determined();
-        let [[k_low, k_high], [gap_low, gap_high]] = belief.range();
+        let [factor, gap] = posterior.ln_modulus_factor_and_gap();
+        let [k_determined, gap_determined] = posterior.determined();
+        let [[k_low, k_high], [gap_low, gap_high]] = posterior.range();
         let interval = |ln: Moments, determined: Determined, unit: f64, [low, high]: [f64; 2]| {
             let at = |sds: f64| unit * (ln.mean + sds * ln.sd).exp();
             match determined {
@@ -102,9 +102,9 @@ impl LearnedResult {
                 Determined::Identified | Determined::NotIdentified => [at(-NORMAL_975), at(NORMAL_975)],
             }
         };
-        let angles = belief.entry_angle_rad();
+        let angles = posterior.entry_angle_rad();
         let rear = |plane: usize| {
-            let found = belief.rear_share()?[plane]?;
+            let found = posterior.rear_share()?[plane]?;
             Some(RearResult::new(found, tissue.rear.as_ref()?))
         };
         let k_kpa = surface_kpa * factor.mean.exp();
@@ -122,10 +122,10 @@ impl LearnedResult {
             rear_rotation_x: rear(1),
             entry_angle_deg: angles.iter().map(|angle| angle.mean.to_degrees()).collect(),
             entry_angle_sd_deg: angles.iter().map(|angle| angle.sd.to_degrees()).collect(),
-            load_scatter_n: belief.typical(|scales| scales.load_n),
-            wander_n: belief.typical(|scales| scales.wander_over_n(0.1)[1]),
-            shared_wander_n: belief.typical(|scales| scales.wander_over_n(0.1)[0]),
-            irregularity_mm: 1e3 * belief.typical(|scales| scales.irregularity_m),
+            load_scatter_n: posterior.typical(|scales| scales.load_n),
+            wander_n: posterior.typical(|scales| scales.process_noise_over_n(0.1)[1]),
+            shared_wander_n: posterior.typical(|scales| scales.process_noise_over_n(0.1)[0]),
+            irregularity_mm: 1e3 * posterior.typical(|scales| scales.irregularity_m),
             reading_mm: 1e3 * reading_m,
         }
     }

@@ -94,7 +94,7 @@ pub struct Drawn {
     pub touched_kpa: f64,
 }
 
-/// Effects of a lateral run that cannot tell it from another when it is alone, or that an insertion has.
+/// Effects that one lateral run alone cannot distinguish from others, or that an insertion has.
 const INSERTION_EFFECTS: [&str; 9] = [
     "tip.load_slope",
     "tip.load_step",

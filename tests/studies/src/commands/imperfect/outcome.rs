@@ -147,7 +147,7 @@ impl Outcome {
     }
 
     /// Whether the modulus is in its interval. Where another effect of the tissue is named than the one that is hidden, the modulus is
-    /// that at another place, and nothing can be said.
+    /// that at another place, and its coverage is undefined.
     pub fn is_modulus_covered(&self) -> Option<bool> {
         let stands_in =
             self.named().iter().any(|(id, _)| Some(*id) != self.case.hidden() && id.starts_with("tissue."));
@@ -181,7 +181,7 @@ impl Outcome {
         self.field("/foundation/used")?.as_str()
     }
 
-    /// Whether this is an outcome to look into.
+    /// Whether this outcome needs examination.
     pub fn is_surprise(&self) -> bool {
         let is_lost = self.is_due() && !self.is_in_class();
         let is_false = self.is_wrong() || self.is_further_wrong();

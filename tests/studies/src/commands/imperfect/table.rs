@@ -140,7 +140,7 @@ pub fn measures_table(sets: &[(String, Vec<Outcome>)]) -> String {
     text
 }
 
-/// One row per thing hidden: what became of it, and what else was named.
+/// One row per hidden effect: what became of it, and what else was named.
 pub fn confusion(outcomes: &[Outcome]) -> String {
     let mut rows: BTreeMap<String, Vec<&Outcome>> = BTreeMap::new();
     outcomes.iter().for_each(|outcome| rows.entry(outcome.case.name()).or_default().push(outcome));

@@ -60,7 +60,7 @@ pub struct Imperfections {
 }
 
 impl Imperfections {
-    /// Small: nobody would notice one of them.
+    /// Small: each passes unnoticed.
     pub fn small() -> Self {
         Self {
             tilt_rad: 0.3_f64.to_radians(),
@@ -176,7 +176,7 @@ pub fn world(seed: u64, number: usize, kind: Kind) -> World {
             modulus_pa: modulus_pa * scattered(random, imperfections.modulus),
             gap_m: on_node((gap_m + entry_off_m).max(2.0 * STEP_M)),
         };
-        // Where the tissue begins later, the needle is less deep in it than its depth says.
+        // Where the tissue begins later, the needle is less deep in it than its stated depth.
         let late_m = own.gap_m - gap_m;
         let kind = match (one_guide, run % 2) {
             (true, _) => 2,
@@ -257,11 +257,11 @@ fn record(
     // Depths as recorded count from where the tissue should begin.
     let late = (late_m / STEP_M).round() as i64;
     let nodes = (node_at(depth_m) as i64 - late).max(1) as usize;
-    // Whoever holds the rear takes it at another slope each time.
+    // The rear is held at another slope each time.
     let own_sd_rad = if shared.rear_n_m.is_some() { 5e-3 } else { 1e-3 };
     let own_angle_rad = [0; 2].map(|_| own_sd_rad * random.normal());
     let own_tilt_rad = [0; 2].map(|_| 2e-3 * random.normal());
-    let guide2_told_m = |depth: usize, leaving: bool| {
+    let commanded_m = |depth: usize, leaving: bool| {
         let of = |(at_m, by_m): (f64, f64)| {
             let at = node_at(at_m);
             if depth > at || (leaving && depth == at) { by_m } else { 0.0 }
@@ -269,12 +269,12 @@ fn record(
         steps_m.into_iter().map(of).sum::<f64>()
     };
     let turned = |depth: usize, leaving: bool| depth > turn_at || (leaving && depth == turn_at);
-    let told_depth = |step: usize| (step as i64 + late).max(0) as usize;
+    let stated_depth = |step: usize| (step as i64 + late).max(0) as usize;
     let plane = |plane: usize| {
         let part = if plane == 0 { shared.roll_rad.cos() } else { shared.roll_rad.sin() };
         let acting: Vec<Acting> = (0..=nodes)
             .map(|step| {
-                let depth = told_depth(step);
+                let depth = stated_depth(step);
                 let load_n = |leaving: bool| match hidden {
                     Hidden::LoadStep(at_m, more_n)
                         if depth > node_at(at_m) || leaving && depth == node_at(at_m) =>
@@ -288,7 +288,7 @@ fn record(
                         load_n(leaving) * part * if turned(depth, leaving) { -1.0 } else { 1.0 }
                     }),
                     guide2_m: [false, true].map(|leaving| {
-                        shared.guide2_m[plane] + if plane == 0 { guide2_told_m(depth, leaving) } else { 0.0 }
+                        shared.guide2_m[plane] + if plane == 0 { commanded_m(depth, leaving) } else { 0.0 }
                     }),
                 }
             })
@@ -312,7 +312,7 @@ fn record(
             });
             // The tracker's frame is tilted about all three axes.
             let [about_x, about_y, about_z] = shared.tilt_rad;
-            let seen_m = [
+            let tracked_m = [
                 real_m[0] + about_x * depth_at_m - about_z * real_m[1],
                 real_m[1] + about_y * depth_at_m + about_z * real_m[0],
             ];
@@ -321,7 +321,7 @@ fn record(
                 let [length_m, phase] = waves[plane];
                 let drift_m = drift_m * (TAU * depth_at_m / length_m + phase).sin();
                 columns[1 + plane]
-                    .push(seen_m[plane] + offset_m[plane] + drift_m + TIP_SD_M * random.normal());
+                    .push(tracked_m[plane] + offset_m[plane] + drift_m + TIP_SD_M * random.normal());
             }
             for plane in 0..2 {
                 let slope_rad = paths[plane]
@@ -333,7 +333,7 @@ fn record(
                 columns[5 + plane].push(read_rad);
             }
             columns[3].push(if turned(depth, leaving) { PI } else { 0.0 });
-            columns[4].push(guide2_told_m(depth, leaving));
+            columns[4].push(commanded_m(depth, leaving));
         }
     }
     let [depth_m, tip_y_m, tip_x_m, rotation_rad, guide2_y_m, direction_y_rad, direction_x_rad] = columns;

@@ -1,4 +1,4 @@
-//! Whether the first and the second half of a session say the same of tip load and modulus.
+//! Whether the first and the second half of a session agree on tip load and modulus.
 
 use super::{NORMAL_975, draw::World};
 use anyhow::Result;

@@ -5,7 +5,7 @@ use control::calibration::Calibration;
 use control::slots::to_stored;
 use protocol::{CalibrationRecord, CalibrationSource, MAX_CALIBRATION, PIECE_BYTES, Text};
 
-/// Loads a calibration and asks for it to be stored; the answer.
+/// Loads a calibration and requests to store it; the answer.
 fn store(client: &mut Client, record: &CalibrationRecord) -> Result<(), LinkError> {
     let mut buffer = [0; MAX_CALIBRATION];
     let encoded = record.encode(&mut buffer);

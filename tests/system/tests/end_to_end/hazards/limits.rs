@@ -56,7 +56,7 @@ fn the_monitor_retreats_from_a_load() {
     assert_eq!(client.status().unwrap().fault, Some(Fault::ForceLimit));
     let (sender, events) = std::sync::mpsc::channel();
     let worker = Worker::start(client, move |event| drop(sender.send(event))).unwrap();
-    let said = |wanted: &str| {
+    let outcome_with = |wanted: &str| {
         let began = Instant::now();
         while began.elapsed() < HANGS {
             if let Ok(Event::Command(outcome)) = events.recv_timeout(Duration::from_millis(100))
@@ -65,19 +65,19 @@ fn the_monitor_retreats_from_a_load() {
                 return outcome;
             }
         }
-        panic!("the monitor does not say {wanted:?}");
+        panic!("the monitor does not report {wanted:?}");
     };
     worker.order(Order::Clear);
-    assert!(!said("cause of the fault").good);
+    assert!(!outcome_with("cause of the fault").good);
     // Into the load by an arrow key, and out of it by the key for that.
     worker.order(Order::Jog([0.0, 1e-3]));
-    assert!(!said("does not fall this way").good);
+    assert!(!outcome_with("does not fall this way").good);
     worker.order(Order::Retreat);
-    assert!(said("out of the load").good);
+    assert!(outcome_with("out of the load").good);
     worker.order(Order::Clear);
-    assert!(said("cleared").good);
+    assert!(outcome_with("cleared").good);
     worker.order(Order::Home);
-    assert!(said("home: done").good);
+    assert!(outcome_with("home: done").good);
     drop(worker);
     bench.stop().unwrap();
 }

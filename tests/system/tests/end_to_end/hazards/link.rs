@@ -9,10 +9,10 @@ fn the_host_is_killed() {
     client.request(Request::Limits { force_mn: 4_000, silence_ms: 1_500 }).unwrap();
     bench.rig().host_may_be_silent(true);
     start(&mut client, &[move_y(1_000, 2_000), Step::Hold { duration_ms: 600_000 }]);
-    // The time of a status is that of the period in which its question was heard.
+    // The time of a status is that of the period in which its request was received.
     let last_command_us = client.status().unwrap().t_us;
     let began = Instant::now();
-    let told_us = loop {
+    let fault_us = loop {
         assert!(began.elapsed() < HANGS, "no fault");
         if let Some(Telemetry::Event(event)) = client.next(Duration::from_millis(100)).unwrap()
             && event.kind == (EventKind::Faulted { fault: Fault::HostSilent })
@@ -20,10 +20,10 @@ fn the_host_is_killed() {
             break event.t_us;
         }
     };
-    // The first period after the time that is set. A question that was asked twice, because its answer came late, was heard once
+    // The first period after the time that is set. A request that was sent twice, because its answer came late, was received once
     // more, before its answer was sent.
-    let since_answer_ms = (told_us / 1_000).saturating_sub(bench.rig().answered_ms());
-    assert!(told_us >= last_command_us + 1_501_000, "after {} us", told_us - last_command_us);
+    let since_answer_ms = (fault_us / 1_000).saturating_sub(bench.rig().answered_ms());
+    assert!(fault_us >= last_command_us + 1_501_000, "after {} us", fault_us - last_command_us);
     assert!((1_480..=1_501).contains(&since_answer_ms), "{since_answer_ms} ms after the last answer");
     eventually("the bridges are off", || !bench.rig().bridges_driven());
     clears(&bench, &mut client);
@@ -31,7 +31,7 @@ fn the_host_is_killed() {
     bench.stop().unwrap();
 }
 
-/// A program runs, and then the link has these troubles: the device stops, and tells when it is heard again.
+/// A program runs, and then the link has these troubles: the device stops, and reports it when the link is back.
 fn without_a_host(trouble: impl FnOnce(&NoisyWire)) -> protocol::Counters {
     let (bench, client) = bench(RigConfig::default());
     drop(client);
@@ -46,7 +46,7 @@ fn without_a_host(trouble: impl FnOnce(&NoisyWire)) -> protocol::Counters {
     assert!(!bench.rig().bridges_driven());
     wire.babble(0.0);
     wire.mend();
-    eventually("it is heard again", || client.status().is_ok());
+    eventually("it answers again", || client.status().is_ok());
     let status = client.status().unwrap();
     assert_eq!((status.state, status.fault), (State::Faulted, Some(Fault::HostSilent)));
     drop(client);

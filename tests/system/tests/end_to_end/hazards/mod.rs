@@ -1,5 +1,5 @@
-//! Every hazard of the interlock's table, from its cause: the simulated rig lies, jams or sags, the link is cut, the host is
-//! silent or mad. Each test asserts how many periods pass until both bridges are off, what is said on the wire, that nothing is
+//! Every hazard of the interlock's table, from its cause: the simulated rig reads false, jams or sags, the link is cut, the host is
+//! silent or mad. Each test asserts how many periods pass until both bridges are off, what is sent on the wire, that nothing is
 //! driven afterwards, and what it takes to clear the fault.
 
 mod calibrations;
@@ -84,12 +84,12 @@ fn ended(client: &mut Client, steps: &[Step]) -> Outcome {
     })
 }
 
-/// What the device says of itself until something holds of it.
+/// Waits for an event of the device.
 fn until<T>(client: &mut Client, mut found: impl FnMut(EventKind) -> Option<T>) -> T {
     let began = Instant::now();
     loop {
-        assert!(began.elapsed() < HANGS, "nothing of the kind is said");
-        client.ask_on_the_way().unwrap();
+        assert!(began.elapsed() < HANGS, "no such event");
+        client.request_status().unwrap();
         if let Some(Telemetry::Event(event)) = client.next(Duration::from_millis(100)).unwrap()
             && let Some(found) = found(event.kind)
         {
@@ -109,26 +109,26 @@ fn move_y(y_um: i32, speed_um_s: u32) -> Step {
     Step::Move { x_um: 0, y_um, speed_um_s }
 }
 
-/// Waits for the fault; the event that tells it has its device time, seconds.
+/// Waits for the fault; its device time by its event, seconds.
 fn await_fault(client: &mut Client, fault: Fault) -> f64 {
     let began = Instant::now();
-    let mut told_s = None;
+    let mut fault_s = None;
     while client.status().unwrap().state != State::Faulted {
         assert!(began.elapsed() < HANGS, "no fault");
     }
     while let Some(telemetry) = client.waiting() {
         if let Telemetry::Event(event) = telemetry
-            && let EventKind::Faulted { fault: told } = event.kind
+            && let EventKind::Faulted { fault: reported } = event.kind
         {
-            assert_eq!((told, told_s), (fault, None));
-            told_s = Some(event.t_us as f64 * 1e-6);
+            assert_eq!((reported, fault_s), (fault, None));
+            fault_s = Some(event.t_us as f64 * 1e-6);
         }
     }
     assert_eq!(client.status().unwrap().fault, Some(fault));
-    told_s.expect("the fault is told once, as it happens")
+    fault_s.expect("the fault is reported once, as it happens")
 }
 
-/// Asserts that the bridges went off in time and stayed off, and says how soon.
+/// Asserts that the bridges went off in time and stayed off, and prints how soon.
 fn assert_released(bench: &Bench, within: std::ops::RangeInclusive<u64>) {
     let since = bench.rig().steps();
     eventually("time passes", || bench.rig().steps() > since + 200);

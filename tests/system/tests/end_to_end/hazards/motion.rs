@@ -24,7 +24,7 @@ fn a_potentiometer_jumps() {
     start(&mut client, &[move_y(2_500, 1_000)]);
     await_fault(&mut client, Fault::Potentiometer);
     assert_released(&bench, 2..=2);
-    // The new reading is as good as any: only the jump itself tells, and it is over.
+    // The new reading is as good as any: only the jump itself is detectable, and it is over.
     clears(&bench, &mut client);
     drop(client);
     bench.stop().unwrap();

@@ -4,7 +4,7 @@ use super::*;
 use emulation::plant::NEVER;
 use protocol::ResetReason;
 
-/// The device restarts in mid-motion: it says why, drives nothing, and has the fault acknowledged before it moves again.
+/// The device restarts in mid-motion: it reports why, drives nothing, and has the fault acknowledged before it moves again.
 fn restarts(injection: Injection, within: std::ops::RangeInclusive<u64>) -> protocol::Hello {
     let (bench, mut client) = bench(RigConfig::default());
     bench.rig().inject_when(Trigger::Driving { for_periods: 100 }, injection);
@@ -48,11 +48,11 @@ fn the_supply_sags_in_mid_motion() {
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_panic_restarts_and_is_told() {
+fn a_panic_restarts_and_is_reported() {
     let hello = restarts(Injection { panic: true, ..NOTHING }, 1..=2);
     assert_eq!(hello.reset_reason, ResetReason::Software);
-    let told = hello.last_panic.expect("the panic is told");
-    assert!(told.contains(".rs:") && told.contains("the plant asks for a panic"), "{told}");
+    let panic = hello.last_panic.expect("the panic is reported");
+    assert!(panic.contains(".rs:") && panic.contains("the plant requests a panic"), "{panic}");
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn a_slow_converter_makes_control_late() {
     let slow = Injection { conversion_us: 700, ..NOTHING };
     bench.rig().inject_when(Trigger::Driving { for_periods: 100 }, slow);
     start(&mut client, &[move_y(2_500, 1_000)]);
-    // Nobody is heard while control takes all the time there is.
+    // No command is handled while control takes all the time there is.
     let released = || bench.rig().reaction().is_some_and(|reaction| reaction.periods().is_some());
     eventually("the bridges are off", released);
     bench.rig().inject(NOTHING);
