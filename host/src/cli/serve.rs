@@ -25,7 +25,7 @@ use std::time::{Duration, Instant, SystemTime};
 /// How often the program checks whether it is to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// How often the session's files are checked. They are read when they have not changed between two checks.
-const LOOK_AT_FILES: Duration = Duration::from_secs(1);
+const FILE_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Publish results and live values over OpenIGTLink (3D Slicer, PLUS and others): guide, force, needle, tip, modulus, predicted path
 #[derive(clap::Args)]
@@ -102,12 +102,12 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let mut results = Results { args, model, live: &live, noted: BTreeSet::new() };
     let began = Instant::now();
     let mut files = FilesWatch::default();
-    let mut look_at = began;
+    let mut next_poll = began;
     let ends =
         |began: Instant| args.duration_s.is_some_and(|limit_s| began.elapsed().as_secs_f64() > limit_s);
     while !interrupted.load(Ordering::Acquire) && !ends(began) {
-        if Instant::now() >= look_at {
-            look_at = Instant::now() + LOOK_AT_FILES;
+        if Instant::now() >= next_poll {
+            next_poll = Instant::now() + FILE_POLL_INTERVAL;
             if files.has_settled(&args.dir) {
                 results.publish(out);
             }

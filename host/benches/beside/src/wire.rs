@@ -27,7 +27,7 @@ pub struct Measured {
 }
 
 /// A way to send samples, as the comparison needs it.
-trait Way {
+trait Codec {
     fn name(&self) -> &'static str;
     /// Writes all samples to the line.
     fn encode(&self, samples: &[Sample], line: &mut Vec<u8>);
@@ -38,7 +38,7 @@ trait Way {
 /// Our own frames.
 struct Ours;
 
-impl Way for Ours {
+impl Codec for Ours {
     fn name(&self) -> &'static str {
         "ours: packed batches, CRC-32, COBS"
     }
@@ -70,7 +70,7 @@ impl Sums {
     }
 }
 
-fn sums_of(way: &dyn Way, line: &[u8]) -> Sums {
+fn sums_of(way: &dyn Codec, line: &[u8]) -> Sums {
     let mut sums = Sums::default();
     way.decode(line, &mut sums);
     sums
@@ -79,7 +79,7 @@ fn sums_of(way: &dyn Way, line: &[u8]) -> Sums {
 /// Measures all ways; ours is first.
 pub fn measure(clock: &mut Clock, seed: u32) -> Result<Vec<Measured>> {
     let samples = samples(seed);
-    let ways: [&dyn Way; 8] = [
+    let ways: [&dyn Codec; 8] = [
         &Ours,
         &proto::Columns,
         &proto::Batch,

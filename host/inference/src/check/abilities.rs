@@ -1,4 +1,4 @@
-//! What each workflow could do with a session: its own first look at every run, without a fit.
+//! What each workflow could do with a session: its own first check of every run, without a fit.
 
 use super::{Ability, Skipped};
 use crate::diagnose::{DiagnoseError, division};

@@ -55,7 +55,7 @@ pub(super) struct Noise {
 }
 
 /// Nothing is known better than this.
-const LEAST: Noise = {
+const MIN_NOISE: Noise = {
     const fn white(sd: f64) -> Sensor {
         Sensor { white: sd * sd, correlated: 0.0, memory: 1.0, lasting: 0.0 }
     }
@@ -106,11 +106,11 @@ impl Noise {
         let scatter = scatter(runs);
         let [force, displacement, shape, tip, direction] = scatter;
         let noise = Self {
-            force: combined(force, stated.force_n, TYPICAL[0], LEAST.force),
-            displacement: combined(displacement, stated.displacement_m, TYPICAL[1], LEAST.displacement),
-            shape: combined(shape, stated.shape_m, TYPICAL[2], LEAST.shape),
-            tip: combined(tip, stated.tip_m, TYPICAL[3], LEAST.tip),
-            direction: combined(direction, stated.tip_direction_rad, TYPICAL[4], LEAST.direction),
+            force: combined(force, stated.force_n, TYPICAL[0], MIN_NOISE.force),
+            displacement: combined(displacement, stated.displacement_m, TYPICAL[1], MIN_NOISE.displacement),
+            shape: combined(shape, stated.shape_m, TYPICAL[2], MIN_NOISE.shape),
+            tip: combined(tip, stated.tip_m, TYPICAL[3], MIN_NOISE.tip),
+            direction: combined(direction, stated.tip_direction_rad, TYPICAL[4], MIN_NOISE.direction),
         };
         let stated =
             [stated.force_n, stated.displacement_m, stated.shape_m, stated.tip_m, stated.tip_direction_rad];

@@ -1,6 +1,6 @@
 //! Runs to learn from and runs to be judged by.
 //!
-//! What is held out goes into [`HeldOut`], which has one use: the gap of two models on it. Nothing else can look inside, so that no
+//! What is held out goes into [`HeldOut`], which has one use: the gap of two models on it. Nothing else has access, so that no
 //! fit, noise estimate, threshold or selection depends on it.
 
 use super::Multiples;

@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 const STEP_M: f64 = 1e-3;
 /// Distance of points of the lattice, of the logarithm. Cubics between them are off by less than a ten-thousandth of the path.
 const LATTICE_LN: f64 = 0.25;
-/// A coarse look uses every so-manieth point of it, in parabolas.
+/// A coarse search uses every so-manieth point of it, in parabolas.
 const COARSE: i32 = 2;
 /// The same of the rear's share, in parabolas: paths are nearly linear in it.
 const REAR_LATTICE: f64 = 0.1;

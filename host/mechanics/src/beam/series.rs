@@ -12,7 +12,7 @@ const TERMS: usize = 4 * GROUPS;
 
 /// Up to which `s` one group, two, and so on neglect less than 2e-15 of what foundation and axial load do to the shear (and far
 /// less of what they do to the deflection): `s^(m-1) < 2e-15 (4m-3)!` for m groups. Without either the series ends by itself.
-const MOST: [f64; GROUPS - 1] = [0.0, 2e-13, 2.6e-5, 2.3e-2, 0.91];
+const MAX_ROOTS: [f64; GROUPS - 1] = [0.0, 2e-13, 2.6e-5, 2.3e-2, 0.91];
 
 /// Coefficients of a solution, two by two, as the recursion gives them.
 pub(crate) type Series = [[f64; 2]; TERMS / 2];
@@ -31,7 +31,7 @@ pub(crate) struct Equation {
 impl Equation {
     /// Given also the root of s.
     pub fn new(modulus: f64, axial: f64, root: f64) -> Self {
-        let groups = 1 + MOST.iter().filter(|most| root * root > **most).count();
+        let groups = 1 + MAX_ROOTS.iter().filter(|limit| root * root > **limit).count();
         Self { modulus, axial, groups }
     }
 

@@ -12,12 +12,12 @@ use super::table::{MODES, Matrix};
 use std::sync::LazyLock;
 
 /// Unknowns at most: a rotation, two nodes of two, and the coefficients.
-const MOST: usize = 5 + MODES;
+const MAX_UNKNOWNS: usize = 5 + MODES;
 /// Lengths below this are none.
 const MIN_M: f64 = 1e-9;
 
 /// A vector of unknowns.
-pub(super) type Unknowns = [f64; MOST];
+pub(super) type Unknowns = [f64; MAX_UNKNOWNS];
 
 /// A unit load.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,7 +48,7 @@ struct Piece {
 pub(crate) struct Ritz {
     pieces: Vec<Piece>,
     guide2: Section,
-    stiffness: [Unknowns; MOST],
+    stiffness: [Unknowns; MAX_UNKNOWNS],
     /// First coefficient, and number of unknowns.
     first: usize,
     count: usize,
@@ -63,7 +63,7 @@ pub(crate) struct Ritz {
 /// The factored equations.
 #[derive(Debug, Clone)]
 pub(crate) struct Solved {
-    factor: [Unknowns; MOST],
+    factor: [Unknowns; MAX_UNKNOWNS],
 }
 
 /// The needle's shape under a load.
@@ -87,7 +87,7 @@ impl Ritz {
         let mut ritz = Self {
             pieces: Vec::with_capacity(3),
             guide2: Section::default(),
-            stiffness: [[0.0; MOST]; MOST],
+            stiffness: [[0.0; MAX_UNKNOWNS]; MAX_UNKNOWNS],
             first: 0,
             count: 0,
             body_m,
@@ -250,7 +250,7 @@ impl Ritz {
 
     /// Work of a unit load per unknown.
     fn load(&self, load: Load) -> Unknowns {
-        let mut loads = [0.0; MOST];
+        let mut loads = [0.0; MAX_UNKNOWNS];
         match load {
             Load::Guide2 => self.guide2[0].iter().for_each(|(unknown, factor)| loads[*unknown] = *factor),
             Load::Tip => loads[self.first..self.count].fill(1.0),
@@ -293,7 +293,7 @@ impl Ritz {
 
     /// Loads on the coefficients as loads on all unknowns.
     pub fn on_coefficients(&self, loads: &[f64; MODES]) -> Unknowns {
-        let mut all = [0.0; MOST];
+        let mut all = [0.0; MAX_UNKNOWNS];
         all[self.first..].iter_mut().zip(loads).for_each(|(to, load)| *to = *load);
         all
     }

@@ -1,6 +1,6 @@
 //! JSON by `serde_json`, a line per message.
 
-use super::{Sums, Way};
+use super::{Sums, Codec};
 use crate::link::{BATCH, BOOT_ID, PERIOD_US, time_us};
 use protocol::Sample;
 use serde::{Deserialize, Serialize};
@@ -50,7 +50,7 @@ fn lines(line: &[u8]) -> impl Iterator<Item = &[u8]> {
 /// 32 samples a line.
 pub struct Batch;
 
-impl Way for Batch {
+impl Codec for Batch {
     fn name(&self) -> &'static str {
         "serde_json, 32 samples a line"
     }
@@ -82,7 +82,7 @@ impl Way for Batch {
 /// A line per sample.
 pub struct Single;
 
-impl Way for Single {
+impl Codec for Single {
     fn name(&self) -> &'static str {
         "serde_json, a line per sample"
     }

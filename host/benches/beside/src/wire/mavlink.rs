@@ -1,7 +1,7 @@
 //! MAVLink 2 by `mavlink-core`: its frames, its checksum, its cut of trailing zeros; two messages of a dialect of our own, made as
 //! its generator makes them. A payload has at most 255 bytes, which is 15 samples.
 
-use super::{Sums, Way};
+use super::{Sums, Codec};
 use crate::link::{PERIOD_US, time_us};
 use mavlink_core::bytes::Bytes;
 use mavlink_core::bytes_mut::BytesMut;
@@ -11,7 +11,7 @@ use mavlink_core::{MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion
 use protocol::Sample;
 
 /// Samples of a batch.
-const MOST: usize = 15;
+const MAX_SAMPLES: usize = 15;
 const BATCH_ID: u32 = 50_001;
 const SINGLE_ID: u32 = 50_002;
 
@@ -24,7 +24,7 @@ struct Telemetry {
     count: usize,
     state: u8,
     step: u8,
-    samples: [[i32; 4]; MOST],
+    samples: [[i32; 4]; MAX_SAMPLES],
 }
 
 impl Message for Telemetry {
@@ -56,7 +56,7 @@ impl Message for Telemetry {
         let mut bytes = BytesMut::new(payload);
         bytes.put_u64_le(self.t_us);
         bytes.put_u32_le(self.dropped);
-        let places = if self.id == BATCH_ID { MOST } else { 1 };
+        let places = if self.id == BATCH_ID { MAX_SAMPLES } else { 1 };
         self.samples[..places].iter().flatten().for_each(|number| bytes.put_i32_le(*number));
         if self.id == BATCH_ID {
             bytes.put_u8(self.count as u8);
@@ -75,7 +75,7 @@ impl Message for Telemetry {
         let mut telemetry = Self { id, count: 1, ..Self::default() };
         telemetry.t_us = bytes.get_u64_le()?;
         telemetry.dropped = bytes.get_u32_le()?;
-        let places = if id == BATCH_ID { MOST } else { 1 };
+        let places = if id == BATCH_ID { MAX_SAMPLES } else { 1 };
         for number in telemetry.samples[..places].iter_mut().flatten() {
             *number = bytes.get_i32_le()?;
         }
@@ -139,13 +139,13 @@ fn decode(line: &[u8], sums: &mut Sums) {
 /// As many samples as a payload holds.
 pub struct Batch;
 
-impl Way for Batch {
+impl Codec for Batch {
     fn name(&self) -> &'static str {
         "MAVLink 2, 15 samples a message"
     }
 
     fn encode(&self, samples: &[Sample], line: &mut Vec<u8>) {
-        encode(samples, BATCH_ID, MOST, line);
+        encode(samples, BATCH_ID, MAX_SAMPLES, line);
     }
 
     fn decode(&self, line: &[u8], sums: &mut Sums) {
@@ -156,7 +156,7 @@ impl Way for Batch {
 /// A message per sample.
 pub struct Single;
 
-impl Way for Single {
+impl Codec for Single {
     fn name(&self) -> &'static str {
         "MAVLink 2, a message per sample"
     }

@@ -1,7 +1,7 @@
 //! Protocol buffers by `prost`, each message with its length before it: batches of samples as messages, batches of packed columns,
 //! and a message per sample. No checksum.
 
-use super::{Sums, Way};
+use super::{Sums, Codec};
 use crate::link::{BATCH, BOOT_ID, PERIOD_US, time_us};
 use prost::Message;
 use protocol::Sample;
@@ -82,7 +82,7 @@ fn each<M: Message + Default>(mut line: &[u8], mut take: impl FnMut(M)) {
 /// 32 samples as messages in one.
 pub struct Batch;
 
-impl Way for Batch {
+impl Codec for Batch {
     fn name(&self) -> &'static str {
         "prost, 32 samples a message"
     }
@@ -105,7 +105,7 @@ impl Way for Batch {
 /// 32 samples as four packed columns.
 pub struct Columns;
 
-impl Way for Columns {
+impl Codec for Columns {
     fn name(&self) -> &'static str {
         "prost, 32 samples as packed columns"
     }
@@ -147,7 +147,7 @@ struct One {
 /// A message per sample.
 pub struct Single;
 
-impl Way for Single {
+impl Codec for Single {
     fn name(&self) -> &'static str {
         "prost, a message per sample"
     }

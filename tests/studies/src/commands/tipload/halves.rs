@@ -7,7 +7,7 @@ use inference::predict::{Options, predict};
 use std::ops::Range;
 
 /// Sessions of fewer insertions are not split: a half learns from at least one other insertion.
-const LEAST: usize = 4;
+const MIN_INSERTIONS: usize = 4;
 
 /// An estimate from one half: logarithm and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,7 +31,7 @@ pub struct Agreement {
 /// Where a half cannot be predicted.
 pub fn agreement(world: &World, options: &Options) -> Result<Option<Agreement>> {
     let count = world.session.insertion.len();
-    if count < LEAST {
+    if count < MIN_INSERTIONS {
         return Ok(None);
     }
     let halves = [0..count / 2, count / 2..count];
