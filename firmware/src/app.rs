@@ -5,7 +5,7 @@
 //! | control | interrupt | sensors, actuators, panel, controller | one control period every millisecond |
 //! | receive | background | receiving half of the serial port | bytes to commands |
 //! | send | background | sending half of the serial port | the control task's output to frames |
-//! | housekeep | background | nothing | measures the stack; restarts with a new calibration |
+//! | housekeep | background | nothing | reads the registers back; measures the stack; restarts with a new calibration |
 //!
 //! Commands go to the control task through [`COMMANDS`], everything it sends goes to the send task through [`OUTBOX`], in
 //! order. The control task never waits for either: when the link is slow, whole batches of samples are dropped and counted
@@ -136,16 +136,24 @@ pub fn idle() {
     });
 }
 
-/// Measures the stack now and then, and restarts the device with a calibration that has come.
+/// Reads the registers back, measures the stack now and then, and restarts the device with a calibration that has come.
 #[embassy_executor::task]
 async fn housekeep() {
     const STACK_EVERY: u32 = 40;
+    /// When the registers are read back: everything runs, and a host has been answered, so that it gets to know of the panic of the
+    /// start before.
+    const REGISTERS_AT: u32 = 10;
     /// Time for the answer to leave.
     const ANSWER_TIME: Duration = Duration::from_millis(100);
     let mut round = 0_u32;
+    let mut verified = false;
     loop {
         Background::Housekeep.checks_in();
         round = (round + 1) % STACK_EVERY;
+        if round == REGISTERS_AT && !verified {
+            verified = true;
+            board::verify_registers();
+        }
         if round == 1 {
             STACK_FREE_BYTES.store(cortex_m_stack::stack_painted(), Ordering::Relaxed);
         }

@@ -62,7 +62,7 @@
 //! | 3 | `LoadStep { index, step }` | `Ack` | stores one [`Step`] of the motion program |
 //! | 4 | `Run { steps, crc, start_us }` | `Ack` | starts the program at a device time if its steps are the ones meant; events follow |
 //! | 5 | `Stop` | `Ack` | ends any motion at once; telemetry goes on |
-//! | 6 | `ClearFault` | `Ack` | leaves the fault state if its cause is gone |
+//! | 6 | `ClearFault` | `Ack` | leaves the fault state if its cause is gone and both axes are at rest |
 //! | 7 | `Limits { force_mn, silence_ms }` | `Ack` | what the interlocks compare with, until the next start |
 //! | 8 | `LoadCalibration { piece, bytes }` | `Ack` | takes 16 bytes of an encoded [`CalibrationRecord`] |
 //! | 9 | `StoreCalibration { length, crc }` | `Ack` | keeps the record if it is the one meant, and restarts with it |

@@ -12,7 +12,7 @@
 //! | `LoadStep` | `Ack` | stores one step of the motion program |
 //! | `Run` | `Ack`, then events | starts the loaded program at a device time |
 //! | `Stop` | `Ack` | ends any motion at once, bridges off; telemetry goes on |
-//! | `ClearFault` | `Ack` | leaves the fault state if its cause is gone |
+//! | `ClearFault` | `Ack` | leaves the fault state if its cause is gone and both axes are at rest |
 //! | `Limits` | `Ack` | force limit and longest silence of the host, until the next start of the device |
 //! | `LoadCalibration` | `Ack` | takes one piece of a calibration |
 //! | `StoreCalibration` | `Ack` | keeps the calibration and restarts with it |

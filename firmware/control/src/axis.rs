@@ -46,6 +46,11 @@ pub const JUMP_UM: f32 = 1_000.0;
 /// Readings beyond a jump that are rejected: the interlock acts before one is accepted.
 const MAX_OUTLIERS: u16 = PERSISTENCE_PERIODS;
 
+/// Motion within [`STILL_PERIODS`] below which an axis is at rest, micrometres: above the noise of a potentiometer, and 2 mm/s.
+const STILL_UM: f32 = 100.0;
+/// Periods for which an axis has not moved before it is at rest.
+pub const STILL_PERIODS: u16 = 50;
+
 /// Where an axis should be and how fast its setpoint moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
@@ -67,6 +72,10 @@ pub struct Axis {
     duty: f32,
     outlier_count: u16,
     speed_limit_um_s: f32,
+    /// Where the axis was when it was last seen to have moved, micrometres.
+    anchor_um: f32,
+    /// Periods for which it has been near there.
+    still_periods: u16,
 }
 
 impl Axis {
@@ -83,11 +92,16 @@ impl Axis {
             duty: 0.0,
             outlier_count: 0,
             speed_limit_um_s: PROVING_SPEED_UM_S,
+            anchor_um: 0.0,
+            still_periods: STILL_PERIODS,
         }
     }
 
     /// Takes the position of this period, micrometres; returns where the filter expected it.
     pub fn measure(&mut self, position_um: f32) -> f32 {
+        if self.filtered_um.is_none() {
+            self.anchor_um = position_um;
+        }
         let filtered = self.filtered_um.get_or_insert(position_um);
         let expected_um = *filtered;
         if (position_um - expected_um).abs() <= JUMP_UM {
@@ -99,7 +113,18 @@ impl Axis {
         } else {
             *filtered = position_um;
         }
+        let at_um = *filtered;
+        if (at_um - self.anchor_um).abs() <= STILL_UM {
+            self.still_periods = self.still_periods.saturating_add(1);
+        } else {
+            (self.anchor_um, self.still_periods) = (at_um, 0);
+        }
         expected_um
+    }
+
+    /// The axis does not move, whatever drives it: not by [`STILL_UM`] in [`STILL_PERIODS`].
+    pub fn is_still(&self) -> bool {
+        self.still_periods >= STILL_PERIODS
     }
 
     /// Filtered position, micrometres.

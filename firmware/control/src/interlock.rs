@@ -17,7 +17,7 @@
 //! | 8 | `FollowingError` | weak supply, slipping screw | further than 1.5 mm from the setpoint | 2 periods of being that far | `a_weak_motor_falls_behind` |
 //! | 9 | `ForceStuck` | the converter repeats itself: force cannot be limited | the same code 50 times in a row | 50 periods | `the_force_converter_is_stuck` |
 //! | 10 | `HostSilent` | host crashed or cable pulled while a program runs | no intact command for the time that is set | that | `the_host_is_killed`, `the_link_is_cut`, `a_babbling_host_is_no_host`, `a_frame_from_before_does_not_move_the_guide_again`, `a_start_years_ahead_is_refused` |
-//! | 11 | `Restarted` | the program ran away; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_reported` |
+//! | 11 | `Restarted` | the program ran away; the supply sagged in mid-motion | reset reason at start | at start | `a_control_task_that_hangs_is_reset`, `the_supply_sags_in_mid_motion`, `a_panic_restarts_and_is_reported`, `a_stack_that_overflows_restarts_and_is_reported` |
 //! | 12 | `Overrun` | the control task is starved and the loop is no longer one | began more than half a period late, twice in 16 periods | 2 late periods | `a_slow_converter_makes_control_late` |
 //! | 13 | `MotorHot` | motor burns out | driven 20 % of 5 minutes | at once | `a_motor_that_never_rests_is_locked_out`, `storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors` |
 //! | 14 | `WrongWay` | a table's sign, swapped wires: the loop runs away | 0.06 mm against the driven direction, from 35 periods of driving that way on | 0.3 mm of motion | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |

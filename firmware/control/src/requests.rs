@@ -102,6 +102,10 @@ impl Controller {
                 Ok(())
             }
             Request::ClearFault if causes.first().is_some() => Err(Refusal::CauseRemains),
+            // A motor that still rolls on, or is driven by a bridge that is shorted, is a cause of its own.
+            Request::ClearFault if self.interlock.latched().is_some() && !self.is_still() => {
+                Err(Refusal::CauseRemains)
+            }
             Request::ClearFault => {
                 self.end_program(Outcome::Stopped, now_us, notes);
                 self.interlock.clear();
@@ -126,6 +130,11 @@ impl Controller {
             // Carried out where the record can be handed out.
             Request::StoreCalibration { .. } => Ok(()),
         }
+    }
+
+    /// No axis moves.
+    fn is_still(&self) -> bool {
+        self.axes.iter().all(Axis::is_still)
     }
 
     fn while_idle(&self) -> Result<(), Refusal> {

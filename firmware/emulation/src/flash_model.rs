@@ -25,6 +25,10 @@ const ACR: u32 = 0x00;
 const KEYR: u32 = 0x08;
 const SR: u32 = 0x10;
 const CR: u32 = 0x14;
+const OPTR: u32 = 0x20;
+
+/// The option bytes of a board that is set up: those of a new chip, with brown-out reset at level 4 (2.8 V).
+const OPTIONS: u32 = 0xFFEF_FCAA;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 
@@ -81,6 +85,7 @@ impl FlashModel {
             ACR => Ok(self.access_control),
             SR => Ok(self.status),
             CR => Ok(self.control),
+            OPTR => Ok(OPTIONS),
             _ => Err(Unknown),
         }
     }

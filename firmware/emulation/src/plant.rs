@@ -22,7 +22,7 @@
 //! |---|---|---|
 //! | 0..2 | u16 | [`REPLY_MAGIC`] |
 //! | 2 | u8 | [`VERSION`] |
-//! | 3 | u8 | flags: bit 0 emergency-stop line high, bit 1 force converter has new data, bit 2 corrupt the CRC of the next force frame, bit 3 the force converter resets, bit 4 power off, bit 5 the supply sags, bit 6 the program panics |
+//! | 3 | u8 | flags: bit 0 emergency-stop line high, bit 1 force converter has new data, bit 2 corrupt the CRC of the next force frame, bit 3 the force converter resets, bit 4 power off, bit 5 the supply sags, bit 6 the program panics, bit 7 the program uses up its stack |
 //! | 4..8 | u32 | step of the request that this answers |
 //! | 8..12 | 2 x u16 | codes of the potentiometers X and Y, 12 bit |
 //! | 12..20 | 2 x i32 | codes of the force channels X and Y, 24 bit |
@@ -129,6 +129,8 @@ pub struct PlantReply {
     pub brown_out: bool,
     /// The program panics, as one with an error in it would.
     pub panic: bool,
+    /// The program calls itself until its stack is used up.
+    pub stack_overflow: bool,
 }
 
 impl Default for PlantReply {
@@ -147,6 +149,7 @@ impl Default for PlantReply {
             power_off: false,
             brown_out: false,
             panic: false,
+            stack_overflow: false,
         }
     }
 }
@@ -158,7 +161,7 @@ fn pack<const N: usize>(flags: [bool; N]) -> u8 {
 
 /// Unpacks the bits of a flag byte; undefined bits are an error.
 fn unpack<const N: usize>(byte: u8) -> Result<[bool; N], RecordError> {
-    if byte >> N != 0 {
+    if N < 8 && byte >> N != 0 {
         return Err(RecordError::Flags(byte));
     }
     Ok(core::array::from_fn(|bit| byte >> bit & 1 != 0))
@@ -231,6 +234,7 @@ impl PlantReply {
             self.power_off,
             self.brown_out,
             self.panic,
+            self.stack_overflow,
         ]);
         let mut bytes = head(REPLY_MAGIC, flags, self.step);
         for (field, value) in bytes[8..12].chunks_exact_mut(2).zip(self.potentiometer_codes) {
@@ -255,6 +259,7 @@ impl PlantReply {
             power_off,
             brown_out,
             panic,
+            stack_overflow,
         ] = unpack(bytes[3])?;
         let potentiometer_codes = core::array::from_fn(|i| half(bytes, 8 + 2 * i));
         if let Some(&code) = potentiometer_codes.iter().find(|&&code| code > POTENTIOMETER_CODE_MAX) {
@@ -279,6 +284,7 @@ impl PlantReply {
             power_off,
             brown_out,
             panic,
+            stack_overflow,
         })
     }
 }
@@ -353,9 +359,12 @@ mod tests {
         let mut bytes = request().to_bytes();
         bytes[3] = 0x08;
         assert_eq!(PlantRequest::from_bytes(&bytes), Err(RecordError::Flags(0x08)));
-        let mut bytes = reply().to_bytes();
-        bytes[3] = 0x80;
-        assert_eq!(PlantReply::from_bytes(&bytes), Err(RecordError::Flags(0x80)));
+        // Every flag of a reply has a meaning.
+        for bit in 0..8 {
+            let mut bytes = reply().to_bytes();
+            bytes[3] = 1 << bit;
+            assert_eq!(PlantReply::from_bytes(&bytes).map(|reply| reply.to_bytes()), Ok(bytes));
+        }
         let high = PlantReply { potentiometer_codes: [4096, 0], ..reply() };
         assert_eq!(PlantReply::from_bytes(&high.to_bytes()), Err(RecordError::PotentiometerCode(4096)));
         let high = PlantReply { force_codes: [0, 0x80_0000], ..reply() };

@@ -1,4 +1,4 @@
-//! The end of the road: panics and, on the board, hard faults put the bridges' inputs low, leave word for the next run and reset.
+//! The end of the road: panics, hard faults and a stack that is used up put the bridges' inputs low, leave word for the next run and reset.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_stm32::pac::FLASH;
@@ -63,11 +63,26 @@ unsafe fn NonMaskableInt() {
     }
 }
 
+/// A hard fault that ends the run. The frame that it came from may not have been stacked, where the stack was used up.
+pub(crate) fn hard_fault(status: u32, address: u32, pc: u32) -> ! {
+    super::bridges::hold_off();
+    if super::guard::is_hit(status, address) {
+        super::retained::leave_panic(&"stack overflow");
+        defmt::error!("stack overflow");
+    } else {
+        super::retained::leave_panic(&format_args!("hard fault at {pc:#010x}, status {status:#010x}"));
+        defmt::error!("hard fault at {=u32:#010x}, status {=u32:#010x}", pc, status);
+    }
+    stop()
+}
+
 #[cfg(not(feature = "qemu"))]
 #[cortex_m_rt::exception]
 unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
-    super::bridges::hold_off();
-    super::retained::leave_panic(&format_args!("hard fault at {:#010x}", frame.pc()));
-    defmt::error!("hard fault at {=u32:#010x}", frame.pc());
-    stop()
+    // SAFETY: fault status registers, which nothing else reads.
+    let (status, address) = unsafe {
+        let scb = &*cortex_m::peripheral::SCB::PTR;
+        (scb.cfsr.read(), scb.mmfar.read())
+    };
+    hard_fault(status, address, frame.pc())
 }

@@ -7,9 +7,11 @@
 mod actuators;
 mod boot;
 mod bridges;
-mod fault;
+pub(crate) mod fault;
+pub(crate) mod guard;
 mod panel;
 pub mod pins;
+mod registers;
 mod retained;
 mod sensors;
 mod store;
@@ -18,6 +20,7 @@ pub use actuators::BoardActuators;
 pub use boot::BootInfo;
 pub use fault::restart_on_panic;
 pub use panel::BoardPanel;
+pub use registers::verify as verify_registers;
 pub use retained::{keep, restart_with};
 pub use sensors::BoardSensors;
 pub use store::{STORE_BYTES, Store, StoreError};
@@ -104,6 +107,7 @@ pub fn take() -> Board {
     let (boot, to_store) = boot::read();
     // Before anything is on it: how far the stack reaches is measured from here.
     cortex_m_stack::repaint_stack();
+    guard::close();
     let p = embassy_stm32::init(clocks());
     #[cfg(feature = "qemu")]
     crate::qemu::start_time();

@@ -72,6 +72,9 @@ impl SysTickTime {
         if reply.panic {
             panic!("the plant requests a panic");
         }
+        if reply.stack_overflow {
+            use_up_the_stack(0);
+        }
         if reply.brown_out {
             peripherals::brown_out_reset();
         }
@@ -83,6 +86,14 @@ impl SysTickTime {
             USART1.tdr().write(|w| w.0 = byte);
         }
     }
+}
+
+/// Calls itself until something ends it.
+#[inline(never)]
+#[allow(unconditional_recursion, reason = "that is what it is for")]
+fn use_up_the_stack(depth: u32) -> u32 {
+    let block = core::hint::black_box([depth; 32]);
+    use_up_the_stack(depth.wrapping_add(1)).wrapping_add(block[0])
 }
 
 impl Driver for SysTickTime {

@@ -9,6 +9,8 @@
 
 use super::exit::{ExitCode, exit};
 use super::with_machine;
+use crate::board::fault::hard_fault;
+use crate::board::guard;
 use core::arch::naked_asm;
 use core::sync::atomic::{AtomicU32, Ordering};
 use emulation::thumb::{self, Access, Direction};
@@ -20,11 +22,10 @@ struct Region {
     open_eighths: u32,
 }
 
-const REGIONS: [Region; 8] = [
-    // TIM2 and TIM3 in the first eighth (2 KiB), IWDG in the seventh.
-    Region { base: 0x4000_0000, size_log2: 14, open_eighths: 0b1011_1110 },
-    // PWR.
-    Region { base: 0x4000_7000, size_log2: 10, open_eighths: 0 },
+/// All but the last region of the unit, which is the guard below the stack.
+const REGIONS: [Region; 7] = [
+    // TIM2 and TIM3 in the first eighth (4 KiB), IWDG in the fourth, PWR in the last.
+    Region { base: 0x4000_0000, size_log2: 15, open_eighths: 0b0111_0110 },
     // SPI1.
     Region { base: 0x4001_3000, size_log2: 10, open_eighths: 0 },
     // USART1: ICR, RDR, TDR.
@@ -54,7 +55,7 @@ pub(super) fn count() -> u32 {
 
 /// Closes the regions.
 pub(super) fn protect() {
-    // SAFETY: the MPU is used here only, at start-up; the regions cover peripherals and pages of the flash that no
+    // SAFETY: these regions are used here only, at start-up; they cover peripherals and pages of the flash that no
     // code lies in.
     unsafe {
         let mpu = &*cortex_m::peripheral::MPU::PTR;
@@ -168,6 +169,14 @@ fn take_fault_address(frame: &Frame) -> u32 {
     // Memory fault: DACCVIOL and MMARVALID. Bus fault: PRECISERR and BFARVALID.
     const MEMORY: u32 = 1 << 1 | 1 << 7;
     const BUS: u32 = 1 << 9 | 1 << 15;
+    // SAFETY: as below.
+    let (cfsr, mmfar) = unsafe {
+        let scb = &*cortex_m::peripheral::SCB::PTR;
+        (scb.cfsr.read(), scb.mmfar.read())
+    };
+    if guard::is_hit(cfsr, mmfar) {
+        hard_fault(cfsr, mmfar, frame.pc);
+    }
     // SAFETY: fault status registers, used by the fault handler only.
     let (cfsr, mmfar, bfar) = unsafe {
         let scb = &*cortex_m::peripheral::SCB::PTR;

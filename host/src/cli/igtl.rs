@@ -4,6 +4,7 @@ use super::import_shapes::{millimetres, vector};
 use super::output::Output;
 use anyhow::Context;
 use device::igtl::channel::{Channel, DELAY_RANGE_S, Settings, TIP};
+use device::igtl::server::ClientChange;
 use device::igtl::{Publisher, server};
 use formats::model_file::ModelFile;
 use formats::session::Session;
@@ -12,6 +13,7 @@ use host::igtl::live::USUAL_RATE_HZ;
 use host::igtl::{Live, Scene};
 use inference::identify::{self, identify};
 use mechanics::{Model, Rig};
+use std::net::SocketAddr;
 use std::path::Path;
 
 /// A tracker that measures where the needle is.
@@ -73,6 +75,25 @@ pub struct RateArgs {
     /// Updates for OpenIGTLink clients per second of the device's clock
     #[arg(long, value_name = "HZ", default_value_t = USUAL_RATE_HZ, value_parser = rate_hz)]
     rate_hz: f64,
+    /// OpenIGTLink clients at a time; more are turned away
+    #[arg(long, value_name = "N", default_value_t = server::MAX_CLIENTS, value_parser = max_clients)]
+    max_clients: usize,
+}
+
+fn max_clients(text: &str) -> Result<usize, String> {
+    let value = text.parse().ok().filter(|value| (1..=server::MAX_CLIENTS).contains(value));
+    value.ok_or_else(|| format!("expected a number from 1 to {}", server::MAX_CLIENTS))
+}
+
+/// A change of a client, as a remark.
+fn client_remark((address, change): (SocketAddr, ClientChange), max_clients: usize) -> String {
+    match change {
+        ClientChange::Connected => format!("OpenIGTLink client {address} connected"),
+        ClientChange::Left => format!("OpenIGTLink client {address} disconnected"),
+        ClientChange::TurnedAway => {
+            format!("OpenIGTLink client {address} turned away: {max_clients} are connected (--max-clients)")
+        }
+    }
 }
 
 fn rate_hz(text: &str) -> Result<f64, String> {
@@ -81,9 +102,15 @@ fn rate_hz(text: &str) -> Result<f64, String> {
 }
 
 impl RateArgs {
+    /// Remarks on who has connected to a server and left it since the last call.
+    pub fn client_remarks(&self, live: &Live) -> Vec<String> {
+        let changes = live.publisher().client_changes().into_iter();
+        changes.map(|change| client_remark(change, self.max_clients)).collect()
+    }
+
     /// A server there.
     pub fn serve(&self, address: &str, scene: Scene) -> anyhow::Result<Live> {
-        let publisher = Publisher::bind(server::address(address)?)?;
+        let publisher = Publisher::bind(server::address(address)?, self.max_clients)?;
         Ok(Live::new(publisher, scene, self.rate_hz))
     }
 }

@@ -2,7 +2,7 @@
 
 use super::import_shapes::{self, ShapeArgs, Source};
 use super::output::Output;
-use anyhow::ensure;
+use anyhow::{bail, ensure};
 use formats::session::import::{Recording, Skipped};
 use formats::session::{Noise, SessionWriter, Setup, import};
 use inference::insertion::TipPath;
@@ -122,7 +122,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             }
         }
     }
-    ensure!(!imported.insertions.is_empty(), "no recording can be written: {}", reasons(&imported));
+    if imported.insertions.is_empty() {
+        session.undo();
+        bail!("no recording can be written: {}", reasons(&imported));
+    }
     out.result(&imported, Text(&imported))
 }
 

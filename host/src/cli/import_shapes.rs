@@ -153,7 +153,10 @@ pub fn run(
     let times_s = times_s(args, &id, depth_m, shapes.len())?;
     let shape = joined(&shapes, times_s.as_deref());
     let mut session = SessionWriter::open(to, setup)?;
-    session.lateral_from(&id, depth_m, args.force.as_deref(), &shape)?;
+    if let Err(error) = session.lateral_from(&id, depth_m, args.force.as_deref(), &shape) {
+        session.undo();
+        return Err(error.into());
+    }
     if args.force.is_none() {
         let file = to.join(format!("{id}.force.csv"));
         notes.push(format!(

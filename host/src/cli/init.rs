@@ -3,11 +3,11 @@
 use super::output::Output;
 use super::simulate;
 use anyhow::{Context, ensure};
+use formats::files;
 use formats::session::template;
 use serde::Serialize;
 use std::fmt::{self, Display};
-use std::fs::{self, OpenOptions};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Make a session to begin with: an explained template, or an example to play with
@@ -50,25 +50,37 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     for path in wanted.iter().map(|(path, _)| path).chain([&session]) {
         ensure!(!path.exists(), "{}: is there already, expected a folder without it", path.display());
     }
+    let made_folder = !args.dir.exists();
     fs::create_dir_all(&args.dir).with_context(|| format!("{}: cannot create", args.dir.display()))?;
-    for (path, text) in &wanted {
-        write_new(path, text)?;
+    let mut made: Vec<&Path> = Vec::new();
+    let begun = wanted.iter().try_for_each(|(path, text)| {
+        // Never replaces a file, not even one that has come up since.
+        files::write_new(path, text.as_bytes())
+            .with_context(|| format!("{}: cannot write", path.display()))?;
+        made.push(path);
+        Ok(())
+    });
+    let begun = begun.and_then(|()| {
+        if args.example {
+            simulate::make(&args.dir.join(PLAN), None, &args.dir, args.seed).map(drop)
+        } else {
+            Ok(())
+        }
+    });
+    if let Err(error) = begun {
+        // All of it or nothing, so that the same command works once there is room.
+        made.iter().for_each(|path| drop(fs::remove_file(path)));
+        if made_folder {
+            let _ = fs::remove_dir(&args.dir);
+        }
+        return Err(error);
     }
     let mut files: Vec<PathBuf> = wanted.into_iter().map(|(path, _)| path).collect();
     if args.example {
-        simulate::make(&args.dir.join(PLAN), None, &args.dir, args.seed)?;
         files.push(session);
     }
     let begun = Begun { schema: "guide.init/1", session: args.dir.clone(), example: args.example, files };
     out.result(&begun, &begun)
-}
-
-/// Never replaces a file, not even one that has come up since.
-fn write_new(path: &Path, text: &str) -> anyhow::Result<()> {
-    let mut open = OpenOptions::new();
-    let file = open.write(true).create_new(true).open(path);
-    let written = file.and_then(|mut file| file.write_all(text.as_bytes()));
-    written.with_context(|| format!("{}: cannot write", path.display()))
 }
 
 impl Display for Begun {

@@ -99,7 +99,7 @@ pub struct ClearArgs {
 /// Runs `guide clear`.
 pub fn clear(args: &ClearArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
-    client.request(Request::ClearFault).or_else(|error| match (&error, client.status()?.fault) {
+    clear_at_rest(&mut client).or_else(|error| match (&error, client.status()?.fault) {
         (LinkError::Refused { refusal: Refusal::CauseRemains, .. }, Some(fault @ Fault::MotorHot)) => {
             let [x_s, y_s] = client.safety()?.cools_in_s;
             Err(anyhow!("{error}: {}; {} s left", explain_fault(fault), x_s.max(y_s)))
@@ -110,6 +110,19 @@ pub fn clear(args: &ClearArgs, out: &mut Output) -> anyhow::Result<()> {
         _ => Err(error.into()),
     })?;
     report_status("guide.clear/1", &mut client, None, Detail::Brief, out)
+}
+
+/// Clears the latched fault. An axis that still rolls on after a motion keeps it for a moment.
+fn clear_at_rest(client: &mut Client) -> Result<(), LinkError> {
+    const TRIES: u32 = 4;
+    const PAUSE: Duration = Duration::from_millis(100);
+    for _ in 1..TRIES {
+        match client.request(Request::ClearFault) {
+            Err(LinkError::Refused { refusal: Refusal::CauseRemains, .. }) => std::thread::sleep(PAUSE),
+            outcome => return outcome,
+        }
+    }
+    client.request(Request::ClearFault)
 }
 
 /// Move out of a load while the fault that it has caused stands

@@ -2,6 +2,7 @@
 
 use super::colour;
 use anyhow::Context;
+use formats::files;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::fmt::Display;
@@ -76,7 +77,12 @@ pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyho
     let name: String = name.chars().map(|c| if plain(c) { c } else { '_' }).collect();
     let path = folder.join(format!("{name}.svg"));
     out.note(format_args!("drawing {}", path.display()));
-    fs::write(&path, svg).with_context(|| format!("{}: cannot write", path.display()))
+    write_file(&path, svg)
+}
+
+/// Writes a whole file, in place of one that is there: after a failure the old one is.
+pub fn write_file(path: &Path, content: &str) -> anyhow::Result<()> {
+    files::replace(path, content.as_bytes()).with_context(|| format!("{}: cannot write", path.display()))
 }
 
 /// A line on standard error that reports progress, on terminals only.

@@ -1,7 +1,7 @@
 //! `guide plan`: which lateral run to make, before it is made.
 
 use super::identify::nuisance;
-use super::output::Output;
+use super::output::{Output, write_file};
 use anyhow::{Context, bail, ensure};
 use formats::session::{FoundationKind, Setup};
 use host::figures;
@@ -10,7 +10,6 @@ use inference::plan::{Choice, Limits, Plan, Question, plan};
 use mechanics::Support;
 use mechanics::effects::Effect;
 use std::fmt::{self, Display};
-use std::fs;
 use std::path::PathBuf;
 
 /// Say what interval a lateral run will give, over depth, displacement and position of guide 2
@@ -131,8 +130,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let plan = plan(&question).context("cannot plan")?;
     if let Some(path) = &args.plot {
-        fs::write(path, figures::plan(&plan)?)
-            .with_context(|| format!("{}: cannot write", path.display()))?;
+        write_file(path, &figures::plan(&plan)?)?;
         out.note(format_args!("drawing {}", path.display()));
     }
     out.result(&plan, Text(&plan))

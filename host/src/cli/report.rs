@@ -1,7 +1,7 @@
 //! `guide report`: one HTML file with everything that the analyses say of a session, for the lab notebook.
 
-use super::output::{Output, spinner};
-use anyhow::{Context, ensure};
+use super::output::{Output, spinner, write_file};
+use anyhow::ensure;
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use host::report::{Analyses, Day, Options, Origin, Outcome, Report};
@@ -9,7 +9,6 @@ use inference::diagnose::Verdict;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt::{self, Display};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Write a session's report: one HTML file with the results, figures and provenance, for screen and paper
@@ -53,7 +52,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let report = Report::new(&session, &analyses, &origin);
     let html = report.html();
     let path = args.out.clone().unwrap_or_else(|| args.dir.join("report.html"));
-    fs::write(&path, &html).with_context(|| format!("{}: cannot write", path.display()))?;
+    write_file(&path, &html)?;
     let done = Done::new(&session, &report, &analyses, &path, html.len());
     out.result(&done, &done)
 }

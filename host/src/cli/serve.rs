@@ -112,6 +112,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
                 results.publish(out);
             }
         }
+        let changes = args.rate.client_remarks(&lock(&live));
+        changes.into_iter().for_each(|remark| out.note(remark));
         received.try_iter().for_each(|remark: String| out.note(remark));
         if worker.as_ref().is_some_and(|worker| !worker.is_running()) {
             bail!("the link's thread has ended");

@@ -1,7 +1,7 @@
 //! `guide completions` and `guide man`: what a shell and `man` need of this program, from the definition of its command line.
 
 use super::Cli;
-use super::output::Output;
+use super::output::{Output, write_file};
 use anyhow::Context;
 use clap::{Command, CommandFactory};
 use clap_complete::Shell;
@@ -85,7 +85,7 @@ fn page(command: Command) -> anyhow::Result<String> {
 /// The page of a command and those of its sub-commands, as `man` names them: `guide-identify.1`.
 fn write_pages(command: &Command, name: &str, folder: &Path, files: &mut Vec<PathBuf>) -> anyhow::Result<()> {
     let path = folder.join(format!("{name}.1"));
-    fs::write(&path, page(command.clone())?).with_context(|| format!("{}: cannot write", path.display()))?;
+    write_file(&path, &page(command.clone())?)?;
     files.push(path);
     for part in command.get_subcommands().filter(|part| part.get_name() != "help") {
         write_pages(part, &format!("{name}-{}", part.get_name()), folder, files)?;

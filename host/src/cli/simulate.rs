@@ -127,8 +127,13 @@ pub fn make(config: &Path, model: Option<&ModelFile>, folder: &Path, seed: u64) 
         .with_context(|| format!("{name}: cannot simulate"))?;
     let effects = plan.model.effects();
     let mut session = SessionWriter::open(folder, &setup)?;
-    simulated.write(&mut session)?;
-    steered.iter().try_for_each(|run| session.steering(run))?;
+    let written =
+        simulated.write(&mut session).and_then(|()| steered.iter().try_for_each(|run| session.steering(run)));
+    if let Err(error) = written {
+        // All of it or nothing, so that the same command works once there is room.
+        session.undo();
+        return Err(error.into());
+    }
     let truth = (!plan.is_empty()).then(|| Truth {
         k_kpa: plan.model.modulus_pa.map(|modulus_pa| modulus_pa / 1e3),
         tip_load_n: plan.model.tip_load_n.unwrap_or(0.0),

@@ -35,10 +35,36 @@ fn periods_to(bench: &mut Bench, fault: Fault, most: u32) -> u32 {
 fn clears_only_without(bench: &mut Bench, remove: impl FnOnce(&mut Bench)) {
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));
     remove(bench);
-    bench.periods(10);
+    bench.periods(u32::from(crate::axis::STILL_PERIODS) + 20);
     bench.command(Request::ClearFault).expect("the cause is gone");
     let outputs = bench.periods(50);
     assert_eq!((outputs.state, outputs.drive), (State::Idle, Drive::Release));
+}
+
+/// An axis that rolls on, or whose bridge is shorted, keeps the fault until it stands.
+#[test]
+fn a_fault_is_cleared_only_at_rest() {
+    let mut bench = moving();
+    bench.emergency_stop = true;
+    periods_to(&mut bench, Fault::EmergencyStop, 2);
+    bench.emergency_stop = false;
+    for _ in 0..400 {
+        bench.position_um[1] += 5.0;
+        bench.period(None);
+    }
+    bench.position_um[1] += 5.0;
+    assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains), "5 mm/s");
+    let mut waited = 0;
+    while bench.command(Request::ClearFault).is_err() {
+        waited += 1;
+    }
+    assert!((20..=2 * u32::from(crate::axis::STILL_PERIODS)).contains(&waited), "{waited} periods");
+    assert_eq!(bench.periods(50).state, State::Idle);
+    // What is no fault is no matter of rest: a clear ends a program, as before.
+    bench.run(&[Step::Move { x_um: 0, y_um: 0, speed_um_s: 1_000 }]);
+    assert!(matches!(bench.periods(300).drive, Drive::Duty(_)));
+    bench.command(Request::ClearFault).expect("nothing is latched");
+    assert_eq!(bench.periods(10).state, State::Idle);
 }
 
 #[test]

@@ -87,7 +87,8 @@ fn a_load_beyond_the_range_is_left_by_a_retreat_and_no_other_way_is_open() {
     assert!(force_n(&bench) < 4.6, "{}", force_n(&bench));
     assert!(bench.controller.interlock.latched().is_some(), "the fault still stands");
     assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -500 }), Err(Refusal::NotUnderLoad));
-    bench.command(Request::ClearFault).expect("the cause is gone");
+    bench.periods(60);
+    bench.command(Request::ClearFault).expect("the cause is gone, and the axes are at rest");
     assert_eq!(ended(&mut bench, &[to_y(0)]), Outcome::Completed);
 }
 

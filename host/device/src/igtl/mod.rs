@@ -85,4 +85,6 @@ pub fn host_and_port(text: &str) -> Result<(String, u16), IgtlError> {
 }
 
 #[cfg(test)]
+mod server_tests;
+#[cfg(test)]
 mod tests;

@@ -13,10 +13,16 @@ use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Most clients at a time.
 pub const MAX_CLIENTS: usize = 16;
+/// Connections that are taken in a second at most, so that one peer that connects and leaves cannot keep the program busy.
+const ACCEPTED_PER_S: u32 = 20;
+/// Bytes that a client may send in a second: nothing that it sends is needed.
+const RECEIVED_PER_S: usize = 256 << 10;
+/// Changes of connections that are kept until somebody takes them.
+const MAX_CHANGES: usize = 64;
 /// Updates that wait for a client.
 const QUEUE: usize = 16;
 /// How long a client may not take anything.
@@ -30,6 +36,17 @@ pub struct Publisher {
     address: SocketAddr,
     shared: Arc<Shared>,
     accepting: Option<JoinHandle<()>>,
+}
+
+/// What has happened to a client.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ClientChange {
+    /// It is connected.
+    Connected,
+    /// It has left, or has been left: [`Publisher`] says when.
+    Left,
+    /// It was turned away: as many as may be are connected.
+    TurnedAway,
 }
 
 /// What server and clients share.
@@ -49,6 +66,8 @@ struct PublisherState {
     /// What waits for each client, by its number.
     queues: BTreeMap<u64, VecDeque<Arc<[u8]>>>,
     next: u64,
+    /// Who has come and gone since somebody last asked.
+    changes: VecDeque<(SocketAddr, ClientChange)>,
 }
 
 impl Shared {
@@ -57,17 +76,26 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn changed(&self, address: SocketAddr, change: ClientChange) {
+        let changes = &mut self.state().changes;
+        if changes.len() >= MAX_CHANGES {
+            changes.pop_front();
+        }
+        changes.push_back((address, change));
+    }
+
     fn has_ended(&self) -> bool {
         self.ended.load(Ordering::Acquire)
     }
 }
 
 impl Publisher {
-    /// Listens at an address; port 0 for any that is free.
+    /// Listens at an address, for so many clients at a time ([`MAX_CLIENTS`] at most); port 0 for any that is free. A client is left when
+    /// it sends what is no message or too much of it, or takes nothing for a while.
     ///
     /// # Errors
     /// [`IgtlError::Serve`], [`IgtlError::Thread`].
-    pub fn bind(address: SocketAddr) -> Result<Self, IgtlError> {
+    pub fn bind(address: SocketAddr, max_clients: usize) -> Result<Self, IgtlError> {
         let cannot = |cause| IgtlError::Serve { address: address.to_string(), cause };
         let listener = TcpListener::bind(address).map_err(cannot)?;
         listener.set_nonblocking(true).map_err(cannot)?;
@@ -76,7 +104,7 @@ impl Publisher {
         let own = shared.clone();
         let accepting = std::thread::Builder::new()
             .name("igtl server".into())
-            .spawn(move || accept(&listener, &own))
+            .spawn(move || accept(&listener, &own, max_clients.min(MAX_CLIENTS)))
             .map_err(IgtlError::Thread)?;
         Ok(Self { address, shared, accepting: Some(accepting) })
     }
@@ -89,6 +117,11 @@ impl Publisher {
     /// Clients that are connected.
     pub fn clients(&self) -> usize {
         self.shared.state().queues.len()
+    }
+
+    /// Who has connected, left or been turned away since the last call; of very many the latest.
+    pub fn client_changes(&self) -> Vec<(SocketAddr, ClientChange)> {
+        self.shared.state().changes.drain(..).collect()
     }
 
     /// Updates that clients were too slow for.
@@ -141,19 +174,28 @@ impl Drop for Publisher {
 }
 
 /// Takes clients until the server ends, and waits for their threads then.
-fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
+fn accept(listener: &TcpListener, shared: &Arc<Shared>, max_clients: usize) {
     let mut threads: Vec<JoinHandle<()>> = Vec::new();
     while !shared.has_ended() {
         threads.retain(|thread| !thread.is_finished());
         match listener.accept() {
-            // More than that are turned away; the connection closes here.
-            Ok((stream, _)) if threads.len() < MAX_CLIENTS => {
+            Ok((stream, address)) if threads.len() < max_clients => {
                 let own = shared.clone();
                 let named = std::thread::Builder::new().name("igtl client".into());
                 // Where there is no thread there is no client.
-                threads.extend(named.spawn(move || serve(stream, &own)));
+                threads.extend(named.spawn(move || {
+                    own.changed(address, ClientChange::Connected);
+                    serve(stream, &own);
+                    own.changed(address, ClientChange::Left);
+                }));
+                std::thread::sleep(Duration::from_secs(1) / ACCEPTED_PER_S);
             }
-            Ok(_) => {}
+            // More than that are turned away; the connection closes here.
+            Ok((stream, address)) => {
+                drop(stream);
+                shared.changed(address, ClientChange::TurnedAway);
+                std::thread::sleep(Duration::from_secs(1) / ACCEPTED_PER_S);
+            }
             // Also where a client was gone before it was taken.
             Err(_) => std::thread::sleep(POLL_INTERVAL),
         }
@@ -216,11 +258,19 @@ fn receive(mut stream: &TcpStream, shared: &Shared, gone: &AtomicBool) -> io::Re
     stream.set_read_timeout(Some(POLL_INTERVAL))?;
     let mut decoder = Decoder::default();
     let mut bytes = [0; 4096];
+    let (mut since, mut received) = (Instant::now(), 0);
     while !shared.has_ended() && !gone.load(Ordering::Acquire) {
         match stream.read(&mut bytes) {
             Ok(0) => return Ok(()),
             Ok(count) => {
                 let new = bytes.get(..count).unwrap_or_default();
+                if since.elapsed() >= Duration::from_secs(1) {
+                    (since, received) = (Instant::now(), 0);
+                }
+                received += count;
+                if received > RECEIVED_PER_S {
+                    return Err(io::Error::new(ErrorKind::InvalidData, "more than a client may send"));
+                }
                 decoder.feed(new, |_| {}).map_err(|broken| io::Error::new(ErrorKind::InvalidData, broken))?;
             }
             Err(error) if is_pause(&error) => {}

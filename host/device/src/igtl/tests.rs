@@ -5,7 +5,7 @@ use super::message::HEADER_BYTES;
 use super::message::{Content, MAX_POINTS, MAX_TEXT, Message, Point, Pose};
 use super::source::Source;
 use super::wire::{Arrival, Broken, Decoder, MAX_KEPT};
-use super::{IgtlError, PORT, Publisher, host_and_port};
+use super::{IgtlError, PORT, Publisher, host_and_port, server};
 use crate::link::{Batch, Point as Sample};
 use formats::session::import::Frame;
 use proptest::prelude::*;
@@ -271,7 +271,7 @@ fn eventually(what: &str, is_so: impl Fn() -> bool) {
 }
 
 fn publisher() -> Publisher {
-    Publisher::bind("127.0.0.1:0".parse().expect("an address")).expect("binds")
+    Publisher::bind("127.0.0.1:0".parse().expect("an address"), server::MAX_CLIENTS).expect("binds")
 }
 
 #[test]
@@ -319,7 +319,7 @@ fn clients_that_never_read_or_send_nonsense_delay_no_other() {
 #[test]
 fn a_port_that_is_taken_is_reported() {
     let first = publisher();
-    let error = Publisher::bind(first.address()).expect_err("taken").to_string();
+    let error = Publisher::bind(first.address(), 1).expect_err("taken").to_string();
     assert!(error.contains("cannot serve OpenIGTLink at 127.0.0.1:"), "{error}");
 }
 

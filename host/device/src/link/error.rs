@@ -188,7 +188,7 @@ pub fn explain_refusal(refusal: Refusal) -> String {
             "the steps it holds are not the ones that were meant; load them again".to_owned()
         }
         Refusal::TooLate => "the start time has passed on its clock; see `guide status`".to_owned(),
-        Refusal::CauseRemains => "the cause of the fault is still there".to_owned(),
+        Refusal::CauseRemains => "the cause of the fault is still there, or an axis still moves".to_owned(),
         Refusal::CalibrationInvalid => {
             "the calibration it received is not the one that was meant, or no rig has such constants".to_owned()
         }

@@ -5,11 +5,12 @@ use super::error::RecordingError;
 use super::replay::{Replay, ReplayItem};
 use crate::link::Batch;
 use crate::record::{Recorder, provenance};
+use formats::files::NewFile;
 use formats::session::{SessionWriter, Setup};
 use protocol::State;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// What a session needs and the recording may not have; what is given goes before what is recorded.
 #[derive(Debug, Clone, Default)]
@@ -62,21 +63,31 @@ pub fn to_session(
     let program_only = about.is_some_and(|about| about.command == "acquire");
 
     let mut session = SessionWriter::open(dir, &setup)?;
-    let mut writer = session.lateral(&id, 1e-3 * depth_mm)?;
-    writer.made_with(made_with);
-    let mut recorder = Recorder::new(&mut writer);
-    let outcome = each_batch(&mut replay, progress, |batch| {
-        let outside =
-            matches!(batch.state, State::Idle | State::Pending | State::Faulted | State::Retreating);
-        if program_only && outside { Ok(()) } else { Ok(recorder.batch(batch)?) }
-    });
-    let rows = recorder.recorded().samples;
-    writer.finish()?;
-    let contents = outcome?;
-    if rows == 0 {
-        return Err(RecordingError::NoSamples { path: from.to_owned() });
+    let export = || {
+        let mut writer = session.lateral(&id, 1e-3 * depth_mm)?;
+        writer.made_with(made_with);
+        let mut recorder = Recorder::new(&mut writer);
+        let contents = each_batch(&mut replay, progress, |batch| {
+            let outside =
+                matches!(batch.state, State::Idle | State::Pending | State::Faulted | State::Retreating);
+            if program_only && outside { Ok(()) } else { Ok(recorder.batch(batch)?) }
+        })?;
+        let rows = recorder.recorded().samples;
+        writer.finish()?;
+        if rows == 0 {
+            Err(RecordingError::NoSamples { path: from.to_owned() })
+        } else {
+            Ok((contents, rows))
+        }
+    };
+    match export() {
+        Ok((contents, rows)) => Ok(Exported { contents, run: Some(id), rows }),
+        Err(error) => {
+            // The recording is still there: all of it or nothing, so that the same command works once there is room.
+            session.undo();
+            Err(error)
+        }
     }
-    Ok(Exported { contents, run: Some(id), rows })
 }
 
 /// Fields of a row in an array, with their types as NumPy names them.
@@ -95,27 +106,26 @@ pub fn to_npy(from: &Path, to: &Path, progress: &mut dyn FnMut(u64)) -> Result<E
     if replay.hello().is_none() {
         return Err(RecordingError::NoHello { path: from.to_owned() });
     }
-    let new = OpenOptions::new().write(true).create_new(true).open(to);
-    let mut npy = Npy {
-        path: to.to_owned(),
-        file: BufWriter::new(new.map_err(RecordingError::io(to, 0, "create"))?),
-        rows: 0,
-    };
+    let new = NewFile::create(to).map_err(RecordingError::io(to, 0, "create"))?;
+    let mut npy = Npy { path: to, file: BufWriter::new(new.file()), rows: 0 };
     npy.head()?;
     let contents = each_batch(&mut replay, progress, |batch| npy.batch(batch))?;
     // Now the number of rows is known.
     npy.head()?;
     npy.file.flush().map_err(RecordingError::io(to, 0, "write"))?;
-    Ok(Exported { contents, run: None, rows: npy.rows })
+    let rows = npy.rows;
+    drop(npy);
+    new.finish().map_err(RecordingError::io(to, 0, "write"))?;
+    Ok(Exported { contents, run: None, rows })
 }
 
-struct Npy {
-    path: PathBuf,
-    file: BufWriter<File>,
+struct Npy<'a> {
+    path: &'a Path,
+    file: BufWriter<&'a File>,
     rows: u64,
 }
 
-impl Npy {
+impl Npy<'_> {
     fn head(&mut self) -> Result<(), RecordingError> {
         let text = format!("{{'descr': {FIELDS}, 'fortran_order': False, 'shape': ({},), }}", self.rows);
         let room = NPY_HEAD_BYTES - 10;
@@ -123,7 +133,7 @@ impl Npy {
         let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
         bytes.extend_from_slice(&(room as u16).to_le_bytes());
         bytes.extend_from_slice(head.as_bytes());
-        let io = RecordingError::io(&self.path, 0, "write");
+        let io = RecordingError::io(self.path, 0, "write");
         self.file.seek(SeekFrom::Start(0)).and_then(|_| self.file.write_all(&bytes)).map_err(io)
     }
 

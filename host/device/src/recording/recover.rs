@@ -20,7 +20,7 @@ pub fn recover(
 ) -> Result<(Contents, RawFile), RecordingError> {
     let mut replay = Replay::open(from)?;
     let mut anchor_ns = replay.first_hello().map_or(0, |(_, anchor_ns)| anchor_ns);
-    let writer = Writer::create(to, false)?;
+    let writer = Writer::whole(to)?;
     let mut transcript = Transcript::new(writer, replay.about().cloned(), Some(anchor_ns));
     if let Some((hello, _)) = replay.first_hello() {
         transcript.prime(hello);

@@ -8,6 +8,7 @@ use super::error::RecordingError;
 use super::format::{
     CHUNK_HEAD, CRC, ChunkHead, FOOTER_BYTES, Fields, MAGIC, RECORD_HEAD, op, record, sized,
 };
+use formats::files::NewFile;
 use std::fs::{File, OpenOptions};
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -19,6 +20,8 @@ const FULL_CHUNK_BYTES: usize = 256 << 10;
 #[derive(Debug)]
 pub struct Writer {
     path: PathBuf,
+    /// The file has its name only when it is finished.
+    unnamed: Option<NewFile>,
     file: File,
     /// Every chunk is handed on to the disk, not only to the operating system.
     durable: bool,
@@ -36,12 +39,30 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Begins a file. One that exists is not overwritten.
+    /// Begins a file, which is there from now on: what has been written of it can be read, whatever becomes of this program. One that
+    /// exists is not overwritten.
     pub fn create(path: &Path, durable: bool) -> Result<Self, RecordingError> {
         let new = OpenOptions::new().write(true).create_new(true).open(path);
+        Self::begin(path, None, new.map_err(RecordingError::io(path, 0, "create"))?, durable)
+    }
+
+    /// Begins a file that appears when it is finished. One that exists is not overwritten.
+    pub fn whole(path: &Path) -> Result<Self, RecordingError> {
+        let new = NewFile::create(path).map_err(RecordingError::io(path, 0, "create"))?;
+        let file = new.file().try_clone().map_err(RecordingError::io(path, 0, "create"))?;
+        Self::begin(path, Some(new), file, false)
+    }
+
+    fn begin(
+        path: &Path,
+        unnamed: Option<NewFile>,
+        file: File,
+        durable: bool,
+    ) -> Result<Self, RecordingError> {
         let mut writer = Self {
             path: path.to_owned(),
-            file: new.map_err(RecordingError::io(path, 0, "create"))?,
+            unnamed,
+            file,
             durable,
             offset: 0,
             records: Vec::new(),
@@ -169,7 +190,11 @@ impl Writer {
             .map_err(RecordingError::io(&path, summary_start, "index"))?;
         let bytes = summary_start + summary.bytes;
         drop(summary);
-        self.file.sync_data().map_err(RecordingError::io(&path, bytes, "keep"))?;
+        match self.unnamed.take() {
+            Some(unnamed) => unnamed.finish(),
+            None => self.file.sync_data(),
+        }
+        .map_err(RecordingError::io(&path, bytes, "keep"))?;
         Ok(bytes)
     }
 
@@ -216,7 +241,8 @@ impl Writer {
 
     /// Goes through the heads of what has been written.
     fn chunk_indexes(&self, data_end: u64, summary: &mut Summary) -> std::io::Result<()> {
-        let mut file = BufReader::new(File::open(&self.path)?);
+        let mut file =
+            BufReader::new(File::open(self.unnamed.as_ref().map_or(self.path.as_path(), NewFile::hidden))?);
         let mut at = MAGIC.len() as u64;
         file.seek(SeekFrom::Start(at))?;
         let mut chunk: Option<(u64, u64, ChunkHead)> = None;

@@ -10,10 +10,10 @@ mod lateral;
 pub use lateral::{ForceRow, LateralWriter, ShapeRow};
 
 use super::{Noise, Session, SessionError, SteeringRun, Tissue};
+use crate::files;
 use mechanics::{Guides, Rig};
 use std::fmt::Write as _;
-use std::fs::{self, File};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Head of a new session.
@@ -48,6 +48,12 @@ pub struct SessionWriter {
     lateral_ids: Vec<String>,
     insertion_ids: Vec<String>,
     steering_ids: Vec<String>,
+    /// Files that this has made.
+    made: Vec<PathBuf>,
+    /// `session.toml` as it was; nothing where this has made it.
+    before: Option<String>,
+    /// The folder was made for it.
+    made_folder: bool,
 }
 
 impl SessionWriter {
@@ -68,16 +74,35 @@ impl SessionWriter {
             let lateral_ids = session.lateral.into_iter().map(|run| run.id).collect();
             let insertion_ids = session.insertion.into_iter().map(|run| run.id).collect();
             let steering_ids = session.steering.into_iter().map(|run| run.id).collect();
-            return Ok(Self { dir: dir.to_owned(), lateral_ids, insertion_ids, steering_ids });
+            let before = Some(fs::read_to_string(&path).map_err(io(&path, "read"))?);
+            let dir = dir.to_owned();
+            return Ok(Self {
+                dir,
+                lateral_ids,
+                insertion_ids,
+                steering_ids,
+                made: Vec::new(),
+                before,
+                made_folder: false,
+            });
         }
         let text = header(&path, setup)?;
+        let made_folder = !dir.exists();
         fs::create_dir_all(dir).map_err(io(dir, "create"))?;
-        replace(&path, &text)?;
+        if let Err(error) = replace(&path, &text) {
+            if made_folder {
+                let _ = fs::remove_dir(dir);
+            }
+            return Err(error);
+        }
         Ok(Self {
             dir: dir.to_owned(),
             lateral_ids: Vec::new(),
             insertion_ids: Vec::new(),
             steering_ids: Vec::new(),
+            made: Vec::new(),
+            before: None,
+            made_folder,
         })
     }
 
@@ -103,39 +128,81 @@ impl SessionWriter {
     /// As [`Self::lateral`]; [`SessionError::NotFinite`].
     pub fn steering(&mut self, run: &SteeringRun) -> Result<(), SessionError> {
         self.check_id(&run.id, &self.steering_ids)?;
-        self.table(
-            &run.id,
-            &[
-                ("time_s", run.time_s.clone(), 1.0),
-                ("depth_mm", run.depth_m.clone(), 1e3),
-                ("base_y_mm", run.base_y_m.clone(), 1e3),
-                ("base_force_y_n", run.base_force_y_n.clone(), 1.0),
-                ("tip_y_mm", run.tip_y_m.clone(), 1e3),
-            ],
-        )?;
-        enter(&self.dir, &format!("\n[[steering]]\nid = \"{0}\"\ndata = \"{0}.csv\"\n", run.id))?;
+        self.whole_run(|session| {
+            session.table(
+                &run.id,
+                &[
+                    ("time_s", run.time_s.clone(), 1.0),
+                    ("depth_mm", run.depth_m.clone(), 1e3),
+                    ("base_y_mm", run.base_y_m.clone(), 1e3),
+                    ("base_force_y_n", run.base_force_y_n.clone(), 1.0),
+                    ("tip_y_mm", run.tip_y_m.clone(), 1e3),
+                ],
+            )?;
+            enter(&session.dir, &format!("\n[[steering]]\nid = \"{0}\"\ndata = \"{0}.csv\"\n", run.id))
+        })?;
         self.steering_ids.push(run.id.clone());
         Ok(())
     }
 
     /// Writes `<id>.csv` with columns of equal length: name, values, factor into the file's unit.
-    fn table(&self, id: &str, columns: &[(&'static str, Vec<f64>, f64)]) -> Result<(), SessionError> {
+    fn table(&mut self, id: &str, columns: &[(&'static str, Vec<f64>, f64)]) -> Result<(), SessionError> {
         let names: Vec<_> = columns.iter().map(|(name, ..)| *name).collect();
-        let mut csv = lateral::CsvFile {
-            path: self.dir.join(format!("{id}.csv")),
-            rows: format!("{}\n", names.join(",")),
-            file: None,
-            bytes: 0,
-        };
+        let path = self.dir.join(format!("{id}.csv"));
+        let mut rows = format!("{}\n", names.join(","));
         for row in 0..columns.first().map_or(0, |(_, values, _)| values.len()) {
             let at = |(name, values, factor): &(&'static str, Vec<f64>, f64)| {
                 (*name, factor * values.get(row).copied().unwrap_or(f64::NAN))
             };
-            let line = csv.numbers(&columns.iter().map(at).collect::<Vec<_>>())?;
-            csv.rows.push_str(&line);
-            csv.rows.push('\n');
+            let cells: Result<Vec<_>, _> =
+                columns.iter().map(at).map(|(name, value)| number(&path, name, value)).collect();
+            rows.push_str(&cells?.join(","));
+            rows.push('\n');
         }
-        csv.flush()
+        self.whole(path, &rows)
+    }
+
+    /// Writes a run of which everything is there: files and entry, or none of them.
+    fn whole_run(
+        &mut self,
+        write: impl FnOnce(&mut Self) -> Result<(), SessionError>,
+    ) -> Result<(), SessionError> {
+        let before = self.made.len();
+        let outcome = write(self);
+        if outcome.is_err() {
+            for path in self.made.drain(before..) {
+                let _ = fs::remove_file(path);
+            }
+        }
+        outcome
+    }
+
+    /// Writes a file of a run, whole or not at all.
+    fn whole(&mut self, path: PathBuf, rows: &str) -> Result<(), SessionError> {
+        files::write_new(&path, rows.as_bytes()).map_err(io(&path, "write"))?;
+        self.made.push(path);
+        Ok(())
+    }
+
+    /// Takes back everything that was written since the session was opened, after a failure: files of runs, entries, and the folder
+    /// where this made it. What cannot be removed stays.
+    pub fn undo(self) {
+        // The entries go first, so that none of them names a file that is gone.
+        let session = self.dir.join("session.toml");
+        let undone = match &self.before {
+            Some(text) if !self.made.is_empty() => replace(&session, text).is_ok(),
+            Some(_) => true,
+            None => fs::remove_file(&session).is_ok(),
+        };
+        if undone {
+            for path in &self.made {
+                let _ = fs::remove_file(path);
+            }
+        }
+        if self.made_folder {
+            // Only where nothing else has come into it.
+            let _ = fs::remove_dir(&self.dir);
+        }
     }
 
     /// Refuses an id that is taken or cannot be part of a file name.
@@ -273,14 +340,7 @@ fn same_rig(path: &Path, there: &Rig, new: &Rig) -> Result<(), SessionError> {
 
 /// Writes a file so that at any moment either the old or the new content is there.
 pub fn replace(path: &Path, text: &str) -> Result<(), SessionError> {
-    let temporary = path.with_extension("toml.new");
-    let write = || {
-        let mut file = File::create(&temporary)?;
-        file.write_all(text.as_bytes())?;
-        file.sync_all()?;
-        fs::rename(&temporary, path)
-    };
-    write().map_err(io(path, "write"))
+    files::replace(path, text.as_bytes()).map_err(io(path, "write"))
 }
 
 fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> SessionError {

@@ -44,6 +44,8 @@ pub struct Injection {
     pub brown_out: bool,
     /// The program panics, once.
     pub panic: bool,
+    /// The program uses up its stack, once.
+    pub stack_overflow: bool,
     /// The firmware gets no answer: time stands still.
     pub freeze: bool,
 }
@@ -106,6 +108,7 @@ pub(super) struct Electronics {
     saturates_once: bool,
     brown_out: bool,
     panic: bool,
+    stack_overflow: bool,
     /// Force codes of the last reply.
     force_codes: [i32; 2],
     line: Line,
@@ -125,6 +128,7 @@ impl Electronics {
             saturates_once: false,
             brown_out: false,
             panic: false,
+            stack_overflow: false,
             force_codes: [0; 2],
             line: Line::default(),
         }
@@ -188,6 +192,7 @@ impl Electronics {
         self.saturates_once = injection.force_saturated_once.is_some();
         self.brown_out = injection.brown_out;
         self.panic = injection.panic;
+        self.stack_overflow = injection.stack_overflow;
         self.injection = injection;
         // The end of an injection is none: what it did can still be read.
         if injection != Injection::default() {
@@ -244,6 +249,7 @@ impl Electronics {
             power_off,
             brown_out: std::mem::take(&mut self.brown_out),
             panic: std::mem::take(&mut self.panic),
+            stack_overflow: std::mem::take(&mut self.stack_overflow),
         }
     }
 

@@ -135,6 +135,10 @@ pub fn causes() -> Vec<Cause> {
             ..nothing()
         }),
         restart("panic", 2, (ResetReason::Software, true), |_, _| Injection { panic: true, ..nothing() }),
+        restart("stack overflow", 2, (ResetReason::Software, true), |_, _| Injection {
+            stack_overflow: true,
+            ..nothing()
+        }),
         restart("hang", 6, (ResetReason::Watchdog, false), |_, _| Injection {
             conversion_us: NEVER,
             ..nothing()

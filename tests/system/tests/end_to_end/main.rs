@@ -10,4 +10,5 @@ mod machine;
 mod ports;
 mod program;
 mod readme;
+mod registers;
 mod rig_matches;

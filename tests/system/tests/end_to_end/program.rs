@@ -160,6 +160,64 @@ fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_costs_nothing_recorded()
     assert_eq!(gaps, 0, "every sample up to the end is there");
 }
 
+/// A computer that sleeps is a host that is silent: the device stops by itself, and what was recorded until then stays.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_host_that_is_suspended_in_mid_run_loses_nothing_recorded_and_names_the_fault() {
+    let bench = Bench::start(RigConfig::default(), 25, 4.0, HANGS).unwrap();
+    let guide = build_guide().unwrap();
+    let session = bench.folder().join("session");
+    let rig_file = bench.folder().join("rig.toml");
+    std::fs::write(
+        &rig_file,
+        "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
+         [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n",
+    )
+    .unwrap();
+    let child = Command::new(guide)
+        .args(["acquire", "--port", &bench.port(), "--program", "staircase", "--depth-mm", "30", "--no-tare"])
+        .arg("--rig")
+        .arg(&rig_file)
+        .arg("--out")
+        .arg(&session)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let signal = |name: &str| {
+        let kill = format!("kill -{name} {}", child.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    };
+    let force_file = session.join("d30-1.force.csv");
+    let rows = || std::fs::read_to_string(&force_file).map_or(0, |text| text.lines().count());
+    let began = Instant::now();
+    while rows() < 2_000 {
+        assert!(began.elapsed() < HANGS, "nothing is recorded");
+        thread::sleep(Duration::from_millis(20));
+    }
+    let before = rows();
+    signal("STOP");
+    // Twice the device's 2 s, by its own clock.
+    let from = bench.rig().steps();
+    while bench.rig().steps() < from + 5_000 {
+        assert!(began.elapsed() < HANGS, "the rig stands");
+        thread::sleep(Duration::from_millis(20));
+    }
+    assert!(!bench.rig().bridges_driven(), "the device has stopped by itself");
+    signal("CONT");
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert_eq!(said.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{said}");
+    assert!(said.contains("host") || said.contains("silent"), "{said}");
+    let read = Session::read(&session).unwrap();
+    let force = &read.lateral[0].force;
+    assert!(force.time_s.len() + 1 >= before, "{} of {before} rows are left", force.time_s.len());
+    assert!(force.time_s.windows(2).all(|pair| pair[1] > pair[0]), "the device's clock goes on");
+    bench.stop().unwrap();
+}
+
 /// The device's stream and a tracker's lines become estimates while both still run.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]

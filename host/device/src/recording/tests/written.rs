@@ -119,6 +119,27 @@ fn an_hour_takes_no_more_memory_than_a_minute() {
     assert!(bytes < 320_000_000, "{bytes} bytes an hour");
 }
 
+/// The host's clock counts once, at the hello: what is recorded keeps the distances that the device measured, whatever is done to it.
+#[test]
+fn a_host_clock_that_is_set_by_an_hour_moves_nothing_that_is_recorded() {
+    const HOUR_NS: i64 = 3_600_000_000_000;
+    let folder = tempfile::tempdir().expect("a folder");
+    let record = |name: &str, step_ns: i64| {
+        let path = folder.path().join(name);
+        let mut transcript = begun(&path);
+        for (index, envelope) in Stream::new().take(120).enumerate() {
+            let host_ns = if index < 40 { HOST_NS } else { HOST_NS.wrapping_add_signed(step_ns) };
+            transcript.envelope(&envelope, host_ns).expect("records");
+        }
+        transcript.finish().expect("finishes");
+        messages(&path).into_iter().map(|read| (read.topic, read.log_ns, read.publish_ns)).collect::<Vec<_>>()
+    };
+    let steady = record("steady.mcap", 0);
+    assert!(steady.len() > 120, "{} messages", steady.len());
+    assert!(record("ahead.mcap", HOUR_NS) == steady, "set forward");
+    assert!(record("back.mcap", -HOUR_NS) == steady, "set back");
+}
+
 #[test]
 fn an_existing_file_is_not_overwritten() {
     let folder = tempfile::tempdir().expect("a folder");

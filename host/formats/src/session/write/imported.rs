@@ -1,7 +1,6 @@
 //! Entering a lateral run that was recorded elsewhere: its force series as it is, its shape with the columns it has.
 
 use super::super::{SessionError, ShapeSeries, read_text};
-use super::lateral::CsvFile;
 use super::{SessionWriter, enter, number};
 use std::path::Path;
 
@@ -25,7 +24,6 @@ impl SessionWriter {
         let session_file = self.dir.join("session.toml");
         let depth_mm = number(&session_file, "depth_mm", 1e3 * depth_m)?;
         let rows = force.map_or_else(|| Ok(NO_FORCE.to_owned()), read_text)?;
-        CsvFile { path: self.dir.join(format!("{id}.force.csv")), rows, file: None, bytes: 0 }.flush()?;
         let columns: Vec<(&'static str, Vec<f64>, f64)> = [
             shape.time_s.clone().map(|values| ("time_s", values, 1.0)),
             Some(("z_mm", shape.z_m.clone(), 1e3)),
@@ -35,11 +33,14 @@ impl SessionWriter {
         .into_iter()
         .flatten()
         .collect();
-        self.table(&format!("{id}.shape"), &columns)?;
         let entry = format!(
             "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
         );
-        enter(&self.dir, &entry)?;
+        self.whole_run(|session| {
+            session.whole(session.dir.join(format!("{id}.force.csv")), &rows)?;
+            session.table(&format!("{id}.shape"), &columns)?;
+            enter(&session.dir, &entry)
+        })?;
         self.lateral_ids.push(id.to_owned());
         Ok(())
     }

@@ -3,7 +3,6 @@
 use super::super::read::INSERTION_COLUMNS;
 use super::super::table::Column;
 use super::super::{InsertionRun, SessionError};
-use super::lateral::CsvFile;
 use super::{SessionWriter, enter, number};
 use std::path::Path;
 
@@ -32,8 +31,10 @@ impl SessionWriter {
             }
             rows.push('\n');
         }
-        CsvFile { path, rows, file: None, bytes: 0 }.flush()?;
-        enter(&self.dir, &format!("\n[[insertion]]\nid = \"{0}\"\npath = \"{0}.csv\"\n", run.id))?;
+        self.whole_run(|session| {
+            session.whole(path, &rows)?;
+            enter(&session.dir, &format!("\n[[insertion]]\nid = \"{0}\"\npath = \"{0}.csv\"\n", run.id))
+        })?;
         self.insertion_ids.push(run.id.clone());
         Ok(())
     }

@@ -3,7 +3,7 @@
 use super::super::{Provenance, SessionError};
 use super::{SessionWriter, enter, io, number};
 use std::fmt::Write as _;
-use std::fs::{File, OpenOptions};
+use std::fs::{self, File, OpenOptions};
 use std::io::{Seek, SeekFrom, Write};
 use std::path::PathBuf;
 
@@ -125,10 +125,34 @@ impl<'a> LateralWriter<'a> {
             return Ok(());
         }
         let is_new = self.force.file.is_none();
-        let flushed = self.force.flush().and_then(|()| self.shape.flush());
+        let force = self.force.flush();
+        if is_new && self.force.bytes == 0 {
+            // Nothing was recorded: nothing is left that would be in the way of the next attempt.
+            if self.force.file.take().is_some() {
+                let _ = fs::remove_file(&self.force.path);
+            }
+            return force;
+        }
+        let flushed = force.and(self.shape.flush());
+        if is_new {
+            let made = [&self.force, &self.shape].into_iter().filter(|csv| csv.file.is_some());
+            self.session.made.extend(made.map(|csv| csv.path.clone()));
+        }
         // What there is of a run is a part of the session, also where not all of it could be written.
         let both = self.force.file.is_some() && self.shape.file.is_some();
-        if is_new && (flushed.is_ok() || both) { self.enter().and(flushed) } else { flushed }
+        if is_new && (flushed.is_ok() || both) {
+            let entered = self.enter();
+            if entered.is_err() {
+                // Files that the session does not name are no part of it, and would be in the way of the next attempt.
+                for csv in [&self.force, &self.shape] {
+                    let _ = fs::remove_file(&csv.path);
+                }
+                self.has_rows = false;
+            }
+            entered.and(flushed)
+        } else {
+            flushed
+        }
     }
 
     /// Writes what is left.
@@ -170,24 +194,24 @@ const MAX_PENDING_BYTES: usize = 1 << 20;
 
 /// A CSV file being written: created with its first rows, which wait here until they are flushed.
 #[derive(Debug)]
-pub(super) struct CsvFile {
-    pub(super) path: PathBuf,
-    pub(super) rows: String,
-    pub(super) file: Option<File>,
+struct CsvFile {
+    path: PathBuf,
+    rows: String,
+    file: Option<File>,
     /// Bytes in the file.
-    pub(super) bytes: u64,
+    bytes: u64,
 }
 
 impl CsvFile {
     /// A row.
-    pub(super) fn numbers(&self, cells: &[(&'static str, f64)]) -> Result<String, SessionError> {
+    fn numbers(&self, cells: &[(&'static str, f64)]) -> Result<String, SessionError> {
         let cells: Result<Vec<_>, _> =
             cells.iter().map(|(name, value)| number(&self.path, name, *value)).collect();
         Ok(cells?.join(","))
     }
 
     /// Hands the rows so far to the operating system.
-    pub(super) fn flush(&mut self) -> Result<(), SessionError> {
+    fn flush(&mut self) -> Result<(), SessionError> {
         let file = match &mut self.file {
             Some(file) => file,
             None => {

@@ -45,6 +45,7 @@ const NOTHING: Injection = Injection {
     line_baud: None,
     brown_out: false,
     panic: false,
+    stack_overflow: false,
     freeze: false,
 };
 

@@ -55,6 +55,15 @@ fn a_panic_restarts_and_is_reported() {
     assert!(panic.contains(".rs:") && panic.contains("the plant requests a panic"), "{panic}");
 }
 
+/// The guard below the stack is hit before a variable is overwritten: the panic's text, which lies below it, arrives whole.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_stack_that_overflows_restarts_and_is_reported() {
+    let hello = restarts(Injection { stack_overflow: true, ..NOTHING }, 1..=2);
+    assert_eq!(hello.reset_reason, ResetReason::Software);
+    assert_eq!(hello.last_panic.as_deref(), Some("stack overflow"));
+}
+
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_slow_converter_makes_control_late() {

@@ -1,0 +1,99 @@
+//! The registers that decide how fast, how exactly and how safely everything runs, read back once it does.
+//!
+//! What they have to hold is stated here in bits, from the chip's reference manual (RM0351, sections in brackets); the drivers set them
+//! from frequencies and modes. The log names every value at the start, where a test compares it with the quantities that are
+//! meant. A register that holds something else ends the run: the device restarts, and its next hello says which register it was.
+
+use embassy_stm32::pac::{ADC1, FLASH, GPIOA, GPIOB, IWDG, PWR, RCC, SPI1, TIM2, TIM3, USART1};
+
+/// A register with the bits that matter.
+struct Register {
+    name: &'static str,
+    read: fn() -> u32,
+    /// The bits that matter.
+    mask: u32,
+    /// What they have to be.
+    expected: u32,
+}
+
+const fn register(name: &'static str, read: fn() -> u32, mask: u32, expected: u32) -> Register {
+    Register { name, read, mask, expected }
+}
+
+/// All of them.
+const REGISTERS: [Register; 24] = [
+    // Voltage range 1, without which 80 MHz is too fast [5.4.1].
+    register("PWR.CR1", || PWR.cr1().read().0, 0b11 << 9, 0b01 << 9),
+    // Four wait states at 80 MHz in range 1 [3.3.3].
+    register("FLASH.ACR", || FLASH.acr().read().0, 0b111, 4),
+    // 16 MHz oscillator, divided by 1, times 10, divided by 2, output R on [6.4.4].
+    register("RCC.PLLCFGR", || RCC.pllcfgr().read().0, 0x0700_7F73, 0x0100_0A02),
+    // System clock from the PLL; core, APB1 and APB2 undivided [6.4.3].
+    register("RCC.CFGR", || RCC.cfgr().read().0, 0x3FFC, 0b11 << 2),
+    // The converter of the potentiometers runs from the system clock [6.4.28].
+    register("RCC.CCIPR", || RCC.ccipr().read().0, 0b11 << 28, 0b11 << 28),
+    // 92.5 cycles for channels 13 and 14 [18.6.7].
+    register("ADC1.SMPR2", || ADC1.smpr(1).read().0, 0b11_1111 << 9, 0b10_1101 << 9),
+    // Eight conversions averaged: oversampling on, ratio 8, shifted by 3 [18.6.5].
+    register("ADC1.CFGR2", || ADC1.cfgr2().read().0, 0x1FF, 3 << 5 | 2 << 2 | 1),
+    // Twelve bits, right-aligned, single conversions [18.6.4].
+    register("ADC1.CFGR", || ADC1.cfgr().read().0, 0x2038, 0),
+    // Bridges: 80 MHz / 4000 = 20 kHz, counting up, PWM mode 1, active high [31.4].
+    register("TIM3.PSC", || u32::from(TIM3.psc().read()), 0xFFFF, 0),
+    register("TIM3.ARR", || TIM3.arr().read().0, 0xFFFF, 3_999),
+    register("TIM3.CR1", || TIM3.cr1().read().0, 0x71, 1),
+    register("TIM3.CCMR2", || TIM3.ccmr_output(1).read().0, 0x7373, 0x6060),
+    register("TIM3.CCER", || TIM3.ccer().read().0, 0x2200, 0),
+    register("TIM2.PSC", || u32::from(TIM2.psc().read()), 0xFFFF, 0),
+    register("TIM2.ARR", || TIM2.arr().read(), 0xFFFF_FFFF, 3_999),
+    register("TIM2.CR1", || TIM2.cr1().read().0, 0x71, 1),
+    register("TIM2.CCMR1", || TIM2.ccmr_output(0).read().0, 0x0073, 0x0060),
+    register("TIM2.CCMR2", || TIM2.ccmr_output(1).read().0, 0x0073, 0x0060),
+    register("TIM2.CCER", || TIM2.ccer().read().0, 0x0202, 0),
+    // Pins of the bridges on their timers: PB0 and PB1 on TIM3 (AF2), PA15 and PA2 on TIM2 (AF1) [8.5.9, 8.5.10].
+    register("GPIOB.AFRL", || GPIOB.afr(0).read().0, 0xFF, 0x22),
+    register("GPIOA.AFRH", || GPIOA.afr(1).read().0, 0xF << 28, 1 << 28),
+    // Master in mode 1 (clock idles low, data on its second edge) at 80 MHz / 16 = 5 MHz, highest bit first [42.6.1].
+    register("SPI1.CR1", || SPI1.cr1().read().0, 0xBF, 0b0001_1101),
+    // 80 MHz / 460.8 kBaud, oversampled 16 times [40.8.4].
+    register("USART1.BRR", || USART1.brr().read().0, 0xFFFF, 174),
+    // 32 counts of 32 kHz / 4: 4 ms [32.4].
+    register(
+        "IWDG.RLR",
+        || u32::from(IWDG.rlr().read().rl()) << 8 | IWDG.pr().read().0 & 7,
+        0xF_FFFF,
+        31 << 8,
+    ),
+];
+
+/// Brown-out reset level in the option bytes [3.4.1]: power that sags below it resets the chip.
+const fn brown_out_level(options: u32) -> u32 {
+    options >> 8 & 0b111
+}
+
+/// The level that this board's 3.3 V allow: reset below 2.8 V. Chips come with level 0, 1.7 V.
+const BROWN_OUT_LEVEL: u32 = 4;
+
+/// Reads all of them back; once everything runs.
+///
+/// # Panics
+/// Where a register holds something else than it has to.
+pub fn verify() {
+    for register in &REGISTERS {
+        let value = (register.read)();
+        defmt::info!("register {=str} {=u32:#010x}", register.name, value);
+        if value & register.mask != register.expected {
+            panic!("{} reads {value:#010x}, expected {:#010x}", register.name, register.expected);
+        }
+    }
+    let options = FLASH.optr().read().0;
+    defmt::info!("register FLASH.OPTR {=u32:#010x}", options);
+    let level = brown_out_level(options);
+    if level < BROWN_OUT_LEVEL {
+        defmt::warn!(
+            "brown-out reset at level {=u32}, expected {=u32} (2.8 V): set the option bytes",
+            level,
+            BROWN_OUT_LEVEL
+        );
+    }
+}

@@ -1,0 +1,342 @@
+//! Commands that write, where the disk is full at any byte, where a name is taken, and where they are killed: one line, exit code 1,
+//! nothing half-written, and the same command works once the cause is gone.
+//!
+//! The disk that is full is a limit on the size of a file (`prlimit`): what goes beyond it fails as on a full disk.
+#![cfg(target_os = "linux")]
+
+#[path = "interrupted/device.rs"]
+mod device;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::thread;
+use std::time::Instant;
+use tempfile::TempDir;
+
+/// Every command that writes files without a device, with a word on what a failure leaves of it.
+const WRITERS: [(&str, Left); 18] = [
+    ("init made", Left::Nothing),
+    ("init made --example", Left::Nothing),
+    ("simulate --config plan.toml --out made", Left::Nothing),
+    ("simulate --config more.toml --out .", Left::Nothing),
+    ("import trajcontrol trajcontrol.csv --rig rig.toml --out made", Left::Nothing),
+    ("import trajcontrol recordings/later.csv --rig rig.toml --out .", Left::Nothing),
+    ("import slicer needle.mrk.json --force d20.force.csv --rig rig.toml --out made", Left::Nothing),
+    ("import fbg poses.txt --rig rig.toml --out made", Left::Nothing),
+    ("plan --rig rig.toml --k-kpa 5 30 --depth-mm 20 --displacement-mm 1 --plot plan.svg", Left::Whole),
+    ("identify . --plots made", Left::Whole),
+    ("predict . --plots made --until 15", Left::Whole),
+    ("track . --plots made", Left::Whole),
+    ("diagnose . --out made.toml --plots made", Left::Whole),
+    ("report . --date 2026-11-23 --out report.html", Left::Whole),
+    ("man --out made", Left::Whole),
+    ("recover run.mcap --out made.mcap", Left::Nothing),
+    ("export run.mcap --to npy --out made.npy", Left::Nothing),
+    ("export run.mcap --to csv --out made", Left::Nothing),
+];
+
+/// Commands that write files and need a device for it: see `device`.
+const WITH_A_DEVICE: [&str; 3] = ["acquire", "record", "calibration"];
+
+/// Options that name what is written.
+const WRITING_OPTIONS: [&str; 4] = ["--out ", "--plots ", "--plot ", "--raw "];
+
+/// What a command leaves that could not write all it should.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Left {
+    /// Nothing of it.
+    Nothing,
+    /// Some of its files, each of them whole.
+    Whole,
+}
+
+/// A folder with one sound file of every kind.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hostile/base");
+    for entry in fs::read_dir(base).expect("a folder of files") {
+        let entry = entry.expect("an entry");
+        fs::copy(entry.path(), folder.path().join(entry.file_name())).expect("copied");
+    }
+    let plan = fs::read_to_string(folder.path().join("plan.toml")).expect("a plan");
+    // The same runs under names that the session does not have.
+    let more = plan.replace("id = \"", "id = \"more-");
+    fs::write(folder.path().join("more.toml"), more).expect("written");
+    // The same insertion under a name that is free in the session's folder.
+    let recordings = folder.path().join("recordings");
+    fs::create_dir(&recordings).expect("a folder");
+    fs::copy(folder.path().join("trajcontrol.csv"), recordings.join("later.csv")).expect("copied");
+    fs::write(folder.path().join("run.mcap"), recording()).expect("written");
+    folder
+}
+
+/// A recording, made once.
+fn recording() -> &'static [u8] {
+    static RECORDING: std::sync::OnceLock<Vec<u8>> = std::sync::OnceLock::new();
+    RECORDING.get_or_init(device::recording)
+}
+
+fn guide(folder: &Path, limit_bytes: Option<u64>, command: &[&OsStr]) -> Command {
+    let program = OsStr::new(env!("CARGO_BIN_EXE_guide"));
+    let mut shell = match limit_bytes {
+        Some(bytes) => {
+            let mut shell = Command::new("sh");
+            // A signal would end the program where a full disk gives an error.
+            shell
+                .args(["-c", "trap '' XFSZ; exec prlimit --fsize=\"$0\" \"$@\"", &bytes.to_string()])
+                .arg(program);
+            shell
+        }
+        None => Command::new(program),
+    };
+    shell
+        .args(command)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    shell
+}
+
+fn words(command: &str) -> Vec<&OsStr> {
+    command.split_whitespace().map(OsStr::new).collect()
+}
+
+/// The one line of a command that fails, and nothing on standard output.
+fn failure(output: &Output, what: &str) -> String {
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{what}: {said}");
+    let errors: Vec<&str> = said.lines().filter(|line| line.starts_with("error: ")).collect();
+    assert_eq!(errors.len(), 1, "{what}: {said}");
+    assert_eq!(said.lines().last(), errors.first().copied(), "{what}: {said}");
+    errors.concat()
+}
+
+/// Every file below a folder, by its name, with its content.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(inner) = folders.pop() {
+        for entry in fs::read_dir(&inner).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(folder).expect("below it").to_owned();
+                found.insert(name, fs::read(&path).expect("readable"));
+            }
+        }
+    }
+    found
+}
+
+/// What is new or other than before.
+fn changed(
+    before: &BTreeMap<PathBuf, Vec<u8>>,
+    now: BTreeMap<PathBuf, Vec<u8>>,
+) -> BTreeMap<PathBuf, Vec<u8>> {
+    now.into_iter().filter(|(name, content)| before.get(name) != Some(content)).collect()
+}
+
+/// What a failure left is what it may leave.
+fn assert_left(
+    left: Left,
+    found: &BTreeMap<PathBuf, Vec<u8>>,
+    whole: &BTreeMap<PathBuf, Vec<u8>>,
+    what: &str,
+) {
+    let names: Vec<_> = found.keys().collect();
+    match left {
+        Left::Nothing => assert!(found.is_empty(), "{what} left {names:?}"),
+        Left::Whole => {
+            let parts = found.iter().filter(|(name, content)| whole.get(*name) != Some(content));
+            let parts: Vec<_> = parts.map(|(name, _)| name).collect();
+            assert!(parts.is_empty(), "{what} left parts of {parts:?}");
+        }
+    }
+}
+
+/// Commands that compute for seconds: they are tried at fewer places.
+fn is_slow(command: &str) -> bool {
+    ["identify", "diagnose", "report", "init made --example"].iter().any(|slow| command.starts_with(slow))
+}
+
+/// Runs something for each writer, on both processors.
+fn for_each_writer(check: impl Fn(&str, Left) + Sync) {
+    let (even, odd): (Vec<_>, Vec<_>) =
+        WRITERS.into_iter().enumerate().partition(|(number, _)| number % 2 == 0);
+    thread::scope(|scope| {
+        for share in [even, odd] {
+            let check = &check;
+            scope.spawn(move || share.into_iter().for_each(|(_, (command, left))| check(command, left)));
+        }
+    });
+}
+
+/// The files of an undisturbed run.
+fn undisturbed(command: &str) -> BTreeMap<PathBuf, Vec<u8>> {
+    let folder = folder();
+    let before = files(folder.path());
+    let output = guide(folder.path(), None, &words(command)).output().expect("guide starts");
+    assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
+    let whole = changed(&before, files(folder.path()));
+    assert!(!whole.is_empty(), "{command} writes");
+    whole
+}
+
+#[test]
+fn every_command_that_writes_is_in_the_table() {
+    let help = |command: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_guide")).args(command).arg("--help").output();
+        String::from_utf8(output.expect("guide starts").stdout).expect("UTF-8")
+    };
+    let tried: BTreeSet<&str> = WRITERS.iter().filter_map(|(command, _)| command.split(' ').next()).collect();
+    let commands = help(&[]);
+    let commands = commands.split("Commands:").nth(1).and_then(|rest| rest.split("Options:").next());
+    let commands = commands.expect("a list of commands").lines().filter_map(|line| {
+        let name = line.strip_prefix("  ")?;
+        (!name.starts_with(' ')).then(|| name.split(' ').next()).flatten()
+    });
+    let mut writers = 0;
+    for command in commands.filter(|command| *command != "help") {
+        let help = help(&[command]);
+        if WRITING_OPTIONS.iter().any(|option| help.contains(option)) {
+            writers += 1;
+            assert!(
+                tried.contains(command) || WITH_A_DEVICE.contains(&command),
+                "{command} writes and is not tried"
+            );
+        }
+    }
+    assert!(writers > 12, "{writers} commands with an option that names what is written");
+}
+
+#[test]
+#[ignore = "takes half a minute: cargo xtask test runs it"]
+fn a_disk_that_is_full_at_any_byte_costs_one_line_and_leaves_no_part_of_a_file() {
+    for_each_writer(|command, left| {
+        let whole = undisturbed(command);
+        let sizes: BTreeSet<u64> = whole.values().map(|content| content.len() as u64).collect();
+        let largest = sizes.last().copied().unwrap_or_default();
+        // At the first byte, in the middle, and at the last of each file; of many files, the largest.
+        let ends = sizes.iter().rev().take(2).map(|bytes| bytes.saturating_sub(1));
+        let limits: BTreeSet<u64> = [0, largest / 2].into_iter().chain(ends).collect();
+        for bytes in limits.into_iter().take(if is_slow(command) { 2 } else { 4 }) {
+            let what = format!("{command} with {bytes} bytes a file");
+            let folder = folder();
+            let before = files(folder.path());
+            let output = guide(folder.path(), Some(bytes), &words(command)).output().expect("guide starts");
+            let line = failure(&output, &what);
+            assert!(line.contains("File too large"), "{what}: {line}");
+            assert_left(left, &changed(&before, files(folder.path())), &whole, &what);
+            if bytes != largest / 2 {
+                continue;
+            }
+            // Once there is room, it works.
+            let again = guide(folder.path(), None, &words(command)).output().expect("guide starts");
+            assert!(again.status.success(), "{what}, then again: {}", String::from_utf8_lossy(&again.stderr));
+            assert!(
+                changed(&before, files(folder.path())) == whole,
+                "{what}, then again, gives something else"
+            );
+        }
+    });
+}
+
+#[test]
+#[ignore = "takes half a minute: cargo xtask test runs it"]
+fn a_name_that_cannot_be_written_costs_one_line_and_leaves_no_part_of_a_file() {
+    for_each_writer(|command, left| {
+        let whole = undisturbed(command);
+        let inputs = files(folder().path());
+        // Of many files alike, as manual pages, the first and the last.
+        let new: Vec<&PathBuf> = whole.keys().filter(|name| !inputs.contains_key(*name)).collect();
+        let chosen: BTreeSet<&PathBuf> =
+            new.iter().take(3).chain(new.iter().rev().take(2)).copied().collect();
+        for name in chosen.into_iter().take(if is_slow(command) { 1 } else { 5 }) {
+            let what = format!("{command} with a folder in place of {}", name.display());
+            let folder = folder();
+            fs::create_dir_all(folder.path().join(name)).expect("a folder");
+            let before = files(folder.path());
+            let output = guide(folder.path(), None, &words(command)).output().expect("guide starts");
+            let line = failure(&output, &what);
+            assert!(
+                line.contains(&*name.to_string_lossy()) || name.ends_with("session.toml"),
+                "{what}: {line}"
+            );
+            assert_left(left, &changed(&before, files(folder.path())), &whole, &what);
+        }
+    });
+}
+
+/// A command that is killed has no time to clean up: hidden files may be left, and rows of a session's run that are whole.
+#[test]
+#[ignore = "takes half a minute: cargo xtask test runs it"]
+fn a_command_that_is_killed_at_any_moment_leaves_whole_files_and_readable_sessions() {
+    const MOMENTS: u32 = 6;
+    for_each_writer(|command, left| {
+        // Of those whose files are whole one by one, a few stand for all.
+        if left == Left::Whole && !command.starts_with("man") {
+            return;
+        }
+        let began = Instant::now();
+        let whole = undisturbed(command);
+        let takes = began.elapsed();
+        for moment in 1..=MOMENTS {
+            let what = format!("{command} killed at {moment} of {MOMENTS}");
+            let folder = folder();
+            let before = files(folder.path());
+            let mut child = guide(folder.path(), None, &words(command)).spawn().expect("guide starts");
+            thread::sleep(takes * moment / MOMENTS);
+            child.kill().expect("killed");
+            child.wait().expect("ended");
+            for (name, content) in changed(&before, files(folder.path())) {
+                let hidden =
+                    name.file_name().is_some_and(|name| name.to_string_lossy().starts_with(".guide-"));
+                if hidden || whole.get(&name) == Some(&content) {
+                    continue;
+                }
+                // A session grows run by run; every state of it can be read.
+                if name.ends_with("session.toml") {
+                    let session = folder.path().join(name.parent().unwrap_or(Path::new("")));
+                    let read = formats::session::Session::read(&session);
+                    assert!(
+                        read.is_ok(),
+                        "{what}: {}",
+                        read.err().map_or(String::new(), |error| error.to_string())
+                    );
+                    continue;
+                }
+                let rows = whole.get(&name).is_some_and(|all| all.starts_with(&content));
+                let complete = content.is_empty() || content.ends_with(b"\n");
+                assert!(
+                    rows && complete && name.extension() == Some(OsStr::new("csv")),
+                    "{what}: {}",
+                    name.display()
+                );
+            }
+        }
+    });
+}
+
+#[test]
+fn a_result_that_standard_output_does_not_take_is_a_failure() {
+    let folder = folder();
+    for command in [
+        "check . --json",
+        "predict . --until 15 --json",
+        "effects",
+        "man",
+        "completions bash",
+        "info run.mcap",
+    ] {
+        let full =
+            fs::OpenOptions::new().write(true).open("/dev/full").expect("the device that is always full");
+        let output = guide(folder.path(), None, &words(command)).stdout(full).output().expect("guide starts");
+        let line = failure(&output, command);
+        assert!(line.contains("No space left"), "{command}: {line}");
+    }
+}
