@@ -155,7 +155,7 @@ pub fn diagnose(
     let all: Vec<Run> = runs.clone();
     let (Training { mut runs, rule }, held_out) = split(runs);
     on_progress(&rule);
-    let (noise, disagreements) = Noise::with_disagreements(&runs, &session.noise);
+    let (noise, disagreements) = Noise::with_disagreements(&runs, &session.stated_noise());
     warnings.extend(disagreements);
     let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
     let mut layout = Layout::new(&session.rig, &runs, given);

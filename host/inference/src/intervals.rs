@@ -118,7 +118,8 @@ impl LateralData {
             }
             for point in drawn.levels.iter_mut().flat_map(|level| &mut level.shape) {
                 if let Some(deflection_m) = point.deflection_m.get_mut(plane) {
-                    *deflection_m += change(self.shape_sd_m);
+                    let ratio = point.sd_ratio.get(plane).copied().unwrap_or(1.0);
+                    *deflection_m += change(self.shape_sd_m * ratio);
                 }
             }
         }
@@ -139,7 +140,7 @@ mod tests {
         let beam = Beam::solve(&rig, &Foundation::uniform(16e3).expect("valid"), 0.03).expect("solves");
         let point = |i: u32| {
             let z_m = 0.07 + 1e-3 * f64::from(i);
-            ShapeDatum { z_m, deflection_m: [beam.deflection_m(1.2e-3, z_m), 0.0] }
+            ShapeDatum::new(z_m, [beam.deflection_m(1.2e-3, z_m), 0.0])
         };
         let level = HoldData {
             displacement_m: vec![Measured { value: 1.2e-3, sd: 15e-6 }],

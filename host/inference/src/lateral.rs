@@ -37,6 +37,15 @@ pub struct ShapeDatum {
     pub z_m: f64,
     /// Deflection in each plane; the second is not used in a one-plane run.
     pub deflection_m: [f64; 2],
+    /// Standard deviation in each plane over that of the run, [`LateralData::shape_sd_m`].
+    pub sd_ratio: [f64; 2],
+}
+
+impl ShapeDatum {
+    /// A point with the standard deviation of its run.
+    pub fn new(z_m: f64, deflection_m: [f64; 2]) -> Self {
+        Self { z_m, deflection_m, sd_ratio: [1.0; 2] }
+    }
 }
 
 /// What was measured at one level; one entry per plane, `[y]` or `[y, x]`.
@@ -63,7 +72,7 @@ pub struct LateralData {
     pub planes: usize,
     /// Its levels; the zero holds among them.
     pub levels: Vec<HoldData>,
-    /// Standard deviation of a deflection.
+    /// Standard deviation of a deflection; of single ones a multiple of it ([`ShapeDatum::sd_ratio`]).
     pub shape_sd_m: f64,
     /// Whether the force sensor's offset is unknown (a zero hold determines it); otherwise it is taken as zero.
     pub force_offset: bool,
@@ -109,6 +118,7 @@ impl LateralData {
                     .map(|point| ShapeDatum {
                         z_m: point.z_m,
                         deflection_m: [point.deflection_m.get(plane).copied().unwrap_or(f64::NAN), 0.0],
+                        sd_ratio: [point.sd_ratio.get(plane).copied().unwrap_or(1.0), 1.0],
                     })
                     .collect(),
             })
@@ -246,8 +256,8 @@ impl Block for LateralData {
             for level in &self.levels {
                 let (of_level_m, others_m) = shape_m.split_at(level.shape.len().min(shape_m.len()));
                 let off = |(predicted, point): (&f64, &ShapeDatum)| {
-                    let measured = if plane == 0 { point.deflection_m[0] } else { point.deflection_m[1] };
-                    (measured - predicted) / self.shape_sd_m
+                    let of_plane = |[y, x]: [f64; 2]| if plane == 0 { y } else { x };
+                    (of_plane(point.deflection_m) - predicted) / (self.shape_sd_m * of_plane(point.sd_ratio))
                 };
                 residuals.extend(of_level_m.iter().zip(&level.shape).map(off));
                 shape_m = others_m;
@@ -283,7 +293,8 @@ pub fn shape_fits(data: &LateralData, fit: &Fit, block: usize) -> Vec<ShapeFit> 
         let residuals = residuals.iter().skip(plane * per_plane + scalars);
         points().zip(residuals).map(move |((level, point), residual)| {
             let measured_m = point.deflection_m.get(plane).copied().unwrap_or(f64::NAN);
-            let fitted_m = measured_m - residual * data.shape_sd_m;
+            let ratio = point.sd_ratio.get(plane).copied().unwrap_or(1.0);
+            let fitted_m = measured_m - residual * data.shape_sd_m * ratio;
             ShapeFit { level, plane, z_m: point.z_m, measured_m, fitted_m }
         })
     };

@@ -32,7 +32,7 @@ fn data(
     shape: &[(f64, f64)],
     shape_sd_m: f64,
 ) -> LateralData {
-    let point = |(z_m, u_m): &(f64, f64)| ShapeDatum { z_m: *z_m, deflection_m: [*u_m, 0.0] };
+    let point = |(z_m, u_m): &(f64, f64)| ShapeDatum::new(*z_m, [*u_m, 0.0]);
     let level = HoldData {
         displacement_m: vec![displacement],
         force_n: vec![force],

@@ -347,8 +347,7 @@ fn data(question: &Question, rig: &Rig, beam: &Beam, depth_m: f64, displacement_
         let at_m = level * displacement_m;
         // The shape is swept at zero and at the extremes.
         let points = if [0.0, least, most].contains(level) { points } else { 0 };
-        let point =
-            |i: usize| ShapeDatum { z_m: z_m(i), deflection_m: [beam.deflection_m(at_m, z_m(i)), 0.0] };
+        let point = |i: usize| ShapeDatum::new(z_m(i), [beam.deflection_m(at_m, z_m(i)), 0.0]);
         HoldData {
             displacement_m: vec![Measured { value: at_m, sd: question.displacement_sd_m / of_mean }],
             force_n: vec![Measured { value: beam.force_n(at_m), sd: question.force_sd_n / of_mean }],

@@ -30,7 +30,7 @@ fn fitted_modulus_pa(body: &Continuum, rig: &Rig, youngs_pa: f64, run: &Run) -> 
     let points = (body.depth_m() / run.spacing_m).round().max(3.0) as usize;
     let point = |i: usize| {
         let z_m = rig.entry_m + body.depth_m() * (i as f64 + 0.5) / points as f64;
-        ShapeDatum { z_m, deflection_m: [force_n * unit.deflection_m(z_m), 0.0] }
+        ShapeDatum::new(z_m, [force_n * unit.deflection_m(z_m), 0.0])
     };
     let level = HoldData {
         displacement_m: vec![Measured { value: run.displacement_m, sd: run.displacement_sd_m }],

@@ -186,6 +186,7 @@ fn lateral(
             z_m: shape.iter().map(|point| point.z_m).collect(),
             y_m,
             x_m,
+            ..ShapeSeries::default()
         },
     })
 }

@@ -1,6 +1,7 @@
 //! `guide import`: recordings of others into a session.
 
 use super::import_shapes::{self, ShapeArgs, Source};
+use super::import_ultrasound::{self, FrameArgs};
 use super::output::Output;
 use anyhow::{bail, ensure};
 use formats::session::import::{Recording, Skipped};
@@ -17,7 +18,8 @@ use std::path::{Path, PathBuf};
 #[command(
     after_help = "Example:\n  guide import trajcontrol recordings/ --out phantom-b\n  guide import trajcontrol run_1.csv run_2.csv \
                         --rig rig.toml --out phantom-b\n  guide import slicer needle.mrk.json --axis 0,0,1 --origin-mm 12,-40,-85 --force push.csv \
-                        --out phantom-b\n  guide import fbg hold-1.csv hold-2.csv --force push.csv --rig rig.toml --out phantom-b"
+                        --out phantom-b\n  guide import fbg hold-1.csv hold-2.csv --force push.csv --rig rig.toml --out phantom-b\n  guide import ultrasound hold.mha --straight zero.mha \
+                        --speed-mm-per-s 1 --force push.csv --rig rig.toml --out phantom-b"
 )]
 pub struct Args {
     /// Layout of the recordings
@@ -38,6 +40,8 @@ pub struct Args {
     name: Option<String>,
     #[command(flatten)]
     pub shapes: ShapeArgs,
+    #[command(flatten)]
+    pub frames: FrameArgs,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -48,6 +52,8 @@ enum Kind {
     Slicer,
     /// Needle shapes of a shape-sensing fibre, a pose per line (x y z, with a quaternion or as a matrix): a sweep per file
     Fbg,
+    /// Transverse ultrasound frames along the needle (`.mha`, `.mhd`, `.nrrd`, PNG or TIFF stacks): a sweep per file or folder
+    Ultrasound,
 }
 
 /// What was imported.
@@ -89,11 +95,15 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     match args.kind {
         Kind::Slicer => return shapes(Source::Slicer, args, out),
         Kind::Fbg => return shapes(Source::Fbg, args, out),
+        Kind::Ultrasound => {
+            let setup = setup(args, out)?;
+            return import_ultrasound::run(&args.paths, &args.shapes, &args.frames, &args.out, &setup, out);
+        }
         Kind::Trajcontrol => {}
     }
     ensure!(
-        !import_shapes::is_requested(&args.shapes),
-        "trajcontrol: has options that are for shapes, expected them with slicer or fbg only"
+        !import_shapes::is_requested(&args.shapes) && !args.frames.is_requested(),
+        "trajcontrol: has options that are for shapes, expected them with slicer, fbg or ultrasound only"
     );
     let mut imported = Imported {
         schema: "guide.import/2",
@@ -192,6 +202,10 @@ fn files(paths: &[PathBuf], skipped: &mut Vec<SkippedFile>) -> Vec<PathBuf> {
 
 /// Imports files of points as one lateral run.
 fn shapes(source: Source, args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    ensure!(
+        !args.frames.is_requested(),
+        "slicer, fbg: have options that are for frames, expected them with ultrasound only"
+    );
     let setup = setup(args, out)?;
     import_shapes::run(source, &args.paths, &args.shapes, &args.out, &setup, out)
 }

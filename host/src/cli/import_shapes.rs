@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 /// Where the needle is, in the coordinates of the files.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Shapes (slicer, fbg)")]
+#[command(next_help_heading = "Shapes (slicer, fbg; the last four for ultrasound too)")]
 pub struct ShapeArgs {
     /// A point of the straight needle, millimetres: right, anterior, superior for slicer, the file's own for fbg (default: the first
     /// point of the first file; 0,0,0 for fbg)
@@ -37,13 +37,13 @@ pub struct ShapeArgs {
     units: Units,
     /// Force series of the run: a CSV file as in a session
     #[arg(long, value_name = "FILE")]
-    force: Option<PathBuf>,
+    pub force: Option<PathBuf>,
     /// Length of the needle in the tissue, millimetres (default: to the deepest point of the shapes)
     #[arg(long, value_name = "MM", value_parser = millimetres)]
-    depth_mm: Option<f64>,
+    pub depth_mm: Option<f64>,
     /// Name of the run (default: that of the first file)
     #[arg(long)]
-    id: Option<String>,
+    pub id: Option<String>,
     /// When each file was measured, on the clock of the force series (default: in its holds, one after the other)
     #[arg(long, value_name = "SECONDS", value_delimiter = ',', allow_hyphen_values = true)]
     time_s: Vec<f64>,
@@ -94,13 +94,17 @@ struct Lateral {
     up: [f64; 3],
 }
 
+/// Whether an option is given that is for points in space.
+pub fn is_placed(args: &ShapeArgs) -> bool {
+    let vectors = [args.origin_mm, args.axis, args.up].iter().any(|given| given.is_some());
+    let lengths = [args.origin_z_mm, args.straight_mm].iter().any(|given| given.is_some());
+    vectors || lengths || args.units != Units::Auto
+}
+
 /// Whether any option is given that is for shapes alone.
 pub fn is_requested(args: &ShapeArgs) -> bool {
-    let ShapeArgs { origin_mm, origin_z_mm, axis, straight_mm, up, units, force, depth_mm, id, time_s } =
-        args;
-    let vectors = [origin_mm, axis, up].iter().any(|given| given.is_some());
-    let lengths = [origin_z_mm, straight_mm, depth_mm].iter().any(|given| given.is_some());
-    vectors || lengths || force.is_some() || id.is_some() || !time_s.is_empty() || *units != Units::Auto
+    let ShapeArgs { force, depth_mm, id, time_s, .. } = args;
+    is_placed(args) || depth_mm.is_some() || force.is_some() || id.is_some() || !time_s.is_empty()
 }
 
 /// Imports files of points as one lateral run.
@@ -209,7 +213,7 @@ fn deepest_m(shapes: &[ShapeSeries]) -> f64 {
 
 /// When each of the shapes was measured: as stated, or in the holds of the force series; a single one belongs to the last hold, and so needs
 /// no time.
-fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow::Result<Option<Vec<f64>>> {
+pub fn times_s(args: &ShapeArgs, id: &str, depth_m: f64, count: usize) -> anyhow::Result<Option<Vec<f64>>> {
     // A force series is read in any case: its errors are reported before anything is written.
     let force = args
         .force
@@ -262,7 +266,7 @@ fn hold_times_s(path: &Path, force: ForceSeries, id: &str, depth_m: f64) -> (Vec
 }
 
 /// Several shapes as sweeps of one run.
-fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
+pub fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
     let together = |column: fn(&ShapeSeries) -> &[f64]| -> Vec<f64> {
         shapes.iter().flat_map(|shape| column(shape).iter().copied()).collect()
     };
@@ -275,7 +279,15 @@ fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
         z_m: together(|shape| &shape.z_m),
         y_m: together(|shape| &shape.y_m),
         x_m: Some(together(|shape| shape.x_m.as_deref().unwrap_or_default())),
+        y_sd_m: both(shapes, |shape| &shape.y_sd_m),
+        x_sd_m: both(shapes, |shape| &shape.x_sd_m),
     }
+}
+
+/// An optional column of all sweeps; nothing where one has none.
+fn both(shapes: &[ShapeSeries], column: fn(&ShapeSeries) -> &Option<Vec<f64>>) -> Option<Vec<f64>> {
+    let columns: Option<Vec<&[f64]>> = shapes.iter().map(|shape| column(shape).as_deref()).collect();
+    columns.filter(|columns| !columns.is_empty()).map(|columns| columns.concat())
 }
 
 /// `1,0,-0.5`.

@@ -16,6 +16,7 @@ mod identify;
 mod igtl;
 mod import;
 mod import_shapes;
+mod import_ultrasound;
 mod init;
 mod limits;
 mod live;

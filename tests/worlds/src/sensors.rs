@@ -325,7 +325,7 @@ fn shape(
         }
     }
     let [y_m, x_m] = planes_m;
-    ShapeSeries { time_s: Some(time_s), z_m, y_m, x_m: Some(x_m) }
+    ShapeSeries { time_s: Some(time_s), z_m, y_m, x_m: Some(x_m), ..ShapeSeries::default() }
 }
 
 /// Legendre's cubic over the needle in the tissue: no offset, tilt or curvature of the whole is similar to it.

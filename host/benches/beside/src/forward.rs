@@ -58,7 +58,7 @@ pub fn run(samples: usize) -> LateralData {
     let beam = Beam::solve(&rig(), &Foundation::uniform(16e3).expect("a modulus"), DEPTH_M).expect("solves");
     let shape = places(samples).enumerate().map(|(i, z_m)| {
         let error_m = SHAPE_SD_M * (2.0 * i as f64).sin();
-        ShapeDatum { z_m, deflection_m: [beam.deflection_m(1.2e-3, z_m) + error_m, 0.0] }
+        ShapeDatum::new(z_m, [beam.deflection_m(1.2e-3, z_m) + error_m, 0.0])
     });
     let level = HoldData {
         displacement_m: vec![Measured { value: 1.205e-3, sd: 15e-6 }],

@@ -102,6 +102,12 @@ pub struct Provenance {
 }
 
 impl Session {
+    /// Its stated noise; that of shapes from the standard deviations of their points where runs have them, the largest of all runs.
+    pub fn stated_noise(&self) -> Noise {
+        let of_points_m = self.lateral.iter().filter_map(|run| run.shape.typical_sd_m()).reduce(f64::max);
+        Noise { shape_m: of_points_m.or(self.noise.shape_m), ..self.noise }
+    }
+
     /// The calibrations with which its lateral runs were recorded, each with its runs' ids, in order of appearance.
     pub fn calibrations(&self) -> Vec<(u32, Vec<&str>)> {
         let mut found: Vec<(u32, Vec<&str>)> = Vec::new();
@@ -155,6 +161,19 @@ pub struct ShapeSeries {
     pub y_m: Vec<f64>,
     /// Horizontal deflection.
     pub x_m: Option<Vec<f64>>,
+    /// Standard deviation of each vertical deflection, where whoever measured it knew it; points are independent.
+    pub y_sd_m: Option<Vec<f64>>,
+    /// Standard deviation of each horizontal deflection.
+    pub x_sd_m: Option<Vec<f64>>,
+}
+
+impl ShapeSeries {
+    /// Root mean square of the standard deviations of the points; nothing where the file has none.
+    pub fn typical_sd_m(&self) -> Option<f64> {
+        let all = || self.y_sd_m.iter().chain(&self.x_sd_m).flatten();
+        let count = all().count();
+        (count > 0).then(|| (all().map(|sd_m| sd_m * sd_m).sum::<f64>() / count as f64).sqrt())
+    }
 }
 
 /// An insertion: where the tip was at each depth; columns of equal length.

@@ -35,11 +35,13 @@ pub(super) const FORCE_COLUMNS: [Column; 8] = [
     Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).whole().blank(),
     Column::optional("moving", 1.0, [0.0, 1.0]).whole().blank(),
 ];
-pub(super) const SHAPE_COLUMNS: [Column; 4] = [
+pub(super) const SHAPE_COLUMNS: [Column; 6] = [
     Column::optional("time_s", 1.0, TIME_S),
     Column::required("z_mm", MM, [0.0, 2000.0]),
     Column::required("deflection_y_mm", MM, LATERAL_MM),
     Column::optional("deflection_x_mm", MM, LATERAL_MM),
+    Column::optional("deflection_y_sd_mm", MM, SD_MM),
+    Column::optional("deflection_x_sd_mm", MM, SD_MM),
 ];
 /// Slope of the needle at the tip: beyond one in one no insertion is straight ahead.
 const DIRECTION_MRAD: [f64; 2] = [-1000.0, 1000.0];
@@ -211,6 +213,8 @@ impl ShapeSeries {
             z_m: shape.take_required("z_mm"),
             y_m: shape.take_required("deflection_y_mm"),
             x_m: shape.take("deflection_x_mm"),
+            y_sd_m: shape.take("deflection_y_sd_mm"),
+            x_sd_m: shape.take("deflection_x_sd_mm"),
         }
     }
 }

@@ -43,7 +43,7 @@ pub fn expected(session: &Session, truth: &Truth<'_>) -> Option<Expected> {
     let hidden = effect(truth.effect)?;
     let (runs, _) = runs_of(session).ok()?;
     let (training, held_out) = split(runs);
-    let noise = Noise::of(&training.runs, &session.noise);
+    let noise = Noise::of(&training.runs, &session.stated_noise());
     let layout = Layout::new(&session.rig, &training.runs, Vec::new());
     let Start { runs: mut prepared, patterns, fitted: start } = fit_start(
         &layout,

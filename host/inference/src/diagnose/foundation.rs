@@ -61,7 +61,7 @@ pub(crate) fn beside_discrepancy(
     input: &BesideInput<'_>,
 ) -> Result<(DiscrepantModulus, Option<Result<FoundationEvidence, DiagnoseError>>), DiagnoseError> {
     let (runs, _) = runs_of(session)?;
-    let noise = Noise::of(&runs, &session.noise);
+    let noise = Noise::of(&runs, &session.stated_noise());
     let effects = input.given.iter().map(|(effect, _)| *effect).collect();
     let layout = Layout::new(&session.rig, &runs, effects);
     let noises = Noises { session: noise, reference: noise };

@@ -113,7 +113,7 @@ fn shape_points_go_to_their_holds() {
         time_s: Some(vec![1.0, 3.3, 5.0, 5.0, 8.0]),
         z_m: vec![0.08; 5],
         y_m: vec![0.0; 5],
-        x_m: None,
+        ..ShapeSeries::default()
     };
     let points: Vec<_> = holds(&run, &HoldCriteria::default()).into_iter().map(|level| level.shape).collect();
     assert_eq!(points, [vec![0], vec![2, 3], vec![4]]);
@@ -242,7 +242,7 @@ fn a_sweep_stamped_within_the_last_sample_of_a_hold_belongs_to_it() {
                     time_s: Some(stamps.collect()),
                     z_m: (0..4 * steps.len()).map(|i| 0.075 + 0.005 * (i % 4) as f64).collect(),
                     y_m: vec![0.0; 4 * steps.len()],
-                    x_m: None,
+                    ..ShapeSeries::default()
                 };
                 let (found, strays) = survey(&run, &HoldCriteria::default());
                 let case = format!("{rate_hz} Hz, {speed_mm_s} mm/s, {share} samples after the last");
@@ -271,8 +271,12 @@ fn sweeps_that_no_hold_takes_are_listed_with_their_reasons() {
     let scan = (0..8).map(|i| ends_s[0] - 0.85 + 0.2 * f64::from(i));
     let stamps = scan.chain([ends_s[1] + 1.0, 40.0, ends_s[1] - 1.0]);
     let z_m = [0.072, 0.075, 0.078, 0.081, 0.084, 0.087, 0.090, 0.093, 0.080, 0.080, 0.150];
-    run.shape =
-        ShapeSeries { time_s: Some(stamps.collect()), z_m: z_m.to_vec(), y_m: vec![0.0; 11], x_m: None };
+    run.shape = ShapeSeries {
+        time_s: Some(stamps.collect()),
+        z_m: z_m.to_vec(),
+        y_m: vec![0.0; 11],
+        ..ShapeSeries::default()
+    };
     let mut lost = vec![0.0; run.force.time_s.len()];
     let last = lost.len() - 40;
     lost[last] = 2.0;

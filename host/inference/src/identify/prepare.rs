@@ -53,7 +53,8 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         return Err(RunError::TooFewPoints { path: run.shape_path.clone(), found: inside });
     }
 
-    let shape_sd_m = session.noise.shape_m.unwrap_or(FIRST_SHAPE_SD_M);
+    let stated_shape_m = run.shape.typical_sd_m().or(session.noise.shape_m);
+    let shape_sd_m = stated_shape_m.unwrap_or(FIRST_SHAPE_SD_M);
     let data = LateralData {
         rig: session.rig.clone(),
         support: Support::Springs,
@@ -93,10 +94,10 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
             displacement_mm: 1e3 * noise.displacement_m,
             displacement_source: source(stated.displacement_m),
             shape_mm: 1e3 * shape_sd_m,
-            shape_source: source(stated.shape_m),
+            shape_source: source(stated_shape_m),
         },
-        known_shape_noise: stated.shape_m.is_some(),
-        known_noise: stated.force_n.is_some() && stated.displacement_m.is_some() && stated.shape_m.is_some(),
+        known_shape_noise: stated_shape_m.is_some(),
+        known_noise: stated.force_n.is_some() && stated.displacement_m.is_some() && stated_shape_m.is_some(),
         warnings,
     })
 }
@@ -160,7 +161,13 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
     let (z_m, y_m) = (at(&run.shape.z_m)?, at(&run.shape.y_m)?);
     let x_m = run.shape.x_m.as_deref().and_then(at).unwrap_or(0.0);
     let on_needle = (0.0..=tip_m + BEYOND_TIP_M).contains(&z_m);
-    on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m] })
+    let typical_m = run.shape.typical_sd_m();
+    let ratio = |sd_m: &Option<Vec<f64>>| {
+        let own_m = sd_m.as_deref().and_then(at);
+        own_m.zip(typical_m).map_or(1.0, |(own_m, typical_m)| own_m / typical_m)
+    };
+    let sd_ratio = [ratio(&run.shape.y_sd_m), ratio(&run.shape.x_sd_m)];
+    on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m], sd_ratio })
 }
 
 /// The run's course, for effects that depend on it: rows closer than [`COURSE_STEP_S`] are thinned, since nothing that is modelled

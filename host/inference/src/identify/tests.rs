@@ -206,3 +206,32 @@ fn the_json_form_has_what_was_promised() {
     assert_eq!((&json["runs"][0]["id"], &json["reference"]), (&"a".into(), &serde_json::Value::Null));
     assert_eq!(json["youngs_modulus_kpa"]["relation"], "vesic");
 }
+
+/// Points with their own standard deviations weigh as those say: half of the points ten times as noisy change the interval little.
+#[test]
+fn standard_deviations_of_points_are_weights() {
+    let recipe = Recipe { shape_sd_mm: 0.02, ..Recipe::default() };
+    let mut session = session(vec![recipe.run("a", &mut Noise::new(31))]);
+    session.noise = recipe.stated();
+    let clean = identified(&session).pooled;
+    let mut noise = Noise::new(32);
+    let shape = &mut session.lateral[0].shape;
+    let bad = |i: usize| i % 2 == 0;
+    for (i, y_m) in shape.y_m.iter_mut().enumerate().filter(|(i, _)| bad(*i)) {
+        let _ = i;
+        *y_m += 0.4e-3 * noise.normal();
+    }
+    let sd_m = (0..shape.z_m.len()).map(|i| if bad(i) { 0.4e-3 } else { 0.02e-3 });
+    shape.y_sd_m = Some(sd_m.collect());
+    let weighted = identified(&session);
+    assert!(weighted.pooled.sd_kpa < 1.7 * clean.sd_kpa, "{:?} beside {clean:?}", weighted.pooled);
+    let off = (weighted.pooled.k_kpa - recipe.k_kpa).abs();
+    assert!(off < 3.0 * weighted.pooled.sd_kpa, "{:?}", weighted.pooled);
+    assert!(
+        !weighted.warnings.iter().any(|w| w.contains("times the stated noise")),
+        "{:?}",
+        weighted.warnings
+    );
+    session.lateral[0].shape.y_sd_m = None;
+    assert!(identified(&session).warnings.iter().any(|w| w.contains("times the stated noise")));
+}

@@ -109,7 +109,7 @@ mod tests {
         let level = HoldData {
             displacement_m: measured(1e-3),
             force_n: measured(1.0),
-            shape: vec![ShapeDatum { z_m: 0.09, deflection_m: [1e-3, 0.0] }],
+            shape: vec![ShapeDatum::new(0.09, [1e-3, 0.0])],
         };
         let holds = LateralData {
             support: mechanics::Support::Springs,

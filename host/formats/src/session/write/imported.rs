@@ -29,6 +29,8 @@ impl SessionWriter {
             Some(("z_mm", shape.z_m.clone(), 1e3)),
             Some(("deflection_y_mm", shape.y_m.clone(), 1e3)),
             shape.x_m.clone().map(|values| ("deflection_x_mm", values, 1e3)),
+            shape.y_sd_m.clone().map(|values| ("deflection_y_sd_mm", values, 1e3)),
+            shape.x_sd_m.clone().map(|values| ("deflection_x_sd_mm", values, 1e3)),
         ]
         .into_iter()
         .flatten()

@@ -1,0 +1,85 @@
+use super::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// An echo in noise that is smoothed over a length, as speckle is, behind the logarithm of a scanner of 60 dB.
+fn frame(size: [usize; 2], at: [f64; 2], amplitude: f64, noise_sd: f64, seed: u64) -> Frame {
+    let [width, height] = size;
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let white: Vec<f64> = (0..width * height).map(|_| StandardNormal.sample(&mut random)).collect();
+    // A kernel of three pixels across and two along.
+    let kernel = |d: i64, length: f64| (-0.5 * (d as f64 / length).powi(2)).exp();
+    let mut noise = vec![0.0; width * height];
+    let mut norm = 0.0;
+    for dy in -4i64..=4 {
+        for dx in -6i64..=6 {
+            let weight: f64 = kernel(dx, 2.0) * kernel(dy, 1.4);
+            norm += weight * weight;
+            for (i, value) in noise.iter_mut().enumerate() {
+                let (x, y) = ((i % width) as i64 + dx, (i / width) as i64 + dy);
+                let at = y.rem_euclid(height as i64) * width as i64 + x.rem_euclid(width as i64);
+                *value += weight * white[at as usize];
+            }
+        }
+    }
+    let pixel = |(i, noise): (usize, &f64)| {
+        let (dx, dy) = ((i % width) as f64 - at[0], (i / width) as f64 - at[1]);
+        let echo = amplitude * (-0.5 * ((dx / 8.0).powi(2) + (dy / 4.0).powi(2))).exp();
+        let envelope = (30.0 + echo + noise_sd * noise / norm.sqrt()).abs() / (1.2 * (amplitude + 30.0));
+        (255.0 * (1.0 + 20.0 * envelope.log10() / 60.0)).round().clamp(0.0, 255.0) as u8
+    };
+    Frame { width, height, pixels: noise.iter().enumerate().map(pixel).collect() }
+}
+
+#[test]
+fn finds_an_echo_to_a_hundredth_of_a_pixel_where_nothing_disturbs_it() {
+    for (x, y) in [(70.0, 60.0), (70.37, 60.81), (69.5, 61.5)] {
+        let found =
+            Detector::new(1.27, [0.051; 2], None).candidates(&frame([140, 120], [x, y], 1000.0, 0.0, 1));
+        let centre = found.first().expect("an echo").centre;
+        assert!((centre.x_px - x).abs() < 0.01 && (centre.y_px - y).abs() < 0.01, "{centre:?} for {x}, {y}");
+    }
+}
+
+/// Errors over their standard deviations, over noise of several strengths: the covariance is that of the image.
+#[test]
+fn standard_deviations_are_those_of_the_errors() {
+    let mut squares = [0.0; 2];
+    let mut count = 0.0;
+    for seed in 0..60 {
+        let noise_sd = [6.0, 12.0, 20.0][seed % 3];
+        let at = [70.0 + 0.13 * seed as f64 % 1.0, 60.0 + 0.29 * seed as f64 % 1.0];
+        let found = Detector::new(1.27, [0.051; 2], None).candidates(&frame(
+            [140, 120],
+            at,
+            400.0,
+            noise_sd,
+            seed as u64,
+        ));
+        let centre = found.first().expect("an echo").centre;
+        squares[0] += ((centre.x_px - at[0]) / centre.sd_x_px).powi(2);
+        squares[1] += ((centre.y_px - at[1]) / centre.sd_y_px).powi(2);
+        count += 1.0;
+    }
+    for axis in squares {
+        let ratio: f64 = axis / count;
+        assert!((0.3..1.7).contains(&ratio), "{squares:?} of {count}");
+    }
+}
+
+#[test]
+fn finds_nothing_in_dark_flat_and_tiny_frames() {
+    let detector = Detector::new(1.27, [0.051; 2], None);
+    for (width, height, value) in [(200, 200, 0), (200, 200, 255), (1, 1, 9), (3, 200, 9), (200, 2, 9)] {
+        let frame = Frame { width, height, pixels: vec![value; width * height] };
+        assert_eq!(detector.candidates(&frame), [], "{width} x {height}");
+    }
+}
+
+#[test]
+fn a_region_outside_the_frame_has_no_echo() {
+    let region = Region { x: 5000, y: usize::MAX, width: usize::MAX, height: 3 };
+    let detector = Detector::new(1.27, [0.051; 2], Some(region));
+    assert_eq!(detector.candidates(&frame([140, 120], [70.0, 60.0], 400.0, 5.0, 3)), []);
+}

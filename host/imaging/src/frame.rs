@@ -1,0 +1,97 @@
+//! Frames and what files state of them.
+
+use std::collections::BTreeMap;
+
+/// Most pixels of a frame.
+pub const MAX_PIXELS: usize = 1 << 24;
+/// Most frames of a sequence.
+pub const MAX_FRAMES: usize = 100_000;
+
+/// A grey image of 8 bit, row by row from the top left.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Frame {
+    /// Pixels of a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `width * height` brightnesses.
+    pub pixels: Vec<u8>,
+}
+
+impl Frame {
+    /// Brightness at a pixel; 0 outside.
+    pub fn at(&self, x: usize, y: usize) -> u8 {
+        if x < self.width { self.pixels.get(y * self.width + x).copied().unwrap_or(0) } else { 0 }
+    }
+
+    /// The same image with its first axis towards the probe's marker and its second away from the probe.
+    #[must_use]
+    pub fn oriented(mut self, orientation: Orientation) -> Self {
+        if orientation.flip_x {
+            self.pixels.chunks_exact_mut(self.width.max(1)).for_each(<[u8]>::reverse);
+        }
+        if orientation.flip_y {
+            let rows: Vec<&[u8]> = self.pixels.chunks_exact(self.width.max(1)).rev().collect();
+            self.pixels = rows.concat();
+        }
+        self
+    }
+}
+
+/// How the axes of an image lie on the probe: which of them point the other way than `MF` (first axis to the marked side, second to
+/// the far side).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Orientation {
+    /// The first axis points to the unmarked side.
+    pub flip_x: bool,
+    /// The second axis points to the probe.
+    pub flip_y: bool,
+}
+
+impl Orientation {
+    /// Reads `MF`, `UF`, `MN`, `UN`, with or without a third letter; nothing for others.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut letters = text.trim().chars();
+        let flip_x = match letters.next()? {
+            'M' => false,
+            'U' => true,
+            _ => return None,
+        };
+        let flip_y = match letters.next()? {
+            'F' => false,
+            'N' => true,
+            _ => return None,
+        };
+        letters.next().is_none_or(|third| matches!(third, 'A' | 'D')).then_some(Self { flip_x, flip_y })
+    }
+}
+
+/// What a file states of one frame.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FrameFields {
+    /// Time stamp.
+    pub time_s: Option<f64>,
+    /// Whether the file marks the frame as unusable.
+    pub is_invalid: bool,
+    /// Homogeneous transforms that are marked as valid, row by row, millimetres, by name without `Transform`.
+    pub transforms: BTreeMap<String, [f64; 16]>,
+    /// Other fields that are one number.
+    pub numbers: BTreeMap<String, f64>,
+}
+
+/// What a file states of all its frames.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Header {
+    /// Pixels of a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Frames.
+    pub count: usize,
+    /// Size of a pixel along both axes, millimetres; none where the file states none or 1.
+    pub spacing_mm: Option<[f64; 2]>,
+    /// How the axes lie on the probe, where it is stated.
+    pub orientation: Option<Orientation>,
+    /// Fields of the frames; empty where the file has none.
+    pub frames: Vec<FrameFields>,
+}

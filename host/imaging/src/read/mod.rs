@@ -1,0 +1,131 @@
+//! Sequences of frames as laboratories record them, read frame by frame.
+//!
+//! Memory: one frame (at most [`MAX_PIXELS`] bytes of brightness, four times as much while a colour image is converted) and the header
+//! (at most 64 MiB of text), whatever a file declares.
+
+mod header;
+mod metaimage;
+mod nrrd;
+mod stack;
+
+use crate::error::ImagingError;
+use crate::frame::{Frame, Header, MAX_FRAMES, MAX_PIXELS};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// A sequence of frames being read.
+pub struct Sequence {
+    path: PathBuf,
+    header: Header,
+    source: Source,
+    next: usize,
+}
+
+/// Where the frames come from.
+enum Source {
+    /// One frame behind the other, so many bytes for each pixel.
+    Stream { bytes: Box<dyn Read>, channels: usize },
+    /// A file for each frame, or several frames in a file.
+    Stack(Box<stack::Stack>),
+}
+
+impl Sequence {
+    /// Opens a file of frames (`.mha`, `.mhd`, `.nrrd`, `.png`, `.tif`, `.tiff`), or a folder of PNG or TIFF files, which are its frames
+    /// in the order of the numbers in their names.
+    ///
+    /// # Errors
+    /// [`ImagingError`] names file, field and what is valid.
+    pub fn open(path: &Path) -> Result<Self, ImagingError> {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        let (header, source) = if path.is_dir() {
+            stack::open(path, stack::files(path)?)?
+        } else {
+            match extension.as_deref() {
+                Some("mha" | "mhd") => metaimage::open(path)?,
+                Some("nrrd") => nrrd::open(path)?,
+                Some("png" | "tif" | "tiff") => stack::open(path, vec![path.to_owned()])?,
+                _ => {
+                    let problem = extension.map_or_else(|| "no extension".to_owned(), |e| format!(".{e}"));
+                    let expected = ".mha, .mhd, .nrrd, .png, .tif, .tiff, or a folder of PNG or TIFF files";
+                    return Err(ImagingError::invalid(path, "name", problem, expected));
+                }
+            }
+        };
+        Ok(Self { path: path.to_owned(), header, source, next: 0 })
+    }
+
+    /// Opens several PNG or TIFF files as one sequence, in the given order.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_stack(paths: &[PathBuf]) -> Result<Self, ImagingError> {
+        let path = paths.first().cloned().unwrap_or_default();
+        let (header, source) = stack::open(&path, paths.to_vec())?;
+        Ok(Self { path, header, source, next: 0 })
+    }
+
+    /// What the file states.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The next frame; none behind the last.
+    ///
+    /// # Errors
+    /// [`ImagingError`] where the file ends early or is damaged.
+    pub fn next_frame(&mut self) -> Result<Option<Frame>, ImagingError> {
+        if self.next >= self.header.count {
+            return Ok(None);
+        }
+        let (width, height) = (self.header.width, self.header.height);
+        let number = self.next;
+        self.next += 1;
+        match &mut self.source {
+            Source::Stream { bytes, channels } => {
+                let mut pixels = vec![0; width * height * *channels];
+                bytes.read_exact(&mut pixels).map_err(|cause| {
+                    let field = format!("frame {}", number + 1);
+                    let expected = format!("{} frames of {width} x {height}", self.header.count);
+                    ImagingError::invalid(&self.path, field, cause.to_string(), expected)
+                })?;
+                Ok(Some(Frame { width, height, pixels: grey(pixels, *channels) }))
+            }
+            Source::Stack(stack) => stack.frame(number).map(Some),
+        }
+    }
+}
+
+/// Brightness of pixels of several channels. Where a pixel has a colour it is part of the screen's overlay, and no echo: black.
+fn grey(pixels: Vec<u8>, channels: usize) -> Vec<u8> {
+    /// Channels of a grey pixel of a lossy recording differ by less.
+    const COLOUR: u8 = 64;
+    match channels {
+        0 | 1 => pixels,
+        2 => pixels.chunks_exact(2).filter_map(|pixel| pixel.first().copied()).collect(),
+        _ => pixels
+            .chunks_exact(channels)
+            .map(|pixel| {
+                let [r, g, b] = [0, 1, 2].map(|i| pixel.get(i).copied().unwrap_or(0));
+                let (least, most) = (r.min(g).min(b), r.max(g).max(b));
+                let luminance = (299 * u32::from(r) + 587 * u32::from(g) + 114 * u32::from(b)) / 1000;
+                if most - least > COLOUR { 0 } else { luminance as u8 }
+            })
+            .collect(),
+    }
+}
+
+/// Refuses sizes that no sequence has, before anything of that size is kept.
+fn check_size(path: &Path, field: &str, sizes: [usize; 3]) -> Result<(), ImagingError> {
+    let [width, height, count] = sizes;
+    let pixels = width.checked_mul(height);
+    let is_possible =
+        pixels.is_some_and(|pixels| (1..=MAX_PIXELS).contains(&pixels)) && (1..=MAX_FRAMES).contains(&count);
+    if is_possible {
+        return Ok(());
+    }
+    let expected = format!("1 to {MAX_PIXELS} pixels in a frame and 1 to {MAX_FRAMES} frames");
+    Err(ImagingError::invalid(path, field, format!("{width} x {height} pixels, {count} frames"), expected))
+}
+
+#[cfg(test)]
+mod tests;

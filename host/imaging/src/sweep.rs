@@ -1,0 +1,332 @@
+//! A sweep of transverse frames: where the needle is in each, with a standard deviation and the frame's state.
+
+mod lag;
+mod points;
+
+pub use lag::Lag;
+pub use points::{Deflection, Line, Point, deflections};
+
+use crate::detect::{Candidate, Detector, Region};
+use crate::error::ImagingError;
+use crate::frame::{Frame, Header, Orientation};
+use crate::pose::{Place, PlaceError, Poses, placed};
+use crate::read::Sequence;
+use crate::track::{Decision, Echo, Track, TrackError, follow};
+use std::collections::HashSet;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+/// What is known of a sweep beside its frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Outer diameter of the needle, millimetres.
+    pub needle_mm: f64,
+    /// Size of a pixel, where the file does not state it.
+    pub spacing_mm: Option<[f64; 2]>,
+    /// How the image lies on the probe, where the file does not state it.
+    pub orientation: Option<Orientation>,
+    /// Part of the oriented frame in which the needle is.
+    pub region: Option<Region>,
+    /// Where the image plane is.
+    pub place: Place,
+    /// How much readings of the position lag behind images with the same time stamp; estimated where it is none and the motion
+    /// determines it.
+    pub lag_s: Option<f64>,
+}
+
+/// Why a sweep is not measured.
+#[derive(Debug, thiserror::Error)]
+pub enum SweepError {
+    /// A file.
+    #[error(transparent)]
+    File(#[from] ImagingError),
+    /// No size of a pixel.
+    #[error(
+        "the file states no size of a pixel (or 1 mm, which is what programs write that do not have it), expected --spacing-mm X,Y"
+    )]
+    NoSpacing,
+    /// Two sizes of a pixel.
+    #[error("the file states pixels of {} x {} mm, expected those of --spacing-mm, {} x {}", file[0], file[1], given[0], given[1])]
+    OtherSpacing {
+        /// Of the file.
+        file: [f64; 2],
+        /// As given.
+        given: [f64; 2],
+    },
+    /// No place.
+    #[error(transparent)]
+    Place(#[from] PlaceError),
+    /// No needle.
+    #[error(transparent)]
+    Track(#[from] TrackError),
+}
+
+/// What became of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum State {
+    /// It is a part of the shape.
+    Used,
+    /// No echo of a needle's size.
+    NoEcho,
+    /// Two echoes near the sequence are about as bright.
+    TwoAlike,
+    /// Its echoes are too far from the sequence.
+    OffSequence,
+    /// A quarter of its pixels or more have the greatest brightness.
+    Saturated,
+    /// It is the same as an earlier frame, pixel by pixel.
+    Repeated,
+    /// All pixels are dark.
+    Black,
+    /// The file marks it as unusable, or has no position for it.
+    Invalid,
+}
+
+impl State {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Used,
+        Self::NoEcho,
+        Self::TwoAlike,
+        Self::OffSequence,
+        Self::Saturated,
+        Self::Repeated,
+        Self::Black,
+        Self::Invalid,
+    ];
+
+    /// Name in documents.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Used => "used",
+            Self::NoEcho => "no_echo",
+            Self::TwoAlike => "two_alike",
+            Self::OffSequence => "off_sequence",
+            Self::Saturated => "saturated",
+            Self::Repeated => "repeated",
+            Self::Black => "black",
+            Self::Invalid => "invalid",
+        }
+    }
+}
+
+/// One frame of a sweep.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameResult {
+    /// What became of it.
+    pub state: State,
+    /// Time stamp.
+    pub time_s: Option<f64>,
+    /// The used candidate, or the best one.
+    pub candidate: Option<Candidate>,
+    /// Its place, millimetres: x, y, z.
+    pub place_mm: Option<[f64; 3]>,
+    /// Standard deviation of its place in x and y, millimetres, scaled as the sequence says.
+    pub sd_mm: Option<[f64; 2]>,
+    /// Distance from the sequence in x and y, millimetres.
+    pub off_mm: Option<[f64; 2]>,
+}
+
+/// A measured sweep.
+#[derive(Debug, Clone)]
+pub struct Sweep {
+    /// Its frames, in order.
+    pub frames: Vec<FrameResult>,
+    /// Smooth curves through them, noise and correlation.
+    pub track: Track,
+    /// Lag between images and positions, where the motion determines one.
+    pub lag: Option<Lag>,
+    /// Lag that is taken into account.
+    pub lag_s: f64,
+}
+
+impl Sweep {
+    /// Number of frames in a state.
+    pub fn count(&self, state: State) -> usize {
+        self.frames.iter().filter(|frame| frame.state == state).count()
+    }
+}
+
+/// A frame is dark below this brightness.
+const DARK: u8 = 8;
+/// Share of pixels of greatest brightness from which a frame is saturated.
+const SATURATED: f64 = 0.25;
+/// Frames with different content from which the screen's overlay is found by what never changes.
+const MIN_DISTINCT: usize = 8;
+
+/// Measures a sweep. `on_frame` is called with the number of every frame that has been read.
+///
+/// # Errors
+/// [`SweepError`].
+pub fn measure(
+    sequence: &mut Sequence,
+    settings: &Settings,
+    mut on_frame: impl FnMut(usize),
+) -> Result<Sweep, SweepError> {
+    let header = sequence.header().clone();
+    let spacing_mm = spacing(&header, settings)?;
+    let orientation = header.orientation.or(settings.orientation).unwrap_or_default();
+    let poses = Poses::new(header.count, &header.frames, &settings.place)?;
+    let detector = Detector::new(settings.needle_mm, spacing_mm, settings.region);
+    let mut raw: Vec<(State, Vec<Candidate>)> = Vec::new();
+    let mut seen = HashSet::new();
+    let mut fixed = Fixed::default();
+    while let Some(frame) = sequence.next_frame()? {
+        let number = raw.len();
+        let frame = frame.oriented(orientation);
+        let is_invalid = header.frames.get(number).is_some_and(|fields| fields.is_invalid);
+        let state = if is_invalid || poses.of(number, 0.0).is_none() {
+            State::Invalid
+        } else {
+            first_look(&frame, &mut seen)
+        };
+        let candidates = if state == State::Used {
+            fixed.add(&frame);
+            detector.candidates(&frame)
+        } else {
+            Vec::new()
+        };
+        raw.push((state, candidates));
+        on_frame(number);
+    }
+    for (_, candidates) in &mut raw {
+        candidates.retain(|candidate| !fixed.is_overlay(candidate));
+    }
+    let echoes = |lag_s: f64| -> Vec<Vec<Echo>> {
+        raw.iter()
+            .enumerate()
+            .map(|(number, (_, candidates))| {
+                let Some(pose) = poses.of(number, lag_s) else { return Vec::new() };
+                candidates.iter().map(|candidate| echo(candidate, &pose, spacing_mm)).collect()
+            })
+            .collect()
+    };
+    let mut lag_s = settings.lag_s.unwrap_or(0.0);
+    let mut track = follow(&echoes(lag_s), 0)?;
+    let lag = lag::estimate(&track, &poses, &echoes);
+    if let (None, Some(lag)) = (settings.lag_s, &lag) {
+        lag_s = lag.lag_s;
+        track = follow(&echoes(lag_s), 0)?;
+    }
+    let placed = echoes(lag_s);
+    let frames = raw.into_iter().enumerate().map(|(number, (state, candidates))| {
+        let time_s = header.frames.get(number).and_then(|fields| fields.time_s);
+        let decision = track.decisions.get(number).copied().unwrap_or(Decision::NoEcho);
+        result(
+            state,
+            time_s,
+            decision,
+            &candidates,
+            placed.get(number).map(Vec::as_slice).unwrap_or_default(),
+            &track,
+        )
+    });
+    Ok(Sweep { frames: frames.collect(), lag, lag_s, track })
+}
+
+/// Size of a pixel: of the file or as given, and the same where it is both.
+fn spacing(header: &Header, settings: &Settings) -> Result<[f64; 2], SweepError> {
+    match (header.spacing_mm, settings.spacing_mm) {
+        (None, None) => Err(SweepError::NoSpacing),
+        (Some(mm), None) | (None, Some(mm)) => Ok(mm),
+        (Some(file), Some(given)) => {
+            let is_same = file.iter().zip(given).all(|(file, given)| (file / given - 1.0).abs() < 0.005);
+            if is_same { Ok(file) } else { Err(SweepError::OtherSpacing { file, given }) }
+        }
+    }
+}
+
+/// What a frame is before any echo is looked for.
+fn first_look(frame: &Frame, seen: &mut HashSet<u64>) -> State {
+    if frame.pixels.iter().all(|pixel| *pixel < DARK) {
+        return State::Black;
+    }
+    let full = frame.pixels.iter().filter(|pixel| **pixel == u8::MAX).count();
+    if full as f64 >= SATURATED * frame.pixels.len() as f64 {
+        return State::Saturated;
+    }
+    let mut hasher = DefaultHasher::new();
+    frame.pixels.hash(&mut hasher);
+    if seen.insert(hasher.finish()) { State::Used } else { State::Repeated }
+}
+
+/// A candidate in space.
+fn echo(candidate: &Candidate, pose: &[f64; 16], spacing_mm: [f64; 2]) -> Echo {
+    let centre = &candidate.centre;
+    // The transforms of PLUS are from the corner of the first pixel; a shift of half a pixel is a shift of everything.
+    let [x, y, z_mm] = placed(pose, [centre.x_px * spacing_mm[0], centre.y_px * spacing_mm[1]]);
+    let sd_image = [centre.sd_x_px * spacing_mm[0], centre.sd_y_px * spacing_mm[1]];
+    let sd = |row: usize| (pose[4 * row] * sd_image[0]).hypot(pose[4 * row + 1] * sd_image[1]).max(1e-4);
+    Echo { across_mm: [x, y], z_mm, sd_mm: [sd(0), sd(1)], score: candidate.score }
+}
+
+fn result(
+    state: State,
+    time_s: Option<f64>,
+    decision: Decision,
+    candidates: &[Candidate],
+    echoes: &[Echo],
+    track: &Track,
+) -> FrameResult {
+    let (state, number) = match (state, decision) {
+        (State::Used, Decision::Used { echo }) => (State::Used, echo),
+        (State::Used, Decision::NoEcho) => (State::NoEcho, 0),
+        (State::Used, Decision::Alike) => (State::TwoAlike, 0),
+        (State::Used, Decision::Off { .. }) => (State::OffSequence, 0),
+        (rejected, _) => (rejected, 0),
+    };
+    let echo = echoes.get(number);
+    FrameResult {
+        state,
+        time_s,
+        candidate: candidates.get(number).copied(),
+        place_mm: echo.map(|echo| [echo.across_mm[0], echo.across_mm[1], echo.z_mm]),
+        sd_mm: echo.map(|echo| [0, 1].map(|axis: usize| echo.sd_mm[axis] * track.noise_scale[axis])),
+        off_mm: echo
+            .map(|echo| [0, 1].map(|axis: usize| echo.across_mm[axis] - track.curves[axis].at(echo.z_mm))),
+    }
+}
+
+/// Least and greatest brightness of every pixel over a sequence: text and marks of the screen never change.
+#[derive(Default)]
+struct Fixed {
+    width: usize,
+    least: Vec<u8>,
+    most: Vec<u8>,
+    frames: usize,
+}
+
+impl Fixed {
+    fn add(&mut self, frame: &Frame) {
+        self.frames += 1;
+        if self.frames == 1 {
+            (self.width, self.least, self.most) = (frame.width, frame.pixels.clone(), frame.pixels.clone());
+            return;
+        }
+        for ((least, most), pixel) in self.least.iter_mut().zip(&mut self.most).zip(&frame.pixels) {
+            *least = (*least).min(*pixel);
+            *most = (*most).max(*pixel);
+        }
+    }
+
+    /// Whether the bright pixels of a candidate are the same in all frames.
+    fn is_overlay(&self, candidate: &Candidate) -> bool {
+        if self.frames < MIN_DISTINCT {
+            return false;
+        }
+        let centre = &candidate.centre;
+        let range = |at: f64, size: f64| (at - size).max(0.0) as usize..=(at + size).max(0.0) as usize;
+        let (mut bright, mut same) = (0usize, 0usize);
+        for y in range(centre.y_px, centre.height_px) {
+            for x in range(centre.x_px, centre.width_px).filter(|x| *x < self.width) {
+                let at = y * self.width + x;
+                let (Some(least), Some(most)) = (self.least.get(at), self.most.get(at)) else { continue };
+                bright += usize::from(*most > 2 * DARK);
+                same += usize::from(*most > 2 * DARK && most - least <= 1);
+            }
+        }
+        2 * same > bright
+    }
+}
+
+#[cfg(test)]
+mod tests;

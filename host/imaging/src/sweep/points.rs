@@ -1,0 +1,149 @@
+//! Points of a shape from the frames of a sweep, and their distance from the straight needle.
+
+use super::{State, Sweep};
+
+/// A point of a shape: successive frames that share their speckle are one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Position along the needle, millimetres.
+    pub z_mm: f64,
+    /// Position across it, `[x, y]`.
+    pub across_mm: [f64; 2],
+    /// Standard deviations; points are independent.
+    pub sd_mm: [f64; 2],
+    /// Frames in it.
+    pub frames: usize,
+}
+
+/// Widest point along the needle, millimetres: over it a needle is straight to a micrometre.
+const MAX_WIDTH_MM: f64 = 2.0;
+
+impl Sweep {
+    /// Points of the shape, along the needle.
+    pub fn points(&self) -> Vec<Point> {
+        let together = self.track.correlated_frames.ceil().max(1.0) as usize;
+        let mut used: Vec<([f64; 3], [f64; 2])> = self
+            .frames
+            .iter()
+            .filter(|frame| frame.state == State::Used)
+            .filter_map(|frame| Some((frame.place_mm?, frame.sd_mm?)))
+            .collect();
+        used.sort_by(|a, b| a.0[2].total_cmp(&b.0[2]));
+        let mut points = Vec::new();
+        let mut rest = used.as_slice();
+        while let Some(first) = rest.first() {
+            let near = rest
+                .iter()
+                .take_while(|frame| frame.0[2] - first.0[2] <= MAX_WIDTH_MM)
+                .take(together)
+                .count();
+            let (group, others) = rest.split_at(near.max(1));
+            rest = others;
+            points.extend(mean(group, self.track.correlated_frames));
+        }
+        points
+    }
+}
+
+/// Weighted mean of frames that share their error as far as they are neighbours.
+fn mean(group: &[([f64; 3], [f64; 2])], correlated: f64) -> Option<Point> {
+    let count = group.len() as f64;
+    let weights = |axis: usize| group.iter().map(move |(_, sd_mm)| sd_mm[axis].powi(-2));
+    let across_mm = [0, 1].map(|axis: usize| {
+        let sum: f64 = group.iter().zip(weights(axis)).map(|((place, _), weight)| weight * place[axis]).sum();
+        sum / weights(axis).sum::<f64>()
+    });
+    let sd_mm = [0, 1].map(|axis: usize| (correlated.max(1.0) / weights(axis).sum::<f64>()).sqrt());
+    let z_mm = group.iter().map(|(place, _)| place[2]).sum::<f64>() / count;
+    (count > 0.0).then_some(Point { z_mm, across_mm, sd_mm, frames: group.len() })
+}
+
+/// The straight needle: a line for each axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    middle_mm: f64,
+    at_middle_mm: [f64; 2],
+    slope: [f64; 2],
+    /// Variances at the middle and of the slope; not correlated.
+    variance: [[f64; 2]; 2],
+}
+
+impl Line {
+    /// A needle along z at a place, without uncertainty.
+    pub fn along(across_mm: [f64; 2]) -> Self {
+        Self { middle_mm: 0.0, at_middle_mm: across_mm, slope: [0.0; 2], variance: [[0.0; 2]; 2] }
+    }
+
+    /// Through the points of a sweep along the needle that nobody displaces; nothing for fewer than three points.
+    pub fn through(points: &[Point]) -> Option<Self> {
+        let (first, last) = (points.first()?, points.last()?);
+        if points.len() < 3 || last.z_mm <= first.z_mm {
+            return None;
+        }
+        let count = points.len() as f64;
+        let middle_mm = points.iter().map(|point| point.z_mm).sum::<f64>() / count;
+        let mut line = Self::along([0.0; 2]);
+        line.middle_mm = middle_mm;
+        for axis in 0..2 {
+            let weight = |point: &Point| point.sd_mm[axis].powi(-2);
+            let sums = points.iter().fold([0.0; 5], |sums, point| {
+                let (w, z, u) = (weight(point), point.z_mm - middle_mm, point.across_mm[axis]);
+                [sums[0] + w, sums[1] + w * z, sums[2] + w * z * z, sums[3] + w * u, sums[4] + w * z * u]
+            });
+            let [w, z, zz, u, zu] = sums;
+            let slope = (zu - z * u / w) / (zz - z * z / w);
+            line.slope[axis] = slope;
+            line.at_middle_mm[axis] = (u - slope * z) / w;
+            line.variance[axis] = [1.0 / w, 1.0 / (zz - z * z / w)];
+        }
+        Some(line)
+    }
+
+    /// Its place, millimetres.
+    pub fn at(&self, z_mm: f64) -> [f64; 2] {
+        [0, 1].map(|axis: usize| self.at_middle_mm[axis] + self.slope[axis] * (z_mm - self.middle_mm))
+    }
+
+    /// Variance of its place.
+    pub fn variance(&self, z_mm: f64) -> [f64; 2] {
+        self.variance.map(|[middle, slope]| middle + slope * (z_mm - self.middle_mm).powi(2))
+    }
+
+    /// Its slope, `[x, y]`.
+    pub fn slope(&self) -> [f64; 2] {
+        self.slope
+    }
+}
+
+/// A point's distance from the straight needle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deflection {
+    /// Position along the needle, millimetres.
+    pub z_mm: f64,
+    /// Deflection, `[x, y]`.
+    pub across_mm: [f64; 2],
+    /// Its standard deviation as that of independent points.
+    pub sd_mm: [f64; 2],
+    /// Frames in it.
+    pub frames: usize,
+}
+
+/// Distances of points from the straight needle.
+///
+/// An error of the straight needle is in all points together. A fit that takes points as independent would average it down by their
+/// number, so it enters each point's variance that many times: the interval of anything that is fitted is then not too short.
+pub fn deflections(points: &[Point], straight: &Line) -> Vec<Deflection> {
+    let count = points.len() as f64;
+    points
+        .iter()
+        .map(|point| {
+            let (at_mm, variance) = (straight.at(point.z_mm), straight.variance(point.z_mm));
+            Deflection {
+                z_mm: point.z_mm,
+                across_mm: [0, 1].map(|axis: usize| point.across_mm[axis] - at_mm[axis]),
+                sd_mm: [0, 1].map(|axis: usize| (point.sd_mm[axis].powi(2) + count * variance[axis]).sqrt()),
+                frames: point.frames,
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,350 @@
+//! Which candidate of each frame is the needle: decided by the whole sequence, since a needle is one smooth curve.
+//!
+//! 1. Curves of second order through candidates of three frames are drawn at random, likely ones first, and the one is kept that has the
+//!    most of the sequence's echoes near it.
+//! 2. A spline with the prior of a beam ([`crate::curve`]) is fitted to the nearest candidates, with a gate that closes to what the
+//!    residuals need.
+//! 3. A second curve with about as many echoes is another needle, a wire or the screen: then nothing is decided.
+
+use crate::curve::{Curve, Knot};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A candidate in space.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Echo {
+    /// Position across the needle, `[x, y]`, millimetres.
+    pub across_mm: [f64; 2],
+    /// Position along the needle, millimetres.
+    pub z_mm: f64,
+    /// Standard deviations of the position across, from the image.
+    pub sd_mm: [f64; 2],
+    /// Contrast.
+    pub score: f64,
+}
+
+/// What became of a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Decision {
+    /// No candidate.
+    NoEcho,
+    /// No candidate is near the sequence; the distance of the nearest.
+    Off {
+        /// Millimetres.
+        distance_mm: f64,
+    },
+    /// Two candidates are, and about as bright.
+    Alike,
+    /// One is.
+    Used {
+        /// Its number.
+        echo: usize,
+    },
+}
+
+/// A needle through a sequence.
+#[derive(Debug, Clone)]
+pub struct Track {
+    /// What became of each frame.
+    pub decisions: Vec<Decision>,
+    /// Smooth curves through the used echoes, `[x, y]`.
+    pub curves: [Curve; 2],
+    /// What standard deviations from images have to be multiplied with so that residuals are as large as they say, `[x, y]`.
+    pub noise_scale: [f64; 2],
+    /// Successive frames that share their error, since they have the same speckle.
+    pub correlated_frames: f64,
+}
+
+/// Why there is no track.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TrackError {
+    /// Hardly any echo.
+    #[error("{found} of {frames} frames have an echo on one smooth curve, expected {least} or more")]
+    NoNeedle {
+        /// Frames on the best curve.
+        found: usize,
+        /// Frames of the sequence.
+        frames: usize,
+        /// Fewest.
+        least: usize,
+    },
+    /// Two curves explain the sequence about equally well.
+    #[error(
+        "two smooth curves have about as many echoes: at x {:.1} y {:.1} mm and at x {:.1} y {:.1} mm in the middle of the sequence; \
+         expected one needle: limit the frames to it with --region",
+        first[0], first[1], second[0], second[1]
+    )]
+    Ambiguous {
+        /// Position of the first in the middle of the sequence.
+        first: [f64; 2],
+        /// Position of the second.
+        second: [f64; 2],
+    },
+}
+
+/// Half width of the tube around a curve of second order in which echoes count, millimetres: a bent needle is nearly of second order.
+const TUBE_MM: f64 = 0.6;
+/// Curves that are drawn.
+const DRAWS: usize = 3000;
+/// Steepest slope and strongest bending of a needle that guides push.
+const MAX_SLOPE: f64 = 0.5;
+const MAX_BEND_PER_MM: f64 = 0.02;
+/// Fewest frames of a track.
+const MIN_USED: usize = 8;
+/// Least share of the frames that have an echo near the curve.
+const MIN_SHARE: f64 = 0.2;
+/// A second curve counts as a rival from this share of the first one's echoes.
+const RIVAL: f64 = 0.75;
+/// Gate in standard deviations, and least gate.
+const GATE_SD: f64 = 4.0;
+const MIN_GATE_MM: f64 = 0.02;
+/// An echo is about as bright as another from this share of its contrast.
+const ALIKE: f64 = 0.5;
+
+/// Follows the needle through the frames' candidates. The seed only orders the search.
+///
+/// # Errors
+/// [`TrackError`].
+pub fn follow(frames: &[Vec<Echo>], seed: u64) -> Result<Track, TrackError> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let (count, least) = (frames.len(), MIN_USED.max(frames.len() / 5));
+    let none = |found| TrackError::NoNeedle { found, frames: count, least };
+    let (score, arc) = search(frames, None, &mut random).ok_or_else(|| none(0))?;
+    // Few echoes are near one curve by chance.
+    if score < MIN_SHARE {
+        return Err(none((score * count as f64) as usize));
+    }
+    let middle_mm = middle(frames);
+    let rival = search(frames, Some(&arc), &mut random).filter(|(other, _)| *other > RIVAL * score);
+    if let Some((_, rival)) = rival {
+        return Err(TrackError::Ambiguous { first: arc.at(middle_mm), second: rival.at(middle_mm) });
+    }
+    let mut gate_mm = [TUBE_MM; 2];
+    let mut place = |z_mm: f64| arc.at(z_mm);
+    let mut fitted = refit(frames, &mut place, gate_mm).ok_or_else(|| none(0))?;
+    for _ in 0..12 {
+        let before = gate_mm;
+        for (gate_mm, needed_mm) in gate_mm.iter_mut().zip(fitted.gate_mm) {
+            *gate_mm = needed_mm.clamp(MIN_GATE_MM, *gate_mm);
+        }
+        let curves = fitted.curves.clone();
+        fitted = refit(frames, &mut |z_mm| [0, 1].map(|axis: usize| curves[axis].at(z_mm)), gate_mm)
+            .ok_or_else(|| none(0))?;
+        if before == gate_mm {
+            break;
+        }
+    }
+    let curves = fitted.curves;
+    let decisions: Vec<Decision> = frames.iter().map(|echoes| decide(echoes, &curves, gate_mm)).collect();
+    let used = decisions.iter().filter(|decision| matches!(decision, Decision::Used { .. })).count();
+    if used < least {
+        return Err(none(used));
+    }
+    let correlated_frames = correlated(frames, &decisions, &curves);
+    Ok(Track { decisions, curves, noise_scale: fitted.scale, correlated_frames })
+}
+
+/// A curve of second order in both directions.
+#[derive(Debug, Clone, Copy)]
+struct Arc {
+    z_mm: [f64; 3],
+    value_mm: [[f64; 3]; 2],
+}
+
+impl Arc {
+    fn at(&self, z_mm: f64) -> [f64; 2] {
+        let [a, b, c] = self.z_mm;
+        let weights = [
+            (z_mm - b) * (z_mm - c) / ((a - b) * (a - c)),
+            (z_mm - a) * (z_mm - c) / ((b - a) * (b - c)),
+            (z_mm - a) * (z_mm - b) / ((c - a) * (c - b)),
+        ];
+        self.value_mm.map(|values| values.iter().zip(weights).map(|(value, weight)| value * weight).sum())
+    }
+
+    /// Whether a needle can have it.
+    fn is_needle(&self) -> bool {
+        let [a, b, c] = self.z_mm;
+        self.value_mm.iter().all(|values| {
+            let first = (values[1] - values[0]) / (b - a);
+            let second = (values[2] - values[1]) / (c - b);
+            let bend = 2.0 * (second - first) / (c - a);
+            first.abs() <= MAX_SLOPE && second.abs() <= MAX_SLOPE && bend.abs() <= MAX_BEND_PER_MM
+        })
+    }
+}
+
+fn middle(frames: &[Vec<Echo>]) -> f64 {
+    let z_mm = || frames.iter().flatten().map(|echo| echo.z_mm);
+    0.5 * (z_mm().fold(f64::INFINITY, f64::min) + z_mm().fold(f64::NEG_INFINITY, f64::max))
+}
+
+/// The arc with the most echoes, and their share of the frames; echoes on another arc count for nothing.
+fn search(frames: &[Vec<Echo>], without: Option<&Arc>, random: &mut ChaCha8Rng) -> Option<(f64, Arc)> {
+    let is_other = |echo: &&Echo| without.is_none_or(|arc| distance(echo, arc.at(echo.z_mm)) > 1.5 * TUBE_MM);
+    let step = frames.len().div_ceil(150).max(1);
+    let mut sample: Vec<Vec<(Echo, f64)>> = Vec::new();
+    for echoes in frames.iter().step_by(step) {
+        let best = echoes.iter().map(|echo| echo.score).fold(f64::MIN_POSITIVE, f64::max);
+        let of_frame: Vec<_> =
+            echoes.iter().filter(is_other).map(|echo| (*echo, (echo.score / best).sqrt())).collect();
+        if !of_frame.is_empty() {
+            sample.push(of_frame);
+        }
+    }
+    sample.sort_by(|a, b| {
+        let z = |frame: &Vec<(Echo, f64)>| frame.first().map_or(0.0, |(echo, _)| echo.z_mm);
+        z(a).total_cmp(&z(b))
+    });
+    let thirds = [0, sample.len() / 3, 2 * sample.len() / 3, sample.len()];
+    if sample.len() < 3 {
+        return None;
+    }
+    let mut best: Option<(f64, Arc)> = None;
+    for _ in 0..DRAWS {
+        let mut drawn = [None; 3];
+        for (third, slot) in drawn.iter_mut().enumerate() {
+            let frame =
+                sample.get(random.random_range(thirds[third]..thirds[third + 1].max(thirds[third] + 1)))?;
+            let total: f64 = frame.iter().map(|(_, weight)| weight).sum();
+            let mut left = random.random_range(0.0..1.0) * total;
+            *slot = frame
+                .iter()
+                .find(|(_, weight)| {
+                    left -= weight;
+                    left <= 0.0
+                })
+                .or(frame.last())
+                .map(|(echo, _)| *echo);
+        }
+        let [Some(a), Some(b), Some(c)] = drawn else { continue };
+        let echoes = [a, b, c];
+        if b.z_mm - a.z_mm < 1e-3 || c.z_mm - b.z_mm < 1e-3 {
+            continue;
+        }
+        let arc = Arc {
+            z_mm: echoes.map(|echo| echo.z_mm),
+            value_mm: [0, 1].map(|axis: usize| echoes.map(|echo| echo.across_mm[axis])),
+        };
+        if !arc.is_needle() {
+            continue;
+        }
+        let score = sample
+            .iter()
+            .map(|frame| {
+                let near = |(echo, weight): &(Echo, f64)| {
+                    weight * (1.0 - (distance(echo, arc.at(echo.z_mm)) / TUBE_MM).powi(2))
+                };
+                frame.iter().map(near).fold(0.0, f64::max)
+            })
+            .sum::<f64>()
+            / sample.len() as f64;
+        if best.is_none_or(|(most, _)| score > most) {
+            best = Some((score, arc));
+        }
+    }
+    best
+}
+
+fn distance(echo: &Echo, at_mm: [f64; 2]) -> f64 {
+    (echo.across_mm[0] - at_mm[0]).hypot(echo.across_mm[1] - at_mm[1])
+}
+
+/// Distance in gates.
+fn in_gates(echo: &Echo, at_mm: [f64; 2], gate_mm: [f64; 2]) -> f64 {
+    ((echo.across_mm[0] - at_mm[0]) / gate_mm[0]).hypot((echo.across_mm[1] - at_mm[1]) / gate_mm[1])
+}
+
+/// Curves with what their residuals say.
+struct Refit {
+    curves: [Curve; 2],
+    scale: [f64; 2],
+    gate_mm: [f64; 2],
+}
+
+/// Fits curves to the nearest echoes in a gate around a place.
+fn refit(frames: &[Vec<Echo>], place: &mut dyn FnMut(f64) -> [f64; 2], gate_mm: [f64; 2]) -> Option<Refit> {
+    let mut nearest: Vec<Echo> = Vec::new();
+    for echoes in frames {
+        let mut best: Option<(f64, Echo)> = None;
+        for echo in echoes {
+            let far = in_gates(echo, place(echo.z_mm), gate_mm);
+            if far <= 1.0 && best.is_none_or(|(least, _)| far < least) {
+                best = Some((far, *echo));
+            }
+        }
+        nearest.extend(best.map(|(_, echo)| echo));
+    }
+    let fit = |axis: usize| {
+        let knots: Vec<Knot> = nearest
+            .iter()
+            .map(|echo| Knot { z_mm: echo.z_mm, value_mm: echo.across_mm[axis], sd_mm: echo.sd_mm[axis] })
+            .collect();
+        let curve = Curve::fit(&knots)?;
+        let freedom = knots.len().checked_sub(curve.parameters()).filter(|freedom| *freedom > 0)? as f64;
+        let squares: f64 =
+            knots.iter().map(|knot| ((knot.value_mm - curve.at(knot.z_mm)) / knot.sd_mm).powi(2)).sum();
+        let mut off: Vec<f64> =
+            knots.iter().map(|knot| (knot.value_mm - curve.at(knot.z_mm)).abs()).collect();
+        off.sort_by(f64::total_cmp);
+        let spread_mm =
+            1.4826 * off.get(off.len() / 2).copied().unwrap_or(0.0) * (knots.len() as f64 / freedom).sqrt();
+        Some((curve, (squares / freedom).sqrt(), GATE_SD * spread_mm))
+    };
+    let (x, y) = (fit(0)?, fit(1)?);
+    Some(Refit { curves: [x.0, y.0], scale: [x.1, y.1], gate_mm: [x.2, y.2] })
+}
+
+fn decide(echoes: &[Echo], curves: &[Curve; 2], gate_mm: [f64; 2]) -> Decision {
+    let place = |echo: &Echo| [0, 1].map(|axis: usize| curves[axis].at(echo.z_mm));
+    let mut near: Vec<(f64, usize, f64)> = echoes
+        .iter()
+        .enumerate()
+        .map(|(number, echo)| (in_gates(echo, place(echo), gate_mm), number, echo.score))
+        .collect();
+    near.sort_by(|a, b| a.0.total_cmp(&b.0));
+    match *near.as_slice() {
+        [] => Decision::NoEcho,
+        [(far, number, _), ..] if far > 1.0 => {
+            let distance_mm = echoes.get(number).map_or(f64::NAN, |echo| distance(echo, place(echo)));
+            Decision::Off { distance_mm }
+        }
+        [(_, _, own), (far, _, other), ..] if far <= 1.0 && other >= ALIKE * own => Decision::Alike,
+        [(_, echo, _), ..] => Decision::Used { echo },
+    }
+}
+
+/// Integrated autocorrelation of the residuals of used frames along the needle: frames that share their speckle share their error.
+fn correlated(frames: &[Vec<Echo>], decisions: &[Decision], curves: &[Curve; 2]) -> f64 {
+    let mut used: Vec<Echo> = frames
+        .iter()
+        .zip(decisions)
+        .filter_map(|(echoes, decision)| match decision {
+            Decision::Used { echo } => echoes.get(*echo).copied(),
+            _ => None,
+        })
+        .collect();
+    used.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
+    let longest = [0, 1].map(|axis: usize| {
+        let off: Vec<f64> = used
+            .iter()
+            .map(|echo| (echo.across_mm[axis] - curves[axis].at(echo.z_mm)) / echo.sd_mm[axis])
+            .collect();
+        let squares: f64 = off.iter().map(|r| r * r).sum();
+        let mut length = 1.0;
+        for lag in 1..=off.len() / 5 {
+            let products: f64 = off.iter().zip(off.iter().skip(lag)).map(|(a, b)| a * b).sum();
+            let rho = products / squares.max(f64::MIN_POSITIVE) * off.len() as f64 / (off.len() - lag) as f64;
+            // Below twice its own standard deviation a correlation is none.
+            if rho < 2.0 / (off.len() as f64).sqrt() {
+                break;
+            }
+            length += 2.0 * rho;
+        }
+        length
+    });
+    longest[0].max(longest[1])
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,342 @@
+//! `guide import ultrasound`: a lateral run's shape from transverse ultrasound frames.
+
+mod document;
+
+use super::import_shapes::{self, ShapeArgs};
+use super::output::{Output, spinner};
+use anyhow::{Context, bail, ensure};
+use document::{Imported, Straight};
+use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup, ShapeSeries, import::name_of, is_file_name};
+use imaging::detect::Region;
+use imaging::frame::Orientation;
+use imaging::pose::Place;
+use imaging::read::Sequence;
+use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, measure};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// How frames show the needle.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Frames (ultrasound)")]
+pub struct FrameArgs {
+    /// Sweep along the undisplaced needle: the straight line that deflections are measured from
+    #[arg(long, value_name = "PATH")]
+    straight: Option<PathBuf>,
+    /// Place of the straight needle in every frame, pixels, instead of --straight: the needle is then taken as parallel to the sweep
+    #[arg(long, value_name = "X,Y", value_parser = pair, conflicts_with = "straight")]
+    straight_px: Option<[f64; 2]>,
+    /// Size of a pixel, where the file does not state it
+    #[arg(long, value_name = "X,Y", value_parser = spacing)]
+    spacing_mm: Option<[f64; 2]>,
+    /// Axes of the image, where the file does not state them: first axis to the marked (M) or unmarked (U) side of the probe, second to
+    /// the far (F) or near (N) side (default: MF)
+    #[arg(long, value_name = "MF|UF|MN|UN", value_parser = orientation)]
+    orientation: Option<Orientation>,
+    /// Part of the oriented frame in which the needle is, pixels
+    #[arg(long, value_name = "X,Y,W,H", value_parser = region)]
+    region: Option<Region>,
+    /// Position of the first frame along the needle from guide 1 (default: entry_mm, the tissue's surface)
+    #[arg(long, value_name = "MM")]
+    sweep_start_mm: Option<f64>,
+    /// Distance from one frame to the next
+    #[arg(long, value_name = "MM", group = "place", allow_negative_numbers = true)]
+    step_mm: Option<f64>,
+    /// Speed of the probe, with the time stamps of the file
+    #[arg(long, value_name = "MM_PER_S", group = "place", allow_negative_numbers = true)]
+    speed_mm_per_s: Option<f64>,
+    /// Field of the file that is the probe's position in millimetres, such as ProbePosition
+    #[arg(long, value_name = "NAME", group = "place")]
+    z_field: Option<String>,
+    /// The field decreases into the tissue
+    #[arg(long, requires = "z_field")]
+    z_reversed: bool,
+    /// Transform of the file from the probe to a tracker, such as ProbeToTracker
+    #[arg(
+        long,
+        value_name = "NAME",
+        group = "place",
+        requires = "image_to_probe",
+        requires = "tracker_to_guide"
+    )]
+    transform: Option<String>,
+    /// From the image in millimetres to the probe: 16 numbers, row by row
+    #[arg(long, value_name = "MATRIX", value_parser = matrix, allow_hyphen_values = true, requires = "transform")]
+    image_to_probe: Option<Matrix>,
+    /// From the tracker to the session's frame (x horizontal, y up, z along the needle from guide 1): 16 numbers, row by row
+    #[arg(long, value_name = "MATRIX", value_parser = matrix, allow_hyphen_values = true, requires = "transform")]
+    tracker_to_guide: Option<Matrix>,
+    /// How much positions lag behind images with the same time stamp; negative where images lag (default: estimated, where the probe
+    /// goes forth and back; otherwise 0)
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    lag_s: Option<f64>,
+    /// Folder for pictures of all frames with what was found in them
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
+}
+
+/// A homogeneous transform.
+type Matrix = Box<[f64; 16]>;
+
+impl FrameArgs {
+    /// Whether any of its options is given.
+    pub fn is_requested(&self) -> bool {
+        let Self {
+            straight,
+            straight_px,
+            spacing_mm,
+            orientation,
+            region,
+            sweep_start_mm,
+            lag_s,
+            overlay,
+            ..
+        } = self;
+        let place =
+            [&self.step_mm, &self.speed_mm_per_s, sweep_start_mm, lag_s].iter().any(|given| given.is_some());
+        let image =
+            straight_px.is_some() || spacing_mm.is_some() || orientation.is_some() || region.is_some();
+        place
+            || image
+            || straight.is_some()
+            || overlay.is_some()
+            || self.z_field.is_some()
+            || self.transform.is_some()
+    }
+
+    fn settings(&self, setup: &Setup) -> anyhow::Result<Settings> {
+        let start_mm = self.sweep_start_mm.unwrap_or(1e3 * setup.rig.entry_m);
+        let place = match (self.step_mm, self.speed_mm_per_s, &self.z_field, &self.transform) {
+            (Some(step_mm), ..) => Place::Step { start_mm, step_mm },
+            (_, Some(mm_per_s), ..) => Place::Speed { start_mm, mm_per_s },
+            (_, _, Some(name), _) => {
+                Place::Field { name: name.clone(), start_mm, sign: if self.z_reversed { -1.0 } else { 1.0 } }
+            }
+            (_, _, _, Some(name)) => Place::Transform {
+                name: name.clone(),
+                image_to_probe: self.image_to_probe.clone().context("--image-to-probe: missing")?,
+                tracker_to_guide: self.tracker_to_guide.clone().context("--tracker-to-guide: missing")?,
+            },
+            _ => bail!(
+                "position of the frames along the needle: missing, expected --step-mm, --speed-mm-per-s, --z-field or --transform"
+            ),
+        };
+        Ok(Settings {
+            needle_mm: 1e3 * setup.rig.needle.outer_diameter_m,
+            spacing_mm: self.spacing_mm,
+            orientation: self.orientation,
+            region: self.region,
+            place,
+            lag_s: self.lag_s,
+        })
+    }
+}
+
+/// Imports sequences of frames as one lateral run.
+pub fn run(
+    paths: &[PathBuf],
+    shapes: &ShapeArgs,
+    args: &FrameArgs,
+    to: &Path,
+    setup: &Setup,
+    out: &mut Output,
+) -> anyhow::Result<()> {
+    ensure!(
+        !import_shapes::is_placed(shapes),
+        "ultrasound: has options that are for points in space, expected those of frames (--straight, --step-mm, ...)"
+    );
+    let settings = args.settings(setup)?;
+    let sweeps: Vec<Vec<PathBuf>> = sequences(paths);
+    let straight = straight(args, &settings)?;
+    let mut measured: Vec<(PathBuf, Sweep, Vec<Deflection>)> = Vec::new();
+    for files in &sweeps {
+        let (path, sweep) = one(files, &settings)?;
+        if let Some(folder) = &args.overlay {
+            overlay(folder, files, &settings, &sweep, out)?;
+        }
+        let line = match (&straight, args.straight_px) {
+            (Some((_, _, line)), _) => *line,
+            (None, Some(px)) => along(px, files, &settings)?,
+            (None, None) => bail!(
+                "the straight needle: missing, expected --straight, a sweep along the undisplaced needle, or --straight-px, its place in \
+                 the frames"
+            ),
+        };
+        let points = deflections(&sweep.points(), &line);
+        measured.push((path, sweep, points));
+    }
+    let columns: Vec<ShapeSeries> = measured.iter().map(|(_, _, points)| series(points)).collect();
+    let entry_mm = 1e3 * setup.rig.entry_m;
+    let deepest_mm =
+        measured.iter().flat_map(|(_, _, points)| points).map(|p| p.z_mm).fold(f64::NEG_INFINITY, f64::max);
+    let depth_mm = shapes.depth_mm.unwrap_or(deepest_mm - entry_mm);
+    let [least_mm, most_mm] = DEPTH_RANGE_MM;
+    ensure!(
+        (least_mm..=most_mm).contains(&depth_mm),
+        "the needle would be {depth_mm:.1} mm deep in the tissue, expected {least_mm} to {most_mm} mm: do --sweep-start-mm and entry_mm fit?"
+    );
+    let first =
+        sweeps.first().and_then(|files| files.first()).context("PATH: no file, expected one or more")?;
+    let id = shapes.id.clone().unwrap_or_else(|| name_of(first));
+    ensure!(
+        is_file_name(&id),
+        "--id: \"{id}\" cannot be part of a file name, expected letters, digits, - _ ."
+    );
+    let times_s = import_shapes::times_s(shapes, &id, 1e-3 * depth_mm, columns.len())?;
+    let shape = import_shapes::joined(&columns, times_s.as_deref());
+    let document =
+        Imported::new(to, &id, depth_mm, times_s, shapes.force.is_some(), &measured, straight.as_ref())?;
+    SessionWriter::open(to, setup)?.lateral_from(&id, 1e-3 * depth_mm, shapes.force.as_deref(), &shape)?;
+    let record = to.join(format!("{id}.frames.json"));
+    let text = serde_json::to_string_pretty(&document)?;
+    fs::write(&record, text).with_context(|| format!("{}: cannot write", record.display()))?;
+    if shapes.force.is_none() {
+        out.note(format_args!(
+            "{id}.force.csv has a header only: without a force series no modulus is identified"
+        ));
+    }
+    out.result(&document, &document)
+}
+
+/// Image files that are given one by one are one sequence; everything else is one of its own.
+fn sequences(paths: &[PathBuf]) -> Vec<Vec<PathBuf>> {
+    let is_png = |path: &PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    if paths.len() > 1 && paths.iter().all(is_png) {
+        return vec![paths.to_vec()];
+    }
+    paths.iter().map(|path| vec![path.clone()]).collect()
+}
+
+fn open(files: &[PathBuf]) -> anyhow::Result<Sequence> {
+    Ok(match files {
+        [one] => Sequence::open(one)?,
+        many => Sequence::open_stack(many)?,
+    })
+}
+
+/// Measures a sequence.
+fn one(files: &[PathBuf], settings: &Settings) -> anyhow::Result<(PathBuf, Sweep)> {
+    let path = files.first().cloned().unwrap_or_default();
+    let mut sequence = open(files)?;
+    let count = sequence.header().count;
+    let progress = spinner();
+    let sweep = measure(&mut sequence, settings, |frame| {
+        progress.set_message(format!("{}: frame {} of {count}", path.display(), frame + 1));
+    });
+    progress.finish_and_clear();
+    let sweep = sweep.with_context(|| path.display().to_string())?;
+    Ok((path, sweep))
+}
+
+/// The straight needle from a sweep of its own.
+fn straight(args: &FrameArgs, settings: &Settings) -> anyhow::Result<Option<Straight>> {
+    let Some(path) = &args.straight else { return Ok(None) };
+    let (path, sweep) = one(std::slice::from_ref(path), settings)?;
+    let line = Line::through(&sweep.points()).with_context(|| {
+        format!("{}: fewer than 3 points, expected a sweep along the needle", path.display())
+    })?;
+    Ok(Some((path, sweep, line)))
+}
+
+/// The straight needle at a pixel, parallel to the sweep.
+fn along(px: [f64; 2], files: &[PathBuf], settings: &Settings) -> anyhow::Result<Line> {
+    ensure!(
+        !matches!(settings.place, Place::Transform { .. }),
+        "--straight-px: has no meaning with --transform, expected --straight"
+    );
+    let spacing_mm = open(files)?.header().spacing_mm.or(settings.spacing_mm);
+    let [x, y] = spacing_mm.context("--spacing-mm: missing")?;
+    Ok(Line::along([px[0] * x, -px[1] * y]))
+}
+
+/// Pictures of all frames.
+fn overlay(
+    folder: &Path,
+    files: &[PathBuf],
+    settings: &Settings,
+    sweep: &Sweep,
+    out: &Output,
+) -> anyhow::Result<()> {
+    fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
+    let mut sequence = open(files)?;
+    let name = files.first().map(|path| name_of(path)).unwrap_or_default();
+    let orientation = sequence.header().orientation.or(settings.orientation).unwrap_or_default();
+    let mut results = sweep.frames.iter();
+    let mut number = 0;
+    while let (Some(frame), Some(result)) = (sequence.next_frame()?, results.next()) {
+        let path = folder.join(format!("{name}-{number:05}-{}.png", result.state.name()));
+        imaging::overlay::write(&path, &frame.oriented(orientation), result)?;
+        number += 1;
+    }
+    out.note(format_args!("{number} pictures in {}", folder.display()));
+    Ok(())
+}
+
+fn series(points: &[Deflection]) -> ShapeSeries {
+    let column =
+        |of: fn(&Deflection) -> f64| -> Vec<f64> { points.iter().map(|point| 1e-3 * of(point)).collect() };
+    ShapeSeries {
+        time_s: None,
+        z_m: column(|point| point.z_mm),
+        y_m: column(|point| point.across_mm[1]),
+        x_m: Some(column(|point| point.across_mm[0])),
+        y_sd_m: Some(column(|point| point.sd_mm[1])),
+        x_sd_m: Some(column(|point| point.sd_mm[0])),
+    }
+}
+
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let parts = text.split([',', ' ']).filter(|part| !part.is_empty());
+    let numbers: Option<Vec<f64>> =
+        parts.map(|part| part.parse().ok().filter(|n: &f64| n.is_finite())).collect();
+    numbers?.try_into().ok()
+}
+
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    numbers(text).ok_or_else(|| "expected two numbers: X,Y".to_owned())
+}
+
+fn spacing(text: &str) -> Result<[f64; 2], String> {
+    let mm = numbers(text).filter(|mm: &[f64; 2]| mm.iter().all(|mm| (1e-3..=10.0).contains(mm)));
+    mm.ok_or_else(|| "expected two sizes of a pixel from 0.001 to 10 mm: X,Y".to_owned())
+}
+
+fn orientation(text: &str) -> Result<Orientation, String> {
+    Orientation::parse(text).ok_or_else(|| "expected MF, UF, MN or UN".to_owned())
+}
+
+fn region(text: &str) -> Result<Region, String> {
+    let parts: Option<Vec<usize>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    match parts.as_deref() {
+        Some(&[x, y, width, height]) if width > 0 && height > 0 => Ok(Region { x, y, width, height }),
+        _ => Err("expected whole pixels: X,Y,W,H".to_owned()),
+    }
+}
+
+fn matrix(text: &str) -> Result<Matrix, String> {
+    numbers(text)
+        .map(Box::new)
+        .ok_or_else(|| "expected 16 numbers, row by row, separated by commas".to_owned())
+}
+
+/// Share of rejected frames from which the user is warned.
+const MANY_REJECTED: f64 = 0.3;
+
+/// What is worth a warning about a sweep.
+fn remarks(path: &Path, sweep: &Sweep) -> Vec<String> {
+    let (used, all) = (sweep.count(State::Used), sweep.frames.len());
+    let mut remarks = Vec::new();
+    if ((all - used) as f64) > MANY_REJECTED * all as f64 {
+        remarks.push(format!(
+            "{}: {used} of {all} frames are used: see the states, and --overlay for pictures",
+            path.display()
+        ));
+    }
+    if sweep.lag.is_none() && sweep.lag_s == 0.0 {
+        remarks.push(format!(
+            "{}: the lag between images and positions is not identifiable from this sweep and is taken as 0: a sweep forth and back, or \
+             --lag-s, determines it",
+            path.display()
+        ));
+    }
+    remarks
+}
