@@ -14,8 +14,8 @@ use criterion::Criterion;
 use estimators::SENSORS;
 use inference::track::kalman::{FilterConfig, Kalman, Kind};
 use inference::track::method::Method;
-use inference::track::published::{Printed, Published};
-use inference::track::sound::{Sound, settings};
+use inference::track::published::{Published, PublishedSettings};
+use inference::track::sound::{OnlineEstimator, settings};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
@@ -23,14 +23,14 @@ fn main() {
     let (rig, dynamics) = estimators::steered();
     let needle = &rig.needle;
     let run = estimators::steering(1).expect("a run");
-    let printed = Printed::default();
+    let printed = PublishedSettings::default();
     let config = FilterConfig {
         start: [printed.start[1], printed.start[0]],
         base_sd_m: SENSORS.base_m,
         force_sd_n: SENSORS.force_n,
         tip_sd_m: SENSORS.tip_m,
     };
-    let sound = || Sound::new(settings::<f64>(needle, &dynamics).expect("a needle")).expect("fits");
+    let sound = || OnlineEstimator::new(settings::<f64>(needle, &dynamics).expect("a needle")).expect("fits");
     let mut criterion = Criterion::default().configure_from_args();
     let mut group = criterion.benchmark_group(format!("{} updates", run.len()));
     group.sample_size(10).measurement_time(Duration::from_secs(3));
@@ -44,7 +44,7 @@ fn main() {
     };
     bench("sound, f64", &|| Box::new(sound()));
     bench("sound, f32", &|| {
-        Box::new(Sound::new(settings::<f32>(needle, &dynamics).expect("a needle")).expect("fits"))
+        Box::new(OnlineEstimator::new(settings::<f32>(needle, &dynamics).expect("a needle")).expect("fits"))
     });
     bench("published", &|| Box::new(Published::new(needle, &dynamics, printed).expect("a needle")));
     bench("EKF", &|| Box::new(Kalman::new(Kind::Extended, needle, &dynamics, config).expect("a needle")));

@@ -49,7 +49,7 @@ pub enum Implausible {
     },
     /// A table neither rises nor falls throughout.
     #[error(
-        "the position table of axis {axis} turns round: expected one that rises, or falls, from code to code"
+        "the position table of axis {axis} is not monotonic, expected one that rises, or falls, from code to code"
     )]
     Turns {
         /// Which axis.

@@ -198,7 +198,7 @@ pub enum Refused {
     /// A value is not a number, or none that a rig can have.
     NotANumber,
     /// Time does not go on.
-    TimeStands,
+    TimeNotIncreasing,
     /// Deeper than the cells or the needle reach.
     TooDeep,
 }

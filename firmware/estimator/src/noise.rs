@@ -67,7 +67,7 @@ impl<T: RealField + Copy> Noise<T> {
             return Err(Refused::NotANumber);
         }
         if self.last.is_some_and(|last| time_s <= last.time_s) {
-            return Err(Refused::TimeStands);
+            return Err(Refused::TimeNotIncreasing);
         }
         if depth_m > reach_m {
             return Err(Refused::TooDeep);

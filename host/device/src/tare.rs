@@ -70,7 +70,7 @@ pub enum TareFault {
         limit_n: f64,
     },
     /// The readings scatter more than a sensor at rest does.
-    #[error("{axis} scatters by {sd_n:.3} N, more than {limit_n:.3} N: something shakes or a wire is loose")]
+    #[error("{axis} scatters by {sd_n:.3} N, more than {limit_n:.3} N: vibration or a loose wire")]
     Noise {
         /// Axis.
         axis: char,
@@ -81,7 +81,7 @@ pub enum TareFault {
     },
     /// The converter gives the same few codes.
     #[error(
-        "channel {channel} gave {codes} different codes only, a sound one {UNIQUE_CODES} or more: check the converter"
+        "channel {channel} gave {codes} different codes only, a working one {UNIQUE_CODES} or more: check the converter"
     )]
     FewCodes {
         /// Channel, 0 or 1.

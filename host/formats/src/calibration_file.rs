@@ -171,7 +171,7 @@ fn knots_um(fields: &Fields<'_>, field: &str, codes: &[f64]) -> Result<Option<[i
         || positions_um.windows(2).any(|pair| pair.first() == pair.last())
         || knots_um.windows(2).any(|pair| pair.first() == pair.last());
     if turns {
-        let problem = Problem::Syntax("the positions stand still or turn round".to_owned());
+        let problem = Problem::Syntax("the positions are not strictly monotonic".to_owned());
         return Err(fields.field_fault(field, problem, "positions that rise, or fall, from code to code"));
     }
     Ok(Some(knots_um))
@@ -326,8 +326,8 @@ falling_mm = [20.1, -19.0]
             ("codes = [0, 1000, 4000]", "codes = [0, 1000]", "rising_mm: a list of 3, expected 2 positions"),
             ("track_codes = [40, 4055]", "track_codes = [40, 4096]", "x.track_codes: 4096 is out of range"),
             ("track_codes = [40, 4055]", "track_codes = [40]", "x.track_codes: a list of 1"),
-            ("[-10, 0, 30]", "[-10, 0, 0]", "rising_mm: the positions stand still or turn round"),
-            ("[-10, 0, 30]", "[-10, 0, -5]", "rising_mm: the positions stand still or turn round"),
+            ("[-10, 0, 30]", "[-10, 0, 0]", "rising_mm: the positions are not strictly monotonic"),
+            ("[-10, 0, 30]", "[-10, 0, -5]", "rising_mm: the positions are not strictly monotonic"),
             ("[-10, 0, 30]", "[-10, 0, 32.5]", "rising_mm: the position at code 4096 is 33.54 mm"),
             ("[20.1, -19.0]", "[-20.1, 19.0]", "falling_mm: against the direction of rising_mm"),
             ("[potentiometer.y]", "[potentiometer.z]", "potentiometer.z: \"z\" is not known"),

@@ -28,7 +28,7 @@ pub struct Contact {
 
 /// What an indentation gives.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Indented {
+pub struct IndentationFit {
     /// Young's modulus.
     pub youngs_pa: f64,
     /// Its 95 % interval from the scatter about the curve; nothing for fewer than [`MIN_ROWS_OF_INTERVAL`] rows.
@@ -93,7 +93,11 @@ const ROUNDS: usize = 5;
 ///
 /// # Errors
 /// [`IndentationError`].
-pub fn indented(contact: &Contact, depth_m: &[f64], force_n: &[f64]) -> Result<Indented, IndentationError> {
+pub fn indented(
+    contact: &Contact,
+    depth_m: &[f64],
+    force_n: &[f64],
+) -> Result<IndentationFit, IndentationError> {
     let rows = loading(depth_m, force_n);
     if rows.len() < MIN_ROWS {
         return Err(IndentationError::FewRows { found: rows.len() });
@@ -229,7 +233,7 @@ impl Fitted {
         best
     }
 
-    fn result(&self, curve: &Curve, last_m: f64, other: Option<f64>) -> Indented {
+    fn result(&self, curve: &Curve, last_m: f64, other: Option<f64>) -> IndentationFit {
         let rows = self.rows.len();
         let unknowns = if self.has_contact { 3 } else { 2 };
         let freedom = rows as f64 - f64::from(unknowns);
@@ -245,7 +249,7 @@ impl Fitted {
             .map(|sd| [self.slope_pa - quantile * sd, self.slope_pa + quantile * sd]);
         let (nonlinearity, nonlinearity_se) = self.nonlinearity(curve, worth);
         let floor = f64::EPSILON * self.rows.iter().map(|[_, f]| f * f).fold(0.0, f64::max);
-        Indented {
+        IndentationFit {
             youngs_pa: self.slope_pa,
             ci95_pa,
             offset_n: self.has_contact.then_some(self.offset_n),

@@ -16,7 +16,7 @@ use serde::Serialize;
 
 /// What is requested.
 #[derive(Debug, Clone)]
-pub struct Question {
+pub struct PlanInput {
     /// Needle, guides and tissue surface.
     pub rig: Rig,
     /// What the tissue is made of.
@@ -186,7 +186,7 @@ const MAX_HALF_WIDTH_PERCENT: f64 = 1e3;
 /// Fewest readings of a hold.
 const MIN_READINGS: f64 = 20.0;
 
-impl Question {
+impl PlanInput {
     /// Readings of which a hold's mean is made: detection cuts off what may still be motion at its ends.
     pub fn readings_per_hold(&self) -> f64 {
         (self.rate_hz * (self.hold_s - trimmed_s(1.0 / self.rate_hz))).floor().max(1.0)
@@ -266,7 +266,7 @@ impl Question {
 ///
 /// # Errors
 /// [`PlanError`] where a quantity is out of range or a choice cannot be modelled.
-pub fn plan(question: &Question) -> Result<Plan, PlanError> {
+pub fn plan(question: &PlanInput) -> Result<Plan, PlanError> {
     question.check()?;
     let mut choices = Vec::new();
     for guide2_m in &question.guide2_m {
@@ -283,7 +283,7 @@ pub fn plan(question: &Question) -> Result<Plan, PlanError> {
     Ok(Plan { schema: "guide.plan/1", protocol: question.protocol(), choices, best })
 }
 
-fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> Result<Choice, PlanError> {
+fn choice(question: &PlanInput, rig: &Rig, depth_m: f64, displacement_m: f64) -> Result<Choice, PlanError> {
     let mut choice = Choice {
         guide2_mm: 1e3 * rig.guide2_m,
         depth_mm: 1e3 * depth_m,
@@ -337,7 +337,7 @@ fn choice(question: &Question, rig: &Rig, depth_m: f64, displacement_m: f64) -> 
 }
 
 /// The run as it would be measured, without noise.
-fn data(question: &Question, rig: &Rig, beam: &Beam, depth_m: f64, displacement_m: f64) -> LateralData {
+fn data(question: &PlanInput, rig: &Rig, beam: &Beam, depth_m: f64, displacement_m: f64) -> LateralData {
     let of_mean = question.readings_per_hold().sqrt();
     let points = question.points(depth_m);
     let z_m = |i: usize| rig.entry_m + (i as f64 + 0.5) * depth_m / points.max(1) as f64;

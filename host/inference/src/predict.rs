@@ -213,7 +213,7 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
                 };
                 if options.layers && found.layers.is_none() {
                     warnings.push(
-                        "two layers are not identifiable from the lateral runs: uniform tissue is taken"
+                        "two layers are not identifiable from the lateral runs: uniform tissue is assumed"
                             .to_owned(),
                     );
                 }

@@ -20,9 +20,9 @@ use kalman::{FilterConfig, Kalman, Kind};
 use layers::LayeredTracker;
 use mechanics::{Dynamics, ModelError};
 use method::{Method, Report, samples};
-use published::{Printed, Published};
+use published::{Published, PublishedSettings};
 use results::{CompareResult, FieldResult, LayersResult, TrackResult, Tracking, errors};
-use sound::{MODES, SoundTracker};
+use sound::{MODES, OnlineTracker};
 
 /// Why a session cannot be tracked.
 #[derive(Debug, thiserror::Error)]
@@ -89,8 +89,8 @@ pub fn dynamics(session: &Session, options: &Options) -> Result<Dynamics, TrackE
 ///
 /// # Errors
 /// [`TrackError`] where the session does not state enough or makes no sense.
-pub fn tracker(session: &Session, options: &Options) -> Result<SoundTracker<f64>, TrackError> {
-    SoundTracker::new(settings(session, options)?).ok_or(TrackError::Layout)
+pub fn tracker(session: &Session, options: &Options) -> Result<OnlineTracker<f64>, TrackError> {
+    OnlineTracker::new(settings(session, options)?).ok_or(TrackError::Layout)
 }
 
 fn settings(session: &Session, options: &Options) -> Result<Settings<f64, MODES>, TrackError> {
@@ -123,10 +123,7 @@ pub fn track(session: &Session, options: &Options) -> Result<Tracking, TrackErro
     }
     let mut warnings = Vec::new();
     if options.fixture_mass_kg.or(session.fixture_mass_kg).is_none() {
-        warnings.push(
-            "[rig] fixture_mass_kg is not given: the force that accelerates the fixture is taken as nothing"
-                .to_owned(),
-        );
+        warnings.push("[rig] fixture_mass_kg is not given: its inertia is neglected".to_owned());
     }
     let runs: Result<Vec<_>, _> = session.steering.iter().map(|run| one(session, options, run)).collect();
     Ok(Tracking { schema: results::SCHEMA, session: session.name.clone(), runs: runs?, warnings })
@@ -151,7 +148,7 @@ fn run_through(session: &Session, options: &Options, run: &SteeringRun) -> Resul
         Err(why) => refused.push((row, why)),
     };
     if options.segment_m.is_some() {
-        let mut tracker = SoundTracker::new(settings).ok_or(TrackError::Layout)?;
+        let mut tracker = OnlineTracker::new(settings).ok_or(TrackError::Layout)?;
         samples(run).enumerate().for_each(|(row, sample)| take(row, tracker.update(&sample)));
         let last = tracker.finish();
         let field = last.map(|last| FieldResult::of_tracker(&tracker, last.depth_m));
@@ -189,10 +186,10 @@ fn compare(
 ) -> Result<Vec<CompareResult>, TrackError> {
     let needle = &session.rig.needle;
     let dynamics = dynamics(session, options)?;
-    let usual = Printed::default();
-    let printed = Printed { segment_m: options.segment_m.unwrap_or(usual.segment_m), ..usual };
+    let usual = PublishedSettings::default();
+    let printed = PublishedSettings { segment_m: options.segment_m.unwrap_or(usual.segment_m), ..usual };
     let start = options.start.unwrap_or([printed.start[1], printed.start[0]]);
-    let printed = Printed { start: [start[1], start[0]], ..printed };
+    let printed = PublishedSettings { start: [start[1], start[0]], ..printed };
     let config = FilterConfig {
         start,
         base_sd_m: session.noise.displacement_m.unwrap_or(2e-5),

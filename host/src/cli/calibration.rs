@@ -19,7 +19,7 @@ pub struct Args {
     /// Write the calibration to this file; with --store the one from before
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Have the device keep the calibration of this file; it restarts with it
+    /// Store the calibration of this file on the device, which restarts with it
     #[arg(long, value_name = "FILE")]
     store: Option<PathBuf>,
 }
@@ -75,7 +75,7 @@ impl Display for Report<'_> {
         let Potentiometers { x, y } = &self.potentiometers;
         for (axis, table) in [("x", x), ("y", y)] {
             let [first, last] = table.track_codes;
-            writeln!(f, "position   {axis}, mm; sound codes {first} to {last}")?;
+            writeln!(f, "position   {axis}, mm; valid codes {first} to {last}")?;
             let rows = table.codes.iter().zip(&table.rising_mm).zip(&table.falling_mm);
             for ((code, rising), falling) in rows {
                 writeln!(f, "           code {code:>4}  rising {rising:+8.3}  falling {falling:+8.3}")?;

@@ -6,7 +6,7 @@ use inference::check::{Ability, Check, Severity, Skipped, check};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
-/// Check a session: errors, suspicions, and what each command can do with it
+/// Check a session: errors, warnings, and what each command can do with it
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide check phantom-a\n  guide check phantom-a --json\n\nExit code 0 where the session can be used (warnings \

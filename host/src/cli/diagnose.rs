@@ -14,7 +14,8 @@ use mechanics::effects::effect;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
-/// Find where model and measurement disagree, name the missing effect, add it to the model and show the gap shrink
+/// Find where model and measurement disagree, name the missing effect, add it to the model and report how far the
+/// misfit shrinks
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide diagnose phantom-a\n  guide diagnose phantom-a --out model.toml --plots figures\n  \
@@ -33,10 +34,10 @@ pub struct Args {
     /// Write the model with what was added to this file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Draw residuals before and after, the ranking and the gap as SVG files into this folder
+    /// Draw residuals before and after, the ranking and the misfit as SVG files into this folder
     #[arg(long, value_name = "FOLDER")]
     plots: Option<PathBuf>,
-    /// Take the tissue for springs or for an elastic body (default: what the session states, or what the evidence decides for)
+    /// Model the tissue as springs or as an elastic body (default: as the session states, or by evidence)
     #[arg(long, value_enum)]
     foundation: Option<Foundation>,
     /// Poisson's ratio of the tissue where it is an elastic body (default: the session's, or 0.5)
@@ -137,7 +138,7 @@ impl Display for Text<'_> {
         if !found.partial.is_empty() {
             writeln!(
                 f,
-                "partial      {}: better by evidence, but without the larger part of the misfit or without gain on what was held out: not named",
+                "partial      {}: better by evidence, but does not explain the larger part of the misfit or does not improve held-out runs: not named",
                 found.partial.join(", ")
             )?;
         }
@@ -265,7 +266,7 @@ fn write_gap(f: &mut fmt::Formatter<'_>, gap: &Gap) -> fmt::Result {
         let percent = |share: f64| 100.0 * share;
         write!(
             f,
-            ": {:.0} % of the removable gap is gone ({:.0} to {:.0})",
+            ": {:.0} % of the removable misfit removed ({:.0} to {:.0})",
             percent(removed),
             percent(low),
             percent(high)

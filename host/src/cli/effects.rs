@@ -11,7 +11,7 @@ use std::fmt::{self, Display};
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  guide effects\n  guide effects tissue.layers\n  guide effects --json")]
 pub struct Args {
-    /// Show this effect alone, with all that is known of its parameters
+    /// Show this effect only, with ranges and priors of its parameters
     #[arg(value_name = "ID")]
     id: Option<String>,
 }
@@ -114,7 +114,7 @@ impl Display for Catalogue {
                     writeln!(f, "               likely {low} to {high}; as a nuisance sd {prior_sd}")?;
                     if !nodes.is_empty() {
                         let nodes: Vec<String> = nodes.iter().map(f64::to_string).collect();
-                        writeln!(f, "               looked for at {}", nodes.join(", "))?;
+                        writeln!(f, "               searched at {}", nodes.join(", "))?;
                     }
                 }
             }

@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Session folder (holds session.toml)
     dir: PathBuf,
-    /// Relation that turns the foundation modulus K into Young's modulus E
+    /// Relation that converts the foundation modulus K to Young's modulus E
     #[arg(long, default_value = "continuum", value_parser = relation())]
     relation: YoungsBy,
     /// Poisson's ratio of the tissue, 0 to 0.5 (default: the session's, or 0.5)
@@ -35,8 +35,8 @@ pub struct Args {
     /// Standard deviation of Poisson's ratio: it widens the interval of E (default: the session's, or 0)
     #[arg(long, value_name = "SD", value_parser = poisson_sd)]
     poisson_sd: Option<f64>,
-    /// What the tissue is made of: independent springs, an elastic body, or what the evidence of the runs decides for (default: what
-    /// the session states, or auto)
+    /// Model of the tissue: independent springs, an elastic body, or the one that the evidence of the runs favours
+    /// (default: as the session states, or auto)
     #[arg(long, value_parser = foundation())]
     foundation: Option<FoundationChoice>,
     /// Take an effect's parameters as unknown, so that the interval of K includes them: may be given more than once
@@ -48,10 +48,10 @@ pub struct Args {
     /// Find two layers, a modulus each and the boundary, from runs at several depths
     #[arg(long)]
     layers: bool,
-    /// Give the interval of the profile likelihood too
+    /// Report the interval of the profile likelihood too
     #[arg(long)]
     profile: bool,
-    /// Give the interval of a parametric bootstrap with so many draws too
+    /// Report the interval of a parametric bootstrap with this many draws too
     #[arg(long, value_name = "DRAWS", value_parser = clap::value_parser!(u32).range(20..=100_000))]
     bootstrap: Option<u32>,
     /// Seed of the bootstrap's draws

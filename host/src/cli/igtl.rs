@@ -20,8 +20,8 @@ use std::path::Path;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Tracker over OpenIGTLink")]
 pub struct TrackerArgs {
-    /// Take shape and tip of the needle from this OpenIGTLink server (tracker, PLUS, 3D Slicer; port 18944 unless given) as the
-    /// ultrasound, in time with the device
+    /// Take shape and tip of the needle from this OpenIGTLink server (tracker, PLUS, 3D Slicer; port 18944 unless
+    /// given) instead of the ultrasound, synchronised with the device
     #[arg(long, value_name = "HOST")]
     igtl: Option<String>,
     /// Device name of the POINT messages that are the needle's shape (default: any)
@@ -30,7 +30,7 @@ pub struct TrackerArgs {
     /// Device name of the TRANSFORM or POSITION messages that are the needle's tip
     #[arg(long, value_name = "NAME", requires = "igtl", default_value = TIP)]
     igtl_tip: String,
-    /// Time from what the tracker saw to the stamp of its message, seconds
+    /// Delay from the tracker's measurement to the time stamp of its message, seconds
     #[arg(long, value_name = "SECONDS", requires = "igtl", default_value_t = 0.0, value_parser = delay_s)]
     igtl_delay_s: f64,
     /// A point of the straight needle in the tracker's coordinates, millimetres

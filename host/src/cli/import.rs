@@ -13,7 +13,7 @@ use std::fmt::{self, Display};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Turn recordings of others into a session
+/// Convert recordings of other programs to a session
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide import trajcontrol recordings/ --out phantom-b\n  guide import trajcontrol run_1.csv run_2.csv \

@@ -26,7 +26,7 @@ pub struct ShapeArgs {
     /// Direction of the straight needle into the tissue (default: through the first 10 mm of the first file; 0,0,1 for fbg)
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     axis: Option<[f64; 3]>,
-    /// Length of the first file's first part through which the direction is laid, millimetres, instead of --axis
+    /// Length of the first part of the first file to which the direction is fitted, millimetres, instead of --axis
     #[arg(long, value_name = "MM", value_parser = millimetres, conflicts_with = "axis")]
     straight_mm: Option<f64>,
     /// Direction that is up, the session's y (default: anterior, or superior where the needle goes that way; 0,1,0 for fbg)
@@ -133,7 +133,7 @@ pub fn run(
     let mut notes: Vec<String> = needles.iter().flat_map(|needle| needle.notes.clone()).collect();
     if args.axis.is_none() && (source == Source::Slicer || args.straight_mm.is_some()) {
         notes.push(format!(
-            "the straight needle is laid through the first part of {}: where that is bent, give --axis and --origin-mm",
+            "the straight needle is fitted to the first part of {}: where that is bent, give --axis and --origin-mm",
             first.path.display()
         ));
     }

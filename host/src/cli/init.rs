@@ -10,7 +10,7 @@ use std::fmt::{self, Display};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Make a session to begin with: an explained template, or an example to play with
+/// Make a session to begin with: an explained template, or a simulated example
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide init phantom-a\n  guide init --example playground && guide identify playground"
@@ -22,7 +22,7 @@ pub struct Args {
     /// find
     #[arg(long)]
     example: bool,
-    /// What the example's noise is drawn from
+    /// Seed of the example's noise
     #[arg(long, default_value_t = 1, requires = "example")]
     seed: u64,
 }
@@ -96,7 +96,7 @@ impl Display for Begun {
             }
             Ok(())
         } else {
-            writeln!(f, "session      {dir}: no runs yet; its files say how to add them")?;
+            writeln!(f, "session      {dir}: no runs yet; its files explain how to add them")?;
             writeln!(f, "try          guide check {dir}")
         }
     }

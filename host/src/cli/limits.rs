@@ -16,7 +16,8 @@ pub struct Args {
     /// Largest force along either axis relative to the tare, newtons, at most the sensor's rated range
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     force_n: Option<f64>,
-    /// Longest time without a word from the host while a program waits or runs, seconds of the device's clock, 0.2 to 60
+    /// Longest time without a command from the host while a program waits or runs, seconds of the device's clock,
+    /// 0.2 to 60
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     silence_s: Option<f64>,
 }
@@ -35,7 +36,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let report = Report { schema: "guide.limits/1", force_limit_n: force_n, silence_limit_s: silence_s };
     let text = format!(
         "force      {force_n:.3} N along either axis, relative to the tare\n\
-         silence    {silence_s:.3} s without a word from the host while a program waits or runs\n"
+         silence    {silence_s:.3} s without a command from the host while a program waits or runs\n"
     );
     out.result(&report, text)
 }

@@ -9,7 +9,7 @@ use anyhow::{Context, bail};
 use device::link::{Client, Program, RunOptions, Telemetry};
 use estimator::{Estimate, Identifiability, Refused, Sample, Value};
 use formats::session::Session;
-use inference::track::sound::SoundTracker;
+use inference::track::sound::OnlineTracker;
 use inference::track::{Options, tracker};
 use protocol::Request;
 use serde::Serialize;
@@ -23,16 +23,17 @@ use std::thread;
 /// Live tracking.
 #[derive(clap::Args)]
 pub struct LiveArgs {
-    /// Track what happens now: base and force from --port, depth and tip from --tip
+    /// Track live data: base and force from --port, depth and tip from --tip
     #[arg(long, requires = "port", requires = "tip")]
     pub live: bool,
     /// Serial port of the device, as `guide ports` lists it
     #[arg(long, value_name = "PORT", requires = "live")]
     port: Option<String>,
-    /// Where a tracker writes `depth_mm,tip_y_mm` line by line: a file, a pipe, or - for standard input; its end is the end
+    /// Where a tracker writes `depth_mm,tip_y_mm` line by line: a file, a pipe, or - for standard input; tracking
+    /// stops at its end
     #[arg(long, value_name = "FILE", requires = "live")]
     tip: Option<String>,
-    /// Motion program that the device runs meanwhile: a TOML file; its end is the end
+    /// Motion program that the device runs meanwhile: a TOML file; tracking stops at its end
     #[arg(long, value_name = "FILE", requires = "live")]
     program: Option<String>,
 }
@@ -101,7 +102,7 @@ struct Mean {
 
 /// Joins the two streams.
 struct Joined {
-    tracker: SoundTracker<f64>,
+    tracker: OnlineTracker<f64>,
     lines: Receiver<anyhow::Result<[f64; 2]>>,
     mean: Mean,
     /// Device time of the last sample.
@@ -178,7 +179,7 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
         while !interrupted.load(Ordering::Acquire) && !joined.ended {
             match client.next(device::link::client::SILENCE_LIMIT)? {
                 Some(telemetry) => {
-                    faults.see(&telemetry, "tracking goes on", out);
+                    faults.see(&telemetry, "tracking continues", out);
                     joined.take(&telemetry, out)?;
                 }
                 None => bail!(device::link::LinkError::Silent { port: port.clone() }),
@@ -202,7 +203,7 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
 fn reason(refused: Refused) -> &'static str {
     match refused {
         Refused::NotANumber => "it has a value that no rig can have",
-        Refused::TimeStands => "the device's clock has not gone on",
+        Refused::TimeNotIncreasing => "the device's clock has not advanced",
         Refused::TooDeep => "it is deeper than the needle or the estimator reaches",
     }
 }

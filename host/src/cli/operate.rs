@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::fmt::{self, Display};
 use std::time::{Duration, Instant};
 
-/// Show what the device is doing, where the guide is and what has gone wrong
+/// Show state, position, force, faults and load of the device
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  guide status --port /dev/ttyACM0")]
 pub struct StatusArgs {
@@ -25,7 +25,7 @@ pub fn status(args: &StatusArgs, out: &mut Output) -> anyhow::Result<()> {
     report_status("guide.status/1", &mut Client::connect(&args.port.port)?, None, Detail::Full, out)
 }
 
-/// Bring guide 2 to where the needle is straight
+/// Move guide 2 to where the needle is straight
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  guide home --port /dev/ttyACM0")]
 pub struct HomeArgs {
@@ -217,7 +217,7 @@ pub fn retreat(args: &RetreatArgs, out: &mut Output) -> anyhow::Result<()> {
     let [force_x_n, force_y_n] = client.force_n(status.force_counts);
     let retreated = Retreated {
         schema: "guide.retreat/1",
-        outcome: outcome.map_or("ended; how was lost on the way", explain_retreat),
+        outcome: outcome.map_or("ended; its outcome was not received", explain_retreat),
         position_x_mm,
         position_y_mm,
         force_x_n,

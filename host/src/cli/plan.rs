@@ -6,13 +6,13 @@ use anyhow::{Context, bail, ensure};
 use formats::session::{FoundationKind, Setup};
 use host::figures;
 use inference::diagnose::INCOMPRESSIBLE;
-use inference::plan::{Choice, Limits, Plan, Question, plan};
+use inference::plan::{Choice, Limits, Plan, PlanInput, plan};
 use mechanics::Support;
 use mechanics::effects::Effect;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
-/// Say what interval a lateral run will give, over depth, displacement and position of guide 2
+/// Compute the interval that a lateral run will give, over depth, displacement and position of guide 2
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide plan --rig rig.toml --k-kpa 5 30\n  guide plan --rig rig.toml --k-kpa 5 30 \
@@ -106,7 +106,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if noise.force_n.is_none() || noise.displacement_m.is_none() || noise.shape_m.is_none() {
         out.note("what [noise] does not state is taken as 0.05 N, 0.02 mm, 0.03 mm (one reading)");
     }
-    let question = Question {
+    let question = PlanInput {
         support,
         poisson_sd: tissue.poisson_sd.unwrap_or(0.0),
         modulus_range_pa: range,

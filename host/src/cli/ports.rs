@@ -14,7 +14,7 @@ const TRIES: u32 = 2;
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  guide ports\n  guide ports /dev/pts/4")]
 pub struct Args {
-    /// Ports to look at (default: all that the system lists)
+    /// Ports to try (default: all that the system lists)
     #[arg(value_name = "PORT")]
     ports: Vec<String>,
 }

@@ -25,7 +25,7 @@ pub struct Args {
     /// Depth to which it is predicted, millimetres (default: its last recorded depth)
     #[arg(long, value_name = "MM")]
     to: Option<f64>,
-    /// Foundation modulus and its standard deviation, kilopascals, instead of what the lateral runs say
+    /// Foundation modulus and its standard deviation, kilopascals, instead of the estimate from the lateral runs
     #[arg(long, num_args = 2, value_names = ["K", "SD"])]
     k_kpa: Option<Vec<f64>>,
     /// Take two layers from the lateral runs
@@ -41,7 +41,8 @@ pub struct Args {
     /// Predict each insertion by itself, without learning from the others of the session
     #[arg(long)]
     alone: bool,
-    /// Show what polynomials, the bicycle model, the mean of the other insertions and the published method predict from the same
+    /// Compare with polynomials, the bicycle model, the mean of the other insertions and the published method on
+    /// the same data
     #[arg(long)]
     compare: bool,
     /// Draw each insertion (path with band, tip load) as an SVG file into this folder
@@ -213,7 +214,7 @@ fn write_learned(f: &mut fmt::Formatter<'_>, good: &[&InsertionResult], width: u
     }
     writeln!(
         f,
-        "rig and tissue of each insertion (95 % interval; tip load, K, gap and path integrate over each other)"
+        "rig and tissue of each insertion (95 % interval; each of tip load, K, gap and path marginalised over the others)"
     )?;
     let has_rear = learned.iter().any(|(_, learned)| learned.rear_text().is_some());
     let rear = if has_rear { "            rotation stiffness of the rear, y and x" } else { "" };

@@ -25,7 +25,7 @@ struct SessionArgs {
     /// Session folder; a new run is added to one that exists
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// How far the needle is in the tissue, millimetres
+    /// Insertion depth of the needle, millimetres
     #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = depth_mm)]
     depth_mm: f64,
     /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session (needed for a new session)
@@ -37,7 +37,7 @@ struct SessionArgs {
     /// Raw recording of everything the device sends (default: <run>.mcap in the session folder)
     #[arg(long, value_name = "FILE", conflicts_with = "no_raw")]
     raw: Option<PathBuf>,
-    /// Leave the raw recording out
+    /// Do not write a raw recording
     #[arg(long)]
     no_raw: bool,
 }
@@ -210,7 +210,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
                         recorder.track(tracker, &mut watch)?;
                     }
                 }
-                Some(other) => faults.see(&other, "the recording goes on", watch.out),
+                Some(other) => faults.see(&other, "the recording continues", watch.out),
                 None => bail!(device::link::LinkError::Silent { port: args.port.port.clone() }),
             }
         }

@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use device::recording::export::{Exported, RunOptions, to_npy, to_session};
-use device::recording::{Contents, Damages, RawFile, recover};
+use device::recording::{Contents, DamageSummary, RawFile, recover};
 use formats::session::Setup;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
@@ -45,7 +45,7 @@ pub struct ExportArgs {
     /// Session folder or file
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
-    /// csv: how far the needle is in the tissue, millimetres (default: as recorded)
+    /// csv: insertion depth of the needle, millimetres (default: as recorded)
     #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = super::record::depth_mm)]
     depth_mm: Option<f64>,
     /// csv: needle, guides and noise (default: as recorded)
@@ -135,11 +135,11 @@ impl Display for Report {
     }
 }
 
-struct Condition<'a>(&'a Damages);
+struct Condition<'a>(&'a DamageSummary);
 
 impl Display for Condition<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Damages { places, count, bytes, frames_saved, unfinished } = self.0;
+        let DamageSummary { places, count, bytes, frames_saved, unfinished } = self.0;
         if let Some(first) = places.first() {
             write!(f, "{bytes} bytes damaged in {count} places, the first at byte {}", first.offset)?;
             write!(f, "; {frames_saved} frames saved from them")?;

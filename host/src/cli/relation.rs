@@ -29,7 +29,7 @@ pub struct Args {
     /// Young's moduli of the tissue, 0.1 to 1000 kilopascals
     #[arg(long, num_args = 1.., value_name = "KPA", default_values_t = [5.0, 10.0, 20.0, 50.0])]
     youngs_kpa: Vec<f64>,
-    /// Print the table that comes with the tool, as CSV: needles of 17 to 25 gauge at 10 to 140 mm
+    /// Print the table that comes with the program, as CSV: needles of 17 to 25 gauge at 10 to 140 mm
     #[arg(long)]
     table: bool,
 }

@@ -23,7 +23,8 @@ pub struct StartArgs {
     /// Start when the device's clock reads this, in seconds since its start (default: at once)
     #[arg(long, value_name = "SECONDS", value_parser = device_time)]
     pub at_s: Option<f64>,
-    /// Move by the constants of the rig as designed where the device has no stored calibration (until its next start)
+    /// Use the nominal calibration, that of the rig as designed, where the device has none stored (until its next
+    /// start)
     #[arg(long)]
     pub nominal: bool,
 }

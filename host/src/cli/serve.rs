@@ -43,7 +43,7 @@ pub struct Args {
     /// Serial port of the device: guide and force are published too, tip and shape where the modulus is known
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
-    /// How far the needle is in the tissue, millimetres (default: that of the last lateral run)
+    /// Insertion depth of the needle, millimetres (default: that of the last lateral run)
     #[arg(long, value_name = "MM", requires = "port", value_parser = super::record::depth_mm)]
     depth_mm: Option<f64>,
     /// Foundation modulus, kilopascals, instead of the session's

@@ -36,7 +36,7 @@ pub struct Args {
     /// Session folder to make; runs are added to one that exists
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What the noise is drawn from
+    /// Seed of the noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -227,11 +227,11 @@ impl Display for Made {
         }
         if let Some(Truth { k_kpa, tip_load_n, effects }) = &self.truth {
             let k_kpa = k_kpa.map_or("-".to_owned(), |k_kpa| k_kpa.to_string());
-            writeln!(f, "to be found  K {k_kpa} kPa, tip load {tip_load_n} N")?;
+            writeln!(f, "truth        K {k_kpa} kPa, tip load {tip_load_n} N")?;
             for TrueEffect { id, parameters } in effects {
                 let values: Vec<String> =
                     parameters.iter().map(|(name, value)| format!("{name} {value}")).collect();
-                writeln!(f, "to be found  {id}: {}", values.join(", "))?;
+                writeln!(f, "truth        {id}: {}", values.join(", "))?;
             }
         }
         writeln!(f, "session      {} (seed {})", self.session, self.seed)

@@ -167,7 +167,7 @@ impl Report {
         writeln!(
             f,
             "load       processor {:.1} %, longest period {} us of {} us, latest start {} us, stack {} bytes free, \
-             outbox {} places at most",
+             outbox {} messages at most",
             self.condition.cpu_percent,
             self.condition.longest_period_us,
             self.sample_period_us,

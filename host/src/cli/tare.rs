@@ -123,7 +123,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         },
         Telemetry::Samples(_) | Telemetry::Status(_) => None,
     });
-    let tare = tared.context("the tare was done, but what it found was lost on the way; tare again")?;
+    let tare = tared.context("the tare was done, but its result was not received; tare again")?;
     let tared = Tared::new(&TareQuality::new(&client, &tare));
     out.result(&tared, &tared)
 }

@@ -29,10 +29,10 @@ pub struct Args {
     /// interval; 40 mm with --live)
     #[arg(long, value_name = "MM")]
     segment_mm: Option<f64>,
-    /// Where the search starts: stiffness, N/m^2, and damping, N s/m^2; a factor of a hundred is forgotten
+    /// Initial values: stiffness, N/m^2, and damping, N s/m^2; an error by a factor of a hundred does no harm
     #[arg(long, num_args = 2, value_names = ["STIFFNESS", "DAMPING"])]
     start: Option<Vec<f64>>,
-    /// Show what the published estimator and Kalman filters make of the same
+    /// Compare with the published estimator and Kalman filters on the same data
     #[arg(long)]
     compare: bool,
     /// Draw each run (tip, error, stiffness, damping) as an SVG file into this folder
@@ -96,11 +96,11 @@ impl Display for Text<'_> {
         let width = ids.chain(methods).fold(9, usize::max);
         writeln!(
             f,
-            "mean over the inserted part at the end of the run (95 % interval); tip simulated with what was known then"
+            "mean over the inserted part at the end of the run (95 % interval); tip simulated with the estimates of that time"
         )?;
         writeln!(
             f,
-            "  {:<width$}  depth    stiffness, kN/m^2      damping, kN s/m^2      tip off by (RMS, largest)  from",
+            "  {:<width$}  depth    stiffness, kN/m^2      damping, kN s/m^2      tip error (RMS, largest)   from",
             "run"
         )?;
         for run in runs {

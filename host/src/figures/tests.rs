@@ -1,6 +1,6 @@
 use super::*;
 use inference::identify::{FoundationChoice, Options, identify};
-use inference::plan::{Limits, Question};
+use inference::plan::{Limits, PlanInput};
 use mechanics::{Needle, Rig, Support};
 use worlds::{Design, Truth, session};
 
@@ -37,7 +37,7 @@ fn every_point_of_a_shape_is_drawn_twice_and_text_is_escaped() {
 
 #[test]
 fn a_plan_has_a_line_for_each_displacement() {
-    let question = Question {
+    let question = PlanInput {
         rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
         support: Support::Springs,
         poisson_sd: 0.0,

@@ -61,9 +61,9 @@ fn removed(gap: &Gap) -> String {
     let shares = gap.removed.zip(gap.removed_ci95).map(|(share, ends)| (share, ends.map(|end| 100.0 * end)));
     match shares {
         Some((share, ends)) => {
-            format!("{} % of the removable gap is gone", estimate(Some(100.0 * share), Some(ends), 0))
+            format!("{} % of the removable misfit removed", estimate(Some(100.0 * share), Some(ends), 0))
         }
-        None => "the gap is not above chance".to_owned(),
+        None => "the misfit is not above chance".to_owned(),
     }
 }
 
@@ -100,7 +100,7 @@ fn summary(found: &Diagnosis) -> String {
     }
     if !found.partial.is_empty() {
         more(format!(
-            "{}: better by evidence, but without the larger part of the misfit or without gain on what was held out: not named.",
+            "{}: better by evidence, but does not explain the larger part of the misfit or does not improve held-out runs: not named.",
             found.partial.join(", ")
         ));
     }

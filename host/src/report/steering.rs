@@ -70,11 +70,10 @@ fn table(found: &Tracking) -> Block {
         number("depth, mm"),
         number("stiffness, kN/m² (95 %)"),
         number("damping, kN s/m² (95 %)"),
-        number("tip off by, RMS, mm"),
+        number("tip error, RMS, mm"),
         number("largest, mm"),
         number("from, mm"),
     ];
-    let caption =
-        "Mean over the inserted part at the end of each run; the tip as simulated with what was known then";
+    let caption = "Mean over the inserted part at the end of each run; the tip simulated with the estimates of that time";
     Block::table(caption, columns, found.runs.iter().map(row).collect())
 }

@@ -128,7 +128,7 @@ fn counted(state: &State) -> Line<'static> {
     let counted = counters.iter().filter(|(count, _)| *count > 0);
     let counted: Vec<String> = counted.map(|(count, what)| format!("{count} {what}")).collect();
     if counted.is_empty() {
-        row("counted", "nothing has gone wrong since the device started".to_owned())
+        row("counted", "no errors since the device started".to_owned())
     } else {
         row("counted", counted.join(", ")).fg(Color::LightRed)
     }

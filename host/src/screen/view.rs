@@ -37,7 +37,7 @@ const HELP: [(&str, &str); 10] = [
     ("r", "retreat out of the load of a fault; arrow keys: that way"),
     ("c", "clear the fault once its cause is gone; dismiss a restart"),
     ("+ and -", "longer and shorter time in the plots"),
-    ("?", "this help, and away with it"),
+    ("?", "show or hide this help"),
     ("q or Ctrl-C", "quit; a motion that runs is stopped"),
 ];
 

@@ -71,7 +71,7 @@ fn a_curve_of_slicer_gives_the_same_modulus() {
     // Where nothing is stated, the first part is straight.
     let drawn = ["import", "slicer", path(&file), "--out", path(&out), "--id", "drawn"];
     let output = guide(&drawn);
-    assert!(text(&output.stderr).contains("is laid through the first part of"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("is fitted to the first part of"), "{}", text(&output.stderr));
 }
 
 #[test]

@@ -4,7 +4,7 @@ use formats::NORMAL_975;
 use formats::model_file::ModelFile;
 use formats::session::{Noise, Session};
 use inference::identify::{FoundationChoice, Options, identify};
-use inference::plan::{Limits, Question, plan};
+use inference::plan::{Limits, PlanInput, plan};
 use mechanics::{Needle, Rig, Support};
 use simulation::simulate::{Axis, LateralPlan, Sensors, SimulationPlan, SweepLevels};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -144,8 +144,8 @@ impl StudyProtocol {
     }
 
     /// The question whose answer is the promise.
-    pub fn question(&self) -> Question {
-        Question {
+    pub fn question(&self) -> PlanInput {
+        PlanInput {
             rig: self.rig(),
             support: Support::Springs,
             poisson_sd: 0.0,

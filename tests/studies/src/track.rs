@@ -7,9 +7,9 @@ use inference::holds::median;
 use inference::track::TrackError;
 use inference::track::kalman::{FilterConfig, Kalman, Kind};
 use inference::track::method::{Method, Report, samples};
-use inference::track::published::{Forgetting, Printed, Published};
+use inference::track::published::{Forgetting, Published, PublishedSettings};
 use inference::track::results::CONVERGED_MM;
-use inference::track::sound::{Sound, settings};
+use inference::track::sound::{OnlineEstimator, settings};
 use mechanics::{Dynamics, Needle, Rig};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -141,7 +141,7 @@ fn make(
     dynamics: &Dynamics,
     sensors: Sensors,
 ) -> Result<Box<dyn Method>, TrackError> {
-    let printed = Printed::default();
+    let printed = PublishedSettings::default();
     let config = FilterConfig {
         start: [printed.start[1], printed.start[0]],
         base_sd_m: sensors.base_m,
@@ -153,19 +153,19 @@ fn make(
         "published" => Box::new(Published::new(needle, dynamics, printed)?),
         "variable forgetting" => {
             let forgetting = Forgetting::Variable(1e-6);
-            Box::new(Published::new(needle, dynamics, Printed { order: 1, forgetting, ..printed })?)
+            Box::new(Published::new(needle, dynamics, PublishedSettings { order: 1, forgetting, ..printed })?)
         }
         "EKF" => Box::new(Kalman::new(Kind::Extended, needle, dynamics, config)?),
         "UKF" => Box::new(Kalman::new(Kind::Unscented, needle, dynamics, config)?),
         "sound, f32" => {
             let mut settings = settings::<f32>(needle, dynamics)?;
             settings.start = start(printed.start).map(|value| value as f32);
-            Box::new(Sound::new(settings).ok_or(TrackError::Layout)?)
+            Box::new(OnlineEstimator::new(settings).ok_or(TrackError::Layout)?)
         }
         _ => {
             let mut settings = settings::<f64>(needle, dynamics)?;
             settings.start = if method == "sound" { start(printed.start) } else { [200.0, 10.0] };
-            Box::new(Sound::new(settings).ok_or(TrackError::Layout)?)
+            Box::new(OnlineEstimator::new(settings).ok_or(TrackError::Layout)?)
         }
     })
 }

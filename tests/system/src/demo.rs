@@ -178,10 +178,10 @@ pub fn judgement(outcome: &Outcome, seed: u64, out: &Path) -> Result<String> {
     Ok(format!(
         "ground truth, hidden from the estimator (seed {seed}):
   true K           {true_kpa:.2} kPa
-  identified K     {found_kpa:.2} kPa, off by {:+.1} %
+  identified K     {found_kpa:.2} kPa, error {:+.1} %
   95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K
   start of QEMU to K: {:.1} s
-  tip beyond 50 mm: off by {:.2} mm on average ({:.2} mm by a quadratic), {:.0} % inside the 95 % bands
+  tip beyond 50 mm: error {:.2} mm on average ({:.2} mm by a quadratic), {:.0} % inside the 95 % bands
 the session is in {}
 ",
         100.0 * outcome.error()?,

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use estimator::{Estimate, Settings};
 use formats::session::SteeringRun;
 use inference::track::method::samples;
-use inference::track::sound::{MODES, SoundTracker, settings};
+use inference::track::sound::{MODES, OnlineTracker, settings};
 use mechanics::{Dynamics, Needle, Rig};
 use simulation::rig::steering::{Inclusion, Plan, Sensors, SteeringRig, Tissue, TissueLayer};
 use std::fmt::{self, Display};
@@ -72,7 +72,7 @@ pub fn run() -> Result<Tracked> {
     let qemu = Qemu::start(turn(), &elf, folder.path(), HANGS)?;
     let (code, log) = qemu.wait(HANGS)?;
     ensure!(code == 0, "the estimator's image ended with {code}: {log:#?}");
-    let mut tracker = SoundTracker::new(settings).context("the layout does not fit")?;
+    let mut tracker = OnlineTracker::new(settings).context("the layout does not fit")?;
     let host: Vec<Estimate<f64>> =
         samples(&run).filter_map(|sample| tracker.update(&sample).ok().flatten()).collect();
     let tracked = compare(&host, &log)?;

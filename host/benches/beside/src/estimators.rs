@@ -11,7 +11,7 @@ use inference::insertion::{
     Candidates, Learned, Live, Posterior, ReadingNoise, TipPath, Tissue as InsertionTissue, learn,
 };
 use inference::track::method::{Method, samples};
-use inference::track::sound::{Sound, settings};
+use inference::track::sound::{OnlineEstimator, settings};
 use mechanics::growth::{Acting, GrowingBeam, Guide2Grip};
 use mechanics::insertion::grid_m;
 use mechanics::{Dynamics, Needle, Rig};
@@ -105,7 +105,7 @@ pub fn online(clock: &mut Clock, seed: u64) -> Result<f64> {
     let run = steering(seed)?;
     let start = settings::<f64>(&rig.needle, &dynamics)?;
     let seconds = clock.seconds("online estimator", || {
-        let mut method = Sound::new(start).expect("the layout fits");
+        let mut method = OnlineEstimator::new(start).expect("the layout fits");
         run.iter().filter_map(|sample| method.update(black_box(sample))).count()
     })?;
     Ok(seconds / run.len() as f64)

@@ -107,7 +107,7 @@ pub enum LinkError {
         port: String,
     },
     /// A batch was intact but its samples are not what it states.
-    #[error("{port}: a batch of samples does not unpack: firmware and program differ")]
+    #[error("{port}: a batch of samples cannot be unpacked: firmware and program differ")]
     Garbled {
         /// The port's name.
         port: String,
@@ -185,12 +185,12 @@ pub fn explain_refusal(refusal: Refusal) -> String {
                                 than an hour ahead"
             .to_owned(),
         Refusal::ProgramMismatch => {
-            "the steps it holds are not the ones that were meant; load them again".to_owned()
+            "the steps it holds differ from those that were sent; load them again".to_owned()
         }
         Refusal::TooLate => "the start time has passed on its clock; see `guide status`".to_owned(),
         Refusal::CauseRemains => "the cause of the fault is still there, or an axis still moves".to_owned(),
         Refusal::CalibrationInvalid => {
-            "the calibration it received is not the one that was meant, or no rig has such constants".to_owned()
+            "the calibration it received differs from the one sent, or its constants are implausible".to_owned()
         }
         Refusal::IdUsed => "its id was used before; connect again".to_owned(),
         Refusal::NotUnderLoad => {

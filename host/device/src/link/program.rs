@@ -57,7 +57,7 @@ pub struct Program {
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramError {
     /// The file cannot be read, and no built-in program has that name.
-    #[error("{fault}; it is no built-in program either ({known})", known = known())]
+    #[error("{fault}; nor is it a built-in program ({known})", known = known())]
     Read {
         /// The operating system's error.
         fault: SessionError,

@@ -1,7 +1,7 @@
 //! What a recording holds, and what it does not hold any more.
 
 use super::error::RecordingError;
-use super::replay::{Damages, Replay, ReplayItem};
+use super::replay::{DamageSummary, Replay, ReplayItem};
 use crate::link::error::explain_fault;
 use protocol::{EventKind, Fault, Hello, Message, Order};
 use serde::Serialize;
@@ -44,7 +44,7 @@ pub struct Contents {
     /// Faults that were latched: the first of them.
     pub faults: Vec<RecordedFault>,
     /// What is wrong with the file.
-    pub damage: Damages,
+    pub damage: DamageSummary,
 }
 
 /// The device of a recording.

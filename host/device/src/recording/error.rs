@@ -19,7 +19,7 @@ pub enum RecordingError {
         cause: std::io::Error,
     },
     /// The file is something else.
-    #[error("{}: byte 0: this is no recording: it does not begin as an MCAP file does, nor holds any of its records, expected one of guide record or guide acquire", path.display())]
+    #[error("{}: byte 0: this is not a recording: it has neither the start nor any record of an MCAP file, expected one of guide record or guide acquire", path.display())]
     NotMcap {
         /// The file.
         path: PathBuf,

@@ -32,7 +32,7 @@ pub use error::RecordingError;
 pub use reader::Damage;
 pub use recorder::{RawFile, RawRecorder};
 pub use recover::recover;
-pub use replay::Damages;
+pub use replay::DamageSummary;
 pub use views::About;
 
 #[cfg(test)]

@@ -35,7 +35,7 @@ pub enum ReplayItem {
 
 /// What is wrong with the file.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Damages {
+pub struct DamageSummary {
     /// Places, in order: the first of them.
     pub places: Vec<Damage>,
     /// How many there are.
@@ -64,7 +64,7 @@ pub struct Replay {
     channels: Channels,
     waiting: VecDeque<Entry>,
     stream: StreamState,
-    damages: Damages,
+    damages: DamageSummary,
     about: Option<About>,
     hello: Option<(Box<Envelope>, u64)>,
 }
@@ -113,7 +113,7 @@ impl Replay {
             channels: Channels::default(),
             waiting: VecDeque::new(),
             stream: StreamState::default(),
-            damages: Damages::default(),
+            damages: DamageSummary::default(),
             about: None,
             hello: None,
         })
@@ -155,8 +155,8 @@ impl Replay {
     }
 
     /// What is wrong with the file. Known at the end.
-    pub fn damages(&self) -> Damages {
-        Damages { unfinished: !self.reader.finished(), ..self.damages.clone() }
+    pub fn damages(&self) -> DamageSummary {
+        DamageSummary { unfinished: !self.reader.finished(), ..self.damages.clone() }
     }
 
     /// What went over the link next; nothing at the end.

@@ -266,7 +266,7 @@ fn absent(header: &csv::StringRecord, column: &Column, known: &[Column]) -> Abse
             && only.contains(*separator)
     });
     if let Some((_, name)) = separator {
-        let problem = Problem::Syntax(format!("missing, the header is parted by {name}"));
+        let problem = Problem::Syntax(format!("missing, the header is separated by {name}"));
         let expected = "commas between columns, and decimal points".to_owned();
         return Absent { index: 0, problem, expected };
     }
@@ -369,7 +369,7 @@ mod tests {
             ),
             (
                 "time_s;force_y_n\n0;1\n",
-                "a.csv:1:1: time_s: missing, the header is parted by semicolons, expected commas between columns, and decimal points",
+                "a.csv:1:1: time_s: missing, the header is separated by semicolons, expected commas between columns, and decimal points",
             ),
             ("time_s,force_y_n\n", "a.csv:1:1: rows: no rows, expected at least one row below the header"),
             (

@@ -93,7 +93,7 @@ fn files_of_a_folder_are_in_the_order_of_their_numbers() {
 }
 
 #[test]
-fn says_what_is_wrong_and_what_is_valid() {
+fn reports_the_error_and_what_is_valid() {
     let whole = String::from_utf8(mha("", &[b' '; 24])).expect("text");
     let cases = [
         (whole.replace("4 2 3", "4000000000 4000000000 1"), "DimSize: 4000000000 x 4000000000 pixels"),

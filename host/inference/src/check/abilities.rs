@@ -22,7 +22,7 @@ pub fn of(session: &Session) -> Vec<Ability> {
     if able.is_empty() {
         report.lacks("nothing to report".to_owned());
     } else {
-        report.remarks.push(format!("shows what comes of {}", able.join(", ")));
+        report.remarks.push(format!("includes {}", able.join(", ")));
     }
     all.push(report);
     all
@@ -118,7 +118,7 @@ fn track(session: &Session) -> Ability {
     }
     ability.usable = !ability.runs.is_empty();
     if session.fixture_mass_kg.is_none() {
-        ability.remarks.push("[rig] fixture_mass_kg is not stated: taken as nothing".to_owned());
+        ability.remarks.push("[rig] fixture_mass_kg is not stated: its inertia is neglected".to_owned());
     }
     ability
 }

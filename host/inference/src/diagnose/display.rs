@@ -9,7 +9,7 @@ impl Verdict {
         match self {
             Self::Adequate => "adequate: these runs show no missing effect",
             Self::Named => "named",
-            Self::Ambiguous => "ambiguous: one of a few, which these runs cannot distinguish",
+            Self::Ambiguous => "ambiguous: a few effects explain these runs equally well",
             Self::Unexplained => "unexplained: something is missing that has no name here",
         }
     }

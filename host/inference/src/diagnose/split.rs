@@ -190,7 +190,7 @@ impl Judge {
             && misfit(before).zip(misfit(after)).is_some_and(|(before, after)| after < before)
     }
 
-    /// How far two models are from what was held out, and how much of the removable gap the second one removes. Nothing where
+    /// How far two models are from what was held out, and how much of the removable misfit the second one removes. Nothing where
     /// nothing is held out.
     ///
     /// # Errors

@@ -59,7 +59,7 @@ pub enum RunError {
         slope: f64,
     },
     /// The modulus runs to the end of the range.
-    #[error("{}: K runs to its bound of {bound_kpa} kPa, expected force and shape that a tissue explains", path.display())]
+    #[error("{}: K reaches its bound of {bound_kpa} kPa, expected force and shape that a tissue explains", path.display())]
     AtBound {
         /// The force file.
         path: PathBuf,

@@ -3,7 +3,7 @@
 use super::reference::Youngs;
 use super::{DepthResult, Fitted, IndentationResult, Reference, RunResult, YoungsModulus};
 use crate::check::MIN_MOTION_M;
-use crate::indentation::{Contact, Indented, Indenter, indented};
+use crate::indentation::{Contact, IndentationFit, Indenter, indented};
 use crate::modulus::{Sample, welch_p};
 use formats::session::{IndentationRun, Session};
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -142,7 +142,7 @@ fn indentation(run: &IndentationRun) -> Result<IndentationResult, String> {
 }
 
 /// Warnings about one indentation.
-fn remarks(run: &IndentationRun, found: &Indented) -> Vec<String> {
+fn remarks(run: &IndentationRun, found: &IndentationFit) -> Vec<String> {
     let mut remarks = Vec::new();
     let bent = found.nonlinearity.abs() > BENT && found.nonlinearity.abs() > BENT_SE * found.nonlinearity_se;
     if found.fits_other_form {

@@ -22,7 +22,7 @@ pub(super) fn pool(runs: &[Fitted], options: &Options, warnings: &mut Vec<String
     let known_noise = runs.iter().all(|run| run.known_noise);
     // A fit that ends at a bound of K has found no K.
     let (joint, why) = match joint {
-        Ok(joint) if joint.at_bound.first() == Some(&true) => (None, "K runs to its bound".to_owned()),
+        Ok(joint) if joint.at_bound.first() == Some(&true) => (None, "K reaches its bound".to_owned()),
         Ok(joint) => (Some(joint), String::new()),
         Err(why) => (None, why.to_string()),
     };

@@ -73,7 +73,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         }),
     };
     if !data.force_offset {
-        warnings.push("no hold at zero displacement: the force sensor's zero is taken as right".to_owned());
+        warnings.push("no hold at zero displacement: the force sensor's zero is assumed right".to_owned());
     }
     let mut balances = balances(&used, &noise, planes, shape_of);
     check_sign(run, &balances)?;

@@ -4,8 +4,8 @@ use super::*;
 use mechanics::Needle;
 use mechanics::effects::effect;
 
-fn question() -> Question {
-    Question {
+fn question() -> PlanInput {
+    PlanInput {
         rig: Rig::two_guides(Needle::gauge_18(), 0.06, 0.07),
         support: Support::Springs,
         poisson_sd: 0.0,
@@ -40,22 +40,22 @@ fn half_widths_are_those_of_the_reference_bound() {
 
 #[test]
 fn the_worst_of_the_range_counts_and_limits_are_kept() {
-    let wide = Question { modulus_range_pa: [8e3, 32e3], ..question() };
+    let wide = PlanInput { modulus_range_pa: [8e3, 32e3], ..question() };
     let wide_plan = plan(&wide).expect("a plan");
     let narrow_plan = plan(&question()).expect("a plan");
     for (wide, narrow) in wide_plan.choices.iter().zip(&narrow_plan.choices) {
         assert!(wide.half_width_percent >= narrow.half_width_percent && wide.force_n > narrow.force_n);
     }
-    let gentle = Question { limits: Limits { force_n: 1.4, ..question().limits }, ..question() };
+    let gentle = PlanInput { limits: Limits { force_n: 1.4, ..question().limits }, ..question() };
     assert_eq!(plan(&gentle).expect("a plan").best.expect("a best").depth_mm, 30.0);
-    let nothing = Question { limits: Limits { force_n: 0.1, ..question().limits }, ..question() };
+    let nothing = PlanInput { limits: Limits { force_n: 0.1, ..question().limits }, ..question() };
     assert_eq!(plan(&nothing).expect("a plan").best, None);
 }
 
 /// Without tissue guide 2 bends a cantilever of its own length: a moment of `3 EI u / L^2` at the clamp.
 #[test]
 fn needle_strain_is_that_of_a_cantilever_where_there_is_no_tissue() {
-    let air = Question { modulus_range_pa: [10.0, 10.0], force_sd_n: 1e-9, ..question() };
+    let air = PlanInput { modulus_range_pa: [10.0, 10.0], force_sd_n: 1e-9, ..question() };
     let expected = 100.0 * 0.5 * Needle::gauge_18().outer_diameter_m * 3.0 * 1.2e-3 / 0.06f64.powi(2);
     let found = plan(&air).expect("air is a foundation too").choices[0].needle_strain_percent;
     assert!((found / expected - 1.0).abs() < 5e-3, "{found} {expected}");
@@ -66,7 +66,7 @@ fn nuisances_widen() {
     let nuisances = ["rig.clamp_compliance", "sensor.depth_shift"];
     let nuisances = nuisances.iter().map(|id| effect(id).expect("an effect")).collect();
     let plain = plan(&question()).expect("a plan");
-    let honest = plan(&Question { nuisances, ..question() }).expect("a plan");
+    let honest = plan(&PlanInput { nuisances, ..question() }).expect("a plan");
     for (plain, honest) in plain.choices.iter().zip(&honest.choices) {
         assert!(honest.half_width_percent > 1.02 * plain.half_width_percent, "{plain:?} {honest:?}");
     }
@@ -74,33 +74,33 @@ fn nuisances_widen() {
 
 #[test]
 fn readings_average_and_an_unknown_zero_widens() {
-    let width = |question: &Question| plan(question).expect("a plan").choices[1].half_width_percent;
-    let question = || Question { force_sd_n: 0.01 * 18f64.sqrt(), ..question() };
+    let width = |question: &PlanInput| plan(question).expect("a plan").choices[1].half_width_percent;
+    let question = || PlanInput { force_sd_n: 0.01 * 18f64.sqrt(), ..question() };
     let plain = width(&question());
     // Four times the readings halve what comes from force and displacement; the shape stays.
-    let longer = width(&Question { hold_s: 0.1 + 4.0 * 0.9, ..question() });
+    let longer = width(&PlanInput { hold_s: 0.1 + 4.0 * 0.9, ..question() });
     assert!((0.5..0.9).contains(&(longer / plain)), "{longer} {plain}");
-    let zeroed = width(&Question { levels: vec![0.0, 1.0], ..question() });
+    let zeroed = width(&PlanInput { levels: vec![0.0, 1.0], ..question() });
     assert!((1.05..1.5).contains(&(zeroed / plain)), "{zeroed} {plain}");
 }
 
 #[test]
 fn what_no_run_can_be_is_refused_by_name() {
-    let refused = |question: Question| plan(&question).expect_err("refused").to_string();
-    let fine = refused(Question { shape_spacing_m: 1e-9, ..question() });
+    let refused = |question: PlanInput| plan(&question).expect_err("refused").to_string();
+    let fine = refused(PlanInput { shape_spacing_m: 1e-9, ..question() });
     assert_eq!(fine, "spacing_mm: 0.000001, expected 0.05 to 100");
-    let shallow = refused(Question { depths_m: vec![0.02e-3], ..question() });
+    let shallow = refused(PlanInput { depths_m: vec![0.02e-3], ..question() });
     assert_eq!(shallow, "depth_mm: 0.02, expected 0.5 to 500");
-    let sparse = refused(Question { depths_m: vec![2e-3], ..question() });
+    let sparse = refused(PlanInput { depths_m: vec![2e-3], ..question() });
     assert!(
         sparse.contains("2 shape points in 2 mm of depth, expected at least 3: at most 0.667"),
         "{sparse}"
     );
-    assert!(refused(Question { hold_s: 0.6, ..question() }).contains("12 readings, expected 20"));
-    assert!(refused(Question { levels: vec![0.0], ..question() }).starts_with("levels: no displaced hold"));
-    assert!(refused(Question { depths_m: vec![], ..question() }).starts_with("depth_mm: nothing"));
+    assert!(refused(PlanInput { hold_s: 0.6, ..question() }).contains("12 readings, expected 20"));
+    assert!(refused(PlanInput { levels: vec![0.0], ..question() }).starts_with("levels: no displaced hold"));
+    assert!(refused(PlanInput { depths_m: vec![], ..question() }).starts_with("depth_mm: nothing"));
     assert!(
-        refused(Question { displacements_m: vec![f64::NAN], ..question() })
+        refused(PlanInput { displacements_m: vec![f64::NAN], ..question() })
             .starts_with("displacement_mm: NaN")
     );
 }
@@ -108,7 +108,7 @@ fn what_no_run_can_be_is_refused_by_name() {
 /// A needle that hardly touches the tissue determines nothing: no number of hundreds of digits, and no best choice.
 #[test]
 fn what_is_not_identifiable_has_no_half_width() {
-    let question = Question {
+    let question = PlanInput {
         modulus_range_pa: [10.0, 10.0],
         depths_m: vec![0.5e-3],
         shape_spacing_m: 0.1e-3,
@@ -127,7 +127,7 @@ fn what_is_not_identifiable_has_no_half_width() {
 fn a_body_has_a_half_width_of_e() {
     let body = |poisson_sd: f64, noise: f64| {
         let plain = question();
-        let question = Question {
+        let question = PlanInput {
             support: Support::Body { poisson: 0.45 },
             poisson_sd,
             force_sd_n: noise * plain.force_sd_n,

@@ -7,7 +7,7 @@
 
 use super::mixture::{mixed, weights};
 use super::places;
-use super::sound::{MODES, SoundTracker};
+use super::sound::{MODES, OnlineTracker};
 use estimator::{Estimate, Refused, Sample, Settings, Value};
 use rayon::prelude::*;
 
@@ -43,14 +43,14 @@ pub struct Layered {
 /// The estimators of a run with two layers at most.
 #[derive(Debug, Clone)]
 pub struct LayeredTracker {
-    followed: Vec<SoundTracker<f64>>,
+    followed: Vec<OnlineTracker<f64>>,
 }
 
 impl LayeredTracker {
     /// For runs to `settings.reach_m`; nothing where the layout does not fit.
     pub fn new(settings: Settings<f64, MODES>) -> Option<Self> {
         let of_share =
-            |share: f64| SoundTracker::new(Settings { segment_m: share * settings.reach_m, ..settings });
+            |share: f64| OnlineTracker::new(Settings { segment_m: share * settings.reach_m, ..settings });
         Some(Self { followed: FOLLOWED.into_iter().map(of_share).collect::<Option<_>>()? })
     }
 
@@ -75,7 +75,7 @@ impl LayeredTracker {
     pub fn finish(&mut self) -> Option<Layered> {
         let finished: Vec<Option<Estimate<f64>>> =
             self.followed.par_iter_mut().map(|tracker| tracker.finish()).collect();
-        let cost = |of: &(&SoundTracker<f64>, f64)| of.0.evidence().cost;
+        let cost = |of: &(&OnlineTracker<f64>, f64)| of.0.evidence().cost;
         let reached = self.followed.iter().zip(finished);
         let reached = reached.filter_map(|(tracker, estimate)| Some((tracker, estimate?.depth_m)));
         let (best, reach_m) =

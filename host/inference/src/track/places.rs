@@ -8,7 +8,7 @@
 
 use super::layers::{Boundary, Layered};
 use super::mixture::{mixed, mixed_stiffness, weights};
-use super::sound::{CELLS, SoundTracker};
+use super::sound::{CELLS, OnlineTracker};
 use estimator::{Estimate, Evidence, Value};
 use rayon::prelude::*;
 
@@ -47,7 +47,7 @@ struct Fitted {
 }
 
 /// The rows of a run under every hypothesis, from a tracker that has them.
-pub(super) fn posterior(tracker: &SoundTracker<f64>, reach_m: f64) -> Option<Layered> {
+pub(super) fn posterior(tracker: &OnlineTracker<f64>, reach_m: f64) -> Option<Layered> {
     let cell_m = tracker.settings().cell_m;
     let fit = |hypotheses: Vec<Hypothesis>| -> Vec<Fitted> {
         hypotheses.into_par_iter().filter_map(|one| fitted(tracker, one, reach_m)).collect()
@@ -93,7 +93,7 @@ fn cell_length_m(cell_m: f64, boundary_m: f64, reach_m: f64) -> f64 {
     if has_room || cells < 2.0 { shorter_m } else { boundary_m / (cells - 1.0) }
 }
 
-fn fitted(tracker: &SoundTracker<f64>, hypothesis: Hypothesis, reach_m: f64) -> Option<Fitted> {
+fn fitted(tracker: &OnlineTracker<f64>, hypothesis: Hypothesis, reach_m: f64) -> Option<Fitted> {
     let own_m = tracker.settings().cell_m;
     let Hypothesis { boundary_m, variation } = hypothesis;
     let cell_m = boundary_m.map_or(own_m, |boundary_m| cell_length_m(own_m, boundary_m, reach_m));

@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 /// Settings of the paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Printed {
+pub struct PublishedSettings {
     /// Order of the polynomials.
     pub order: usize,
     /// Length of a segment.
@@ -26,7 +26,7 @@ pub struct Printed {
     pub filter_hz: f64,
 }
 
-impl Default for Printed {
+impl Default for PublishedSettings {
     fn default() -> Self {
         Self {
             order: 5,
@@ -55,7 +55,7 @@ const MIN_FORGETTING: f64 = 0.9;
 /// The estimator.
 #[derive(Debug, Clone)]
 pub struct Published {
-    settings: Printed,
+    settings: PublishedSettings,
     factors: DMatrix<f64>,
     overlap: Overlap,
     pull: Pull,
@@ -89,7 +89,11 @@ impl Published {
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] for a needle that is none.
-    pub fn new(needle: &Needle, dynamics: &Dynamics, settings: Printed) -> Result<Self, ModelError> {
+    pub fn new(
+        needle: &Needle,
+        dynamics: &Dynamics,
+        settings: PublishedSettings,
+    ) -> Result<Self, ModelError> {
         let modes: Vec<FreeMode> = free_modes(&dynamics.clamped(needle), 1)?;
         let functions = Functions::of(&modes, dynamics.length_m);
         let factors = functions.factors(&modes);

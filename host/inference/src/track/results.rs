@@ -2,7 +2,7 @@
 //! meaning.
 
 use super::layers::Layered;
-use super::sound::SoundTracker;
+use super::sound::OnlineTracker;
 use estimator::{Estimate, Identifiability, Refused, Value};
 use formats::session::SteeringRun;
 use serde::Serialize;
@@ -151,7 +151,7 @@ pub struct FieldResult {
 
 impl FieldResult {
     /// Estimates down to a depth.
-    pub(super) fn of_tracker(tracker: &SoundTracker<f64>, depth_m: f64) -> Self {
+    pub(super) fn of_tracker(tracker: &OnlineTracker<f64>, depth_m: f64) -> Self {
         let cell_m = tracker.settings().cell_m;
         let cells = (depth_m / cell_m).ceil() as usize;
         let values: Vec<Value<f64>> = (0..cells).filter_map(|cell| tracker.stiffness_at(cell)).collect();
@@ -314,7 +314,7 @@ pub(super) fn smoothed(offs: &[[f64; 2]]) -> Vec<[f64; 2]> {
 pub(super) fn skipped(count: usize, row: usize, refused: Refused, run: &SteeringRun) -> String {
     let why = match refused {
         Refused::NotANumber => "a value that no rig can have",
-        Refused::TimeStands => "its time is not later than the one before",
+        Refused::TimeNotIncreasing => "its time is not later than the one before",
         Refused::TooDeep => "deeper than the needle or the estimator reaches",
     };
     // The header is line 1.

@@ -12,7 +12,7 @@ pub const MODES: usize = 5;
 /// Cells of tissue.
 pub const CELLS: usize = 60;
 /// Five modes, 120 mm of tissue in cells of 2 mm, two segments with orders 5 and 1, 256 rows.
-pub type SoundTracker<T> = Tracker<T, MODES, CELLS, 18, 256>;
+pub type OnlineTracker<T> = Tracker<T, MODES, CELLS, 18, 256>;
 
 /// Settings for a needle.
 ///
@@ -40,18 +40,18 @@ pub fn settings<T: RealField + Copy>(
 
 /// The estimator as one of several.
 #[derive(Debug, Clone)]
-pub struct Sound<T: RealField> {
-    tracker: SoundTracker<T>,
+pub struct OnlineEstimator<T: RealField> {
+    tracker: OnlineTracker<T>,
 }
 
-impl<T: RealField + Copy> Sound<T> {
+impl<T: RealField + Copy> OnlineEstimator<T> {
     /// Nothing where the settings' layout does not fit.
     pub fn new(settings: Settings<T, MODES>) -> Option<Self> {
-        Some(Self { tracker: SoundTracker::new(settings)? })
+        Some(Self { tracker: OnlineTracker::new(settings)? })
     }
 }
 
-impl<T: RealField + Copy + Into<f64>> Method for Sound<T> {
+impl<T: RealField + Copy + Into<f64>> Method for OnlineEstimator<T> {
     fn update(&mut self, sample: &Sample<f64>) -> Option<Report> {
         let Sample { time_s, depth_m, base_m, force_n, tip_m } = *sample;
         let sample = Sample {

@@ -2,8 +2,8 @@
 
 use super::kalman::{FilterConfig, Kalman, Kind};
 use super::method::{Method, Report, samples};
-use super::published::{Forgetting, Printed, Published};
-use super::sound::{Sound, SoundTracker, settings};
+use super::published::{Forgetting, Published, PublishedSettings};
+use super::sound::{OnlineEstimator, OnlineTracker, settings};
 use estimator::{Identifiability, Refused, Sample};
 use formats::session::SteeringRun;
 use mechanics::{BaseDrive, Dynamics, Experiment, Foundation, Model, Needle, Rig, Steering, predict};
@@ -88,7 +88,13 @@ fn near(found: Option<f64>, expected: f64, share: f64) {
 fn the_published_regression_is_right() {
     let run = matching(1, 1e-3);
     for forgetting in [Forgetting::Constant(0.999), Forgetting::Variable(1e-9)] {
-        let printed = Printed { order: 0, segment_m: 1.0, forgetting, filter_hz: 50.0, ..Printed::default() };
+        let printed = PublishedSettings {
+            order: 0,
+            segment_m: 1.0,
+            forgetting,
+            filter_hz: 50.0,
+            ..PublishedSettings::default()
+        };
         let mut method = Published::new(&rig().needle, &dynamics(), printed).expect("a needle");
         let report = last(&mut method, &run);
         near(report.stiffness, 2e4, 0.02);
@@ -113,7 +119,7 @@ fn kalman_filters_find_uniform_tissue() {
 fn motion_to_and_fro_identifies_both() {
     let run = matching(10, 20e-3);
     let mut tracker =
-        SoundTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
+        OnlineTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
     samples(&run).for_each(|sample| {
         tracker.update(&sample).expect("taken");
     });
@@ -130,7 +136,7 @@ fn the_start_is_forgotten() {
     let end = |start: [f64; 2]| {
         let mut settings = settings::<f64>(&rig().needle, &dynamics()).expect("a needle");
         settings.start = start;
-        let mut tracker = SoundTracker::new(settings).expect("fits");
+        let mut tracker = OnlineTracker::new(settings).expect("fits");
         samples(&run).for_each(|sample| {
             tracker.update(&sample).expect("taken");
         });
@@ -148,8 +154,10 @@ fn the_start_is_forgotten() {
 fn single_precision_agrees() {
     let run = run(&plan(4.0, 20.0, 30.0), ORDINARY, 3);
     let needle = rig().needle;
-    let mut double = Sound::new(settings::<f64>(&needle, &dynamics()).expect("a needle")).expect("fits");
-    let mut single = Sound::new(settings::<f32>(&needle, &dynamics()).expect("a needle")).expect("fits");
+    let mut double =
+        OnlineEstimator::new(settings::<f64>(&needle, &dynamics()).expect("a needle")).expect("fits");
+    let mut single =
+        OnlineEstimator::new(settings::<f32>(&needle, &dynamics()).expect("a needle")).expect("fits");
     let mut rows = 0;
     for sample in samples(&run) {
         let (Some(double), Some(single)) = (double.update(&sample), single.update(&sample)) else { continue };
@@ -167,7 +175,7 @@ fn single_precision_agrees() {
 fn straight_insertions_identify_nothing() {
     let run = run(&plan(4.0, 0.0, 0.0), ORDINARY, 4);
     let mut tracker =
-        SoundTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
+        OnlineTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
     for sample in samples(&run) {
         if let Some(estimate) = tracker.update(&sample).expect("taken") {
             assert_ne!(estimate.stiffness.identifiability, Identifiability::Identified, "{estimate:?}");
@@ -180,7 +188,7 @@ fn straight_insertions_identify_nothing() {
 fn bad_samples_are_refused_and_change_nothing() {
     let run = run(&plan(8.0, 20.0, 0.0), ORDINARY, 5);
     let make =
-        || SoundTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
+        || OnlineTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
     let (mut clean, mut disturbed) = (make(), make());
     for sample in samples(&run) {
         let expected = clean.update(&sample).expect("taken");
@@ -188,7 +196,7 @@ fn bad_samples_are_refused_and_change_nothing() {
         let bad = [
             (Sample { force_n: f64::NAN, time_s: sample.time_s + 1e-3, ..sample }, Refused::NotANumber),
             (Sample { tip_m: f64::INFINITY, time_s: sample.time_s + 1e-3, ..sample }, Refused::NotANumber),
-            (sample, Refused::TimeStands),
+            (sample, Refused::TimeNotIncreasing),
             (Sample { depth_m: 0.5, time_s: sample.time_s + 1e-3, ..sample }, Refused::TooDeep),
         ];
         for (bad, refused) in bad {
@@ -206,7 +214,7 @@ fn rests_and_offsets_are_taken() {
     let rest = run.time_s.len() / 2;
     let pause_s = 3.0;
     let mut tracker =
-        SoundTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
+        OnlineTracker::new(settings::<f64>(&rig().needle, &dynamics()).expect("a needle")).expect("fits");
     for (i, sample) in samples(&run).enumerate() {
         let shift_s = if i > rest { pause_s } else { 0.0 };
         tracker.update(&Sample { time_s: sample.time_s + shift_s, ..sample }).expect("taken");

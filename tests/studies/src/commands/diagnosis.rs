@@ -199,7 +199,7 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); 10] {
         ),
         ("95 % intervals cover the true parameters", "90-98 %", held.to_string()),
         (
-            "removable gap removed on held-out runs",
+            "removable misfit removed on held-out runs",
             ">= 90 %",
             format!("mean {:.1} %, at least 90 % in {over}", 100.0 * mean_removed),
         ),

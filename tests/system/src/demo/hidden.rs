@@ -100,10 +100,10 @@ impl Found {
             further if further.is_empty() || !self.is_in_class() => String::new(),
             further => format!("; named beside it, and not there: {}", list(further)),
         };
-        format!("what the rig hid (seed {seed}): {} {}\n{found}{further}", self.hidden.id, values.join(", "))
+        format!("hidden effect (seed {seed}): {} {}\n{found}{further}", self.hidden.id, values.join(", "))
     }
 
-    /// Share of the removable gap that is gone on runs that no fit has used.
+    /// Share of the removable misfit that is removed on runs that no fit has used.
     pub fn removed(&self) -> Option<f64> {
         self.diagnosis.pointer("/gap/removed").and_then(Value::as_f64)
     }
