@@ -40,6 +40,7 @@ mod results;
 mod score;
 mod search;
 mod split;
+mod two_layers;
 mod whiten;
 
 pub use data::Channel;
@@ -51,6 +52,7 @@ pub use results::{
     NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize, ResidualPoint,
     Verdict,
 };
+pub(crate) use two_layers::{Interval, TwoLayers, two_layers};
 
 use crate::FitError;
 use adequacy::{Adequacy, regions};
@@ -409,7 +411,7 @@ const FIRST_ROUNDS: usize = 5;
 const FAR_BEHIND: f64 = 20.0;
 
 /// Log evidence by which a body has to be ahead of springs.
-const FOUNDATION_MARGIN: f64 = 2.0;
+pub(crate) const FOUNDATION_MARGIN: f64 = 2.0;
 
 /// Nothing is named that leaves the larger part of the gap.
 const NAMED_SHARE: f64 = 0.15;

@@ -35,6 +35,7 @@ use crate::holds::{Unused, unused_of_session};
 use crate::{LateralData, channel_fits, shape_fits};
 use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};
 use formats::session::{LateralRun, Session};
+use mechanics::Support;
 use options::TissueModel;
 use prepare::{Prepared, prepare};
 
@@ -90,7 +91,8 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     warnings.extend(of_springs.into_iter().map(|what| format!("{prefix}{what}")));
     warnings.extend(of_body);
     let directions = pool::directions(&fitted, options.criteria.zero_m);
-    let layers = options.layers.then(|| layers::layers(runs_of_body.as_ref().unwrap_or(&fitted))).flatten();
+    let support = if runs_of_body.is_some() { tissue.body() } else { Support::Springs };
+    let layers = options.layers.then(|| layers::layers(session, &fitted, support, options, tissue)).flatten();
     if options.layers && layers.is_none() {
         warnings.push("two layers are not identifiable from these runs: they need runs at several depths, beyond the boundary too".to_owned());
     }

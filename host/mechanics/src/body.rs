@@ -8,7 +8,9 @@
 //! a needle agree with the direct solution to 0.02 % and 0.05 um per millimetre of displacement.
 //!
 //! Tissue whose modulus varies with depth is reduced to a few fields (see there): force within 1 to 2 % and shape within
-//! 15 um per millimetre for moduli between a quarter and four times that at the surface, exact where they are all the same.
+//! 15 um per millimetre for moduli between a quarter and four times that at the surface, exact where they are all the same. Against a
+//! solver of its own (`tests/worlds`) the force is within 0.5 % for two layers of 0.4 to 3 times and within 0.1 % for gradients of -0.006
+//! to 0.06 per mm, at 20 to 50 mm.
 
 mod ritz;
 mod stiffened;
@@ -30,11 +32,13 @@ const VARIED_RANGE: [f64; 2] = [4.0, 600.0];
 const VARIED_POISSON: [f64; 2] = [0.25, 0.5];
 /// The modulus may vary by such a factor.
 const MAX_CONTRAST: f64 = 12.0;
-/// Below so many depths of the tip nothing counts any more that grows with depth.
-const GROWTH_ENDS: f64 = 10.0;
-/// Below the tip a modulus that decreases with depth goes no further down than to this share of its value without the gradient: a
-/// straight line reaches zero somewhere below every needle, tissue does not.
-const MIN_GROWTH: f64 = 0.1;
+/// A modulus that changes in proportion to depth does so down to this depth below the surface, or so many depths of the tip where that
+/// is deeper, and stays as it is below: no tissue goes on for ever. An absolute depth, since what lies below a shallow tip is what holds
+/// a deeper one; what lies below 60 mm counts for 1 % of the force where the tip is at 50 mm.
+const GROWTH_ENDS_M: f64 = 60e-3;
+const GROWTH_ENDS: f64 = 1.2;
+/// Parts over which such a modulus is taken as constant in every slice of depth.
+const PARTS: usize = 8;
 
 /// Stiffness of the body against the Legendre coefficients of the deflection of a needle that it holds over `depth_m`, N/m.
 ///
@@ -93,37 +97,38 @@ pub(super) fn stiffness(
 
 /// Mean modulus in every slice of depth; nothing where it is the same in all of them.
 fn varied(foundation: &Foundation, from_m: f64, depth_m: f64) -> Option<[f64; table::SLICES]> {
-    let gradient_per_m = foundation.gradient_per_m();
-    if gradient_per_m == 0.0 && foundation.faces_m().all(|face_m| face_m <= from_m) {
+    if foundation.gradient_per_m() == 0.0 && foundation.faces_m().all(|face_m| face_m <= from_m) {
         return None;
     }
+    let growth_ends_m = GROWTH_ENDS_M.max(from_m + GROWTH_ENDS * depth_m);
+    let growth = |at_m: f64| foundation.growth(at_m.min(growth_ends_m));
+    let without_gradient = foundation.ungraded();
+    let middles = || (0..PARTS).map(|part| (part as f64 + 0.5) / PARTS as f64);
     let mut top_m = from_m;
     let ends_m = table::SLICE_ENDS.map(|end| from_m + end * depth_m);
     let mut means = [0.0; table::SLICES];
     for (mean, end_m) in means.iter_mut().zip(ends_m) {
-        let parts = foundation.parts_between(top_m, end_m);
-        *mean =
-            parts.map(|(thickness_m, modulus_pa)| thickness_m * modulus_pa).sum::<f64>() / (end_m - top_m);
-        if gradient_per_m < 0.0 && top_m >= from_m + depth_m {
-            *mean = mean.max(MIN_GROWTH * foundation.layer_pa(0.5 * (top_m + end_m)));
+        let mut part_m = top_m;
+        for (thickness_m, modulus_pa) in without_gradient.parts_between(top_m, end_m) {
+            let grown =
+                middles().map(|share| growth(part_m + share * thickness_m)).sum::<f64>() / PARTS as f64;
+            *mean += thickness_m * modulus_pa * grown / (end_m - top_m);
+            part_m += thickness_m;
         }
         top_m = end_m;
     }
     // Far below, strains fall off with the square of the distance, and energies with its fourth power over a growing area.
     let begin_m = top_m - from_m;
-    let growth_ends_m = GROWTH_ENDS * depth_m;
     let mut far = 0.0;
     let mut start_m = begin_m;
     let faces_m = foundation.faces_m().map(|face_m| face_m - from_m).filter(|face_m| *face_m > begin_m);
     for face_m in faces_m.chain([f64::INFINITY]) {
         let middle_m = if face_m.is_finite() { 0.5 * (start_m + face_m) } else { 2.0 * start_m };
-        let modulus_pa = foundation.layer_pa(from_m + middle_m);
-        let weight = begin_m * (1.0 / start_m - 1.0 / face_m);
-        // int s ds/s^2 over the part in which the modulus still grows, and what it has grown to below.
-        let (near_m, end_m) = (start_m.min(growth_ends_m), face_m.min(growth_ends_m));
-        let grown_m = begin_m * ((end_m / near_m).ln() + growth_ends_m * (1.0 / end_m - 1.0 / face_m));
-        let grown = weight + gradient_per_m * (from_m * weight + grown_m);
-        far += modulus_pa * grown.max(MIN_GROWTH * weight);
+        // Weights of places are even in the reciprocal of the distance.
+        let (near, below) = (begin_m / start_m, begin_m / face_m);
+        let at_m = |share: f64| from_m + begin_m / (below + share * (near - below));
+        let grown = middles().map(|share| growth(at_m(share))).sum::<f64>() / PARTS as f64;
+        far += grown * foundation.layer_pa(from_m + middle_m) * (near - below);
         start_m = face_m;
     }
     if let Some(last) = means.last_mut() {

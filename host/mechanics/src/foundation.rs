@@ -26,6 +26,9 @@ pub struct Foundation {
 /// Where the modulus grows with depth it is taken as constant over slices of this thickness: an error of the order of
 /// `gradient^2 SLICE^2 / 24`.
 const SLICE_M: f64 = 0.5e-3;
+/// A modulus that decreases with depth goes no further down than to this share of that at the surface: a straight line reaches zero
+/// somewhere, tissue does not.
+const MIN_GROWTH: f64 = 0.1;
 
 impl Foundation {
     /// The same modulus everywhere.
@@ -63,8 +66,8 @@ impl Foundation {
         Ok(Self { upper, deepest_pa, gradient_per_m: 0.0, gap_m: 0.0 })
     }
 
-    /// The same tissue with a modulus that grows by `gradient_per_m` of its value at the surface per metre of depth, and is 0 where
-    /// it would be negative.
+    /// The same tissue with a modulus that grows by `gradient_per_m` of its value at the surface per metre of depth; one that
+    /// decreases ends at a tenth.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] where the gradient is not finite.
@@ -127,9 +130,14 @@ impl Foundation {
         gap_m.into_iter().chain(self.upper.iter().map(|layer| layer.bottom_m).filter(|m| *m > self.gap_m))
     }
 
+    /// The same tissue without its gradient.
+    pub(super) fn ungraded(&self) -> Self {
+        Self { gradient_per_m: 0.0, ..self.clone() }
+    }
+
     /// What the gradient makes of a modulus at a depth.
-    fn growth(&self, depth_m: f64) -> f64 {
-        if self.gradient_per_m == 0.0 { 1.0 } else { (1.0 + self.gradient_per_m * depth_m).max(0.0) }
+    pub(super) fn growth(&self, depth_m: f64) -> f64 {
+        (1.0 + self.gradient_per_m * depth_m).max(MIN_GROWTH)
     }
 
     /// The layers that end above a depth.

@@ -226,14 +226,19 @@ impl Display for Text<'_> {
             )?;
         }
         if let Some(found) = layers {
-            let Layers { upper, lower, boundary_mm, boundary_ci95_mm: [low, high], .. } = found;
+            let Layers { upper, lower, k_ratio, boundary_mm, boundary_ci95_mm: [low, high], .. } = found;
+            let [least, most] = found.k_ratio_ci95;
+            let gain = match found.log_evidence_gain {
+                Some(gain) => format!("log evidence {gain:+.1} nats against one layer"),
+                None => "intervals are those of noise alone".to_owned(),
+            };
             let modulus = if found.foundation == "body" { "E" } else { "K" };
             let (upper, lower) =
                 (estimate(upper.k_kpa, upper.ci95_kpa), estimate(lower.k_kpa, lower.ci95_kpa));
             writeln!(
                 f,
-                "layers       {modulus} {upper} kPa above, {lower} kPa below {boundary_mm:.1} mm ({low:.1} to {high:.1}); \
-                 chi-square falls by {:.1}",
+                "layers       {modulus} {upper} kPa above, {lower} kPa below {boundary_mm:.1} mm ({low:.1} to {high:.1}), ratio \
+                 {k_ratio:.2} ({least:.2} to {most:.2}); chi-square falls by {:.1}, {gain}",
                 found.chi_square_gain
             )?;
         }

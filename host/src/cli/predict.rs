@@ -172,7 +172,7 @@ impl Display for Text<'_> {
 
 fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usize) -> fmt::Result {
     let force = |n: Option<f64>, sd: Option<f64>| match (n, sd) {
-        (Some(n), Some(sd)) => format!("{n:+.3} (sd {sd:.3}) N"),
+        (Some(n), Some(sd)) => format!("{:+.3} (sd {sd:.3}) N", unsigned_zero(n, 3)),
         _ => "-".to_owned(),
     };
     // Where the prediction was last checked, or its end.
@@ -184,10 +184,13 @@ fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usi
                  force: String,
                  tip: [f64; 3],
                  measured: Option<f64>| {
-        let [tip, low, high] = tip;
-        let predicted = format!("{tip:.2} ({low:.2} to {high:.2}) mm");
+        let [rounded, low, high] = tip.map(|mm| unsigned_zero(mm, 2));
+        let predicted = format!("{rounded:.2} ({low:.2} to {high:.2}) mm");
         let (measured, error) = match measured {
-            Some(value) => (format!("{value:.2} mm"), format!("{:+.2} mm", tip - value)),
+            Some(value) => (
+                format!("{:.2} mm", unsigned_zero(value, 2)),
+                format!("{:+.2} mm", unsigned_zero(tip[0] - value, 2)),
+            ),
             None => ("-".to_owned(), "-".to_owned()),
         };
         writeln!(
@@ -204,6 +207,11 @@ fn write_insertion(f: &mut fmt::Formatter<'_>, one: &InsertionResult, width: usi
         plane(f, "", "x", force(one.tip_force_x_n, one.tip_force_x_sd_n), tip, measured)?;
     }
     Ok(())
+}
+
+/// A value without the sign that it would be printed with where it is rounded to nothing.
+fn unsigned_zero(value: f64, decimals: i32) -> f64 {
+    if value.abs() < 0.5 * 10f64.powi(-decimals) { 0.0 } else { value }
 }
 
 /// Modulus and gap of every insertion.

@@ -4,7 +4,7 @@ mod commands;
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
-use commands::{diagnosis, imperfect, root, tipload};
+use commands::{bodies, diagnosis, imperfect, root, tipload};
 use std::fmt::Write as _;
 use std::process::ExitCode;
 use studies::predict::{Cell, METHODS, study};
@@ -16,7 +16,7 @@ struct Args {
     /// Which: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's deflection (part of the forward
     /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
     /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), or what `guide plan`
-    /// promises against what simulated sessions scatter by, or tracking through two layers whose boundary lies anywhere; without a name
+    /// promises against what simulated sessions scatter by, or layers and gradients, tracked and identified; without a name
     /// all that the documentation quotes, as it quotes them, written where it has them
     #[arg(value_parser = [
         "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers",
@@ -48,7 +48,7 @@ struct Args {
     fresh_seed: Option<u64>,
     #[command(flatten)]
     imperfect: imperfect::Options,
-    /// Print every insertion of the study of tip loads
+    /// Print every insertion of the study of tip loads, or every identified session
     #[arg(long)]
     verbose: bool,
 }
@@ -106,7 +106,7 @@ fn operator(only: &str) -> Result<()> {
 }
 
 /// Tracking through layers: boundaries found, and what intervals hold.
-fn layers(args: &Args) -> Result<()> {
+fn tracked_layers(args: &Args) -> Result<()> {
     ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
     println!(
         "| motion | boundary reported | within 3 mm | in its interval | mean stiffness held | mean damping held | stiffness of cells held | \
@@ -125,6 +125,24 @@ fn layers(args: &Args) -> Result<()> {
         );
     }
     println!("{} runs of each motion, seed {}", args.runs, args.seed);
+    Ok(())
+}
+
+/// Layers and gradients: tracked, identified, or both.
+fn layers(args: &Args) -> Result<()> {
+    let sessions = args.sessions;
+    ensure!((1..=10_000).contains(&sessions), "--sessions is {sessions}, expected 1 to 10000");
+    ensure!(
+        ["", "tracked", "identified"].contains(&args.only.as_str()),
+        "--only is {}, expected tracked or identified",
+        args.only
+    );
+    if args.only != "identified" {
+        tracked_layers(args)?;
+    }
+    if args.only != "tracked" {
+        bodies::run(sessions, args.seed, args.verbose)?;
+    }
     Ok(())
 }
 

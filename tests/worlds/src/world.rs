@@ -21,6 +21,9 @@ impl Wave {
     }
 }
 
+/// A gradient leaves at least this share of the modulus at the surface.
+const SOFTEST: f64 = 0.1;
+
 /// How the tissue of a run differs a little from what it should be.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Inhomogeneity {
@@ -181,6 +184,11 @@ impl World {
         ratio * pieces.sum::<f64>()
     }
 
+    /// What a gradient makes of the modulus at a depth: tissue that gets softer still is tissue.
+    pub(super) fn growth(&self, depth_m: f64) -> f64 {
+        (1.0 + self.gradient_per_m * depth_m).max(SOFTEST)
+    }
+
     /// K of the plane y inside a layer.
     fn modulus_pa(&self, depth_m: f64) -> f64 {
         if depth_m < self.gap_m.max(0.0) {
@@ -188,7 +196,7 @@ impl World {
         }
         let lump = self.has(Foreign::StiffInclusion) && (LUMP_M[0]..LUMP_M[1]).contains(&depth_m);
         let layer = if depth_m < self.layer_boundary_m { 1.0 } else { self.layer_ratio };
-        let factor = layer * (1.0 + self.gradient_per_m * depth_m).max(0.0);
+        let factor = layer * self.growth(depth_m);
         self.k_pa * factor * self.tissue.at(depth_m) * if lump { LUMP_TIMES } else { 1.0 }
     }
 }

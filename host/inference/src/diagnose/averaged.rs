@@ -93,7 +93,7 @@ impl<'a> Averaged<'a> {
 
 /// Interval of 95 % of a mixture of normal distributions of weight, mean and standard deviation each; nothing where one of them makes
 /// no sense.
-fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
+pub(super) fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
     if let [(_, value, sd)] = parts {
         return Some([value - NORMAL_975 * sd, value + NORMAL_975 * sd]);
     }

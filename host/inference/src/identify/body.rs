@@ -128,7 +128,7 @@ impl FoundationResult {
 /// Relative error of the operator, at 95 %: table, interpolation and mesh.
 const OPERATOR_ERROR: f64 = 1e-3;
 /// The same where the modulus varies with depth.
-const VARIED_ERROR: f64 = 2e-2;
+pub(super) const VARIED_ERROR: f64 = 1e-2;
 
 /// The body fitted to the runs that the springs were fitted to, and which of the two is used; where that is the body also the runs
 /// as of a body.
@@ -155,6 +155,8 @@ pub(super) fn compare(
         Ok(found) => found,
         Err(why) => {
             warnings.push(format!("no Young's modulus from an elastic body: {why}"));
+            // Springs are used though a body may have been stated.
+            result.by = "default";
             result.body_error = Some(why.to_string());
             return (result, None);
         }

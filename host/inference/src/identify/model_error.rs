@@ -27,6 +27,25 @@ pub(super) fn beside(
     options: &Options,
     tissue: TissueModel,
 ) -> Result<Beside, String> {
+    let (used, given) = for_diagnosis(session, runs, options)?;
+    let body = (tissue.foundation != FoundationChoice::Springs).then_some(tissue.poisson);
+    let input = BesideInput { given: &given, discrepancy: &options.discrepancy, body };
+    let (springs, body) = beside_discrepancy(&used, &input).map_err(|why| why.to_string())?;
+    Ok(Beside { springs, body: body.map(|found| found.map_err(|why| why.to_string())) })
+}
+
+/// Effects with first values of their parameters.
+pub(super) type Given = Vec<(&'static dyn Effect, Vec<f64>)>;
+
+/// The runs that are used, and the effects that are in the model, as a diagnosis takes them.
+///
+/// # Errors
+/// Why these runs cannot be fitted beside the discrepancy of a diagnosis.
+pub(super) fn for_diagnosis(
+    session: &Session,
+    runs: &[Fitted],
+    options: &Options,
+) -> Result<(Session, Given), String> {
     if !session.rig.needle.stiffness_known {
         return Err("the needle's bending stiffness is not known".to_owned());
     }
@@ -47,11 +66,8 @@ pub(super) fn beside(
         (*effect, effect.parameters().iter().map(|info| info.neutral).collect::<Vec<_>>())
     };
     let unknown = runs.first().map(|run| run.data.effects.as_slice()).unwrap_or_default();
-    let given: Vec<_> = options.fixed.iter().cloned().chain(unknown.iter().map(neutral)).collect();
-    let body = (tissue.foundation != FoundationChoice::Springs).then_some(tissue.poisson);
-    let input = BesideInput { given: &given, discrepancy: &options.discrepancy, body };
-    let (springs, body) = beside_discrepancy(&used, &input).map_err(|why| why.to_string())?;
-    Ok(Beside { springs, body: body.map(|found| found.map_err(|why| why.to_string())) })
+    let given = options.fixed.iter().cloned().chain(unknown.iter().map(neutral)).collect();
+    Ok((used, given))
 }
 
 /// The half-width of a 95 % interval of the logarithm of a modulus and its standard deviation, with model error.

@@ -1,5 +1,6 @@
 //! Studies whose tables need more than a few lines.
 
+pub mod bodies;
 pub mod diagnosis;
 pub mod imperfect;
 pub mod tipload;

@@ -46,7 +46,7 @@ const IMPOSSIBLE: [&str; 3] = ["tissue.stiffening", "tissue.relaxation", "tissue
 const GAP: f64 = 1e-6;
 /// Bodies that are kept, some fifty kilobytes each.
 const MAX_KEPT: usize = 256;
-/// Below the tip by this much the tissue goes on as it is.
+/// Below the deepest tip of all runs by this much the tissue stays as it is.
 const GOES_ON_M: f64 = 10e-3;
 
 /// Why there is no session.
@@ -84,10 +84,11 @@ impl Bodies {
         world: &World,
         radius_m: f64,
         length_m: f64,
+        goes_on_m: f64,
         poisson: f64,
     ) -> Result<Arc<Wall>, BodyError> {
         let fineness = self.fineness.unwrap_or(Fineness::FINE);
-        let modulus = |depth_m: f64| relative_modulus(world, depth_m.min(length_m + GOES_ON_M));
+        let modulus = |depth_m: f64| relative_modulus(world, depth_m.min(goes_on_m));
         // A boundary without contrast is none: such a body is the homogeneous one.
         let boundary_m = if world.layer_ratio == 1.0 { 0.0 } else { world.layer_boundary_m };
         let mut key = vec![
@@ -100,6 +101,8 @@ impl Bodies {
             world.gap_m,
         ];
         let tissue = &world.tissue;
+        let is_level = world.gradient_per_m == 0.0 && tissue.waves.is_empty() && tissue.soft_spot[0] == 0.0;
+        key.push(if is_level { 0.0 } else { goes_on_m });
         key.extend(tissue.soft_spot);
         key.extend(tissue.waves.iter().flat_map(|wave| [wave.amplitude, wave.per_length, wave.phase]));
         let key: Vec<u64> = key.into_iter().map(f64::to_bits).collect();
@@ -143,13 +146,16 @@ impl Bodies {
             Truth { k_kpa: body.youngs_kpa, tip_load_n: 0.0, effects: body.effects.clone(), foreign: None };
         let world = World::new(&truth, &rig);
         let noise: &NoisePlan = &design.noise;
+        let deepest_mm = design.lateral.iter().map(|plan| plan.depth_mm).fold(0.0, f64::max);
         let mut lateral = Vec::new();
         for (run, plan) in (0..).zip(&design.lateral) {
             let flaws = Flaws::new(background, run);
             let world = flaws.world(&world, 0);
             let depth_m = STEP_M * node_at(MM * plan.depth_mm) as f64;
             let length_m = depth_m - world.tissue.surface_m;
-            let wall = self.wall(&world, 0.5 * rig.needle.outer_diameter_m, length_m, body.poisson)?;
+            let goes_on_m = MM * deepest_mm + GOES_ON_M;
+            let radius_m = 0.5 * rig.needle.outer_diameter_m;
+            let wall = self.wall(&world, radius_m, length_m, goes_on_m, body.poisson)?;
             let bent = [0, 1].map(|plane| Bent::new(&holding(&world, plane), &wall));
             let [y, x] = bent;
             let bent = [y?, x?];
@@ -181,7 +187,7 @@ fn relative_modulus(world: &World, depth_m: f64) -> f64 {
     }
     let layer = if depth_m < world.layer_boundary_m { 1.0 } else { world.layer_ratio };
     let factor = world.tissue.at(depth_m) / world.tissue.factor;
-    layer * (1.0 + world.gradient_per_m * depth_m).max(GAP) * factor
+    layer * world.growth(depth_m) * factor
 }
 
 fn holding(world: &World, plane: usize) -> Holding {

@@ -65,8 +65,9 @@ fn indentation_is_compared_by_welch() {
 fn two_layers_are_found_from_runs_at_four_depths() {
     const SESSIONS: usize = 30;
     let mut noise = Noise::new(61);
-    let options = Options { layers: true, ..Options::default() };
-    let mut covered = [0; 3];
+    // These sessions have noise alone.
+    let options = Options { layers: true, model_error: false, ..Options::default() };
+    let mut covered = [0; 4];
     for _ in 0..SESSIONS {
         let run = |depth_mm: f64, noise: &mut Noise| {
             let recipe =
@@ -79,9 +80,11 @@ fn two_layers_are_found_from_runs_at_four_depths() {
         let intervals = [
             found.upper.ci95_kpa.expect("an interval"),
             found.lower.ci95_kpa.expect("an interval"),
+            found.k_ratio_ci95,
             found.boundary_ci95_mm,
         ];
-        for ((covered, [low, high]), truth) in covered.iter_mut().zip(intervals).zip([8.0, 24.0, 18.0]) {
+        assert!(found.log_evidence_gain.is_none());
+        for ((covered, [low, high]), truth) in covered.iter_mut().zip(intervals).zip([8.0, 24.0, 3.0, 18.0]) {
             *covered += usize::from((low..=high).contains(&truth));
         }
     }
@@ -91,6 +94,38 @@ fn two_layers_are_found_from_runs_at_four_depths() {
         session(vec![Recipe::default().run("a", &mut noise), Recipe::default().run("b", &mut noise)]);
     let result = identify(&one_depth, &options).expect("identifies");
     assert!(result.layers.is_none() && result.warnings.iter().any(|warning| warning.contains("two layers")));
+}
+
+/// Where imperfections are allowed for, intervals are wider than those of noise and hold the truth; in tissue of one layer the evidence is
+/// against a second.
+#[test]
+fn model_error_is_in_the_intervals_of_layers() {
+    let mut noise = Noise::new(62);
+    let mut runs = |second_layer: Option<(f64, f64)>| {
+        let run = |depth_mm: f64| {
+            let recipe = Recipe { depth_mm, k_kpa: 8.0, second_layer, ..Recipe::default() };
+            recipe.run(&format!("d{depth_mm}"), &mut noise)
+        };
+        session([10.0, 20.0, 40.0].map(run).to_vec())
+    };
+    let layered = runs(Some((18.0, 24.0)));
+    let layers = |session: &Session, model_error: bool| {
+        let options = Options { layers: true, model_error, ..Options::default() };
+        identify(session, &options).expect("identifies").layers
+    };
+    let [alone, wide] = [false, true].map(|model_error| layers(&layered, model_error).expect("two layers"));
+    assert!(wide.log_evidence_gain.expect("compared") > 5.0, "{wide:?}");
+    // Springs, though of one modulus a body may be ahead of them.
+    assert!(wide.foundation == "springs" && wide.body_log_evidence_gain.expect("compared") < 0.0, "{wide:?}");
+    for (of, truth) in [
+        ([alone.k_ratio_ci95, wide.k_ratio_ci95], 3.0),
+        ([alone.boundary_ci95_mm, wide.boundary_ci95_mm], 18.0),
+    ] {
+        let [[low, high], [least, most]] = of;
+        assert!(most / least > high / low && (least..=most).contains(&truth), "{of:?} {truth}");
+    }
+    let uniform = layers(&runs(None), true);
+    assert!(uniform.is_none_or(|found| found.log_evidence_gain.expect("compared") < 2.0));
 }
 
 #[test]
