@@ -109,7 +109,7 @@ fn signal(child: &Child, name: &str) {
     assert!(sent.expect("a shell").success());
 }
 
-/// Starts a command and sends a signal when the device has been asked for a while; its output and what the device was sent.
+/// Starts a command and sends a signal when the program runs; its output and what the device was sent.
 fn signalled(folder: &Path, command: &str, name: &str) -> (Output, Vec<Request>) {
     let program = vec![Act::Batch(32), Act::Wait(1_500)];
     let fake = FakeDevice::start(Script { program, ..Script::default() });
@@ -124,7 +124,7 @@ fn signalled(folder: &Path, command: &str, name: &str) -> (Output, Vec<Request>)
     signal(&child, name);
     let began = Instant::now();
     while child.try_wait().expect("a state").is_none() {
-        assert!(began.elapsed() < LIMIT, "{command}: SIG{name} is not seen");
+        assert!(began.elapsed() < LIMIT, "{command}: SIG{name} has no effect");
         thread::sleep(Duration::from_millis(5));
     }
     let output = child.wait_with_output().expect("its output");
@@ -133,7 +133,7 @@ fn signalled(folder: &Path, command: &str, name: &str) -> (Output, Vec<Request>)
 
 #[test]
 #[ignore = "takes half a minute: cargo xtask test runs it"]
-fn a_signal_in_mid_motion_stops_the_guide_and_says_so_in_one_line() {
+fn a_signal_in_mid_motion_stops_the_guide_and_is_reported_in_one_line() {
     for command in [
         "home",
         "move --y-mm 1",

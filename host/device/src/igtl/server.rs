@@ -21,7 +21,7 @@ pub const MAX_CLIENTS: usize = 16;
 const ACCEPTED_PER_S: u32 = 20;
 /// Bytes that a client may send in a second: nothing that it sends is needed.
 const RECEIVED_PER_S: usize = 256 << 10;
-/// Changes of connections that are kept until somebody takes them.
+/// Changes of connections that are kept until they are taken.
 const MAX_CHANGES: usize = 64;
 /// Updates that wait for a client.
 const QUEUE: usize = 16;
@@ -43,7 +43,7 @@ pub struct Publisher {
 pub enum ClientChange {
     /// It is connected.
     Connected,
-    /// It has left, or has been left: [`Publisher`] says when.
+    /// It has left, or has been left: [`Publisher::bind`].
     Left,
     /// It was turned away: as many as may be are connected.
     TurnedAway,
@@ -66,7 +66,7 @@ struct PublisherState {
     /// What waits for each client, by its number.
     queues: BTreeMap<u64, VecDeque<Arc<[u8]>>>,
     next: u64,
-    /// Who has come and gone since somebody last asked.
+    /// Connections that were opened and closed since they were last taken.
     changes: VecDeque<(SocketAddr, ClientChange)>,
 }
 

@@ -77,7 +77,7 @@ fn a_client_that_sends_without_end_is_left() {
     eventually("it is left", || publisher.clients() == 0);
 }
 
-/// Parts of messages, damaged ones and whole ones, in pieces, from peers that come and go: a sound client hears every message
+/// Parts of messages, damaged ones and whole ones, in pieces, from peers that come and go: a sound client receives every message
 /// meanwhile, and no peer keeps its place.
 #[test]
 fn peers_that_send_parts_of_messages_disturb_nobody() {
@@ -86,7 +86,7 @@ fn peers_that_send_parts_of_messages_disturb_nobody() {
     sound.set_read_timeout(Some(Duration::from_millis(500))).expect("a timeout");
     eventually("one client", || publisher.clients() == 1);
     let mut random = ChaCha8Rng::seed_from_u64(8);
-    let (mut decoder, mut heard, mut peers) = (Decoder::default(), 0u64, Vec::new());
+    let (mut decoder, mut received, mut peers) = (Decoder::default(), 0u64, Vec::new());
     const MESSAGES: u64 = 40;
     for number in 1..=MESSAGES {
         let mut bytes = text(number).to_bytes();
@@ -108,13 +108,13 @@ fn peers_that_send_parts_of_messages_disturb_nobody() {
         }
         publisher.publish(&[text(number)]);
         let mut buffer = [0; 4096];
-        while heard < number {
+        while received < number {
             let count = sound.read(&mut buffer).expect("the sound client is served");
             assert!(count > 0, "the sound client was left");
-            decoder.feed(&buffer[..count], |_| heard += 1).expect("sound messages");
+            decoder.feed(&buffer[..count], |_| received += 1).expect("sound messages");
         }
     }
-    assert_eq!(heard, MESSAGES);
+    assert_eq!(received, MESSAGES);
     drop(peers);
     eventually("the peers have left", || publisher.clients() == 1);
 }
