@@ -107,11 +107,11 @@ fn words(command: &str) -> Vec<&OsStr> {
 
 /// The one line of a command that fails, and nothing on standard output.
 fn failure(output: &Output, what: &str) -> String {
-    let printed = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(1), "{what}: {printed}");
-    let errors: Vec<&str> = printed.lines().filter(|line| line.starts_with("error: ")).collect();
-    assert_eq!(errors.len(), 1, "{what}: {printed}");
-    assert_eq!(printed.lines().last(), errors.first().copied(), "{what}: {printed}");
+    let stderr_text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{what}: {stderr_text}");
+    let errors: Vec<&str> = stderr_text.lines().filter(|line| line.starts_with("error: ")).collect();
+    assert_eq!(errors.len(), 1, "{what}: {stderr_text}");
+    assert_eq!(stderr_text.lines().last(), errors.first().copied(), "{what}: {stderr_text}");
     errors.concat()
 }
 

@@ -72,7 +72,7 @@ pub struct Axis {
     duty: f32,
     outlier_count: u16,
     speed_limit_um_s: f32,
-    /// Where the axis was when it last moved measurably, micrometres.
+    /// Where the axis was when it had last moved, micrometres.
     anchor_um: f32,
     /// Periods for which it has been near there.
     still_periods: u16,

@@ -2,7 +2,7 @@
 //!
 //! What they have to hold is stated here in bits, from the chip's reference manual (RM0351, sections in brackets); the drivers set them
 //! from frequencies and modes. The log names every value at the start, where a test compares it with the quantities that are
-//! meant. A register that holds something else ends the run: the device restarts, and its next hello reports which register it was.
+//! meant. A register that holds something else ends the run: the device restarts, and its next hello names the register.
 
 use embassy_stm32::pac::{ADC1, FLASH, GPIOA, GPIOB, IWDG, PWR, RCC, SPI1, TIM2, TIM3, USART1};
 

@@ -19,7 +19,7 @@ impl NewFile {
     /// Begins a file that will appear at `path`, where nothing may be.
     ///
     /// # Errors
-    /// [`ErrorKind::AlreadyExists`] where something is; what the operating system reports of the folder.
+    /// [`ErrorKind::AlreadyExists`] where something is; an error of the operating system for the folder.
     pub fn create(path: &Path) -> io::Result<Self> {
         if path.symlink_metadata().is_ok() {
             return Err(io::Error::new(ErrorKind::AlreadyExists, "it is there already"));
@@ -50,7 +50,7 @@ impl NewFile {
     /// Gives the content its name, where nothing may have come up meanwhile.
     ///
     /// # Errors
-    /// What the operating system reports; nothing is left behind then.
+    /// An error of the operating system; nothing is left behind then.
     pub fn finish(self) -> io::Result<()> {
         self.content.as_file().sync_all()?;
         self.content.persist_noclobber(&self.path).map(drop).map_err(|failed| failed.error)
@@ -79,7 +79,7 @@ pub fn write_new(path: &Path, content: &[u8]) -> io::Result<()> {
 /// is followed.
 ///
 /// # Errors
-/// What the operating system reports; the old content is there then.
+/// An error of the operating system; the old content is there then.
 pub fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
     let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     if fs::metadata(&path).is_ok_and(|there| !there.is_file() && !there.is_dir()) {

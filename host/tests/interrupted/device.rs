@@ -109,7 +109,7 @@ fn signal(child: &Child, name: &str) {
     assert!(sent.expect("a shell").success());
 }
 
-/// Starts a command and sends a signal when the device has received requests for a while; its output and what the device was sent.
+/// Starts a command and sends a signal when the program runs; its output and what the device was sent.
 fn signalled(folder: &Path, command: &str, name: &str) -> (Output, Vec<Request>) {
     let program = vec![Act::Batch(32), Act::Wait(1_500)];
     let fake = FakeDevice::start(Script { program, ..Script::default() });

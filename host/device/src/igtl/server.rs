@@ -43,7 +43,7 @@ pub struct Publisher {
 pub enum ClientChange {
     /// It is connected.
     Connected,
-    /// It has left, or has been left: [`Publisher`] states when.
+    /// It has left, or has been left: [`Publisher::bind`].
     Left,
     /// It was turned away: as many as may be are connected.
     TurnedAway,
@@ -66,7 +66,7 @@ struct PublisherState {
     /// What waits for each client, by its number.
     queues: BTreeMap<u64, VecDeque<Arc<[u8]>>>,
     next: u64,
-    /// Clients that connected or left since the last call.
+    /// Connections that were opened and closed since they were last taken.
     changes: VecDeque<(SocketAddr, ClientChange)>,
 }
 

@@ -153,7 +153,7 @@ impl Npy<'_> {
         }
         let offset = NPY_HEAD_BYTES as u64 + 47 * self.rows;
         self.rows += batch.points.len() as u64;
-        self.file.write_all(&row).map_err(RecordingError::io(&self.path, offset, "write"))
+        self.file.write_all(&row).map_err(RecordingError::io(self.path, offset, "write"))
     }
 }
 

@@ -207,10 +207,10 @@ fn a_host_that_is_suspended_in_mid_run_loses_nothing_recorded_and_names_the_faul
     assert!(!bench.rig().bridges_driven(), "the device has stopped by itself");
     signal("CONT");
     let output = child.wait_with_output().unwrap();
-    let printed = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(1), "{printed}");
-    assert_eq!(printed.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{printed}");
-    assert!(printed.contains("host") || printed.contains("silent"), "{printed}");
+    let stderr_text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{stderr_text}");
+    assert_eq!(stderr_text.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{stderr_text}");
+    assert!(stderr_text.contains("host") || stderr_text.contains("silent"), "{stderr_text}");
     let read = Session::read(&session).unwrap();
     let force = &read.lateral[0].force;
     assert!(force.time_s.len() + 1 >= before, "{} of {before} rows are left", force.time_s.len());
