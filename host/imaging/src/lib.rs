@@ -9,7 +9,7 @@
 //! | [`sweep`] | all of it: every frame with its state, points of the shape, deflection from the straight needle |
 //! | [`overlay`] | pictures of frames with what was found |
 //!
-//! Nothing here knows of a tissue: what a shape says of it is inference's.
+//! Nothing here knows of a tissue: inference does that.
 //!
 //! # Example
 //!

@@ -1,6 +1,6 @@
 //! Where the image plane is when a frame is taken: from frame number, time, a field of the file or its transforms.
 //!
-//! The session's frame: z along the needle from guide 1, x horizontal, y up. An image, oriented as [`crate::frame::Orientation`] says,
+//! The session's frame: z along the needle from guide 1, x horizontal, y up. An image, oriented as [`crate::frame::Orientation`] states,
 //! has x towards the probe's marker and its second axis away from the probe; the probe is above the needle where nothing else is stated.
 
 use crate::frame::FrameFields;
@@ -53,7 +53,7 @@ pub enum PlaceError {
     /// No such field.
     #[error("no frame has the field {name}, expected one of: {known}")]
     NoField {
-        /// What was asked for.
+        /// What was requested.
         name: String,
         /// What there is.
         known: String,
