@@ -9,7 +9,7 @@
 //! | [`sweep`] | all of it: every frame with its state, points of the shape, deflection from the straight needle |
 //! | [`overlay`] | pictures of frames with what was found |
 //!
-//! Nothing here knows of a tissue: inference does that.
+//! Nothing here depends on a tissue: inference does.
 //!
 //! # Example
 //!
