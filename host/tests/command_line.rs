@@ -22,6 +22,8 @@ mod report;
 mod shapes;
 #[path = "command_line/shell.rs"]
 mod shell;
+#[path = "command_line/ultrasound.rs"]
+mod ultrasound;
 
 const K_PA: f64 = 12e3;
 

@@ -9,7 +9,7 @@
 //! | [`sweep`] | all of it: every frame with its state, points of the shape, deflection from the straight needle |
 //! | [`overlay`] | pictures of frames with what was found |
 //!
-//! Nothing here depends on a tissue: what a shape implies for it is part of inference.
+//! Nothing here depends on a tissue: inference does.
 //!
 //! # Example
 //!

@@ -35,7 +35,7 @@ pub fn write(path: &Path, frame: &Frame, result: &FrameResult) -> Result<(), Ima
         }
     }
     if result.state != State::Used {
-        // A frame: a rejected one is recognised at a glance.
+        // A border marks a rejected frame.
         let (width, height) = (frame.width as i64, frame.height as i64);
         (0..width).for_each(|x| [0, 1, height - 2, height - 1].into_iter().for_each(|y| draw(x, y)));
         (0..height).for_each(|y| [0, 1, width - 2, width - 1].into_iter().for_each(|x| draw(x, y)));

@@ -120,7 +120,7 @@ pub struct FrameResult {
     pub candidate: Option<Candidate>,
     /// Its place, millimetres: x, y, z.
     pub place_mm: Option<[f64; 3]>,
-    /// Standard deviation of its place in x and y, millimetres, scaled by the scatter of the sequence.
+    /// Standard deviation of its place in x and y, millimetres, scaled to the residuals of the sequence.
     pub sd_mm: Option<[f64; 2]>,
     /// Distance from the sequence in x and y, millimetres.
     pub off_mm: Option<[f64; 2]>,
@@ -168,7 +168,7 @@ pub fn measure(
     let poses = Poses::new(header.count, &header.frames, &settings.place)?;
     let detector = Detector::new(settings.needle_mm, spacing_mm, settings.region);
     let mut raw: Vec<(State, Vec<Candidate>)> = Vec::new();
-    let mut hashes = HashSet::new();
+    let mut known = HashSet::new();
     let mut fixed = Fixed::default();
     while let Some(frame) = sequence.next_frame()? {
         let number = raw.len();
@@ -177,7 +177,7 @@ pub fn measure(
         let state = if is_invalid || poses.of(number, 0.0).is_none() {
             State::Invalid
         } else {
-            first_state(&frame, &mut hashes)
+            content_state(&frame, &mut known)
         };
         let candidates = if state == State::Used {
             fixed.add(&frame);
@@ -236,7 +236,7 @@ fn spacing(header: &Header, settings: &Settings) -> Result<[f64; 2], SweepError>
 }
 
 /// What a frame is before any echo is looked for.
-fn first_state(frame: &Frame, hashes: &mut HashSet<u64>) -> State {
+fn content_state(frame: &Frame, known: &mut HashSet<u64>) -> State {
     if frame.pixels.iter().all(|pixel| *pixel < DARK) {
         return State::Black;
     }
@@ -246,7 +246,7 @@ fn first_state(frame: &Frame, hashes: &mut HashSet<u64>) -> State {
     }
     let mut hasher = DefaultHasher::new();
     frame.pixels.hash(&mut hasher);
-    if hashes.insert(hasher.finish()) { State::Used } else { State::Repeated }
+    if known.insert(hasher.finish()) { State::Used } else { State::Repeated }
 }
 
 /// A candidate in space.

@@ -93,8 +93,8 @@ const MAX_BEND_PER_MM: f64 = 0.02;
 const MIN_USED: usize = 8;
 /// Least share of the frames that have an echo near the curve.
 const MIN_SHARE: f64 = 0.2;
-/// A second curve competes from this share of the first one's echoes.
-const MIN_COMPETING_SHARE: f64 = 0.75;
+/// A second curve makes the sequence ambiguous from this share of the first one's echoes.
+const AMBIGUOUS_SHARE: f64 = 0.75;
 /// Gate in standard deviations, and least gate.
 const GATE_SD: f64 = 4.0;
 const MIN_GATE_MM: f64 = 0.02;
@@ -116,7 +116,7 @@ pub fn follow(frames: &[Vec<Echo>], seed: u64) -> Result<Track, TrackError> {
     }
     let middle_mm = middle(frames);
     let other_arc =
-        search(frames, Some(&arc), &mut random).filter(|(other, _)| *other > MIN_COMPETING_SHARE * score);
+        search(frames, Some(&arc), &mut random).filter(|(other, _)| *other > AMBIGUOUS_SHARE * score);
     if let Some((_, other_arc)) = other_arc {
         return Err(TrackError::Ambiguous { first: arc.at(middle_mm), second: other_arc.at(middle_mm) });
     }

@@ -161,7 +161,7 @@ pub struct ShapeSeries {
     pub y_m: Vec<f64>,
     /// Horizontal deflection.
     pub x_m: Option<Vec<f64>>,
-    /// Standard deviation of each vertical deflection, where it was stated with the measurement; points are independent.
+    /// Standard deviation of each vertical deflection, where the file has it; points are independent.
     pub y_sd_m: Option<Vec<f64>>,
     /// Standard deviation of each horizontal deflection.
     pub x_sd_m: Option<Vec<f64>>,

@@ -38,7 +38,7 @@ pub(super) fn sizes(path: &Path, field: &str, value: &str) -> Result<Vec<usize>,
     numbers.map_err(|_| ImagingError::invalid(path, field, format!("\"{}\"", short(value)), "whole numbers"))
 }
 
-/// Two sizes of a pixel, or none where it is 1 in both directions: that is what programs write that have no spacing.
+/// Two sizes of a pixel, or none where it is 1 in both directions: programs write that where they have no spacing.
 pub(super) fn spacing(path: &Path, field: &str, value: &str) -> Result<Option<[f64; 2]>, ImagingError> {
     let numbers: Option<Vec<f64>> =
         value.split_whitespace().take(2).map(|number| number.parse().ok()).collect();
