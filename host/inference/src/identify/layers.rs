@@ -212,7 +212,7 @@ impl Layers {
         }
     }
 
-    /// From noise alone: where the discrepancy of a diagnosis is not asked for or not possible.
+    /// From noise alone: where the discrepancy of a diagnosis is not requested or not possible.
     fn of(fit: &Fit, support: Support, single_chi_square: f64) -> Option<Self> {
         let &[ln_k, ratio, boundary_mm] = fit.shared.as_slice() else { return None };
         if fit.at_bound.contains(&true) {
