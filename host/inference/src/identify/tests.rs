@@ -216,7 +216,7 @@ fn standard_deviations_of_points_are_weights() {
     let clean = identified(&session).pooled;
     let mut noise = Noise::new(32);
     let shape = &mut session.lateral[0].shape;
-    let bad = |i: usize| i % 2 == 0;
+    let bad = |i: usize| i.is_multiple_of(2);
     for (i, y_m) in shape.y_m.iter_mut().enumerate().filter(|(i, _)| bad(*i)) {
         let _ = i;
         *y_m += 0.4e-3 * noise.normal();
