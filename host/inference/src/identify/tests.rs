@@ -216,12 +216,8 @@ fn standard_deviations_of_points_are_weights() {
     let clean = identified(&session).pooled;
     let mut noise = Noise::new(32);
     let shape = &mut session.lateral[0].shape;
-    let bad = |i: usize| i % 2 == 0;
-    for (i, y_m) in shape.y_m.iter_mut().enumerate().filter(|(i, _)| bad(*i)) {
-        let _ = i;
-        *y_m += 0.4e-3 * noise.normal();
-    }
-    let sd_m = (0..shape.z_m.len()).map(|i| if bad(i) { 0.4e-3 } else { 0.02e-3 });
+    shape.y_m.iter_mut().step_by(2).for_each(|y_m| *y_m += 0.4e-3 * noise.normal());
+    let sd_m = (0..shape.z_m.len()).map(|i| if i.is_multiple_of(2) { 0.4e-3 } else { 0.02e-3 });
     shape.y_sd_m = Some(sd_m.collect());
     let weighted = identified(&session);
     assert!(weighted.pooled.sd_kpa < 1.7 * clean.sd_kpa, "{:?} beside {clean:?}", weighted.pooled);
