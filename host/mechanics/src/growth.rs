@@ -204,10 +204,21 @@ impl GrowingBeam {
         guide2_m: impl Fn(usize) -> f64,
         curvature_per_m: impl Fn(usize) -> [f64; 2],
     ) -> Vec<TipState> {
+        self.moved_at_cut_angle(angle_rad, |node| [guide2_m(node); 2], curvature_per_m)
+    }
+
+    /// The same where guide 2 is also moved at rest (per node, on arriving and on leaving): the tip then moves under the load that it
+    /// has, and goes on from there along the needle's new direction.
+    pub fn moved_at_cut_angle(
+        &self,
+        angle_rad: impl Fn(usize) -> [f64; 2],
+        guide2_m: impl Fn(usize) -> [f64; 2],
+        curvature_per_m: impl Fn(usize) -> [f64; 2],
+    ) -> Vec<TipState> {
         let mut states: Vec<TipState> = Vec::with_capacity(self.rows.len());
         let mut slope_before = 0.0;
         for (node, row) in self.rows.iter().enumerate() {
-            let (angle, held_m, bent) = (angle_rad(node), guide2_m(node), curvature_per_m(node));
+            let (angle, [held_m, left_m], bent) = (angle_rad(node), guide2_m(node), curvature_per_m(node));
             let (deflection, slope) = (&row.deflection, &row.slope);
             let (known_m, newest) = self.known(deflection, &states);
             let (known_slope, newest_slope) = self.known(slope, &states);
@@ -231,13 +242,14 @@ impl GrowingBeam {
                     // The path starts at 0, by a load that outweighs guide 2.
                     _ => TipState { tip_m: [0.0; 2], load_n: [-known_m / deflection.load; 2] },
                 };
-            let sprung = bent[1] - bent[0];
+            let (sprung, moved_m) = (bent[1] - bent[0], left_m - held_m);
             slope_before = known_slope
                 + slope.load * state.load_n[1]
                 + newest_slope * state.tip_m[0]
                 + slope.curvature * sprung
+                + slope.guide2 * moved_m
                 + angle[1];
-            state.tip_m[1] += deflection.curvature * sprung;
+            state.tip_m[1] += deflection.curvature * sprung + deflection.guide2 * moved_m;
             states.push(state);
         }
         states

@@ -35,6 +35,7 @@ mod serve;
 mod shell;
 mod simulate;
 mod status;
+mod steer;
 mod tare;
 mod track;
 
@@ -85,6 +86,7 @@ enum Command {
     Report(report::Args),
     Serve(serve::Args),
     Track(track::Args),
+    Steer(steer::Args),
     Effects(effects::Args),
     Init(init::Args),
     Check(check::Args),
@@ -126,6 +128,7 @@ pub fn main() -> ExitCode {
         Command::Report(args) => report::run(args, &mut out),
         Command::Serve(args) => serve::run(args, &mut out),
         Command::Track(args) => track::run(args, &mut out),
+        Command::Steer(args) => steer::run(args, &mut out),
         Command::Effects(args) => effects::run(args, &mut out),
         Command::Check(args) => check::run(args, &mut out),
         Command::Init(args) => init::run(args, &mut out),

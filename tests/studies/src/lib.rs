@@ -6,6 +6,7 @@
 //! | [`plan`] | what `guide plan` promises | the forward model |
 //! | [`predict`] | the path of insertions | the forward model |
 //! | [`track`], [`layers`] | online estimators | the simulated steering rig |
+//! | [`mod@steer`] | steering to a target | a needle of its own, `worlds::steering` |
 //! | [`diagnose`] | the diagnosis | an independent generator, `worlds` |
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
@@ -15,4 +16,5 @@ pub mod layers;
 pub mod plan;
 pub mod predict;
 pub mod relation;
+pub mod steer;
 pub mod track;

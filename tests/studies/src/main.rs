@@ -16,10 +16,10 @@ struct Args {
     /// Which: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's deflection (part of the forward
     /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
     /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), or what `guide plan`
-    /// promises against what simulated sessions scatter by, or layers and gradients, tracked and identified; without a name
+    /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, or steering to a target (`steer`); without a name
     /// all that the documentation quotes, as it quotes them, written where it has them
     #[arg(value_parser = [
-        "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers",
+        "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers", "steer",
     ])]
     name: String,
     /// Sessions of insertions, or imperfect ones of all kinds
@@ -73,6 +73,7 @@ fn run(args: &Args) -> Result<()> {
         "operator" => operator(&args.only),
         "plan" => plan(args),
         "layers" => layers(args),
+        "steer" => steered(args),
         _ => modulus_relation(),
     }
 }
@@ -102,6 +103,53 @@ fn operator(only: &str) -> Result<()> {
     write("uniform.csv", &|| Ok(uniform_table(progress)?.into_bytes()))?;
     write("varied.f32", &|| Ok(varied_table(progress)?))?;
     println!("{}", folder.display());
+    Ok(())
+}
+
+/// Steering to a target: every controller on plain plants, and the posterior with one more hidden effect each.
+fn steered(args: &Args) -> Result<()> {
+    use studies::steer::{Controller, study};
+    use worlds::steering::Kind;
+    ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
+    println!(
+        "| hidden besides | controller | mean, mm | median, mm | 95 %, mm | above 2 mm | stopped | limits exceeded | slowest replan, ms |\n\
+         |---|---|---|---|---|---|---|---|---|"
+    );
+    let plain = Controller::ALL.map(|controller| (Kind::Plain, controller));
+    let hidden = Kind::HIDDEN
+        .into_iter()
+        .flat_map(|kind| [Controller::None, Controller::Posterior].map(|who| (kind, who)));
+    let mut calibration = String::new();
+    for (kind, controller) in
+        plain.into_iter().chain(hidden).filter(|(kind, _)| kind.name().contains(&args.only))
+    {
+        let row = study(kind, controller, args.runs as u64, args.seed)?;
+        let count =
+            |is: &dyn Fn(&studies::steer::Ended) -> bool| row.runs.iter().filter(|run| is(run)).count();
+        println!(
+            "| {} | {} | {:.2} | {:.2} | {:.2} | {:.1} % | {} | {} | {:.0} |",
+            row.kind,
+            controller.name(),
+            row.mean_mm(),
+            row.quantile_mm(0.5),
+            row.quantile_mm(0.95),
+            100.0 * row.above(2.0),
+            count(&|run| run.stopped),
+            count(&|run| run.broken > 0),
+            1e3 * row.runs.iter().map(|run| run.slowest_s).fold(0.0, f64::max)
+        );
+        if (kind, controller) == (Kind::Plain, Controller::Posterior) {
+            for [radius_mm, stated, observed] in row.calibration() {
+                let _ = writeln!(
+                    calibration,
+                    "within {radius_mm} mm: stated before the first push {:.0} %, observed {:.0} %",
+                    100.0 * stated,
+                    100.0 * observed
+                );
+            }
+        }
+    }
+    println!("{calibration}{} plants of each kind, seed {}", args.runs, args.seed);
     Ok(())
 }
 

@@ -18,6 +18,7 @@
 //! | `body` | tissue as an elastic body, from a solver of its own |
 //! | [`finite_elements`] | the needle by Hermite finite elements |
 //! | [`reciprocal`] | paths of insertions by influence lines |
+//! | [`mod@steering`] | a needle that is pushed, moved and read step by step, to be steered |
 //! | `gap` | how far a session lies from what a simpler truth would give |
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
@@ -35,6 +36,7 @@ mod insertion;
 mod lateral;
 pub mod reciprocal;
 mod sensors;
+pub mod steering;
 mod world;
 
 pub use background::{Background, Imperfection};

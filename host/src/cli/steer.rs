@@ -1,0 +1,257 @@
+//! `guide steer`: brings a needle to a target, step by step, through a plant of someone else.
+
+use super::output::Output;
+use anyhow::{Context, anyhow, bail, ensure};
+use serde::Serialize;
+use std::fmt::{self, Display};
+use std::fs::{self, File, OpenOptions};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use steering::{Event, Options, Outcome, Plant, ProcessPlant, Record, ReplayPlant, Run, SteerError, steer};
+
+/// Steer a needle to a target: push, estimate tissue and tip, plan and make guide moves at rests, supervise, record
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide steer run1 --plant 'python3 plant.py' --target-mm=3,-2,100\n  guide steer --replay \
+                        run1/steer.jsonl --json"
+)]
+pub struct Args {
+    /// Folder for the record of the run (steer.jsonl, or the next free name); made where it is missing
+    #[arg(required_unless_present = "replay")]
+    dir: Option<PathBuf>,
+    /// Program that stands for rig, needle and tissue, with its arguments: one JSON object a line on its standard input and output
+    /// (needle/1)
+    #[arg(long, value_name = "COMMAND", conflicts_with = "replay", required_unless_present = "replay")]
+    plant: Option<String>,
+    /// Target: across the needle's axis, and its depth beyond the surface, millimetres
+    #[arg(long, value_name = "X,Y,DEPTH", value_parser = target, allow_hyphen_values = true, required_unless_present = "replay", conflicts_with = "replay")]
+    target_mm: Option<[f64; 3]>,
+    /// Carry out a recorded run again without its plant, and compare every command and decision
+    #[arg(long, value_name = "FILE")]
+    replay: Option<PathBuf>,
+    /// Distance of rests at which guide 2 is moved, millimetres
+    #[arg(long, value_name = "MM", default_value_t = 5.0, conflicts_with = "replay")]
+    rest_every_mm: f64,
+    /// Speed of pushing, millimetres a second, within what the plant allows
+    #[arg(long, value_name = "MM/S", default_value_t = 4.0, conflicts_with = "replay")]
+    push_speed_mm_s: f64,
+    /// Push and estimate without moving anything
+    #[arg(long, conflicts_with = "replay")]
+    unsteered: bool,
+}
+
+fn target(text: &str) -> Result<[f64; 3], String> {
+    let values: Result<Vec<f64>, _> = text.split(',').map(|value| value.trim().parse()).collect();
+    let values = values.map_err(|_| "expected three numbers: X,Y,DEPTH")?;
+    let values = <[f64; 3]>::try_from(values).map_err(|_| "expected three numbers: X,Y,DEPTH")?;
+    if values.iter().all(|value| value.is_finite()) {
+        Ok(values)
+    } else {
+        Err("expected finite numbers".into())
+    }
+}
+
+/// The document of a run.
+#[derive(Serialize)]
+struct Document<'a> {
+    schema: &'static str,
+    target_mm: [f64; 3],
+    /// File of the record.
+    record: Option<String>,
+    /// Whether this is a recorded run carried out again.
+    replayed: bool,
+    /// Name and cause, where the run ended by a fault.
+    fault: Option<Fault>,
+    /// Nothing where the run ended by a fault.
+    run: Option<&'a Run>,
+}
+
+#[derive(Serialize, Clone)]
+struct Fault {
+    name: &'static str,
+    cause: String,
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    if let Some(file) = &args.replay {
+        return replay(file, out);
+    }
+    let (Some(dir), Some(plant), Some(target_mm)) = (&args.dir, &args.plant, args.target_mm) else {
+        bail!("expected DIR, --plant and --target-mm, or --replay");
+    };
+    let in_range = |name: &str, value: f64, [least, most]: [f64; 2]| {
+        ensure!((least..=most).contains(&value), "{name}: {value}, expected {least} to {most}");
+        Ok(())
+    };
+    in_range("--rest-every-mm", args.rest_every_mm, [1.0, 20.0])?;
+    in_range("--push-speed-mm-s", args.push_speed_mm_s, [0.1, 100.0])?;
+    let words = shlex::split(plant).filter(|words| !words.is_empty());
+    let words = words.ok_or_else(|| anyhow!("--plant: `{plant}` is no command"))?;
+    let options = Options {
+        rest_every_mm: args.rest_every_mm,
+        push_speed_mm_s: args.push_speed_mm_s,
+        steered: !args.unsteered,
+        ..Options::new(target_mm)
+    };
+    let (file, path) = create(dir)?;
+    let record = Record::new(file);
+    record.note("options", &options);
+    // What a replay reads, to the last bit.
+    let options = serde_json::from_str(&serde_json::to_string(&options)?)?;
+    let started = ProcessPlant::start(&words[0], &words[1..], record.clone());
+    let outcome =
+        started.map_err(SteerError::from).and_then(|mut plant| carry_out(&mut plant, &options, &record));
+    if let Some(problem) = record.failed() {
+        out.note(format_args!("warning: {}: the record is not complete: {problem}", path.display()));
+    }
+    report(outcome, &options, Some(&path), false, out)
+}
+
+/// The first free name in a folder: runs are never overwritten, also where several are made at once.
+fn create(dir: &Path) -> anyhow::Result<(File, PathBuf)> {
+    fs::create_dir_all(dir).with_context(|| format!("{}: cannot create", dir.display()))?;
+    for number in 1..100_000 {
+        let name = if number == 1 { "steer.jsonl".to_owned() } else { format!("steer-{number}.jsonl") };
+        let path = dir.join(name);
+        match OpenOptions::new().write(true).create_new(true).open(&path) {
+            Ok(file) => return Ok((file, path)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error).with_context(|| format!("{}: cannot create", path.display())),
+        }
+    }
+    bail!("{}: holds 100000 records, expected fewer", dir.display())
+}
+
+fn carry_out(plant: &mut dyn Plant, options: &Options, record: &Record) -> Result<Run, SteerError> {
+    let result = steer(plant, options, &mut |event| {
+        if let Event::Decision(decision) = event {
+            record.note("decision", decision);
+        }
+    });
+    match &result {
+        Ok(run) => record.note("outcome", &run.outcome),
+        Err(error) => record.note("fault", &Fault { name: error.name(), cause: error.to_string() }),
+    }
+    result
+}
+
+/// Prints the outcome; a fault, a refusal and a stop are failures of the command too.
+fn report(
+    outcome: Result<Run, SteerError>,
+    options: &Options,
+    record: Option<&Path>,
+    replayed: bool,
+    out: &mut Output,
+) -> anyhow::Result<()> {
+    let fault = outcome.as_ref().err().map(|error| Fault { name: error.name(), cause: error.to_string() });
+    let document = Document {
+        schema: "guide.steer/1",
+        target_mm: options.target_mm,
+        record: record.map(|path| path.display().to_string()),
+        replayed,
+        fault: fault.clone(),
+        run: outcome.as_ref().ok(),
+    };
+    match &outcome {
+        Ok(run) => {
+            out.result(&document, Text { run, record })?;
+            match &run.outcome {
+                Outcome::Arrived => Ok(()),
+                Outcome::Stopped { name, cause } => Err(anyhow!("stopped ({name}): {cause}")),
+                Outcome::Refused { nearest_mm: [x, y], distance_mm } => Err(anyhow!(
+                    "refused: the target is out of reach; the nearest point that can be reached is {x:.1},{y:.1} mm, {distance_mm:.1} mm away"
+                )),
+            }
+        }
+        Err(error) => {
+            if out.is_json() {
+                out.result(&document, "")?;
+            }
+            out.finish()?;
+            Err(anyhow!("{}: {error}", error.name()))
+        }
+    }
+}
+
+/// Carries a recorded run out again.
+fn replay(file: &Path, out: &mut Output) -> anyhow::Result<()> {
+    let text = fs::read_to_string(file).with_context(|| format!("{}: cannot read", file.display()))?;
+    let mut plant = ReplayPlant::new(&text).with_context(|| format!("{}: no record", file.display()))?;
+    let options = plant.options().clone();
+    let recorded = plant.decisions().to_vec();
+    let mut decisions = Vec::new();
+    let outcome = steer(&mut plant, &options, &mut |event| {
+        if let Event::Decision(decision) = event {
+            decisions.push(serde_json::to_string(decision).unwrap_or_default());
+        }
+    });
+    if let Err(SteerError::Plant(error @ steering::PlantError::Differs { .. })) = &outcome {
+        bail!("{}: {error}", file.display());
+    }
+    for (number, decision) in recorded.iter().enumerate() {
+        ensure!(
+            decisions.get(number) == Some(decision),
+            "{}: decision {} comes out differently, expected that of the record",
+            file.display(),
+            number + 1
+        );
+    }
+    report(outcome, &options, Some(file), true, out)
+}
+
+/// A run for the eye.
+struct Text<'a> {
+    run: &'a Run,
+    record: Option<&'a Path>,
+}
+
+impl Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let run = self.run;
+        let [x, y, depth] = run.target_mm;
+        writeln!(f, "target       {x:.2}, {y:.2} mm at {depth:.1} mm")?;
+        let percent = |list: &[steering::Probability]| {
+            let of = |one: &steering::Probability| {
+                format!("{:.0} % within {} mm", 100.0 * one.probability, one.radius_mm)
+            };
+            list.iter().take(4).map(of).collect::<Vec<_>>().join(", ")
+        };
+        if !run.within_before.is_empty() {
+            writeln!(f, "before       {}", percent(&run.within_before))?;
+        }
+        if !run.decisions.is_empty() {
+            writeln!(
+                f,
+                "  depth     guide 2 moved to        expected at target      sd     K of the layers, kPa"
+            )?;
+        }
+        for one in &run.decisions {
+            let sd = (0.5 * (one.covariance_mm2[0] + one.covariance_mm2[2])).max(0.0).sqrt();
+            let moduli: Vec<String> = one.modulus_kpa.iter().map(|k| format!("{k:.1}")).collect();
+            writeln!(
+                f,
+                "  {:5.1} mm  {:+6.2}, {:+6.2} mm        {:+6.2}, {:+6.2} mm        {sd:.2}   {}",
+                one.depth_mm,
+                one.guide_to_mm[0],
+                one.guide_to_mm[1],
+                one.expected_tip_mm[0],
+                one.expected_tip_mm[1],
+                moduli.join(" ")
+            )?;
+        }
+        if let (Outcome::Arrived | Outcome::Stopped { .. }, Some(miss_mm)) = (&run.outcome, run.miss_mm) {
+            let by = if run.miss_is_measured { "measured" } else { "true" };
+            writeln!(
+                f,
+                "at {:.1} mm   {miss_mm:.2} mm from the target ({by}); {:.2} mm had guide 2 not been moved (estimated)",
+                run.depth_mm, run.unsteered_miss_mm
+            )?;
+            writeln!(f, "readings     {} of the tip, {} rejected", run.readings, run.readings_rejected)?;
+        }
+        if let Some(record) = self.record {
+            writeln!(f, "record       {}", record.display())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,145 @@
+//! A rest's decision: estimate, plan, move, or stop.
+
+use super::{Controller, MISS_THAT_STOPS_MM, Posterior, SHARE_OF_TRAVEL, SMALLEST_MOVE_MM, SteerError};
+use crate::estimator::{AtTarget, Hypothesis};
+use crate::history::Place;
+use crate::planner::{self, Plan, Weights};
+use crate::results::{Decision, Event, Outcome};
+use crate::tables;
+use crate::unknowns::{LAYERS, Law};
+
+impl Controller<'_> {
+    /// Estimates, plans and moves at a rest.
+    pub(super) fn decide(&mut self, node: usize) -> Result<Option<Outcome>, SteerError> {
+        let began = std::time::Instant::now();
+        let rests: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
+        let posterior = self.update(&rests)?;
+        let laws = posterior.weighted();
+        let now_m = [1e-3 * self.last.guide_x_mm, 1e-3 * self.last.guide_y_mm];
+        let target_m = [1e-3 * self.options.target_mm[0], 1e-3 * self.options.target_mm[1]];
+        let travel_m = 1e-3 * SHARE_OF_TRAVEL * self.stated.limits.guide_travel_mm;
+        let left = 1.2 - self.history.depths_m[node] / (1e-3 * self.options.target_mm[2]);
+        let weights = Weights { caution: self.options.caution, effort: left * self.options.effort };
+        let bounds_m = self.bounds_m(&rests, now_m, travel_m)?;
+        let mut plan = planner::plan(&laws, now_m, target_m, &bounds_m, weights);
+        let mut to_m = plan.guide_m.first().copied().unwrap_or(now_m);
+        let mut limited_by = None;
+        let far_m = (to_m[0] - now_m[0]).hypot(to_m[1] - now_m[1]);
+        if far_m > 1e-3 * self.options.largest_move_mm {
+            let share = 1e-3 * self.options.largest_move_mm / far_m;
+            to_m = [0, 1].map(|plane: usize| now_m[plane] + share * (to_m[plane] - now_m[plane]));
+            limited_by = Some("largest_move");
+        }
+        if let Some((allowed_m, limit)) = self.within_limits(now_m, to_m)? {
+            to_m = allowed_m;
+            limited_by = Some(limit);
+        }
+        if !self.options.steered || self.stated.limits.guide_travel_mm <= 0.0 {
+            to_m = now_m;
+            plan.guide_m.fill(now_m);
+            (plan.tip_m, plan.covariance_m2) = planner::outcome(&laws, now_m, &plan.guide_m);
+        }
+        if let Some(first) = plan.guide_m.first_mut() {
+            *first = to_m;
+        }
+        let decision = self.decision(node, &rests, &plan, to_m, limited_by, &posterior)?;
+        self.slowest_s = self.slowest_s.max(began.elapsed().as_secs_f64());
+        (self.on_event)(&Event::Decision(&decision));
+        let stopped = self.is_worse_than_none(&decision);
+        self.decisions.push(decision);
+        if stopped.is_some() {
+            return Ok(stopped);
+        }
+        let to_mm = to_m.map(|m| 1e3 * m);
+        let far_mm = (to_m[0] - now_m[0]).hypot(to_m[1] - now_m[1]) * 1e3;
+        if far_mm > SMALLEST_MOVE_MM {
+            self.move_guide(to_mm)?;
+        }
+        Ok(None)
+    }
+
+    /// Stops where the plan, too, ends further from the target than no steering would have: the model is not that of this needle.
+    pub(super) fn is_worse_than_none(&self, decision: &Decision) -> Option<Outcome> {
+        let target_mm = self.options.target_mm;
+        let miss = |i: usize| decision.expected_tip_mm[i] - target_mm[i];
+        let planned_mm = miss(0).hypot(miss(1));
+        let sd_mm = (decision.covariance_mm2[0] + decision.covariance_mm2[2]).max(0.0).sqrt();
+        let worse = planned_mm - 2.0 * sd_mm > decision.unsteered_miss_mm.max(MISS_THAT_STOPS_MM);
+        (worse && self.options.steered).then(|| {
+            let likely = if decision.cut_angle_probability > 0.5 {
+                "; the tip cuts at an angle to the needle (tip.cut_angle)"
+            } else {
+                ""
+            };
+            Outcome::Stopped {
+                name: "worse_than_no_steering",
+                cause: format!(
+                    "at {:.0} mm the best plan ends {planned_mm:.2} mm from the target, without steering it would be {:.2} mm{likely}",
+                    decision.depth_mm, decision.unsteered_miss_mm
+                ),
+            }
+        })
+    }
+
+    pub(super) fn decision(
+        &self,
+        node: usize,
+        rests: &[usize],
+        plan: &Plan,
+        to_m: [f64; 2],
+        limited_by: Option<&'static str>,
+        posterior: &Posterior,
+    ) -> Result<Decision, SteerError> {
+        let mm = |m: [f64; 2]| m.map(|m| 1e3 * m);
+        let law = &self.laws[self.best()];
+        let covariance = posterior.at.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| &at.covariance);
+        let sd = |place: usize| covariance.map_or(f64::NAN, |c| c[(place, place)].max(0.0).sqrt());
+        let problem = law.unknowns.problem(&law.values)?;
+        let middles_m = [0.005, 0.0175, 0.035, 0.0575, 0.085];
+        let depth_m = self.history.depths_m[node];
+        let load_n = tables::hats(depth_m, law.unknowns.knots)
+            .iter()
+            .map(|(knot, weight)| weight * law.unknowns.value(&law.values, law.unknowns.tip(0, *knot)))
+            .sum();
+        let angle = |(law, (weight, _)): (&Hypothesis, &(f64, AtTarget))| {
+            if law.law() == Law::Angle { *weight } else { 0.0 }
+        };
+        let cut_angle_probability = if posterior.at.len() == self.laws.len() {
+            self.laws.iter().zip(&posterior.at).map(angle).sum()
+        } else {
+            f64::from(u8::from(law.law() == Law::Angle))
+        };
+        Ok(Decision {
+            t_s: self.last.t_s,
+            depth_mm: 1e3 * depth_m,
+            guide_from_mm: [self.last.guide_x_mm, self.last.guide_y_mm],
+            guide_to_mm: mm(to_m),
+            bevel_deg: self.last.bevel_deg,
+            plan_depth_mm: rests.iter().map(|rest| 1e3 * self.history.depths_m[*rest]).collect(),
+            plan_guide_mm: plan.guide_m.iter().copied().map(mm).collect(),
+            expected_tip_mm: mm(plan.tip_m),
+            covariance_mm2: plan.covariance_m2.map(|m2| 1e6 * m2),
+            within: self.within(plan.tip_m, plan.covariance_m2),
+            unsteered_miss_mm: self.unsteered_miss_mm()?,
+            modulus_kpa: middles_m.iter().map(|m| 1e-3 * problem.foundation.modulus_pa(*m)).collect(),
+            modulus_sd_ln: (0..LAYERS).map(|layer| law.unknowns.sd[layer] * sd(layer)).collect(),
+            tip_load_n: load_n,
+            cut_angle_probability,
+            misfit: law.misfit,
+            limited_by,
+        })
+    }
+
+    /// Miss had the guide never been moved, by the likeliest law.
+    pub(super) fn unsteered_miss_mm(&self) -> Result<f64, SteerError> {
+        let law = &self.laws[self.best()];
+        let mut still = self.history.clone();
+        for node in &mut still.nodes {
+            (node.guide_m, node.play) = Default::default();
+        }
+        let paths = law.paths(&still)?;
+        let last = Place::Rest(still.depths_m.len() - 1, 0);
+        let miss = |plane: usize| 1e3 * tables::at(&paths[plane], last) - self.options.target_mm[plane];
+        Ok(miss(0).hypot(miss(1)))
+    }
+}

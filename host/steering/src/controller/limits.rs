@@ -1,0 +1,86 @@
+//! Where the guide may be: travel, force and strain.
+
+use super::{Controller, SHARE_OF_FORCE, SteerError};
+use crate::statics::AtRest;
+
+impl Controller<'_> {
+    /// Where the guide may be at the rests to come, per plane: within its travel, and where the needle's resistance against motion
+    /// away from where it pulls the guide now stays below the force limit, m.
+    pub(super) fn bounds_m(
+        &self,
+        rests: &[usize],
+        now_m: [f64; 2],
+        travel_m: f64,
+    ) -> Result<Vec<[[f64; 2]; 2]>, SteerError> {
+        let everywhere = [[-travel_m, travel_m]; 2];
+        let Some(limit_n) = self.stated.limits.guide_force_n else {
+            return Ok(vec![everywhere; rests.len()]);
+        };
+        let law = &self.laws[self.best()];
+        let problem = law.unknowns.problem(&law.values)?;
+        let force_n = match self.force_n {
+            Some(force_n) => force_n,
+            None => {
+                AtRest::new(&law.unknowns, &law.values, &self.history, &self.expected, 1e-3)?
+                    .at(now_m)?
+                    .force_n
+            }
+        };
+        let mut bounds = Vec::with_capacity(rests.len());
+        let mut free_m = None;
+        for rest in rests {
+            let depth_m = self.history.depths_m[*rest];
+            let here = mechanics::BeamProblem { depth_m, ..problem.clone() };
+            let stiffness = here.solve()?.lateral_stiffness_n_per_m();
+            let free_m =
+                *free_m.get_or_insert([0, 1].map(|plane: usize| now_m[plane] - force_n[plane] / stiffness));
+            let reach_m = SHARE_OF_FORCE * limit_n / stiffness;
+            bounds.push([0, 1].map(|plane: usize| {
+                // What is now beyond them is not moved further.
+                let low = (free_m[plane] - reach_m).min(now_m[plane]).clamp(-travel_m, travel_m);
+                let high = (free_m[plane] + reach_m).max(now_m[plane]).clamp(-travel_m, travel_m);
+                [low, high]
+            }));
+        }
+        Ok(bounds)
+    }
+
+    /// A move that keeps force and strain within limits, where the requested one does not, and what limits it.
+    pub(super) fn within_limits(
+        &self,
+        now_m: [f64; 2],
+        to_m: [f64; 2],
+    ) -> Result<Option<([f64; 2], &'static str)>, SteerError> {
+        let limits = &self.stated.limits;
+        if limits.guide_force_n.is_none() && limits.needle_strain.is_none() {
+            return Ok(None);
+        }
+        let law = &self.laws[self.best()];
+        let radius_m = 0.5e-3 * self.stated.needle.outer_diameter_mm.unwrap_or(1.27);
+        let at_rest = AtRest::new(&law.unknowns, &law.values, &self.history, &self.expected, radius_m)?;
+        let now = at_rest.at(now_m)?;
+        let mut found = None;
+        for share in [1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0] {
+            let moved_m = [0, 1].map(|plane: usize| now_m[plane] + share * (to_m[plane] - now_m[plane]));
+            let then = at_rest.at(moved_m)?;
+            // What is measured counts, and the model only for what the move changes.
+            let force_n = match self.force_n {
+                Some(measured) => [0, 1].map(|i: usize| measured[i] + then.force_n[i] - now.force_n[i]),
+                None => then.force_n,
+            };
+            let size = |force: [f64; 2]| force[0].hypot(force[1]);
+            let less = self.force_n.map_or(size(now.force_n), size);
+            let too_much = limits
+                .guide_force_n
+                .is_some_and(|limit| size(force_n) > SHARE_OF_FORCE * limit && size(force_n) > less);
+            let too_bent = limits
+                .needle_strain
+                .is_some_and(|limit| then.strain > SHARE_OF_FORCE * limit && then.strain > now.strain);
+            if !too_much && !too_bent {
+                return Ok(found.map(|limit| (moved_m, limit)));
+            }
+            found = Some(if too_much { "force" } else { "strain" });
+        }
+        Ok(Some((now_m, found.unwrap_or("force"))))
+    }
+}

@@ -1,0 +1,147 @@
+//! Steps of the plant: pushing, resting, moving the guide, with the supervisor's watch on tip and force.
+
+use super::{
+    Controller, SHARE_OF_FORCE, SHARE_OF_SPEED, SHARE_OF_TRAVEL, SHARE_THAT_STOPS, SILENCE_S, SteerError,
+};
+use crate::history::Place;
+use crate::protocol::{Answer, Command};
+use crate::readings::Taken;
+use crate::results::Event;
+use crate::tables;
+
+impl Controller<'_> {
+    /// Time between steps in which nothing is missed of the tip sensor, s.
+    pub(super) fn period_s(&self) -> f64 {
+        (1.0 / self.stated.tip_rate_hz).clamp(0.02, 1.0)
+    }
+
+    /// Time after which enough readings of a resting needle are there, s.
+    pub(super) fn settling(&self) -> f64 {
+        let wanted = (self.stated.tip_noise_mm / 0.06).powi(2).ceil().clamp(6.0, 20.0);
+        self.stated.tip_delay_s + (wanted / self.stated.tip_rate_hz).clamp(0.2, 4.0)
+    }
+
+    /// One step.
+    pub(super) fn step(&mut self, to: Command) -> Result<Taken, SteerError> {
+        (self.on_event)(&Event::Command(&to));
+        let answer = self.plant.step(&to)?;
+        answer.check(&to)?;
+        (self.on_event)(&Event::Answer(&answer));
+        if to.depth_mm > self.last.depth_mm {
+            self.pushed_blind_s += to.t_s - self.last.t_s;
+        }
+        self.last = to;
+        self.history.record(&answer);
+        let expected = &self.expected;
+        let at = |place: Place| ([0, 1].map(|plane: usize| tables::at(&expected[plane], place)), 0.4e-3);
+        let taken = self.readings.take(&answer, &self.history, at);
+        if taken == Taken::Good {
+            self.pushed_blind_s = 0.0;
+        }
+        self.take_force(&answer);
+        Ok(taken)
+    }
+
+    pub(super) fn take_force(&mut self, answer: &Answer) {
+        let (Some(x), Some(y)) = (answer.force_x_n, answer.force_y_n) else { return };
+        if answer.depth_mm <= 1e-6 {
+            let (mean, count) = self.zero_force;
+            let more = count + 1.0;
+            self.zero_force = ([mean[0] + (x - mean[0]) / more, mean[1] + (y - mean[1]) / more], more);
+        }
+        let force_n = [x - self.zero_force.0[0], y - self.zero_force.0[1]];
+        self.peak_force_n = Some(self.peak_force_n.unwrap_or(0.0).max(force_n[0].hypot(force_n[1])));
+        self.force_n = Some(force_n);
+    }
+
+    /// Waits so long.
+    pub(super) fn rest(&mut self, time_s: f64) -> Result<(), SteerError> {
+        let steps = (time_s / self.period_s() - 1e-6).ceil().max(1.0) as usize;
+        for _ in 0..steps {
+            self.step(Command { t_s: self.last.t_s + self.period_s(), ..self.last })?;
+        }
+        Ok(())
+    }
+
+    /// Pushes to a node.
+    pub(super) fn push_to(&mut self, node: usize) -> Result<(), SteerError> {
+        let speed = self.options.push_speed_mm_s.min(0.95 * self.stated.limits.push_speed_mm_s);
+        let to_mm = 1e3 * self.history.depths_m[node];
+        let way_mm = to_mm - self.last.depth_mm;
+        let steps = (way_mm / speed / self.period_s())
+            .max(way_mm / (0.99 * self.stated.depth_step_mm))
+            .ceil()
+            .max(1.0);
+        let (from_mm, step_s) = (self.last.depth_mm, (way_mm / speed / steps).max(1e-3));
+        for step in 1..=steps as usize {
+            let depth_mm = if step as f64 >= steps { to_mm } else { from_mm + way_mm * step as f64 / steps };
+            self.step(Command { t_s: self.last.t_s + step_s, depth_mm, ..self.last })?;
+            self.watch_tip()?;
+            self.watch_force()?;
+        }
+        Ok(())
+    }
+
+    /// Holds where the tip sensor is silent, and ends the run where it stays so.
+    pub(super) fn watch_tip(&mut self) -> Result<(), SteerError> {
+        let silence_s = self.pushed_blind_s;
+        if silence_s < SILENCE_S {
+            return Ok(());
+        }
+        let since_s = self.last.t_s;
+        while self.last.t_s - since_s < SILENCE_S {
+            self.rest(self.period_s())?;
+            if self.readings.last_good_s > since_s {
+                return Ok(());
+            }
+        }
+        if self.readings.far_in_series >= 5 {
+            let (count, depth_mm) = (self.readings.far_in_series, self.last.depth_mm);
+            return Err(SteerError::TipOutsideBand { count, depth_mm });
+        }
+        Err(SteerError::TipSilent { silence_s, waited_s: SILENCE_S })
+    }
+
+    /// Relieves the force at guide 2 where it comes near its limit.
+    pub(super) fn watch_force(&mut self) -> Result<(), SteerError> {
+        let (Some(limit_n), Some(force_n)) = (self.stated.limits.guide_force_n, self.force_n) else {
+            return Ok(());
+        };
+        let noise_n = 2.0 * self.stated.force_noise_n.unwrap_or(0.0);
+        let size_n = force_n[0].hypot(force_n[1]);
+        if size_n + noise_n < SHARE_THAT_STOPS * limit_n || self.stated.limits.guide_travel_mm <= 0.0 {
+            return Ok(());
+        }
+        let problem = self.laws[0].unknowns.problem(&self.laws[0].values)?;
+        let depth_m = self.history.depths_m[self.history.reached].max(1e-3);
+        let stiffness = mechanics::BeamProblem { depth_m, ..problem }.solve()?.lateral_stiffness_n_per_m();
+        let back_mm = 1e3 * (size_n - SHARE_OF_FORCE * limit_n) / stiffness;
+        let to = [0, 1].map(|plane: usize| {
+            let now_mm = [self.last.guide_x_mm, self.last.guide_y_mm][plane];
+            now_mm - back_mm * force_n[plane] / size_n
+        });
+        self.move_guide(to)
+    }
+
+    /// Moves the guide at rest and waits until the tip's reading shows it.
+    pub(super) fn move_guide(&mut self, to_mm: [f64; 2]) -> Result<(), SteerError> {
+        let travel_mm = SHARE_OF_TRAVEL * self.stated.limits.guide_travel_mm;
+        let to_mm = to_mm.map(|mm| mm.clamp(-travel_mm, travel_mm));
+        let from_mm = [self.last.guide_x_mm, self.last.guide_y_mm];
+        let way_mm = (to_mm[0] - from_mm[0]).abs().max((to_mm[1] - from_mm[1]).abs());
+        let period_s = self.period_s();
+        let time_s = way_mm / (SHARE_OF_SPEED * self.stated.limits.guide_speed_mm_s);
+        let steps = (time_s / period_s).ceil().max(1.0);
+        let step_s = (time_s / steps).max(0.02);
+        self.readings.skip_s = [self.last.t_s + 1e-6, f64::INFINITY];
+        for step in 1..=steps as usize {
+            let share = step as f64 / steps;
+            let at = |plane: usize| from_mm[plane] + share * (to_mm[plane] - from_mm[plane]);
+            let (guide_x_mm, guide_y_mm) = (at(0), at(1));
+            self.step(Command { t_s: self.last.t_s + step_s, guide_x_mm, guide_y_mm, ..self.last })?;
+        }
+        self.readings.skip_s[1] = self.last.t_s + 0.05;
+        self.refresh()?;
+        self.rest(0.6 * self.settling() + self.stated.tip_delay_s)
+    }
+}

@@ -1,0 +1,177 @@
+//! Posterior of all unknowns from the tip readings so far, by Gauss and Newton on the forward model, for each law of the tip.
+//!
+//! Readings are gathered into bins (one rest at a node, or the way between two nodes): ten readings a second at one place are not ten
+//! independent tests of the model. A bin's residual is weighted as Student's t, so that a jump that slipped through counts little.
+
+use crate::history::{History, Place};
+use crate::readings::Bin;
+use crate::tables::{self, Columns, Tables};
+use crate::unknowns::{Law, TISSUE, Unknowns};
+use mechanics::ModelError;
+use nalgebra::{DMatrix, DVector};
+
+/// Error of the model from place to place, m: what no smooth irregularity has.
+const ROUGHNESS_M: f64 = 0.015e-3;
+/// Degrees of freedom of a bin's residual.
+const FREEDOM: f64 = 5.0;
+/// Step of finite differences, in standard deviations.
+const DIFFERENCE: f64 = 0.1;
+const ROUNDS: usize = 2;
+
+/// Posterior of one law.
+#[derive(Debug, Clone)]
+pub(crate) struct Hypothesis {
+    pub unknowns: Unknowns,
+    /// Likeliest values, in standard deviations of the prior.
+    pub values: Vec<f64>,
+    /// Logarithm of the prior's weight.
+    ln_prior: f64,
+    /// Logarithm of the evidence, weight included.
+    pub ln_evidence: f64,
+    /// Squared residuals per degree of freedom, where they exceed one.
+    pub misfit: f64,
+    /// Whether the tissue stays at the prior's mean.
+    pub tissue_known: bool,
+}
+
+/// What the posterior states of the tip at the target.
+pub(crate) struct AtTarget {
+    /// Tip of both planes if nothing more is moved, m.
+    pub tip_m: [f64; 2],
+    /// Its derivatives with respect to all unknowns, per plane.
+    pub rows: [DVector<f64>; 2],
+    /// Tip at the target per guide motion at rest at each requested node, kept from there on.
+    pub gains: Vec<f64>,
+    /// The derivatives of these gains with respect to the tissue's unknowns.
+    pub gain_rows: Vec<[f64; TISSUE]>,
+    /// Covariance of the unknowns.
+    pub covariance: DMatrix<f64>,
+}
+
+impl Hypothesis {
+    pub fn new(unknowns: Unknowns, weight: f64) -> Self {
+        let values = vec![0.0; unknowns.count()];
+        Self {
+            unknowns,
+            values,
+            ln_prior: weight.ln(),
+            ln_evidence: weight.ln(),
+            misfit: 1.0,
+            tissue_known: false,
+        }
+    }
+
+    /// Takes in all bins so far, and predicts the tip at the target with its gains for motion at the nodes `holds`.
+    pub fn update(
+        &mut self,
+        bins: &[Bin],
+        history: &History,
+        holds: &[usize],
+    ) -> Result<AtTarget, ModelError> {
+        let count = self.unknowns.count();
+        let last = Place::Rest(history.depths_m.len() - 1, 0);
+        let target_m = history.depths_m[history.depths_m.len() - 1];
+        let mut round = 0;
+        loop {
+            let tables = Tables::new(&self.unknowns, &self.values, &history.depths_m)?;
+            let columns = Columns::new(&tables, &self.unknowns, history);
+            let paths = tables::paths(&tables, &self.unknowns, &self.values, history);
+            let last_round = round >= ROUNDS || bins.is_empty();
+            let holds = if last_round { holds } else { &[] };
+            let gains: Vec<f64> = holds.iter().map(|node| gain(&tables, *node, history)).collect();
+            // Differences for the tissue: paths and gains.
+            let mut changed = Vec::with_capacity(TISSUE);
+            let unknown = if self.tissue_known { 0 } else { TISSUE };
+            for place in 0..unknown {
+                let mut values = self.values.clone();
+                values[place] += DIFFERENCE;
+                let tables = Tables::new(&self.unknowns, &values, &history.depths_m)?;
+                let gains: Vec<f64> = holds.iter().map(|node| gain(&tables, *node, history)).collect();
+                changed.push((tables::paths(&tables, &self.unknowns, &values, history), gains));
+            }
+            let row = |place: Place, depth_m: f64, plane: usize| {
+                let mut row = DVector::zeros(count);
+                columns.fill(&self.unknowns, place, depth_m, plane, row.as_mut_slice());
+                let here = tables::at(&paths[plane], place);
+                for (tissue, (moved, _)) in changed.iter().enumerate() {
+                    row[tissue] = (tables::at(&moved[plane], place) - here) / DIFFERENCE;
+                }
+                row
+            };
+            let mut information = self.unknowns.precision.clone();
+            let now = DVector::from_column_slice(&self.values);
+            let mut right = -(&self.unknowns.precision * &now);
+            let (mut ln_likelihood, mut squares, mut weights) = (0.0, 0.0, 0.0);
+            for bin in bins {
+                for (plane, path) in paths.iter().enumerate() {
+                    let row = row(bin.place, bin.depth_m, plane);
+                    let residual = bin.tip_m[plane] - tables::at(path, bin.place);
+                    let variance = bin.variance_m2 + ROUGHNESS_M * ROUGHNESS_M;
+                    let ratio = residual * residual / variance;
+                    let weight = (FREEDOM + 1.0) / (FREEDOM + ratio);
+                    ln_likelihood -= 0.5 * (FREEDOM + 1.0) * (ratio / FREEDOM).ln_1p() + 0.5 * variance.ln();
+                    squares += weight * ratio;
+                    weights += 1.0;
+                    let precision = weight / variance;
+                    information.ger(precision, &row, &row, 1.0);
+                    right.axpy(precision * residual, &row, 1.0);
+                }
+            }
+            let cholesky = information.cholesky().ok_or(ModelError::Singular)?;
+            if !last_round {
+                let step = cholesky.solve(&right);
+                // A long step of the tissue is not linear.
+                let furthest = step.rows(0, TISSUE).amax();
+                let share = if furthest > 1.0 { 1.0 / furthest } else { 1.0 };
+                self.values.iter_mut().zip(step.iter()).for_each(|(value, step)| *value += share * step);
+                // Near the top one step is enough.
+                round = if furthest < 0.1 { ROUNDS } else { round + 1 };
+                continue;
+            }
+            let prior = 0.5 * now.dot(&(&self.unknowns.precision * &now));
+            let ln_determinant: f64 = cholesky.l_dirty().diagonal().iter().map(|d| 2.0 * d.ln()).sum();
+            let occam = 0.5 * (self.unknowns.ln_determinant - ln_determinant);
+            self.ln_evidence = self.ln_prior + ln_likelihood - prior + occam;
+            self.misfit = if weights > 0.0 { (squares / weights).max(1.0) } else { 1.0 };
+            let rows = [0, 1].map(|plane| row(last, target_m, plane));
+            let gain_rows = (0..holds.len())
+                .map(|hold| {
+                    let mut row = [0.0; TISSUE];
+                    for (to, (_, moved)) in row.iter_mut().zip(&changed) {
+                        *to = (moved[hold] - gains[hold]) / DIFFERENCE;
+                    }
+                    row
+                })
+                .collect();
+            return Ok(AtTarget {
+                tip_m: [0, 1].map(|plane: usize| tables::at(&paths[plane], last)),
+                rows,
+                gains,
+                gain_rows,
+                covariance: cholesky.inverse() * self.misfit,
+            });
+        }
+    }
+
+    /// The path as it is now expected, per plane, m.
+    pub fn paths(&self, history: &History) -> Result<[tables::Path; 2], ModelError> {
+        let tables = Tables::new(&self.unknowns, &self.values, &history.depths_m)?;
+        Ok(tables::paths(&tables, &self.unknowns, &self.values, history))
+    }
+
+    /// Its law.
+    pub fn law(&self) -> Law {
+        self.unknowns.law
+    }
+}
+
+/// Tip at the target per motion of the guide at rest at a node, kept from there on.
+fn gain(tables: &Tables, node: usize, history: &History) -> f64 {
+    let guide_m = |at: usize| match at.cmp(&node) {
+        std::cmp::Ordering::Less => [0.0; 2],
+        std::cmp::Ordering::Equal => [0.0, 1.0],
+        std::cmp::Ordering::Greater => [1.0; 2],
+    };
+    let path = tables.path(tables::Input { guide_m: &guide_m, tip: &|_| [0.0; 2] });
+    tables::at(&path, Place::Rest(history.depths_m.len() - 1, 0))
+}

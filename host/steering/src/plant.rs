@@ -1,0 +1,189 @@
+//! What is steered: a plant of any kind, and what can go wrong with it.
+
+use crate::protocol::{Answer, Command, End, Statement, VERSION};
+
+/// Something that takes commands step by step and answers each.
+pub trait Plant {
+    /// What it states about itself; called once, first.
+    ///
+    /// # Errors
+    /// [`PlantError`].
+    fn start(&mut self) -> Result<Statement, PlantError>;
+
+    /// Carries out one step.
+    ///
+    /// # Errors
+    /// [`PlantError`].
+    fn step(&mut self, command: &Command) -> Result<Answer, PlantError>;
+
+    /// Ends the run at the depth reached.
+    ///
+    /// # Errors
+    /// [`PlantError`].
+    fn end(&mut self) -> Result<End, PlantError>;
+}
+
+/// Why a plant cannot be steered any further. Nothing more is sent to it.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlantError {
+    /// It could not be started.
+    #[error("the plant does not start: {0}")]
+    NotStarted(String),
+    /// It reports an error of its own.
+    #[error("the plant reports an error: {0}")]
+    Reported(String),
+    /// Its output ended before its last line.
+    #[error("the plant's output ended, expected {0}")]
+    Ended(&'static str),
+    /// No line came in time.
+    #[error("no {expected} within {limit_s} s")]
+    Silent {
+        /// What should have come.
+        expected: &'static str,
+        /// Within which time of the wall's clock.
+        limit_s: f64,
+    },
+    /// A line is not what it should be: no JSON object, a field missing or of another type.
+    #[error("line {line} of the plant is no {expected}: {problem}")]
+    Malformed {
+        /// Its number.
+        line: u64,
+        /// What it should be.
+        expected: &'static str,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A number is not finite or out of range.
+    #[error("{field} of the plant is {value}, expected {expected}")]
+    Value {
+        /// Field.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is valid.
+        expected: &'static str,
+    },
+    /// Another protocol.
+    #[error("the plant states protocol `{0}`, expected `{VERSION}`")]
+    Version(String),
+    /// The answer is to another step.
+    #[error("the answer's t_s is {answered} s, expected the step's {commanded} s")]
+    Time {
+        /// What came.
+        answered: f64,
+        /// What was commanded.
+        commanded: f64,
+    },
+    /// A recording goes on differently.
+    #[error("step {step} of the recording was commanded differently: {difference}")]
+    Differs {
+        /// Number of the step, from 1.
+        step: usize,
+        /// What differs.
+        difference: String,
+    },
+}
+
+impl PlantError {
+    /// Name of the fault in results.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::NotStarted(_) => "plant_not_started",
+            Self::Reported(_) => "plant_error",
+            Self::Ended(_) => "plant_ended",
+            Self::Silent { .. } => "plant_silent",
+            Self::Malformed { .. } => "plant_line_malformed",
+            Self::Value { .. } => "plant_value",
+            Self::Version(_) => "plant_protocol",
+            Self::Time { .. } => "plant_time",
+            Self::Differs { .. } => "replay_differs",
+        }
+    }
+}
+
+fn check(field: &'static str, value: f64, expected: &'static str, good: bool) -> Result<(), PlantError> {
+    if good && value.is_finite() { Ok(()) } else { Err(PlantError::Value { field, value, expected }) }
+}
+
+impl Statement {
+    /// Checks protocol and numbers.
+    ///
+    /// # Errors
+    /// [`PlantError::Version`], [`PlantError::Value`].
+    pub fn check(&self) -> Result<(), PlantError> {
+        if self.plant != VERSION {
+            return Err(PlantError::Version(self.plant.clone()));
+        }
+        let positive = |field, value: f64| check(field, value, "more than 0", value > 0.0);
+        let not_negative = |field, value: f64| check(field, value, "0 or more", value >= 0.0);
+        let optional = |field, value: Option<f64>| value.map_or(Ok(()), |value| positive(field, value));
+        optional("EI_n_m2", self.needle.ei_n_m2)?;
+        optional("outer_diameter_mm", self.needle.outer_diameter_mm)?;
+        optional("guide1_to_guide2_mm", self.rig.guide1_to_guide2_mm)?;
+        positive("guide2_to_surface_mm", self.rig.guide2_to_surface_mm)?;
+        not_negative("guide_travel_mm", self.limits.guide_travel_mm)?;
+        if self.limits.guide_travel_mm > 0.0 {
+            positive("guide_speed_mm_s", self.limits.guide_speed_mm_s)?;
+        }
+        optional("guide_force_n", self.limits.guide_force_n)?;
+        positive("push_speed_mm_s", self.limits.push_speed_mm_s)?;
+        if self.rig.can_rotate {
+            positive("rotation_speed_deg_s", self.limits.rotation_speed_deg_s)?;
+        }
+        optional("needle_strain", self.limits.needle_strain)?;
+        positive("max_depth_mm", self.max_depth_mm)?;
+        positive("depth_step_mm", self.depth_step_mm)?;
+        not_negative("tip_noise_mm", self.tip_noise_mm)?;
+        not_negative("tip_delay_s", self.tip_delay_s)?;
+        positive("tip_rate_hz", self.tip_rate_hz)?;
+        not_negative("guide_error_mm", self.guide_error_mm)?;
+        check("bevel_deg", self.bevel_deg, "a finite number", true)?;
+        if let Some(prior) = &self.prior {
+            optional("foundation_kpa", prior.foundation_kpa)?;
+            let range = |field, range: Option<[f64; 2]>| match range {
+                Some([low, high]) => {
+                    check(field, low, "0 or more", low >= 0.0)?;
+                    check(field, high, "the lower end or more", high >= low)
+                }
+                None => Ok(()),
+            };
+            range("foundation_range", prior.foundation_range)?;
+            range("tip_load_range", prior.tip_load_range)?;
+            if let Some(load_n) = prior.tip_load_n {
+                check("tip_load_n", load_n, "a finite number", true)?;
+            }
+            if let Some(slope) = prior.slope_mrad {
+                not_negative("slope_mrad", slope)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Answer {
+    /// Checks numbers, and that it answers this command.
+    ///
+    /// # Errors
+    /// [`PlantError::Time`], [`PlantError::Value`].
+    pub fn check(&self, command: &Command) -> Result<(), PlantError> {
+        let finite = |field, value: f64| check(field, value, "a finite number", true);
+        finite("t_s", self.t_s)?;
+        if (self.t_s - command.t_s).abs() > 1e-6 {
+            return Err(PlantError::Time { answered: self.t_s, commanded: command.t_s });
+        }
+        finite("depth_mm", self.depth_mm)?;
+        finite("guide_x_mm", self.guide_x_mm)?;
+        finite("guide_y_mm", self.guide_y_mm)?;
+        finite("bevel_deg", self.bevel_deg)?;
+        finite("tip_x_mm", self.tip_x_mm)?;
+        finite("tip_y_mm", self.tip_y_mm)?;
+        let optional = [
+            ("force_x_n", self.force_x_n),
+            ("force_y_n", self.force_y_n),
+            ("tip_t_s", self.tip_t_s),
+            ("tip_slope_x_mrad", self.tip_slope_x_mrad),
+            ("tip_slope_y_mrad", self.tip_slope_y_mrad),
+        ];
+        optional.into_iter().try_for_each(|(field, value)| value.map_or(Ok(()), |value| finite(field, value)))
+    }
+}

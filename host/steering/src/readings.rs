@@ -1,0 +1,153 @@
+//! Tip readings: which are new, which are bad, and their means where the needle rested or passed.
+
+use crate::history::{History, Place};
+use crate::protocol::Answer;
+
+/// Readings at one place.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Bin {
+    pub place: Place,
+    pub depth_m: f64,
+    /// Mean, m.
+    pub tip_m: [f64; 2],
+    /// Variance of the mean by the sensor's noise, per axis.
+    pub variance_m2: f64,
+    /// Readings in it.
+    pub count: usize,
+    own: Vec<[f64; 3]>,
+}
+
+/// All readings of a run.
+#[derive(Debug, Clone)]
+pub(crate) struct Readings {
+    pub bins: Vec<Bin>,
+    noise_m: f64,
+    delay_s: f64,
+    last_seq: Option<i64>,
+    last_tip_m: Option<[f64; 2]>,
+    /// When the last new good reading arrived, s.
+    pub last_good_s: f64,
+    /// Readings taken in this interval are of a guide that moves.
+    pub skip_s: [f64; 2],
+    /// Of all that arrived: new, rejected.
+    pub counts: [usize; 2],
+    /// Readings far from the band since the last good one.
+    pub far_in_series: usize,
+}
+
+/// What became of an answer's reading.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Taken {
+    /// The same again.
+    Old,
+    /// The sensor itself reports it as bad, or it repeats the last to the digit.
+    Rejected,
+    /// Far from where the tip can be, by the model.
+    Far,
+    /// Good.
+    Good,
+}
+
+impl Readings {
+    pub fn new(noise_m: f64, delay_s: f64) -> Self {
+        Self {
+            bins: Vec::new(),
+            noise_m,
+            delay_s,
+            last_seq: None,
+            last_tip_m: None,
+            last_good_s: 0.0,
+            skip_s: [f64::NAN; 2],
+            counts: [0; 2],
+            far_in_series: 0,
+        }
+    }
+
+    /// Takes in an answer; `expected` is where the tip is expected at a place, with its standard deviation, m.
+    pub fn take(
+        &mut self,
+        answer: &Answer,
+        history: &History,
+        expected: impl Fn(Place) -> ([f64; 2], f64),
+    ) -> Taken {
+        if self.last_seq == Some(answer.tip_seq) {
+            return Taken::Old;
+        }
+        self.last_seq = Some(answer.tip_seq);
+        self.counts[0] += 1;
+        let tip_m = [1e-3 * answer.tip_x_mm, 1e-3 * answer.tip_y_mm];
+        // Without noise a needle at rest repeats its reading.
+        let repeated = self.noise_m > 0.0 && self.last_tip_m == Some(tip_m);
+        self.last_tip_m = Some(tip_m);
+        let time_s = answer.tip_t_s.unwrap_or(answer.t_s - self.delay_s);
+        if !answer.valid || repeated || time_s < -1e-9 {
+            self.counts[1] += 1;
+            return Taken::Rejected;
+        }
+        let moment = history.at(time_s.max(0.0));
+        let Some(place) = history.place(time_s.max(0.0)) else {
+            self.last_good_s = answer.t_s;
+            return Taken::Good;
+        };
+        let (expected_m, sd_m) = expected(place);
+        let far_m = (tip_m[0] - expected_m[0]).hypot(tip_m[1] - expected_m[1]);
+        if far_m > 5.0 * self.noise_m.hypot(sd_m) + 0.3e-3 {
+            self.counts[1] += 1;
+            self.far_in_series += 1;
+            return Taken::Far;
+        }
+        (self.last_good_s, self.far_in_series) = (answer.t_s, 0);
+        if time_s > self.skip_s[0] && time_s < self.skip_s[1] {
+            return Taken::Good;
+        }
+        self.add(place, moment.depth_m, tip_m, history);
+        Taken::Good
+    }
+
+    fn add(&mut self, place: Place, depth_m: f64, tip_m: [f64; 2], history: &History) {
+        let same = |bin: &&mut Bin| match (bin.place, place) {
+            (Place::Between(a, _), Place::Between(b, _)) => a == b,
+            (a, b) => a == b,
+        };
+        let own = [tip_m[0], tip_m[1], depth_m];
+        match self.bins.iter_mut().rev().take(4).find(same) {
+            Some(bin) => bin.own.push(own),
+            None => self.bins.push(Bin { place, depth_m, tip_m, variance_m2: 0.0, count: 0, own: vec![own] }),
+        }
+        let noise_m = self.noise_m;
+        if let Some(bin) = self.bins.iter_mut().rev().take(4).find(same) {
+            bin.average(noise_m, &history.depths_m);
+        }
+    }
+}
+
+impl Bin {
+    /// What so many readings at a place would be, of a tip there.
+    pub fn forecast(place: Place, depth_m: f64, tip_m: [f64; 2], noise_m: f64, count: f64) -> Self {
+        let variance_m2 = noise_m * noise_m / count;
+        Self { place, depth_m, tip_m, variance_m2, count: count as usize, own: Vec::new() }
+    }
+
+    /// Mean of its readings without those far from their median.
+    fn average(&mut self, noise_m: f64, nodes_m: &[f64]) {
+        let median = |plane: usize| {
+            let mut values: Vec<f64> = self.own.iter().map(|own| own[plane]).collect();
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        };
+        let middle_m = [median(0), median(1)];
+        let near = |own: &&[f64; 3]| {
+            self.own.len() < 4 || (0..2).all(|plane| (own[plane] - middle_m[plane]).abs() < 3.5 * noise_m)
+        };
+        let good: Vec<&[f64; 3]> = self.own.iter().filter(near).collect();
+        let count = good.len().max(1) as f64;
+        let mean = |i: usize| good.iter().map(|own| own[i]).sum::<f64>() / count;
+        (self.tip_m, self.depth_m) = ([mean(0), mean(1)], mean(2));
+        if let Place::Between(node, _) = self.place {
+            let [from_m, to_m] = [nodes_m[node], nodes_m[(node + 1).min(nodes_m.len() - 1)]];
+            self.place = Place::Between(node, ((self.depth_m - from_m) / (to_m - from_m)).clamp(0.0, 1.0));
+        }
+        self.count = good.len();
+        self.variance_m2 = noise_m * noise_m / count;
+    }
+}

@@ -1,0 +1,139 @@
+//! What a run leaves behind: its decisions and its outcome.
+
+use crate::protocol::{Answer, Command, End, Statement};
+use serde::Serialize;
+
+/// Probability of a miss below a radius.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Probability {
+    /// Radius, mm.
+    pub radius_mm: f64,
+    /// Probability that the tip ends within it.
+    pub probability: f64,
+}
+
+/// What was decided at a rest, and from which posterior.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Decision {
+    /// Time of the plant, s.
+    pub t_s: f64,
+    /// Depth, mm.
+    pub depth_mm: f64,
+    /// Where guide 2 was, x and y, mm.
+    pub guide_from_mm: [f64; 2],
+    /// Where it is moved to, mm.
+    pub guide_to_mm: [f64; 2],
+    /// Direction of the tip's load from here on, degrees.
+    pub bevel_deg: f64,
+    /// Depths of the rests to come, this one first, mm.
+    pub plan_depth_mm: Vec<f64>,
+    /// Position of guide 2 from each of them on, mm.
+    pub plan_guide_mm: Vec<[f64; 2]>,
+    /// Expected tip at the target's depth, by the plan, mm.
+    pub expected_tip_mm: [f64; 2],
+    /// Its covariance: xx, xy, yy, mm^2.
+    pub covariance_mm2: [f64; 3],
+    /// Probability of ending within some radii of the target.
+    pub within: Vec<Probability>,
+    /// Distance from the target at which the needle would end had guide 2 never been moved, mm.
+    pub unsteered_miss_mm: f64,
+    /// Foundation modulus of the layers, kPa.
+    pub modulus_kpa: Vec<f64>,
+    /// Its relative standard deviation (of the logarithm).
+    pub modulus_sd_ln: Vec<f64>,
+    /// Load of the tip along the bevel, N, at this depth.
+    pub tip_load_n: f64,
+    /// Probability that the tip cuts at an angle along the needle rather than under a load.
+    pub cut_angle_probability: f64,
+    /// Squared residuals of the tip readings over what noise and model error explain.
+    pub misfit: f64,
+    /// What limits the move, where something does.
+    pub limited_by: Option<&'static str>,
+}
+
+/// What happened in a run, in order.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Event<'a> {
+    /// The plant's statement.
+    Statement(&'a Statement),
+    /// A command.
+    Command(&'a Command),
+    /// Its answer.
+    Answer(&'a Answer),
+    /// A decision.
+    Decision(&'a Decision),
+    /// The plant's last line.
+    End(&'a End),
+    /// A fault.
+    Fault {
+        /// Its name.
+        name: &'static str,
+        /// Its cause.
+        cause: String,
+    },
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Outcome {
+    /// At the target's depth.
+    Arrived,
+    /// The supervisor stopped before it.
+    Stopped {
+        /// Name of the cause.
+        name: &'static str,
+        /// The cause in words.
+        cause: String,
+    },
+    /// Before the first step: the target cannot be reached.
+    Refused {
+        /// The nearest point at the target's depth that can be, x and y, mm.
+        nearest_mm: [f64; 2],
+        /// How far from the target that is, mm.
+        distance_mm: f64,
+    },
+}
+
+/// A whole run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Run {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Target: x, y, depth, mm.
+    pub target_mm: [f64; 3],
+    /// Depth reached, mm.
+    pub depth_mm: f64,
+    /// Distance of the tip from the target across the needle, mm; from the plant's truth or from the last readings.
+    pub miss_mm: Option<f64>,
+    /// Whether the miss is that of tip readings, as the plant has no truth.
+    pub miss_is_measured: bool,
+    /// Where the tip is, x and y, mm, by all readings.
+    pub estimated_tip_mm: [f64; 2],
+    /// Covariance of that: xx, xy, yy, mm^2.
+    pub covariance_mm2: [f64; 3],
+    /// Probability of ending within some radii, as stated before the first push.
+    pub within_before: Vec<Probability>,
+    /// The same on arrival.
+    pub within_after: Vec<Probability>,
+    /// Distance from the target at which the needle would have ended had guide 2 never been moved, mm: estimated from all readings.
+    pub unsteered_miss_mm: f64,
+    /// Tip readings that arrived, and how many were rejected.
+    pub readings: usize,
+    /// See `readings`.
+    pub readings_rejected: usize,
+    /// Largest lateral force at guide 2 that was measured, N.
+    pub peak_force_n: Option<f64>,
+    /// Rotations of the needle.
+    pub rotations: usize,
+    /// Time of the plant, s.
+    pub duration_s: f64,
+    /// Slowest replan, s of the processor's clock; not part of what a replay compares.
+    #[serde(skip)]
+    pub slowest_replan_s: f64,
+    /// The plant's last line.
+    pub end: Option<End>,
+    /// All decisions.
+    pub decisions: Vec<Decision>,
+}

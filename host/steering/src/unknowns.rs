@@ -1,0 +1,254 @@
+//! What is not known of needle, tissue and rig, in which order it stands in vectors, and what is known of it beforehand.
+//!
+//! Every unknown is counted in standard deviations of its prior from the prior's mean, so that the prior's covariance is a matrix of
+//! correlations. The first [`TISSUE`] unknowns change the needle's responses (modulus of five layers, skin, gap); the path is linear in
+//! all others.
+
+use crate::protocol::Statement;
+use mechanics::{BeamProblem, Foundation, Layer, ModelError, Needle, Rig};
+use nalgebra::DMatrix;
+
+/// Lower faces of the layers whose moduli are unknown, m; the last layer goes on.
+const FACES_M: [f64; 4] = [0.010, 0.025, 0.045, 0.070];
+/// Number of layers.
+pub(crate) const LAYERS: usize = FACES_M.len() + 1;
+/// Place of the skin among the unknowns.
+pub(crate) const SKIN: usize = LAYERS;
+/// Place of the gap.
+pub(crate) const GAP: usize = LAYERS + 1;
+/// Unknowns that change the responses.
+pub(crate) const TISSUE: usize = LAYERS + 2;
+/// Distance of knots of the tip's load and of the path's irregularity, m.
+pub(crate) const KNOT_M: f64 = 0.010;
+/// Spread of the layers' moduli (of logarithms) about the common one, and the depth over which they resemble each other.
+const LAYER_SD: f64 = 0.30;
+const LAYER_LENGTH_M: f64 = 0.030;
+/// Skin: median and spread (of the logarithm) of its stiffness, N/m.
+const SKIN_N_PER_M: f64 = 150.0;
+const SKIN_SD: f64 = 1.2;
+const GAP_SD_M: f64 = 0.5e-3;
+/// Where the tip is at the surface beside the axis.
+const OFFSET_SD_M: f64 = 0.15e-3;
+/// Load of the tip: what wanders along the bevel as a share of the load, over which depth, and across.
+const WANDER_SD: f64 = 0.18;
+const WANDER_LENGTH_M: f64 = 0.030;
+const ACROSS_SD: f64 = 0.10;
+const ACROSS_WANDER_SD: f64 = 0.10;
+/// The angle at which a tip cuts, in all and what varies.
+const CUT_SD_RAD: f64 = 0.020;
+const CUT_ACROSS_SD_RAD: f64 = 0.010;
+const CUT_WANDER_SD_RAD: f64 = 0.002;
+/// A cut angle beside a load.
+const BESIDE_SD_RAD: f64 = 0.010;
+/// What the path does that no model has.
+const IRREGULARITY_SD_M: f64 = 0.06e-3;
+const IRREGULARITY_LENGTH_M: f64 = 0.020;
+
+/// How the tip cuts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Law {
+    /// It takes a load and goes where that bends the needle.
+    Load,
+    /// It goes along the needle's direction, at an angle.
+    Angle,
+}
+
+/// Unknowns of one law.
+#[derive(Debug, Clone)]
+pub(crate) struct Unknowns {
+    pub law: Law,
+    /// Needle, guides and tissue at the prior's mean.
+    pub problem: BeamProblem,
+    /// Modulus at the prior's mean, Pa.
+    modulus_pa: f64,
+    /// Knots along the path.
+    pub knots: usize,
+    /// Standard deviations of the priors, SI.
+    pub sd: Vec<f64>,
+    /// Means of the priors, SI: 0 but for the tip's load and the backlash.
+    pub mean: Vec<f64>,
+    /// Correlations of the prior, inverted.
+    pub precision: DMatrix<f64>,
+    /// Logarithm of its determinant.
+    pub ln_determinant: f64,
+}
+
+impl Unknowns {
+    pub fn new(stated: &Statement, law: Law, target_m: f64) -> Result<Self, ModelError> {
+        let prior = stated.prior.as_ref();
+        let reference = Needle::gauge_18().bending_stiffness_n_m2();
+        let diameter_m = stated.needle.outer_diameter_mm.map_or(1.27e-3, |mm| 1e-3 * mm);
+        // Without a stiffness that of a needle of the same shape: the path determines K/(E I) alone.
+        let stiffness = stated.needle.ei_n_m2.unwrap_or(reference * (diameter_m / 1.27e-3).powi(4));
+        let guide2_m = 1e-3 * stated.rig.guide1_to_guide2_mm.unwrap_or(60.0);
+        let entry_m = guide2_m + 1e-3 * stated.rig.guide2_to_surface_mm;
+        let rig = Rig::two_guides(Needle::gauge_18(), guide2_m, entry_m);
+        let range = |range: Option<[f64; 2]>, default: f64| match range {
+            Some([low, high]) if low > 0.0 && high > low => {
+                ((low * high).sqrt(), (high / low).ln() / 12f64.sqrt())
+            }
+            _ => (1.0, default),
+        };
+        let (factor, modulus_sd) = range(prior.and_then(|prior| prior.foundation_range), 0.5);
+        let modulus_pa =
+            1e3 * factor * prior.and_then(|prior| prior.foundation_kpa).filter(|k| *k > 0.0).unwrap_or(12.0);
+        let unknown_stiffness = if stated.needle.ei_n_m2.is_some() { 0.0 } else { 0.4 };
+        let modulus_sd = f64::hypot(modulus_sd, unknown_stiffness);
+        let problem = BeamProblem {
+            bending_stiffness_n_m2: stiffness,
+            skin_n_per_m: SKIN_N_PER_M,
+            ..BeamProblem::new(&rig, Foundation::uniform(modulus_pa)?, target_m)
+        };
+        let load = prior.and_then(|prior| prior.tip_load_n);
+        let (load_factor, load_sd) = match prior.and_then(|prior| prior.tip_load_range) {
+            Some([low, high]) if high > low => (0.5 * (low + high), (high - low) / 12f64.sqrt()),
+            _ => (1.0, 0.5),
+        };
+        let load_n = load.unwrap_or(0.2);
+        let slope = prior.and_then(|prior| prior.slope_mrad).map_or(0.010, |mrad| 1e-3 * mrad);
+        let error_m = 1e-3 * stated.guide_error_mm;
+
+        let knots = (target_m / KNOT_M).ceil() as usize + 1;
+        let mut this = Self {
+            law,
+            problem,
+            modulus_pa,
+            knots,
+            sd: Vec::new(),
+            mean: Vec::new(),
+            precision: DMatrix::zeros(0, 0),
+            ln_determinant: 0.0,
+        };
+        let count = this.count();
+        (this.sd, this.mean) = (vec![0.0; count], vec![0.0; count]);
+        let mut correlation = DMatrix::identity(count, count);
+
+        let middle_m = |layer: usize| {
+            let top_m = layer.checked_sub(1).map_or(0.0, |above| FACES_M[above]);
+            0.5 * (top_m + FACES_M.get(layer).copied().unwrap_or(0.1))
+        };
+        this.sd[..LAYERS].fill(modulus_sd.hypot(LAYER_SD));
+        (this.sd[SKIN], this.sd[GAP]) = (SKIN_SD, GAP_SD_M);
+        for i in 0..LAYERS {
+            for j in 0..LAYERS {
+                let alike = (-(middle_m(i) - middle_m(j)).abs() / LAYER_LENGTH_M).exp();
+                correlation[(i, j)] = (modulus_sd.powi(2) + LAYER_SD.powi(2) * alike) / this.sd[i].powi(2);
+            }
+        }
+        for (start, sd, mean) in [
+            (this.slope(), slope.max(1e-4), 0.0),
+            (this.offset(), OFFSET_SD_M, 0.0),
+            (this.guide_offset(), (0.4 * error_m).max(1e-6), 0.0),
+            (this.backlash(), (0.25 * error_m).max(1e-6), 0.25 * error_m),
+            (this.beside(), BESIDE_SD_RAD, 0.0),
+        ] {
+            this.sd[start..start + 2].fill(sd);
+            this.mean[start..start + 2].fill(mean);
+        }
+        // The common part of the load or angle and what wanders about it.
+        let [along, across] = match law {
+            Law::Load => [
+                [load_sd * load_factor.max(0.3) * load_n, WANDER_SD * load_n],
+                [ACROSS_SD * load_n, ACROSS_WANDER_SD * load_n],
+            ],
+            Law::Angle => [[CUT_SD_RAD, CUT_WANDER_SD_RAD], [CUT_ACROSS_SD_RAD, CUT_WANDER_SD_RAD]],
+        };
+        for (direction, [common, wander]) in [along, across].into_iter().enumerate() {
+            let start = this.tip(direction, 0);
+            let sd = common.hypot(wander).max(1e-9);
+            let mean = if law == Law::Load && direction == 0 { load_factor * load_n } else { 0.0 };
+            let correlated = |apart_m: f64| {
+                (common * common + wander * wander * (-apart_m / WANDER_LENGTH_M).exp()) / (sd * sd)
+            };
+            this.fill_knots(&mut correlation, start, sd, mean, correlated);
+        }
+        for plane in 0..2 {
+            let start = this.irregularity(plane, 0);
+            let correlated = |apart_m: f64| (-(apart_m / IRREGULARITY_LENGTH_M).powi(2)).exp();
+            this.fill_knots(&mut correlation, start, IRREGULARITY_SD_M, 0.0, correlated);
+        }
+        for i in 0..count {
+            correlation[(i, i)] += 1e-6;
+        }
+        let cholesky = correlation.cholesky().ok_or(ModelError::Singular)?;
+        this.ln_determinant = -2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        this.precision = cholesky.inverse();
+        Ok(this)
+    }
+
+    fn fill_knots(
+        &mut self,
+        correlation: &mut DMatrix<f64>,
+        start: usize,
+        sd: f64,
+        mean: f64,
+        correlated: impl Fn(f64) -> f64,
+    ) {
+        for i in 0..self.knots {
+            self.sd[start + i] = sd;
+            self.mean[start + i] = mean;
+            for j in 0..self.knots {
+                correlation[(start + i, start + j)] = correlated(KNOT_M * i.abs_diff(j) as f64);
+            }
+        }
+    }
+
+    /// All of them.
+    pub fn count(&self) -> usize {
+        self.irregularity(1, self.knots)
+    }
+
+    /// Angle between needle and axis, two planes.
+    pub fn slope(&self) -> usize {
+        TISSUE
+    }
+
+    /// Tip beside the axis at the surface, two planes.
+    pub fn offset(&self) -> usize {
+        TISSUE + 2
+    }
+
+    /// Constant error of the guide, two planes.
+    pub fn guide_offset(&self) -> usize {
+        TISSUE + 4
+    }
+
+    /// Backlash of the guide (half of it), two planes.
+    pub fn backlash(&self) -> usize {
+        TISSUE + 6
+    }
+
+    /// Cut angle beside a load, along and across the bevel.
+    pub fn beside(&self) -> usize {
+        TISSUE + 8
+    }
+
+    /// Load or angle of the tip, along and across the bevel, per knot.
+    pub fn tip(&self, direction: usize, knot: usize) -> usize {
+        TISSUE + 10 + direction * self.knots + knot
+    }
+
+    /// Irregularity of the path per plane and knot.
+    pub fn irregularity(&self, plane: usize, knot: usize) -> usize {
+        TISSUE + 10 + (2 + plane) * self.knots + knot
+    }
+
+    /// An unknown in SI.
+    pub fn value(&self, unknowns: &[f64], place: usize) -> f64 {
+        self.mean[place] + self.sd[place] * unknowns[place]
+    }
+
+    /// Needle and tissue of these unknowns.
+    pub fn problem(&self, unknowns: &[f64]) -> Result<BeamProblem, ModelError> {
+        // Further from the prior than this no tissue is; the search may step there.
+        let ln = |place: usize| (self.sd[place] * unknowns[place].clamp(-6.0, 6.0)).exp();
+        let layer =
+            |(i, bottom_m): (usize, &f64)| Layer { bottom_m: *bottom_m, modulus_pa: self.modulus_pa * ln(i) };
+        let layers = FACES_M.iter().enumerate().map(layer).collect();
+        let foundation = Foundation::layered(layers, self.modulus_pa * ln(LAYERS - 1))?;
+        let gap_m = self.problem.entry_m - self.problem.guide2_m;
+        let entry_m = self.problem.guide2_m + (gap_m + self.value(unknowns, GAP)).max(0.2 * gap_m);
+        let skin_n_per_m = SKIN_N_PER_M * ln(SKIN);
+        Ok(BeamProblem { foundation, skin_n_per_m, entry_m, ..self.problem.clone() })
+    }
+}

@@ -1,0 +1,213 @@
+//! Steering to a target: misses of several controllers on the same plants, which share no computation with the forward model and
+//! hide layers, skin, yielding or relaxation, slope, play, wandering load and bad readings; and with one more effect each.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::Serialize;
+use steering::{Command, Options, Outcome, Plant, PlantError, Run, SteerError, steer};
+use worlds::steering::{Kind, SimulatedPlant, reachable_target, world};
+
+/// Depth of the targets, mm.
+const DEPTH_MM: f64 = 100.0;
+
+/// Who steers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Controller {
+    /// Nobody: the needle is pushed.
+    None,
+    /// Guide moved in proportion to how far the tip is from the straight way to the target.
+    Proportional,
+    /// The plan at the prior's tissue; readings determine slope and load alone.
+    Nominal,
+    /// The posterior of everything.
+    Posterior,
+}
+
+impl Controller {
+    /// All, the worst first.
+    pub const ALL: [Self; 4] = [Self::None, Self::Proportional, Self::Nominal, Self::Posterior];
+
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Proportional => "proportional",
+            Self::Nominal => "model at the prior's K",
+            Self::Posterior => "model, posterior",
+        }
+    }
+}
+
+/// One run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ended {
+    /// Miss, mm; nothing where the run ended by a fault.
+    pub miss_mm: Option<f64>,
+    /// Stopped or refused.
+    pub stopped: bool,
+    /// Limits exceeded.
+    pub broken: u64,
+    /// Radius, mm, and probability of a smaller miss, as stated before the first push.
+    pub stated: Vec<[f64; 2]>,
+    /// Slowest replan, s.
+    pub slowest_s: f64,
+}
+
+/// Runs of one controller on plants of one kind.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// What is hidden besides.
+    pub kind: &'static str,
+    /// Who steered.
+    pub controller: Controller,
+    /// Its runs.
+    pub runs: Vec<Ended>,
+}
+
+impl Row {
+    /// Misses in increasing order, mm.
+    pub fn misses_mm(&self) -> Vec<f64> {
+        let mut misses: Vec<f64> = self.runs.iter().filter_map(|run| run.miss_mm).collect();
+        misses.sort_by(f64::total_cmp);
+        misses
+    }
+
+    /// Mean miss, mm.
+    pub fn mean_mm(&self) -> f64 {
+        let misses = self.misses_mm();
+        misses.iter().sum::<f64>() / misses.len().max(1) as f64
+    }
+
+    /// Miss that this share of the runs does not exceed, mm.
+    pub fn quantile_mm(&self, share: f64) -> f64 {
+        let misses = self.misses_mm();
+        let at = (share * misses.len().saturating_sub(1) as f64).round() as usize;
+        misses.get(at).copied().unwrap_or(f64::NAN)
+    }
+
+    /// Share of misses above a size.
+    pub fn above(&self, mm: f64) -> f64 {
+        let misses = self.misses_mm();
+        misses.iter().filter(|miss| **miss > mm).count() as f64 / misses.len().max(1) as f64
+    }
+
+    /// Stated and observed probability of a miss below each radius, mm.
+    pub fn calibration(&self) -> Vec<[f64; 3]> {
+        let radii = self.runs.iter().find(|run| !run.stated.is_empty()).map(|run| run.stated.clone());
+        let of = |(i, [radius, _]): (usize, [f64; 2])| {
+            let both: Vec<(f64, f64)> =
+                self.runs.iter().filter_map(|run| Some((run.miss_mm?, run.stated.get(i)?[1]))).collect();
+            let count = both.len().max(1) as f64;
+            let stated = both.iter().map(|(_, stated)| stated).sum::<f64>() / count;
+            let observed = both.iter().filter(|(miss, _)| *miss <= radius).count() as f64 / count;
+            [radius, stated, observed]
+        };
+        radii.unwrap_or_default().into_iter().enumerate().map(of).collect()
+    }
+}
+
+/// Runs `count` plants of a kind under a controller, on all cores; every plant has its own stream of the seed.
+///
+/// # Errors
+/// None that a simulated plant has.
+pub fn study(kind: Kind, controller: Controller, count: u64, seed: u64) -> Result<Row, PlantError> {
+    let runs: Result<Vec<Ended>, PlantError> = (0..count)
+        .into_par_iter()
+        .map(|number| {
+            let plant = world(kind, seed, number);
+            let target_mm = reachable_target(&plant, DEPTH_MM, seed, number)?;
+            one(plant, target_mm, controller, seed, number)
+        })
+        .collect();
+    Ok(Row { kind: kind.name(), controller, runs: runs? })
+}
+
+fn one(
+    mut plant: SimulatedPlant,
+    target_mm: [f64; 3],
+    controller: Controller,
+    seed: u64,
+    number: u64,
+) -> Result<Ended, PlantError> {
+    let options = Options::new(target_mm);
+    let options = match controller {
+        Controller::None => Options { steered: false, ..options },
+        Controller::Nominal => Options { tissue_known: true, ..options },
+        Controller::Posterior => options,
+        Controller::Proportional => return proportional(plant, target_mm, seed, number),
+    };
+    match steer(&mut plant, &options, &mut |_| {}) {
+        Ok(run) => Ok(ended(&run)),
+        Err(SteerError::Plant(error)) => Err(error),
+        Err(_) => Ok(Ended { miss_mm: None, stopped: true, broken: 0, stated: Vec::new(), slowest_s: 0.0 }),
+    }
+}
+
+fn ended(run: &Run) -> Ended {
+    Ended {
+        miss_mm: run.miss_mm.filter(|_| !matches!(run.outcome, Outcome::Refused { .. })),
+        stopped: run.outcome != Outcome::Arrived,
+        broken: run.end.as_ref().and_then(|end| end.limits_broken).map_or(0, |broken| broken.total()),
+        stated: run.within_before.iter().map(|one| [one.radius_mm, one.probability]).collect(),
+        slowest_s: run.slowest_replan_s,
+    }
+}
+
+/// Rests every 5 mm, and moves the guide by a share of the distance between the last reading and the straight way to the target: far
+/// beyond the surface, the tip ends on the other side.
+fn proportional(
+    mut plant: SimulatedPlant,
+    target_mm: [f64; 3],
+    seed: u64,
+    number: u64,
+) -> Result<Ended, PlantError> {
+    const SHARE: f64 = 0.5;
+    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x9a);
+    rng.set_stream(number);
+    // Its rests begin anywhere in the first 5 mm.
+    let first_mm = rng.random_range(2..=5);
+    let mut at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
+    for depth in 1..=DEPTH_MM as usize {
+        at = Command { t_s: at.t_s + 0.25, depth_mm: depth as f64, ..at };
+        plant.step(&at)?;
+        if !(10..=80).contains(&depth) || (depth - first_mm) % 5 != 0 {
+            continue;
+        }
+        let mut tips = Vec::new();
+        for _ in 0..12 {
+            at.t_s += 0.1;
+            let answer = plant.step(&at)?;
+            tips.push([answer.tip_x_mm, answer.tip_y_mm]);
+        }
+        let median = |plane: usize| {
+            let mut values: Vec<f64> = tips.iter().map(|tip| tip[plane]).collect();
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        };
+        let travel_mm = 0.98 * plant.stated.limits.guide_travel_mm;
+        let moved = |plane: usize, now_mm: f64| {
+            let way_mm = target_mm[plane] * depth as f64 / DEPTH_MM;
+            (now_mm + SHARE * (median(plane) - way_mm)).clamp(-travel_mm, travel_mm)
+        };
+        let to_mm = [moved(0, at.guide_x_mm), moved(1, at.guide_y_mm)];
+        let steps = 30;
+        let from_mm = [at.guide_x_mm, at.guide_y_mm];
+        for step in 1..=steps {
+            let share = f64::from(step) / f64::from(steps);
+            at.t_s += 0.1;
+            at.guide_x_mm = from_mm[0] + share * (to_mm[0] - from_mm[0]);
+            at.guide_y_mm = from_mm[1] + share * (to_mm[1] - from_mm[1]);
+            plant.step(&at)?;
+        }
+    }
+    let end = plant.end()?;
+    let [x, y] = plant.tip_mm();
+    Ok(Ended {
+        miss_mm: Some((x - target_mm[0]).hypot(y - target_mm[1])),
+        stopped: false,
+        broken: end.limits_broken.map_or(0, |broken| broken.total()),
+        stated: Vec::new(),
+        slowest_s: 0.0,
+    })
+}
