@@ -44,7 +44,8 @@
 //! let sweep = measure(&mut Sequence::open(&path)?, &settings, |_| {})?;
 //! assert_eq!(sweep.count(State::Used), 40);
 //! let last = sweep.points().last().copied().expect("a point");
-//! assert!((last.across_mm[0] - 7.95).abs() < 0.01);
+//! let expected_mm = 6.0 + 0.05 * (last.z_mm - 70.0);
+//! assert!((last.across_mm[0] - expected_mm).abs() < 0.01);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 #![forbid(unsafe_code)]

@@ -50,11 +50,6 @@ fn every_error_of_a_plant_ends_the_run_by_its_name() {
         (answered("[1,2]"), "plant_line_malformed", "not a JSON object"),
         (answered(&without(ANSWER, r#""depth_mm":0,"#)), "plant_line_malformed", "missing field `depth_mm`"),
         (answered(&without(ANSWER, r#","valid":false"#)), "plant_line_malformed", "missing field `valid`"),
-        (
-            answered(&ANSWER.replace(r#""tip_x_mm":0"#, r#""tip_x_mm":1e999"#)),
-            "plant_line_malformed",
-            "out of range",
-        ),
         (answered(&ANSWER.replace(r#""tip_x_mm":0"#, r#""tip_x_mm":NaN"#)), "plant_line_malformed", "line 2"),
         (
             answered(&ANSWER.replace(r#""t_s":0.1"#, r#""t_s":0.3"#)),
@@ -84,6 +79,9 @@ fn every_error_of_a_plant_ends_the_run_by_its_name() {
         assert_eq!(error.name(), name, "{error}");
         assert!(error.to_string().contains(part), "{error}: expected {part}");
     }
+    // Whether the parser of JSON rejects it or passes it on as infinite depends on features that other packages of a build request.
+    let error = answered(&ANSWER.replace(r#""tip_x_mm":0"#, r#""tip_x_mm":1e999"#));
+    assert!(["plant_line_malformed", "plant_value"].contains(&error.name()), "{error}");
 }
 
 #[test]

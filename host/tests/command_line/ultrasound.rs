@@ -8,7 +8,15 @@ use std::path::Path;
 const SIZE: usize = 96;
 const PX_MM: f64 = 0.05;
 
-/// Frames half a millimetre apart with an echo at each of the deflections (millimetres, up), brightness as a scanner's logarithm shows it.
+/// A number between 0 and 1 that looks random, another one for each `count` (the finaliser of SplitMix64).
+fn uniform(count: u64) -> f64 {
+    let mut bits = (count + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((bits ^ (bits >> 31)) >> 11) as f64 / (1u64 << 53) as f64 + 1e-16
+}
+
+/// Frames half a millimetre apart with an echo at each of the deflections (millimetres, up), in speckle (Rayleigh), brightness as a scanner's logarithm shows it.
 fn write_frames(file: &Path, deflections_mm: &[f64]) {
     let mut bytes = format!(
         "DimSize = {SIZE} {SIZE} {}\nElementSpacing = {PX_MM} {PX_MM}\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n",
@@ -19,9 +27,8 @@ fn write_frames(file: &Path, deflections_mm: &[f64]) {
         let (x, y) = (48.2, 44.6 - deflection_mm / PX_MM);
         bytes.extend((0..SIZE * SIZE).map(|at| {
             let (dx, dy) = ((at % SIZE) as f64 - x, (at / SIZE) as f64 - y);
-            // A faint pattern that moves, so that no two frames are alike.
-            let grain = 0.01 + 0.002 * ((at * 7919 + number * 104_729) % 13) as f64 / 13.0;
-            let envelope = grain + (-0.5 * ((dx / 7.0).powi(2) + (dy / 3.0).powi(2))).exp();
+            let speckle = 0.01 * (-2.0 * uniform((number * SIZE * SIZE + at) as u64).ln()).sqrt();
+            let envelope = speckle + (-0.5 * ((dx / 7.0).powi(2) + (dy / 3.0).powi(2))).exp();
             (255.0 * (1.0 + 20.0 * (envelope / 1.1).log10() / 50.0)).clamp(0.0, 255.0) as u8
         }));
     }

@@ -84,7 +84,8 @@ fn follow<E: From<LinkError>>(
     let mut end = EndWatch::new(accepted);
     let limit_ms = accepted.silence_limit_ms.max(SILENCE_LIMIT_MS[0]);
     let mut keepalive = Keepalive::new(Instant::now(), accepted.t_us, limit_ms);
-    let mut last_received = Instant::now();
+    // Time spent waiting for the device: a program that was suspended has not waited, and reads what came meanwhile first.
+    let mut silent = Duration::ZERO;
     loop {
         if options.interrupted.load(Ordering::Acquire) {
             return Err(LinkError::Interrupted.into());
@@ -93,13 +94,17 @@ fn follow<E: From<LinkError>>(
             client.request_status()?;
             keepalive.sent(Instant::now());
         }
+        let polled = Instant::now();
         if let Some(telemetry) = client.next(POLL_INTERVAL)? {
-            last_received = Instant::now();
+            silent = Duration::ZERO;
             observe(client, &telemetry)?;
             keepalive.clock(telemetry.device_us().unwrap_or_default());
             end.observe(&telemetry);
-        } else if last_received.elapsed() > SILENCE_LIMIT {
-            return Err(LinkError::Silent { port: client.port().to_owned() }.into());
+        } else {
+            silent += polled.elapsed().min(2 * POLL_INTERVAL);
+            if silent > SILENCE_LIMIT {
+                return Err(LinkError::Silent { port: client.port().to_owned() }.into());
+            }
         }
         match end.outcome {
             None => {}
