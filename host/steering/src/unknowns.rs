@@ -29,15 +29,15 @@ const SKIN_SD: f64 = 1.2;
 const GAP_SD_M: f64 = 0.5e-3;
 /// Where the tip is at the surface beside the axis.
 const OFFSET_SD_M: f64 = 0.15e-3;
-/// Load of the tip: what wanders along the bevel as a share of the load, over which depth, and across.
-const WANDER_SD: f64 = 0.18;
-const WANDER_LENGTH_M: f64 = 0.030;
+/// Load of the tip: what varies along the bevel as a share of the load, over which depth, and across.
+const PROCESS_NOISE_SD: f64 = 0.18;
+const CORRELATION_LENGTH_M: f64 = 0.030;
 const ACROSS_SD: f64 = 0.10;
-const ACROSS_WANDER_SD: f64 = 0.10;
+const ACROSS_NOISE_SD: f64 = 0.10;
 /// The angle at which a tip cuts, in all and what varies.
 const CUT_SD_RAD: f64 = 0.020;
 const CUT_ACROSS_SD_RAD: f64 = 0.010;
-const CUT_WANDER_SD_RAD: f64 = 0.002;
+const CUT_NOISE_SD_RAD: f64 = 0.002;
 /// A cut angle beside a load.
 const BESIDE_SD_RAD: f64 = 0.010;
 /// What the path does that no model has.
@@ -148,17 +148,17 @@ impl Unknowns {
         // The common part of the load or angle and what wanders about it.
         let [along, across] = match law {
             Law::Load => [
-                [load_sd * load_factor.max(0.3) * load_n, WANDER_SD * load_n],
-                [ACROSS_SD * load_n, ACROSS_WANDER_SD * load_n],
+                [load_sd * load_factor.max(0.3) * load_n, PROCESS_NOISE_SD * load_n],
+                [ACROSS_SD * load_n, ACROSS_NOISE_SD * load_n],
             ],
-            Law::Angle => [[CUT_SD_RAD, CUT_WANDER_SD_RAD], [CUT_ACROSS_SD_RAD, CUT_WANDER_SD_RAD]],
+            Law::Angle => [[CUT_SD_RAD, CUT_NOISE_SD_RAD], [CUT_ACROSS_SD_RAD, CUT_NOISE_SD_RAD]],
         };
-        for (direction, [common, wander]) in [along, across].into_iter().enumerate() {
+        for (direction, [common, varying]) in [along, across].into_iter().enumerate() {
             let start = this.tip(direction, 0);
-            let sd = common.hypot(wander).max(1e-9);
+            let sd = common.hypot(varying).max(1e-9);
             let mean = if law == Law::Load && direction == 0 { load_factor * load_n } else { 0.0 };
             let correlated = |apart_m: f64| {
-                (common * common + wander * wander * (-apart_m / WANDER_LENGTH_M).exp()) / (sd * sd)
+                (common * common + varying * varying * (-apart_m / CORRELATION_LENGTH_M).exp()) / (sd * sd)
             };
             this.fill_knots(&mut correlation, start, sd, mean, correlated);
         }

@@ -3,8 +3,8 @@
 use formats::session::Session;
 use serde_json::Value;
 use simulation::rig::config::RigConfig;
-use std::path::Path;
-use std::process::{Command, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 use system::bench::Bench;
@@ -29,6 +29,31 @@ fn run_procedure(seed: u64) -> (Outcome, String, String) {
     }
     let force = std::fs::read_to_string(out.join("phantom/d30-1.force.csv")).unwrap();
     (outcome, force, readme::rig::as_shown(&printed, folder.path(), Path::new(XTASK)))
+}
+
+/// `guide acquire` with the staircase, just started, and the folder of its session.
+fn acquiring(bench: &Bench) -> (PathBuf, Child) {
+    let guide = build_guide().unwrap();
+    let session = bench.folder().join("session");
+    let rig_file = bench.folder().join("rig.toml");
+    std::fs::write(
+        &rig_file,
+        "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
+         [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n",
+    )
+    .unwrap();
+    let child = Command::new(guide)
+        .args(["acquire", "--port", &bench.port(), "--program", "staircase", "--depth-mm", "30", "--no-tare"])
+        .arg("--rig")
+        .arg(&rig_file)
+        .arg("--out")
+        .arg(&session)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    (session, child)
 }
 
 #[test]
@@ -118,26 +143,7 @@ fn a_move_by_hand_arrives() {
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_costs_nothing_recorded() {
     let mut bench = Bench::start(RigConfig::default(), 22, 4.0, HANGS).unwrap();
-    let guide = build_guide().unwrap();
-    let session = bench.folder().join("session");
-    let rig_file = bench.folder().join("rig.toml");
-    std::fs::write(
-        &rig_file,
-        "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
-         [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n",
-    )
-    .unwrap();
-    let child = Command::new(guide)
-        .args(["acquire", "--port", &bench.port(), "--program", "staircase", "--depth-mm", "30", "--no-tare"])
-        .arg("--rig")
-        .arg(&rig_file)
-        .arg("--out")
-        .arg(&session)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let (session, child) = acquiring(&bench);
     let force_file = session.join("d30-1.force.csv");
     let rows = || std::fs::read_to_string(&force_file).map_or(0, |text| text.lines().count());
     let began = Instant::now();
@@ -165,26 +171,7 @@ fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_costs_nothing_recorded()
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_host_that_is_suspended_in_mid_run_loses_nothing_recorded_and_names_the_fault() {
     let bench = Bench::start(RigConfig::default(), 25, 4.0, HANGS).unwrap();
-    let guide = build_guide().unwrap();
-    let session = bench.folder().join("session");
-    let rig_file = bench.folder().join("rig.toml");
-    std::fs::write(
-        &rig_file,
-        "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
-         [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n",
-    )
-    .unwrap();
-    let child = Command::new(guide)
-        .args(["acquire", "--port", &bench.port(), "--program", "staircase", "--depth-mm", "30", "--no-tare"])
-        .arg("--rig")
-        .arg(&rig_file)
-        .arg("--out")
-        .arg(&session)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let (session, child) = acquiring(&bench);
     let signal = |name: &str| {
         let kill = format!("kill -{name} {}", child.id());
         assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
