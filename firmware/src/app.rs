@@ -114,7 +114,7 @@ pub fn start(board: Board) {
         boot_id: boot.boot_id,
         restarted: boot.is_unexpected(),
         origin,
-        carried: boot.carried.clone(),
+        retained: boot.retained.clone(),
     };
     let controller = Controller::new(calibration.clone(), start);
     let (sending, receiving) = serial.split();
@@ -258,7 +258,7 @@ async fn control(
         }
         outputs.notes.iter().for_each(log);
         if outputs.keep {
-            board::keep(&controller.carried());
+            board::keep(&controller.retained_state());
         }
         telemetry.send(due.as_micros(), &outputs, &mut Queue);
         if let Some(record) = outputs.store {
@@ -277,6 +277,7 @@ fn log(note: &OutboundMessage) {
             EventKind::StepStarted { index } => info!("step {} at {} us", index, event.t_us),
             EventKind::TareRejected { .. } => warn!("tare rejected at {} us", event.t_us),
             EventKind::RetreatEnded { .. } => info!("retreat ended at {} us", event.t_us),
+            EventKind::PulseEnded(_) => info!("pulse ended at {} us", event.t_us),
             EventKind::StepEnded { .. } => {}
         },
         OutboundMessage::Refused(id, _) => warn!("command {} refused", id),

@@ -6,6 +6,7 @@ mod batches;
 mod golden;
 mod golden_commands;
 mod golden_envelopes;
+mod golden_messages;
 mod link;
 #[cfg(test)]
 mod spec;

@@ -71,6 +71,7 @@
 //! | 12 | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
 //! | 13 | `Describe` | `Description`, `Ack` | none |
 //! | 14 | `Safety` | `Safety`, `Ack` | none |
+//! | 15 | `Pulse { axis, duty_permille, duration_ms }` | `Ack` | drives one motor for a moment; an event follows |
 //!
 //! | | message | when |
 //! |---|---|---|
@@ -218,7 +219,7 @@ pub use to_host::*;
 pub use tracker::{Arrival, Order, SequenceTracker, Totals};
 
 /// Version of this protocol: messages, framing and their meaning.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 
 /// Hash of the types of everything that is sent, both ways.
 pub const fn schema_hash() -> [u8; 8] {

@@ -164,7 +164,7 @@ pub enum UnpackError {
     #[error("a batch of no samples")]
     Empty,
     /// The bytes end within a head, or it has a width or a number too large.
-    #[error("the head of channel {channel} ends early or is none")]
+    #[error("the header of channel {channel} is truncated or invalid")]
     Head {
         /// The channel, from 0.
         channel: u8,

@@ -33,6 +33,11 @@ fn command() -> impl Strategy<Value = Command> {
             Request::Safety,
         ]),
         any::<(i32, i32)>().prop_map(|(x_um, y_um)| Request::Retreat { x_um, y_um }),
+        any::<(u8, i16, u8)>().prop_map(|(axis, duty_permille, duration_ms)| Request::Pulse {
+            axis,
+            duty_permille,
+            duration_ms
+        }),
         any::<bool>().prop_map(|enable| Request::Stream { enable }),
         (any::<u8>(), step()).prop_map(|(index, step)| Request::LoadStep { index, step }),
         any::<(u8, u32, u64)>().prop_map(|(steps, crc, start_us)| Request::Run { steps, crc, start_us }),

@@ -21,6 +21,7 @@
 //! | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
 //! | `Describe` | `Description`, `Ack` | none |
 //! | `Safety` | `Safety`, `Ack` | none |
+//! | `Pulse` | `Ack`, then an event | drives one motor for a moment, without a loop |
 
 use crate::PIECE_BYTES;
 use postcard::experimental::max_size::MaxSize;
@@ -121,10 +122,30 @@ pub enum Request {
     Describe,
     /// Tare, calibration and motor heat, now.
     Safety,
+    /// Drive one motor for a moment at a low duty, without a position loop, and report what all channels did: to find what is wired
+    /// wrong. Both bridges are off before and after it. Refused as [`Request::Run`] is, for values out of range, and where pulses would
+    /// add up in one direction or leave the travel.
+    Pulse {
+        /// 0: x, 1: y.
+        axis: u8,
+        /// Duty in thousandths, up to [`PULSE_DUTY_LIMIT_PERMILLE`] either way.
+        duty_permille: i16,
+        /// Longest drive, 1 to [`PULSE_LIMIT_MS`] milliseconds.
+        duration_ms: u8,
+    },
 }
 
 /// Most that one [`Request::Retreat`] moves guide 2 along each axis, micrometres.
 pub const RETREAT_LIMIT_UM: i32 = 1_000;
+/// Longest [`Request::Pulse`], milliseconds.
+pub const PULSE_LIMIT_MS: u8 = 50;
+/// Greatest duty of a [`Request::Pulse`], thousandths: in its longest time no actuator of the series moves by more than
+/// [`PULSE_BOUND_UM`], whatever is wired wrong.
+pub const PULSE_DUTY_LIMIT_PERMILLE: u16 = 350;
+/// What one [`Request::Pulse`] moves at most, micrometres.
+pub const PULSE_BOUND_UM: i32 = 300;
+/// Change of force along either channel that ends a [`Request::Pulse`], millinewtons.
+pub const PULSE_FORCE_MN: u32 = 1_000;
 /// Most that the start of a program may lie ahead, microseconds.
 pub const START_LIMIT_US: u64 = 3_600_000_000;
 /// Fastest path that a step may request, micrometres per second.

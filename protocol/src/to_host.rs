@@ -314,6 +314,42 @@ pub enum EventKind {
         /// How.
         outcome: RetreatOutcome,
     },
+    /// A pulse has ended; the bridges are off.
+    PulseEnded(PulseReport),
+}
+
+/// What all channels did in a pulse of one motor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub struct PulseReport {
+    /// Axis that was driven: 0 for x, 1 for y.
+    pub axis: u8,
+    /// What ended the drive.
+    pub outcome: PulseOutcome,
+    /// How long it was driven, milliseconds.
+    pub driven_ms: u8,
+    /// Position of x and y at rest after it less that before, means of 20 readings each, position counts.
+    pub moved_counts: [i32; 2],
+    /// Furthest reading of x and y from the position before, position counts.
+    pub most_moved_counts: [i32; 2],
+    /// Force of x and y at rest after it less that before, force counts.
+    pub force_counts: [i32; 2],
+    /// Furthest reading of x and y from the force before, force counts.
+    pub most_force_counts: [i32; 2],
+}
+
+/// What ended the drive of a pulse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, MaxSize)]
+pub enum PulseOutcome {
+    /// Its time was over.
+    Completed,
+    /// The axis had moved far enough.
+    Reached,
+    /// The other axis moved.
+    OtherAxis,
+    /// A force had changed by [`crate::PULSE_FORCE_MN`].
+    Force,
+    /// `Request::Stop`, or a fault.
+    Stopped,
 }
 
 /// Why a tare was rejected.

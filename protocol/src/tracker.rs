@@ -121,7 +121,7 @@ impl SequenceTracker {
         arrival
     }
 
-    /// Compares boot and sequence, and begins anew where the boot is another.
+    /// Compares boot and sequence, and begins again where the boot is another.
     fn place(&mut self, Envelope { boot_id, sequence, .. }: &Envelope) -> Arrival {
         let fresh = |dropped| {
             Some(Device { boot_id: *boot_id, sequence: *sequence, period_us: None, dropped, next_us: None })

@@ -196,7 +196,9 @@ impl Axis {
             self.quiet_periods = 0;
         }
         let wanted_um_s = (setpoint.speed_um_s + PROPORTIONAL_PER_S * error_um + self.integral_um_s)
-            .clamp(-self.speed_limit_um_s, self.speed_limit_um_s);
+            // `clamp` would bring the conversion of floating-point numbers to text into the image, for the text of its panic.
+            .max(-self.speed_limit_um_s)
+            .min(self.speed_limit_um_s);
         let duty = duty_for_speed(wanted_um_s);
         // Anti-wind-up: integrate only while the actuator can follow.
         if wanted_um_s.abs() < self.speed_limit_um_s {

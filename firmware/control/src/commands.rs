@@ -13,7 +13,7 @@ use heapless::HistoryBuf;
 use protocol::{Command, Refusal, Request};
 
 /// How many answers are remembered. A host has one command under way at a time; this leaves room for a late repeat.
-pub const REMEMBERED: usize = 8;
+pub const MAX_STORED_ANSWERS: usize = 8;
 /// Connections whose tokens are valid at a time.
 pub const CONNECTIONS: usize = 4;
 /// Between the tokens of two connections: odd, so that they differ through all 2^32, and with many bits set.
@@ -45,7 +45,7 @@ struct Connection {
     token: u32,
     /// Greatest id so far.
     last_id: Option<u16>,
-    answered: HistoryBuf<Answered, REMEMBERED>,
+    answered: HistoryBuf<Answered, MAX_STORED_ANSWERS>,
     /// When it was last used, by the count of commands.
     used: u32,
 }
@@ -82,7 +82,7 @@ impl CommandSession {
 
     /// Decides on a command.
     pub fn admit(&mut self, command: &Command) -> Admission {
-        // A hello begins anew. Stopping twice is harmless, and not stopping is not: both are always carried out.
+        // A hello begins again. Stopping twice is harmless, and not stopping is not: both are always carried out.
         if matches!(command.request, Request::Hello | Request::Stop) {
             return Admission::New;
         }

@@ -1,6 +1,7 @@
 //! Force from converter codes: calibration, zero, and what to do with readings that are not there or cannot be.
 
 use super::mutation::Mutation;
+use super::retreat::{LOADS, Loads};
 use super::tare::{self, Taring};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
@@ -111,7 +112,7 @@ impl ForceChannel {
         self.latest_counts
     }
 
-    /// Begins a tare anew.
+    /// Begins a tare again.
     pub fn begin_tare(&mut self) {
         self.taring = Taring::default();
     }
@@ -151,13 +152,15 @@ impl ForceChannel {
         self.zero_counts
     }
 
-    /// Load that the limits are about: the largest force along either axis, from the tare or from the converter's own zero, counts;
+    /// Loads that the limits are about: size of the force along both axes, from the converter's own zero and from the tare, counts;
     /// nothing where the last period had no reading.
-    pub fn load_counts(&self) -> Option<i32> {
-        let [x, y] = self.absolute_counts();
-        let [tared_x, tared_y] = self.relative_counts();
-        let largest = [x, y, tared_x, tared_y].into_iter().map(i32::saturating_abs).max();
-        largest.filter(|_| self.stale_periods == 0)
+    pub fn loads(&self) -> Option<Loads> {
+        let ([x, y], [tared_x, tared_y]) = (self.absolute_counts(), self.relative_counts());
+        let mut loads = [x, y, tared_x, tared_y].map(i32::saturating_abs);
+        if Mutation::LargestLoadAlone.is_out() {
+            loads = [loads.into_iter().max().unwrap_or(0); LOADS];
+        }
+        (self.stale_periods == 0).then_some(loads)
     }
 }
 

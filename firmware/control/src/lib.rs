@@ -14,8 +14,9 @@
 //! | [`force`], [`tare`] | force from converter codes: calibration, zero, stale and saturated readings |
 //! | [`decimate`], [`stiffness`] | the lateral stiffness as the readings come |
 //! | [`interlock`] | when to stop, and why: the table of hazards |
-//! | [`retreat`] | the way out of a load while its fault stands |
-//! | [`carried`] | what a restart must not forget |
+//! | [`pulse`] | a short pulse of one motor without a loop, and what ends it |
+//! | [`retreat`], [`added_load`] | the way out of a load while its fault stands |
+//! | [`retained`] | what a restart must not forget |
 //! | [`store`] | a calibration on its way to the device |
 //! | [`telemetry`] | batches and notes, and what is dropped where the link is slow |
 //! | [`indicator`] | the status light |
@@ -53,13 +54,13 @@
     deny(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)
 )]
 
+pub mod added_load;
 pub mod ads131m02;
 pub mod axis;
 pub mod calibration;
 #[cfg(not(target_os = "none"))]
 #[allow(clippy::indexing_slicing, reason = "runs on hosts alone, where a mistake of its own may panic")]
 pub mod campaign;
-pub mod carried;
 pub mod commands;
 pub mod decimate;
 pub mod force;
@@ -71,8 +72,10 @@ pub mod mutation;
 mod period;
 pub mod profile;
 mod program;
+pub mod pulse;
 mod report;
 mod requests;
+pub mod retained;
 pub mod retreat;
 pub mod slots;
 mod start;
@@ -82,8 +85,8 @@ pub mod tare;
 pub mod telemetry;
 
 use crate::calibration::Calibration;
+use added_load::AddedLoad;
 use axis::Axis;
-use carried::Carried;
 use commands::CommandSession;
 use force::ForceChannel;
 use indicator::Indicator;
@@ -93,8 +96,10 @@ use mutation::Mutation;
 pub use period::{Drive, Inputs, OutboundMessage, OutboundMessages, Outputs};
 use program::{Executor, Phase};
 use protocol::{CalibrationSource, Event, EventKind, Fault, Outcome, RetreatOutcome, Sample};
+use pulse::{NetDrive, Pulser};
 use report::SAFETY_REPORTS;
-use retreat::{Climb, LoadWatch, Trend};
+use retained::ControllerState;
+use retreat::LoadWatch;
 pub use start::{DESCRIPTION, Origin, Start};
 use stiffness::StiffnessFit;
 use store::Incoming;
@@ -119,6 +124,7 @@ pub struct Controller {
     stiffness: StiffnessFit,
     interlock: Interlock,
     executor: Executor,
+    pulser: Pulser,
     conversation: CommandSession,
     indicator: Indicator,
     incoming: Incoming,
@@ -131,12 +137,12 @@ pub struct Controller {
     /// The calibration was lost and that is not acknowledged.
     calibration_lost: bool,
     retreat: LoadWatch,
-    climb: Climb,
+    added_load: AddedLoad,
     /// A calibration was accepted: the device is about to restart.
     restarting: bool,
-    /// What was last reported of these, and kept of the fault.
+    /// What was last reported of these, and kept of fault and pulses.
     reported: Option<ReportedSafety>,
-    kept_fault: Option<Fault>,
+    kept: (Option<Fault>, NetDrive),
 }
 
 /// What of the safety is reported at once when it changes.
@@ -149,12 +155,12 @@ impl Controller {
     /// A controller at rest.
     pub fn new(calibration: Calibration, start: Start) -> Self {
         let mut interlock = Interlock::new(Limits::of(&calibration));
-        let Start { boot_id, restarted, origin, carried } = start;
-        let Carried { fault, budgets, climb } =
-            carried.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
+        let Start { boot_id, restarted, origin, retained } = start;
+        let ControllerState { fault, budgets, added_load, pulsed } =
+            retained.filter(|_| !Mutation::ForgetAtRestart.is_out()).unwrap_or_default();
         // What was latched before the restart comes first; the hello reports the restart itself.
         let lost = origin == Origin::Lost;
-        // That of a calibration which has been lost is latched anew, or has been stored.
+        // That of a calibration which has been lost is latched again, or has been stored.
         let fault = fault.filter(|fault| *fault != Fault::CalibrationLost);
         let restarted = restarted.then_some(Fault::Restarted);
         let lost_now = lost.then_some(Fault::CalibrationLost);
@@ -169,6 +175,7 @@ impl Controller {
             stiffness: StiffnessFit::new(),
             interlock,
             executor: Executor::new(),
+            pulser: Pulser::new(pulsed),
             conversation: CommandSession::new(boot_id),
             indicator: Indicator::new(),
             incoming: Incoming::new(),
@@ -182,18 +189,23 @@ impl Controller {
                 Origin::Nominal | Origin::Lost => CalibrationSource::Nominal,
             },
             calibration_lost: lost,
-            retreat: LoadWatch::new(),
-            climb,
+            retreat: LoadWatch::new(true),
+            added_load,
             restarting: false,
             reported: None,
-            kept_fault: None,
+            kept: (None, pulsed),
             calibration,
         }
     }
 
     /// What must outlive a restart.
-    pub fn carried(&self) -> Carried {
-        Carried { fault: self.interlock.latched(), budgets: self.budgets.clone(), climb: self.climb }
+    pub fn retained_state(&self) -> ControllerState {
+        ControllerState {
+            fault: self.interlock.latched(),
+            budgets: self.budgets.clone(),
+            added_load: self.added_load,
+            pulsed: self.pulser.net(),
+        }
     }
 
     /// One control period.
@@ -213,7 +225,10 @@ impl Controller {
         if let Some(command) = &inputs.command {
             store = self.handle_command(command, inputs, sample, causes, &mut notes);
         }
-        let drive = self.advance(inputs.now_us, &mut notes);
+        let drive = match self.pulse(&sample, inputs.now_us, &mut notes) {
+            Some(drive) => drive,
+            None => self.advance(inputs.now_us, &mut notes),
+        };
         self.watch(drive);
 
         self.report_due -= 1;
@@ -226,8 +241,9 @@ impl Controller {
         }
         self.report_safety(inputs.now_us, &mut notes);
         let latched = self.interlock.latched();
-        let keep = self.report_due == REPORT_PERIODS || latched != self.kept_fault || store.is_some();
-        self.kept_fault = latched;
+        let keep =
+            self.report_due == REPORT_PERIODS || (latched, self.pulser.net()) != self.kept || store.is_some();
+        self.kept = (latched, self.pulser.net());
         let state = self.state();
         Outputs {
             drive,
@@ -255,8 +271,8 @@ impl Controller {
             readings: &inputs.readings,
             position_um,
             expected_um,
-            duty: self.axes.each_ref().map(Axis::last_duty),
-            active: self.executor.phase() != Phase::Idle,
+            duty: self.last_duty(),
+            active: self.executor.phase() != Phase::Idle || self.pulser.is_active(),
             silent_us: inputs.now_us.saturating_sub(self.last_command_us),
             late,
             watches: &self.watches,
@@ -344,31 +360,6 @@ impl Controller {
         }
     }
 
-    /// Ends a retreat that has done its work, or does harm.
-    fn follow_load(&mut self, causes: Causes, now_us: u64, notes: &mut OutboundMessages) {
-        if self.executor.phase() != Phase::Retreating {
-            return;
-        }
-        if causes.other_than_load() {
-            return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
-        }
-        let position_um = self.axes.each_ref().map(Axis::position_um);
-        let limits = [self.interlock.limits().force_mn, self.calibration.force_range_mn()];
-        let [limit_mn, range_mn] = limits;
-        match self.retreat.step(self.force.load_counts(), position_um, limit_mn, range_mn) {
-            Trend::Falling => {}
-            Trend::Unloaded => self.end_retreat(RetreatOutcome::Unloaded, now_us, notes),
-            Trend::NotFalling => self.end_retreat(RetreatOutcome::ForceNotFalling, now_us, notes),
-        }
-    }
-
-    fn end_retreat(&mut self, outcome: RetreatOutcome, now_us: u64, notes: &mut OutboundMessages) {
-        self.executor.abort();
-        self.axes.iter_mut().for_each(Axis::rest);
-        self.climb.end(self.force.load_counts());
-        push(notes, OutboundMessage::Event(event(now_us, EventKind::RetreatEnded { outcome })));
-    }
-
     /// Updates the motors' watches and budgets with what was done.
     fn watch(&mut self, drive: Drive) {
         let duty = match drive {
@@ -380,10 +371,12 @@ impl Controller {
             None => [None; 2],
         };
         let positions_um = self.axes.each_ref().map(Axis::position_um);
-        let drives = duty.into_iter().zip(positions_um).zip([setpoint_x, setpoint_y]);
+        // What moves in a pulse, and which way, is its own matter; the motor's heat is not.
+        let judged = if self.pulser.is_active() { [0.0; 2] } else { duty };
+        let drives = duty.into_iter().zip(judged).zip(positions_um).zip([setpoint_x, setpoint_y]);
         let keepers = self.watches.iter_mut().zip(&mut self.budgets);
-        for ((watch, budget), ((duty, position_um), setpoint)) in keepers.zip(drives) {
-            watch.step(duty, position_um, setpoint);
+        for ((watch, budget), (((duty, judged), position_um), setpoint)) in keepers.zip(drives) {
+            watch.step(judged, position_um, setpoint);
             budget.step(duty != 0.0);
         }
         for (axis, watch) in self.axes.iter_mut().zip(&self.watches) {
@@ -396,7 +389,7 @@ impl Controller {
     /// Latches a fault, ends the program and reports it.
     fn trip(&mut self, fault: Fault, now_us: u64, notes: &mut OutboundMessages) {
         self.interlock.latch(fault);
-        self.climb = Climb::default();
+        self.added_load = AddedLoad::default();
         push(notes, OutboundMessage::Event(event(now_us, EventKind::Faulted { fault })));
         self.end_program(Outcome::Faulted, now_us, notes);
     }
@@ -404,6 +397,9 @@ impl Controller {
     fn end_program(&mut self, outcome: Outcome, now_us: u64, notes: &mut OutboundMessages) {
         if self.executor.phase() == Phase::Retreating {
             return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
+        }
+        if let Some(report) = self.pulser.abort() {
+            push(notes, OutboundMessage::Event(event(now_us, EventKind::PulseEnded(report))));
         }
         if self.executor.abort() {
             push(notes, OutboundMessage::Event(event(now_us, EventKind::ProgramEnded { outcome })));

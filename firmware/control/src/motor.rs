@@ -3,7 +3,7 @@
 //! The actuators are rated for a duty cycle of 20 %: at most [`ON_LIMIT_PERIODS`] of driving in any [`WINDOW_S`] seconds. The
 //! time is counted in bins of [`BIN_S`] seconds over a window that slides by whole bins and is one bin longer than rated, so
 //! that no window of the rated length ever has more. A motor that has used it up is locked out until it has less than
-//! [`COOLED`] of it.
+//! [`COOLED_SHARE`] of it.
 
 use super::PERIOD_US;
 use super::axis::Setpoint;
@@ -15,12 +15,12 @@ pub const BIN_S: u32 = 5;
 /// Driving that is allowed in a window: 20 % of it, periods.
 pub const ON_LIMIT_PERIODS: u32 = WINDOW_S * (1_000_000 / PERIOD_US) / 5;
 /// Share of the limit below which a hot motor counts as cool again.
-pub const COOLED: f32 = 0.8;
+pub const COOLED_SHARE: f32 = 0.8;
 
 const BINS: usize = (WINDOW_S / BIN_S) as usize + 1;
 const PERIODS_PER_BIN: u32 = BIN_S * (1_000_000 / PERIOD_US);
 
-/// How long one motor has been driven lately.
+/// How long one motor has been driven recently.
 #[derive(Debug, Clone)]
 pub struct DutyBudget {
     bins: [u16; BINS],
@@ -55,7 +55,7 @@ impl DutyBudget {
             *bin += 1;
             self.on_periods += 1;
         }
-        self.locked = if self.locked { self.used() >= COOLED } else { self.used() >= 1.0 };
+        self.locked = if self.locked { self.used() >= COOLED_SHARE } else { self.used() >= 1.0 };
     }
 
     /// The motor is hot and must not be driven until it has cooled.
@@ -72,7 +72,7 @@ impl DutyBudget {
         for later in 1..=BINS {
             let oldest = self.bins.get((self.current + later) % BINS).copied().unwrap_or(0);
             left = left.saturating_sub(oldest.into());
-            if (left as f32) < COOLED * ON_LIMIT_PERIODS as f32 {
+            if (left as f32) < COOLED_SHARE * ON_LIMIT_PERIODS as f32 {
                 break;
             }
             periods += PERIODS_PER_BIN;
@@ -227,7 +227,7 @@ mod tests {
         }
         assert_eq!(budget.used(), 1.0);
         let mut rest_s = 0;
-        while budget.used() >= COOLED {
+        while budget.used() >= COOLED_SHARE {
             (0..1_000).for_each(|_| budget.step(false));
             rest_s += 1;
         }
@@ -332,7 +332,7 @@ mod tests {
             let mut locked = false;
             for (on, off) in bursts {
                 for period in 0..on + off {
-                    locked = if locked { budget.used() >= COOLED } else { budget.used() >= 1.0 };
+                    locked = if locked { budget.used() >= COOLED_SHARE } else { budget.used() >= 1.0 };
                     let driven = period < on && !locked;
                     budget.step(driven);
                     history.push(u32::from(driven));

@@ -17,6 +17,11 @@
 //! | `CoolingTooShort` | a hot motor is not cool when it is reported to be | `a_motor_that_never_rests_is_locked_out` |
 //! | `SilentAfterSaturation` | one saturated reading hides that none follows: no force limit | `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load` |
 //! | `RetreatsClimb` | retreats in the wrong direction add up | `a_load_beyond_the_range_is_left_by_a_retreat` |
+//! | `LargestLoadAlone` | a larger force along y hides what retreats add along x | `retreats_along_one_axis_do_not_hide_behind_the_load_of_the_other` |
+//! | `BlindRetreat` | a converter that saturates in a retreat lets it go on into the load | `a_converter_that_saturates_in_a_retreat_ends_it` |
+//! | `BlindTurned` | short retreats by tables of the wrong sign, with a saturated converter, add up | `short_retreats_by_tables_of_the_wrong_sign_do_not_add_up` |
+//! | `ClearInMotion` | a fault is cleared while its motor still rolls on | `a_fault_is_cleared_only_at_rest` |
+//! | `AnyPulse` | pulses of a motor move it as far as they like | `a_pulse_ends_within_its_bound_whatever_is_wired_wrong`, `pulses_do_not_add_up_and_are_refused_without_an_acknowledged_calibration_and_in_a_fault` |
 
 /// A safety measure that can be disabled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +48,16 @@ pub enum Mutation {
     SilentAfterSaturation,
     /// Retreats may follow each other into the load.
     RetreatsClimb,
+    /// A retreat follows the largest load alone.
+    LargestLoadAlone,
+    /// A retreat goes on without a force to follow.
+    BlindRetreat,
+    /// Retreats without a force to follow may lead away from the straight needle.
+    BlindTurned,
+    /// A fault is cleared in motion.
+    ClearInMotion,
+    /// A pulse may last as long and be as strong as it likes, and many may follow in one direction.
+    AnyPulse,
 }
 
 #[cfg(not(not(target_os = "none")))]
@@ -61,7 +76,7 @@ std::thread_local! {
 #[cfg(not(target_os = "none"))]
 impl Mutation {
     /// Every one.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 16] = [
         Self::AnyCalibration,
         Self::ForgetAtRestart,
         Self::LimitFromTare,
@@ -73,6 +88,11 @@ impl Mutation {
         Self::CoolingTooShort,
         Self::SilentAfterSaturation,
         Self::RetreatsClimb,
+        Self::LargestLoadAlone,
+        Self::BlindRetreat,
+        Self::BlindTurned,
+        Self::ClearInMotion,
+        Self::AnyPulse,
     ];
 
     /// This measure is disabled.

@@ -42,6 +42,9 @@ impl Controller {
         if self.interlock.latched().is_some() {
             return State::Faulted;
         }
+        if self.pulser.is_active() {
+            return State::Moving;
+        }
         match self.executor.phase() {
             // A retreat has its own state above.
             Phase::Idle | Phase::Retreating => State::Idle,

@@ -2,13 +2,13 @@
 
 use super::commands::Admission;
 use super::interlock::{Causes, Limits};
+use super::motor::DriveWatch;
 use super::mutation::Mutation;
 use super::program::Phase;
-use super::retreat::LoadWatch;
+use super::pulse::Pulse;
 use super::{Axis, Controller, Inputs, OutboundMessage, OutboundMessages, push};
 use protocol::{
-    CalibrationRecord, CalibrationSource, Command, Fault, Outcome, RETREAT_LIMIT_UM, Refusal, Request,
-    SILENCE_LIMIT_MS, Sample,
+    CalibrationRecord, CalibrationSource, Command, Fault, Outcome, Refusal, Request, SILENCE_LIMIT_MS, Sample,
 };
 
 impl Controller {
@@ -82,18 +82,11 @@ impl Controller {
                 Ok(())
             }
             Request::LoadStep { index, step } => {
+                self.while_idle()?;
                 self.executor.load(index, step, self.calibration.travel_um() as i32)
             }
             Request::Run { steps, crc, start_us } => {
-                if let Some(fault) = self.interlock.latched() {
-                    return Err(Refusal::Faulted { fault });
-                }
-                if self.restarting {
-                    return Err(Refusal::Busy);
-                }
-                if self.source == CalibrationSource::Nominal {
-                    return Err(Refusal::CalibrationNotAcknowledged);
-                }
+                self.may_move()?;
                 let position_um = self.axes.each_ref().map(Axis::position_um);
                 self.executor.run(steps, crc, start_us, now_us, position_um)
             }
@@ -103,7 +96,11 @@ impl Controller {
             }
             Request::ClearFault if causes.first().is_some() => Err(Refusal::CauseRemains),
             // A motor that still rolls on, or is driven by a bridge that is shorted, is a cause of its own.
-            Request::ClearFault if self.interlock.latched().is_some() && !self.is_still() => {
+            Request::ClearFault
+                if self.interlock.latched().is_some()
+                    && !self.is_still()
+                    && !Mutation::ClearInMotion.is_out() =>
+            {
                 Err(Refusal::CauseRemains)
             }
             Request::ClearFault => {
@@ -117,6 +114,13 @@ impl Controller {
                 self.incoming.take(piece, bytes)
             }
             Request::Retreat { x_um, y_um } => self.begin_retreat([x_um, y_um], now_us, causes),
+            Request::Pulse { axis, duty_permille, duration_ms } => {
+                self.may_move()?;
+                let pulse = Pulse { axis, duty_permille, periods: duration_ms };
+                let position_um = self.axes.each_ref().map(Axis::position_um);
+                let proven = self.watches.each_ref().map(DriveWatch::is_proven);
+                self.pulser.begin(pulse, position_um, self.calibration.travel_um() as f32, proven)
+            }
             Request::AcknowledgeCalibration => {
                 if self.source == CalibrationSource::Nominal {
                     self.source = CalibrationSource::NominalAcknowledged;
@@ -137,8 +141,24 @@ impl Controller {
         self.axes.iter().all(Axis::is_still)
     }
 
-    fn while_idle(&self) -> Result<(), Refusal> {
-        if self.executor.phase() == Phase::Idle { Ok(()) } else { Err(Refusal::Busy) }
+    pub(super) fn while_idle(&self) -> Result<(), Refusal> {
+        let idle = self.executor.phase() == Phase::Idle && !self.pulser.is_active();
+        if idle { Ok(()) } else { Err(Refusal::Busy) }
+    }
+
+    /// Motion from rest.
+    fn may_move(&self) -> Result<(), Refusal> {
+        if let Some(fault) = self.interlock.latched() {
+            return Err(Refusal::Faulted { fault });
+        }
+        self.while_idle()?;
+        if self.restarting {
+            return Err(Refusal::Busy);
+        }
+        if self.source == CalibrationSource::Nominal {
+            return Err(Refusal::CalibrationNotAcknowledged);
+        }
+        Ok(())
     }
 
     /// A restart would hide a fault, unless the calibration may be its cause: then another one is the way out.
@@ -162,41 +182,6 @@ impl Controller {
             return Err(Refusal::OutOfRange);
         }
         self.interlock.set_limits(limits);
-        Ok(())
-    }
-
-    /// Starts the way out of a load.
-    fn begin_retreat(&mut self, by_um: [i32; 2], now_us: u64, causes: Causes) -> Result<(), Refusal> {
-        self.while_idle()?;
-        if self.restarting {
-            return Err(Refusal::Busy);
-        }
-        if by_um == [0; 2] || by_um.into_iter().any(|um| um.unsigned_abs() > RETREAT_LIMIT_UM as u32) {
-            return Err(Refusal::OutOfRange);
-        }
-        let under_load = self.interlock.latched().is_some() && causes.load() && !causes.other_than_load();
-        if !under_load || Mutation::NoRetreat.is_out() {
-            return Err(Refusal::NotUnderLoad);
-        }
-        let from_um = self.axes.each_ref().map(Axis::position_um);
-        let travel_um = self.calibration.travel_um() as f32;
-        // Without a force to watch, only towards the straight needle.
-        let blind = self.force.load_counts().is_none();
-        let mut to_um = from_um;
-        for (to_um, by_um) in to_um.iter_mut().zip(by_um) {
-            let from_um = *to_um;
-            *to_um += by_um as f32;
-            let inward = to_um.abs() < from_um.abs() && *to_um * from_um >= 0.0;
-            let stays = by_um == 0;
-            if !stays && !inward && (blind || to_um.abs() > travel_um) {
-                return Err(Refusal::OutOfTravel);
-            }
-        }
-        if !self.climb.begin(by_um, self.force.load_counts(), self.calibration.force_range_mn()) {
-            return Err(Refusal::OutOfTravel);
-        }
-        self.retreat = LoadWatch::new();
-        self.executor.retreat(from_um, to_um, now_us);
         Ok(())
     }
 }

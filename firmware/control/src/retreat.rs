@@ -2,14 +2,21 @@
 //!
 //! A lead screw holds the guide where the load stopped it, so that the cause of the fault would stay for ever. The host states which
 //! way; the device ensures that it leads out: every [`PROGRESS_UM`] must take [`PROGRESS_PERCENT`] of the rated range off the
-//! load, which must never be more than [`RISE_PERCENT`] above its least so far. Where the converter is saturated there is no
-//! force to watch: then only the way towards the straight needle is open.
+//! load, of which none may be more than [`RISE_PERCENT`] above its least so far. Where the converter is saturated there is no
+//! force to watch: then only the way towards the straight needle is open, and another one that is under way ends.
 //!
-//! Retreats must not add up to a way into the load: what they add in one direction is counted over the fault ([`Climb`]), and a
-//! direction that has added [`RISE_PERCENT`] is refused until the fault is cleared.
+//! Retreats must not add up to a way into the load: what they add in one direction is counted over the fault ([`AddedLoad`](super::added_load::AddedLoad)), and a
+//! direction that has added [`RISE_PERCENT`] is refused until the fault is cleared. What the motor rolls on is part of it.
+//!
+//! Both follow each of the four [`Loads`] by itself: a larger force along y must not hide one along x that rises up to it.
 
+use super::axis::Axis;
+use super::interlock::{Causes, STALE_LIMIT_PERIODS};
 use super::mutation::Mutation;
+use super::program::Phase;
+use super::{Controller, OutboundMessage, OutboundMessages, event, push};
 use crate::calibration::counts_of_mn;
+use protocol::{EventKind, RETREAT_LIMIT_UM, Refusal, RetreatOutcome};
 
 /// Speed of a retreat, micrometres per second.
 pub const RETREAT_SPEED_UM_S: f32 = 500.0;
@@ -19,8 +26,33 @@ pub const RISE_PERCENT: u32 = 1;
 pub const PROGRESS_UM: f32 = 300.0;
 /// By how much, percent of the rated range.
 pub const PROGRESS_PERCENT: f32 = 0.4;
-/// Share of the limit below which the guide counts as unloaded.
-pub const UNLOADED: f32 = 0.9;
+/// Share of the limit below which the guide counts as unloaded: soft tissue takes up a part of the load again once the guide rests.
+pub const UNLOADED: f32 = 0.85;
+
+/// Number of [`Loads`].
+pub const LOADS: usize = 4;
+/// What the limits are about, force counts: size of the force along x and y from the converter's own zero, and of both from the tare.
+pub type Loads = [i32; LOADS];
+
+/// What the loads are compared with, force counts.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds {
+    pub(super) unloaded: i32,
+    pub(super) rise: i32,
+    progress: i32,
+}
+
+impl Bounds {
+    /// For a limit and a rated range.
+    pub fn new(limit_mn: u32, range_mn: u32) -> Self {
+        let range = counts_of_mn(range_mn) as f32;
+        Self {
+            unloaded: (UNLOADED * counts_of_mn(limit_mn.min(range_mn)) as f32) as i32,
+            rise: (range * RISE_PERCENT as f32 * 1e-2) as i32,
+            progress: (range * PROGRESS_PERCENT * 1e-2) as i32,
+        }
+    }
+}
 
 /// What the load does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,95 +68,128 @@ pub enum Trend {
 /// The load on the way.
 #[derive(Debug, Clone)]
 pub struct LoadWatch {
-    /// Where the load was last compared, and what it was, counts.
+    /// Where the load was last compared, and what its largest value was, counts.
     mark: Option<([f32; 2], i32)>,
-    least: i32,
+    least: [i32; LOADS],
+    /// It leads towards the straight needle on every axis that it moves.
+    inward: bool,
+    /// Periods in a row without a reading.
+    unread: u16,
 }
 
 impl LoadWatch {
-    /// At the start.
-    #[expect(clippy::new_without_default, reason = "`LoadWatch::new()` is clearer at its only use")]
-    pub const fn new() -> Self {
-        Self { mark: None, least: i32::MAX }
+    /// At the start of a retreat that leads towards the straight needle, or not.
+    pub const fn new(inward: bool) -> Self {
+        Self { mark: None, least: [i32::MAX; LOADS], inward, unread: 0 }
     }
 
-    /// Takes the load of a period, in force counts (nothing where the converter gives none), and where the guide is.
-    pub fn step(&mut self, load: Option<i32>, position_um: [f32; 2], limit_mn: u32, range_mn: u32) -> Trend {
-        let Some(load) = load else { return Trend::Falling };
-        let range = counts_of_mn(range_mn) as f32;
-        if (load as f32) < UNLOADED * counts_of_mn(limit_mn.min(range_mn)) as f32 {
+    /// Takes the loads of a period, in force counts (nothing where the converter gives none), and where the guide is.
+    ///
+    /// Each load is followed by itself: the largest alone would hide what rises on the other axis up to it.
+    pub fn step(&mut self, loads: Option<Loads>, position_um: [f32; 2], bounds: Bounds) -> Trend {
+        let Some(loads) = loads else {
+            self.unread = self.unread.saturating_add(1);
+            // A converter that saturates on the way leaves nothing to follow.
+            let goes_on =
+                self.inward || self.unread <= STALE_LIMIT_PERIODS || Mutation::BlindRetreat.is_out();
+            return if goes_on { Trend::Falling } else { Trend::NotFalling };
+        };
+        self.unread = 0;
+        let largest = loads.into_iter().max().unwrap_or(0);
+        if largest < bounds.unloaded {
             return Trend::Unloaded;
         }
-        self.least = self.least.min(load);
-        if (load - self.least) as f32 > range * RISE_PERCENT as f32 * 1e-2 {
-            return Trend::NotFalling;
-        }
-        let (from_um, before) = *self.mark.get_or_insert((position_um, load));
-        let ([x, y], [from_x, from_y]) = (position_um, from_um);
-        if libm::hypotf(x - from_x, y - from_y) >= PROGRESS_UM {
-            if ((before - load) as f32) < range * PROGRESS_PERCENT * 1e-2 {
+        for (load, least) in loads.into_iter().zip(&mut self.least) {
+            let load = load.max(bounds.unloaded);
+            *least = load.min(*least);
+            if load - *least > bounds.rise {
                 return Trend::NotFalling;
             }
-            self.mark = Some((position_um, load));
+        }
+        let (from_um, before) = *self.mark.get_or_insert((position_um, largest));
+        let ([x, y], [from_x, from_y]) = (position_um, from_um);
+        if libm::hypotf(x - from_x, y - from_y) >= PROGRESS_UM {
+            if before - largest < bounds.progress {
+                return Trend::NotFalling;
+            }
+            self.mark = Some((position_um, largest));
         }
         Trend::Falling
     }
 }
 
-/// Bytes of a kept [`Climb`].
-pub const CLIMB_BYTES: usize = 8;
-
-/// What retreats have added to the load since the fault, force counts, in the directions +x, -x, +y, -y. One along neither axis counts
-/// as along the axis of its larger part.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Climb {
-    added: [u16; 4],
-    /// Direction of the present retreat, and the load at its start.
-    from: Option<(usize, i32)>,
-}
-
-impl Climb {
-    /// Begins a retreat; false where its direction has been used up.
-    pub fn begin(&mut self, by_um: [i32; 2], load: Option<i32>, range_mn: u32) -> bool {
-        let [x_um, y_um] = by_um;
-        let along_y = usize::from(y_um.unsigned_abs() > x_um.unsigned_abs());
-        let negative = usize::from(if along_y == 1 { y_um } else { x_um } < 0);
-        let direction = 2 * along_y + negative;
-        let most = counts_of_mn(range_mn) * RISE_PERCENT as i32 / 100;
-        let used_up = self.added.get(direction).is_none_or(|added| i32::from(*added) >= most);
-        if used_up && !Mutation::RetreatsClimb.is_out() {
-            return false;
+impl Controller {
+    /// Starts the way out of a load.
+    pub(super) fn begin_retreat(
+        &mut self,
+        by_um: [i32; 2],
+        now_us: u64,
+        causes: Causes,
+    ) -> Result<(), Refusal> {
+        self.while_idle()?;
+        if self.restarting {
+            return Err(Refusal::Busy);
         }
-        self.from = load.map(|load| (direction, load));
-        true
+        if by_um == [0; 2] || by_um.into_iter().any(|um| um.unsigned_abs() > RETREAT_LIMIT_UM as u32) {
+            return Err(Refusal::OutOfRange);
+        }
+        let under_load = self.interlock.latched().is_some() && causes.load() && !causes.other_than_load();
+        if !under_load || Mutation::NoRetreat.is_out() {
+            return Err(Refusal::NotUnderLoad);
+        }
+        let from_um = self.axes.each_ref().map(Axis::position_um);
+        let travel_um = self.calibration.travel_um() as f32;
+        // Without a force to watch, only towards the straight needle.
+        let blind = self.force.loads().is_none();
+        let (mut to_um, mut leads_inward) = (from_um, true);
+        for (to_um, by_um) in to_um.iter_mut().zip(by_um) {
+            let from_um = *to_um;
+            *to_um += by_um as f32;
+            let inward = to_um.abs() < from_um.abs() && *to_um * from_um >= 0.0;
+            let stays = by_um == 0;
+            leads_inward &= stays || inward;
+            if !stays && !inward && (blind || to_um.abs() > travel_um) {
+                return Err(Refusal::OutOfTravel);
+            }
+        }
+        if !self.added_load.begin(by_um, from_um, self.force.loads(), self.retreat_bounds()) {
+            return Err(Refusal::OutOfTravel);
+        }
+        self.retreat = LoadWatch::new(leads_inward);
+        self.executor.retreat(from_um, to_um, now_us);
+        Ok(())
     }
 
-    /// Ends it. Where there is no reading the load is taken to be what it was.
-    pub fn end(&mut self, load: Option<i32>) {
-        if let Some(((direction, from), load)) = self.from.take().zip(load)
-            && let Some(added) = self.added.get_mut(direction)
-        {
-            let sum = i32::from(*added).saturating_add(load.saturating_sub(from));
-            *added = u16::try_from(sum.max(0)).unwrap_or(u16::MAX);
+    /// Ends a retreat that has done its work, or does harm.
+    pub(super) fn follow_load(&mut self, causes: Causes, now_us: u64, notes: &mut OutboundMessages) {
+        let position_um = self.axes.each_ref().map(Axis::position_um);
+        self.added_load.follow(self.force.loads(), position_um);
+        if self.executor.phase() != Phase::Retreating {
+            return;
+        }
+        if causes.other_than_load() {
+            return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
+        }
+        if self.added_load.is_blind_used_up() {
+            return self.end_retreat(RetreatOutcome::ForceNotFalling, now_us, notes);
+        }
+        match self.retreat.step(self.force.loads(), position_um, self.retreat_bounds()) {
+            Trend::Falling => {}
+            Trend::Unloaded => self.end_retreat(RetreatOutcome::Unloaded, now_us, notes),
+            Trend::NotFalling => self.end_retreat(RetreatOutcome::ForceNotFalling, now_us, notes),
         }
     }
 
-    /// What a restart must not forget.
-    pub fn to_bytes(self) -> [u8; CLIMB_BYTES] {
-        let mut bytes = [0; CLIMB_BYTES];
-        for (kept, added) in bytes.chunks_exact_mut(2).zip(self.added) {
-            kept.copy_from_slice(&added.to_le_bytes());
-        }
-        bytes
+    /// Ends a retreat.
+    pub(super) fn end_retreat(&mut self, outcome: RetreatOutcome, now_us: u64, notes: &mut OutboundMessages) {
+        self.executor.abort();
+        self.axes.iter_mut().for_each(Axis::rest);
+        self.added_load.end();
+        push(notes, OutboundMessage::Event(event(now_us, EventKind::RetreatEnded { outcome })));
     }
 
-    /// What [`Self::to_bytes`] kept.
-    pub fn from_bytes(bytes: [u8; CLIMB_BYTES]) -> Self {
-        let mut climb = Self::default();
-        for (added, kept) in climb.added.iter_mut().zip(bytes.as_chunks::<2>().0) {
-            *added = u16::from_le_bytes(*kept);
-        }
-        climb
+    fn retreat_bounds(&self) -> Bounds {
+        Bounds::new(self.interlock.limits().force_mn, self.calibration.force_range_mn())
     }
 }
 
@@ -132,35 +197,14 @@ impl Climb {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_direction_that_has_added_a_percent_is_used_up_and_no_other() {
-        // 1 % of 5 N are 1000 counts.
-        let mut climb = Climb::default();
-        for turn in 0..4 {
-            assert!(climb.begin([20, 300], Some(100_000 + 300 * turn), 5_000), "turn {turn}");
-            climb.end(Some(100_300 + 300 * turn));
-        }
-        assert!(!climb.begin([0, 1], Some(101_200), 5_000));
-        let kept = Climb::from_bytes(climb.to_bytes());
-        assert_eq!(kept, climb);
-        for direction in [[0, -1], [1, 0], [-1, 0]] {
-            assert!(climb.begin(direction, Some(101_200), 5_000), "{direction:?}");
-            climb.end(Some(90_000));
-            assert!(climb.begin(direction, None, 5_000), "it fell");
-            climb.end(None);
-        }
-        assert!(
-            !climb.begin([-300, 301], Some(90_000), 5_000),
-            "nothing that another direction does opens it"
-        );
-    }
+    const BOUNDS: fn() -> Bounds = || Bounds::new(5_000, 5_000);
 
     /// Moves by 1 um a step from 5.1 N on; the load changes by so many counts a micrometre (20 counts are 1 N/mm).
     fn way(counts_per_um: f32) -> (Trend, u32) {
-        let mut watch = LoadWatch::new();
+        let mut watch = LoadWatch::new(false);
         for um in 0..1_000_u32 {
             let load = (102_000.0 + counts_per_um * um as f32) as i32;
-            let trend = watch.step(Some(load), [0.0, um as f32], 5_000, 5_000);
+            let trend = watch.step(Some([0, load, 0, load]), [0.0, um as f32], BOUNDS());
             if trend != Trend::Falling {
                 return (trend, um);
             }
@@ -169,9 +213,18 @@ mod tests {
     }
 
     #[test]
+    fn a_larger_load_along_y_hides_nothing_that_rises_along_x() {
+        let mut watch = LoadWatch::new(false);
+        let trend = |watch: &mut LoadWatch, x, y, um| watch.step(Some([x, y, 0, 0]), [um, 0.0], BOUNDS());
+        assert_eq!(trend(&mut watch, 95_000, 110_000, 0.0), Trend::Falling);
+        assert_eq!(trend(&mut watch, 95_900, 109_000, 1.0), Trend::Falling);
+        assert_eq!(trend(&mut watch, 96_100, 108_000, 2.0), Trend::NotFalling);
+    }
+
+    #[test]
     fn the_way_out_is_gone_to_its_end_and_the_wrong_one_is_not() {
-        // 102000 to 90000 counts at 20 a micrometre.
-        assert_eq!(way(-20.0), (Trend::Unloaded, 601));
+        // 102000 to 85000 counts at 20 a micrometre.
+        assert_eq!(way(-20.0), (Trend::Unloaded, 851));
         assert_eq!(way(-2.0), (Trend::Falling, 1_000));
         assert_eq!(way(0.0), (Trend::NotFalling, 300));
         assert_eq!(way(-0.5), (Trend::NotFalling, 300));
@@ -179,10 +232,22 @@ mod tests {
     }
 
     #[test]
+    fn a_converter_that_saturates_on_the_way_ends_what_does_not_lead_to_the_straight_needle() {
+        let after = |inward: bool, periods: u16| {
+            let mut watch = LoadWatch::new(inward);
+            assert_eq!(watch.step(Some([102_000; LOADS]), [0.0; 2], BOUNDS()), Trend::Falling);
+            (0..periods).map(|_| watch.step(None, [0.0; 2], BOUNDS())).last()
+        };
+        assert_eq!(after(false, STALE_LIMIT_PERIODS), Some(Trend::Falling));
+        assert_eq!(after(false, STALE_LIMIT_PERIODS + 1), Some(Trend::NotFalling));
+        assert_eq!(after(true, 10 * STALE_LIMIT_PERIODS), Some(Trend::Falling));
+    }
+
+    #[test]
     fn without_a_reading_nothing_is_compared() {
-        let mut watch = LoadWatch::new();
-        assert_eq!(watch.step(None, [0.0; 2], 5_000, 5_000), Trend::Falling);
-        assert_eq!(watch.step(None, [0.0, 900.0], 5_000, 5_000), Trend::Falling);
-        assert_eq!(watch.step(Some(102_000), [0.0, 900.0], 5_000, 5_000), Trend::Falling);
+        let mut watch = LoadWatch::new(false);
+        assert_eq!(watch.step(None, [0.0; 2], BOUNDS()), Trend::Falling);
+        assert_eq!(watch.step(None, [0.0, 900.0], BOUNDS()), Trend::Falling);
+        assert_eq!(watch.step(Some([102_000; LOADS]), [0.0, 900.0], BOUNDS()), Trend::Falling);
     }
 }

@@ -72,18 +72,18 @@ pub fn from_stored(stored: &[u8; STORED_BYTES]) -> Option<(CalibrationRecord, u3
 
 /// What the device works with, and where the next record goes.
 #[derive(Debug, Clone)]
-pub struct Choice {
+pub struct SlotChoice {
     /// The calibration.
     pub calibration: Calibration,
     /// Where it comes from.
     pub origin: Origin,
     /// For the next one.
-    pub next: Next,
+    pub next: NextSlot,
 }
 
 /// Where a record is to be written, and as what.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Next {
+pub struct NextSlot {
     /// The slot.
     pub slot: usize,
     /// The sequence number.
@@ -91,18 +91,18 @@ pub struct Next {
 }
 
 /// The newest sound calibration.
-pub fn choose(slots: &[[u8; STORED_BYTES]; SLOTS]) -> Choice {
+pub fn choose(slots: &[[u8; STORED_BYTES]; SLOTS]) -> SlotChoice {
     let sound = slots.iter().enumerate().filter_map(|(slot, stored)| {
         let (record, sequence) = from_stored(stored)?;
         Some((slot, sequence, Calibration::new(record).ok()?))
     });
     if let Some((slot, sequence, calibration)) = sound.max_by_key(|(_, sequence, _)| *sequence) {
-        let next = Next { slot: (slot + 1) % SLOTS, sequence: sequence.saturating_add(1) };
-        return Choice { calibration, origin: Origin::Stored, next };
+        let next = NextSlot { slot: (slot + 1) % SLOTS, sequence: sequence.saturating_add(1) };
+        return SlotChoice { calibration, origin: Origin::Stored, next };
     }
     let erased = |stored: &[u8; STORED_BYTES]| stored.iter().all(|byte| *byte == ERASED);
     let origin = if slots.iter().all(erased) { Origin::Nominal } else { Origin::Lost };
-    Choice { calibration: Calibration::default(), origin, next: Next { slot: 0, sequence: 1 } }
+    SlotChoice { calibration: Calibration::default(), origin, next: NextSlot { slot: 0, sequence: 1 } }
 }
 
 #[cfg(test)]
@@ -148,7 +148,7 @@ mod tests {
         old[8..8 + bytes.len()].copy_from_slice(bytes);
         let erased = [ERASED; STORED_BYTES];
         let choice = choose(&[erased, old]);
-        assert_eq!((choice.origin, choice.next), (Origin::Stored, Next { slot: 0, sequence: 1 }));
+        assert_eq!((choice.origin, choice.next), (Origin::Stored, NextSlot { slot: 0, sequence: 1 }));
         assert_eq!(id(&[erased, old]).0, "unit-6");
         assert_eq!(id(&[to_stored(&named("unit-7"), 1), old]).0, "unit-7");
     }

@@ -1,7 +1,7 @@
 //! What the controller starts with, and what it was built for.
 
-use super::carried::Carried;
 use super::commands;
+use super::retained::ControllerState;
 use protocol::Description;
 
 /// What the device was built for.
@@ -15,7 +15,7 @@ pub const DESCRIPTION: Description = Description {
     start_limit_us: protocol::START_LIMIT_US,
     retreat_limit_um: protocol::RETREAT_LIMIT_UM as u32,
     silence_limit_ms: protocol::SILENCE_LIMIT_MS,
-    answers_remembered: commands::REMEMBERED as u8,
+    answers_remembered: commands::MAX_STORED_ANSWERS as u8,
     connections: commands::CONNECTIONS as u8,
 };
 
@@ -29,13 +29,13 @@ pub struct Start {
     /// Where the calibration comes from.
     pub origin: Origin,
     /// What the run before has left.
-    pub carried: Option<Carried>,
+    pub retained: Option<ControllerState>,
 }
 
 impl Start {
     /// A start with nothing amiss: a stored calibration, and nothing left of a run before.
     pub const fn ordinary(boot_id: u32) -> Self {
-        Self { boot_id, restarted: false, origin: Origin::Stored, carried: None }
+        Self { boot_id, restarted: false, origin: Origin::Stored, retained: None }
     }
 }
 

@@ -6,7 +6,7 @@
 //! filters, taken at every second output, where the filters' windows no longer overlap and the noise is white again.
 //!
 //! It is a gate on the quality of a measurement while it runs (is the needle held, is the tissue there, is the line straight),
-//! not the measurement: relaxation, needle and guide all are in this slope. It begins anew with every tare.
+//! not the measurement: relaxation, needle and guide all are in this slope. It begins again with every tare.
 
 #![expect(clippy::indexing_slicing, reason = "matrices of fixed size at places known when compiling")]
 

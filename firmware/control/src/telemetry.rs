@@ -24,7 +24,7 @@ pub trait Outbox {
 }
 
 /// Places that batches may not take.
-pub const RESERVED_FOR_NOTES: usize = 8;
+pub const RESERVED_FOR_MESSAGES: usize = 8;
 
 /// The way from the controller to the outbox.
 #[derive(Debug)]
@@ -61,7 +61,7 @@ impl Telemetry {
                 self.batch(batch, outbox);
             }
             // A periodic state may be dropped: the next one supersedes it.
-            let may_wait = report && outbox.room() <= RESERVED_FOR_NOTES;
+            let may_wait = report && outbox.room() <= RESERVED_FOR_MESSAGES;
             if let OutboundMessage::Stream(enable) = note {
                 self.streaming = *enable;
             } else if may_wait {
@@ -82,7 +82,7 @@ impl Telemetry {
     fn batch(&mut self, mut batch: Samples, outbox: &mut impl Outbox) {
         batch.dropped = self.samples_dropped;
         let count = u32::from(batch.count);
-        if outbox.room() <= RESERVED_FOR_NOTES || !outbox.put(Item::Batch(batch)) {
+        if outbox.room() <= RESERVED_FOR_MESSAGES || !outbox.put(Item::Batch(batch)) {
             self.samples_dropped = self.samples_dropped.saturating_add(count);
         }
     }
@@ -174,14 +174,14 @@ mod tests {
     #[test]
     fn notes_have_places_that_batches_cannot_take() {
         let mut telemetry = Telemetry::new();
-        let mut queue = Queue { items: VecDeque::new(), places: RESERVED_FOR_NOTES + 2 };
+        let mut queue = Queue { items: VecDeque::new(), places: RESERVED_FOR_MESSAGES + 2 };
         telemetry.send(0, &outputs(0, &[OutboundMessage::Stream(true)]), &mut queue);
         for t_ms in 1..1_000 {
             telemetry.send(t_ms * 1_000, &outputs(t_ms, &[]), &mut queue);
         }
         assert_eq!(queue.items.len(), 2);
         assert!(telemetry.samples_dropped() > 800);
-        for id in 0..RESERVED_FOR_NOTES as u16 {
+        for id in 0..RESERVED_FOR_MESSAGES as u16 {
             telemetry.send(1_000_000, &outputs(1_000, &[OutboundMessage::Ack(id)]), &mut queue);
         }
         assert_eq!((queue.room(), telemetry.messages_dropped()), (0, 0));

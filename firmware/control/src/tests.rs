@@ -298,6 +298,11 @@ fn any_request() -> impl Strategy<Value = Request> {
         Just(Request::Describe),
         Just(Request::AcknowledgeCalibration),
         (-1_100_i32..1_100, -1_100_i32..1_100).prop_map(|(x_um, y_um)| Request::Retreat { x_um, y_um }),
+        (0_u8..3, -400_i16..400, 0_u8..60).prop_map(|(axis, duty_permille, duration_ms)| Request::Pulse {
+            axis,
+            duty_permille,
+            duration_ms
+        }),
         any::<(u32, u32)>().prop_map(|(force_mn, silence_ms)| Request::Limits { force_mn, silence_ms }),
         any::<(u8, [u8; 16])>().prop_map(|(piece, bytes)| Request::LoadCalibration { piece, bytes }),
         any::<(u8, u32)>().prop_map(|(length, crc)| Request::StoreCalibration { length, crc }),

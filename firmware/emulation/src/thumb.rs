@@ -79,7 +79,7 @@ impl Access {
 
 /// Why an instruction is not decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refused {
+pub enum DecodeError {
     /// PUSH or POP.
     Stack,
     /// The transfer or the write-back targets the stack pointer or the program counter.
@@ -89,7 +89,7 @@ pub enum Refused {
 }
 
 /// Decodes the instruction `first` (and, if it is a 32-bit one, `second`) executed with the given registers.
-pub fn decode(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
+pub fn decode(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
     let access =
         if first >> 11 >= 0b11101 { wide(first, second, registers)? } else { narrow(first, registers)? };
     let unsafe_target = |register: u8| register == SP || register == PC;
@@ -98,7 +98,7 @@ pub fn decode(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, 
         || access.further_registers & (1 << SP | 1 << PC) != 0
         || access.write_back.is_some_and(|(base, _)| unsafe_target(base))
     {
-        return Err(Refused::StackOrProgramCounter);
+        return Err(DecodeError::StackOrProgramCounter);
     }
     Ok(access)
 }
@@ -109,7 +109,7 @@ const fn register(halfword: u16, lowest_bit: u32, bits: u32) -> u8 {
 }
 
 /// The 16-bit forms.
-fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
+fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
     use Direction::{Load, Store};
     use Width::{Byte, Half, Word};
     let low = register(code, 0, 3);
@@ -164,31 +164,31 @@ fn narrow(code: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
             let (address, end) = indexed(registers[usize::from(base)], 4 * list.count_ones(), true, false);
             multiple(direction, list, address, Some((base, end)), 2)
         }
-        0b1011 if matches!((code >> 8) & 0xF, 0x4 | 0x5 | 0xC | 0xD) => Err(Refused::Stack),
-        _ => Err(Refused::Unknown),
+        0b1011 if matches!((code >> 8) & 0xF, 0x4 | 0x5 | 0xC | 0xD) => Err(DecodeError::Stack),
+        _ => Err(DecodeError::Unknown),
     }
 }
 
 /// The 32-bit forms.
-fn wide(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
+fn wide(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
     match first >> 9 {
         0b111_0100 if first & 0x40 != 0 => doubleword(first, second, registers),
         0b111_0100 => wide_multiple(first, second, registers),
         0b111_1100 => single(first, second, registers),
-        _ => Err(Refused::Unknown),
+        _ => Err(DecodeError::Unknown),
     }
 }
 
 /// LDM and STM of 32 bits: `1110 100D I0WL Rn | list`, upwards from the base (I) or up to it (D).
-fn wide_multiple(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
+fn wide_multiple(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
     let upwards = match (first >> 7) & 3 {
         0b01 => true,
         0b10 => false,
-        _ => return Err(Refused::Unknown),
+        _ => return Err(DecodeError::Unknown),
     };
     let base = register(first, 0, 4);
     if base == PC {
-        return Err(Refused::Unknown);
+        return Err(DecodeError::Unknown);
     }
     let direction = if first & 0x0010 == 0 { Direction::Store } else { Direction::Load };
     let (address, new_base) =
@@ -204,7 +204,7 @@ fn multiple(
     address: u32,
     write_back: Option<(u8, u32)>,
     length: u32,
-) -> Result<Access, Refused> {
+) -> Result<Access, DecodeError> {
     let without_lowest = |list: u16| list & list.wrapping_sub(1);
     let lowest = |list: u16| (list != 0).then(|| list.trailing_zeros() as u8);
     let loaded = |base: u8| direction == Direction::Load && list >> base & 1 != 0;
@@ -214,7 +214,7 @@ fn multiple(
         width: Width::Word,
         signed: false,
         // An empty list is no instruction.
-        register: lowest(list).ok_or(Refused::Unknown)?,
+        register: lowest(list).ok_or(DecodeError::Unknown)?,
         second_register: lowest(after_first),
         further_registers: without_lowest(after_first),
         address,
@@ -224,12 +224,12 @@ fn multiple(
 }
 
 /// LDRD and STRD: `1110 100P U1WL Rn | Rt Rt2 imm8`.
-fn doubleword(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
+fn doubleword(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
     let (pre_index, write_back) = (first & 0x0100 != 0, first & 0x0020 != 0);
     let base = register(first, 0, 4);
     // P = W = 0 are the exclusives and the table branches.
     if base == PC || !(pre_index || write_back) {
-        return Err(Refused::Unknown);
+        return Err(DecodeError::Unknown);
     }
     let (address, new_base) =
         indexed(registers[usize::from(base)], u32::from(second & 0xFF) * 4, first & 0x0080 != 0, pre_index);
@@ -247,19 +247,19 @@ fn doubleword(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, 
 }
 
 /// LDR, LDRB, LDRH, LDRSB, LDRSH, STR, STRB, STRH: `1111 100S Mzz L Rn | Rt ...`.
-fn single(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refused> {
+fn single(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, DecodeError> {
     let signed = first & 0x0100 != 0;
     let direction = if first & 0x0010 == 0 { Direction::Store } else { Direction::Load };
     let width = match (first >> 5) & 3 {
         0 => Width::Byte,
         1 => Width::Half,
         2 => Width::Word,
-        _ => return Err(Refused::Unknown),
+        _ => return Err(DecodeError::Unknown),
     };
     let base = register(first, 0, 4);
     // A signed word or a signed store does not exist; PC as base is a literal.
     if base == PC || signed && (width == Width::Word || direction == Direction::Store) {
-        return Err(Refused::Unknown);
+        return Err(DecodeError::Unknown);
     }
     let base_value = registers[usize::from(base)];
     let (address, write_back) = if first & 0x0080 != 0 {
@@ -273,13 +273,13 @@ fn single(first: u16, second: u16, registers: &[u32; 16]) -> Result<Access, Refu
         // imm8 with P (0x400), U (0x200), W (0x100); P = 1, U = 1, W = 0 is the unprivileged form, the same for us.
         let (pre_index, write_back) = (second & 0x0400 != 0, second & 0x0100 != 0);
         if !(pre_index || write_back) {
-            return Err(Refused::Unknown);
+            return Err(DecodeError::Unknown);
         }
         let (address, new_base) =
             indexed(base_value, u32::from(second & 0xFF), second & 0x0200 != 0, pre_index);
         (address, write_back.then_some((base, new_base)))
     } else {
-        return Err(Refused::Unknown);
+        return Err(DecodeError::Unknown);
     };
     Ok(Access {
         direction,

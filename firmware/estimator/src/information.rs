@@ -2,7 +2,7 @@
 //! (theory, eq. 52).
 //!
 //! Rows are taken in by rotations, which neither square the condition number nor can lose positive definiteness, at any
-//! precision. What is known before the first row keeps `R` regular for good: information only grows or fades back towards it, so
+//! precision. What is known before the first row keeps `R` regular throughout: information only grows or fades back towards it, so
 //! there is no wind-up.
 
 use nalgebra::RealField;

@@ -8,7 +8,7 @@
 //! into a square-root information filter ([`information`]).
 //!
 //! The simulation is not linear in the parameters. Rows that were taken in when the parameters were still wrong would stay
-//! wrong for good: so between two rows, one old row per sample, the whole insertion is replayed with the parameters of the day,
+//! wrong: so between two rows, one old row per sample, the whole insertion is replayed with the current parameters,
 //! and when the replay has caught up it takes the filter's place (Gauss-Newton, one step per replay, halved where it makes
 //! the fit worse). A start that is wrong by a factor of a hundred is forgotten within a few replays.
 //!
@@ -192,12 +192,12 @@ impl<T: RealField + Copy, const M: usize> Settings<T, M> {
     }
 }
 
-/// Why a sample was not taken.
+/// Why a sample was rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Refused {
-    /// A value is not a number, or none that a rig can have.
+pub enum SampleError {
+    /// A value is not finite, or outside what a rig can have.
     NotANumber,
-    /// Time does not go on.
+    /// The time is not later than that of the sample before.
     TimeNotIncreasing,
     /// Deeper than the cells or the needle reach.
     TooDeep,
@@ -303,8 +303,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize, const 
     /// weighed with the next, so that no sample takes long).
     ///
     /// # Errors
-    /// [`Refused`]; the sample is skipped and nothing else changes.
-    pub fn update(&mut self, sample: &Sample<T>) -> Result<Option<Estimate<T>>, Refused> {
+    /// [`SampleError`]; the sample is skipped and nothing else changes.
+    pub fn update(&mut self, sample: &Sample<T>) -> Result<Option<Estimate<T>>, SampleError> {
         let reach_m = (self.settings.cell_m * convert(C as f64)).min(self.settings.length_m);
         let row = self.noise.take(sample, &self.settings, reach_m)?;
         let estimate = self.live.conclude();

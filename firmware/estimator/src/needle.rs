@@ -66,19 +66,19 @@ impl<T: RealField + Copy, const M: usize> Shape<T, M> {
     }
 
     /// `psi` at points one cell apart, from `x` towards the tip: sines and exponentials once, then multiplications only.
-    pub fn walk(&self, x_m: T) -> Walk<'_, T, M> {
-        Walk { shape: self, functions: self.modes.map(|mode| mode.functions(x_m, self.length_m)) }
+    pub fn mode_values(&self, x_m: T) -> ModeValues<'_, T, M> {
+        ModeValues { shape: self, functions: self.modes.map(|mode| mode.functions(x_m, self.length_m)) }
     }
 }
 
-/// See [`Shape::walk`].
+/// See [`Shape::mode_values`].
 #[derive(Debug)]
-pub struct Walk<'s, T, const M: usize> {
+pub struct ModeValues<'s, T, const M: usize> {
     shape: &'s Shape<T, M>,
     functions: [[T; 4]; M],
 }
 
-impl<T: RealField + Copy, const M: usize> Iterator for Walk<'_, T, M> {
+impl<T: RealField + Copy, const M: usize> Iterator for ModeValues<'_, T, M> {
     type Item = [T; M];
 
     fn next(&mut self) -> Option<[T; M]> {

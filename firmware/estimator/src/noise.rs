@@ -1,7 +1,7 @@
 //! From samples to rows: the prefilter, and the noise of the samples from the samples themselves
 //! (theory, eq. 53).
 
-use super::{Refused, Row, Sample, Settings};
+use super::{Row, Sample, SampleError, Settings};
 use nalgebra::{RealField, convert};
 
 /// Standard deviations of a single sample: force, tip and base.
@@ -59,18 +59,18 @@ impl<T: RealField + Copy> Noise<T> {
         sample: &Sample<T>,
         settings: &Settings<T, M>,
         reach_m: T,
-    ) -> Result<Option<Row<T>>, Refused> {
+    ) -> Result<Option<Row<T>>, SampleError> {
         let Sample { time_s, depth_m, base_m, force_n, tip_m } = *sample;
         let largest: T = convert(LARGEST);
         let number = |value: T| value.abs() < largest;
         if ![depth_m, base_m, force_n, tip_m].into_iter().all(number) || !time_s.is_finite() {
-            return Err(Refused::NotANumber);
+            return Err(SampleError::NotANumber);
         }
         if self.last.is_some_and(|last| time_s <= last.time_s) {
-            return Err(Refused::TimeNotIncreasing);
+            return Err(SampleError::TimeNotIncreasing);
         }
         if depth_m > reach_m {
-            return Err(Refused::TooDeep);
+            return Err(SampleError::TooDeep);
         }
         self.learn(sample);
         // A needle that is drawn back a little keeps its path.

@@ -1,4 +1,4 @@
-//! The replay that keeps the filter honest: all rows anew, one at a time, at the parameters of the day
+//! The replay that keeps the filter consistent: all rows again, one at a time, at the current parameters
 //! (theory, eq. 54).
 
 use super::filter::Filter;
@@ -8,7 +8,7 @@ use super::noise::Deviation;
 use super::{Row, Settings};
 use nalgebra::{RealField, convert};
 
-/// A second filter that goes through all rows anew at fixed parameters.
+/// A second filter that goes through all rows again at fixed parameters.
 #[derive(Debug, Clone)]
 pub struct Replay<T: RealField, const M: usize, const C: usize, const N: usize> {
     filter: Filter<T, M, C, N>,

@@ -159,7 +159,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
         let from = self.amplitudes * last_share + self.earlier.amplitudes * earlier_share;
         // Before the first row the needle lay straight with its base where it is.
         let start_tip_m = if first { row.base_m } else { self.tip_m };
-        let mut walk = shape.walk(self.length_m - row.depth_m + self.cell_m * half);
+        let mut mode_values = shape.mode_values(self.length_m - row.depth_m + self.cell_m * half);
         let mut loads = [CellLoad::default(); C];
         let mut matrix = SMatrix::<T, M, M>::from_diagonal(&SVector::from(shape.stiffness));
         let mut dampers = SMatrix::<T, M, M>::zeros();
@@ -175,8 +175,8 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Simula
             let length_m = bottom_m - top_m;
             let whole = length_m > self.cell_m * convert(0.999);
             let middle_m = (top_m + bottom_m) * half;
-            let walked = walk.next();
-            let psi = match walked {
+            let at_cell = mode_values.next();
+            let psi = match at_cell {
                 Some(psi) if whole => SVector::from(psi),
                 _ => SVector::from(shape.at(self.length_m - row.depth_m + middle_m)),
             };

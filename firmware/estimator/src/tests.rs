@@ -84,14 +84,14 @@ fn derivatives_are_those_of_the_whole_insertion() {
     }
 }
 
-/// The walk from cell to cell is the functions themselves.
+/// The values from cell to cell are those of the functions evaluated there.
 #[test]
-fn walking_is_evaluating() {
+fn mode_values_from_cell_to_cell_equal_evaluated_modes() {
     let shape = Shape::new(modes(), 0.13, 2e-3);
-    for (cell, walked) in shape.walk(0.031).take(45).enumerate() {
+    for (cell, stepped) in shape.mode_values(0.031).take(45).enumerate() {
         let evaluated = shape.at(0.031 + 2e-3 * cell as f64);
-        for (walked, evaluated) in walked.iter().zip(evaluated) {
-            assert!((walked - evaluated).abs() < 1e-10, "{cell}: {walked} {evaluated}");
+        for (stepped, evaluated) in stepped.iter().zip(evaluated) {
+            assert!((stepped - evaluated).abs() < 1e-10, "{cell}: {stepped} {evaluated}");
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Which boot this is and why it happened.
 
 use super::retained;
-use control::carried::Carried;
+use control::retained::ControllerState;
 use embassy_stm32::pac::{RCC, UID};
 use protocol::{CalibrationRecord, PANIC_BYTES, ResetReason, Text};
 
@@ -15,7 +15,7 @@ pub struct BootInfo {
     /// Place and message of the panic that ended the run before.
     pub last_panic: Option<Text<PANIC_BYTES>>,
     /// Fault and heat of the run before.
-    pub carried: Option<Carried>,
+    pub retained: Option<ControllerState>,
 }
 
 impl BootInfo {
@@ -28,7 +28,7 @@ impl BootInfo {
 
 /// Counts this boot and reads the reset flags, which it clears; returns also the calibration that is to be stored.
 pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
-    let legacy = retained::take();
+    let retained = retained::take();
     let flags = RCC.csr().read();
     RCC.csr().modify(|w| w.set_rmvf(true));
     RCC.csr().modify(|w| w.set_rmvf(false));
@@ -39,7 +39,7 @@ pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
         ResetReason::Software
     } else if flags.borrstf() {
         // Power coming on and power sagging below the threshold set the same flag; memory outlives only the latter.
-        if legacy.kept { ResetReason::BrownOut } else { ResetReason::PowerOn }
+        if retained.kept { ResetReason::BrownOut } else { ResetReason::PowerOn }
     } else if flags.lpwrrstf() || flags.oblrstf() || flags.fwrstf() {
         ResetReason::Other
     } else if flags.pinrstf() {
@@ -47,9 +47,9 @@ pub(super) fn read() -> (BootInfo, Option<CalibrationRecord>) {
     } else {
         ResetReason::Other
     };
-    let boot_id = boot_id(legacy.boots);
-    let boot = BootInfo { boot_id, reset_reason, last_panic: legacy.panic, carried: legacy.carried };
-    (boot, legacy.calibration)
+    let boot_id = boot_id(retained.boots);
+    let boot = BootInfo { boot_id, reset_reason, last_panic: retained.panic, retained: retained.controller };
+    (boot, retained.calibration)
 }
 
 /// The boot counter mixed with the chip's unique number.

@@ -27,7 +27,7 @@ pub use store::{STORE_BYTES, Store, StoreError};
 
 use control::Origin;
 use control::calibration::Calibration;
-use control::slots::{self, Choice, SLOTS, STORED_BYTES, to_stored};
+use control::slots::{self, SLOTS, STORED_BYTES, SlotChoice, to_stored};
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt};
 use embassy_stm32::usart::{self, BufferedUart};
@@ -168,7 +168,7 @@ fn calibration(mut store: Store, to_store: Option<CalibrationRecord>) -> (Calibr
     (choice.calibration, choice.origin)
 }
 
-fn choose(store: &mut Store) -> Choice {
+fn choose(store: &mut Store) -> SlotChoice {
     let mut stored = [[0; STORED_BYTES]; SLOTS];
     for (slot, stored) in stored.iter_mut().enumerate() {
         store.read(slot, stored);

@@ -3,7 +3,7 @@
 //!
 //! After power-on the memory holds anything, so that every part carries its own check.
 
-use control::carried::{CARRIED_BYTES, Carried};
+use control::retained::{ControllerState, RETAINED_BYTES};
 use control::slots::{STORED_BYTES, from_stored, to_stored};
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
@@ -24,7 +24,7 @@ struct Retained {
     panic_length: u32,
     panic: [u8; PANIC_BYTES],
     calibration: [u8; STORED_BYTES],
-    carried: [u8; CARRIED_BYTES],
+    controller: [u8; RETAINED_BYTES],
 }
 
 #[unsafe(link_section = ".uninit.retained")]
@@ -50,7 +50,7 @@ pub(super) struct RetainedState {
     /// A calibration that is to be stored.
     pub(super) calibration: Option<CalibrationRecord>,
     /// Fault and heat.
-    pub(super) carried: Option<Carried>,
+    pub(super) controller: Option<ControllerState>,
 }
 
 /// Takes what the last run has left; call it once, before any task runs.
@@ -69,8 +69,8 @@ pub(super) fn take() -> RetainedState {
             let calibration = from_stored(&retained.calibration).map(|(record, _)| record);
             retained.panic_magic = 0;
             retained.calibration = [0; STORED_BYTES];
-            let carried = Carried::from_bytes(&retained.carried);
-            RetainedState { boots, kept, panic, calibration, carried }
+            let controller = ControllerState::from_bytes(&retained.controller);
+            RetainedState { boots, kept, panic, calibration, controller }
         })
     }
 }
@@ -101,11 +101,11 @@ pub fn restart_with(calibration: &CalibrationRecord) -> ! {
 }
 
 /// Keeps what the next start must not forget.
-pub fn keep(carried: &Carried) {
-    let bytes = carried.to_bytes();
+pub fn keep(state: &ControllerState) {
+    let bytes = state.to_bytes();
     cortex_m::interrupt::free(|_| {
         // SAFETY: interrupts are off.
-        unsafe { with(|retained| retained.carried = bytes) };
+        unsafe { with(|retained| retained.controller = bytes) };
     });
 }
 

@@ -1,6 +1,6 @@
 //! Packing and unpacking of samples.
 
-use super::{Verdict, check, golden_envelopes::samples};
+use super::{Verdict, check, golden_messages::samples};
 use crate::{
     MAX_FRAME_TO_HOST, MAX_SAMPLES, Message, PACKED_BYTES, Packed, Packer, Sample, Samples, State,
     UnpackError, encode_envelope,

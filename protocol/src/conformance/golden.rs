@@ -5,9 +5,9 @@ use super::{
 };
 use crate::{
     CalibrationSource, Command, CommandReceiver, EncodeError, Envelope, EnvelopeReceiver, EventKind, Fault,
-    Incoming, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, Message, Outcome, Receiver, Refusal, Request,
-    ResetReason, RetreatOutcome, State, Step, TareProblem, encode_command, encode_envelope, program_crc,
-    schema_hash,
+    Incoming, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, Message, Outcome, PulseOutcome, Receiver, Refusal,
+    Request, ResetReason, RetreatOutcome, State, Step, TareProblem, encode_command, encode_envelope,
+    program_crc, schema_hash,
 };
 
 type Encode<T> = for<'a> fn(&T, &'a mut [u8]) -> Result<&'a [u8], EncodeError>;
@@ -72,7 +72,7 @@ macro_rules! covered {
 
 covered!(Requests: Request {
     Hello Status Stream LoadStep Run Stop ClearFault Limits LoadCalibration StoreCalibration Calibration
-    Retreat AcknowledgeCalibration Describe Safety
+    Retreat AcknowledgeCalibration Describe Safety Pulse
 });
 covered!(Steps: Step { Move Hold Tare Ramp });
 covered!(Messages: Message { Hello Ack Refused Samples Event Status Calibration Connected Safety Description });
@@ -86,7 +86,8 @@ covered!(Faults: Fault {
     Restarted Overrun MotorHot WrongWay CalibrationLost
 });
 covered!(States: State { Idle Pending Moving Holding Taring Faulted Retreating });
-covered!(EventKinds: EventKind { StepStarted StepEnded Tared ProgramEnded Faulted TareRejected RetreatEnded });
+covered!(EventKinds: EventKind { StepStarted StepEnded Tared ProgramEnded Faulted TareRejected RetreatEnded PulseEnded });
+covered!(PulseOutcomes: PulseOutcome { Completed Reached OtherAxis Force Stopped });
 covered!(Outcomes: Outcome { Completed Stopped Faulted TareRejected });
 covered!(TareProblems: TareProblem { FarFromZero Settling });
 covered!(RetreatOutcomes: RetreatOutcome { Unloaded Moved ForceNotFalling Stopped });
@@ -110,6 +111,7 @@ pub(super) fn every_variant_has_golden_bytes() -> Verdict {
         (States::default(), EventKinds::default(), Outcomes::default());
     let (mut problems, mut retreats, mut sources) =
         (TareProblems::default(), RetreatOutcomes::default(), CalibrationSources::default());
+    let mut pulses = PulseOutcomes::default();
     let (mut refused_faults, mut event_faults) = (Faults::default(), Faults::default());
     for Golden { message, .. } in ENVELOPES {
         let Envelope { message, .. } = message();
@@ -130,6 +132,7 @@ pub(super) fn every_variant_has_golden_bytes() -> Verdict {
                     EventKind::Faulted { fault } => event_faults.add(&fault),
                     EventKind::TareRejected { problem, .. } => problems.add(&problem),
                     EventKind::RetreatEnded { outcome } => retreats.add(&outcome),
+                    EventKind::PulseEnded(report) => pulses.add(&report.outcome),
                     _ => {}
                 }
             }
@@ -150,13 +153,14 @@ pub(super) fn every_variant_has_golden_bytes() -> Verdict {
     outcomes.check()?;
     problems.check()?;
     retreats.check()?;
+    pulses.check()?;
     sources.check()?;
     event_faults.check()
 }
 
 /// If this fails, a type has changed: raise [`crate::VERSION`] unless a variant was only appended, then pin the new hash.
 pub(super) fn schema_hash_is_pinned() -> Verdict {
-    let pinned = [0x06, 0xBB, 0x05, 0xAC, 0xBA, 0xCD, 0x23, 0x80];
+    let pinned = [0x01, 0x0C, 0xDA, 0xD7, 0x23, 0xB5, 0x0E, 0xCA];
     check(schema_hash() == pinned, "the message types have changed")
 }
 

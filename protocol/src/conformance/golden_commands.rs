@@ -66,6 +66,10 @@ pub(super) const COMMANDS: &[Golden<Command>] = &[
     Golden { message: || command(Request::Describe), frame: "000dac02d487cb8d0a0ddb7bc94900" },
     Golden { message: || command(Request::Safety), frame: "000dac02d487cb8d0a0e612ac0d000" },
     Golden {
+        message: || command(Request::Pulse { axis: 1, duty_permille: -350, duration_ms: 50 }),
+        frame: "0011ac02d487cb8d0a0f01bb053237735a2300",
+    },
+    Golden {
         message: || Command { id: 0, connection: 0, request: Request::Hello },
         frame: "000101010512d941ff00",
     },

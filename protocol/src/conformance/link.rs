@@ -180,7 +180,7 @@ pub(super) fn good_overlong_good() -> Verdict {
     sandwiches(&overlong, OVERLONG)
 }
 
-/// A receiver that begins anew where its buffer is full would take the end of these for a frame.
+/// A receiver that begins again where its buffer is full would take the end of these for a frame.
 fn valid_tails<T: Incoming, const N: usize>(golden: &[Golden<T>]) -> Verdict {
     golden.iter().try_for_each(|Golden { frame, .. }| {
         let mut valid = BUFFER;

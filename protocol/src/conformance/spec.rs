@@ -1,14 +1,14 @@
 //! The files for clients in other languages, `protocol/spec/`: made from the types and the golden bytes, and held to them.
 //!
-//! `NEEDLE_GUIDE_WRITE_SPEC=1 cargo test -p protocol spec` writes them anew.
+//! `NEEDLE_GUIDE_WRITE_SPEC=1 cargo test -p protocol spec` writes them again.
 
 use super::golden_commands::COMMANDS;
 use super::golden_envelopes::ENVELOPES;
 use super::{BUFFER, Golden, bytes};
 use crate::{
     Command, DURATION_LIMIT_MS, Envelope, Fault, MAX_FRAME_TO_DEVICE, MAX_FRAME_TO_HOST, MAX_STEPS,
-    RETREAT_LIMIT_UM, SILENCE_LIMIT_MS, SPEED_LIMIT_UM_S, START_LIMIT_US, Step, TARE_LIMIT_MS, VERSION,
-    program_crc, schema_hash,
+    PULSE_DUTY_LIMIT_PERMILLE, PULSE_LIMIT_MS, RETREAT_LIMIT_UM, SILENCE_LIMIT_MS, SPEED_LIMIT_UM_S,
+    START_LIMIT_US, Step, TARE_LIMIT_MS, VERSION, program_crc, schema_hash,
 };
 use postcard_schema::Schema;
 use postcard_schema::schema::{DataModelType, DataModelVariant, NamedType, NamedValue};
@@ -20,7 +20,7 @@ use std::{format, fs, println};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/spec");
 
-/// A file is what is made anew, or is written where that is requested.
+/// A file is what is regenerated, or is written where that is requested.
 fn is_current(name: &str, made: &str) {
     let path = format!("{FOLDER}/{name}");
     if std::env::var_os("NEEDLE_GUIDE_WRITE_SPEC").is_some() {
@@ -114,6 +114,8 @@ fn the_schema_for_other_languages_is_current() {
             "tare_ms": TARE_LIMIT_MS,
             "start_ahead_us": START_LIMIT_US,
             "retreat_um": RETREAT_LIMIT_UM,
+            "pulse_ms": PULSE_LIMIT_MS,
+            "pulse_duty_permille": PULSE_DUTY_LIMIT_PERMILLE,
             "silence_ms": [silence_least, silence_most],
         },
         "faults": Fault::ALL.map(|fault| json!({
@@ -181,6 +183,7 @@ fn the_chapter_names_every_number() {
         "ResetReason",
         "Outcome",
         "RetreatOutcome",
+        "PulseOutcome",
     ];
     for list in lists {
         let variants = all[list]["enum"].as_array().expect("an enum");

@@ -2,7 +2,7 @@
 
 use super::{Causes, Checked, Converter, MAX_ACTS, Target, Violation};
 use crate::calibration::Calibration;
-use crate::commands::REMEMBERED;
+use crate::commands::MAX_STORED_ANSWERS;
 use protocol::{
     CalibrationRecord, Command, Fault, MAX_CALIBRATION, PIECE_BYTES, Refusal, Request, Step, program_crc,
 };
@@ -111,6 +111,7 @@ impl<'a, T: Target> Sequence<'a, T> {
             }
             26 => self.target.reset(),
             27 => self.request(Request::AcknowledgeCalibration),
+            29 => self.pulses(),
             28 if self.target.is_patient() && self.random.one_in(40) => self.heat(),
             _ => self.leave(),
         }
@@ -155,13 +156,21 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.request(Request::Run { steps: steps.len() as u8, crc: program_crc(steps), start_us })
     }
 
-    /// A fast motion is stopped anywhere, and another one follows at once.
+    /// A fast motion is stopped anywhere, or ends in a fault that is cleared at once, and another one follows.
     fn interrupted(&mut self) -> Checked<()> {
         let step = self.step();
         self.run(&[step])?;
         let wait_ms = self.random.below(1_500);
         self.target.pass(wait_ms)?;
-        self.request(Request::Stop)?;
+        if self.random.one_in(3) {
+            self.target.set(Causes { emergency_stop: true, ..Causes::default() })?;
+            self.target.pass(1)?;
+            self.target.set(Causes::default())?;
+            self.request(Request::ClearFault)?;
+            self.target.pass(100)?;
+        } else {
+            self.request(Request::Stop)?;
+        }
         self.program()
     }
 
@@ -181,17 +190,54 @@ impl<'a, T: Target> Sequence<'a, T> {
         Ok(())
     }
 
-    /// Into a load, and further into it by one retreat after the other.
+    /// Into a load, and further into it by one retreat after the other: along one axis or both, after a tare elsewhere, with a limit that
+    /// is lowered, each retreat to its end or stopped on its way, and with a converter that saturates.
     fn creep_by_retreats(&mut self) -> Checked<()> {
         let y_um = if self.random.one_in(2) { 8_000 } else { -8_000 };
-        self.run(&[Step::Move { x_um: 0, y_um, speed_um_s: 4_000 }])?;
+        let x_um = [0, 0, 8_000, -8_000][self.random.below(4) as usize];
+        if self.random.one_in(2) {
+            let away_um = -y_um / 16;
+            self.run(&[
+                Step::Move { x_um: 0, y_um: away_um, speed_um_s: 2_000 },
+                Step::Hold { duration_ms: 60 },
+                Step::Tare { duration_ms: 60 },
+            ])?;
+            self.target.pass(800)?;
+        }
+        self.run(&[Step::Move { x_um, y_um, speed_um_s: 4_000 }])?;
         self.target.pass(3_000)?;
-        let crosses = self.random.one_in(2);
-        for turn in 0..16 {
-            let x_um = if crosses && turn % 2 == 0 { 300 } else { 0 };
+        if self.random.one_in(2) {
+            self.request(Request::Limits { force_mn: 300, silence_ms: 2_000 })?;
+        }
+        let (crosses, saturates) = (self.random.one_in(2), self.random.one_in(6));
+        let (turns, wait_ms) = if self.random.one_in(4) { (60, 40) } else { (16, 900) };
+        for turn in 0..turns {
+            let across_um = if x_um < 0 { -300 } else { 300 };
+            let x_um = if crosses && turn % 2 == 0 { across_um } else { 0 };
             let y_um = if x_um == 0 { y_um.signum() * 1_000 } else { 0 };
             self.request(Request::Retreat { x_um, y_um })?;
-            self.target.pass(900)?;
+            if turn == 1 && saturates {
+                self.target.pass(30)?;
+                self.target.set(Causes { converter: Converter::Saturated, ..Causes::default() })?;
+            }
+            self.target.pass(wait_ms)?;
+            if turns > 16 {
+                self.request(Request::Stop)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Pulses of one motor, some beyond what a pulse may be.
+    fn pulses(&mut self) -> Checked<()> {
+        let axis = self.random.below(2) as u8;
+        let sign = if self.random.one_in(2) { 1 } else { -1 };
+        for _ in 0..=self.random.below(6) {
+            let duty_permille = sign * [200, 350, 350, 700][self.random.below(4) as usize];
+            let duration_ms = [20, 50, 50, 200][self.random.below(4) as usize];
+            self.request(Request::Pulse { axis, duty_permille, duration_ms })?;
+            let wait_ms = [30, 200, 200][self.random.below(3) as usize];
+            self.target.pass(wait_ms)?;
         }
         Ok(())
     }
@@ -272,7 +318,7 @@ impl<'a, T: Target> Sequence<'a, T> {
             && let Some(run) = latest
         {
             old = run;
-            for _ in 0..REMEMBERED {
+            for _ in 0..MAX_STORED_ANSWERS {
                 let answer = self.target.request(Request::Status)?;
                 answer.map_err(|refusal| Violation(format!("a status is refused: {refusal:?}")))?;
             }

@@ -4,9 +4,9 @@ use super::judge::{Judge, Observation, ROLLS_ON_UM};
 use super::{Causes, Checked, Condition, Converter, Target, Violation, acts};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
-use crate::carried::Carried;
 use crate::hal::Readings;
 use crate::motor::DutyBudget;
+use crate::retained::ControllerState;
 use crate::{Controller, Drive, Inputs, Origin, OutboundMessage, Outputs, PERIOD_S, PERIOD_US, Start};
 use protocol::{
     CalibrationRecord, Command, Counters, Event, EventKind, Fault, Load, Refusal, Request, Safety, State,
@@ -73,7 +73,7 @@ pub struct Bench {
     boot_id: u32,
     connection: u32,
     next_id: u16,
-    /// Device time, which begins anew with every start, and the time before the start.
+    /// Device time, which begins again with every start, and the time before the start.
     now_us: u64,
     before_us: u64,
     fault: Option<Fault>,
@@ -121,7 +121,7 @@ impl Bench {
         };
         bench.judge.started(&bench.record, bench.rig.position_um);
         // A fault that the start has latched.
-        bench.fault = bench.controller.carried().fault;
+        bench.fault = bench.controller.retained_state().fault;
         bench
     }
 
@@ -135,7 +135,7 @@ impl Bench {
     }
 
     fn used(&self) -> [f32; 2] {
-        self.controller.carried().budgets.each_ref().map(DutyBudget::used)
+        self.controller.retained_state().budgets.each_ref().map(DutyBudget::used)
     }
 
     fn readings(&mut self) -> Readings {
@@ -210,7 +210,7 @@ impl Bench {
         }
         // The latched fault is read only where it may have changed: the copy takes time.
         if outputs.keep || cleared {
-            self.fault = self.controller.carried().fault;
+            self.fault = self.controller.retained_state().fault;
         }
         let idle = !matches!(outputs.state, State::Faulted | State::Retreating);
         if idle == self.fault.is_some() {
@@ -232,16 +232,16 @@ impl Bench {
     /// The device starts again with what the board has kept.
     fn restart(&mut self, restarted: bool) -> Checked<()> {
         self.tally.restarts += 1;
-        let before = (self.controller.carried().fault, self.used());
-        let carried = Carried::from_bytes(&self.controller.carried().to_bytes());
+        let before = (self.controller.retained_state().fault, self.used());
+        let retained = ControllerState::from_bytes(&self.controller.retained_state().to_bytes());
         self.boot_id += 1;
-        let start = Start { carried, origin: self.origin, restarted, ..Start::ordinary(self.boot_id) };
+        let start = Start { retained, origin: self.origin, restarted, ..Start::ordinary(self.boot_id) };
         let calibration = Calibration::new(self.record.clone())
             .map_err(|error| Violation(format!("an unsound calibration was accepted: {error}")))?;
         self.controller = Controller::new(calibration, start);
         self.before_us += self.now_us;
         self.now_us = 0;
-        self.fault = self.controller.carried().fault;
+        self.fault = self.controller.retained_state().fault;
         self.judge.kept(before, (self.fault, self.used()), 1e-3)?;
         self.judge.started(&self.record, self.rig.position_um);
         self.period(Some(HELLO)).map(drop)

@@ -2,7 +2,7 @@
 
 use super::{Checked, Violation};
 use crate::calibration::Calibration;
-use protocol::{CalibrationRecord, Fault, Outcome, Request, START_LIMIT_US, State};
+use protocol::{CalibrationRecord, Fault, Outcome, PULSE_BOUND_UM, Request, START_LIMIT_US, State};
 use std::format;
 
 /// After a program a guide rests within its travel and this, micrometres: what the position loop leaves, and its noise.
@@ -13,6 +13,9 @@ const STOPPED_REST_UM: f32 = 150.0;
 const RELEASED_REST_UM: f32 = 300.0;
 /// Motion the wrong way before it is noticed, micrometres: 0.3 mm with the actuator as designed, more with a smaller dead band.
 const WRONG_WAY_UM: f32 = 320.0;
+/// What a guide may still move after its fault was cleared and before it is driven again, micrometres: motion that counts as rest is less
+/// than 100 um in 50 periods, at most 4 mm/s at its end, which rolls on for a lag of 12 periods.
+const CLEARED_UM: f32 = 60.0;
 /// Time without drive after which a guide rests, milliseconds.
 const REST_MS: u64 = 100;
 /// What a motor rolls on between the first reading that exceeds a limit and its rest, micrometres: 2 periods until the fault, one
@@ -63,9 +66,14 @@ pub struct Judge {
     runs: u32,
     starts: u32,
     from_um: [f32; 2],
+    /// Where the guide was when its fault was cleared, until it is driven again.
+    cleared_um: Option<[f32; 2]>,
     driven_ms: u64,
     /// How the last program ended.
     ended: Option<Outcome>,
+    now_ms: u64,
+    /// Where a pulse began, from rest, that is the last motion so far.
+    pulsed_from_um: Option<[f32; 2]>,
 }
 
 impl Judge {
@@ -83,8 +91,11 @@ impl Judge {
             runs: 0,
             starts: 0,
             from_um: [0.0; 2],
+            cleared_um: None,
             driven_ms: 0,
             ended: None,
+            now_ms: 0,
+            pulsed_from_um: None,
         }
     }
 
@@ -96,7 +107,7 @@ impl Judge {
         self.travel_um = record.travel_um as f32;
         self.inside = false;
         self.turned = is_turned(record);
-        (self.from_um, self.ended) = (position_um, None);
+        (self.from_um, self.cleared_um, self.ended, self.pulsed_from_um) = (position_um, None, None, None);
         // Four fifths of the rated range until it is set. What there was before is no licence for more.
         self.limit_n = (record.force_range_mn / 5 * 4) as f32 * 1e-3 * self.gain;
         self.allowed_n = self.allowed_n.max(self.limit_n);
@@ -130,8 +141,12 @@ impl Judge {
 
     /// A command is about to be sent.
     pub fn sends(&mut self, request: &Request, position_um: [f32; 2]) {
+        if matches!(request, Request::Run { .. } | Request::Retreat { .. } | Request::Pulse { .. }) {
+            (self.from_um, self.cleared_um) = (position_um, None);
+        }
+        // What moves on in the period of the answer still counts as the motion before.
         if matches!(request, Request::Run { .. } | Request::Retreat { .. }) {
-            self.from_um = position_um;
+            self.pulsed_from_um = None;
         }
         // Before its answer: it may start at once.
         self.runs += u32::from(matches!(request, Request::Run { .. }));
@@ -148,6 +163,10 @@ impl Judge {
                 return Err(Violation(format!("a start at {start_us} us is accepted at {now_us} us")));
             }
             Request::Limits { force_mn, .. } if accepted => self.limited(force_mn, force_n),
+            Request::Pulse { .. } if accepted => {
+                let rests = self.now_ms >= self.driven_ms + REST_MS;
+                self.pulsed_from_um = rests.then_some(self.from_um);
+            }
             _ => {}
         }
         Ok(())
@@ -159,10 +178,27 @@ impl Judge {
     /// What does not hold.
     pub fn observe(&mut self, observed: &Observation) -> Checked<()> {
         let violated = |text| Err(Violation(text));
+        self.now_ms = observed.now_ms;
+        let from_um = self.pulsed_from_um.unwrap_or(observed.position_um);
+        let pulsed_um =
+            observed.position_um.iter().zip(from_um).map(|(um, from)| (um - from).abs()).fold(0.0, f32::max);
+        if pulsed_um > PULSE_BOUND_UM as f32 {
+            return violated(format!("moved {pulsed_um} um by a pulse"));
+        }
         if self.latched.is_some() && observed.fault != self.latched && !observed.cleared {
             return violated(format!("{:?} went without its clear: {:?}", self.latched, observed.fault));
         }
+        if observed.cleared && self.latched.is_some() && observed.fault.is_none() {
+            self.cleared_um = Some(observed.position_um);
+        }
         self.latched = observed.fault;
+        self.cleared_um = self.cleared_um.filter(|_| !observed.driven);
+        if let Some(cleared_um) = self.cleared_um {
+            let moved_um = farthest(observed.position_um, cleared_um);
+            if moved_um > CLEARED_UM {
+                return violated(format!("rolls on by {moved_um} um after its fault was cleared"));
+            }
+        }
         self.ended = observed.ended.or(self.ended);
         if observed.driven && observed.fault.is_some() && observed.state != State::Retreating {
             return violated(format!("driven in {:?}", observed.fault));
@@ -177,8 +213,7 @@ impl Judge {
         }
         self.rests(observed)?;
         if self.turned {
-            let moved = observed.position_um.iter().zip(self.from_um).map(|(um, from)| (um - from).abs());
-            let moved_um = moved.fold(0.0, f32::max);
+            let moved_um = farthest(observed.position_um, self.from_um);
             if moved_um > WRONG_WAY_UM {
                 return violated(format!("moved {moved_um} um by tables of the wrong sign"));
             }
@@ -207,6 +242,11 @@ impl Judge {
         self.inside |= at_um <= self.travel_um;
         Ok(())
     }
+}
+
+/// Larger motion of the two axes between two positions, micrometres.
+fn farthest(at_um: [f32; 2], from_um: [f32; 2]) -> f32 {
+    at_um.iter().zip(from_um).map(|(um, from)| (um - from).abs()).fold(0.0, f32::max)
 }
 
 /// The tables of a record fall where those of the rig as designed rise.

@@ -7,7 +7,8 @@
 //!
 //! * no force beyond the limit, counted from the calibration's zero, by more than the stated overshoot;
 //! * no rest beyond the travel, and no motion that is the wrong way for more than 0.3 mm;
-//! * no latched fault that goes without its clear, nothing driven in a fault but a retreat;
+//! * no latched fault that goes without its clear, nothing driven in a fault but a retreat, no clear before the guide is at rest;
+//! * no pulse of a motor that moves it by more than its bound;
 //! * no program that starts twice, or without a request;
 //! * no restart that forgets a fault or how the motors were driven;
 //! * every command is answered once, and every fault is left again by the manual's way out, under the load that caused it.

@@ -5,17 +5,22 @@ use crate::mutation::Mutation;
 
 /// For each measure a sequence that finds that it is disabled: the first one of the seeds from 1 on.
 const FOUND_BY: [(Mutation, u64); Mutation::ALL.len()] = [
-    (Mutation::AnyCalibration, 29),
-    (Mutation::ForgetAtRestart, 2),
+    (Mutation::AnyCalibration, 141),
+    (Mutation::ForgetAtRestart, 1),
     (Mutation::LimitFromTare, 31),
-    (Mutation::NoRetreat, 94),
-    (Mutation::RampEndsAtOnce, 321),
-    (Mutation::AnyDirection, 8),
-    (Mutation::OldFramesAct, 47),
-    (Mutation::AnyStart, 11),
+    (Mutation::NoRetreat, 591),
+    (Mutation::RampEndsAtOnce, 346),
+    (Mutation::AnyDirection, 34),
+    (Mutation::OldFramesAct, 59),
+    (Mutation::AnyStart, 13),
     (Mutation::CoolingTooShort, 192),
     (Mutation::SilentAfterSaturation, 49),
-    (Mutation::RetreatsClimb, 39),
+    (Mutation::RetreatsClimb, 55),
+    (Mutation::LargestLoadAlone, 789),
+    (Mutation::BlindRetreat, 250),
+    (Mutation::BlindTurned, 18_543),
+    (Mutation::ClearInMotion, 8_301),
+    (Mutation::AnyPulse, 22),
 ];
 /// Sequences that once found a gap, or what must hold stated too narrowly.
 const KEPT: [u64; 9] = [14, 716, 1_015, 1_176, 1_270, 2_900, 4_000, 4_039, 5_230];

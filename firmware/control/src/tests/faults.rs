@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::interlock::{PERSISTENCE_PERIODS, STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
-use crate::motor::{COOLED, ON_LIMIT_PERIODS, STALL_PERIODS};
+use crate::motor::{COOLED_SHARE, ON_LIMIT_PERIODS, STALL_PERIODS};
 
 /// A bench whose guide is on its way.
 fn moving() -> Bench {
@@ -248,7 +248,7 @@ fn a_motor_that_never_rests_is_locked_out_until_it_has_cooled() {
         bench.periods(1_000);
         rest_s += 1;
     }
-    assert!((200..300).contains(&rest_s), "{rest_s} s of rest for {COOLED} of the limit");
+    assert!((200..300).contains(&rest_s), "{rest_s} s of rest for {COOLED_SHARE} of the limit");
 }
 
 #[test]

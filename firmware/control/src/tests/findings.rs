@@ -37,8 +37,8 @@ fn store(bench: &mut Bench, record: &CalibrationRecord) -> Result<(), Refusal> {
 
 /// Starts again as the device does after storing, with what the board has kept.
 fn restart(bench: &mut Bench, record: CalibrationRecord) {
-    let kept = Carried::from_bytes(&bench.controller.carried().to_bytes());
-    let start = Start { carried: kept, ..Start::ordinary(BOOT + 1) };
+    let kept = ControllerState::from_bytes(&bench.controller.retained_state().to_bytes());
+    let start = Start { retained: kept, ..Start::ordinary(BOOT + 1) };
     let calibration = Calibration::new(record).expect("it was accepted");
     (bench.controller, bench.connection) = connected(calibration, start);
     bench.next_id = 1;
@@ -341,9 +341,9 @@ fn the_constants_of_the_rig_as_designed_are_acknowledged_before_anything_moves()
 
 #[test]
 fn a_lost_calibration_is_a_fault_until_it_is_acknowledged_or_another_is_stored() {
-    let lost = |carried| {
+    let lost = |retained| {
         let mut bench = at_home();
-        let start = Start { origin: Origin::Lost, carried, ..Start::ordinary(BOOT) };
+        let start = Start { origin: Origin::Lost, retained, ..Start::ordinary(BOOT) };
         (bench.controller, bench.connection) = connected(Calibration::default(), start);
         assert_eq!(bench.periods(1).state, State::Faulted);
         bench
@@ -360,7 +360,7 @@ fn a_lost_calibration_is_a_fault_until_it_is_acknowledged_or_another_is_stored()
     restart(&mut bench, record);
     assert_eq!(bench.periods(1).state, State::Idle);
     // Beside a fault that was latched before: that one is cleared first, and then this one shows.
-    let hot = Carried { fault: Some(Fault::Stall), ..Carried::default() };
+    let hot = ControllerState { fault: Some(Fault::Stall), ..ControllerState::default() };
     let mut bench = lost(Some(hot));
     assert_eq!(bench.controller.interlock.latched(), Some(Fault::Stall));
     assert_eq!(bench.command(Request::ClearFault), Err(Refusal::CauseRemains));

@@ -8,7 +8,7 @@ use std::{format, vec};
 const CHAPTER: &str = include_str!("../../../../protocol/spec/protocol.md");
 const STATES: [State; 5] = [State::Idle, State::Pending, State::Moving, State::Faulted, State::Retreating];
 
-fn requests(record: &CalibrationRecord) -> [(&'static str, Request); 14] {
+fn requests(record: &CalibrationRecord) -> [(&'static str, Request); 15] {
     let hold = Step::Hold { duration_ms: 5_000 };
     let length = record.encode(&mut [0; protocol::MAX_CALIBRATION]).len() as u8;
     [
@@ -26,6 +26,7 @@ fn requests(record: &CalibrationRecord) -> [(&'static str, Request); 14] {
         ("AcknowledgeCalibration", Request::AcknowledgeCalibration),
         ("Describe", Request::Describe),
         ("Safety", Request::Safety),
+        ("Pulse", Request::Pulse { axis: 0, duty_permille: 300, duration_ms: 20 }),
     ]
 }
 

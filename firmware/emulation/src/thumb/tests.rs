@@ -137,18 +137,18 @@ fn multiples_name_their_registers_in_ascending_order() {
 #[test]
 fn refused_forms() {
     let refused = |first, second| decode(first, second, &registers()).unwrap_err();
-    assert_eq!(refused(0xB510, 0), Refused::Stack); // push {r4, lr}
-    assert_eq!(refused(0xBD10, 0), Refused::Stack); // pop {r4, pc}
-    assert_eq!(refused(0xE8BD, 0x0006), Refused::StackOrProgramCounter); // pop.w {r1, r2}
-    assert_eq!(refused(0xE894, 0x8006), Refused::StackOrProgramCounter); // ldm.w r4, {r1, r2, pc}
-    assert_eq!(refused(0xC800, 0), Refused::Unknown); // ldm r0, {}
-    assert_eq!(refused(0xF8D4, 0xF000), Refused::StackOrProgramCounter); // ldr.w pc, [r4]
-    assert_eq!(refused(0xF8D4, 0xD000), Refused::StackOrProgramCounter); // ldr.w sp, [r4]
-    assert_eq!(refused(0xF85D, 0x1B04), Refused::StackOrProgramCounter); // ldr r1, [sp], #4
-    assert_eq!(refused(0xF8DF, 0x0004), Refused::Unknown); // ldr.w r0, [pc, #4]
-    assert_eq!(refused(0xE854, 0x0F00), Refused::Unknown); // ldrex r0, [r4]
-    assert_eq!(refused(0xED94, 0x0A00), Refused::Unknown); // vldr s0, [r4]
-    assert_eq!(refused(0x4601, 0), Refused::Unknown); // mov r1, r0
+    assert_eq!(refused(0xB510, 0), DecodeError::Stack); // push {r4, lr}
+    assert_eq!(refused(0xBD10, 0), DecodeError::Stack); // pop {r4, pc}
+    assert_eq!(refused(0xE8BD, 0x0006), DecodeError::StackOrProgramCounter); // pop.w {r1, r2}
+    assert_eq!(refused(0xE894, 0x8006), DecodeError::StackOrProgramCounter); // ldm.w r4, {r1, r2, pc}
+    assert_eq!(refused(0xC800, 0), DecodeError::Unknown); // ldm r0, {}
+    assert_eq!(refused(0xF8D4, 0xF000), DecodeError::StackOrProgramCounter); // ldr.w pc, [r4]
+    assert_eq!(refused(0xF8D4, 0xD000), DecodeError::StackOrProgramCounter); // ldr.w sp, [r4]
+    assert_eq!(refused(0xF85D, 0x1B04), DecodeError::StackOrProgramCounter); // ldr r1, [sp], #4
+    assert_eq!(refused(0xF8DF, 0x0004), DecodeError::Unknown); // ldr.w r0, [pc, #4]
+    assert_eq!(refused(0xE854, 0x0F00), DecodeError::Unknown); // ldrex r0, [r4]
+    assert_eq!(refused(0xED94, 0x0A00), DecodeError::Unknown); // vldr s0, [r4]
+    assert_eq!(refused(0x4601, 0), DecodeError::Unknown); // mov r1, r0
 }
 
 #[test]

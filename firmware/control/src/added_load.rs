@@ -1,0 +1,232 @@
+//! What retreats have added to a load since its fault, so that many small ones are no way into it.
+
+use super::mutation::Mutation;
+use super::retreat::{Bounds, Loads};
+
+/// Periods for which a motor may roll on after the end of a retreat: several times the lag of one.
+const ROLLS_ON_PERIODS: u16 = 50;
+/// Bytes of a kept [`AddedLoad`].
+pub const ADDED_LOAD_BYTES: usize = 10;
+/// How far retreats without a force to follow may lead away from the straight needle in all, micrometres: tables of the wrong sign
+/// do that, and each retreat may be too short for [`Fault::WrongWay`](protocol::Fault::WrongWay).
+const BLIND_UM: f32 = 100.0;
+
+/// What retreats have added to the load since the fault, force counts, in the directions +x, -x, +y, -y.
+///
+/// What rises along an axis that a retreat moves is counted for that direction; what rises along the other one, by the coupling of
+/// both, for the same.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct AddedLoad {
+    added: [u16; 4],
+    /// What retreats without a force to follow have led away from the straight needle, micrometres.
+    blind_um: f32,
+    present: Option<Present>,
+}
+
+/// A retreat that is followed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Present {
+    by_um: [i32; 2],
+    from_um: [f32; 2],
+    /// Nothing where there was no reading.
+    from: Option<Loads>,
+    /// Largest rise along each axis so far.
+    rise: [u16; 2],
+    /// How far it has led away from the straight needle, micrometres; less than 0 where it has led to it.
+    outward_um: f32,
+    /// Periods for which it is still followed after its end.
+    left: Option<u16>,
+}
+
+impl AddedLoad {
+    /// Begins a retreat; false where one of its directions has been used up.
+    pub fn begin(
+        &mut self,
+        by_um: [i32; 2],
+        from_um: [f32; 2],
+        loads: Option<Loads>,
+        bounds: Bounds,
+    ) -> bool {
+        self.close();
+        let used_up =
+            |direction: usize| self.added.get(direction).is_none_or(|added| i32::from(*added) >= bounds.rise);
+        if directions(by_um).into_iter().flatten().any(used_up) && !Mutation::RetreatsClimb.is_out() {
+            return false;
+        }
+        if loads.is_none() && self.is_blind_used_up() {
+            return false;
+        }
+        // Below the bound nothing is a load.
+        let from = loads.map(|loads| loads.map(|load| load.max(bounds.unloaded)));
+        self.present = Some(Present { by_um, from_um, from, rise: [0; 2], outward_um: 0.0, left: None });
+        true
+    }
+
+    /// Without a force to follow nothing may lead further away from the straight needle.
+    pub(super) fn is_blind_used_up(&self) -> bool {
+        let present = self.present.filter(|present| present.from.is_none());
+        let outward_um = self.blind_um + present.map_or(0.0, |present| present.outward_um);
+        outward_um >= BLIND_UM && !Mutation::BlindTurned.is_out()
+    }
+
+    /// Takes the loads of a period, and where the guide is.
+    pub fn follow(&mut self, loads: Option<Loads>, position_um: [f32; 2]) {
+        let Some(present) = &mut self.present else { return };
+        let outward_um = position_um.iter().zip(present.from_um).map(|(um, from)| um.abs() - from.abs());
+        present.outward_um = outward_um.reduce(f32::max).unwrap_or(0.0);
+        if let (Some([x, y, tared_x, tared_y]), Some(from)) = (loads, present.from) {
+            let [from_x, from_y, from_tared_x, from_tared_y] = from;
+            let along = [(x - from_x).max(tared_x - from_tared_x), (y - from_y).max(tared_y - from_tared_y)];
+            for (rise, now) in present.rise.iter_mut().zip(along) {
+                *rise = u16::try_from(now.max(0)).unwrap_or(u16::MAX).max(*rise);
+            }
+        }
+        match &mut present.left {
+            Some(0) => self.close(),
+            Some(left) => *left -= 1,
+            None => {}
+        }
+    }
+
+    /// The retreat has ended; its motor rolls on.
+    pub fn end(&mut self) {
+        if let Some(present) = &mut self.present {
+            present.left = Some(ROLLS_ON_PERIODS);
+        }
+    }
+
+    /// Counts the present retreat.
+    fn close(&mut self) {
+        let Some(present) = self.present.take() else { return };
+        if present.from.is_none() {
+            self.blind_um = (self.blind_um + present.outward_um).max(0.0);
+        }
+        let [along_x, along_y] = directions(present.by_um);
+        for (direction, rise) in [along_x.or(along_y), along_y.or(along_x)].into_iter().zip(present.rise) {
+            if let Some(added) = direction.and_then(|direction| self.added.get_mut(direction)) {
+                *added = added.saturating_add(rise);
+            }
+        }
+    }
+
+    /// What a restart must not forget.
+    pub fn to_bytes(mut self) -> [u8; ADDED_LOAD_BYTES] {
+        self.close();
+        let mut bytes = [0; ADDED_LOAD_BYTES];
+        let all = self.added.into_iter().chain([self.blind_um as u16]);
+        for (kept, added) in bytes.chunks_exact_mut(2).zip(all) {
+            kept.copy_from_slice(&added.to_le_bytes());
+        }
+        bytes
+    }
+
+    /// What [`Self::to_bytes`] kept.
+    pub fn from_bytes(bytes: [u8; ADDED_LOAD_BYTES]) -> Self {
+        let mut added_load = Self::default();
+        let mut kept = bytes.as_chunks::<2>().0.iter().map(|kept| u16::from_le_bytes(*kept));
+        for (added, kept) in added_load.added.iter_mut().zip(&mut kept) {
+            *added = kept;
+        }
+        added_load.blind_um = kept.next().map_or(0.0, f32::from);
+        added_load
+    }
+}
+
+/// Direction of a motion along x and along y, as an index of [`AddedLoad::added`].
+fn directions([x_um, y_um]: [i32; 2]) -> [Option<usize>; 2] {
+    let of = |first: usize, um: i32| (um != 0).then_some(first + usize::from(um < 0));
+    [of(0, x_um), of(2, y_um)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::retreat::LOADS;
+    use super::*;
+
+    const BOUNDS: fn() -> Bounds = || Bounds::new(5_000, 5_000);
+
+    /// A retreat that goes from these loads to those.
+    fn retreat(added_load: &mut AddedLoad, by_um: [i32; 2], from: Loads, to: Option<Loads>) -> bool {
+        let begun = added_load.begin(by_um, [0.0; 2], Some(from), BOUNDS());
+        added_load.follow(to, [0.0; 2]);
+        added_load.end();
+        begun
+    }
+
+    #[test]
+    fn a_direction_that_has_added_a_percent_is_used_up_and_no_other() {
+        // 1 % of 5 N are 1000 counts.
+        let mut added_load = AddedLoad::default();
+        let along_y = |load: i32| [0, load, 0, load];
+        for turn in 0..4 {
+            let from = 100_000 + 300 * turn;
+            let by_um = [0, 300];
+            assert!(retreat(&mut added_load, by_um, along_y(from), Some(along_y(from + 300))), "turn {turn}");
+        }
+        assert!(!added_load.begin([0, 1], [0.0; 2], Some(along_y(101_200)), BOUNDS()));
+        let kept = AddedLoad::from_bytes(added_load.to_bytes());
+        assert_eq!(kept.to_bytes(), added_load.to_bytes());
+        for by_um in [[0, -1], [1, 0], [-1, 0]] {
+            assert!(retreat(&mut added_load, by_um, along_y(101_200), Some(along_y(95_000))), "{by_um:?}");
+            assert!(retreat(&mut added_load, by_um, along_y(95_000), None), "it fell");
+        }
+        let oblique = added_load.begin([-300, 301], [0.0; 2], Some(along_y(95_000)), BOUNDS());
+        assert!(!oblique, "nothing that another direction does opens it");
+    }
+
+    #[test]
+    fn a_larger_load_along_y_hides_nothing_that_rises_along_x() {
+        let mut added_load = AddedLoad::default();
+        let loads = |x: i32| [x, 110_000, x, 109_000];
+        assert!(retreat(&mut added_load, [300, 0], loads(100_000), Some(loads(101_500))));
+        assert!(!added_load.begin([300, 0], [0.0; 2], Some(loads(101_500)), BOUNDS()));
+        assert!(added_load.begin([-300, 0], [0.0; 2], Some(loads(101_500)), BOUNDS()));
+    }
+
+    #[test]
+    fn what_the_motor_rolls_on_counts_and_what_comes_later_does_not() {
+        let load = |counts: i32| [counts, 0, 0, 0];
+        let mut added_load = AddedLoad::default();
+        assert!(retreat(&mut added_load, [10, 0], load(100_000), Some(load(100_000))));
+        added_load.follow(Some(load(101_000)), [0.0; 2]);
+        assert!(!added_load.begin([10, 0], [0.0; 2], Some(load(101_000)), BOUNDS()));
+        let mut added_load = AddedLoad::default();
+        assert!(retreat(&mut added_load, [10, 0], load(100_000), Some(load(100_000))));
+        (0..=ROLLS_ON_PERIODS).for_each(|_| added_load.follow(Some(load(100_000)), [0.0; 2]));
+        added_load.follow(Some(load(101_000)), [0.0; 2]);
+        assert!(added_load.begin([10, 0], [0.0; 2], Some(load(101_000)), BOUNDS()));
+    }
+
+    #[test]
+    fn retreats_without_a_reading_lead_away_from_the_straight_needle_by_no_more_than_a_tenth_of_a_millimetre()
+    {
+        let mut added_load = AddedLoad::default();
+        let mut at_um = -3_000.0;
+        let mut outward = |added_load: &mut AddedLoad, by_um: f32| {
+            let begun = added_load.begin([0, 1_000], [0.0, at_um], None, BOUNDS());
+            at_um -= by_um;
+            added_load.follow(None, [0.0, at_um]);
+            added_load.end();
+            begun
+        };
+        assert!(outward(&mut added_load, 60.0) && outward(&mut added_load, 60.0));
+        assert!(!outward(&mut added_load, 60.0));
+        assert!(!AddedLoad::from_bytes(added_load.to_bytes()).begin([0, 1_000], [0.0; 2], None, BOUNDS()));
+        // Towards it as far as needed.
+        let mut added_load = AddedLoad::default();
+        assert!((0..20).all(|_| outward(&mut added_load, -100.0)));
+    }
+
+    #[test]
+    fn what_rises_along_an_axis_at_rest_counts_for_the_one_that_moved() {
+        let mut added_load = AddedLoad::default();
+        assert!(retreat(
+            &mut added_load,
+            [0, 300],
+            [100_000; LOADS],
+            Some([101_000, 99_000, 100_000, 99_000])
+        ));
+        assert!(added_load.begin([300, 0], [0.0; 2], Some([101_000; LOADS]), BOUNDS()));
+        assert!(!added_load.begin([0, 300], [0.0; 2], Some([101_000; LOADS]), BOUNDS()));
+    }
+}

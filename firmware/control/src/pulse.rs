@@ -1,0 +1,480 @@
+//! A single short pulse of one motor: how wiring is tried before any loop is closed.
+//!
+//! With swapped leads or a reversed potentiometer the position loop drives away from its target. A pulse needs no loop: one motor gets
+//! a low duty for at most [`PULSE_LIMIT_MS`], and what both potentiometers and both force channels did is reported. Its
+//! bounds hold whatever is wired wrong:
+//!
+//! | bound | ends the drive | holds where |
+//! |---|---|---|
+//! | [`REACHED_UM`] of the driven axis, either way | after 2 periods | its potentiometer works |
+//! | [`OTHER_UM`] of the other axis | after 2 periods | motors or potentiometers are swapped |
+//! | [`PULSE_FORCE_MN`] more or less than before, either channel | after 2 periods | the converter works |
+//! | duty [`PULSE_DUTY_LIMIT_PERMILLE`], [`PULSE_LIMIT_MS`] | always: at most 0.29 mm of any actuator of the series | always |
+//!
+//! "After 2 periods" is the second reading beyond the bound, as everywhere in [`super::interlock`], whose causes end a pulse too.
+//! With the drive the bridges are off. Pulses do not add up: one that might drive more than [`NET_LIMIT_PERIODS`] further in one direction
+//! than back is refused until the axis has moved the way it is driven, over restarts too.
+
+use super::axis::Axis;
+use super::interlock::PERSISTENCE_PERIODS;
+use super::mutation::Mutation;
+use super::{Controller, Drive, OutboundMessage, OutboundMessages, event, push};
+use protocol::{
+    EventKind, PULSE_BOUND_UM, PULSE_DUTY_LIMIT_PERMILLE, PULSE_FORCE_MN, PULSE_LIMIT_MS, PulseOutcome,
+    PulseReport, Refusal, Sample,
+};
+
+/// Motion of the driven axis at which the drive ends, micrometres; it rolls on by as much again at most.
+pub const REACHED_UM: i32 = 100;
+/// Motion of the other axis at which the drive ends, micrometres: many times the noise of one reading.
+pub const OTHER_UM: i32 = 100;
+/// What one direction may be driven more than the other, periods: one of the longest pulses.
+pub const NET_LIMIT_PERIODS: i16 = PULSE_LIMIT_MS as i16;
+/// Readings before the pulse and at the end of its rest that are averaged.
+const AVERAGED: u16 = 20;
+/// Rest after the drive until the last average is complete, periods: the motor has stopped after 60.
+const REST_PERIODS: u16 = 100;
+
+/// A requested pulse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pulse {
+    /// 0: x, 1: y.
+    pub axis: u8,
+    /// Duty in thousandths.
+    pub duty_permille: i16,
+    /// Periods of drive.
+    pub periods: u8,
+}
+
+/// Sums of readings.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    position: [i32; 2],
+    force: [i64; 2],
+    count: u16,
+}
+
+impl Sums {
+    fn add(&mut self, sample: &Sample) {
+        for (sum, value) in self.position.iter_mut().zip(sample.position_counts) {
+            *sum = sum.saturating_add(value);
+        }
+        for (sum, value) in self.force.iter_mut().zip(sample.force_counts) {
+            *sum = sum.saturating_add(value.into());
+        }
+        self.count = self.count.saturating_add(1);
+    }
+
+    fn means(&self) -> Sample {
+        let count = self.count.max(1);
+        Sample {
+            position_counts: self.position.map(|sum| sum / i32::from(count)),
+            force_counts: self.force.map(|sum| (sum / i64::from(count)) as i32),
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Phase {
+    Before,
+    Driving,
+    Resting(PulseOutcome),
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Running {
+    pulse: Pulse,
+    phase: Phase,
+    /// Periods in the phase.
+    periods: u16,
+    before: Sums,
+    from: Sample,
+    most: Sample,
+    after: Sums,
+    beyond: [u16; 3],
+    driven_periods: u8,
+}
+
+/// Runs pulses, one at a time.
+#[derive(Debug)]
+pub struct Pulser {
+    running: Option<Running>,
+    net: NetDrive,
+}
+
+/// Periods of x and y driven up less those driven down, since power-on. A pulse counts in full from its beginning, and as it was driven
+/// from its end: a restart in its midst forgets nothing.
+pub type NetDrive = [i16; 2];
+
+/// What a period of a pulse comes to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Progress {
+    /// Bridges off.
+    Off,
+    /// Duties of both axes.
+    Drive([f32; 2]),
+    /// It is over.
+    Ended(PulseReport),
+}
+
+impl Pulser {
+    /// No pulse under way, after such drives.
+    pub const fn new(net: NetDrive) -> Self {
+        Self { running: None, net }
+    }
+
+    /// What a restart must not forget.
+    pub const fn net(&self) -> NetDrive {
+        self.net
+    }
+
+    /// A pulse is under way.
+    pub fn is_active(&self) -> bool {
+        self.running.is_some()
+    }
+
+    /// Begins a pulse. `position_um` and `travel_um` are the tables' word; `proven` axes have moved the way they were driven.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`], [`Refusal::OutOfRange`] for a pulse beyond the limits, [`Refusal::OutOfTravel`] for one that may leave the travel, or
+    /// where the direction has been used up.
+    pub fn begin(
+        &mut self,
+        pulse: Pulse,
+        position_um: [f32; 2],
+        travel_um: f32,
+        proven: [bool; 2],
+    ) -> Result<(), Refusal> {
+        if self.running.is_some() {
+            return Err(Refusal::Busy);
+        }
+        let axis = usize::from(pulse.axis);
+        let (Some(position_um), Some(proven)) = (position_um.get(axis), proven.get(axis)) else {
+            return Err(Refusal::OutOfRange);
+        };
+        let bounded = pulse.duty_permille.unsigned_abs() <= PULSE_DUTY_LIMIT_PERMILLE
+            && pulse.periods <= PULSE_LIMIT_MS
+            || Mutation::AnyPulse.is_out();
+        if pulse.duty_permille == 0 || pulse.periods == 0 || !bounded {
+            return Err(Refusal::OutOfRange);
+        }
+        let sign = pulse.duty_permille.signum();
+        let Some(net) = self.net.get_mut(axis) else { return Err(Refusal::OutOfRange) };
+        let after = net.saturating_add(sign.saturating_mul(pulse.periods.into()));
+        let used_up = !proven && after.saturating_mul(sign) > NET_LIMIT_PERIODS;
+        let ends_um = position_um + f32::from(sign) * PULSE_BOUND_UM as f32;
+        let leaves = ends_um * f32::from(sign) > travel_um;
+        if (used_up || leaves) && !Mutation::AnyPulse.is_out() {
+            return Err(Refusal::OutOfTravel);
+        }
+        *net = after;
+        self.running = Some(Running {
+            pulse,
+            phase: Phase::Before,
+            periods: 0,
+            before: Sums::default(),
+            from: Sample::default(),
+            most: Sample::default(),
+            after: Sums::default(),
+            beyond: [0; 3],
+            driven_periods: 0,
+        });
+        Ok(())
+    }
+
+    /// Duties of the period before.
+    pub fn last_duty(&self) -> [f32; 2] {
+        match &self.running {
+            Some(running) if matches!(running.phase, Phase::Driving) => running.duty(),
+            _ => [0.0; 2],
+        }
+    }
+
+    /// One period of the pulse with this sample; nothing where there is none.
+    pub fn step(&mut self, sample: &Sample) -> Option<Progress> {
+        let running = self.running.as_mut()?;
+        let progress = running.step(sample);
+        if let Progress::Ended(report) = progress {
+            self.account(&report);
+        }
+        Some(progress)
+    }
+
+    /// Ends it at once: a stop, or a fault.
+    pub fn abort(&mut self) -> Option<PulseReport> {
+        let report = self.running.as_ref()?.report(PulseOutcome::Stopped);
+        self.account(&report);
+        Some(report)
+    }
+
+    /// Takes back what was not driven of the pulse that has ended.
+    fn account(&mut self, report: &PulseReport) {
+        let left = self.running.take().map_or(0, |running| {
+            let Pulse { duty_permille, periods, .. } = running.pulse;
+            duty_permille.signum().saturating_mul(periods.saturating_sub(report.driven_ms).into())
+        });
+        if let Some(net) = self.net.get_mut(usize::from(report.axis)) {
+            *net = net.saturating_sub(left);
+        }
+    }
+}
+
+impl Controller {
+    /// Goes on with a pulse; nothing where none is under way.
+    pub(super) fn pulse(
+        &mut self,
+        sample: &Sample,
+        now_us: u64,
+        notes: &mut OutboundMessages,
+    ) -> Option<Drive> {
+        Some(match self.pulser.step(sample)? {
+            Progress::Off => Drive::Release,
+            Progress::Drive(duty) => Drive::Duty(duty),
+            Progress::Ended(report) => {
+                push(notes, OutboundMessage::Event(event(now_us, EventKind::PulseEnded(report))));
+                Drive::Release
+            }
+        })
+    }
+
+    /// Duty of both axes in the period before.
+    pub(super) fn last_duty(&self) -> [f32; 2] {
+        if self.pulser.is_active() {
+            self.pulser.last_duty()
+        } else {
+            self.axes.each_ref().map(Axis::last_duty)
+        }
+    }
+}
+
+impl Running {
+    fn duty(&self) -> [f32; 2] {
+        let duty = f32::from(self.pulse.duty_permille) * 1e-3;
+        if self.pulse.axis == 0 { [duty, 0.0] } else { [0.0, duty] }
+    }
+
+    fn step(&mut self, sample: &Sample) -> Progress {
+        match self.phase {
+            Phase::Before => {
+                self.before.add(sample);
+                if self.before.count < AVERAGED {
+                    return Progress::Off;
+                }
+                self.from = self.before.means();
+                self.phase = Phase::Driving;
+                self.driven_periods = 1;
+                Progress::Drive(self.duty())
+            }
+            Phase::Driving => {
+                self.follow(sample);
+                let outcome = self
+                    .bound(sample)
+                    .or((self.driven_periods >= self.pulse.periods).then_some(PulseOutcome::Completed));
+                match outcome {
+                    Some(outcome) => {
+                        self.phase = Phase::Resting(outcome);
+                        Progress::Off
+                    }
+                    None => {
+                        self.driven_periods = self.driven_periods.saturating_add(1);
+                        Progress::Drive(self.duty())
+                    }
+                }
+            }
+            Phase::Resting(outcome) => {
+                self.follow(sample);
+                self.periods = self.periods.saturating_add(1);
+                if self.periods > REST_PERIODS - AVERAGED {
+                    self.after.add(sample);
+                }
+                if self.periods < REST_PERIODS {
+                    Progress::Off
+                } else {
+                    Progress::Ended(self.report(outcome))
+                }
+            }
+        }
+    }
+
+    /// Keeps the furthest reading of each channel.
+    fn follow(&mut self, sample: &Sample) {
+        let readings = sample.position_counts.iter().chain(&sample.force_counts);
+        let from = self.from.position_counts.iter().chain(&self.from.force_counts);
+        let most = self.most.position_counts.iter_mut().chain(&mut self.most.force_counts);
+        for ((most, reading), from) in most.zip(readings).zip(from) {
+            let moved = reading.saturating_sub(*from);
+            if moved.unsigned_abs() > most.unsigned_abs() {
+                *most = moved;
+            }
+        }
+    }
+
+    /// The bound that this sample is the second to exceed.
+    fn bound(&mut self, sample: &Sample) -> Option<PulseOutcome> {
+        let moved = |axis: usize| {
+            let at = sample.position_counts.get(axis).copied().unwrap_or(0);
+            at.saturating_sub(self.from.position_counts.get(axis).copied().unwrap_or(0)).unsigned_abs()
+        };
+        let axis = usize::from(self.pulse.axis);
+        let force = sample.force_counts.iter().zip(self.from.force_counts).any(|(force, from)| {
+            let limit = crate::calibration::counts_of_mn(PULSE_FORCE_MN);
+            force.saturating_sub(from).unsigned_abs() > limit.unsigned_abs()
+        });
+        let exceeded = [
+            (force, PulseOutcome::Force),
+            (moved(1 - axis.min(1)) > OTHER_UM.unsigned_abs(), PulseOutcome::OtherAxis),
+            (moved(axis) > REACHED_UM.unsigned_abs(), PulseOutcome::Reached),
+        ];
+        let mut first = None;
+        for (periods, (beyond, outcome)) in self.beyond.iter_mut().zip(exceeded) {
+            *periods = if beyond { periods.saturating_add(1) } else { 0 };
+            if *periods >= PERSISTENCE_PERIODS && first.is_none() {
+                first = Some(outcome);
+            }
+        }
+        first.filter(|_| !Mutation::AnyPulse.is_out())
+    }
+
+    fn report(&self, outcome: PulseOutcome) -> PulseReport {
+        let after = if self.after.count > 0 { self.after.means() } else { self.from };
+        let difference = |after: [i32; 2], from: [i32; 2]| {
+            let ([x, y], [from_x, from_y]) = (after, from);
+            [x.saturating_sub(from_x), y.saturating_sub(from_y)]
+        };
+        PulseReport {
+            axis: self.pulse.axis,
+            outcome,
+            driven_ms: self.driven_periods,
+            moved_counts: difference(after.position_counts, self.from.position_counts),
+            most_moved_counts: self.most.position_counts,
+            force_counts: difference(after.force_counts, self.from.force_counts),
+            most_force_counts: self.most.force_counts,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PULSE: Pulse = Pulse { axis: 0, duty_permille: 350, periods: 50 };
+
+    /// A pulse on motors of this dead band and speed whose potentiometers and cell read what `sense` makes of the true positions: the
+    /// report, the furthest true position and the periods from the first reading beyond `mark_um` to the drive's end.
+    fn run(pulse: Pulse, unit: (f32, f32), sense: impl Fn([f32; 2]) -> Sample) -> (PulseReport, f32) {
+        let mut pulser = Pulser::new([0; 2]);
+        pulser.begin(pulse, [0.0; 2], 10_000.0, [false; 2]).expect("within the limits");
+        let (dead_band, full_um_s) = unit;
+        let (mut at, mut speed, mut furthest) = ([0.0_f32; 2], [0.0_f32; 2], 0.0_f32);
+        for _ in 0..400 {
+            let duty = match pulser.step(&sense(at)).expect("under way") {
+                Progress::Ended(report) => return (report, furthest),
+                Progress::Off => [0.0; 2],
+                Progress::Drive(duty) => duty,
+            };
+            for axis in 0..2 {
+                let share = ((duty[axis].abs() - dead_band) / (1.0 - dead_band)).max(0.0);
+                speed[axis] += (share.copysign(duty[axis]) * full_um_s - speed[axis]) / 12.0;
+                at[axis] += speed[axis] * 1e-3;
+                furthest = furthest.max(at[axis].abs());
+            }
+        }
+        panic!("it does not end");
+    }
+
+    fn sound(at: [f32; 2]) -> Sample {
+        Sample { position_counts: at.map(|um| um as i32), force_counts: at.map(|um| (0.4 * um) as i32) }
+    }
+
+    #[test]
+    fn moves_every_unit_enough_and_none_too_far() {
+        for (unit, swap) in [
+            ((0.12, 22_000.0), false),
+            ((0.18, 20_000.0), false),
+            ((0.24, 18_000.0), false),
+            ((0.12, 22_000.0), true),
+        ] {
+            for duty_permille in [350, -350] {
+                let swapped = |at: [f32; 2]| if swap { sound([at[1], at[0]]) } else { sound(at) };
+                let (report, furthest_um) = run(Pulse { duty_permille, ..PULSE }, unit, swapped);
+                assert!((80.0..=220.0).contains(&furthest_um), "{furthest_um} um by {unit:?}");
+                let moved = report.moved_counts[usize::from(swap)];
+                assert!((moved.unsigned_abs() as f32 - furthest_um).abs() < 5.0, "{report:?}");
+                assert_eq!(moved.signum(), i32::from(duty_permille.signum()));
+            }
+        }
+    }
+
+    #[test]
+    fn stays_within_the_bound_without_any_feedback() {
+        let nothing = |_| Sample::default();
+        let (report, furthest_um) = run(PULSE, (0.12, 22_000.0), nothing);
+        assert!(furthest_um <= PULSE_BOUND_UM as f32, "{furthest_um}");
+        assert_eq!((report.outcome, report.driven_ms), (PulseOutcome::Completed, PULSE_LIMIT_MS));
+    }
+
+    #[test]
+    fn names_the_bound_that_ended_it() {
+        let unit = (0.12, 22_000.0);
+        let outcome = |sense: fn([f32; 2]) -> Sample| run(PULSE, unit, sense).0.outcome;
+        assert_eq!(outcome(sound), PulseOutcome::Reached);
+        assert_eq!(outcome(|at| sound([at[1], at[0]])), PulseOutcome::OtherAxis);
+        assert_eq!(outcome(|at| sound([-at[0], 0.0])), PulseOutcome::Reached);
+        let stiff = |at: [f32; 2]| Sample { force_counts: [0, (at[0] * 200.0) as i32], ..Sample::default() };
+        let (report, furthest_um) = run(PULSE, unit, stiff);
+        assert_eq!(report.outcome, PulseOutcome::Force);
+        assert!(report.driven_ms < 30 && furthest_um < 200.0, "{report:?} {furthest_um}");
+    }
+
+    #[test]
+    fn refuses_what_is_beyond_its_limits_and_what_adds_up() {
+        let refusal =
+            |pulse| Pulser::new([0; 2]).begin(pulse, [0.0; 2], 10_000.0, [false; 2]).expect_err("refused");
+        for pulse in [
+            Pulse { duty_permille: 351, ..PULSE },
+            Pulse { duty_permille: -351, ..PULSE },
+            Pulse { duty_permille: i16::MIN, ..PULSE },
+            Pulse { duty_permille: 0, ..PULSE },
+            Pulse { periods: 51, ..PULSE },
+            Pulse { periods: 0, ..PULSE },
+            Pulse { axis: 2, ..PULSE },
+        ] {
+            assert_eq!(refusal(pulse), Refusal::OutOfRange, "{pulse:?}");
+        }
+        let at_end = |um, proven| Pulser::new([0; 2]).begin(PULSE, [um, 0.0], 10_000.0, proven);
+        assert_eq!(at_end(9_800.0, [true; 2]), Err(Refusal::OutOfTravel));
+        assert_eq!(at_end(-9_990.0, [false; 2]), Ok(()));
+        let mut pulser = Pulser::new([0; 2]);
+        let mut all = |duty_permille, proven| {
+            let pulse = Pulse { duty_permille, ..PULSE };
+            let begun = pulser.begin(pulse, [0.0; 2], 10_000.0, [proven; 2]);
+            while pulser.step(&Sample::default()).is_some() {}
+            begun
+        };
+        assert_eq!(all(350, false), Ok(()));
+        assert_eq!(all(350, false), Err(Refusal::OutOfTravel));
+        assert_eq!(all(350, true), Ok(()));
+        assert_eq!([all(-350, false), all(-350, false), all(-350, false)], [Ok(()); 3]);
+        assert_eq!(all(-350, false), Err(Refusal::OutOfTravel));
+        // One that a restart cuts short counts in full.
+        let mut pulser = Pulser::new([0; 2]);
+        pulser.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]).expect("begins");
+        let mut restarted = Pulser::new(pulser.net());
+        assert_eq!(restarted.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]), Err(Refusal::OutOfTravel));
+        let back = Pulse { duty_permille: -350, ..PULSE };
+        assert_eq!(restarted.begin(back, [0.0; 2], 10_000.0, [false; 2]), Ok(()));
+    }
+
+    #[test]
+    fn a_stop_ends_it_in_its_midst() {
+        let mut pulser = Pulser::new([0; 2]);
+        pulser.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]).expect("begins");
+        assert_eq!(pulser.begin(PULSE, [0.0; 2], 10_000.0, [false; 2]), Err(Refusal::Busy));
+        for _ in 0..30 {
+            pulser.step(&Sample::default());
+        }
+        let report = pulser.abort().expect("was under way");
+        assert_eq!((report.outcome, report.driven_ms, pulser.net()), (PulseOutcome::Stopped, 11, [11, 0]));
+        assert_eq!((pulser.is_active(), pulser.step(&Sample::default())), (false, None));
+    }
+}
