@@ -2,6 +2,7 @@
 //!
 //! | module | does |
 //! |---|---|
+//! | [`bringup`] | a new rig, step by step: what is wired or mounted wrong |
 //! | [`monitor`] | what the device does, live |
 //! | [`link`] | commands, telemetry and motion programs over the serial port |
 //! | [`recording`] | raw recordings of everything that passed, lossless |
@@ -27,6 +28,7 @@
 #[cfg(test)]
 extern crate self as device;
 
+pub mod bringup;
 pub mod igtl;
 pub mod link;
 pub mod monitor;

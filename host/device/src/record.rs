@@ -90,13 +90,14 @@ pub struct Recorded {
     pub link: LinkLosses,
 }
 
-/// What a run of this device is recorded with.
-pub fn provenance(hello: &Hello) -> Provenance {
+/// What a run of this device is recorded with; `tared` is whether its force has a zero that was measured, where that is known.
+pub fn provenance(hello: &Hello, tared: Option<bool>) -> Provenance {
     Provenance {
         calibration_id: Some(hello.calibration.id.as_str().to_owned()),
         calibration_crc: Some(hello.calibration.crc),
         device: Some(hello.board.as_str().to_owned()),
         firmware: Some(format!("{} ({})", hello.firmware_version, hello.commit)),
+        tared,
     }
 }
 

@@ -81,7 +81,7 @@ pub enum TareFault {
     },
     /// The converter gives the same few codes.
     #[error(
-        "channel {channel} gave {codes} different codes only, a working one {UNIQUE_CODES} or more: check the converter"
+        "channel {channel} gave only {codes} distinct codes, a working one gives {UNIQUE_CODES} or more: check the converter"
     )]
     FewCodes {
         /// Channel, 0 or 1.
@@ -220,7 +220,7 @@ mod tests {
             "y drifts by -0.120 N a minute, more than 0.050 N",
         );
         faulty(Tare { sd_counts: [2_500, 90], ..GOOD }, "x scatters by 0.125 N");
-        faulty(Tare { unique_codes: [UNIQUE_CODES, 3], ..GOOD }, "channel 1 gave 3 different codes only");
+        faulty(Tare { unique_codes: [UNIQUE_CODES, 3], ..GOOD }, "channel 1 gave only 3 distinct codes");
         let both = of(Tare { readings: 900, unique_codes: [1, UNIQUE_CODES], ..GOOD });
         assert_eq!(both.faults().len(), 2);
         assert!(both.verdict().contains("; "));

@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 use std::time::Instant;
 
 /// The usual name of the tip's TRANSFORM.
-pub const TIP: &str = "NeedleTipToReference";
+pub const TIP_DEVICE_NAME: &str = "NeedleTipToReference";
 /// What [`Settings::delay_s`] may be.
 pub const DELAY_RANGE_S: [f64; 2] = [0.0, 10.0];
 /// Most different remarks: their words come from the peer.
@@ -80,7 +80,7 @@ impl Channel {
                     Err(note) => Some(note),
                 },
                 ConnectionEvent::Unreadable(why) => Some(format!("a message is skipped: {why}")),
-                ConnectionEvent::Passed(kind, device) => Some(format!("{kind} `{device}` is not used")),
+                ConnectionEvent::Skipped(kind, device) => Some(format!("{kind} `{device}` is not used")),
                 ConnectionEvent::Lost(why) => {
                     Some(format!("the connection is lost: {why}; it is tried again"))
                 }

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 /// Time over which the least delay is searched.
 const WINDOW: Duration = Duration::from_secs(10);
 /// Most differences that are kept.
-const MAX_KEPT: usize = 1_024;
+const MAX_BODY_BYTES: usize = 1_024;
 /// What arrives this late comes from a clock that was set.
 const SET_S: f64 = 1.0;
 /// How far the device's clock can be ahead of the newest sample: the most that a batch is late.
@@ -31,7 +31,7 @@ impl Least {
         }
         self.kept.push_back((at, difference_s));
         let old = |(then, _): &(Instant, f64)| at.saturating_duration_since(*then) > WINDOW;
-        while self.kept.len() > MAX_KEPT || self.kept.front().is_some_and(old) {
+        while self.kept.len() > MAX_BODY_BYTES || self.kept.front().is_some_and(old) {
             self.kept.pop_front();
         }
         self.least().unwrap_or(difference_s)

@@ -2,7 +2,7 @@
 
 use super::message::{Message, MessageError};
 use super::server::is_pause;
-use super::wire::{Arrival, Broken, Decoder};
+use super::wire::{Arrival, Decoder, StreamError};
 use super::{IgtlError, host_and_port};
 use std::io::{self, Read};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -31,7 +31,7 @@ pub enum ConnectionEvent {
     /// One that cannot be read.
     Unreadable(MessageError),
     /// One of a type that is not read: type and device name.
-    Passed(String, String),
+    Skipped(String, String),
     /// The connection is gone, and why; it is tried again.
     Lost(String),
     /// It is there again.
@@ -62,7 +62,7 @@ enum Gone {
     #[error("the peer stopped in the middle of a message")]
     Stalled,
     #[error(transparent)]
-    Broken(#[from] Broken),
+    StreamError(#[from] StreamError),
     #[error(transparent)]
     Io(#[from] io::Error),
     #[error("the receiver is gone")]
@@ -168,7 +168,7 @@ fn receive(mut stream: TcpStream, send: &impl Fn(ConnectionEvent), shared: &Shar
                     send(match arrival {
                         Arrival::Message(message) => ConnectionEvent::Message(message, received),
                         Arrival::Unreadable(why) => ConnectionEvent::Unreadable(why),
-                        Arrival::Passed(kind, device) => ConnectionEvent::Passed(kind, device),
+                        Arrival::Skipped(kind, device) => ConnectionEvent::Skipped(kind, device),
                     });
                 })?;
             }

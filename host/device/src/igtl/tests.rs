@@ -1,10 +1,10 @@
 //! Bytes of another implementation, any bytes at all, peers that misbehave, and what comes of a tracker's messages.
 
-use super::channel::{Channel, Observation, Settings, TIP};
+use super::channel::{Channel, Observation, Settings, TIP_DEVICE_NAME};
 use super::message::HEADER_BYTES;
 use super::message::{Content, MAX_POINTS, MAX_TEXT, Message, Point, Pose};
 use super::source::Source;
-use super::wire::{Arrival, Broken, Decoder, MAX_KEPT};
+use super::wire::{Arrival, Decoder, MAX_BODY_BYTES, StreamError};
 use super::{IgtlError, PORT, Publisher, host_and_port, server};
 use crate::link::{Batch, Point as Sample};
 use formats::session::import::Frame;
@@ -14,7 +14,7 @@ use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
 /// Everything that bytes amount to, fed in pieces of such a length.
-fn decoded(bytes: &[u8], piece: usize) -> (Vec<Arrival>, Result<(), Broken>, Decoder) {
+fn decoded(bytes: &[u8], piece: usize) -> (Vec<Arrival>, Result<(), StreamError>, Decoder) {
     let (mut decoder, mut arrivals) = (Decoder::default(), Vec::new());
     for piece in bytes.chunks(piece.max(1)) {
         if let Err(broken) = decoder.feed(piece, |arrival| arrivals.push(arrival)) {
@@ -124,17 +124,17 @@ fn what_is_too_large_or_of_another_type_is_passed_over_without_being_kept() {
     image.extend(bytes(STRING));
     let (arrivals, outcome, _) = decoded(&image, 4_096);
     assert!(
-        matches!(&arrivals[..], [Arrival::Passed(kind, _), Arrival::Message(_)] if kind == "IMAGE"),
+        matches!(&arrivals[..], [Arrival::Skipped(kind, _), Arrival::Message(_)] if kind == "IMAGE"),
         "{arrivals:?}"
     );
     assert_eq!(outcome, Ok(()));
 
     let mut endless = bytes(TRANSFORM);
     endless[42..50].copy_from_slice(&u64::MAX.to_be_bytes());
-    assert_eq!(decoded(&endless, 4_096).1, Err(Broken::Size(u64::MAX)));
+    assert_eq!(decoded(&endless, 4_096).1, Err(StreamError::Size(u64::MAX)));
     assert_eq!(
         decoded(b"GET / HTTP/1.1\r\nHost: guide\r\nAccept: text/html, */*\r\n\r\n\r\n\r\n", 9).1,
-        Err(Broken::Version(0x4745))
+        Err(StreamError::Version(0x4745))
     );
 }
 
@@ -223,7 +223,7 @@ proptest! {
         bytes.extend(rest);
         let (arrivals, _, decoder) = decoded(&bytes, piece);
         prop_assert!(arrivals.len() <= bytes.len() / HEADER_BYTES);
-        prop_assert!(decoder.kept() <= HEADER_BYTES + MAX_KEPT);
+        prop_assert!(decoder.kept() <= HEADER_BYTES + MAX_BODY_BYTES);
     }
 }
 
@@ -326,7 +326,7 @@ fn a_port_that_is_taken_is_reported() {
 fn settings() -> Settings {
     // The tracker's x is along the needle, its z is up, and its origin is 70 mm from guide 1.
     let frame = Frame::given([0.0; 3], 0.07, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]).expect("a frame");
-    Settings { shape: None, tip: TIP.to_owned(), delay_s: 0.0, frame }
+    Settings { shape: None, tip: TIP_DEVICE_NAME.to_owned(), delay_s: 0.0, frame }
 }
 
 fn samples(time_s: f64) -> Batch {
@@ -356,7 +356,7 @@ fn a_tracker_becomes_sweeps_in_the_frame_of_the_session() {
     let shape = Content::Points(vec![point([10.0, -0.5, 0.25]), point([-80.0, 0.0, 0.0])]);
     for (device, content) in [
         ("Curve", shape),
-        (TIP, Content::Transform(Pose::at([30.0, 0.0, 1.0]))),
+        (TIP_DEVICE_NAME, Content::Transform(Pose::at([30.0, 0.0, 1.0]))),
         ("ProbeToTracker", Content::Transform(POSE)),
         ("ProbeToTracker", Content::Transform(POSE)),
         ("Far", Content::Points(vec![point([10.0, 900.0, 0.0])])),
@@ -404,7 +404,7 @@ fn a_tracker_that_goes_away_or_sends_nonsense_is_tried_again() {
     second.write_all(&bytes(TRANSFORM)[..70]).expect("sends");
     drop(second);
     let (mut third, _) = listener.accept().expect("comes again");
-    let tip = message(TIP, 0, Content::Transform(Pose::at([30.0, 0.0, 1.0])));
+    let tip = message(TIP_DEVICE_NAME, 0, Content::Transform(Pose::at([30.0, 0.0, 1.0])));
     third.write_all(&tip.to_bytes()).expect("sends");
     let observed = observations(&mut channel, 4);
     let [

@@ -4,18 +4,18 @@ use super::message::{CRC, Content, HEADER_BYTES, MAX_POINTS, Message, MessageErr
 use std::time::Duration;
 
 /// Largest body that is kept. Larger ones (images) and those of other types are passed over without being kept.
-pub const MAX_KEPT: usize = MAX_POINTS * POINT_BYTES + 4_096;
+pub const MAX_BODY_BYTES: usize = MAX_POINTS * POINT_BYTES + 4_096;
 /// Largest body that is passed over: an image of a gigabyte is none.
-pub const MAX_PASSED: u64 = 1 << 30;
+pub const MAX_SKIPPED_BYTES: u64 = 1 << 30;
 
 /// The bytes are no OpenIGTLink, or have got out of step: the connection is of no use any more.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Broken {
+pub enum StreamError {
     /// Header version.
     #[error("a message with header version {0}, expected 1 or 2: the peer does not speak OpenIGTLink")]
     Version(u16),
     /// Size of the body.
-    #[error("a message of {0} bytes, expected at most {MAX_PASSED}")]
+    #[error("a message of {0} bytes, expected at most {MAX_SKIPPED_BYTES}")]
     Size(u64),
 }
 
@@ -27,7 +27,7 @@ pub enum Arrival {
     /// One that cannot be read.
     Unreadable(MessageError),
     /// One of a type that is not read, or too large: type and device name.
-    Passed(String, String),
+    Skipped(String, String),
 }
 
 /// Cuts bytes into messages; keeps at most one message.
@@ -86,7 +86,7 @@ impl Header {
         match Content::read(&kind, &device, content) {
             Some(Ok(content)) => Arrival::Message(Message { device, stamp, content }),
             Some(Err(why)) => Arrival::Unreadable(why),
-            None => Arrival::Passed(kind, device),
+            None => Arrival::Skipped(kind, device),
         }
     }
 }
@@ -106,8 +106,8 @@ impl Decoder {
     /// Takes what has arrived and passes on what it completes, in order.
     ///
     /// # Errors
-    /// [`Broken`]: nothing after it can be understood.
-    pub fn feed(&mut self, mut bytes: &[u8], mut on_arrival: impl FnMut(Arrival)) -> Result<(), Broken> {
+    /// [`StreamError`]: nothing after it can be understood.
+    pub fn feed(&mut self, mut bytes: &[u8], mut on_arrival: impl FnMut(Arrival)) -> Result<(), StreamError> {
         while !bytes.is_empty() {
             if self.skip > 0 {
                 let passed = usize::try_from(self.skip).unwrap_or(usize::MAX).min(bytes.len());
@@ -141,18 +141,18 @@ impl Decoder {
     }
 
     /// What the bytes that are kept amount to.
-    fn complete(&mut self) -> Result<Option<Arrival>, Broken> {
+    fn complete(&mut self) -> Result<Option<Arrival>, StreamError> {
         let Some(header) = self.header() else { return Ok(None) };
         if !(1..=2).contains(&header.version) {
-            return Err(Broken::Version(header.version));
+            return Err(StreamError::Version(header.version));
         }
-        if header.body_bytes > MAX_PASSED {
-            return Err(Broken::Size(header.body_bytes));
+        if header.body_bytes > MAX_SKIPPED_BYTES {
+            return Err(StreamError::Size(header.body_bytes));
         }
-        if header.body_bytes > MAX_KEPT as u64 || !Content::READ.contains(&header.kind.as_str()) {
+        if header.body_bytes > MAX_BODY_BYTES as u64 || !Content::READ.contains(&header.kind.as_str()) {
             self.skip = header.body_bytes;
             self.kept.clear();
-            return Ok(Some(Arrival::Passed(header.kind, header.device)));
+            return Ok(Some(Arrival::Skipped(header.kind, header.device)));
         }
         let body = self.kept.get(HEADER_BYTES..).unwrap_or_default();
         if (body.len() as u64) < header.body_bytes {

@@ -3,9 +3,9 @@
 //! A command is sent again when no answer comes, a bounded number of times; the device carries it out once. What arrives
 //! while an answer is awaited is kept in order and handed out by [`Client::next`].
 
+use super::display::request_name;
 use super::error::LinkError;
 use super::wire::{LinkLosses, Received, Tap, Wire};
-use super::words::request_name;
 use protocol::{
     CalibrationRecord, Command, Description, Envelope, EventKind, Hello, Message, Request, Safety, Sample,
     Samples, State, Status,
@@ -356,7 +356,7 @@ impl Client {
     /// The next id; where there are none left, of a new connection.
     fn take_id(&mut self) -> Result<u16, LinkError> {
         if self.next_id == u16::MAX {
-            self.connect_anew()?;
+            self.reconnect()?;
         }
         let id = self.next_id;
         self.next_id += 1;
@@ -364,7 +364,7 @@ impl Client {
     }
 
     /// Begins another connection with the same start of the device.
-    fn connect_anew(&mut self) -> Result<(), LinkError> {
+    fn reconnect(&mut self) -> Result<(), LinkError> {
         for _ in 0..TRIES {
             self.wire.send(&Command {
                 id: u16::MAX,

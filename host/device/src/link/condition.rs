@@ -48,7 +48,7 @@ impl From<&Status> for Condition {
 /// What has gone wrong since the device started: the protocol's counters under names that stand alone.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[expect(missing_docs, reason = "each is the protocol's counter of nearly that name")]
-pub struct Troubles {
+pub struct ErrorCounters {
     pub samples_dropped: u32,
     pub messages_dropped: u32,
     pub command_frames_corrupt: u32,
@@ -64,7 +64,7 @@ pub struct Troubles {
     pub faults: u32,
 }
 
-impl From<&Counters> for Troubles {
+impl From<&Counters> for ErrorCounters {
     fn from(counters: &Counters) -> Self {
         Self {
             samples_dropped: counters.samples_dropped,

@@ -35,13 +35,22 @@ impl Client {
     /// Sets limits; what is not given stays. Returns those that are set then, as the device reports.
     ///
     /// # Errors
-    /// [`LinkError::Limit`] for a value that the device cannot take, and as [`Self::request`].
+    /// [`LinkError::Limit`] for a value that the device cannot take, [`LinkError::LimitBelowZero`] for a force that no position can meet,
+    /// and as [`Self::request`].
     pub fn set_limits(&mut self, force_n: Option<f64>, silence_s: Option<f64>) -> Result<Limits, LinkError> {
         let force_range_mn = self.hello().scales.force_range_mn;
         let force_mn =
             force_n.map(|force_n| milli("force", force_n, [1, force_range_mn], "N")).transpose()?;
         let silence_ms =
             silence_s.map(|silence_s| milli("silence", silence_s, SILENCE_LIMIT_MS, "s")).transpose()?;
+        if let Some(force_n) = force_n {
+            // The device counts the force from the calibration's zero as well as from the tare.
+            let zero_n = self.safety().map(|safety| self.force_n(safety.zero_counts))?;
+            let zero_n = zero_n.into_iter().map(f64::abs).fold(0.0, f64::max);
+            if force_n <= zero_n {
+                return Err(LinkError::LimitBelowZero { force_n, zero_n });
+            }
+        }
         if force_mn.is_some() || silence_ms.is_some() {
             let now = self.status()?;
             self.request(Request::Limits {
@@ -105,7 +114,7 @@ fn milli(name: &'static str, value: f64, range: [u32; 2], unit: &'static str) ->
     }
 }
 
-/// The device after it has started anew.
+/// The device after it has restarted.
 fn connect_after(port: &str, boot_id: u32) -> Result<Client, LinkError> {
     let deadline = Instant::now() + RESTART_TIME;
     loop {

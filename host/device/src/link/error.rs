@@ -91,16 +91,14 @@ pub enum LinkError {
         cause: io::Error,
     },
     /// The device fell silent while it streamed or had to answer.
-    #[error(
-        "{port}: the device has sent nothing for {SILENCE_LIMIT:?}, though it should: check the cable and its supply"
-    )]
+    #[error("{port}: the device has sent nothing for {SILENCE_LIMIT:?}: check the cable and its supply")]
     Silent {
         /// The port's name.
         port: String,
     },
     /// The device restarted in the middle of something.
     #[error(
-        "{port}: the device restarted in mid-run: `guide status` reports why; check its supply, then `guide clear`"
+        "{port}: the device restarted during the run: `guide status` reports why; check its supply, then `guide clear`"
     )]
     Restarted {
         /// The port's name.
@@ -140,6 +138,17 @@ pub enum LinkError {
         /// Unit of the three.
         unit: &'static str,
     },
+    /// A limit of the force that no position can meet.
+    #[error(
+        "limit of the force: {force_n} N, expected more than the {zero_n:.3} N between the tare and the calibration's zero, from which the device \
+         counts too: take a larger limit, tare without load, or calibrate the sensor"
+    )]
+    LimitBelowZero {
+        /// The requested limit.
+        force_n: f64,
+        /// Largest distance of the zero along either axis.
+        zero_n: f64,
+    },
     /// A device that was to restart has not.
     #[error(
         "{port}: the device has not restarted with its new calibration ({}): reset it, then see `guide calibration`",
@@ -154,7 +163,7 @@ pub enum LinkError {
     /// A device has restarted and works with another calibration than it was sent.
     #[error(
         "{port}: the calibration {sent} was sent, but the device works with {theirs} after its restart: \
-         its memory did not keep it; try again, then check the board"
+         it was not stored; try again, then check the board"
     )]
     CalibrationNotKept {
         /// The port's name.
@@ -286,7 +295,7 @@ fn explain_tare(problem: Option<TareProblem>, [x_n, y_n]: [f64; 2]) -> String {
     match problem {
         Some(TareProblem::FarFromZero) => format!(
             "the tare was rejected ({found}): the zero may lie within {TARE_ZERO_PERCENT} % of the rated range; unload the needle, \
-             or see to the force sensor's offset"
+             or correct the force sensor's offset"
         ),
         Some(TareProblem::Settling) => format!(
             "the tare was rejected ({found}): the force changed by more than {TARE_CHANGE_PERCENT} % of the rated range meanwhile; \
@@ -301,8 +310,8 @@ fn explain_tare(problem: Option<TareProblem>, [x_n, y_n]: [f64; 2]) -> String {
 /// The end of a retreat in words.
 pub fn explain_retreat(outcome: RetreatOutcome) -> &'static str {
     match outcome {
-        RetreatOutcome::Unloaded => "out of the load: `guide clear` leaves the fault",
-        RetreatOutcome::Moved => "moved; the load is not left yet: retreat again",
+        RetreatOutcome::Unloaded => "unloaded: `guide clear` clears the fault",
+        RetreatOutcome::Moved => "moved; the load remains: retreat again",
         RetreatOutcome::ForceNotFalling => {
             "the force does not fall this way: try another direction, or open the needle's clamp"
         }

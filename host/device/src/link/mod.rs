@@ -3,6 +3,7 @@
 pub mod client;
 pub mod condition;
 mod constants;
+pub mod display;
 pub mod error;
 pub(crate) mod keepalive;
 pub mod port;
@@ -10,7 +11,6 @@ pub mod program;
 mod retreat;
 pub mod run;
 mod wire;
-pub mod words;
 
 pub use client::{Batch, Client, Point, Telemetry};
 pub use constants::Limits;

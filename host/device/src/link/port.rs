@@ -41,7 +41,7 @@ pub enum PortError {
 
 /// A port that the system lists.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Listed {
+pub struct PortInfo {
     /// Name to open it by.
     pub name: String,
     /// The system's description of it: product and serial number of a USB device.
@@ -52,10 +52,10 @@ pub struct Listed {
 ///
 /// # Errors
 /// The system's own error where the list cannot be had.
-pub fn list() -> Result<Vec<Listed>, serialport::Error> {
-    let mut ports: Vec<Listed> = serialport::available_ports()?
+pub fn list() -> Result<Vec<PortInfo>, serialport::Error> {
+    let mut ports: Vec<PortInfo> = serialport::available_ports()?
         .into_iter()
-        .map(|port| Listed { description: describe(&port.port_type), name: port.port_name })
+        .map(|port| PortInfo { description: describe(&port.port_type), name: port.port_name })
         .collect();
     ports.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(ports)

@@ -149,7 +149,10 @@ impl EndWatch {
                 EventKind::Faulted { fault } => self.fault = Some(*fault),
                 EventKind::StepStarted { .. } => self.was_active = true,
                 EventKind::TareRejected { tare, problem } => self.tare = Some((*problem, tare.zero_counts)),
-                EventKind::StepEnded { .. } | EventKind::Tared(_) | EventKind::RetreatEnded { .. } => {}
+                EventKind::StepEnded { .. }
+                | EventKind::Tared(_)
+                | EventKind::RetreatEnded { .. }
+                | EventKind::PulseEnded(_) => {}
             },
             Telemetry::Status(status) if status.t_us >= self.accepted_us => {
                 self.observe_state(status.state, status.fault);

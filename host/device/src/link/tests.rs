@@ -156,7 +156,7 @@ fn a_device_of_version_3_is_refused_with_a_clear_line() {
 }
 
 #[test]
-fn a_connection_whose_ids_are_used_up_is_begun_anew() {
+fn a_connection_whose_ids_are_used_up_is_followed_by_another() {
     let device = FakeDevice::start(Script::default());
     let mut client = Client::connect(&device.port).expect("connects");
     client.skip_ids(u16::MAX - 1);

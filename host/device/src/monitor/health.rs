@@ -8,9 +8,9 @@ const RATE_S: f64 = 1.0;
 /// Time between two entries of the history, seconds: with it the history's length is bounded.
 const ENTRY_S: f64 = 0.05;
 
-/// What one connection has carried since it was made.
+/// Bytes and losses of one connection since it was made.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Carried {
+pub struct LinkTotals {
     /// Bytes from the device.
     pub bytes: u64,
     /// What was lost on the way.
@@ -27,8 +27,8 @@ struct Entry {
 /// Rates and losses over any number of connections.
 #[derive(Debug, Clone, Default)]
 pub struct Health {
-    ended: Carried,
-    current: Carried,
+    ended: LinkTotals,
+    current: LinkTotals,
     samples: u64,
     history: VecDeque<Entry>,
 }
@@ -37,7 +37,7 @@ impl Health {
     /// A new connection counts from zero again.
     pub fn connected(&mut self) {
         self.ended = self.total();
-        self.current = Carried::default();
+        self.current = LinkTotals::default();
         self.history.clear();
     }
 
@@ -46,8 +46,8 @@ impl Health {
         self.samples = self.samples.saturating_add(count as u64);
     }
 
-    /// What the connection has carried by now.
-    pub fn carried(&mut self, current: Carried, now_s: f64) {
+    /// Totals of the present connection.
+    pub fn update(&mut self, current: LinkTotals, now_s: f64) {
         self.current = current;
         if self.history.back().is_some_and(|last| now_s - last.at_s < ENTRY_S) {
             return;
@@ -60,9 +60,9 @@ impl Health {
     }
 
     /// All connections together.
-    pub fn total(&self) -> Carried {
+    pub fn total(&self) -> LinkTotals {
         let (a, b) = (self.ended, self.current);
-        Carried {
+        LinkTotals {
             bytes: a.bytes.saturating_add(b.bytes),
             losses: LinkLosses {
                 frames_missing: a.losses.frames_missing.saturating_add(b.losses.frames_missing),
@@ -95,8 +95,8 @@ impl Health {
 mod tests {
     use super::*;
 
-    fn carried(bytes: u64, samples_missing: u64) -> Carried {
-        Carried { bytes, losses: LinkLosses { samples_missing, ..LinkLosses::default() } }
+    fn totals(bytes: u64, samples_missing: u64) -> LinkTotals {
+        LinkTotals { bytes, losses: LinkLosses { samples_missing, ..LinkLosses::default() } }
     }
 
     #[test]
@@ -108,7 +108,7 @@ mod tests {
             // Slow at first, fast at the end.
             bytes += if tenth < 50 { 10 } else { 630 };
             health.samples(100);
-            health.carried(carried(bytes, 0), f64::from(tenth) * 0.1);
+            health.update(totals(bytes, 0), f64::from(tenth) * 0.1);
         }
         let [bytes_per_s, samples_per_s] = health.per_second();
         assert!((bytes_per_s - 6_300.0).abs() < 1.0, "{bytes_per_s}");
@@ -119,19 +119,19 @@ mod tests {
     #[test]
     fn losses_of_earlier_connections_are_not_forgotten() {
         let mut health = Health::default();
-        health.carried(carried(100, 3), 0.0);
+        health.update(totals(100, 3), 0.0);
         health.connected();
-        assert_eq!(health.total(), carried(100, 3));
+        assert_eq!(health.total(), totals(100, 3));
         assert_eq!(health.per_second(), [0.0, 0.0]);
-        health.carried(carried(20, 4), 5.0);
-        assert_eq!(health.total(), carried(120, 7));
+        health.update(totals(20, 4), 5.0);
+        assert_eq!(health.total(), totals(120, 7));
     }
 
     #[test]
     fn the_history_is_bounded() {
         let mut health = Health::default();
         for i in 0..10_000 {
-            health.carried(carried(i, 0), i as f64 * 1e-3);
+            health.update(totals(i, 0), i as f64 * 1e-3);
         }
         assert!(health.history.len() < 30, "{}", health.history.len());
     }

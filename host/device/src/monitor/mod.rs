@@ -14,4 +14,4 @@ mod session;
 mod testing;
 
 pub use state::{Event, State};
-pub use worker::{Order, Worker};
+pub use worker::{UserCommand, Worker};

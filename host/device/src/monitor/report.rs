@@ -2,9 +2,9 @@
 
 use super::state::State;
 use crate::link::LinkLosses;
-use crate::link::condition::{Condition, Troubles};
+use crate::link::condition::{Condition, ErrorCounters};
+use crate::link::display;
 use crate::link::error::fault_text;
-use crate::link::words;
 use serde::Serialize;
 
 /// One line of `guide monitor --json`, schema `guide.monitor/1`. What is not known is `null`.
@@ -59,7 +59,7 @@ struct Link {
 struct Device {
     #[serde(flatten)]
     condition: Condition,
-    counters: Troubles,
+    counters: ErrorCounters,
 }
 
 impl Report {
@@ -84,10 +84,10 @@ impl Report {
             lost_because: state.down.as_ref().map(|down| down.reason.clone()),
             silent_s: state.silent_s(now_s),
             boot_id: state.boot_id,
-            reset_reason: hello.map(|hello| words::reset_reason(hello.reset_reason)),
+            reset_reason: hello.map(|hello| display::reset_reason(hello.reset_reason)),
             last_panic: last_panic.map(|text| text.as_str().to_owned()),
             time_s: state.clock_s(),
-            state: state.phase.map(|(phase, _)| words::state(phase)),
+            state: state.phase.map(|(phase, _)| display::state(phase)),
             step: state.phase.and_then(|(_, step)| step),
             fault: state.fault.map(|fault| {
                 let text = fault_text(fault);

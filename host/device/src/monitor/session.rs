@@ -1,8 +1,8 @@
-//! One connection: orders become motion programs, and the ends of those are reported.
+//! One connection: the user's commands become motion programs, and the ends of those are reported.
 
-use super::health::Carried;
+use super::health::LinkTotals;
 use super::state::{Event, Outcome};
-use super::worker::Order;
+use super::worker::UserCommand;
 use crate::link::error::{explain_fault, explain_retreat};
 use crate::link::keepalive::Keepalive;
 use crate::link::program::move_to;
@@ -12,7 +12,7 @@ use protocol::{
 };
 use std::time::{Duration, Instant};
 
-/// How long one poll for telemetry waits: short, so that orders are handled soon.
+/// How long one poll for telemetry waits: short, so that commands are handled soon.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 /// A status that has not come unsolicited for this long is requested.
 const STATUS: Duration = Duration::from_millis(100);
@@ -86,24 +86,24 @@ impl<'a> Session<'a> {
         }
         if self.reported.elapsed() >= CARRIED {
             self.reported = Instant::now();
-            let carried = Carried { bytes: self.client.bytes(), losses: self.client.losses() };
-            (self.on_event)(Event::Carried(carried));
+            let totals = LinkTotals { bytes: self.client.bytes(), losses: self.client.losses() };
+            (self.on_event)(Event::LinkTotals(totals));
         }
         Ok(())
     }
 
-    /// Has an order carried out. A refusal is reported; it does not end the connection.
-    pub fn handle_command(&mut self, order: Order) -> Result<(), LinkError> {
-        let outcome = match order {
-            Order::Tare => self.start("tare".to_owned(), Step::Tare { duration_ms: TARE_MS }, false),
-            Order::Home => self.go("home".to_owned(), [0.0; 2], HOME_MM_S, false),
-            Order::Jog(by_m) if self.fault.is_some_and(Fault::allows_retreat) => {
+    /// Has a command carried out. A refusal is reported; it does not end the connection.
+    pub fn handle_command(&mut self, command: UserCommand) -> Result<(), LinkError> {
+        let outcome = match command {
+            UserCommand::Tare => self.start("tare".to_owned(), Step::Tare { duration_ms: TARE_MS }, false),
+            UserCommand::Home => self.go("home".to_owned(), [0.0; 2], HOME_MM_S, false),
+            UserCommand::Jog(by_m) if self.fault.is_some_and(Fault::allows_retreat) => {
                 self.retreat(micrometres(by_m))
             }
-            Order::Jog(by_m) => self.jog(by_m),
-            Order::Retreat => self.client.away_from_load().and_then(|by_um| self.retreat(by_um)),
-            Order::Stop => self.stop(),
-            Order::Clear => self.request(Request::ClearFault).map(|()| self.report("cleared", true)),
+            UserCommand::Jog(by_m) => self.jog(by_m),
+            UserCommand::Retreat => self.client.away_from_load().and_then(|by_um| self.retreat(by_um)),
+            UserCommand::Stop => self.stop(),
+            UserCommand::Clear => self.request(Request::ClearFault).map(|()| self.report("cleared", true)),
         };
         match outcome {
             Err(refused @ LinkError::Refused { .. }) => {
@@ -240,6 +240,7 @@ impl<'a> Session<'a> {
                     self.report(&format!("retreat: {}", explain_retreat(outcome)), good);
                 }
                 EventKind::TareRejected { .. }
+                | EventKind::PulseEnded(_)
                 | EventKind::StepStarted { .. }
                 | EventKind::StepEnded { .. } => {}
             },
@@ -269,7 +270,7 @@ impl<'a> Session<'a> {
                 });
                 self.report(&format!("{name}: done{}", noise.unwrap_or_default()), true);
                 if let Some(by_m) = next_jog_m {
-                    return self.handle_command(Order::Jog(by_m));
+                    return self.handle_command(UserCommand::Jog(by_m));
                 }
             }
             End::TareRejected => {

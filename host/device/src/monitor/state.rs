@@ -1,6 +1,6 @@
 //! What is known of the device from what has happened on its link. It has neither terminal nor clock: times are passed in.
 
-use super::health::{Carried, Health};
+use super::health::{Health, LinkTotals};
 use super::traces::Traces;
 use crate::link::{Point, Telemetry};
 use protocol::{EventKind, Fault, Hello, ResetReason, State as Phase, Status};
@@ -28,8 +28,8 @@ pub enum Event {
     },
     /// The device sent something.
     Telemetry(Telemetry),
-    /// What the connection has carried by now.
-    Carried(Carried),
+    /// Totals of the present connection.
+    LinkTotals(LinkTotals),
     /// There is no connection, and why.
     Lost(String),
     /// Outcome of a command.
@@ -56,7 +56,7 @@ pub struct Restart {
 
 /// A connection that is not there.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Down {
+pub struct ConnectionLoss {
     /// Why.
     pub reason: String,
     /// Since when.
@@ -82,7 +82,7 @@ pub struct State {
     /// Number of its start.
     pub boot_id: Option<u32>,
     /// The connection that is lost, while it is.
-    pub down: Option<Down>,
+    pub down: Option<ConnectionLoss>,
     /// Its latest status.
     pub status: Option<Box<Status>>,
     /// Its state and the running step.
@@ -120,10 +120,10 @@ impl State {
         match event {
             Event::Connected { boot_id, hello } => self.connected(boot_id, hello, now_s),
             Event::Telemetry(telemetry) => self.telemetry(telemetry, now_s),
-            Event::Carried(carried) => self.health.carried(carried, now_s),
+            Event::LinkTotals(totals) => self.health.update(totals, now_s),
             Event::Lost(reason) => {
                 let since_s = self.down.as_ref().map_or(now_s, |down| down.since_s);
-                self.down = Some(Down { reason, since_s });
+                self.down = Some(ConnectionLoss { reason, since_s });
                 self.news += 1;
             }
             Event::Command(outcome) => self.outcome = Some(outcome),
@@ -258,7 +258,7 @@ impl State {
     }
 
     /// The connection that is not there, where that is so.
-    pub fn down(&self) -> Option<&Down> {
+    pub fn down(&self) -> Option<&ConnectionLoss> {
         self.down.as_ref()
     }
 

@@ -66,7 +66,7 @@ fn a_lost_connection_keeps_the_values_and_marks_them_old() {
     state.take(Event::Lost("unplugged".to_owned()), 5.5);
     state.take(Event::Lost("no such port".to_owned()), 6.5);
     assert!(state.is_old(6.5) && state.mean() == before);
-    assert_eq!(state.down(), Some(&Down { reason: "no such port".to_owned(), since_s: 5.5 }));
+    assert_eq!(state.down(), Some(&ConnectionLoss { reason: "no such port".to_owned(), since_s: 5.5 }));
     assert!((state.edge_s(8.0) - 8.0).abs() < 0.01, "the plots go on");
 }
 
@@ -130,7 +130,7 @@ fn every_status_and_every_change_of_the_connection_is_news() {
         Event::Connected { boot_id: 1, hello: hello(0, None) },
         received(status(0, None)),
         Event::Lost("gone".to_owned()),
-        Event::Carried(Carried { bytes: 1, losses }),
+        Event::LinkTotals(LinkTotals { bytes: 1, losses }),
         Event::Telemetry(batch(0, 25)),
     ] {
         state.take(event, 0.0);

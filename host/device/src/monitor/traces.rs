@@ -9,9 +9,9 @@ pub const CHANNELS: usize = 4;
 /// Length of a bin, seconds: shorter than a dot of the shortest window is wide.
 pub const BIN_S: f64 = 0.005;
 /// How much is kept, seconds: the longest window.
-pub const KEPT_S: f64 = 120.0;
+pub const HISTORY_S: f64 = 120.0;
 /// Bins that are kept at most.
-pub const MAX_BINS: usize = (KEPT_S / BIN_S) as usize;
+pub const MAX_BINS: usize = (HISTORY_S / BIN_S) as usize;
 /// Bins without a sample that make a gap; a slow device leaves single ones empty.
 const GAP_BINS: i64 = 3;
 
@@ -200,7 +200,7 @@ mod tests {
                 prop_assert!(traces.len() <= MAX_BINS);
             }
             let to_s = time_us as f64 * 1e-6;
-            let from_s = (to_s - KEPT_S + 2.0 * BIN_S).max(0.0);
+            let from_s = (to_s - HISTORY_S + 2.0 * BIN_S).max(0.0);
             let runs = traces.runs(0, from_s, to_s, columns);
             let inside = points.iter().filter(|(time_s, _)| *time_s >= from_s);
             let (low, high) = inside.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), (_, v)| (l.min(*v), h.max(*v)));

@@ -1,4 +1,4 @@
-//! The thread that owns the link: hands the user's orders to the device, reports what happens, and connects again when it has gone.
+//! The thread that owns the link: hands the user's commands to the device, reports what happens, and connects again when it has gone.
 
 use super::session::Session;
 use super::state::{Event, Outcome};
@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 /// Time between two attempts to connect.
 const RECONNECT: Duration = Duration::from_secs(1);
 
-/// What the user can have done.
+/// Commands of the user.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Order {
+pub enum UserCommand {
     /// Make the present force zero.
     Tare,
     /// Move guide 2 along x and y from where it was last sent, metres.
@@ -31,7 +31,7 @@ pub enum Order {
 /// The running thread. Dropping it stops a program that runs, and ends the connection.
 #[derive(Debug)]
 pub struct Worker {
-    orders: Option<mpsc::Sender<Order>>,
+    commands: Option<mpsc::Sender<UserCommand>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -42,17 +42,17 @@ impl Worker {
     /// # Errors
     /// Where the system gives no thread.
     pub fn start(client: Client, on_event: impl FnMut(Event) + Send + 'static) -> io::Result<Self> {
-        let (sender, orders) = mpsc::channel();
-        let mut link = Link { port: client.port().to_owned(), orders, on_event: Box::new(on_event) };
+        let (sender, commands) = mpsc::channel();
+        let mut link = Link { port: client.port().to_owned(), commands, on_event: Box::new(on_event) };
         let thread = std::thread::Builder::new().name("monitor".into()).spawn(move || link.run(client))?;
-        Ok(Self { orders: Some(sender), thread: Some(thread) })
+        Ok(Self { commands: Some(sender), thread: Some(thread) })
     }
 
     /// Has something done; its outcome is reported.
-    pub fn order(&self, order: Order) {
-        if let Some(orders) = &self.orders {
-            // Where the thread has ended the order is lost; `is_running` reports it.
-            let _ = orders.send(order);
+    pub fn send(&self, command: UserCommand) {
+        if let Some(commands) = &self.commands {
+            // Where the thread has ended the command is lost; `is_running` reports it.
+            let _ = commands.send(command);
         }
     }
 
@@ -64,7 +64,7 @@ impl Worker {
 
 impl Drop for Worker {
     fn drop(&mut self) {
-        self.orders = None;
+        self.commands = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -74,7 +74,7 @@ impl Drop for Worker {
 /// What the thread holds.
 struct Link {
     port: String,
-    orders: Receiver<Order>,
+    commands: Receiver<UserCommand>,
     on_event: Box<dyn FnMut(Event) + Send>,
 }
 
@@ -100,11 +100,13 @@ impl Link {
 
     /// One connection, until the user quits.
     fn serve(&mut self, client: Client) -> Result<(), LinkError> {
-        let Self { orders, on_event, .. } = self;
+        let Self { commands, on_event, .. } = self;
         let mut session = Session::begin(client, on_event)?;
         loop {
-            match waiting(orders) {
-                Some(orders) => orders.into_iter().try_for_each(|order| session.handle_command(order))?,
+            match waiting(commands) {
+                Some(commands) => {
+                    commands.into_iter().try_for_each(|command| session.handle_command(command))?
+                }
                 None => return session.end(),
             }
             session.poll()?;
@@ -115,7 +117,7 @@ impl Link {
     fn has_quit_within(&mut self, pause: Duration) -> bool {
         let deadline = Instant::now() + pause;
         loop {
-            match self.orders.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+            match self.commands.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
                 Ok(_) => {
                     let text = "not done: there is no connection".to_owned();
                     (self.on_event)(Event::Command(Outcome { text, good: false }));
@@ -127,16 +129,16 @@ impl Link {
     }
 }
 
-/// The orders that wait; none where the user has quit. A stop makes those before it void.
-fn waiting(orders: &Receiver<Order>) -> Option<Vec<Order>> {
+/// The commands that wait; none where the user has quit. A stop makes those before it void.
+fn waiting(commands: &Receiver<UserCommand>) -> Option<Vec<UserCommand>> {
     let mut waiting = Vec::new();
     loop {
-        match orders.try_recv() {
-            Ok(order) => {
-                if order == Order::Stop {
+        match commands.try_recv() {
+            Ok(command) => {
+                if command == UserCommand::Stop {
                     waiting.clear();
                 }
-                waiting.push(order);
+                waiting.push(command);
             }
             Err(TryRecvError::Empty) => return Some(waiting),
             Err(TryRecvError::Disconnected) => return None,

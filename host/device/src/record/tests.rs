@@ -37,7 +37,7 @@ fn record(script: Script, program: &Program) -> (Session, Result<super::Recorded
     let mut client = Client::connect(&device.port).expect("connects");
     let mut session = SessionWriter::open(folder.path(), &setup()).expect("opens");
     let mut writer = session.lateral("d30-1", 0.03).expect("starts");
-    writer.made_with(provenance(client.hello()));
+    writer.made_with(provenance(client.hello(), Some(true)));
     let ultrasound = Ultrasound::Command(SWEEP);
     let ended = acquire(&mut client, program, OPTIONS, ultrasound, &mut Recorder::new(&mut writer), &mut ());
     writer.finish().expect("finishes");

@@ -1,7 +1,7 @@
 //! The channels of a recording: topics, encodings, schemas.
 //!
 //! `/frames` is the recording: the exact bytes of every intact frame, each with its own checksum. Everything else is a view of it
-//! for people and tools, made anew from the frames by `guide recover`.
+//! for people and tools, regenerated from the frames by `guide recover`.
 //!
 //! Samples are messages of their own, because a plot over time needs a time per value, which arrays of a batch do not have. They
 //! are in the encoding of ROS 1: plain fields without padding, whose schema is a text that every reader of recordings has. A
@@ -25,7 +25,7 @@ pub enum Channel {
     /// A command that this program sent.
     Command,
     /// What is recorded, with what rig; repeated too.
-    About,
+    RecordingInfo,
 }
 
 /// How many channels there are.
@@ -33,8 +33,15 @@ pub const COUNT: usize = 7;
 
 impl Channel {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; COUNT] =
-        [Self::Frames, Self::Sample, Self::Event, Self::Status, Self::Hello, Self::Command, Self::About];
+    pub const ALL: [Self; COUNT] = [
+        Self::Frames,
+        Self::Sample,
+        Self::Event,
+        Self::Status,
+        Self::Hello,
+        Self::Command,
+        Self::RecordingInfo,
+    ];
 
     /// Place among all of them, from 0.
     pub fn place(self) -> usize {
@@ -60,7 +67,7 @@ impl Channel {
             Self::Status => "/guide/status",
             Self::Hello => "/guide/hello",
             Self::Command => "/guide/command",
-            Self::About => "/guide/recording",
+            Self::RecordingInfo => "/guide/recording",
         }
     }
 
@@ -74,7 +81,7 @@ impl Channel {
             Self::Status => json("guide.Status", STATUS),
             Self::Hello => json("guide.Hello", HELLO),
             Self::Command => json("guide.Command", COMMAND),
-            Self::About => json("guide.Recording", ABOUT),
+            Self::RecordingInfo => json("guide.Recording", ABOUT),
         }
     }
 

@@ -47,8 +47,9 @@ pub fn to_session(
 ) -> Result<Exported, RecordingError> {
     let mut replay = Replay::open(from)?;
     let unknown = |what, option| RecordingError::Unknown { path: from.to_owned(), what, option };
+    let tared = replay.about().and_then(|about| about.tared);
     let made_with = match replay.hello() {
-        Some(hello) => provenance(hello),
+        Some(hello) => provenance(hello, tared),
         None => return Err(RecordingError::NoHello { path: from.to_owned() }),
     };
     let about = replay.about().cloned();

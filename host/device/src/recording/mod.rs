@@ -33,7 +33,7 @@ pub use reader::Damage;
 pub use recorder::{RawFile, RawRecorder};
 pub use recover::recover;
 pub use replay::DamageSummary;
-pub use views::About;
+pub use views::RecordingInfo;
 
 #[cfg(test)]
 mod tests;

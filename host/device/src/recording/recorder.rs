@@ -5,7 +5,7 @@
 
 use super::error::RecordingError;
 use super::transcript::Transcript;
-use super::views::About;
+use super::views::RecordingInfo;
 use super::writer::Writer;
 use crate::link::{Client, Tap};
 use protocol::{Command, Envelope};
@@ -51,7 +51,7 @@ impl RawRecorder {
     ///
     /// # Errors
     /// [`RecordingError::Io`] where the file exists or cannot be made.
-    pub fn start(path: &Path, about: About, client: &mut Client) -> Result<Self, RecordingError> {
+    pub fn start(path: &Path, about: RecordingInfo, client: &mut Client) -> Result<Self, RecordingError> {
         let transcript = Transcript::new(Writer::create(path, true)?, Some(about), None);
         let (sender, receiver) = mpsc::sync_channel(QUEUE);
         let worker = std::thread::Builder::new()

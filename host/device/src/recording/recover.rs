@@ -8,7 +8,7 @@ use super::transcript::Transcript;
 use super::writer::Writer;
 use std::path::Path;
 
-/// Writes what is intact of a recording into a new file: the frames as they are, everything else made anew from them. A frame
+/// Writes what is intact of a recording into a new file: the frames as they are, everything else regenerated from them. A frame
 /// that was saved from damaged bytes has the log time of its neighbours.
 ///
 /// # Errors

@@ -5,7 +5,7 @@ use super::error::RecordingError;
 use super::format::{Fields, op};
 use super::reader::{Damage, Piece, Reader};
 use super::transcript::StreamState;
-use super::views::{About, HelloFrame};
+use super::views::{HelloFrame, RecordingInfo};
 use crate::link::Batch;
 use crate::link::client::to_batch;
 use protocol::{Command, Envelope, EnvelopeReceiver, Hello, Message, Order, Received, Totals};
@@ -54,7 +54,7 @@ enum Entry {
     Frame(Box<Envelope>, Option<u64>),
     Command(Command),
     Hello(Box<Envelope>, u64),
-    About(About),
+    RecordingInfo(RecordingInfo),
     OtherVersion(u16),
 }
 
@@ -65,7 +65,7 @@ pub struct Replay {
     waiting: VecDeque<Entry>,
     stream: StreamState,
     damages: DamageSummary,
-    about: Option<About>,
+    about: Option<RecordingInfo>,
     hello: Option<(Box<Envelope>, u64)>,
 }
 
@@ -78,7 +78,7 @@ impl Replay {
             && let Some(entry) = first.entry()?
         {
             match entry {
-                Entry::About(found) => about = about.or(Some(found)),
+                Entry::RecordingInfo(found) => about = about.or(Some(found)),
                 Entry::Hello(found, anchor_ns) => hello = hello.or(Some((found, anchor_ns))),
                 Entry::Frame(..) => frames = true,
                 Entry::OtherVersion(version) => other = other.or(Some(version)),
@@ -120,7 +120,7 @@ impl Replay {
     }
 
     /// What is recorded, where the recording states it.
-    pub fn about(&self) -> Option<&About> {
+    pub fn about(&self) -> Option<&RecordingInfo> {
         self.about.as_ref()
     }
 
@@ -178,7 +178,7 @@ impl Replay {
                     self.stream.command(&command);
                     return Ok(Some(ReplayItem::Command(command)));
                 }
-                Entry::Hello(..) | Entry::About(_) | Entry::OtherVersion(_) => {}
+                Entry::Hello(..) | Entry::RecordingInfo(_) | Entry::OtherVersion(_) => {}
             }
         }
         Ok(None)
@@ -209,7 +209,7 @@ impl Replay {
     }
 }
 
-/// Which number a channel has in this file: other tools number anew.
+/// Which number a channel has in this file: other tools number again.
 #[derive(Debug)]
 struct Channels {
     ids: [u16; COUNT],
@@ -278,7 +278,7 @@ fn entry(channel: Channel, anchor_ns: u64, data: &[u8]) -> Option<Entry> {
             }
         }
         Channel::Command => serde_json::from_slice(data).ok().map(Entry::Command),
-        Channel::About => serde_json::from_slice(data).ok().map(Entry::About),
+        Channel::RecordingInfo => serde_json::from_slice(data).ok().map(Entry::RecordingInfo),
         Channel::Sample | Channel::Event | Channel::Status => None,
     }
 }

@@ -6,7 +6,7 @@
 
 use super::channels::Channel;
 use super::error::RecordingError;
-use super::views::{self, About, EventView, HelloView, StatusView};
+use super::views::{self, EventView, HelloView, RecordingInfo, StatusView};
 use super::writer::Writer;
 use crate::link::client::to_batch;
 use protocol::{
@@ -19,7 +19,7 @@ const ANNOUNCE_CHUNKS: u32 = 256;
 /// Follows one device and writes what it sends.
 pub struct Transcript {
     writer: Writer,
-    about: Option<About>,
+    about: Option<RecordingInfo>,
     stream: StreamState,
     /// Nanoseconds from the device's clock to this machine's, wrapping.
     anchor_ns: Option<u64>,
@@ -31,7 +31,7 @@ pub struct Transcript {
 impl Transcript {
     /// A recording into this file. `anchor_ns`: nanoseconds from the device's clock to the host's, where they are known before the
     /// device sends anything.
-    pub fn new(writer: Writer, about: Option<About>, anchor_ns: Option<u64>) -> Self {
+    pub fn new(writer: Writer, about: Option<RecordingInfo>, anchor_ns: Option<u64>) -> Self {
         Self {
             writer,
             about,
@@ -155,7 +155,7 @@ impl Transcript {
         self.writer.announce();
         if let Some(about) = &self.about {
             let view = views::json(about)?;
-            self.write(Channel::About, self.device_us, &view)?;
+            self.write(Channel::RecordingInfo, self.device_us, &view)?;
         }
         if let Some(Envelope { boot_id, message: Message::Hello(hello), .. }) = &self.stream.hello {
             let mut buffer = [0; MAX_FRAME_TO_HOST];

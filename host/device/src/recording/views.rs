@@ -1,17 +1,18 @@
 //! The device's messages, for people and tools: units instead of counts, names instead of numbers.
 
 use super::error::RecordingError;
-use crate::link::condition::{Condition, Troubles};
+use crate::link::condition::{Condition, ErrorCounters};
 use crate::link::error::explain_fault;
-use crate::link::{Point, words};
+use crate::link::{Point, display};
 use protocol::{
-    Envelope, Event, EventKind, Hello, MAX_FRAME_TO_HOST, Outcome, RetreatOutcome, State, Status, TareProblem,
+    Envelope, Event, EventKind, Hello, MAX_FRAME_TO_HOST, Outcome, PulseOutcome, RetreatOutcome, State,
+    Status, TareProblem,
 };
 use serde::{Deserialize, Serialize};
 
 /// What is recorded, and with what.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct About {
+pub struct RecordingInfo {
     /// `guide.recording/1`.
     pub schema: String,
     /// The sub-command that recorded: `record` or `acquire`.
@@ -24,9 +25,12 @@ pub struct About {
     pub rig_toml: String,
     /// Version of the program that recorded.
     pub program_version: String,
+    /// The force had a zero that was measured; recordings of before do not state it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tared: Option<bool>,
 }
 
-impl About {
+impl RecordingInfo {
     /// A recording by this program.
     pub fn new(command: &str, run: &str, depth_mm: f64, rig_toml: String) -> Self {
         Self {
@@ -36,7 +40,14 @@ impl About {
             depth_mm,
             rig_toml,
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
+            tared: None,
         }
+    }
+
+    /// With whether the force had a zero that was measured.
+    #[must_use]
+    pub fn with_tared(self, tared: bool) -> Self {
+        Self { tared: Some(tared), ..self }
     }
 }
 
@@ -85,6 +96,16 @@ impl EventView {
                 };
                 Self { kind: "retreat_ended", outcome: Some(outcome), ..view }
             }
+            EventKind::PulseEnded(report) => {
+                let outcome = match report.outcome {
+                    PulseOutcome::Completed => "completed",
+                    PulseOutcome::Reached => "reached",
+                    PulseOutcome::OtherAxis => "other_axis",
+                    PulseOutcome::Force => "force",
+                    PulseOutcome::Stopped => "stopped",
+                };
+                Self { kind: "pulse_ended", outcome: Some(outcome), ..view }
+            }
             EventKind::Tared(tare) => Self {
                 kind: "tared",
                 zero_x_n: newtons(f64::from(tare.zero_counts[0])),
@@ -126,7 +147,7 @@ pub struct StatusView {
     condition: Condition,
     stiffness_x_n_per_mm: Option<f64>,
     stiffness_y_n_per_mm: Option<f64>,
-    counters: Troubles,
+    counters: ErrorCounters,
 }
 
 impl StatusView {
@@ -140,7 +161,7 @@ impl StatusView {
             status.stiffness.map(|axis| axis.map(|stiffness| f64::from(stiffness.slope_mn_per_m) * 1e-6));
         Self {
             time_s: seconds(status.t_us),
-            state: words::state(status.state),
+            state: display::state(status.state),
             step: step(status.step),
             fault: status.fault.map(|fault| fault as u8),
             displacement_x_mm: mm(position_x),
@@ -187,7 +208,7 @@ impl<'a> HelloView<'a> {
             firmware_version: hello.firmware_version.as_str(),
             commit: hello.commit.as_str(),
             board: hello.board.as_str(),
-            reset_reason: words::reset_reason(hello.reset_reason),
+            reset_reason: display::reset_reason(hello.reset_reason),
             sample_period_us: hello.sample_period_us,
             position_nm_per_count: hello.scales.position_nm_per_count,
             force_nn_per_count: hello.scales.force_nn_per_count,

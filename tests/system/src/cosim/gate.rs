@@ -183,7 +183,9 @@ impl Gate {
                 self.appointments.pop_front();
                 self.ends(event.t_us);
             }
-            EventKind::Faulted { .. } | EventKind::RetreatEnded { .. } => self.ends(event.t_us),
+            EventKind::Faulted { .. } | EventKind::RetreatEnded { .. } | EventKind::PulseEnded(_) => {
+                self.ends(event.t_us)
+            }
             EventKind::Tared(_) | EventKind::TareRejected { .. } => {}
         }
     }

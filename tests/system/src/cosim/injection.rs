@@ -1,6 +1,8 @@
 //! What tests do to the electronics between rig and firmware, and how soon the firmware lets go of the motors.
 
+use super::PERIOD_S;
 use super::line::{LINE_BAUD, Line};
+use super::wiring::Wiring;
 use emulation::plant::{FORCE_CODE_MAX, FULL_SCALE, POTENTIOMETER_CODE_MAX, PlantReply, PlantRequest};
 use simulation::rig::{BridgeInputs, Codes};
 
@@ -112,12 +114,19 @@ pub(super) struct Electronics {
     /// Force codes of the last reply.
     force_codes: [i32; 2],
     line: Line,
+    wiring: Wiring,
+    /// The emergency stop's switch.
+    pressed: bool,
+    periods: u64,
 }
 
 impl Electronics {
-    pub(super) fn new(codes_per_n: f64) -> Self {
+    pub(super) fn new(codes_per_n: f64, wiring: Wiring) -> Self {
         Self {
             codes_per_n,
+            wiring,
+            pressed: false,
+            periods: 0,
             injection: Injection::default(),
             next: None,
             pending: None,
@@ -139,6 +148,11 @@ impl Electronics {
             Trigger::Now => (Some(injection), None),
             _ => (self.next, Some((trigger, injection))),
         };
+    }
+
+    /// Presses the emergency stop, or releases it.
+    pub(super) fn press(&mut self, pressed: bool) {
+        self.pressed = pressed;
     }
 
     pub(super) fn freezes(&self) -> bool {
@@ -184,7 +198,9 @@ impl Electronics {
         if let Some((_, injection)) = begins {
             self.begin(period, injection);
         }
-        self.arriving([[x1, x2], [y1, y2]].map(|pair| pair.map(|x| f64::from(x) / f64::from(FULL_SCALE))))
+        let commanded = [[x1, x2], [y1, y2]].map(|pair| pair.map(|x| f64::from(x) / f64::from(FULL_SCALE)));
+        let commanded = self.wiring.motors(commanded, PERIOD_S);
+        self.arriving(commanded)
     }
 
     fn begin(&mut self, period: u64, injection: Injection) {
@@ -231,6 +247,9 @@ impl Electronics {
     /// What the firmware senses at the end of the period.
     pub(super) fn sense(&mut self, step: u32, codes: Codes, power_off: bool) -> PlantReply {
         let injection = self.injection;
+        let codes = self.wiring.codes(codes);
+        self.periods += 1;
+        let (is_new, is_intact) = self.wiring.converter(self.periods);
         let saturates_once = std::mem::take(&mut self.saturates_once);
         let saturated =
             injection.force_saturated.or(injection.force_saturated_once.filter(|_| saturates_once));
@@ -241,13 +260,14 @@ impl Electronics {
             force_codes: self.force_codes,
             potentiometer_conversion_us: injection.conversion_us,
             line_bytes: self.line.bytes(injection.line_baud.unwrap_or(LINE_BAUD)),
-            emergency_stop: injection.emergency_stop,
-            force_ready: !injection.force_silent
+            emergency_stop: injection.emergency_stop || self.wiring.stop_line(self.pressed),
+            force_ready: is_new
+                && !injection.force_silent
                 && (saturates_once || injection.force_saturated_once.is_none()),
-            corrupt_force_crc: injection.corrupt_force,
+            corrupt_force_crc: injection.corrupt_force || !is_intact,
             reset_force_converter: std::mem::take(&mut self.reset_force),
             power_off,
-            brown_out: std::mem::take(&mut self.brown_out),
+            brown_out: std::mem::take(&mut self.brown_out) || self.wiring.sags(),
             panic: std::mem::take(&mut self.panic),
             stack_overflow: std::mem::take(&mut self.stack_overflow),
         }
@@ -292,6 +312,10 @@ mod tests {
     const BRAKED: [u16; 4] = [FULL_SCALE; 4];
     const RELEASED: [u16; 4] = [0; 4];
 
+    fn sound(codes_per_n: f64) -> Electronics {
+        Electronics::new(codes_per_n, Wiring::new(Vec::new(), 0, codes_per_n, 0.0))
+    }
+
     fn request(compare: [u16; 4]) -> PlantRequest {
         PlantRequest { compare, ..PlantRequest::default() }
     }
@@ -308,7 +332,7 @@ mod tests {
 
     /// The inputs and the reply of the first period with an injection.
     fn with(injection: Injection) -> (BridgeInputs, PlantReply) {
-        let mut electronics = Electronics::new(100.0);
+        let mut electronics = sound(100.0);
         electronics.inject_when(Trigger::Now, injection);
         run(&mut electronics, 0, &[DRIVEN])
     }
@@ -334,13 +358,13 @@ mod tests {
         let saturated = with(Injection { force_saturated: Some(1), ..Injection::default() }).1;
         assert_eq!(saturated.force_codes, [1_000, FORCE_CODE_MAX]);
         assert!(!with(Injection { force_silent: true, ..Injection::default() }).1.force_ready);
-        let mut once = Electronics::new(1.0);
+        let mut once = sound(1.0);
         let saturated_once = Injection { force_saturated_once: Some(0), ..Injection::default() };
         once.inject_when(Trigger::Now, saturated_once);
         let first = run(&mut once, 0, &[RELEASED]).1;
         assert_eq!((first.force_codes[0], first.force_ready), (FORCE_CODE_MAX, true));
         assert!(!run(&mut once, 1, &[RELEASED, RELEASED]).1.force_ready);
-        let mut electronics = Electronics::new(1.0);
+        let mut electronics = sound(1.0);
         electronics.inject_when(Trigger::Now, Injection { force_stuck: true, ..Injection::default() });
         run(&mut electronics, 0, &[RELEASED]);
         electronics.command(1, &request(RELEASED), [0.0; 2]);
@@ -375,7 +399,7 @@ mod tests {
 
     #[test]
     fn resets_happen_once() {
-        let mut electronics = Electronics::new(1.0);
+        let mut electronics = sound(1.0);
         let injection = Injection { force_reset: true, brown_out: true, ..Injection::default() };
         electronics.inject_when(Trigger::Now, injection);
         let first = run(&mut electronics, 0, &[RELEASED]).1;
@@ -387,15 +411,15 @@ mod tests {
     #[test]
     fn triggers_wait_for_their_condition() {
         let stop = Injection { emergency_stop: true, ..Injection::default() };
-        let mut electronics = Electronics::new(1.0);
+        let mut electronics = sound(1.0);
         electronics.inject_when(Trigger::Driving { for_periods: 2 }, stop);
         assert!(!run(&mut electronics, 0, &[DRIVEN, BRAKED, DRIVEN]).1.emergency_stop);
         assert!(run(&mut electronics, 3, &[DRIVEN]).1.emergency_stop);
-        let mut electronics = Electronics::new(1.0);
+        let mut electronics = sound(1.0);
         electronics.inject_when(Trigger::AtStep(2), stop);
         assert!(!run(&mut electronics, 0, &[RELEASED; 2]).1.emergency_stop);
         assert!(run(&mut electronics, 2, &[RELEASED]).1.emergency_stop);
-        let mut electronics = Electronics::new(1.0);
+        let mut electronics = sound(1.0);
         electronics.inject_when(Trigger::Beyond { axis: 1, position_mm: -2.0 }, stop);
         for (y_m, expected) in [(2.5e-3, false), (-1.9e-3, false), (-2.1e-3, true)] {
             electronics.command(0, &request(RELEASED), [0.0, y_m]);
@@ -406,7 +430,7 @@ mod tests {
     #[test]
     fn a_reaction_lasts_until_the_release_that_stays() {
         let stop = Injection { emergency_stop: true, ..Injection::default() };
-        let mut electronics = Electronics::new(1.0);
+        let mut electronics = sound(1.0);
         electronics.inject_when(Trigger::AtStep(10), stop);
         run(&mut electronics, 9, &[DRIVEN]);
         assert_eq!(electronics.reaction(), None);
@@ -424,7 +448,7 @@ mod tests {
     #[test]
     fn the_next_request_is_one_period_and_the_end_of_an_injection_keeps_it() {
         let stop = Injection { emergency_stop: true, ..Injection::default() };
-        let mut electronics = Electronics::new(1.0);
+        let mut electronics = sound(1.0);
         electronics.inject_when(Trigger::Now, stop);
         run(&mut electronics, 4, &[DRIVEN, RELEASED]);
         electronics.inject_when(Trigger::Now, Injection::default());

@@ -6,6 +6,7 @@
 //!
 //! | part | does |
 //! |---|---|
+//! | [`wiring`] | what is wired wrong from the start |
 //! | [`injection`] | what goes wrong between rig and firmware, and how soon the firmware reacts |
 //! | [`history`] | what passed between them in each of the last periods |
 //! | [`sweeps`] | the rig's ultrasound |
@@ -20,6 +21,7 @@ mod line;
 mod output;
 mod pace;
 mod sweeps;
+mod wiring;
 
 pub use gate::Appointment;
 pub use history::{History, KEPT_PERIODS, Period};
@@ -27,6 +29,7 @@ pub use injection::{Injection, Reaction, Trigger};
 pub use line::{BITS_PER_BYTE, LINE_BAUD};
 pub(crate) use output::OUTPUT_PIPE;
 pub use sweeps::take_sweep;
+pub use wiring::{Fault, Kind};
 
 use crate::qemu::HANGS;
 use anyhow::{Context, Result, bail};
@@ -49,6 +52,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
+use wiring::Wiring;
 
 /// Length of one lockstep period, seconds.
 const PERIOD_S: f64 = 1e-3;
@@ -99,8 +103,23 @@ impl Cosim {
     /// # Errors
     /// Where the rig makes no sense, or pipes or socket cannot be made.
     pub fn start(config: RigConfig, seed: u64, folder: &Path, speed: f64) -> Result<Self> {
+        Self::start_wired(config, seed, folder, speed, Vec::new())
+    }
+
+    /// The same with these faults of wiring, mounting and sensors.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn start_wired(
+        config: RigConfig,
+        seed: u64,
+        folder: &Path,
+        speed: f64,
+        faults: Vec<Fault>,
+    ) -> Result<Self> {
         let force = &config.simulation.force;
         let codes_per_n = force.share_of_full_scale * f64::from(FORCE_CODE_MAX) / force.range_n;
+        let wiring = Wiring::new(faults, seed, codes_per_n, force.noise_n);
         let rig = SimulatedRig::new(config, seed)?;
         for name in [REQUEST_PIPE, REPLY_PIPE] {
             output::make_pipe(&folder.join(name))?;
@@ -108,7 +127,7 @@ impl Cosim {
         let output = Output::open(folder)?;
         let state = Arc::new(Mutex::new(State {
             rig,
-            electronics: Electronics::new(codes_per_n),
+            electronics: Electronics::new(codes_per_n, wiring),
             steps: 0,
             resets: 0,
             started: 0,
@@ -155,6 +174,11 @@ impl Cosim {
     /// forgotten.
     pub fn inject_when(&self, trigger: Trigger, injection: Injection) {
         lock(&self.state).electronics.inject_when(trigger, injection);
+    }
+
+    /// Presses the emergency stop, or releases it.
+    pub fn press_stop(&self, pressed: bool) {
+        lock(&self.state).electronics.press(pressed);
     }
 
     /// How the firmware took the last injection that was one; `None` where there was none yet.

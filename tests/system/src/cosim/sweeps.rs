@@ -110,6 +110,7 @@ pub fn take_sweep(socket: &Path, for_a_program: bool) -> Result<TakenSweep> {
 #[cfg(test)]
 mod tests {
     use super::super::gate::Waiting;
+    use super::super::wiring::Wiring;
     use super::super::{Electronics, Gate, Reach};
     use super::*;
     use simulation::rig::config::RigConfig;
@@ -119,7 +120,7 @@ mod tests {
     fn served(folder: &Path) -> (std::path::PathBuf, Arc<Mutex<State>>, Arc<AtomicBool>) {
         let state = State {
             rig: SimulatedRig::new(RigConfig::default(), 1).unwrap(),
-            electronics: Electronics::new(1.0),
+            electronics: Electronics::new(1.0, Wiring::new(Vec::new(), 0, 1.0, 0.0)),
             steps: 0,
             resets: 0,
             started: 0,

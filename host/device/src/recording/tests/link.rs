@@ -47,11 +47,11 @@ fn an_export_has_the_very_files_that_were_written_beside_the_recording() {
     ];
     let device = FakeDevice::start(Script { program: acts.to_vec(), ..Script::default() });
     let mut client = Client::connect(&device.port).expect("connects");
-    let about = About::new("acquire", "d30-1", 30.0, setup().to_toml(&raw_path).expect("finite"));
+    let about = RecordingInfo::new("acquire", "d30-1", 30.0, setup().to_toml(&raw_path).expect("finite"));
     let raw = RawRecorder::start(&raw_path, about, &mut client).expect("begins");
     let mut session = SessionWriter::open(&direct, &setup()).expect("opens");
     let mut writer = session.lateral("d30-1", 0.03).expect("starts");
-    writer.made_with(provenance(client.hello()));
+    writer.made_with(provenance(client.hello(), None));
     let options = Run { start_us: None, stream: true, interrupted: &NEVER };
     let outcome = acquire(
         &mut client,

@@ -5,7 +5,7 @@ mod link;
 mod written;
 
 use super::transcript::Transcript;
-use super::views::About;
+use super::views::RecordingInfo;
 use super::writer::Writer;
 use fake_device as fake;
 use noise::Noise;
@@ -114,10 +114,10 @@ impl Iterator for Stream {
     }
 }
 
-fn about() -> About {
+fn about() -> RecordingInfo {
     let rig = "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
                [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n";
-    About::new("record", "d30-1", 30.0, rig.to_owned())
+    RecordingInfo::new("record", "d30-1", 30.0, rig.to_owned())
 }
 
 /// Records envelopes, a chunk for every five of them, and how long the file is.

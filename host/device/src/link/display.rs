@@ -73,5 +73,6 @@ pub fn request_name(request: &Request) -> &'static str {
         Request::AcknowledgeCalibration => "acknowledge calibration",
         Request::Describe => "describe",
         Request::Safety => "safety",
+        Request::Pulse { .. } => "pulse",
     }
 }

@@ -1,0 +1,312 @@
+//! What a bring-up can find: names, remedies, and what each keeps from running.
+
+use serde::Serialize;
+
+/// A finding of the catalogue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Known {
+    /// Its name in documents.
+    pub id: &'static str,
+    /// What is wrong.
+    pub what: &'static str,
+    /// What to do.
+    pub remedy: &'static str,
+    /// Nothing that depends on the step may run.
+    pub blocks: bool,
+}
+
+const fn known(id: &'static str, what: &'static str, remedy: &'static str, blocks: bool) -> Known {
+    Known { id, what, remedy, blocks }
+}
+
+/// Every one.
+pub const CATALOGUE: [Known; 41] = [
+    known(
+        "link.lossy",
+        "the serial link damages or loses frames",
+        "shorter cable, ground next to the data lines, no hub; away from the motors' leads",
+        false,
+    ),
+    known(
+        "link.clock",
+        "the device's clock is off",
+        "the crystal or its solder, or the clock set-up of another board's image",
+        false,
+    ),
+    known(
+        "supply.brown_out",
+        "the supply sags so far that the device restarts",
+        "a stronger supply for the motors, their own leads to it, 470 uF at the bridges",
+        true,
+    ),
+    known(
+        "supply.restarted",
+        "the device restarts by itself",
+        "`guide status` shows the reset reason and the last panic; report a panic",
+        true,
+    ),
+    known(
+        "stop.not_wired",
+        "pressing the emergency stop does nothing",
+        "the switch between A3 (PC2) and ground: the pin is tied to ground without it",
+        true,
+    ),
+    known(
+        "stop.normally_open",
+        "the emergency stop is a normally open switch",
+        "use the normally closed contact: a cut wire has to stop too",
+        true,
+    ),
+    known(
+        "stop.open",
+        "the line of the emergency stop is open",
+        "plug in or mend the wire of the switch; release the switch",
+        true,
+    ),
+    known(
+        "stop.stays",
+        "the emergency stop does not come back",
+        "release the switch (most are turned); then as for a line that is open",
+        true,
+    ),
+    known(
+        "force.silent",
+        "the force converter gives no readings",
+        "supply, clock and data-ready line of the converter",
+        true,
+    ),
+    known(
+        "force.corrupt",
+        "frames of the force converter arrive damaged",
+        "shorter SPI wires, a ground beside SCLK, a lower SPI clock",
+        false,
+    ),
+    known(
+        "force.resets",
+        "the force converter resets",
+        "supply of the converter and its SYNC/RESET line",
+        false,
+    ),
+    known(
+        "force.saturated",
+        "a force channel is at the end of the converter's range",
+        "an open bridge wire or swapped excitation: 350 ohm between each pair of the cell; unload the needle",
+        true,
+    ),
+    known(
+        "force.repeats",
+        "the force converter repeats the same reading",
+        "clock of the converter (CLKIN) and its set-up",
+        true,
+    ),
+    known(
+        "force.dead",
+        "a force channel measures nothing",
+        "its two signal wires: 350 ohm between them, some mV under load",
+        true,
+    ),
+    known(
+        "force.noisy",
+        "a force channel is noisy",
+        "shield of the cell at one end, twisted wires, away from the motors; reference of the converter",
+        false,
+    ),
+    known(
+        "force.hum",
+        "the mains is on the force channels",
+        "ground the cell's shield at one end only, another supply of the computer, twisted wires",
+        false,
+    ),
+    known(
+        "force.drift",
+        "a force channel drifts",
+        "wait for the cell to warm up (10 min), strain relief of its cable, no draught",
+        false,
+    ),
+    known(
+        "force.limit",
+        "the force limit stands at rest",
+        "`guide retreat`, or open the needle's clamp",
+        true,
+    ),
+    known(
+        "potentiometer.open",
+        "a potentiometer reads its greatest code",
+        "its wiper or ground wire is open",
+        true,
+    ),
+    known(
+        "potentiometer.shorted",
+        "a potentiometer reads nothing",
+        "its wiper is shorted to ground, or its supply wire is open",
+        true,
+    ),
+    known(
+        "potentiometer.noisy",
+        "a potentiometer is noisy",
+        "its wiper's contact and wires; 100 nF at the converter's pin",
+        true,
+    ),
+    known(
+        "potentiometer.supply",
+        "the potentiometers have another supply than the converter's reference",
+        "both ends of the tracks to 3.3 V (VREF) and ground of the board, not 5 V",
+        true,
+    ),
+    known(
+        "potentiometer.off_middle",
+        "a guide is far from the middle of its travel, or its potentiometer is mounted there",
+        "screw the rod to the middle by hand; else the mounting of the actuator",
+        true,
+    ),
+    known("potentiometer.jumps", "a potentiometer jumps", "its wiper's contact and wires", true),
+    known("motor.swapped", "both motors are at each other's bridge", "swap the motors' plugs", true),
+    known(
+        "motor.leads_reversed",
+        "the leads of a motor are reversed",
+        "swap the two leads of this motor",
+        true,
+    ),
+    known(
+        "motor.dead_up",
+        "a motor does not move upwards",
+        "IN1 of its bridge: wire, solder, the half bridge",
+        true,
+    ),
+    known(
+        "motor.dead_down",
+        "a motor does not move downwards",
+        "IN2 of its bridge: wire, solder, the half bridge",
+        true,
+    ),
+    known(
+        "motor.does_not_move",
+        "a motor does not move",
+        "supply of the motors, the motor's plug, nSLEEP of its bridge; a jammed rod",
+        true,
+    ),
+    known("motor.presses", "a pulse of a motor meets a stiff load", "free the needle and the guide", true),
+    known(
+        "potentiometer.swapped",
+        "both potentiometers are at each other's pin",
+        "swap the wipers' wires (A0, A1)",
+        true,
+    ),
+    known(
+        "potentiometer.reversed",
+        "the ends of a potentiometer's track are swapped",
+        "swap the two outer wires of this potentiometer",
+        true,
+    ),
+    known(
+        "potentiometer.stuck",
+        "a potentiometer does not follow its rod",
+        "its wiper's wire; the coupling between rod and track",
+        true,
+    ),
+    known("loop.fault", "the position loop ends in a fault", "the fault's own remedy", true),
+    known(
+        "loop.inaccurate",
+        "the position loop does not settle where it should",
+        "friction of the rod, supply of the motors, noise of the potentiometer",
+        false,
+    ),
+    known(
+        "force.swapped",
+        "the force channels are swapped",
+        "swap the cell's plugs, or store a calibration that does",
+        false,
+    ),
+    known(
+        "force.sign",
+        "a force channel has the wrong sign",
+        "swap the two signal wires of this channel, or store a calibration with the sign",
+        false,
+    ),
+    known(
+        "force.turned",
+        "the force cell is turned about the needle",
+        "turn the cell, or store a calibration from weights",
+        false,
+    ),
+    known(
+        "force.crosstalk",
+        "a force channel reads a part of the other",
+        "store a calibration from weights in several directions",
+        false,
+    ),
+    known(
+        "force.gain",
+        "the gains of the force channels differ",
+        "check both with one known weight; store a calibration",
+        false,
+    ),
+    known(
+        "force.no_response",
+        "no force answers the motion",
+        "mount the needle in both guides; else the cell is not in the way of the force",
+        false,
+    ),
+];
+
+/// Something that is wrong with this rig.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    /// Name in [`CATALOGUE`].
+    pub id: &'static str,
+    /// Axis `x` or `y`; nothing where it is of neither or both.
+    pub axis: Option<&'static str>,
+    /// What is wrong.
+    pub what: &'static str,
+    /// What was measured.
+    pub measured: String,
+    /// What to do.
+    pub remedy: &'static str,
+    /// Other names that explain what was measured as well.
+    pub or_else: Vec<&'static str>,
+}
+
+impl Finding {
+    /// The finding of this name.
+    pub(super) fn new(id: &'static str, axis: Option<usize>, measured: String) -> Self {
+        let known = Known::of(id);
+        let axis = axis.map(|axis| if axis == 0 { "x" } else { "y" });
+        Self { id, axis, what: known.what, measured, remedy: known.remedy, or_else: Vec::new() }
+    }
+
+    /// The same with another explanation.
+    pub(super) fn or(mut self, id: &'static str) -> Self {
+        self.or_else.push(Known::of(id).id);
+        self
+    }
+
+    /// Nothing that depends on the step may run.
+    pub fn blocks(&self) -> bool {
+        Known::of(self.id).blocks
+    }
+}
+
+impl Known {
+    fn of(id: &'static str) -> Self {
+        CATALOGUE.into_iter().find(|known| known.id == id).unwrap_or(known(id, "", "", true))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_is_there_once_with_its_remedy_and_in_the_manual() {
+        for (at, known) in CATALOGUE.iter().enumerate() {
+            assert!(!known.what.is_empty() && !known.remedy.is_empty(), "{}", known.id);
+            let (answer, page) = (
+                if known.blocks { "yes" } else { "no" },
+                include_str!("../../../manual/src/commands/bringup.md"),
+            );
+            let row = format!("| `{}` | {} | {} | {answer} |", known.id, known.what, known.remedy);
+            assert!(page.lines().any(|line| line == row), "the manual has no {row}");
+            assert!(CATALOGUE[..at].iter().all(|other| other.id != known.id), "{} twice", known.id);
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! The position loop in small moves, and the force channels against them.
+//!
+//! A needle of round section presses back equally in every direction: the matrix of force against motion has to be one number times
+//! the unit matrix. What it is instead names the fault of the force channels.
+
+use super::findings::Finding;
+use super::report::StepReport;
+use super::session::Session;
+use crate::link::error::explain_fault;
+use crate::link::{LinkError, Point, Telemetry};
+use protocol::{EventKind, Outcome, Request, State, Step as DeviceStep, program_crc};
+use std::time::{Duration, Instant};
+
+/// Amplitude of the moves, micrometres, and their speed, micrometres per second.
+const MOVE_UM: i32 = 800;
+const SPEED_UM_S: u32 = 2_000;
+/// Hold after each move, milliseconds.
+const HOLD_MS: u32 = 400;
+/// Largest error at rest that the loop has by its design, metres (it re-engages at 45 um), and overshoot.
+const SETTLED_M: f64 = 60e-6;
+const OVERSHOOT_M: f64 = 150e-6;
+/// Stiffness below which no needle is mounted, newtons per metre.
+const LEAST_N_PER_M: f64 = 20.0;
+/// Share of the stiffness that counts as another fault than the tolerance of cell and mounting.
+const TOLERANCE: f64 = 0.06;
+/// Share by which the gains of a cell's channels may differ.
+const GAIN_TOLERANCE: f64 = 0.15;
+/// How long a program is awaited, by the host's clock.
+const PROGRAM_TIMEOUT: Duration = Duration::from_secs(120);
+
+/// Force of x and y (rows) per motion along x and y (columns), newtons per metre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Moves {
+    matrix_n_per_m: [[f64; 2]; 2],
+}
+
+/// What was read in one hold.
+#[derive(Debug, Clone, Copy, Default)]
+struct Held {
+    time_s: f64,
+    position_m: [f64; 2],
+    force_n: [f64; 2],
+    count: f64,
+}
+
+impl Held {
+    fn add(&mut self, point: &Point) {
+        let Point { time_s, displacement_m: position_m, force_n, .. } = *point;
+        self.count += 1.0;
+        self.time_s += (time_s - self.time_s) / self.count;
+        for axis in 0..2 {
+            self.position_m[axis] += (position_m[axis] - self.position_m[axis]) / self.count;
+            self.force_n[axis] += (force_n[axis] - self.force_n[axis]) / self.count;
+        }
+    }
+}
+
+pub(super) fn run(session: &mut Session, report: &mut StepReport) -> Result<(), LinkError> {
+    let mut matrix_n_per_m = [[0.0; 2]; 2];
+    for axis in 0..2 {
+        let Some(held) = axis_moves(session, axis, report)? else { return Ok(()) };
+        for (force, row) in matrix_n_per_m.iter_mut().enumerate() {
+            row[axis] = stiffness(&held, axis, force);
+        }
+    }
+    session.moves = Some(Moves { matrix_n_per_m });
+    Ok(())
+}
+
+/// Up, down and back along an axis: the holds above, below and back. Nothing where a fault ended it, which is found.
+fn axis_moves(
+    session: &mut Session,
+    axis: usize,
+    report: &mut StepReport,
+) -> Result<Option<[Held; 3]>, LinkError> {
+    let home_m =
+        session.client.status().map(|status| session.client.displacement_m(status.position_counts))?;
+    let home_um = home_m.map(|m| (1e6 * m).round() as i32);
+    let target = |by_um: i32| {
+        let mut at_um = home_um;
+        at_um[axis] += by_um;
+        at_um
+    };
+    let targets_um = [target(MOVE_UM), target(-MOVE_UM), home_um];
+    let mut steps = Vec::new();
+    for [x_um, y_um] in targets_um {
+        steps.push(DeviceStep::Move { x_um, y_um, speed_um_s: SPEED_UM_S });
+        steps.push(DeviceStep::Hold { duration_ms: HOLD_MS });
+    }
+    for (index, step) in (0..).zip(&steps) {
+        session.client.request(Request::LoadStep { index, step: *step })?;
+    }
+    while session.client.waiting().is_some() {}
+    session.client.request(Request::Stream { enable: true })?;
+    session.client.request(Request::Run {
+        steps: steps.len() as u8,
+        crc: program_crc(&steps),
+        start_us: 0,
+    })?;
+    let mut held = [Held::default(); 3];
+    let mut furthest_m = [0.0_f64; 3];
+    let outcome = follow(session, |step, point| {
+        let (turn, is_hold) = (usize::from(step) / 2, step % 2 == 1);
+        let way = [1.0, -1.0, home_um[axis].signum().into()][turn.min(2)];
+        let beyond_m = way * (point.displacement_m[axis] - 1e-6 * f64::from(targets_um[turn.min(2)][axis]));
+        if turn < 2 {
+            furthest_m[turn] = furthest_m[turn].max(beyond_m);
+        }
+        if is_hold && turn < 3 {
+            held[turn].add(point);
+        }
+    })?;
+    session.client.request(Request::Stream { enable: false })?;
+    let name = ["x", "y"][axis];
+    if outcome != Some(Outcome::Completed) {
+        let fault = session.client.status()?.fault;
+        let measured = fault.map_or_else(|| "the program ended early".to_owned(), explain_fault);
+        report.find(Finding::new("loop.fault", Some(axis), measured));
+        return Ok(None);
+    }
+    let [up, down, back] = held;
+    let error_m = [(up, targets_um[0]), (down, targets_um[1])]
+        .map(|(held, target_um)| held.position_m[axis] - 1e-6 * f64::from(target_um[axis]));
+    let worst_m = error_m.into_iter().map(f64::abs).fold(0.0, f64::max);
+    let overshoot_m = furthest_m[0].max(furthest_m[1]);
+    report.measure(format!("error_at_rest_{name}_mm"), 1e3 * worst_m);
+    report.measure(format!("overshoot_{name}_mm"), 1e3 * overshoot_m);
+    if worst_m > SETTLED_M || overshoot_m > OVERSHOOT_M {
+        let measured =
+            format!("{:.3} mm off at rest, {:.3} mm beyond the target", 1e3 * worst_m, 1e3 * overshoot_m);
+        report.find(Finding::new("loop.inaccurate", Some(axis), measured));
+    }
+    if held.iter().any(|held| held.count < 50.0)
+        || (up.position_m[axis] - down.position_m[axis]).abs() < 0.5e-3
+    {
+        let measured =
+            format!("{:.0}, {:.0} and {:.0} samples of the holds arrived", up.count, down.count, back.count);
+        report.find(Finding::new("link.lossy", None, measured));
+        return Ok(None);
+    }
+    Ok(Some(held))
+}
+
+/// Change of a force per motion along an axis, newtons per metre: of the plane in position and time through three holds, so that a drift of
+/// the force does not count.
+fn stiffness([up, down, back]: &[Held; 3], axis: usize, force: usize) -> f64 {
+    let from_up = |held: &Held| {
+        let (moved_m, force_n) =
+            (held.position_m[axis] - up.position_m[axis], held.force_n[force] - up.force_n[force]);
+        (moved_m, held.time_s - up.time_s, force_n)
+    };
+    let ((down_m, down_s, down_n), (back_m, back_s, back_n)) = (from_up(down), from_up(back));
+    (down_n * back_s - back_n * down_s) / (down_m * back_s - back_m * down_s)
+}
+
+/// Follows a program to its end; `observe` receives the step and the readings of each sample. Nothing where its end was lost.
+fn follow(session: &mut Session, mut observe: impl FnMut(u8, &Point)) -> Result<Option<Outcome>, LinkError> {
+    let deadline = Instant::now() + PROGRAM_TIMEOUT;
+    let mut requested = Instant::now();
+    while Instant::now() < deadline && !session.operator.is_interrupted() {
+        if requested.elapsed() > Duration::from_millis(100) {
+            session.client.request_status()?;
+            requested = Instant::now();
+        }
+        match session.client.next(Duration::from_millis(50))? {
+            Some(Telemetry::Samples(batch)) => {
+                if let Some(step) = batch.step {
+                    batch.points.iter().for_each(|point| observe(step, point));
+                }
+            }
+            Some(Telemetry::Event(event)) => {
+                if let EventKind::ProgramEnded { outcome } = event.kind {
+                    return Ok(Some(outcome));
+                }
+            }
+            Some(Telemetry::Status(status)) if status.state == State::Faulted => {
+                return Ok(Some(Outcome::Faulted));
+            }
+            _ => {}
+        }
+    }
+    Ok(None)
+}
+
+pub(super) fn force(moves: &Moves, report: &mut StepReport) {
+    let m = moves.matrix_n_per_m;
+    for (row, force) in m.iter().zip(["x", "y"]) {
+        for (value, motion) in row.iter().zip(["x", "y"]) {
+            report.measure(format!("force_{force}_per_{motion}_n_per_mm"), 1e-3 * value);
+        }
+    }
+    let [[xx, xy], [yx, yy]] = m;
+    let text = format!(
+        "force x {:+.3} and y {:+.3} N/mm along x, x {:+.3} and y {:+.3} N/mm along y",
+        1e-3 * xx,
+        1e-3 * yx,
+        1e-3 * xy,
+        1e-3 * yy
+    );
+    for (id, axis) in classify(m) {
+        report.find(Finding::new(id, axis, text.clone()));
+    }
+}
+
+/// What a matrix of force against motion means for the force channels.
+fn classify(m: [[f64; 2]; 2]) -> Vec<(&'static str, Option<usize>)> {
+    let size = |row: [f64; 2]| row[0].hypot(row[1]);
+    let [x, y] = m.map(size);
+    let stiffness = x.max(y);
+    if stiffness < LEAST_N_PER_M {
+        return vec![("force.no_response", None)];
+    }
+    if let Some(axis) = [x, y].iter().position(|row| *row < 0.1 * stiffness) {
+        return vec![("force.dead", Some(axis))];
+    }
+    let [[xx, xy], [yx, yy]] = m;
+    if xy.abs() > 3.0 * xx.abs() && yx.abs() > 3.0 * yy.abs() {
+        return vec![("force.swapped", None)];
+    }
+    let mut found = Vec::new();
+    // Signs first: what is left is judged as if they were right.
+    let signs = [xx, yy].map(|own| if own < 0.0 { -1.0 } else { 1.0 });
+    for (axis, sign) in signs.iter().enumerate() {
+        if *sign < 0.0 {
+            found.push(("force.sign", Some(axis)));
+        }
+    }
+    let (own, xy, yx) = ([xx * signs[0], yy * signs[1]], xy * signs[0], yx * signs[1]);
+    let scale = 0.5 * (own[0] + own[1]);
+    let (turned, common) = (0.5 * (yx - xy), 0.5 * (yx + xy));
+    if turned.abs() > TOLERANCE * scale && common.abs() < 0.4 * turned.abs() {
+        found.push(("force.turned", None));
+    } else if xy.abs().max(yx.abs()) > TOLERANCE * scale {
+        found.push(("force.crosstalk", Some(usize::from(yx.abs() > xy.abs()))));
+    }
+    let ratio = own[0] / own[1];
+    if !(1.0 - GAIN_TOLERANCE..=1.0 / (1.0 - GAIN_TOLERANCE)).contains(&ratio) {
+        found.push(("force.gain", None));
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The matrix of a needle of 400 N/m behind a cell that does this to forces along x and y.
+    fn behind(cell: [[f64; 2]; 2]) -> Vec<(&'static str, Option<usize>)> {
+        classify(cell.map(|row| row.map(|value| 400.0 * value)))
+    }
+
+    #[test]
+    fn a_drift_is_no_stiffness() {
+        let held = [(0.0, 8e-4), (1.2, -8e-4), (2.3, 1e-5)].map(|(time_s, at_m)| {
+            let force_n = [0.1 * time_s, 400.0 * at_m + 0.1 * time_s - 0.3];
+            Held { time_s, position_m: [0.0, at_m], force_n, count: 400.0 }
+        });
+        assert!(stiffness(&held, 1, 0).abs() < 1e-9 && (stiffness(&held, 1, 1) - 400.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_matrix_names_what_the_cell_does() {
+        assert!(behind([[1.02, 0.02], [-0.03, 0.97]]).is_empty());
+        assert_eq!(behind([[0.0, 1.0], [1.0, 0.0]]), [("force.swapped", None)]);
+        assert_eq!(behind([[1.0, 0.0], [0.0, -1.0]]), [("force.sign", Some(1))]);
+        assert_eq!(behind([[1.0, 0.12], [0.0, 1.0]]), [("force.crosstalk", Some(0))]);
+        assert_eq!(behind([[1.0, 0.0], [-0.3, 1.0]]), [("force.crosstalk", Some(1))]);
+        assert_eq!(behind([[1.0, 0.0], [0.0, 0.75]]), [("force.gain", None)]);
+        assert_eq!(behind([[0.0, 0.01], [0.0, 1.0]]), [("force.dead", Some(0))]);
+        assert_eq!(behind([[0.01, 0.0], [0.0, 0.01]]), [("force.no_response", None)]);
+        for degrees in [6.0_f64, -20.0, 40.0] {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            assert_eq!(behind([[cos, -sin], [sin, cos]]), [("force.turned", None)], "{degrees}");
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! The emergency stop, pressed and released by hand.
+
+use super::findings::Finding;
+use super::report::{StepReport, StepResult};
+use super::session::Session;
+use super::{Prompt, Step};
+use crate::link::LinkError;
+use protocol::Fault;
+
+/// How long after the hand the line is read, seconds of the device.
+const SETTLE_S: f64 = 0.2;
+
+/// The line is at stop; nothing where another fault stands, behind which the line is not reported.
+fn stops(session: &mut Session) -> Result<Option<bool>, LinkError> {
+    session.wait(SETTLE_S)?;
+    Ok(match session.clear()? {
+        None => Some(false),
+        Some(Fault::EmergencyStop) => Some(true),
+        Some(_) => None,
+    })
+}
+
+pub(super) fn run(session: &mut Session, mut report: StepReport) -> Result<StepReport, LinkError> {
+    let Some(released) = stops(session)? else {
+        let because = "another fault stands, which hides the line: mend that first".to_owned();
+        return Ok(StepReport::without(Step::EmergencyStop, StepResult::Skipped, because));
+    };
+    let tried = session.operator.confirm(Prompt::PressStop);
+    if !tried && !released {
+        let because = "nobody pressed the emergency stop: it is untested".to_owned();
+        return Ok(StepReport::without(Step::EmergencyStop, StepResult::Skipped, because));
+    }
+    let pressed = if tried { stops(session)? } else { None };
+    let again = if tried && session.operator.confirm(Prompt::ReleaseStop) { stops(session)? } else { None };
+    let level = |stops: bool| if stops { "stop" } else { "run" };
+    let measured = format!(
+        "line released: {}, pressed: {}",
+        level(again.unwrap_or(released)),
+        pressed.map_or("not tried", level)
+    );
+    match (released, pressed, again) {
+        (false, Some(true), None | Some(false)) => {}
+        (false, Some(true), Some(true)) => report.find(Finding::new("stop.stays", None, measured)),
+        (false, _, _) => report.find(Finding::new("stop.not_wired", None, measured)),
+        (true, Some(false), _) => report.find(Finding::new("stop.normally_open", None, measured)),
+        (true, Some(true), Some(false)) => {}
+        (true, Some(true), _) => report.find(Finding::new("stop.open", None, measured)),
+        (true, None, _) => report.find(Finding::new("stop.open", None, measured).or("stop.normally_open")),
+    }
+    Ok(report)
+}
