@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`session`] | a folder of `session.toml` and CSV tables: what was measured, and with what; imports from elsewhere |
 //! | [`model_file`] | `model.toml`: effects and sizes of discrepancy of a rig, from one diagnosis to the next |
+//! | [`prior_file`] | `prior.toml`: what many sessions predict of the next one |
 //! | [`files`] | files that appear whole or not at all |
 //! | [`calibration_file`] | `calibration.toml`: the constants that the device works with |
 //!
@@ -30,4 +31,5 @@ pub const NORMAL_975: f64 = 1.959_963_984_540_054;
 pub mod calibration_file;
 pub mod files;
 pub mod model_file;
+pub mod prior_file;
 pub mod session;

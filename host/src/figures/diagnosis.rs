@@ -1,7 +1,7 @@
 //! Figures of a diagnosis: residuals before and after on what was held out, the ranking of effects, the gap channel by channel.
 
 use super::{FONT, FigureError, GREY, WIDTH, axes, failed, legend, range};
-use inference::diagnose::{Channel, Diagnosis, Gap};
+use inference::diagnose::{Channel, Diagnosis, HeldOutMisfit};
 use plotters::prelude::*;
 
 const BEFORE: RGBColor = RGBColor(200, 80, 40);
@@ -13,7 +13,7 @@ const RANKS: usize = 12;
 ///
 /// # Errors
 /// [`FigureError`] where the drawing fails.
-pub fn residuals(gap: &Gap) -> Result<String, FigureError> {
+pub fn residuals(gap: &HeldOutMisfit) -> Result<String, FigureError> {
     let channels: Vec<Channel> = Channel::ALL
         .into_iter()
         .filter(|channel| gap.points.iter().any(|point| point.channel == *channel))
@@ -78,7 +78,7 @@ pub fn ranking(found: &Diagnosis) -> Result<String, FigureError> {
 ///
 /// # Errors
 /// [`FigureError`] where the drawing fails.
-pub fn gap(gap: &Gap) -> Result<String, FigureError> {
+pub fn gap(gap: &HeldOutMisfit) -> Result<String, FigureError> {
     let sides = gap.before.rmse.iter().flat_map(|(name, before)| {
         let after = gap.after.rmse.get(name).copied().unwrap_or(f64::NAN);
         [(format!("{name} before"), *before, BEFORE), (format!("{name} after"), after, AFTER)]

@@ -71,7 +71,7 @@ fn tip(area: &Area<'_>, one: &TrackResult) -> Result<(), FigureError> {
     chart
         .draw_series(LineSeries::new(line, BLUE.stroke_width(2)))
         .map_err(failed)?
-        .label("simulated with what was known then")
+        .label("simulated with the estimate at that depth")
         .legend(|(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], BLUE.stroke_width(2)));
     let dots = one.depth_mm.iter().copied().zip(one.measured_tip_y_mm.iter().copied());
     chart

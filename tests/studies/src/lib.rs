@@ -6,6 +6,7 @@
 //! | [`plan`] | what `guide plan` promises | the forward model |
 //! | [`predict`] | the path of insertions | the forward model |
 //! | [`track`], [`layers`] | online estimators | the simulated steering rig |
+//! | [`population`] | statistics over many sessions | `worlds`, by way of records |
 //! | [`mod@steer`] | steering to a target | a needle of its own, `worlds::steering` |
 //! | [`diagnose`] | the diagnosis | an independent generator, `worlds` |
 #![forbid(unsafe_code)]
@@ -14,6 +15,7 @@
 pub mod diagnose;
 pub mod layers;
 pub mod plan;
+pub mod population;
 pub mod predict;
 pub mod relation;
 pub mod steer;

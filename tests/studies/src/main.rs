@@ -16,10 +16,12 @@ struct Args {
     /// Which: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's deflection (part of the forward
     /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
     /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), or what `guide plan`
-    /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, or steering to a target (`steer`); without a name
-    /// all that the documentation quotes, as it quotes them, written where it has them
+    /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, steering to a target
+    /// (`steer`), or statistics over many sessions; without a name all that the documentation quotes, as it quotes them, written
+    /// where it has them
     #[arg(value_parser = [
         "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers", "steer",
+        "population",
     ])]
     name: String,
     /// Sessions of insertions, or imperfect ones of all kinds
@@ -28,13 +30,13 @@ struct Args {
     /// What they are drawn from
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Steering runs of each kind for the estimators of others
+    /// Steering runs of each kind for the estimators of others, or sessions of a population
     #[arg(long, default_value_t = 60)]
     runs: usize,
-    /// Steering runs of each kind for the sound estimator
+    /// Steering runs of each kind for the estimator of `guide track`
     #[arg(long, default_value_t = 1000)]
-    sound_runs: usize,
-    /// Blind sessions of every effect and strength
+    track_runs: usize,
+    /// Blind sessions of every effect and strength, or repetitions of every population
     #[arg(long, default_value_t = 4)]
     repeats: usize,
     /// Only tables, blind sessions, or worlds of the study of tip loads, whose names hold this; imperfect ones by number too, as #12
@@ -43,9 +45,12 @@ struct Args {
     /// Only methods whose names begin like this
     #[arg(long, default_value = "")]
     method: String,
-    /// Seed of a second column of the blind study; drawn anew without it
+    /// Seed of a second column of the blind study; drawn again without it
     #[arg(long)]
     fresh_seed: Option<u64>,
+    /// Of the blind study only the sessions without imperfections, of one seed, printed instead of written
+    #[arg(long)]
+    pure: bool,
     #[command(flatten)]
     imperfect: imperfect::Options,
     /// Print every insertion of the study of tip loads, or every identified session
@@ -68,11 +73,14 @@ fn run(args: &Args) -> Result<()> {
         "insertion" => insertion(args),
         "tipload" => tipload::run(args.sessions, args.seed, &args.only, args.verbose),
         "steering" => steering(args),
-        "diagnose" => diagnosis::run(args.repeats, [args.seed, fresh(args.fresh_seed)], &args.only),
+        "diagnose" => {
+            diagnosis::run(args.repeats, [args.seed, fresh(args.fresh_seed)], &args.only, args.pure)
+        }
         "imperfect" => imperfect::run(&args.imperfect, args.sessions, args.seed, &args.only),
         "operator" => operator(&args.only),
         "plan" => plan(args),
         "layers" => layers(args),
+        "population" => commands::population::run(args.repeats, args.runs, args.seed),
         "steer" => steered(args),
         _ => modulus_relation(),
     }
@@ -248,12 +256,12 @@ fn insertion(args: &Args) -> Result<()> {
 }
 
 fn steering(args: &Args) -> Result<()> {
-    for (option, runs) in [("--runs", args.runs), ("--sound-runs", args.sound_runs)] {
+    for (option, runs) in [("--runs", args.runs), ("--track-runs", args.track_runs)] {
         ensure!((1..=100_000).contains(&runs), "{option} is {runs}, expected 1 to 100000");
     }
     let runs = |method: &str| match method {
         _ if !method.starts_with(&args.method) => 0,
-        _ if method.starts_with("sound") => args.sound_runs,
+        _ if method.starts_with("guide track") => args.track_runs,
         _ => args.runs,
     };
     let cells = studies::track::study(runs, 20, args.seed)?;
@@ -295,8 +303,8 @@ fn steering(args: &Args) -> Result<()> {
         );
     }
     println!(
-        "{} runs of each kind, {} of the sound estimator, seed {}",
-        args.runs, args.sound_runs, args.seed
+        "{} runs of each kind, {} of the estimator of guide track, seed {}",
+        args.runs, args.track_runs, args.seed
     );
     Ok(())
 }

@@ -6,8 +6,14 @@ use formats::session::{Noise, Session};
 use inference::identify::{FoundationChoice, Options, identify};
 use inference::plan::{Limits, PlanInput, plan};
 use mechanics::{Needle, Rig, Support};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use simulation::simulate::{Axis, LateralPlan, Sensors, SimulationPlan, SweepLevels};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+/// Zero of the force after a tare, N: what a plan assumes where no hold measures it.
+const ZERO_SD_N: f64 = 0.01;
 
 /// A run that could be made.
 #[derive(Debug, Clone, PartialEq)]
@@ -180,13 +186,22 @@ impl StudyProtocol {
             spacing_m: self.spacing_m,
         };
         let made = SimulationPlan { model, lateral: vec![lateral], insertion: Vec::new() };
-        let made = made.carry_out(&self.rig(), self.sensors, seed).ok()?;
+        let mut made = made.carry_out(&self.rig(), self.sensors, seed).ok()?;
+        // What the zero drifts after a tare.
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let drawn: f64 = StandardNormal.sample(&mut random);
+        let zero_n = ZERO_SD_N * drawn;
+        made.lateral
+            .iter_mut()
+            .flat_map(|run| &mut run.force.force_y_n)
+            .for_each(|force_n| *force_n += zero_n);
         Some(Session {
             dir: "simulated".into(),
             name: None,
             rig: self.rig(),
             fixture_mass_kg: None,
             noise: Noise {
+                force_zero_n: Some(ZERO_SD_N),
                 force_n: Some(self.sensors.force_n),
                 displacement_m: Some(self.sensors.displacement_m),
                 shape_m: Some(self.sensors.shape_m),

@@ -67,7 +67,7 @@ mod tests {
     use super::*;
     use inference::relation::TABLE;
 
-    /// One case of the table, computed anew.
+    /// One case of the table, computed again.
     #[test]
     fn the_table_is_what_the_solver_gives() {
         let rows: Vec<&str> = TABLE.lines().filter(|line| !line.starts_with('#')).skip(1).collect();

@@ -1,5 +1,5 @@
 //! Steering to a target: misses of several controllers on the same plants, which share no computation with the forward model and
-//! hide layers, skin, yielding or relaxation, slope, play, wandering load and bad readings; and with one more effect each.
+//! hide layers, skin, yielding or relaxation, slope, play, process noise of the load and bad readings; and with one more effect each.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

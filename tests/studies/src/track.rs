@@ -1,5 +1,5 @@
 //! Monte Carlo study of the online estimators on the experiment of the spring-beam-damper paper, simulated: two layers of 40 mm,
-//! the first with lumps and bubbles, 80 mm deep and 20 mm sideways at 8, 4 and 2 mm/s, with and without support, with
+//! the first with inclusions and cavities, 80 mm deep and 20 mm sideways at 8, 4 and 2 mm/s, with and without support, with
 //! disturbances; and the same moved to and fro. All methods start from the paper's initial values, about a hundred times too high, and are given the same
 //! samples. The truth is the steering model with ten modes, inertia and a stage.
 
@@ -7,9 +7,9 @@ use inference::holds::median;
 use inference::track::TrackError;
 use inference::track::kalman::{FilterConfig, Kalman, Kind};
 use inference::track::method::{Method, Report, samples};
+use inference::track::online::{OnlineEstimator, settings};
 use inference::track::published::{Forgetting, Published, PublishedSettings};
 use inference::track::results::CONVERGED_MM;
-use inference::track::sound::{OnlineEstimator, settings};
 use mechanics::{Dynamics, Needle, Rig};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -48,8 +48,15 @@ const LENGTH_M: f64 = 0.13;
 const FIXTURE_KG: f64 = 0.3;
 
 /// The methods compared.
-pub const METHODS: [&str; 7] =
-    ["published", "variable forgetting", "EKF", "UKF", "sound", "sound, f32", "sound, start 100x too low"];
+pub const METHODS: [&str; 7] = [
+    "published",
+    "variable forgetting",
+    "EKF",
+    "UKF",
+    "guide track",
+    "guide track, f32",
+    "guide track, start 100x too low",
+];
 
 /// One cell of the table.
 #[derive(Debug, Clone, PartialEq)]
@@ -157,20 +164,20 @@ fn make(
         }
         "EKF" => Box::new(Kalman::new(Kind::Extended, needle, dynamics, config)?),
         "UKF" => Box::new(Kalman::new(Kind::Unscented, needle, dynamics, config)?),
-        "sound, f32" => {
+        "guide track, f32" => {
             let mut settings = settings::<f32>(needle, dynamics)?;
             settings.start = start(printed.start).map(|value| value as f32);
             Box::new(OnlineEstimator::new(settings).ok_or(TrackError::Layout)?)
         }
         _ => {
             let mut settings = settings::<f64>(needle, dynamics)?;
-            settings.start = if method == "sound" { start(printed.start) } else { [200.0, 10.0] };
+            settings.start = if method == "guide track" { start(printed.start) } else { [200.0, 10.0] };
             Box::new(OnlineEstimator::new(settings).ok_or(TrackError::Layout)?)
         }
     })
 }
 
-/// Two layers; lumps and bubbles in the first.
+/// Two layers; inclusions and cavities in the first.
 fn draw(seed: u64, number: u64) -> Tissue {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(number);

@@ -100,7 +100,7 @@ fn faults_are_named_with_their_place() {
     fails(with("bias_x_n = { value = 0.1 }", ""), "11:14", &["empty, expected bias_n, bias_x_n"]);
     fails(with("parameters = { bias_x_n = { value = 0.1 } }\n", ""), "", &["effect.parameters: missing"]);
     let twice = "[[effect]]\nid = \"tissue.layers\"\nparameters = { boundary_mm = { value = 3 } }\n";
-    fails(GOOD.to_owned() + twice, "21:6", &["\"tissue.layers\" is there twice"]);
+    fails(GOOD.to_owned() + twice, "21:6", &["\"tissue.layers\" appears twice"]);
     fails(with("[1.8, 2.4]", "[2.4, 1.8]"), "17:8", &["2.4 is more than the second number"]);
     fails(with("[11.8, 12.4]", "[11.8]"), "6:14", &["tissue.k_ci95_kpa: a list of 1", "[low, high]"]);
     fails(with("[11.8, 12.4]", "[11.8, \"x\"]"), "6:21", &["this is a string"]);

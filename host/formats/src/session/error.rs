@@ -157,7 +157,7 @@ pub enum Problem {
     #[error("cannot read {0}")]
     Unreadable(String),
     /// A name used twice.
-    #[error("\"{0}\" is there twice")]
+    #[error("\"{0}\" appears twice")]
     Duplicate(String),
     /// A name that means nothing here.
     #[error("\"{0}\" is not known")]

@@ -208,6 +208,21 @@ impl<'d> Fields<'d> {
         rows.iter().map(row).collect::<Result<_, _>>().map(Some)
     }
 
+    /// A list of strings, where there is one.
+    pub fn optional_texts(&self, field: &str) -> Result<Option<Vec<String>>, SessionError> {
+        let Some(value) = self.get(field) else { return Ok(None) };
+        let wrong = |value: &Spanned<DeValue<'_>>| {
+            let problem = Problem::WrongType(value.get_ref().type_str());
+            self.fault(value.span().start, field, problem, "a list of strings")
+        };
+        let DeValue::Array(items) = value.get_ref() else { return Err(wrong(value)) };
+        let text = |item: &Spanned<DeValue<'_>>| match item.get_ref() {
+            DeValue::String(text) => Ok(text.to_string()),
+            _ => Err(wrong(item)),
+        };
+        items.iter().map(text).collect::<Result<_, _>>().map(Some)
+    }
+
     /// An interval `[low, high]` within `[least, most]` times a power of ten, where there is one.
     pub fn optional_interval(
         &self,
@@ -291,9 +306,14 @@ impl<'d> Fields<'d> {
 
     /// A flag; false where it is not stated.
     pub fn flag(&self, field: &str) -> Result<bool, SessionError> {
+        Ok(self.optional_flag(field)?.unwrap_or(false))
+    }
+
+    /// A flag, where it is stated.
+    pub fn optional_flag(&self, field: &str) -> Result<Option<bool>, SessionError> {
         match self.get(field).map(Spanned::get_ref) {
-            None => Ok(false),
-            Some(DeValue::Boolean(flag)) => Ok(*flag),
+            None => Ok(None),
+            Some(DeValue::Boolean(flag)) => Ok(Some(*flag)),
             Some(other) => {
                 Err(self.field_fault(field, Problem::WrongType(other.type_str()), "true or false"))
             }
@@ -309,6 +329,14 @@ impl<'d> Fields<'d> {
             }
             Some(DeValue::String(text)) => Ok(Some(text.to_string())),
             Some(other) => Err(self.field_fault(field, Problem::WrongType(other.type_str()), "a string")),
+        }
+    }
+
+    /// A date as text: a string that is not empty, or a date of TOML; where there is one.
+    pub fn optional_date_text(&self, field: &str) -> Result<Option<String>, SessionError> {
+        match self.get(field).map(Spanned::get_ref) {
+            Some(DeValue::Datetime(date)) => Ok(Some(date.to_string())),
+            _ => self.optional_text(field),
         }
     }
 
@@ -375,7 +403,7 @@ fn syntax(message: &str, text: &str, offset: usize) -> (Problem, String) {
             Some(_) => ("text without quotation marks", "a number, a list, or text in straight ones (\")"),
         }
     } else if message.starts_with("duplicate key") {
-        ("this name is there twice", "every name once in a table")
+        ("this name appears twice", "every name once in a table")
     } else if message.contains("recurs") {
         ("nested too deeply", "lists and tables as the format has them")
     } else {

@@ -129,6 +129,7 @@ pub(super) fn noise(file: &Fields<'_>) -> Result<Noise, SessionError> {
         |field| Ok::<_, SessionError>(noise.optional_number(field, read::SD_MM)?.map(|sd_mm| MM * sd_mm));
     Ok(Noise {
         force_n: noise.optional_number("force_n", [1e-9, 100.0])?,
+        force_zero_n: noise.optional_number("force_zero_n", [1e-9, 100.0])?,
         displacement_m: sd_m("displacement_mm")?,
         shape_m: sd_m("shape_mm")?,
         tip_m: sd_m("tip_mm")?,

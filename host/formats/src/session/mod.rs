@@ -9,6 +9,7 @@ pub mod fields;
 mod hardware;
 pub mod import;
 mod indenter;
+mod labels;
 mod names;
 mod read;
 mod survey;
@@ -19,6 +20,7 @@ mod write;
 
 pub use error::{Place, Problem, SessionError, read_text};
 pub use indenter::Indenter;
+pub use labels::{Covariate, Labels};
 pub use survey::Survey;
 pub use tissue::{FoundationKind, Tissue};
 pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow, is_file_name, replace};
@@ -59,6 +61,8 @@ pub struct Session {
 pub struct Noise {
     /// Lateral force.
     pub force_n: Option<f64>,
+    /// Zero of the lateral force where no hold at zero displacement measures it.
+    pub force_zero_n: Option<f64>,
     /// Displacement of guide 2.
     pub displacement_m: Option<f64>,
     /// Deflection of the needle in the tissue.
@@ -99,6 +103,8 @@ pub struct Provenance {
     pub device: Option<String>,
     /// Version of its firmware and the commit that was built.
     pub firmware: Option<String>,
+    /// The force had been tared since the device started, or the run tared it.
+    pub tared: Option<bool>,
 }
 
 impl Session {

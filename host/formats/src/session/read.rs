@@ -7,8 +7,8 @@ use super::hardware::{fixture_mass_kg, noise, rig};
 use super::survey::{NEEDLE, NOISE, RIG, TISSUE};
 use super::table::{Column, Table};
 use super::{
-    DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, LateralRun, Mark, Provenance, Session, Setup,
-    ShapeSeries, SteeringRun, Tissue,
+    DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, Labels, LateralRun, Mark, Provenance, Session,
+    Setup, ShapeSeries, SteeringRun, Tissue,
 };
 use std::collections::HashSet;
 use std::path::Path;
@@ -78,6 +78,7 @@ impl Session {
         Fields::parse(&path, &text, |file| {
             let session = file.table("session")?;
             session.format()?;
+            Labels::of(file)?;
             Ok(Self {
                 dir: dir.to_owned(),
                 name: session.optional_text("name")?,
@@ -243,6 +244,7 @@ pub(super) fn provenance(fields: &Fields<'_>) -> Result<Provenance, SessionError
         calibration_crc: crc.transpose()?,
         device: fields.optional_text("device")?,
         firmware: fields.optional_text("firmware")?,
+        tared: fields.optional_flag("tared")?,
     })
 }
 

@@ -3,7 +3,7 @@
 use super::error::{Place, Problem, SessionError, read_text};
 use super::fields::Fields;
 use super::table::{Column, Table, cut_row, misspelt_columns};
-use super::{DEPTH_RANGE_MM, Session, Tissue};
+use super::{DEPTH_RANGE_MM, Labels, Session, Tissue};
 use super::{hardware, read};
 use mechanics::Rig;
 use std::collections::HashSet;
@@ -27,10 +27,23 @@ pub struct Survey {
     pub outside: Vec<(Place, String)>,
 }
 
-const TABLES: [&str; 9] =
-    ["session", "needle", "rig", "noise", "tissue", "lateral", "insertion", "indentation", "steering"];
-const SESSION: [&str; 2] = ["format", "name"];
-pub(super) const NEEDLE: [&str; 6] = [
+const TABLES: [&str; 11] = [
+    "session",
+    "subject",
+    "covariates",
+    "needle",
+    "rig",
+    "noise",
+    "tissue",
+    "lateral",
+    "insertion",
+    "indentation",
+    "steering",
+];
+const SESSION: [&str; 4] = ["format", "name", "date", "site"];
+const SUBJECT: [&str; 1] = ["id"];
+pub(super) const NEEDLE: [&str; 7] = [
+    "id",
     "youngs_modulus_gpa",
     "outer_diameter_mm",
     "inner_diameter_mm",
@@ -38,7 +51,8 @@ pub(super) const NEEDLE: [&str; 6] = [
     "length_mm",
     "bending_stiffness",
 ];
-pub(super) const RIG: [&str; 6] = [
+pub(super) const RIG: [&str; 7] = [
+    "id",
     "guide2_mm",
     "entry_mm",
     "fixture_mass_kg",
@@ -46,9 +60,9 @@ pub(super) const RIG: [&str; 6] = [
     "rear_rotation_y_n_m_per_rad",
     "rear_rotation_x_n_m_per_rad",
 ];
-pub(super) const NOISE: [&str; 5] =
-    ["force_n", "displacement_mm", "shape_mm", "tip_mm", "tip_direction_mrad"];
-pub(super) const TISSUE: [&str; 3] = ["foundation", "poisson", "poisson_sd"];
+pub(super) const NOISE: [&str; 6] =
+    ["force_n", "force_zero_n", "displacement_mm", "shape_mm", "tip_mm", "tip_direction_mrad"];
+pub(super) const TISSUE: [&str; 4] = ["id", "foundation", "poisson", "poisson_sd"];
 
 /// A kind of run: its table, its fields, its files with their columns and whether they may be without rows, its numbers.
 struct Kind {
@@ -60,7 +74,17 @@ struct Kind {
 
 const LATERAL: Kind = Kind {
     name: "lateral",
-    fields: &["id", "depth_mm", "force", "shape", "calibration_id", "calibration_crc", "device", "firmware"],
+    fields: &[
+        "id",
+        "depth_mm",
+        "force",
+        "shape",
+        "calibration_id",
+        "calibration_crc",
+        "device",
+        "firmware",
+        "tared",
+    ],
     files: &[("force", &read::FORCE_COLUMNS, true), ("shape", &read::SHAPE_COLUMNS, true)],
     numbers: &[("depth_mm", DEPTH_RANGE_MM)],
 };
@@ -108,6 +132,7 @@ impl Survey {
         self.unknown.extend(file.others(&TABLES));
         for (name, known) in [
             ("session", &SESSION[..]),
+            ("subject", &SUBJECT),
             ("needle", &NEEDLE),
             ("rig", &RIG),
             ("noise", &NOISE),
@@ -133,6 +158,12 @@ impl Survey {
         };
         let noise = self.keep(hardware::noise(file)).unwrap_or_default();
         let tissue = self.keep(Tissue::read(file)).unwrap_or_default();
+        // What is wrong with a table that others read too is reported once.
+        if let Err(fault) = Labels::of(file)
+            && !self.faults.iter().any(|known| known.to_string() == fault.to_string())
+        {
+            self.faults.push(fault);
+        }
         let lateral = self.runs(dir, file, &LATERAL, |fields, id| read::lateral(dir, fields, id));
         let insertion = self.runs(dir, file, &INSERTION, |fields, id| read::insertion(dir, fields, id));
         let indentation = self.runs(dir, file, &INDENTATION, |fields, id| read::indentation(dir, fields, id));
@@ -280,7 +311,7 @@ mod tests {
             "session.toml:15:12: lateral.depth_mm: 3000 is out of range",
             "f.csv:1:1: force_y_n: missing",
             "s.csv:2:4: deflection_y_mm: \"x\" is not a number",
-            "session.toml:19:6: lateral.id: \"a\" is there twice",
+            "session.toml:19:6: lateral.id: \"a\" appears twice",
             "f.csv:1:1: force_y_n: missing",
             "s.csv:2:4: deflection_y_mm: \"x\" is not a number",
             "session.toml:25:8: insertion.path: cannot read none.csv",

@@ -374,7 +374,7 @@ mod tests {
             ("time_s,force_y_n\n", "a.csv:1:1: rows: no rows, expected at least one row below the header"),
             (
                 "time_s,force_y_n,time_s\n",
-                "a.csv:1:18: header: \"time_s\" is there twice, expected each column once",
+                "a.csv:1:18: header: \"time_s\" appears twice, expected each column once",
             ),
             (
                 "time_s,force_y_n\n0,1\n# c\n\n1, oops\n",

@@ -119,7 +119,7 @@ fn faults_in_the_session_file_name_their_place() {
         (
             "[noise]",
             "[[lateral]]\nid = \"a\"\ndepth_mm = 1\nforce = \"a.force.csv\"\nshape = \"a.shape.csv\"\n[noise]",
-            "session.toml:20:6: lateral.id: \"a\" is there twice, expected one run per id",
+            "session.toml:20:6: lateral.id: \"a\" appears twice, expected one run per id",
         ),
     ] {
         assert_eq!(message(&folder(&TOML.replace(from, to), FORCE, SHAPE)), expected);
@@ -202,6 +202,7 @@ fn what_runs_were_recorded_with_is_kept() {
         calibration_crc: Some(crc),
         device: Some("B-L475E-IOT01A".to_owned()),
         firmware: Some("0.1.0 (1a2b3c4d-dirty)".to_owned()),
+        tared: Some(true),
     };
     for (id, crc) in [("b", 0x001a_2b3c), ("c", 0x1a2b_3c4d), ("d", 0x001a_2b3c)] {
         let mut writer = SessionWriter::open(dir.path(), &setup()).expect("opens");

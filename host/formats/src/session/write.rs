@@ -291,6 +291,7 @@ fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
         "noise",
         &[
             ("force_n", noise.force_n),
+            ("force_zero_n", noise.force_zero_n),
             ("displacement_mm", noise.displacement_m.map(|sd_m| 1e3 * sd_m)),
             ("shape_mm", noise.shape_m.map(|sd_m| 1e3 * sd_m)),
             ("tip_mm", noise.tip_m.map(|sd_m| 1e3 * sd_m)),

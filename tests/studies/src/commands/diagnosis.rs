@@ -21,12 +21,21 @@ const IMPERFECT: usize = 30;
 ///
 /// # Errors
 /// Where the tables cannot be written.
-pub fn run(repeats: usize, seeds: [u64; 2], only: &str) -> Result<()> {
+pub fn run(repeats: usize, seeds: [u64; 2], only: &str, is_pure: bool) -> Result<()> {
     ensure!((1..=1000).contains(&repeats), "--repeats is {repeats}, expected 1 to 1000");
     let [seed, fresh] = seeds;
     let outcomes = outcomes(repeats, seed, only)?;
     if !only.is_empty() {
         outcomes.iter().for_each(|outcome| println!("{}", line(outcome)));
+        return Ok(());
+    }
+    if is_pure {
+        println!(
+            "{} sessions, seed {seed}\n\n{}\n{}",
+            outcomes.len(),
+            goals(&[(seed, &outcomes)]),
+            confusion(&outcomes)
+        );
         return Ok(());
     }
     let again = self::outcomes(repeats, fresh, only)?;
@@ -39,7 +48,7 @@ pub fn run(repeats: usize, seeds: [u64; 2], only: &str) -> Result<()> {
          Modulus: the mean over the tissue that was touched.\n\n{imperfect}",
         outcomes.len(),
         again.len(),
-        goals([(seed, &outcomes), (fresh, &again)]),
+        goals(&[(seed, &outcomes), (fresh, &again)]),
         confusion(&outcomes),
     );
     let path = super::root().join("host/manual/src/blind-study.md");
@@ -118,18 +127,24 @@ impl std::fmt::Display for Share {
     }
 }
 
+/// Rows of the table of goals.
+const MEASURES: usize = 10;
+
 /// Goals and what was reached with each seed.
-fn goals(sets: [(u64, &[Outcome]); 2]) -> String {
-    let [(seed, first), (fresh, second)] = sets;
-    let mut text = format!("| measure | goal | seed {seed} | seed {fresh} |\n|---|---|---|---|\n");
-    for ((measure, goal, reached), (.., again)) in reached(first).into_iter().zip(reached(second)) {
-        let _ = writeln!(text, "| {measure} | {goal} | {reached} | {again} |");
+fn goals(sets: &[(u64, &[Outcome])]) -> String {
+    let seeds: Vec<String> = sets.iter().map(|(seed, _)| format!("seed {seed}")).collect();
+    let mut text =
+        format!("| measure | goal | {} |\n|---|---|{}\n", seeds.join(" | "), "---|".repeat(sets.len()));
+    let columns: Vec<_> = sets.iter().map(|(_, outcomes)| reached(outcomes)).collect();
+    for (row, (measure, goal, _)) in columns.iter().flatten().take(MEASURES).enumerate() {
+        let reached: Vec<&str> = columns.iter().map(|column| column[row].2.as_str()).collect();
+        let _ = writeln!(text, "| {measure} | {goal} | {} |", reached.join(" | "));
     }
     text
 }
 
 /// Measure, goal and what was reached.
-fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); 10] {
+fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); MEASURES] {
     let ones = || {
         outcomes.iter().filter_map(|o| if let Hidden::One(id, _) = &o.hidden { Some((o, *id)) } else { None })
     };

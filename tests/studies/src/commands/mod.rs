@@ -3,6 +3,7 @@
 pub mod bodies;
 pub mod diagnosis;
 pub mod imperfect;
+pub mod population;
 pub mod tipload;
 
 use std::path::{Path, PathBuf};

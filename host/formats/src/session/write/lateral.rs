@@ -171,7 +171,7 @@ impl<'a> LateralWriter<'a> {
         let mut entry = format!(
             "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
         );
-        let Provenance { calibration_id, calibration_crc, device, firmware } = self.provenance.clone();
+        let Provenance { calibration_id, calibration_crc, device, firmware, tared } = self.provenance.clone();
         for (field, value) in [
             ("calibration_id", calibration_id),
             ("calibration_crc", calibration_crc.map(|crc| format!("{crc:08x}"))),
@@ -182,6 +182,9 @@ impl<'a> LateralWriter<'a> {
             if let Some(value) = value.filter(|value| !value.trim().is_empty()) {
                 let _ = writeln!(entry, "{field} = {}", toml::Value::from(value));
             }
+        }
+        if let Some(tared) = tared {
+            let _ = writeln!(entry, "tared = {tared}");
         }
         enter(&self.session.dir, &entry)?;
         self.session.lateral_ids.push(self.id.clone());

@@ -61,6 +61,11 @@ pub fn measures(outcomes: &[Outcome]) -> Vec<(&'static str, &'static str, String
             Share::of(due(), Outcome::is_in_class).to_string(),
         ),
         ("of these named alone", ">= 80 %", Share::of(due(), Outcome::is_alone).to_string()),
+        (
+            "of these larger than a stated tolerance can imitate: in a class of at most 3",
+            "",
+            Share::of(due().filter(|o| o.is_beyond_tolerance()), Outcome::is_in_class).to_string(),
+        ),
         ("every effect: in a class of at most 3", "", Share::of(hidden(), Outcome::is_in_class).to_string()),
         ("every effect: missed", "", Share::of(hidden(), Outcome::is_missed).to_string()),
         (

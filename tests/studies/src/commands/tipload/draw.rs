@@ -1,6 +1,6 @@
 //! Sessions of insertions whose truth is known: plain, with the small imperfections that every rig has, and with one guide.
 
-use super::marching::{Acting, Held, Needle, PLAIN, STEP_M, Tip, node_at};
+use super::marching::{Held, Needle, NodeLoads, PLAIN, STEP_M, Tip, node_at};
 use formats::session::{InsertionRun, Noise, Session};
 use mechanics::{Guides, Needle as Drawn, Rig};
 use rand::{Rng, SeedableRng};
@@ -272,7 +272,7 @@ fn record(
     let stated_depth = |step: usize| (step as i64 + late).max(0) as usize;
     let plane = |plane: usize| {
         let part = if plane == 0 { shared.roll_rad.cos() } else { shared.roll_rad.sin() };
-        let acting: Vec<Acting> = (0..=nodes)
+        let acting: Vec<NodeLoads> = (0..=nodes)
             .map(|step| {
                 let depth = stated_depth(step);
                 let load_n = |leaving: bool| match hidden {
@@ -283,7 +283,7 @@ fn record(
                     }
                     _ => own.load_n,
                 };
-                Acting {
+                NodeLoads {
                     load_n: [false, true].map(|leaving| {
                         load_n(leaving) * part * if turned(depth, leaving) { -1.0 } else { 1.0 }
                     }),

@@ -2,7 +2,7 @@
 //!
 //! Nothing here calls the forward model. The bending energy is that of second differences, the tissue a row of springs; each node of
 //! the cut path carries the spring of the half cell before it, at rest where the tip arrived, and of the half cell after it, at rest
-//! where the tip was when it left. The equilibrium at every depth is solved anew with a pentadiagonal factorisation.
+//! where the tip was when it left. The equilibrium at every depth is solved again with a pentadiagonal factorisation.
 
 /// Distance of nodes, m.
 pub const STEP_M: f64 = 0.5e-3;
@@ -45,7 +45,7 @@ pub const PLAIN: Needle = Needle {
 
 /// What acts at one node, on arriving there and on leaving: tip load, N, and displacement of guide 2, m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Acting {
+pub struct NodeLoads {
     /// Tip load, N.
     pub load_n: [f64; 2],
     /// Displacement of guide 2, m.
@@ -68,7 +68,7 @@ pub struct Tip {
 
 impl Needle {
     /// The tip at every node of the path; `acting` for each of them.
-    pub fn path(&self, acting: &[Acting]) -> Vec<Tip> {
+    pub fn path(&self, acting: &[NodeLoads]) -> Vec<Tip> {
         let (guide2_m, rear_n_m) = match self.held {
             Held::TwoGuides(guide2_m) => (guide2_m, f64::INFINITY),
             Held::OneGuide(rear_n_m) => (0.0, rear_n_m),
@@ -190,7 +190,7 @@ impl Beam {
 mod tests {
     use super::*;
 
-    fn path_m(needle: &Needle, acting: &[Acting]) -> Vec<[f64; 2]> {
+    fn path_m(needle: &Needle, acting: &[NodeLoads]) -> Vec<[f64; 2]> {
         needle.path(acting).iter().map(|tip| tip.at_m).collect()
     }
 
@@ -204,7 +204,7 @@ mod tests {
             modulus_pa: 0.0,
             ..PLAIN
         };
-        let acting = vec![Acting { load_n: [0.2; 2], ..Acting::default() }; 81];
+        let acting = vec![NodeLoads { load_n: [0.2; 2], ..NodeLoads::default() }; 81];
         let path_m = path_m(&needle, &acting);
         for step in [0, 40, 80] {
             let overhang_m = 0.02 + STEP_M * step as f64;
@@ -224,7 +224,7 @@ mod tests {
             modulus_pa: 15e3,
             ..PLAIN
         };
-        let mut acting = vec![Acting::default(); 101];
+        let mut acting = vec![NodeLoads::default(); 101];
         acting[60].guide2_m = [0.0, 1e-3];
         acting[61..].iter_mut().for_each(|now| now.guide2_m = [1e-3; 2]);
         let path_m = path_m(&needle, &acting);
@@ -247,8 +247,8 @@ mod tests {
         let side = |step: usize, at: usize, before: f64, after: f64| {
             [if step > at { after } else { before }, if step >= at { after } else { before }]
         };
-        let acting: Vec<Acting> = (0..=200)
-            .map(|step| Acting { load_n: side(step, 80, 0.2, -0.2), guide2_m: side(step, 120, 0.0, 1e-3) })
+        let acting: Vec<NodeLoads> = (0..=200)
+            .map(|step| NodeLoads { load_n: side(step, 80, 0.2, -0.2), guide2_m: side(step, 120, 0.0, 1e-3) })
             .collect();
         let path_m = path_m(&needle, &acting);
         let mut model = Model::uniform(rig, 12e3).expect("a model");
@@ -277,8 +277,8 @@ mod tests {
         let rig = Rig { needle, guide2_m: 0.0, entry_m: 0.028, guides };
         let needle =
             Needle { bending_n_m2, held: Held::OneGuide(0.8), gap_m: 0.028, modulus_pa: 12e3, ..PLAIN };
-        let acting: Vec<Acting> = (0..=200)
-            .map(|step| Acting {
+        let acting: Vec<NodeLoads> = (0..=200)
+            .map(|step| NodeLoads {
                 load_n: [0.2; 2],
                 guide2_m: [if step > 60 { 2e-3 } else { 0.0 }, if step >= 60 { 2e-3 } else { 0.0 }],
             })
@@ -316,8 +316,8 @@ mod tests {
             skin_n_per_m: 1500.0,
             ..PLAIN
         };
-        let acting: Vec<Acting> = (0..=140)
-            .map(|step| Acting {
+        let acting: Vec<NodeLoads> = (0..=140)
+            .map(|step| NodeLoads {
                 load_n: [0.2; 2],
                 guide2_m: [if step > 60 { 2e-3 } else { 0.0 }, if step >= 60 { 2e-3 } else { 0.0 }],
             })

@@ -1,0 +1,60 @@
+//! Which sessions count.
+
+use super::*;
+use crate::summary::SessionResult;
+
+/// A record of a session without effects.
+fn record(number: usize, ln_k_kpa: f64, ln_k_sd: f64) -> Summary {
+    let result = SessionResult {
+        verdict: "adequate".to_owned(),
+        foundation: "springs".to_owned(),
+        k_kpa: ln_k_kpa.exp(),
+        k_ci95_kpa: [-NORMAL_975, NORMAL_975].map(|half| (ln_k_kpa + half * ln_k_sd).exp()),
+        ln_k_kpa,
+        ln_k_sd,
+        ln_modulus_without_effects: [ln_k_kpa, ln_k_sd],
+        youngs_modulus_kpa: None,
+        tip_load_n: None,
+        tip_load_ci95_n: None,
+        discrepancy: BTreeMap::new(),
+        noise: BTreeMap::new(),
+        named: Vec::new(),
+        log_evidence: BTreeMap::new(),
+        amplitudes: Vec::new(),
+        correlation_per_mille: Vec::new(),
+    };
+    Summary { result: Some(result), ..Summary::empty(format!("s{number}")) }
+}
+
+#[test]
+fn sessions_that_do_not_identify_k_are_listed_and_do_not_count() {
+    let measured: Vec<Summary> =
+        (0..5).map(|number| record(number, 1.5 + 0.1 * number as f64, 0.05)).collect();
+    let vague: Vec<Summary> = (5..9).map(|number| record(number, 2.7, 1.5)).collect();
+    let alone = analyse(measured.clone(), &Options::default()).expect("a population");
+    let both = analyse([measured, vague.clone()].concat(), &Options::default()).expect("a population");
+    assert_eq!(both.groups[0].k_kpa, alone.groups[0].k_kpa);
+    assert_eq!((both.sessions.with_modulus, both.sessions.used, both.listed.len()), (9, 5, 4));
+    // Nothing but such sessions: no group, and no error, because what the sessions share can still be analysed.
+    let none = analyse(vague, &Options::default()).expect("a population");
+    assert!(none.groups.is_empty() && none.listed.len() == 4, "{:?}", none.groups);
+}
+
+#[test]
+fn one_session_does_not_determine_how_much_the_load_differs_between_sessions() {
+    let with_load = |number: usize, load_n: f64| {
+        let mut record = record(number, 2.5, 0.05);
+        if let Some(result) = &mut record.result {
+            result.tip_load_n = Some(load_n);
+            result.tip_load_ci95_n = Some([load_n - 0.02, load_n + 0.02]);
+        }
+        record
+    };
+    let loads = |summaries: Vec<Summary>| analyse(summaries, &Options::default()).expect("a population");
+    let one = loads(vec![with_load(0, 0.2)]);
+    assert_eq!(one.tip_load.iter().map(|tip| tip.between_n).collect::<Vec<_>>(), [None]);
+    assert!(!crate::prior::prior_toml(&one).contains("[[tip]]"), "no prior of the next load");
+    let three = loads((0..3).map(|number| with_load(number, 0.1 + 0.1 * number as f64)).collect());
+    let between_n = three.tip_load[0].between_n.expect("a spread");
+    assert!((0.08..0.12).contains(&between_n), "{between_n}");
+}

@@ -1,0 +1,78 @@
+//! What can be wrong with summaries and with what is requested of them.
+
+use std::path::PathBuf;
+
+/// Why a population cannot be computed.
+#[derive(Debug, thiserror::Error)]
+pub enum PopulationError {
+    /// A file of summaries cannot be read.
+    #[error("{}: cannot read: {cause}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// A line is no summary.
+    #[error("{}:{line}:{column}: {what}, expected one document of `needle.summary/1` per line", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// What is wrong.
+        what: String,
+    },
+    /// Two summaries are of the same session.
+    #[error("{}:{line}: session: \"{id}\" is there twice, expected each session once", path.display())]
+    Twice {
+        /// The file of the second.
+        path: PathBuf,
+        /// Its line, from 1.
+        line: usize,
+        /// The session.
+        id: String,
+    },
+    /// A name is no label and no covariate of any session.
+    #[error("{option}: \"{name}\" is stated by no session, expected one of {}", known.join(", "))]
+    UnknownName {
+        /// The option that has it.
+        option: &'static str,
+        /// The name.
+        name: String,
+        /// Names that there are.
+        known: Vec<String>,
+    },
+    /// A covariate is not a number.
+    #[error(
+        "--covariate: \"{name}\" of session \"{session}\" is a text, expected numbers; --by groups by texts"
+    )]
+    NotANumber {
+        /// The covariate.
+        name: String,
+        /// The session.
+        session: String,
+    },
+    /// Nothing is left to be analysed.
+    #[error("{sessions} sessions, none with a modulus that can be used, expected at least 1: {reason}")]
+    Empty {
+        /// How many summaries there are.
+        sessions: usize,
+        /// Why the first of them cannot be used.
+        reason: String,
+    },
+    /// The parameters of the mean are not identifiable.
+    #[error(
+        "group {group}: {sessions} sessions do not determine a mean and {covariates} covariates, expected more sessions or fewer covariates"
+    )]
+    Undetermined {
+        /// The group.
+        group: String,
+        /// Its sessions.
+        sessions: usize,
+        /// Number of covariates.
+        covariates: usize,
+    },
+}

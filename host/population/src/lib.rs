@@ -1,0 +1,50 @@
+//! Statistics over many sessions.
+//!
+//! | step | file |
+//! |---|---|
+//! | the record of a session, `needle.summary/1` | `summary` |
+//! | records from files | `read` |
+//! | nested random effects: restricted likelihood | `nested` |
+//! | mean, heterogeneity, prediction of a group | `random_effects` |
+//! | unusual sessions | `residuals` |
+//! | two rigs or methods on the same subjects | `agreement` |
+//! | likelihood of an effect in groups of sessions | `sharing` |
+//! | groups in which an effect may be shared, dates of a drift | `patterns` |
+//! | search for effects that groups share, and drift | `search` |
+//! | effects that vary, or are in single sessions | `spread` |
+//! | everything together | `analysis`, `results`, `display` |
+//! | what may be assumed of the next session | `prior` |
+//!
+//! Everything here works on the records, which `inference::summarize` makes: the measurements are not needed again.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+/// Half-width of a 95 % interval of a normal distribution, in standard deviations.
+pub(crate) const NORMAL_975: f64 = 1.959_963_984_540_054;
+
+mod agreement;
+mod analysis;
+mod display;
+mod error;
+mod nested;
+mod patterns;
+mod prior;
+mod random_effects;
+mod read;
+mod residuals;
+mod results;
+mod search;
+mod sharing;
+mod spread;
+mod summary;
+
+pub use agreement::{Agreement, agreement};
+pub use analysis::{Options, analyse};
+pub use error::PopulationError;
+pub use nested::{Nested, Observations};
+pub use prior::prior_toml;
+pub use random_effects::{RandomEffects, random_effects};
+pub use read::{read_lines, read_summaries};
+pub use residuals::{Residual, residuals};
+pub use results::*;
+pub use summary::*;

@@ -1,0 +1,109 @@
+//! The groups of sessions in which an effect may be shared: every value of every label, and the dates of every rig (theory, eq. 73).
+
+use crate::results::SharedKind;
+use crate::sharing::{Likelihoods, groups};
+
+/// Sessions of a group, and on either side of a step.
+pub(crate) const MIN_SESSIONS: usize = 3;
+/// Labels whose groups may share an effect, the most specific cause first.
+pub(crate) const LABELS: [&str; 4] = ["rig", "needle", "tissue", "day"];
+
+/// A session's labels for the search.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Places {
+    /// Values of `LABELS` of every session.
+    pub labels: [Vec<Option<String>>; 4],
+    /// Day of every session.
+    pub days: Vec<Option<f64>>,
+}
+
+/// Sessions that are tested together and how much of the effect each has.
+#[derive(Debug, Clone)]
+pub(crate) struct Pattern {
+    pub label: &'static str,
+    pub group: String,
+    pub kind: SharedKind,
+    /// Sessions in order of their dates, and how much of the effect each has.
+    pub members: Vec<(usize, f64)>,
+    /// For a step: first members of the dates that it may begin on.
+    pub starts: Vec<usize>,
+}
+
+/// Every group that is tested, as a whole and, for rigs, along its dates.
+pub(crate) fn patterns(data: &Likelihoods, places: &Places) -> Vec<Pattern> {
+    let day = |index: usize| places.days.get(index).copied().flatten();
+    let mut patterns = Vec::new();
+    for (label, values) in LABELS.into_iter().zip(&places.labels) {
+        for (group, all) in groups(values) {
+            let mut sessions = usable(data, all, label != "day");
+            if sessions.len() < MIN_SESSIONS {
+                continue;
+            }
+            sessions.sort_by(|a, b| {
+                day(*a).unwrap_or(f64::NEG_INFINITY).total_cmp(&day(*b).unwrap_or(f64::NEG_INFINITY))
+            });
+            let shared =
+                |kind, members, starts| Pattern { label, group: group.to_owned(), kind, members, starts };
+            patterns.push(shared(
+                SharedKind::Shared,
+                sessions.iter().map(|index| (*index, 1.0)).collect(),
+                Vec::new(),
+            ));
+            if label == "rig" {
+                let dated: Vec<(usize, f64)> =
+                    sessions.iter().filter_map(|index| Some((*index, day(*index)?))).collect();
+                patterns.extend(
+                    drift(&dated).into_iter().map(|(kind, members, starts)| shared(kind, members, starts)),
+                );
+            }
+        }
+    }
+    let all = usable(data, (0..data.sessions.len()).collect(), true);
+    let all: Vec<(usize, f64)> = all.into_iter().map(|index| (index, 1.0)).collect();
+    if all.len() >= MIN_SESSIONS {
+        let group = "all sessions".to_owned();
+        patterns.push(Pattern {
+            label: "all",
+            group,
+            kind: SharedKind::Shared,
+            members: all,
+            starts: Vec::new(),
+        });
+    }
+    patterns
+}
+
+/// The sessions of a group that are tested together: those that leave no misfit unexplained, and the others too where they are the
+/// majority, which is what an effect of the group does that each of them measures and none can name.
+fn usable(data: &Likelihoods, group: Vec<usize>, with_majority: bool) -> Vec<usize> {
+    let is_explained = |index: &usize| Some(data.sessions.get(*index)?.as_ref()?.is_explained);
+    let all: Vec<usize> = group.into_iter().filter(|index| is_explained(index).is_some()).collect();
+    let unexplained = all.iter().filter(|index| is_explained(index) == Some(false)).count();
+    if with_majority && unexplained >= MIN_SESSIONS && 2 * unexplained > all.len() {
+        return all;
+    }
+    all.into_iter().filter(|index| is_explained(index) == Some(true)).collect()
+}
+
+/// Kind of a drift, how much of it each session has, and for a step the sessions that it may begin with.
+type Drift = (SharedKind, Vec<(usize, f64)>, Vec<usize>);
+
+/// Step and trend over the dates of a rig's sessions, which are in order.
+fn drift(dated: &[(usize, f64)]) -> Vec<Drift> {
+    let (Some((_, first)), Some((_, last))) = (dated.first(), dated.last()) else { return Vec::new() };
+    let span = last - first;
+    let starts: Vec<usize> = (MIN_SESSIONS..dated.len().saturating_sub(MIN_SESSIONS - 1))
+        .filter(|start| dated[*start].1 > dated[start - 1].1)
+        .collect();
+    if starts.is_empty() || span <= 0.0 {
+        return Vec::new();
+    }
+    let step = dated.iter().map(|(index, _)| (*index, 1.0)).collect();
+    let trend = dated.iter().map(|(index, day)| (*index, (day - first) / span)).collect();
+    vec![(SharedKind::Step, step, starts), (SharedKind::Trend, trend, Vec::new())]
+}
+
+/// The sessions that have something of the effect.
+pub(crate) fn members(pattern: &Pattern, start: usize) -> Vec<(usize, f64)> {
+    pattern.members.iter().skip(start).filter(|(_, x)| *x != 0.0).copied().collect()
+}

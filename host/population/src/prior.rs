@@ -1,0 +1,73 @@
+//! What a population predicts of the next session, as a file: `prior.toml`.
+//!
+//! ```toml
+//! [prior]
+//! format = 1
+//! sessions = 40
+//! by = ["tissue"]
+//! [[modulus]]                       # K of a new subject of a group: lognormal
+//! group = "liver"
+//! sessions = 20
+//! k_kpa = 5.2                       # median
+//! ln_k_sd = 0.14                    # standard deviation of ln K: between sessions and of the mean
+//! degrees_of_freedom = 18           # of a t-distribution
+//! prediction95_kpa = [3.9, 7.0]
+//! [[tip]]
+//! needle = "18g"                    # where it is stated; tissue too
+//! sessions = 20
+//! load_n = 0.21
+//! load_sd_n = 0.04
+//! [discrepancy]                     # medians, as multiples of those of an ordinary rig
+//! "smooth shape error" = 1.1
+//! ```
+
+use crate::results::Population;
+use std::fmt::Write as _;
+
+/// The prior of the next session that a population makes, as a TOML text; groups without a prediction are skipped.
+pub fn prior_toml(population: &Population) -> String {
+    let quoted = |text: &str| serde_json::Value::from(text).to_string();
+    let by: Vec<String> = population.by.iter().map(|name| quoted(name)).collect();
+    let mut text =
+        format!("[prior]\nformat = 1\nsessions = {}\nby = [{}]\n", population.sessions.used, by.join(", "));
+    for group in &population.groups {
+        let Some([low, high]) = group.prediction95_kpa else { continue };
+        let [ln_k, se] = group.ln_k;
+        let freedom = group.degrees_of_freedom.saturating_sub(1);
+        let _ = write!(
+            text,
+            "\n[[modulus]]\ngroup = {}\nsessions = {}\nk_kpa = {:?}\nln_k_sd = {:?}\ndegrees_of_freedom = {freedom}\n\
+             prediction95_kpa = [{low:?}, {high:?}]\n",
+            quoted(&group.group),
+            group.sessions,
+            ln_k.exp(),
+            group.tau.hypot(se)
+        );
+    }
+    // One session alone does not determine by how much the next one differs.
+    let spread = population.tip_load.iter().filter_map(|tip| tip.between_n.map(|between_n| (tip, between_n)));
+    for (tip, between_n) in spread {
+        let _ = write!(text, "\n[[tip]]\n");
+        for (name, value) in [("needle", &tip.needle), ("tissue", &tip.tissue)] {
+            value.iter().for_each(|value| {
+                let _ = writeln!(text, "{name} = {}", quoted(value));
+            });
+        }
+        let [low, high] = tip.load_n.ci95;
+        let se = (high - low) / (2.0 * crate::NORMAL_975);
+        let _ = write!(
+            text,
+            "sessions = {}\nload_n = {:?}\nload_sd_n = {:?}\n",
+            tip.sessions,
+            tip.load_n.value,
+            between_n.hypot(se)
+        );
+    }
+    if !population.discrepancy.is_empty() {
+        text.push_str("\n[discrepancy]\n");
+    }
+    for (name, multiple) in &population.discrepancy {
+        let _ = writeln!(text, "{} = {multiple:?}", quoted(name));
+    }
+    text
+}

@@ -1,0 +1,349 @@
+//! The likelihood of effects in groups of sessions (theory, eq. 73).
+//!
+//! Sessions are independent, so that scores and information of a parameter that they share add up: `b = sum x_i b_i`, `G = sum x_i^2 G_i`, where
+//! `x_i` is how much of the effect a session has: 1 in a group, 0 or 1 before and after a step, 0 to 1 along a trend. With a prior
+//! `N(0, I)` in units of its standard deviation the log evidence over the model without the effect is
+//! `b^T (I + G)^-1 b / 2 - ln det(I + G) / 2`. Where sessions differ by more than their own errors (`Q` over its degrees of freedom above
+//! one) both are divided by that ratio (Birge).
+
+use crate::summary::{SessionResult, Summary};
+use nalgebra::{SMatrix, SVector};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+use std::collections::{BTreeMap, HashMap};
+
+/// Parameters of an effect that are no place: no effect of the catalogue has more.
+pub(crate) const MAX_PARAMETERS: usize = 3;
+pub(crate) type Vector = SVector<f64, MAX_PARAMETERS>;
+pub(crate) type Matrix = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
+
+/// One parameter of an effect.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Parameter {
+    pub name: String,
+    pub is_log: bool,
+    pub neutral: f64,
+    pub two_sided: bool,
+    pub prior_sd: f64,
+}
+
+/// An effect at one place, or without one.
+#[derive(Debug, Clone)]
+pub(crate) struct Hypothesis {
+    pub effect: String,
+    pub at: Option<(String, f64)>,
+    pub parameters: Vec<Parameter>,
+    /// Number of every parameter among all columns.
+    columns: Vec<usize>,
+}
+
+/// What is kept of a session in memory.
+#[derive(Debug, Clone)]
+pub(crate) struct Likelihood {
+    /// Number of each column among those of the session; `u16::MAX` where it has none.
+    position: Vec<u16>,
+    /// What is left of the scores, in units of priors.
+    score: Vec<f64>,
+    /// Square roots of the information, in units of priors.
+    root: Vec<f64>,
+    /// Change of ln K, in units of priors.
+    slope: Vec<f64>,
+    correlation: Vec<i16>,
+    /// Effects that the session names by itself, with those that compete.
+    pub named: Vec<String>,
+    /// Whether the session by itself leaves no misfit unexplained.
+    pub is_explained: bool,
+}
+
+/// The likelihoods of all sessions and the hypotheses they are of.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Likelihoods {
+    pub hypotheses: Vec<Hypothesis>,
+    by_name: HashMap<(String, Option<String>), usize>,
+    columns: usize,
+    pub sessions: Vec<Option<Likelihood>>,
+}
+
+/// Score and information of a hypothesis over sessions.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sum {
+    b: Vector,
+    g: Matrix,
+    /// Squares of every session's own estimate, and their number.
+    squares: f64,
+    rank: f64,
+    pub sessions: usize,
+}
+
+impl Default for Sum {
+    fn default() -> Self {
+        Self { b: Vector::zeros(), g: Matrix::zeros(), squares: 0.0, rank: 0.0, sessions: 0 }
+    }
+}
+
+/// A test of a hypothesis.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Test {
+    /// Log evidence over the model without the effect.
+    pub log_evidence: f64,
+    /// Probability of a larger chi-square without the effect.
+    pub p: f64,
+    /// Posterior mean, in units of the priors, and its standard deviations.
+    pub mean: Vector,
+    pub sd: Vector,
+}
+
+impl Likelihoods {
+    /// Adds a session; those without a result have no likelihood.
+    pub fn push(&mut self, summary: &Summary) {
+        let of = summary.result.as_ref().map(|result| self.likelihood(result));
+        self.sessions.push(of);
+    }
+
+    fn likelihood(&mut self, result: &SessionResult) -> Likelihood {
+        let mut columns = Vec::with_capacity(result.amplitudes.len());
+        for one in &result.amplitudes {
+            let at = one.at.as_ref().map(|(name, value)| format!("{name} {value}"));
+            let key = (one.effect.clone(), at);
+            let number = *self.by_name.entry(key).or_insert_with(|| {
+                self.hypotheses.push(Hypothesis {
+                    effect: one.effect.clone(),
+                    at: one.at.clone(),
+                    parameters: Vec::new(),
+                    columns: Vec::new(),
+                });
+                self.hypotheses.len() - 1
+            });
+            let hypothesis = &mut self.hypotheses[number];
+            let known = hypothesis.parameters.iter().position(|known| known.name == one.parameter);
+            let place = known.unwrap_or_else(|| {
+                hypothesis.parameters.push(Parameter {
+                    name: one.parameter.clone(),
+                    is_log: one.scale == "log",
+                    neutral: one.neutral,
+                    two_sided: one.two_sided,
+                    prior_sd: one.prior_sd,
+                });
+                hypothesis.columns.push(self.columns);
+                self.columns += 1;
+                hypothesis.parameters.len() - 1
+            });
+            // What is beyond the catalogue's largest effect is not added up.
+            columns.push(hypothesis.columns.get(place).copied().filter(|_| place < MAX_PARAMETERS));
+        }
+        let mut position = vec![u16::MAX; self.columns];
+        for (local, column) in columns.iter().enumerate() {
+            if let (Some(column), Ok(local)) = (column, u16::try_from(local)) {
+                position[*column] = local;
+            }
+        }
+        let count = result.amplitudes.len();
+        let mut correlation = result.correlation_per_mille.clone();
+        correlation.resize(count * count.saturating_sub(1) / 2, 0);
+        let sds = || result.amplitudes.iter().map(|one| one.prior_sd);
+        let mut likelihood = Likelihood {
+            position,
+            score: result.amplitudes.iter().zip(sds()).map(|(one, sd)| one.score * sd).collect(),
+            root: result
+                .amplitudes
+                .iter()
+                .zip(sds())
+                .map(|(one, sd)| one.information.max(0.0).sqrt() * sd)
+                .collect(),
+            slope: result.amplitudes.iter().zip(sds()).map(|(one, sd)| one.ln_k_slope * sd).collect(),
+            correlation,
+            named: result.named.iter().flat_map(|named| named.class.iter().cloned()).collect(),
+            is_explained: result.verdict != "unexplained",
+        };
+        for named in &result.named {
+            self.explain(&mut likelihood, &named.id);
+        }
+        likelihood
+    }
+
+    /// Takes off the other effects' scores what an effect that the session names by itself explains.
+    fn explain(&self, likelihood: &mut Likelihood, id: &str) {
+        let of_effect = self.hypotheses.iter().filter(|hypothesis| hypothesis.effect == id);
+        let tests = of_effect.map(|hypothesis| {
+            let mut sum = Sum::default();
+            sum.add(&likelihood.block(hypothesis), 1.0);
+            (hypothesis, sum.test(hypothesis))
+        });
+        let Some((hypothesis, test)) = tests.max_by(|a, b| a.1.log_evidence.total_cmp(&b.1.log_evidence))
+        else {
+            return;
+        };
+        let own: Vec<usize> = self
+            .hypotheses
+            .iter()
+            .filter(|other| likelihood.named.contains(&other.effect))
+            .flat_map(|other| other.columns.iter().filter_map(|column| likelihood.local(*column)))
+            .collect();
+        let kept: Vec<f64> = own.iter().map(|local| likelihood.score[*local]).collect();
+        likelihood.subtract(hypothesis, &test.mean);
+        own.iter().zip(kept).for_each(|(local, score)| likelihood.score[*local] = score);
+    }
+}
+
+impl Likelihood {
+    fn local(&self, column: usize) -> Option<usize> {
+        self.position.get(column).copied().filter(|local| *local != u16::MAX).map(usize::from)
+    }
+
+    /// Information of two amplitudes, in units of the priors.
+    fn information(&self, i: usize, j: usize) -> f64 {
+        let (low, high) = (i.min(j), i.max(j));
+        let correlation = match high {
+            _ if low == high => 1.0,
+            _ => self.correlation.get(high * (high - 1) / 2 + low).map_or(0.0, |r| 1e-3 * f64::from(*r)),
+        };
+        correlation * self.root[i] * self.root[j]
+    }
+
+    /// Score and information of a hypothesis.
+    pub fn block(&self, hypothesis: &Hypothesis) -> (Vector, Matrix) {
+        let (mut b, mut g) = (Vector::zeros(), Matrix::zeros());
+        let locals =
+            || hypothesis.columns.iter().take(MAX_PARAMETERS).map(|column| self.local(*column)).enumerate();
+        for (i, local) in locals().filter_map(|(i, local)| Some((i, local?))) {
+            b[i] = self.score[local];
+            for (j, other) in locals().filter_map(|(j, other)| Some((j, other?))) {
+                g[(i, j)] = self.information(local, other);
+            }
+        }
+        (b, g)
+    }
+
+    /// Takes an effect of this size, in units of the priors, off all scores.
+    pub fn subtract(&mut self, hypothesis: &Hypothesis, size: &Vector) {
+        let columns = hypothesis.columns.iter().zip(size.iter());
+        let locals: Vec<(usize, f64)> =
+            columns.filter_map(|(column, size)| Some((self.local(*column)?, *size))).collect();
+        for i in 0..self.score.len() {
+            let change: f64 = locals.iter().map(|(j, size)| self.information(i, *j) * size).sum();
+            self.score[i] -= change;
+        }
+    }
+
+    /// By how much an effect of this size moves ln K, and the variance of that.
+    pub fn ln_k_shift(&self, hypothesis: &Hypothesis, size: &Vector, sd: &Vector) -> (f64, f64) {
+        let columns = hypothesis.columns.iter().zip(size.iter().zip(sd.iter()));
+        let of = |(column, (size, sd)): (&usize, (&f64, &f64))| {
+            let slope = self.slope[self.local(*column)?];
+            Some((slope * size, (slope * sd).powi(2)))
+        };
+        columns.filter_map(of).fold((0.0, 0.0), |(shift, variance), (s, v)| (shift + s, variance + v))
+    }
+}
+
+impl Sum {
+    /// Adds the likelihood of a session, which has so much of the effect.
+    pub fn add(&mut self, (b, g): &(Vector, Matrix), x: f64) {
+        let mut own = *g;
+        let least = 1e-9 * own.trace();
+        let mut rank = 0.0;
+        for i in 0..MAX_PARAMETERS {
+            if own[(i, i)] > 0.0 {
+                rank += 1.0;
+                own[(i, i)] += least;
+            } else {
+                own[(i, i)] = 1.0;
+            }
+        }
+        if rank == 0.0 {
+            return;
+        }
+        self.b += *b * x;
+        self.g += *g * (x * x);
+        self.squares += own.cholesky().map_or(0.0, |factor| b.dot(&factor.solve(b)));
+        self.rank += rank;
+        self.sessions += 1;
+    }
+
+    /// Gain of log likelihood of an effect of this size.
+    pub fn gain(&self, size: &Vector) -> f64 {
+        self.b.dot(size) - 0.5 * size.dot(&(self.g * size))
+    }
+
+    /// The most information on one parameter, in units of its prior.
+    pub fn information(&self) -> f64 {
+        self.g.diagonal().max()
+    }
+
+    /// Tests the hypothesis that the sessions share the effect.
+    pub fn test(&self, hypothesis: &Hypothesis) -> Test {
+        let none =
+            Test { log_evidence: f64::NEG_INFINITY, p: 1.0, mean: Vector::zeros(), sd: Vector::repeat(1.0) };
+        let mut own = self.g;
+        let least = 1e-9 * own.trace();
+        let mut count = 0;
+        for i in 0..MAX_PARAMETERS {
+            if own[(i, i)] > 0.0 {
+                count += 1;
+                own[(i, i)] += least;
+            } else {
+                own[(i, i)] = 1.0;
+            }
+        }
+        let Some(chi_square) = own.cholesky().map(|factor| self.b.dot(&factor.solve(&self.b))) else {
+            return none;
+        };
+        let freedom = self.rank - f64::from(count);
+        let ratio = if freedom > 0.5 { ((self.squares - chi_square) / freedom).max(1.0) } else { 1.0 };
+        let (b, g) = (self.b / ratio, self.g / ratio);
+        let Some(factor) = (Matrix::identity() + g).cholesky() else { return none };
+        let mean = factor.solve(&b);
+        let below =
+            hypothesis.parameters.iter().zip(mean.iter()).any(|(one, mean)| !one.two_sided && *mean < 0.0);
+        if below || count == 0 {
+            return none;
+        }
+        let sides = hypothesis.parameters.iter().filter(|one| !one.two_sided).count() as f64;
+        let half_ln_determinant = factor.l().diagonal().map(f64::ln).sum();
+        Test {
+            log_evidence: 0.5 * b.dot(&mean) - half_ln_determinant + sides * std::f64::consts::LN_2,
+            p: ChiSquared::new(f64::from(count)).map_or(1.0, |chi| chi.sf(chi_square / ratio)),
+            mean,
+            sd: factor.inverse().diagonal().map(|variance| variance.max(0.0).sqrt()),
+        }
+    }
+
+    /// Log evidence of a shared effect, the sessions' differences taken as chance, and its size in units of the priors; no evidence and
+    /// no size of one that cannot be negative and would be.
+    pub fn evidence(&self, hypothesis: &Hypothesis) -> (f64, Option<f64>) {
+        let Some(factor) = (Matrix::identity() + self.g).cholesky() else { return (f64::NEG_INFINITY, None) };
+        let mean = factor.solve(&self.b);
+        let evidence = 0.5 * self.b.dot(&mean) - factor.l().diagonal().map(f64::ln).sum();
+        let is_below = |(one, mean): (&Parameter, &f64)| !one.two_sided && *mean < 0.0;
+        if hypothesis.parameters.iter().zip(mean.iter()).any(is_below) {
+            return (evidence.min(0.0), None);
+        }
+        (evidence, Some(mean.amax()))
+    }
+
+    /// Cochran's Q of the sessions' own estimates, its degrees of freedom and p.
+    pub fn heterogeneity(&self) -> (f64, f64, f64) {
+        let mut own = self.g;
+        let mut count = 0.0;
+        for i in 0..MAX_PARAMETERS {
+            if own[(i, i)] > 0.0 {
+                count += 1.0;
+            } else {
+                own[(i, i)] = 1.0;
+            }
+        }
+        let chi_square = own.cholesky().map_or(0.0, |factor| self.b.dot(&factor.solve(&self.b)));
+        let (q, freedom) = ((self.squares - chi_square).max(0.0), self.rank - count);
+        (q, freedom, ChiSquared::new(freedom).map_or(1.0, |chi| chi.sf(q)))
+    }
+}
+
+/// Groups of a label: its values with the sessions that have them, in order.
+pub(crate) fn groups(labels: &[Option<String>]) -> BTreeMap<&str, Vec<usize>> {
+    let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for (index, label) in labels.iter().enumerate() {
+        if let Some(label) = label {
+            groups.entry(label).or_default().push(index);
+        }
+    }
+    groups
+}

@@ -1,0 +1,57 @@
+//! `guide population`: what many sessions have in common, and what is unusual.
+
+use super::output::{Output, figures_file, spinner, write_file};
+use anyhow::Context;
+use host::figures;
+use population::{Options, analyse, prior_toml, read_summaries};
+use std::path::PathBuf;
+
+/// Analyse many sessions: K between subjects, effects that rigs, needles, tissues or days share, drift, unusual sessions
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide summarize sessions/* --out all.jsonl\n  guide population all.jsonl --by tissue --nested subject\n  \
+                  guide population all.jsonl --by tissue --covariate age_years --plots figures --out prior.toml"
+)]
+pub struct Args {
+    /// Files of records that `guide summarize` has written
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Form groups with a mean and a spread of their own by these labels (rig, needle, tissue, subject, site, day, month) or covariates
+    #[arg(long, value_name = "LABEL", value_delimiter = ',')]
+    by: Vec<String>,
+    /// Labels of nested random effects within a group, outermost first
+    #[arg(long, value_name = "LABEL", value_delimiter = ',')]
+    nested: Vec<String>,
+    /// Covariates that ln K depends on linearly
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    covariate: Vec<String>,
+    /// Write what may be assumed of the next session to this file
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Draw forest plot, spread by group, funnel, time chart of every rig and shrinkage as SVG files into this folder
+    #[arg(long, value_name = "FOLDER")]
+    plots: Option<PathBuf>,
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let progress = spinner();
+    progress.set_message("records are read");
+    let summaries = read_summaries(&args.files);
+    let options =
+        Options { by: args.by.clone(), nested: args.nested.clone(), covariates: args.covariate.clone() };
+    progress.set_message("effects and groups are compared");
+    let found = summaries.and_then(|summaries| analyse(summaries, &options));
+    progress.finish_and_clear();
+    let found = found.context("cannot analyse the population")?;
+    if let Some(path) = &args.out {
+        write_file(path, &prior_toml(&found))?;
+        out.note(format_args!("writing {}", path.display()));
+    }
+    if let Some(folder) = &args.plots {
+        for (name, svg) in figures::population(&found)? {
+            figures_file(folder, &name, &svg, out)?;
+        }
+    }
+    out.result(&found, &found)
+}
