@@ -6,10 +6,12 @@
 //! | split: what is learned from, what judges | `split` |
 //! | noise, and residuals made independent | `noise`, `whiten` |
 //! | what is unknown | `layout` |
+//! | the starting model, fitted | `start` |
 //! | what every rig leaves behind any model | `discrepancy` |
 //! | evidence with that discrepancy, and fits | `evidence`, `posterior` |
 //! | where it disagrees, and whether at all | `adequacy` |
 //! | score every effect, margin by bootstrap | `score` |
+//! | the same for statistics over many sessions | `linearise` |
 //! | refit, accept, add, repeat; competing effects | `search` |
 //! | what would distinguish competing effects | `next` |
 //! | before and after on what was held out | `split` |
@@ -30,6 +32,7 @@ mod evidence;
 mod expected;
 mod foundation;
 mod layout;
+mod linearise;
 mod misread;
 mod next;
 mod noise;
@@ -40,15 +43,19 @@ mod results;
 mod score;
 mod search;
 mod split;
+mod start;
 mod two_layers;
 mod whiten;
 
 pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
-pub(crate) use foundation::{BesideInput, DiscrepantModulus, FoundationEvidence, beside_discrepancy};
+pub(crate) use foundation::{
+    DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, fit_with_discrepancy,
+};
+pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
 pub use results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, GapSide, MeanModulus,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus, Misfit,
     NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize, ResidualPoint,
     Verdict,
 };
@@ -57,21 +64,18 @@ pub(crate) use two_layers::{Interval, TwoLayers, two_layers};
 use crate::FitError;
 use adequacy::{Adequacy, regions};
 use data::Run;
-use discrepancy::patterns;
-use evidence::Patterns;
 use formats::session::Session;
-use layout::{Layout, Prepared, Scale, kinds};
+use layout::{Layout, kinds};
 use mechanics::effects::Effect;
 use mechanics::{Experiment, Insertion, ModelError, Support};
 use noise::Noise;
-use posterior::{Fitted, MAX_ROUNDS};
-use rayon::prelude::*;
+use posterior::MAX_ROUNDS;
 use remaining::Remaining;
 use report::DiagnosisReport;
 use search::{Found, Search};
 use split::{Judge, Training, split};
+use start::{Noises, Start, fit_start};
 use std::path::PathBuf;
-use whiten::Whitener;
 
 /// What the user may choose.
 #[derive(Debug, Clone)]
@@ -151,8 +155,31 @@ const MAX_IN_CLASS: usize = 3;
 pub fn diagnose(
     session: &Session,
     options: &Options,
-    mut on_progress: impl FnMut(&str),
+    on_progress: impl FnMut(&str),
 ) -> Result<Diagnosis, DiagnoseError> {
+    workflow(session, options, on_progress, |_| Ok(())).map(|(found, ())| found)
+}
+
+/// Diagnoses a session, and linearises its likelihood in every effect of the catalogue around the model that it starts from: what
+/// statistics over many sessions need of each.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn diagnose_and_linearise(
+    session: &Session,
+    options: &Options,
+    on_progress: impl FnMut(&str),
+) -> Result<(Diagnosis, Linearisation), DiagnoseError> {
+    workflow(session, options, on_progress, Linearisation::of)
+}
+
+/// The whole workflow; `beside` computes something more from the starting model that was chosen.
+fn workflow<T>(
+    session: &Session,
+    options: &Options,
+    mut on_progress: impl FnMut(&str),
+    beside: impl FnOnce(&Start) -> Result<T, DiagnoseError>,
+) -> Result<(Diagnosis, T), DiagnoseError> {
     let (runs, mut warnings) = runs_of(session)?;
     let all: Vec<Run> = runs.clone();
     let (Training { mut runs, rule }, held_out) = split(runs);
@@ -181,6 +208,7 @@ pub fn diagnose(
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let (foundation, start, found) = choose(start, &judge, options, &mut on_progress)?;
+    let more = beside(&start)?;
     let Start { runs: prepared, patterns, fitted: start } = start;
     let before = Adequacy::of(&start, &prepared, &patterns)?;
     let where_before = regions(&start, &prepared);
@@ -211,19 +239,21 @@ pub fn diagnose(
         multiples: final_fit.multiples(&patterns),
         held_out: judge.runs(),
     };
-    Ok(report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings))
+    let result =
+        report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
+    Ok((result, more))
 }
 
-/// How a session would be divided.
+/// Which runs of a session a diagnosis uses, skips and holds out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Division {
+pub struct DataSplit {
     /// Runs that can be used.
     pub used: Vec<String>,
     /// Why others cannot.
     pub skipped: Vec<String>,
     /// Runs of which something, or all, is held out; without any nothing is ever named.
     pub held_out: Vec<String>,
-    /// The division in words.
+    /// The rule of the split.
     pub rule: String,
 }
 
@@ -231,11 +261,11 @@ pub struct Division {
 ///
 /// # Errors
 /// [`DiagnoseError`] where no run can be used.
-pub fn division(session: &Session) -> Result<Division, DiagnoseError> {
+pub fn data_split(session: &Session) -> Result<DataSplit, DiagnoseError> {
     let (runs, skipped) = runs_of(session)?;
     let used = runs.iter().map(|run| run.id.clone()).collect();
     let (Training { rule, .. }, held_out) = split(runs);
-    Ok(Division { used, skipped, held_out: held_out.ids(), rule })
+    Ok(DataSplit { used, skipped, held_out: held_out.ids(), rule })
 }
 
 /// All runs that can be used, and why others cannot.
@@ -267,78 +297,6 @@ fn share_nodes(runs: &mut [Run]) {
         Experiment::Insertion(done) => Some(done),
         _ => None,
     }));
-}
-
-/// Noise of a session and of its reference.
-struct Noises {
-    session: Noise,
-    reference: Noise,
-}
-
-impl Noises {
-    fn of(&self, run: &Run) -> &Noise {
-        if run.is_reference { &self.reference } else { &self.session }
-    }
-}
-
-/// The starting model, fitted, and what everything after it works on.
-struct Start {
-    runs: Vec<Prepared>,
-    patterns: Patterns,
-    fitted: Fitted,
-}
-
-/// Fits the starting model: twice, because what makes residuals independent, and the form of the discrepancy, depend on what to
-/// expect. The first time there is noise alone. `multiples` state what of the discrepancy is larger than usual.
-fn fit_start(
-    layout: &Layout,
-    runs: &[Run],
-    noises: &Noises,
-    given: &[(&'static dyn Effect, Vec<f64>)],
-    multiples: &Multiples,
-) -> Result<Start, DiagnoseError> {
-    let mut first_values = layout.first_values();
-    let infos = given.iter().flat_map(|(effect, values)| effect.parameters().iter().zip(values));
-    for (value, (info, given)) in first_values[layout.own()..].iter_mut().zip(infos) {
-        *value = Scale::of(info).inside(*given);
-    }
-    let prepared = |values: &[f64]| -> Result<Vec<Prepared>, ModelError> {
-        let of_run = |run: &Run| {
-            let model = layout.model_of(values, run.kind, run.is_reference)?;
-            Ok(Prepared { run: run.clone(), whitener: Whitener::new(run, noises.of(run), &model)? })
-        };
-        runs.iter().map(of_run).collect()
-    };
-    let first = prepared(&first_values)?;
-    let none = Patterns::none(&first);
-    let ends = layout.starts(&first_values);
-    let mut ends: Vec<Fitted> = ends
-        .par_iter()
-        .map(|values| Fitted::new(layout, &first, &none, values, &[], MAX_ROUNDS))
-        .collect::<Result<_, _>>()?;
-    ends.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    // Places that lead to the same end are one.
-    ends.dedup_by(|a, b| a.is_at(b));
-    let best = ends.first().ok_or(FitError::Undetermined)?.values();
-    let runs = prepared(best)?;
-    let patterns = patterns(layout, best, &runs, multiples)?;
-    let everyday = patterns.everyday();
-    let from = |starts: &Fitted, sizes: &[f64], rounds: usize| {
-        Fitted::new(layout, &runs, &patterns, starts.values(), sizes, rounds)
-    };
-    // Most ends are far behind after a few rounds.
-    let rounds = if ends.len() == 1 { MAX_ROUNDS } else { FIRST_ROUNDS };
-    let fits: Vec<Fitted> =
-        ends.par_iter().map(|end| from(end, &everyday, rounds)).collect::<Result<_, _>>()?;
-    let best = fits.iter().map(|fit| fit.log_evidence).fold(f64::NEG_INFINITY, f64::max);
-    let mut near: Vec<Fitted> = fits.into_iter().filter(|fit| fit.log_evidence > best - FAR_BEHIND).collect();
-    near.dedup_by(|a, b| a.is_at(b));
-    let settled: Vec<Fitted> = near
-        .into_par_iter()
-        .map(|fit| if fit.settled { Ok(fit) } else { from(&fit, &fit.sizes, MAX_ROUNDS) })
-        .collect::<Result<_, _>>()?;
-    let best = settled.into_iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
-    Ok(Start { runs, patterns, fitted: best.ok_or(FitError::Undetermined)? })
 }
 
 /// Searches on springs and, where the evidence is for it, on an elastic body, and takes what explains the runs best. A body is taken
@@ -377,7 +335,8 @@ fn choose(
     // other, which has effects of its own.
     let is_adequate =
         found.members.is_empty() && Adequacy::of(&first.fitted, &first.runs, &first.patterns)?.is_adequate();
-    let other = if is_adequate || only_body { None } else { search(&second, &mut report).ok() };
+    let is_decided = is_adequate || only_body || second.is_far_behind(&found)?;
+    let other = if is_decided { None } else { search(&second, &mut report).ok() };
     let second_is_body = second.fitted.layout.support.is_body();
     let ahead = if second_is_body { FOUNDATION_MARGIN } else { 0.0 };
     match other {
@@ -393,22 +352,6 @@ fn choose(
         }
     }
 }
-
-impl Start {
-    /// The same runs on another foundation.
-    fn on(&self, support: Support) -> Result<Self, FitError> {
-        let layout = Layout { support, ..self.fitted.layout.clone() };
-        let (values, sizes) = (self.fitted.values(), &self.fitted.sizes);
-        let everyday = self.patterns.everyday();
-        let sizes: Vec<f64> = sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
-        let fitted = Fitted::new(&layout, &self.runs, &self.patterns, values, &sizes, MAX_ROUNDS)?;
-        Ok(Self { fitted, runs: self.runs.clone(), patterns: self.patterns.clone() })
-    }
-}
-
-/// Rounds after which fits from several places are compared, and how far behind the best of them one is given up.
-const FIRST_ROUNDS: usize = 5;
-const FAR_BEHIND: f64 = 20.0;
 
 /// Log evidence by which a body has to be ahead of springs.
 pub(crate) const FOUNDATION_MARGIN: f64 = 2.0;
@@ -432,7 +375,24 @@ fn absorbs(found: &Found) -> bool {
     found.members.len() > 1 && found.members.iter().any(|member| member.class.len() > MAX_IN_CLASS)
 }
 
+/// What the search finds in a session on springs, and the model that it starts from.
+#[cfg(test)]
+fn found_in(session: &Session) -> (posterior::Fitted, Found) {
+    let (runs, _) = runs_of(session).expect("runs");
+    let (Training { runs, .. }, held_out) = split(runs);
+    let noise = Noise::of(&runs, &session.stated_noise());
+    let noises = Noises { session: noise, reference: noise };
+    let layout = Layout::new(&session.rig, &runs, Vec::new());
+    let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
+    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
+    let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
+    let (_, start, found) = choose(start, &judge, &options, |_| {}).expect("a search");
+    (start.fitted, found)
+}
+
 #[cfg(test)]
 mod moved_tests;
+#[cfg(test)]
+mod play_tests;
 #[cfg(test)]
 mod tests;

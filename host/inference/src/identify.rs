@@ -13,7 +13,7 @@ mod layers;
 mod model_error;
 mod options;
 mod pool;
-mod prepare;
+pub(crate) mod prepare;
 mod reference;
 mod residuals;
 mod results;
@@ -31,7 +31,8 @@ pub use results::{
 
 use crate::check::suspicions_of_identification;
 use crate::energy::energy_modulus;
-use crate::holds::{Unused, unused_of_session};
+use crate::holds::{UnusedPart, unused_of_session};
+use crate::prior::PriorResult;
 use crate::{LateralData, channel_fits, shape_fits};
 use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};
 use formats::session::{LateralRun, Session};
@@ -64,7 +65,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
             Err(why) => {
                 warnings.push(format!("run {} is skipped: {why}", run.id));
                 runs.push(RunResult::failed(run, why.to_string()));
-                unused.push(Unused::run(run, why.to_string()));
+                unused.push(UnusedPart::run(run, why.to_string()));
                 reasons.push((run.id.clone(), why));
             }
         }
@@ -77,7 +78,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let mut of_springs = Vec::new();
     let mut pooled = pool::pool(&fitted, options, &mut of_springs);
     let needs_evidence = options.model_error || tissue.foundation == FoundationChoice::Auto;
-    let beside = needs_evidence.then(|| model_error::beside(session, &fitted, options, tissue));
+    let beside = needs_evidence.then(|| model_error::fit(session, &fitted, options, tissue));
     match &beside {
         Some(Ok(found)) if options.model_error => pooled = pooled.with_model_error(found.springs),
         Some(Err(why)) => warnings
@@ -93,6 +94,8 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let directions = pool::directions(&fitted, options.criteria.zero_m);
     let support = if runs_of_body.is_some() { tissue.body() } else { Support::Springs };
     let layers = options.layers.then(|| layers::layers(session, &fitted, support, options, tissue)).flatten();
+    let layers = layers.map(|found| found.over_single(foundation.log_evidence_gain));
+    let foundation = foundation.with_layers(layers.as_ref(), tissue);
     if options.layers && layers.is_none() {
         warnings.push("two layers are not identifiable from these runs: they need runs at several depths, beyond the boundary too".to_owned());
     }
@@ -104,7 +107,10 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     }
     let mut youngs_by = reference::Youngs::new(session, &fitted, &pooled, options, tissue, &mut warnings);
     let youngs = youngs_by.of_runs(&mut warnings);
-    let youngs = reference::headline(youngs, &foundation, options, &mut warnings);
+    let youngs = match layers.as_ref().filter(|found| found.established) {
+        Some(layers) => reference::of_layers(youngs, layers),
+        None => reference::headline(youngs, &foundation, options, &mut warnings),
+    };
     let reference = indentation::reference(session, &runs, &fitted, (&youngs_by, &youngs), &mut warnings);
     let k_per_ei = KPerEi::of(&session.rig.needle, pooled.k_kpa, pooled.ci95_kpa);
     if k_per_ei.is_some() {
@@ -114,7 +120,9 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
                 .to_owned(),
         );
     }
+    let prior = options.prior.as_ref().map(|prior| PriorResult::new(prior, Some(own_ln_k(&pooled))));
     Ok(Identification {
+        prior,
         schema: results::SCHEMA,
         session: session.name.clone(),
         effects: options.fixed.iter().map(|(effect, _)| effect.id()).collect(),
@@ -129,6 +137,12 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         unused,
         warnings,
     })
+}
+
+/// ln K of all runs together (of pascals) and its standard deviation, model error in it.
+fn own_ln_k(pooled: &Pooled) -> (f64, f64) {
+    let [low, high] = pooled.ci95_kpa;
+    ((1e3 * pooled.k_kpa).ln(), (high / low).ln() / (2.0 * formats::NORMAL_975))
 }
 
 /// Whether a run can be used, without fitting anything: what it lacks, or warnings about it.

@@ -26,6 +26,7 @@ mod quadrature;
 mod rear;
 mod scales;
 mod search;
+mod weights;
 
 #[cfg(test)]
 mod tests;
@@ -34,7 +35,7 @@ pub use candidates::{Candidate, Candidates, Tissue};
 pub use layout::Layout;
 pub use learn::{Learned, Start, learn, learn_from, start};
 pub use path::{Bin, PathError, TipPath, direction_scatter_rad, row_scatter_m};
-pub use posterior::{Determined, Live, Moments, Posterior};
+pub use posterior::{Identifiability, Moments, OnlinePosterior, Posterior};
 pub use rear::Rear;
 pub(crate) use scales::of_median;
 pub use scales::{ReadingNoise, Scales};

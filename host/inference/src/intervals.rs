@@ -1,7 +1,7 @@
 //! Intervals that do not lean on the fit being linear: profile likelihood and parametric bootstrap of the first shared
 //! parameter (theory, eq. 27).
 
-use super::{Block, Fit, FitError, LateralData, Measured, Parameter, Prior, fit};
+use super::{Block, Fit, FitError, ForceZero, LateralData, Measured, Parameter, Prior, fit};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -123,6 +123,11 @@ impl LateralData {
                 }
             }
         }
+        if let ForceZero::Assumed(zeros) = &mut drawn.force_zero
+            && self.uses_force
+        {
+            zeros.iter_mut().take(self.planes).for_each(|zero| zero.value += change(zero.sd));
+        }
         drawn
     }
 }
@@ -154,7 +159,7 @@ mod tests {
             planes: 1,
             levels: vec![level],
             shape_sd_m,
-            force_offset: false,
+            force_zero: ForceZero::Exact,
             uses_force: true,
             effects: Vec::new(),
             fixed: None,

@@ -59,6 +59,32 @@ pub struct HoldData {
     pub shape: Vec<ShapeDatum>,
 }
 
+/// What is known of the zero of a run's force, before its readings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ForceZero {
+    /// It is right.
+    Exact,
+    /// A hold at zero displacement determines it.
+    Measured,
+    /// Nothing in the run measures it: what is assumed of both planes, N, counts as one more reading of each.
+    Assumed([Measured; 2]),
+}
+
+impl ForceZero {
+    /// Right, with this standard deviation.
+    pub fn assumed(sd_n: f64) -> Self {
+        Self::Assumed([Measured { value: 0.0, sd: sd_n }; 2])
+    }
+
+    /// That of a run of one plane alone.
+    fn in_plane(self, plane: usize) -> Self {
+        match self {
+            Self::Assumed([_, x]) if plane == 1 => Self::Assumed([x; 2]),
+            other => other,
+        }
+    }
+}
+
 /// A lateral run ready for the fit.
 #[derive(Debug, Clone)]
 pub struct LateralData {
@@ -74,8 +100,8 @@ pub struct LateralData {
     pub levels: Vec<HoldData>,
     /// Standard deviation of a deflection; of single ones a multiple of it ([`ShapeDatum::sd_ratio`]).
     pub shape_sd_m: f64,
-    /// Whether the force sensor's offset is unknown (a zero hold determines it); otherwise it is taken as zero.
-    pub force_offset: bool,
+    /// What is known of the force sensor's zero.
+    pub force_zero: ForceZero,
     /// Whether the force is used; displacement and shape alone determine K as well.
     pub uses_force: bool,
     /// Effects whose parameters are unknown too, shared by all runs: after `ln K`, in this order.
@@ -126,11 +152,12 @@ impl LateralData {
         let displaced =
             levels.iter().flat_map(|level| &level.displacement_m).any(|u| u.value.abs() > least_m);
         let fixed = self.fixed.as_ref().map(|fixed| Fixed { first_plane: plane, ..fixed.clone() });
-        displaced.then(|| Self { planes: 1, levels, fixed, ..self.clone() })
+        let force_zero = self.force_zero.in_plane(plane);
+        displaced.then(|| Self { planes: 1, levels, fixed, force_zero, ..self.clone() })
     }
 
     fn offsets(&self) -> usize {
-        if self.force_offset && self.uses_force { self.planes } else { 0 }
+        if self.force_zero != ForceZero::Exact && self.uses_force { self.planes } else { 0 }
     }
 
     /// Number of deflections that were measured, over all planes.
@@ -232,7 +259,7 @@ impl Block for LateralData {
         PreparedNeedle::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
     }
 
-    /// Plane by plane: displacements, forces, shape points.
+    /// Plane by plane: displacements, forces, shape points; then the assumed zeros of the force.
     fn residuals(&self, ready: &PreparedNeedle<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
         let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
         let mut predicted = ready.moved(&self.drive(displacements_m))?;
@@ -262,6 +289,11 @@ impl Block for LateralData {
                 residuals.extend(of_level_m.iter().zip(&level.shape).map(off));
                 shape_m = others_m;
             }
+        }
+        if let ForceZero::Assumed(zeros) = self.force_zero {
+            residuals.extend(
+                zeros.iter().zip(offsets_n).map(|(zero, offset_n)| (zero.value - offset_n) / zero.sd),
+            );
         }
         Ok(residuals)
     }

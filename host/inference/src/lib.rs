@@ -36,11 +36,14 @@ pub mod modulus;
 mod monte_carlo;
 pub mod plan;
 pub mod predict;
+pub mod prior;
 pub mod relation;
+mod summarize;
 pub mod track;
 
 pub use fit::{Block, Fit, FitError, Parameter, Prior, fit};
 pub use lateral::{
-    ChannelFit, DisplacementHistory, Fixed, HoldData, LateralData, Measured, ShapeDatum, ShapeFit,
+    ChannelFit, DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum, ShapeFit,
     channel_fits, effect_parameters, shape_fits,
 };
+pub use summarize::{summarize, summarize_session};

@@ -2,7 +2,7 @@
 //! model under test.
 
 use super::energy::{Balance, energy_modulus};
-use super::{HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
+use super::{ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
 use mechanics::{Needle, Rig};
 use noise::Noise;
 use worlds::finite_elements::unit_shape;
@@ -45,7 +45,7 @@ fn data(
         planes: 1,
         levels: vec![level],
         shape_sd_m,
-        force_offset: false,
+        force_zero: ForceZero::Exact,
         uses_force: true,
         effects: vec![],
         fixed: None,

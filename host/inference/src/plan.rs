@@ -7,8 +7,13 @@
 //! `cargo xtask study plan` compares the plan with the scatter of simulated sessions.
 
 use crate::holds::{HoldCriteria, trimmed_s};
-use crate::{FitError, HoldData, LateralData, Measured, Parameter, ShapeDatum, effect_parameters, fit};
+use crate::identify::prepare::TARED_ZERO_SD_N;
+use crate::prior::PriorResult;
+use crate::{
+    FitError, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, effect_parameters, fit,
+};
 use formats::NORMAL_975;
+use formats::prior_file::ModulusPrior;
 use formats::session::DEPTH_RANGE_MM;
 use mechanics::effects::Effect;
 use mechanics::{Beam, Model, ModelError, Rig, Support};
@@ -75,6 +80,9 @@ pub struct Choice {
     /// Half the width of the 95 % interval of K, or of E where the tissue is a body; infinite (`null` in JSON) beyond 1000 %, where the
     /// modulus is not identifiable.
     pub half_width_percent: f64,
+    /// The same with what many sessions predict of K; nothing where that is not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub half_width_with_prior_percent: Option<f64>,
     /// Largest lateral force.
     pub force_n: f64,
     /// Largest strain of the needle.
@@ -96,6 +104,30 @@ pub struct Plan {
     pub choices: Vec<Choice>,
     /// The narrowest interval within the limits; nothing where none keeps them.
     pub best: Option<Choice>,
+    /// What many sessions predict of K; nothing where it was not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prior: Option<PriorResult>,
+}
+
+impl Plan {
+    /// The same plan with what many sessions predict of K, whose interval stands beside the one of every run alone.
+    pub fn with_prior(mut self, prior: &ModulusPrior) -> Self {
+        let prior = PriorResult::new(prior, None);
+        let prior_sd = prior.with_prior.map_or(f64::INFINITY, |prior| prior.ln_k_sd);
+        let together = |choice: &mut Choice| {
+            let own_sd = (1e-2 * choice.half_width_percent).ln_1p() / NORMAL_975;
+            // Precisions of two normal distributions add up; a run that identifies nothing leaves the prior.
+            let sd = if own_sd.is_finite() {
+                (own_sd.powi(-2) + prior_sd.powi(-2)).sqrt().recip()
+            } else {
+                prior_sd
+            };
+            choice.half_width_with_prior_percent = Some(100.0 * (NORMAL_975 * sd).exp_m1());
+        };
+        self.choices.iter_mut().chain(&mut self.best).for_each(together);
+        self.prior = Some(prior);
+        self
+    }
 }
 
 /// The run for which the intervals hold.
@@ -280,7 +312,7 @@ pub fn plan(question: &PlanInput) -> Result<Plan, PlanError> {
     let is_kept = |choice: &&Choice| choice.within_limits && choice.half_width_percent.is_finite();
     let kept = choices.iter().filter(is_kept).copied();
     let best = kept.min_by(|a, b| a.half_width_percent.total_cmp(&b.half_width_percent));
-    Ok(Plan { schema: "guide.plan/1", protocol: question.protocol(), choices, best })
+    Ok(Plan { schema: "guide.plan/1", protocol: question.protocol(), choices, best, prior: None })
 }
 
 fn choice(question: &PlanInput, rig: &Rig, depth_m: f64, displacement_m: f64) -> Result<Choice, PlanError> {
@@ -289,6 +321,7 @@ fn choice(question: &PlanInput, rig: &Rig, depth_m: f64, displacement_m: f64) ->
         depth_mm: 1e3 * depth_m,
         displacement_mm: 1e3 * displacement_m,
         half_width_percent: 0.0,
+        half_width_with_prior_percent: None,
         force_n: 0.0,
         needle_strain_percent: 0.0,
         deflection_mm: 0.0,
@@ -361,7 +394,12 @@ fn data(question: &PlanInput, rig: &Rig, beam: &Beam, depth_m: f64, displacement
         planes: 1,
         levels: question.levels.iter().map(level).collect(),
         shape_sd_m: question.shape_sd_m,
-        force_offset: question.levels.contains(&0.0),
+        force_zero: if question.levels.contains(&0.0) {
+            ForceZero::Measured
+        } else {
+            // A rig is tared before it measures.
+            ForceZero::assumed(TARED_ZERO_SD_N)
+        },
         uses_force: true,
         effects: question.nuisances.clone(),
         fixed: None,

@@ -3,8 +3,11 @@
 //! Each insertion is predicted as if it were the next one: from the other insertions of the session (leave one out), from its own
 //! first part, from the modulus of the lateral runs where there are any, and from nothing of its own beyond that.
 
+mod at_rest;
+mod prior;
 mod results;
 
+pub use prior::{PredictionPrior, WithoutPrior};
 pub use results::{CompareResult, InsertionResult, LearnedResult, PlaneResult, Prediction, RearResult};
 
 use crate::diagnose::Multiples;
@@ -12,9 +15,11 @@ use crate::identify::{self, identify};
 use crate::insertion::baselines::Baseline;
 use crate::insertion::published::published;
 use crate::insertion::{
-    Candidates, Determined, PathError, Posterior, ReadingNoise, Rear, Start, TipPath, Tissue,
+    Candidates, Identifiability, PathError, Posterior, ReadingNoise, Rear, Start, TipPath, Tissue,
     direction_scatter_rad, learn_from, row_scatter_m, start,
 };
+use at_rest::AtRest;
+use formats::prior_file::ModulusPrior;
 use formats::session::{InsertionRun, Session};
 use mechanics::effects::Effect;
 use mechanics::{Foundation, Guides, Layer, Model, ModelError, Rig};
@@ -38,6 +43,8 @@ pub struct Options {
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
     pub discrepancy: Multiples,
+    /// What many sessions predict of K; the result without it stands beside. Not for two layers.
+    pub prior: Option<ModulusPrior>,
     /// Depth from which the published method averages the tip load.
     pub published_from_m: f64,
 }
@@ -52,6 +59,7 @@ impl Default for Options {
             layers: false,
             effects: Vec::new(),
             discrepancy: Multiples::new(),
+            prior: None,
             published_from_m: 0.03,
         }
     }
@@ -106,6 +114,14 @@ pub enum PredictError {
 /// # Errors
 /// [`PredictError`] where not a single insertion can be predicted.
 pub fn predict(session: &Session, options: &Options) -> Result<Prediction, PredictError> {
+    match &options.prior {
+        Some(prior) => prior::predict_with(session, options, prior),
+        None => predict_from(session, options),
+    }
+}
+
+/// The same without a prior.
+fn predict_from(session: &Session, options: &Options) -> Result<Prediction, PredictError> {
     if session.insertion.is_empty() {
         return Err(PredictError::NoInsertions { path: session.dir.join("session.toml") });
     }
@@ -120,6 +136,8 @@ pub fn predict(session: &Session, options: &Options) -> Result<Prediction, Predi
     let reach_m = paths.iter().map(|path| path.deepest_m).chain(options.to_m).fold(options.until_m, f64::max);
     let candidates = Candidates::new(&tissue, &paths, reach_m)?;
 
+    let resting = at_rest::resting(&tissue, &paths, options);
+    let at_rest = if resting.contains(&true) { Some(AtRest::new(&tissue, &paths, reach_m)?) } else { None };
     let begins = if options.learn { begin(session, options, &candidates, &paths) } else { None };
     let workflow = Workflow {
         session,
@@ -128,6 +146,8 @@ pub fn predict(session: &Session, options: &Options) -> Result<Prediction, Predi
         candidates: &candidates,
         paths: &paths,
         start: begins.as_ref(),
+        at_rest: at_rest.as_ref(),
+        resting,
     };
     let mut number = 0;
     let mut insertions = Vec::new();
@@ -145,10 +165,16 @@ pub fn predict(session: &Session, options: &Options) -> Result<Prediction, Predi
     if reasons.len() == insertions.len() {
         return Err(PredictError::AllFailed { reasons });
     }
-    Ok(Prediction { schema: results::SCHEMA, session: session.name.clone(), insertions, warnings })
+    Ok(Prediction {
+        schema: results::SCHEMA,
+        session: session.name.clone(),
+        prior: None,
+        insertions,
+        warnings,
+    })
 }
 
-/// Which effects of the model the prediction has no use for: it finds load and angle of the tip anew in every insertion, and its
+/// Which effects of the model the prediction has no use for: it finds load and angle of the tip again in every insertion, and its
 /// responses are those of tissue that does not yield.
 fn not_applied(options: &Options) -> Vec<String> {
     let ids = || options.effects.iter().map(|(effect, _)| effect.id());
@@ -184,8 +210,30 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
             rear: rear(&session.rig, options),
         })
     };
+    if let Some((foundation, sd_ln)) = stated_or_lateral(session, options, warnings)? {
+        return with(foundation, sd_ln.hypot(INSERTION_SD_LN));
+    }
+    let (modulus_pa, sd_ln) = if session.rig.needle.stiffness_known {
+        (TYPICAL_MODULUS_PA, TYPICAL_MODULUS_SD_LN)
+    } else {
+        warnings.push(
+            "the needle's bending stiffness is not known: moduli and tip loads refer to that of the reference needle, only K/(E I) is \
+             determined"
+                .to_owned(),
+        );
+        (REFERENCE_MODULUS_PA, REFERENCE_MODULUS_SD_LN)
+    };
+    with(Foundation::uniform(modulus_pa)?, sd_ln)
+}
+
+/// Foundation and standard deviation of its logarithm as requested, or from the lateral runs; nothing where there are none.
+fn stated_or_lateral(
+    session: &Session,
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> Result<Option<(Foundation, f64)>, PredictError> {
     if let Some([modulus_pa, sd_pa]) = options.modulus_pa {
-        return with(Foundation::uniform(modulus_pa)?, (sd_pa / modulus_pa).hypot(INSERTION_SD_LN));
+        return Ok(Some((Foundation::uniform(modulus_pa)?, sd_pa / modulus_pa)));
     }
     if !session.lateral.is_empty() {
         let of_lateral = identify::Options {
@@ -199,7 +247,7 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
         match identify(session, &of_lateral) {
             Ok(found) => {
                 let pooled = &found.pooled;
-                let sd_ln = (pooled.sd_kpa / pooled.k_kpa).hypot(INSERTION_SD_LN);
+                let sd_ln = pooled.sd_kpa / pooled.k_kpa;
                 let layered = found.layers.as_ref().and_then(|layers| {
                     let upper_pa = 1e3 * layers.upper.k_kpa?;
                     Some((
@@ -217,22 +265,12 @@ fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> R
                             .to_owned(),
                     );
                 }
-                return with(foundation, sd_ln);
+                return Ok(Some((foundation, sd_ln)));
             }
             Err(why) => warnings.push(format!("the modulus is not known from the lateral runs: {why}")),
         }
     }
-    let (modulus_pa, sd_ln) = if session.rig.needle.stiffness_known {
-        (TYPICAL_MODULUS_PA, TYPICAL_MODULUS_SD_LN)
-    } else {
-        warnings.push(
-            "the needle's bending stiffness is not known: moduli and tip loads refer to that of the reference needle, only K/(E I) is \
-             determined"
-                .to_owned(),
-        );
-        (REFERENCE_MODULUS_PA, REFERENCE_MODULUS_SD_LN)
-    };
-    with(Foundation::uniform(modulus_pa)?, sd_ln)
+    Ok(None)
 }
 
 /// The rear of a needle in one guide where its stiffness is neither stated nor an effect of the model.
@@ -259,6 +297,9 @@ struct Workflow<'a> {
     paths: &'a [TipPath],
     /// Where the search of every fold begins.
     start: Option<&'a Start>,
+    /// For those in which guide 2 rests and the rear is not known, and which these are.
+    at_rest: Option<&'a AtRest>,
+    resting: Vec<bool>,
 }
 
 /// Where the search of every fold begins: found once, from nothing that lies beyond the depth from which predictions start.
@@ -318,16 +359,23 @@ impl Workflow<'_> {
             ..CompareResult::new("published", &grid, carried.tip_m)
         });
 
-        let mut result = grid.result(run, &observed, &posterior, shown_m.min(reading_m));
-        result.learned = Some(LearnedResult::new(&posterior, self.tissue, &others, reading_m));
+        let at_rest = self.at_rest.filter(|_| self.resting.get(number) == Some(&true));
+        let load_n = match at_rest {
+            Some(at_rest) => at_rest.load_n(&known, &earlier, number, noise, &grid.loads_at_m())?,
+            None => posterior.load_n(&grid.loads_at_m()),
+        };
+        let mut result = grid.result(run, &observed, &posterior, &load_n, shown_m.min(reading_m));
+        let mut learned = LearnedResult::new(&posterior, self.tissue, &others, reading_m);
+        if at_rest.is_some() {
+            learned.assume(self.tissue);
+        }
+        result.learned = Some(learned);
         result.compare = compare;
         result.warnings = warnings(&observed, path);
-        for (name, determined) in ["the modulus", "the effective gap"].into_iter().zip(posterior.determined())
-        {
-            if let Some(warning) = end_of_range(name, determined) {
-                result.warnings.push(warning);
-            }
-        }
+        let ends = ["the modulus", "the effective gap"].into_iter().zip(posterior.determined());
+        let ends = ends.filter(|_| at_rest.is_none());
+        result.warnings.extend(ends.filter_map(|(name, determined)| end_of_range(name, determined)));
+        result.warnings.extend(at_rest.map(|_| AT_REST.to_owned()));
         Ok(result)
     }
 
@@ -346,12 +394,16 @@ impl Workflow<'_> {
     }
 }
 
+/// What is warned of where guide 2 rests.
+const AT_REST: &str = "guide 2 rests in what is learned from and the stiffness of the needle's rear is not known: any modulus explains the paths with another \
+                       tip load; modulus and gap are not identifiable, tip loads are those over the moduli assumed beforehand. Move guide 2 on the way";
+
 /// What to do where a quantity runs to an end of its range.
-fn end_of_range(name: &str, determined: Determined) -> Option<String> {
+fn end_of_range(name: &str, determined: Identifiability) -> Option<String> {
     let end = match determined {
-        Determined::LowerBound => "upper",
-        Determined::UpperBound => "lower",
-        Determined::Identified | Determined::NotIdentified => return None,
+        Identifiability::LowerBound => "upper",
+        Identifiability::UpperBound => "lower",
+        Identifiability::Identified | Identifiability::NotIdentified => return None,
     };
     Some(format!(
         "{name} runs to the {end} end of its range, its value is a bound: check needle and guides in session.toml, state the modulus \

@@ -1,6 +1,6 @@
 //! Tracking: stiffness and damping of the tissue online, while the needle goes in and its base moves sideways.
 //!
-//! [`track`] runs the estimator that the firmware has too ([`sound`]) over the steering runs of a session, as it would have run while
+//! [`track`] runs the estimator that the firmware has too ([`online`]) over the steering runs of a session, as it would have run while
 //! they were recorded: every value is made of what had been measured until then. [`published`] and [`kalman`] are what others
 //! would do; `cargo xtask study steering` compares them where the truth is known.
 
@@ -8,21 +8,21 @@ pub mod kalman;
 pub mod layers;
 pub mod method;
 mod mixture;
+pub mod online;
 mod places;
 pub mod published;
 pub mod results;
-pub mod sound;
 mod units;
 
-use estimator::{Estimate, Refused, Settings};
+use estimator::{Estimate, SampleError, Settings};
 use formats::session::{Session, SteeringRun};
 use kalman::{FilterConfig, Kalman, Kind};
 use layers::LayeredTracker;
 use mechanics::{Dynamics, ModelError};
 use method::{Method, Report, samples};
+use online::{MODES, OnlineTracker};
 use published::{Published, PublishedSettings};
 use results::{CompareResult, FieldResult, LayersResult, TrackResult, Tracking, errors};
-use sound::{MODES, OnlineTracker};
 
 /// Why a session cannot be tracked.
 #[derive(Debug, thiserror::Error)]
@@ -39,7 +39,7 @@ pub enum TrackError {
     /// A segment in which nothing can vary.
     #[error(
         "segment_mm: {segment_mm}, expected {least_mm:.1} or more: two cells of the estimator, which has {} for the depth of the runs",
-        sound::CELLS
+        online::CELLS
     )]
     ShortSegment {
         /// Length of the segment.
@@ -95,11 +95,11 @@ pub fn tracker(session: &Session, options: &Options) -> Result<OnlineTracker<f64
 
 fn settings(session: &Session, options: &Options) -> Result<Settings<f64, MODES>, TrackError> {
     let dynamics = dynamics(session, options)?;
-    let mut settings = sound::settings::<f64>(&session.rig.needle, &dynamics)?;
+    let mut settings = online::settings::<f64>(&session.rig.needle, &dynamics)?;
     settings.layout.segments = SEGMENTS;
     // Deeper runs than the cells were made for: longer ones. The last segment reaches to the deepest point.
     let deepest_m = session.steering.iter().flat_map(|run| &run.depth_m).copied().fold(0.0, f64::max);
-    settings.cell_m = settings.cell_m.max(1.001 * deepest_m / sound::CELLS as f64);
+    settings.cell_m = settings.cell_m.max(1.001 * deepest_m / online::CELLS as f64);
     settings.reach_m = deepest_m;
     settings.segment_m = options.segment_m.unwrap_or(settings.segment_m);
     settings.start = options.start.unwrap_or(settings.start);
@@ -133,7 +133,7 @@ pub fn track(session: &Session, options: &Options) -> Result<Tracking, TrackErro
 struct Through {
     estimates: Vec<Estimate<f64>>,
     /// Rows that the estimator refused.
-    refused: Vec<(usize, Refused)>,
+    refused: Vec<(usize, SampleError)>,
     last: Option<Estimate<f64>>,
     field: Option<FieldResult>,
     layers: Option<LayersResult>,
@@ -142,8 +142,8 @@ struct Through {
 fn run_through(session: &Session, options: &Options, run: &SteeringRun) -> Result<Through, TrackError> {
     let settings = settings(session, options)?;
     let mut estimates: Vec<Estimate<f64>> = Vec::new();
-    let mut refused: Vec<(usize, Refused)> = Vec::new();
-    let mut take = |row: usize, taken: Result<Option<Estimate<f64>>, Refused>| match taken {
+    let mut refused: Vec<(usize, SampleError)> = Vec::new();
+    let mut take = |row: usize, taken: Result<Option<Estimate<f64>>, SampleError>| match taken {
         Ok(estimate) => estimates.extend(estimate),
         Err(why) => refused.push((row, why)),
     };

@@ -1,4 +1,4 @@
-//! Needles that were solved lately: runs at one depth share their needle, and so do models that differ in what sensors do. Threads
+//! Needles that were solved recently: runs at one depth share their needle, and so do models that differ in what sensors do. Threads
 //! share them too; what is solved depends on nothing but the request, so that it does not matter which of them did it.
 
 use super::growth::{GrowingBeam, Guide2Grip};
@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// How many of each kind are kept.
 const KEPT: usize = 48;
 
-/// Needles that were solved lately, by what was solved.
+/// Needles that were solved recently, by what was solved.
 #[derive(Debug, Default)]
 pub struct Cache {
     responses: Mutex<VecDeque<(BeamProblem, f64, Arc<Response>)>>,

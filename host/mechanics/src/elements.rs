@@ -60,7 +60,7 @@ impl<F: Fn(f64, f64) -> Reaction> Springs for F {
 
 /// Where the springs are at rest.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RestPath<P> {
+pub(super) struct StressFreePath<P> {
     /// At any place along the needle.
     pub path_m: P,
     /// From here on they are at rest on the straight line from this deflection to that of the tip, which is cutting them.
@@ -177,7 +177,7 @@ impl Elements {
         guide2: Guide2,
         tip_force_n: f64,
     ) -> Result<Deformed, ModelError> {
-        self.solve_from(springs, &RestPath { path_m, newest: None }, guide2, tip_force_n, None)
+        self.solve_from(springs, &StressFreePath { path_m, newest: None }, guide2, tip_force_n, None)
     }
 }
 

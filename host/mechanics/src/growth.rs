@@ -64,7 +64,7 @@ struct Response {
 /// What acts at a node, in one plane: on arriving at its depth and on leaving it. They differ where the needle is turned or
 /// guide 2 moved at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Acting {
+pub struct NodeLoads {
     /// Tip load, N.
     pub load_n: [f64; 2],
     /// Displacement of guide 2, m.
@@ -156,7 +156,7 @@ impl GrowingBeam {
     }
 
     /// The tip's way under given loads, one entry per node.
-    pub fn under_load(&self, acting: impl Fn(usize) -> Acting) -> Vec<TipState> {
+    pub fn under_load(&self, acting: impl Fn(usize) -> NodeLoads) -> Vec<TipState> {
         self.bent_under_load(acting, |_| [0.0; 2])
     }
 
@@ -168,20 +168,22 @@ impl GrowingBeam {
     /// under a unit load. The tissue remembers the path that is cut meanwhile.
     pub fn bent_under_load(
         &self,
-        acting: impl Fn(usize) -> Acting,
+        acting: impl Fn(usize) -> NodeLoads,
         curvature_per_m: impl Fn(usize) -> [f64; 2],
     ) -> Vec<TipState> {
         let mut states: Vec<TipState> = Vec::with_capacity(self.rows.len());
+        let mut cut = Vec::with_capacity(self.elements.len());
         for (node, row) in self.rows.iter().enumerate() {
-            let (Acting { load_n, guide2_m }, bent) = (acting(node), curvature_per_m(node));
+            let (NodeLoads { load_n, guide2_m }, bent) = (acting(node), curvature_per_m(node));
             let response = &row.deflection;
-            let (known_m, newest) = self.known(response, &states);
+            let (known_m, newest) = self.known(response, &states, &cut);
             let held_m = known_m + response.load * load_n[0] + response.guide2 * guide2_m[0];
             let arriving_m = (held_m + response.curvature * bent[0]) / (1.0 - newest);
             let moved_m =
                 response.load * (load_n[1] - load_n[0]) + response.guide2 * (guide2_m[1] - guide2_m[0]);
             let jump_m = moved_m + response.curvature * (bent[1] - bent[0]);
             states.push(TipState { tip_m: [arriving_m, arriving_m + jump_m], load_n });
+            self.extend_cut(&mut cut, &states);
         }
         states
     }
@@ -216,12 +218,13 @@ impl GrowingBeam {
         curvature_per_m: impl Fn(usize) -> [f64; 2],
     ) -> Vec<TipState> {
         let mut states: Vec<TipState> = Vec::with_capacity(self.rows.len());
+        let mut cut = Vec::with_capacity(self.elements.len());
         let mut slope_before = 0.0;
         for (node, row) in self.rows.iter().enumerate() {
             let (angle, [held_m, left_m], bent) = (angle_rad(node), guide2_m(node), curvature_per_m(node));
             let (deflection, slope) = (&row.deflection, &row.slope);
-            let (known_m, newest) = self.known(deflection, &states);
-            let (known_slope, newest_slope) = self.known(slope, &states);
+            let (known_m, newest) = self.known(deflection, &states, &cut);
+            let (known_slope, newest_slope) = self.known(slope, &states, &cut);
             let (known_m, known_slope) = (
                 known_m + deflection.guide2 * held_m + deflection.curvature * bent[0],
                 known_slope + slope.guide2 * held_m + slope.curvature * bent[0],
@@ -251,6 +254,7 @@ impl GrowingBeam {
                 + angle[1];
             state.tip_m[1] += deflection.curvature * sprung + deflection.guide2 * moved_m;
             states.push(state);
+            self.extend_cut(&mut cut, &states);
         }
         states
     }
@@ -259,11 +263,13 @@ impl GrowingBeam {
     /// exactly. `path_m` and `guide2_m` have one entry per node.
     pub fn load_of_path_n(&self, path_m: &[f64], guide2_m: &[f64]) -> Vec<f64> {
         let states: Vec<_> = path_m.iter().map(|u| TipState { tip_m: [*u; 2], load_n: [0.0; 2] }).collect();
+        let mut cut = Vec::with_capacity(self.elements.len());
+        self.extend_cut(&mut cut, &states);
         let nodes = self.rows.iter().zip(path_m.iter().zip(guide2_m)).enumerate();
         nodes
             .map(|(node, (row, (tip_m, held_m)))| {
                 let response = &row.deflection;
-                let (known_m, newest) = self.known(response, &states[..node]);
+                let (known_m, newest) = self.known(response, &states[..node], &cut);
                 (tip_m * (1.0 - newest) - known_m - response.guide2 * held_m) / response.load
             })
             .collect()
@@ -282,10 +288,12 @@ impl GrowingBeam {
         guide2_m: impl Fn(usize) -> [f64; 2],
         curvature_per_m: impl Fn(usize) -> [f64; 2],
     ) -> Vec<[f64; 2]> {
+        let mut cut = Vec::with_capacity(self.elements.len());
+        self.extend_cut(&mut cut, states);
         let nodes = self.rows.iter().zip(states).enumerate();
         nodes
             .map(|(node, (Row { slope, .. }, state))| {
-                let (known, newest) = self.known(slope, &states[..node]);
+                let (known, newest) = self.known(slope, &states[..node], &cut);
                 // The springs at the tip rest where it arrived.
                 let resting = known + newest * state.tip_m[0];
                 let (held_m, bent) = (guide2_m(node), curvature_per_m(node));
@@ -297,19 +305,45 @@ impl GrowingBeam {
             .collect()
     }
 
-    /// What the path up to the node before the newest contributes, and the factor of the newest node.
-    fn known(&self, response: &Response, before: &[TipState]) -> (f64, f64) {
-        let mut known = 0.0;
-        let mut newest = 0.0;
-        for ([start, end], [from, to]) in response.path.iter().zip(&self.elements) {
-            known += start * before[*from].tip_m[1];
-            match before.get(*to) {
-                Some(state) => known += end * state.tip_m[0],
-                None => newest = *end,
-            }
+    /// Appends the path at the start and the end of every element that ends at one of these states and is not there yet.
+    fn extend_cut(&self, cut: &mut Vec<[f64; 2]>, states: &[TipState]) {
+        while let Some([from, to]) = self.elements.get(cut.len()) {
+            let (Some(from), Some(to)) = (states.get(*from), states.get(*to)) else { break };
+            cut.push([from.tip_m[1], to.tip_m[0]]);
         }
-        (known, newest)
     }
+
+    /// What the path up to the node before the newest contributes, and the factor of the newest node; `cut` is the path as
+    /// [`extend_cut`](Self::extend_cut) makes it of these states, or of more.
+    fn known(&self, response: &Response, before: &[TipState], cut: &[[f64; 2]]) -> (f64, f64) {
+        let path = response.path.as_slice();
+        // The last element may end at the newest node.
+        let last = path.len().saturating_sub(1);
+        match (path.get(last), self.elements.get(last)) {
+            (Some([start, end]), Some([from, to])) if *to >= before.len() => {
+                (weighted(&path[..last], cut) + start * before[*from].tip_m[1], *end)
+            }
+            _ => (weighted(path, cut), 0.0),
+        }
+    }
+}
+
+/// Sum of products of pairs, as many as both have. It is most of the work of an insertion: in lanes of its own no product waits for
+/// another.
+fn weighted(path: &[[f64; 2]], cut: &[[f64; 2]]) -> f64 {
+    const LANES: usize = 4;
+    let count = path.len().min(cut.len());
+    let (path, cut) = (path[..count].chunks_exact(LANES), cut[..count].chunks_exact(LANES));
+    let rest = path.remainder().iter().zip(cut.remainder());
+    let rest: f64 = rest.map(|(weights, at)| weights[0] * at[0] + weights[1] * at[1]).sum();
+    let mut sums = [[0.0; 2]; LANES];
+    for (path, cut) in path.zip(cut) {
+        for (sum, (weights, at)) in sums.iter_mut().zip(path.iter().zip(cut)) {
+            sum[0] += weights[0] * at[0];
+            sum[1] += weights[1] * at[1];
+        }
+    }
+    rest + sums.iter().flatten().sum::<f64>()
 }
 
 impl Response {

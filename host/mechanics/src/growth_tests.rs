@@ -43,7 +43,7 @@ fn the_steady_state_matches_the_reference() {
     ] {
         let problem = model(modulus_pa, 0.02, 0.042).problem(0.6).expect("a problem");
         let growth = GrowingBeam::new(&problem, grid_m(0.6, 1e-3, &[]), Guide2Grip::Free).expect("grows");
-        let states = growth.under_load(|_| Acting { load_n: [1.0; 2], guide2_m: [0.0; 2] });
+        let states = growth.under_load(|_| NodeLoads { load_n: [1.0; 2], guide2_m: [0.0; 2] });
         let [a, b, c] = [560, 580, 600].map(|node: usize| states[node].tip_m[0]);
         let curvature = (a - 2.0 * b + c) / (0.02 * 0.02);
         assert!((curvature / curvature_per_n - 1.0).abs() < 1e-3, "{curvature} is not {curvature_per_n}");
@@ -81,7 +81,7 @@ fn the_step_is_of_second_order() {
         let states = growth.under_load(|node| {
             let sign = |turned: bool| if turned { -0.2 } else { 0.2 };
             let load_n = [sign(nodes_m[node] > 0.04321), sign(nodes_m[node] >= 0.04321)];
-            Acting { load_n, guide2_m: [1e-3 * nodes_m[node] / 0.1; 2] }
+            NodeLoads { load_n, guide2_m: [1e-3 * nodes_m[node] / 0.1; 2] }
         });
         states.last().expect("nodes").tip_m[0]
     };

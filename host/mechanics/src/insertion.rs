@@ -4,7 +4,7 @@
 //! path cut so far, and the load that the bevel takes at the tip. The load turns with the needle about its axis.
 
 use super::cache::Cache;
-use super::growth::{Acting, DEFAULT_STEP_M, Guide2Grip};
+use super::growth::{DEFAULT_STEP_M, Guide2Grip, NodeLoads};
 use super::{BeamProblem, ModelError, Profile, Series, check, yielding};
 use std::borrow::Cow;
 
@@ -187,7 +187,7 @@ impl Drawn<'_> {
                     .map(|()| Default::default());
             };
             let loads = loads(&grid_m, load, law, insertion, plane);
-            let acting = |node: usize| Acting { load_n: loads(node), guide2_m: guide2(node) };
+            let acting = |node: usize| NodeLoads { load_n: loads(node), guide2_m: guide2(node) };
             let (states, directions) = yielding::under_load(problem, &grid_m, grip, acting, bent)?;
             (states.iter().map(|state| state.tip_m).collect::<Vec<_>>(), directions)
         } else {
@@ -195,7 +195,7 @@ impl Drawn<'_> {
             let states = match &law.cutting {
                 Cutting::Load(load) => {
                     let loads = loads(&grid_m, load, law, insertion, plane);
-                    let acting = |node: usize| Acting { load_n: loads(node), guide2_m: guide2(node) };
+                    let acting = |node: usize| NodeLoads { load_n: loads(node), guide2_m: guide2(node) };
                     growth.bent_under_load(acting, bent)
                 }
                 Cutting::Angle(angle_rad) => {

@@ -29,13 +29,32 @@ pub struct Drive {
     pub frame_compliance_m_per_n: f64,
     /// Clearance of guide 2 on either side of the needle.
     pub clearance_m: f64,
+    /// Half of the play between the measured displacement and guide 2, which has memory.
+    pub play_m: f64,
 }
 
 impl Drive {
-    /// Displacement that reaches the needle if the frame does not give.
-    pub fn beyond_clearance_m(&self, commanded_m: f64) -> f64 {
-        let pressed_m = (commanded_m.abs() - self.clearance_m).max(0.0);
-        pressed_m.copysign(commanded_m)
+    /// Displacement that reaches the needle if the frame does not give, of where guide 2 is.
+    pub fn beyond_clearance_m(&self, guide2_m: f64) -> f64 {
+        let pressed_m = (guide2_m.abs() - self.clearance_m).max(0.0);
+        pressed_m.copysign(guide2_m)
+    }
+
+    /// Where guide 2 is, from where it was and what the displacement sensor reads now (the play operator).
+    pub fn beyond_play_m(&self, guide2_m: f64, measured_m: f64) -> f64 {
+        let play_m = self.play_m.max(0.0);
+        guide2_m.clamp(measured_m - play_m, measured_m + play_m)
+    }
+
+    /// Displacements that reach the needle, if the frame does not give, of those that are measured one after the other; the first
+    /// finds guide 2 in the middle of its play.
+    fn reaching_m(&self, measured_m: &[f64]) -> Samples {
+        let mut guide2_m = measured_m.first().copied().unwrap_or_default();
+        let followed = measured_m.iter().map(|m| {
+            guide2_m = self.beyond_play_m(guide2_m, *m);
+            self.beyond_clearance_m(guide2_m)
+        });
+        followed.collect()
     }
 }
 
@@ -90,7 +109,7 @@ impl Response {
 
     /// Moves guide 2.
     pub fn moved(&self, times_s: &[f64], commanded_m: &[f64], drive: Drive) -> Motion {
-        let pressed_m: Samples = commanded_m.iter().map(|m| drive.beyond_clearance_m(*m)).collect();
+        let pressed_m = drive.reaching_m(commanded_m);
         let mut motion = match &self.relaxing {
             Some(relaxing) => relaxing.moved(times_s, &pressed_m, drive.frame_compliance_m_per_n),
             None => {

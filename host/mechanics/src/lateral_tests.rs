@@ -103,7 +103,7 @@ fn stiffening_is_interpolated() {
         let weights = response.shape_at(&[0.1]);
         let deflection_m: f64 = motion.between([0, 0], 0.0).zip(&weights).map(|(c, w)| c * w).sum();
         assert!((deflection_m - expected.deflection_m(0.1)).abs() < 1e-4 * at_m.abs(), "{at_m}");
-        let drive = Drive { frame_compliance_m_per_n: 1e-4, clearance_m: 0.0 };
+        let drive = Drive { frame_compliance_m_per_n: 1e-4, ..Drive::default() };
         let commanded_m = at_m + 1e-4 * expected.guide2_force_n;
         let framed = response.moved(&[0.0], &[commanded_m], drive);
         assert!((framed.force_n[0] / expected.guide2_force_n - 1.0).abs() < 1e-4, "{at_m}");

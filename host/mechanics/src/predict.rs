@@ -99,17 +99,19 @@ impl Model {
         Ok(problem)
     }
 
-    /// Clearance of guide 2, m.
+    /// How far the needle stays behind guide 2 as it is commanded: clearance and play, m.
     pub fn clearance_m(&self) -> f64 {
         let mut drive = Drive::default();
         self.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
-        drive.clearance_m
+        drive.clearance_m + drive.play_m
     }
 
     /// Stress-free curvature of the needle, vertical and horizontal before it is turned, 1/m.
     pub fn curvature_per_m(&self) -> [f64; 2] {
         let mut curvature_per_m = [0.0; 2];
-        self.effects.iter().for_each(|(effect, values)| effect.rest(values, &mut curvature_per_m));
+        self.effects
+            .iter()
+            .for_each(|(effect, values)| effect.stress_free_curvature(values, &mut curvature_per_m));
         curvature_per_m
     }
 
@@ -238,7 +240,7 @@ impl Channels {
 
 /// What every sensor should read in `experiment` if `model` is right.
 ///
-/// Order: beam and drive, rest, solve, map position, observe; effects of one kind in the order of the model's list.
+/// Order: beam and drive, stress-free curvature, solve, map position, observe; effects of one kind in the order of the model's list.
 ///
 /// # Errors
 /// As [`BeamProblem::solve`], [`ModelError::NoDrive`] where there are shape points but no drive sample, and

@@ -6,7 +6,7 @@ use super::cache::Cache;
 use super::effects::ObservationContext;
 use super::lateral::{Drive, Response, Samples};
 use super::predict::Plane;
-use super::rest::Rest;
+use super::prestress::Prestress;
 use super::{BeamProblem, Channels, DriveSample, Model, ModelError, Series, ShapePoint};
 use std::borrow::Cow;
 use std::ops::Range;
@@ -18,7 +18,7 @@ pub struct PreparedNeedle<'a> {
     model: Cow<'a, Model>,
     depth_m: f64,
     drive: Drive,
-    rest: Rest,
+    prestress: Prestress,
     places: Places,
     needles: Needles,
     /// Whether the horizontal plane is predicted too.
@@ -59,7 +59,7 @@ impl<'a> PreparedNeedle<'a> {
         // An effect may bring what happens in one plane into the other.
         let both = planes > 1 || !model.effects.is_empty();
         Ok(Self {
-            rest: Rest::of(&model, [&problems.y, problems.x()]),
+            prestress: Prestress::of(&model, [&problems.y, problems.x()]),
             needles,
             drive,
             depth_m,
@@ -122,14 +122,14 @@ impl<'a> PreparedNeedle<'a> {
         for ShapeFrame { time_s, places } in frames {
             let (between, share) = place_in(times_s, *time_s)?;
             let first = shape_m.len();
-            self.rest.add_deflections_m(plane, &z_m[places.clone()], &mut shape_m);
+            self.prestress.add_deflections_m(plane, &z_m[places.clone()], &mut shape_m);
             for (coefficient, weights) in motion.between(between, share).zip(weights.chunks_exact(z_m.len()))
             {
                 let moved_m = shape_m[first..].iter_mut().zip(&weights[places.clone()]);
                 moved_m.for_each(|(at_m, weight)| *at_m += coefficient * weight);
             }
         }
-        let rest_n = self.rest.force_n(plane);
+        let rest_n = self.prestress.force_n(plane);
         motion.force_n.iter_mut().for_each(|force_n| *force_n += rest_n);
         Ok((motion.force_n, shape_m))
     }
@@ -340,7 +340,7 @@ mod tests {
         assert_eq!(one, two);
     }
 
-    /// Where tissue stiffens the needle is solved for the planned displacement, and anew for any larger one.
+    /// Where tissue stiffens the needle is solved for the planned displacement, and again for any larger one.
     #[test]
     fn a_larger_displacement_than_planned_is_no_extrapolation() {
         let model = model(&[("tissue.stiffening", &[0.5])]);

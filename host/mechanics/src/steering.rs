@@ -10,7 +10,7 @@ pub mod history;
 pub mod modes;
 
 use super::{Foundation, ModelError, Needle, check};
-use history::{Functions, Overlap, Pull};
+use history::{CutPathForce, ShapeFunctions, SupportMatrix};
 use modes::{Clamped, FreeMode, free_modes};
 use nalgebra::{DMatrix, DVector};
 
@@ -116,9 +116,9 @@ pub struct MovingNeedle {
     slopes: DMatrix<f64>,
     base: DVector<f64>,
     tip: DVector<f64>,
-    springs: Overlap,
-    dampers: Overlap,
-    pull: Pull,
+    springs: SupportMatrix,
+    dampers: SupportMatrix,
+    pull: CutPathForce,
     depth_m: f64,
     position: DVector<f64>,
     velocity: DVector<f64>,
@@ -138,7 +138,7 @@ impl MovingNeedle {
     ) -> Result<Self, ModelError> {
         let clamped = dynamics.clamped(needle);
         let modes: Vec<FreeMode> = free_modes(&clamped, dynamics.modes)?;
-        let functions = Functions::of(&modes, dynamics.length_m);
+        let functions = ShapeFunctions::of(&modes, dynamics.length_m);
         let factors = functions.factors(&modes);
         let total_kg = dynamics.moving_mass_kg();
         let diagonal = |first: f64, others: fn(&FreeMode) -> f64| {
@@ -156,9 +156,9 @@ impl MovingNeedle {
             tip: &factors * functions.at(dynamics.length_m),
             slopes: &factors * functions.derivative(),
             factors,
-            springs: Overlap::new(&functions),
-            dampers: Overlap::new(&functions),
-            pull: Pull::new(&functions),
+            springs: SupportMatrix::new(&functions),
+            dampers: SupportMatrix::new(&functions),
+            pull: CutPathForce::new(&functions),
             depth_m: 0.0,
             position: DVector::zeros(count),
             velocity: DVector::zeros(count),
@@ -191,7 +191,7 @@ impl MovingNeedle {
         &mut self,
         step_s: f64,
         depth_m: f64,
-        push: Push,
+        push: BaseForce,
         strength: [f64; 2],
     ) -> Result<(), ModelError> {
         let advance_m = depth_m - self.depth_m;
@@ -253,13 +253,13 @@ impl MovingNeedle {
 
 /// Force at the base: `force - stiffness base - damping base'`.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Push {
+pub struct BaseForce {
     force_n: f64,
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
 }
 
-impl Push {
+impl BaseForce {
     /// A given force.
     pub fn force(force_n: f64) -> Self {
         Self { force_n, ..Self::default() }
@@ -321,10 +321,10 @@ pub fn simulate(
                 let at = |from: f64, to: f64| if j as f64 == steps { to } else { from + part * (to - from) };
                 let value = at(values[i - 1], values[i]);
                 let push = match run.drive {
-                    BaseDrive::Force(_) => Push::force(value),
+                    BaseDrive::Force(_) => BaseForce::force(value),
                     BaseDrive::Position(_) => {
                         let speed_m_s = (values[i] - values[i - 1]) / (to_s - from_s);
-                        Push::stage(dynamics.moving_mass_kg(), value - start, speed_m_s)
+                        BaseForce::stage(dynamics.moving_mass_kg(), value - start, speed_m_s)
                     }
                 };
                 moving.step(step_s, at(from_m, to_m), push, [1.0; 2])?;

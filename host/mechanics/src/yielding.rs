@@ -6,8 +6,8 @@
 //! unloading goes back on the same curve. At every depth the needle is solved by finite elements ([`Elements`]) and Newton's method; the
 //! path is linear between depths and its newest end implicit, as in the linear needle.
 
-use super::elements::{Deformed, Elements, Guide2, Newest, Reaction, RestPath, Springs};
-use super::growth::{Acting, Guide2Grip, TipState};
+use super::elements::{Deformed, Elements, Guide2, Newest, Reaction, Springs, StressFreePath};
+use super::growth::{Guide2Grip, NodeLoads, TipState};
 use super::{BeamProblem, Foundation, ModelError, TissueLaw, check};
 
 /// Step of the insertion.
@@ -64,7 +64,7 @@ pub(super) fn under_load(
     problem: &BeamProblem,
     nodes_m: &[f64],
     grip: Guide2Grip,
-    acting: impl Fn(usize) -> Acting,
+    acting: impl Fn(usize) -> NodeLoads,
     curvature_per_m: impl Fn(usize) -> [f64; 2],
 ) -> Result<(Vec<TipState>, Vec<[f64; 2]>), ModelError> {
     check("shear_n", problem.shear_n, "0, where the tissue yields", problem.shear_n == 0.0)?;
@@ -77,7 +77,7 @@ pub(super) fn under_load(
     // The needle at the depth before.
     let mut before: Option<Deformed> = None;
     for (node, depth_m) in nodes_m.iter().enumerate() {
-        let (Acting { load_n, guide2_m }, bent) = (acting(node), curvature_per_m(node));
+        let (NodeLoads { load_n, guide2_m }, bent) = (acting(node), curvature_per_m(node));
         let is_still = states.iter().all(|state| state.tip_m == [0.0; 2]);
         if is_still && [load_n, guide2_m, bent] == [[0.0; 2]; 3] {
             states.push(TipState { tip_m: [0.0; 2], load_n });
@@ -105,7 +105,7 @@ pub(super) fn under_load(
                 }
                 Guide2Grip::Free => Guide2::Force(0.0),
             };
-            let path = RestPath { path_m: cut_m, newest };
+            let path = StressFreePath { path_m: cut_m, newest };
             let needle = elements[side].solve_from(&springs, &path, guide2, load_n[side], near)?;
             Ok::<_, ModelError>(((needle.deflection_m(tip_z_m), needle.tip_slope()), needle))
         };
@@ -151,10 +151,10 @@ mod tests {
         problem
     }
 
-    fn acting(node: usize) -> Acting {
+    fn acting(node: usize) -> NodeLoads {
         let moved = if node > 30 { 1e-3 } else { 0.0 };
         let before = if node > 31 { 1e-3 } else { 0.0 };
-        Acting { load_n: [0.2; 2], guide2_m: [before, moved] }
+        NodeLoads { load_n: [0.2; 2], guide2_m: [before, moved] }
     }
 
     /// Tissue that yields at a load that is never reached is the linear one; also where the needle is bent, and turned, and guide 2
@@ -226,7 +226,7 @@ mod tests {
             let guide2_m = |m: f64| if m > 0.03 { 3e-3 } else { 0.0 };
             let acting = |node: usize| {
                 let depth_m: f64 = nodes_m[node];
-                Acting { load_n: [0.2; 2], guide2_m: [guide2_m(depth_m), guide2_m(depth_m + 1e-9)] }
+                NodeLoads { load_n: [0.2; 2], guide2_m: [guide2_m(depth_m), guide2_m(depth_m + 1e-9)] }
             };
             let (states, _) =
                 under_load(&problem, &nodes_m, Guide2Grip::Holding, acting, |_| [0.0; 2]).expect("solves");

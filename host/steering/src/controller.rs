@@ -13,7 +13,7 @@ use crate::protocol::{Command, End, Statement};
 use crate::readings::Readings;
 use crate::results::{Decision, Event, Outcome, Probability, Run};
 use crate::tables::Path;
-use crate::unknowns::{Law, Unknowns};
+use crate::unknowns::{CuttingLaw, Unknowns};
 use mechanics::ModelError;
 
 /// Radii for which probabilities are stated, mm.
@@ -205,9 +205,9 @@ impl<'a> Controller<'a> {
         on_event: &'a mut dyn FnMut(&Event),
     ) -> Result<Self, SteerError> {
         let target_m = 1e-3 * options.target_mm[2];
-        let mut laws = vec![Hypothesis::new(Unknowns::new(stated, Law::Load, target_m)?, 0.9)];
+        let mut laws = vec![Hypothesis::new(Unknowns::new(stated, CuttingLaw::Load, target_m)?, 0.9)];
         if options.cut_angle {
-            laws.push(Hypothesis::new(Unknowns::new(stated, Law::Angle, target_m)?, 0.1));
+            laws.push(Hypothesis::new(Unknowns::new(stated, CuttingLaw::Angle, target_m)?, 0.1));
         }
         laws.iter_mut().for_each(|law| law.tissue_known = options.tissue_known);
         let bevel_rad = stated.bevel_deg.to_radians();

@@ -6,7 +6,7 @@
 use crate::history::{History, Place};
 use crate::readings::Bin;
 use crate::tables::{self, Columns, Tables};
-use crate::unknowns::{Law, TISSUE, Unknowns};
+use crate::unknowns::{CuttingLaw, TISSUE, Unknowns};
 use mechanics::ModelError;
 use nalgebra::{DMatrix, DVector};
 
@@ -160,7 +160,7 @@ impl Hypothesis {
     }
 
     /// Its law.
-    pub fn law(&self) -> Law {
+    pub fn law(&self) -> CuttingLaw {
         self.unknowns.law
     }
 }

@@ -79,8 +79,8 @@ pub use controller::{Options, SteerError, steer};
 pub use plant::{Plant, PlantError};
 pub use process::ProcessPlant;
 pub use protocol::{
-    Answer, Command, Done, End, Limits, LimitsBroken, NeedleStated, PriorStated, RigStated, Statement,
-    VERSION,
+    Answer, Command, Done, End, LimitViolations, Limits, NeedleStatement, PriorStatement, RigStatement,
+    Statement, VERSION,
 };
 pub use record::{Record, Recorded, ReplayPlant};
 pub use results::{Decision, Event, Outcome, Probability, Run};

@@ -15,9 +15,9 @@ pub struct Statement {
     /// [`VERSION`].
     pub plant: String,
     /// The needle.
-    pub needle: NeedleStated,
+    pub needle: NeedleStatement,
     /// Guides and surface.
-    pub rig: RigStated,
+    pub rig: RigStatement,
     /// What must not be exceeded.
     pub limits: Limits,
     /// Depth that can be reached, mm.
@@ -42,12 +42,12 @@ pub struct Statement {
     pub bevel_deg: f64,
     /// What is known of tissue and tip beforehand.
     #[serde(default)]
-    pub prior: Option<PriorStated>,
+    pub prior: Option<PriorStatement>,
 }
 
 /// The needle of a plant.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct NeedleStated {
+pub struct NeedleStatement {
     /// Bending stiffness, N m^2.
     #[serde(default, rename = "EI_n_m2")]
     pub ei_n_m2: Option<f64>,
@@ -58,7 +58,7 @@ pub struct NeedleStated {
 
 /// Guides of a plant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct RigStated {
+pub struct RigStatement {
     /// From guide 1, which clamps the needle, to guide 2, mm.
     #[serde(default)]
     pub guide1_to_guide2_mm: Option<f64>,
@@ -91,7 +91,7 @@ pub struct Limits {
 
 /// What is known beforehand: values, and ranges as factors of the value before them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct PriorStated {
+pub struct PriorStatement {
     /// Foundation modulus K, kPa.
     #[serde(default)]
     pub foundation_kpa: Option<f64>,
@@ -182,7 +182,7 @@ pub struct End {
     pub depth_mm: f64,
     /// How often each limit was exceeded.
     #[serde(default)]
-    pub limits_broken: Option<LimitsBroken>,
+    pub limits_broken: Option<LimitViolations>,
     /// Rotations made.
     #[serde(default)]
     pub rotations: Option<f64>,
@@ -197,7 +197,7 @@ pub struct End {
 /// How often each limit was exceeded.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct LimitsBroken {
+pub struct LimitViolations {
     /// Travel of guide 2.
     pub travel: u64,
     /// Speed of guide 2.
@@ -214,7 +214,7 @@ pub struct LimitsBroken {
     pub strain: u64,
 }
 
-impl LimitsBroken {
+impl LimitViolations {
     /// Of all kinds together.
     pub fn total(&self) -> u64 {
         self.travel

@@ -37,7 +37,7 @@ pub(crate) struct Readings {
 
 /// What became of an answer's reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Taken {
+pub(crate) enum ReadingStatus {
     /// The same again.
     Old,
     /// The sensor itself reports it as bad, or it repeats the last to the digit.
@@ -69,9 +69,9 @@ impl Readings {
         answer: &Answer,
         history: &History,
         expected: impl Fn(Place) -> ([f64; 2], f64),
-    ) -> Taken {
+    ) -> ReadingStatus {
         if self.last_seq == Some(answer.tip_seq) {
-            return Taken::Old;
+            return ReadingStatus::Old;
         }
         self.last_seq = Some(answer.tip_seq);
         self.counts[0] += 1;
@@ -82,26 +82,26 @@ impl Readings {
         let time_s = answer.tip_t_s.unwrap_or(answer.t_s - self.delay_s);
         if !answer.valid || repeated || time_s < -1e-9 {
             self.counts[1] += 1;
-            return Taken::Rejected;
+            return ReadingStatus::Rejected;
         }
         let moment = history.at(time_s.max(0.0));
         let Some(place) = history.place(time_s.max(0.0)) else {
             self.last_good_s = answer.t_s;
-            return Taken::Good;
+            return ReadingStatus::Good;
         };
         let (expected_m, sd_m) = expected(place);
         let far_m = (tip_m[0] - expected_m[0]).hypot(tip_m[1] - expected_m[1]);
         if far_m > 5.0 * self.noise_m.hypot(sd_m) + 0.3e-3 {
             self.counts[1] += 1;
             self.far_in_series += 1;
-            return Taken::Far;
+            return ReadingStatus::Far;
         }
         (self.last_good_s, self.far_in_series) = (answer.t_s, 0);
         if time_s > self.skip_s[0] && time_s < self.skip_s[1] {
-            return Taken::Good;
+            return ReadingStatus::Good;
         }
         self.add(place, moment.depth_m, tip_m, history);
-        Taken::Good
+        ReadingStatus::Good
     }
 
     fn add(&mut self, place: Place, depth_m: f64, tip_m: [f64; 2], history: &History) {

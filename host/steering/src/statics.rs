@@ -2,7 +2,7 @@
 
 use crate::history::{History, Place};
 use crate::tables::{self, Path};
-use crate::unknowns::{Law, Unknowns};
+use crate::unknowns::{CuttingLaw, Unknowns};
 use mechanics::elements::{Elements, Guide2};
 use mechanics::{BeamProblem, ModelError};
 
@@ -61,8 +61,8 @@ impl<'a> AtRest<'a> {
         });
         let bevel_rad = history.nodes[history.reached].bevel_rad[1];
         let load_n = match unknowns.law {
-            Law::Load => [0, 1].map(|plane| tables::turned(own, bevel_rad, plane)),
-            Law::Angle => [0.0; 2],
+            CuttingLaw::Load => [0, 1].map(|plane| tables::turned(own, bevel_rad, plane)),
+            CuttingLaw::Angle => [0.0; 2],
         };
         Ok(Self {
             unknowns,

@@ -1,9 +1,9 @@
 //! The path of the tip under everything that acts on the needle, per unit, from the one forward model ([`GrowingBeam`]).
 
 use crate::history::{History, Place};
-use crate::unknowns::{KNOT_M, Law, Unknowns};
+use crate::unknowns::{CuttingLaw, KNOT_M, Unknowns};
 use mechanics::ModelError;
-use mechanics::growth::{Acting, GrowingBeam, Guide2Grip, TipState};
+use mechanics::growth::{GrowingBeam, Guide2Grip, NodeLoads, TipState};
 
 /// A path: the tip at every node, on arriving and on leaving.
 pub(crate) type Path = Vec<[f64; 2]>;
@@ -11,7 +11,7 @@ pub(crate) type Path = Vec<[f64; 2]>;
 /// The needle at every node, of one tissue.
 pub(crate) struct Tables {
     beam: GrowingBeam,
-    law: Law,
+    law: CuttingLaw,
 }
 
 /// What acts in one plane, at a node on arriving and on leaving.
@@ -35,10 +35,10 @@ impl Tables {
     /// Path under an input.
     pub fn path(&self, input: Input) -> Path {
         let states = match self.law {
-            Law::Load => self
+            CuttingLaw::Load => self
                 .beam
-                .under_load(|node| Acting { load_n: (input.tip)(node), guide2_m: (input.guide_m)(node) }),
-            Law::Angle => self.beam.moved_at_cut_angle(input.tip, input.guide_m, |_| [0.0; 2]),
+                .under_load(|node| NodeLoads { load_n: (input.tip)(node), guide2_m: (input.guide_m)(node) }),
+            CuttingLaw::Angle => self.beam.moved_at_cut_angle(input.tip, input.guide_m, |_| [0.0; 2]),
         };
         tips(&states)
     }
@@ -96,7 +96,7 @@ pub(crate) fn paths(tables: &Tables, unknowns: &Unknowns, values: &[f64], histor
         };
         let tip = |node: usize| history.nodes[node].bevel_rad.map(|turn| turned(own[node], turn, plane));
         let mut path = tables.path(Input { guide_m: &guide_m, tip: &tip });
-        if unknowns.law == Law::Load {
+        if unknowns.law == CuttingLaw::Load {
             let angle = |node: usize| history.nodes[node].bevel_rad.map(|turn| turned(beside, turn, plane));
             let more = tables.beside(angle);
             path.iter_mut().zip(more).for_each(|(to, more)| *to = [to[0] + more[0], to[1] + more[1]]);
@@ -154,8 +154,8 @@ impl Columns {
             })
             .collect();
         let beside = match unknowns.law {
-            Law::Load => [0, 1].map(|part| tables.beside(|node| parts(node, part))),
-            Law::Angle => [0, 1].map(|_| vec![[0.0; 2]; history.depths_m.len()]),
+            CuttingLaw::Load => [0, 1].map(|part| tables.beside(|node| parts(node, part))),
+            CuttingLaw::Angle => [0, 1].map(|_| vec![[0.0; 2]; history.depths_m.len()]),
         };
         let unit = |_: usize| [1.0; 2];
         Self { guide: tables.path(Input { guide_m: &unit, tip: &none }), play, tip, beside }

@@ -46,7 +46,7 @@ const IRREGULARITY_LENGTH_M: f64 = 0.020;
 
 /// How the tip cuts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Law {
+pub(crate) enum CuttingLaw {
     /// It takes a load and goes where that bends the needle.
     Load,
     /// It goes along the needle's direction, at an angle.
@@ -56,7 +56,7 @@ pub(crate) enum Law {
 /// Unknowns of one law.
 #[derive(Debug, Clone)]
 pub(crate) struct Unknowns {
-    pub law: Law,
+    pub law: CuttingLaw,
     /// Needle, guides and tissue at the prior's mean.
     pub problem: BeamProblem,
     /// Modulus at the prior's mean, Pa.
@@ -74,7 +74,7 @@ pub(crate) struct Unknowns {
 }
 
 impl Unknowns {
-    pub fn new(stated: &Statement, law: Law, target_m: f64) -> Result<Self, ModelError> {
+    pub fn new(stated: &Statement, law: CuttingLaw, target_m: f64) -> Result<Self, ModelError> {
         let prior = stated.prior.as_ref();
         let reference = Needle::gauge_18().bending_stiffness_n_m2();
         let diameter_m = stated.needle.outer_diameter_mm.map_or(1.27e-3, |mm| 1e-3 * mm);
@@ -145,18 +145,18 @@ impl Unknowns {
             this.sd[start..start + 2].fill(sd);
             this.mean[start..start + 2].fill(mean);
         }
-        // The common part of the load or angle and what wanders about it.
+        // The common part of the load or angle and what varies about it.
         let [along, across] = match law {
-            Law::Load => [
+            CuttingLaw::Load => [
                 [load_sd * load_factor.max(0.3) * load_n, PROCESS_NOISE_SD * load_n],
                 [ACROSS_SD * load_n, ACROSS_NOISE_SD * load_n],
             ],
-            Law::Angle => [[CUT_SD_RAD, CUT_NOISE_SD_RAD], [CUT_ACROSS_SD_RAD, CUT_NOISE_SD_RAD]],
+            CuttingLaw::Angle => [[CUT_SD_RAD, CUT_NOISE_SD_RAD], [CUT_ACROSS_SD_RAD, CUT_NOISE_SD_RAD]],
         };
         for (direction, [common, varying]) in [along, across].into_iter().enumerate() {
             let start = this.tip(direction, 0);
             let sd = common.hypot(varying).max(1e-9);
-            let mean = if law == Law::Load && direction == 0 { load_factor * load_n } else { 0.0 };
+            let mean = if law == CuttingLaw::Load && direction == 0 { load_factor * load_n } else { 0.0 };
             let correlated = |apart_m: f64| {
                 (common * common + varying * varying * (-apart_m / CORRELATION_LENGTH_M).exp()) / (sd * sd)
             };

@@ -1,7 +1,7 @@
 //! Whether a session is right, and what can be done with it: every fault of every file, what can be read but is suspect, and
 //! which workflow can use which run. Nothing is fitted.
 
-mod abilities;
+mod capabilities;
 mod suspicions;
 
 pub(crate) use suspicions::{MIN_MOTION_M, suspicions_of_identification};
@@ -43,7 +43,7 @@ pub struct Finding {
 
 /// What a workflow could do with the session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Ability {
+pub struct Capability {
     /// The sub-command of `guide`.
     pub command: &'static str,
     /// Whether it would give a result, once nothing is wrong.
@@ -79,7 +79,7 @@ pub struct Check {
     /// Errors first.
     pub findings: Vec<Finding>,
     /// What each command would be able to do, with what could be read.
-    pub abilities: Vec<Ability>,
+    pub abilities: Vec<Capability>,
 }
 
 impl Check {
@@ -121,7 +121,7 @@ pub fn check(dir: &Path) -> Check {
     let mut empty = false;
     if let Some(session) = &session {
         findings.extend(suspicions::of(session));
-        abilities = abilities::of(session);
+        abilities = capabilities::of(session);
         empty = faults.is_empty()
             && session.lateral.is_empty()
             && session.insertion.is_empty()

@@ -26,7 +26,7 @@ fn findings(folder: &TempDir) -> Vec<String> {
     check(folder.path()).findings.iter().map(|finding| finding.to_string().replace(&prefix, "")).collect()
 }
 
-fn ability(check: &Check, command: &str) -> Ability {
+fn ability(check: &Check, command: &str) -> Capability {
     check.abilities.iter().find(|ability| ability.command == command).expect("a command").clone()
 }
 

@@ -1,13 +1,13 @@
-//! Intervals over all members of a class: where the data do not determine which of several effects is missing, intervals of the modulus
-//! and of the tip load include all of them (theory, eq. 66).
+//! Intervals over all models that the data leave in question: members of a class, the model without an effect that was barely named,
+//! the model with one that barely was not (theory, eq. 66).
 //!
-//! Every way to take one member of each class has a fit; its posterior counts with its evidence (Bayesian model averaging, Hoeting
-//! et al. 1999, Statistical Science 14:382). The value that is reported is that of the first member, whose effects the model file has;
-//! the interval is that of the mixture.
+//! Every such model has a fit; its posterior counts with its evidence and the odds that the search gives it beforehand: each effect costs
+//! the margin (Bayesian model averaging, Hoeting et al. 1999, Statistical Science 14:382). So no interval jumps where an effect passes the
+//! margin. The value that is reported is that of the first member, whose effects the model file has; the interval is that of the mixture.
 
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
-use super::search::{Member, one_sided};
+use super::search::{Candidate, Found, one_sided};
 use mechanics::effects::Effect;
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -16,27 +16,43 @@ const MIN_LN_WEIGHT: f64 = -12.0;
 /// Steps of the bisection: enough for rounding to be all that is left.
 const BISECTIONS: usize = 80;
 
-/// Fits that explain the data as well as each other, with their weights.
+/// Fits that the data leave in question, with their weights.
 pub(super) struct Averaged<'a> {
     fits: Vec<(f64, &'a Fitted)>,
 }
 
 impl<'a> Averaged<'a> {
-    /// One fit alone.
-    pub fn single(fitted: &'a Fitted) -> Self {
-        Self { fits: vec![(1.0, fitted)] }
-    }
-
-    /// A fit with the classes of its members.
-    pub fn over(fitted: &'a Fitted, members: &'a [Member]) -> Self {
-        let ln_prior = |of: &Fitted| of.layout.effects.iter().map(|effect| one_sided(*effect)).sum::<f64>();
-        let ln_weight = |of: &Fitted| of.log_evidence + ln_prior(of);
-        let others = members.iter().flat_map(|member| {
-            let own = fitted.layout.effects.get(member.index).map(|effect| effect.id());
-            member.class.iter().filter(move |(effect, _)| Some(effect.id()) != own).map(|(_, fit)| fit)
+    /// The final fit, which is that of what the search found where that has a name and `start` elsewhere, with all others that the search
+    /// has left in question.
+    pub fn over(start: &'a Fitted, found: &'a Found, is_named: bool) -> Self {
+        // Of every effect beyond those of the start: half the range of one that has one sign is as likely as the whole; the margin.
+        let given = start.layout.effects.len();
+        let ln_weight = |of: &Fitted| {
+            let added = of.layout.effects.iter().skip(given);
+            of.log_evidence + added.map(|effect| one_sided(*effect) - found.margin).sum::<f64>()
+        };
+        let own = if is_named { &found.fitted } else { start };
+        let most = ln_weight(own);
+        let mut all = vec![(most, own)];
+        let members = if is_named { found.members.as_slice() } else { &[] };
+        let class = members.iter().flat_map(|member| {
+            let named = found.fitted.layout.effects.get(member.index).map(|effect| effect.id());
+            member.class.iter().filter(move |(effect, _)| Some(effect.id()) != named).map(|(_, fit)| fit)
         });
-        let all: Vec<(f64, &Fitted)> =
-            std::iter::once(fitted).chain(others).map(|of| (ln_weight(of), of)).collect();
+        all.extend(class.map(|fit| (ln_weight(fit), fit)));
+        all.extend(members.iter().map(|member| (ln_weight(&member.without), &member.without)));
+        // What was refused for other reasons than its evidence is no more likely than what was taken.
+        let unused = |candidate: &'a Candidate| {
+            let (fit, _) = candidate.refit.as_ref()?;
+            let is_in_range = !fit.at_bound.contains(&true);
+            let is_new = !all.iter().any(|(_, known)| known.layout.has_effects_of(&fit.layout));
+            (is_in_range && is_new).then(|| (ln_weight(fit).min(most), fit))
+        };
+        // Beside two effects or more, those that were tried alone are far behind.
+        let first = if members.len() > 1 { &[] } else { found.first.as_slice() };
+        let last = if is_named { found.last.as_slice() } else { &[] };
+        let unused: Vec<_> = first.iter().chain(last).filter_map(unused).collect();
+        all.extend(unused);
         let largest = all.iter().map(|(ln, _)| *ln).fold(f64::NEG_INFINITY, f64::max);
         let fits = all.into_iter().filter(|(ln, _)| *ln > largest + MIN_LN_WEIGHT);
         Self { fits: fits.map(|(ln, of)| ((ln - largest).exp(), of)).collect() }
@@ -121,6 +137,43 @@ pub(super) fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::search::{Found, Member};
+    use crate::diagnose::{found_in, tests::truth};
+    use worlds::Design;
+
+    /// One and the same session, with a margin just above and just below the evidence of its best effect.
+    #[test]
+    fn no_interval_jumps_where_an_effect_passes_the_margin() {
+        let session = worlds::session(&truth(vec![("tissue.skin", vec![0.25])]), &Design::four_runs(), 3);
+        let (start, found) = found_in(&session);
+        let best = found.first.first().expect("a candidate");
+        let (fitted, gain) = best.refit.clone().expect("a refit");
+        let member = Member {
+            index: 0,
+            gain,
+            without: start.clone(),
+            class: vec![(best.score.effect, fitted.clone())],
+        };
+        let below = Found { margin: gain + 1e-6, members: Vec::new(), ..found.clone() };
+        let above =
+            Found { fitted: fitted.clone(), members: vec![member], margin: gain - 1e-6, ..below.clone() };
+        let [below, above] = [(below, false), (above, true)].map(|(found, is_named)| {
+            Averaged::over(&start, &found, is_named).modulus_pa().expect("an interval")
+        });
+        for (below, above) in below.iter().zip(above) {
+            assert!((below / above - 1.0).abs() < 1e-3, "{below} {above}");
+        }
+        // Both models are in it.
+        for fit in [&start, &fitted] {
+            let (value_pa, _) = fit.modulus_pa();
+            assert!((below[0]..=below[1]).contains(&value_pa), "{value_pa} in {below:?}");
+        }
+        // Far from the margin one of them is left.
+        let alone = Found { margin: 60.0, members: Vec::new(), ..found };
+        let [low, high] = Averaged::over(&start, &alone, false).modulus_pa().expect("an interval");
+        let (_, own) = start.modulus_pa();
+        assert!((low / own[0] - 1.0).abs() < 1e-6 && (high / own[1] - 1.0).abs() < 1e-6, "{low} {high}");
+    }
 
     #[test]
     fn the_interval_of_a_mixture_holds_as_much_as_it_states() {

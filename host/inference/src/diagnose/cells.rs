@@ -93,6 +93,37 @@ pub(super) fn stood(cells: &Cells, holds: usize) -> Vec<[f64; 2]> {
     sums.into_iter().map(|[y, x, count]| [y / count, x / count]).collect()
 }
 
+/// Where guide 2 was in every cell, vertical and horizontal: in a hold its mean, between holds as read. A reading that lies beyond the
+/// holds on both sides by less than a reversal is noise about them: guide 2 has not gone there and come back.
+pub(super) fn travelled(cells: &Cells, stood_m: &[[f64; 2]], reversal_m: [f64; 2]) -> [Vec<f64>; 2] {
+    let count = cells.hold.len();
+    let mut after = vec![None; count];
+    let mut next = None;
+    for (after, hold) in after.iter_mut().zip(&cells.hold).rev() {
+        next = hold.or(next);
+        *after = next;
+    }
+    let mut before = None;
+    let mut places: [Vec<f64>; 2] = [0, 1].map(|_| Vec::with_capacity(count));
+    for (i, after) in after.into_iter().enumerate() {
+        before = cells.hold[i].or(before);
+        for (plane, places) in places.iter_mut().enumerate() {
+            let read_m = cells.read_m[plane][i];
+            let around = || [before, after].into_iter().flatten().filter_map(|hold| stood_m.get(hold));
+            let low_m = around().map(|m| m[plane]).fold(f64::INFINITY, f64::min);
+            let high_m = around().map(|m| m[plane]).fold(f64::NEG_INFINITY, f64::max);
+            if let Some(stood_m) = cells.hold[i].and_then(|hold| stood_m.get(hold)) {
+                places.push(stood_m[plane]);
+                continue;
+            }
+            let is_noise =
+                low_m <= high_m && (low_m - reversal_m[plane]..=high_m + reversal_m[plane]).contains(&read_m);
+            places.push(if is_noise { read_m.clamp(low_m, high_m) } else { read_m });
+        }
+    }
+    places
+}
+
 /// Cells of every hold.
 pub(super) fn held(cells: &Cells) -> Vec<Range<usize>> {
     let mut start = 0;
@@ -136,4 +167,21 @@ pub(super) fn stretches(cells: &Cells) -> Vec<Range<usize>> {
         start = end;
     }
     stretches
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn guide_2_goes_no_further_than_the_holds_it_is_on_its_way_to() {
+        let read_m = vec![0.0, 0.2, 0.5, 1.02, 1.0, 1.0, 0.99, 1.5, 0.3, 0.0];
+        let hold = vec![Some(0), None, None, None, Some(1), Some(1), None, None, None, Some(2)];
+        let cells = Cells { read_m: [read_m, vec![0.0; 10]], hold, ..Cells::default() };
+        let stood_m = [[0.0; 2], [1.0, 0.0], [0.0; 2]];
+        let [y, x] = travelled(&cells, &stood_m, [0.05; 2]);
+        // 1.02 is noise about the hold; 1.5 is where guide 2 has been.
+        assert_eq!(y, [0.0, 0.2, 0.5, 1.0, 1.0, 1.0, 0.99, 1.5, 0.3, 0.0]);
+        assert_eq!(x, [0.0; 10]);
+    }
 }

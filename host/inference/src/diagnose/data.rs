@@ -4,7 +4,7 @@
 //! stretches of a tenth of a second. Within a hold guide 2 stands at the mean of its readings. Readings far off their
 //! neighbours are skipped; whether they are is judged from the readings alone, never from a model.
 
-use super::cells::{Cells, cells, held, stood, stretches};
+use super::cells::{Cells, cells, held, stood, stretches, travelled};
 use crate::holds::{Hold, HoldCriteria, holds, median, reversal_m, reversal_of_means_m};
 use crate::insertion::{Bin, TipPath};
 use formats::session::{InsertionRun, LateralRun};
@@ -235,22 +235,16 @@ impl Run {
         }
         // Both planes of a channel lie together.
         data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));
+        let reversal_m = cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &held(&cells)));
+        let travelled_m = travelled(&cells, &stood_m, reversal_m);
         let drive = (0..cells.time_s.len()).map(|i| {
-            let at = |plane: usize| match cells.hold[i] {
-                // A plane in which guide 2 stays where it is has nothing but noise in its readings.
-                _ if most_m(plane) <= IDLE_M => idle_m[plane],
-                Some(hold) => stood_m[hold][plane],
-                None => cells.read_m[plane][i],
-            };
+            // A plane in which guide 2 stays where it is has nothing but noise in its readings.
+            let at =
+                |plane: usize| if most_m(plane) <= IDLE_M { idle_m[plane] } else { travelled_m[plane][i] };
             DriveSample { time_s: cells.time_s[i], y_m: at(0), x_m: at(1) }
         });
         let (id, depth_m, drive) = (run.id.clone(), run.depth_m, drive.collect());
-        let experiment = Experiment::Lateral(Lateral {
-            depth_m,
-            drive,
-            shape: points,
-            reversal_m: cells.read_m.each_ref().map(|read_m| reversal_m(read_m, &held(&cells))),
-        });
+        let experiment = Experiment::Lateral(Lateral { depth_m, drive, shape: points, reversal_m });
         Ok(Self {
             id,
             kind: Kind::Lateral,

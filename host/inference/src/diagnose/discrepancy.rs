@@ -1,7 +1,7 @@
 //! What every real rig and tissue leaves behind any model: the patterns of the discrepancy and their everyday sizes.
 //!
 //! A pattern is a direction in the data of one unit of a small imperfection. Those of one [`Group`] have amplitudes of one size,
-//! which the evidence finds anew for every hypothesis ([`Patterns`]): the plain model needs a large discrepancy, the right effect a
+//! which the evidence finds again for every hypothesis ([`Patterns`]): the plain model needs a large discrepancy, the right effect a
 //! small one. Patterns are made once per session, around the fit of the plain model.
 //!
 //! | of | file |
@@ -39,7 +39,7 @@ enum Cause {
     Run,
     /// The instruments alone: zeros, drift, axes, angles, offsets of a run.
     Instrument {
-        /// Whether that changes when needle or tissue are mounted anew.
+        /// Whether that changes when needle or tissue are remounted.
         mounted: bool,
     },
 }
@@ -47,7 +47,7 @@ enum Cause {
 impl Cause {
     const INSTRUMENT: Self = Self::Instrument { mounted: false };
 
-    /// Whether it is new whenever needle or tissue are mounted anew.
+    /// Whether it is new whenever needle or tissue are remounted.
     fn is_mounted(self) -> bool {
         matches!(self, Self::Mounting | Self::Instrument { mounted: true })
     }
@@ -105,7 +105,7 @@ pub(super) fn patterns(
 ) -> Result<Patterns, ModelError> {
     let mut groups = sized(groups(layout, values, runs)?, multiples);
     if layout.reference.is_some() {
-        groups.extend(anew(&groups, runs));
+        groups.extend(remounted(&groups, runs));
     }
     Ok(whitened(groups, runs))
 }
@@ -119,9 +119,9 @@ fn sized(mut groups: Vec<GroupPatterns>, multiples: &Multiples) -> Vec<GroupPatt
     groups
 }
 
-/// What may have changed between the reference and the session because things were mounted anew: the same patterns once more, in the
+/// What may have changed between the reference and the session because things were remounted: the same patterns once more, in the
 /// session alone.
-fn anew(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> {
+fn remounted(groups: &[GroupPatterns], runs: &[Prepared]) -> Vec<GroupPatterns> {
     let mounted = groups.iter().filter(|group| group.cause.is_mounted());
     let of_run = |(patterns, prepared): (&Vec<Vec<f64>>, &Prepared)| {
         if prepared.run.is_reference { Vec::new() } else { patterns.clone() }

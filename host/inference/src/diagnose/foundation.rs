@@ -42,8 +42,8 @@ impl FoundationEvidence {
     }
 }
 
-/// Input of [`beside_discrepancy`].
-pub(crate) struct BesideInput<'a> {
+/// Input of [`fit_with_discrepancy`].
+pub(crate) struct DiscrepancyFitInput<'a> {
     /// Effects with first values of their parameters.
     pub given: &'a [(&'static dyn Effect, Vec<f64>)],
     /// What of the discrepancy is larger than in an ordinary rig.
@@ -56,9 +56,9 @@ pub(crate) struct BesideInput<'a> {
 ///
 /// # Errors
 /// [`DiagnoseError`] where no run can be used or springs have no fit; beside the springs where the body has none.
-pub(crate) fn beside_discrepancy(
+pub(crate) fn fit_with_discrepancy(
     session: &Session,
-    input: &BesideInput<'_>,
+    input: &DiscrepancyFitInput<'_>,
 ) -> Result<(DiscrepantModulus, Option<Result<FoundationEvidence, DiagnoseError>>), DiagnoseError> {
     let (runs, _) = runs_of(session)?;
     let noise = Noise::of(&runs, &session.stated_noise());

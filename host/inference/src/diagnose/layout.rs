@@ -92,7 +92,7 @@ pub(super) struct Layout {
     pub effects: Vec<&'static dyn Effect>,
     /// Depths of the readings of every insertion, in order.
     pub readings_m: Arc<Vec<Vec<f64>>>,
-    /// Needles that were solved lately.
+    /// Needles that were solved recently.
     pub cache: Arc<Cache>,
 }
 
@@ -136,6 +136,12 @@ impl Layout {
         self.readings_m.iter().filter_map(around).reduce(f64::min)
     }
 
+    /// Whether the effects are the same, in whatever order.
+    pub fn has_effects_of(&self, other: &Self) -> bool {
+        let has = |effect: &&'static dyn Effect| self.effects.iter().any(|own| own.id() == effect.id());
+        self.effects.len() == other.effects.len() && other.effects.iter().all(has)
+    }
+
     /// With one effect more.
     pub fn with(&self, effect: &'static dyn Effect) -> Self {
         let mut effects = self.effects.clone();
@@ -143,9 +149,9 @@ impl Layout {
         Self { effects, ..self.clone() }
     }
 
-    /// Whether an effect can be missing with this rig. A rear that is not known and the direction of the bevel in a hand are parameters
+    /// Whether an effect can be added to the model of this rig. An unknown rear and the direction of the bevel in a hand are parameters
     /// of their own.
-    pub fn may_lack(&self, effect: &dyn Effect) -> bool {
+    pub fn is_applicable(&self, effect: &dyn Effect) -> bool {
         let is_parameter = match effect.id() {
             "rig.rear_rotation" => self.rig.rear_is_unknown(),
             "tip.bevel_roll" => self.rig.has_one_guide(),

@@ -51,3 +51,25 @@ fn readings_of_insertions_are_a_millimetre_apart() {
     assert!((0.5e-3..=1.5e-3).contains(&spacing_m), "{spacing_m}");
     assert_eq!([-0.01, 0.2].map(|depth_m| layout.spacing_m(depth_m)), [None; 2]);
 }
+
+/// Through one guide that rests, with a rear of which nothing is known, no modulus is identifiable; where it moves, it is.
+#[test]
+fn a_guide_that_rests_is_a_limit() {
+    let truth = Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: Vec::new(), foreign: None };
+    let rests = |design: Design| {
+        let mut session = session(&truth, &design, 1);
+        session.rig.guides = mechanics::Guides::One { rear_rotation_n_m_per_rad: [None; 2] };
+        session.rig.entry_m -= session.rig.guide2_m;
+        session.rig.guide2_m = 0.0;
+        let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
+        let found = diagnose(&session, &options, |_| {}).expect("a diagnosis");
+        found.limits.iter().any(|limit| limit.contains("not identifiable"))
+    };
+    let only = |mut design: Design, numbers: [usize; 2]| {
+        design.lateral.clear();
+        design.insertion = numbers.map(|number| design.insertion[number].clone()).to_vec();
+        design
+    };
+    assert!(rests(only(Design::insertions(), [0, 2])));
+    assert!(!rests(only(Design::moved_insertions(), [0, 1])));
+}

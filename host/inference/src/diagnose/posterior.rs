@@ -140,7 +140,7 @@ impl Fitted {
         let (value, sd) = (self.values[at], self.sd(at));
         let [least, most] = info.range;
         let at = scale.outside(value);
-        let is_depth = !info.nodes.is_empty() && info.name == "depth_mm" && !of.info().shows.lateral;
+        let is_depth = !info.nodes.is_empty() && info.name == "depth_mm" && !of.info().observable_in.lateral;
         let spacing = if is_depth { self.layout.spacing_m(MM * at).unwrap_or(0.0) / MM } else { 0.0 };
         let end = |sds: f64| {
             let end = scale.outside(value + sds * sd);
@@ -198,6 +198,16 @@ impl Fitted {
         sizes: &[f64],
         columns: &[DMatrix<f64>],
     ) -> Option<DMatrix<f64>> {
+        self.eliminated(patterns, sizes, columns).map(|(left, _)| left)
+    }
+
+    /// The same, and by how much the fitted logarithm of the modulus would move for every column in the data.
+    pub fn eliminated(
+        &self,
+        patterns: &Patterns,
+        sizes: &[f64],
+        columns: &[DMatrix<f64>],
+    ) -> Option<(DMatrix<f64>, Vec<f64>)> {
         let parameters = self.layout.parameters(&self.values);
         let count = parameters.len();
         let joined = |(jacobian, columns): (&DMatrix<f64>, &DMatrix<f64>)| {
@@ -220,7 +230,8 @@ impl Fitted {
         let follow = own.cholesky()?.solve(&across);
         let mut left = all.view((count, count), (rest, rest)).into_owned();
         left.gemm_tr(-1.0, &across, &follow, 1.0);
-        Some(left)
+        let modulus_sd = parameters.first().map_or(0.0, prior_sd);
+        Some((left, follow.row(0).iter().map(|step| modulus_sd * step).collect()))
     }
 
     /// A column (one part per run) less what the parameters could do about it beside noise alone.

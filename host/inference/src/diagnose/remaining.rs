@@ -4,7 +4,7 @@ use super::adequacy::Adequacy;
 use super::evidence::Patterns;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
-use super::results::{Gap, RemainingResult, RemainingSize};
+use super::results::{HeldOutMisfit, RemainingResult, RemainingSize};
 
 /// A size this many times the everyday one is worth a line.
 const ABOVE: f64 = 1.5;
@@ -18,7 +18,7 @@ impl Remaining {
         adequacy: &Adequacy,
         fitted: &Fitted,
         patterns: &Patterns,
-        gap: Option<&Gap>,
+        gap: Option<&HeldOutMisfit>,
     ) -> RemainingResult {
         let change_ln = fitted.change_without_discrepancy(patterns);
         let size = if adequacy.is_within_noise() {

@@ -7,17 +7,19 @@ use super::data::{Channel, Kind, Run};
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, Gap, MeanModulus, Ranked,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus, Ranked,
     ReferenceResult, RegionResult, RemainingResult, SCHEMA, Verdict,
 };
-use super::search::{Found, Member};
+use super::search::{Candidate, Found, Member};
 use super::{Options, next};
 use formats::model_file::{LearnedEffect, ModelFile};
 use formats::session::Session;
-use mechanics::Support;
 use mechanics::effects::{Effect, effect};
+use mechanics::{Experiment, Profile, Support};
 use std::collections::BTreeMap;
 
+/// Evidence that is short of the margin by no more than this is reported: it moves the intervals.
+const NEAR_MARGIN: f64 = 3.0;
 /// Leaders that are reported where nothing is named.
 const PARTIAL: usize = 3;
 
@@ -45,14 +47,14 @@ impl DiagnosisReport<'_> {
     pub fn diagnosis(
         &self,
         regions: Vec<RegionResult>,
-        gap: Option<Gap>,
+        gap: Option<HeldOutMisfit>,
         remaining: RemainingResult,
         warnings: Vec<String>,
     ) -> Diagnosis {
         let Self { verdict, final_fit, adequacy, .. } = *self;
         let members = &self.found.members;
-        let averaged = self.averaged();
         let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
+        let averaged = Averaged::over(self.start, self.found, is_named);
         let classes = members.iter().filter(|member| member.class.len() > 1);
         let next_measurement = classes
             .filter_map(|member| next::next_measurement(&member.class, self.all, self.noise))
@@ -70,6 +72,7 @@ impl DiagnosisReport<'_> {
         } else {
             (modulus_kpa, modulus_ci95_kpa)
         };
+        let near_margin = self.near_margin();
         let tip = final_fit.tip_load_n();
         let touched_m = self.touched_m();
         let mean = final_fit.ln_mean_modulus(touched_m).zip(averaged.mean_modulus_pa(touched_m));
@@ -126,12 +129,13 @@ impl DiagnosisReport<'_> {
             margin: self.found.margin,
             split: self.split.clone(),
             noise: self.noise_result(),
+            near_margin: near_margin.iter().map(|candidate| candidate.id().to_owned()).collect(),
             not_identifiable: first
                 .iter()
                 .filter(|candidate| !candidate.score.is_identifiable)
                 .map(|candidate| candidate.id().to_owned())
                 .collect(),
-            limits: self.limits(),
+            limits: self.limits(&near_margin),
             warnings,
         }
     }
@@ -152,14 +156,6 @@ impl DiagnosisReport<'_> {
             modulus_kpa: Estimate { value: 1e-3 * pa, ci95: pa_ci95.map(|end| 1e-3 * end) },
             modulus_ratio: Estimate { value: ratio, ci95: averaged.ratio().unwrap_or(ratio_ci95) },
         })
-    }
-
-    /// The final fit with all that explain the data as well.
-    fn averaged(&self) -> Averaged<'_> {
-        match self.verdict {
-            Verdict::Named | Verdict::Ambiguous => Averaged::over(self.final_fit, &self.found.members),
-            Verdict::Adequate | Verdict::Unexplained => Averaged::single(self.final_fit),
-        }
     }
 
     fn effect(&self, member: &Member, averaged: &Averaged<'_>) -> FoundEffect {
@@ -225,10 +221,31 @@ impl DiagnosisReport<'_> {
         sds
     }
 
+    /// Effects that were not named for want of a little evidence, best first.
+    fn near_margin(&self) -> Vec<&Candidate> {
+        let margin = self.found.margin;
+        let near = |candidate: &&Candidate| (margin - NEAR_MARGIN..=margin).contains(&candidate.gain());
+        let mut candidates: Vec<&Candidate> = match self.verdict {
+            Verdict::Adequate | Verdict::Unexplained => self.found.first.iter().filter(near).collect(),
+            Verdict::Named | Verdict::Ambiguous => self.found.last.iter().filter(near).collect(),
+        };
+        candidates.truncate(PARTIAL);
+        candidates
+    }
+
     /// What this session could not do, and what would.
-    fn limits(&self) -> Vec<String> {
+    fn limits(&self, near_margin: &[&Candidate]) -> Vec<String> {
         let lateral: Vec<&Run> = self.all.iter().filter(|run| run.kind == Kind::Lateral).collect();
         let mut limits = Vec::new();
+        for candidate in near_margin {
+            limits.push(format!(
+                "{}: log evidence {:+.2} where a name needs {:.2}: not named, but the intervals of K and of the tip load include the model with it; \
+                 another run of each kind would decide",
+                candidate.id(),
+                candidate.gain(),
+                self.found.margin
+            ));
+        }
         if self.held_out == 0 {
             limits.push(
                 "nothing could be held out, so nothing is named: repeat the run, or take a staircase with several holds".to_owned(),
@@ -236,6 +253,13 @@ impl DiagnosisReport<'_> {
         } else if lateral.len() == 1 && self.held_out == 1 {
             limits.push(
                 "there is one lateral run: holds of it were held out; a repeat would be a better proof"
+                    .to_owned(),
+            );
+        }
+        if self.session.rig.rear_is_unknown() && self.all.iter().all(guide2_rests) {
+            limits.push(
+                "guide 2 rests in all insertions and the stiffness of the needle's rear is not known: K and E are not identifiable, their \
+                 intervals depend on what was assumed beforehand; move guide 2 on the way"
                     .to_owned(),
             );
         }
@@ -257,6 +281,14 @@ impl DiagnosisReport<'_> {
             }
         }
         limits
+    }
+}
+
+/// Whether a run is an insertion in which nothing of known size acts on the needle.
+fn guide2_rests(run: &Run) -> bool {
+    match &run.experiment {
+        Experiment::Insertion(done) => done.guide2_m.iter().flatten().all(Profile::is_constant),
+        _ => false,
     }
 }
 

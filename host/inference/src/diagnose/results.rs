@@ -41,7 +41,7 @@ pub struct Diagnosis {
     /// What would separate the members of a class.
     pub next_measurement: Option<NextMeasurement>,
     /// Before and after on what no fit has used.
-    pub gap: Option<Gap>,
+    pub gap: Option<HeldOutMisfit>,
     /// Every effect that was scored, best first.
     pub ranking: Vec<Ranked>,
     /// The model with what was added, where it was written.
@@ -83,6 +83,9 @@ pub struct Diagnosis {
     pub split: String,
     /// Noise that was taken, one standard deviation of a reading.
     pub noise: BTreeMap<String, f64>,
+    /// Effects that were not named for want of at most 3 nats of evidence; the intervals of the modulus and of the tip load include the
+    /// models with them.
+    pub near_margin: Vec<String>,
     /// Effects that are not identifiable from this session.
     pub not_identifiable: Vec<String>,
     /// What the session could not do, and what would.
@@ -219,13 +222,13 @@ pub struct NextMeasurement {
 
 /// Before and after on what no fit has used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Gap {
+pub struct HeldOutMisfit {
     /// The runs that it is from.
     pub heldout_runs: Vec<String>,
     /// Of the model that the diagnosis started from.
-    pub before: GapSide,
+    pub before: Misfit,
     /// Of the final model.
-    pub after: GapSide,
+    pub after: Misfit,
     /// Share of the gap above the noise that went away; nothing where there is no gap.
     pub removed: Option<f64>,
     /// Its interval of 95 %.
@@ -250,7 +253,7 @@ pub struct ResidualPoint {
 
 /// One model's distance from the data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct GapSide {
+pub struct Misfit {
     /// Chi-square per datum.
     pub chi2_reduced: f64,
     /// Root mean square by channel and unit.

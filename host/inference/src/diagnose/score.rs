@@ -14,7 +14,7 @@ use super::evidence::Patterns;
 use super::layout::{Prepared, Scale, prior};
 use super::posterior::Fitted;
 use crate::FitError;
-use mechanics::effects::{EFFECTS, Effect, neutral};
+use mechanics::effects::{EFFECTS, Effect, ParameterInfo, neutral};
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -49,6 +49,22 @@ pub(super) struct Score {
     pub is_identifiable: bool,
 }
 
+/// One amplitude of an effect at one place.
+#[derive(Debug, Clone)]
+pub(super) struct Amplitude {
+    pub effect: &'static dyn Effect,
+    /// Number of its parameter.
+    pub parameter: usize,
+    /// Number and value of the parameter that is a place or a time.
+    pub place: Option<(usize, f64)>,
+    /// Number of its direction.
+    pub column: usize,
+    /// Length of the direction in the parameter inside the fits.
+    pub step: f64,
+    /// Standard deviation of the prior inside the fits.
+    pub prior_sd: f64,
+}
+
 /// Scores of the whole catalogue around a fit.
 #[derive(Debug)]
 pub(super) struct Scores {
@@ -57,6 +73,8 @@ pub(super) struct Scores {
     gram: DMatrix<f64>,
     /// Scalar products of directions and residuals.
     along: DVector<f64>,
+    /// Change of the fitted logarithm of the modulus per amplitude in the data.
+    ln_modulus: Vec<f64>,
 }
 
 /// How far the variance of the noise may be from what was taken: it is estimated itself.
@@ -83,7 +101,7 @@ impl Scores {
                 let infos = effect.parameters().iter().zip(probe);
                 values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
                 let of_run = |(run, plain): (&Prepared, &Vec<f64>)| {
-                    let shows = effect.info().shows;
+                    let shows = effect.info().observable_in;
                     let none = || DVector::zeros(plain.len());
                     if !(if run.run.kind == Kind::Insertion { shows.insertion } else { shows.lateral }) {
                         return none();
@@ -104,8 +122,10 @@ impl Scores {
             };
             (effect, hypotheses_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
         };
-        let unknown: Vec<&'static dyn Effect> =
-            EFFECTS.into_iter().filter(|effect| !known(*effect) && fitted.layout.may_lack(*effect)).collect();
+        let unknown: Vec<&'static dyn Effect> = EFFECTS
+            .into_iter()
+            .filter(|effect| !known(*effect) && fitted.layout.is_applicable(*effect))
+            .collect();
         let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();
         let (mut hypotheses, mut directions) = (Vec::new(), Vec::new());
         for (effect, of_effect) in all {
@@ -118,7 +138,8 @@ impl Scores {
         }
         let count = directions.len();
         if count == 0 {
-            return Ok(Self { hypotheses, gram: DMatrix::zeros(0, 0), along: DVector::zeros(0) });
+            let (gram, along) = (DMatrix::zeros(0, 0), DVector::zeros(0));
+            return Ok(Self { hypotheses, gram, along, ln_modulus: Vec::new() });
         }
         let columns = |(number, residuals): (usize, &Vec<f64>)| {
             let mut columns: Vec<DVector<f64>> =
@@ -129,10 +150,11 @@ impl Scores {
         let columns: Vec<DMatrix<f64>> = fitted.residuals.iter().enumerate().map(columns).collect();
         let everyday = patterns.everyday();
         let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
-        let metric = fitted.beside_parameters(patterns, &sizes, &columns).ok_or(FitError::Undetermined)?;
+        let (metric, ln_modulus) =
+            fitted.eliminated(patterns, &sizes, &columns).ok_or(FitError::Undetermined)?;
         let gram = metric.view((0, 0), (count, count)).into_owned();
         let along = metric.view((0, count), (count, 1)).column(0).into_owned();
-        Ok(Self { hypotheses, gram, along })
+        Ok(Self { hypotheses, gram, along, ln_modulus })
     }
 
     /// The scores of the session, best first.
@@ -169,6 +191,37 @@ impl Scores {
             .collect();
         scores.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
         scores
+    }
+
+    /// Every amplitude of every hypothesis with its own part of the score; in the order of the catalogue.
+    pub fn amplitudes(&self) -> Vec<Amplitude> {
+        let of_hypothesis = |effect: &'static dyn Effect, hypothesis: &Hypothesis| {
+            let infos = effect.parameters();
+            let place = infos.iter().position(|info| !info.nodes.is_empty());
+            let free = infos.iter().enumerate().filter(|(_, info)| info.nodes.is_empty());
+            let columns = hypothesis.columns.iter().zip(&hypothesis.precisions);
+            let of = |(((index, info), probe), (column, precision)): (((usize, &ParameterInfo), _), _)| {
+                let probe: &Vec<f64> = probe;
+                let (column, precision): (&usize, &f64) = (column, precision);
+                let prior_sd = prior(info).sd;
+                Amplitude {
+                    effect,
+                    parameter: index,
+                    place: place.and_then(|place| Some((place, *probe.get(place)?))),
+                    column: *column,
+                    step: precision.sqrt() * prior_sd,
+                    prior_sd,
+                }
+            };
+            free.zip(&hypothesis.probes).zip(columns).map(of).collect::<Vec<_>>()
+        };
+        let all = self.hypotheses.iter();
+        all.flat_map(|(effect, more)| more.iter().flat_map(|one| of_hypothesis(*effect, one))).collect()
+    }
+
+    /// Scalar products of directions with each other, with the residuals, and their change of the logarithm of the modulus.
+    pub fn products(&self) -> (&DMatrix<f64>, &DVector<f64>, &[f64]) {
+        (&self.gram, &self.along, &self.ln_modulus)
     }
 
     /// Largest log evidence that at most `share` of sessions reach that lack nothing: quantile over `draws` parametric draws.

@@ -73,18 +73,22 @@ pub(super) struct Member {
     pub index: usize,
     /// Log evidence over the model without it.
     pub gain: f64,
+    /// The fit without it.
+    pub without: Fitted,
     /// Fits with a competing effect in its place; itself first.
     pub class: Vec<(&'static dyn Effect, Fitted)>,
 }
 
 /// What the search found.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Found {
     pub fitted: Fitted,
     /// The effects of this fit that were added.
     pub members: Vec<Member>,
     /// All effects beside the starting model.
     pub first: Vec<Candidate>,
+    /// All effects beside the last model to which none of them was added; empty where the search ended otherwise.
+    pub last: Vec<Candidate>,
     pub margin: f64,
 }
 
@@ -169,7 +173,7 @@ impl Search<'_> {
     pub fn run(&self, mut report: impl FnMut(&str)) -> Result<Found, FitError> {
         let given = self.start.layout.effects.len();
         let mut current = self.start.clone();
-        let mut first = Vec::new();
+        let (mut first, mut last) = (Vec::new(), Vec::new());
         let mut margin = 0.0;
         while current.layout.effects.len() < given + MAX_EFFECTS {
             let scores = Scores::new(&current, self.runs, self.patterns)?;
@@ -192,9 +196,12 @@ impl Search<'_> {
             let chosen = chosen
                 .and_then(|candidate| candidate.refit.clone().map(|(fit, gain)| (candidate.id(), fit, gain)));
             if first.is_empty() {
-                (first, margin) = (candidates, needed);
+                (first, margin) = (candidates.clone(), needed);
             }
-            let Some((id, fitted, gain)) = chosen else { break };
+            let Some((id, fitted, gain)) = chosen else {
+                last = candidates;
+                break;
+            };
             report(&format!("{id} is missing: log evidence + {gain:.1}, needed {needed:.1}"));
             current = self.without_needless(fitted, given, needed);
             // Where nothing but noise is left there is nothing to be explained.
@@ -222,7 +229,7 @@ impl Search<'_> {
             current = less;
             members = self.members(&current, &first, given, margin)?;
         }
-        Ok(Found { fitted: current, members, first, margin })
+        Ok(Found { fitted: current, members, first, last, margin })
     }
 
     /// Whether an effect may be added: its evidence, its share of what is left, its interval, its range, the held-out misfit.
@@ -289,6 +296,10 @@ impl Search<'_> {
                 (base, candidates)
             };
             let own = fitted.log_evidence - base.log_evidence + one_sided(effect);
+            // Where a name leaves nearly all of the held-out misfit the model is far from exact, and odds that assume it exact separate
+            // nothing: whatever the evidence supports is in the class.
+            let is_weak =
+                self.judge.held_out_share(&base, fitted).is_some_and(|share| share < SHARE_OF_STRONG);
             let mut class = vec![(effect, fitted.clone(), own)];
             for candidate in &candidates {
                 let Some((other, gain)) = &candidate.refit else { continue };
@@ -298,7 +309,8 @@ impl Search<'_> {
                 }
                 let apart = (stacked(&other.residuals) - stacked(&fitted.residuals)).norm_squared();
                 let behind = own - gain;
-                if behind < CLASS || (behind < CLASS_ALIKE && apart < ALIKE) {
+                let is_supported = is_weak && *gain > margin;
+                if behind < CLASS || (behind < CLASS_ALIKE && apart < ALIKE) || is_supported {
                     class.push((candidate.score.effect, other.clone(), *gain));
                 }
             }
@@ -310,7 +322,7 @@ impl Search<'_> {
             };
             class.sort_by(|a, b| misfit(a).total_cmp(&misfit(b)));
             let class = class.into_iter().map(|(effect, fitted, _)| (effect, fitted)).collect();
-            members.push(Member { index, gain: own, class });
+            members.push(Member { index, gain: own, without: base, class });
         }
         Ok(members)
     }

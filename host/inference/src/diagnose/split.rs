@@ -10,7 +10,7 @@ use super::evidence::Patterns;
 use super::layout::{Prepared, differences};
 use super::noise::Noise;
 use super::posterior::{self, Fitted};
-use super::results::{Gap, GapSide, ResidualPoint};
+use super::results::{HeldOutMisfit, Misfit, ResidualPoint};
 use mechanics::{ModelError, predict};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -35,6 +35,8 @@ const EVERY: usize = 4;
 /// Depths and speeds closer than this are repeats of each other.
 const SAME_DEPTH_M: f64 = 0.5e-3;
 const SAME_SPEED_M_PER_S: f64 = 0.2e-3;
+/// A misfit of what was held out is more than chance where it is so many standard deviations above that of noise.
+const CHANCE: f64 = 4.0;
 /// Draws of the bootstrap over held-out parts.
 const DRAWS: usize = 1000;
 
@@ -50,7 +52,7 @@ pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
         }
         let (name, part) = match kind {
             Kind::Lateral => ("lateral runs", "hold"),
-            Kind::Insertion => ("insertions", "stretch of depth"),
+            Kind::Insertion => ("insertions", "interval of depth"),
         };
         let mut repeats = last_of_repeats(&of_kind);
         let mut rule = "of repeated";
@@ -179,15 +181,26 @@ impl Judge {
         posterior::misfit(&self.of_training, &everyday, &self.residuals(fitted)).unwrap_or(f64::INFINITY)
     }
 
+    /// Misfit of what was held out to the physics of a fit, beside noise and instruments; nothing where nothing is held out.
+    fn held_out_misfit(&self, fitted: &Fitted) -> Option<f64> {
+        if self.runs.is_empty() {
+            return None;
+        }
+        let residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
+        posterior::misfit(&self.of_held_out, &self.of_held_out.everyday(), &residuals)
+    }
+
     /// Whether the misfit of what was held out is smaller under the second model; nothing can be accepted where nothing is held out.
     pub fn held_out_shrinks(&self, before: &Fitted, after: &Fitted) -> bool {
-        let everyday = self.of_held_out.everyday();
-        let misfit = |fitted: &Fitted| {
-            let residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
-            posterior::misfit(&self.of_held_out, &everyday, &residuals)
-        };
-        !self.runs.is_empty()
-            && misfit(before).zip(misfit(after)).is_some_and(|(before, after)| after < before)
+        let misfits = self.held_out_misfit(before).zip(self.held_out_misfit(after));
+        misfits.is_some_and(|(before, after)| after < before)
+    }
+
+    /// Share of the misfit above noise of what was held out that the second model removes; nothing where it is no more than chance.
+    pub fn held_out_share(&self, before: &Fitted, after: &Fitted) -> Option<f64> {
+        let count = self.runs.iter().map(|run| run.run.data.len()).sum::<usize>() as f64;
+        let (before, after) = self.held_out_misfit(before).zip(self.held_out_misfit(after))?;
+        (before > count + CHANCE * (2.0 * count).sqrt()).then(|| (before - after) / (before - count))
     }
 
     /// How far two models are from what was held out, and how much of the removable misfit the second one removes. Nothing where
@@ -195,7 +208,12 @@ impl Judge {
     ///
     /// # Errors
     /// Where a model cannot be evaluated.
-    pub fn gap(&self, before: &Fitted, after: &Fitted, seed: u64) -> Result<Option<Gap>, ModelError> {
+    pub fn gap(
+        &self,
+        before: &Fitted,
+        after: &Fitted,
+        seed: u64,
+    ) -> Result<Option<HeldOutMisfit>, ModelError> {
         if self.runs.is_empty() {
             return Ok(None);
         }
@@ -210,7 +228,7 @@ impl Judge {
                 n += before.parts[part].1 as f64;
             }
             // Only a gap that is more than chance can be removed.
-            (b > n + 4.0 * (2.0 * n).sqrt()).then(|| ((b - a) / (b - n)).min(1.0))
+            (b > n + CHANCE * (2.0 * n).sqrt()).then(|| ((b - a) / (b - n)).min(1.0))
         };
         let count = before.parts.len();
         let share = removed(&mut (0..count));
@@ -224,7 +242,7 @@ impl Judge {
         draws.sort_by(f64::total_cmp);
         let quantile = |p: f64| draws.get(((draws.len() as f64 - 1.0) * p).round() as usize).copied();
         let interval = share.and(quantile(0.025).zip(quantile(0.975))).map(|(low, high)| [low, high]);
-        Ok(Some(Gap {
+        Ok(Some(HeldOutMisfit {
             heldout_runs: self.runs.iter().map(|run| run.run.id.clone()).collect(),
             before: before.side(),
             after: after.side(),
@@ -311,13 +329,13 @@ impl Tally {
         self.parts.extend(parts.into_iter().filter(|(_, count)| *count > 0));
     }
 
-    fn side(&self) -> GapSide {
+    fn side(&self) -> Misfit {
         let (sum, count) =
             self.parts.iter().fold((0.0, 0), |(s, n), (square, count)| (s + square, n + count));
         let rmse = self.channels.iter().map(|(channel, square, count)| {
             let name = format!("{}_{}", channel.name(), channel.unit().to_lowercase());
             (name, channel.per_si() * (square / *count as f64).sqrt())
         });
-        GapSide { chi2_reduced: sum / count as f64, rmse: rmse.collect() }
+        Misfit { chi2_reduced: sum / count as f64, rmse: rmse.collect() }
     }
 }

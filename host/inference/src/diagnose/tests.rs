@@ -1,10 +1,11 @@
 //! The workflow on blind sessions: a small part of what `cargo xtask study diagnose` does.
 
+use super::whiten::Whitener;
 use super::*;
 use mechanics::effects::effect;
 use worlds::{Design, Foreign, LateralPlan, Truth, session};
 
-fn truth(effects: Vec<(&'static str, Vec<f64>)>) -> Truth {
+pub(super) fn truth(effects: Vec<(&'static str, Vec<f64>)>) -> Truth {
     Truth { k_kpa: 12.0, tip_load_n: 0.2, effects, foreign: None }
 }
 

@@ -5,8 +5,8 @@ use super::averaged::interval;
 use super::layout::Scale;
 use super::posterior::Fitted;
 use super::{
-    BesideInput, DiagnoseError, FitError, Layout, MAX_ROUNDS, Noise, Noises, Session, Support, fit_start,
-    runs_of,
+    DiagnoseError, DiscrepancyFitInput, FitError, Layout, MAX_ROUNDS, Noise, Noises, Session, Support,
+    fit_start, runs_of,
 };
 use mechanics::effects::effect;
 use rayon::prelude::*;
@@ -39,7 +39,7 @@ pub(crate) struct TwoLayers {
 /// [`DiagnoseError`] where no run can be used or no start has a fit.
 pub(crate) fn two_layers(
     session: &Session,
-    input: &BesideInput<'_>,
+    input: &DiscrepancyFitInput<'_>,
     starts: &[[f64; 3]],
 ) -> Result<TwoLayers, DiagnoseError> {
     let layers = effect("tissue.layers").ok_or(FitError::Undetermined)?;

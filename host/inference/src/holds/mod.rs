@@ -1,7 +1,7 @@
 //! From a lateral run's time series to its displacement holds.
 //!
 //! A run ramps guide 2 sideways, holds it, and comes back, with any number of holds on the way. [`holds`](fn@holds) finds the
-//! holds, gives each its mean displacement and force with honest standard errors, and assigns the shape sweeps to them.
+//! holds, gives each its mean displacement and force with standard errors from its own scatter, and assigns the shape sweeps to them.
 
 mod detection;
 mod motion;
@@ -12,10 +12,10 @@ mod unused;
 pub use detection::{HoldCriteria, HoldSpan, find_holds, find_marked_holds, trimmed_s};
 pub use motion::{reversal_m, reversal_of_means_m};
 pub use statistics::{Mean, mean, median};
-pub use unused::{BEYOND_TIP_M, Unused, summary, unused, unused_of_session};
+pub use unused::{BEYOND_TIP_M, UnusedPart, summary, unused, unused_of_session};
 
 use formats::session::LateralRun;
-use sweeps::Stray;
+use sweeps::UnassignedPoints;
 
 /// Where a level lies on the way of guide 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,7 +77,7 @@ pub fn holds(run: &LateralRun, criteria: &HoldCriteria) -> Vec<Hold> {
 }
 
 /// The levels, and the shape points that belong to none.
-fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<Stray>) {
+fn survey(run: &LateralRun, criteria: &HoldCriteria) -> (Vec<Hold>, Vec<UnassignedPoints>) {
     let force = &run.force;
     let mut planes = vec![force.displacement_y_m.as_slice()];
     planes.extend(force.displacement_x_m.as_deref());

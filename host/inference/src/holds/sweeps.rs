@@ -19,7 +19,7 @@ const PAUSE_STEPS: f64 = 5.0;
 
 /// Why shape points belong to no hold.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Stray {
+pub(super) struct UnassignedPoints {
     /// First and last time.
     pub time_s: [f64; 2],
     /// Number of points.
@@ -36,7 +36,7 @@ pub(super) fn assign(
     shape: &ShapeSeries,
     force: &ForceSeries,
     criteria: &HoldCriteria,
-) -> Vec<Stray> {
+) -> Vec<UnassignedPoints> {
     let Some(times_s) = &shape.time_s else {
         if let Some(last) = levels.iter_mut().rev().find(|level| level.path != Path::Zero) {
             last.shape = (0..shape.z_m.len()).collect();
@@ -57,7 +57,7 @@ pub(super) fn assign(
         if !outside.is_empty() {
             let first_s = outside.iter().copied().fold(f64::INFINITY, f64::min);
             let last_s = outside.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            strays.push(Stray {
+            strays.push(UnassignedPoints {
                 time_s: [first_s, last_s],
                 points: outside.len(),
                 is_part: outside.len() < points,

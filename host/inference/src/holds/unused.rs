@@ -1,6 +1,6 @@
 //! What of a recording no result uses, with the reason: every run, hold, sweep and shape point is either used or in this list.
 
-use super::{Hold, HoldCriteria, sweeps::Stray};
+use super::{Hold, HoldCriteria, sweeps::UnassignedPoints};
 use formats::session::{LateralRun, Session};
 use mechanics::Rig;
 use serde::Serialize;
@@ -11,7 +11,7 @@ pub const BEYOND_TIP_M: f64 = 0.5e-3;
 
 /// A part of a lateral run that is not used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Unused {
+pub struct UnusedPart {
     /// The run.
     pub run: String,
     /// `run`, `hold`, `sweep`, or `points` of a sweep.
@@ -24,7 +24,7 @@ pub struct Unused {
     pub reason: String,
 }
 
-impl fmt::Display for Unused {
+impl fmt::Display for UnusedPart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { part, time_s, count, reason, .. } = self;
         write!(f, "{part} ")?;
@@ -38,7 +38,7 @@ impl fmt::Display for Unused {
     }
 }
 
-impl Unused {
+impl UnusedPart {
     /// A whole run.
     pub fn run(run: &LateralRun, reason: String) -> Self {
         Self { run: run.id.clone(), part: "run", time_s: None, count: run.shape.z_m.len(), reason }
@@ -46,11 +46,11 @@ impl Unused {
 }
 
 /// What of a run is not used: holds with lost samples, sweeps and points of sweeps that belong to no hold or lie off the needle.
-pub fn unused(run: &LateralRun, rig: &Rig, criteria: &HoldCriteria) -> Vec<Unused> {
+pub fn unused(run: &LateralRun, rig: &Rig, criteria: &HoldCriteria) -> Vec<UnusedPart> {
     let (levels, strays) = super::survey(run, criteria);
     let of_holds = levels.iter().enumerate().filter(|(_, level)| level.lost_samples > 0);
-    let mut found: Vec<Unused> = of_holds
-        .map(|(number, level)| Unused {
+    let mut found: Vec<UnusedPart> = of_holds
+        .map(|(number, level)| UnusedPart {
             run: run.id.clone(),
             part: "hold",
             time_s: Some(level.time_s),
@@ -62,7 +62,7 @@ pub fn unused(run: &LateralRun, rig: &Rig, criteria: &HoldCriteria) -> Vec<Unuse
             ),
         })
         .collect();
-    found.extend(strays.into_iter().map(|Stray { time_s, points, is_part, reason }| Unused {
+    found.extend(strays.into_iter().map(|UnassignedPoints { time_s, points, is_part, reason }| UnusedPart {
         run: run.id.clone(),
         part: if is_part { "points" } else { "sweep" },
         time_s: Some(time_s),
@@ -74,12 +74,12 @@ pub fn unused(run: &LateralRun, rig: &Rig, criteria: &HoldCriteria) -> Vec<Unuse
 }
 
 /// What of all lateral runs of a session is not used.
-pub fn unused_of_session(session: &Session, criteria: &HoldCriteria) -> Vec<Unused> {
+pub fn unused_of_session(session: &Session, criteria: &HoldCriteria) -> Vec<UnusedPart> {
     session.lateral.iter().flat_map(|run| unused(run, &session.rig, criteria)).collect()
 }
 
 /// What of one run is not used: one line for every part and reason, however many there are.
-pub fn summary(unused: &[Unused]) -> Vec<String> {
+pub fn summary(unused: &[UnusedPart]) -> Vec<String> {
     let mut lines = Vec::new();
     let mut done: Vec<(&str, &str)> = Vec::new();
     for first in unused {
@@ -106,7 +106,7 @@ pub fn summary(unused: &[Unused]) -> Vec<String> {
 }
 
 /// Points of a hold that lie behind guide 1 or beyond the tip.
-fn off_needle(run: &LateralRun, rig: &Rig, level: &Hold) -> Option<Unused> {
+fn off_needle(run: &LateralRun, rig: &Rig, level: &Hold) -> Option<UnusedPart> {
     let tip_m = rig.entry_m + run.depth_m;
     let is_off = |index: &&usize| {
         run.shape.z_m.get(**index).is_some_and(|z_m| !(0.0..=tip_m + BEYOND_TIP_M).contains(z_m))
@@ -114,7 +114,7 @@ fn off_needle(run: &LateralRun, rig: &Rig, level: &Hold) -> Option<Unused> {
     let off: Vec<usize> = level.shape.iter().filter(is_off).copied().collect();
     let times_s = off.iter().filter_map(|index| run.shape.time_s.as_ref()?.get(*index)).copied();
     let time_s = times_s.clone().next().map(|first_s| [first_s, times_s.last().unwrap_or(first_s)]);
-    (!off.is_empty()).then(|| Unused {
+    (!off.is_empty()).then(|| UnusedPart {
         run: run.id.clone(),
         part: "points",
         time_s,

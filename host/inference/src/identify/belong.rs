@@ -7,7 +7,7 @@
 
 use super::{Fitted, RunError, RunResult};
 use crate::LateralData;
-use crate::holds::Unused;
+use crate::holds::UnusedPart;
 use formats::session::LateralRun;
 
 /// Multiple of the residuals of the other runs of a depth beyond which a run cannot belong to them.
@@ -87,7 +87,7 @@ pub(super) fn set_apart(
     runs: &mut [RunResult],
     fitted: &mut Vec<Fitted>,
     warnings: &mut Vec<String>,
-) -> Vec<Unused> {
+) -> Vec<UnusedPart> {
     let mut good: Vec<&mut RunResult> = runs.iter_mut().filter(|run| run.error.is_none()).collect();
     let misfits: Vec<Misfit> =
         good.iter().zip(fitted.iter()).map(|(run, fitted)| misfit(run, fitted)).collect();
@@ -102,7 +102,7 @@ pub(super) fn set_apart(
         warnings.push(format!("run {} is excluded from the pool: {reason}", run.id));
         run.skipped = Some(reason.clone());
         let points = run.holds.iter().map(|hold| hold.shape_points).sum();
-        unused.push(Unused {
+        unused.push(UnusedPart {
             run: run.id.clone(),
             part: "run",
             time_s: None,

@@ -2,9 +2,9 @@
 //! (theory, eq. 30).
 
 use super::fitting::{Estimate, NORMAL_975, fit_alone};
-use super::model_error::{Beside, with_model_error};
+use super::model_error::{DiscrepancyFits, with_model_error};
 use super::options::TissueModel;
-use super::{Fitted, Options, Pooled, YoungsModulus, pool};
+use super::{Fitted, Layers, Options, Pooled, YoungsModulus, pool};
 use crate::diagnose::{self, DiscrepantModulus};
 use crate::{FitError, LateralData};
 use formats::session::FoundationKind;
@@ -62,7 +62,8 @@ impl From<Option<FoundationKind>> for diagnose::FoundationChoice {
 pub struct FoundationResult {
     /// `springs` or `body`: what Young's modulus is from.
     pub used: &'static str,
-    /// `stated`, `evidence` where both were compared, or `default` where they could not be: springs.
+    /// `stated`, `evidence` where both were compared, `layers` where both were compared with two layers and these are established, or
+    /// `default` where they could not be: springs.
     pub by: &'static str,
     /// Logarithm of the evidence of the body less that of the springs, with the everyday discrepancy that a diagnosis allows for;
     /// nothing where they were not compared.
@@ -89,11 +90,22 @@ pub struct BodyResult {
 }
 
 impl FoundationResult {
+    /// Follows the choice of two layers where these are established and the tissue is not stated: what one modulus explains better as
+    /// springs or as a body does not apply to tissue that has two.
+    pub(super) fn with_layers(mut self, layers: Option<&Layers>, tissue: TissueModel) -> Self {
+        let established = layers.filter(|found| found.established && found.body_log_evidence_gain.is_some());
+        if let (Some(layers), FoundationChoice::Auto) = (established, tissue.foundation) {
+            (self.used, self.by) = (layers.foundation, "layers");
+        }
+        self
+    }
+
     /// What the tissue was modelled as, why, and what the other foundation gives: one sentence each, for people.
     pub fn sentences(&self, springs: &Pooled, youngs: &YoungsModulus) -> Vec<String> {
         let is_body = self.body.as_ref().is_some_and(|body| self.used == body.support().name());
         let used = if is_body { "an elastic body" } else { "springs" };
         let why = match (self.log_evidence_gain, self.log_evidence_margin) {
+            _ if self.by == "layers" => "by the evidence of two layers".to_owned(),
             (Some(gain), Some(margin)) => format!(
                 "by evidence (an elastic body {gain:+.1} nats against springs, more than {margin:+.1} needed)"
             ),
@@ -133,7 +145,7 @@ pub(super) const VARIED_ERROR: f64 = 1e-2;
 /// The body fitted to the runs that the springs were fitted to, and which of the two is used; where that is the body also the runs
 /// as of a body.
 pub(super) fn compare(
-    beside: Option<&Result<Beside, String>>,
+    beside: Option<&Result<DiscrepancyFits, String>>,
     runs: &[Fitted],
     options: &Options,
     tissue: TissueModel,
@@ -162,9 +174,9 @@ pub(super) fn compare(
         }
     };
     let evidence = match beside {
-        Some(Ok(Beside { body: Some(evidence), .. })) => evidence.clone(),
+        Some(Ok(DiscrepancyFits { body: Some(evidence), .. })) => evidence.clone(),
         Some(Err(why)) => Err(why.clone()),
-        Some(Ok(Beside { body: None, .. })) | None => Err("it was not fitted".to_owned()),
+        Some(Ok(DiscrepancyFits { body: None, .. })) | None => Err("it was not fitted".to_owned()),
     };
     let body = match &evidence {
         Ok(evidence) if options.model_error => body.with_model_error(evidence.body),
@@ -238,7 +250,7 @@ fn body(
     let mut notes = Vec::new();
     let own = fitted(runs, tissue.body())?;
     let pooled = pool::pool(&own, &plain, &mut notes);
-    warnings.extend(notes.into_iter().map(|note| format!("elastic body, where K stands for E: {note}")));
+    warnings.extend(notes.into_iter().map(|note| format!("elastic body (here K means E): {note}")));
     let value = pooled.k_kpa;
     let mut by_poisson = 0.0;
     if let Some(other) = tissue.other_body() {

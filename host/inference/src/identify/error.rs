@@ -51,7 +51,7 @@ pub enum RunError {
         displacement_mm: f64,
     },
     /// Near the surface the needle follows guide 2; here it goes the other way.
-    #[error("{}: deflection_y_mm: {slope:.2} times the displacement of guide 2 near the surface, expected a needle that follows it; is the sign of the shape or of the displacement turned?", path.display())]
+    #[error("{}: deflection_y_mm: {slope:.2} times the displacement of guide 2 near the surface, expected a needle that follows it; is the sign of the shape or of the displacement reversed?", path.display())]
     ShapeSign {
         /// The shape file.
         path: PathBuf,

@@ -9,13 +9,15 @@ use super::fitting::{K_RANGE_PA, NORMAL_975, ln_k_parameter};
 use super::model_error::for_diagnosis;
 use super::options::TissueModel;
 use super::{Fitted, FoundationChoice, Likelihood, Options};
-use crate::diagnose::{BesideInput, FOUNDATION_MARGIN, Interval, TwoLayers, two_layers};
+use crate::diagnose::{DiscrepancyFitInput, FOUNDATION_MARGIN, Interval, TwoLayers, two_layers};
 use crate::{Fit, LateralData, Parameter, fit};
 use formats::session::Session;
 use mechanics::Support;
 use mechanics::effects::{Effect, effect};
 use serde::Serialize;
 
+/// Log evidence of two layers over the best single modulus that establishes them, as a diagnosis requires of an effect.
+const ESTABLISHED: f64 = 5.0;
 /// Moduli of a body's layers differ by such a factor at most.
 const BODY_CONTRAST: f64 = 11.5;
 /// Starts of the boundary.
@@ -48,6 +50,11 @@ pub struct Layers {
     pub log_evidence_gain: Option<f64>,
     /// Logarithm of the evidence of a body of two layers less that of springs of two layers; nothing where they were not compared.
     pub body_log_evidence_gain: Option<f64>,
+    /// Logarithm of the evidence of two layers less that of the better of springs and body with one modulus; nothing where it was not
+    /// computed.
+    pub log_evidence_over_single: Option<f64>,
+    /// Whether two layers explain the runs better than any single modulus, by at least 5 nats; then no single Young's modulus is reported.
+    pub established: bool,
 }
 
 /// Boundaries closer than this are one start.
@@ -85,7 +92,7 @@ pub(super) fn layers(
             Support::Springs => None,
             Support::Body { poisson } => Some(poisson),
         };
-        let input = BesideInput { given: &given, discrepancy: &options.discrepancy, body };
+        let input = DiscrepancyFitInput { given: &given, discrepancy: &options.discrepancy, body };
         two_layers(&used, &input, &by_noise.starts()).ok()
     };
     let found = supports.into_iter().filter_map(|support| {
@@ -184,6 +191,16 @@ fn widened((value, ends): Interval, by: f64) -> [f64; 2] {
 }
 
 impl Layers {
+    /// Compared with the better single modulus: `single_body_gain` is the log evidence of a body of one modulus less that of springs of
+    /// one.
+    pub(super) fn over_single(mut self, single_body_gain: Option<f64>) -> Self {
+        let body_ahead = single_body_gain.unwrap_or(0.0);
+        let other_ahead = if self.foundation == "body" { -body_ahead } else { body_ahead };
+        self.log_evidence_over_single = self.log_evidence_gain.map(|gain| gain - other_ahead.max(0.0));
+        self.established = self.log_evidence_over_single.is_some_and(|gain| gain >= ESTABLISHED);
+        self
+    }
+
     fn with_discrepancy(found: &TwoLayers, support: Support, by_poisson: f64, chi_square_gain: f64) -> Self {
         let operator = if support.is_body() { VARIED_ERROR } else { 0.0 };
         let sd_ln = |[low, high]: [f64; 2]| 0.5 * (high / low).ln() / NORMAL_975;
@@ -209,6 +226,8 @@ impl Layers {
             chi_square_gain,
             log_evidence_gain: Some(found.log_evidence_gain),
             body_log_evidence_gain: None,
+            log_evidence_over_single: None,
+            established: false,
         }
     }
 
@@ -250,6 +269,44 @@ impl Layers {
             chi_square_gain: single_chi_square - fit.chi_square,
             log_evidence_gain: None,
             body_log_evidence_gain: None,
+            log_evidence_over_single: None,
+            established: false,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn layers(foundation: &'static str, gain: Option<f64>) -> Layers {
+        Layers {
+            foundation,
+            upper: Likelihood::default(),
+            lower: Likelihood::default(),
+            k_ratio: 2.0,
+            k_ratio_ci95: [1.8, 2.2],
+            boundary_mm: 15.0,
+            boundary_sd_mm: 1.0,
+            boundary_ci95_mm: [13.0, 17.0],
+            chi_square_gain: 50.0,
+            log_evidence_gain: gain,
+            body_log_evidence_gain: None,
+            log_evidence_over_single: None,
+            established: false,
+        }
+    }
+
+    #[test]
+    fn layers_are_established_against_the_better_single_modulus() {
+        // Springs of two layers 12 nats ahead of springs of one, in what a body of one modulus explains 10 nats better.
+        let over = layers("springs", Some(12.0)).over_single(Some(10.0));
+        assert_eq!((over.log_evidence_over_single, over.established), (Some(2.0), false));
+        let over = layers("springs", Some(12.0)).over_single(Some(-10.0));
+        assert_eq!((over.log_evidence_over_single, over.established), (Some(12.0), true));
+        let over = layers("body", Some(12.0)).over_single(Some(-10.0));
+        assert_eq!((over.log_evidence_over_single, over.established), (Some(2.0), false));
+        assert!(layers("body", Some(6.0)).over_single(None).established);
+        assert!(!layers("body", None).over_single(Some(3.0)).established);
     }
 }

@@ -8,12 +8,12 @@
 use super::fitting::NORMAL_975;
 use super::options::TissueModel;
 use super::{Fitted, FoundationChoice, NoiseAlone, Options, Pooled};
-use crate::diagnose::{BesideInput, DiscrepantModulus, FoundationEvidence, beside_discrepancy};
+use crate::diagnose::{DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, fit_with_discrepancy};
 use formats::session::Session;
 use mechanics::effects::Effect;
 
 /// The runs that are used, fitted beside the discrepancy.
-pub(super) struct Beside {
+pub(super) struct DiscrepancyFits {
     /// As springs.
     pub springs: DiscrepantModulus,
     /// As a body, unless the tissue is stated to be springs.
@@ -21,17 +21,17 @@ pub(super) struct Beside {
 }
 
 /// Fits the runs that are used beside the discrepancy.
-pub(super) fn beside(
+pub(super) fn fit(
     session: &Session,
     runs: &[Fitted],
     options: &Options,
     tissue: TissueModel,
-) -> Result<Beside, String> {
+) -> Result<DiscrepancyFits, String> {
     let (used, given) = for_diagnosis(session, runs, options)?;
     let body = (tissue.foundation != FoundationChoice::Springs).then_some(tissue.poisson);
-    let input = BesideInput { given: &given, discrepancy: &options.discrepancy, body };
-    let (springs, body) = beside_discrepancy(&used, &input).map_err(|why| why.to_string())?;
-    Ok(Beside { springs, body: body.map(|found| found.map_err(|why| why.to_string())) })
+    let input = DiscrepancyFitInput { given: &given, discrepancy: &options.discrepancy, body };
+    let (springs, body) = fit_with_discrepancy(&used, &input).map_err(|why| why.to_string())?;
+    Ok(DiscrepancyFits { springs, body: body.map(|found| found.map_err(|why| why.to_string())) })
 }
 
 /// Effects with first values of their parameters.

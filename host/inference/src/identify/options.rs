@@ -4,6 +4,7 @@ use super::FoundationChoice;
 use crate::diagnose::{INCOMPRESSIBLE, Multiples};
 use crate::holds::HoldCriteria;
 use crate::modulus::Relation;
+use formats::prior_file::ModulusPrior;
 use formats::session::Session;
 use mechanics::Support;
 use mechanics::continuum::Contact;
@@ -79,6 +80,8 @@ pub struct Options {
     pub bootstrap: usize,
     /// Seed of the draws.
     pub seed: u64,
+    /// What many sessions predict of K; the result with it stands beside the one without.
+    pub prior: Option<ModulusPrior>,
 }
 
 impl Default for Options {
@@ -97,6 +100,7 @@ impl Default for Options {
             profile: false,
             bootstrap: 0,
             seed: 1,
+            prior: None,
         }
     }
 }

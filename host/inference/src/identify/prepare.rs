@@ -4,7 +4,7 @@ use super::belong::check_shape_sign;
 use super::{HoldResult, NoiseResult, Options, RunError};
 use crate::energy::{Balance, MIN_POINTS};
 use crate::holds::{BEYOND_TIP_M, Hold, HoldCriteria, Mean, Path, holds, reversal_m, summary, unused};
-use crate::{DisplacementHistory, Fixed, HoldData, LateralData, Measured, ShapeDatum};
+use crate::{DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum};
 use formats::session::{LateralRun, Session};
 use mechanics::Support;
 use mechanics::effects::{Effect, effect};
@@ -17,6 +17,10 @@ pub(super) const MIN_SHAPE_SD_M: f64 = 1e-6;
 /// No displacement and no force is known better than this.
 const MIN_DISPLACEMENT_SD_M: f64 = 1e-6;
 const MIN_FORCE_SD_N: f64 = 1e-4;
+/// What the zero of a force drifts after a tare, N: as much as a diagnosis allows for.
+pub(crate) const TARED_ZERO_SD_N: f64 = 0.01;
+/// Zero of a force cell that was not tared, N: 2 % of a rated range of 5 N, as data sheets state it for the zero balance.
+const ZERO_SD_N: f64 = 0.1;
 /// How an only guide gives.
 const REAR_ROTATION: &str = "rig.rear_rotation";
 /// Least time between rows of a run's course.
@@ -53,6 +57,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         return Err(RunError::TooFewPoints { path: run.shape_path.clone(), found: inside });
     }
 
+    let force_zero = force_zero(session, run, used.len() > displaced.len(), &mut warnings);
     let stated_shape_m = run.shape.typical_sd_m().or(session.noise.shape_m);
     let shape_sd_m = stated_shape_m.unwrap_or(FIRST_SHAPE_SD_M);
     let data = LateralData {
@@ -62,7 +67,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         planes,
         levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
         shape_sd_m,
-        force_offset: used.len() > displaced.len(),
+        force_zero,
         // A force determines the stiffness of needle and tissue together, and nothing where neither is known.
         uses_force: session.rig.needle.stiffness_known,
         effects: nuisances(session, options),
@@ -72,9 +77,6 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
             first_plane: 0,
         }),
     };
-    if !data.force_offset {
-        warnings.push("no hold at zero displacement: the force sensor's zero is assumed right".to_owned());
-    }
     let mut balances = balances(&used, &noise, planes, shape_of);
     check_sign(run, &balances)?;
     check_shape_sign(run, &data)?;
@@ -100,6 +102,26 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         known_noise: stated.force_n.is_some() && stated.displacement_m.is_some() && stated_shape_m.is_some(),
         warnings,
     })
+}
+
+/// What is known of the force's zero: from a hold at zero displacement, or else assumed as well as the session states it, with a warning.
+fn force_zero(session: &Session, run: &LateralRun, measured: bool, warnings: &mut Vec<String>) -> ForceZero {
+    if measured {
+        return ForceZero::Measured;
+    }
+    let (sd_n, because) = match (session.noise.force_zero_n, run.provenance.tared) {
+        (Some(sd_n), _) => (sd_n, "as `force_zero_n` states"),
+        (None, Some(true)) => (TARED_ZERO_SD_N, "what drifts after a tare"),
+        (None, Some(false)) => (ZERO_SD_N, "as the force was not tared: record a hold at zero displacement"),
+        (None, None) => (
+            ZERO_SD_N,
+            "as the session does not state `tared = true` of the run, or `force_zero_n` of the rig",
+        ),
+    };
+    warnings.push(format!(
+        "no hold at zero displacement: the force's zero is assumed to within {sd_n} N, {because}"
+    ));
+    ForceZero::assumed(sd_n)
 }
 
 /// What was requested, and how the needle turns in an only guide of which that is not known.

@@ -5,7 +5,9 @@
 
 use super::fitting::{NORMAL_975, student_975};
 use super::options::TissueModel;
-use super::{Fitted, FoundationResult, Options, Pooled, RelationResult, YoungsBy, YoungsModulus, pool};
+use super::{
+    Fitted, FoundationResult, Layers, Options, Pooled, RelationResult, YoungsBy, YoungsModulus, pool,
+};
 use crate::LateralData;
 use crate::modulus::Relation;
 use crate::relation::{RELATIVE_ERROR, Run, youngs_modulus_pa};
@@ -187,7 +189,7 @@ impl<'s> Youngs<'s> {
         if let Some((_, p)) = found.filter(|(_, p)| *p < IMPROBABLE) {
             warnings.push(format!(
                 "Young's modulus by `{}` differs from depth to depth beyond noise ({}): its interval is widened; tissue that varies \
-                 with depth, or a needle that is held otherwise, does this",
+                 with depth, or a needle that is held differently from the stated rig, causes this",
                 self.relation.name(),
                 if p < 1e-12 { "p below 1e-12".to_owned() } else { format!("p = {p:.2e}") }
             ));
@@ -274,10 +276,27 @@ pub(super) fn headline(
         _ => {
             let [least, most] = youngs.range_kpa;
             warnings.push(format!(
-                "Young's modulus depends on the relation: {least:.1} to {most:.1} kPa by those known; K does not"
+                "Young's modulus depends on the relation: {least:.1} to {most:.1} kPa over the relations listed; K does not"
             ));
         }
     }
+    youngs
+}
+
+/// No single Young's modulus: two layers explain the runs better than any modulus for all of them.
+pub(super) fn of_layers(mut youngs: YoungsModulus, layers: &Layers) -> YoungsModulus {
+    let gain = layers.log_evidence_over_single.unwrap_or(f64::NAN);
+    let how = if layers.foundation == "body" {
+        "E of each layer is reported instead"
+    } else {
+        "these are springs, whose moduli no relation converts; `guide identify --layers --foundation body` gives E of each layer as of an \
+         elastic body"
+    };
+    (youngs.value, youngs.ci95) = (None, None);
+    youngs.refused = Some(format!(
+        "two layers explain the runs better than a single modulus, by {gain:.1} nats of log evidence: {how}"
+    ));
+    youngs.relations.clear();
     youngs
 }
 

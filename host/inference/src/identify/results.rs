@@ -11,7 +11,8 @@ pub use run::{
 };
 
 use super::{FoundationResult, Layers};
-use crate::holds::Unused;
+use crate::holds::UnusedPart;
+use crate::prior::PriorResult;
 use mechanics::Needle;
 use serde::Serialize;
 
@@ -32,6 +33,9 @@ pub struct Identification {
     pub runs: Vec<RunResult>,
     /// K of all runs together.
     pub pooled: Pooled,
+    /// What many sessions predict of K, and K with it; nothing where it was not given. All else is without it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prior: Option<PriorResult>,
     /// K over the needle's bending stiffness, where that is not known; K itself then refers to the reference needle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub k_per_ei: Option<KPerEi>,
@@ -46,7 +50,7 @@ pub struct Identification {
     /// Comparison with indentation; nothing without such a measurement.
     pub reference: Option<Reference>,
     /// What of the recordings is not used, with its reason.
-    pub unused: Vec<Unused>,
+    pub unused: Vec<UnusedPart>,
     /// Warnings about the numbers.
     pub warnings: Vec<String>,
 }
@@ -107,7 +111,7 @@ impl KPerEi {
     }
 }
 
-/// Profile likelihood of K: all other unknowns fitted anew at every K.
+/// Profile likelihood of K: all other unknowns fitted again at every K.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Profile {
     /// 95 % interval, where chi-square has risen by 3.84; an end that the data do not give is `null`.

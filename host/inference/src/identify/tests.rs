@@ -9,6 +9,7 @@ mod body;
 mod recipe;
 mod rejected;
 mod tissue;
+mod zero;
 
 use recipe::{K_KPA, Recipe, session};
 

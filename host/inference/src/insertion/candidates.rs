@@ -9,7 +9,7 @@ use super::motion::Motion;
 use super::path::TipPath;
 use super::place::{Place, depths};
 use super::rear::{REAR_SHARES, Rear};
-use mechanics::growth::{Acting, GrowingBeam, Guide2Grip};
+use mechanics::growth::{GrowingBeam, Guide2Grip, NodeLoads};
 use mechanics::insertion::{self, grid_m};
 use mechanics::{Guides, Model, ModelError, Plane, Profile};
 use std::collections::HashMap;
@@ -349,7 +349,7 @@ impl Candidates {
             let planes = motion.as_ref()?.each_ref();
             Some([0, 1].map(|plane| {
                 let guide2_m = |node: usize| planes[plane].at_node_m(node);
-                let acting = |node: usize| Acting { load_n: [0.0; 2], guide2_m: guide2_m(node) };
+                let acting = |node: usize| NodeLoads { load_n: [0.0; 2], guide2_m: guide2_m(node) };
                 // What the needle's own bend does is known as well as what guide 2 does.
                 let bent = |node: usize| {
                     insertion::bent(curvature_per_m, &of_plan.rotation_rad, of_plan.nodes_m[node], plane)
@@ -369,7 +369,8 @@ impl Candidates {
     fn plan_responses(&self, growth: &GrowingBeam, plan: &Plan) -> Vec<f64> {
         let nodes_m = growth.depths_m();
         let directed = self.layout.direction;
-        let held = |guide2_m: [f64; 2]| under(growth, &|_| Acting { load_n: [0.0; 2], guide2_m }, directed);
+        let held =
+            |guide2_m: [f64; 2]| under(growth, &|_| NodeLoads { load_n: [0.0; 2], guide2_m }, directed);
         let mut all = held([1.0; 2]);
         // Springs rest where the tip arrived: what guide 2 does at rest is the difference that it makes there.
         for (all, values) in all.iter_mut().zip(held([0.0, 1.0])) {
@@ -387,7 +388,7 @@ impl Candidates {
                     let depth_m = nodes_m[node];
                     let rotation = [plan.rotation_rad.before(depth_m), plan.rotation_rad.after(depth_m)];
                     let load_n = rotation.map(|rad| amount(depth_m) * turn(rad));
-                    Acting { load_n, guide2_m: [0.0; 2] }
+                    NodeLoads { load_n, guide2_m: [0.0; 2] }
                 };
                 all.iter_mut()
                     .zip(under(growth, &load, directed))
@@ -399,7 +400,7 @@ impl Candidates {
 }
 
 /// Tip under what acts, node by node on arriving and on leaving, and its direction where that is requested.
-fn under(growth: &GrowingBeam, acting: &dyn Fn(usize) -> Acting, directed: bool) -> [Vec<f64>; 2] {
+fn under(growth: &GrowingBeam, acting: &dyn Fn(usize) -> NodeLoads, directed: bool) -> [Vec<f64>; 2] {
     let states = growth.under_load(acting);
     let slopes = if directed { growth.tip_slopes(&states, |node| acting(node).guide2_m) } else { Vec::new() };
     [states.iter().flat_map(|state| state.tip_m).collect(), slopes.concat()]

@@ -19,7 +19,7 @@ const MAX_TOPS: usize = 3;
 /// Steps of a climb, and how often a step that leads down is halved.
 const MAX_STEPS: usize = 8;
 const MAX_HALVINGS: usize = 4;
-/// A rear is solved anew where the mean of its share is further away than this.
+/// A rear is solved again where the mean of its share is further away than this.
 const SMALL_REAR_STEP: f64 = 0.05;
 /// Steps of it, and how far one goes at most.
 const MAX_REAR_STEPS: usize = 3;

@@ -13,6 +13,7 @@ use super::path::TipPath;
 use super::posterior::Normal;
 use super::quadrature::{GridPoint, cumulative_shares};
 use super::scales::{ReadingNoise, Scales};
+use super::weights::tempering;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -118,6 +119,9 @@ pub fn learn_from(
         learned.parts.push(Part { node, scales: learned.scales.len(), ln_weight, normals });
         learned.scales.push(scales);
     }
+    let ln_weights: Vec<f64> = learned.parts.iter().map(|part| part.ln_weight).collect();
+    let power = tempering(&ln_weights);
+    learned.parts.iter_mut().for_each(|part| part.ln_weight *= power);
     // What a part weighs before the insertion begins means little where it was drawn to suit the insertion itself.
     if !alone {
         let most = learned.parts.iter().map(|part| part.ln_weight).fold(f64::NEG_INFINITY, f64::max);

@@ -168,6 +168,20 @@ impl TipPath {
         Self { bins, ..self.clone() }
     }
 
+    /// Whether guide 2 is moved on the way to a depth.
+    pub fn moves_guide2(&self, until_m: f64) -> bool {
+        let moves = |plane: &Profile| {
+            let changes = |at_m: f64| plane.before(at_m) != plane.after(0.0);
+            // Profiles are linear between rows that lie much closer than this.
+            !plane.is_constant()
+                && (0..)
+                    .map(|i| BIN_M * f64::from(i))
+                    .take_while(|m| *m <= until_m.min(self.deepest_m))
+                    .any(changes)
+        };
+        self.done.guide2_m.iter().flatten().any(moves)
+    }
+
     /// Whether the needle is turned on the way.
     pub fn is_turned(&self) -> bool {
         !self.done.rotation_rad.is_constant()

@@ -8,6 +8,7 @@ use super::learn::{Learned, Node, Part};
 use super::path::{Bin, TipPath};
 use super::rear::Rear;
 use super::scales::Scales;
+use super::weights::tempering;
 use nalgebra::{DMatrix, DVector};
 
 /// Parts below this share of the weight are omitted from a prediction.
@@ -29,7 +30,7 @@ pub struct Moments {
 
 /// Whether the data determine a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Determined {
+pub enum Identifiability {
     /// They do: the interval is theirs.
     Identified,
     /// It runs to the upper end of its range: the lower end of the interval is a lower bound.
@@ -40,7 +41,7 @@ pub enum Determined {
     NotIdentified,
 }
 
-impl Determined {
+impl Identifiability {
     /// As results have it.
     pub fn name(self) -> &'static str {
         match self {
@@ -106,9 +107,12 @@ impl<'c> Posterior<'c> {
         }
     }
 
-    /// Takes in a whole recording.
+    /// Takes in a whole recording. Where it is far from what any part explains, weights are tempered so that not a single part is left.
     pub fn update_all(&mut self, path: &TipPath) {
         path.bins.iter().for_each(|bin| self.update(bin));
+        let ln_weights: Vec<f64> = self.parts.iter().map(|part| part.ln_weight).collect();
+        let power = tempering(&ln_weights);
+        self.parts.iter_mut().for_each(|part| part.ln_weight *= power);
     }
 
     /// Copies the state of `other`, which began as this one did; nothing is allocated.
@@ -179,7 +183,7 @@ impl<'c> Posterior<'c> {
 
     /// Share of this insertion's rear less the middle of what is known beforehand, per plane, and whether the data determine it; nothing
     /// where it is stated.
-    pub fn rear_share(&self) -> Option<[Option<(Moments, Determined)>; 2]> {
+    pub fn rear_share(&self) -> Option<[Option<(Moments, Identifiability)>; 2]> {
         let layout = &self.candidates.layout;
         let (rear, place) = (self.candidates.rear()?, layout.rear()?);
         let of_plane = |plane: usize| {
@@ -198,7 +202,7 @@ impl<'c> Posterior<'c> {
     }
 
     /// Whether the data determine modulus and gap.
-    pub fn determined(&self) -> [Determined; 2] {
+    pub fn determined(&self) -> [Identifiability; 2] {
         let of = |value: &dyn Fn(&Node) -> f64, sd: f64| {
             determined(self.mixed(|_, node, _| Moments { mean: value(node), sd: 0.0 }), sd)
         };
@@ -299,33 +303,33 @@ impl<'c> Posterior<'c> {
 }
 
 /// Whether a posterior determines a logarithm better than its prior, of mean 0 and standard deviation `sd`.
-fn determined(Moments { mean, sd: found }: Moments, sd: f64) -> Determined {
+fn determined(Moments { mean, sd: found }: Moments, sd: f64) -> Identifiability {
     // What is given beforehand to a few per cent is not required of the data.
     let is_given = sd <= GIVEN_LN;
     if is_given {
-        Determined::Identified
+        Identifiability::Identified
     } else if mean > END * sd || mean + 2.0 * found > END_OF_INTERVAL * sd {
-        Determined::LowerBound
+        Identifiability::LowerBound
     } else if mean < -END * sd || mean - 2.0 * found < -END_OF_INTERVAL * sd {
-        Determined::UpperBound
+        Identifiability::UpperBound
     } else if found > UNINFORMED * sd {
-        Determined::NotIdentified
+        Identifiability::NotIdentified
     } else {
-        Determined::Identified
+        Identifiability::Identified
     }
 }
 
 /// The same of a rear: its stiffness is a bound where the share may be that of a clamp or of a hinge.
-fn is_share_determined(Moments { mean, sd }: Moments, rear: &Rear) -> Determined {
+fn is_share_determined(Moments { mean, sd }: Moments, rear: &Rear) -> Identifiability {
     let at = |sds: f64| rear.middle + mean + sds * sd;
     if sd > UNINFORMED * rear.sd {
-        Determined::NotIdentified
+        Identifiability::NotIdentified
     } else if at(-2.0) < SHARE_OF_CLAMP {
-        Determined::LowerBound
+        Identifiability::LowerBound
     } else if at(2.0) > 1.0 - SHARE_OF_CLAMP {
-        Determined::UpperBound
+        Identifiability::UpperBound
     } else {
-        Determined::Identified
+        Identifiability::Identified
     }
 }
 
@@ -353,7 +357,7 @@ fn own(part: &Part, layout: &Layout, unknown: usize, prior_sd: f64) -> Moments {
 ///
 /// Readings at one depth are gathered to one bin, as they are in a recording.
 #[derive(Debug, Clone)]
-pub struct Live<'c> {
+pub struct OnlinePosterior<'c> {
     /// Without the bin that readings still go to.
     settled: Posterior<'c>,
     /// With it.
@@ -362,7 +366,7 @@ pub struct Live<'c> {
     open: Vec<[f64; 3]>,
 }
 
-impl<'c> Live<'c> {
+impl<'c> OnlinePosterior<'c> {
     /// Follows an insertion.
     pub fn new(posterior: Posterior<'c>) -> Self {
         Self { settled: posterior.clone(), now: posterior, open: Vec::new() }

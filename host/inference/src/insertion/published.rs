@@ -3,7 +3,7 @@
 //! exact, measured positions as the cut path.
 
 use super::path::TipPath;
-use mechanics::growth::{Acting, GrowingBeam, Guide2Grip};
+use mechanics::growth::{GrowingBeam, Guide2Grip, NodeLoads};
 use mechanics::insertion::grid_m;
 use mechanics::{Model, ModelError};
 
@@ -47,7 +47,7 @@ pub fn published(
         let load_n = growth.load_of_path_n(&measured_m, &guide2_m[..observed]);
         let averaged = load_n.get(first..).unwrap_or_default();
         let mean_n = averaged.iter().sum::<f64>() / averaged.len() as f64;
-        let states = growth.under_load(|node| Acting {
+        let states = growth.under_load(|node| NodeLoads {
             load_n: [load_n.get(node).copied().unwrap_or(mean_n); 2],
             guide2_m: [guide2_m[node]; 2],
         });

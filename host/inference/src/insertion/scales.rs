@@ -102,7 +102,7 @@ const GUIDE2_M: [f64; 2] = [0.05e-3, 0.01e-3];
 const SHARED_ENTRY_M: f64 = 0.3e-3;
 /// Tilt that all insertions share, rad: how the sensor sits on the needle.
 const SHARED_TILT_RAD: f64 = 0.05;
-/// How far the share of the rear differs between insertions: the needle is gripped anew for each.
+/// How far the share of the rear differs between insertions: the needle is gripped again for each.
 const OWN_REAR_SHARE: f64 = 0.03;
 /// Drift that repeats from insertion to insertion, against that of each: a field of the tracker that is bent a little.
 const SHARED_DRIFT: f64 = 0.5;

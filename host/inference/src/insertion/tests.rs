@@ -262,7 +262,7 @@ fn live_and_recorded_agree() {
         learn(&candidates, &paths, &[], 0, ReadingNoise { position_m: 0.05e-3, ..ReadingNoise::default() });
     let mut recorded = Posterior::new(&candidates, &learned);
     recorded.update_all(&paths[0]);
-    let mut live = Live::new(Posterior::new(&candidates, &learned));
+    let mut live = OnlinePosterior::new(Posterior::new(&candidates, &learned));
     rows.iter().for_each(|row| live.push(1e-3 * row[0], [1e-3 * row[1], 1e-3 * row[2]]));
     for (a, b) in recorded.tip_m(&[0.1])[0].iter().zip(&live.posterior().tip_m(&[0.1])[0]) {
         assert!((a.mean - b.mean).abs() < 1e-9 && (a.sd - b.sd).abs() < 1e-9);

@@ -99,7 +99,7 @@ fn mean(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Block, LateralData, Measured, ShapeDatum};
+    use crate::{Block, ForceZero, LateralData, Measured, ShapeDatum};
     use mechanics::{Needle, Rig};
 
     /// A course that no effect uses changes nothing, whichever plane the data are of.
@@ -118,7 +118,7 @@ mod tests {
             planes: 1,
             levels: vec![level],
             shape_sd_m: 1.0,
-            force_offset: false,
+            force_zero: ForceZero::Exact,
             uses_force: true,
             effects: Vec::new(),
             fixed: None,

@@ -7,12 +7,13 @@ mod learned;
 pub(super) use grid::Grid;
 pub use learned::{LearnedResult, RearResult};
 
+use super::PredictionPrior;
 use formats::NORMAL_975;
 use formats::session::InsertionRun;
 use serde::Serialize;
 
 /// Name and version of this form.
-pub(super) const SCHEMA: &str = "guide.predict/1";
+pub(super) const SCHEMA: &str = "guide.predict/2";
 
 const NORMAL_95: f64 = 1.644_853_626_951_472_7;
 
@@ -23,6 +24,9 @@ pub struct Prediction {
     pub schema: &'static str,
     /// Name of the session.
     pub session: Option<String>,
+    /// What many sessions predict of K, and what is predicted without it; nothing where it was not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prior: Option<PredictionPrior>,
     /// In the order of the session.
     pub insertions: Vec<InsertionResult>,
     /// Warnings about the session.

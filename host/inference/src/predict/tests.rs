@@ -15,6 +15,7 @@ const UNTIL_50: Options = Options {
     layers: false,
     effects: Vec::new(),
     discrepancy: crate::diagnose::Multiples::new(),
+    prior: None,
     published_from_m: 0.03,
 };
 
@@ -99,7 +100,8 @@ fn a_message_is_given_once_with_its_insertions() {
         ..InsertionResult::default()
     };
     let insertions = vec![one("a", &["x", "y"]), one("b", &["x"]), one("c", &["x"])];
-    let found = Prediction { schema: "", session: None, insertions, warnings: vec!["first".to_owned()] };
+    let found =
+        Prediction { schema: "", session: None, prior: None, insertions, warnings: vec!["first".to_owned()] };
     assert_eq!(found.messages(), ["first", "all 3 insertions: x", "a: y"]);
 }
 
@@ -339,5 +341,71 @@ fn clearance_and_bend_of_the_model_are_in_the_path() {
         let effect = mechanics::effects::effect(id).expect("an effect");
         let (with, without) = (error_mm(vec![(effect, values)]), error_mm(Vec::new()));
         assert!(with < 0.7 * without, "{id}: {with} mm with it, {without} mm without");
+    }
+}
+
+/// Paths through one guide that rests, with a rear of which nothing is known, determine no modulus, however smooth they are; where guide 2
+/// moves they do.
+#[test]
+fn a_guide_that_rests_leaves_the_modulus_as_it_was_assumed() {
+    let guides = mechanics::Guides::One { rear_rotation_n_m_per_rad: [None; 2] };
+    let one_guide = |rig: Rig| Rig { guides, ..rig };
+    let mut session = steady().0;
+    session.rig = one_guide(Rig { guide2_m: 0.0, entry_m: 0.025, ..session.rig });
+    let found = predict(&session, &UNTIL_50).expect("predicts");
+    for one in &found.insertions {
+        let learned = one.learned.as_ref().expect("learned");
+        assert_eq!((learned.k_status, learned.gap_status), ("not_identified", "not_identified"));
+        let [low, high] = learned.k_ci95_kpa;
+        assert!(high / low > 40.0 && low < 11.0 && 11.0 < high, "{:?}", learned.k_ci95_kpa);
+        assert!(learned.modulus_text().starts_with("not identifiable"));
+        // The load is that over all these moduli.
+        let [least, most] = one.tip_force_ci95_n.expect("an interval");
+        assert!(least < 0.2 && 0.2 < most && most - least > 0.1, "{least} to {most} N");
+        assert!(one.warnings.iter().any(|warning| warning.contains("guide 2 rests")), "{:?}", one.warnings);
+        assert!(one.mae_mm.expect("measured") < 0.3, "{:?}", one.mae_mm);
+    }
+    // A modulus that is stated is another matter.
+    let stated = Options { modulus_pa: Some([11e3, 1e3]), ..UNTIL_50 };
+    let stated = predict(&session, &stated).expect("predicts");
+    let learned = stated.insertions[0].learned.as_ref().expect("learned");
+    assert!(learned.k_status == "identified" && stated.insertions[0].warnings.is_empty());
+    // So is a guide that moves.
+    for run in &mut session.insertion {
+        let moved = run.depth_m.iter().map(|depth_m| if *depth_m < 0.03 { 0.0 } else { 1e-3 });
+        run.guide2_y_m = Some(moved.collect());
+    }
+    let moved = predict(&session, &UNTIL_50).expect("predicts");
+    assert!(!moved.messages().iter().any(|message| message.contains("guide 2 rests")));
+}
+
+#[test]
+fn a_prior_near_the_truth_is_used_with_the_prediction_without_it_beside_and_one_that_contradicts_is_not() {
+    let (session, _) = steady();
+    let plain = predict(&session, &UNTIL_50).expect("predicted");
+    let learned = plain.insertions[0].learned.as_ref().expect("learned");
+    let prior = |k_kpa: f64| ModulusPrior {
+        file: "prior.toml".to_owned(),
+        group: "all".to_owned(),
+        sessions: 20,
+        modulus_pa: 1e3 * k_kpa,
+        scale_ln: 0.05,
+        degrees_of_freedom: 30.0,
+    };
+    let with = |k_kpa: f64| {
+        predict(&session, &Options { prior: Some(prior(k_kpa)), ..UNTIL_50 }).expect("predicted")
+    };
+    let near = with(learned.k_kpa);
+    let found = near.prior.as_ref().expect("a prior");
+    assert!(found.modulus.used, "{found:?}");
+    assert_eq!(found.without.len(), plain.insertions.len());
+    assert_eq!(found.without[0].last_error_mm, plain.insertions[0].last_error_mm);
+    let [low, high] = near.insertions[0].learned.as_ref().expect("learned").k_ci95_kpa;
+    let [wide_low, wide_high] = learned.k_ci95_kpa;
+    assert!(high / low < wide_high / wide_low, "{low} to {high}, without {wide_low} to {wide_high}");
+    if learned.k_status == "identified" {
+        let far = with(100.0 * learned.k_kpa);
+        assert!(far.prior.as_ref().is_some_and(|prior| !prior.modulus.used));
+        assert_eq!(far.insertions, plain.insertions);
     }
 }

@@ -7,7 +7,7 @@
 
 use super::method::{MeanModel, Method, Report};
 use estimator::{Sample, field};
-use mechanics::steering::history::{Functions, Overlap, Pull};
+use mechanics::steering::history::{CutPathForce, ShapeFunctions, SupportMatrix};
 use mechanics::steering::modes::{FreeMode, free_modes};
 use mechanics::{Dynamics, ModelError, Needle};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
@@ -67,8 +67,8 @@ pub struct Kalman {
     base: Coordinates,
     tip: Coordinates,
     factors: nalgebra::DMatrix<f64>,
-    overlap: Overlap,
-    pull: Pull,
+    overlap: SupportMatrix,
+    pull: CutPathForce,
     state: Vector,
     covariance: Square,
     last: Option<Sample<f64>>,
@@ -98,7 +98,7 @@ impl Kalman {
         config: FilterConfig,
     ) -> Result<Self, ModelError> {
         let modes: Vec<FreeMode> = free_modes(&dynamics.clamped(needle), MODES)?;
-        let functions = Functions::of(&modes, dynamics.length_m);
+        let functions = ShapeFunctions::of(&modes, dynamics.length_m);
         let factors = functions.factors(&modes);
         let at = |x_m: f64| Coordinates::from_column_slice((&factors * functions.at(x_m)).as_slice());
         let mut mass = Overlaps::identity();
@@ -124,8 +124,8 @@ impl Kalman {
             elastic,
             base: at(0.0),
             tip: at(dynamics.length_m),
-            overlap: Overlap::new(&functions),
-            pull: Pull::new(&functions),
+            overlap: SupportMatrix::new(&functions),
+            pull: CutPathForce::new(&functions),
             factors,
             state,
             covariance,

@@ -2,13 +2,13 @@
 //!
 //! The estimator has two segments of depth, and its tissue may jump where they meet. While a run goes on three of them go through it,
 //! each with its own place of the jump, and every value is their mixture: their weights are those of their deviations, and the
-//! interval of a value has what they differ by in it. When the run has ended its rows are fitted anew with a jump at every depth, and with
+//! interval of a value has what they differ by in it. When the run has ended its rows are fitted again with a jump at every depth, and with
 //! none ([`places`]), and the mixture of all of them is what is reported: tissue against depth, means, and the boundary with its interval.
 
 use super::mixture::{mixed, weights};
+use super::online::{MODES, OnlineTracker};
 use super::places;
-use super::sound::{MODES, OnlineTracker};
-use estimator::{Estimate, Refused, Sample, Settings, Value};
+use estimator::{Estimate, Sample, SampleError, Settings, Value};
 use rayon::prelude::*;
 
 /// Boundaries that are followed while a run goes on, as shares of the depth.
@@ -57,8 +57,8 @@ impl LayeredTracker {
     /// Takes a sample; as the estimator's own.
     ///
     /// # Errors
-    /// [`Refused`]; the sample is skipped and nothing else changes.
-    pub fn update(&mut self, sample: &Sample<f64>) -> Result<Option<Estimate<f64>>, Refused> {
+    /// [`SampleError`]; the sample is skipped and nothing else changes.
+    pub fn update(&mut self, sample: &Sample<f64>) -> Result<Option<Estimate<f64>>, SampleError> {
         let mut found = Vec::with_capacity(self.followed.len());
         for tracker in &mut self.followed {
             if let Some(estimate) = tracker.update(sample)? {

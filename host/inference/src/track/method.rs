@@ -2,7 +2,7 @@
 
 use estimator::Sample;
 use formats::session::SteeringRun;
-use mechanics::steering::{MovingNeedle, Push};
+use mechanics::steering::{BaseForce, MovingNeedle};
 use mechanics::{Dynamics, Foundation, ModelError, Needle};
 
 /// What an estimator reports after a sample.
@@ -92,7 +92,7 @@ impl MeanModel {
         let bounded =
             |i: usize| if strength[i].is_finite() { strength[i].clamp(0.0, LARGEST[i]) } else { 0.0 };
         let depth_m = sample.depth_m.max(self.needle.depth_m());
-        let push = Push::stage(self.moving_mass_kg, sample.base_m - self.start_m, speed_m_s);
+        let push = BaseForce::stage(self.moving_mass_kg, sample.base_m - self.start_m, speed_m_s);
         self.needle.step(step_s, depth_m, push, [bounded(0), bounded(1)])?;
         self.last = Some(*sample);
         Ok(self.start_m + self.needle.tip_m())

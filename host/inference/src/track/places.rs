@@ -2,20 +2,20 @@
 //! (theory, eq. 56).
 //!
 //! A hypothesis is a depth of the boundary, or none, and a standard deviation of what varies within a layer. The rows of the run are
-//! fitted anew under each (Gauss-Newton over all rows); weights are those of the evidence by Laplace's method (Bayesian model averaging; Hoeting,
+//! fitted again under each (Gauss-Newton over all rows); weights are those of the evidence by Laplace's method (Bayesian model averaging; Hoeting,
 //! Madigan, Raftery and Volinsky, 1999). How much layers vary has to be an unknown too: layers that may vary freely imitate a boundary
 //! that is centimetres away, and uniform ones are not what every tissue has.
 
 use super::layers::{Boundary, Layered};
 use super::mixture::{mixed, mixed_stiffness, weights};
-use super::sound::{CELLS, OnlineTracker};
+use super::online::{CELLS, OnlineTracker};
 use estimator::{Estimate, Evidence, Value};
 use rayon::prelude::*;
 
 /// Boundaries lie between these shares of the depth: beyond them one side is too short for two layers.
 const SEARCHED: [f64; 2] = [0.08, 0.92];
 /// Standard deviation of the first order of the logarithm of stiffness within a layer, and its probability before the run: uniform as
-/// layers that are cast are, nearly so, and as tissue with lumps and bubbles.
+/// layers that are cast are, nearly so, and as tissue with inclusions and cavities.
 const VARIATIONS: [(f64, f64); 3] = [(0.02, 0.6), (0.1, 0.3), (0.5, 0.1)];
 /// First places: so many cells apart.
 const COARSE_CELLS: f64 = 2.0;

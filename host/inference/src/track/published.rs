@@ -4,7 +4,7 @@
 
 use super::method::{MeanModel, Method, Report};
 use estimator::Sample;
-use mechanics::steering::history::{Functions, Overlap, Pull};
+use mechanics::steering::history::{CutPathForce, ShapeFunctions, SupportMatrix};
 use mechanics::steering::modes::{FreeMode, free_modes};
 use mechanics::{Dynamics, ModelError, Needle};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
@@ -57,8 +57,8 @@ const MIN_FORGETTING: f64 = 0.9;
 pub struct Published {
     settings: PublishedSettings,
     factors: DMatrix<f64>,
-    overlap: Overlap,
-    pull: Pull,
+    overlap: SupportMatrix,
+    pull: CutPathForce,
     /// `B M^-1`, `B^-1`, elastic stiffness, load of the base force.
     from_load: Matrix2<f64>,
     to_modes: Matrix2<f64>,
@@ -95,7 +95,7 @@ impl Published {
         settings: PublishedSettings,
     ) -> Result<Self, ModelError> {
         let modes: Vec<FreeMode> = free_modes(&dynamics.clamped(needle), 1)?;
-        let functions = Functions::of(&modes, dynamics.length_m);
+        let functions = ShapeFunctions::of(&modes, dynamics.length_m);
         let factors = functions.factors(&modes);
         let two = |x_m: f64| Vector2::from_column_slice((&factors * functions.at(x_m)).as_slice());
         let (base, tip) = (two(0.0), two(dynamics.length_m));
@@ -106,8 +106,8 @@ impl Published {
         let count = 2 * (settings.order + 1);
         let mut estimator = Self {
             settings,
-            overlap: Overlap::new(&functions),
-            pull: Pull::new(&functions),
+            overlap: SupportMatrix::new(&functions),
+            pull: CutPathForce::new(&functions),
             factors,
             from_load: outputs * inverse(mass)?,
             to_modes: inverse(outputs)?,

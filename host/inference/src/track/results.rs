@@ -2,8 +2,8 @@
 //! meaning.
 
 use super::layers::Layered;
-use super::sound::OnlineTracker;
-use estimator::{Estimate, Identifiability, Refused, Value};
+use super::online::OnlineTracker;
+use estimator::{Estimate, Identifiability, SampleError, Value};
 use formats::session::SteeringRun;
 use serde::Serialize;
 
@@ -311,11 +311,11 @@ pub(super) fn smoothed(offs: &[[f64; 2]]) -> Vec<[f64; 2]> {
 }
 
 /// A sentence on samples that were not taken.
-pub(super) fn skipped(count: usize, row: usize, refused: Refused, run: &SteeringRun) -> String {
+pub(super) fn skipped(count: usize, row: usize, refused: SampleError, run: &SteeringRun) -> String {
     let why = match refused {
-        Refused::NotANumber => "a value that no rig can have",
-        Refused::TimeNotIncreasing => "its time is not later than the one before",
-        Refused::TooDeep => "deeper than the needle or the estimator reaches",
+        SampleError::NotANumber => "a value that no rig can have",
+        SampleError::TimeNotIncreasing => "its time is not later than the one before",
+        SampleError::TooDeep => "deeper than the needle or the estimator reaches",
     };
     // The header is line 1.
     format!("{count} rows skipped, the first at {}, line {}: {why}", run.path.display(), row + 2)

@@ -2,9 +2,9 @@
 
 use super::kalman::{FilterConfig, Kalman, Kind};
 use super::method::{Method, Report, samples};
+use super::online::{OnlineEstimator, OnlineTracker, settings};
 use super::published::{Forgetting, Published, PublishedSettings};
-use super::sound::{OnlineEstimator, OnlineTracker, settings};
-use estimator::{Identifiability, Refused, Sample};
+use estimator::{Identifiability, Sample, SampleError};
 use formats::session::SteeringRun;
 use mechanics::{BaseDrive, Dynamics, Experiment, Foundation, Model, Needle, Rig, Steering, predict};
 use simulation::rig::steering::{Plan, Sensors, SteeringRig, Tissue, TissueLayer};
@@ -194,10 +194,13 @@ fn bad_samples_are_refused_and_change_nothing() {
         let expected = clean.update(&sample).expect("taken");
         assert_eq!(disturbed.update(&sample).expect("taken"), expected);
         let bad = [
-            (Sample { force_n: f64::NAN, time_s: sample.time_s + 1e-3, ..sample }, Refused::NotANumber),
-            (Sample { tip_m: f64::INFINITY, time_s: sample.time_s + 1e-3, ..sample }, Refused::NotANumber),
-            (sample, Refused::TimeNotIncreasing),
-            (Sample { depth_m: 0.5, time_s: sample.time_s + 1e-3, ..sample }, Refused::TooDeep),
+            (Sample { force_n: f64::NAN, time_s: sample.time_s + 1e-3, ..sample }, SampleError::NotANumber),
+            (
+                Sample { tip_m: f64::INFINITY, time_s: sample.time_s + 1e-3, ..sample },
+                SampleError::NotANumber,
+            ),
+            (sample, SampleError::TimeNotIncreasing),
+            (Sample { depth_m: 0.5, time_s: sample.time_s + 1e-3, ..sample }, SampleError::TooDeep),
         ];
         for (bad, refused) in bad {
             assert_eq!(disturbed.update(&bad), Err(refused));
@@ -244,6 +247,7 @@ fn session(run: SteeringRun) -> formats::session::Session {
         fixture_mass_kg: Some(0.3),
         noise: formats::session::Noise {
             force_n: Some(0.05),
+            force_zero_n: None,
             displacement_m: Some(2e-5),
             shape_m: None,
             tip_m: Some(2e-4),

@@ -76,23 +76,23 @@ fn of_poisson(poisson: f64) -> Vec<[f64; ENTRIES]> {
 }
 
 thread_local! {
-    static LATELY: RefCell<Lately> = RefCell::default();
+    static RECENT: RefCell<Recent> = RefCell::default();
 }
 
-/// What a thread interpolated lately.
+/// What a thread interpolated recently.
 #[derive(Default)]
-struct Lately {
+struct Recent {
     by_poisson: Vec<(f64, Arc<Vec<[f64; ENTRIES]>>)>,
     uniform: Vec<([f64; 2], Matrix)>,
 }
 
 /// Interpolated fields by the bits of ratio and Poisson's ratio: an insertion needs those of all its depths again and again, and
 /// each is a sum over the whole table. All threads share them; emptied when full.
-static FIELDS_LATELY: LazyLock<RwLock<HashMap<[u64; 2], Arc<Varied>>>> = LazyLock::new(RwLock::default);
+static RECENT_FIELDS: LazyLock<RwLock<HashMap<[u64; 2], Arc<Varied>>>> = LazyLock::new(RwLock::default);
 /// How many are kept: of 30 kB each.
 const FIELDS_KEPT: usize = 1500;
 
-/// A value that was computed lately, or computed anew.
+/// A value that was computed recently, or computed again.
 fn kept<K: PartialEq + Copy, V: Clone>(known: &mut Vec<(K, V)>, key: K, make: impl FnOnce() -> V) -> V {
     if let Some((_, value)) = known.iter().find(|(of, _)| *of == key) {
         return value.clone();
@@ -105,7 +105,7 @@ fn kept<K: PartialEq + Copy, V: Clone>(known: &mut Vec<(K, V)>, key: K, make: im
 
 /// Stiffness per unit of Young's modulus and of depth.
 pub(super) fn uniform(ratio: f64, poisson: f64) -> Matrix {
-    LATELY.with_borrow_mut(|Lately { by_poisson, uniform, .. }| {
+    RECENT.with_borrow_mut(|Recent { by_poisson, uniform, .. }| {
         kept(uniform, [ratio, poisson], || {
             let of_poisson = kept(by_poisson, poisson, || Arc::new(of_poisson(poisson)));
             let weights = weights(RATIOS.map(f64::ln), UNIFORM[0], ratio.ln());
@@ -165,15 +165,15 @@ impl Varied {
     pub fn at(ratio: f64, poisson: f64) -> Arc<Self> {
         let key = [ratio, poisson].map(f64::to_bits);
         // Nothing panics under the lock.
-        if let Some(known) = FIELDS_LATELY.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
+        if let Some(known) = RECENT_FIELDS.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
             return known.clone();
         }
         let fields = Arc::new(Self::interpolated(ratio, poisson));
-        let mut lately = FIELDS_LATELY.write().unwrap_or_else(PoisonError::into_inner);
-        if lately.len() >= FIELDS_KEPT {
-            lately.clear();
+        let mut recent = RECENT_FIELDS.write().unwrap_or_else(PoisonError::into_inner);
+        if recent.len() >= FIELDS_KEPT {
+            recent.clear();
         }
-        lately.insert(key, fields.clone());
+        recent.insert(key, fields.clone());
         fields
     }
 

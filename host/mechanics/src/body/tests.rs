@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::continuum::operator::direct;
-use crate::growth::{Acting, GrowingBeam, Guide2Grip};
+use crate::growth::{GrowingBeam, Guide2Grip, NodeLoads};
 use crate::{BeamProblem, Layer, Model, Needle, Rig};
 
 fn rig() -> Rig {
@@ -131,8 +131,8 @@ fn insertions_converge_with_the_step() {
     let tip = |steps: usize| {
         let depths = (0..=steps).map(|i| 0.08 * i as f64 / steps as f64).collect();
         let growth = GrowingBeam::new(&problem, depths, Guide2Grip::Holding).expect("grows");
-        let loaded = growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] });
-        let still = growth.under_load(|_| Acting::default());
+        let loaded = growth.under_load(|_| NodeLoads { load_n: [0.2; 2], guide2_m: [0.0; 2] });
+        let still = growth.under_load(|_| NodeLoads::default());
         assert!(still.iter().all(|state| state.tip_m == [0.0; 2]));
         loaded[steps].tip_m[0]
     };

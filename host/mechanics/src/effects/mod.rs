@@ -1,12 +1,12 @@
 //! Effects: what may be wrong with the plain model, each a part of the one forward model.
 //!
 //! An effect has an id, its physics in one line, parameters that do nothing at their neutral values, and the place where it
-//! acts: on the beam problem, on what lies between actuator and needle, on the needle at rest, on where the sensors measure, on what
+//! acts: on the beam problem, on what lies between actuator and needle, on the stress-free shape of the needle, on where the sensors measure, on what
 //! they read there, or on the tip. A [`Model`](super::Model) is a rig, a tissue and a list of effects with values;
 //! everything that calls [`predict`](super::predict) honours them. A new effect is one struct in the file of its family and one
 //! line in [`EFFECTS`].
 //!
-//! Order of application: beam, drive, rest, solve, map position, observe; within each in the order of the model's list.
+//! Order of application: beam, drive, stress-free curvature, solve, map position, observe; within each in the order of the model's list.
 
 mod needle;
 mod rig;
@@ -40,9 +40,27 @@ pub struct ParameterInfo {
 }
 
 impl ParameterInfo {
-    /// One that grows from a neutral value.
-    const fn new(name: &'static str, neutral: f64, range: [f64; 2], likely: [f64; 2], prior_sd: f64) -> Self {
+    /// The size of an effect, in the unit of its name: at its neutral value the effect changes nothing.
+    pub const fn amplitude(
+        name: &'static str,
+        neutral: f64,
+        range: [f64; 2],
+        likely: [f64; 2],
+        prior_sd: f64,
+    ) -> Self {
         Self { name, neutral, range, likely, prior_sd, nodes: &[] }
+    }
+
+    /// The depth or the time at which an effect acts, in the unit of its name, with start values of the search.
+    pub const fn location(
+        name: &'static str,
+        start: f64,
+        range: [f64; 2],
+        likely: [f64; 2],
+        prior_sd: f64,
+        nodes: &'static [f64],
+    ) -> Self {
+        Self { name, neutral: start, range, likely, prior_sd, nodes }
     }
 
     /// Whether it may lie on either side of its neutral value.
@@ -51,32 +69,35 @@ impl ParameterInfo {
     }
 }
 
-/// Kinds of runs that an effect can show in.
+/// Kinds of runs in whose data an effect can appear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shows {
+pub struct RunKinds {
     /// In lateral runs.
     pub lateral: bool,
     /// In insertions.
     pub insertion: bool,
 }
 
-impl Shows {
-    const BOTH: Self = Self { lateral: true, insertion: true };
-    const LATERAL: Self = Self { lateral: true, insertion: false };
-    const INSERTION: Self = Self { lateral: false, insertion: true };
+impl RunKinds {
+    /// Lateral runs and insertions.
+    pub const BOTH: Self = Self { lateral: true, insertion: true };
+    /// Lateral runs only.
+    pub const LATERAL: Self = Self { lateral: true, insertion: false };
+    /// Insertions only.
+    pub const INSERTION: Self = Self { lateral: false, insertion: true };
 }
 
-/// What an effect is, apart from what it does.
+/// Description of an effect: name, physics, observable signature, parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EffectInfo {
     /// Name, as in files and options.
     pub id: &'static str,
-    /// What it is, in one line.
+    /// Its physics, in one line.
     pub physics: &'static str,
-    /// What it shows in, in one line.
+    /// How the data change with it, in one line.
     pub signature: &'static str,
-    /// Where it can show.
-    pub shows: Shows,
+    /// Kinds of runs in whose data it can appear.
+    pub observable_in: RunKinds,
     /// Whether every evaluation of an insertion with it is an iteration at every depth.
     pub is_costly: bool,
     /// Its parameters, in the order of their values.
@@ -96,7 +117,7 @@ pub struct ObservationContext<'a> {
 
 /// A way in which rig, tissue or sensors differ from the plain model.
 pub trait Effect: Debug + Sync {
-    /// What it is called, what it is and what it shows in.
+    /// Name, physics, signature and parameters.
     fn info(&self) -> &'static EffectInfo;
 
     /// Name, as in files and options.
@@ -127,7 +148,7 @@ pub trait Effect: Debug + Sync {
     fn drive(&self, _values: &[f64], _drive: &mut Drive) {}
 
     /// Changes the stress-free curvature of the needle, vertical and horizontal before it is turned, 1/m.
-    fn rest(&self, _values: &[f64], _curvature_per_m: &mut [f64; 2]) {}
+    fn stress_free_curvature(&self, _values: &[f64], _curvature_per_m: &mut [f64; 2]) {}
 
     /// Changes where the needle is really measured.
     fn map_position(&self, _values: &[f64], _point: &mut ShapePoint) {}
@@ -140,7 +161,7 @@ pub trait Effect: Debug + Sync {
 }
 
 /// Every effect there is.
-pub static EFFECTS: [&dyn Effect; 31] = [
+pub static EFFECTS: [&dyn Effect; 32] = [
     &tissue::Layers,
     &tissue::Gradient,
     &tissue::Stiffening,
@@ -153,6 +174,7 @@ pub static EFFECTS: [&dyn Effect; 31] = [
     &rig::ClampCompliance,
     &rig::FrameCompliance,
     &rig::Backlash,
+    &rig::Play,
     &rig::Friction,
     &rig::RearRotation,
     &sensor::ForceBias,

@@ -1,6 +1,6 @@
 //! Effects of the needle.
 
-use super::{Effect, EffectInfo, ParameterInfo, Shows, first};
+use super::{Effect, EffectInfo, ParameterInfo, RunKinds, first};
 use crate::predict::Plane;
 use crate::{BeamProblem, ModelError};
 
@@ -13,11 +13,11 @@ impl Effect for Stiffness {
         const {
             &EffectInfo {
                 id: "needle.stiffness",
-                physics: "the needle is stiffer than stated by a share: EI (1 + share)",
-                signature: "scale of force and shape together; on lateral runs alone as a gain of the force",
-                shows: Shows::BOTH,
+                physics: "the needle is stiffer than stated: EI (1 + relative)",
+                signature: "scale of force and shape together; on lateral runs alone the same as a gain of the force",
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("relative", 0.0, [-0.95, 20.0], [-0.5, 0.5], 0.05)],
+                parameters: &[ParameterInfo::amplitude("relative", 0.0, [-0.95, 20.0], [-0.5, 0.5], 0.05)],
             }
         }
     }
@@ -37,19 +37,19 @@ impl Effect for Prebend {
         const {
             &EffectInfo {
                 id: "needle.prebend",
-                physics: "the needle is bent by itself, in each plane: EI (u'' - curvature); guide 2 holds it straight; it turns with the needle",
-                signature: "shape and force at zero displacement; a path that bends by itself, and turns with the needle",
-                shows: Shows::BOTH,
+                physics: "the needle is curved when free of stress, in each plane: EI (u'' - curvature); guide 2 holds it straight; the curvature turns with the needle",
+                signature: "shape and force at zero displacement; a path that curves without a tip load, and turns with the needle",
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("curvature_per_m", 0.0, [-20.0, 20.0], [-1.0, 1.0], 0.1),
-                    ParameterInfo::new("curvature_x_per_m", 0.0, [-20.0, 20.0], [-1.0, 1.0], 0.1),
+                    ParameterInfo::amplitude("curvature_per_m", 0.0, [-20.0, 20.0], [-1.0, 1.0], 0.1),
+                    ParameterInfo::amplitude("curvature_x_per_m", 0.0, [-20.0, 20.0], [-1.0, 1.0], 0.1),
                 ],
             }
         }
     }
 
-    fn rest(&self, values: &[f64], curvature_per_m: &mut [f64; 2]) {
+    fn stress_free_curvature(&self, values: &[f64], curvature_per_m: &mut [f64; 2]) {
         curvature_per_m.iter_mut().zip(values).for_each(|(curvature, more)| *curvature += more);
     }
 }
@@ -64,10 +64,10 @@ impl Effect for AxialLoad {
             &EffectInfo {
                 id: "needle.axial_load",
                 physics: "the needle is pushed along its axis, as a beam-column: + P u''",
-                signature: "softer, the more so the longer the free length",
-                shows: Shows::BOTH,
+                signature: "lower lateral stiffness, the more so the longer the free length",
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("force_n", 0.0, [-100.0, 100.0], [-5.0, 5.0], 0.5)],
+                parameters: &[ParameterInfo::amplitude("force_n", 0.0, [-100.0, 100.0], [-5.0, 5.0], 0.5)],
             }
         }
     }

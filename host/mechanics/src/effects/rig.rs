@@ -1,6 +1,6 @@
 //! Effects of the rig: guides, frame, actuators.
 
-use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, Shows, first};
+use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, RunKinds, first};
 use crate::lateral::Drive;
 use crate::predict::Plane;
 use crate::{BeamProblem, Channels, ModelError, Rig};
@@ -18,10 +18,10 @@ impl Effect for ClampCompliance {
             &EffectInfo {
                 id: "rig.clamp_compliance",
                 physics: "the needle turns in guide 1 in proportion to the moment there: EI u''(0) = k u'(0)",
-                signature: "force per displacement, alike at every depth",
-                shows: Shows::BOTH,
+                signature: "force per displacement, the same at every depth",
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new(
+                parameters: &[ParameterInfo::amplitude(
                     "compliance_rad_per_n_m",
                     0.0,
                     [0.0, 20.0],
@@ -53,12 +53,12 @@ impl Effect for RearRotation {
             &EffectInfo {
                 id: "rig.rear_rotation",
                 physics: "the needle turns where it is held, more in one plane: EI u''(0) = u'(0) / (compliance of the rig + this one)",
-                signature: "force per displacement, or the tip's answer to guide 2, alike at every depth; in each plane",
-                shows: Shows::BOTH,
+                signature: "force per displacement, or the response of the tip to guide 2, the same at every depth; in each plane",
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("compliance_y_rad_per_n_m", 0.0, [0.0, 100.0], [0.0, 10.0], 0.5),
-                    ParameterInfo::new("compliance_x_rad_per_n_m", 0.0, [0.0, 100.0], [0.0, 10.0], 0.5),
+                    ParameterInfo::amplitude("compliance_y_rad_per_n_m", 0.0, [0.0, 100.0], [0.0, 10.0], 0.5),
+                    ParameterInfo::amplitude("compliance_x_rad_per_n_m", 0.0, [0.0, 100.0], [0.0, 10.0], 0.5),
                 ],
             }
         }
@@ -84,11 +84,17 @@ impl Effect for FrameCompliance {
         const {
             &EffectInfo {
                 id: "rig.frame_compliance",
-                physics: "the frame gives: guide 2 moves by force times compliance less than commanded",
-                signature: "commanded displacement against the needle's shape; in insertions what guide 2 does to the tip",
-                shows: Shows::BOTH,
+                physics: "the frame is compliant: guide 2 moves less than commanded, by force times compliance",
+                signature: "commanded displacement against the needle's shape; in insertions the response of the tip to guide 2",
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("compliance_mm_per_n", 0.0, [0.0, 10.0], [0.0, 0.5], 0.03)],
+                parameters: &[ParameterInfo::amplitude(
+                    "compliance_mm_per_n",
+                    0.0,
+                    [0.0, 10.0],
+                    [0.0, 0.5],
+                    0.03,
+                )],
             }
         }
     }
@@ -116,15 +122,38 @@ impl Effect for Backlash {
                 id: "rig.backlash",
                 physics: "guide 2 has clearance: the needle follows once it is taken up, on either side",
                 signature: "force flat about zero displacement; in insertions the tip stays until the clearance is taken up",
-                shows: Shows::BOTH,
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("clearance_mm", 0.0, [0.0, 5.0], [0.0, 0.4], 0.05)],
+                parameters: &[ParameterInfo::amplitude("clearance_mm", 0.0, [0.0, 5.0], [0.0, 0.4], 0.05)],
             }
         }
     }
 
     fn drive(&self, values: &[f64], drive: &mut Drive) {
         drive.clearance_m += first(values) * MM;
+    }
+}
+
+/// `rig.play`.
+#[derive(Debug)]
+pub(super) struct Play;
+
+impl Effect for Play {
+    fn info(&self) -> &'static EffectInfo {
+        const {
+            &EffectInfo {
+                id: "rig.play",
+                physics: "play between displacement sensor and guide 2: it stays where it was left until the play is taken up (a play operator)",
+                signature: "a loop of force and shape against displacement, after every turn; in insertions the same as rig.backlash",
+                observable_in: RunKinds::BOTH,
+                is_costly: false,
+                parameters: &[ParameterInfo::amplitude("half_width_mm", 0.0, [0.0, 5.0], [0.0, 0.4], 0.05)],
+            }
+        }
+    }
+
+    fn drive(&self, values: &[f64], drive: &mut Drive) {
+        drive.play_m += first(values) * MM;
     }
 }
 
@@ -139,9 +168,9 @@ impl Effect for Friction {
                 id: "rig.friction",
                 physics: "dry friction in guide 2: a force with the sign of the last motion, kept in holds",
                 signature: "loading against unloading",
-                shows: Shows::LATERAL,
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("force_n", 0.0, [0.0, 50.0], [0.0, 0.5], 0.05)],
+                parameters: &[ParameterInfo::amplitude("force_n", 0.0, [0.0, 50.0], [0.0, 0.5], 0.05)],
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Effects of the sensors.
 
-use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, Shows, first};
+use super::{Effect, EffectInfo, MM, ObservationContext, ParameterInfo, RunKinds, first};
 use crate::{Channels, Series, ShapePoint};
 
 /// Changes every value of a series by its plane (0: vertical) and index.
@@ -23,13 +23,13 @@ impl Effect for ForceBias {
         const {
             &EffectInfo {
                 id: "sensor.force_bias",
-                physics: "the force sensor reads a constant more, in each plane",
+                physics: "the force sensor has a constant offset in each plane",
                 signature: "force at zero displacement",
-                shows: Shows::LATERAL,
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("bias_n", 0.0, [-50.0, 50.0], [-0.5, 0.5], 0.05),
-                    ParameterInfo::new("bias_x_n", 0.0, [-50.0, 50.0], [-0.5, 0.5], 0.05),
+                    ParameterInfo::amplitude("bias_n", 0.0, [-50.0, 50.0], [-0.5, 0.5], 0.05),
+                    ParameterInfo::amplitude("bias_x_n", 0.0, [-50.0, 50.0], [-0.5, 0.5], 0.05),
                 ],
             }
         }
@@ -49,11 +49,11 @@ impl Effect for ForceGain {
         const {
             &EffectInfo {
                 id: "sensor.force_gain",
-                physics: "the force sensor reads a share more",
-                signature: "scale of the force; the shape is as it should be",
-                shows: Shows::LATERAL,
+                physics: "the force sensor reads too much by a constant factor: (1 + gain) F",
+                signature: "scale of the force; the shape is unaffected",
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("gain", 0.0, [-0.95, 20.0], [-0.5, 0.5], 0.05)],
+                parameters: &[ParameterInfo::amplitude("gain", 0.0, [-0.95, 20.0], [-0.5, 0.5], 0.05)],
             }
         }
     }
@@ -75,11 +75,11 @@ impl Effect for ForceDrift {
                 id: "sensor.force_drift",
                 physics: "the force reading drifts with time, in each plane",
                 signature: "force against time, in holds too",
-                shows: Shows::LATERAL,
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("rate_n_per_s", 0.0, [-10.0, 10.0], [-0.02, 0.02], 0.001),
-                    ParameterInfo::new("rate_x_n_per_s", 0.0, [-10.0, 10.0], [-0.02, 0.02], 0.001),
+                    ParameterInfo::amplitude("rate_n_per_s", 0.0, [-10.0, 10.0], [-0.02, 0.02], 0.001),
+                    ParameterInfo::amplitude("rate_x_n_per_s", 0.0, [-10.0, 10.0], [-0.02, 0.02], 0.001),
                 ],
             }
         }
@@ -101,11 +101,11 @@ impl Effect for Crosstalk {
         const {
             &EffectInfo {
                 id: "sensor.crosstalk",
-                physics: "each axis of the force sensor reads a share of the other",
+                physics: "each axis of the force sensor reads a fraction of the other",
                 signature: "the idle axis while the other moves",
-                shows: Shows::LATERAL,
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("ratio", 0.0, [-0.95, 0.95], [-0.3, 0.3], 0.03)],
+                parameters: &[ParameterInfo::amplitude("ratio", 0.0, [-0.95, 0.95], [-0.3, 0.3], 0.03)],
             }
         }
     }
@@ -129,10 +129,10 @@ impl Effect for Delay {
             &EffectInfo {
                 id: "sensor.delay",
                 physics: "the force reading lags behind the displacement",
-                signature: "ramps, with their sign; holds are as they should be",
-                shows: Shows::LATERAL,
+                signature: "ramps, with their sign; holds are unaffected",
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("delay_s", 0.0, [0.0, 10.0], [0.0, 1.0], 0.05)],
+                parameters: &[ParameterInfo::amplitude("delay_s", 0.0, [0.0, 10.0], [0.0, 1.0], 0.05)],
             }
         }
     }
@@ -161,11 +161,11 @@ impl Effect for ShapeOffset {
                 id: "sensor.shape_offset",
                 physics: "the measured shape is displaced by a constant, in each plane",
                 signature: "shape, at zero displacement too",
-                shows: Shows::LATERAL,
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("offset_mm", 0.0, [-20.0, 20.0], [-0.5, 0.5], 0.5),
-                    ParameterInfo::new("offset_x_mm", 0.0, [-20.0, 20.0], [-0.5, 0.5], 0.5),
+                    ParameterInfo::amplitude("offset_mm", 0.0, [-20.0, 20.0], [-0.5, 0.5], 0.5),
+                    ParameterInfo::amplitude("offset_x_mm", 0.0, [-20.0, 20.0], [-0.5, 0.5], 0.5),
                 ],
             }
         }
@@ -185,11 +185,11 @@ impl Effect for ShapeScale {
         const {
             &EffectInfo {
                 id: "sensor.shape_scale",
-                physics: "measured deflections are larger by a share: pixel size, speed of sound",
+                physics: "measured deflections are too large by a constant factor, (1 + scale) u: pixel size, speed of sound",
                 signature: "shape against the displacement of guide 2",
-                shows: Shows::LATERAL,
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("scale", 0.0, [-0.95, 20.0], [-0.3, 0.3], 0.05)],
+                parameters: &[ParameterInfo::amplitude("scale", 0.0, [-0.95, 20.0], [-0.3, 0.3], 0.05)],
             }
         }
     }
@@ -211,9 +211,9 @@ impl Effect for DepthShift {
                 id: "sensor.depth_shift",
                 physics: "the shape is measured further along the needle than stated, by a constant",
                 signature: "the slope of the shape times the shift",
-                shows: Shows::LATERAL,
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("shift_mm", 0.0, [-20.0, 20.0], [-5.0, 5.0], 0.5)],
+                parameters: &[ParameterInfo::amplitude("shift_mm", 0.0, [-20.0, 20.0], [-5.0, 5.0], 0.5)],
             }
         }
     }

@@ -97,7 +97,7 @@ fn neutral_effects_do_nothing_and_others_do_something() {
     for effect in EFFECTS {
         let neutral = with(effect.id(), &neutral(effect));
         let other = with(effect.id(), &typical(effect));
-        let shows = effect.info().shows;
+        let shows = effect.info().observable_in;
         for (experiment, shows) in experiments.iter().zip([shows.lateral, shows.insertion]) {
             let expected = channels(&plain(), experiment);
             assert_eq!(channels(&neutral, experiment), expected, "{}", effect.id());
@@ -202,6 +202,12 @@ fn the_rig_comes_between_actuator_and_needle() {
     assert_close(loose.force_n.y[59], 1.1e-3 * stiffness, 1e-12);
     assert_close(loose.force_n.y[99], -0.9e-3 * stiffness, 1e-12);
     assert_eq!(loose.force_n.y[62..79].iter().filter(|n| **n == 0.0).count(), 9);
+    // Guide 2 stays where it was left until the play is taken up: behind on the way out, ahead on the way back.
+    let late = run("rig.play", &[0.1]);
+    assert_close(late.force_n.y[59], 1.1e-3 * stiffness, 1e-12);
+    assert_close(late.force_n.y[60], 1.1e-3 * stiffness, 1e-12);
+    assert_close(late.force_n.y[79] - plain.force_n.y[79], 0.1e-3 * stiffness, 1e-9);
+    assert_close(late.force_n.y[99], -0.9e-3 * stiffness, 1e-12);
     let dry = run("rig.friction", &[0.05]);
     let added = |i: usize| dry.force_n.y[i] - plain.force_n.y[i];
     for (i, expected) in [(10, 0.0), (25, 0.05), (39, 0.05), (59, 0.05), (79, -0.05), (99, -0.05)] {

@@ -1,6 +1,6 @@
 //! Effects of the tip, in insertions.
 
-use super::{Effect, EffectInfo, MM, ParameterInfo, Shows, first};
+use super::{Effect, EffectInfo, MM, ParameterInfo, RunKinds, first};
 use crate::insertion::TipLaw;
 
 /// `tip.load_slope`.
@@ -14,9 +14,15 @@ impl Effect for LoadSlope {
                 id: "tip.load_slope",
                 physics: "the tip load grows with depth",
                 signature: "curvature of the path against depth",
-                shows: Shows::INSERTION,
+                observable_in: RunKinds::INSERTION,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("slope_n_per_mm", 0.0, [-1.0, 1.0], [-0.01, 0.01], 0.001)],
+                parameters: &[ParameterInfo::amplitude(
+                    "slope_n_per_mm",
+                    0.0,
+                    [-1.0, 1.0],
+                    [-0.01, 0.01],
+                    0.001,
+                )],
             }
         }
     }
@@ -37,14 +43,18 @@ impl Effect for LoadStep {
                 id: "tip.load_step",
                 physics: "the tip load jumps at a depth: a membrane, a layer",
                 signature: "kink of the curvature of the path",
-                shows: Shows::INSERTION,
+                observable_in: RunKinds::INSERTION,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("step_n", 0.0, [-50.0, 50.0], [-0.5, 0.5], 0.05),
-                    ParameterInfo {
-                        nodes: &[10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 110.0],
-                        ..ParameterInfo::new("depth_mm", 40.0, [0.0, 500.0], [5.0, 150.0], 20.0)
-                    },
+                    ParameterInfo::amplitude("step_n", 0.0, [-50.0, 50.0], [-0.5, 0.5], 0.05),
+                    ParameterInfo::location(
+                        "depth_mm",
+                        40.0,
+                        [0.0, 500.0],
+                        [5.0, 150.0],
+                        20.0,
+                        &[10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 110.0],
+                    ),
                 ],
             }
         }
@@ -67,13 +77,13 @@ impl Effect for EntryAngle {
         const {
             &EffectInfo {
                 id: "tip.entry_angle",
-                physics: "the needle enters at an angle, in each plane; a tracker that is tilted against the rig reads the same",
+                physics: "the needle enters at an angle, in each plane; a tracker that is tilted relative to the rig gives the same readings",
                 signature: "path, linear in depth",
-                shows: Shows::INSERTION,
+                observable_in: RunKinds::INSERTION,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("angle_rad", 0.0, [-0.7, 0.7], [-0.1, 0.1], 0.01),
-                    ParameterInfo::new("angle_x_rad", 0.0, [-0.7, 0.7], [-0.1, 0.1], 0.01),
+                    ParameterInfo::amplitude("angle_rad", 0.0, [-0.7, 0.7], [-0.1, 0.1], 0.01),
+                    ParameterInfo::amplitude("angle_x_rad", 0.0, [-0.7, 0.7], [-0.1, 0.1], 0.01),
                 ],
             }
         }
@@ -93,11 +103,11 @@ impl Effect for BevelRoll {
         const {
             &EffectInfo {
                 id: "tip.bevel_roll",
-                physics: "the bevel is turned about the needle: part of the tip load acts in the other plane",
-                signature: "horizontal path beside the vertical one",
-                shows: Shows::INSERTION,
+                physics: "the bevel is rotated about the needle's axis: part of the tip load acts in the other plane",
+                signature: "deflection of the path in the horizontal plane",
+                observable_in: RunKinds::INSERTION,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("roll_rad", 0.0, [-3.2, 3.2], [-1.0, 1.0], 0.1)],
+                parameters: &[ParameterInfo::amplitude("roll_rad", 0.0, [-3.2, 3.2], [-1.0, 1.0], 0.1)],
             }
         }
     }
@@ -118,9 +128,9 @@ impl Effect for Rate {
                 id: "tip.rate",
                 physics: "the tip load grows with the speed of insertion",
                 signature: "runs at different speeds",
-                shows: Shows::INSERTION,
+                observable_in: RunKinds::INSERTION,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("n_s_per_mm", 0.0, [-10.0, 10.0], [-0.1, 0.1], 0.005)],
+                parameters: &[ParameterInfo::amplitude("n_s_per_mm", 0.0, [-10.0, 10.0], [-0.1, 0.1], 0.005)],
             }
         }
     }
@@ -139,13 +149,13 @@ impl Effect for CutAngle {
         const {
             &EffectInfo {
                 id: "tip.cut_angle",
-                physics: "the bevel makes the path leave the needle at an angle, beside what the tip load does",
+                physics: "the bevel makes the path depart from the needle's axis at an angle, in addition to the effect of the tip load",
                 signature: "slope of the path against the needle's direction at the tip",
-                shows: Shows::INSERTION,
+                observable_in: RunKinds::INSERTION,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("angle_rad", 0.0, [-0.5, 0.5], [-0.1, 0.1], 0.02),
-                    ParameterInfo::new("angle_x_rad", 0.0, [-0.5, 0.5], [-0.1, 0.1], 0.02),
+                    ParameterInfo::amplitude("angle_rad", 0.0, [-0.5, 0.5], [-0.1, 0.1], 0.02),
+                    ParameterInfo::amplitude("angle_x_rad", 0.0, [-0.5, 0.5], [-0.1, 0.1], 0.02),
                 ],
             }
         }

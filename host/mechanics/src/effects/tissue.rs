@@ -1,6 +1,6 @@
 //! Effects of the tissue.
 
-use super::{Effect, EffectInfo, MM, ParameterInfo, Shows, first};
+use super::{Effect, EffectInfo, MM, ParameterInfo, RunKinds, first};
 use crate::predict::Plane;
 use crate::{BeamProblem, Foundation, Layer, ModelError, check};
 
@@ -15,14 +15,18 @@ impl Effect for Layers {
                 id: "tissue.layers",
                 physics: "the modulus changes at a depth: K above the boundary, K times a ratio below it",
                 signature: "shape against depth below the surface; force against insertion depth",
-                shows: Shows::BOTH,
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("k_ratio", 1.0, [0.02, 50.0], [0.1, 10.0], 1.0),
-                    ParameterInfo {
-                        nodes: &[4.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 26.0, 30.0, 35.0, 45.0, 60.0, 80.0],
-                        ..ParameterInfo::new("boundary_mm", 15.0, [1.0, 200.0], [2.0, 100.0], 10.0)
-                    },
+                    ParameterInfo::amplitude("k_ratio", 1.0, [0.02, 50.0], [0.1, 10.0], 1.0),
+                    ParameterInfo::location(
+                        "boundary_mm",
+                        15.0,
+                        [1.0, 200.0],
+                        [2.0, 100.0],
+                        10.0,
+                        &[4.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 26.0, 30.0, 35.0, 45.0, 60.0, 80.0],
+                    ),
                 ],
             }
         }
@@ -56,9 +60,15 @@ impl Effect for Gradient {
                 id: "tissue.gradient",
                 physics: "the modulus grows in proportion to depth: K(s) = K (1 + gradient s)",
                 signature: "shape and force as with layers, but smooth",
-                shows: Shows::BOTH,
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("gradient_per_mm", 0.0, [-0.1, 1.0], [-0.02, 0.1], 0.01)],
+                parameters: &[ParameterInfo::amplitude(
+                    "gradient_per_mm",
+                    0.0,
+                    [-0.1, 1.0],
+                    [-0.02, 0.1],
+                    0.01,
+                )],
             }
         }
     }
@@ -81,9 +91,15 @@ impl Effect for Stiffening {
                 id: "tissue.stiffening",
                 physics: "the reaction grows faster than the deflection: K u (1 + (u/u0)^2)",
                 signature: "force against displacement: odd curvature",
-                shows: Shows::LATERAL,
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("inverse_u0_per_mm", 0.0, [0.0, 20.0], [0.0, 3.0], 0.3)],
+                parameters: &[ParameterInfo::amplitude(
+                    "inverse_u0_per_mm",
+                    0.0,
+                    [0.0, 20.0],
+                    [0.0, 3.0],
+                    0.3,
+                )],
             }
         }
     }
@@ -105,14 +121,18 @@ impl Effect for Relaxation {
                 id: "tissue.relaxation",
                 physics: "the tissue relaxes while it is held: K(t) = K_inf + (K_0 - K_inf) e^(-t/tau), relaxing fraction (K_0 - K_inf)/K_0",
                 signature: "force decays in holds; depends on the rate of ramps",
-                shows: Shows::LATERAL,
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
                 parameters: &[
-                    ParameterInfo::new("relaxing_fraction", 0.0, [0.0, 0.98], [0.0, 0.9], 0.2),
-                    ParameterInfo {
-                        nodes: &[0.3, 0.8, 2.0, 5.0, 15.0],
-                        ..ParameterInfo::new("tau_s", 2.0, [0.02, 1000.0], [0.1, 50.0], 2.0)
-                    },
+                    ParameterInfo::amplitude("relaxing_fraction", 0.0, [0.0, 0.98], [0.0, 0.9], 0.2),
+                    ParameterInfo::location(
+                        "tau_s",
+                        2.0,
+                        [0.02, 1000.0],
+                        [0.1, 50.0],
+                        2.0,
+                        &[0.3, 0.8, 2.0, 5.0, 15.0],
+                    ),
                 ],
             }
         }
@@ -139,9 +159,9 @@ impl Effect for Shear {
                 id: "tissue.shear",
                 physics: "the tissue resists shear between its layers (Pasternak): - G u''",
                 signature: "shape near the surface and near the tip",
-                shows: Shows::BOTH,
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("shear_n", 0.0, [0.0, 1000.0], [0.0, 20.0], 1.0)],
+                parameters: &[ParameterInfo::amplitude("shear_n", 0.0, [0.0, 1000.0], [0.0, 20.0], 1.0)],
             }
         }
     }
@@ -161,11 +181,11 @@ impl Effect for EntryGap {
         const {
             &EffectInfo {
                 id: "tissue.entry_gap",
-                physics: "nothing supports the needle over the first stretch below the surface",
+                physics: "nothing supports the needle from the surface down to a depth",
                 signature: "shape near the surface, most in shallow runs",
-                shows: Shows::BOTH,
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("gap_mm", 0.0, [0.0, 100.0], [0.0, 10.0], 1.0)],
+                parameters: &[ParameterInfo::amplitude("gap_mm", 0.0, [0.0, 100.0], [0.0, 10.0], 1.0)],
             }
         }
     }
@@ -188,9 +208,15 @@ impl Effect for Skin {
                 id: "tissue.skin",
                 physics: "a stiff skin: a spring at the surface",
                 signature: "force and shape at shallow depth",
-                shows: Shows::BOTH,
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("stiffness_n_per_mm", 0.0, [0.0, 100.0], [0.0, 3.0], 0.2)],
+                parameters: &[ParameterInfo::amplitude(
+                    "stiffness_n_per_mm",
+                    0.0,
+                    [0.0, 100.0],
+                    [0.0, 3.0],
+                    0.2,
+                )],
             }
         }
     }
@@ -212,9 +238,9 @@ impl Effect for Anisotropy {
                 id: "tissue.anisotropy",
                 physics: "the tissue is stiffer in one direction: K_x = ratio K_y",
                 signature: "horizontal runs against vertical runs",
-                shows: Shows::BOTH,
+                observable_in: RunKinds::BOTH,
                 is_costly: false,
-                parameters: &[ParameterInfo::new("ratio", 1.0, [0.02, 50.0], [0.2, 5.0], 0.3)],
+                parameters: &[ParameterInfo::amplitude("ratio", 1.0, [0.02, 50.0], [0.2, 5.0], 0.3)],
             }
         }
     }
@@ -237,15 +263,25 @@ impl Effect for Yield {
             &EffectInfo {
                 id: "tissue.yield",
                 physics: "the tissue yields near the surface: K s / sqrt(1 + (K s / p_y)^2), p_y = exp(depth / d) / inverse yield",
-                signature: "the tip answers large motions of guide 2 less than in proportion, most while shallow",
-                shows: Shows::BOTH,
+                signature: "the tip responds less than proportionally to large motions of guide 2, most at shallow depth",
+                observable_in: RunKinds::BOTH,
                 is_costly: true,
                 parameters: &[
-                    ParameterInfo::new("inverse_yield_mm_per_n", 0.0, [0.0, 1000.0], [0.0, 100.0], 10.0),
-                    ParameterInfo {
-                        nodes: &[5.0, 10.0, 20.0],
-                        ..ParameterInfo::new("depth_mm", 10.0, [0.5, 200.0], [2.0, 50.0], 5.0)
-                    },
+                    ParameterInfo::amplitude(
+                        "inverse_yield_mm_per_n",
+                        0.0,
+                        [0.0, 1000.0],
+                        [0.0, 100.0],
+                        10.0,
+                    ),
+                    ParameterInfo::location(
+                        "depth_mm",
+                        10.0,
+                        [0.5, 200.0],
+                        [2.0, 50.0],
+                        5.0,
+                        &[5.0, 10.0, 20.0],
+                    ),
                 ],
             }
         }

@@ -8,8 +8,8 @@
 use super::super::ModelError;
 use super::super::banded::Banded;
 use super::{
-    Deformed, Elements, GAUSS, Guide2, Newest, Reaction, RestPath, Springs, add_tension, bending_stiffness,
-    hermite,
+    Deformed, Elements, GAUSS, Guide2, Newest, Reaction, Springs, StressFreePath, add_tension,
+    bending_stiffness, hermite,
 };
 
 const MAX_ITERATIONS: usize = 60;
@@ -61,7 +61,7 @@ impl Elements {
     pub(in super::super) fn solve_from<P: Fn(f64) -> f64>(
         &self,
         springs: &impl Springs,
-        path: &RestPath<P>,
+        path: &StressFreePath<P>,
         guide2: Guide2,
         tip_force_n: f64,
         near: Option<&Deformed>,
@@ -117,7 +117,7 @@ impl Elements {
     fn problem<'a, S: Springs, P: Fn(f64) -> f64>(
         &self,
         springs: &'a S,
-        path: &RestPath<P>,
+        path: &StressFreePath<P>,
         guide2: Guide2,
         tip_force_n: f64,
     ) -> Problem<'a, S> {

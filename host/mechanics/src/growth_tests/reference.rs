@@ -277,7 +277,7 @@ fn the_published_prediction_matches_the_reference() {
     let mean_n = load_n[30..=50].iter().sum::<f64>() / 21.0;
     assert!((mean_n / 0.1669126240215759 - 1.0).abs() < 1e-4, "{mean_n}");
     // The measured path, then the constant load: what the loads of the path make, and from there the mean.
-    let states = growth.under_load(|node| Acting {
+    let states = growth.under_load(|node| NodeLoads {
         load_n: [load_n.get(node).copied().unwrap_or(mean_n); 2],
         guide2_m: [0.0; 2],
     });

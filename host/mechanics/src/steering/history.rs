@@ -11,12 +11,12 @@ use nalgebra::{DMatrix, DVector};
 
 /// The functions `r`, from the base `x = 0` to the tip.
 #[derive(Debug, Clone)]
-pub struct Functions {
+pub struct ShapeFunctions {
     length_m: f64,
     wave_numbers_per_m: Vec<f64>,
 }
 
-impl Functions {
+impl ShapeFunctions {
     /// Those of the modes.
     pub fn of(modes: &[FreeMode], length_m: f64) -> Self {
         let wave_numbers_per_m = modes.iter().map(|mode| mode.wave_number_per_m).collect();
@@ -79,7 +79,7 @@ impl Functions {
     }
 }
 
-/// See [`Functions::shift`].
+/// See [`ShapeFunctions::shift`].
 struct Shift {
     turns: Vec<[f64; 4]>,
 }
@@ -98,14 +98,14 @@ impl Shift {
 
 /// `int g r r^T`: springs or dampers of the tissue, `g` their strength against depth.
 #[derive(Debug, Clone)]
-pub struct Overlap {
-    functions: Functions,
+pub struct SupportMatrix {
+    functions: ShapeFunctions,
     matrix: DMatrix<f64>,
 }
 
-impl Overlap {
+impl SupportMatrix {
     /// Nothing inserted yet.
-    pub fn new(functions: &Functions) -> Self {
+    pub fn new(functions: &ShapeFunctions) -> Self {
         let count = functions.count();
         Self { functions: functions.clone(), matrix: DMatrix::zeros(count, count) }
     }
@@ -145,27 +145,27 @@ impl Overlap {
 
 /// `int g y_1 r`: what the cut path `y_1` pulls with, by the trapezoidal rule.
 #[derive(Debug, Clone)]
-pub struct Pull {
-    functions: Functions,
+pub struct CutPathForce {
+    functions: ShapeFunctions,
     tip: DVector<f64>,
     sum: DVector<f64>,
 }
 
-impl Pull {
+impl CutPathForce {
     /// Nothing cut yet.
-    pub fn new(functions: &Functions) -> Self {
+    pub fn new(functions: &ShapeFunctions) -> Self {
         let tip = functions.at(functions.length_m);
         Self { functions: functions.clone(), sum: DVector::zeros(functions.count()), tip }
     }
 
     /// The needle goes deeper by `step_m` from where its tip was at `start_m` sideways; `strength` there. The new end of the
-    /// path is excluded: it counts with [`Pull::end`] times where the tip will be.
+    /// path is excluded: it counts with [`CutPathForce::end`] times where the tip will be.
     pub fn advance(&mut self, step_m: f64, strength: f64, start_m: f64) {
         self.sum.axpy(0.5 * step_m * strength * start_m, &self.tip, 1.0);
         self.functions.shift(step_m).apply(self.sum.as_mut_slice());
     }
 
-    /// The share of the new end of a step: times the tip's position it is added by [`Pull::close`].
+    /// The share of the new end of a step: times the tip's position it is added by [`CutPathForce::close`].
     pub fn end(&self, step_m: f64, strength: f64) -> DVector<f64> {
         &self.tip * (0.5 * step_m * strength)
     }

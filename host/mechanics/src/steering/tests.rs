@@ -1,7 +1,7 @@
 //! Modes, overlap integrals and simulation against reference values: modes by an independent solver, the simulation by
 //! Radau's method with the history integral carried as a differential equation, its tolerances of 1e-10 and 1e-12 apart by up to 1e-13 m.
 
-use super::history::{Functions, Overlap};
+use super::history::{ShapeFunctions, SupportMatrix};
 use super::modes::{Clamped, free_modes};
 use super::*;
 
@@ -112,7 +112,7 @@ fn modes_are_orthogonal() {
 #[test]
 fn overlap_of_the_inserted_part() {
     let modes = free_modes(&clamped(FIXTURE_KG), 3).expect("a needle");
-    let functions = Functions::of(&modes, 0.13);
+    let functions = ShapeFunctions::of(&modes, 0.13);
     let factors = functions.factors(&modes);
     let reference = [
         (
@@ -149,7 +149,7 @@ fn overlap_of_the_inserted_part() {
     for (depth_m, upper) in reference {
         // In many steps as in one.
         for steps in [1, 400] {
-            let mut overlap = Overlap::new(&functions);
+            let mut overlap = SupportMatrix::new(&functions);
             for i in 0..steps {
                 let at = |i: i32| depth_m * f64::from(i) / f64::from(steps);
                 overlap.advance(at(i), at(i + 1), std::iter::once((at(i + 1) - at(i), 1.0)));

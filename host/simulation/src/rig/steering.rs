@@ -2,7 +2,7 @@
 //! measured, and the tip is tracked.
 //!
 //! The truth is the steering model with ten modes, inertia and a stage with a position loop, in tissue of layers with inclusions
-//! (lumps, bubbles); the online estimator has five modes, no inertia, and smooth segments.
+//! (inclusions, cavities); the online estimator has five modes, no inertia, and smooth segments.
 
 use super::{Noise, Stream};
 use formats::session::SteeringRun;
@@ -25,14 +25,14 @@ pub struct TissueLayer {
     pub damping_n_s_per_m2: f64,
 }
 
-/// A lump or a bubble: stiffness and damping times `1 + (factor - 1)` of a bell of this width.
+/// An inclusion or a cavity: stiffness and damping times `1 + (factor - 1)` of a bell of this width.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inclusion {
     /// Where its middle is.
     pub depth_mm: f64,
     /// Standard deviation of the bell.
     pub width_mm: f64,
-    /// More than 1: a lump; less: a bubble.
+    /// More than 1: an inclusion; less: a cavity.
     pub factor: f64,
 }
 
@@ -303,11 +303,11 @@ mod tests {
 
     #[test]
     fn means_are_of_what_the_needle_is_in() {
-        // The lump adds its area: sqrt(2 pi) times its width.
-        let lump_mm = std::f64::consts::TAU.sqrt() * 2.0;
+        // The inclusion adds its area: sqrt(2 pi) times its width.
+        let width_mm = std::f64::consts::TAU.sqrt() * 2.0;
         let [stiffness, damping] = tissue().mean(0.08);
-        assert!((stiffness / (1e4 * (40.0 + lump_mm) / 80.0 + 1.5e4) - 1.0).abs() < 1e-4, "{stiffness}");
-        assert!((damping / (1e3 * (40.0 + lump_mm) / 80.0 + 1e3) - 1.0).abs() < 1e-4, "{damping}");
+        assert!((stiffness / (1e4 * (40.0 + width_mm) / 80.0 + 1.5e4) - 1.0).abs() < 1e-4, "{stiffness}");
+        assert!((damping / (1e3 * (40.0 + width_mm) / 80.0 + 1e3) - 1.0).abs() < 1e-4, "{damping}");
         let [stiffness, damping] = tissue().at(0.02);
         assert_eq!([stiffness, damping], [2e4, 2e3]);
         assert!(Tissue::default().check().is_err());

@@ -9,7 +9,7 @@ use std::path::Path;
 
 const STIFFNESS: [f64; 2] = [0.0, 1e8];
 const DAMPING: [f64; 2] = [0.0, 1e7];
-/// Depths of faces and lumps.
+/// Depths of faces and inclusions.
 const DEPTH_MM: [f64; 2] = [0.0, 500.0];
 /// More jerks than this in a run are no disturbance.
 const MAX_DISTURBANCES: f64 = 1000.0;

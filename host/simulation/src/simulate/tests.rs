@@ -142,8 +142,8 @@ fn faults_in_a_plan_are_named_with_their_place() {
         &with("rate_hz = 1000\nhold_s = 3600"),
         &["lateral.rate_hz: ", " rows, expected at most 1000000 in a run"],
     );
-    fails(&with("[[lateral]]\nid = \"a\"\ndepth_mm = 2"), &["7:6: lateral.id: \"a\" is there twice"]);
-    fails(&with("[[insertion]]\nid = \"a\"\ndepth_mm = 20"), &["insertion.id: \"a\" is there twice"]);
+    fails(&with("[[lateral]]\nid = \"a\"\ndepth_mm = 2"), &["7:6: lateral.id: \"a\" appears twice"]);
+    fails(&with("[[insertion]]\nid = \"a\"\ndepth_mm = 20"), &["insertion.id: \"a\" appears twice"]);
     fails(
         &with("[[insertion]]\nid = \"i\"\ndepth_mm = 20\nturn_at_mm = 21"),
         &["9:14: insertion.turn_at_mm: 21"],

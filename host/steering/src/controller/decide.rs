@@ -6,7 +6,7 @@ use crate::history::Place;
 use crate::planner::{self, Plan, Weights};
 use crate::results::{Decision, Event, Outcome};
 use crate::tables;
-use crate::unknowns::{LAYERS, Law};
+use crate::unknowns::{CuttingLaw, LAYERS};
 
 impl Controller<'_> {
     /// Estimates, plans and moves at a rest.
@@ -102,12 +102,12 @@ impl Controller<'_> {
             .map(|(knot, weight)| weight * law.unknowns.value(&law.values, law.unknowns.tip(0, *knot)))
             .sum();
         let angle = |(law, (weight, _)): (&Hypothesis, &(f64, AtTarget))| {
-            if law.law() == Law::Angle { *weight } else { 0.0 }
+            if law.law() == CuttingLaw::Angle { *weight } else { 0.0 }
         };
         let cut_angle_probability = if posterior.at.len() == self.laws.len() {
             self.laws.iter().zip(&posterior.at).map(angle).sum()
         } else {
-            f64::from(u8::from(law.law() == Law::Angle))
+            f64::from(u8::from(law.law() == CuttingLaw::Angle))
         };
         Ok(Decision {
             t_s: self.last.t_s,

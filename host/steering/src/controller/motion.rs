@@ -5,7 +5,7 @@ use super::{
 };
 use crate::history::Place;
 use crate::protocol::{Answer, Command};
-use crate::readings::Taken;
+use crate::readings::ReadingStatus;
 use crate::results::Event;
 use crate::tables;
 
@@ -22,7 +22,7 @@ impl Controller<'_> {
     }
 
     /// One step.
-    pub(super) fn step(&mut self, to: Command) -> Result<Taken, SteerError> {
+    pub(super) fn step(&mut self, to: Command) -> Result<ReadingStatus, SteerError> {
         (self.on_event)(&Event::Command(&to));
         let answer = self.plant.step(&to)?;
         answer.check(&to)?;
@@ -35,7 +35,7 @@ impl Controller<'_> {
         let expected = &self.expected;
         let at = |place: Place| ([0, 1].map(|plane: usize| tables::at(&expected[plane], place)), 0.4e-3);
         let taken = self.readings.take(&answer, &self.history, at);
-        if taken == Taken::Good {
+        if taken == ReadingStatus::Good {
             self.pushed_blind_s = 0.0;
         }
         self.take_force(&answer);

@@ -116,7 +116,7 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         Cause::Physics,
         &|around| Ok(proportional_direction(around)),
     )?;
-    // A hand takes the needle anew, along another line.
+    // A hand takes the needle again, along another line.
     add(
         "tilt of the tracker",
         (tilt_rad, None),

@@ -131,6 +131,7 @@ impl Recipe {
     pub fn stated(&self) -> StatedNoise {
         StatedNoise {
             force_n: Some(self.force_sd_n),
+            force_zero_n: None,
             displacement_m: Some(1e-3 * self.displacement_sd_mm),
             shape_m: Some(1e-3 * self.shape_sd_mm),
             tip_m: None,

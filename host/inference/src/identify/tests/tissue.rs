@@ -109,11 +109,19 @@ fn model_error_is_in_the_intervals_of_layers() {
         session([10.0, 20.0, 40.0].map(run).to_vec())
     };
     let layered = runs(Some((18.0, 24.0)));
-    let layers = |session: &Session, model_error: bool| {
+    let found = |session: &Session, model_error: bool| {
         let options = Options { layers: true, model_error, ..Options::default() };
-        identify(session, &options).expect("identifies").layers
+        identify(session, &options).expect("identifies")
     };
-    let [alone, wide] = [false, true].map(|model_error| layers(&layered, model_error).expect("two layers"));
+    let [by_noise, by_evidence] = [false, true].map(|model_error| found(&layered, model_error));
+    // A single Young's modulus is no result where two layers are established, and springs or body is what the layers are.
+    let (youngs, foundation) = (&by_evidence.youngs_modulus_kpa, &by_evidence.foundation);
+    assert_eq!((foundation.used, foundation.by), ("springs", "layers"));
+    let refused = youngs.refused.as_deref().unwrap_or_default();
+    assert!(youngs.value.is_none() && youngs.ci95.is_none(), "{youngs:?}");
+    assert!(refused.contains("two layers explain") && refused.contains("--foundation body"), "{refused}");
+    let [alone, wide] = [by_noise, by_evidence].map(|found| found.layers.expect("two layers"));
+    assert!(wide.established && !alone.established && alone.log_evidence_over_single.is_none());
     assert!(wide.log_evidence_gain.expect("compared") > 5.0, "{wide:?}");
     // Springs, though of one modulus a body may be ahead of them.
     assert!(wide.foundation == "springs" && wide.body_log_evidence_gain.expect("compared") < 0.0, "{wide:?}");
@@ -124,8 +132,13 @@ fn model_error_is_in_the_intervals_of_layers() {
         let [[low, high], [least, most]] = of;
         assert!(most / least > high / low && (least..=most).contains(&truth), "{of:?} {truth}");
     }
-    let uniform = layers(&runs(None), true);
-    assert!(uniform.is_none_or(|found| found.log_evidence_gain.expect("compared") < 2.0));
+    let uniform = found(&runs(None), true);
+    assert!(uniform.youngs_modulus_kpa.value.is_some() && uniform.foundation.by == "evidence");
+    assert!(
+        uniform
+            .layers
+            .is_none_or(|found| { !found.established && found.log_evidence_gain.expect("compared") < 2.0 })
+    );
 }
 
 #[test]

@@ -103,12 +103,18 @@ impl Grid {
         measured.next().map(|(depth_m, _)| 1e3 * depth_m)
     }
 
-    /// Everything that follows from a posterior.
+    /// Depths at which the load is needed: those of the result, and the end of the observed part.
+    pub fn loads_at_m(&self) -> Vec<f64> {
+        self.depth_m.iter().copied().chain([self.until_m]).collect()
+    }
+
+    /// Everything that follows from a posterior and the loads at [`loads_at_m`](Self::loads_at_m).
     pub fn result(
         self,
         run: &InsertionRun,
         observed: &TipPath,
         posterior: &Posterior<'_>,
+        load_n: &[Vec<Moments>],
         reading_m: f64,
     ) -> InsertionResult {
         let until_m = self.until_m;
@@ -118,20 +124,20 @@ impl Grid {
         let noise_m = moving_m.hypot(reading_m * of_median(self.rows).sqrt());
         let two_planes = run.tip_x_m.is_some();
         let tips = posterior.tip_m(&self.depth_m);
-        let loads = posterior.load_n(&self.depth_m);
         let of = |list: &[Vec<Moments>], plane: usize, value: &dyn Fn(&Moments) -> f64| -> Vec<f64> {
             list.iter().filter_map(|planes| planes.get(plane)).map(value).collect()
         };
         let tip = |plane: usize, sds: f64| of(&tips, plane, &|m| 1e3 * (m.mean + sds * m.sd.hypot(noise_m)));
+        let loads = load_n.get(..self.depth_m.len()).unwrap_or_default();
         let load = |plane: usize| PlaneResult {
-            force_n: of(&loads, plane, &|m| m.mean),
-            sd_n: of(&loads, plane, &|m| m.sd),
+            force_n: of(loads, plane, &|m| m.mean),
+            sd_n: of(loads, plane, &|m| m.sd),
         };
         let both = tips.first().is_some_and(|planes| planes.len() == 2);
         let x = |sds: f64| (two_planes && both).then(|| tip(1, sds));
         let tip_y_mm = tip(0, 0.0);
         let tip_x_mm = x(0.0);
-        let at_end = posterior.load_n(&[until_m]).swap_remove(0);
+        let at_end = load_n.last().cloned().unwrap_or_default();
         let (mae_mm, last_error_mm) = self.errors(&tip_y_mm, tip_x_mm.as_deref());
         let (lo95_y_mm, hi95_y_mm) = (tip(0, -NORMAL_975), tip(0, NORMAL_975));
         let (lo95_x_mm, hi95_x_mm) = (x(-NORMAL_975), x(NORMAL_975));

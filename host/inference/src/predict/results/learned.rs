@@ -2,7 +2,7 @@
 
 use super::{NORMAL_95, NORMAL_975};
 use crate::identify::KPerEi;
-use crate::insertion::{Determined, Moments, Posterior, Rear, TipPath, Tissue};
+use crate::insertion::{Identifiability, Moments, Posterior, Rear, TipPath, Tissue};
 use serde::Serialize;
 
 /// Rig and tissue, learned from the other insertions and the observed part.
@@ -36,16 +36,16 @@ pub struct LearnedResult {
     pub entry_angle_deg: Vec<f64>,
     /// Their standard deviations.
     pub entry_angle_sd_deg: Vec<f64>,
-    /// Scatter of the tip load from insertion to insertion.
-    pub load_scatter_n: f64,
+    /// Standard deviation of the mean tip load from insertion to insertion.
+    pub load_sd_between_insertions_n: f64,
     /// Process noise of the tip load over 100 mm, of this insertion alone.
-    pub wander_n: f64,
+    pub load_process_noise_n: f64,
     /// Process noise of the tip load over 100 mm that all insertions share.
-    pub shared_wander_n: f64,
-    /// Scatter of the tip about a smooth path.
-    pub irregularity_mm: f64,
-    /// Noise of one reading of the tip.
-    pub reading_mm: f64,
+    pub shared_load_process_noise_n: f64,
+    /// Standard deviation of the tip about a smooth path.
+    pub path_irregularity_sd_mm: f64,
+    /// Standard deviation of one reading of the tip.
+    pub tip_reading_sd_mm: f64,
 }
 
 /// Rotation stiffness of a needle's rear, of this insertion.
@@ -61,12 +61,12 @@ pub struct RearResult {
 
 impl RearResult {
     /// From the difference of the share, which grows as the stiffness falls.
-    fn new((share, determined): (Moments, Determined), rear: &Rear) -> Self {
+    fn new((share, determined): (Moments, Identifiability), rear: &Rear) -> Self {
         let at = |sds: f64| rear.stiffness_n_m_per_rad(share.mean + sds * share.sd);
         let ends = match determined {
-            Determined::LowerBound => [NORMAL_95, f64::NEG_INFINITY],
-            Determined::UpperBound => [f64::INFINITY, -NORMAL_95],
-            Determined::Identified | Determined::NotIdentified => [NORMAL_975, -NORMAL_975],
+            Identifiability::LowerBound => [NORMAL_95, f64::NEG_INFINITY],
+            Identifiability::UpperBound => [f64::INFINITY, -NORMAL_95],
+            Identifiability::Identified | Identifiability::NotIdentified => [NORMAL_975, -NORMAL_975],
         };
         Self { n_m_per_rad: at(0.0), ci95_n_m_per_rad: ends.map(at), status: determined.name() }
     }
@@ -94,12 +94,14 @@ impl LearnedResult {
         let [factor, gap] = posterior.ln_modulus_factor_and_gap();
         let [k_determined, gap_determined] = posterior.determined();
         let [[k_low, k_high], [gap_low, gap_high]] = posterior.range();
-        let interval = |ln: Moments, determined: Determined, unit: f64, [low, high]: [f64; 2]| {
+        let interval = |ln: Moments, determined: Identifiability, unit: f64, [low, high]: [f64; 2]| {
             let at = |sds: f64| unit * (ln.mean + sds * ln.sd).exp();
             match determined {
-                Determined::LowerBound => [at(-NORMAL_95), (unit * high).max(at(0.0))],
-                Determined::UpperBound => [(unit * low).min(at(0.0)), at(NORMAL_95)],
-                Determined::Identified | Determined::NotIdentified => [at(-NORMAL_975), at(NORMAL_975)],
+                Identifiability::LowerBound => [at(-NORMAL_95), (unit * high).max(at(0.0))],
+                Identifiability::UpperBound => [(unit * low).min(at(0.0)), at(NORMAL_95)],
+                Identifiability::Identified | Identifiability::NotIdentified => {
+                    [at(-NORMAL_975), at(NORMAL_975)]
+                }
             }
         };
         let angles = posterior.entry_angle_rad();
@@ -122,16 +124,29 @@ impl LearnedResult {
             rear_rotation_x: rear(1),
             entry_angle_deg: angles.iter().map(|angle| angle.mean.to_degrees()).collect(),
             entry_angle_sd_deg: angles.iter().map(|angle| angle.sd.to_degrees()).collect(),
-            load_scatter_n: posterior.typical(|scales| scales.load_n),
-            wander_n: posterior.typical(|scales| scales.process_noise_over_n(0.1)[1]),
-            shared_wander_n: posterior.typical(|scales| scales.process_noise_over_n(0.1)[0]),
-            irregularity_mm: 1e3 * posterior.typical(|scales| scales.irregularity_m),
-            reading_mm: 1e3 * reading_m,
+            load_sd_between_insertions_n: posterior.typical(|scales| scales.load_n),
+            load_process_noise_n: posterior.typical(|scales| scales.process_noise_over_n(0.1)[1]),
+            shared_load_process_noise_n: posterior.typical(|scales| scales.process_noise_over_n(0.1)[0]),
+            path_irregularity_sd_mm: 1e3 * posterior.typical(|scales| scales.irregularity_m),
+            tip_reading_sd_mm: 1e3 * reading_m,
         }
     }
 }
 
 impl LearnedResult {
+    /// Replaces modulus and gap by what was assumed of them beforehand: where paths do not determine them.
+    pub(in crate::predict) fn assume(&mut self, tissue: &Tissue) {
+        let interval =
+            |value: f64, sd_ln: f64| [-NORMAL_975, NORMAL_975].map(|sds| value * (sds * sd_ln).exp());
+        self.k_kpa = 1e-3 * tissue.model.foundation.modulus_pa(0.0);
+        self.k_ci95_kpa = interval(self.k_kpa, tissue.modulus_sd_ln);
+        self.gap_mm = 1e3 * tissue.gap_m;
+        self.gap_ci95_mm = interval(self.gap_mm, tissue.gap_sd_ln);
+        (self.k_status, self.gap_status) =
+            (Identifiability::NotIdentified.name(), Identifiability::NotIdentified.name());
+        self.k_per_ei = KPerEi::of(&tissue.model.rig.needle, self.k_kpa, self.k_ci95_kpa);
+    }
+
     /// Modulus with its interval, in kPa, as text.
     pub fn modulus_text(&self) -> String {
         estimate_text(self.k_kpa, self.k_ci95_kpa, self.k_status, "kPa")

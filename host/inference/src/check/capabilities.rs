@@ -1,7 +1,7 @@
 //! What each workflow could do with a session: its own first check of every run, without a fit.
 
-use super::{Ability, Skipped};
-use crate::diagnose::{DiagnoseError, division};
+use super::{Capability, Skipped};
+use crate::diagnose::{DiagnoseError, data_split};
 use crate::identify::{self, examine};
 use crate::insertion::TipPath;
 use crate::track::{self, dynamics};
@@ -13,11 +13,11 @@ const MIN_UNTIL_MM: f64 = 5.0;
 const MIN_BINS: usize = 3;
 
 /// The workflows, in the order in which they are used.
-pub fn of(session: &Session) -> Vec<Ability> {
+pub fn of(session: &Session) -> Vec<Capability> {
     let mut all = vec![identify(session), predict(session), track(session), diagnose(session)];
     let able: Vec<String> =
         all.iter().filter(|ability| ability.usable).map(|ability| ability.command.to_owned()).collect();
-    let mut report = Ability::new("report");
+    let mut report = Capability::new("report");
     report.usable = !able.is_empty();
     if able.is_empty() {
         report.lacks("nothing to report".to_owned());
@@ -28,7 +28,7 @@ pub fn of(session: &Session) -> Vec<Ability> {
     all
 }
 
-impl Ability {
+impl Capability {
     fn new(command: &'static str) -> Self {
         Self { command, usable: false, runs: Vec::new(), skipped: Vec::new(), remarks: Vec::new() }
     }
@@ -42,8 +42,8 @@ impl Ability {
     }
 }
 
-fn identify(session: &Session) -> Ability {
-    let mut ability = Ability::new("identify");
+fn identify(session: &Session) -> Capability {
+    let mut ability = Capability::new("identify");
     if session.lateral.is_empty() {
         ability.lacks("no [[lateral]] runs".to_owned());
     }
@@ -65,8 +65,8 @@ fn identify(session: &Session) -> Ability {
     ability
 }
 
-fn predict(session: &Session) -> Ability {
-    let mut ability = Ability::new("predict");
+fn predict(session: &Session) -> Capability {
+    let mut ability = Capability::new("predict");
     if session.insertion.is_empty() {
         ability.lacks("no [[insertion]]".to_owned());
     }
@@ -106,8 +106,8 @@ fn predict(session: &Session) -> Ability {
     ability
 }
 
-fn track(session: &Session) -> Ability {
-    let mut ability = Ability::new("track");
+fn track(session: &Session) -> Capability {
+    let mut ability = Capability::new("track");
     if session.steering.is_empty() {
         ability.lacks("no [[steering]] runs".to_owned());
         return ability;
@@ -123,9 +123,9 @@ fn track(session: &Session) -> Ability {
     ability
 }
 
-fn diagnose(session: &Session) -> Ability {
-    let mut ability = Ability::new("diagnose");
-    match division(session) {
+fn diagnose(session: &Session) -> Capability {
+    let mut ability = Capability::new("diagnose");
+    match data_split(session) {
         Ok(division) => {
             ability.usable = true;
             ability.runs = division.used;

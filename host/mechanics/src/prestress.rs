@@ -1,4 +1,4 @@
-//! What is there before guide 2 moves: a needle that is not straight by itself.
+//! Prestress: forces and shape before guide 2 moves, of a needle that is not straight when it is free of stress.
 //!
 //! A needle of stress-free curvature is inserted along the path it takes between the guides, so that the tissue is unstressed on
 //! it; guide 2 at zero holds it. `EI (u'' - kappa) = F (c2 - z)` before guide 2 and 0 beyond it, `u(0) = 0`,
@@ -7,9 +7,9 @@
 
 use super::{BeamProblem, Model};
 
-/// The rest state of both planes.
+/// Prestress in both planes.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Rest([Plane; 2]);
+pub(super) struct Prestress([Plane; 2]);
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Plane {
@@ -20,11 +20,14 @@ struct Plane {
     force_n: f64,
 }
 
-impl Rest {
+impl Prestress {
     /// As the effects of a model make it.
     pub fn of(model: &Model, problems: [&BeamProblem; 2]) -> Self {
         let mut curvature_per_m = [0.0; 2];
-        model.effects.iter().for_each(|(effect, values)| effect.rest(values, &mut curvature_per_m));
+        model
+            .effects
+            .iter()
+            .for_each(|(effect, values)| effect.stress_free_curvature(values, &mut curvature_per_m));
         Self([0, 1].map(|plane| Plane::new(curvature_per_m[plane], problems[plane])))
     }
 

@@ -1,0 +1,88 @@
+//! Insertions through one guide that rests, of a needle whose rear is not known.
+//!
+//! Nothing that is known in size then acts on the needle: any modulus explains a path with another load and another rear, and what a
+//! likelihood prefers among them is the form of the load that a model assumes (one that is constant but for its process noise), not a
+//! measurement. Modulus and gap are those assumed beforehand, and the load is that over the moduli assumed beforehand.
+
+use super::Options;
+use crate::insertion::{
+    Candidates, Learned, Moments, PathError, Posterior, ReadingNoise, TipPath, Tissue, learn_from,
+};
+use mechanics::ModelError;
+
+/// Points and weights of a Gauss-Hermite quadrature over a normal distribution: exact for polynomials of degree five.
+const POINTS: [(f64, f64); 3] =
+    [(-1.732_050_807_568_877_2, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732_050_807_568_877_2, 1.0 / 6.0)];
+/// Standard deviation of the logarithm of a modulus that is held at a point.
+const HELD_LN: f64 = 0.02;
+/// A prior of the logarithm of the modulus that is not wider states it.
+const STATED_LN: f64 = 0.3;
+
+/// Candidates of a few moduli that stand for what is assumed beforehand, with their weights.
+pub(super) struct AtRest {
+    of_moduli: Vec<(f64, Candidates)>,
+}
+
+/// For every insertion whether its modulus could be identified from nothing but the form of paths: the rear is not known, and guide 2
+/// rests in all that is learned from and in its own observed part.
+pub(super) fn resting(tissue: &Tissue, paths: &[TipPath], options: &Options) -> Vec<bool> {
+    let is_open = tissue.rear.is_some() && tissue.modulus_sd_ln > STATED_LN;
+    let moves = |number: usize, other: usize| match other == number {
+        true => paths[other].moves_guide2(options.until_m),
+        false => options.learn && paths[other].moves_guide2(f64::INFINITY),
+    };
+    let rests = |number: usize| is_open && !(0..paths.len()).any(|other| moves(number, other));
+    (0..paths.len()).map(rests).collect()
+}
+
+impl AtRest {
+    /// For recordings of one rig, down to `last_m`.
+    ///
+    /// # Errors
+    /// As [`Candidates::new`].
+    pub fn new(tissue: &Tissue, paths: &[TipPath], last_m: f64) -> Result<Self, ModelError> {
+        let of_modulus = |(sds, weight): (f64, f64)| {
+            let mut held = tissue.clone();
+            held.model.foundation = held.model.foundation.scaled((sds * tissue.modulus_sd_ln).exp())?;
+            held.modulus_sd_ln = HELD_LN;
+            Ok((weight, Candidates::new(&held, paths, last_m)?))
+        };
+        Ok(Self { of_moduli: POINTS.into_iter().map(of_modulus).collect::<Result<_, ModelError>>()? })
+    }
+
+    /// Tip load of one insertion at each depth, per plane, over the moduli assumed beforehand.
+    ///
+    /// # Errors
+    /// [`PathError::Unexplained`] where a modulus explains it with no likelihood.
+    pub fn load_n(
+        &self,
+        known: &[TipPath],
+        earlier: &[usize],
+        number: usize,
+        noise: ReadingNoise,
+        depths_m: &[f64],
+    ) -> Result<Vec<Vec<Moments>>, PathError> {
+        let mut sums: Vec<Vec<Moments>> = Vec::new();
+        for (weight, candidates) in &self.of_moduli {
+            let learned: Learned = learn_from(candidates, known, earlier, number, noise, None);
+            let mut posterior = Posterior::new(candidates, &learned);
+            known.get(number).into_iter().for_each(|observed| posterior.update_all(observed));
+            if !posterior.is_sound() {
+                return Err(PathError::Unexplained);
+            }
+            let found = posterior.load_n(depths_m);
+            if sums.is_empty() {
+                sums = found.iter().map(|planes| vec![Moments::default(); planes.len()]).collect();
+            }
+            // Until all are there: mean and mean square.
+            for (sum, one) in sums.iter_mut().flatten().zip(found.iter().flatten()) {
+                sum.mean += weight * one.mean;
+                sum.sd += weight * (one.mean * one.mean + one.sd * one.sd);
+            }
+        }
+        for moments in sums.iter_mut().flatten() {
+            moments.sd = (moments.sd - moments.mean * moments.mean).max(0.0).sqrt();
+        }
+        Ok(sums)
+    }
+}
