@@ -13,9 +13,11 @@ mod forward;
 use criterion::Criterion;
 use formats::session::{InsertionRun, Noise, Session};
 use forward::insertion_model as model;
-use inference::insertion::{Candidates, Learned, Live, Posterior, ReadingNoise, TipPath, Tissue, learn};
+use inference::insertion::{
+    Candidates, Learned, OnlinePosterior, Posterior, ReadingNoise, TipPath, Tissue, learn,
+};
 use inference::predict::{Options, predict};
-use mechanics::growth::{Acting, DEFAULT_STEP_M, GrowingBeam, Guide2Grip};
+use mechanics::growth::{DEFAULT_STEP_M, GrowingBeam, Guide2Grip, NodeLoads};
 use mechanics::insertion::grid_m;
 use std::hint::black_box;
 
@@ -42,7 +44,7 @@ fn session() -> Session {
     let run = |number: usize| {
         let tip_m = |plane: usize| {
             let load_n = [0.2, 0.02][plane] * (1.0 + 0.03 * (3.0 * number as f64).sin());
-            let states = growth.under_load(|_| Acting { load_n: [load_n; 2], guide2_m: [0.0; 2] });
+            let states = growth.under_load(|_| NodeLoads { load_n: [load_n; 2], guide2_m: [0.0; 2] });
             let error = |row: usize| 7e-5 * (2.0 * (row + 131 * number + 57 * plane) as f64).sin();
             states.iter().enumerate().map(|(row, state)| state.tip_m[0] + error(row)).collect()
         };
@@ -82,7 +84,7 @@ fn main() {
         bencher.iter(|| {
             let nodes_m = grid_m(0.14, DEFAULT_STEP_M, &[]);
             let growth = GrowingBeam::new(black_box(&problem), nodes_m, Guide2Grip::Holding).expect("grows");
-            growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] })
+            growth.under_load(|_| NodeLoads { load_n: [0.2; 2], guide2_m: [0.0; 2] })
         });
     });
     let whole = session();
@@ -97,7 +99,7 @@ fn main() {
         bencher.iter(|| learned(black_box(&paths)));
     });
     let (candidates, learned) = learned(&paths);
-    let mut followed = Live::new(Posterior::new(&candidates, &learned));
+    let mut followed = OnlinePosterior::new(Posterior::new(&candidates, &learned));
     for bin in paths[0].bins.iter().take_while(|bin| bin.depth_m < 0.0695) {
         followed.push(bin.depth_m, bin.tip_m);
     }

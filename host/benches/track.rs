@@ -1,5 +1,5 @@
 //! Cost of the online estimators: a whole steering run of 1001 samples (80 mm at 4 mm/s, one every 20 ms), so that milliseconds here
-//! are microseconds per update; the longest single update of the sound one; and the comparators on the same samples.
+//! are microseconds per update; the longest single update of that of `guide track`; and the comparators on the same samples.
 
 #![allow(dead_code, reason = "the modules are those of the page of benches, which uses more of them")]
 
@@ -14,8 +14,8 @@ use criterion::Criterion;
 use estimators::SENSORS;
 use inference::track::kalman::{FilterConfig, Kalman, Kind};
 use inference::track::method::Method;
+use inference::track::online::{OnlineEstimator, settings};
 use inference::track::published::{Published, PublishedSettings};
-use inference::track::sound::{OnlineEstimator, settings};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
@@ -30,7 +30,8 @@ fn main() {
         force_sd_n: SENSORS.force_n,
         tip_sd_m: SENSORS.tip_m,
     };
-    let sound = || OnlineEstimator::new(settings::<f64>(needle, &dynamics).expect("a needle")).expect("fits");
+    let online =
+        || OnlineEstimator::new(settings::<f64>(needle, &dynamics).expect("a needle")).expect("fits");
     let mut criterion = Criterion::default().configure_from_args();
     let mut group = criterion.benchmark_group(format!("{} updates", run.len()));
     group.sample_size(10).measurement_time(Duration::from_secs(3));
@@ -42,8 +43,8 @@ fn main() {
             });
         });
     };
-    bench("sound, f64", &|| Box::new(sound()));
-    bench("sound, f32", &|| {
+    bench("guide track, f64", &|| Box::new(online()));
+    bench("guide track, f32", &|| {
         Box::new(OnlineEstimator::new(settings::<f32>(needle, &dynamics).expect("a needle")).expect("fits"))
     });
     bench("published", &|| Box::new(Published::new(needle, &dynamics, printed).expect("a needle")));
@@ -53,7 +54,7 @@ fn main() {
     // The least of several runs is what each update takes when nothing else disturbs it.
     let mut least = vec![Duration::MAX; run.len()];
     for _ in 0..200 {
-        let mut method = sound();
+        let mut method = online();
         for (sample, least) in run.iter().zip(&mut least) {
             let began = Instant::now();
             black_box(method.update(black_box(sample)));
@@ -61,6 +62,6 @@ fn main() {
         }
     }
     let longest = least.iter().max().copied().unwrap_or_default();
-    println!("longest update of sound, f64: {longest:?}");
+    println!("longest update of guide track, f64: {longest:?}");
     criterion.final_summary();
 }

@@ -7,7 +7,7 @@
 //! cargo run -p host --example add_effect
 //! ```
 
-use mechanics::effects::{Effect, EffectInfo, ObservationContext, ParameterInfo, Shows};
+use mechanics::effects::{Effect, EffectInfo, ObservationContext, ParameterInfo, RunKinds};
 use mechanics::{Channels, DriveSample, Experiment, Lateral, Model, Needle, Rig, predict};
 
 /// `sensor.force_nonlinearity`.
@@ -21,16 +21,9 @@ impl Effect for ForceNonlinearity {
                 id: "sensor.force_nonlinearity",
                 physics: "the force sensor is not linear: it reads F (1 + c |F|)",
                 signature: "a gain of the force that grows with the force; no change of the shape",
-                shows: Shows { lateral: true, insertion: false },
+                observable_in: RunKinds::LATERAL,
                 is_costly: false,
-                parameters: &[ParameterInfo {
-                    name: "per_n",
-                    neutral: 0.0,
-                    range: [-0.5, 0.5],
-                    likely: [-0.05, 0.05],
-                    prior_sd: 0.01,
-                    nodes: &[],
-                }],
+                parameters: &[ParameterInfo::amplitude("per_n", 0.0, [-0.5, 0.5], [-0.05, 0.05], 0.01)],
             }
         }
     }

@@ -11,7 +11,7 @@
 use anyhow::{Context, ensure};
 use formats::session::Session;
 use inference::identify::{FoundationChoice, Options, identify};
-use inference::insertion::{Candidates, Live, Posterior, ReadingNoise, TipPath, Tissue, learn};
+use inference::insertion::{Candidates, OnlinePosterior, Posterior, ReadingNoise, TipPath, Tissue, learn};
 use mechanics::Model;
 use std::path::Path;
 
@@ -51,7 +51,7 @@ fn main() -> anyhow::Result<()> {
 
     println!("{}: tip at {:.0} mm, predicted from the readings up to a depth", followed.id, 1e3 * end_m);
     println!("depth_mm  tip_y_mm  lo95_y_mm  hi95_y_mm");
-    let mut live = Live::new(Posterior::new(&candidates, &learned));
+    let mut live = OnlinePosterior::new(Posterior::new(&candidates, &learned));
     let mut next_m = 0.010;
     for (row, (depth_m, tip_y_m)) in followed.depth_m.iter().zip(&followed.tip_y_m).enumerate() {
         if *depth_m < 0.0 {

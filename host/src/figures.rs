@@ -3,11 +3,13 @@
 mod diagnosis;
 mod insertion;
 mod lateral;
+mod populations;
 mod steering;
 
 pub use diagnosis::{gap, ranking, residuals};
 pub use insertion::insertion;
 pub use lateral::{force, leftover};
+pub use populations::population;
 pub use steering::{field, steering};
 
 use inference::identify::{Pooled, RunResult, ShapeResult};

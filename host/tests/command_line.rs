@@ -16,6 +16,8 @@ mod begin;
 mod models;
 #[path = "command_line/monitor.rs"]
 mod monitor;
+#[path = "command_line/rejected.rs"]
+mod rejected;
 #[path = "command_line/report.rs"]
 mod report;
 #[path = "command_line/shapes.rs"]
@@ -136,7 +138,7 @@ fn insertions_are_predicted() {
     add_insertions(&mut writer(folder.path()));
     let dir = path(folder.path());
     let found = json(&["predict", dir, "--until", "60", "--json"]);
-    assert_eq!(found["schema"], "guide.predict/1");
+    assert_eq!(found["schema"], "guide.predict/2");
     let insertions = found["insertions"].as_array().expect("a list");
     assert_eq!(insertions.len(), 3);
     for one in insertions {

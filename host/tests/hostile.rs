@@ -209,7 +209,7 @@ fn rejects_malformed_inputs_and_accepts_sound_ones() {
 fn the_table_and_the_folders_name_the_same_cases() {
     let cases = table();
     let names: BTreeSet<&str> = cases.iter().map(|case| case.name.as_str()).collect();
-    assert_eq!(names.len(), cases.len(), "a name is there twice");
+    assert_eq!(names.len(), cases.len(), "a name appears twice");
     for entry in fs::read_dir(hostile().join("cases")).expect("the cases") {
         let name = entry.expect("an entry").file_name();
         let name = name.to_str().expect("UTF-8");

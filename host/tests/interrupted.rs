@@ -17,7 +17,7 @@ use std::time::Instant;
 use tempfile::TempDir;
 
 /// Every command that writes files without a device, with a word on what a failure leaves of it.
-const WRITERS: [(&str, Left); 18] = [
+const WRITERS: [(&str, Left); 20] = [
     ("init made", Left::Nothing),
     ("init made --example", Left::Nothing),
     ("simulate --config plan.toml --out made", Left::Nothing),
@@ -32,14 +32,16 @@ const WRITERS: [(&str, Left); 18] = [
     ("track . --plots made", Left::Whole),
     ("diagnose . --out made.toml --plots made", Left::Whole),
     ("report . --date 2026-11-23 --out report.html", Left::Whole),
+    ("summarize . --out made.jsonl", Left::Nothing),
+    ("population summaries.jsonl --plots made --out prior.toml", Left::Whole),
     ("man --out made", Left::Whole),
     ("recover run.mcap --out made.mcap", Left::Nothing),
     ("export run.mcap --to npy --out made.npy", Left::Nothing),
     ("export run.mcap --to csv --out made", Left::Nothing),
 ];
 
-/// Commands that write files and need a device for it: see `device`.
-const WITH_A_DEVICE: [&str; 3] = ["acquire", "record", "calibration"];
+/// Commands that write files and need a device for it: see `device`; the result of the bring-up is tried through QEMU.
+const WITH_A_DEVICE: [&str; 4] = ["acquire", "bringup", "calibration", "record"];
 
 /// Options that name what is written.
 const WRITING_OPTIONS: [&str; 4] = ["--out ", "--plots ", "--plot ", "--raw "];
@@ -70,7 +72,34 @@ fn folder() -> TempDir {
     fs::create_dir(&recordings).expect("a folder");
     fs::copy(folder.path().join("trajcontrol.csv"), recordings.join("later.csv")).expect("copied");
     fs::write(folder.path().join("run.mcap"), recording()).expect("written");
+    fs::write(folder.path().join("summaries.jsonl"), summaries()).expect("written");
     folder
+}
+
+/// Records of four subjects, made once: the same session with other moduli.
+fn summaries() -> &'static str {
+    static SUMMARIES: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+    SUMMARIES.get_or_init(|| {
+        let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hostile/base");
+        let made = tempfile::tempdir().expect("a folder");
+        let file = made.path().join("one.jsonl");
+        let output = Command::new(env!("CARGO_BIN_EXE_guide"))
+            .args([OsStr::new("summarize"), base.as_os_str(), OsStr::new("--out"), file.as_os_str()])
+            .output()
+            .expect("guide starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let one: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(file).expect("a file")).expect("a record");
+        let of_subject = |(subject, ln_change): (&str, f64)| {
+            let mut record = one.clone();
+            record["session"] = subject.into();
+            record["subject"] = subject.into();
+            let ln_k = record["result"]["ln_k_kpa"].as_f64().expect("a modulus");
+            record["result"]["ln_k_kpa"] = (ln_k + ln_change).into();
+            format!("{record}\n")
+        };
+        [("a", 0.0), ("b", 0.12), ("c", -0.15), ("d", 0.05)].into_iter().map(of_subject).collect()
+    })
 }
 
 /// A recording, made once.
@@ -161,7 +190,9 @@ fn assert_left(
 
 /// Commands that compute for seconds: they are tried at fewer places.
 fn is_slow(command: &str) -> bool {
-    ["identify", "diagnose", "report", "init made --example"].iter().any(|slow| command.starts_with(slow))
+    ["identify", "diagnose", "report", "summarize", "init made --example"]
+        .iter()
+        .any(|slow| command.starts_with(slow))
 }
 
 /// Runs something for each writer, on both processors.

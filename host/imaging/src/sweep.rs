@@ -68,9 +68,9 @@ pub enum State {
     /// No echo of a needle's size.
     NoEcho,
     /// Two echoes near the sequence are about as bright.
-    TwoAlike,
+    Ambiguous,
     /// Its echoes are too far from the sequence.
-    OffSequence,
+    Outlier,
     /// A quarter of its pixels or more have the greatest brightness.
     Saturated,
     /// It is the same as an earlier frame, pixel by pixel.
@@ -86,8 +86,8 @@ impl State {
     pub const ALL: [Self; 8] = [
         Self::Used,
         Self::NoEcho,
-        Self::TwoAlike,
-        Self::OffSequence,
+        Self::Ambiguous,
+        Self::Outlier,
         Self::Saturated,
         Self::Repeated,
         Self::Black,
@@ -99,8 +99,8 @@ impl State {
         match self {
             Self::Used => "used",
             Self::NoEcho => "no_echo",
-            Self::TwoAlike => "two_alike",
-            Self::OffSequence => "off_sequence",
+            Self::Ambiguous => "ambiguous",
+            Self::Outlier => "outlier",
             Self::Saturated => "saturated",
             Self::Repeated => "repeated",
             Self::Black => "black",
@@ -270,8 +270,8 @@ fn result(
     let (state, number) = match (state, decision) {
         (State::Used, Decision::Used { echo }) => (State::Used, echo),
         (State::Used, Decision::NoEcho) => (State::NoEcho, 0),
-        (State::Used, Decision::Alike) => (State::TwoAlike, 0),
-        (State::Used, Decision::Off { .. }) => (State::OffSequence, 0),
+        (State::Used, Decision::Ambiguous) => (State::Ambiguous, 0),
+        (State::Used, Decision::Outlier { .. }) => (State::Outlier, 0),
         (rejected, _) => (rejected, 0),
     };
     let echo = echoes.get(number);

@@ -29,12 +29,12 @@ pub enum Decision {
     /// No candidate.
     NoEcho,
     /// No candidate is near the sequence; the distance of the nearest.
-    Off {
+    Outlier {
         /// Millimetres.
         distance_mm: f64,
     },
     /// Two candidates are, and about as bright.
-    Alike,
+    Ambiguous,
     /// One is.
     Used {
         /// Its number.
@@ -308,9 +308,9 @@ fn decide(echoes: &[Echo], curves: &[Curve; 2], gate_mm: [f64; 2]) -> Decision {
         [] => Decision::NoEcho,
         [(far, number, _), ..] if far > 1.0 => {
             let distance_mm = echoes.get(number).map_or(f64::NAN, |echo| distance(echo, place(echo)));
-            Decision::Off { distance_mm }
+            Decision::Outlier { distance_mm }
         }
-        [(_, _, own), (far, _, other), ..] if far <= 1.0 && other >= ALIKE * own => Decision::Alike,
+        [(_, _, own), (far, _, other), ..] if far <= 1.0 && other >= ALIKE * own => Decision::Ambiguous,
         [(_, echo, _), ..] => Decision::Used { echo },
     }
 }

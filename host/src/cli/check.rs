@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use anyhow::ensure;
-use inference::check::{Ability, Check, Severity, Skipped, check};
+use inference::check::{Capability, Check, Severity, Skipped, check};
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 
@@ -57,8 +57,8 @@ impl Display for Text<'_> {
     }
 }
 
-fn write_ability(f: &mut fmt::Formatter<'_>, ability: &Ability) -> fmt::Result {
-    let Ability { command, usable, runs, skipped, remarks } = ability;
+fn write_ability(f: &mut fmt::Formatter<'_>, ability: &Capability) -> fmt::Result {
+    let Capability { command, usable, runs, skipped, remarks } = ability;
     let able = match (usable, runs.len()) {
         (false, _) => "no".to_owned(),
         (true, 0) => "yes".to_owned(),

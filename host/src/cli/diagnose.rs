@@ -7,7 +7,7 @@ use formats::session::Session;
 use host::figures;
 use inference::diagnose::display::{channel, quantity, unit};
 use inference::diagnose::{
-    Diagnosis, Estimate, FoundEffect, FoundationChoice, Gap, INCOMPRESSIBLE, MeanModulus, Options,
+    Diagnosis, Estimate, FoundEffect, FoundationChoice, HeldOutMisfit, INCOMPRESSIBLE, MeanModulus, Options,
     RemainingSize, diagnose,
 };
 use mechanics::effects::effect;
@@ -28,7 +28,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Compare with this session: the rig, the tissue and what both leave unexplained are taken from it; only a changed modulus and
-    /// effects that it has not can be found
+    /// effects absent from it can be found
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
     /// Write the model with what was added to this file
@@ -51,7 +51,7 @@ pub struct Args {
 /// What the tissue is taken for.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Foundation {
-    /// As the evidence has it
+    /// Selected by the evidence
     Auto,
     /// Independent springs (Winkler)
     Springs,
@@ -189,7 +189,7 @@ fn write_remaining(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Result
     let remaining = &found.remaining;
     let size = match remaining.size {
         RemainingSize::WithinNoise => "within noise",
-        RemainingSize::Small => "small: K moves by less than its interval",
+        RemainingSize::Small => "small: K changes by less than its interval",
         RemainingSize::Large => "large: K moves by more than its interval where it is not allowed for",
     };
     let rms: Vec<String> = remaining.rms.iter().map(|(name, rms)| quantity(name, *rms)).collect();
@@ -257,7 +257,7 @@ fn write_effect(f: &mut fmt::Formatter<'_>, found: &FoundEffect) -> fmt::Result 
     Ok(())
 }
 
-fn write_gap(f: &mut fmt::Formatter<'_>, gap: &Gap) -> fmt::Result {
+fn write_gap(f: &mut fmt::Formatter<'_>, gap: &HeldOutMisfit) -> fmt::Result {
     write!(f, "held out     chi-square per reading {:.2}", gap.before.chi2_reduced)?;
     if (gap.before.chi2_reduced - gap.after.chi2_reduced).abs() > 1e-9 {
         write!(f, " before, {:.2} after", gap.after.chi2_reduced)?;

@@ -5,13 +5,15 @@ use anyhow::{Context, ensure};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use formats::model_file::ModelFile;
-use formats::session::Session;
+use formats::prior_file::{ModulusPrior, PriorFile};
+use formats::session::{Labels, Session};
 use host::figures;
 use inference::holds::HoldCriteria;
 use inference::identify::{
     Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NoiseAlone, NuisanceResult,
     Options, Reference, RunResult, YoungsBy, identify,
 };
+use inference::prior::PriorResult;
 use mechanics::Support;
 use mechanics::effects::{EFFECTS, Effect, effect};
 use std::fmt::{self, Display};
@@ -45,6 +47,9 @@ pub struct Args {
     /// Take the effects of a model file (model.toml) into the model
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// Take what many sessions predict of K (prior.toml of `guide population --out`), and report K with it beside K without
+    #[arg(long, value_name = "FILE")]
+    prior: Option<PathBuf>,
     /// Find two layers, a modulus each and the boundary, from runs at several depths
     #[arg(long)]
     layers: bool,
@@ -133,6 +138,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         profile: args.profile || args.plots.is_some(),
         bootstrap: args.bootstrap.unwrap_or(0) as usize,
         seed: args.seed,
+        prior: args.prior.as_deref().map(|path| modulus_prior(path, &args.dir)).transpose()?,
     };
     warn_of_calibrations(&session, out);
     let result =
@@ -145,6 +151,12 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         out.note("some runs are skipped; see the warnings");
     }
     Ok(())
+}
+
+/// What a prior has for the session in a folder.
+pub(super) fn modulus_prior(path: &Path, dir: &Path) -> anyhow::Result<ModulusPrior> {
+    let labels = Labels::read(dir)?;
+    Ok(PriorFile::read(path)?.group(&labels, &dir.join("session.toml"))?.clone())
 }
 
 /// Reports which runs were recorded with which calibration where it is not the same for all.
@@ -179,6 +191,7 @@ impl Display for Text<'_> {
             effects,
             runs,
             pooled,
+            prior,
             k_per_ei,
             directions,
             layers,
@@ -210,6 +223,9 @@ impl Display for Text<'_> {
         )?;
         if let Some(NoiseAlone { sd_kpa, ci95_kpa: [low, high] }) = pooled.noise_alone {
             writeln!(f, "             by noise alone {low:.2} to {high:.2} kPa, sd {sd_kpa:.2} kPa")?;
+        }
+        for (number, line) in prior.iter().flat_map(PriorResult::lines).enumerate() {
+            writeln!(f, "{:<13}{line}", if number == 0 { "prior" } else { "" })?;
         }
         if let Some(KPerEi { k_per_ei_per_m4: ratio, ci95_per_m4: [low, high], reference_ei_n_m2 }) = k_per_ei
         {

@@ -3,7 +3,7 @@
 use super::import_shapes::{millimetres, vector};
 use super::output::Output;
 use anyhow::Context;
-use device::igtl::channel::{Channel, DELAY_RANGE_S, Settings, TIP};
+use device::igtl::channel::{Channel, DELAY_RANGE_S, Settings, TIP_DEVICE_NAME};
 use device::igtl::server::ClientChange;
 use device::igtl::{Publisher, server};
 use formats::model_file::ModelFile;
@@ -28,7 +28,7 @@ pub struct TrackerArgs {
     #[arg(long, value_name = "NAME", requires = "igtl")]
     igtl_shape: Option<String>,
     /// Device name of the TRANSFORM or POSITION messages that are the needle's tip
-    #[arg(long, value_name = "NAME", requires = "igtl", default_value = TIP)]
+    #[arg(long, value_name = "NAME", requires = "igtl", default_value = TIP_DEVICE_NAME)]
     igtl_tip: String,
     /// Delay from the tracker's measurement to the time stamp of its message, seconds
     #[arg(long, value_name = "SECONDS", requires = "igtl", default_value_t = 0.0, value_parser = delay_s)]

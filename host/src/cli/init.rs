@@ -90,7 +90,7 @@ impl Display for Begun {
             writeln!(f, "written      {}", path.display())?;
         }
         if self.example {
-            writeln!(f, "session      {dir}: simulated; its ground truth is in {PLAN}, to be read last")?;
+            writeln!(f, "session      {dir}: simulated; its ground truth is in {PLAN} (read it last)")?;
             for command in ["check", "identify", "predict", "track", "diagnose", "report"] {
                 writeln!(f, "try          guide {command} {dir}")?;
             }

@@ -7,9 +7,9 @@ use super::output::Output;
 use super::rig_args::{FaultNotes, interrupted};
 use anyhow::{Context, bail};
 use device::link::{Client, Program, RunOptions, Telemetry};
-use estimator::{Estimate, Identifiability, Refused, Sample, Value};
+use estimator::{Estimate, Identifiability, Sample, SampleError, Value};
 use formats::session::Session;
-use inference::track::sound::OnlineTracker;
+use inference::track::online::OnlineTracker;
 use inference::track::{Options, tracker};
 use protocol::Request;
 use serde::Serialize;
@@ -200,11 +200,11 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
     Ok(())
 }
 
-fn reason(refused: Refused) -> &'static str {
+fn reason(refused: SampleError) -> &'static str {
     match refused {
-        Refused::NotANumber => "it has a value that no rig can have",
-        Refused::TimeNotIncreasing => "the device's clock has not advanced",
-        Refused::TooDeep => "it is deeper than the needle or the estimator reaches",
+        SampleError::NotANumber => "it has a value that no rig can have",
+        SampleError::TimeNotIncreasing => "the device's clock has not advanced",
+        SampleError::TooDeep => "it is deeper than the needle or the estimator reaches",
     }
 }
 

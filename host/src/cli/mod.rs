@@ -7,6 +7,7 @@
 //! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`]
 //! and one line in [`main`].
 
+mod bringup;
 mod calibration;
 mod check;
 mod colour;
@@ -24,6 +25,7 @@ mod monitor;
 mod operate;
 mod output;
 mod plan;
+mod population;
 mod ports;
 mod predict;
 mod record;
@@ -36,6 +38,7 @@ mod shell;
 mod simulate;
 mod status;
 mod steer;
+mod summarize;
 mod tare;
 mod track;
 
@@ -64,6 +67,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Ports(ports::Args),
+    Bringup(bringup::Args),
     Status(operate::StatusArgs),
     Monitor(monitor::Args),
     Home(operate::HomeArgs),
@@ -83,6 +87,8 @@ enum Command {
     Identify(identify::Args),
     Predict(predict::Args),
     Diagnose(diagnose::Args),
+    Summarize(summarize::Args),
+    Population(population::Args),
     Report(report::Args),
     Serve(serve::Args),
     Track(track::Args),
@@ -105,6 +111,7 @@ pub fn main() -> ExitCode {
     let mut out = Output::new(cli.json, coloured);
     let outcome = match &cli.command {
         Command::Ports(args) => ports::run(args, &mut out),
+        Command::Bringup(args) => bringup::run(args, &mut out),
         Command::Status(args) => operate::status(args, &mut out),
         Command::Monitor(args) => monitor::run(args, &mut out),
         Command::Home(args) => operate::home(args, &mut out),
@@ -125,6 +132,8 @@ pub fn main() -> ExitCode {
         Command::Identify(args) => identify::run(args, &mut out),
         Command::Predict(args) => predict::run(args, &mut out),
         Command::Diagnose(args) => diagnose::run(args, &mut out),
+        Command::Summarize(args) => summarize::run(args, &mut out),
+        Command::Population(args) => population::run(args, &mut out),
         Command::Report(args) => report::run(args, &mut out),
         Command::Serve(args) => serve::run(args, &mut out),
         Command::Track(args) => track::run(args, &mut out),

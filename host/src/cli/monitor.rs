@@ -5,7 +5,7 @@ use super::rig_args::{PortArgs, interrupted};
 use anyhow::{Context, bail};
 use device::link::Client;
 use device::monitor::report::Report;
-use device::monitor::{Order, State, Worker};
+use device::monitor::{State, UserCommand, Worker};
 use host::screen::{Screen, Settings};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
@@ -178,23 +178,23 @@ fn screen(watch: &Watch, terminal: &mut DefaultTerminal) -> anyhow::Result<()> {
 
 /// Does what a key means; true where that is to quit.
 fn press(key: KeyEvent, watch: &Watch, settings: &mut Settings) -> bool {
-    let order = |order| watch.worker.order(order);
+    let send = |command| watch.worker.send(command);
     let step_m = settings.jog_step_m();
     match key.code {
         KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => return true,
         KeyCode::Char('q') => return true,
-        KeyCode::Char('t') => order(Order::Tare),
-        KeyCode::Char('h') => order(Order::Home),
-        KeyCode::Char('s' | ' ') => order(Order::Stop),
-        KeyCode::Char('r') => order(Order::Retreat),
+        KeyCode::Char('t') => send(UserCommand::Tare),
+        KeyCode::Char('h') => send(UserCommand::Home),
+        KeyCode::Char('s' | ' ') => send(UserCommand::Stop),
+        KeyCode::Char('r') => send(UserCommand::Retreat),
         KeyCode::Char('c') => {
             watch.state().dismiss();
-            order(Order::Clear);
+            send(UserCommand::Clear);
         }
-        KeyCode::Right => order(Order::Jog([step_m, 0.0])),
-        KeyCode::Left => order(Order::Jog([-step_m, 0.0])),
-        KeyCode::Up => order(Order::Jog([0.0, step_m])),
-        KeyCode::Down => order(Order::Jog([0.0, -step_m])),
+        KeyCode::Right => send(UserCommand::Jog([step_m, 0.0])),
+        KeyCode::Left => send(UserCommand::Jog([-step_m, 0.0])),
+        KeyCode::Up => send(UserCommand::Jog([0.0, step_m])),
+        KeyCode::Down => send(UserCommand::Jog([0.0, -step_m])),
         KeyCode::Char(']') => settings.change_jog_step(true),
         KeyCode::Char('[') => settings.change_jog_step(false),
         KeyCode::Char('+' | '=') => settings.change_window(true),

@@ -88,7 +88,7 @@ pub fn stop(args: &StopArgs, out: &mut Output) -> anyhow::Result<()> {
     report_status("guide.stop/1", &mut client, None, Detail::Brief, out)
 }
 
-/// Leave the fault state once the fault's cause is gone
+/// Clear a latched fault once its cause is gone
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  guide clear --port /dev/ttyACM0")]
 pub struct ClearArgs {

@@ -3,10 +3,12 @@
 use super::identify::nuisance;
 use super::output::{Output, write_file};
 use anyhow::{Context, bail, ensure};
-use formats::session::{FoundationKind, Setup};
+use formats::prior_file::PriorFile;
+use formats::session::{FoundationKind, Labels, Setup};
 use host::figures;
 use inference::diagnose::INCOMPRESSIBLE;
 use inference::plan::{Choice, Limits, Plan, PlanInput, plan};
+use inference::prior::PriorResult;
 use mechanics::Support;
 use mechanics::effects::Effect;
 use std::fmt::{self, Display};
@@ -23,12 +25,16 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     rig: PathBuf,
     /// Least and greatest foundation modulus K that the tissue may have, kilopascals: it is modelled as springs
-    #[arg(long, num_args = 2, value_names = ["LEAST", "GREATEST"], required_unless_present = "youngs_kpa")]
+    #[arg(long, num_args = 2, value_names = ["LEAST", "GREATEST"], required_unless_present_any = ["youngs_kpa", "prior"])]
     k_kpa: Vec<f64>,
     /// Least and greatest Young's modulus E that the tissue may have, kilopascals: it is modelled as an elastic body, with the Poisson's
     /// ratio of the rig file's [tissue] or 0.5
     #[arg(long, num_args = 2, value_names = ["LEAST", "GREATEST"], conflicts_with = "k_kpa")]
     youngs_kpa: Vec<f64>,
+    /// Take what many sessions predict of K (prior.toml of `guide population --out`): its 95 % interval, where --k-kpa is not given, and
+    /// the interval with it beside that of the run alone; the rig file states the labels of its groups
+    #[arg(long, value_name = "FILE", conflicts_with = "youngs_kpa")]
+    prior: Option<PathBuf>,
     /// Insertion depths to choose from, millimetres
     #[arg(long, num_args = 1.., value_name = "MM", default_values_t = [10.0, 20.0, 30.0, 40.0, 60.0, 80.0])]
     depth_mm: Vec<f64>,
@@ -82,6 +88,11 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     positive("--strain-limit-percent", &[args.strain_limit_percent])?;
     positive("--deflection-limit-mm", &[args.deflection_limit_mm])?;
     let Setup { rig, noise, tissue, .. } = Setup::read(&args.rig)?;
+    let prior = args.prior.as_deref().map(|path| {
+        let labels = Labels::read_file(&args.rig)?;
+        anyhow::Ok(PriorFile::read(path)?.group(&labels, &args.rig)?.clone())
+    });
+    let prior = prior.transpose()?;
     let (option, moduli, kind) = if args.youngs_kpa.is_empty() {
         ("--k-kpa", &args.k_kpa, FoundationKind::Springs)
     } else {
@@ -95,7 +106,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
             stated.name()
         );
     }
-    let range = [moduli.first(), moduli.get(1)].map(|kpa| 1e3 * kpa.copied().unwrap_or_default());
+    let range = match &prior {
+        Some(prior) if moduli.is_empty() => PriorResult::new(prior, None).k95_kpa.map(|kpa| 1e3 * kpa),
+        _ => [moduli.first(), moduli.get(1)].map(|kpa| 1e3 * kpa.copied().unwrap_or_default()),
+    };
     ensure!(range[0] <= range[1], "{option}: the greatest modulus is below the least");
     let support = match kind {
         FoundationKind::Springs => Support::Springs,
@@ -129,6 +143,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         rig,
     };
     let plan = plan(&question).context("cannot plan")?;
+    let plan = match &prior {
+        Some(prior) => plan.with_prior(prior),
+        None => plan,
+    };
     if let Some(path) = &args.plot {
         write_file(path, &figures::plan(&plan)?)?;
         out.note(format_args!("drawing {}", path.display()));
@@ -165,9 +183,17 @@ impl Display for Text<'_> {
         match best {
             Some(choice) => {
                 writeln!(f, "best within the limits")?;
-                write_choice(f, choice)
+                write_choice(f, choice)?;
             }
-            None => writeln!(f, "no choice keeps the limits and identifies {modulus}"),
+            None => writeln!(f, "no choice keeps the limits and identifies {modulus}")?,
+        }
+        let Some(prior) = &self.0.prior else { return Ok(()) };
+        writeln!(f, "prior        {}", prior.lines().first().map_or("", String::as_str))?;
+        match best.and_then(|best| best.half_width_with_prior_percent) {
+            Some(percent) => {
+                writeln!(f, "             with it the best run gives {modulus} +- {percent:.2} %")
+            }
+            None => Ok(()),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use anyhow::Context;
-use device::link::port::{self, Listed};
+use device::link::port::{self, PortInfo};
 use device::link::{Client, LinkError};
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -73,14 +73,14 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let listed = if args.ports.is_empty() {
         port::list().context("cannot list the serial ports")?
     } else {
-        args.ports.iter().map(|name| Listed { name: name.clone(), description: String::new() }).collect()
+        args.ports.iter().map(|name| PortInfo { name: name.clone(), description: String::new() }).collect()
     };
     let ports = Ports { schema: "guide.ports/1", ports: listed.into_iter().map(look).collect() };
     out.result(&ports, &ports)
 }
 
-fn look(listed: Listed) -> Entry {
-    let Listed { name: port, description } = listed;
+fn look(listed: PortInfo) -> Entry {
+    let PortInfo { name: port, description } = listed;
     let (device, problem) = match Client::connect_within(&port, TRIES) {
         Ok(client) => {
             let hello = client.hello();

@@ -1,11 +1,12 @@
 //! `guide predict`: tip load from the first part of each insertion, path with its band for the rest.
 
+use super::identify::modulus_prior;
 use super::output::{Output, figures_file};
 use anyhow::{Context, ensure};
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use host::figures;
-use inference::predict::{InsertionResult, Options, Prediction, predict};
+use inference::predict::{InsertionResult, Options, Prediction, PredictionPrior, predict};
 use mechanics::effects::{EFFECTS, Effect, effect};
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
@@ -38,6 +39,9 @@ pub struct Args {
     /// --k-kpa is not given; an --effect replaces that of the file
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// Take what many sessions predict of K (prior.toml of `guide population --out`), and report the prediction without it beside
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["k_kpa", "layers"])]
+    prior: Option<PathBuf>,
     /// Predict each insertion by itself, without learning from the others of the session
     #[arg(long)]
     alone: bool,
@@ -109,6 +113,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         layers: args.layers,
         effects,
         discrepancy: model.discrepancy,
+        prior: args.prior.as_deref().map(|path| modulus_prior(path, &args.dir)).transpose()?,
         ..Options::default()
     };
     let result =
@@ -140,7 +145,7 @@ impl Display for Text<'_> {
         let until_mm = good.first().map_or(0.0, |one| one.identified_until_mm);
         writeln!(
             f,
-            "tip measured to {until_mm:.0} mm, predicted beyond (95 % band); tip load there, needle not turned"
+            "tip measured to {until_mm:.0} mm, predicted beyond (95 % band); tip load at that depth, before any rotation"
         )?;
         let width = good.iter().map(|one| one.id.chars().count()).fold(9, usize::max);
         writeln!(
@@ -152,6 +157,9 @@ impl Display for Text<'_> {
             write_insertion(f, insertion, width)?;
         }
         write_learned(f, &good, width)?;
+        if let Some(prior) = &self.result.prior {
+            write_prior(f, prior, width)?;
+        }
         if let Some(found) = good.first().and_then(|one| one.learned.as_ref()?.k_per_ei.as_ref()) {
             let [low, high] = found.ci95_per_m4;
             writeln!(
@@ -233,6 +241,36 @@ fn write_learned(f: &mut fmt::Formatter<'_>, good: &[&InsertionResult], width: u
             Some(rear) => writeln!(f, "  {id:<width$}  {modulus:<29}  {gap:<23}  {rear}")?,
             None => writeln!(f, "  {id:<width$}  {modulus:<29}  {gap}")?,
         }
+    }
+    Ok(())
+}
+
+/// The prior, and what is predicted without it.
+fn write_prior(f: &mut fmt::Formatter<'_>, prior: &PredictionPrior, width: usize) -> fmt::Result {
+    for (number, line) in prior.modulus.lines().iter().enumerate() {
+        writeln!(f, "{:<13}{line}", if number == 0 { "prior" } else { "" })?;
+    }
+    if !prior.modulus.used {
+        return Ok(());
+    }
+    writeln!(f, "without the prior")?;
+    writeln!(
+        f,
+        "  {:<width$}  K                       tip at the last depth, vertical   error",
+        "insertion"
+    )?;
+    for one in &prior.without {
+        let with_interval = |value: Option<f64>, ends: Option<[f64; 2]>, unit: &str| match (value, ends) {
+            (Some(value), Some([low, high])) => {
+                let [value, low, high] = [value, low, high].map(|number| unsigned_zero(number, 2));
+                format!("{value:.2} ({low:.2} to {high:.2}) {unit}")
+            }
+            _ => "-".to_owned(),
+        };
+        let modulus = with_interval(one.k_kpa, one.k_ci95_kpa, "kPa");
+        let tip = with_interval(one.tip_y_mm, one.band95_y_mm, "mm");
+        let error = one.last_error_mm.map_or("-".to_owned(), |mm| format!("{mm:.2} mm"));
+        writeln!(f, "  {:<width$}  {modulus:<22}  {tip:<32}  {error}", one.id)?;
     }
     Ok(())
 }

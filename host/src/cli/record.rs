@@ -6,12 +6,12 @@ use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupt
 use anyhow::{Context, bail};
 use device::link::{Batch, Client, Program, Telemetry};
 use device::record::{AcquisitionObserver, Recorded, Recorder, Ultrasound, acquire, provenance};
-use device::recording::{About, RawFile, RawRecorder};
+use device::recording::{RawFile, RawRecorder, RecordingInfo};
 use device::sweep::Sweep;
 use formats::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup};
 use host::igtl::Live;
 use indicatif::{ProgressBar, ProgressStyle};
-use inference::holds::{HoldCriteria, Unused, summary, unused};
+use inference::holds::{HoldCriteria, UnusedPart, summary, unused};
 use protocol::{Request, Step};
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -116,7 +116,7 @@ struct Report<'a> {
     recorded: Recorded,
     raw: Option<&'a RawFile>,
     /// Holds, sweeps and points that no result will use.
-    unused: Vec<Unused>,
+    unused: Vec<UnusedPart>,
 }
 
 impl Display for Report<'_> {
@@ -158,16 +158,17 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
     args.start.acknowledge(&mut client)?;
     let tares_itself = program.steps.iter().any(|planned| matches!(planned.step, Step::Tare { .. }));
-    if !args.no_tare && !tares_itself && !client.safety()?.tared {
+    let tared = tares_itself || client.safety()?.tared;
+    if !args.no_tare && !tared {
         bail!(
             "the force was not tared since the device started, so that its zero is that of the calibration and every result carries \
              the sensor's offset: run `guide tare` with the needle unloaded first, or give --no-tare"
         );
     }
     let live = args.publish.begin(&setup.rig, &args.session.out, args.session.depth_mm, out)?;
-    let raw = start_raw(&args.session, "acquire", &id, &setup, &mut client)?;
+    let raw = start_raw(&args.session, "acquire", &id, &setup, tared, &mut client)?;
     args.limit.set(&mut client)?;
-    let made_with = provenance(client.hello());
+    let made_with = provenance(client.hello(), Some(tared));
     let options = args.start.options(true)?;
     let bar = ProgressBar::new(program.steps.len() as u64).with_style(
         ProgressStyle::with_template("{msg} {wide_bar} step {pos}/{len} {elapsed}")
@@ -191,8 +192,9 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
     let interrupted = interrupted()?;
     let live = args.publish.begin(&setup.rig, &args.session.out, args.session.depth_mm, out)?;
-    let raw = start_raw(&args.session, "record", &id, &setup, &mut client)?;
-    let made_with = provenance(client.hello());
+    let tared = client.safety()?.tared;
+    let raw = start_raw(&args.session, "record", &id, &setup, tared, &mut client)?;
+    let made_with = provenance(client.hello(), Some(tared));
     let mut faults = FaultNotes::default();
     let hidden = ProgressBar::hidden();
     let mut watch = Watch { bar: &hidden, live, out };
@@ -266,6 +268,7 @@ fn start_raw(
     command: &str,
     id: &str,
     setup: &Setup,
+    tared: bool,
     client: &mut Client,
 ) -> anyhow::Result<Option<RawRecorder>> {
     if args.no_raw {
@@ -276,7 +279,7 @@ fn start_raw(
         let mut names = std::iter::once(format!("{id}.mcap")).chain(again).map(|name| args.out.join(name));
         names.find(|path| !path.exists()).unwrap_or_default()
     });
-    let about = About::new(command, id, args.depth_mm, setup.to_toml(&path)?);
+    let about = RecordingInfo::new(command, id, args.depth_mm, setup.to_toml(&path)?).with_tared(tared);
     Ok(Some(RawRecorder::start(&path, about, client)?))
 }
 
@@ -335,7 +338,7 @@ fn print(
 }
 
 /// What of a run no result will use. Where another run makes the session unreadable there is nothing to say here: `guide check` does.
-fn unused_of(dir: &Path, id: &str) -> Vec<Unused> {
+fn unused_of(dir: &Path, id: &str) -> Vec<UnusedPart> {
     let Ok(session) = Session::read(dir) else { return Vec::new() };
     let run = session.lateral.iter().find(|run| run.id == id);
     run.map_or_else(Vec::new, |run| unused(run, &session.rig, &HoldCriteria::default()))

@@ -201,7 +201,7 @@ fn recovered(schema: &'static str, from: &Path, to: &Path) -> anyhow::Result<Rep
     Ok(Report { out: Some(path), bytes_written: Some(bytes), ..Report::new(schema, contents) })
 }
 
-/// Shows how far a file has been read.
+/// RunKinds how far a file has been read.
 fn with_progress<T>(
     file: &Path,
     read: impl FnOnce(&mut dyn FnMut(u64)) -> anyhow::Result<T>,

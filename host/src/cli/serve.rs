@@ -130,7 +130,9 @@ fn follow(client: Client, live: &Arc<Mutex<Live>>, remarks: Sender<String>) -> a
         let remark = match event {
             Event::Telemetry(Telemetry::Samples(batch)) => return lock(&live).samples(&batch),
             Event::Lost(reason) => format!("the device is gone: {reason}"),
-            Event::Connected { .. } | Event::Telemetry(_) | Event::Carried(_) | Event::Command(_) => return,
+            Event::Connected { .. } | Event::Telemetry(_) | Event::LinkTotals(_) | Event::Command(_) => {
+                return;
+            }
         };
         // Where there is no receiver left the program ends.
         let _ = remarks.send(remark);

@@ -3,9 +3,9 @@
 use super::output::Output;
 use super::rig_args::Rest;
 use device::link::Client;
-use device::link::condition::{Condition, Troubles};
+use device::link::condition::{Condition, ErrorCounters};
+use device::link::display;
 use device::link::error::explain_fault;
-use device::link::words;
 use protocol::{Counters, Safety, Status, Stiffness};
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -32,7 +32,7 @@ struct Report {
     force_x_n: f64,
     force_y_n: f64,
     #[serde(flatten)]
-    troubles: Troubles,
+    errors: ErrorCounters,
     board: String,
     firmware_version: String,
     commit: String,
@@ -113,17 +113,17 @@ impl Report {
         Self {
             schema,
             time_s,
-            state: words::state(status.state),
+            state: display::state(status.state),
             fault: status.fault.map(explain_fault),
             position_x_mm,
             position_y_mm,
             force_x_n,
             force_y_n,
-            troubles: (&counters).into(),
+            errors: (&counters).into(),
             board: hello.board.as_str().to_owned(),
             firmware_version: hello.firmware_version.as_str().to_owned(),
             commit: hello.commit.as_str().to_owned(),
-            reset_reason: words::reset_reason(hello.reset_reason),
+            reset_reason: display::reset_reason(hello.reset_reason),
             last_panic: hello.last_panic.as_ref().map(|panic| panic.as_str().to_owned()),
             calibration_id: hello.calibration.id.as_str().to_owned(),
             calibration_crc: format!("{:08x}", hello.calibration.crc),
@@ -131,7 +131,7 @@ impl Report {
             condition: status.into(),
             stiffness_x,
             stiffness_y,
-            calibration_source: words::calibration_source(safety.calibration),
+            calibration_source: display::calibration_source(safety.calibration),
             tared: safety.tared,
             force_zero_x_n,
             force_zero_y_n,
@@ -167,7 +167,7 @@ impl Report {
         writeln!(
             f,
             "load       processor {:.1} %, longest period {} us of {} us, latest start {} us, stack {} bytes free, \
-             outbox {} messages at most",
+             outbox at most {} messages",
             self.condition.cpu_percent,
             self.condition.longest_period_us,
             self.sample_period_us,
@@ -211,8 +211,8 @@ impl Display for Report {
         if let Some(panic) = &self.last_panic {
             writeln!(f, "panic      before this start: {panic}")?;
         }
-        for (count, what) in words::counters(&self.counters).into_iter().filter(|(count, _)| *count > 0) {
-            writeln!(f, "counted    {count} {what}")?;
+        for (count, what) in display::counters(&self.counters).into_iter().filter(|(count, _)| *count > 0) {
+            writeln!(f, "counted    {what}: {count}")?;
         }
         Ok(())
     }

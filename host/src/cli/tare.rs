@@ -101,7 +101,7 @@ impl Display for Tared {
         });
         writeln!(
             f,
-            "readings   {} of {} valid in {:.3} s{rate}; different codes {}",
+            "readings   {} of {} valid in {:.3} s{rate}; distinct codes {}",
             self.readings,
             self.expected_readings,
             self.duration_s,

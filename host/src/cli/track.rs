@@ -29,7 +29,7 @@ pub struct Args {
     /// interval; 40 mm with --live)
     #[arg(long, value_name = "MM")]
     segment_mm: Option<f64>,
-    /// Initial values: stiffness, N/m^2, and damping, N s/m^2; an error by a factor of a hundred does no harm
+    /// Initial values: stiffness, N/m^2, and damping, N s/m^2; they may be wrong by a factor of a hundred
     #[arg(long, num_args = 2, value_names = ["STIFFNESS", "DAMPING"])]
     start: Option<Vec<f64>>,
     /// Compare with the published estimator and Kalman filters on the same data
@@ -96,7 +96,7 @@ impl Display for Text<'_> {
         let width = ids.chain(methods).fold(9, usize::max);
         writeln!(
             f,
-            "mean over the inserted part at the end of the run (95 % interval); tip simulated with the estimates of that time"
+            "mean over the inserted part at the end of the run (95 % interval); tip simulated with the estimates at each time"
         )?;
         writeln!(
             f,
@@ -162,6 +162,6 @@ fn tip(errors: &Errors) -> String {
         (Some(rms), Some(max), Some(from)) => {
             format!("{:<25}  {from:.0} mm", format!("{rms:.2} mm, {max:.2} mm"))
         }
-        _ => "never stays within 0.5 mm".to_owned(),
+        _ => "does not converge to 0.5 mm".to_owned(),
     }
 }

@@ -116,7 +116,7 @@ impl Scene {
         let document = GuideDocument {
             schema: SCHEMA,
             time_s: point.time_s,
-            state: device::link::words::state(batch.state),
+            state: device::link::display::state(batch.state),
             step: batch.step,
             position_x_mm: 1e3 * x_m,
             position_y_mm: 1e3 * y_m,

@@ -3,7 +3,7 @@
 use super::page::{Block, Fact, Outcome, Section, estimate, number, thinned, value, words};
 use crate::figures;
 use inference::diagnose::display::{channel, quantity, unit};
-use inference::diagnose::{Channel, Diagnosis, Gap, Verdict};
+use inference::diagnose::{Channel, Diagnosis, HeldOutMisfit, Verdict};
 use mechanics::effects::effect;
 
 /// Residuals drawn of one channel.
@@ -57,7 +57,7 @@ pub(super) fn warning(found: &Diagnosis) -> Option<String> {
 }
 
 /// What adding the effects is worth.
-fn removed(gap: &Gap) -> String {
+fn removed(gap: &HeldOutMisfit) -> String {
     let shares = gap.removed.zip(gap.removed_ci95).map(|(share, ends)| (share, ends.map(|end| 100.0 * end)));
     match shares {
         Some((share, ends)) => {
@@ -170,7 +170,7 @@ fn effects(found: &Diagnosis) -> Option<Block> {
     (!rows.is_empty()).then(|| Block::table("What is missing", columns, rows))
 }
 
-fn gap(gap: &Gap) -> Vec<Block> {
+fn gap(gap: &HeldOutMisfit) -> Vec<Block> {
     let mut rows = vec![vec![
         "chi-square per reading".to_owned(),
         value(Some(gap.before.chi2_reduced), 2),

@@ -64,7 +64,7 @@ pub(super) fn section(outcome: &Outcome<Prediction>) -> Section {
         let mut blocks = vec![
             Block::Text(format!(
                 "The tip was measured to {until_mm:.0} mm and is predicted beyond, with the band that holds 95 % of the readings. \
-                 Tip loads are those at that depth, the needle not turned."
+                 Tip loads are those at that depth, before any rotation."
             )),
             loads(&good),
             errors(&good),

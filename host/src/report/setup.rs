@@ -109,13 +109,20 @@ fn recorded_with(session: &Session) -> Option<Block> {
     let known = session.lateral.iter().filter(|run| run.provenance != Provenance::default());
     let rows: Vec<Vec<String>> = known
         .map(|run| {
-            let Provenance { calibration_id, calibration_crc, device, firmware } = &run.provenance;
+            let Provenance { calibration_id, calibration_crc, device, firmware, tared } = &run.provenance;
             let crc = calibration_crc.map_or("-".to_owned(), |crc| format!("{crc:08x}"));
             let of = |text: &Option<String>| word(text.as_deref());
-            vec![run.id.clone(), of(calibration_id), crc, of(firmware), of(device)]
+            let tared = tared.map_or("-", |tared| if tared { "yes" } else { "no" });
+            vec![run.id.clone(), of(calibration_id), crc, of(firmware), of(device), tared.to_owned()]
         })
         .collect();
-    let columns =
-        [words("run"), words("calibration"), words("its CRC-32"), words("firmware"), words("device")];
+    let columns = [
+        words("run"),
+        words("calibration"),
+        words("its CRC-32"),
+        words("firmware"),
+        words("device"),
+        words("force tared"),
+    ];
     (!rows.is_empty()).then(|| Block::table("What the runs were recorded with", columns, rows))
 }

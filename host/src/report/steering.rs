@@ -74,6 +74,6 @@ fn table(found: &Tracking) -> Block {
         number("largest, mm"),
         number("from, mm"),
     ];
-    let caption = "Mean over the inserted part at the end of each run; the tip simulated with the estimates of that time";
+    let caption = "Mean over the inserted part at the end of each run; the tip simulated with the estimates at each time";
     Block::table(caption, columns, found.runs.iter().map(row).collect())
 }

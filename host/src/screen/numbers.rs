@@ -1,7 +1,7 @@
 //! The numbers below the plots, one subject per row.
 
 use super::plots::{COLOURS, OLD};
-use device::link::words;
+use device::link::display;
 use device::monitor::state::{State, Stiffness};
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -56,7 +56,7 @@ fn axes(state: &State) -> [Line<'static>; 2] {
         Line::from(vec![
             Span::from(format!(" {name:9}")).fg(colour).bold(),
             Span::from(measured).bold(),
-            Span::from(stiffness.map_or("not known yet: guide 2 must move".to_owned(), in_words)),
+            Span::from(stiffness.map_or("not identified yet: guide 2 must move".to_owned(), in_words)),
         ])
     })
 }
@@ -68,8 +68,8 @@ fn in_words(stiffness: Stiffness) -> String {
 
 fn phase(state: &State) -> Line<'static> {
     let phase = match state.phase {
-        Some((phase, Some(step))) => format!("{}, step {step}", words::state(phase)),
-        Some((phase, None)) => words::state(phase).to_owned(),
+        Some((phase, Some(step))) => format!("{}, step {step}", display::state(phase)),
+        Some((phase, None)) => display::state(phase).to_owned(),
         None => "not known".to_owned(),
     };
     let clock = state.clock_s().map_or("-".to_owned(), |clock_s| format!("{clock_s:.1} s"));
@@ -124,9 +124,9 @@ fn device(state: &State) -> Line<'static> {
 
 fn counted(state: &State) -> Line<'static> {
     let Some(status) = &state.status else { return row("counted", "-".to_owned()) };
-    let counters = words::counters(&status.counters);
+    let counters = display::counters(&status.counters);
     let counted = counters.iter().filter(|(count, _)| *count > 0);
-    let counted: Vec<String> = counted.map(|(count, what)| format!("{count} {what}")).collect();
+    let counted: Vec<String> = counted.map(|(count, what)| format!("{what}: {count}")).collect();
     if counted.is_empty() {
         row("counted", "no errors since the device started".to_owned())
     } else {

@@ -2,8 +2,8 @@
 
 use super::numbers::{self, ROWS};
 use super::plots::Plot;
+use device::link::display;
 use device::link::error::fault_text;
-use device::link::words;
 use device::monitor::state::{Restart, State};
 use ratatui::buffer::Buffer;
 use ratatui::layout::{Alignment, Rect};
@@ -67,7 +67,7 @@ impl Settings {
         1e-3 * JOG_STEPS_MM.get(self.jog_step).copied().unwrap_or(0.5)
     }
 
-    /// Shows more time, or less.
+    /// RunKinds more time, or less.
     pub fn change_window(&mut self, longer: bool) {
         self.window = moved(self.window, longer, WINDOWS_S.len());
     }
@@ -168,7 +168,7 @@ impl Screen<'_> {
         }
         let restart = state.restart.as_ref().map(|Restart { reason, panic }| {
             let panic = panic.as_ref().map(|panic| format!("; last panic: {panic}"));
-            format!("started by {}{}", words::reset_reason(*reason), panic.unwrap_or_default())
+            format!("started by {}{}", display::reset_reason(*reason), panic.unwrap_or_default())
         });
         match (state.fault, restart) {
             // One panel for both: mostly the one is what the other latched.

@@ -54,7 +54,7 @@ fn all_that_matters_is_on_the_smallest_usual_terminal() {
         let screen = drawn(&state, Settings::default(), 5.0, width, height);
         has(&screen, &["guide monitor", "/dev/ttyACM0", "B-L475E-IOT01A firmware 0.1.0 (abc1234)"]);
         has(&screen, &["force, N: x and y, last 10 s", "displacement, mm: x and y", "-10 s", "now"]);
-        has(&screen, &["-0.250 mm", "+0.0010 N", "not known yet", "1.530 (1.491 to 1.569) N/mm"]);
+        has(&screen, &["-0.250 mm", "+0.0010 N", "not identified yet", "1.530 (1.491 to 1.569) N/mm"]);
         has(&screen, &["holding, step 2", "device clock 5.0 s", "telemetry on"]);
         has(
             &screen,
@@ -63,7 +63,7 @@ fn all_that_matters_is_on_the_smallest_usual_terminal() {
         has(&screen, &["CPU 23 %", "longest period 412 us", "free stack 10240 B", "motors 3, 0 %"]);
         has(
             &screen,
-            &["3 periods without a new force reading", "home: done", "jog 0.50 mm", "? help", "q quit"],
+            &["periods without a new force reading: 3", "home: done", "jog 0.50 mm", "? help", "q quit"],
         );
         assert!(!screen.contains("FAULT") && !screen.contains("OLD") && !screen.contains("NO CONNECTION"));
         assert!(screen.chars().any(|c| ('\u{2801}'..='\u{28ff}').contains(&c)), "no curve\n{screen}");

@@ -69,7 +69,7 @@ fn a_disk_that_fills_up_while_a_run_is_recorded_stops_the_guide_and_keeps_whole_
         assert!(line.contains("File too large"), "{what}: {line}");
         let executed = fake.executed();
         let runs = executed.iter().any(|request| matches!(request, Request::Run { .. }));
-        // A disk that is full from the beginning lets nothing run; one that fills up in mid-run ends it; the last bytes come after it.
+        // A disk that is full from the beginning lets nothing run; one that fills up during the run ends it; the last bytes come after it.
         assert_eq!(runs, bytes > 1, "{what}: {line}; {executed:?}");
         if runs && bytes <= rows / 3 {
             assert!(executed.contains(&Request::Stop), "{what}: {line}; {executed:?}");

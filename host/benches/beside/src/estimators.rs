@@ -8,11 +8,11 @@ use estimator::information::Information;
 use formats::session::InsertionRun;
 use inference::diagnose::{Options, diagnose};
 use inference::insertion::{
-    Candidates, Learned, Live, Posterior, ReadingNoise, TipPath, Tissue as InsertionTissue, learn,
+    Candidates, Learned, OnlinePosterior, Posterior, ReadingNoise, TipPath, Tissue as InsertionTissue, learn,
 };
 use inference::track::method::{Method, samples};
-use inference::track::sound::{OnlineEstimator, settings};
-use mechanics::growth::{Acting, GrowingBeam, Guide2Grip};
+use inference::track::online::{OnlineEstimator, settings};
+use mechanics::growth::{GrowingBeam, Guide2Grip, NodeLoads};
 use mechanics::insertion::grid_m;
 use mechanics::{Dynamics, Needle, Rig};
 use serde::Serialize;
@@ -130,7 +130,7 @@ pub fn paths() -> Result<Vec<TipPath>> {
     let growth = GrowingBeam::new(&problem, grid_m(0.14, 1e-3, &[]), Guide2Grip::Holding)?;
     let path = |number: usize| {
         let load_n = 0.2 + 0.01 * (3.0 * number as f64).sin();
-        let states = growth.under_load(|_| Acting { load_n: [load_n; 2], guide2_m: [0.0; 2] });
+        let states = growth.under_load(|_| NodeLoads { load_n: [load_n; 2], guide2_m: [0.0; 2] });
         let error = |row: usize| 1e-4 * (2.0 * (row + 100 * number) as f64).sin();
         let run = InsertionRun {
             id: format!("i{number}"),
@@ -169,7 +169,7 @@ pub fn prediction(clock: &mut Clock) -> Result<(f64, PredictionSize)> {
         0,
         ReadingNoise { position_m: 1e-4, ..ReadingNoise::default() },
     );
-    let mut followed = Live::new(Posterior::new(&candidates, &learned));
+    let mut followed = OnlinePosterior::new(Posterior::new(&candidates, &learned));
     for bin in paths[0].bins.iter().take_while(|bin| bin.depth_m < 0.0695) {
         followed.push(bin.depth_m, bin.tip_m);
     }

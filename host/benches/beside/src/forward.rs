@@ -2,8 +2,8 @@
 
 use crate::clock::Clock;
 use anyhow::Result;
-use inference::{Block, HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
-use mechanics::growth::{Acting, DEFAULT_STEP_M, GrowingBeam, Guide2Grip};
+use inference::{Block, ForceZero, HoldData, LateralData, Measured, Parameter, ShapeDatum, fit};
+use mechanics::growth::{DEFAULT_STEP_M, GrowingBeam, Guide2Grip, NodeLoads};
 use mechanics::insertion::grid_m;
 use mechanics::{Beam, Foundation, Model, ModelError, Needle, Rig};
 use std::cell::Cell;
@@ -72,7 +72,7 @@ pub fn run(samples: usize) -> LateralData {
         planes: 1,
         levels: vec![level],
         shape_sd_m: SHAPE_SD_M,
-        force_offset: false,
+        force_zero: ForceZero::Exact,
         uses_force: true,
         effects: Vec::new(),
         fixed: None,
@@ -100,7 +100,7 @@ pub fn insertion(clock: &mut Clock) -> Result<Own> {
         let nodes_m = grid_m(INSERTION_M, DEFAULT_STEP_M, &[]);
         let growth =
             GrowingBeam::without_slopes(black_box(&problem), nodes_m, Guide2Grip::Holding).expect("grows");
-        let states = growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] });
+        let states = growth.under_load(|_| NodeLoads { load_n: [0.2; 2], guide2_m: [0.0; 2] });
         states.iter().step_by(20).skip(1).map(|state| 1e3 * state.tip_m[0]).collect()
     })
 }

@@ -141,7 +141,7 @@ pub fn measure(
         "size: {} parts, {} unknowns, {} depths; other numbers, and a covariance per part, ours sums those of one candidate",
         size.parts, size.unknowns, size.depths
     );
-    table.row("prediction, one reading and the path anew", "predict", &size, (&own, 1.0), &same, limit)?;
+    table.row("prediction, one reading and the path again", "predict", &size, (&own, 1.0), &same, limit)?;
 
     let rows = estimators::rows(seed);
     let recursive = estimators::recursive(clock, &rows)?;

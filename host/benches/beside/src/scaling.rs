@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use inference::{LateralData, Parameter, effect_parameters, fit};
 use mechanics::effects::effect;
 use mechanics::elements::{Elements, Guide2};
-use mechanics::growth::{Acting, GrowingBeam, Guide2Grip};
+use mechanics::growth::{NodeLoads, GrowingBeam, Guide2Grip};
 use mechanics::insertion::grid_m;
 use mechanics::modes::RayleighRitz;
 use mechanics::steering::{BaseDrive, Dynamics, Steering, simulate};
@@ -125,7 +125,7 @@ pub fn measure(clock: &mut Clock, cache: &Path) -> Result<Vec<Growing>> {
             Ok(move || {
                 let nodes_m = grid_m(0.14, 0.14 / steps as f64, &[]);
                 let growth = GrowingBeam::without_slopes(&problem, nodes_m, Guide2Grip::Holding).expect("grows");
-                growth.under_load(|_| Acting { load_n: [0.2; 2], guide2_m: [0.0; 2] })
+                growth.under_load(|_| NodeLoads { load_n: [0.2; 2], guide2_m: [0.0; 2] })
             })
         },
     )?;

@@ -45,8 +45,8 @@ fn frames_out_of_order_are_off_the_sequence() {
     (frames[2][0].across_mm, frames[22][0].across_mm) = (b, a);
     frames[40].clear();
     let track = follow(&frames, 0).expect("a needle");
-    assert!(matches!(track.decisions[2], Decision::Off { .. }), "{:?}", track.decisions[2]);
-    assert!(matches!(track.decisions[22], Decision::Off { .. }), "{:?}", track.decisions[22]);
+    assert!(matches!(track.decisions[2], Decision::Outlier { .. }), "{:?}", track.decisions[2]);
+    assert!(matches!(track.decisions[22], Decision::Outlier { .. }), "{:?}", track.decisions[22]);
     assert_eq!(track.decisions[40], Decision::NoEcho);
 }
 

@@ -1,0 +1,41 @@
+//! Sweeps that no result uses: every command that uses the session reports them, in one line with what to do.
+
+use super::{folder, guide, json, path, text};
+use std::fmt::Write as _;
+use std::fs;
+
+#[test]
+fn every_command_reports_a_sweep_that_was_taken_while_the_guide_moved() {
+    let folder = folder();
+    let dir = folder.path().join("example");
+    json(&["init", "--example", path(&dir), "--json"]);
+    let file = dir.join("d20-1.shape.csv");
+    let mut rows = fs::read_to_string(&file).expect("there");
+    for point in 0..19 {
+        // At 28.5 s guide 2 is on its way from -1.2 mm to 0.
+        writeln!(rows, "{},{}.0,0.1,0.0", 28.45 + 0.005 * f64::from(point), 71 + point).expect("written");
+    }
+    fs::write(&file, rows).expect("written");
+    let remedy = "hold for longer than a sweep takes";
+    let report = folder.path().join("report.html");
+    let commands: [&[&str]; 4] = [
+        &["check", path(&dir)],
+        &["identify", path(&dir)],
+        &["identify", path(&dir), "--layers"],
+        &["diagnose", path(&dir)],
+    ];
+    for command in commands {
+        let output = guide(command);
+        let shown = text(&output.stdout) + &text(&output.stderr);
+        assert!(
+            shown.lines().any(|line| line.contains("19 points") && line.contains(remedy)),
+            "{command:?}: {shown}"
+        );
+    }
+    let made = guide(&["report", path(&dir), "--out", path(&report)]);
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let page = fs::read_to_string(&report).expect("written");
+    assert!(page.contains(remedy));
+    let unused = &json(&["identify", path(&dir), "--json"])["unused"];
+    assert_eq!((&unused[0]["run"], &unused[0]["count"]), (&"d20-1".into(), &19.into()), "{unused}");
+}
