@@ -1,6 +1,6 @@
 //! The whole bench: firmware in QEMU, simulated rig, serial port, in a folder of its own.
 
-use crate::cosim::Cosim;
+use crate::cosim::{Cosim, Fault};
 use crate::images::{self, Image};
 use crate::qemu::{self, HANGS, Qemu};
 use crate::terminals::Terminals;
@@ -35,6 +35,14 @@ impl Bench {
         Self::with_flash(config, seed, speed, limit, &[&calibrated])
     }
 
+    /// The same with these faults of wiring, mounting and sensors, and no stored calibration: a board fresh from the solder.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn wired(config: RigConfig, seed: u64, speed: f64, faults: Vec<Fault>) -> Result<Self> {
+        Self::assemble(config, seed, speed, HANGS, &[], faults)
+    }
+
     /// The same with this content of the flash's pages: what is missing is erased.
     ///
     /// # Errors
@@ -46,6 +54,17 @@ impl Bench {
         limit: Duration,
         pages: &[&[u8]],
     ) -> Result<Self> {
+        Self::assemble(config, seed, speed, limit, pages, Vec::new())
+    }
+
+    fn assemble(
+        config: RigConfig,
+        seed: u64,
+        speed: f64,
+        limit: Duration,
+        pages: &[&[u8]],
+        faults: Vec<Fault>,
+    ) -> Result<Self> {
         let elf = images::build(Image::Qemu)?;
         let folder = tempfile::Builder::new().prefix("needle-guide-").tempdir()?;
         let mut flash = vec![ERASED; PAGES * STORED_BYTES];
@@ -56,7 +75,7 @@ impl Bench {
         fs::write(folder.path().join("unique-id.bin"), unique_id())?;
         // The rig waits for QEMU to open its pipes, but not for long.
         let turn = qemu::turn();
-        let cosim = Cosim::start(config, seed, folder.path(), speed)?;
+        let cosim = Cosim::start_wired(config, seed, folder.path(), speed, faults)?;
         let qemu = Qemu::start(turn, &elf, folder.path(), limit)?;
         let terminals = Terminals::watch()?;
         let bench = Self { qemu: Some(qemu), cosim: Some(cosim), terminals, folder };

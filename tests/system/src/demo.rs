@@ -8,7 +8,7 @@ pub mod hidden;
 pub mod seeds;
 
 use crate::bench::Bench;
-use crate::cosim::Appointment;
+use crate::cosim::{Appointment, Fault};
 use crate::images;
 use crate::qemu::HANGS;
 use anyhow::{Context, Result, ensure};
@@ -59,6 +59,9 @@ pub struct RigArgs {
     /// Rig seconds per second; a large number for as fast as this machine can
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
     speed: f64,
+    /// Something that is wired or mounted wrong, as `leads-reversed:x` or `hum50:0.05`; may be given several times
+    #[arg(long, value_name = "FAULT")]
+    fault: Vec<Fault>,
 }
 
 /// What the demonstration found, against what was true.
@@ -340,7 +343,14 @@ impl Typist<'_> {
 pub fn rig(args: &RigArgs) -> Result<()> {
     ensure!(args.speed > 0.0, "--speed is {}, expected a positive number", args.speed);
     let config = args.config.as_deref().map_or_else(|| Ok(RigConfig::default()), RigConfig::read)?;
-    let bench = Bench::start(config, args.seed, args.speed, Duration::MAX)?;
+    let bench = match args.fault.as_slice() {
+        [] => Bench::start(config, args.seed, args.speed, Duration::MAX)?,
+        faults => {
+            let bench = Bench::wired(config, args.seed, args.speed, faults.to_vec())?;
+            bench.limit(Duration::MAX);
+            bench
+        }
+    };
     println!("port            {}", bench.port());
     println!("sweep command   {}", sweep_command(&this_program()?, &bench));
     println!("the firmware's log follows; Ctrl-C ends it");

@@ -5,6 +5,7 @@
 
 pub mod bench;
 pub mod beside;
+pub mod bringup;
 pub mod campaign;
 pub mod cosim;
 pub mod demo;
@@ -12,6 +13,7 @@ pub mod fuzz;
 pub mod fuzzed;
 pub mod images;
 mod numbers;
+pub mod panics;
 pub mod peers;
 mod pty;
 pub mod qemu;

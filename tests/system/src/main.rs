@@ -5,7 +5,9 @@ use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use system::{beside, campaign, cosim, demo, fuzz, readme, size, soak, stress, suite, timing, tracking};
+use system::{
+    beside, bringup, campaign, cosim, demo, fuzz, readme, size, soak, stress, suite, timing, tracking,
+};
 
 /// Set up, build, test and demonstrate the needle guide
 #[derive(Parser)]
@@ -25,10 +27,12 @@ enum Task {
     Bench(beside::Args),
     /// Build the image for the board and compare its flash and RAM use with the committed figures
     Size(size::Args),
-    /// Make the outputs and pictures of README.md and the manual anew, or compare them
+    /// Regenerate the outputs and pictures of README.md and the manual, or compare them
     Readme(readme::Args),
     /// Run the end of the demonstration for many seeds
     StudyDemo(demo::seeds::Seeds),
+    /// Run `guide bringup` on rigs with every fault of wiring, mounting and sensors, and on sound ones
+    StudyBringup(bringup::Options),
     /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
     Tracking,
     /// Run the firmware on a bad cable: flipped bits, cuts, programs; nothing wrong may arrive, nothing be lost uncounted
@@ -71,6 +75,7 @@ fn run(task: Task) -> Result<()> {
         Task::Size(args) => size::run(&args),
         Task::Readme(args) => readme::run(&args),
         Task::StudyDemo(args) => demo::seeds::run(&args),
+        Task::StudyBringup(args) => bringup::run(&args),
         Task::Tracking => {
             println!("{}", tracking::run()?);
             Ok(())

@@ -71,7 +71,7 @@ impl Display for Survived {
         } = self;
         writeln!(
             f,
-            "{duration_s:.1} s of device time: {samples} samples arrived, each as it was sensed; {} missing, each counted",
+            "{duration_s:.1} s of device time: {samples} samples arrived, each equal to the reading of its sensor; {} missing, each counted",
             losses.samples_missing
         )?;
         writeln!(
@@ -83,7 +83,7 @@ impl Display for Survived {
         )?;
         write!(
             f,
-            "  {programs} programs; {} messages without room; {} late control periods, latest start {} us, longest period {} us",
+            "  {programs} programs; {} messages dropped; {} late control periods, latest start {} us, longest period {} us",
             counters.messages_dropped,
             counters.control_overruns,
             load.latest_start_us,

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use estimator::{Estimate, Settings};
 use formats::session::SteeringRun;
 use inference::track::method::samples;
-use inference::track::sound::{MODES, OnlineTracker, settings};
+use inference::track::online::{MODES, OnlineTracker, settings};
 use mechanics::{Dynamics, Needle, Rig};
 use simulation::rig::steering::{Inclusion, Plan, Sensors, SteeringRig, Tissue, TissueLayer};
 use std::fmt::{self, Display};
@@ -89,7 +89,7 @@ pub fn run() -> Result<Tracked> {
     Ok(tracked)
 }
 
-/// Two layers and a lump at 4 mm/s with support.
+/// Two layers and an inclusion at 4 mm/s with support.
 fn recorded() -> Result<SteeringRun> {
     let layer = |bottom_mm, stiffness_n_per_m2, damping_n_s_per_m2| TissueLayer {
         bottom_mm,

@@ -124,6 +124,7 @@ impl NoisePlan {
     pub(super) fn statement(&self) -> Noise {
         Noise {
             force_n: Some(self.force_n),
+            force_zero_n: None,
             displacement_m: Some(MM * self.displacement_mm),
             shape_m: Some(MM * self.shape_mm.hypot(self.pixel_mm / 12f64.sqrt())),
             tip_m: Some(MM * self.tip_mm),

@@ -1,7 +1,7 @@
 //! Ids of what can differ from the plain model, with sizes to test.
 
 /// Every id with weak, middle and strong values. The number of values is that of the effect's parameters.
-const STRENGTHS: [(&str, [&[f64]; 3]); 28] = [
+const STRENGTHS: [(&str, [&[f64]; 3]); 29] = [
     ("tissue.layers", [&[1.5, 18.0], &[2.2, 15.0], &[3.5, 12.0]]),
     ("tissue.gradient", [&[0.01], &[0.03], &[0.06]]),
     ("tissue.stiffening", [&[0.4], &[0.7], &[1.0]]),
@@ -13,6 +13,7 @@ const STRENGTHS: [(&str, [&[f64]; 3]); 28] = [
     ("rig.clamp_compliance", [&[0.1], &[0.3], &[0.8]]),
     ("rig.frame_compliance", [&[0.02], &[0.05], &[0.12]]),
     ("rig.backlash", [&[0.03], &[0.06], &[0.12]]),
+    ("rig.play", [&[0.03], &[0.06], &[0.12]]),
     ("rig.friction", [&[0.02], &[0.05], &[0.1]]),
     ("sensor.force_bias", [&[0.03, -0.02], &[0.08, -0.05], &[0.2, 0.1]]),
     ("sensor.force_gain", [&[0.03], &[0.08], &[0.2]]),

@@ -98,7 +98,7 @@ fn taken_m(world: &World, steps: &[GuideStep], step: usize, leaving: bool) -> [f
     for one in steps.iter().filter(|one| is_past(node_at(MM * one.depth_mm), step, leaving)) {
         for (at_m, to_mm) in needle_m.iter_mut().zip(one.to_mm) {
             let off_m = MM * to_mm - *at_m;
-            *at_m += (off_m.abs() - world.clearance_m).max(0.0).copysign(off_m);
+            *at_m += (off_m.abs() - world.clearance_m - world.play_m).max(0.0).copysign(off_m);
         }
     }
     needle_m

@@ -4,8 +4,6 @@ use super::chain::{Chain, Factor, STEP_M, node_at};
 use super::world::World;
 use super::{Foreign, MM};
 
-/// Play with memory, to either side.
-const PLAY_M: f64 = 0.12 * MM;
 /// Damage takes up to this share of the modulus, most of it after deflections of this size.
 const DAMAGE_SHARE: f64 = 0.55;
 const DAMAGE_M: f64 = 0.4 * MM;
@@ -96,8 +94,8 @@ impl Tissue<'_> {
     }
 }
 
-/// Rest of a bent needle that guide 2 holds at zero in tissue without stress: its force and the deflection at a place.
-pub(super) fn rest(world: &World, plane: usize) -> (f64, impl Fn(f64) -> f64) {
+/// Prestress of a bent needle that guide 2 holds at zero in tissue without stress: its force and the deflection at a place.
+pub(super) fn prestress(world: &World, plane: usize) -> (f64, impl Fn(f64) -> f64) {
     let (bend_per_m, guide2_m) = (world.prebend_per_m[plane], world.guide2_m.unwrap_or(0.0));
     let force_n =
         if guide2_m > 0.0 { -3.0 * world.bending_n_m2 * bend_per_m / (2.0 * guide2_m) } else { 0.0 };
@@ -128,7 +126,7 @@ pub(super) fn march(
     (entry + 1..=last).for_each(|node| chain.add_slope(node, world.shear_n));
     chain.band.add_spring(entry, world.skin_n_per_m);
     let mut tissue = tissue(world, plane, [entry, last], period_s);
-    let (rest_n, rest_m) = rest(world, plane);
+    let (rest_n, rest_m) = prestress(world, plane);
     let rest_m: Vec<f64> = (0..=last).map(|node| rest_m(node as f64 * STEP_M)).collect();
     let mut deflection_m = vec![0.0; last + 1];
     let mut play_m: f64 = 0.0;
@@ -136,11 +134,8 @@ pub(super) fn march(
     let mut solved_m = None;
     let mut motion = Motion { force_n: Vec::new(), shape_m: Vec::new() };
     for (sample, at_m) in commanded_m.iter().enumerate() {
-        let mut guided_m = *at_m;
-        if world.has(Foreign::HystereticPlay) {
-            play_m = play_m.clamp(at_m - PLAY_M, at_m + PLAY_M);
-            guided_m = play_m;
-        }
+        play_m = play_m.clamp(at_m - world.play_m, at_m + world.play_m);
+        let mut guided_m = play_m;
         let touches = guided_m.abs() > world.clearance_m || world.clearance_m <= 0.0;
         guided_m = if touches { guided_m - world.clearance_m * guided_m.signum() } else { 0.0 };
         // The frame gives way to the force that is there at rest, too.

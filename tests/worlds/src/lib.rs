@@ -72,7 +72,7 @@ pub struct Truth {
 pub enum Foreign {
     /// The force sensor drifts to and fro, about three times per run.
     SinusoidalDrift,
-    /// A lump: four times the modulus between 8 and 14 mm below the surface.
+    /// An inclusion: four times the modulus between 8 and 14 mm below the surface.
     StiffInclusion,
     /// Tissue gets softer, for the rest of the run, where it was deflected most so far.
     Damage,
@@ -80,21 +80,18 @@ pub enum Foreign {
     QuadraticSensor,
     /// Tissue on one side of the needle is softer than on the other.
     OneSidedTissue,
-    /// The actuator has play with memory between its displacement sensor and the guide.
-    HystereticPlay,
     /// The image is distorted by a cubic along the needle.
     ImageWarp,
 }
 
 impl Foreign {
     /// Every one there is.
-    pub const ALL: [Foreign; 7] = [
+    pub const ALL: [Foreign; 6] = [
         Self::SinusoidalDrift,
         Self::StiffInclusion,
         Self::Damage,
         Self::QuadraticSensor,
         Self::OneSidedTissue,
-        Self::HystereticPlay,
         Self::ImageWarp,
     ];
 
@@ -106,7 +103,6 @@ impl Foreign {
             Self::Damage => "damage",
             Self::QuadraticSensor => "quadratic_sensor",
             Self::OneSidedTissue => "one_sided_tissue",
-            Self::HystereticPlay => "hysteretic_play",
             Self::ImageWarp => "image_warp",
         }
     }

@@ -28,8 +28,14 @@ fn small() -> Design {
 }
 
 /// Effects that no insertion shows in which guide 2 rests, beside those of the sensors; anisotropy shows where the bevel is rolled.
-const LATERAL_ONLY: [&str; 5] =
-    ["tissue.stiffening", "tissue.relaxation", "tissue.anisotropy", "rig.backlash", "rig.friction"];
+const LATERAL_ONLY: [&str; 6] = [
+    "tissue.stiffening",
+    "tissue.relaxation",
+    "tissue.anisotropy",
+    "rig.backlash",
+    "rig.play",
+    "rig.friction",
+];
 
 /// Every number of a session, channel by channel.
 fn channels(session: &Session) -> [Vec<f64>; 4] {
@@ -176,6 +182,10 @@ fn histories_are_as_described() {
     let (_, rubbed_n) = force_n(vec![("rig.friction", vec![0.1])]);
     let signs = [2.0, 5.0, 15.0].map(|now_s| ((rubbed_n[at(now_s)] - plain_n[at(now_s)]) * 10.0).round());
     assert_eq!(signs, [0.0, 1.0, -1.0]);
+    // Guide 2 follows its play: behind by it on the way out, ahead by it on the way back.
+    let (_, played_n) = force_n(vec![("rig.play", vec![0.1])]);
+    let behind_mm = |now_s: f64| (played_n[at(now_s)] - plain_n[at(now_s)]) / (plain_n[at(12.0)] / 1.2);
+    assert!((behind_mm(12.0) + 0.1).abs() < 1e-6 && (behind_mm(15.0) - 0.1).abs() < 1e-6);
     // A delay shows in ramps only.
     let (_, late_n) = force_n(vec![("sensor.delay", vec![0.12])]);
     assert!((late_n[at(5.0)] - plain_n[at(5.0)]).abs() < 1e-9);

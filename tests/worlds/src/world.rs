@@ -3,9 +3,9 @@
 use super::{Foreign, MM, Truth, strengths};
 use mechanics::Rig;
 
-/// Faces of the lump below the surface, and how much stiffer it is.
-const LUMP_M: [f64; 2] = [8e-3, 14e-3];
-const LUMP_TIMES: f64 = 4.0;
+/// Faces of the inclusion below the surface, and how much stiffer it is.
+const INCLUSION_M: [f64; 2] = [8e-3, 14e-3];
+const INCLUSION_FACTOR: f64 = 4.0;
 
 /// A sine over a length or a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,6 +80,8 @@ pub(super) struct World {
     pub clamp_rad_per_n_m: f64,
     pub frame_m_per_n: f64,
     pub clearance_m: f64,
+    /// Half of the play between the displacement sensor and the guide.
+    pub play_m: f64,
     pub friction_n: f64,
     pub bias_n: [f64; 2],
     pub gain: f64,
@@ -137,6 +139,7 @@ impl World {
             clamp_rad_per_n_m: one("rig.clamp_compliance"),
             frame_m_per_n: MM * one("rig.frame_compliance"),
             clearance_m: MM * one("rig.backlash"),
+            play_m: MM * one("rig.play"),
             friction_n: one("rig.friction"),
             bias_n: pair("sensor.force_bias", 1.0),
             gain: one("sensor.force_gain"),
@@ -170,7 +173,7 @@ impl World {
         let [from_m, to_m] = [from_m, to_m].map(|depth_m| depth_m - self.tissue.surface_m);
         let mut faces_m: Vec<f64> = [0.0, self.gap_m, self.layer_boundary_m]
             .into_iter()
-            .chain(LUMP_M)
+            .chain(INCLUSION_M)
             .filter(|face_m| *face_m > from_m && *face_m < to_m)
             .chain([from_m, to_m])
             .collect();
@@ -194,9 +197,10 @@ impl World {
         if depth_m < self.gap_m.max(0.0) {
             return 0.0;
         }
-        let lump = self.has(Foreign::StiffInclusion) && (LUMP_M[0]..LUMP_M[1]).contains(&depth_m);
+        let inclusion =
+            self.has(Foreign::StiffInclusion) && (INCLUSION_M[0]..INCLUSION_M[1]).contains(&depth_m);
         let layer = if depth_m < self.layer_boundary_m { 1.0 } else { self.layer_ratio };
         let factor = layer * self.growth(depth_m);
-        self.k_pa * factor * self.tissue.at(depth_m) * if lump { LUMP_TIMES } else { 1.0 }
+        self.k_pa * factor * self.tissue.at(depth_m) * if inclusion { INCLUSION_FACTOR } else { 1.0 }
     }
 }

@@ -43,6 +43,10 @@ pub fn study(arguments: &[OsString]) -> Result<ExitCode> {
             setup::ensure_all()?;
             system("study-demo", rest)
         }
+        Some((name, rest)) if name == "bringup" => {
+            setup::ensure_all()?;
+            system("study-bringup", rest)
+        }
         Some(_) => studies(arguments),
         None => {
             let code = studies(&["modulus-relation".into()])?;

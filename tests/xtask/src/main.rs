@@ -54,7 +54,7 @@ const TASKS: [(&str, Needs, &str); 16] = [
         Needs::Target,
         "Build the image for the board and compare its flash and RAM use with the committed figures",
     ),
-    ("readme", Needs::Qemu, "Make the outputs and pictures of the documentation anew, or compare them"),
+    ("readme", Needs::Qemu, "Regenerate the outputs and pictures of the documentation, or compare them"),
     ("study", Needs::Here, "Make a table of the documentation, or one that comes with the tool"),
     (
         "tracking",

@@ -19,8 +19,9 @@ use std::time::{Duration, Instant};
 const BOOT_LIMIT: Duration = Duration::from_secs(3_600);
 /// As many rig seconds per second as the computer can do.
 const SPEED: f64 = f64::INFINITY;
-/// Time by this computer's clock in which a command is answered, before it is sent again.
+/// Time in which a command is answered, before it is sent again: by this computer's clock, and by the device's, milliseconds.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(1_500);
+const ANSWER_DEVICE_MS: u64 = 1_000;
 /// How often a command is sent.
 const TRIES: u32 = 8;
 /// Device time between two signs of life, milliseconds.
@@ -127,8 +128,15 @@ impl<'a> Device<'a> {
         for _ in 0..TRIES {
             self.tally.commands += 1;
             broken(self.line.send(&command))?;
-            let began = Instant::now();
-            while began.elapsed() < ANSWER_TIMEOUT {
+            // Both clocks: on a busy machine the device may get no time for longer than any answer takes.
+            let (began, began_ms) = (Instant::now(), self.now_ms());
+            while began.elapsed() < ANSWER_TIMEOUT || self.now_ms() < began_ms + ANSWER_DEVICE_MS {
+                if began.elapsed() > HANGS {
+                    return Err(Violation(format!(
+                        "the device's clock stands still at {} ms",
+                        self.now_ms()
+                    )));
+                }
                 let Some(message) = broken(self.line.receive(Duration::from_millis(20)))? else { continue };
                 match self.take(message) {
                     Some((id, answer)) if id == command.id => return Ok(answer),

@@ -230,8 +230,9 @@ impl Bench {
     /// Starts again with the calibration that was to be kept.
     fn restart(&mut self, record: CalibrationRecord) {
         let calibration = Calibration::new(record).expect("only a sound calibration is kept");
-        let carried = Some(self.controller.carried());
-        self.controller = Controller::new(calibration.clone(), Start { carried, ..Start::ordinary(BOOT_ID) });
+        let retained = Some(self.controller.retained_state());
+        self.controller =
+            Controller::new(calibration.clone(), Start { retained, ..Start::ordinary(BOOT_ID) });
         self.calibration = calibration;
         self.last = None;
         self.request(Request::Hello);

@@ -6,7 +6,7 @@
 use super::Bytes;
 use device::igtl::message::HEADER_BYTES;
 use device::igtl::message::{Content, Message};
-use device::igtl::wire::{Arrival, Broken, Decoder, MAX_KEPT};
+use device::igtl::wire::{Arrival, Decoder, MAX_BODY_BYTES, StreamError};
 
 /// Feeds the decoder.
 ///
@@ -28,11 +28,11 @@ pub fn run(data: &[u8]) {
 }
 
 /// Everything that comes of a stream in pieces of such a length.
-fn decoded(stream: &[u8], piece: usize) -> (Vec<Arrival>, Result<(), Broken>) {
+fn decoded(stream: &[u8], piece: usize) -> (Vec<Arrival>, Result<(), StreamError>) {
     let (mut decoder, mut arrivals) = (Decoder::default(), Vec::new());
     for piece in stream.chunks(piece) {
         let outcome = decoder.feed(piece, |arrival| arrivals.push(arrival));
-        assert!(decoder.kept() <= HEADER_BYTES + MAX_KEPT, "{} bytes are kept", decoder.kept());
+        assert!(decoder.kept() <= HEADER_BYTES + MAX_BODY_BYTES, "{} bytes are kept", decoder.kept());
         if outcome.is_err() {
             return (arrivals, outcome);
         }

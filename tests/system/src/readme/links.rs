@@ -125,3 +125,26 @@ fn links_that_lead_nowhere_are_named() {
         ]
     );
 }
+
+/// Where an identifier of the literature is a link, text and target are the same one, in the form that the registry prescribes.
+#[test]
+fn every_doi_is_its_own_link() {
+    let book = Book::read(images::root()).unwrap();
+    let page = book.page(&format!("{MANUAL}/bibliography.md")).unwrap();
+    let form = regex::Regex::new(r"^10\.\d{4,9}/[-._;()/:A-Za-z0-9]+$").unwrap();
+    let (mut count, mut target) = (0, None);
+    for event in Parser::new(&page.text()) {
+        match event {
+            Event::Start(Tag::Link { dest_url, .. }) => {
+                target = dest_url.strip_prefix("https://doi.org/").map(str::to_owned);
+            }
+            Event::Text(text) if target.is_some() => {
+                assert!(form.is_match(&text), "{text}: not the form of a DOI");
+                assert_eq!(target.take().as_deref(), Some(&*text));
+                count += 1;
+            }
+            _ => {}
+        }
+    }
+    assert!(count > 10, "{count} DOIs");
+}

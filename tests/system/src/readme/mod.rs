@@ -67,7 +67,7 @@ pub enum Group {
 /// Text for a block.
 type Fresh<'a> = (&'a Block, String);
 
-/// Makes the blocks anew, or compares them.
+/// Regenerates the blocks, or compares them.
 ///
 /// # Errors
 /// Where a command fails, or with `--check` anything differs.
@@ -98,12 +98,12 @@ pub fn run(args: &Args) -> Result<()> {
             fresh.iter().map(|(block, text)| same::difference(block, text)).collect();
         complaints.extend(drawn.iter().flat_map(|drawn| pictures::differing(&book, drawn)));
         complaints.extend(excerpt::complaints(&blocks));
-        ensure!(complaints.is_empty(), "{}\n`cargo xtask readme` makes it anew", complaints.join("\n"));
+        ensure!(complaints.is_empty(), "{}\n`cargo xtask readme` regenerates it", complaints.join("\n"));
         println!("README.md and the manual show what the commands print");
         return Ok(());
     }
     for (block, _) in &fresh {
-        println!("made anew: {}", block.place());
+        println!("regenerated: {}", block.place());
     }
     let fresh: Vec<(Block, String)> =
         fresh.into_iter().map(|(block, text)| (block.clone(), same::shown(&text))).collect();

@@ -3,6 +3,7 @@
 //! * `demo`: the procedure of `cargo xtask demo`
 //! * `hidden`: its end, where the rig hides an effect
 //! * `recording`: console blocks about the files that the procedure left
+//! * `new`: console blocks on a rig as it is after mounting
 //! * `live`: console blocks on a running rig, one after the other; what shows the moment is compared without its numbers
 //!
 //! The end-to-end tests run the same procedures, and compare these parts on the way.
@@ -73,6 +74,13 @@ pub(super) fn all(blocks: &[Block]) -> Result<Vec<(&Block, String)>> {
     printed.push_str(&found.summary(SEED));
     let printed = as_shown(&printed, folder.path(), &xtask);
     fresh.extend(of("hidden").map(|block| (block, printed.clone())));
+    eprintln!("a new rig");
+    let bench = Bench::start(RigConfig::default(), SEED, SPEED, HANGS)?;
+    let shell_of_new = shell.clone().with_port(bench.port());
+    for block in of("new") {
+        fresh.push((block, shell_of_new.run(block)?));
+    }
+    bench.stop()?;
     eprintln!("a running rig");
     let bench = Bench::start(quiet(), SEED, SPEED, HANGS)?;
     let shell = shell.with_port(bench.port());
@@ -83,7 +91,7 @@ pub(super) fn all(blocks: &[Block]) -> Result<Vec<(&Block, String)>> {
     bench.stop()?;
     for block in blocks {
         if let Made::Rig(part) = &block.made
-            && !["demo", "recording", "hidden", "live"].contains(&part.as_str())
+            && !["demo", "recording", "hidden", "new", "live"].contains(&part.as_str())
         {
             bail!("{}: no part {part}", block.place());
         }

@@ -31,7 +31,9 @@ pub fn expected(request: &Request, state: State, fault: Option<Fault>, sound: Re
         | Request::Stream { .. }
         | Request::Stop => Answer::Accepted,
         Request::ClearFault => of_content,
-        Request::Run { .. } if let Some(fault) = fault => Answer::Refused(Refusal::Faulted { fault }),
+        Request::Run { .. } | Request::Pulse { .. } if let Some(fault) = fault => {
+            Answer::Refused(Refusal::Faulted { fault })
+        }
         Request::StoreCalibration { .. }
             if let Some(fault) = fault.filter(|fault| !fault.may_come_of_calibration()) =>
         {
@@ -42,6 +44,7 @@ pub fn expected(request: &Request, state: State, fault: Option<Fault>, sound: Re
         | Request::Limits { .. }
         | Request::LoadCalibration { .. }
         | Request::Retreat { .. }
+        | Request::Pulse { .. }
         | Request::StoreCalibration { .. } => {
             if is_active(state) {
                 Answer::Refused(Refusal::Busy)

@@ -9,7 +9,7 @@ use crate::cosim::Cosim;
 use crate::qemu::HANGS;
 use crate::trial::Books;
 use anyhow::{Context, Result, bail, ensure};
-use device::link::words::request_name;
+use device::link::display::request_name;
 use device::link::{Client, LinkError, Telemetry};
 use protocol::{EventKind, Fault, Refusal, Request, Status};
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 /// How long one poll of the device waits.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// How often a request on a bad line is sent anew, each time with the client's own repeats.
+/// How often a request on a bad line is sent again, each time with the client's own repeats.
 pub const ATTEMPTS: u32 = 8;
 
 /// Everything about the device under trial.
@@ -51,7 +51,7 @@ impl<'a> Device<'a> {
             client: Some(client),
             books: Books::new(rig.started()),
             watch: Watch::default(),
-            memory: Memory::new(rig.steps() + warm_ms),
+            memory: Memory::new(rig.steps().saturating_add(warm_ms)),
             random,
             tally: Tally::default(),
             deadline_ms: None,

@@ -313,7 +313,7 @@ fn a_foreign_viewer_receives_the_results_that_the_commands_print() {
         }
     }
 
-    // Another number of runs: sent anew without a request.
+    // Another number of runs: sent again without a request.
     let text = fs::read_to_string(session.join("session.toml")).unwrap();
     let fewer = text.replacen("[[lateral]]", "[[unused]]", 1);
     fs::write(session.join("session.toml"), fewer).unwrap();

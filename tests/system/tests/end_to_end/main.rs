@@ -2,9 +2,11 @@
 //! `guide`. They need QEMU, so `cargo test` skips them and `cargo xtask test` runs them; what the pages show
 //! without a rig is held to the programs by both.
 
+mod bringup;
 mod foreign;
 mod hazards;
 mod igtl;
+mod image;
 mod library;
 mod machine;
 mod ports;

@@ -15,7 +15,7 @@ mod wall;
 
 use super::chain::{STEP_M, node_at};
 use super::flaws::Flaws;
-use super::lateral::{Motion, rest};
+use super::lateral::{Motion, prestress};
 use super::sensors::{self, LateralPart};
 use super::world::World;
 use super::{Background, Design, MM, NoisePlan, Truth};
@@ -203,7 +203,7 @@ fn holding(world: &World, plane: usize) -> Holding {
     }
 }
 
-/// Guide 2 goes through its motion; the answer of a linear body has no memory.
+/// Guide 2 goes through its motion, with play; the answer of a linear body has no memory.
 fn march(
     world: &World,
     plane: usize,
@@ -212,14 +212,16 @@ fn march(
     commanded_m: &[f64],
     keep: &[usize],
 ) -> Motion {
-    let (rest_n, rest_m) = rest(world, plane);
+    let (rest_n, rest_m) = prestress(world, plane);
     let count = node_at(world.entry_m) + node_at(depth_m) + 1;
     let places_m: Vec<f64> = (0..count).map(|node| node as f64 * STEP_M).collect();
     let per_m: Vec<f64> = places_m.iter().map(|z_m| bent.at(*z_m)).collect();
     let mut motion = Motion { force_n: Vec::with_capacity(commanded_m.len()), shape_m: Vec::new() };
     // Frame and needle share what guide 2 is moved by; the frame gives way to the force that is there at rest, too.
     let frame = 1.0 + world.frame_m_per_n * bent.stiffness_n_per_m;
-    for (sample, at_m) in commanded_m.iter().enumerate() {
+    let mut at_m = 0.0_f64;
+    for (sample, measured_m) in commanded_m.iter().enumerate() {
+        at_m = at_m.clamp(measured_m - world.play_m, measured_m + world.play_m);
         let beyond_m = (at_m.abs() - world.clearance_m).max(0.0) * at_m.signum();
         let touches = beyond_m != 0.0 || world.clearance_m <= 0.0;
         let given_m = if touches { world.frame_m_per_n * rest_n } else { 0.0 };

@@ -2,7 +2,9 @@
 
 use super::needle::{Needle, Tip, Tissue};
 use super::sensor::{Flaws, SimulatedPlant};
-use ::steering::{Command, Limits, NeedleStated, Plant, PlantError, PriorStated, RigStated, Statement};
+use ::steering::{
+    Command, Limits, NeedleStatement, Plant, PlantError, PriorStatement, RigStatement, Statement,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -168,8 +170,8 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
     needle.tip = tip;
     let stated = Statement {
         plant: ::steering::VERSION.to_owned(),
-        needle: NeedleStated { ei_n_m2: Some(0.0157), outer_diameter_mm: Some(1.27) },
-        rig: RigStated {
+        needle: NeedleStatement { ei_n_m2: Some(0.0157), outer_diameter_mm: Some(1.27) },
+        rig: RigStatement {
             guide1_to_guide2_mm: Some(60.0),
             guide2_to_surface_mm: gap_mm,
             move_while_pushing: false,
@@ -192,7 +194,7 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
         force_noise_n: Some(0.02),
         guide_error_mm: 0.3,
         bevel_deg,
-        prior: Some(PriorStated {
+        prior: Some(PriorStatement {
             foundation_kpa: Some(prior_kpa),
             foundation_range: Some([0.5, 1.5]),
             tip_load_n: Some(prior_load_n),

@@ -1,7 +1,7 @@
 //! Actuators, sensors and rules of the plant.
 
 use super::needle::Needle;
-use ::steering::{Answer, Command, End, LimitsBroken, Plant, PlantError, Statement};
+use ::steering::{Answer, Command, End, LimitViolations, Plant, PlantError, Statement};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -54,7 +54,7 @@ pub struct SimulatedPlant {
     shown: (i64, f64, [f64; 2], bool),
     next_sample_s: f64,
     end: End,
-    broken: LimitsBroken,
+    broken: LimitViolations,
     turns: f64,
 }
 
@@ -73,7 +73,7 @@ impl SimulatedPlant {
             shown: (0, 0.0, [0.0; 2], false),
             next_sample_s: 0.0,
             end: End::default(),
-            broken: LimitsBroken::default(),
+            broken: LimitViolations::default(),
             turns: 0.0,
         }
     }

@@ -78,14 +78,50 @@ fn a_calibration_that_no_rig_has_is_refused() {
     bench.stop().unwrap();
 }
 
-#[test]
-#[ignore = "needs QEMU: cargo xtask test runs it"]
-fn an_axis_that_moves_the_wrong_way_is_stopped_at_once() {
+/// Tables of the wrong sign, as stored.
+fn turned() -> Vec<u8> {
     let mut turned = Calibration::nominal_record();
     for table in &mut turned.potentiometers {
         (table.rising_um, table.falling_um) = (table.rising_um.map(|um| -um), table.falling_um.map(|um| -um));
     }
-    let stored = to_stored(&turned, 3);
+    to_stored(&turned, 3).to_vec()
+}
+
+/// Each is too short for the fault of the wrong way, and no force shows where they lead.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn short_retreats_by_tables_of_the_wrong_sign_do_not_add_up() {
+    const ATTEMPTS: u32 = 40;
+    let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, HANGS, &[&turned()]).unwrap();
+    let mut client = Client::connect(&bench.port()).unwrap();
+    bench.rig().inject(Injection { force_saturated: Some(0), ..Injection::default() });
+    eventually("the saturation is a fault", || client.status().unwrap().fault == Some(Fault::ForceRange));
+    let at_mm = || bench.rig().rig(|rig| rig.position_m()).map(|m| 1e3 * m);
+    let from_mm = at_mm();
+    let here_um = client.status().unwrap().position_counts;
+    let axis = usize::from(here_um[1].abs() > here_um[0].abs());
+    let mut by_um = [0; 2];
+    // Not as far as the middle, beyond which nothing blind may lead.
+    by_um[axis] = -here_um[axis].signum() * (here_um[axis].abs() * 3 / 5).min(1_000);
+    let [x_um, y_um] = by_um;
+    let mut attempts = 0;
+    while attempts < ATTEMPTS && client.request(Request::Retreat { x_um, y_um }).is_ok() {
+        let since = bench.rig().steps();
+        eventually("it has moved a little", || bench.rig().steps() > since + 150);
+        client.request(Request::Stop).unwrap();
+        attempts += 1;
+    }
+    let moved_mm = (at_mm()[axis] - from_mm[axis]).abs();
+    println!("{moved_mm} mm in {attempts} retreats of {by_um:?} um from {from_mm:?} mm");
+    assert!((1..ATTEMPTS).contains(&attempts) && moved_mm < 0.4, "{moved_mm} mm in {attempts} retreats");
+    drop(client);
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn an_axis_that_moves_the_wrong_way_is_stopped_at_once() {
+    let stored = turned();
     let bench = Bench::with_flash(RigConfig::default(), 41, SPEED, HANGS, &[&stored]).unwrap();
     let mut client = Client::connect(&bench.port()).unwrap();
     let from_m = bench.rig().rig(|rig| rig.position_m());

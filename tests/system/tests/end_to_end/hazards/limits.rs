@@ -1,7 +1,7 @@
 //! Sequences of commands that once led round the limits of force and travel, or into a fault without a way out.
 
 use super::*;
-use device::monitor::{Event, Order, Worker};
+use device::monitor::{Event, UserCommand, Worker};
 use protocol::{Command, RetreatOutcome, encode_command};
 use std::io::Write;
 
@@ -47,6 +47,84 @@ fn a_load_beyond_the_range_is_left_by_a_retreat() {
     bench.stop().unwrap();
 }
 
+/// A tare at the other side makes the load along y the largest of all, so that what x adds would not be noticed beside it.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn retreats_along_one_axis_do_not_hide_behind_the_load_of_the_other() {
+    let (bench, mut client) = bench(RigConfig::default());
+    let tare = [move_y(-600, 2_000), Step::Hold { duration_ms: 300 }, Step::Tare { duration_ms: 200 }];
+    assert_eq!(ended(&mut client, &tare), Outcome::Completed);
+    client.request(Request::Limits { force_mn: 2_000, silence_ms: SILENCE_MS }).unwrap();
+    let both = Step::Move { x_um: 6_000, y_um: 6_000, speed_um_s: 2_000 };
+    assert_eq!(ended(&mut client, &[both]), Outcome::Faulted);
+    assert_eq!(client.status().unwrap().fault, Some(Fault::ForceLimit));
+    client.request(Request::Limits { force_mn: 1_200, silence_ms: SILENCE_MS }).unwrap();
+    let force_x_n = || bench.rig().rig(|rig| rig.force_n()[0].abs());
+    let before_n = force_x_n();
+    let further = Request::Retreat { x_um: 300, y_um: 0 };
+    let mut tries = 0;
+    while client.request(further).is_ok() {
+        tries += 1;
+        assert_eq!(retreat_ended(&mut client), RetreatOutcome::ForceNotFalling);
+    }
+    assert!((1..=2).contains(&tries), "{tries} retreats into the load");
+    assert!(force_x_n() < before_n + 0.15, "from {before_n} N to {} N along x", force_x_n());
+    // Out of both, one after the other, to what the lower limit allows.
+    for turn in 0..20 {
+        let [x_n, y_n] = bench.rig().rig(|rig| rig.force_n()).map(f64::abs);
+        let (x_um, y_um) = if x_n > y_n { (-1_000, 0) } else { (0, -1_000) };
+        if client.request(Request::Retreat { x_um, y_um }).is_err()
+            || retreat_ended(&mut client) == RetreatOutcome::Unloaded
+        {
+            break;
+        }
+        assert!(turn < 19, "no way out: {x_n} N, {y_n} N");
+    }
+    eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
+    drop(client);
+    bench.stop().unwrap();
+}
+
+/// The force counts from the calibration's zero too: with a tare that is far from it a low limit would be exceeded everywhere.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_limit_that_no_position_meets_is_rejected_and_changes_nothing() {
+    let (bench, mut client) = bench(RigConfig::default());
+    let tare = [move_y(-600, 2_000), Step::Hold { duration_ms: 300 }, Step::Tare { duration_ms: 200 }];
+    assert_eq!(ended(&mut client, &tare), Outcome::Completed);
+    let zero_counts = client.safety().unwrap().zero_counts;
+    let zero_n = client.force_n(zero_counts).map(f64::abs).into_iter().fold(0.0, f64::max);
+    let before = client.limits().unwrap();
+    let error = client.set_limits(Some(0.9 * zero_n), None).unwrap_err();
+    assert!(matches!(error, LinkError::LimitBelowZero { .. }), "{error}");
+    assert_eq!(client.limits().unwrap(), before);
+    client.set_limits(Some(1.5 * zero_n), None).unwrap();
+    assert_eq!(client.status().unwrap().fault, None);
+    drop(client);
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_converter_that_saturates_in_a_retreat_ends_it() {
+    let (bench, mut client) = bench(RigConfig::default());
+    client.request(Request::Limits { force_mn: 2_000, silence_ms: SILENCE_MS }).unwrap();
+    assert_eq!(ended(&mut client, &[move_y(6_000, 2_000)]), Outcome::Faulted);
+    let x_mm = || 1e3 * bench.rig().rig(|rig| rig.position_m()[0]);
+    let from_mm = x_mm();
+    // Across the load nothing rises at first; then nothing is left to follow.
+    client.request(Request::Retreat { x_um: 900, y_um: 0 }).unwrap();
+    bench.rig().inject(Injection { force_saturated: Some(0), ..Injection::default() });
+    assert_eq!(retreat_ended(&mut client), RetreatOutcome::ForceNotFalling);
+    assert!((x_mm() - from_mm).abs() < 0.45, "from {from_mm} mm to {} mm", x_mm());
+    assert_eq!(refusal(client.request(Request::Retreat { x_um: 900, y_um: 0 })), Refusal::OutOfTravel);
+    bench.rig().inject(Injection::default());
+    assert_eq!(retreat(&mut client, -1_000), RetreatOutcome::Unloaded);
+    eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
+    drop(client);
+    bench.stop().unwrap();
+}
+
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn the_monitor_retreats_from_a_load() {
@@ -67,16 +145,16 @@ fn the_monitor_retreats_from_a_load() {
         }
         panic!("the monitor does not report {wanted:?}");
     };
-    worker.order(Order::Clear);
+    worker.send(UserCommand::Clear);
     assert!(!outcome_with("cause of the fault").good);
     // Into the load by an arrow key, and out of it by the key for that.
-    worker.order(Order::Jog([0.0, 1e-3]));
+    worker.send(UserCommand::Jog([0.0, 1e-3]));
     assert!(!outcome_with("does not fall this way").good);
-    worker.order(Order::Retreat);
-    assert!(outcome_with("out of the load").good);
-    worker.order(Order::Clear);
+    worker.send(UserCommand::Retreat);
+    assert!(outcome_with("unloaded").good);
+    worker.send(UserCommand::Clear);
     assert!(outcome_with("cleared").good);
-    worker.order(Order::Home);
+    worker.send(UserCommand::Home);
     assert!(outcome_with("home: done").good);
     drop(worker);
     bench.stop().unwrap();

@@ -7,6 +7,7 @@ mod force;
 mod limits;
 mod link;
 mod motion;
+mod pulse;
 mod time;
 
 use super::library::eventually;
@@ -174,6 +175,7 @@ fn tests_of_hazards() -> String {
         include_str!("limits.rs"),
         include_str!("link.rs"),
         include_str!("motion.rs"),
+        include_str!("pulse.rs"),
         include_str!("time.rs"),
         include_str!("../../../../../firmware/control/src/tests/findings.rs"),
     ]

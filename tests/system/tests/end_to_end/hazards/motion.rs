@@ -46,6 +46,25 @@ fn an_axis_too_weak_for_the_last_step_times_out() {
     bench.stop().unwrap();
 }
 
+/// A bridge that is shorted moves the axis on although it is off: the fault stands as long as it does.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_fault_is_cleared_only_at_rest() {
+    let (bench, mut client) = bench(unloaded());
+    assert_eq!(ended(&mut client, &[move_y(-8_000, 8_000)]), Outcome::Completed);
+    bench.rig().inject(Injection { emergency_stop: true, ..NOTHING });
+    await_fault(&mut client, Fault::EmergencyStop);
+    bench.rig().inject(Injection { runaway: Some((1, 0.4)), ..NOTHING });
+    let y_mm = || 1e3 * bench.rig().rig(|rig| rig.position_m()[1]);
+    let from_mm = y_mm();
+    eventually("the axis moves on", || y_mm() > from_mm + 1.0);
+    assert_eq!(refusal(client.request(Request::ClearFault)), Refusal::CauseRemains);
+    clears(&bench, &mut client);
+    assert_eq!(ended(&mut client, &[move_y(0, 4_000)]), Outcome::Completed);
+    drop(client);
+    bench.stop().unwrap();
+}
+
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_runaway_axis_leaves_its_travel() {

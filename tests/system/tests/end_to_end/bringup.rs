@@ -1,0 +1,140 @@
+//! `guide bringup` on rigs that are wired wrong, and on sound ones.
+
+use super::library::eventually;
+use simulation::rig::config::RigConfig;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use system::bench::Bench;
+use system::bringup::{Score, score, trial};
+use system::cosim::Fault;
+use system::images::build_guide;
+use system::qemu::HANGS;
+use system::readme::{self, shell::Shell};
+use system::wire::NoisyWire;
+
+fn named(faults: &[&str]) {
+    for (seed, text) in (100..).zip(faults) {
+        let fault: Fault = text.parse().unwrap();
+        let trial = trial(&[fault], seed).unwrap();
+        println!("{text}\n{}", trial.report);
+        assert_eq!(score(fault.kind, trial.report.findings()), Score::Named, "{text}");
+        assert!(!trial.report.passed && trial.moved_mm <= 0.3, "{text}: {} mm", trial.moved_mm);
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn motors_and_potentiometers_that_are_wired_wrong_are_named() {
+    named(&[
+        "leads-reversed:y",
+        "motors-swapped",
+        "bridge-dead-down:x",
+        "potentiometer-reversed:x",
+        "potentiometers-swapped",
+        "potentiometer-open:y",
+    ]);
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn faults_of_the_force_channels_are_named() {
+    named(&["hum50:0.02", "force-dead:x", "force-sign:y", "force-turned:25"]);
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn faults_of_stop_supply_and_link_are_named() {
+    named(&["stop-not-wired", "stop-normally-open", "brown-out:8", "lossy-link:0.0003", "clock:1.05"]);
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn sound_rigs_pass() {
+    for seed in 200..203 {
+        let trial = trial(&[], seed).unwrap();
+        assert!(trial.report.passed, "{}", trial.report);
+        assert!(trial.time_s < 180.0, "{} s of the rig", trial.time_s);
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn the_page_shows_a_sound_rig() {
+    let bench = Bench::start(RigConfig::default(), 22, 4.0, HANGS).unwrap();
+    let shell = Shell::new(build_guide().unwrap(), bench.folder()).with_port(bench.port());
+    readme::check_console("new", &shell).unwrap();
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn the_command_writes_its_result_and_fails_where_something_is_found() {
+    let run = |fault: &str| {
+        let bench = Bench::wired(RigConfig::default(), 7, 8.0, vec![fault.parse().unwrap()]).unwrap();
+        let out = bench.folder().join("bringup.toml");
+        let guide = build_guide().unwrap();
+        let output = Command::new(guide)
+            .args(["bringup", "--json", "--yes", "--no-clock", "--port", &bench.port(), "--out"])
+            .arg(&out)
+            .output()
+            .unwrap();
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let kept = std::fs::read_to_string(out).unwrap();
+        bench.stop().unwrap();
+        (output.status.code(), document, kept)
+    };
+    let (code, document, kept) = run("leads-reversed:x");
+    assert_eq!(code, Some(1));
+    let motors = &document["steps"][5];
+    assert_eq!((&motors["step"], &motors["result"]), (&"motors".into(), &"failed".into()), "{document:#}");
+    assert_eq!(motors["findings"][0]["id"], "motor.leads_reversed");
+    assert_eq!(document["steps"][6]["result"], "blocked");
+    assert_eq!(document["steps"][2]["result"], "skipped");
+    assert!(kept.contains("id = \"motor.leads_reversed\"") && kept.contains("passed = false"), "{kept}");
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_others_from_running() {
+    let bench = Bench::wired(RigConfig::default(), 9, 8.0, vec![]).unwrap();
+    let wire = NoisyWire::connect(Path::new(&bench.port()), 9).unwrap();
+    let out = bench.folder().join("bringup.toml");
+    let guide = build_guide().unwrap();
+    let start = |steps: &[&str]| {
+        let mut command = Command::new(&guide);
+        command.args(["bringup", "--yes", "--no-clock", "--port", &wire.port(), "--out"]).arg(&out);
+        for step in steps {
+            command.args(["--step", step]);
+        }
+        command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    // Ends it once a line of it begins so.
+    let end = |mut child: Child, line: &str, act: &dyn Fn(u32)| {
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+        lines.find(|text| text.starts_with(line)).expect("the step begins");
+        let driven = || bench.rig().bridges_driven();
+        eventually("it moves", driven);
+        act(child.id());
+        let texts: Vec<String> = lines.collect();
+        let code = child.wait().unwrap().code();
+        let since = bench.rig().steps();
+        eventually("it is at rest", || bench.rig().steps() > since + 3_000 && !driven());
+        (code, texts.join("\n"))
+    };
+    let interrupt =
+        |id: u32| assert!(Command::new("kill").args(["-INT", &id.to_string()]).status().unwrap().success());
+    let (code, text) = end(start(&["motors", "loop"]), "loop:", &interrupt);
+    assert!(code == Some(1) && text.contains("interrupted in `loop`"), "{code:?} {text}");
+    assert!(std::fs::read_to_string(&out).unwrap().contains("interrupted_in = \"loop\""));
+
+    let blocked = start(&["force"]).wait_with_output().unwrap();
+    let text = String::from_utf8(blocked.stderr).unwrap();
+    assert_eq!(blocked.status.code(), Some(1), "{text}");
+    assert!(text.contains("ended in `loop`"), "{text}");
+
+    let (code, text) = end(start(&["loop"]), "loop:", &|_| wire.cut());
+    assert_eq!(code, Some(1), "{text}");
+    assert!(std::fs::read_to_string(&out).unwrap().contains("interrupted_in = \"loop\""));
+    bench.stop().unwrap();
+}
