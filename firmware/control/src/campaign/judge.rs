@@ -69,8 +69,10 @@ pub struct Judge {
     /// Where the guide was when its fault was cleared, until it is driven again.
     cleared_um: Option<[f32; 2]>,
     driven_ms: u64,
-    /// How the last program ended.
+    /// How the last program ended that drove a motor: holds alone leave the guide where it is.
     ended: Option<Outcome>,
+    /// A bridge has driven since the last program ended.
+    drove: bool,
     now_ms: u64,
     /// Where a pulse began, from rest, that is the last motion so far.
     pulsed_from_um: Option<[f32; 2]>,
@@ -94,6 +96,7 @@ impl Judge {
             cleared_um: None,
             driven_ms: 0,
             ended: None,
+            drove: false,
             now_ms: 0,
             pulsed_from_um: None,
         }
@@ -108,6 +111,7 @@ impl Judge {
         self.inside = false;
         self.turned = is_turned(record);
         (self.from_um, self.cleared_um, self.ended, self.pulsed_from_um) = (position_um, None, None, None);
+        self.drove = false;
         // Four fifths of the rated range until it is set. What there was before is no licence for more.
         self.limit_n = (record.force_range_mn / 5 * 4) as f32 * 1e-3 * self.gain;
         self.allowed_n = self.allowed_n.max(self.limit_n);
@@ -199,7 +203,10 @@ impl Judge {
                 return violated(format!("rolls on by {moved_um} um after its fault was cleared"));
             }
         }
-        self.ended = observed.ended.or(self.ended);
+        self.drove |= observed.driven;
+        if observed.ended.is_some() && std::mem::take(&mut self.drove) {
+            self.ended = observed.ended;
+        }
         if observed.driven && observed.fault.is_some() && observed.state != State::Retreating {
             return violated(format!("driven in {:?}", observed.fault));
         }
