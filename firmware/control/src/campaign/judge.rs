@@ -13,9 +13,9 @@ const STOPPED_REST_UM: f32 = 150.0;
 const RELEASED_REST_UM: f32 = 300.0;
 /// Motion the wrong way before it is noticed, micrometres: 0.3 mm with the actuator as designed, more with a smaller dead band.
 const WRONG_WAY_UM: f32 = 320.0;
-/// What a guide may still move after its fault was cleared and before it is driven again, micrometres: motion that counts as rest is less
-/// than 100 um in 50 periods, at most 4 mm/s at its end, which rolls on for a lag of 12 periods.
-const CLEARED_UM: f32 = 60.0;
+/// What a guide may still move after its fault was cleared and before it is driven again, micrometres: 50 periods after the drive a lag
+/// of 12 periods leaves 1.6 % of full speed, 4 um; the rest is for the noise of a reading.
+const CLEARED_UM: f32 = 20.0;
 /// Time without drive after which a guide rests, milliseconds.
 const REST_MS: u64 = 100;
 /// What a motor rolls on between the first reading that exceeds a limit and its rest, micrometres: 2 periods until the fault, one
