@@ -7,7 +7,7 @@
 //! | clocks do not drift | stamps against the rig's own time |
 //! | updates come back after every unplugging, each stamp later than the one before | a viewer of this process |
 //! | clients that speak half messages, nonsense or nothing disturb nobody | [`super::peers`] |
-//! | a second program on the port is told so, and disturbs nobody | `guide status` |
+//! | a second program reports that the port is in use, and disturbs nobody | `guide status` |
 //! | the end is clean | exit code 0 |
 
 use super::Args;
@@ -67,7 +67,7 @@ pub struct Served {
     pub drift_s: f64,
     /// Connections of clients that speak no sense.
     pub strangers: u64,
-    /// Second programs that were told that the port is in use.
+    /// Second programs that reported the port as in use.
     pub refused: u32,
     /// How often the port came back under another name.
     pub replugged: u32,
@@ -84,7 +84,7 @@ impl Display for Served {
         writeln!(f, "{:.0} s of the rig in {:.0} s", self.rig_s, self.wall_s)?;
         writeln!(
             f,
-            "  guide serve: {} updates, none lost for good; stamps {:+.3} s against the rig's time; {} strangers; {} second programs told",
+            "  guide serve: {} updates, none lost for good; stamps {:+.3} s against the rig's time; {} strangers; {} second programs rejected",
             self.updates, self.drift_s, self.strangers, self.refused
         )?;
         writeln!(f, "  guide monitor: {} keys, {} KiB drawn", self.keys, self.drawn_bytes / 1024)?;
@@ -276,17 +276,21 @@ impl Desk<'_> {
         Ok(())
     }
 
-    /// A second program on the port: told in one line that another one has it.
+    /// A second program on the port: reports in one line that another one has it. Just after the cable has come back it may be the first.
     fn second_program(&mut self) -> Result<()> {
-        let output = Command::new(&self.guide).args(["status", "--port"]).arg(&self.cable.link).output()?;
-        let text = String::from_utf8_lossy(&output.stderr);
-        ensure!(
-            !output.status.success() && text.contains("in use by another program"),
-            "a second program on the port ended with {}: {text}",
-            output.status
-        );
-        self.served.refused += 1;
-        Ok(())
+        let began = Instant::now();
+        loop {
+            let output =
+                Command::new(&self.guide).args(["status", "--port"]).arg(&self.cable.link).output()?;
+            if !output.status.success() {
+                let text = String::from_utf8_lossy(&output.stderr);
+                ensure!(text.contains("in use by another program"), "a second program on the port: {text}");
+                self.served.refused += 1;
+                return Ok(());
+            }
+            ensure!(began.elapsed() < HANGS, "guide serve does not take its port again");
+            thread::sleep(Duration::from_secs(1));
+        }
     }
 
     fn await_updates(&self, viewer: &Viewer, count: u64, program: &mut Program) -> Result<()> {
@@ -375,7 +379,7 @@ impl Drop for Program {
     }
 }
 
-/// A thread that goes on until it is told to end.
+/// A thread that goes on until it has to end.
 pub(super) struct Worker<T> {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<T>,
