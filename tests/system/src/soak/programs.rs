@@ -7,7 +7,7 @@
 //! | clocks do not drift | stamps against the rig's own time |
 //! | updates come back after every unplugging, each stamp later than the one before | a viewer of this process |
 //! | clients that speak half messages, nonsense or nothing disturb nobody | [`super::peers`] |
-//! | a second program on the port is told so, and disturbs nobody | `guide status` |
+//! | a second program on the port reports that it is in use, and disturbs no other | `guide status` |
 //! | the end is clean | exit code 0 |
 
 use super::Args;
@@ -67,7 +67,7 @@ pub struct Served {
     pub drift_s: f64,
     /// Connections of clients that speak no sense.
     pub strangers: u64,
-    /// Second programs that were told that the port is in use.
+    /// Second programs that reported that the port is in use.
     pub refused: u32,
     /// How often the port came back under another name.
     pub replugged: u32,
@@ -84,7 +84,7 @@ impl Display for Served {
         writeln!(f, "{:.0} s of the rig in {:.0} s", self.rig_s, self.wall_s)?;
         writeln!(
             f,
-            "  guide serve: {} updates, none lost for good; stamps {:+.3} s against the rig's time; {} strangers; {} second programs told",
+            "  guide serve: {} updates, none lost for good; stamps {:+.3} s against the rig's time; {} other clients; {} second programs rejected",
             self.updates, self.drift_s, self.strangers, self.refused
         )?;
         writeln!(f, "  guide monitor: {} keys, {} KiB drawn", self.keys, self.drawn_bytes / 1024)?;
@@ -276,7 +276,7 @@ impl Desk<'_> {
         Ok(())
     }
 
-    /// A second program on the port: told in one line that another one has it.
+    /// A second program on the port: reports in one line that another one has it.
     fn second_program(&mut self) -> Result<()> {
         let output = Command::new(&self.guide).args(["status", "--port"]).arg(&self.cable.link).output()?;
         let text = String::from_utf8_lossy(&output.stderr);
@@ -375,7 +375,7 @@ impl Drop for Program {
     }
 }
 
-/// A thread that goes on until it is told to end.
+/// A thread that runs until it is requested to end.
 pub(super) struct Worker<T> {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<T>,
