@@ -63,7 +63,7 @@ impl DeviceFault {
     }
 }
 
-/// Why a plant cannot be steered any further. Nothing more is sent to it. What is not told by its lines is recorded, so that a replay
+/// Why a plant cannot be steered any further. Nothing more is sent to it. What its lines do not state is recorded, so that a replay
 /// ends by the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]

@@ -1,7 +1,7 @@
 //! Steering to a target: misses of several controllers on the same plants, which share no computation with the forward model and
 //! hide layers, skin, yielding or relaxation, slope, play, process noise of the load and bad readings; and with one more effect each.
 
-mod rivals;
+mod published;
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -139,8 +139,8 @@ fn one(
         Controller::None => Options { steered: false, ..options },
         Controller::Nominal => Options { tissue_known: true, ..options },
         Controller::Posterior => options,
-        Controller::Proportional => return rivals::proportional(plant, target_mm, seed, number),
-        Controller::Broyden => return rivals::broyden(plant, target_mm),
+        Controller::Proportional => return published::proportional(plant, target_mm, seed, number),
+        Controller::Broyden => return published::broyden(plant, target_mm),
     };
     match steer(&mut plant, &options, &mut |_| {}) {
         Ok(run) => Ok(ended(&run)),

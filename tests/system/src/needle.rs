@@ -102,7 +102,7 @@ pub fn run(args: &Args) -> Result<()> {
         }
         print(&serde_json::to_string(&answer)?)?;
     }
-    // Whoever commanded is gone: the needle stays where it is.
+    // The controller is gone: the needle stays where it is.
     Ok(())
 }
 

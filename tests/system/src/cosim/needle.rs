@@ -1,4 +1,4 @@
-//! Guide 2 of the rig on a socket: a program that pushes a needle asks where guide 2 truly is and reports with which force the needle
+//! Guide 2 of the rig on a socket: a program that pushes a needle gets where guide 2 truly is and reports with which force the needle
 //! loads it.
 //!
 //! One JSON object a line. The program: `{"at_m": [x, y], "force_n": [x, y], "stiffness_n_per_m"}`, or `null` where the needle does not

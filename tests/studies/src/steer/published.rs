@@ -111,7 +111,7 @@ pub(super) fn proportional(
 
 /// The published controller (Bernardes 2023): a Jacobian of the tip with respect to guide and depth, updated by Broyden's rule at rests
 /// every 5 mm, and the guide positions of the next four rests that minimise the predicted squared distances to the target, within the
-/// guide's travel. It begins with the Jacobian that its published recordings begin with. Its cost of the tip's direction is left out: these
+/// guide's travel. It begins with the Jacobian that its published recordings begin with. Its cost of the tip's direction is omitted: these
 /// plants have no sensor of it. With one Jacobian for all four steps the program is separable and solved exactly, step by step.
 pub(super) fn broyden(plant: SimulatedPlant, target_mm: [f64; 3]) -> Result<Ended, PlantError> {
     /// Tip per guide displacement before the first update.
