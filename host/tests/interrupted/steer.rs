@@ -15,7 +15,7 @@ const STATEMENT: &str = r#"{"plant":"needle/1","needle":{},"rig":{"guide2_to_sur
 fn slow_plant(folder: &std::path::Path) -> String {
     let script = format!(
         "echo '{STATEMENT}'\nwhile read line; do sleep 1; \
-         echo \"${{line%\\}}},\\\"tip_seq\\\":0,\\\"tip_x_mm\\\":0,\\\"tip_y_mm\\\":0,\\\"valid\\\":false}}\"; done\n"
+         echo \"${{line%?}},\\\"tip_seq\\\":0,\\\"tip_x_mm\\\":0,\\\"tip_y_mm\\\":0,\\\"valid\\\":false}}\"; done\n"
     );
     fs::write(folder.join("plant.sh"), script).expect("written");
     "sh plant.sh".to_owned()

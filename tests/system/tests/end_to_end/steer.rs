@@ -173,3 +173,21 @@ fn whatever_fails_ends_in_a_hold_with_its_name() {
     bench.pull_the_plug();
     assert_held(&bench, ended(child), "device_gone");
 }
+#[test]
+#[ignore]
+fn zz_table() {
+    for seed in [26u64, 1, 31, 32, 33, 34, 35, 36] {
+        let target_mm = needle::target_mm(seed, 100.0).unwrap();
+        let of = |steered: bool| {
+            let o = steering_lib::Options { steered, ..steering_lib::Options::new(target_mm) };
+            steering_lib::steer(&mut needle::drawn(seed), &o, &mut |_| {}).map(|r| (r.miss_mm.unwrap(), r.outcome))
+        };
+        let (none, inproc) = (of(false), of(true));
+        let bench = bench(seed);
+        let (document, ok, stderr) = ended(steering(&bench, seed, 100.0, ""));
+        let forced = document["run"]["decisions"].as_array().map_or(0, |d| d.iter().filter(|d| d["limited_by"] == "force").count());
+        println!("seed {seed}: none {none:?} in process {inproc:?} firmware {} ok {ok} broken {} limited {forced} {stderr}", document["run"]["miss_mm"], document["run"]["end"]["limits_broken"]);
+        bench.stop().unwrap();
+    }
+}
+use ::steering as steering_lib;
