@@ -74,7 +74,7 @@ pub struct Axis {
     speed_limit_um_s: f32,
     /// Where the axis was when it had last moved, micrometres.
     anchor_um: f32,
-    /// Periods for which it has been near there.
+    /// Periods for which it has been near there and was not driven.
     still_periods: u16,
 }
 
@@ -122,7 +122,12 @@ impl Axis {
         expected_um
     }
 
-    /// The axis does not move, whatever drives it: not by [`STILL_UM`] in [`STILL_PERIODS`].
+    /// The motor was driven in this period: it may roll on for several lags, however little it has moved so far.
+    pub fn drives(&mut self) {
+        self.still_periods = 0;
+    }
+
+    /// The axis does not move: for [`STILL_PERIODS`] not by [`STILL_UM`], and not driven.
     pub fn is_still(&self) -> bool {
         self.still_periods >= STILL_PERIODS
     }

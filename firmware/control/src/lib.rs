@@ -379,7 +379,10 @@ impl Controller {
             watch.step(judged, position_um, setpoint);
             budget.step(duty != 0.0);
         }
-        for (axis, watch) in self.axes.iter_mut().zip(&self.watches) {
+        for ((axis, watch), duty) in self.axes.iter_mut().zip(&self.watches).zip(duty) {
+            if duty != 0.0 {
+                axis.drives();
+            }
             if watch.is_proven() {
                 axis.prove();
             }

@@ -2,9 +2,10 @@
 
 use super::scene::Scene;
 use device::igtl::Publisher;
+use device::igtl::clock::Stamps;
 use device::link::{Batch, Point};
 use device::sweep::Sweep;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Updates per second of the device's clock unless another rate is requested: what a viewer shows smoothly.
 pub const USUAL_RATE_HZ: f64 = 20.0;
@@ -17,14 +18,13 @@ pub struct Live {
     every_s: f64,
     /// Device time of the last update.
     last_s: Option<f64>,
-    /// Time since 1970 at the device's zero: its clock is put to this machine's once per start.
-    zero: Duration,
+    stamps: Stamps,
 }
 
 impl Live {
     /// Nothing is streamed yet.
     pub fn new(publisher: Publisher, scene: Scene, rate_hz: f64) -> Self {
-        Self { publisher, scene, every_s: 1.0 / rate_hz, last_s: None, zero: Duration::ZERO }
+        Self { publisher, scene, every_s: 1.0 / rate_hz, last_s: None, stamps: Stamps::default() }
     }
 
     /// The server.
@@ -39,21 +39,21 @@ impl Live {
 
     /// Samples have just arrived.
     pub fn samples(&mut self, batch: &Batch) {
+        if let Some(newest) = batch.points.last() {
+            self.stamps.arrived(newest.time_s, Instant::now(), now());
+        }
         for point in &batch.points {
             let Point { time_s, .. } = *point;
             let is_due = match self.last_s {
                 // The device has started again.
-                Some(last_s) if time_s < last_s => {
-                    self.zero = Duration::ZERO;
-                    true
-                }
+                Some(last_s) if time_s < last_s => true,
                 // Half a sample early is better than a whole one late.
                 Some(last_s) => time_s - last_s > self.every_s - 0.5e-3,
                 None => true,
             };
             if is_due {
                 self.last_s = Some(time_s);
-                let stamp = self.stamp(time_s);
+                let stamp = self.stamps.stamp(time_s);
                 self.publisher.publish(&self.scene.live(batch, point, stamp));
             }
         }
@@ -61,17 +61,8 @@ impl Live {
 
     /// A sweep has been taken.
     pub fn sweep(&mut self, sweep: &Sweep, time_s: f64) {
-        let stamp = self.stamp(time_s);
+        let stamp = self.stamps.stamp(time_s);
         self.publisher.publish(&[Scene::measured(sweep.rows(time_s), stamp)]);
-    }
-
-    /// Time since 1970 of a device time.
-    fn stamp(&mut self, time_s: f64) -> Duration {
-        let since = Duration::try_from_secs_f64(time_s).unwrap_or_default();
-        if self.zero.is_zero() {
-            self.zero = now().saturating_sub(since);
-        }
-        self.zero + since
     }
 }
 

@@ -85,7 +85,11 @@ fn run(task: Task) -> Result<()> {
             Ok(())
         }
         Task::Soak(args) => {
-            println!("{}", soak::run(args)?);
+            if args.programs {
+                println!("{}", soak::programs::run(args)?);
+            } else {
+                println!("{}", soak::run(args)?);
+            }
             Ok(())
         }
         Task::Campaign(args) => {

@@ -13,9 +13,9 @@ const STOPPED_REST_UM: f32 = 150.0;
 const RELEASED_REST_UM: f32 = 300.0;
 /// Motion the wrong way before it is noticed, micrometres: 0.3 mm with the actuator as designed, more with a smaller dead band.
 const WRONG_WAY_UM: f32 = 320.0;
-/// What a guide may still move after its fault was cleared and before it is driven again, micrometres: motion that counts as rest is less
-/// than 100 um in 50 periods, at most 4 mm/s at its end, which rolls on for a lag of 12 periods.
-const CLEARED_UM: f32 = 60.0;
+/// What a guide may still move after its fault was cleared and before it is driven again, micrometres: 50 periods after the drive a lag
+/// of 12 periods leaves 1.6 % of full speed, 4 um; the rest is for the noise of a reading.
+const CLEARED_UM: f32 = 20.0;
 /// Time without drive after which a guide rests, milliseconds.
 const REST_MS: u64 = 100;
 /// What a motor rolls on between the first reading that exceeds a limit and its rest, micrometres: 2 periods until the fault, one
@@ -69,8 +69,10 @@ pub struct Judge {
     /// Where the guide was when its fault was cleared, until it is driven again.
     cleared_um: Option<[f32; 2]>,
     driven_ms: u64,
-    /// How the last program ended.
+    /// How the last program ended that drove a motor: holds alone leave the guide where it is.
     ended: Option<Outcome>,
+    /// A bridge has driven since the last program ended.
+    drove: bool,
     now_ms: u64,
     /// Where a pulse began, from rest, that is the last motion so far.
     pulsed_from_um: Option<[f32; 2]>,
@@ -94,6 +96,7 @@ impl Judge {
             cleared_um: None,
             driven_ms: 0,
             ended: None,
+            drove: false,
             now_ms: 0,
             pulsed_from_um: None,
         }
@@ -108,6 +111,7 @@ impl Judge {
         self.inside = false;
         self.turned = is_turned(record);
         (self.from_um, self.cleared_um, self.ended, self.pulsed_from_um) = (position_um, None, None, None);
+        self.drove = false;
         // Four fifths of the rated range until it is set. What there was before is no licence for more.
         self.limit_n = (record.force_range_mn / 5 * 4) as f32 * 1e-3 * self.gain;
         self.allowed_n = self.allowed_n.max(self.limit_n);
@@ -199,7 +203,10 @@ impl Judge {
                 return violated(format!("rolls on by {moved_um} um after its fault was cleared"));
             }
         }
-        self.ended = observed.ended.or(self.ended);
+        self.drove |= observed.driven;
+        if observed.ended.is_some() && std::mem::take(&mut self.drove) {
+            self.ended = observed.ended;
+        }
         if observed.driven && observed.fault.is_some() && observed.state != State::Retreating {
             return violated(format!("driven in {:?}", observed.fault));
         }

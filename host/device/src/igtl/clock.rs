@@ -11,9 +11,11 @@ use std::time::{Duration, Instant};
 /// Time over which the least delay is searched.
 const WINDOW: Duration = Duration::from_secs(10);
 /// Most differences that are kept.
-const MAX_BODY_BYTES: usize = 1_024;
+const MAX_KEPT: usize = 1_024;
 /// What arrives this late comes from a clock that was set.
 const SET_S: f64 = 1.0;
+/// How much faster or slower than the device's clock stamps go to follow this machine's: twice what two crystals differ by.
+const FOLLOWING: f64 = 200e-6;
 /// How far the device's clock can be ahead of the newest sample: the most that a batch is late.
 const AHEAD_S: f64 = 0.05;
 
@@ -31,7 +33,7 @@ impl Least {
         }
         self.kept.push_back((at, difference_s));
         let old = |(then, _): &(Instant, f64)| at.saturating_duration_since(*then) > WINDOW;
-        while self.kept.len() > MAX_BODY_BYTES || self.kept.front().is_some_and(old) {
+        while self.kept.len() > MAX_KEPT || self.kept.front().is_some_and(old) {
             self.kept.pop_front();
         }
         self.least().unwrap_or(difference_s)
@@ -88,6 +90,35 @@ impl Clocks {
             self.sender = Least::default();
         }
         stamp.as_secs_f64() + self.sender.add(at, difference_s)
+    }
+}
+
+/// Times since 1970 of a device's times. They go with the device's clock, which no jitter of the link moves, and follow this machine's
+/// by [`FOLLOWING`]: a crystal that is off by 50 ppm is 4 s off after a day.
+#[derive(Debug, Default)]
+pub struct Stamps {
+    least: Least,
+    /// Time since 1970 at the device's zero, and the device's newest time, seconds.
+    zero: Option<(f64, f64)>,
+}
+
+impl Stamps {
+    /// A device time that has just arrived: `at` by this machine's steady clock, `now` since 1970.
+    pub fn arrived(&mut self, time_s: f64, at: Instant, now: Duration) {
+        if self.zero.is_some_and(|(_, newest_s)| time_s < newest_s) {
+            // The device has started again.
+            *self = Self::default();
+        }
+        let least_s = self.least.add(at, now.as_secs_f64() - time_s);
+        let (zero_s, newest_s) = self.zero.unwrap_or((least_s, time_s));
+        let most_s = FOLLOWING * (time_s - newest_s);
+        self.zero = Some((zero_s + (least_s - zero_s).clamp(-most_s, most_s), time_s));
+    }
+
+    /// The time since 1970; zero before anything has arrived.
+    pub fn stamp(&self, time_s: f64) -> Duration {
+        let since_s = self.zero.map_or(0.0, |(zero_s, _)| zero_s + time_s);
+        Duration::try_from_secs_f64(since_s).unwrap_or_default()
     }
 }
 
@@ -156,6 +187,54 @@ mod tests {
             let worst_s = greatest_error_s(|now_s| speed * now_s, |now_s| 1.7e9 + now_s, 0.0, 1.0);
             assert!(worst_s < 0.051, "{worst_s} s at {speed} times");
         }
+    }
+
+    /// Stamps of a device over a day, ten a minute: greatest distance from the true time after the first hour, and greatest difference of a
+    /// stamp's step from the device's, as a share.
+    fn stamps_of_a_day(rate: f64, jitter_s: f64) -> (f64, f64) {
+        let began = Instant::now();
+        let mut stamps = Stamps::default();
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let (mut worst_s, mut uneven, mut before) = (0.0f64, 0.0f64, None);
+        for step in 0..14_400 {
+            let true_s = f64::from(step) * 6.0;
+            let device_s = 3.0 + rate * true_s;
+            // Some of the samples of a window are hardly late.
+            let late_s = jitter_s * random.random::<f64>().powi(2);
+            let arrival = Duration::from_secs_f64(true_s + late_s);
+            stamps.arrived(device_s, began + arrival, Duration::from_secs_f64(1.7e9 + true_s + late_s));
+            let stamp_s = stamps.stamp(device_s).as_secs_f64() - 1.7e9;
+            if true_s > 3_600.0 {
+                worst_s = worst_s.max((stamp_s - true_s).abs());
+            }
+            if let Some((stamp_before_s, device_before_s)) = before {
+                let steps_s: [f64; 2] = [stamp_s - stamp_before_s, device_s - device_before_s];
+                uneven = uneven.max((steps_s[0] / steps_s[1] - 1.0).abs());
+            }
+            before = Some((stamp_s, device_s));
+        }
+        (worst_s, uneven)
+    }
+
+    #[test]
+    fn stamps_stay_with_this_machines_clock_for_a_day_and_are_even() {
+        for rate in [1.0 - 100e-6, 1.0 + 100e-6] {
+            let (worst_s, uneven) = stamps_of_a_day(rate, 0.02);
+            assert!(worst_s < 0.02, "{worst_s} s off at {rate}");
+            assert!(uneven < 1.01 * FOLLOWING, "{uneven} at {rate}");
+        }
+        // A simulated device at another speed goes on by its own clock.
+        let (_, uneven) = stamps_of_a_day(4.0, 0.0);
+        assert!(uneven < 1.01 * FOLLOWING, "{uneven}");
+    }
+
+    #[test]
+    fn a_device_that_starts_again_is_put_to_the_clock_again() {
+        let (began, mut stamps) = (Instant::now(), Stamps::default());
+        assert_eq!(stamps.stamp(5.0), Duration::ZERO);
+        stamps.arrived(100.0, began, Duration::from_secs(1_000));
+        stamps.arrived(1.0, began + Duration::from_secs(9), Duration::from_secs(1_009));
+        assert_eq!(stamps.stamp(1.5), Duration::from_secs_f64(1_009.5));
     }
 
     #[test]

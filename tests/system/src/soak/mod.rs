@@ -10,6 +10,7 @@
 //! | [`line`] | the cable over time |
 //! | [`watch`] | counters, memory, travel |
 //! | [`tally`] | what was done |
+//! | [`programs`], [`peers`] | `--programs`: `guide serve` and `guide monitor` with other programs, clients and cables |
 //!
 //! The seed decides what is done and in which order; when it happens is up to this computer too.
 
@@ -19,6 +20,8 @@ mod device;
 mod episodes;
 mod faults;
 mod line;
+mod peers;
+pub mod programs;
 mod tally;
 mod watch;
 
@@ -61,6 +64,9 @@ pub struct Args {
     /// Seed of the rig and of all that is done to it
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// `guide serve` and then `guide monitor` instead, with clients, a second program and a port that comes and goes
+    #[arg(long)]
+    pub programs: bool,
 }
 
 /// What came of it.

@@ -116,9 +116,10 @@ fn list(counters: &Counters) -> [(&'static str, u32); 13] {
     ]
 }
 
-/// The size of this process over time.
+/// The size of a process over time.
 #[derive(Debug)]
 pub struct Memory {
+    process: u32,
     from_ms: u64,
     next_ms: u64,
     window: Option<(u64, u64)>,
@@ -129,9 +130,14 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Growth counts from this time on.
+    /// This process: growth counts from this time on.
     pub fn new(from_ms: u64) -> Self {
-        Self { from_ms, next_ms: from_ms, window: None, first_bytes: None, last_bytes: None }
+        Self::of(std::process::id(), from_ms)
+    }
+
+    /// The process of this number.
+    pub fn of(process: u32, from_ms: u64) -> Self {
+        Self { process, from_ms, next_ms: from_ms, window: None, first_bytes: None, last_bytes: None }
     }
 
     /// Samples it now and then.
@@ -143,13 +149,14 @@ impl Memory {
             return Ok(());
         }
         self.next_ms = now_ms + SAMPLE_INTERVAL_MS;
-        self.last_bytes = resident_bytes();
+        self.last_bytes = resident_bytes(self.process);
         let Some(bytes) = self.last_bytes else { return Ok(()) };
         self.first_bytes.get_or_insert(bytes);
         let &mut (since_ms, least) = self.window.get_or_insert((self.from_ms, bytes));
         ensure!(
             bytes <= least + GROWTH_LIMIT_BYTES,
-            "this process has grown from {least} to {bytes} bytes in {} s of the rig",
+            "process {} has grown from {least} to {bytes} bytes in {} s of the rig",
+            self.process,
             (now_ms - since_ms) / 1_000
         );
         if now_ms >= since_ms + WINDOW_MS {
@@ -159,9 +166,9 @@ impl Memory {
     }
 }
 
-/// Memory of this process that is in use; `None` where the system does not report it.
-fn resident_bytes() -> Option<u64> {
-    let statm = std::fs::read_to_string("/proc/self/statm").ok()?;
+/// Memory of a process that is in use; `None` where the system does not report it.
+fn resident_bytes(process: u32) -> Option<u64> {
+    let statm = std::fs::read_to_string(format!("/proc/{process}/statm")).ok()?;
     let pages: u64 = statm.split_whitespace().nth(1)?.parse().ok()?;
     Some(pages * rustix::param::page_size() as u64)
 }
@@ -190,9 +197,9 @@ mod tests {
     }
 
     #[test]
-    fn the_memory_of_this_process_is_known_where_the_system_reports_it() {
+    fn the_memory_of_a_process_is_known_where_the_system_reports_it() {
         if cfg!(target_os = "linux") {
-            assert!(resident_bytes().unwrap() > 100_000);
+            assert!(resident_bytes(std::process::id()).unwrap() > 100_000);
         }
         let mut memory = Memory::new(5);
         memory.sample(4).unwrap();

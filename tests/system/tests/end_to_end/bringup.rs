@@ -1,4 +1,5 @@
-//! `guide bringup` on rigs that are wired wrong, and on sound ones.
+//! `guide bringup` on rigs that are wired wrong, and on a sound one. A fault of each kind is enough here: `cargo xtask study bringup` has
+//! all of them, and many sound rigs.
 
 use super::library::eventually;
 use simulation::rig::config::RigConfig;
@@ -26,36 +27,27 @@ fn named(faults: &[&str]) {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn motors_and_potentiometers_that_are_wired_wrong_are_named() {
-    named(&[
-        "leads-reversed:y",
-        "motors-swapped",
-        "bridge-dead-down:x",
-        "potentiometer-reversed:x",
-        "potentiometers-swapped",
-        "potentiometer-open:y",
-    ]);
+    named(&["leads-reversed:y", "motors-swapped", "potentiometer-reversed:x"]);
 }
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn faults_of_the_force_channels_are_named() {
-    named(&["hum50:0.02", "force-dead:x", "force-sign:y", "force-turned:25"]);
+    named(&["hum50:0.02", "force-turned:25"]);
 }
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn faults_of_stop_supply_and_link_are_named() {
-    named(&["stop-not-wired", "stop-normally-open", "brown-out:8", "lossy-link:0.0003", "clock:1.05"]);
+    named(&["stop-not-wired", "brown-out:8", "clock:1.05"]);
 }
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn sound_rigs_pass() {
-    for seed in 200..203 {
-        let trial = trial(&[], seed).unwrap();
-        assert!(trial.report.passed, "{}", trial.report);
-        assert!(trial.time_s < 180.0, "{} s of the rig", trial.time_s);
-    }
+fn a_sound_rig_passes() {
+    let trial = trial(&[], 200).unwrap();
+    assert!(trial.report.passed, "{}", trial.report);
+    assert!(trial.time_s < 180.0, "{} s of the rig", trial.time_s);
 }
 
 #[test]

@@ -85,8 +85,19 @@ fn a_bad_cable_costs_samples_that_are_counted_and_nothing_else() {
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn random_commands_faults_and_restarts_leave_nothing_that_must_hold_behind() {
-    let survived = system::soak::run(system::soak::Args { minutes: 0.3, seed: 1 }).unwrap();
+    let survived = system::soak::run(system::soak::Args { minutes: 0.3, seed: 1, programs: false }).unwrap();
     println!("{survived}");
     assert!(survived.samples > 8_000 && survived.tally.commands() > 50, "{survived}");
     assert!(survived.tally.fault_kinds() > 1, "{survived}");
+}
+
+/// Some seconds of what a laboratory leaves running: see `cargo xtask soak --programs` for longer.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn programs_that_are_left_running_come_back_to_their_device_and_are_not_disturbed() {
+    let args = system::soak::Args { minutes: 0.4, seed: 1, programs: true };
+    let served = system::soak::programs::run(args).unwrap();
+    println!("{served}");
+    assert!(served.updates > 100 && served.replugged > 0 && served.refused > 0, "{served}");
+    assert!(served.strangers > 5 && served.keys > 3, "{served}");
 }
