@@ -149,10 +149,11 @@ impl Outcome {
     }
 }
 
-/// Runs the demonstration and judges it. Whether the hidden effect is found is a result that is printed, not an error.
+/// Runs the demonstration and judges it. Whether the hidden effect is found, and how far the steered needle misses, are results that are
+/// printed, not errors.
 ///
 /// # Errors
-/// Where a command fails, samples were lost, the modulus is off by more than a tenth, or steering did not help.
+/// Where a command fails, samples were lost, or the modulus is off by more than a tenth.
 pub fn run(args: &Args) -> Result<()> {
     let outcome = procedure(&this_program()?, args.seed, &args.out, &mut |text| print!("{text}"))?;
     print!("{}", judgement(&outcome, args.seed, &args.out)?);
@@ -170,11 +171,6 @@ pub fn run(args: &Args) -> Result<()> {
     println!("{}", steered.summary(args.seed)?);
     let (lost, error) = (outcome.lost_samples(), outcome.error()?);
     ensure!(lost == 0.0, "{lost} samples were lost on the way");
-    let (miss_mm, unsteered_mm) = (steered.miss_mm()?, steered.unsteered_mm);
-    ensure!(
-        miss_mm < unsteered_mm,
-        "the needle missed by {miss_mm:.2} mm, {unsteered_mm:.2} mm without steering"
-    );
     ensure!(error.abs() < 0.1, "the identified modulus is off by {:.0} %", 100.0 * error);
     Ok(())
 }
