@@ -170,7 +170,8 @@ impl Controller {
         if causes.other_than_load() {
             return self.end_retreat(RetreatOutcome::Stopped, now_us, notes);
         }
-        if self.added_load.is_blind_used_up() {
+        // With a force to follow it decides, whatever went before.
+        if self.force.loads().is_none() && self.added_load.is_blind_used_up() {
             return self.end_retreat(RetreatOutcome::ForceNotFalling, now_us, notes);
         }
         match self.retreat.step(self.force.loads(), position_um, self.retreat_bounds()) {
