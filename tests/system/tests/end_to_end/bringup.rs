@@ -46,8 +46,8 @@ fn faults_of_stop_supply_and_link_are_named() {
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_sound_rig_passes() {
     let trial = trial(&[], 200).unwrap();
+    // The time that it takes is reported by the study: device time goes on while a busy computer lets the host wait.
     assert!(trial.report.passed, "{}", trial.report);
-    assert!(trial.time_s < 180.0, "{} s of the rig", trial.time_s);
 }
 
 #[test]
