@@ -30,7 +30,7 @@ use embassy_time::{Duration, Instant, Timer, with_timeout};
 use protocol::{CalibrationRecord, Command, Counters, EventKind, Load};
 use static_cell::StaticCell;
 
-/// Places of the way out: half a second of batches, and some for notes.
+/// Entries of the outbox: half a second of batches, and some for notes.
 const OUTBOX_PLACES: usize = 24;
 const PERIOD: Duration = Duration::from_micros(PERIOD_US as u64);
 /// How often a background task shows that it runs, at least.

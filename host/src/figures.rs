@@ -33,7 +33,7 @@ fn failed(error: impl std::fmt::Display) -> FigureError {
     FigureError(error.to_string())
 }
 
-/// Shape as measured (dots) and as fitted (lines), hold by hold, and below it what is left over.
+/// Shape as measured (dots) and as fitted (lines), hold by hold, and below it the residuals.
 ///
 /// # Errors
 /// [`FigureError`] where the drawing fails.

@@ -174,7 +174,7 @@ fn table() -> Vec<Case> {
 }
 
 #[test]
-fn rejects_malformed_inputs_and_accepts_sound_ones() {
+fn rejects_malformed_inputs_and_accepts_valid_ones() {
     let cases = table();
     let malformed = cases.iter().filter(|case| !case.sound).count();
     assert!(malformed >= MIN_CASES, "{malformed} malformed inputs, expected {MIN_CASES}");

@@ -247,7 +247,7 @@ fn every_command_that_writes_is_in_the_table() {
 
 #[test]
 #[ignore = "takes half a minute: cargo xtask test runs it"]
-fn a_disk_that_is_full_at_any_byte_costs_one_line_and_leaves_no_part_of_a_file() {
+fn a_disk_that_is_full_at_any_byte_is_reported_in_one_line_and_leaves_no_part_of_a_file() {
     for_each_writer(|command, left| {
         let whole = undisturbed(command);
         let sizes: BTreeSet<u64> = whole.values().map(|content| content.len() as u64).collect();
@@ -279,7 +279,7 @@ fn a_disk_that_is_full_at_any_byte_costs_one_line_and_leaves_no_part_of_a_file()
 
 #[test]
 #[ignore = "takes half a minute: cargo xtask test runs it"]
-fn a_name_that_cannot_be_written_costs_one_line_and_leaves_no_part_of_a_file() {
+fn a_name_that_cannot_be_written_is_reported_in_one_line_and_leaves_no_part_of_a_file() {
     for_each_writer(|command, left| {
         let whole = undisturbed(command);
         let inputs = files(folder().path());

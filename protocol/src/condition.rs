@@ -102,7 +102,7 @@ pub struct Load {
     pub latest_start_us: u16,
     /// Bytes of the stack that have never been used.
     pub stack_free_bytes: u32,
-    /// Most places of the way out (batches, answers, events) that were taken at once since start.
+    /// Most entries of the outbox (batches, answers, events) that were occupied at once since start.
     pub outbox_most: u8,
 }
 

@@ -387,7 +387,7 @@ proptest! {
     }
 
     #[test]
-    fn damage_costs_the_touched_frames_and_no_other(
+    fn damage_loses_the_touched_frames_and_no_other(
         envelopes in vec(envelope(), 1..12),
         damage in vec((any::<prop::sample::Index>(), 1_u8..), 1..5),
     ) {

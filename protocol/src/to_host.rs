@@ -218,12 +218,12 @@ impl Fault {
         Self::ALL.get(usize::from(number)).copied()
     }
 
-    /// `Request::Retreat` is a way out of this fault: its cause stays as long as the guide stays where it is.
+    /// `Request::Retreat` removes the cause of this fault: its cause stays as long as the guide stays where it is.
     pub const fn allows_retreat(self) -> bool {
         matches!(self, Self::ForceRange | Self::ForceLimit | Self::Travel)
     }
 
-    /// A wrong calibration can be the cause of this fault, so that storing another one is a way out of it.
+    /// A wrong calibration can be the cause of this fault, so that storing another one can remove it.
     pub const fn may_come_of_calibration(self) -> bool {
         matches!(
             self,

@@ -109,7 +109,7 @@ impl AddedLoad {
         }
     }
 
-    /// What a restart must not forget.
+    /// State that is retained over a restart.
     pub fn to_bytes(mut self) -> [u8; ADDED_LOAD_BYTES] {
         self.close();
         let mut bytes = [0; ADDED_LOAD_BYTES];

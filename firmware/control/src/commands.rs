@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn an_old_frame_never_acts_however_long_ago_it_was() {
+    fn an_old_frame_is_never_carried_out_however_old() {
         let mut conversation = CommandSession::new(7);
         let token = conversation.begin();
         let old = command(0, token, Request::ClearFault);

@@ -8,7 +8,7 @@
 //! |---|---|---|---|---|---|
 //! | 0 | `EmergencyStop` | someone needs it to stop; a cut wire | the line is high | 1 period | `the_emergency_stop_is_pressed` |
 //! | 1 | `ForceSensor` | force cannot be limited: cable, supply, converter | no valid reading (nothing new, bad checksum, reset, failed bus) | 20 periods | `the_force_converter_falls_silent`, `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load`, `the_force_converters_frames_are_corrupt`, `one_reset_of_the_force_converter_is_counted_and_survived` |
-//! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 periods | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates`, `a_converter_that_saturates_in_a_retreat_ends_it`, `a_load_beyond_the_range_is_left_by_a_retreat`, `a_calibration_that_no_rig_has_is_refused` |
+//! | 2 | `ForceRange` | the cell is overloaded; a bridge wire is off | reading beyond the rated range, or the converter saturated | 2 periods | `the_force_exceeds_the_sensors_range`, `the_force_converter_saturates`, `a_converter_that_saturates_in_a_retreat_ends_it`, `a_load_beyond_the_range_is_removed_by_a_retreat`, `a_calibration_that_no_rig_has_is_refused` |
 //! | 3 | `Potentiometer` | the guide is not where it seems to be | code beyond the track, or a jump that no motor makes | 2 periods | `a_potentiometers_wire_is_open`, `a_potentiometers_wire_is_shorted`, `a_potentiometer_jumps` |
 //! | 4 | `MoveTimeout` | creeping, or a load that the motor cannot move | not settled 3 s after one and a half times the move's time | that | `an_axis_too_weak_for_the_last_step_times_out` |
 //! | 5 | `ForceLimit` | tissue or needle is overloaded | force beyond the limit that is set, from the tare or from the calibration's zero | 2 periods | `a_force_spike_exceeds_the_limit`, `the_monitor_retreats_from_a_load`, `retreats_along_one_axis_do_not_hide_behind_the_load_of_the_other`, `tares_under_load_do_not_move_the_force_limit`, `a_tare_under_load_is_rejected` |
@@ -23,7 +23,7 @@
 //! | 14 | `WrongWay` | a table's sign, swapped wires: the loop runs away | 0.06 mm against the driven direction, from 35 periods of driving that way on | 0.3 mm of motion | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
 //! | 15 | `CalibrationLost` | the limits are those of another rig | no slot of the flash is sound, and not all are erased | at start | `a_calibration_that_is_lost_is_a_fault`, `a_device_without_a_calibration_does_not_move_unasked`, `power_that_fails_while_a_calibration_is_written_leaves_the_old_one_or_the_new_one` |
 //!
-//! The way out of each, and the test that takes it, is in the protocol's chapter (`protocol/spec/protocol.md`). A fault survives every
+//! The recovery from each, and the test that carries it out, is in the protocol's chapter (`protocol/spec/protocol.md`). A fault survives every
 //! restart in which memory keeps its content. What was once a way round, and the test of each: [`super::mutation`].
 //!
 //! The force overshoots its limit by what the motor rolls on: 4 periods (reading, persistence, bridge) and the motor's lag, at most

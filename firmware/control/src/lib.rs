@@ -15,13 +15,13 @@
 //! | [`decimate`], [`stiffness`] | the lateral stiffness as the readings come |
 //! | [`interlock`] | when to stop, and why: the table of hazards |
 //! | [`pulse`] | a short pulse of one motor without a loop, and what ends it |
-//! | [`retreat`], [`added_load`] | the way out of a load while its fault stands |
-//! | [`retained`] | what a restart must not forget |
-//! | [`store`] | a calibration on its way to the device |
-//! | [`telemetry`] | batches and notes, and what is dropped where the link is slow |
+//! | [`retreat`], [`added_load`] | motions that unload the guide while the fault of the load is latched |
+//! | [`retained`] | state that is retained over a restart |
+//! | [`store`] | a calibration while it is received |
+//! | [`telemetry`] | batches, answers and events, and what is dropped where the link is slow |
 //! | [`indicator`] | the status light |
 //! | [`ads131m02`], [`calibration`], [`slots`] | the force converter; the constants of a rig, and where they are kept |
-//! | [`campaign`] | on hosts: random sequences against what must hold |
+//! | [`campaign`] | on hosts: random sequences of commands, checked against the limits |
 //!
 //! # Example
 //!

@@ -81,7 +81,7 @@ impl DutyBudget {
         u16::try_from((periods + 1).div_ceil(1_000_000 / PERIOD_US)).unwrap_or(u16::MAX)
     }
 
-    /// What a restart must not forget.
+    /// State that is retained over a restart.
     pub fn to_bytes(&self) -> [u8; BUDGET_BYTES] {
         let mut bytes = [0; BUDGET_BYTES];
         let (bins, rest) = bytes.split_at_mut(2 * BINS);

@@ -1,7 +1,7 @@
 //! Safety measures that tests can disable, to show that the tests find each gap (mutation testing of the limits). Without the feature
 //! `campaign`, and so in every image, nothing can be disabled, which the compiler evaluates.
 //!
-//! Each of these measures closes what was once a way round a limit, or a state without a way out. The random sequences of
+//! Each of these measures closes what was once a way round a limit, or a state that no command ends. The random sequences of
 //! `crate::campaign` find it where the measure is disabled; the tests through QEMU go the way itself.
 //!
 //! | measure | without it | test through QEMU |
@@ -9,14 +9,14 @@
 //! | `AnyCalibration` | a slip of a unit in a calibration switches the force limit off | `a_calibration_that_no_rig_has_is_refused` |
 //! | `ForgetAtRestart` | storing a calibration clears faults and the motors' history | `storing_a_calibration_forgets_neither_a_fault_nor_the_heat_of_the_motors` |
 //! | `LimitFromTare` | tares under load move the force limit | `tares_under_load_do_not_move_the_force_limit`, `a_tare_under_load_is_rejected` |
-//! | `NoRetreat` | a fault under load stands for ever | `a_load_beyond_the_range_is_left_by_a_retreat`, `the_monitor_retreats_from_a_load` |
+//! | `NoRetreat` | a fault under load stands for ever | `a_load_beyond_the_range_is_removed_by_a_retreat`, `the_monitor_retreats_from_a_load` |
 //! | `RampEndsAtOnce` | a ramp rests beyond the travel | `a_ramp_to_the_end_of_the_travel_rests_within_it` |
 //! | `AnyDirection` | tables of the wrong sign make the loop run away | `an_axis_that_moves_the_wrong_way_is_stopped_at_once` |
 //! | `OldFramesAct` | a frame that is replayed moves the guide again | `a_frame_from_before_does_not_move_the_guide_again` |
 //! | `AnyStart` | a program waits for years and then starts | `a_start_years_ahead_is_refused` |
 //! | `CoolingTooShort` | a hot motor is not cool when it is reported to be | `a_motor_that_never_rests_is_locked_out` |
 //! | `SilentAfterSaturation` | one saturated reading hides that none follows: no force limit | `a_converter_that_was_saturated_once_and_is_silent_then_is_no_load` |
-//! | `RetreatsClimb` | retreats in the wrong direction add up | `a_load_beyond_the_range_is_left_by_a_retreat` |
+//! | `RetreatsClimb` | retreats in the wrong direction add up | `a_load_beyond_the_range_is_removed_by_a_retreat` |
 //! | `LargestLoadAlone` | a larger force along y hides what retreats add along x | `retreats_along_one_axis_do_not_hide_behind_the_load_of_the_other` |
 //! | `BlindRetreat` | a converter that saturates in a retreat lets it go on into the load | `a_converter_that_saturates_in_a_retreat_ends_it` |
 //! | `BlindTurned` | short retreats by tables of the wrong sign, with a saturated converter, add up | `short_retreats_by_tables_of_the_wrong_sign_do_not_add_up` |
@@ -28,7 +28,7 @@
 pub enum Mutation {
     /// Any calibration is accepted.
     AnyCalibration,
-    /// A restart forgets fault and heat.
+    /// A restart loses the fault and the used duty cycle.
     ForgetAtRestart,
     /// The force limit counts from the tare alone, and any tare is accepted.
     LimitFromTare,
@@ -56,7 +56,7 @@ pub enum Mutation {
     BlindTurned,
     /// A fault is cleared in motion.
     ClearInMotion,
-    /// A pulse may last as long and be as strong as it likes, and many may follow in one direction.
+    /// A pulse has no bound of duration and duty, and many may follow in one direction.
     AnyPulse,
 }
 

@@ -30,7 +30,7 @@ pub enum Phase {
     Holding,
     /// Running a tare.
     Taring,
-    /// On the way out of a load.
+    /// Unloading the guide.
     Retreating,
 }
 

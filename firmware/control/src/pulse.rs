@@ -123,7 +123,7 @@ impl Pulser {
         Self { running: None, net }
     }
 
-    /// What a restart must not forget.
+    /// State that is retained over a restart.
     pub const fn net(&self) -> NetDrive {
         self.net
     }

@@ -161,7 +161,7 @@ impl Controller {
         Ok(())
     }
 
-    /// A restart would hide a fault, unless the calibration may be its cause: then another one is the way out.
+    /// A restart would hide a fault, unless the calibration may be its cause: then storing another one is the recovery.
     fn may_store(&self) -> Result<(), Refusal> {
         self.while_idle()?;
         match self

@@ -119,7 +119,7 @@ impl LoadWatch {
 }
 
 impl Controller {
-    /// Starts the way out of a load.
+    /// Starts to unload the guide.
     pub(super) fn begin_retreat(
         &mut self,
         by_um: [i32; 2],

@@ -30,7 +30,7 @@ impl Incoming {
     /// The record that the first `length` bytes are.
     ///
     /// # Errors
-    /// [`Refusal::CalibrationInvalid`] where they are not the ones that were meant, or no rig has such constants.
+    /// [`Refusal::CalibrationInvalid`] where they are not the ones that were sent, or no rig has such constants.
     pub fn finish(&self, length: u8, crc: u32) -> Result<CalibrationRecord, Refusal> {
         let bytes = self.pieces.as_flattened().get(..usize::from(length));
         bytes
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_whole_record_that_was_meant_is_taken() {
+    fn only_the_complete_record_that_was_sent_is_stored() {
         let record = CalibrationRecord { travel_um: 8_000, ..Calibration::nominal_record() };
         let mut buffer = [0; MAX_CALIBRATION];
         let bytes = record.encode(&mut buffer);

@@ -1,6 +1,6 @@
 //! The controller's output on its way to the link: samples gathered into batches, notes between them, in order.
 //!
-//! The way out is bounded and is never waited for. Where it is full, the batch that is ready is dropped whole and its samples
+//! The outbox is bounded and is never waited for. Where it is full, the batch that is ready is dropped whole and its samples
 //! are counted, so that the host finds one gap of known length; the last places are kept for answers and events.
 
 use super::{OutboundMessage, Outputs, PERIOD_US};

@@ -91,7 +91,7 @@ pub(super) async fn send(port: BufferedUartTx<'static>, boot: BootInfo, calibrat
     }
 }
 
-/// The way out: numbers the frames and writes them.
+/// The outbox: numbers the frames and writes them.
 struct Link {
     port: BufferedUartTx<'static>,
     boot_id: u32,

@@ -100,7 +100,7 @@ pub fn restart_with(calibration: &CalibrationRecord) -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-/// Keeps what the next start must not forget.
+/// Keeps the state that is retained over a restart.
 pub fn keep(state: &ControllerState) {
     let bytes = state.to_bytes();
     cortex_m::interrupt::free(|_| {

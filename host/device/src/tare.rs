@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_of_the_drift_holds_what_it_promises() {
+    fn the_interval_of_the_drift_has_its_stated_coverage() {
         let mut noise = Noise::new(11);
         let (n, trials) = (200, 400);
         let mut inside = 0;

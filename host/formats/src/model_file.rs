@@ -320,7 +320,7 @@ pub fn has_neutral_value(info: &ParameterInfo) -> bool {
     info.nodes.is_empty()
 }
 
-/// Ids that may have been meant by one that does not exist; all there are where none is near.
+/// Ids similar to one that does not exist; all ids where none is similar.
 pub fn expected_ids(id: &str) -> String {
     let last = |id: &str| id.rsplit('.').next().unwrap_or_default().to_owned();
     let near = |known: &&str| {

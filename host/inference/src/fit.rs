@@ -15,7 +15,7 @@ use normal::{Differences, NEAR, NEGLIGIBLE, Normal, Step};
 /// Where a parameter starts and may go.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
-    /// First guess.
+    /// Initial value.
     pub start: f64,
     /// Step of the differences.
     pub step: f64,
@@ -242,7 +242,7 @@ impl<'a, B: Block> Tried<'a, B> {
 }
 
 fn finite(residuals: Vec<f64>) -> Result<Vec<f64>, FitError> {
-    // Without a way out of the loop several are examined at once.
+    // Without an exit from the loop several are examined at once.
     if residuals.iter().fold(true, |all, r| all & r.is_finite()) {
         Ok(residuals)
     } else {

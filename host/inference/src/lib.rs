@@ -1,9 +1,17 @@
 //! From measurements to parameters with uncertainty.
 //!
-//! [`fit`] is weighted least squares over parameters shared by all runs and nuisances of each run; [`LateralData`] is a
-//! lateral run as one of its blocks. [`energy`] is the energy balance of Paper A (Lehmann et al.), for comparison.
-//! [`insertion`] is the tip load and the path of a needle that advances.
-//! [`modulus`] relates the foundation modulus to Young's modulus; [`indentation`] is an independent measurement of the latter.
+//! | item | does |
+//! |---|---|
+//! | [`identify`] | modulus from the lateral runs of a session; [`energy`]: the published energy balance, for comparison |
+//! | [`predict`], [`insertion`] | tip load and path of a needle that advances, for a session and reading by reading |
+//! | [`track`] | stiffness and damping over steering runs |
+//! | [`diagnose`] | where model and measurement disagree, and which effect is missing |
+//! | [`plan`] | the interval that a lateral run will give |
+//! | [`check`] | what each command can do with a session |
+//! | [`fit()`], [`LateralData`] | weighted least squares over parameters shared by all runs and nuisances of each run; a lateral run as one of its blocks |
+//! | [`holds`], [`intervals`] | holds and sweeps in the series of a run; profile likelihood and bootstrap |
+//! | [`modulus`], [`relation`], [`indentation`] | from the foundation modulus to Young's modulus; an independent measurement of the latter |
+//! | [`prior`], [`summarize()`] | K from many sessions as a prior; the record of a session for `population` |
 //!
 //! # Example
 //!

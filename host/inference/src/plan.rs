@@ -110,7 +110,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// The same plan with what many sessions predict of K, whose interval stands beside the one of every run alone.
+    /// The same plan with what many sessions predict of K, whose interval is reported beside the one of every run alone.
     pub fn with_prior(mut self, prior: &ModulusPrior) -> Self {
         let prior = PriorResult::new(prior, None);
         let prior_sd = prior.with_prior.map_or(f64::INFINITY, |prior| prior.ln_k_sd);

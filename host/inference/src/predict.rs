@@ -43,7 +43,7 @@ pub struct Options {
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
     pub discrepancy: Multiples,
-    /// What many sessions predict of K; the result without it stands beside. Not for two layers.
+    /// What many sessions predict of K; the result without it is reported too. Not for two layers.
     pub prior: Option<ModulusPrior>,
     /// Depth from which the published method averages the tip load.
     pub published_from_m: f64,

@@ -33,7 +33,7 @@ const VARIED_POISSON: [f64; 2] = [0.25, 0.5];
 /// The modulus may vary by such a factor.
 const MAX_CONTRAST: f64 = 12.0;
 /// A modulus that changes in proportion to depth does so down to this depth below the surface, or so many depths of the tip where that
-/// is deeper, and stays as it is below: no tissue goes on for ever. An absolute depth, since what lies below a shallow tip is what holds
+/// is deeper, and stays as it is below: no gradient extends without end. An absolute depth, since what lies below a shallow tip is what holds
 /// a deeper one; what lies below 60 mm counts for 1 % of the force where the tip is at 50 mm.
 const GROWTH_ENDS_M: f64 = 60e-3;
 const GROWTH_ENDS: f64 = 1.2;

@@ -65,7 +65,7 @@ impl Display for Population {
             let of = |label: &Option<String>| label.clone().unwrap_or_else(|| "not stated".to_owned());
             writeln!(
                 f,
-                "tip load     needle {}, tissue {}: {:.3} N ({low:.3} to {high:.3}), sd between sessions {between}, {} session(s)",
+                "tip load     needle {}, tissue {}: {:.3} N ({low:.3} to {high:.3}), sd between sessions {between}; sessions: {}",
                 of(&tip.needle),
                 of(&tip.tissue),
                 tip.load_n.value,

@@ -13,9 +13,24 @@
 //! | search for effects that groups share, and drift | `search` |
 //! | effects that vary, or are in single sessions | `spread` |
 //! | everything together | `analysis`, `results`, `display` |
-//! | what may be assumed of the next session | `prior` |
+//! | prior for the next session | `prior` |
 //!
 //! Everything here works on the records, which `inference::summarize` makes: the measurements are not needed again.
+//!
+//! # Example
+//!
+//! ln K of six subjects, each with its variance: the mean with its interval, and the spread between subjects:
+//!
+//! ```
+//! use population::{Observations, random_effects};
+//!
+//! let y: Vec<f64> = [10.0_f64, 11.5, 12.0, 12.4, 13.1, 14.0].iter().map(|k_kpa| k_kpa.ln()).collect();
+//! let v = vec![0.02_f64.powi(2); y.len()];
+//! let found = random_effects(&Observations { y, v, x: Vec::new(), levels: Vec::new() }).expect("a mean");
+//! let (mean, _, [low, high]) = found.beta[0];
+//! assert!(low < mean && mean < high && (11.0..13.0).contains(&mean.exp()));
+//! assert!((0.05..0.2).contains(&found.tau_total), "{}", found.tau_total);
+//! ```
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 

@@ -29,10 +29,10 @@ pub struct Args {
     /// Only these steps; what the others found before is taken from the file
     #[arg(long, value_name = "STEP")]
     step: Vec<StepName>,
-    /// No prompts: motion is allowed, the emergency stop is not tried
+    /// No prompts: motion is allowed, the emergency stop is not tested
     #[arg(long)]
     yes: bool,
-    /// Do not compare the device's clock with this computer's: for a simulated rig, whose time runs otherwise
+    /// Do not compare the device's clock with this computer's: for a simulated rig, whose clock runs at another rate
     #[arg(long)]
     no_clock: bool,
     /// Keep the result in this file, after each step
@@ -132,7 +132,7 @@ impl Operator for Terminal {
 /// Runs `guide bringup`.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if !args.yes && !io::stdin().is_terminal() {
-        bail!("no terminal for prompts: with --yes motion is allowed and the emergency stop is not tried");
+        bail!("no terminal for prompts: with --yes motion is allowed and the emergency stop is not tested");
     }
     let steps: Vec<Step> = match args.step.as_slice() {
         [] => Step::ALL.to_vec(),

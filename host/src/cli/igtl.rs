@@ -75,7 +75,7 @@ pub struct RateArgs {
     /// Updates for OpenIGTLink clients per second of the device's clock
     #[arg(long, value_name = "HZ", default_value_t = USUAL_RATE_HZ, value_parser = rate_hz)]
     rate_hz: f64,
-    /// OpenIGTLink clients at a time; more are turned away
+    /// OpenIGTLink clients at a time; more are rejected
     #[arg(long, value_name = "N", default_value_t = server::MAX_CLIENTS, value_parser = max_clients)]
     max_clients: usize,
 }
@@ -90,8 +90,8 @@ fn client_remark((address, change): (SocketAddr, ClientChange), max_clients: usi
     match change {
         ClientChange::Connected => format!("OpenIGTLink client {address} connected"),
         ClientChange::Left => format!("OpenIGTLink client {address} disconnected"),
-        ClientChange::TurnedAway => {
-            format!("OpenIGTLink client {address} turned away: {max_clients} are connected (--max-clients)")
+        ClientChange::Rejected => {
+            format!("OpenIGTLink client {address} rejected: {max_clients} are connected (--max-clients)")
         }
     }
 }
@@ -137,7 +137,7 @@ impl PublishArgs {
         let mut live = self.rate.serve(address, Scene::new(rig.guide2_m, rig.entry_m))?;
         out.note(format_args!("OpenIGTLink at {}", live.publisher().address()));
         match Session::read(dir).ok().as_ref().and_then(modulus_pa) {
-            Some(modulus_pa) => know_tissue(live.scene(), rig, modulus_pa, None, depth_mm)?,
+            Some(modulus_pa) => set_tissue_model(live.scene(), rig, modulus_pa, None, depth_mm)?,
             None => out.note(
                 "tip and shape of the needle are not published: the session does not give the modulus yet",
             ),
@@ -153,7 +153,7 @@ fn modulus_pa(session: &Session) -> Option<f64> {
 }
 
 /// Has tip and shape published.
-pub fn know_tissue(
+pub fn set_tissue_model(
     scene: &mut Scene,
     rig: &Rig,
     modulus_pa: f64,

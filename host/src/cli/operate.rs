@@ -125,7 +125,7 @@ fn clear_at_rest(client: &mut Client) -> Result<(), LinkError> {
     client.request(Request::ClearFault)
 }
 
-/// Move out of a load while the fault that it has caused stands
+/// Unload the guide while the fault that the load has caused is latched
 ///
 /// The guide goes slowly, by at most 1 mm along each axis, and stops as soon as the force does not fall. Without a direction: along the
 /// axis with the larger force, against it.

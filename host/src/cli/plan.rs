@@ -163,7 +163,7 @@ impl Display for Text<'_> {
         let modulus = if protocol.foundation == "body" { "E" } else { "K" };
         writeln!(
             f,
-            "half-width of the 95 % interval of {modulus}, worst over the range; * keeps all limits"
+            "half-width of the 95 % interval of {modulus}, worst over the range; * within all limits"
         )?;
         writeln!(
             f,

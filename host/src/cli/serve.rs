@@ -1,6 +1,6 @@
 //! `guide serve`: results of a session and what its device measures, for OpenIGTLink clients.
 
-use super::igtl::{RateArgs, USUAL, know_tissue};
+use super::igtl::{RateArgs, USUAL, set_tissue_model};
 use super::output::Output;
 use super::rig_args::interrupted;
 use anyhow::{Context, bail};
@@ -219,8 +219,13 @@ impl Results<'_> {
                 out,
             );
         };
-        let known =
-            know_tissue(lock(self.live).scene(), &session.rig, 1e3 * k_kpa, self.model.as_ref(), depth_mm);
+        let known = set_tissue_model(
+            lock(self.live).scene(),
+            &session.rig,
+            1e3 * k_kpa,
+            self.model.as_ref(),
+            depth_mm,
+        );
         if let Err(error) = known {
             self.note(format!("tip and shape of the needle are not published: {error:#}"), out);
         }

@@ -262,7 +262,7 @@ fn figures_of(session: &Session, run: &RunResult) -> Vec<Block> {
         Block::Heading(format!("Run {}", run.id)),
         Block::figure(
             format!(
-                "Run {}: needle shape measured (dots) and fitted (lines) by hold; below, what is left over",
+                "Run {}: needle shape measured (dots) and fitted (lines) by hold; below, the residuals",
                 run.id
             ),
             figures::shape(&drawn),

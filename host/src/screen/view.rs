@@ -34,7 +34,7 @@ const HELP: [(&str, &str); 10] = [
     ("h", "home: where the needle is straight"),
     ("t", "tare: the mean force of one second becomes zero"),
     ("s or space", "stop any motion"),
-    ("r", "retreat out of the load of a fault; arrow keys: that way"),
+    ("r", "retreat from the load of a fault; arrow keys: direction"),
     ("c", "clear the fault once its cause is gone; dismiss a restart"),
     ("+ and -", "longer and shorter time in the plots"),
     ("?", "show or hide this help"),
@@ -175,7 +175,7 @@ impl Screen<'_> {
             (Some(fault), restart) => {
                 let text = fault_text(fault);
                 let keys = if fault.allows_retreat() {
-                    "press r to retreat from the load (arrows: that way), then press c to clear"
+                    "press r to retreat from the load (arrows: direction), then press c to clear"
                 } else {
                     "then press c to clear"
                 };

@@ -42,7 +42,8 @@ fn restarted() -> State {
 
 fn lost() -> State {
     let mut state = running(5);
-    state.take(Event::Lost("/dev/ttyACM0: the port went away (EOF): was the cable pulled?".to_owned()), 5.0);
+    state
+        .take(Event::Lost("/dev/ttyACM0: the port disappeared (EOF): was the cable pulled?".to_owned()), 5.0);
     state
 }
 

@@ -242,7 +242,7 @@ mod tests {
 
     /// Promised over observed: 24 sessions determine a standard deviation to 15 %, seven protocols together to 5.5 %.
     #[test]
-    fn the_plan_promises_what_simulated_sessions_scatter_by() {
+    fn planned_intervals_agree_with_the_scatter_of_simulated_sessions() {
         const SESSIONS: usize = 24;
         let protocols = protocols();
         let rows: Vec<StudyRow> = (1..)

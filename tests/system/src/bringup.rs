@@ -23,10 +23,10 @@ const SPEED: f64 = 8.0;
 /// Options of `cargo xtask study bringup`.
 #[derive(clap::Args, Debug, Clone)]
 pub struct Options {
-    /// Sound rigs
+    /// Rigs without a fault
     #[arg(long, default_value_t = 50)]
     seeds: u64,
-    /// First seed, of faults and of sound rigs
+    /// First seed, of faults and of rigs without one
     #[arg(long, default_value_t = 1)]
     from: u64,
     /// Only the faults whose name contains this
@@ -198,7 +198,7 @@ pub fn run(options: &Options) -> Result<()> {
         longest_s = longest_s.max(trial.time_s);
         passed += u64::from(trial.report.passed);
         if !trial.report.passed || options.verbose {
-            println!("sound rig {seed}: {}\n{}", summary(&trial), trial.report);
+            println!("rig without a fault {seed}: {}\n{}", summary(&trial), trial.report);
         }
     }
     let of = |score| counts.get(&score).copied().unwrap_or(0);
@@ -208,8 +208,8 @@ pub fn run(options: &Options) -> Result<()> {
     println!("| something else named | {} |", of(Score::OtherNamed));
     println!("| missed | {} |", of(Score::Missed));
     println!("| furthest from the start before the loop is closed | {furthest_mm:.2} mm |");
-    println!("| sound rigs that pass | {passed} of {sound} |");
-    println!("| longest on a sound rig, time of the rig | {longest_s:.0} s |");
+    println!("| rigs without a fault that pass | {passed} of {sound} |");
+    println!("| longest on a rig without a fault, time of the rig | {longest_s:.0} s |");
     Ok(())
 }
 

@@ -1,7 +1,7 @@
 //! A bad cable between the firmware's serial port and its host.
 //!
 //! [`NoisyWire`] opens the firmware's pseudo terminal and offers another one in its stead. Bytes go through unchanged and at
-//! once, unless set otherwise: bits flip at a given rate, the cable is cut and mended, a mad host babbles. What flips comes
+//! once, unless set otherwise: bits flip at a given rate, the cable is cut and mended, a faulty host sends random bytes. What flips comes
 //! from a seed; where it falls depends on nothing but the number of bits that went before.
 
 use crate::pty::{Pty, make_raw, wait};
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_cable_loses_everything_until_it_is_mended() {
+    fn a_cut_cable_loses_everything_until_it_is_reconnected() {
         let (device, wire, host) = cable(6);
         rustix::io::write(&device.master, b"unread").unwrap();
         eventually(|| wire.counters(Direction::ToHost).bytes == 6);

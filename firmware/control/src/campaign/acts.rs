@@ -9,7 +9,7 @@ use protocol::{
 use std::format;
 use std::vec::Vec;
 
-/// Tries of the way out of a fault.
+/// Tries of the recovery from a fault.
 const TRIES: u32 = 24;
 /// A load that has fallen by less has not, newtons: the noise of the rig in QEMU.
 const FALLEN_N: f32 = 0.03;
@@ -48,13 +48,13 @@ impl Random {
 pub struct Sequence<'a, T> {
     random: Random,
     target: &'a mut T,
-    faults_left: u64,
+    faults_cleared: u64,
 }
 
 impl<'a, T: Target> Sequence<'a, T> {
     /// The sequence of a seed.
     pub fn new(seed: u64, target: &'a mut T) -> Self {
-        Self { random: Random::new(seed), target, faults_left: 0 }
+        Self { random: Random::new(seed), target, faults_cleared: 0 }
     }
 
     /// How many acts it has.
@@ -63,8 +63,8 @@ impl<'a, T: Target> Sequence<'a, T> {
     }
 
     /// Faults that were left.
-    pub fn faults_left(&self) -> u64 {
-        self.faults_left
+    pub fn faults_cleared(&self) -> u64 {
+        self.faults_cleared
     }
 
     /// One act.
@@ -304,7 +304,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.request(Request::StoreCalibration { length: bytes.len() as u8, crc: record.crc() })
     }
 
-    /// A frame that was sent before: any, or the latest program when its answer is forgotten; with its own content or another.
+    /// A frame that was sent before: any, or the latest program when its answer is no longer stored; with its own content or another.
     fn old_frame(&mut self) -> Checked<()> {
         let count = self.target.sent().len() as u32;
         if count == 0 {
@@ -330,7 +330,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.target.pass(5)
     }
 
-    /// Any latched fault has a way out, under the load that caused it, by commands alone.
+    /// Any latched fault has a recovery, under the load that caused it, by commands alone.
     ///
     /// # Errors
     /// Where there is none, and what does not hold.
@@ -346,7 +346,7 @@ impl<'a, T: Target> Sequence<'a, T> {
                 self.request(Request::AcknowledgeCalibration)?;
             }
             if self.target.request(Request::ClearFault)?.is_ok() {
-                self.faults_left += 1;
+                self.faults_cleared += 1;
                 return Ok(());
             }
             let cools_in_s = condition.cools_in_s.into_iter().max().unwrap_or(0);
@@ -364,13 +364,13 @@ impl<'a, T: Target> Sequence<'a, T> {
             self.request(Request::AcknowledgeCalibration)?;
             towards = self.retreat(condition.force_n, towards)?;
             if turn == TRIES / 2 {
-                // A limit below what was tared has no place where it is met: the other way out of `ForceLimit`.
+                // A limit below what was tared has no place where it is met: the other recovery from `ForceLimit`.
                 let force_mn = self.target.record().force_range_mn;
                 self.request(Request::Limits { force_mn, silence_ms: 2_000 })?;
             }
         }
         let condition = self.target.condition()?;
-        Err(Violation(format!("no way out in {TRIES} tries: {condition:?}")))
+        Err(Violation(format!("no recovery in {TRIES} tries: {condition:?}")))
     }
 
     /// Out of the load along the axis that has more of it, against its force times this sign; the sign for the next try: where the

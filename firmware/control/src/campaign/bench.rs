@@ -150,7 +150,7 @@ impl Bench {
         let codes =
             self.rig.force_n().map(|n| ((n / N_PER_CODE) as i32 + dither).clamp(-8_388_607, 8_388_607));
         let force_codes = match self.causes.converter {
-            Converter::Sound => Ok(codes),
+            Converter::Healthy => Ok(codes),
             Converter::Silent => Err(ForceFault::NotReady),
             Converter::SaturatedOnce if self.saturated_once => Err(ForceFault::NotReady),
             Converter::Saturated | Converter::SaturatedOnce => {

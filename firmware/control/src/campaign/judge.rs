@@ -120,7 +120,7 @@ impl Judge {
     /// A fault or the motors' history across a restart: `before` and `after` are fault and used share of the duty.
     ///
     /// # Errors
-    /// Where something was forgotten.
+    /// Where retained state was lost.
     pub fn kept(
         &mut self,
         before: (Option<Fault>, [f32; 2]),

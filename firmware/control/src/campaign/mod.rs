@@ -1,7 +1,7 @@
 //! Random sequences of commands of the protocol, with loads, tares, calibrations, faults, restarts and old frames, against
 //! what must hold for any sequence. For tests on the host: no image has it.
 //!
-//! A sequence is one to [`MAX_ACTS`] acts ([`acts`]), each a few commands and causes, and then the way out of any latched fault.
+//! A sequence is one to [`MAX_ACTS`] acts ([`acts`]), each a few commands and causes, and then the recovery from any latched fault.
 //! It depends on its seed alone and is carried out by a [`Target`]: the controller with a small rig in the same process ([`mod@bench`]),
 //! or the firmware in QEMU. What must hold is in [`judge`]:
 //!
@@ -11,7 +11,7 @@
 //! * no pulse of a motor that moves it by more than its bound;
 //! * no program that starts twice, or without a request;
 //! * no restart that forgets a fault or how the motors were driven;
-//! * every command is answered once, and every fault is left again by the manual's way out, under the load that caused it.
+//! * every command is answered once, and every fault is cleared by the manual's recovery, under the load that caused it.
 
 pub mod acts;
 pub mod bench;
@@ -56,7 +56,7 @@ pub struct Causes {
 pub enum Converter {
     /// It measures.
     #[default]
-    Sound,
+    Healthy,
     /// It gives nothing new.
     Silent,
     /// Its first channel is saturated.
@@ -185,7 +185,7 @@ pub fn run<T: Target>(seed: u64, target: &mut T) -> Checked<[u64; 2]> {
         sequence.act().map_err(|found| Violation(std::format!("sequence {seed}, act {act}: {found}")))?;
     }
     sequence.leave().map_err(|found| Violation(std::format!("sequence {seed}, at its end: {found}")))?;
-    Ok([count.into(), sequence.faults_left()])
+    Ok([count.into(), sequence.faults_cleared()])
 }
 
 /// Carries out the sequence of a seed on a controller of its own.

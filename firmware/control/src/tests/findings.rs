@@ -1,4 +1,4 @@
-//! Sequences that once led round a limit, or into a state without a way out, on the bench of two springs of 1 N/mm.
+//! Sequences that once led round a limit, or into a state that no command ends, on the bench of two springs of 1 N/mm.
 
 use super::*;
 
@@ -65,7 +65,7 @@ fn retreat(bench: &mut Bench, y_um: i32) -> Result<RetreatOutcome, Refusal> {
 }
 
 #[test]
-fn a_load_beyond_the_range_is_left_by_a_retreat_and_no_other_way_is_open() {
+fn a_load_beyond_the_range_is_removed_by_a_retreat_and_by_nothing_else() {
     let mut bench = at_home();
     bench.command(Request::Limits { force_mn: 5_000, silence_ms: 2_000 }).expect("the range itself");
     assert_eq!(ended(&mut bench, &[to_y(6_000)]), Outcome::Faulted);
@@ -117,7 +117,7 @@ fn a_retreat_ends_where_anything_else_is_wrong() {
 }
 
 #[test]
-fn a_saturated_converter_is_left_towards_the_straight_needle_only() {
+fn a_saturated_converter_is_unloaded_towards_the_straight_needle_only() {
     let mut bench = at_home();
     assert_eq!(ended(&mut bench, &[to_y(3_000)]), Outcome::Completed);
     bench.force_fault = Some(ForceFault::Saturated { channel: 1 });
@@ -170,14 +170,14 @@ fn storing_a_calibration_wipes_neither_a_fault_nor_the_heat_of_the_motors() {
 }
 
 #[test]
-fn a_fault_that_a_calibration_may_have_caused_is_left_by_another_one_and_stays_latched() {
+fn a_fault_that_a_calibration_may_have_caused_accepts_another_one_and_stays_latched() {
     let mut bench = at_home();
     bench.potentiometer_codes = Some([2_048, 4_080]);
     bench.periods(3);
     assert_eq!(bench.controller.interlock.latched(), Some(Fault::Potentiometer));
     let mut record = Calibration::nominal_record();
     record.potentiometers[1].track_codes = [40, 4_090];
-    store(&mut bench, &record).expect("the way out of a wrong track");
+    store(&mut bench, &record).expect("the recovery from a wrong track");
     restart(&mut bench, record);
     bench.periods(3);
     assert_eq!(bench.controller.interlock.latched(), Some(Fault::Potentiometer), "it survives");
@@ -356,7 +356,7 @@ fn a_lost_calibration_is_a_fault_until_it_is_acknowledged_or_another_is_stored()
     assert_eq!(bench.controller.safety(0).calibration, CalibrationSource::NominalAcknowledged);
     let mut bench = lost(None);
     let record = CalibrationRecord { id: protocol::Text::new("unit-8"), ..Calibration::nominal_record() };
-    store(&mut bench, &record).expect("the way out");
+    store(&mut bench, &record).expect("the recovery");
     restart(&mut bench, record);
     assert_eq!(bench.periods(1).state, State::Idle);
     // Beside a fault that was latched before: that one is cleared first, and then this one shows.

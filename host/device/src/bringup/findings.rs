@@ -60,12 +60,12 @@ pub const CATALOGUE: [Known; 41] = [
     known(
         "stop.open",
         "the line of the emergency stop is open",
-        "plug in or mend the wire of the switch; release the switch",
+        "plug in or repair the wire of the switch; release the switch",
         true,
     ),
     known(
         "stop.stays",
-        "the emergency stop does not come back",
+        "the line of the emergency stop stays open after its release",
         "release the switch (most are turned); then as for a line that is open",
         true,
     ),
@@ -113,8 +113,8 @@ pub const CATALOGUE: [Known; 41] = [
     ),
     known(
         "force.hum",
-        "the mains is on the force channels",
-        "ground the cell's shield at one end only, another supply of the computer, twisted wires",
+        "mains interference on the force channels",
+        "ground the cell's shield at one end only, another power supply for the computer, twisted wires",
         false,
     ),
     known(
@@ -125,7 +125,7 @@ pub const CATALOGUE: [Known; 41] = [
     ),
     known(
         "force.limit",
-        "the force limit stands at rest",
+        "the force exceeds the limit at rest",
         "`guide retreat`, or open the needle's clamp",
         true,
     ),
@@ -137,7 +137,7 @@ pub const CATALOGUE: [Known; 41] = [
     ),
     known(
         "potentiometer.shorted",
-        "a potentiometer reads nothing",
+        "a potentiometer reads its smallest code",
         "its wiper is shorted to ground, or its supply wire is open",
         true,
     ),
@@ -149,7 +149,7 @@ pub const CATALOGUE: [Known; 41] = [
     ),
     known(
         "potentiometer.supply",
-        "the potentiometers have another supply than the converter's reference",
+        "the supply of the potentiometers is not the converter's reference",
         "both ends of the tracks to 3.3 V (VREF) and ground of the board, not 5 V",
         true,
     ),
@@ -160,7 +160,7 @@ pub const CATALOGUE: [Known; 41] = [
         true,
     ),
     known("potentiometer.jumps", "a potentiometer jumps", "its wiper's contact and wires", true),
-    known("motor.swapped", "both motors are at each other's bridge", "swap the motors' plugs", true),
+    known("motor.swapped", "each motor is wired to the bridge of the other", "swap the motors' plugs", true),
     known(
         "motor.leads_reversed",
         "the leads of a motor are reversed",
@@ -188,7 +188,7 @@ pub const CATALOGUE: [Known; 41] = [
     known("motor.presses", "a pulse of a motor meets a stiff load", "free the needle and the guide", true),
     known(
         "potentiometer.swapped",
-        "both potentiometers are at each other's pin",
+        "each potentiometer is wired to the pin of the other",
         "swap the wipers' wires (A0, A1)",
         true,
     ),
@@ -243,8 +243,8 @@ pub const CATALOGUE: [Known; 41] = [
     ),
     known(
         "force.no_response",
-        "no force answers the motion",
-        "mount the needle in both guides; else the cell is not in the way of the force",
+        "no force responds to the motion",
+        "mount the needle in both guides; else the cell is not in the load path",
         false,
     ),
 ];

@@ -91,7 +91,7 @@ fn both_ways(session: &mut Session, axis: usize) -> Result<Result<Tried, Finding
             }
             let off_middle = || {
                 let measured =
-                    "a pulse would leave the travel, or others have used up its direction".to_owned();
+                    "a pulse would leave the travel, or earlier pulses have used up what is allowed in this direction".to_owned();
                 Finding::new("potentiometer.off_middle", Some(axis), measured)
             };
             return Ok(Err(fault.map_or_else(off_middle, super::session::of_fault)));

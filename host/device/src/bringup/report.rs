@@ -148,7 +148,7 @@ impl fmt::Display for Report {
             .filter(|step| !matches!(step.result, StepResult::Blocked | StepResult::Skipped));
         let count = self.findings().count();
         let verdict = if count > 0 {
-            format!("{count} finding{}; mend it and repeat", if count == 1 { "" } else { "s" })
+            format!("{count} finding{}; correct it and repeat", if count == 1 { "" } else { "s" })
         } else {
             format!("{} of {} steps ran, nothing found", ran.count(), self.steps.len())
         };

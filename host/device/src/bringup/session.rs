@@ -127,7 +127,7 @@ impl Session<'_> {
             Step::Force => match self.moves.take() {
                 Some(done) => moves::force(&done, &mut report),
                 None => {
-                    let because = "it judges the moves of `loop`, which did not run".to_owned();
+                    let because = "it evaluates the moves of `loop`, which did not run".to_owned();
                     return Ok(StepReport::without(step, StepResult::Skipped, because));
                 }
             },
@@ -235,7 +235,7 @@ impl Session<'_> {
     }
 }
 
-/// The finding of a fault that stands at rest.
+/// The finding of a fault that is latched at rest.
 pub(super) fn of_fault(fault: Fault) -> Finding {
     let id = match fault {
         Fault::EmergencyStop => "stop.stays",

@@ -10,7 +10,7 @@ use protocol::Fault;
 /// How long after the hand the line is read, seconds of the device.
 const SETTLE_S: f64 = 0.2;
 
-/// The line is at stop; nothing where another fault stands, behind which the line is not reported.
+/// The line is at stop; nothing where another fault is latched, behind which the line is not reported.
 fn stops(session: &mut Session) -> Result<Option<bool>, LinkError> {
     session.wait(SETTLE_S)?;
     Ok(match session.clear()? {
@@ -22,12 +22,12 @@ fn stops(session: &mut Session) -> Result<Option<bool>, LinkError> {
 
 pub(super) fn run(session: &mut Session, mut report: StepReport) -> Result<StepReport, LinkError> {
     let Some(released) = stops(session)? else {
-        let because = "another fault stands, which hides the line: mend that first".to_owned();
+        let because = "another fault is latched, which hides the line: clear that first".to_owned();
         return Ok(StepReport::without(Step::EmergencyStop, StepResult::Skipped, because));
     };
     let tried = session.operator.confirm(Prompt::PressStop);
     if !tried && !released {
-        let because = "nobody pressed the emergency stop: it is untested".to_owned();
+        let because = "the emergency stop was not pressed: it is untested".to_owned();
         return Ok(StepReport::without(Step::EmergencyStop, StepResult::Skipped, because));
     }
     let pressed = if tried { stops(session)? } else { None };

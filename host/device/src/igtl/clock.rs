@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sender_whose_clock_is_set_is_found_again_at_once() {
+    fn the_offset_of_a_sender_whose_clock_is_set_is_estimated_again_at_once() {
         for jump_s in [-3_600.0, 3_600.0] {
             let sender = |now_s: f64| 1.7e9 + now_s + if now_s > 30.0 { jump_s } else { 0.0 };
             let worst_s = greatest_error_s(|now_s| now_s, sender, 0.0, 1.0);

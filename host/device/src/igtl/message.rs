@@ -117,7 +117,7 @@ pub enum MessageError {
         /// Device name.
         device: String,
     },
-    /// The extended header is nonsense.
+    /// The extended header is invalid.
     #[error("{kind} `{device}`: extended header and metadata are longer than the body")]
     Extended {
         /// Type.

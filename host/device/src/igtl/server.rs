@@ -45,8 +45,8 @@ pub enum ClientChange {
     Connected,
     /// It has left, or has been left: [`Publisher::bind`].
     Left,
-    /// It was turned away: as many as may be are connected.
-    TurnedAway,
+    /// It was rejected: the largest number of clients is connected.
+    Rejected,
 }
 
 /// What server and clients share.
@@ -119,7 +119,7 @@ impl Publisher {
         self.shared.state().queues.len()
     }
 
-    /// Who has connected, left or been turned away since the last call; of very many the latest.
+    /// Who has connected, left or been rejected since the last call; of very many the latest.
     pub fn client_changes(&self) -> Vec<(SocketAddr, ClientChange)> {
         self.shared.state().changes.drain(..).collect()
     }
@@ -190,10 +190,10 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>, max_clients: usize) {
                 }));
                 std::thread::sleep(Duration::from_secs(1) / ACCEPTED_PER_S);
             }
-            // More than that are turned away; the connection closes here.
+            // More than that are rejected; the connection closes here.
             Ok((stream, address)) => {
                 drop(stream);
-                shared.changed(address, ClientChange::TurnedAway);
+                shared.changed(address, ClientChange::Rejected);
                 std::thread::sleep(Duration::from_secs(1) / ACCEPTED_PER_S);
             }
             // Also where a client was gone before it was taken.

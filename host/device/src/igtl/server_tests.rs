@@ -41,14 +41,14 @@ fn is_closed(stream: &mut TcpStream) -> bool {
 }
 
 #[test]
-fn more_clients_than_allowed_are_turned_away_and_every_change_is_reported() {
+fn more_clients_than_allowed_are_rejected_and_every_change_is_reported() {
     let publisher = serve(2);
     let connect = || TcpStream::connect(publisher.address()).expect("connects");
     let first = connect();
     let _second = connect();
     eventually("two clients", || publisher.clients() == 2);
     let mut third = connect();
-    eventually("the third is turned away", || is_closed(&mut third));
+    eventually("the third is rejected", || is_closed(&mut third));
     let left = first.local_addr().expect("an address");
     drop(first);
     eventually("one has left", || publisher.clients() == 1);
@@ -60,12 +60,12 @@ fn more_clients_than_allowed_are_turned_away_and_every_change_is_reported() {
         changes.len() == 5
     });
     let count = |wanted| changes.iter().filter(|(_, change)| *change == wanted).count();
-    assert_eq!((count(ClientChange::Connected), count(ClientChange::TurnedAway)), (3, 1), "{changes:?}");
+    assert_eq!((count(ClientChange::Connected), count(ClientChange::Rejected)), (3, 1), "{changes:?}");
     assert!(changes.contains(&(left, ClientChange::Left)), "{changes:?}");
 }
 
 #[test]
-fn a_client_that_sends_without_end_is_left() {
+fn a_client_that_sends_without_end_is_disconnected() {
     let publisher = serve(MAX_CLIENTS);
     let mut flood = TcpStream::connect(publisher.address()).expect("connects");
     flood.set_write_timeout(Some(Duration::from_millis(100))).expect("a timeout");
@@ -80,7 +80,7 @@ fn a_client_that_sends_without_end_is_left() {
 /// Parts of messages, damaged ones and whole ones, in pieces, from peers that come and go: a sound client receives every message
 /// meanwhile, and no peer keeps its place.
 #[test]
-fn peers_that_send_parts_of_messages_disturb_nobody() {
+fn peers_that_send_parts_of_messages_do_not_disturb_others() {
     let publisher = serve(MAX_CLIENTS);
     let mut sound = TcpStream::connect(publisher.address()).expect("connects");
     sound.set_read_timeout(Some(Duration::from_millis(500))).expect("a timeout");

@@ -296,7 +296,7 @@ fn results_are_sent_to_later_clients_and_live_values_to_connected_ones() {
 }
 
 #[test]
-fn clients_that_never_read_or_send_nonsense_delay_no_other() {
+fn clients_that_never_read_or_send_invalid_bytes_delay_no_other() {
     let publisher = publisher();
     let mut bad: Vec<TcpStream> =
         (0..2).map(|_| TcpStream::connect(publisher.address()).expect("connects")).collect();
@@ -392,7 +392,7 @@ fn a_tracker_becomes_sweeps_in_the_frame_of_the_session() {
 }
 
 #[test]
-fn a_tracker_that_goes_away_or_sends_nonsense_is_tried_again() {
+fn a_tracker_that_disconnects_or_sends_invalid_bytes_is_tried_again() {
     let listener = TcpListener::bind("127.0.0.1:0").expect("binds");
     let address = listener.local_addr().expect("an address").to_string();
     let mut channel = Channel::connect(&address, settings()).expect("connects");

@@ -14,7 +14,7 @@ pub struct Condition {
     pub latest_start_us: u16,
     /// Bytes of the stack that have never been used.
     pub stack_free_bytes: u32,
-    /// Most places of the way out that were taken at once.
+    /// Most entries of the outbox that were occupied at once.
     pub outbox_most: u8,
     /// Share of its duty cycle that the motor of x has used, percent.
     pub motor_duty_used_x_percent: f64,
@@ -45,7 +45,7 @@ impl From<&Status> for Condition {
     }
 }
 
-/// What has gone wrong since the device started: the protocol's counters under names that stand alone.
+/// What has gone wrong since the device started: the protocol's counters under self-contained names.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[expect(missing_docs, reason = "each is the protocol's counter of nearly that name")]
 pub struct ErrorCounters {

@@ -82,8 +82,8 @@ pub enum LinkError {
         /// Why.
         refusal: Refusal,
     },
-    /// The port went away.
-    #[error("{port}: the port went away ({cause}): was the cable pulled or the board switched off?")]
+    /// The port disappeared.
+    #[error("{port}: the port disappeared ({cause}): was the cable pulled or the board switched off?")]
     Gone {
         /// The port's name.
         port: String,

@@ -245,7 +245,7 @@ impl FileStep {
             return Err("`levels` belongs to a staircase");
         }
         if self.sweep && self.hold_s.is_none() {
-            return Err("`sweep` belongs to a hold: the guide must stand still");
+            return Err("`sweep` belongs to a hold: the guide must be at rest");
         }
         let speed_mm_s = self.speed_mm_s.unwrap_or(1.0);
         let step = match (move_mm, ramp_mm, staircase_mm, self.hold_s, self.tare_s) {

@@ -186,7 +186,7 @@ fn a_missing_port_and_one_in_use_are_distinguished() {
 }
 
 #[test]
-fn a_port_that_goes_away_gives_what_came_before() {
+fn a_port_that_disappears_gives_what_came_before() {
     let (_device, mut client) = with_program(&[Act::Batch(32), Act::Batch(8), Act::Wait(200), Act::Vanish]);
     let (batches, ended) = run_program(&mut client);
     assert_eq!(account(&batches).0, 40);
@@ -213,7 +213,7 @@ fn a_fault_ends_the_run_and_is_named() {
 
 /// A host that is behind has requested the state before it has handled what came first.
 #[test]
-fn an_end_found_by_a_status_costs_no_sample() {
+fn an_end_found_by_a_status_loses_no_sample() {
     let (_device, mut client) =
         with_program(&[Act::Batch(32), Act::Batch(32), Act::Batch(9), Act::CompleteWithoutEvent]);
     let mut samples = 0;
@@ -232,7 +232,7 @@ fn an_end_found_by_a_status_costs_no_sample() {
 
 /// A host that is behind notices that the port has gone before it has handled what came first.
 #[test]
-fn a_port_that_goes_away_while_the_host_is_behind_costs_no_sample() {
+fn a_port_that_disappears_while_the_host_is_behind_loses_no_sample() {
     let program = [Act::Batch(32), Act::Batch(32), Act::Batch(9), Act::Wait(200), Act::Vanish];
     let (_device, mut client) = with_program(&program);
     let mut samples = 0;

@@ -20,7 +20,7 @@ const STATUS: Duration = Duration::from_millis(100);
 const LIMIT_MS: u32 = 2_000;
 /// How often the link's counters are reported.
 const CARRIED: Duration = Duration::from_millis(100);
-/// Speeds of jogs and of the way home, millimetres per second.
+/// Speeds of jogs and of homing, millimetres per second.
 const JOG_MM_S: f64 = 1.0;
 const HOME_MM_S: f64 = 2.0;
 /// How long a tare averages, milliseconds.

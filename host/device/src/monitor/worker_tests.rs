@@ -112,7 +112,7 @@ fn one_jog_waits_for_the_end_of_another_and_a_second_replaces_it() {
 }
 
 #[test]
-fn a_stop_makes_what_waits_void() {
+fn a_stop_cancels_a_program_that_waits() {
     let (sender, commands) = mpsc::channel();
     for command in [UserCommand::Home, UserCommand::Stop, UserCommand::Clear] {
         sender.send(command).expect("the receiver is there");
@@ -137,7 +137,7 @@ fn an_end_that_was_lost_is_found_and_a_fault_is_named() {
 }
 
 #[test]
-fn in_a_fault_under_load_jogs_are_retreats_and_a_key_finds_the_way() {
+fn in_a_fault_under_load_jogs_are_retreats_and_a_key_selects_the_direction() {
     let (device, worker, events) = with_program(&[Act::Batch(32), Act::Fail(Fault::ForceLimit)]);
     worker.send(UserCommand::Home);
     outcome(&events);
@@ -202,7 +202,7 @@ fn a_device_that_is_plugged_in_again_is_found_and_orders_meanwhile_are_not_kept(
     let (worker, events) = started(port.to_str().expect("UTF-8"));
     connected(&events);
     worker.send(UserCommand::Home);
-    assert!(lost(&events).contains("went away"));
+    assert!(lost(&events).contains("disappeared"));
     worker.send(UserCommand::Home);
     assert_eq!(outcome(&events), ("not done: there is no connection".to_owned(), false));
     drop(first);

@@ -86,7 +86,7 @@ fn samples_sweeps_and_losses_are_in_the_session() {
 }
 
 #[test]
-fn a_port_that_goes_away_costs_nothing_that_had_arrived() {
+fn a_port_that_disappears_loses_nothing_that_had_arrived() {
     let (session, ended, _) =
         record(playing(&[Act::Batch(32), Act::Batch(8), Act::Wait(200), Act::Vanish]), &hold(false));
     assert!(matches!(ended, Err(RecordError::Link(LinkError::Gone { .. }))), "{ended:?}");
@@ -95,7 +95,7 @@ fn a_port_that_goes_away_costs_nothing_that_had_arrived() {
 }
 
 #[test]
-fn a_fault_costs_nothing_that_had_arrived() {
+fn a_fault_loses_nothing_that_had_arrived() {
     let program = [Act::Batch(32), Act::Fail(Fault::ForceRange)];
     let (session, ended, _) = record(playing(&program), &hold(false));
     let fault = Some(Fault::ForceRange);

@@ -97,7 +97,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// What stands before the records of a chunk.
+/// Header before the records of a chunk.
 #[derive(Debug, Clone, Copy)]
 pub struct ChunkHead {
     /// Checksum of the records.

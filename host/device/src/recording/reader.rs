@@ -58,7 +58,7 @@ struct Search {
     receiver: EnvelopeReceiver,
 }
 
-/// What stands at a place of the file.
+/// What is at a position of the file.
 enum Place {
     Chunk { records: Vec<u8>, end: u64 },
     Passed { end: u64, checked: bool },
@@ -185,7 +185,7 @@ impl Reader {
         Ok(Piece::Saved(saved))
     }
 
-    /// What stands here.
+    /// What is at this position.
     fn place(&mut self, at: u64) -> Result<Place, RecordingError> {
         let head = self.bytes(at, HEAD_BYTES)?;
         let mut fields = Fields(&head);

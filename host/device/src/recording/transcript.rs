@@ -13,7 +13,7 @@ use protocol::{
     Command, Envelope, Hello, MAX_FRAME_TO_HOST, Message, Order, Request, SequenceTracker, Totals,
 };
 
-/// Channels, hello and what is recorded stand in every so manieth chunk: at most 40 s are without them.
+/// Channels, hello and what is recorded are repeated every few chunks: at most 40 s are without them.
 const ANNOUNCE_CHUNKS: u32 = 256;
 
 /// Follows one device and writes what it sends.

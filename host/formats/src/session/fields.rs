@@ -72,7 +72,7 @@ impl<'d> Fields<'d> {
         Place::at(self.path, self.text, self.offset)
     }
 
-    /// Where a field's value stands, or the table where there is none.
+    /// Position of a field's value, or the table where there is none.
     pub fn place_of(&self, field: &str) -> Place {
         let offset = self.get(field).map_or(self.offset, |value| value.span().start);
         Place::at(self.path, self.text, offset)

@@ -55,7 +55,7 @@ pub(super) fn needle(file: &Fields<'_>) -> Result<Needle, SessionError> {
     })
 }
 
-/// Whether a field states that something is not known; nothing else can stand there.
+/// Whether a field states that something is not known; no other text is valid there.
 fn is_unknown(fields: &Fields<'_>, field: &str) -> Result<bool, SessionError> {
     match fields.optional_text(field)? {
         None => Ok(false),

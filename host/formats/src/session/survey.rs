@@ -19,7 +19,7 @@ pub struct Survey {
     pub faults: Vec<SessionError>,
     /// Fields that are not part of the format, which are ignored: a misspelt one is among them.
     pub unknown: Vec<(Place, String)>,
-    /// Columns that are not part of the format, with the name of one that is, is not there, and was perhaps meant.
+    /// Columns that are not part of the format, with the name of one that is, is not there, and was probably intended.
     pub misspelt: Vec<(Place, String, &'static str)>,
     /// Last rows of recordings that are cut off, which are skipped.
     pub cut_rows: Vec<Place>,
@@ -212,7 +212,7 @@ impl Survey {
         runs
     }
 
-    /// What may not be meant in a run's files.
+    /// What may be a mistake in a run's files.
     fn files(&mut self, dir: &Path, fields: &Fields<'_>, kind: &Kind) {
         for (name, columns, recording) in kind.files {
             let Ok(file) = fields.text(name) else { continue };

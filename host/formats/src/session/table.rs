@@ -225,8 +225,8 @@ pub(super) fn cut_row(path: &Path, text: &str) -> Option<CutRow> {
     cut.then(|| CutRow { offset, place: Place::at(path, text, offset) })
 }
 
-/// Optional columns that are not in the header of a text, where one of a similar name stands: its place, its name and
-/// the name that was perhaps meant.
+/// Optional columns that are not in the header of a text, where one of a similar name is: its place, its name and
+/// the name that was probably intended.
 pub(super) fn misspelt_columns(
     path: &Path,
     text: &str,

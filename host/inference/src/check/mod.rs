@@ -20,7 +20,7 @@ const SCHEMA: &str = "guide.check/2";
 pub enum Severity {
     /// The session cannot be read.
     Error,
-    /// It can, but this may not be meant.
+    /// It can, but this may be a mistake.
     Warning,
 }
 

@@ -229,7 +229,7 @@ pub struct HeldOutMisfit {
     pub before: Misfit,
     /// Of the final model.
     pub after: Misfit,
-    /// Share of the gap above the noise that went away; nothing where there is no gap.
+    /// Share of the misfit above the noise that was removed; nothing where there is no misfit.
     pub removed: Option<f64>,
     /// Its interval of 95 %.
     pub removed_ci95: Option<[f64; 2]>,

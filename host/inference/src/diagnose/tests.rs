@@ -76,7 +76,7 @@ fn an_effect_of_the_tip_is_named_beside_lateral_runs() {
 }
 
 #[test]
-fn look_alikes_are_a_class_and_a_known_weight_separates_them() {
+fn effects_with_equal_evidence_are_a_class_and_a_known_weight_separates_them() {
     let found = diagnosed(&truth(vec![("needle.stiffness", vec![0.2])]), &Design::four_runs(), 5);
     assert_eq!(found.verdict, Verdict::Ambiguous, "{found:#?}");
     let mut class = found.effects[0].class.clone();

@@ -17,7 +17,7 @@ pub use unused::{BEYOND_TIP_M, UnusedPart, summary, unused, unused_of_session};
 use formats::session::LateralRun;
 use sweeps::UnassignedPoints;
 
-/// Where a level lies on the way of guide 2.
+/// Where a level lies in the motion of guide 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Path {
     /// Guide 2 where it does not push: the reference for force.

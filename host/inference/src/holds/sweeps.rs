@@ -12,7 +12,7 @@ use std::ops::Range;
 /// Times between readings, or bins, by which a stamp may lie outside a hold: one bin that detection always cuts off, one that noise
 /// may, and the last sample itself.
 const TOLERANCE_PERIODS: f64 = 3.0;
-/// Distance from the hold's mean at which guide 2 still stands, standard deviations of a reading.
+/// Distance from the hold's mean up to which guide 2 counts as at rest, standard deviations of a reading.
 const STANDS_SD: f64 = 4.0;
 /// A pause between the points of a sweep, in median steps of time, that separates two sweeps.
 const PAUSE_STEPS: f64 = 5.0;

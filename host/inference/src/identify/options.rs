@@ -80,7 +80,7 @@ pub struct Options {
     pub bootstrap: usize,
     /// Seed of the draws.
     pub seed: u64,
-    /// What many sessions predict of K; the result with it stands beside the one without.
+    /// What many sessions predict of K; the result with it is reported beside the one without.
     pub prior: Option<ModulusPrior>,
 }
 

@@ -184,7 +184,7 @@ fn profile_and_bootstrap_come_on_request() {
 }
 
 #[test]
-fn the_json_form_has_what_was_promised() {
+fn the_json_document_has_the_documented_fields() {
     let result = identified(&session(vec![Recipe::default().run("a", &mut Noise::new(1))]));
     let json = serde_json::to_value(&result).expect("serialises");
     assert_eq!(json["schema"], "guide.identify/1");

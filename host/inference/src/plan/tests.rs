@@ -155,7 +155,7 @@ fn a_body_has_a_half_width_of_e() {
 }
 
 #[test]
-fn a_prior_narrows_every_interval_as_precisions_add_up_and_the_run_alone_stands_beside() {
+fn a_prior_narrows_every_interval_as_precisions_add_up_beside_the_run_alone() {
     let alone = plan(&question()).expect("a plan");
     let prior = |scale_ln: f64| formats::prior_file::ModulusPrior {
         file: "prior.toml".to_owned(),

@@ -39,7 +39,7 @@ impl Default for PublishedSettings {
     }
 }
 
-/// How the past is forgotten.
+/// How old rows are forgotten.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Forgetting {
     /// Always by this factor.

@@ -309,7 +309,7 @@ impl Target for Device<'_> {
         let Causes { emergency_stop, potentiometer_open, converter } = causes;
         let injection = Injection { emergency_stop, potentiometer_open, ..Injection::default() };
         self.bench.rig().inject(match converter {
-            Converter::Sound => injection,
+            Converter::Healthy => injection,
             Converter::Silent => Injection { force_silent: true, ..injection },
             Converter::Saturated => Injection { force_saturated: Some(0), ..injection },
             Converter::SaturatedOnce => Injection { force_saturated_once: Some(0), ..injection },

@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_that_stays_silent_is_let_be_until_it_is_answered_again() {
+    fn a_silent_host_is_not_waited_for_until_it_is_answered_again() {
         let began = Instant::now();
         let mut gate = running(0);
         assert_eq!(gate.waiting(1_000, began), Some(Waiting::Host));

@@ -94,7 +94,7 @@ pub struct Survived {
     pub messages_dropped: u32,
     /// Least free stack of the device, bytes.
     pub stack_free_bytes: Option<u32>,
-    /// Most places of its way out.
+    /// Most entries of its outbox.
     pub outbox_most: u8,
     /// Furthest from the middle, metres, and hardest, newtons.
     pub reach: crate::cosim::Reach,

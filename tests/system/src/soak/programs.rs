@@ -7,7 +7,7 @@
 //! | clocks do not drift | stamps against the rig's own time |
 //! | updates come back after every unplugging, each stamp later than the one before | a viewer of this process |
 //! | clients that speak half messages, nonsense or nothing disturb nobody | [`super::peers`] |
-//! | a second program reports that the port is in use, and disturbs nobody | `guide status` |
+//! | a second program on the port reports that it is in use, and disturbs no other | `guide status` |
 //! | the end is clean | exit code 0 |
 
 use super::Args;
@@ -67,7 +67,7 @@ pub struct Served {
     pub drift_s: f64,
     /// Connections of clients that speak no sense.
     pub strangers: u64,
-    /// Second programs that reported the port as in use.
+    /// Second programs that reported that the port is in use.
     pub refused: u32,
     /// How often the port came back under another name.
     pub replugged: u32,
@@ -75,7 +75,7 @@ pub struct Served {
     pub keys: u32,
     /// Bytes that the screen has drawn.
     pub drawn_bytes: u64,
-    /// Size of `serve` and `monitor` after warming up and at their end, bytes; `None` where the system does not report it.
+    /// Size of `serve` and `monitor` after warming up and at their end, bytes; `None` after a short run, or where the system does not report it.
     pub memory_bytes: [Option<[u64; 2]>; 2],
 }
 
@@ -84,7 +84,7 @@ impl Display for Served {
         writeln!(f, "{:.0} s of the rig in {:.0} s", self.rig_s, self.wall_s)?;
         writeln!(
             f,
-            "  guide serve: {} updates, none lost for good; stamps {:+.3} s against the rig's time; {} strangers; {} second programs rejected",
+            "  guide serve: {} updates, none lost for good; stamps {:+.3} s against the rig's time; {} other clients; {} second programs rejected",
             self.updates, self.drift_s, self.strangers, self.refused
         )?;
         writeln!(f, "  guide monitor: {} keys, {} KiB drawn", self.keys, self.drawn_bytes / 1024)?;
@@ -94,7 +94,10 @@ impl Display for Served {
                 Some([first, last]) => {
                     format!("{name} {} KiB after warming up, {} KiB at the end", first / 1024, last / 1024)
                 }
-                None => format!("{name}: this system does not report it"),
+                None => format!(
+                    "{name}: not measured (a run of {} min or less, or a system without /proc)",
+                    4 * super::WARM_MS / 60_000
+                ),
             });
         let sizes = sizes.collect::<Vec<_>>().join("; ");
         write!(f, "  memory: {sizes} (limit: {} KiB more per 10 minutes)", GROWTH_LIMIT_BYTES / 1024)
@@ -380,7 +383,7 @@ impl Drop for Program {
     }
 }
 
-/// A thread that goes on until it has to end.
+/// A thread that runs until it is requested to end.
 pub(super) struct Worker<T> {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<T>,

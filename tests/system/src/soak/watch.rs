@@ -6,7 +6,7 @@ use protocol::{Counters, Status};
 
 /// Bytes of the device's stack that have never been used, at least.
 pub const STACK_LEAST_BYTES: u32 = 48 * 1024;
-/// Places of the way out, as the firmware has them.
+/// Entries of the outbox, as the firmware has them.
 const OUTBOX_PLACES: u8 = 24;
 /// How much this process may grow in [`WINDOW_MS`], bytes: less than a hundredth of the samples of that time.
 pub const GROWTH_LIMIT_BYTES: u64 = 512 * 1024;
@@ -25,7 +25,7 @@ pub struct Watch {
     counters: Counters,
     /// Late periods have a cause since the device started.
     may_be_late: bool,
-    /// Least free stack and most places of the way out, over all starts.
+    /// Least free stack and most entries of the outbox, over all starts.
     pub stack_free_bytes: Option<u32>,
     /// As the device reports.
     pub outbox_most: u8,

@@ -52,7 +52,7 @@ fn a_sound_rig_passes() {
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn the_page_shows_a_sound_rig() {
+fn the_page_shows_a_rig_without_a_fault() {
     let bench = Bench::start(RigConfig::default(), 22, 4.0, HANGS).unwrap();
     let shell = Shell::new(build_guide().unwrap(), bench.folder()).with_port(bench.port());
     readme::check_console("new", &shell).unwrap();

@@ -135,7 +135,7 @@ fn a_line_filled_to_nine_tenths_loses_nothing() {
 /// What the line cannot carry is dropped in whole batches, each of which both ends count, and control does not notice.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_line_too_slow_for_the_samples_costs_whole_batches() {
+fn a_line_too_slow_for_the_samples_drops_whole_batches() {
     let bench = bench(35);
     let mut client = Client::connect(&bench.port()).unwrap();
     client.request(Request::Stream { enable: true }).unwrap();

@@ -141,7 +141,7 @@ fn a_move_by_hand_arrives() {
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_costs_nothing_recorded() {
+fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_loses_nothing_recorded() {
     let mut bench = Bench::start(RigConfig::default(), 22, 4.0, HANGS).unwrap();
     let (session, child) = acquiring(&bench);
     let force_file = session.join("d30-1.force.csv");
@@ -157,7 +157,7 @@ fn a_plug_pulled_in_mid_run_is_reported_in_one_line_and_costs_nothing_recorded()
     assert_eq!(output.status.code(), Some(1));
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
-    assert!(stderr.starts_with("error: ") && stderr.contains("went away"), "{stderr}");
+    assert!(stderr.starts_with("error: ") && stderr.contains("disappeared"), "{stderr}");
 
     let read = Session::read(&session).unwrap();
     let times_s = &read.lateral[0].force.time_s;

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn the_built_in_programs_are_sound() {
+fn the_built_in_programs_are_valid() {
     for (name, _) in BUILT_IN {
         let program = Program::load(name).unwrap();
         assert!(program.steps.iter().any(|step| step.sweep), "{name} takes no sweep");

@@ -42,7 +42,7 @@ fn recovered(folder: &Path, bytes: &[u8]) -> (Result<Contents, RecordingError>, 
 }
 
 #[test]
-fn a_sound_file_is_recovered_message_by_message() {
+fn an_intact_file_is_recovered_message_by_message() {
     let folder = tempfile::tempdir().expect("a folder");
     let (bytes, places) = recorded(folder.path());
     let (contents, found) = recovered(folder.path(), &bytes);

@@ -58,7 +58,7 @@ const JUMP_M: f64 = 20e-3;
 const JUMP_ROWS: usize = 50;
 /// Rows this far behind the deepest one, to the end of the recording, are a withdrawal.
 const WITHDRAWN_M: f64 = 3e-3;
-/// A guide that moves by less than this stands still.
+/// A guide that moves by less than this is at rest.
 const GUIDE_STILL_M: f64 = 0.05e-3;
 
 /// The part of a recording's row that is screened.
@@ -72,7 +72,7 @@ pub(super) struct Reading {
     pub guide_m: [f64; 2],
 }
 
-/// Per row the reason for which it is skipped, if any. `is_valid`: whether a row can stand in a session.
+/// Per row the reason for which it is skipped, if any. `is_valid`: whether a row is valid in a session.
 pub(super) fn screen(readings: &[Reading], is_valid: impl Fn(usize) -> bool) -> Vec<Option<SkipReason>> {
     let mut reasons = vec![None; readings.len()];
     for (row, reading) in readings.iter().enumerate() {
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_nothing_but_silence_are_no_fault() {
+    fn no_rows_skip_nothing_and_rows_without_signal_are_skipped() {
         assert!(reasons(&[]).is_empty());
         let silent = Reading { tip_m: [0.0; 3], orientation: [0.0; 4], guide_m: [0.0; 2] };
         assert_eq!(reasons(&[silent; 3]), [Skipped { reason: SkipReason::Silent, rows: 3, first_row: 1 }]);

@@ -58,7 +58,7 @@ impl InsertionRun {
         }
     }
 
-    /// Refuses a row that cannot stand in the file at `path`.
+    /// Rejects a row that would be invalid in the file at `path`.
     pub(in crate::session) fn check_row(&self, row: usize, path: &Path) -> Result<(), SessionError> {
         for column in &INSERTION_COLUMNS {
             let Some(values) = self.column(column.name) else { continue };

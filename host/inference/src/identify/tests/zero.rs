@@ -34,7 +34,7 @@ fn covered(zero_sd_n: f64, tared: Option<bool>, stated_zero_n: Option<f64>, seed
 
 /// 95 % of 150 are 142.5, with a standard deviation of 2.7.
 #[test]
-fn a_zero_that_nobody_measured_is_in_the_interval() {
+fn a_zero_that_was_not_measured_is_in_the_interval() {
     let (untared, wide) = covered(0.1, Some(false), None, 51);
     let (unstated, as_wide) = covered(0.1, None, None, 52);
     let (tared, narrow) = covered(0.01, Some(true), None, 53);

@@ -133,7 +133,7 @@ fn an_axis_that_moves_the_wrong_way_is_stopped_at_once() {
     let moved_mm = [0, 1].map(|axis| (to_m[axis] - from_m[axis]).abs() * 1e3);
     assert!(moved_mm.iter().all(|mm| *mm < 0.3), "moved by {moved_mm:?} mm");
     println!("moved by {moved_mm:?} mm");
-    // The way out: the right tables, which the fault survives, and a clear.
+    // The recovery: the right tables, which the fault survives, and a clear.
     let resets = bench.rig().resets();
     store(&mut client, &Calibration::nominal_record()).unwrap();
     let mut client = restarted(&bench, client, resets);

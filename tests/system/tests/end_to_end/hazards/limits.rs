@@ -1,4 +1,4 @@
-//! Sequences of commands that once led round the limits of force and travel, or into a fault without a way out.
+//! Sequences of commands that once led round the limits of force and travel, or into a fault that no command clears.
 
 use super::*;
 use device::monitor::{Event, UserCommand, Worker};
@@ -19,7 +19,7 @@ fn retreat_ended(client: &mut Client) -> RetreatOutcome {
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_load_beyond_the_range_is_left_by_a_retreat() {
+fn a_load_beyond_the_range_is_removed_by_a_retreat() {
     let (bench, mut client) = bench(RigConfig::default());
     client.request(Request::Limits { force_mn: 5_000, silence_ms: SILENCE_MS }).unwrap();
     assert_eq!(ended(&mut client, &[move_y(9_000, 2_000)]), Outcome::Faulted);
@@ -78,7 +78,7 @@ fn retreats_along_one_axis_do_not_hide_behind_the_load_of_the_other() {
         {
             break;
         }
-        assert!(turn < 19, "no way out: {x_n} N, {y_n} N");
+        assert!(turn < 19, "no recovery: {x_n} N, {y_n} N");
     }
     eventually("the fault is cleared", || client.request(Request::ClearFault).is_ok());
     drop(client);

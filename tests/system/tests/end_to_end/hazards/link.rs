@@ -73,7 +73,7 @@ fn a_babbling_host_is_no_host() {
 /// Half a minute of flipped bits, cuts and programs: see `cargo xtask stress` for longer.
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
-fn a_bad_cable_costs_samples_that_are_counted_and_nothing_else() {
+fn a_bad_cable_loses_samples_that_are_counted_and_nothing_else() {
     let args = system::stress::Args { minutes: 0.4, bit_error_rate: 1e-4, seed: 3 };
     let survived = system::stress::run(args).unwrap();
     println!("{survived}");

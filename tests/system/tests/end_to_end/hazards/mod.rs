@@ -209,9 +209,9 @@ fn every_row_of_the_table_of_hazards_has_its_tests() {
     }
 }
 
-/// The protocol's chapter has the way out of every fault, with the cause that the program prints and the test that takes it.
+/// The protocol's chapter has the recovery from every fault, with the cause that the program prints and the test that carries it out.
 #[test]
-fn every_fault_has_a_way_out_that_a_test_takes() {
+fn every_fault_has_a_recovery_that_a_test_carries_out() {
     let chapter = include_str!("../../../../../protocol/spec/protocol.md");
     for fault in Fault::ALL {
         let begins = format!("| {} | `{fault:?}` | ", fault as u8);

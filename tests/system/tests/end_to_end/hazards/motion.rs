@@ -75,7 +75,7 @@ fn a_runaway_axis_leaves_its_travel() {
     await_fault(&mut client, Fault::Travel);
     // From 9.7 mm to 0.2 mm beyond the 10 mm at 20 mm/s are 25 periods; the motor gathers speed and the bridge is beyond help.
     assert_released(&bench, 10..=60);
-    // The way out is a clear and a move back; cleared while the axis still rolls on, the fault stands again.
+    // The recovery is a clear and a move back; cleared while the axis still rolls on, the fault stands again.
     let mut way_out = || {
         clears(&bench, &mut client);
         ended(&mut client, &[move_y(9_000, 2_000)])
