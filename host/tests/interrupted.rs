@@ -17,7 +17,7 @@ use std::time::Instant;
 use tempfile::TempDir;
 
 /// Every command that writes files without a device, with a word on what a failure leaves of it.
-const WRITERS: [(&str, Left); 20] = [
+const WRITERS: [(&str, Left); 22] = [
     ("init made", Left::Nothing),
     ("init made --example", Left::Nothing),
     ("simulate --config plan.toml --out made", Left::Nothing),
@@ -34,6 +34,8 @@ const WRITERS: [(&str, Left); 20] = [
     ("report . --date 2026-11-23 --out report.html", Left::Whole),
     ("summarize . --out made.jsonl", Left::Nothing),
     ("population summaries.jsonl --plots made --out prior.toml", Left::Whole),
+    ("calibrate force weights.csv --from calibration.toml --out made.toml", Left::Nothing),
+    ("calibrate position gauge.csv --axis y --from calibration.toml --out made.toml", Left::Nothing),
     ("man --out made", Left::Whole),
     ("recover run.mcap --out made.mcap", Left::Nothing),
     ("export run.mcap --to npy --out made.npy", Left::Nothing),
@@ -73,8 +75,29 @@ fn folder() -> TempDir {
     fs::copy(folder.path().join("trajcontrol.csv"), recordings.join("later.csv")).expect("copied");
     fs::write(folder.path().join("run.mcap"), recording()).expect("written");
     fs::write(folder.path().join("summaries.jsonl"), summaries()).expect("written");
+    for (name, content) in CALIBRATION {
+        fs::write(folder.path().join(name), content).expect("written");
+    }
     folder
 }
+
+/// A calibration and readings for another one.
+const CALIBRATION: [(&str, &str); 3] = [
+    (
+        "calibration.toml",
+        "id = \"unit-7\"\ntravel_mm = 10.0\nforce_range_n = 5.0\nforce_n_per_code = [[9.31e-7, 0.0], [0.0, 9.31e-7]]\n\
+         [potentiometer.x]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-25.0, 25.0]\n\
+         [potentiometer.y]\ntrack_codes = [40, 4055]\ncodes = [0, 4096]\nrising_mm = [-25.0, 25.0]\n",
+    ),
+    (
+        "weights.csv",
+        "load_x_n,load_y_n,force_x_n,force_y_n\n0,0,0.011,-0.004\n0.981,0,1.017,0.049\n1.962,0,2.032,0.101\n0,0.981,-0.021,0.949\n0,1.962,-0.046,1.897\n",
+    ),
+    (
+        "gauge.csv",
+        "gauge_mm,position_mm\n-4,-3.95\n-2,-1.98\n0,0.01\n2,2.02\n4,4.03\n2,2.12\n0,0.1\n-2,-1.88\n-4,-3.86\n",
+    ),
+];
 
 /// Records of four subjects, made once: the same session with other moduli.
 fn summaries() -> &'static str {

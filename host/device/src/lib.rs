@@ -3,6 +3,7 @@
 //! | module | does |
 //! |---|---|
 //! | [`bringup`] | a new rig, step by step: what is wired or mounted wrong |
+//! | [`calibrate`] | constants of a rig from known loads and a gauge |
 //! | [`monitor`] | what the device does, live |
 //! | [`link`] | commands, telemetry and motion programs over the serial port |
 //! | [`recording`] | raw recordings of everything that passed, lossless |
@@ -29,6 +30,7 @@
 extern crate self as device;
 
 pub mod bringup;
+pub mod calibrate;
 pub mod igtl;
 pub mod link;
 pub mod monitor;

@@ -7,6 +7,7 @@
 //! | [`prior_file`] | `prior.toml`: what many sessions predict of the next one |
 //! | [`files`] | files that appear whole or not at all |
 //! | [`calibration_file`] | `calibration.toml`: the constants that the device works with |
+//! | [`calibration_readings`] | known loads and gauges, from which they are computed |
 //!
 //! Every error names file, line, column and field, and what is valid.
 //!
@@ -29,6 +30,7 @@
 pub const NORMAL_975: f64 = 1.959_963_984_540_054;
 
 pub mod calibration_file;
+pub mod calibration_readings;
 pub mod files;
 pub mod model_file;
 pub mod prior_file;

@@ -8,6 +8,7 @@
 //! and one line in [`main`].
 
 mod bringup;
+mod calibrate;
 mod calibration;
 mod check;
 mod colour;
@@ -78,6 +79,7 @@ enum Command {
     Retreat(operate::RetreatArgs),
     Limits(limits::Args),
     Calibration(calibration::Args),
+    Calibrate(calibrate::Args),
     Record(record::RecordArgs),
     Acquire(record::AcquireArgs),
     Info(recordings::InfoArgs),
@@ -122,6 +124,7 @@ pub fn main() -> ExitCode {
         Command::Retreat(args) => operate::retreat(args, &mut out),
         Command::Limits(args) => limits::run(args, &mut out),
         Command::Calibration(args) => calibration::run(args, &mut out),
+        Command::Calibrate(args) => calibrate::run(args, &mut out),
         Command::Record(args) => record::run_record(args, &mut out),
         Command::Acquire(args) => record::run_acquire(args, &mut out),
         Command::Info(args) => recordings::run_info(args, &mut out),

@@ -13,7 +13,7 @@ mod labels;
 mod names;
 mod read;
 mod survey;
-mod table;
+pub(crate) mod table;
 pub mod template;
 mod tissue;
 mod write;
