@@ -9,7 +9,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use steering::{Event, Options, Outcome, Plant, ProcessPlant, Record, ReplayPlant, Run, SteerError, steer};
 
-/// Steer a needle to a target: push, estimate tissue and tip, plan and make guide moves at rests, supervise, record
+/// Steer a needle to a target: push, estimate tissue and tip, plan and make guide moves at stops, supervise, record
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide steer run1 --plant 'python3 plant.py' --target-mm=3,-2,100\n  guide steer --replay \
@@ -29,13 +29,13 @@ pub struct Args {
     /// Carry out a recorded run again without its plant, and compare every command and decision
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
-    /// Distance of rests at which guide 2 is moved, millimetres
+    /// Push this far between two stops at which guide 2 may be moved, millimetres
     #[arg(long, value_name = "MM", default_value_t = 5.0, conflicts_with = "replay")]
     rest_every_mm: f64,
     /// Speed of pushing, millimetres a second, within what the plant allows
     #[arg(long, value_name = "MM/S", default_value_t = 4.0, conflicts_with = "replay")]
     push_speed_mm_s: f64,
-    /// Push and estimate without moving anything
+    /// Push and estimate without moving guide 2
     #[arg(long, conflicts_with = "replay")]
     unsteered: bool,
 }

@@ -208,8 +208,10 @@ pub fn run(options: &Options) -> Result<()> {
     println!("| something else named | {} |", of(Score::OtherNamed));
     println!("| missed | {} |", of(Score::Missed));
     println!("| furthest from the start before the loop is closed | {furthest_mm:.2} mm |");
-    println!("| rigs without a fault that pass | {passed} of {sound} |");
-    println!("| longest on a rig without a fault, time of the rig | {longest_s:.0} s |");
+    if sound > 0 {
+        println!("| rigs without a fault that pass | {passed} of {sound} |");
+        println!("| longest on a rig without a fault, time of the rig | {longest_s:.0} s |");
+    }
     Ok(())
 }
 

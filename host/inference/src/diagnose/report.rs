@@ -242,7 +242,8 @@ impl DiagnosisReport<'_> {
                 "{}: log evidence {:+.2} where a name needs {:.2}: not named, but the intervals of K and of the tip load include the model with it; \
                  another run of each kind would decide",
                 candidate.id(),
-                candidate.gain(),
+                // Downwards: what is just below the margin is not printed as the margin.
+                (100.0 * candidate.gain()).floor() / 100.0,
                 self.found.margin
             ));
         }
