@@ -42,6 +42,7 @@ mod report;
 mod results;
 mod score;
 mod search;
+mod sizes;
 mod split;
 mod start;
 mod two_layers;
@@ -56,8 +57,8 @@ pub(crate) use foundation::{
 pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
 pub use results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus, Misfit,
-    NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize, ResidualPoint,
-    Verdict,
+    ModulusStatus, NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize,
+    ResidualPoint, Verdict,
 };
 pub(crate) use two_layers::{Interval, TwoLayers, two_layers};
 
