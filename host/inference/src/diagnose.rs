@@ -52,7 +52,7 @@ pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
 pub(crate) use foundation::{
-    DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, fit_with_discrepancy,
+    DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, VARIED_NATS, fit_with_discrepancy,
 };
 pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
 pub use results::{
