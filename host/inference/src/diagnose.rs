@@ -42,6 +42,7 @@ mod report;
 mod results;
 mod score;
 mod search;
+mod sizes;
 mod split;
 mod start;
 mod two_layers;
@@ -51,13 +52,13 @@ pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
 pub(crate) use foundation::{
-    DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, fit_with_discrepancy,
+    DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, VARIED_NATS, fit_with_discrepancy,
 };
 pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
 pub use results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus, Misfit,
-    NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize, ResidualPoint,
-    Verdict,
+    ModulusStatus, NextMeasurement, Ranked, ReferenceResult, RegionResult, RemainingResult, RemainingSize,
+    ResidualPoint, Verdict,
 };
 pub(crate) use two_layers::{Interval, TwoLayers, two_layers};
 

@@ -96,6 +96,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let layers = options.layers.then(|| layers::layers(session, &fitted, support, options, tissue)).flatten();
     let layers = layers.map(|found| found.over_single(foundation.log_evidence_gain));
     let foundation = foundation.with_layers(layers.as_ref(), tissue);
+    warnings.extend(foundation.undecided());
     if options.layers && layers.is_none() {
         warnings.push("two layers are not identifiable from these runs: they need runs at several depths, beyond the boundary too".to_owned());
     }

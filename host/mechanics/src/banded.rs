@@ -66,15 +66,24 @@ impl Banded {
         self.0.resize(self.0.len() + rows, [0.0; 4]);
     }
 
-    /// Solves with the factor for loads on the last two unknowns alone; the answer goes to `unknowns`.
-    pub(super) fn solve_end(&self, loads: [f64; 2], unknowns: &mut Vec<f64>) {
-        let size = self.0.len();
-        unknowns.clear();
-        unknowns.resize(size, 0.0);
-        let Some([deflection, slope]) = self.0.last_chunk() else { return };
-        unknowns[size - 2] = loads[0] / deflection[0];
-        unknowns[size - 1] = (loads[1] - slope[1] * unknowns[size - 2]) / slope[0];
-        self.substitute_back(unknowns);
+    /// The last two unknowns under loads on them alone.
+    pub(super) fn solve_end(&self, loads: [f64; 2]) -> [f64; 2] {
+        let Some([deflection, slope]) = self.0.last_chunk() else { return [0.0; 2] };
+        let forward = loads[0] / deflection[0];
+        let last = (loads[1] - slope[1] * forward) / (slope[0] * slope[0]);
+        [(forward - slope[1] * last) / deflection[0], last]
+    }
+
+    /// What the two unknowns from `row` on are per unit of the two after them, where no load acts on them or before: by this factor
+    /// unknowns of a node follow from those of the next one. Nothing where there is no next one.
+    pub(super) fn per_next(&self, row: usize) -> Option<[[f64; 2]; 2]> {
+        let [deflection, slope, next, after] = self.0.get(row..row + 4)?.first_chunk()?;
+        let of = |by_deflection: f64, by_slope: f64| {
+            let second = -by_slope / slope[0];
+            [(-by_deflection - slope[1] * second) / deflection[0], second]
+        };
+        let (of_next, of_after) = (of(next[2], next[1]), of(after[3], after[2]));
+        Some([[of_next[0], of_after[0]], [of_next[1], of_after[1]]])
     }
 
     /// Solves with the factor, in place.

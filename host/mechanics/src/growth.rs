@@ -4,13 +4,15 @@
 //! (theory, eq. 37). At one depth the needle is linear in its tip load, the displacement of guide 2 and the cut path, so that its tip
 //! is at `u = a F + b g + sum_j w_j u_t(z_j)`. By reciprocity all `w` come from the shape under one unit load at the tip: `a` is
 //! its deflection there, `w_j` the springs' share of it. The beam grows by one element per step, and of its Cholesky factor only
-//! the last rows change: a step costs one back substitution, linear in the length. The path is linear between nodes and its
-//! newest end implicit: second order in the step.
+//! the last rows change; the sum over the path is carried from node to node ([`memory`]): a step costs the same at every depth. The path
+//! is linear between nodes and its newest end implicit: second order in the step.
 
 mod in_body;
+mod memory;
 mod springs;
 
 use super::{BeamProblem, ModelError, check};
+use memory::{Kind, Memory, STATES, Step};
 use springs::SpringBeam;
 
 /// Step that keeps the path within one part in ten thousand for needles in tissue.
@@ -36,8 +38,8 @@ pub struct GrowingBeam {
     depths_m: Vec<f64>,
     /// Per node; nodes with no element between them share theirs.
     rows: Vec<Row>,
-    /// Per element of tissue: the nodes at which its path starts and ends.
-    elements: Vec<[usize; 2]>,
+    steps: Vec<Step>,
+    kind: Kind,
 }
 
 /// What moves the tip at one depth.
@@ -46,6 +48,8 @@ struct Row {
     deflection: Response,
     /// Slope of the needle at the tip.
     slope: Response,
+    /// Elements of tissue up to here.
+    steps: usize,
 }
 
 /// One linear functional of what acts on the needle.
@@ -57,8 +61,10 @@ struct Response {
     guide2: f64,
     /// Per 1/m of stress-free curvature.
     curvature: f64,
-    /// Per metre of the cut path at the start and the end of every element.
-    path: Vec<[f64; 2]>,
+    /// Per state of the path's memory.
+    path: [f64; STATES],
+    /// Per metre of the cut path at the start and the end of every element, where these have weights of their own.
+    dense: Vec<[f64; 2]>,
 }
 
 /// What acts at a node, in one plane: on arriving at its depth and on leaving it. They differ where the needle is turned or
@@ -128,26 +134,26 @@ impl GrowingBeam {
             check("guide2_m", problem.guide2_m, "the only guide, holding the needle", holds)?;
         }
         if problem.support.is_body() {
-            let rows = in_body::rows(problem, &depths_m, grip, slopes)?;
-            let elements = (1..depths_m.len()).map(|node| [node - 1, node]).collect();
-            return Ok(Self { depths_m, rows, elements });
+            return in_body::solved(problem, depths_m, grip, slopes);
         }
         let mut beam = SpringBeam::new(problem, grip);
         let mut rows = Vec::with_capacity(depths_m.len());
         beam.extend(problem.entry_m - beam.length_m, None);
         let mut newest = beam.row(slopes)?;
-        let mut elements = Vec::with_capacity(depths_m.len());
+        let mut nodes = Vec::with_capacity(depths_m.len());
         let mut reached_m = 0.0;
         for (node, depth_m) in depths_m.iter().enumerate() {
             if depth_m - reached_m >= MIN_ELEMENT_M {
                 beam.extend(depth_m - reached_m, Some(reached_m));
                 newest = beam.row(slopes)?;
-                elements.push([node - 1, node]);
+                nodes.push([node - 1, node]);
                 reached_m = *depth_m;
             }
             rows.push(newest.clone());
         }
-        Ok(Self { depths_m, rows, elements })
+        let mut steps = beam.steps;
+        steps.iter_mut().zip(nodes).for_each(|(step, nodes)| step.nodes = nodes);
+        Ok(Self { depths_m, rows, steps, kind: Kind::Springs })
     }
 
     /// Depths of the nodes.
@@ -172,18 +178,18 @@ impl GrowingBeam {
         curvature_per_m: impl Fn(usize) -> [f64; 2],
     ) -> Vec<TipState> {
         let mut states: Vec<TipState> = Vec::with_capacity(self.rows.len());
-        let mut cut = Vec::with_capacity(self.elements.len());
+        let mut cut = Memory::new(self.kind);
         for (node, row) in self.rows.iter().enumerate() {
             let (NodeLoads { load_n, guide2_m }, bent) = (acting(node), curvature_per_m(node));
             let response = &row.deflection;
-            let (known_m, newest) = self.known(response, &states, &cut);
+            let (known_m, newest) = self.known(row, response, &states, &cut);
             let held_m = known_m + response.load * load_n[0] + response.guide2 * guide2_m[0];
             let arriving_m = (held_m + response.curvature * bent[0]) / (1.0 - newest);
             let moved_m =
                 response.load * (load_n[1] - load_n[0]) + response.guide2 * (guide2_m[1] - guide2_m[0]);
             let jump_m = moved_m + response.curvature * (bent[1] - bent[0]);
             states.push(TipState { tip_m: [arriving_m, arriving_m + jump_m], load_n });
-            self.extend_cut(&mut cut, &states);
+            cut.extend(&self.steps, &states);
         }
         states
     }
@@ -218,13 +224,13 @@ impl GrowingBeam {
         curvature_per_m: impl Fn(usize) -> [f64; 2],
     ) -> Vec<TipState> {
         let mut states: Vec<TipState> = Vec::with_capacity(self.rows.len());
-        let mut cut = Vec::with_capacity(self.elements.len());
+        let mut cut = Memory::new(self.kind);
         let mut slope_before = 0.0;
         for (node, row) in self.rows.iter().enumerate() {
             let (angle, [held_m, left_m], bent) = (angle_rad(node), guide2_m(node), curvature_per_m(node));
             let (deflection, slope) = (&row.deflection, &row.slope);
-            let (known_m, newest) = self.known(deflection, &states, &cut);
-            let (known_slope, newest_slope) = self.known(slope, &states, &cut);
+            let (known_m, newest) = self.known(row, deflection, &states, &cut);
+            let (known_slope, newest_slope) = self.known(row, slope, &states, &cut);
             let (known_m, known_slope) = (
                 known_m + deflection.guide2 * held_m + deflection.curvature * bent[0],
                 known_slope + slope.guide2 * held_m + slope.curvature * bent[0],
@@ -254,7 +260,7 @@ impl GrowingBeam {
                 + angle[1];
             state.tip_m[1] += deflection.curvature * sprung + deflection.guide2 * moved_m;
             states.push(state);
-            self.extend_cut(&mut cut, &states);
+            cut.extend(&self.steps, &states);
         }
         states
     }
@@ -263,13 +269,13 @@ impl GrowingBeam {
     /// exactly. `path_m` and `guide2_m` have one entry per node.
     pub fn load_of_path_n(&self, path_m: &[f64], guide2_m: &[f64]) -> Vec<f64> {
         let states: Vec<_> = path_m.iter().map(|u| TipState { tip_m: [*u; 2], load_n: [0.0; 2] }).collect();
-        let mut cut = Vec::with_capacity(self.elements.len());
-        self.extend_cut(&mut cut, &states);
+        let mut cut = Memory::new(self.kind);
         let nodes = self.rows.iter().zip(path_m.iter().zip(guide2_m)).enumerate();
         nodes
             .map(|(node, (row, (tip_m, held_m)))| {
                 let response = &row.deflection;
-                let (known_m, newest) = self.known(response, &states[..node], &cut);
+                cut.extend(&self.steps, &states[..node]);
+                let (known_m, newest) = self.known(row, response, &states[..node], &cut);
                 (tip_m * (1.0 - newest) - known_m - response.guide2 * held_m) / response.load
             })
             .collect()
@@ -288,12 +294,13 @@ impl GrowingBeam {
         guide2_m: impl Fn(usize) -> [f64; 2],
         curvature_per_m: impl Fn(usize) -> [f64; 2],
     ) -> Vec<[f64; 2]> {
-        let mut cut = Vec::with_capacity(self.elements.len());
-        self.extend_cut(&mut cut, states);
+        let mut cut = Memory::new(self.kind);
         let nodes = self.rows.iter().zip(states).enumerate();
         nodes
-            .map(|(node, (Row { slope, .. }, state))| {
-                let (known, newest) = self.known(slope, &states[..node], &cut);
+            .map(|(node, (row, state))| {
+                let slope = &row.slope;
+                cut.extend(&self.steps, &states[..node]);
+                let (known, newest) = self.known(row, slope, &states[..node], &cut);
                 // The springs at the tip rest where it arrived.
                 let resting = known + newest * state.tip_m[0];
                 let (held_m, bent) = (guide2_m(node), curvature_per_m(node));
@@ -305,51 +312,30 @@ impl GrowingBeam {
             .collect()
     }
 
-    /// Appends the path at the start and the end of every element that ends at one of these states and is not there yet.
-    fn extend_cut(&self, cut: &mut Vec<[f64; 2]>, states: &[TipState]) {
-        while let Some([from, to]) = self.elements.get(cut.len()) {
-            let (Some(from), Some(to)) = (states.get(*from), states.get(*to)) else { break };
-            cut.push([from.tip_m[1], to.tip_m[0]]);
-        }
-    }
-
-    /// What the path up to the node before the newest contributes, and the factor of the newest node; `cut` is the path as
-    /// [`extend_cut`](Self::extend_cut) makes it of these states, or of more.
-    fn known(&self, response: &Response, before: &[TipState], cut: &[[f64; 2]]) -> (f64, f64) {
-        let path = response.path.as_slice();
+    /// What the path up to the node before the newest contributes, and the factor of the newest node; `cut` is the path up to there.
+    fn known(&self, row: &Row, response: &Response, before: &[TipState], cut: &Memory) -> (f64, f64) {
+        let Response { path, dense, .. } = response;
         // The last element may end at the newest node.
-        let last = path.len().saturating_sub(1);
-        match (path.get(last), self.elements.get(last)) {
-            (Some([start, end]), Some([from, to])) if *to >= before.len() => {
-                (weighted(&path[..last], cut) + start * before[*from].tip_m[1], *end)
+        match self.steps.get(cut.count).filter(|_| cut.count < row.steps) {
+            Some(step) => {
+                let start_m = before.get(step.nodes[0]).map_or(0.0, |state| state.tip_m[1]);
+                cut.with(step, path, dense, start_m)
             }
-            _ => (weighted(path, cut), 0.0),
+            None => (cut.of(path, dense), 0.0),
         }
     }
-}
-
-/// Sum of products of pairs, as many as both have. It is most of the work of an insertion: in lanes of its own no product waits for
-/// another.
-fn weighted(path: &[[f64; 2]], cut: &[[f64; 2]]) -> f64 {
-    const LANES: usize = 4;
-    let count = path.len().min(cut.len());
-    let (path, cut) = (path[..count].chunks_exact(LANES), cut[..count].chunks_exact(LANES));
-    let rest = path.remainder().iter().zip(cut.remainder());
-    let rest: f64 = rest.map(|(weights, at)| weights[0] * at[0] + weights[1] * at[1]).sum();
-    let mut sums = [[0.0; 2]; LANES];
-    for (path, cut) in path.zip(cut) {
-        for (sum, (weights, at)) in sums.iter_mut().zip(path.iter().zip(cut)) {
-            sum[0] += weights[0] * at[0];
-            sum[1] += weights[1] * at[1];
-        }
-    }
-    rest + sums.iter().flatten().sum::<f64>()
 }
 
 impl Response {
     /// Of what was not solved.
     fn none() -> Self {
-        Self { load: f64::NAN, guide2: f64::NAN, curvature: f64::NAN, path: Vec::new() }
+        Self {
+            load: f64::NAN,
+            guide2: f64::NAN,
+            curvature: f64::NAN,
+            path: [f64::NAN; STATES],
+            dense: Vec::new(),
+        }
     }
 }
 

@@ -57,7 +57,7 @@ fn a_bend_is_a_moment_at_the_tip() {
         let growth = GrowingBeam::new(&problem, grid_m(0.08, 1e-3, &[]), Guide2Grip::Holding).expect("grows");
         let unit = problem.bending_stiffness_n_m2;
         // By reciprocity a moment at the tip deflects it as a load there turns it.
-        for Row { deflection, slope } in &growth.rows {
+        for Row { deflection, slope, .. } in &growth.rows {
             assert!((deflection.curvature / (unit * slope.load) - 1.0).abs() < 1e-9, "{support:?}");
         }
     }
@@ -83,4 +83,24 @@ fn a_bent_needle_cuts_at_its_angle() {
     let straight = growth.at_cut_angle(|_| [0.02; 2], |_| 0.5e-3);
     let last = nodes_m.len() - 1;
     assert!((states[last].tip_m[0] - straight[last].tip_m[0]).abs() > 0.2e-3);
+}
+
+/// A shear layer in a body gives every element of the path a weight of its own; one of no stiffness does what moments of the path do.
+#[test]
+fn moments_of_the_path_are_sums_over_its_elements() {
+    let body = Support::Body { poisson: 0.5 };
+    let plain = BeamProblem { skin_n_per_m: 400.0, ..framed(body, 0.2e-3) };
+    let sheared = BeamProblem { shear_n: 1e-12, ..plain.clone() };
+    let nodes_m = grid_m(0.08, 1e-3, &[]);
+    let [moments, elements] = [plain, sheared].map(|problem| {
+        let growth = GrowingBeam::new(&problem, nodes_m.clone(), Guide2Grip::Holding).expect("grows");
+        let loads = |node: usize| NodeLoads { load_n: [0.2; 2], guide2_m: [1e-4 * node as f64 / 80.0; 2] };
+        let states = growth.under_load(loads);
+        (growth.tip_slopes(&states, |node| loads(node).guide2_m), states)
+    });
+    for node in 1..nodes_m.len() {
+        let [a, b] = [&moments, &elements].map(|(slopes, states)| (slopes[node][0], states[node].tip_m[0]));
+        let is_same = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-7;
+        assert!(is_same(a.0, b.0) && is_same(a.1, b.1), "{node}: {a:?} {b:?}");
+    }
 }

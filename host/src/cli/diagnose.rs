@@ -145,8 +145,7 @@ impl Display for Text<'_> {
         write_remaining(f, found)?;
         write_foundation(f, found)?;
         write_reference(f, found)?;
-        let [low, high] = found.k_ci95_kpa;
-        write!(f, "model        K {:.2} kPa ({low:.2} to {high:.2})", found.k_kpa)?;
+        write!(f, "model        K {}", found.k_status.modulus_text(found.k_kpa, found.k_ci95_kpa))?;
         if let (Some(load_n), Some([low, high])) = (found.tip_load_n, found.tip_load_ci95_n) {
             write!(f, ", tip load {load_n:.3} N ({low:.3} to {high:.3})")?;
         }
@@ -211,16 +210,11 @@ fn write_foundation(f: &mut fmt::Formatter<'_>, found: &Diagnosis) -> fmt::Resul
     let Some(gain) = foundation.log_evidence_of_body else { return Ok(()) };
     match (foundation.youngs_modulus_kpa, foundation.youngs_modulus_of_plain_body_kpa) {
         (Some(e), _) => {
-            let [low, high] = e.ci95;
-            writeln!(f, "tissue       an elastic body: E {:.2} kPa ({low:.2} to {high:.2})", e.value)?;
+            writeln!(f, "tissue       an elastic body: E {}", found.k_status.modulus_text(e.value, e.ci95))?;
         }
         (None, Some(e)) => {
-            let [low, high] = e.ci95;
-            writeln!(
-                f,
-                "tissue       springs; as an elastic body E {:.2} kPa ({low:.2} to {high:.2})",
-                e.value
-            )?;
+            let youngs = found.k_status.modulus_text(e.value, e.ci95);
+            writeln!(f, "tissue       springs; as an elastic body E {youngs}")?;
         }
         (None, None) => {}
     }

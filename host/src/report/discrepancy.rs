@@ -3,7 +3,7 @@
 use super::page::{Block, Fact, Outcome, Section, estimate, number, thinned, value, words};
 use crate::figures;
 use inference::diagnose::display::{channel, quantity, unit};
-use inference::diagnose::{Channel, Diagnosis, HeldOutMisfit, Verdict};
+use inference::diagnose::{Channel, Diagnosis, HeldOutMisfit, ModulusStatus, Verdict};
 use mechanics::effects::effect;
 
 /// Residuals drawn of one channel.
@@ -31,10 +31,9 @@ pub(super) fn facts(found: &Diagnosis) -> Vec<Fact> {
 pub(super) fn headline(found: &Diagnosis) -> Option<Fact> {
     let names: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
     matches!(found.verdict, Verdict::Named | Verdict::Ambiguous).then(|| {
-        let modulus = estimate(Some(found.k_kpa), Some(found.k_ci95_kpa), 2);
         Fact::new(
             format!("Foundation modulus K with {} (95 %)", names.join(" and ")),
-            format!("{modulus} kPa; guide identify --model takes it into the other results"),
+            format!("{}; guide identify --model takes it into the other results", modulus(found)),
         )
     })
 }
@@ -49,10 +48,20 @@ pub(super) fn warning(found: &Diagnosis) -> Option<String> {
                 .to_owned(),
         ),
         Verdict::Named | Verdict::Ambiguous => Some(format!(
-            "the model lacks {}: with it K is {} kPa; the other results are without it (--model takes it in)",
+            "the model lacks {}: with it K is {}; the other results are without it (--model takes it in)",
             names.join(" and "),
-            estimate(Some(found.k_kpa), Some(found.k_ci95_kpa), 2)
+            modulus(found)
         )),
+    }
+}
+
+/// K with its interval and unit, where the runs identify it.
+fn modulus(found: &Diagnosis) -> String {
+    match found.k_status {
+        ModulusStatus::Identified => {
+            format!("{} kPa", estimate(Some(found.k_kpa), Some(found.k_ci95_kpa), 2))
+        }
+        status @ ModulusStatus::NotIdentified => status.modulus_text(found.k_kpa, found.k_ci95_kpa),
     }
 }
 
@@ -108,10 +117,7 @@ fn summary(found: &Diagnosis) -> String {
     if !left.is_empty() {
         more(format!("Smooth discrepancy that is left: {}.", left.join(", ")));
     }
-    more(format!(
-        "Under the final model K is {} kPa",
-        estimate(Some(found.k_kpa), Some(found.k_ci95_kpa), 2)
-    ));
+    more(format!("Under the final model K is {}", modulus(found)));
     match found.tip_load_n {
         Some(load_n) => {
             more(format!("and the tip load {} N.", estimate(Some(load_n), found.tip_load_ci95_n, 3)))

@@ -1,6 +1,6 @@
 //! A diagnosis in words, for the screen and for reports.
 
-use super::results::{FoundEffect, RegionResult, Verdict};
+use super::results::{FoundEffect, ModulusStatus, RegionResult, Verdict};
 use std::fmt::{self, Display};
 
 impl Verdict {
@@ -28,6 +28,20 @@ impl Display for RegionResult {
             self.unit,
             self.sigma
         )
+    }
+}
+
+impl ModulusStatus {
+    /// A modulus with its interval, kPa; without a value where the runs identify none.
+    pub fn modulus_text(self, value_kpa: f64, [low_kpa, high_kpa]: [f64; 2]) -> String {
+        match self {
+            Self::Identified => format!("{value_kpa:.2} kPa ({low_kpa:.2} to {high_kpa:.2})"),
+            Self::NotIdentified => {
+                format!(
+                    "not identifiable ({low_kpa:.2} to {high_kpa:.2} kPa with what was assumed beforehand)"
+                )
+            }
+        }
     }
 }
 

@@ -3,11 +3,15 @@
 //! Noise, everyday discrepancy and evidence are those of a diagnosis, so that `guide identify` and `guide diagnose` agree on the same
 //! runs.
 
+use super::layout::Scale;
 use super::posterior::Fitted;
+use super::score::{Score, Scores};
 use super::{
-    DiagnoseError, Effect, FOUNDATION_MARGIN, Layout, Multiples, Noise, Noises, Session, Support, fit_start,
-    runs_of,
+    DiagnoseError, Effect, FOUNDATION_MARGIN, Layout, Multiples, Noise, Noises, Session, Start, Support,
+    fit_start, runs_of,
 };
+use crate::FitError;
+use mechanics::effects::effect;
 
 /// A modulus from a fit in which the model is off by what every rig leaves behind any model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,7 +37,17 @@ pub(crate) struct FoundationEvidence {
     pub margin: f64,
     /// Young's modulus of the body.
     pub body: DiscrepantModulus,
+    /// Logarithm of the evidence of a modulus that varies with depth, on springs or in a body, less that of the better of the two with
+    /// one modulus; 0 where it promises less than [`VARIED_NATS`].
+    pub varied: f64,
 }
+
+/// How the modulus may vary with depth.
+const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
+/// Log evidence by which such a modulus makes the choice of one modulus void, as a diagnosis requires of an effect.
+pub(crate) const VARIED_NATS: f64 = 5.0;
+/// Rounds of its fit.
+const VARIED_ROUNDS: usize = 8;
 
 impl FoundationEvidence {
     /// Whether the evidence chooses the body.
@@ -69,7 +83,33 @@ pub(crate) fn fit_with_discrepancy(
     let evidence = |poisson: f64| -> Result<_, DiagnoseError> {
         let body = springs.on(Support::Body { poisson })?;
         let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
-        Ok(FoundationEvidence { gain, margin: FOUNDATION_MARGIN, body: DiscrepantModulus::of(&body.fitted) })
+        let best = gain.max(0.0);
+        let of_springs = varied(&springs, VARIED_NATS + best)?;
+        let of_body = varied(&body, VARIED_NATS + best - gain)?;
+        let varied = of_springs.max(gain + of_body) - best;
+        let modulus = DiscrepantModulus::of(&body.fitted);
+        Ok(FoundationEvidence { gain, margin: FOUNDATION_MARGIN, body: modulus, varied })
     };
     Ok((DiscrepantModulus::of(&springs.fitted), input.body.map(evidence)))
+}
+
+/// Log evidence of a modulus that varies with depth over that of one modulus, where its score is at least `needed`; else 0. A score is
+/// that of a small variation: where it promises enough, the variation is fitted.
+fn varied(start: &Start, needed: f64) -> Result<f64, FitError> {
+    let Start { runs, patterns, fitted } = start;
+    let effects: Vec<&'static dyn Effect> = VARIED.into_iter().filter_map(effect).collect();
+    let scores = Scores::of(&effects, fitted, runs, patterns)?.ranked();
+    // From large sizes the fit would stay where the discrepancy explains everything.
+    let everyday = patterns.everyday();
+    let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+    let gain = |score: &Score| {
+        let mut values = fitted.values().to_vec();
+        let infos = score.effect.parameters().iter().zip(score.starts.first()?);
+        values.extend(infos.map(|(info, value)| Scale::of(info).inside(*value)));
+        let layout = fitted.layout.with(score.effect);
+        let fit = Fitted::new(&layout, runs, patterns, &values, &sizes, VARIED_ROUNDS).ok()?;
+        Some(fit.log_evidence - fitted.log_evidence)
+    };
+    let promising = scores.iter().filter(|score| score.log_evidence >= needed);
+    Ok(promising.filter_map(gain).fold(0.0, f64::max))
 }

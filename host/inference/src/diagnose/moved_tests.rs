@@ -63,7 +63,17 @@ fn a_guide_that_rests_is_a_limit() {
         session.rig.guide2_m = 0.0;
         let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
         let found = diagnose(&session, &options, |_| {}).expect("a diagnosis");
-        found.limits.iter().any(|limit| limit.contains("not identifiable"))
+        // Neither the file nor the text has a modulus that nothing identifies.
+        let is_identified = found.k_status == ModulusStatus::Identified;
+        let model = found.model();
+        assert_eq!(
+            (model.modulus_pa.is_some(), model.modulus_ci95_pa.is_some()),
+            (is_identified, is_identified)
+        );
+        let text = found.k_status.modulus_text(found.k_kpa, found.k_ci95_kpa);
+        assert_eq!(text.starts_with("not identifiable"), !is_identified, "{text}");
+        assert_eq!(found.limits.iter().any(|limit| limit.contains("not identifiable")), !is_identified);
+        !is_identified
     };
     let only = |mut design: Design, numbers: [usize; 2]| {
         design.lateral.clear();

@@ -7,8 +7,8 @@ use super::data::{Channel, Kind, Run};
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::{
-    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus, Ranked,
-    ReferenceResult, RegionResult, RemainingResult, SCHEMA, Verdict,
+    AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus,
+    ModulusStatus, Ranked, ReferenceResult, RegionResult, RemainingResult, SCHEMA, Verdict,
 };
 use super::search::{Candidate, Found, Member};
 use super::{Options, next};
@@ -108,6 +108,7 @@ impl DiagnosisReport<'_> {
             reference: self.reference(&averaged),
             k_kpa,
             k_ci95_kpa,
+            k_status: self.modulus_status(),
             mean_modulus: mean.map(|((ln_pa, _), ends_pa)| MeanModulus {
                 to_depth_mm: 1e3 * touched_m,
                 modulus_kpa: Estimate { value: 1e-3 * ln_pa.exp(), ci95: ends_pa.map(|end| 1e-3 * end) },
@@ -233,6 +234,15 @@ impl DiagnosisReport<'_> {
         candidates
     }
 
+    /// Whether anything of known size acts on the needle.
+    fn modulus_status(&self) -> ModulusStatus {
+        if self.session.rig.rear_is_unknown() && self.all.iter().all(guide2_rests) {
+            ModulusStatus::NotIdentified
+        } else {
+            ModulusStatus::Identified
+        }
+    }
+
     /// What this session could not do, and what would.
     fn limits(&self, near_margin: &[&Candidate]) -> Vec<String> {
         let lateral: Vec<&Run> = self.all.iter().filter(|run| run.kind == Kind::Lateral).collect();
@@ -257,7 +267,7 @@ impl DiagnosisReport<'_> {
                     .to_owned(),
             );
         }
-        if self.session.rig.rear_is_unknown() && self.all.iter().all(guide2_rests) {
+        if self.modulus_status() == ModulusStatus::NotIdentified {
             limits.push(
                 "guide 2 rests in all insertions and the stiffness of the needle's rear is not known: K and E are not identifiable, their \
                  intervals depend on what was assumed beforehand; move guide 2 on the way"
@@ -298,13 +308,20 @@ impl Diagnosis {
     pub fn model(&self) -> ModelFile {
         let pa = |kpa: f64| 1e3 * kpa;
         let effects = self.given_effects.iter().chain(&self.effects);
+        // A modulus that is not identifiable is nothing that was learned.
+        let is_identified = self.k_status == ModulusStatus::Identified;
+        let youngs = self.foundation.youngs_modulus_kpa.filter(|_| is_identified);
         ModelFile {
             learned_from: self.session.clone(),
-            modulus_pa: Some(pa(self.k_kpa)),
-            modulus_ci95_pa: Some(self.k_ci95_kpa.map(pa)),
-            support: self.foundation.poisson.map(|poisson| Support::Body { poisson }),
-            youngs_pa: self.foundation.youngs_modulus_kpa.map(|found| pa(found.value)),
-            youngs_ci95_pa: self.foundation.youngs_modulus_kpa.map(|found| found.ci95.map(pa)),
+            modulus_pa: is_identified.then_some(pa(self.k_kpa)),
+            modulus_ci95_pa: is_identified.then_some(self.k_ci95_kpa.map(pa)),
+            support: self
+                .foundation
+                .poisson
+                .filter(|_| is_identified)
+                .map(|poisson| Support::Body { poisson }),
+            youngs_pa: youngs.map(|found| pa(found.value)),
+            youngs_ci95_pa: youngs.map(|found| found.ci95.map(pa)),
             tip_load_n: self.tip_load_n,
             tip_load_ci95_n: self.tip_load_ci95_n,
             discrepancy: self.multiples.clone(),

@@ -54,6 +54,8 @@ pub struct Diagnosis {
     pub k_kpa: f64,
     /// Its interval of 95 %.
     pub k_ci95_kpa: [f64; 2],
+    /// Whether the runs identify the modulus, K and E alike; where they do not, its interval is what was assumed beforehand.
+    pub k_status: ModulusStatus,
     /// Mean modulus of the tissue that was touched under the final model, K of springs or E of a body as in `foundation`; nothing where
     /// it has none.
     pub mean_modulus: Option<MeanModulus>,
@@ -92,6 +94,16 @@ pub struct Diagnosis {
     pub limits: Vec<String>,
     /// Remarks.
     pub warnings: Vec<String>,
+}
+
+/// Whether the runs identify the modulus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ModulusStatus {
+    /// They do.
+    Identified,
+    /// Any modulus explains them with another tip load: nothing of known size acts on the needle.
+    NotIdentified,
 }
 
 /// Mean of the modulus over depth.

@@ -93,6 +93,19 @@ impl Scores {
     /// # Errors
     /// Where the model cannot be evaluated.
     pub fn new(fitted: &Fitted, runs: &[Prepared], patterns: &Patterns) -> Result<Self, FitError> {
+        Self::of(&EFFECTS, fitted, runs, patterns)
+    }
+
+    /// The same of some effects.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn of(
+        effects: &[&'static dyn Effect],
+        fitted: &Fitted,
+        runs: &[Prepared],
+        patterns: &Patterns,
+    ) -> Result<Self, FitError> {
         let known = |effect: &dyn Effect| fitted.layout.effects.iter().any(|e| e.id() == effect.id());
         let of_effect = |effect: &'static dyn Effect| {
             let layout = fitted.layout.with(effect);
@@ -122,8 +135,9 @@ impl Scores {
             };
             (effect, hypotheses_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
         };
-        let unknown: Vec<&'static dyn Effect> = EFFECTS
-            .into_iter()
+        let unknown: Vec<&'static dyn Effect> = effects
+            .iter()
+            .copied()
             .filter(|effect| !known(*effect) && fitted.layout.is_applicable(*effect))
             .collect();
         let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();

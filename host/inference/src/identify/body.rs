@@ -5,7 +5,7 @@ use super::fitting::{Estimate, NORMAL_975, fit_alone};
 use super::model_error::{DiscrepancyFits, with_model_error};
 use super::options::TissueModel;
 use super::{Fitted, Layers, Options, Pooled, YoungsModulus, pool};
-use crate::diagnose::{self, DiscrepantModulus};
+use crate::diagnose::{self, DiscrepantModulus, VARIED_NATS};
 use crate::{FitError, LateralData};
 use formats::session::FoundationKind;
 use mechanics::Support;
@@ -70,6 +70,9 @@ pub struct FoundationResult {
     pub log_evidence_gain: Option<f64>,
     /// What the gain has to exceed for the body to be used; nothing where they were not compared.
     pub log_evidence_margin: Option<f64>,
+    /// Logarithm of the evidence of a modulus that varies with depth, as springs or as a body, less that of the better of the two with
+    /// one modulus; 0 where it promises less than 5, nothing where they were not compared.
+    pub log_evidence_of_varied: Option<f64>,
     /// The body; nothing where it was not fitted or has no fit.
     pub body: Option<BodyResult>,
     /// Why the body has no fit, or could not be compared with springs.
@@ -98,6 +101,22 @@ impl FoundationResult {
             (self.used, self.by) = (layers.foundation, "layers");
         }
         self
+    }
+
+    /// Where the modulus varies with depth more than one modulus allows for, and two layers do not decide: what that means for the choice
+    /// of the foundation.
+    pub(super) fn undecided(&self) -> Option<String> {
+        let varied =
+            self.log_evidence_of_varied.filter(|gain| self.by == "evidence" && *gain >= VARIED_NATS)?;
+        let by = match self.used {
+            "springs" => "springs, and K and E with them, are",
+            _ => "an elastic body, and K and E with it, is",
+        };
+        Some(format!(
+            "one modulus does not decide between springs and an elastic body: a modulus that varies with depth explains the runs better \
+             (log evidence {varied:+.1}); {by} the choice of one modulus only; compare both with two layers (guide identify --layers), or \
+             search for what is missing (guide diagnose)"
+        ))
     }
 
     /// What the tissue was modelled as, why, and what the other foundation gives: one sentence each, for people.
@@ -157,6 +176,7 @@ pub(super) fn compare(
         by: if choice == FoundationChoice::Auto { "default" } else { "stated" },
         log_evidence_gain: None,
         log_evidence_margin: None,
+        log_evidence_of_varied: None,
         body: None,
         body_error: None,
     };
@@ -190,6 +210,7 @@ pub(super) fn compare(
                 result.by = "evidence";
                 result.log_evidence_gain = Some(evidence.gain);
                 result.log_evidence_margin = Some(evidence.margin);
+                result.log_evidence_of_varied = Some(evidence.varied);
                 if evidence.is_for_body() {
                     result.used = body.support().name();
                 }

@@ -3,6 +3,7 @@
 //! What the cut path does to the tip follows from the needle's shape under a unit load at the tip (reciprocity): the body's line
 //! load on that shape is the weight of the path. The path is projected on the polynomials of the deflection.
 
+use super::memory::{Kind, STATES, Step, weights};
 use super::{GrowingBeam, Guide2Grip, Response, Row};
 use crate::body::{Load, MODES, Ritz, powers, surface_m};
 use crate::elements::GAUSS;
@@ -12,17 +13,30 @@ use crate::{BeamProblem, Foundation, ModelError, Support};
 const MIN_M: f64 = 1e-9;
 
 /// Responses of the tip at every depth.
-pub(super) fn rows(
+pub(super) fn solved(
     problem: &BeamProblem,
-    depths_m: &[f64],
+    depths_m: Vec<f64>,
     grip: Guide2Grip,
     slopes: bool,
-) -> Result<Vec<Row>, ModelError> {
+) -> Result<GrowingBeam, ModelError> {
     let from_m = surface_m(&problem.foundation);
     let bare = depths_m.partition_point(|depth_m| depth_m - from_m <= MIN_M);
     let free = BeamProblem { support: Support::Springs, foundation: Foundation::none(), ..problem.clone() };
-    let mut rows = GrowingBeam::solved(&free, depths_m[..bare].to_vec(), grip, slopes)?.rows;
-    let moments = Moments::new(depths_m, from_m);
+    let GrowingBeam { mut rows, steps: of_bare, .. } =
+        GrowingBeam::solved(&free, depths_m[..bare].to_vec(), grip, slopes)?;
+    // What a shear layer or a skin above the body does is no moment of the path.
+    let is_dense = problem.shear_n > 0.0 || (bare > 1 && problem.skin_n_per_m > 0.0);
+    for (node, row) in rows.iter_mut().enumerate() {
+        for response in [&mut row.deflection, &mut row.slope] {
+            if is_dense {
+                response.dense = weights(of_bare.get(..row.steps).unwrap_or_default(), &response.path);
+                response.dense.resize(node, [0.0; 2]);
+            }
+            response.path = [0.0; STATES];
+        }
+        row.steps = node;
+    }
+    let moments = Moments::new(&depths_m, from_m);
     let mut at = problem.clone();
     for node in bare..depths_m.len() {
         at.depth_m = depths_m[node];
@@ -39,16 +53,18 @@ pub(super) fn rows(
                 shape = shape.plus(&pushed.scaled(-moved * stiffness));
                 guide2 = ritz.work(load, &pushed) * stiffness;
             }
-            let path = Path { ritz: &ritz, problem: &at, moments: &moments };
-            let path = path.weights(&shape, &depths_m[..=node]);
+            let along = Path { ritz: &ritz, problem: &at, moments: &moments };
+            let path = along.states(&shape);
+            let dense = if is_dense { along.weights(&path, &shape, &depths_m[..=node]) } else { Vec::new() };
             let turned = ritz.work(Load::TipMoment, &shape) - ritz.at(&shape, 0.0)[1];
             let curvature = problem.bending_stiffness_n_m2 * turned;
-            Response { load: ritz.work(Load::Tip, &shape), guide2, curvature, path }
+            Response { load: ritz.work(Load::Tip, &shape), guide2, curvature, path, dense }
         };
         let slope = if slopes { response(Load::TipMoment) } else { Response::default() };
-        rows.push(Row { deflection: response(Load::Tip), slope });
+        rows.push(Row { deflection: response(Load::Tip), slope, steps: node });
     }
-    Ok(rows)
+    let kind = if is_dense { Kind::Dense } else { Kind::Body };
+    Ok(GrowingBeam { rows, steps: moments.steps(), kind, depths_m })
 }
 
 /// Integrals of the powers of the depth in the body over every element, times what the start and the end of the path have of it. They
@@ -82,6 +98,21 @@ impl Moments {
         };
         Self { unit_m, of_elements: nodes_m.windows(2).map(of_element).collect() }
     }
+
+    /// What every element leaves in the memory of the path: its moments, and, of the first one, the place where the tip entered.
+    fn steps(&self) -> Vec<Step> {
+        let step = |(element, moments): (usize, &[[f64; 2]; MODES])| {
+            let (mut start, mut end) = ([0.0; STATES], [0.0; STATES]);
+            for ((start, end), moment) in start.iter_mut().zip(&mut end).zip(moments) {
+                (*start, *end) = (moment[0], moment[1]);
+            }
+            if element == 0 {
+                start[MODES] = 1.0;
+            }
+            Step { nodes: [element, element + 1], per_next: [[0.0; 2]; 2], start, end }
+        };
+        self.of_elements.iter().enumerate().map(step).collect()
+    }
 }
 
 /// What the cut path does to the needle at one depth.
@@ -92,8 +123,8 @@ struct Path<'a> {
 }
 
 impl Path<'_> {
-    /// Weights of the path at the start and the end of every element.
-    fn weights(&self, shape: &super::super::body::Shape, nodes_m: &[f64]) -> Vec<[f64; 2]> {
+    /// What the needle has of every moment of the path, and of the place where the tip entered.
+    fn states(&self, shape: &super::super::body::Shape) -> [f64; STATES] {
         let Self { ritz, problem, moments } = *self;
         let [_, depth_m] = ritz.body_m();
         let mut line_load = ritz.tissue_forces(&ritz.coefficients(shape));
@@ -102,16 +133,29 @@ impl Path<'_> {
             *force *= (2 * degree + 1) as f64 / depth_m;
         }
         // In powers of the depth over the unit of the moments.
-        let mut line_load = powers(&line_load);
+        let line_load = powers(&line_load);
         let mut unit = 1.0;
-        for term in &mut line_load {
-            *term *= unit;
+        let mut states = [0.0; STATES];
+        for (state, term) in states.iter_mut().zip(&line_load) {
+            *state = term * unit;
             unit *= moments.unit_m / depth_m;
         }
+        states[MODES] = problem.skin_n_per_m * ritz.surface_m(shape);
+        states
+    }
+
+    /// Weights of the path at the start and the end of every element.
+    fn weights(
+        &self,
+        states: &[f64; STATES],
+        shape: &super::super::body::Shape,
+        nodes_m: &[f64],
+    ) -> Vec<[f64; 2]> {
+        let Self { ritz, problem, moments } = *self;
         let mut all: Vec<[f64; 2]> = Vec::with_capacity(nodes_m.len().saturating_sub(1));
         for of_element in moments.of_elements.iter().take(nodes_m.len().saturating_sub(1)) {
             let mut weight = [0.0; 2];
-            for (term, [start, end]) in line_load.iter().zip(of_element) {
+            for (term, [start, end]) in states.iter().zip(of_element) {
                 weight[0] += term * start;
                 weight[1] += term * end;
             }
@@ -133,7 +177,7 @@ impl Path<'_> {
             }
         }
         if let Some(first) = all.first_mut() {
-            first[0] += problem.skin_n_per_m * ritz.surface_m(shape);
+            first[0] += states[MODES];
         }
         all
     }

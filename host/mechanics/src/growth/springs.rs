@@ -1,5 +1,6 @@
 //! The needle among springs as it grows: one element more per step, of which only the last rows of the factor change.
 
+use super::memory::{STATES, Step};
 use super::{Guide2Grip, Response, Row};
 use crate::banded::Banded;
 use crate::elements::{GAUSS, add_tension, bending_stiffness, hermite};
@@ -16,13 +17,24 @@ pub(super) struct SpringBeam<'p> {
     factored_rows: usize,
     /// Deflection at guide 2, where that holds the needle.
     held: Option<usize>,
-    /// Stiffness between guide 2 and its neighbours, where its frame is rigid.
-    coupling: Vec<(usize, f64)>,
     rows: usize,
-    /// Per tissue element: load on its four unknowns per path at its start and end.
-    path_loads: Vec<[[f64; 2]; 4]>,
-    first_tissue_row: usize,
-    shape: Vec<f64>,
+    /// Elements that are not in the factor yet.
+    added: Vec<Added>,
+    /// The node whose unknowns these act on: the newest in the factor.
+    node: usize,
+    /// Force of guide 2, and rotation at guide 1, per deflection and slope of that node where only its load acts on the needle.
+    guide2: [f64; 2],
+    turned: [f64; 2],
+    /// Elements of tissue.
+    pub steps: Vec<Step>,
+}
+
+/// An element by what acts on its four unknowns.
+struct Added {
+    /// Stiffness between guide 2 and them, where its frame is rigid.
+    coupling: [f64; 4],
+    /// In the tissue, load on them per path at its start and end.
+    path: Option<[[f64; 2]; 4]>,
 }
 
 impl<'p> SpringBeam<'p> {
@@ -35,11 +47,12 @@ impl<'p> SpringBeam<'p> {
             factor: Banded::new(0),
             factored_rows: 0,
             held: (grip == Guide2Grip::Holding).then_some(if problem.only_guide { 0 } else { 2 }),
-            coupling: Vec::new(),
             rows: 2,
-            path_loads: Vec::new(),
-            first_tissue_row: 0,
-            shape: Vec::new(),
+            added: Vec::new(),
+            node: 0,
+            guide2: [0.0; 2],
+            turned: [0.0; 2],
+            steps: Vec::new(),
         };
         if problem.clamp_compliance_rad_per_n_m > 0.0 {
             beam.stiffness.add(1, 1, 1.0 / problem.clamp_compliance_rad_per_n_m);
@@ -49,6 +62,10 @@ impl<'p> SpringBeam<'p> {
         if beam.held != Some(0) {
             beam.stiffness.add(0, 0, 1.0);
         }
+        if !beam.is_fixed(1) {
+            beam.turned[1] = 1.0;
+        }
+        beam.hold_by_frame();
         beam.extend(problem.guide2_m, None);
         if let Some(row) = beam.held {
             beam.stiffness.add(row, row, beam.frame_n_per_m().unwrap_or(1.0));
@@ -60,6 +77,13 @@ impl<'p> SpringBeam<'p> {
     fn frame_n_per_m(&self) -> Option<f64> {
         let compliance = self.problem.guide2_compliance_m_per_n;
         (compliance > 0.0).then(|| compliance.recip())
+    }
+
+    /// At the node that guide 2 holds by a frame, its force is that of the frame's spring.
+    fn hold_by_frame(&mut self) {
+        if let Some(frame_n_per_m) = self.frame_n_per_m().filter(|_| self.held == Some(2 * self.node)) {
+            self.guide2[0] += frame_n_per_m;
+        }
     }
 
     fn is_fixed(&self, row: usize) -> bool {
@@ -82,6 +106,7 @@ impl<'p> SpringBeam<'p> {
         let mut local = bending_stiffness(self.problem.bending_stiffness_n_m2, length_m);
         let shear_n = if depth_m.is_some() { self.problem.shear_n } else { 0.0 };
         add_tension(&mut local, shear_n - self.problem.axial_load_n, length_m);
+        let mut path_loads = None;
         if let Some(depth_m) = depth_m {
             let (mut springs, mut path) = self.springs(depth_m, length_m);
             // The shear layer rests on the cut path too, which is straight over an element.
@@ -90,8 +115,7 @@ impl<'p> SpringBeam<'p> {
                 path[row][0] += sign * per_m;
                 path[row][1] -= sign * per_m;
             }
-            if self.path_loads.is_empty() {
-                self.first_tissue_row = at;
+            if self.is_at_surface() {
                 // The spring at the surface rests where the tip entered.
                 springs[0][0] += self.problem.skin_n_per_m;
                 path[0][0] += self.problem.skin_n_per_m;
@@ -99,19 +123,26 @@ impl<'p> SpringBeam<'p> {
             for (row, added) in local.iter_mut().zip(&springs) {
                 row.iter_mut().zip(added).for_each(|(value, add)| *value += add);
             }
-            self.path_loads.push(path);
+            path_loads = Some(path);
         }
+        let mut coupling = [0.0; 4];
         for (i, values) in local.iter().enumerate() {
             for (j, value) in values.iter().enumerate().take(i + 1) {
                 let (row, column) = (at + i, at + j);
                 match (self.is_fixed(row), self.is_fixed(column)) {
                     (false, false) => self.stiffness.add(row, column, *value),
-                    (false, true) if self.held == Some(column) => self.coupling.push((row, *value)),
-                    (true, false) if self.held == Some(row) => self.coupling.push((column, *value)),
+                    (false, true) if self.held == Some(column) => coupling[i] += value,
+                    (true, false) if self.held == Some(row) => coupling[j] += value,
                     _ => {}
                 }
             }
         }
+        self.added.push(Added { coupling, path: path_loads });
+    }
+
+    /// Whether no element of tissue is there yet.
+    fn is_at_surface(&self) -> bool {
+        self.steps.is_empty() && self.added.iter().all(|added| added.path.is_none())
     }
 
     /// Springs of an element between `depth_m` and `depth_m + length_m`, and its load per path at both ends. Integrated between
@@ -145,31 +176,39 @@ impl<'p> SpringBeam<'p> {
         self.factor.factor_from(&self.stiffness, self.factored_rows).ok_or(ModelError::Singular)?;
         // The last node's rows change with the next element.
         self.factored_rows = self.rows - 2;
+        for Added { coupling, path } in std::mem::take(&mut self.added) {
+            let per_next = self.factor.per_next(2 * self.node).ok_or(ModelError::Singular)?;
+            let handed_on = |at: [f64; 2], [first, second, third, fourth]: [f64; 4]| {
+                let before = [at[0] + first, at[1] + second];
+                let by = |column: usize| per_next[0][column] * before[0] + per_next[1][column] * before[1];
+                [by(0) + third, by(1) + fourth]
+            };
+            // By reciprocity what guide 2 does to the tip is its reaction to the load there: of the frame's spring, or of what holds it.
+            self.guide2 = handed_on(self.guide2, coupling.map(|value| -value));
+            self.turned = handed_on(self.turned, [0.0; 4]);
+            self.node += 1;
+            self.hold_by_frame();
+            if let Some(path) = path {
+                let acts = |end: usize| {
+                    let mut states = [0.0; STATES];
+                    states[..2].copy_from_slice(&handed_on([0.0; 2], path.map(|row| row[end])));
+                    states
+                };
+                self.steps.push(Step { nodes: [0; 2], per_next, start: acts(0), end: acts(1) });
+            }
+        }
         let deflection = self.response([1.0, 0.0]);
         let slope = if slopes { self.response([0.0, 1.0]) } else { Response::none() };
-        Ok(Row { deflection, slope })
+        Ok(Row { deflection, slope, steps: self.steps.len() })
     }
 
     /// The functional that a unit load (N or N m) at the tip measures.
-    fn response(&mut self, loads: [f64; 2]) -> Response {
-        let mut shape = std::mem::take(&mut self.shape);
-        self.factor.solve_end(loads, &mut shape);
-        let path = self.path_loads.iter().zip(shape[self.first_tissue_row..].windows(4).step_by(2));
-        let path = path
-            .map(|(load, local)| {
-                let at = |end: usize| load.iter().zip(local).map(|(row, value)| row[end] * value).sum();
-                [at(0), at(1)]
-            })
-            .collect();
-        // By reciprocity what guide 2 does to the tip is its reaction to the load there: of the frame's spring, or of what holds it.
-        let guide2 = match (self.frame_n_per_m(), self.held) {
-            (Some(frame_n_per_m), Some(row)) => frame_n_per_m * shape[row],
-            _ => -self.coupling.iter().map(|(row, value)| value * shape[*row]).sum::<f64>(),
-        };
-        let turned = shape[self.rows - 1] - if self.is_fixed(1) { 0.0 } else { shape[1] };
-        let curvature = self.problem.bending_stiffness_n_m2 * turned;
-        let response = Response { load: shape[self.rows - 2], guide2, curvature, path };
-        self.shape = shape;
-        response
+    fn response(&self, loads: [f64; 2]) -> Response {
+        let tip = self.factor.solve_end(loads);
+        let product = |functional: [f64; 2]| functional[0] * tip[0] + functional[1] * tip[1];
+        let curvature = self.problem.bending_stiffness_n_m2 * (tip[1] - product(self.turned));
+        let mut path = [0.0; STATES];
+        path[..2].copy_from_slice(&tip);
+        Response { load: tip[0], guide2: product(self.guide2), curvature, path, dense: Vec::new() }
     }
 }

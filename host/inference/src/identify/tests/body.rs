@@ -1,7 +1,7 @@
 //! Sessions of an elastic body: which foundation is used, and Young's modulus by every way there is.
 
 use super::*;
-use formats::model_file::ModelFile;
+use formats::model_file::{LearnedEffect, ModelFile};
 use formats::session::{FoundationKind, Noise as Stated, Tissue};
 use mechanics::Support;
 use mechanics::continuum::Contact;
@@ -77,6 +77,25 @@ fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
     assert_eq!(found.foundation.used, "springs", "{:?}", found.foundation);
     let sentences = found.foundation.sentences(&found.pooled, &found.youngs_modulus_kpa).join("; ");
     assert!(sentences.contains("as an elastic body: E"), "{sentences}");
+}
+
+#[test]
+fn one_modulus_that_cannot_decide_the_foundation_is_warned_of() {
+    let options = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
+    let warns = |model: ModelFile| {
+        let found = identify(&on(model, &[20.0, 30.0, 40.0], 11), &options).expect("identifies");
+        let varied = found.foundation.log_evidence_of_varied.expect("compared");
+        let warned = found.warnings.iter().any(|what| what.contains("one modulus does not decide"));
+        assert_eq!(warned, varied >= 5.0, "{varied}");
+        warned
+    };
+    let springs = ModelFile { modulus_pa: Some(16e3), ..ModelFile::default() };
+    assert!(!warns(springs.clone()));
+    assert!(!warns(body(0.5)));
+    let layers = mechanics::effects::effect("tissue.layers").expect("an effect");
+    let (values, ci95) = (vec![2.5, 15.0], vec![None; 2]);
+    let learned = LearnedEffect { effect: layers, values, ci95, log_evidence_gain: None };
+    assert!(warns(ModelFile { effects: vec![learned], ..springs }));
 }
 
 #[test]
