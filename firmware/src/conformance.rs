@@ -1,8 +1,8 @@
-//! The protocol's conformance tests on the target: runs the list in QEMU, logs each verdict, and ends QEMU.
+//! The protocol's conformance tests on the target, in QEMU or on a board: runs the list, logs each verdict, and ends with an exit code.
 #![no_std]
 #![no_main]
 
-use firmware::qemu::{ExitCode, exit};
+use firmware::exit::{ExitCode, exit};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {

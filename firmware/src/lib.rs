@@ -7,6 +7,8 @@
 pub mod app;
 #[cfg(feature = "target")]
 pub mod board;
+#[cfg(any(feature = "qemu", feature = "conformance"))]
+pub mod exit;
 #[cfg(feature = "qemu")]
 pub mod qemu;
 

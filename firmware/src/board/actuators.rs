@@ -4,14 +4,11 @@
 //! drive and brake, which keeps speed proportional to duty down to small duties. Both inputs low is coast, and after a
 //! moment sleep in the usual bridge drivers.
 
-use super::pins::PWM_FREQUENCY;
+use super::pins::{BridgePins, bridges};
 use control::hal::Actuators;
-use embassy_stm32::Peri;
-use embassy_stm32::gpio::OutputType;
-use embassy_stm32::peripherals::{PA2, PA15, PB0, PB1, TIM2, TIM3};
+use embassy_stm32::peripherals::{TIM2, TIM3};
 use embassy_stm32::timer::GeneralInstance4Channel;
-use embassy_stm32::timer::low_level::CountingMode;
-use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm, SimplePwmChannel};
+use embassy_stm32::timer::simple_pwm::SimplePwmChannel;
 
 /// The two inputs of one bridge.
 struct Bridge<T: GeneralInstance4Channel> {
@@ -24,7 +21,7 @@ struct Bridge<T: GeneralInstance4Channel> {
 
 impl<T: GeneralInstance4Channel> Bridge<T> {
     /// A released bridge.
-    fn new(in1: SimplePwmChannel<'static, T>, in2: SimplePwmChannel<'static, T>) -> Self {
+    fn new([in1, in2]: [SimplePwmChannel<'static, T>; 2]) -> Self {
         let full = in1.max_duty_cycle();
         let mut bridge = Self { in1, in2, full, enabled: true };
         bridge.release();
@@ -62,22 +59,9 @@ pub struct BoardActuators {
 }
 
 impl BoardActuators {
-    pub(super) fn new(
-        tim_x: Peri<'static, TIM3>,
-        x_in1: Peri<'static, PB0>,
-        x_in2: Peri<'static, PB1>,
-        tim_y: Peri<'static, TIM2>,
-        y_in1: Peri<'static, PA15>,
-        y_in2: Peri<'static, PA2>,
-    ) -> Self {
-        let mode = CountingMode::EdgeAlignedUp;
-        let x_in1 = PwmPin::new(x_in1, OutputType::PushPull);
-        let x_in2 = PwmPin::new(x_in2, OutputType::PushPull);
-        let x = SimplePwm::new(tim_x, None, None, Some(x_in1), Some(x_in2), PWM_FREQUENCY, mode).split();
-        let y_in1 = PwmPin::new(y_in1, OutputType::PushPull);
-        let y_in2 = PwmPin::new(y_in2, OutputType::PushPull);
-        let y = SimplePwm::new(tim_y, Some(y_in1), None, Some(y_in2), None, PWM_FREQUENCY, mode).split();
-        Self { x: Bridge::new(x.ch3, x.ch4), y: Bridge::new(y.ch1, y.ch3) }
+    pub(super) fn new(pins: BridgePins) -> Self {
+        let (x, y) = bridges(pins);
+        Self { x: Bridge::new(x), y: Bridge::new(y) }
     }
 }
 

@@ -3,8 +3,8 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_stm32::pac::FLASH;
 
-/// Whether a panic restarts the program. In QEMU a program that only runs tests ends instead.
-static RESTARTS: AtomicBool = AtomicBool::new(cfg!(not(feature = "qemu")));
+/// Whether a panic restarts the program. One that only runs tests ends instead.
+static RESTARTS: AtomicBool = AtomicBool::new(cfg!(not(any(feature = "qemu", feature = "conformance"))));
 
 /// From here on a panic restarts the program, in QEMU too.
 pub fn restart_on_panic() {
@@ -13,9 +13,9 @@ pub fn restart_on_panic() {
 
 /// Ends this run.
 fn stop() -> ! {
-    #[cfg(feature = "qemu")]
+    #[cfg(any(feature = "qemu", feature = "conformance"))]
     if !RESTARTS.load(Ordering::Relaxed) {
-        crate::qemu::exit(crate::qemu::ExitCode::Panic);
+        crate::exit::exit(crate::exit::ExitCode::Panic);
     }
     // Time for the probe to fetch the message: about 100 ms.
     #[cfg(not(feature = "qemu"))]

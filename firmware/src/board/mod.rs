@@ -1,4 +1,4 @@
-//! The B-L475E-IOT01A: clocks, drivers and start-up.
+//! The board: clocks, drivers and start-up. Which board it is, is chosen by a feature ([`pins`]).
 //!
 //! [`take`] does all of it once and returns the pieces; the drivers are those of `embassy-stm32` and are the same on the
 //! board and in QEMU. The two images differ in what happens before and beneath: in QEMU a trap layer stands in for the
@@ -10,7 +10,7 @@ mod bridges;
 pub(crate) mod fault;
 pub(crate) mod guard;
 mod panel;
-pub mod pins;
+pub(crate) mod pins;
 mod registers;
 mod retained;
 mod sensors;
@@ -31,7 +31,6 @@ use control::slots::{self, SLOTS, STORED_BYTES, SlotChoice, to_stored};
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{self, InterruptExt};
 use embassy_stm32::usart::{self, BufferedUart};
-use embassy_stm32::{Config, bind_interrupts, peripherals, rcc};
 use protocol::CalibrationRecord;
 use static_cell::StaticCell;
 
@@ -60,10 +59,6 @@ pub struct Board {
     pub background: SendSpawner,
 }
 
-bind_interrupts!(struct Interrupts {
-    USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
-});
-
 /// Runs the control task in the interrupt of UART5, which is otherwise unused.
 static CONTROL: InterruptExecutor = InterruptExecutor::new();
 
@@ -83,23 +78,6 @@ fn UART4() {
     unsafe { BACKGROUND.on_interrupt() }
 }
 
-/// Clocks: the 16 MHz oscillator, multiplied to 80 MHz for everything; the converter runs from the system clock.
-fn clocks() -> Config {
-    let mut config = Config::default();
-    config.rcc.hsi = true;
-    config.rcc.pll = Some(rcc::Pll {
-        source: rcc::PllSource::HSI,
-        prediv: rcc::PllPreDiv::DIV1,
-        mul: rcc::PllMul::MUL10,
-        divp: None,
-        divq: None,
-        divr: Some(rcc::PllRDiv::DIV2),
-    });
-    config.rcc.sys = rcc::Sysclk::PLL1_R;
-    config.rcc.mux.adcsel = rcc::mux::Adcsel::SYS;
-    config
-}
-
 /// Starts the board; call it once.
 pub fn take() -> Board {
     #[cfg(feature = "qemu")]
@@ -108,19 +86,14 @@ pub fn take() -> Board {
     // Before anything is on it: how far the stack reaches is measured from here.
     cortex_m_stack::repaint_stack();
     guard::close();
-    let p = embassy_stm32::init(clocks());
+    let pins = pins::assign(embassy_stm32::init(pins::clocks()));
     #[cfg(feature = "qemu")]
     crate::qemu::start_time();
 
     // The watchdog does not run yet, so that the store may take its time.
-    let (calibration, origin) = calibration(Store::new(p.FLASH), to_store);
-    let actuators = BoardActuators::new(p.TIM3, p.PB0, p.PB1, p.TIM2, p.PA15, p.PA2);
-    let sensors = BoardSensors::new(
-        sensors::Potentiometers::new(p.ADC1, p.PC5, p.PC4),
-        sensors::converter(p.SPI1, p.PA5, p.PA7, p.PA6, p.PB2),
-        p.PD14,
-        p.PC2,
-    );
+    let (calibration, origin) = calibration(Store::new(pins.store.flash), to_store);
+    let actuators = BoardActuators::new(pins.bridges);
+    let sensors = BoardSensors::new(pins.potentiometers, pins.converter, pins.stop);
 
     static SEND: StaticCell<[u8; pins::SERIAL_SEND_BYTES]> = StaticCell::new();
     static RECEIVE: StaticCell<[u8; pins::SERIAL_RECEIVE_BYTES]> = StaticCell::new();
@@ -128,14 +101,14 @@ pub fn take() -> Board {
     serial_config.baudrate = pins::SERIAL_BAUD;
     // Wake the reader at every byte: QEMU never reports an idle line, and commands are short.
     serial_config.eager_reads = Some(1);
-    interrupt::USART1.set_priority(pins::SERIAL_PRIORITY);
+    pins::SERIAL_INTERRUPT.set_priority(pins::SERIAL_PRIORITY);
     let serial = BufferedUart::new(
-        p.USART1,
-        p.PB7,
-        p.PB6,
+        pins.serial.port,
+        pins.serial.rx,
+        pins.serial.tx,
         SEND.init([0; pins::SERIAL_SEND_BYTES]),
         RECEIVE.init([0; pins::SERIAL_RECEIVE_BYTES]),
-        Interrupts,
+        pins::Interrupts,
         serial_config,
     )
     .expect("the serial port's rate is reachable");
@@ -144,7 +117,7 @@ pub fn take() -> Board {
     let control = CONTROL.start(interrupt::UART5);
     interrupt::UART4.set_priority(pins::BACKGROUND_PRIORITY);
     let background = BACKGROUND.start(interrupt::UART4);
-    let panel = BoardPanel::new(p.PB14, p.IWDG);
+    let panel = BoardPanel::new(pins.panel);
     Board { sensors, actuators, panel, serial, calibration, origin, boot, control, background }
 }
 

@@ -1,10 +1,9 @@
 //! Status LED and independent watchdog.
 
-use super::pins::WATCHDOG_TIMEOUT_US;
+use super::pins::{PanelPins, WATCHDOG_TIMEOUT_US};
 use control::hal::Panel;
-use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Level, Output, Speed};
-use embassy_stm32::peripherals::{IWDG, PB14};
+use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 
 /// LED and watchdog.
@@ -15,10 +14,10 @@ pub struct BoardPanel {
 
 impl BoardPanel {
     /// Starts the watchdog: from here on it must be fed.
-    pub(super) fn new(led: Peri<'static, PB14>, watchdog: Peri<'static, IWDG>) -> Self {
-        let mut watchdog = IndependentWatchdog::new(watchdog, WATCHDOG_TIMEOUT_US);
+    pub(super) fn new(pins: PanelPins) -> Self {
+        let mut watchdog = IndependentWatchdog::new(pins.watchdog, WATCHDOG_TIMEOUT_US);
         watchdog.unleash();
-        Self { led: Output::new(led, Level::Low, Speed::Low), watchdog }
+        Self { led: Output::new(pins.led, Level::Low, Speed::Low), watchdog }
     }
 }
 

@@ -4,10 +4,11 @@
 //! from frequencies and modes. The log names every value at the start, where a test compares it with the quantities that are
 //! meant. A register that holds something else ends the run: the device restarts, and its next hello names the register.
 
-use embassy_stm32::pac::{ADC1, FLASH, GPIOA, GPIOB, IWDG, PWR, RCC, SPI1, TIM2, TIM3, USART1};
+use super::pins;
+use embassy_stm32::pac::{ADC1, FLASH, IWDG, PWR, RCC, SPI1, TIM2, TIM3};
 
 /// A register with the bits that matter.
-struct Register {
+pub(crate) struct Register {
     name: &'static str,
     read: fn() -> u32,
     /// The bits that matter.
@@ -16,12 +17,13 @@ struct Register {
     expected: u32,
 }
 
-const fn register(name: &'static str, read: fn() -> u32, mask: u32, expected: u32) -> Register {
+/// A register by its name, with the bits that matter and what they have to be.
+pub(crate) const fn register(name: &'static str, read: fn() -> u32, mask: u32, expected: u32) -> Register {
     Register { name, read, mask, expected }
 }
 
-/// All of them.
-const REGISTERS: [Register; 24] = [
+/// Those that are the same on every board; the rest is in its file of pins.
+const REGISTERS: [Register; 17] = [
     // Voltage range 1, without which 80 MHz is too fast [5.4.1].
     register("PWR.CR1", || PWR.cr1().read().0, 0b11 << 9, 0b01 << 9),
     // Four wait states at 80 MHz in range 1 [3.3.3].
@@ -32,8 +34,6 @@ const REGISTERS: [Register; 24] = [
     register("RCC.CFGR", || RCC.cfgr().read().0, 0x3FFC, 0b11 << 2),
     // The converter of the potentiometers runs from the system clock [6.4.28].
     register("RCC.CCIPR", || RCC.ccipr().read().0, 0b11 << 28, 0b11 << 28),
-    // 92.5 cycles for channels 13 and 14 [18.6.7].
-    register("ADC1.SMPR2", || ADC1.smpr(1).read().0, 0b11_1111 << 9, 0b10_1101 << 9),
     // Eight conversions averaged: oversampling on, ratio 8, shifted by 3 [18.6.5].
     register("ADC1.CFGR2", || ADC1.cfgr2().read().0, 0x1FF, 3 << 5 | 2 << 2 | 1),
     // Twelve bits, right-aligned, single conversions [18.6.4].
@@ -47,16 +47,8 @@ const REGISTERS: [Register; 24] = [
     register("TIM2.PSC", || u32::from(TIM2.psc().read()), 0xFFFF, 0),
     register("TIM2.ARR", || TIM2.arr().read(), 0xFFFF_FFFF, 3_999),
     register("TIM2.CR1", || TIM2.cr1().read().0, 0x71, 1),
-    register("TIM2.CCMR1", || TIM2.ccmr_output(0).read().0, 0x0073, 0x0060),
-    register("TIM2.CCMR2", || TIM2.ccmr_output(1).read().0, 0x0073, 0x0060),
-    register("TIM2.CCER", || TIM2.ccer().read().0, 0x0202, 0),
-    // Pins of the bridges on their timers: PB0 and PB1 on TIM3 (AF2), PA15 and PA2 on TIM2 (AF1) [8.5.9, 8.5.10].
-    register("GPIOB.AFRL", || GPIOB.afr(0).read().0, 0xFF, 0x22),
-    register("GPIOA.AFRH", || GPIOA.afr(1).read().0, 0xF << 28, 1 << 28),
     // Master in mode 1 (clock idles low, data on its second edge) at 80 MHz / 16 = 5 MHz, highest bit first [42.6.1].
     register("SPI1.CR1", || SPI1.cr1().read().0, 0xBF, 0b0001_1101),
-    // 80 MHz / 460.8 kBaud, oversampled 16 times [40.8.4].
-    register("USART1.BRR", || USART1.brr().read().0, 0xFFFF, 174),
     // 32 counts of 32 kHz / 4: 4 ms [32.4].
     register(
         "IWDG.RLR",
@@ -71,7 +63,7 @@ const fn brown_out_level(options: u32) -> u32 {
     options >> 8 & 0b111
 }
 
-/// The level that this board's 3.3 V allow: reset below 2.8 V. Chips come with level 0, 1.7 V.
+/// The level that the boards' 3.3 V allow: reset below 2.8 V. Chips come with level 0, 1.7 V.
 const BROWN_OUT_LEVEL: u32 = 4;
 
 /// Reads all of them back; once everything runs.
@@ -79,7 +71,7 @@ const BROWN_OUT_LEVEL: u32 = 4;
 /// # Panics
 /// Where a register holds something else than it has to.
 pub fn verify() {
-    for register in &REGISTERS {
+    for register in REGISTERS.iter().chain(&pins::REGISTERS) {
         let value = (register.read)();
         defmt::info!("register {=str} {=u32:#010x}", register.name, value);
         if value & register.mask != register.expected {

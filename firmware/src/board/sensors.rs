@@ -1,13 +1,12 @@
 //! Potentiometers on the internal converter, force sensor on the ADS131M02, emergency stop.
 
-use super::pins::SPI_FREQUENCY;
+use super::pins::{ConverterPins, PotentiometerPins, SPI_FREQUENCY, StopPins};
 use control::ads131m02::{Ads131m02, ForceFault, InitError};
 use control::hal::{Readings, Sensors};
-use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, AnyAdcChannel, Averaging, SampleTime};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::mode::Blocking;
-use embassy_stm32::peripherals::{ADC1, PA5, PA6, PA7, PB2, PC2, PC4, PC5, PD14, SPI1};
+use embassy_stm32::peripherals::ADC1;
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embedded_hal_bus::spi::{ExclusiveDevice, NoDelay};
@@ -18,15 +17,18 @@ const SAMPLE_TIME: SampleTime = SampleTime::CYCLES92_5;
 const AVERAGING: Averaging = Averaging::Samples8;
 
 /// The two potentiometers.
-pub(super) struct Potentiometers {
+struct Potentiometers {
     adc: Adc<'static, ADC1>,
     channels: [AnyAdcChannel<'static, ADC1>; 2],
 }
 
 impl Potentiometers {
-    pub(super) fn new(adc: Peri<'static, ADC1>, x: Peri<'static, PC5>, y: Peri<'static, PC4>) -> Self {
+    fn new(pins: PotentiometerPins) -> Self {
         let config = AdcConfig { averaging: Some(AVERAGING), ..AdcConfig::default() };
-        Self { adc: Adc::new_with_config(adc, config), channels: [x.degrade_adc(), y.degrade_adc()] }
+        Self {
+            adc: Adc::new_with_config(pins.adc, config),
+            channels: [pins.x.degrade_adc(), pins.y.degrade_adc()],
+        }
     }
 
     fn read(&mut self) -> [u16; 2] {
@@ -35,24 +37,18 @@ impl Potentiometers {
 }
 
 /// The converter on its bus with its chip select.
-pub(super) type Converter =
-    Ads131m02<ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, NoDelay>>;
+type Converter = Ads131m02<ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, NoDelay>>;
 
-/// The force converter's driver; not yet set up.
-pub(super) fn converter(
-    spi: Peri<'static, SPI1>,
-    sck: Peri<'static, PA5>,
-    mosi: Peri<'static, PA7>,
-    miso: Peri<'static, PA6>,
-    cs: Peri<'static, PB2>,
-) -> Converter {
+/// The force converter's driver, not yet set up, and its data-ready line.
+fn converter(pins: ConverterPins) -> (Converter, Input<'static>) {
     let mut config = spi::Config::default();
     config.mode = spi::MODE_1;
     config.frequency = SPI_FREQUENCY;
-    let bus = Spi::new_blocking(spi, sck, mosi, miso, config);
-    let cs = Output::new(cs, Level::High, Speed::High);
+    let bus = Spi::new_blocking(pins.spi, pins.sck, pins.mosi, pins.miso, config);
+    let cs = Output::new(pins.cs, Level::High, Speed::High);
     let Ok(device) = ExclusiveDevice::new_no_delay(bus, cs);
-    Ads131m02::new(device)
+    // Pulled up: an absent converter is one without data.
+    (Ads131m02::new(device), Input::new(pins.data_ready, Pull::Up))
 }
 
 /// All sensors.
@@ -67,11 +63,12 @@ pub struct BoardSensors {
 
 impl BoardSensors {
     pub(super) fn new(
-        potentiometers: Potentiometers,
-        mut converter: Converter,
-        data_ready: Peri<'static, PD14>,
-        emergency_stop: Peri<'static, PC2>,
+        potentiometers: PotentiometerPins,
+        converter_pins: ConverterPins,
+        stop: StopPins,
     ) -> Self {
+        let potentiometers = Potentiometers::new(potentiometers);
+        let (mut converter, data_ready) = converter(converter_pins);
         let converter_error = converter.init(&mut embassy_time::Delay).err();
         if let Some(error) = converter_error {
             defmt::error!("force converter: {}", error);
@@ -79,9 +76,8 @@ impl BoardSensors {
         Self {
             potentiometers,
             converter,
-            // Pulled up: an absent converter is one without data.
-            data_ready: Input::new(data_ready, Pull::Up),
-            emergency_stop: Input::new(emergency_stop, Pull::Up),
+            data_ready,
+            emergency_stop: Input::new(stop.emergency_stop, Pull::Up),
             converter_error,
         }
     }

@@ -2,8 +2,8 @@
 //!
 //! The only text that may go to QEMU's console is the log's binary stream, so nothing here prints.
 
-use super::exit::{ExitCode, exit};
 use super::trap;
+use crate::exit::{ExitCode, exit};
 use core::ffi::CStr;
 use emulation::plant::{PlantReply, PlantRequest, RECORD_BYTES};
 use semihosting::fd::{AsFd, OwnedFd};

@@ -1,4 +1,5 @@
-//! Runs the board's own drivers in stock QEMU (`-machine b-l475e-iot01a`), against a simulated plant.
+//! Runs the board's own drivers in stock QEMU (`-machine b-l475e-iot01a`), against a simulated plant. The NUCLEO-L476RG runs on the same
+//! machine: its STM32L476 differs from the STM32L475 in an LCD controller and in pins, which QEMU does not model.
 //!
 //! QEMU models the core, the clocks, GPIO and the serial port of this board, but no timers, converters, SPI, power
 //! control or watchdog. Here the registers it lacks are put behind no-access regions of the memory protection unit;
@@ -9,18 +10,18 @@
 //! One [`Machine`] holds all models. It is reached from the fault handler and from the SysTick handler only; the latter
 //! masks interrupts and touches no trapped register meanwhile, so the two never overlap.
 
-mod exit;
 mod link;
 mod peripherals;
 mod stopwatch;
 mod time;
 mod trap;
 
-pub use exit::{ExitCode, exit};
+pub use crate::exit::{ExitCode, exit};
 pub use link::Recording;
 pub use stopwatch::Stopwatch;
 pub use time::start_time;
 
+use crate::board::pins::emulated;
 use core::cell::UnsafeCell;
 use emulation::plant::{PlantReply, PlantRequest};
 use emulation::thumb::Width;
@@ -79,7 +80,7 @@ impl Machine {
             0x4000_3000 => &mut self.iwdg,
             0x4000_7000 => &mut self.pwr,
             0x4001_3000 => &mut self.spi,
-            0x4001_3800 => &mut self.usart,
+            emulated::SERIAL_BASE => &mut self.usart,
             0x1FFF_7400 => &mut self.unique_id,
             0x4002_1000 => &mut self.rcc,
             0x4002_2000 => &mut self.flash,
@@ -110,12 +111,13 @@ impl Machine {
 
     /// What the program commands, for the plant.
     fn request(&mut self, step: u32) -> PlantRequest {
-        // Bridge X is on the channels 3 and 4 of its timer, bridge Y on 1 and 3.
+        // Bridge X is on the channels 3 and 4 of its timer.
+        let [y_in1, y_in2] = emulated::BRIDGE_Y;
         let outputs = [
             self.bridge_x.output(2),
             self.bridge_x.output(3),
-            self.bridge_y.output(0),
-            self.bridge_y.output(2),
+            self.bridge_y.output(y_in1),
+            self.bridge_y.output(y_in2),
         ];
         PlantRequest {
             step,

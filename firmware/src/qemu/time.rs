@@ -9,13 +9,12 @@
 
 use super::link::Link;
 use super::{peripherals, with_machine};
-use crate::board::pins::CORE_CLOCK;
+use crate::board::pins::{CORE_CLOCK, SERIAL};
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Waker;
 use cortex_m::interrupt::{CriticalSection, Mutex};
 use cortex_m::peripheral::{SCB, SYST, syst::SystClkSource};
-use embassy_stm32::pac::USART1;
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
 use emulation::plant::PERIOD_US;
@@ -83,7 +82,7 @@ impl SysTickTime {
         }
         if let Some(byte) = waiting {
             // The register is trapped, so the model sees it leave as it sees all others.
-            USART1.tdr().write(|w| w.0 = byte);
+            SERIAL.tdr().write(|w| w.0 = byte);
         }
     }
 }

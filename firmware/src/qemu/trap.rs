@@ -7,10 +7,11 @@
 //! Accesses are costly (about 200 instructions), so regions are as tight as the hardware allows: of the serial port
 //! only the block with ICR, RDR and TDR, of GPIO only port B.
 
-use super::exit::{ExitCode, exit};
 use super::with_machine;
 use crate::board::fault::hard_fault;
 use crate::board::guard;
+use crate::board::pins::emulated::SERIAL_BASE;
+use crate::exit::{ExitCode, exit};
 use core::arch::naked_asm;
 use core::sync::atomic::{AtomicU32, Ordering};
 use emulation::thumb::{self, Access, Direction};
@@ -28,8 +29,8 @@ const REGIONS: [Region; 7] = [
     Region { base: 0x4000_0000, size_log2: 15, open_eighths: 0b0111_0110 },
     // SPI1.
     Region { base: 0x4001_3000, size_log2: 10, open_eighths: 0 },
-    // USART1: ICR, RDR, TDR.
-    Region { base: 0x4001_3820, size_log2: 5, open_eighths: 0 },
+    // Serial port: ICR, RDR, TDR.
+    Region { base: SERIAL_BASE + 0x20, size_log2: 5, open_eighths: 0 },
     // Reset and clock control in the third eighth (2 KiB), the flash interface in the fifth.
     Region { base: 0x4002_0000, size_log2: 14, open_eighths: 0b1110_1011 },
     // GPIOB.

@@ -1,7 +1,7 @@
 //! The whole bench: firmware in QEMU, simulated rig, serial port, in a folder of its own.
 
 use crate::cosim::{Cosim, Fault};
-use crate::images::{self, Image};
+use crate::images::{self, Board, Image};
 use crate::qemu::{self, HANGS, Qemu};
 use crate::terminals::Terminals;
 use anyhow::{Result, ensure};
@@ -35,12 +35,21 @@ impl Bench {
         Self::with_flash(config, seed, speed, limit, &[&calibrated])
     }
 
+    /// The same with the image of another board.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn on(board: Board, config: RigConfig, seed: u64, speed: f64) -> Result<Self> {
+        let calibrated = to_stored(&Calibration::nominal_record(), 1);
+        Self::assemble(board, config, seed, speed, HANGS, &[&calibrated], Vec::new())
+    }
+
     /// The same with these faults of wiring, mounting and sensors, and no stored calibration: a board fresh from the solder.
     ///
     /// # Errors
     /// As [`Self::start`].
     pub fn wired(config: RigConfig, seed: u64, speed: f64, faults: Vec<Fault>) -> Result<Self> {
-        Self::assemble(config, seed, speed, HANGS, &[], faults)
+        Self::assemble(Board::BL475eIot01a, config, seed, speed, HANGS, &[], faults)
     }
 
     /// The same with this content of the flash's pages: what is missing is erased.
@@ -54,10 +63,11 @@ impl Bench {
         limit: Duration,
         pages: &[&[u8]],
     ) -> Result<Self> {
-        Self::assemble(config, seed, speed, limit, pages, Vec::new())
+        Self::assemble(Board::BL475eIot01a, config, seed, speed, limit, pages, Vec::new())
     }
 
     fn assemble(
+        board: Board,
         config: RigConfig,
         seed: u64,
         speed: f64,
@@ -65,7 +75,7 @@ impl Bench {
         pages: &[&[u8]],
         faults: Vec<Fault>,
     ) -> Result<Self> {
-        let elf = images::build(Image::Qemu)?;
+        let elf = images::build_for(board, Image::Qemu)?;
         let folder = tempfile::Builder::new().prefix("needle-guide-").tempdir()?;
         let mut flash = vec![ERASED; PAGES * STORED_BYTES];
         for (kept, page) in flash.chunks_exact_mut(STORED_BYTES).zip(pages) {
@@ -76,7 +86,7 @@ impl Bench {
         // The rig waits for QEMU to open its pipes, but not for long.
         let turn = qemu::turn();
         let cosim = Cosim::start_wired(config, seed, folder.path(), speed, faults)?;
-        let qemu = Qemu::start(turn, &elf, folder.path(), limit)?;
+        let qemu = Qemu::start_for(board, turn, &elf, folder.path(), limit)?;
         let terminals = Terminals::watch()?;
         let bench = Self { qemu: Some(qemu), cosim: Some(cosim), terminals, folder };
         bench.await_first_steps(limit)?;

@@ -12,6 +12,54 @@ pub const GUIDE: &str = "NEEDLE_GUIDE_PROGRAM";
 /// Cargo profile of the firmware's images.
 const PROFILE: &str = "firmware";
 
+/// A board that the firmware is built for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Board {
+    /// STM32L475VG.
+    #[value(name = "b-l475e-iot01a")]
+    BL475eIot01a,
+    /// STM32L476RG.
+    #[value(name = "nucleo-l476rg")]
+    NucleoL476rg,
+}
+
+impl Board {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::BL475eIot01a, Self::NucleoL476rg];
+
+    /// Feature of the firmware, and key of its figures.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::BL475eIot01a => "b-l475e-iot01a",
+            Self::NucleoL476rg => "nucleo-l476rg",
+        }
+    }
+
+    /// The chip's name for `probe-rs`.
+    pub const fn chip(self) -> &'static str {
+        match self {
+            Self::BL475eIot01a => "STM32L475VGTx",
+            Self::NucleoL476rg => "STM32L476RGTx",
+        }
+    }
+
+    /// Ports of QEMU's machine before the one that the firmware uses.
+    pub const fn serial_ports_before(self) -> usize {
+        match self {
+            Self::BL475eIot01a => 0,
+            Self::NucleoL476rg => 1,
+        }
+    }
+
+    /// The folder of a build, which the first board has to itself.
+    fn folder(self, of: &str) -> String {
+        match self {
+            Self::BL475eIot01a => of.to_owned(),
+            Self::NucleoL476rg => format!("{of}-{}", self.name()),
+        }
+    }
+}
+
 /// A firmware image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Image {
@@ -21,6 +69,8 @@ pub enum Image {
     Qemu,
     /// The protocol's tests, for QEMU.
     Conformance,
+    /// The protocol's tests, for the board.
+    BoardConformance,
     /// The online estimator over a recorded run, for QEMU.
     Tracking,
     /// The control core over everything it can be made to do, for QEMU.
@@ -29,12 +79,13 @@ pub enum Image {
 
 impl Image {
     /// All of them, those first that most tests need.
-    pub const ALL: [Self; 5] = [Self::Qemu, Self::Conformance, Self::Tracking, Self::Timing, Self::Flash];
+    pub const ALL: [Self; 6] =
+        [Self::Qemu, Self::Conformance, Self::Tracking, Self::Timing, Self::Flash, Self::BoardConformance];
 
     const fn binary(self) -> &'static str {
         match self {
             Self::Flash | Self::Qemu => "firmware",
-            Self::Conformance => "conformance",
+            Self::Conformance | Self::BoardConformance => "conformance",
             Self::Tracking => "tracking",
             Self::Timing => "timing",
         }
@@ -43,7 +94,7 @@ impl Image {
     /// Folder of its build; images with the same dependencies share one.
     const fn folder(self) -> &'static str {
         match self {
-            Self::Flash => "image-flash",
+            Self::Flash | Self::BoardConformance => "image-flash",
             Self::Qemu | Self::Conformance | Self::Tracking | Self::Timing => "image-qemu",
         }
     }
@@ -52,7 +103,8 @@ impl Image {
         match self {
             Self::Flash => "flash",
             Self::Qemu | Self::Timing | Self::Tracking => "qemu",
-            Self::Conformance => "conformance",
+            Self::Conformance => "qemu,conformance",
+            Self::BoardConformance => "flash,conformance",
         }
     }
 }
@@ -68,15 +120,24 @@ pub fn target_dir() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
 
-/// Builds an image and returns its ELF file.
+/// Builds an image for the first board and returns its ELF file.
+///
+/// # Errors
+/// As [`build_for`].
+pub fn build(image: Image) -> Result<PathBuf> {
+    build_for(Board::BL475eIot01a, image)
+}
+
+/// Builds an image for a board and returns its ELF file.
 ///
 /// # Errors
 /// Where the build fails or warns; its messages have gone to standard error.
-pub fn build(image: Image) -> Result<PathBuf> {
-    let folder = target_dir().join(image.folder());
+pub fn build_for(board: Board, image: Image) -> Result<PathBuf> {
+    let folder = target_dir().join(board.folder(image.folder()));
     let mut child = cargo()
         .args(["build", "--package", "firmware", "--bin", image.binary()])
-        .args(["--target", TARGET, "--profile", PROFILE, "--features", image.features()])
+        .args(["--target", TARGET, "--profile", PROFILE])
+        .args(["--features", &format!("{},{}", image.features(), board.name())])
         .arg("--target-dir")
         .arg(&folder)
         .stdin(Stdio::null())
@@ -91,10 +152,10 @@ pub fn build(image: Image) -> Result<PathBuf> {
         eprintln!("{line}");
     }
     if !child.wait()?.success() {
-        bail!("the firmware does not build ({image:?})");
+        bail!("the firmware does not build ({image:?}, {})", board.name());
     }
     if warned {
-        bail!("the firmware builds with warnings ({image:?})");
+        bail!("the firmware builds with warnings ({image:?}, {})", board.name());
     }
     Ok(folder.join(TARGET).join(PROFILE).join(image.binary()))
 }

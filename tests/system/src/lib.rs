@@ -11,6 +11,7 @@ pub mod cosim;
 pub mod demo;
 pub mod fuzz;
 pub mod fuzzed;
+pub mod hil;
 pub mod images;
 mod numbers;
 pub mod panics;

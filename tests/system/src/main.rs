@@ -6,7 +6,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use system::{
-    beside, bringup, campaign, cosim, demo, fuzz, readme, size, soak, stress, suite, timing, tracking,
+    beside, bringup, campaign, cosim, demo, fuzz, hil, readme, size, soak, stress, suite, timing, tracking,
 };
 
 /// Set up, build, test and demonstrate the needle guide
@@ -25,8 +25,10 @@ enum Task {
     Test,
     /// Measure the programs beside what one would take instead, and how their cost grows; write the page of it
     Bench(beside::Args),
-    /// Build the image for the board and compare its flash and RAM use with the committed figures
+    /// Build the image of each board and compare its flash and RAM use with the committed figures
     Size(size::Args),
+    /// Run the protocol's tests on a board, flash its firmware, and run the automatic steps of `guide bringup`
+    Hil(hil::Args),
     /// Regenerate the outputs and pictures of README.md and the manual, or compare them
     Readme(readme::Args),
     /// Run the end of the demonstration for many seeds
@@ -73,6 +75,7 @@ fn run(task: Task) -> Result<()> {
         Task::Test => suite::run(),
         Task::Bench(args) => beside::run(&args),
         Task::Size(args) => size::run(&args),
+        Task::Hil(args) => hil::run(&args),
         Task::Readme(args) => readme::run(&args),
         Task::StudyDemo(args) => demo::seeds::run(&args),
         Task::StudyBringup(args) => bringup::run(&args),

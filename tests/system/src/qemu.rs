@@ -1,6 +1,7 @@
 //! Running an image in QEMU, with a time limit and its log.
 
 use crate::cosim::OUTPUT_PIPE;
+use crate::images::Board;
 use anyhow::{Context, Result, bail};
 use defmt_decoder::{DecodeError, Table};
 use std::collections::VecDeque;
@@ -63,12 +64,20 @@ impl Drop for Turn {
 }
 
 impl Qemu {
+    /// Starts an image of the first board with its working folder; otherwise as [`Self::start_for`].
+    ///
+    /// # Errors
+    /// As [`Self::start_for`].
+    pub fn start(turn: Turn, elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
+        Self::start_for(Board::BL475eIot01a, turn, elf, folder, limit)
+    }
+
     /// Starts an image with its working folder, where the plant pipes are and the serial port's link appears. It is killed when
     /// the time limit is over, even if it hangs.
     ///
     /// # Errors
     /// Where QEMU cannot be started or its serial port does not appear.
-    pub fn start(turn: Turn, elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
+    pub fn start_for(board: Board, turn: Turn, elf: &Path, folder: &Path, limit: Duration) -> Result<Self> {
         let serial = folder.join("serial");
         let mut port = format!("pty,id=usb,path={}", serial.display());
         if folder.join(OUTPUT_PIPE).exists() {
@@ -80,6 +89,7 @@ impl Qemu {
             .args(["-machine", "b-l475e-iot01a", "-display", "none", "-monitor", "none", "-nodefaults"])
             .arg("-chardev")
             .arg(port)
+            .args(["-serial", "null"].repeat(board.serial_ports_before()))
             .args(["-serial", "chardev:usb"])
             .args(["-semihosting-config", "enable=on,target=native"])
             .args(["-icount", &format!("shift={ICOUNT_SHIFT},sleep=off")])

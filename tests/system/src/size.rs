@@ -1,9 +1,10 @@
-//! How much flash and RAM the board's image takes, compared with committed figures, so that growth is noticed.
+//! How much flash and RAM the image of each board takes, compared with committed figures, so that growth is noticed.
 
-use crate::images::{self, Image};
+use crate::images::{self, Board, Image};
 use anyhow::{Context, Result, bail};
 use object::{Object, ObjectSection, SectionFlags, elf};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Growth beyond the committed figures that is let pass, percent: compilers differ a little.
@@ -65,38 +66,76 @@ fn committed() -> PathBuf {
 /// Measures, prints and compares.
 ///
 /// # Errors
-/// Where the image has grown beyond the committed figures.
+/// Where an image has grown beyond the committed figures.
 pub fn run(args: &Args) -> Result<()> {
-    let elf = images::build(Image::Flash)?;
+    let sizes = Board::ALL
+        .iter()
+        .map(|&board| Ok((board.name().to_owned(), measure(board)?)))
+        .collect::<Result<BTreeMap<_, _>>>()?;
+    let path = committed();
+    if args.save {
+        std::fs::write(&path, serde_json::to_string_pretty(&sizes)? + "\n")?;
+        println!("saved to {}", path.display());
+        return Ok(());
+    }
+    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let before: BTreeMap<String, Size> =
+        serde_json::from_str(&text).with_context(|| format!("{} holds no sizes", path.display()))?;
+    for (board, size) in &sizes {
+        let before = before.get(board).with_context(|| {
+            format!("{} has no figures of {board}; commit those of `cargo xtask size --save`", path.display())
+        })?;
+        compare(board, size, before)?;
+    }
+    Ok(())
+}
+
+/// Builds and measures the image of a board.
+fn measure(board: Board) -> Result<Size> {
+    let elf = images::build_for(board, Image::Flash)?;
     let size = Size::of(&std::fs::read(&elf)?)?;
     let Size { flash_bytes, ram_bytes } = size;
     let percent = |used: u64, all: u64| 100.0 * used as f64 / all as f64;
     println!(
-        "board image: flash {flash_bytes} bytes ({:.1} % of 1 MiB), RAM {ram_bytes} bytes ({:.1} % of 96 KiB, the rest is stack)",
+        "{}: flash {flash_bytes} bytes ({:.1} % of 1 MiB), RAM {ram_bytes} bytes ({:.1} % of 96 KiB, the rest is stack)",
+        board.name(),
         percent(flash_bytes, FLASH_BYTES),
         percent(ram_bytes, RAM_BYTES)
     );
     println!("{}", elf.strip_prefix(images::root()).unwrap_or(&elf).display());
     if flash_bytes > FLASH_LIMIT_BYTES || ram_bytes > RAM_LIMIT_BYTES {
-        bail!("the image exceeds {FLASH_LIMIT_BYTES} bytes of flash or {RAM_LIMIT_BYTES} bytes of RAM");
+        bail!(
+            "the image of {} exceeds {FLASH_LIMIT_BYTES} bytes of flash or {RAM_LIMIT_BYTES} bytes of RAM",
+            board.name()
+        );
     }
-    let path = committed();
-    if args.save {
-        std::fs::write(&path, serde_json::to_string_pretty(&size)? + "\n")?;
-        println!("saved to {}", path.display());
-        return Ok(());
-    }
-    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let before: Size =
-        serde_json::from_str(&text).with_context(|| format!("{} is not a size", path.display()))?;
+    Ok(size)
+}
+
+/// Compares with what was committed.
+fn compare(board: &str, now: &Size, before: &Size) -> Result<()> {
     for (what, now, before) in
-        [("flash", flash_bytes, before.flash_bytes), ("RAM", ram_bytes, before.ram_bytes)]
+        [("flash", now.flash_bytes, before.flash_bytes), ("RAM", now.ram_bytes, before.ram_bytes)]
     {
         if now * 100 > before * (100 + TOLERANCE_PERCENT) {
             bail!(
-                "{what} has grown from {before} to {now} bytes; if that is meant, commit the figures of `cargo xtask size --save`"
+                "{board}: {what} has grown from {before} to {now} bytes; if that is meant, commit the figures of `cargo xtask size --save`"
             );
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn growth_of_more_than_the_tolerance_is_an_error_for_flash_and_for_memory() {
+        let before = Size { flash_bytes: 100_000, ram_bytes: 20_000 };
+        let grown = |flash_bytes, ram_bytes| compare("a board", &Size { flash_bytes, ram_bytes }, &before);
+        assert!(grown(102_000, 20_400).is_ok());
+        assert!(grown(102_001, 20_000).unwrap_err().to_string().contains("flash has grown"));
+        assert!(grown(90_000, 20_401).unwrap_err().to_string().contains("RAM has grown"));
+    }
 }

@@ -1,14 +1,14 @@
 //! `cargo xtask test`: every test there is, and how many passed.
 //!
 //! 1. All that `cargo test` has, with the end-to-end tests, which boot the firmware in QEMU.
-//! 2. The protocol's tests on the target, in QEMU.
+//! 2. The protocol's tests on the target, in QEMU, with the image of each board.
 //! 3. The online estimator on the target, in QEMU.
 //! 4. The control core on the target, in QEMU: instructions per period.
-//! 5. The board's image: builds without warnings, and has not grown.
+//! 5. The boards' images: build without warnings, and have not grown.
 //!
 //! The last line is `N passed, N failed`.
 
-use crate::images::{self, Image};
+use crate::images::{self, Board, Image};
 use crate::qemu::{HANGS, Qemu, turn};
 use crate::{size, timing, tracking};
 use anyhow::{Context, Result, bail};
@@ -54,10 +54,12 @@ pub fn run() -> Result<()> {
     let images = std::thread::spawn(|| Image::ALL.map(images::build));
     let mut counts = host()?;
     drop(images.join());
-    println!("\n     Running the protocol's tests on the target, in QEMU");
-    match conformance() {
-        Ok(found) => counts += found,
-        Err(error) => counts += Counts::of("the protocol on the target", Err(error)),
+    for board in Board::ALL {
+        println!("\n     Running the protocol's tests on the target, in QEMU ({})", board.name());
+        match conformance(board) {
+            Ok(found) => counts += found,
+            Err(error) => counts += Counts::of("the protocol on the target", Err(error)),
+        }
     }
     println!("\n     Running the online estimator on the target, in QEMU");
     let tracked = tracking::run().map(|tracked| println!("{tracked}"));
@@ -65,8 +67,8 @@ pub fn run() -> Result<()> {
     println!("\n     Running the control core on the target, in QEMU");
     let timed = timing::run().map(|timing| println!("{timing}"));
     counts += Counts::of("the control core on the target", timed);
-    println!("\n     Building the board's image");
-    counts += Counts::of("the image has not grown", size::run(&size::Args::default()));
+    println!("\n     Building the boards' images");
+    counts += Counts::of("the images have not grown", size::run(&size::Args::default()));
     println!("\n{} passed, {} failed", counts.passed, counts.failed);
     if counts.failed > 0 {
         bail!("{} tests failed", counts.failed);
@@ -108,10 +110,10 @@ fn result_line(line: &str) -> Option<Counts> {
 }
 
 /// Runs the protocol's tests on the target and counts.
-fn conformance() -> Result<Counts> {
-    let elf = images::build(Image::Conformance)?;
+fn conformance(board: Board) -> Result<Counts> {
+    let elf = images::build_for(board, Image::Conformance)?;
     let folder = tempfile::tempdir()?;
-    let qemu = Qemu::start(turn(), &elf, folder.path(), HANGS)?;
+    let qemu = Qemu::start_for(board, turn(), &elf, folder.path(), HANGS)?;
     let (_, log) = qemu.wait(HANGS)?;
     for line in &log {
         println!("{}", line.split_once(' ').map_or(line.as_str(), |(_level, text)| text));

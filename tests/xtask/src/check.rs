@@ -7,7 +7,12 @@ use anyhow::Result;
 use std::process::{Command, Stdio};
 
 /// Features of the firmware's images that are linted, with the folder of their build.
-const IMAGES: [(&str, &str); 2] = [("flash", "image-flash"), ("conformance", "image-qemu")];
+const IMAGES: [(&str, &str); 4] = [
+    ("flash,conformance,b-l475e-iot01a", "image-flash"),
+    ("flash,conformance,nucleo-l476rg", "image-flash-nucleo-l476rg"),
+    ("qemu,conformance,b-l475e-iot01a", "image-qemu"),
+    ("qemu,conformance,nucleo-l476rg", "image-qemu-nucleo-l476rg"),
+];
 
 /// What `cargo xtask test` does, before it does it.
 pub fn announce() {

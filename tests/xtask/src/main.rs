@@ -27,7 +27,7 @@ enum Needs {
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 16] = [
+const TASKS: [(&str, Needs, &str); 17] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",
@@ -52,7 +52,12 @@ const TASKS: [(&str, Needs, &str); 16] = [
     (
         "size",
         Needs::Target,
-        "Build the image for the board and compare its flash and RAM use with the committed figures",
+        "Build the image of each board and compare its flash and RAM use with the committed figures",
+    ),
+    (
+        "hil",
+        Needs::Target,
+        "Run the protocol's tests on a board, flash its firmware, and run the automatic steps of `guide bringup`",
     ),
     ("readme", Needs::Qemu, "Regenerate the outputs and pictures of the documentation, or compare them"),
     ("study", Needs::Here, "Make a table of the documentation, or one that comes with the tool"),

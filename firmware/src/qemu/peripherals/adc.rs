@@ -6,6 +6,7 @@
 //! settings are only kept. Sequences of more than one rank, other channels, injected conversions, stopping, DMA and
 //! interrupts are refused.
 
+use crate::board::pins::emulated::CHANNELS;
 use crate::qemu::{Registers, Unmodelled, time};
 use emulation::plant::NEVER;
 use emulation::thumb::Width;
@@ -30,11 +31,6 @@ const CR_DEEPPWD: u32 = 1 << 29;
 const CR_ADCAL: u32 = 1 << 31;
 /// CFGR: DMA and continuous conversion.
 const CFGR_REFUSED: u32 = 1 << 0 | 1 << 13;
-
-/// Channel of the X potentiometer (PC5).
-const CHANNEL_X: u32 = 14;
-/// Channel of the Y potentiometer (PC4).
-const CHANNEL_Y: u32 = 13;
 
 /// The converter.
 pub(crate) struct Adc {
@@ -94,8 +90,8 @@ impl Adc {
             return Err(Unmodelled);
         }
         self.dr = match channel {
-            CHANNEL_X => self.potentiometer_codes[0],
-            CHANNEL_Y => self.potentiometer_codes[1],
+            _ if channel == CHANNELS[0] => self.potentiometer_codes[0],
+            _ if channel == CHANNELS[1] => self.potentiometer_codes[1],
             _ => return Err(Unmodelled),
         };
         match self.conversion_us {

@@ -3,18 +3,14 @@
 //! QEMU models GPIO, so accesses to port B are passed on and only observed. The inputs need no trap: QEMU gives an input
 //! that nothing drives the level of its pull resistor, so turning the pull of the pin is the switch in the plant.
 
+use crate::board::pins::emulated;
 use crate::qemu::{Registers, Unmodelled};
 use embassy_stm32::pac::gpio::vals::Pupdr;
-use embassy_stm32::pac::{GPIOB, GPIOC, GPIOD, gpio};
+use embassy_stm32::pac::{GPIOB, gpio};
 use emulation::thumb::Width;
 
 /// Registers of a port: MODER to ASCR.
 const LAST: u32 = 0x2C;
-/// Chip select of the force converter: PB2.
-const CHIP_SELECT: u32 = 1 << 2;
-/// Status LED: PB14.
-const LED: u32 = 1 << 14;
-
 /// Port B.
 pub(crate) struct Gpio {
     /// Output data register as last read.
@@ -28,9 +24,9 @@ impl Gpio {
         Self { output: 0, edge: None }
     }
 
-    /// The LED's pin is high.
+    /// The LED is lit.
     pub(crate) fn led(&self) -> bool {
-        self.output & LED != 0
+        emulated::led(self.output)
     }
 
     /// The level to which the chip select has changed, once.
@@ -60,22 +56,22 @@ impl Registers for Gpio {
         // SAFETY: the program wants to write this register of port B; it is done in its stead.
         unsafe { port_b(offset).write_volatile(value) };
         let output = GPIOB.odr().read().0;
-        if (output ^ self.output) & CHIP_SELECT != 0 {
-            self.edge = Some(output & CHIP_SELECT != 0);
+        if (output ^ self.output) & emulated::CHIP_SELECT != 0 {
+            self.edge = Some(output & emulated::CHIP_SELECT != 0);
         }
         self.output = output;
         Ok(())
     }
 }
 
-/// Puts the levels on the emergency-stop line (PC2) and the data-ready line (PD14).
+/// Puts the levels on the emergency-stop line and the data-ready line.
 pub(crate) fn drive_inputs(emergency_stop_high: bool, data_ready_high: bool) {
-    pull(GPIOC, 2, emergency_stop_high);
-    pull(GPIOD, 14, data_ready_high);
+    pull(emulated::EMERGENCY_STOP, emergency_stop_high);
+    pull(emulated::DATA_READY, data_ready_high);
 }
 
 /// Pulls a pin.
-fn pull(port: gpio::Gpio, pin: usize, high: bool) {
+fn pull((port, pin): (gpio::Gpio, usize), high: bool) {
     let pull = if high { Pupdr::PULL_UP } else { Pupdr::PULL_DOWN };
     if port.pupdr().read().pupdr(pin) != pull {
         port.pupdr().modify(|w| w.set_pupdr(pin, pull));

@@ -1,4 +1,4 @@
-//! The registers of USART1 that QEMU treats differently from the chip; they are passed on to QEMU's own model.
+//! The registers of the serial port that QEMU treats differently from the chip; they are passed on to QEMU's own model.
 //!
 //! QEMU takes words only, where drivers use bytes for the data registers. And its ICR clears any status bit that is
 //! written, where the chip ignores the bits that ICR does not have: drivers acknowledge by writing the whole status,
@@ -9,8 +9,8 @@
 //! cleared, as they are in the chip while a byte waits for the one before it. The driver waits for its interrupt; the byte
 //! goes to QEMU in the next period, which sets both flags again.
 
+use crate::board::pins::SERIAL;
 use crate::qemu::{Registers, Unmodelled};
-use embassy_stm32::pac::USART1;
 use emulation::plant::UNLIMITED;
 use emulation::thumb::Width;
 
@@ -44,20 +44,20 @@ impl Usart {
     fn send(&mut self, byte: u32) {
         if self.budget == 0 {
             self.waiting = Some(byte);
-            USART1.icr().write(|w| w.0 = TRANSMITTED);
+            SERIAL.icr().write(|w| w.0 = TRANSMITTED);
             return;
         }
         if self.budget != UNLIMITED {
             self.budget -= 1;
         }
-        USART1.tdr().write(|w| w.0 = byte);
+        SERIAL.tdr().write(|w| w.0 = byte);
     }
 }
 
 impl Registers for Usart {
     fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unmodelled> {
         match offset {
-            RDR => Ok(USART1.rdr().read().0 & width.mask()),
+            RDR => Ok(SERIAL.rdr().read().0 & width.mask()),
             _ => Err(Unmodelled),
         }
     }
@@ -66,7 +66,7 @@ impl Registers for Usart {
         match offset {
             ICR => {
                 let acknowledged = value & ICR_BITS;
-                USART1.icr().write(|w| w.0 = acknowledged);
+                SERIAL.icr().write(|w| w.0 = acknowledged);
             }
             TDR => self.send(value),
             _ => return Err(Unmodelled),

@@ -2,6 +2,7 @@
 //! `guide`. They need QEMU, so `cargo test` skips them and `cargo xtask test` runs them; what the pages show
 //! without a rig is held to the programs by both.
 
+mod boards;
 mod bringup;
 mod foreign;
 mod hazards;
