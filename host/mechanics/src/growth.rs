@@ -4,7 +4,7 @@
 //! (theory, eq. 37). At one depth the needle is linear in its tip load, the displacement of guide 2 and the cut path, so that its tip
 //! is at `u = a F + b g + sum_j w_j u_t(z_j)`. By reciprocity all `w` come from the shape under one unit load at the tip: `a` is
 //! its deflection there, `w_j` the springs' share of it. The beam grows by one element per step, and of its Cholesky factor only
-//! the last rows change; the sum over the path is carried from node to node ([`memory`]): a step costs the same at every depth. The path
+//! the last rows change; the sum over the path is carried from node to node (`memory`): a step costs the same at every depth. The path
 //! is linear between nodes and its newest end implicit: second order in the step.
 
 mod in_body;

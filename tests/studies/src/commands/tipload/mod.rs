@@ -26,6 +26,8 @@ struct Judged {
     load: bool,
     modulus: bool,
     gap: bool,
+    /// Gap with its 95 % interval, mm.
+    gap_mm: [f64; 3],
     load_error: f64,
     modulus_error: f64,
     mae_mm: Option<f64>,
@@ -59,13 +61,18 @@ struct Line {
 pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> {
     ensure!((1..=10_000).contains(&sessions), "--sessions is {sessions}, expected 1 to 10000");
     let mut lines = Vec::new();
-    let small = Imperfections::small();
+    let (none, small) = (Imperfections::default(), Imperfections::small());
     let two_guides = |imperfections: Imperfections| Kind { imperfections, ..Kind::default() };
     let worlds = [
-        ("plain", two_guides(Imperfections::default())),
+        ("plain", two_guides(none)),
         ("imperfect", two_guides(small)),
         ("twice as imperfect", two_guides(small.times(2.0))),
-        ("loads 10 % apart", two_guides(Imperfections { load: 0.1, ..Imperfections::default() })),
+        ("loads 10 % apart", two_guides(Imperfections { load: 0.1, ..none })),
+        // Single imperfections, as large as in the worlds that are twice as imperfect.
+        ("tilted tracker", two_guides(Imperfections { tilt_rad: 2.0 * small.tilt_rad, ..none })),
+        ("guide 2 off", two_guides(Imperfections { guide2_m: 2.0 * small.guide2_m, ..none })),
+        ("surfaces apart", two_guides(Imperfections { entry_m: 2.0 * small.entry_m, ..none })),
+        ("drifting tracker", two_guides(Imperfections { drift_m: 2.0 * small.drift_m, ..none })),
         ("one guide", Kind { one_guide: true, ..Kind::default() }),
         ("one guide, imperfect", Kind { one_guide: true, imperfections: small, ..Kind::default() }),
     ];
@@ -141,6 +148,7 @@ fn judge(world: &World, until_mm: f64) -> Result<Vec<Judged>> {
             load: (whole_n - truth.load_n).abs() <= NORMAL_975 * whole_sd_n,
             modulus: within(learned.k_ci95_kpa, 1e-3 * truth.modulus_pa),
             gap: within(learned.gap_ci95_mm, 1e3 * truth.gap_m),
+            gap_mm: [learned.gap_mm, learned.gap_ci95_mm[0], learned.gap_ci95_mm[1]],
             load_error: whole_n / truth.load_n - 1.0,
             modulus_error: 1e3 * learned.k_kpa / truth.modulus_pa - 1.0,
             mae_mm: one.mae_mm,
@@ -182,10 +190,12 @@ fn details(
 ) -> String {
     let mut text = String::new();
     let yes = |yes: bool| if yes { "in" } else { "OUT" };
+    let stated_mm = 1e3 * (world.session.rig.entry_m - world.session.rig.guide2_m);
     for (one, truth) in judged.iter().zip(&world.truth) {
+        let [gap_mm, low_mm, high_mm] = one.gap_mm;
         let _ = writeln!(
             text,
-            "{name} {number} {until_mm:.0} mm: load {:.3} N {:+.1} % {}, K {:.1} kPa {:+.1} % {}, gap {:.1} mm {}, error {:.3} mm, bands {}/{}, {seconds:.2} s",
+            "{name} {number} {until_mm:.0} mm: load {:.3} N {:+.1} % {}, K {:.1} kPa {:+.1} % {}, gap {:.1} mm, stated {stated_mm:.1}, found {gap_mm:.1} ({low_mm:.1} to {high_mm:.1}) {}, error {:.3} mm, bands {}/{}, {seconds:.2} s",
             truth.load_n,
             100.0 * one.load_error,
             yes(one.load),
