@@ -1,9 +1,7 @@
-//! The program `guide`: everything is in [`cli`].
+//! The program `guide`: everything is in [`host::cli`].
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
-mod cli;
-
 fn main() -> std::process::ExitCode {
-    cli::main()
+    host::cli::main(std::env::args_os())
 }

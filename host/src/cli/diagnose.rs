@@ -1,10 +1,10 @@
 //! `guide diagnose`: where model and measurement disagree, what is missing, and what adding it is worth.
 
-use super::output::{Output, figures_file, spinner};
+use super::output::{Output, figures_file};
+use crate::figures;
 use anyhow::Context;
 use formats::model_file::ModelFile;
 use formats::session::Session;
-use host::figures;
 use inference::diagnose::display::{channel, quantity, unit};
 use inference::diagnose::{
     Diagnosis, Estimate, FoundEffect, FoundationChoice, HeldOutMisfit, INCOMPRESSIBLE, MeanModulus, Options,
@@ -82,7 +82,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         poisson: args.poisson.or(session.tissue.poisson).unwrap_or(INCOMPRESSIBLE),
         reference: args.reference.as_deref().map(Session::read).transpose()?,
     };
-    let progress = spinner();
+    let progress = out.progress();
     let found = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
     let mut found = found.with_context(|| format!("cannot diagnose {}", args.dir.display()))?;
@@ -90,7 +90,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         found.model().write(path)?;
         found.model_file = Some(path.display().to_string());
     }
-    if let Some(folder) = &args.plots {
+    if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
         if let Some(gap) = &found.gap {
             figures_file(folder, "residuals", &figures::residuals(gap)?, out)?;
             figures_file(folder, "gap", &figures::gap(gap)?, out)?;

@@ -1,13 +1,13 @@
 //! `guide identify`: the tissue's modulus from the lateral runs of a session, every method side by side.
 
 use super::output::{Output, figures_file};
+use crate::figures;
 use anyhow::{Context, ensure};
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser;
 use formats::model_file::ModelFile;
 use formats::prior_file::{ModulusPrior, PriorFile};
 use formats::session::{Labels, Session};
-use host::figures;
 use inference::holds::HoldCriteria;
 use inference::identify::{
     Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NoiseAlone, NuisanceResult,
@@ -143,7 +143,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     warn_of_calibrations(&session, out);
     let result =
         identify(&session, &options).with_context(|| format!("cannot identify {}", args.dir.display()))?;
-    if let Some(folder) = &args.plots {
+    if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
         draw(&result, folder, out)?;
     }
     out.result(&result, Text(&result))?;

@@ -2,6 +2,8 @@
 
 use super::import_shapes::{millimetres, vector};
 use super::output::Output;
+use crate::igtl::live::USUAL_RATE_HZ;
+use crate::igtl::{Live, Scene};
 use anyhow::Context;
 use device::igtl::channel::{Channel, DELAY_RANGE_S, Settings, TIP_DEVICE_NAME};
 use device::igtl::server::ClientChange;
@@ -9,8 +11,6 @@ use device::igtl::{Publisher, server};
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use formats::session::import::Frame;
-use host::igtl::live::USUAL_RATE_HZ;
-use host::igtl::{Live, Scene};
 use inference::identify::{self, identify};
 use mechanics::{Model, Rig};
 use std::net::SocketAddr;

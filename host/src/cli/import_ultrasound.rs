@@ -3,7 +3,7 @@
 mod document;
 
 use super::import_shapes::{self, ShapeArgs};
-use super::output::{Output, spinner};
+use super::output::Output;
 use anyhow::{Context, bail, ensure};
 use document::{Imported, Straight};
 use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup, ShapeSeries, import::name_of, is_file_name};
@@ -146,10 +146,10 @@ pub fn run(
     );
     let settings = args.settings(setup)?;
     let sweeps: Vec<Vec<PathBuf>> = sequences(paths);
-    let straight = straight(args, &settings)?;
+    let straight = straight(args, &settings, out)?;
     let mut measured: Vec<(PathBuf, Sweep, Vec<Deflection>)> = Vec::new();
     for files in &sweeps {
-        let (path, sweep) = one(files, &settings)?;
+        let (path, sweep) = one(files, &settings, out)?;
         if let Some(folder) = &args.overlay {
             overlay(folder, files, &settings, &sweep, out)?;
         }
@@ -214,11 +214,11 @@ fn open(files: &[PathBuf]) -> anyhow::Result<Sequence> {
 }
 
 /// Measures a sequence.
-fn one(files: &[PathBuf], settings: &Settings) -> anyhow::Result<(PathBuf, Sweep)> {
+fn one(files: &[PathBuf], settings: &Settings, out: &Output) -> anyhow::Result<(PathBuf, Sweep)> {
     let path = files.first().cloned().unwrap_or_default();
     let mut sequence = open(files)?;
     let count = sequence.header().count;
-    let progress = spinner();
+    let progress = out.progress();
     let sweep = measure(&mut sequence, settings, |frame| {
         progress.set_message(format!("{}: frame {} of {count}", path.display(), frame + 1));
     });
@@ -228,9 +228,9 @@ fn one(files: &[PathBuf], settings: &Settings) -> anyhow::Result<(PathBuf, Sweep
 }
 
 /// The straight needle from a sweep of its own.
-fn straight(args: &FrameArgs, settings: &Settings) -> anyhow::Result<Option<Straight>> {
+fn straight(args: &FrameArgs, settings: &Settings, out: &Output) -> anyhow::Result<Option<Straight>> {
     let Some(path) = &args.straight else { return Ok(None) };
-    let (path, sweep) = one(std::slice::from_ref(path), settings)?;
+    let (path, sweep) = one(std::slice::from_ref(path), settings, out)?;
     let line = Line::through(&sweep.points()).with_context(|| {
         format!("{}: fewer than 3 points, expected a sweep along the needle", path.display())
     })?;

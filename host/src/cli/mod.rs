@@ -10,8 +10,10 @@
 mod bringup;
 mod calibrate;
 mod calibration;
+mod call;
 mod check;
 mod colour;
+pub mod device;
 mod diagnose;
 mod effects;
 mod identify;
@@ -43,8 +45,11 @@ mod summarize;
 mod tare;
 mod track;
 
+pub use call::{CallError, Called, FailedAt, Kind, call, readable};
+
 use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use output::{Output, StdoutClosed};
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Actuated needle guide: operate the rig, identify the tissue, predict the needle.
@@ -105,56 +110,73 @@ enum Command {
     Man(shell::ManArgs),
 }
 
-/// Runs the sub-command named on the command line and turns its outcome into an exit code.
-pub fn main() -> ExitCode {
-    let command = Cli::command().color(colour::requested(std::env::args_os().skip(1)));
-    let cli = Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit());
+/// Runs the sub-command named on the command line (its first argument is the program's name) and turns its outcome into an exit code.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    ExitCode::from(exit_code(arguments))
+}
+
+/// As [`main()`], for programs that end themselves: 0 done, 1 failed, 2 wrong use.
+pub fn exit_code(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let command = Cli::command().color(colour::requested(arguments.iter().skip(1).cloned()));
+    let parsed = command.try_get_matches_from(arguments).and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = match parsed {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version come this way too; a closed stream is no reason for a message.
+            let _ = error.print();
+            return u8::try_from(error.exit_code()).unwrap_or(2);
+        }
+    };
     let coloured = colour::settle(cli.color);
     let mut out = Output::new(cli.json, coloured);
-    let outcome = match &cli.command {
-        Command::Ports(args) => ports::run(args, &mut out),
-        Command::Bringup(args) => bringup::run(args, &mut out),
-        Command::Status(args) => operate::status(args, &mut out),
-        Command::Monitor(args) => monitor::run(args, &mut out),
-        Command::Home(args) => operate::home(args, &mut out),
-        Command::Tare(args) => tare::run(args, &mut out),
-        Command::Move(args) => operate::move_guide(args, &mut out),
-        Command::Stop(args) => operate::stop(args, &mut out),
-        Command::Clear(args) => operate::clear(args, &mut out),
-        Command::Retreat(args) => operate::retreat(args, &mut out),
-        Command::Limits(args) => limits::run(args, &mut out),
-        Command::Calibration(args) => calibration::run(args, &mut out),
-        Command::Calibrate(args) => calibrate::run(args, &mut out),
-        Command::Record(args) => record::run_record(args, &mut out),
-        Command::Acquire(args) => record::run_acquire(args, &mut out),
-        Command::Info(args) => recordings::run_info(args, &mut out),
-        Command::Recover(args) => recordings::run_recover(args, &mut out),
-        Command::Export(args) => recordings::run_export(args, &mut out),
-        Command::Plan(args) => plan::run(args, &mut out),
-        Command::Relation(args) => relation::run(args, &mut out),
-        Command::Identify(args) => identify::run(args, &mut out),
-        Command::Predict(args) => predict::run(args, &mut out),
-        Command::Diagnose(args) => diagnose::run(args, &mut out),
-        Command::Summarize(args) => summarize::run(args, &mut out),
-        Command::Population(args) => population::run(args, &mut out),
-        Command::Report(args) => report::run(args, &mut out),
-        Command::Serve(args) => serve::run(args, &mut out),
-        Command::Track(args) => track::run(args, &mut out),
-        Command::Steer(args) => steer::run(args, &mut out),
-        Command::Effects(args) => effects::run(args, &mut out),
-        Command::Check(args) => check::run(args, &mut out),
-        Command::Init(args) => init::run(args, &mut out),
-        Command::Simulate(args) => simulate::run(args, &mut out),
-        Command::Import(args) => import::run(args, &mut out),
-        Command::Completions(args) => shell::completions(args, &mut out),
-        Command::Man(args) => shell::man(args, &mut out),
-    };
-    match outcome.and_then(|()| out.finish()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) if error.is::<StdoutClosed>() => ExitCode::SUCCESS,
+    match run(&cli.command, &mut out).and_then(|()| out.finish()) {
+        Ok(()) => 0,
+        Err(error) if error.is::<StdoutClosed>() => 0,
         Err(error) => {
             output::report(&error, coloured);
-            ExitCode::FAILURE
+            1
         }
+    }
+}
+
+fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
+    match command {
+        Command::Ports(args) => ports::run(args, out),
+        Command::Bringup(args) => bringup::run(args, out),
+        Command::Status(args) => operate::status(args, out),
+        Command::Monitor(args) => monitor::run(args, out),
+        Command::Home(args) => operate::home(args, out),
+        Command::Tare(args) => tare::run(args, out),
+        Command::Move(args) => operate::move_guide(args, out),
+        Command::Stop(args) => operate::stop(args, out),
+        Command::Clear(args) => operate::clear(args, out),
+        Command::Retreat(args) => operate::retreat(args, out),
+        Command::Limits(args) => limits::run(args, out),
+        Command::Calibration(args) => calibration::run(args, out),
+        Command::Calibrate(args) => calibrate::run(args, out),
+        Command::Record(args) => record::run_record(args, out),
+        Command::Acquire(args) => record::run_acquire(args, out),
+        Command::Info(args) => recordings::run_info(args, out),
+        Command::Recover(args) => recordings::run_recover(args, out),
+        Command::Export(args) => recordings::run_export(args, out),
+        Command::Plan(args) => plan::run(args, out),
+        Command::Relation(args) => relation::run(args, out),
+        Command::Identify(args) => identify::run(args, out),
+        Command::Predict(args) => predict::run(args, out),
+        Command::Diagnose(args) => diagnose::run(args, out),
+        Command::Summarize(args) => summarize::run(args, out),
+        Command::Population(args) => population::run(args, out),
+        Command::Report(args) => report::run(args, out),
+        Command::Serve(args) => serve::run(args, out),
+        Command::Track(args) => track::run(args, out),
+        Command::Steer(args) => steer::run(args, out),
+        Command::Effects(args) => effects::run(args, out),
+        Command::Check(args) => check::run(args, out),
+        Command::Init(args) => init::run(args, out),
+        Command::Simulate(args) => simulate::run(args, out),
+        Command::Import(args) => import::run(args, out),
+        Command::Completions(args) => shell::completions(args, out),
+        Command::Man(args) => shell::man(args, out),
     }
 }

@@ -2,11 +2,11 @@
 
 use super::output::Output;
 use super::rig_args::{PortArgs, interrupted};
+use crate::screen::{Screen, Settings};
 use anyhow::{Context, bail};
 use device::link::Client;
 use device::monitor::report::Report;
 use device::monitor::{State, UserCommand, Worker};
-use host::screen::{Screen, Settings};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::io::{self, IsTerminal};

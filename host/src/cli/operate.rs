@@ -99,7 +99,13 @@ pub struct ClearArgs {
 /// Runs `guide clear`.
 pub fn clear(args: &ClearArgs, out: &mut Output) -> anyhow::Result<()> {
     let mut client = Client::connect(&args.port.port)?;
-    clear_at_rest(&mut client).or_else(|error| match (&error, client.status()?.fault) {
+    clear_latched(&mut client)?;
+    report_status("guide.clear/1", &mut client, None, Detail::Brief, out)
+}
+
+/// Clears the latched fault; where its cause remains, reports what it is.
+pub(super) fn clear_latched(client: &mut Client) -> anyhow::Result<()> {
+    clear_at_rest(client).or_else(|error| match (&error, client.status()?.fault) {
         (LinkError::Refused { refusal: Refusal::CauseRemains, .. }, Some(fault @ Fault::MotorHot)) => {
             let [x_s, y_s] = client.safety()?.cools_in_s;
             Err(anyhow!("{error}: {}; {} s left", explain_fault(fault), x_s.max(y_s)))
@@ -108,8 +114,7 @@ pub fn clear(args: &ClearArgs, out: &mut Output) -> anyhow::Result<()> {
             Err(anyhow!("{error}: {}", explain_fault(fault)))
         }
         _ => Err(error.into()),
-    })?;
-    report_status("guide.clear/1", &mut client, None, Detail::Brief, out)
+    })
 }
 
 /// Clears the latched fault. An axis that still rolls on after a motion keeps it for a moment.
@@ -178,13 +183,22 @@ impl Display for Retreated {
 
 /// Runs `guide retreat`.
 pub fn retreat(args: &RetreatArgs, out: &mut Output) -> anyhow::Result<()> {
+    let mut client = Client::connect(&args.port.port)?;
+    retreat_from(&mut client, [args.x_mm, args.y_mm], out)
+}
+
+/// Retreats by so many micrometres, or away from the load.
+pub(super) fn retreat_from(
+    client: &mut Client,
+    by_um: [Option<i32>; 2],
+    out: &mut Output,
+) -> anyhow::Result<()> {
     /// Longest that a retreat takes on the slowest simulated rig.
     const LIMIT: Duration = Duration::from_secs(60);
     const POLL: Duration = Duration::from_millis(50);
-    let mut client = Client::connect(&args.port.port)?;
-    let [x_um, y_um] = match (args.x_mm, args.y_mm) {
-        (None, None) => client.away_from_load()?,
-        (x_um, y_um) => [x_um.unwrap_or(0), y_um.unwrap_or(0)],
+    let [x_um, y_um] = match by_um {
+        [None, None] => client.away_from_load()?,
+        [x_um, y_um] => [x_um.unwrap_or(0), y_um.unwrap_or(0)],
     };
     client.request(Request::Retreat { x_um, y_um })?;
     let began = Instant::now();

@@ -5,6 +5,7 @@ use anyhow::Context;
 use formats::files;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use std::cell::RefCell;
 use std::fmt::Display;
 use std::fs;
 use std::io::{self, BufWriter, ErrorKind, Stdout, Write};
@@ -21,13 +22,68 @@ pub struct Output {
     json: bool,
     /// Whether standard error is coloured; results never are.
     coloured: bool,
-    stdout: BufWriter<Stdout>,
+    sink: Sink,
+}
+
+/// Where results, remarks and figures go.
+enum Sink {
+    /// To the streams of this process, figures to files.
+    Process(BufWriter<Stdout>),
+    /// To the caller.
+    Memory(Memory),
+}
+
+/// What a sub-command has written for its caller.
+pub struct Memory {
+    pub document: Vec<u8>,
+    pub notes: RefCell<Vec<String>>,
+    /// Names and SVG texts.
+    pub figures: RefCell<Vec<(String, String)>>,
+    /// Called with the name of every step of a long computation.
+    pub on_step: Box<dyn Fn(&str)>,
 }
 
 impl Output {
     /// Streams of this process; `json` is the user's choice of form, `coloured` whether remarks are.
     pub fn new(json: bool, coloured: bool) -> Self {
-        Self { json, coloured, stdout: BufWriter::new(io::stdout()) }
+        Self { json, coloured, sink: Sink::Process(BufWriter::new(io::stdout())) }
+    }
+
+    /// Everything is kept for the caller, the result as JSON.
+    pub fn to_memory(on_step: Box<dyn Fn(&str)>) -> Self {
+        let memory = Memory { on_step, ..Memory::empty() };
+        Self { json: true, coloured: false, sink: Sink::Memory(memory) }
+    }
+
+    /// What was kept for the caller.
+    pub fn into_memory(self) -> Option<Memory> {
+        match self.sink {
+            Sink::Process(_) => None,
+            Sink::Memory(memory) => Some(memory),
+        }
+    }
+
+    fn stdout(&mut self) -> &mut dyn Write {
+        match &mut self.sink {
+            Sink::Process(stdout) => stdout,
+            Sink::Memory(memory) => &mut memory.document,
+        }
+    }
+
+    /// Whether figures are drawn: the folder requested for them; for a caller always, without a folder.
+    pub fn figures_folder<'a>(&self, requested: Option<&'a Path>) -> Option<&'a Path> {
+        match self.sink {
+            Sink::Process(_) => requested,
+            Sink::Memory(_) => Some(requested.unwrap_or(Path::new(""))),
+        }
+    }
+
+    /// Reports the steps of a long computation: on a terminal's standard error, or to the caller.
+    pub fn progress(&self) -> Progress<'_> {
+        match &self.sink {
+            Sink::Process(_) => Progress::Bar(spinner()),
+            Sink::Memory(memory) => Progress::Call(&*memory.on_step),
+        }
     }
 
     /// Whether the user wants documents for machines.
@@ -37,41 +93,87 @@ impl Output {
 
     /// Prints the result in the form that was requested.
     pub fn result(&mut self, result: &impl Serialize, text: impl Display) -> anyhow::Result<()> {
-        let written = if self.json {
-            serde_json::to_writer_pretty(&mut self.stdout, result)
+        let (json, stdout) = (self.json, self.stdout());
+        let written = if json {
+            serde_json::to_writer_pretty(&mut *stdout, result)
                 .map_err(io::Error::from)
-                .and_then(|()| writeln!(self.stdout))
+                .and_then(|()| writeln!(stdout))
         } else {
-            write!(self.stdout, "{text}")
+            write!(stdout, "{text}")
         };
         written.map_err(closed)
     }
 
     /// Prints one of many results at once: a line of text, or a document on one line.
     pub fn line(&mut self, result: &impl Serialize, text: impl Display) -> anyhow::Result<()> {
-        let written = if self.json {
-            serde_json::to_writer(&mut self.stdout, result)
+        let (json, stdout) = (self.json, self.stdout());
+        let written = if json {
+            serde_json::to_writer(&mut *stdout, result)
                 .map_err(io::Error::from)
-                .and_then(|()| writeln!(self.stdout))
+                .and_then(|()| writeln!(stdout))
         } else {
-            write!(self.stdout, "{text}")
+            write!(stdout, "{text}")
         };
-        written.and_then(|()| self.stdout.flush()).map_err(closed)
+        written.and_then(|()| stdout.flush()).map_err(closed)
     }
 
     /// Prints a note beside the result; a closed standard error is ignored.
     pub fn note(&self, text: impl Display) {
-        remark(&text.to_string(), self.coloured);
+        match &self.sink {
+            Sink::Process(_) => remark(&text.to_string(), self.coloured),
+            Sink::Memory(memory) => memory.notes.borrow_mut().push(text.to_string()),
+        }
     }
 
     /// Writes out what is still buffered.
     pub fn finish(&mut self) -> anyhow::Result<()> {
-        self.stdout.flush().map_err(closed)
+        self.stdout().flush().map_err(closed)
     }
 }
 
-/// Writes a figure and reports its path. The name may hold anything; a file name may not.
+impl Memory {
+    /// Nothing was written.
+    pub fn empty() -> Self {
+        Self {
+            document: Vec::new(),
+            notes: RefCell::default(),
+            figures: RefCell::default(),
+            on_step: Box::new(|_| {}),
+        }
+    }
+}
+
+/// Steps of a long computation.
+pub enum Progress<'a> {
+    /// A line on standard error.
+    Bar(ProgressBar),
+    /// Calls of the caller's function.
+    Call(&'a dyn Fn(&str)),
+}
+
+impl Progress<'_> {
+    /// Reports what is under way now.
+    pub fn set_message(&self, step: String) {
+        match self {
+            Self::Bar(bar) => bar.set_message(step),
+            Self::Call(call) => call(&step),
+        }
+    }
+
+    /// Removes the line.
+    pub fn finish_and_clear(&self) {
+        if let Self::Bar(bar) = self {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Writes a figure and reports its path, or keeps it for the caller. The name may hold anything; a file name may not.
 pub fn figures_file(folder: &Path, name: &str, svg: &str, out: &Output) -> anyhow::Result<()> {
+    if let Sink::Memory(memory) = &out.sink {
+        memory.figures.borrow_mut().push((name.to_owned(), svg.to_owned()));
+        return Ok(());
+    }
     fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     let name: String = name.chars().map(|c| if plain(c) { c } else { '_' }).collect();
@@ -86,7 +188,7 @@ pub fn write_file(path: &Path, content: &str) -> anyhow::Result<()> {
 }
 
 /// A line on standard error that reports progress, on terminals only.
-pub fn spinner() -> ProgressBar {
+fn spinner() -> ProgressBar {
     let bar = ProgressBar::new_spinner();
     if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}") {
         bar.set_style(style);

@@ -2,10 +2,10 @@
 
 use super::identify::nuisance;
 use super::output::{Output, write_file};
+use crate::figures;
 use anyhow::{Context, bail, ensure};
 use formats::prior_file::PriorFile;
 use formats::session::{FoundationKind, Labels, Setup};
-use host::figures;
 use inference::diagnose::INCOMPRESSIBLE;
 use inference::plan::{Choice, Limits, Plan, PlanInput, plan};
 use inference::prior::PriorResult;

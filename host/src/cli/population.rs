@@ -1,8 +1,8 @@
 //! `guide population`: what many sessions have in common, and what is unusual.
 
-use super::output::{Output, figures_file, spinner, write_file};
+use super::output::{Output, figures_file, write_file};
+use crate::figures;
 use anyhow::Context;
-use host::figures;
 use population::{Options, analyse, prior_toml, read_summaries};
 use std::path::PathBuf;
 
@@ -35,12 +35,12 @@ pub struct Args {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let progress = spinner();
-    progress.set_message("records are read");
+    let progress = out.progress();
+    progress.set_message("records are read".to_owned());
     let summaries = read_summaries(&args.files);
     let options =
         Options { by: args.by.clone(), nested: args.nested.clone(), covariates: args.covariate.clone() };
-    progress.set_message("effects and groups are compared");
+    progress.set_message("effects and groups are compared".to_owned());
     let found = summaries.and_then(|summaries| analyse(summaries, &options));
     progress.finish_and_clear();
     let found = found.context("cannot analyse the population")?;
@@ -48,7 +48,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         write_file(path, &prior_toml(&found))?;
         out.note(format_args!("writing {}", path.display()));
     }
-    if let Some(folder) = &args.plots {
+    if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
         for (name, svg) in figures::population(&found)? {
             figures_file(folder, &name, &svg, out)?;
         }

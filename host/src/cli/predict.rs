@@ -2,10 +2,10 @@
 
 use super::identify::modulus_prior;
 use super::output::{Output, figures_file};
+use crate::figures;
 use anyhow::{Context, ensure};
 use formats::model_file::ModelFile;
 use formats::session::Session;
-use host::figures;
 use inference::predict::{InsertionResult, Options, Prediction, PredictionPrior, predict};
 use mechanics::effects::{EFFECTS, Effect, effect};
 use std::fmt::{self, Display};
@@ -118,7 +118,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let result =
         predict(&session, &options).with_context(|| format!("cannot predict {}", args.dir.display()))?;
-    if let Some(folder) = &args.plots {
+    if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
         draw(&result, folder, out)?;
     }
     out.result(&result, Text { result: &result, compare: args.compare })

@@ -3,13 +3,13 @@
 use super::igtl::{PublishArgs, TrackerArgs};
 use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
+use crate::igtl::Live;
 use anyhow::{Context, bail};
 use device::link::{Batch, Client, Program, Telemetry};
 use device::record::{AcquisitionObserver, Recorded, Recorder, Ultrasound, acquire, provenance};
 use device::recording::{RawFile, RawRecorder, RecordingInfo};
 use device::sweep::Sweep;
 use formats::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup};
-use host::igtl::Live;
 use indicatif::{ProgressBar, ProgressStyle};
 use inference::holds::{HoldCriteria, UnusedPart, summary, unused};
 use protocol::{Request, Step};

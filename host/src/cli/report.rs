@@ -1,10 +1,10 @@
 //! `guide report`: one HTML file with everything that the analyses say of a session, for the lab notebook.
 
-use super::output::{Output, spinner, write_file};
+use super::output::{Output, write_file};
+use crate::report::{Analyses, Day, Options, Origin, Outcome, Report};
 use anyhow::ensure;
 use formats::model_file::ModelFile;
 use formats::session::Session;
-use host::report::{Analyses, Day, Options, Origin, Outcome, Report};
 use inference::diagnose::Verdict;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -42,7 +42,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let models: Vec<PathBuf> = args.model.iter().cloned().collect();
     let origin = Origin::of(&session, &models, command(args), args.date.unwrap_or_default())?;
 
-    let progress = spinner();
+    let progress = out.progress();
     let options = Options { until_m: 1e-3 * args.until, model };
     let analyses = Analyses::of(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();

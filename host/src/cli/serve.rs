@@ -3,13 +3,13 @@
 use super::igtl::{RateArgs, USUAL, set_tissue_model};
 use super::output::Output;
 use super::rig_args::interrupted;
+use crate::igtl::{Live, Scene, live};
 use anyhow::{Context, bail};
 use device::igtl::Message;
 use device::link::{Client, Telemetry};
 use device::monitor::{Event, Worker};
 use formats::model_file::ModelFile;
 use formats::session::{DEPTH_RANGE_MM, Session};
-use host::igtl::{Live, Scene, live};
 use inference::identify::{self, Identification, YoungsBy, identify};
 use inference::predict::{self, predict};
 use mechanics::continuum::Contact;

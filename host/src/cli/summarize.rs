@@ -1,6 +1,6 @@
 //! `guide summarize`: one record per session, for statistics over many.
 
-use super::output::{Output, spinner, write_file};
+use super::output::{Output, write_file};
 use anyhow::{Context, ensure};
 use inference::summarize;
 use population::Summary;
@@ -57,7 +57,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     for dir in &args.dirs {
         ensure!(known.insert(dir), "{}: named twice, expected each session once", dir.display());
     }
-    let progress = spinner();
+    let progress = out.progress();
     let mut text = String::new();
     let mut records = Vec::new();
     for (number, dir) in args.dirs.iter().enumerate() {

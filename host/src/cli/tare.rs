@@ -3,8 +3,8 @@
 use super::output::Output;
 use super::rig_args::{ForceLimitArgs, PortArgs, StartArgs, run_step};
 use anyhow::{Context, anyhow};
-use device::link::Telemetry;
 use device::link::program::milliseconds;
+use device::link::{Client, Telemetry};
 use device::tare::TareQuality;
 use protocol::{EventKind, Step, UNIQUE_CODES};
 use serde::Serialize;
@@ -116,6 +116,11 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let duration_ms = milliseconds(args.duration_s).map_err(|problem| anyhow!("--duration-s: {problem}"))?;
     let limit = ForceLimitArgs::default();
     let (client, received) = run_step(&args.port, args.start, limit, "tare", Step::Tare { duration_ms })?;
+    report_tare(&client, &received, out)
+}
+
+/// Reports the tare that was received.
+pub(super) fn report_tare(client: &Client, received: &[Telemetry], out: &mut Output) -> anyhow::Result<()> {
     let tared = received.iter().find_map(|telemetry| match telemetry {
         Telemetry::Event(event) => match event.kind {
             EventKind::Tared(tare) => Some(tare),
@@ -124,6 +129,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         Telemetry::Samples(_) | Telemetry::Status(_) => None,
     });
     let tare = tared.context("the tare was done, but its result was not received; tare again")?;
-    let tared = Tared::new(&TareQuality::new(&client, &tare));
+    let tared = Tared::new(&TareQuality::new(client, &tare));
     out.result(&tared, &tared)
 }

@@ -2,9 +2,9 @@
 
 use super::live::{self, LiveArgs};
 use super::output::{Output, figures_file};
+use crate::figures;
 use anyhow::{Context, bail, ensure};
 use formats::session::Session;
-use host::figures;
 use inference::track::results::{Errors, LayersResult, TrackResult, Tracking};
 use inference::track::{Options, track};
 use std::fmt::{self, Display};
@@ -50,7 +50,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         return live::run(&args.live, &session, &options, out);
     }
     let result = track(&session, &options).with_context(|| format!("cannot track {}", args.dir.display()))?;
-    if let Some(folder) = &args.plots {
+    if let Some(folder) = out.figures_folder(args.plots.as_deref()) {
         for run in result.runs.iter().filter(|run| !run.depth_mm.is_empty()) {
             figures_file(folder, &format!("{}.track", run.id), &figures::steering(run)?, out)?;
         }

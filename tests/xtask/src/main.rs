@@ -7,6 +7,7 @@
 mod build;
 mod check;
 mod setup;
+mod wheel;
 mod words;
 
 use anyhow::{Result, bail};
@@ -44,6 +45,7 @@ const TASKS: [(&str, Needs, &str); 17] = [
         Needs::Here,
         "Install what is missing: the microcontroller's Rust target, QEMU (--no-install: only name it)",
     ),
+    ("wheel", Needs::Here, "Build the Python wheel and test it in a fresh virtual environment"),
     (
         "bench",
         Needs::Nothing,
@@ -126,7 +128,7 @@ fn help() -> String {
 fn run(name: &str, needs: Needs, arguments: &[OsString]) -> Result<ExitCode> {
     let wants_help = arguments.iter().any(|argument| argument == "--help" || argument == "-h");
     match needs {
-        _ if wants_help && !["test", "lint", "setup", "study"].contains(&name) => {}
+        _ if wants_help && !["test", "lint", "setup", "study", "wheel"].contains(&name) => {}
         Needs::Target => setup::ensure_target()?,
         Needs::Qemu => setup::ensure_all()?,
         Needs::Nothing => {}
@@ -144,6 +146,11 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
             build::system("demo", arguments)
         }
         "study" => build::study(arguments),
+        "wheel" if arguments.iter().any(|argument| argument == "--help" || argument == "-h") => {
+            print!("{}", wheel::HELP);
+            Ok(ExitCode::SUCCESS)
+        }
+        "wheel" => wheel::wheel(arguments).map(|()| ExitCode::SUCCESS),
         "setup" => {
             let only_name = arguments == ["--no-install"];
             if !only_name && !arguments.is_empty() {

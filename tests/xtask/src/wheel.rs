@@ -1,0 +1,140 @@
+//! `cargo xtask wheel`: builds the Python wheel and tests it in a fresh virtual environment.
+//!
+//! What is needed from PyPI (maturin, pytest and what the tests name) goes into environments below `target/wheel`; nothing is installed
+//! elsewhere.
+
+use crate::build::{cargo, root, target_dir};
+use anyhow::{Context, Result, bail, ensure};
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// First Python that the wheel works with.
+const PYTHON_NEEDED: (u32, u32) = (3, 10);
+/// Where pip finds the program that builds wheels.
+const MATURIN: &str = "maturin>=1.9,<2";
+
+/// Help of the task.
+pub const HELP: &str = "Build the Python wheel and test it in a fresh virtual environment\n\n\
+    Usage: cargo xtask wheel [--debug] [--no-test]\n\n\
+    Options:\n  \
+      --debug    Build with the profile of tests: quickly, and slow to run\n  \
+      --no-test  Only build\n\n\
+    The wheel is written to target/wheel/dist. PYTHON names the interpreter (default: python3), 3.10 or later.\n";
+
+/// Runs the task.
+///
+/// # Errors
+/// Where there is no Python, or anything fails.
+pub fn wheel(arguments: &[OsString]) -> Result<()> {
+    let (mut profile, mut test) = ("release", true);
+    for argument in arguments {
+        match argument.to_str() {
+            Some("--debug") => profile = "dev",
+            Some("--no-test") => test = false,
+            _ => bail!("wheel: unknown option {}, expected --debug or --no-test", argument.display()),
+        }
+    }
+    let python = python()?;
+    let folder = target_dir().join("wheel");
+    let built = build(&python, &folder, profile)?;
+    eprintln!("xtask: {}, {} kB", built.display(), fs::metadata(&built)?.len() / 1000);
+    if test { check(&python, &folder, &built) } else { Ok(()) }
+}
+
+/// The interpreter.
+fn python() -> Result<PathBuf> {
+    let name = std::env::var_os("PYTHON").unwrap_or_else(|| "python3".into());
+    let (major, minor) = PYTHON_NEEDED;
+    let version = format!("import sys; sys.exit(sys.version_info < ({major}, {minor}))");
+    let good = Command::new(&name).args(["-c", &version]).stderr(Stdio::null()).status();
+    ensure!(
+        good.is_ok_and(|status| status.success()),
+        "{}: is not there or too old, expected Python {major}.{minor} or later with venv (PYTHON names another)",
+        name.display()
+    );
+    Ok(name.into())
+}
+
+/// Builds the wheel and returns its path.
+fn build(python: &Path, folder: &Path, profile: &str) -> Result<PathBuf> {
+    let tools = folder.join("tools");
+    if !tools.join("bin/maturin").exists() {
+        environment(python, &tools)?;
+        pip(&tools, &[MATURIN.into()])?;
+    }
+    let dist = folder.join("dist");
+    // One wheel is in there: the one that is tested.
+    remove(&dist)?;
+    let manifest = root().join("host/python/Cargo.toml");
+    let mut maturin = Command::new(tools.join("bin/maturin"));
+    maturin
+        .args(["build", "--locked", "--profile", profile, "--manifest-path"])
+        .arg(manifest)
+        .arg("--out")
+        .arg(&dist);
+    maturin.arg("--interpreter").arg(python).env("CARGO_TARGET_DIR", target_dir());
+    run(&mut maturin)?;
+    let wheels = fs::read_dir(&dist)?.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    let [wheel] = wheels.as_slice() else { bail!("{}: expected one wheel", dist.display()) };
+    Ok(wheel.clone())
+}
+
+/// Tests, documentation examples, types and stubs of an installed wheel.
+fn check(python: &Path, folder: &Path, wheel: &Path) -> Result<()> {
+    cargo(&["build", "--package", "fake-device", "--example", "fake_device"])?;
+    let fresh = folder.join("fresh");
+    remove(&fresh)?;
+    environment(python, &fresh)?;
+    pip(&fresh, &[format!("{}[test]", wheel.display()).into()])?;
+    let source = root().join("host/python");
+    let program = |name: &str| fresh.join("bin").join(name);
+    let device = target_dir().join("debug/examples/fake_device");
+    let installed = Command::new(program("python"))
+        .args(["-c", "import needle_guide, os; print(os.path.dirname(needle_guide.__file__))"])
+        .output()
+        .context("cannot run the interpreter")?;
+    let installed = String::from_utf8_lossy(&installed.stdout).trim().to_owned();
+    ensure!(!installed.is_empty(), "the wheel cannot be imported");
+    // Beside the sources the package would be found there, without its compiled part.
+    run(Command::new(program("pytest"))
+        .arg(source.join("tests"))
+        .args(["--doctest-modules", &installed, "-p", "no:cacheprovider"])
+        .arg("--rootdir")
+        .arg(source.join("tests"))
+        .current_dir(folder)
+        .env("NEEDLE_GUIDE_FAKE_DEVICE", device))?;
+    run(Command::new(program("mypy")).args(["--strict", "-p", "needle_guide"]).current_dir(folder))?;
+    run(Command::new(program("stubtest")).args(["needle_guide._core"]).current_dir(folder))?;
+    run(Command::new(program("pyright"))
+        .arg("--project")
+        .arg(source.join("pyproject.toml"))
+        .arg("--pythonpath")
+        .arg(program("python")))
+}
+
+fn environment(python: &Path, folder: &Path) -> Result<()> {
+    eprintln!("xtask: virtual environment {}", folder.display());
+    run(Command::new(python).args(["-m", "venv"]).arg(folder))
+}
+
+fn pip(folder: &Path, packages: &[OsString]) -> Result<()> {
+    run(Command::new(folder.join("bin/pip")).args(["install", "--quiet"]).args(packages))
+}
+
+fn remove(folder: &Path) -> Result<()> {
+    match fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot remove", folder.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn run(command: &mut Command) -> Result<()> {
+    let name = command.get_program().to_owned();
+    let status = command.status().with_context(|| format!("cannot run {}", name.display()))?;
+    ensure!(status.success(), "{} failed", name.display());
+    Ok(())
+}
