@@ -1,19 +1,25 @@
-//! `guide steer`: brings a needle to a target, step by step, through a plant of someone else.
+//! `guide steer`: brings a needle to a target, step by step, through a plant of someone else or the device.
 
 use super::output::Output;
+use super::rig_args::{ForceLimitArgs, StartArgs, interrupted};
 use anyhow::{Context, anyhow, bail, ensure};
+use device::link::Client;
+use device::steer::RigPlant;
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::fs::{self, File, OpenOptions};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use steering::{Event, Options, Outcome, Plant, ProcessPlant, Record, ReplayPlant, Run, SteerError, steer};
+use std::sync::atomic::AtomicBool;
+use steering::{
+    Event, Options, Outcome, Plant, ProcessPlant, Record, Recorded, ReplayPlant, Run, SteerError, steer,
+};
 
 /// Steer a needle to a target: push, estimate tissue and tip, plan and make guide moves at stops, supervise, record
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide steer run1 --plant 'python3 plant.py' --target-mm=3,-2,100\n  guide steer --replay \
-                        run1/steer.jsonl --json"
+    after_help = "Example:\n  guide steer run1 --plant 'python3 plant.py' --target-mm=3,-2,100\n  guide steer run1 --port \
+                  /dev/ttyACM0 --tip 'python3 stage.py' --target-mm=3,-2,100\n  guide steer --replay run1/steer.jsonl --json"
 )]
 pub struct Args {
     /// Folder for the record of the run (steer.jsonl, or the next free name); made where it is missing
@@ -21,8 +27,20 @@ pub struct Args {
     dir: Option<PathBuf>,
     /// Program that stands for rig, needle and tissue, with its arguments: one JSON object a line on its standard input and output
     /// (needle/1)
-    #[arg(long, value_name = "COMMAND", conflicts_with = "replay", required_unless_present = "replay")]
+    #[arg(long, value_name = "COMMAND", conflicts_with = "replay", required_unless_present_any = ["replay", "port"])]
     plant: Option<String>,
+    /// Serial port of the device that moves guide 2, as `guide ports` lists it
+    #[arg(long, value_name = "PORT", conflicts_with_all = ["replay", "plant"], requires = "tip")]
+    port: Option<String>,
+    /// Program that pushes the needle and reads its tip, where guide 2 is moved by the device: needle/1 without the guide
+    #[arg(long, value_name = "COMMAND", requires = "port")]
+    tip: Option<String>,
+    /// Use the nominal calibration, that of the rig as designed, where the device has none stored (until its next
+    /// start)
+    #[arg(long, requires = "port")]
+    nominal: bool,
+    #[command(flatten)]
+    force_limit: ForceLimitArgs,
     /// Target: across the needle's axis, and its depth beyond the surface, millimetres
     #[arg(long, value_name = "X,Y,DEPTH", value_parser = target, allow_hyphen_values = true, required_unless_present = "replay", conflicts_with = "replay")]
     target_mm: Option<[f64; 3]>,
@@ -77,8 +95,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Some(file) = &args.replay {
         return replay(file, out);
     }
-    let (Some(dir), Some(plant), Some(target_mm)) = (&args.dir, &args.plant, args.target_mm) else {
-        bail!("expected DIR, --plant and --target-mm, or --replay");
+    let (Some(dir), Some(target_mm)) = (&args.dir, args.target_mm) else {
+        bail!("expected DIR, --target-mm and --plant, or --port and --tip, or --replay");
     };
     let in_range = |name: &str, value: f64, [least, most]: [f64; 2]| {
         ensure!((least..=most).contains(&value), "{name}: {value}, expected {least} to {most}");
@@ -86,8 +104,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     in_range("--rest-every-mm", args.rest_every_mm, [1.0, 20.0])?;
     in_range("--push-speed-mm-s", args.push_speed_mm_s, [0.1, 100.0])?;
-    let words = shlex::split(plant).filter(|words| !words.is_empty());
-    let words = words.ok_or_else(|| anyhow!("--plant: `{plant}` is no command"))?;
+    let driver = Driver::new(args)?;
     let options = Options {
         rest_every_mm: args.rest_every_mm,
         push_speed_mm_s: args.push_speed_mm_s,
@@ -99,13 +116,68 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     record.note("options", &options);
     // What a replay reads, to the last bit.
     let options = serde_json::from_str(&serde_json::to_string(&options)?)?;
-    let started = ProcessPlant::start(&words[0], &words[1..], record.clone());
-    let outcome =
-        started.map_err(SteerError::from).and_then(|mut plant| carry_out(&mut plant, &options, &record));
+    let outcome = driver.carry_out(&options, &record);
     if let Some(problem) = record.failed() {
         out.note(format_args!("warning: {}: the record is not complete: {problem}", path.display()));
     }
     report(outcome, &options, Some(&path), false, out)
+}
+
+/// What is steered.
+struct Driver {
+    /// Program of the plant, or of the needle's side.
+    words: Vec<String>,
+    /// The device that moves guide 2, where the plant does not.
+    client: Option<Client>,
+    interrupted: &'static AtomicBool,
+}
+
+impl Driver {
+    /// Connects to the device, where there is one. Nothing has moved yet.
+    fn new(args: &Args) -> anyhow::Result<Self> {
+        let (option, command) = match (&args.plant, &args.tip) {
+            (Some(plant), _) => ("--plant", plant),
+            (None, Some(tip)) => ("--tip", tip),
+            (None, None) => bail!("expected --plant, or --port and --tip"),
+        };
+        let words = shlex::split(command).filter(|words| !words.is_empty());
+        let words = words.ok_or_else(|| anyhow!("{option}: `{command}` is no command"))?;
+        let interrupted = interrupted()?;
+        let client = match &args.port {
+            Some(port) => {
+                let mut client = Client::connect(port)?;
+                StartArgs { at_s: None, nominal: args.nominal }.acknowledge(&mut client)?;
+                ensure!(
+                    client.safety()?.tared,
+                    "the force was not tared since the device started, so that the force limit counts from the calibration's zero: run \
+                     `guide tare` with the needle unloaded first"
+                );
+                args.force_limit.set(&mut client)?;
+                Some(client)
+            }
+            None => None,
+        };
+        Ok(Self { words, client, interrupted })
+    }
+
+    /// Steers; what passes between controller and plant is recorded.
+    fn carry_out(self, options: &Options, record: &Record) -> Result<Run, SteerError> {
+        let Self { words, client, interrupted } = self;
+        let (program, arguments) = words.split_first().map_or(("", &[][..]), |(first, rest)| (first, rest));
+        match client {
+            None => {
+                let mut plant = ProcessPlant::start(program, arguments, record.clone(), interrupted)?;
+                carry_out(&mut plant, options, record)
+            }
+            Some(client) => {
+                // The lines of the whole are recorded, not those of its needle's side.
+                let needle = ProcessPlant::start(program, arguments, Record::default(), interrupted)
+                    .map_err(|error| record.failure(error))?;
+                let plant = RigPlant::new(client, needle, interrupted);
+                carry_out(&mut Recorded { plant, record: record.clone() }, options, record)
+            }
+        }
+    }
 }
 
 /// The first free name in a folder: runs are never overwritten, also where several are made at once.

@@ -28,6 +28,8 @@ const SHARE_THAT_STOPS: f64 = 0.85;
 const SMALLEST_MOVE_MM: f64 = 0.02;
 /// Silence of the tip sensor while the needle is pushed that leads to a hold, and what is then waited, s of the plant.
 const SILENCE_S: f64 = 2.0;
+/// Difference of commanded and reported depth beyond which the needle is not where it was pushed: it was let go, or it is stuck, mm.
+const DEPTH_ERROR_MM: f64 = 2.0;
 
 /// A plan that misses by less never stops a run, mm.
 const MISS_THAT_STOPS_MM: f64 = 2.0;
@@ -107,6 +109,37 @@ pub enum SteerError {
         /// Depth.
         depth_mm: f64,
     },
+    /// The same reading again and again.
+    #[error(
+        "the last {count} tip readings are the same to the digit: the tracker repeats its last value; is its view blocked?"
+    )]
+    TipFrozen {
+        /// How many.
+        count: usize,
+    },
+    /// Readings that were taken long before they arrive.
+    #[error(
+        "{count} tip readings in series are too old (the last {age_s:.1} s, where the plant states {stated_s:.1} s): the tracker or the \
+         connection to it lags"
+    )]
+    TipLate {
+        /// How many.
+        count: usize,
+        /// Age of the last, s.
+        age_s: f64,
+        /// Stated delay, s.
+        stated_s: f64,
+    },
+    /// The needle does not follow.
+    #[error(
+        "the needle is {reported_mm:.1} mm deep, expected {commanded_mm:.1} mm: was it let go, or is it stuck?"
+    )]
+    NeedleOffDepth {
+        /// Commanded, mm.
+        commanded_mm: f64,
+        /// Reported, mm.
+        reported_mm: f64,
+    },
     /// No reading of the tip.
     #[error(
         "no new valid tip reading for {silence_s:.1} s while the needle was pushed and {waited_s:.1} s at rest"
@@ -127,6 +160,9 @@ impl SteerError {
             Self::Model(_) => "model",
             Self::Target { .. } => "target",
             Self::TipOutsideBand { .. } => "tip_outside_band",
+            Self::TipFrozen { .. } => "tip_frozen",
+            Self::TipLate { .. } => "tip_late",
+            Self::NeedleOffDepth { .. } => "needle_off_depth",
             Self::TipSilent { .. } => "tip_silent",
         }
     }
@@ -231,7 +267,7 @@ impl<'a> Controller<'a> {
             on_event,
             laws,
             history,
-            readings: Readings::new(1e-3 * stated.tip_noise_mm, stated.tip_delay_s),
+            readings: Readings::new(1e-3 * stated.tip_noise_mm, stated.tip_delay_s, 1.0 / stated.tip_rate_hz),
             expected,
             last: Command { bevel_deg: stated.bevel_deg, ..Command::default() },
             zero_force: ([0.0; 2], 0.0),

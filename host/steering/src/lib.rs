@@ -76,7 +76,7 @@ mod tables;
 mod unknowns;
 
 pub use controller::{Options, SteerError, steer};
-pub use plant::{Plant, PlantError};
+pub use plant::{DeviceFault, Plant, PlantError};
 pub use process::ProcessPlant;
 pub use protocol::{
     Answer, Command, Done, End, LimitViolations, Limits, NeedleStatement, PriorStatement, RigStatement,

@@ -12,6 +12,7 @@ pub mod demo;
 pub mod fuzz;
 pub mod fuzzed;
 pub mod images;
+pub mod needle;
 mod numbers;
 pub mod panics;
 pub mod peers;

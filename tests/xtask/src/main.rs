@@ -27,7 +27,7 @@ enum Needs {
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 16] = [
+const TASKS: [(&str, Needs, &str); 17] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",
@@ -84,6 +84,11 @@ const TASKS: [(&str, Needs, &str); 16] = [
     ("timing", Needs::Qemu, "Run the control core on the target: instructions per control period"),
     ("rig", Needs::Qemu, "Start the firmware in QEMU with a simulated rig and leave it running for `guide`"),
     ("sweep", Needs::Nothing, "Print one ultrasound sweep of a simulated rig as CSV"),
+    (
+        "needle",
+        Needs::Nothing,
+        "Push a simulated needle as a plant of `guide steer --port PORT --tip`, whose guide 2 is that of a rig",
+    ),
 ];
 
 fn main() -> ExitCode {

@@ -14,3 +14,4 @@ mod program;
 mod readme;
 mod registers;
 mod rig_matches;
+mod steer;

@@ -176,6 +176,7 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
             guide2_to_surface_mm: gap_mm,
             move_while_pushing: false,
             can_rotate: true,
+            guide_moves_in_one_step: false,
         },
         limits: Limits {
             guide_travel_mm: 6.0,
