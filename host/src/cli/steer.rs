@@ -12,14 +12,15 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use steering::{
-    Event, Options, Outcome, Plant, ProcessPlant, Record, Recorded, ReplayPlant, Run, SteerError, steer,
+    Cue, Event, Options, Outcome, Plant, ProcessPlant, Record, Recorded, ReplayPlant, Run, SteerError, steer,
 };
 
 /// Steer a needle to a target: push, estimate tissue and tip, plan and make guide moves at stops, supervise, record
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide steer run1 --plant 'python3 plant.py' --target-mm=3,-2,100\n  guide steer run1 --port \
-                  /dev/ttyACM0 --tip 'python3 stage.py' --target-mm=3,-2,100\n  guide steer --replay run1/steer.jsonl --json"
+                  /dev/ttyACM0 --tip 'python3 stage.py' --target-mm=3,-2,100\n  guide steer run1 --plant 'python3 tracker.py' \
+                  --advise --target-mm=3,-2,100\n  guide steer --replay run1/steer.jsonl --json"
 )]
 pub struct Args {
     /// Folder for the record of the run (steer.jsonl, or the next free name); made where it is missing
@@ -53,6 +54,12 @@ pub struct Args {
     /// Speed of pushing, millimetres a second, within what the plant allows
     #[arg(long, value_name = "MM/S", default_value_t = 4.0, conflicts_with = "replay")]
     push_speed_mm_s: f64,
+    /// Turn the needle at most this often instead of moving guide 2: 0, 1 or 2; 2 with --advise
+    #[arg(long, value_name = "N", conflicts_with_all = ["replay", "port"])]
+    rotations: Option<usize>,
+    /// For a needle that is held by hand: print what to do next, each time as it is decided; guide 2 is not moved
+    #[arg(long, conflicts_with_all = ["replay", "port", "unsteered"])]
+    advise: bool,
     /// Push and estimate without moving guide 2
     #[arg(long, conflicts_with = "replay")]
     unsteered: bool,
@@ -84,6 +91,14 @@ struct Document<'a> {
     run: Option<&'a Run>,
 }
 
+/// The document of a cue, on one line.
+#[derive(Serialize)]
+struct CueDocument {
+    schema: &'static str,
+    #[serde(flatten)]
+    cue: Cue,
+}
+
 #[derive(Serialize, Clone)]
 struct Fault {
     name: &'static str,
@@ -104,11 +119,15 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     in_range("--rest-every-mm", args.rest_every_mm, [1.0, 20.0])?;
     in_range("--push-speed-mm-s", args.push_speed_mm_s, [0.1, 100.0])?;
+    let rotations = args.rotations.unwrap_or(if args.advise { 2 } else { 0 });
+    let least = usize::from(args.advise);
+    ensure!((least..=2).contains(&rotations), "--rotations: {rotations}, expected {least} to 2");
     let driver = Driver::new(args)?;
     let options = Options {
         rest_every_mm: args.rest_every_mm,
         push_speed_mm_s: args.push_speed_mm_s,
         steered: !args.unsteered,
+        rotations,
         ..Options::new(target_mm)
     };
     let (file, path) = create(dir)?;
@@ -116,7 +135,17 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     record.note("options", &options);
     // What a replay reads, to the last bit.
     let options = serde_json::from_str(&serde_json::to_string(&options)?)?;
-    let outcome = driver.carry_out(&options, &record);
+    let mut closed = None;
+    let mut on_cue = |cue: Cue| {
+        if args.advise && closed.is_none() {
+            closed =
+                out.line(&CueDocument { schema: "guide.steer_cue/1", cue }, format_args!("{cue}\n")).err();
+        }
+    };
+    let outcome = driver.carry_out(&options, &record, &mut on_cue);
+    if let Some(error) = closed {
+        return Err(error);
+    }
     if let Some(problem) = record.failed() {
         out.note(format_args!("warning: {}: the record is not complete: {problem}", path.display()));
     }
@@ -161,20 +190,25 @@ impl Driver {
     }
 
     /// Steers; what passes between controller and plant is recorded.
-    fn carry_out(self, options: &Options, record: &Record) -> Result<Run, SteerError> {
+    fn carry_out(
+        self,
+        options: &Options,
+        record: &Record,
+        on_cue: &mut dyn FnMut(Cue),
+    ) -> Result<Run, SteerError> {
         let Self { words, client, interrupted } = self;
         let (program, arguments) = words.split_first().map_or(("", &[][..]), |(first, rest)| (first, rest));
         match client {
             None => {
                 let mut plant = ProcessPlant::start(program, arguments, record.clone(), interrupted)?;
-                carry_out(&mut plant, options, record)
+                carry_out(&mut plant, options, record, on_cue)
             }
             Some(client) => {
                 // The lines of the whole are recorded, not those of its needle's side.
                 let needle = ProcessPlant::start(program, arguments, Record::default(), interrupted)
                     .map_err(|error| record.failure(error))?;
                 let plant = RigPlant::new(client, needle, interrupted);
-                carry_out(&mut Recorded { plant, record: record.clone() }, options, record)
+                carry_out(&mut Recorded { plant, record: record.clone() }, options, record, on_cue)
             }
         }
     }
@@ -195,11 +229,25 @@ fn create(dir: &Path) -> anyhow::Result<(File, PathBuf)> {
     bail!("{}: holds 100000 records, expected fewer", dir.display())
 }
 
-fn carry_out(plant: &mut dyn Plant, options: &Options, record: &Record) -> Result<Run, SteerError> {
-    let result = steer(plant, options, &mut |event| {
-        if let Event::Decision(decision) = event {
+fn carry_out(
+    plant: &mut dyn Plant,
+    options: &Options,
+    record: &Record,
+    on_cue: &mut dyn FnMut(Cue),
+) -> Result<Run, SteerError> {
+    let target_depth_mm = options.target_mm[2];
+    let result = steer(plant, options, &mut |event| match event {
+        Event::Statement(stated) => on_cue(Cue {
+            depth_mm: 0.0,
+            turn_by_deg: None,
+            bevel_deg: stated.bevel_deg,
+            push_to_mm: options.rest_every_mm.min(target_depth_mm),
+        }),
+        Event::Decision(decision) => {
             record.note("decision", decision);
+            on_cue(decision.cue(target_depth_mm));
         }
+        _ => {}
     });
     match &result {
         Ok(run) => record.note("outcome", &run.outcome),
@@ -319,6 +367,12 @@ impl Display for Text<'_> {
                 "at {:.1} mm   {miss_mm:.2} mm from the target ({by}); {:.2} mm had guide 2 not been moved (estimated)",
                 run.depth_mm, run.unsteered_miss_mm
             )?;
+            let turns = run.decisions.iter().filter_map(steering::Decision::turn);
+            let turns: Vec<String> =
+                turns.map(|turn| format!("{:+.0} degrees at {:.1} mm", turn.by_deg, turn.depth_mm)).collect();
+            if !turns.is_empty() {
+                writeln!(f, "turned       by {}", turns.join(", "))?;
+            }
             writeln!(f, "readings     {} of the tip, {} rejected", run.readings, run.readings_rejected)?;
         }
         if let Some(record) = self.record {

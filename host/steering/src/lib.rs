@@ -75,7 +75,7 @@ mod statics;
 mod tables;
 mod unknowns;
 
-pub use controller::{Options, SteerError, steer};
+pub use controller::{GUIDE_SETTLING_S, Options, SteerError, steer};
 pub use plant::{DeviceFault, Plant, PlantError};
 pub use process::ProcessPlant;
 pub use protocol::{
@@ -83,4 +83,4 @@ pub use protocol::{
     Statement, VERSION,
 };
 pub use record::{Record, Recorded, ReplayPlant};
-pub use results::{Decision, Event, Outcome, Probability, Run};
+pub use results::{Cue, Decision, Event, Outcome, PlannedRotation, Probability, Run};

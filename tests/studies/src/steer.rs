@@ -3,10 +3,11 @@
 
 mod published;
 
+use published::Aim;
 use rayon::prelude::*;
 use serde::Serialize;
 use steering::{Options, Outcome, PlantError, Run, SteerError, steer};
-use worlds::steering::{Kind, SimulatedPlant, reachable_target, world};
+use worlds::steering::{Kind, SimulatedPlant, reachable_target, target_by_rotations, world};
 
 /// Depth of the targets, mm.
 const DEPTH_MM: f64 = 100.0;
@@ -18,27 +19,48 @@ pub enum Controller {
     None,
     /// Guide moved in proportion to how far the tip is from the straight way to the target.
     Proportional,
-    /// A Jacobian by Broyden's rule and a plan over four steps, as published.
+    /// A Jacobian by Broyden's rule and a plan over four steps, as published: towards the target's x and y at once.
     Broyden,
+    /// The same along the straight line from the entry point to the target.
+    BroydenLine,
     /// The plan at the prior's tissue; readings determine slope and load alone.
     Nominal,
+    /// The likeliest tissue, taken for the true one.
+    Identified,
     /// The posterior of everything.
     Posterior,
+    /// Nobody, with targets for [`Self::HandHeld`].
+    HandHeldNone,
+    /// The posterior of everything; the needle is held by hand and turned twice at most, guide 2 stands still.
+    HandHeld,
 }
 
 impl Controller {
     /// All, the worst first.
-    pub const ALL: [Self; 5] =
-        [Self::None, Self::Proportional, Self::Broyden, Self::Nominal, Self::Posterior];
+    pub const ALL: [Self; 9] = [
+        Self::None,
+        Self::Proportional,
+        Self::Broyden,
+        Self::BroydenLine,
+        Self::Nominal,
+        Self::Identified,
+        Self::Posterior,
+        Self::HandHeldNone,
+        Self::HandHeld,
+    ];
 
     /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
             Self::Proportional => "proportional",
-            Self::Broyden => "Broyden, 4 steps ahead",
+            Self::Broyden => "Broyden, as published",
+            Self::BroydenLine => "Broyden, along a line",
             Self::Nominal => "model at the prior's K",
+            Self::Identified => "model, likeliest K",
             Self::Posterior => "model, posterior",
+            Self::HandHeldNone => "hand-held: none",
+            Self::HandHeld => "hand-held: model, two rotations",
         }
     }
 }
@@ -119,8 +141,13 @@ pub fn study(kind: Kind, controller: Controller, count: u64, seed: u64) -> Resul
     let runs: Result<Vec<Ended>, PlantError> = (0..count)
         .into_par_iter()
         .map(|number| {
-            let plant = world(kind, seed, number);
-            let target_mm = reachable_target(&plant, DEPTH_MM, seed, number)?;
+            let mut plant = world(kind, seed, number);
+            let target_mm = if matches!(controller, Controller::HandHeld | Controller::HandHeldNone) {
+                plant.stated.limits.guide_travel_mm = 0.0;
+                target_by_rotations(&plant, DEPTH_MM, seed, number)?
+            } else {
+                reachable_target(&plant, DEPTH_MM, seed, number)?
+            };
             one(plant, target_mm, controller, seed, number)
         })
         .collect();
@@ -136,11 +163,14 @@ fn one(
 ) -> Result<Ended, PlantError> {
     let options = Options::new(target_mm);
     let options = match controller {
-        Controller::None => Options { steered: false, ..options },
+        Controller::None | Controller::HandHeldNone => Options { steered: false, ..options },
         Controller::Nominal => Options { tissue_known: true, ..options },
+        Controller::Identified => Options { caution: 0.0, ..options },
         Controller::Posterior => options,
+        Controller::HandHeld => Options { rotations: 2, ..options },
         Controller::Proportional => return published::proportional(plant, target_mm, seed, number),
-        Controller::Broyden => return published::broyden(plant, target_mm),
+        Controller::Broyden => return published::broyden(plant, target_mm, Aim::Target),
+        Controller::BroydenLine => return published::broyden(plant, target_mm, Aim::Line),
     };
     match steer(&mut plant, &options, &mut |_| {}) {
         Ok(run) => Ok(ended(&run)),

@@ -12,8 +12,14 @@ use std::path::{Path, PathBuf};
 use steering::{Answer, Command, Plant};
 use worlds::steering::{Kind, SimulatedPlant, reachable_target, world};
 
-/// Force that the firmware's interlock allows a run, N: the target is drawn for this.
+/// Force limit of the firmware with which a run begins, N: the target is drawn for this.
 const FORCE_N: f64 = 4.0;
+/// Depth of the targets of the demonstration, mm.
+pub const DEPTH_MM: f64 = 100.0;
+/// What the needle of a seed misses its target by where guide 2 is not moved is at least this, mm: otherwise there is nothing to steer.
+pub const UNSTEERED_MM: f64 = 1.0;
+/// How many needles are drawn at most until one misses by so much.
+const DRAWS: u64 = 100;
 /// How far guide 2 is moved to find how its force grows, mm, and in which time, s.
 const DIFFERENCE_MM: f64 = 0.05;
 const DIFFERENCE_S: f64 = 0.05;
@@ -55,19 +61,41 @@ pub fn command(xtask: &Path, socket: &Path, seed: u64) -> String {
     format!("'{}' needle --socket '{}' --seed {seed}", xtask.display(), socket.display())
 }
 
-/// The needle of a seed.
-pub fn drawn(seed: u64) -> SimulatedPlant {
-    let mut plant = world(Kind::Plain, seed, 0);
-    plant.stated.limits.guide_force_n = Some(FORCE_N);
-    plant
+/// Needle and tissue of a seed, with a target.
+#[derive(Debug, Clone)]
+pub struct Drawn {
+    /// What is steered.
+    pub plant: SimulatedPlant,
+    /// Which of the seed's needles it is.
+    pub number: u64,
+    /// A target at [`DEPTH_MM`] that this needle reaches with some guide moves within limits: x, y, depth, mm.
+    pub target_mm: [f64; 3],
+    /// How far from it the needle ends where guide 2 is not moved, mm.
+    pub unsteered_mm: f64,
 }
 
-/// A target that this needle reaches with some guide moves within limits: x, y, depth, mm.
+/// The first needle of a seed that misses its target by [`UNSTEERED_MM`] or more where guide 2 is not moved.
 ///
 /// # Errors
-/// None that a simulated needle has.
-pub fn target_mm(seed: u64, depth_mm: f64) -> Result<[f64; 3]> {
-    Ok(reachable_target(&drawn(seed), depth_mm, seed, 0)?)
+/// None that a simulated needle has, and where no needle of the seed is such a one.
+pub fn drawn(seed: u64) -> Result<Drawn> {
+    for number in 0..DRAWS {
+        let mut plant = world(Kind::Plain, seed, number);
+        plant.stated.limits.guide_force_n = Some(FORCE_N);
+        let target_mm @ [x_mm, y_mm, _] = reachable_target(&plant, DEPTH_MM, seed, number)?;
+        let mut pushed = plant.clone();
+        let mut at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
+        while at.depth_mm < DEPTH_MM {
+            at = Command { t_s: at.t_s + 0.25, depth_mm: at.depth_mm + 1.0, ..at };
+            pushed.step(&at)?;
+        }
+        let [tip_x_mm, tip_y_mm] = pushed.tip_mm();
+        let unsteered_mm = (tip_x_mm - x_mm).hypot(tip_y_mm - y_mm);
+        if unsteered_mm >= UNSTEERED_MM {
+            return Ok(Drawn { plant, number, target_mm, unsteered_mm });
+        }
+    }
+    bail!("none of {DRAWS} needles of seed {seed} misses its target by {UNSTEERED_MM} mm")
 }
 
 /// Pushes the needle as it is commanded on standard input, until that ends.
@@ -76,7 +104,7 @@ pub fn target_mm(seed: u64, depth_mm: f64) -> Result<[f64; 3]> {
 /// Where the rig has ended, or a command is none.
 pub fn run(args: &Args) -> Result<()> {
     let mut guide = GuideSocket::connect(&args.socket)?;
-    let mut needle = drawn(args.seed);
+    let mut needle = drawn(args.seed)?.plant;
     let mut last: Option<Answer> = None;
     // Until it is pushed the needle does not load the guide.
     let mut acting = None;

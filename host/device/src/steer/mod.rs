@@ -10,7 +10,7 @@ use crate::link::program::move_to;
 use crate::link::{Client, LinkError, Point, Program, RunOptions, Telemetry, run};
 use protocol::{Fault, SPEED_LIMIT_UM_S, State, Status};
 use std::sync::atomic::{AtomicBool, Ordering};
-use steering::{Answer, Command, DeviceFault, End, Plant, PlantError, Statement};
+use steering::{Answer, Command, DeviceFault, End, GUIDE_SETTLING_S, Plant, PlantError, Statement};
 
 /// How far from its straight-needle position guide 2 may stand when a run begins, mm.
 const HOME_MM: f64 = 0.1;
@@ -127,7 +127,7 @@ impl<N: Plant> Plant for RigPlant<N> {
         }
         let to_mm = [command.guide_x_mm, command.guide_y_mm];
         if to_mm != self.commanded_mm {
-            self.move_guide(to_mm, command.t_s - self.t_s)?;
+            self.move_guide(to_mm, (command.t_s - self.t_s - GUIDE_SETTLING_S).max(1e-3))?;
         }
         let status = self.at_rest()?;
         let now_mm = self.position_mm(&status);

@@ -1,8 +1,8 @@
 //! Steps of the plant: pushing, resting, moving the guide, with the supervisor's watch on tip and force.
 
 use super::{
-    Controller, DEPTH_ERROR_MM, SHARE_OF_FORCE, SHARE_OF_SPEED, SHARE_OF_TRAVEL, SHARE_THAT_STOPS, SILENCE_S,
-    SteerError,
+    Controller, DEPTH_ERROR_MM, GUIDE_SETTLING_S, SHARE_OF_FORCE, SHARE_OF_SPEED, SHARE_OF_TRAVEL,
+    SHARE_THAT_STOPS, SILENCE_S, SteerError,
 };
 use crate::history::Place;
 use crate::protocol::{Answer, Command};
@@ -148,7 +148,9 @@ impl Controller<'_> {
         let time_s = way_mm / (SHARE_OF_SPEED * self.stated.limits.guide_speed_mm_s);
         let steps = if self.stated.rig.guide_moves_in_one_step { 1.0 } else { (time_s / period_s).ceil() };
         let steps = steps.max(1.0);
-        let step_s = (time_s / steps).max(0.02);
+        // A rig that makes each move to its end needs time to come to rest there.
+        let settling_s = if self.stated.rig.guide_moves_in_one_step { GUIDE_SETTLING_S } else { 0.0 };
+        let step_s = (time_s / steps).max(0.02) + settling_s;
         self.readings.skip_s = [self.last.t_s + 1e-6, f64::INFINITY];
         for step in 1..=steps as usize {
             let share = step as f64 / steps;

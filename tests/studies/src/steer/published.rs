@@ -6,13 +6,13 @@ use rand_chacha::ChaCha8Rng;
 use steering::{Command, Plant, PlantError};
 use worlds::steering::SimulatedPlant;
 
-/// Distance of rests, mm.
+/// Distance of stops, mm.
 const EVERY_MM: usize = 5;
-/// Readings at a rest, of which the median is taken, and steps of a guide move, 0.1 s each.
+/// Readings at a stop, of which the median is taken, and steps of a guide move, 0.1 s each.
 const READINGS: usize = 12;
 const MOVE_STEPS: u32 = 30;
 
-/// A plant that is pushed and rests.
+/// A plant that is pushed and held.
 struct Pushed {
     plant: SimulatedPlant,
     at: Command,
@@ -32,7 +32,7 @@ impl Pushed {
         Ok(())
     }
 
-    /// Median of the readings of a rest, mm.
+    /// Median of the readings of a stop, mm.
     fn tip_mm(&mut self) -> Result<[f64; 2], PlantError> {
         let mut tips = Vec::new();
         for _ in 0..READINGS {
@@ -82,7 +82,7 @@ impl Pushed {
     }
 }
 
-/// Rests every 5 mm, and moves the guide by a share of the distance between the last reading and the straight way to the target: far
+/// Stops every 5 mm, and moves the guide by a share of the distance between the last reading and the straight way to the target: far
 /// beyond the surface, the tip ends on the other side.
 pub(super) fn proportional(
     plant: SimulatedPlant,
@@ -93,7 +93,7 @@ pub(super) fn proportional(
     const SHARE: f64 = 0.5;
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x9a);
     rng.set_stream(number);
-    // Its rests begin anywhere in the first 5 mm.
+    // Its stops begin anywhere in the first 5 mm.
     let first_mm: usize = rng.random_range(2..=5);
     let mut pushed = Pushed::new(plant);
     for depth in (10..=80).filter(|depth| (depth - first_mm).is_multiple_of(EVERY_MM)) {
@@ -109,11 +109,21 @@ pub(super) fn proportional(
     pushed.end(target_mm)
 }
 
-/// The published controller (Bernardes 2023): a Jacobian of the tip with respect to guide and depth, updated by Broyden's rule at rests
-/// every 5 mm, and the guide positions of the next four rests that minimise the predicted squared distances to the target, within the
-/// guide's travel. It begins with the Jacobian that its published recordings begin with. Its cost of the tip's direction is omitted: these
-/// plants have no sensor of it. With one Jacobian for all four steps the program is separable and solved exactly, step by step.
-pub(super) fn broyden(plant: SimulatedPlant, target_mm: [f64; 3]) -> Result<Ended, PlantError> {
+/// What the published controller aims at on the way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Aim {
+    /// The target's x and y from the first step on, as published: its targets lay straight ahead.
+    Target,
+    /// The straight line from the entry point to the target, which is the same where the target lies straight ahead.
+    Line,
+}
+
+/// The published controller (Bernardes 2023): a Jacobian of the tip with respect to guide and depth, updated by Broyden's rule (weight
+/// 0.65) at stops every 5 mm, and the guide positions of the next four stops, within the guide's travel, that minimise the predicted
+/// squared distances. It begins with the Jacobian that its published recordings begin with. Its cost of the tip's direction is
+/// omitted: these plants have no sensor of it, and with angles in radians it is a hundredth of the cost of the distances. With one
+/// Jacobian for all four steps and no cost of moves the program is separable and solved exactly, step by step.
+pub(super) fn broyden(plant: SimulatedPlant, target_mm: [f64; 3], aim: Aim) -> Result<Ended, PlantError> {
     /// Tip per guide displacement before the first update.
     const START: f64 = -0.5;
     let mut pushed = Pushed::new(plant);
@@ -127,10 +137,14 @@ pub(super) fn broyden(plant: SimulatedPlant, target_mm: [f64; 3]) -> Result<Ende
         let input = [x_mm, y_mm, depth as f64];
         update(&mut jacobian, last, (tip_mm, input));
         last = (tip_mm, input);
-        // Where the tip will be at the next rest if the guide stays.
+        // Where the tip will be at the next stop if the guide stays.
         let ahead_mm = [0, 1].map(|plane: usize| tip_mm[plane] + EVERY_MM as f64 * jacobian[plane][2]);
+        let share = match aim {
+            Aim::Target => 1.0,
+            Aim::Line => (depth + EVERY_MM) as f64 / DEPTH_MM,
+        };
         let missing = [0, 1].map(|plane: usize| {
-            target_mm[plane] - ahead_mm[plane] + jacobian[plane][0] * x_mm + jacobian[plane][1] * y_mm
+            share * target_mm[plane] - ahead_mm[plane] + jacobian[plane][0] * x_mm + jacobian[plane][1] * y_mm
         });
         let guide = [0, 1].map(|plane: usize| [jacobian[plane][0], jacobian[plane][1]]);
         pushed.move_guide(nearest(guide, missing, pushed.travel_mm()))?;
@@ -138,14 +152,17 @@ pub(super) fn broyden(plant: SimulatedPlant, target_mm: [f64; 3]) -> Result<Ende
     pushed.end(target_mm)
 }
 
-/// Broyden's rule: the smallest change of the Jacobian that explains the last step. States are tip and input, mm.
+/// Share of the last step's error that an update takes in.
+const WEIGHT: f64 = 0.65;
+
+/// Broyden's rule: the smallest change of the Jacobian that explains so large a share of the last step. States are tip and input, mm.
 fn update(jacobian: &mut [[f64; 3]; 2], before: ([f64; 2], [f64; 3]), after: ([f64; 2], [f64; 3])) {
     let moved = [0, 1, 2].map(|i: usize| after.1[i] - before.1[i]);
     let square: f64 = moved.iter().map(|value| value * value).sum();
     for (plane, row) in jacobian.iter_mut().enumerate() {
         let predicted: f64 = row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
         let missing = after.0[plane] - before.0[plane] - predicted;
-        row.iter_mut().zip(moved).for_each(|(slope, moved)| *slope += missing * moved / square);
+        row.iter_mut().zip(moved).for_each(|(slope, moved)| *slope += WEIGHT * missing * moved / square);
     }
 }
 
@@ -170,7 +187,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn broydens_rule_explains_the_last_step_and_changes_nothing_across_it() {
+    fn broydens_rule_explains_its_share_of_the_last_step_and_changes_nothing_across_it() {
         let mut jacobian = [[-0.5, 0.1, 0.0], [0.0, -0.4, 0.02]];
         let before = jacobian;
         let (from, to) = (([0.1, 0.2], [1.0, -1.0, 10.0]), ([0.5, -0.3], [2.0, -1.5, 15.0]));
@@ -178,7 +195,9 @@ mod tests {
         let moved = [1.0, -0.5, 5.0];
         for (plane, row) in jacobian.iter().enumerate() {
             let predicted: f64 = row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
-            assert!((predicted - (to.0[plane] - from.0[plane])).abs() < 1e-12);
+            let before_mm: f64 = before[plane].iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
+            let missing_mm = to.0[plane] - from.0[plane] - before_mm;
+            assert!((predicted - before_mm - 0.65 * missing_mm).abs() < 1e-12);
             // Across the step: (0.5, 1, 0) is perpendicular to it.
             let across = |row: &[f64; 3]| 0.5 * row[0] + row[1];
             assert!((across(row) - across(&before[plane])).abs() < 1e-12);
