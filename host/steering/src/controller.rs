@@ -22,9 +22,9 @@ const RADII_MM: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 /// Share of a limit that is used.
 const SHARE_OF_TRAVEL: f64 = 0.98;
 const SHARE_OF_SPEED: f64 = 0.9;
-const SHARE_OF_FORCE: f64 = 0.7;
+const SHARE_OF_FORCE: f64 = 0.8;
 /// Share of the force limit at which the needle is stopped and the force relieved.
-const SHARE_THAT_STOPS: f64 = 0.85;
+const SHARE_THAT_STOPS: f64 = 0.9;
 /// Moves below this are not made, mm.
 const SMALLEST_MOVE_MM: f64 = 0.02;
 /// Silence of the tip sensor while the needle is pushed that leads to a hold, and what is then waited, s of the plant.
