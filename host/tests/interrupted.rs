@@ -6,6 +6,8 @@
 
 #[path = "interrupted/device.rs"]
 mod device;
+#[path = "interrupted/steer.rs"]
+mod steer;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;

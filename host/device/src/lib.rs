@@ -8,6 +8,7 @@
 //! | [`link`] | commands, telemetry and motion programs over the serial port |
 //! | [`recording`] | raw recordings of everything that passed, lossless |
 //! | [`record`] | sessions acquired from the device |
+//! | [`steer`] | guide 2 of the device under the controller that steers a needle |
 //! | [`sweep`] | ultrasound sweeps by an external command |
 //! | [`tare`] | whether readings are quiet enough for a zero |
 //! | [`igtl`] | OpenIGTLink, for navigation software |
@@ -36,5 +37,6 @@ pub mod link;
 pub mod monitor;
 pub mod record;
 pub mod recording;
+pub mod steer;
 pub mod sweep;
 pub mod tare;

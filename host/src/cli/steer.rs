@@ -1,19 +1,26 @@
-//! `guide steer`: brings a needle to a target, step by step, through a plant of someone else.
+//! `guide steer`: brings a needle to a target, step by step, through a plant of someone else or the device.
 
 use super::output::Output;
+use super::rig_args::{ForceLimitArgs, StartArgs, interrupted};
 use anyhow::{Context, anyhow, bail, ensure};
+use device::link::Client;
+use device::steer::RigPlant;
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::fs::{self, File, OpenOptions};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use steering::{Event, Options, Outcome, Plant, ProcessPlant, Record, ReplayPlant, Run, SteerError, steer};
+use std::sync::atomic::AtomicBool;
+use steering::{
+    Cue, Event, Options, Outcome, Plant, ProcessPlant, Record, Recorded, ReplayPlant, Run, SteerError, steer,
+};
 
 /// Steer a needle to a target: push, estimate tissue and tip, plan and make guide moves at stops, supervise, record
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide steer run1 --plant 'python3 plant.py' --target-mm=3,-2,100\n  guide steer --replay \
-                        run1/steer.jsonl --json"
+    after_help = "Example:\n  guide steer run1 --plant 'python3 plant.py' --target-mm=3,-2,100\n  guide steer run1 --port \
+                  /dev/ttyACM0 --tip 'python3 stage.py' --target-mm=3,-2,100\n  guide steer run1 --plant 'python3 tracker.py' \
+                  --advise --target-mm=3,-2,100\n  guide steer --replay run1/steer.jsonl --json"
 )]
 pub struct Args {
     /// Folder for the record of the run (steer.jsonl, or the next free name); made where it is missing
@@ -21,8 +28,20 @@ pub struct Args {
     dir: Option<PathBuf>,
     /// Program that stands for rig, needle and tissue, with its arguments: one JSON object a line on its standard input and output
     /// (needle/1)
-    #[arg(long, value_name = "COMMAND", conflicts_with = "replay", required_unless_present = "replay")]
+    #[arg(long, value_name = "COMMAND", conflicts_with = "replay", required_unless_present_any = ["replay", "port"])]
     plant: Option<String>,
+    /// Serial port of the device that moves guide 2, as `guide ports` lists it
+    #[arg(long, value_name = "PORT", conflicts_with_all = ["replay", "plant"], requires = "tip")]
+    port: Option<String>,
+    /// Program that pushes the needle and reads its tip, where guide 2 is moved by the device: needle/1 without the guide
+    #[arg(long, value_name = "COMMAND", requires = "port")]
+    tip: Option<String>,
+    /// Use the nominal calibration, that of the rig as designed, where the device has none stored (until its next
+    /// start)
+    #[arg(long, requires = "port")]
+    nominal: bool,
+    #[command(flatten)]
+    force_limit: ForceLimitArgs,
     /// Target: across the needle's axis, and its depth beyond the surface, millimetres
     #[arg(long, value_name = "X,Y,DEPTH", value_parser = target, allow_hyphen_values = true, required_unless_present = "replay", conflicts_with = "replay")]
     target_mm: Option<[f64; 3]>,
@@ -35,6 +54,12 @@ pub struct Args {
     /// Speed of pushing, millimetres a second, within what the plant allows
     #[arg(long, value_name = "MM/S", default_value_t = 4.0, conflicts_with = "replay")]
     push_speed_mm_s: f64,
+    /// Turn the needle at most this often instead of moving guide 2: 0, 1 or 2; 2 with --advise
+    #[arg(long, value_name = "N", conflicts_with_all = ["replay", "port"])]
+    rotations: Option<usize>,
+    /// For a needle that is held by hand: print what to do next, each time as it is decided; guide 2 is not moved
+    #[arg(long, conflicts_with_all = ["replay", "port", "unsteered"])]
+    advise: bool,
     /// Push and estimate without moving guide 2
     #[arg(long, conflicts_with = "replay")]
     unsteered: bool,
@@ -66,6 +91,14 @@ struct Document<'a> {
     run: Option<&'a Run>,
 }
 
+/// The document of a cue, on one line.
+#[derive(Serialize)]
+struct CueDocument {
+    schema: &'static str,
+    #[serde(flatten)]
+    cue: Cue,
+}
+
 #[derive(Serialize, Clone)]
 struct Fault {
     name: &'static str,
@@ -77,8 +110,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Some(file) = &args.replay {
         return replay(file, out);
     }
-    let (Some(dir), Some(plant), Some(target_mm)) = (&args.dir, &args.plant, args.target_mm) else {
-        bail!("expected DIR, --plant and --target-mm, or --replay");
+    let (Some(dir), Some(target_mm)) = (&args.dir, args.target_mm) else {
+        bail!("expected DIR, --target-mm and --plant, or --port and --tip, or --replay");
     };
     let in_range = |name: &str, value: f64, [least, most]: [f64; 2]| {
         ensure!((least..=most).contains(&value), "{name}: {value}, expected {least} to {most}");
@@ -86,12 +119,15 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     in_range("--rest-every-mm", args.rest_every_mm, [1.0, 20.0])?;
     in_range("--push-speed-mm-s", args.push_speed_mm_s, [0.1, 100.0])?;
-    let words = shlex::split(plant).filter(|words| !words.is_empty());
-    let words = words.ok_or_else(|| anyhow!("--plant: `{plant}` is no command"))?;
+    let rotations = args.rotations.unwrap_or(if args.advise { 2 } else { 0 });
+    let least = usize::from(args.advise);
+    ensure!((least..=2).contains(&rotations), "--rotations: {rotations}, expected {least} to 2");
+    let driver = Driver::new(args)?;
     let options = Options {
         rest_every_mm: args.rest_every_mm,
         push_speed_mm_s: args.push_speed_mm_s,
         steered: !args.unsteered,
+        rotations,
         ..Options::new(target_mm)
     };
     let (file, path) = create(dir)?;
@@ -99,13 +135,83 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     record.note("options", &options);
     // What a replay reads, to the last bit.
     let options = serde_json::from_str(&serde_json::to_string(&options)?)?;
-    let started = ProcessPlant::start(&words[0], &words[1..], record.clone());
-    let outcome =
-        started.map_err(SteerError::from).and_then(|mut plant| carry_out(&mut plant, &options, &record));
+    let mut closed = None;
+    let mut on_cue = |cue: Cue| {
+        if args.advise && closed.is_none() {
+            closed =
+                out.line(&CueDocument { schema: "guide.steer_cue/1", cue }, format_args!("{cue}\n")).err();
+        }
+    };
+    let outcome = driver.carry_out(&options, &record, &mut on_cue);
+    if let Some(error) = closed {
+        return Err(error);
+    }
     if let Some(problem) = record.failed() {
         out.note(format_args!("warning: {}: the record is not complete: {problem}", path.display()));
     }
     report(outcome, &options, Some(&path), false, out)
+}
+
+/// What is steered.
+struct Driver {
+    /// Program of the plant, or of the needle's side.
+    words: Vec<String>,
+    /// The device that moves guide 2, where the plant does not.
+    client: Option<Client>,
+    interrupted: &'static AtomicBool,
+}
+
+impl Driver {
+    /// Connects to the device, where there is one. Nothing has moved yet.
+    fn new(args: &Args) -> anyhow::Result<Self> {
+        let (option, command) = match (&args.plant, &args.tip) {
+            (Some(plant), _) => ("--plant", plant),
+            (None, Some(tip)) => ("--tip", tip),
+            (None, None) => bail!("expected --plant, or --port and --tip"),
+        };
+        let words = shlex::split(command).filter(|words| !words.is_empty());
+        let words = words.ok_or_else(|| anyhow!("{option}: `{command}` is no command"))?;
+        let interrupted = interrupted()?;
+        let client = match &args.port {
+            Some(port) => {
+                let mut client = Client::connect(port)?;
+                StartArgs { at_s: None, nominal: args.nominal }.acknowledge(&mut client)?;
+                ensure!(
+                    client.safety()?.tared,
+                    "the force was not tared since the device started, so that the force limit counts from the calibration's zero: run \
+                     `guide tare` with the needle unloaded first"
+                );
+                args.force_limit.set(&mut client)?;
+                Some(client)
+            }
+            None => None,
+        };
+        Ok(Self { words, client, interrupted })
+    }
+
+    /// Steers; what passes between controller and plant is recorded.
+    fn carry_out(
+        self,
+        options: &Options,
+        record: &Record,
+        on_cue: &mut dyn FnMut(Cue),
+    ) -> Result<Run, SteerError> {
+        let Self { words, client, interrupted } = self;
+        let (program, arguments) = words.split_first().map_or(("", &[][..]), |(first, rest)| (first, rest));
+        match client {
+            None => {
+                let mut plant = ProcessPlant::start(program, arguments, record.clone(), interrupted)?;
+                carry_out(&mut plant, options, record, on_cue)
+            }
+            Some(client) => {
+                // The lines of the whole are recorded, not those of its needle's side.
+                let needle = ProcessPlant::start(program, arguments, Record::default(), interrupted)
+                    .map_err(|error| record.failure(error))?;
+                let plant = RigPlant::new(client, needle, interrupted);
+                carry_out(&mut Recorded { plant, record: record.clone() }, options, record, on_cue)
+            }
+        }
+    }
 }
 
 /// The first free name in a folder: runs are never overwritten, also where several are made at once.
@@ -123,11 +229,25 @@ fn create(dir: &Path) -> anyhow::Result<(File, PathBuf)> {
     bail!("{}: holds 100000 records, expected fewer", dir.display())
 }
 
-fn carry_out(plant: &mut dyn Plant, options: &Options, record: &Record) -> Result<Run, SteerError> {
-    let result = steer(plant, options, &mut |event| {
-        if let Event::Decision(decision) = event {
+fn carry_out(
+    plant: &mut dyn Plant,
+    options: &Options,
+    record: &Record,
+    on_cue: &mut dyn FnMut(Cue),
+) -> Result<Run, SteerError> {
+    let target_depth_mm = options.target_mm[2];
+    let result = steer(plant, options, &mut |event| match event {
+        Event::Statement(stated) => on_cue(Cue {
+            depth_mm: 0.0,
+            turn_by_deg: None,
+            bevel_deg: stated.bevel_deg,
+            push_to_mm: options.rest_every_mm.min(target_depth_mm),
+        }),
+        Event::Decision(decision) => {
             record.note("decision", decision);
+            on_cue(decision.cue(target_depth_mm));
         }
+        _ => {}
     });
     match &result {
         Ok(run) => record.note("outcome", &run.outcome),
@@ -247,6 +367,12 @@ impl Display for Text<'_> {
                 "at {:.1} mm   {miss_mm:.2} mm from the target ({by}); {:.2} mm had guide 2 not been moved (estimated)",
                 run.depth_mm, run.unsteered_miss_mm
             )?;
+            let turns = run.decisions.iter().filter_map(steering::Decision::turn);
+            let turns: Vec<String> =
+                turns.map(|turn| format!("{:+.0} degrees at {:.1} mm", turn.by_deg, turn.depth_mm)).collect();
+            if !turns.is_empty() {
+                writeln!(f, "turned       by {}", turns.join(", "))?;
+            }
             writeln!(f, "readings     {} of the tip, {} rejected", run.readings, run.readings_rejected)?;
         }
         if let Some(record) = self.record {

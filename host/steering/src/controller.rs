@@ -4,6 +4,7 @@ mod decide;
 mod forecast;
 mod limits;
 mod motion;
+mod rotate;
 
 use crate::estimator::{AtTarget, Hypothesis};
 use crate::history::History;
@@ -21,13 +22,19 @@ const RADII_MM: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 /// Share of a limit that is used.
 const SHARE_OF_TRAVEL: f64 = 0.98;
 const SHARE_OF_SPEED: f64 = 0.9;
-const SHARE_OF_FORCE: f64 = 0.7;
+const SHARE_OF_FORCE: f64 = 0.8;
 /// Share of the force limit at which the needle is stopped and the force relieved.
-const SHARE_THAT_STOPS: f64 = 0.85;
+const SHARE_THAT_STOPS: f64 = 0.9;
 /// Moves below this are not made, mm.
 const SMALLEST_MOVE_MM: f64 = 0.02;
 /// Silence of the tip sensor while the needle is pushed that leads to a hold, and what is then waited, s of the plant.
 const SILENCE_S: f64 = 2.0;
+/// Difference of commanded and reported depth beyond which the needle is not where it was pushed: it was let go, or it is stuck, mm.
+const DEPTH_ERROR_MM: f64 = 2.0;
+
+/// Time for coming to rest, s: a guide move that is one step ([`RigStatement::guide_moves_in_one_step`](crate::RigStatement)) lasts
+/// so much longer than its way takes at the speed at which it is made.
+pub const GUIDE_SETTLING_S: f64 = 0.3;
 
 /// A plan that misses by less never stops a run, mm.
 const MISS_THAT_STOPS_MM: f64 = 2.0;
@@ -55,6 +62,9 @@ pub struct Options {
     /// Whether the tissue is taken as the prior's mean, whatever the readings are: what a controller without identification does.
     #[serde(default)]
     pub tissue_known: bool,
+    /// How often the needle may be turned, where the plant can; 0: guide moves only.
+    #[serde(default)]
+    pub rotations: usize,
     /// Whether tip cutting at an angle is considered.
     pub cut_angle: bool,
     /// Whether anything is moved.
@@ -72,6 +82,7 @@ impl Options {
             effort: 0.2,
             largest_move_mm: 3.0,
             tissue_known: false,
+            rotations: 0,
             cut_angle: true,
             steered: true,
         }
@@ -107,6 +118,42 @@ pub enum SteerError {
         /// Depth.
         depth_mm: f64,
     },
+    /// The same reading again and again.
+    #[error(
+        "the last {count} tip readings are the same to the digit: the tracker repeats its last value; is its view blocked?"
+    )]
+    TipFrozen {
+        /// How many.
+        count: usize,
+    },
+    /// Readings that were taken long before they arrive.
+    #[error(
+        "{count} tip readings in series are too old (the last {age_s:.1} s, where the plant states {stated_s:.1} s): the tracker or the \
+         connection to it lags"
+    )]
+    TipLate {
+        /// How many.
+        count: usize,
+        /// Age of the last, s.
+        age_s: f64,
+        /// Stated delay, s.
+        stated_s: f64,
+    },
+    /// The needle does not follow.
+    #[error(
+        "the needle is {reported_mm:.1} mm deep, expected {commanded_mm:.1} mm: was it let go, or is it stuck?"
+    )]
+    NeedleOffDepth {
+        /// Commanded, mm.
+        commanded_mm: f64,
+        /// Reported, mm.
+        reported_mm: f64,
+    },
+    /// Rotations of a needle that cannot be turned.
+    #[error(
+        "the plant states that its needle cannot be turned (`can_rotate` is false), expected true where rotations are planned"
+    )]
+    CannotRotate,
     /// No reading of the tip.
     #[error(
         "no new valid tip reading for {silence_s:.1} s while the needle was pushed and {waited_s:.1} s at rest"
@@ -127,6 +174,10 @@ impl SteerError {
             Self::Model(_) => "model",
             Self::Target { .. } => "target",
             Self::TipOutsideBand { .. } => "tip_outside_band",
+            Self::TipFrozen { .. } => "tip_frozen",
+            Self::TipLate { .. } => "tip_late",
+            Self::NeedleOffDepth { .. } => "needle_off_depth",
+            Self::CannotRotate => "cannot_rotate",
             Self::TipSilent { .. } => "tip_silent",
         }
     }
@@ -158,6 +209,9 @@ pub fn steer(
         if !good || !value.is_finite() {
             return Err(SteerError::Target { name, value, expected });
         }
+    }
+    if options.rotations > 0 && !stated.rig.can_rotate {
+        return Err(SteerError::CannotRotate);
     }
     let mut controller = Controller::new(plant, &stated, options, on_event)?;
     controller.run()
@@ -195,6 +249,8 @@ struct Controller<'a> {
     slowest_s: f64,
     /// Time for which the needle was pushed since the last good reading of the tip, s.
     pushed_blind_s: f64,
+    /// Rotations made so far.
+    rotations_made: usize,
 }
 
 impl<'a> Controller<'a> {
@@ -231,7 +287,7 @@ impl<'a> Controller<'a> {
             on_event,
             laws,
             history,
-            readings: Readings::new(1e-3 * stated.tip_noise_mm, stated.tip_delay_s),
+            readings: Readings::new(1e-3 * stated.tip_noise_mm, stated.tip_delay_s, 1.0 / stated.tip_rate_hz),
             expected,
             last: Command { bevel_deg: stated.bevel_deg, ..Command::default() },
             zero_force: ([0.0; 2], 0.0),
@@ -242,6 +298,7 @@ impl<'a> Controller<'a> {
             within_before: Vec::new(),
             slowest_s: 0.0,
             pushed_blind_s: 0.0,
+            rotations_made: 0,
         })
     }
 
@@ -253,10 +310,9 @@ impl<'a> Controller<'a> {
         }
         self.rest(self.settling())?;
         let mut outcome = Outcome::Arrived;
-        let rests = self.rests.clone();
         for node in 1..self.history.depths_m.len() {
             self.push_to(node)?;
-            if !rests.contains(&node) {
+            if !self.rests.contains(&node) {
                 continue;
             }
             self.rest(self.settling())?;
@@ -320,7 +376,7 @@ impl<'a> Controller<'a> {
             readings: self.readings.counts[0],
             readings_rejected: self.readings.counts[1],
             peak_force_n: self.peak_force_n,
-            rotations: 0,
+            rotations: self.rotations_made,
             duration_s: self.last.t_s,
             slowest_replan_s: self.slowest_s,
             end: Some(end),

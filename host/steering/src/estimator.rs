@@ -159,6 +159,15 @@ impl Hypothesis {
         Ok(tables::paths(&tables, &self.unknowns, &self.values, history))
     }
 
+    /// Effect at the target of what is fixed to the needle from each node on, in the needle's frame, m.
+    pub fn after(&self, history: &History, nodes: &[usize]) -> Result<Vec<[f64; 2]>, ModelError> {
+        let tables = Tables::new(&self.unknowns, &self.values, &history.depths_m)?;
+        Ok(nodes
+            .iter()
+            .map(|node| tables::after(&tables, &self.unknowns, &self.values, history, *node))
+            .collect())
+    }
+
     /// Its law.
     pub fn law(&self) -> CuttingLaw {
         self.unknowns.law

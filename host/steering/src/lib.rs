@@ -75,12 +75,12 @@ mod statics;
 mod tables;
 mod unknowns;
 
-pub use controller::{Options, SteerError, steer};
-pub use plant::{Plant, PlantError};
+pub use controller::{GUIDE_SETTLING_S, Options, SteerError, steer};
+pub use plant::{DeviceFault, Plant, PlantError};
 pub use process::ProcessPlant;
 pub use protocol::{
     Answer, Command, Done, End, LimitViolations, Limits, NeedleStatement, PriorStatement, RigStatement,
     Statement, VERSION,
 };
 pub use record::{Record, Recorded, ReplayPlant};
-pub use results::{Decision, Event, Outcome, Probability, Run};
+pub use results::{Cue, Decision, Event, Outcome, PlannedRotation, Probability, Run};

@@ -1,6 +1,8 @@
 //! What is steered: a plant of any kind, and what can go wrong with it.
 
 use crate::protocol::{Answer, Command, End, Statement, VERSION};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// Something that takes commands step by step and answers each.
 pub trait Plant {
@@ -23,23 +25,73 @@ pub trait Plant {
     fn end(&mut self) -> Result<End, PlantError>;
 }
 
-/// Why a plant cannot be steered any further. Nothing more is sent to it.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+/// What is wrong with the device that moves guide 2.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DeviceFault {
+    /// It does not answer any more: the cable was pulled, or its supply is off.
+    Gone,
+    /// It has started again.
+    Restarted,
+    /// Its emergency stop was pressed.
+    EmergencyStop,
+    /// One of its other interlocks has stopped it.
+    Interlock,
+    /// A motion was ended by a stop from elsewhere.
+    Stopped,
+    /// Guide 2 is not where a run begins.
+    NotHome,
+    /// Guide 2 is not where it was left.
+    Slipped,
+    /// Anything else.
+    Other,
+}
+
+impl DeviceFault {
+    /// Name of the fault in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gone => "device_gone",
+            Self::Restarted => "device_restarted",
+            Self::EmergencyStop => "emergency_stop",
+            Self::Interlock => "device_fault",
+            Self::Stopped => "device_stopped",
+            Self::NotHome => "guide_not_home",
+            Self::Slipped => "guide_slipped",
+            Self::Other => "device_error",
+        }
+    }
+}
+
+/// Why a plant cannot be steered any further. Nothing more is sent to it. What its lines do not state is recorded, so that a replay
+/// ends by the same.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum PlantError {
     /// It could not be started.
-    #[error("the plant does not start: {0}")]
+    #[error(
+        "the plant does not start: {0}: is the program installed and executable? A path counts from the current folder"
+    )]
     NotStarted(String),
     /// It reports an error of its own.
     #[error("the plant reports an error: {0}")]
     Reported(String),
     /// Its output ended before its last line.
-    #[error("the plant's output ended, expected {0}")]
-    Ended(&'static str),
+    #[error("the plant's output ended, expected {expected}: {how}")]
+    Ended {
+        /// What should have come.
+        expected: Cow<'static, str>,
+        /// What became of the program, and what to do.
+        how: Cow<'static, str>,
+    },
+    /// The user interrupted the run.
+    #[error("the run was interrupted: nothing more is commanded, the needle stays where it is")]
+    Interrupted,
     /// No line came in time.
     #[error("no {expected} within {limit_s} s")]
     Silent {
         /// What should have come.
-        expected: &'static str,
+        expected: Cow<'static, str>,
         /// Within which time of the wall's clock.
         limit_s: f64,
     },
@@ -49,7 +101,7 @@ pub enum PlantError {
         /// Its number.
         line: u64,
         /// What it should be.
-        expected: &'static str,
+        expected: Cow<'static, str>,
         /// What is wrong with it.
         problem: String,
     },
@@ -57,11 +109,11 @@ pub enum PlantError {
     #[error("{field} of the plant is {value}, expected {expected}")]
     Value {
         /// Field.
-        field: &'static str,
+        field: Cow<'static, str>,
         /// Its value.
         value: f64,
         /// What is valid.
-        expected: &'static str,
+        expected: Cow<'static, str>,
     },
     /// Another protocol.
     #[error("the plant states protocol `{0}`, expected `{VERSION}`")]
@@ -73,6 +125,14 @@ pub enum PlantError {
         answered: f64,
         /// What was commanded.
         commanded: f64,
+    },
+    /// The device that moves guide 2.
+    #[error("{cause}")]
+    Device {
+        /// What is wrong with it.
+        fault: DeviceFault,
+        /// Cause and remedy.
+        cause: String,
     },
     /// A recording goes on differently.
     #[error("step {step} of the recording was commanded differently: {difference}")]
@@ -90,19 +150,25 @@ impl PlantError {
         match self {
             Self::NotStarted(_) => "plant_not_started",
             Self::Reported(_) => "plant_error",
-            Self::Ended(_) => "plant_ended",
+            Self::Ended { .. } => "plant_ended",
+            Self::Interrupted => "interrupted",
             Self::Silent { .. } => "plant_silent",
             Self::Malformed { .. } => "plant_line_malformed",
             Self::Value { .. } => "plant_value",
             Self::Version(_) => "plant_protocol",
             Self::Time { .. } => "plant_time",
+            Self::Device { fault, .. } => fault.name(),
             Self::Differs { .. } => "replay_differs",
         }
     }
 }
 
 fn check(field: &'static str, value: f64, expected: &'static str, good: bool) -> Result<(), PlantError> {
-    if good && value.is_finite() { Ok(()) } else { Err(PlantError::Value { field, value, expected }) }
+    if good && value.is_finite() {
+        Ok(())
+    } else {
+        Err(PlantError::Value { field: field.into(), value, expected: expected.into() })
+    }
 }
 
 impl Statement {

@@ -7,8 +7,9 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Wall time in which the statement has to come.
 const START_S: f64 = 10.0;
@@ -17,7 +18,12 @@ const ANSWER_S: f64 = 5.0;
 /// Longer lines are no message of this protocol, bytes.
 const MAX_LINE: usize = 1 << 20;
 
-/// A running plant.
+/// How often a wait checks whether the user interrupts.
+const POLL: Duration = Duration::from_millis(50);
+/// How long the end of a program is waited for whose output has ended.
+const EXIT: Duration = Duration::from_millis(500);
+
+/// A running plant. It has a process group of its own: an interrupt at the terminal ends the run, and not the plant before the run.
 #[derive(Debug)]
 pub struct ProcessPlant {
     child: Child,
@@ -28,15 +34,22 @@ pub struct ProcessPlant {
     record: Record,
     /// Wall time for the statement, and for every other line, s.
     limits_s: [f64; 2],
+    /// Set by the user's interrupt.
+    interrupted: &'static AtomicBool,
 }
 
 impl ProcessPlant {
-    /// Starts a program with its arguments; every line is recorded.
+    /// Starts a program with its arguments; every line is recorded. The run ends soon after `interrupted` is set.
     ///
     /// # Errors
     /// [`PlantError::NotStarted`].
-    pub fn start(program: &str, arguments: &[String], record: Record) -> Result<Self, PlantError> {
-        Self::with_limits(program, arguments, record, [START_S, ANSWER_S])
+    pub fn start(
+        program: &str,
+        arguments: &[String],
+        record: Record,
+        interrupted: &'static AtomicBool,
+    ) -> Result<Self, PlantError> {
+        Self::with_limits(program, arguments, record, [START_S, ANSWER_S], interrupted)
     }
 
     fn with_limits(
@@ -44,14 +57,16 @@ impl ProcessPlant {
         arguments: &[String],
         record: Record,
         limits_s: [f64; 2],
+        interrupted: &'static AtomicBool,
     ) -> Result<Self, PlantError> {
-        let spawned = std::process::Command::new(program)
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn();
-        let failed = |error: &dyn std::fmt::Display| PlantError::NotStarted(format!("{program}: {error}"));
-        let mut child = spawned.map_err(|error| failed(&error))?;
+        let mut command = std::process::Command::new(program);
+        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped());
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let failed = |error: &dyn std::fmt::Display| {
+            record.failure(PlantError::NotStarted(format!("{program}: {error}")))
+        };
+        let mut child = command.spawn().map_err(|error| failed(&error))?;
         let (input, output) = (child.stdin.take(), child.stdout.take());
         let output = output.ok_or_else(|| failed(&"no standard output"))?;
         let (send, lines) = channel();
@@ -69,14 +84,21 @@ impl ProcessPlant {
                 }
             }
         });
-        Ok(Self { child, input, lines, line: 0, record, limits_s })
+        Ok(Self { child, input, lines, line: 0, record, limits_s, interrupted })
     }
 
     fn send(&mut self, message: &impl Serialize) -> Result<(), PlantError> {
+        if self.interrupted.load(Ordering::Acquire) {
+            return Err(self.record.failure(PlantError::Interrupted));
+        }
         let line = to_line(message);
         self.record.sent(&line);
-        let ended = PlantError::Ended("that it reads commands");
-        let input = self.input.as_mut().ok_or_else(|| ended.clone())?;
+        let Some(input) = self.input.as_mut() else {
+            return Err(self.record.failure(PlantError::Ended {
+                expected: "that it reads commands".into(),
+                how: "its input was closed after an error".into(),
+            }));
+        };
         // Where the plant has ended, what it last wrote has the reason: the answer's reading reports it.
         let _ = writeln!(input, "{line}").and_then(|()| input.flush());
         Ok(())
@@ -87,20 +109,60 @@ impl ProcessPlant {
         expected: &'static str,
         limit_s: f64,
     ) -> Result<T, PlantError> {
-        let received = match self.lines.recv_timeout(Duration::from_secs_f64(limit_s)) {
+        let received = match self.wait(expected, limit_s) {
             Ok(line) => {
                 self.line += 1;
                 self.record.received(&line);
                 parse(&line, self.line, expected)
             }
-            Err(RecvTimeoutError::Timeout) => Err(PlantError::Silent { expected, limit_s }),
-            Err(RecvTimeoutError::Disconnected) => Err(PlantError::Ended(expected)),
+            Err(error) => Err(self.record.failure(error)),
         };
         if received.is_err() {
             // Nothing more is sent.
             self.input = None;
         }
         received
+    }
+
+    /// The next line.
+    fn wait(&mut self, expected: &'static str, limit_s: f64) -> Result<String, PlantError> {
+        let began = Instant::now();
+        let limit = Duration::from_secs_f64(limit_s);
+        loop {
+            let left = limit.saturating_sub(began.elapsed());
+            match self.lines.recv_timeout(left.min(POLL)) {
+                Ok(line) => return Ok(line),
+                Err(_) if self.interrupted.load(Ordering::Acquire) => return Err(PlantError::Interrupted),
+                Err(RecvTimeoutError::Timeout) if left > POLL => {}
+                Err(RecvTimeoutError::Timeout) => {
+                    return Err(PlantError::Silent { expected: expected.into(), limit_s });
+                }
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(PlantError::Ended { expected: expected.into(), how: self.end_of_program() });
+                }
+            }
+        }
+    }
+
+    /// How the program ended, and what to do about it.
+    fn end_of_program(&mut self) -> std::borrow::Cow<'static, str> {
+        let began = Instant::now();
+        let mut status = None;
+        while status.is_none() && began.elapsed() < EXIT {
+            status = self.child.try_wait().ok().flatten();
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let program = match status {
+            Some(status) => format!("the program has ended ({status})"),
+            None => "the program has closed its output".to_owned(),
+        };
+        let remedy = if self.line == 0 {
+            "its own messages are above. Run the command by itself: it has to print its statement, one line that begins with \
+             {\"plant\": \"needle/1\", and then wait; paths in it count from the current folder"
+        } else {
+            "its own messages are above; a plant that cannot go on writes {\"error\": \"why\"}"
+        };
+        format!("{program}; {remedy}").into()
     }
 }
 
@@ -148,7 +210,8 @@ pub(crate) fn parse<T: DeserializeOwned>(
     number: u64,
     expected: &'static str,
 ) -> Result<T, PlantError> {
-    let malformed = |problem: String| PlantError::Malformed { line: number, expected, problem };
+    let malformed =
+        |problem: String| PlantError::Malformed { line: number, expected: expected.into(), problem };
     let value: serde_json::Value =
         serde_json::from_str(line).map_err(|error| malformed(error.to_string()))?;
     if !value.is_object() {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Options, SteerError, steer};
+use crate::{Options, ReplayPlant, SteerError, steer};
 use std::sync::{Arc, Mutex};
 
 const STATEMENT: &str = r#"{"plant":"needle/1","needle":{"EI_n_m2":0.0157,"outer_diameter_mm":1.27},"rig":{"guide1_to_guide2_mm":60,"guide2_to_surface_mm":20,"move_while_pushing":false,"can_rotate":false},"limits":{"guide_travel_mm":6,"guide_speed_mm_s":4,"guide_force_n":null,"push_speed_mm_s":5,"rotation_speed_deg_s":90},"max_depth_mm":120,"depth_step_mm":1,"tip_noise_mm":0.1,"tip_delay_s":0.2,"tip_rate_hz":10,"guide_error_mm":0.1,"bevel_deg":0,"extra":"ignored"}"#;
@@ -26,12 +26,15 @@ impl Kept {
     }
 }
 
+/// No interrupt.
+static NONE: AtomicBool = AtomicBool::new(false);
+
 /// The fault of a shell script as a plant, and what was recorded.
 fn fault(script: &str) -> (SteerError, String) {
     let kept = Kept::default();
     let arguments = ["-c".to_owned(), script.to_owned()];
-    let mut plant =
-        ProcessPlant::with_limits("sh", &arguments, Record::new(kept.clone()), [0.5, 0.5]).expect("starts");
+    let mut plant = ProcessPlant::with_limits("sh", &arguments, Record::new(kept.clone()), [0.5, 0.5], &NONE)
+        .expect("starts");
     let fault = steer(&mut plant, &Options::new([1.0, 0.0, 50.0]), &mut |_| {}).expect_err("a fault");
     (fault, kept.text())
 }
@@ -99,8 +102,9 @@ fn nothing_is_sent_after_an_error() {
 
 #[test]
 fn a_program_that_does_not_exist_is_an_error() {
-    let error = ProcessPlant::start("/nowhere/plant", &[], Record::default()).expect_err("an error");
+    let error = ProcessPlant::start("/nowhere/plant", &[], Record::default(), &NONE).expect_err("an error");
     assert!(matches!(error, PlantError::NotStarted(_)), "{error}");
+    assert!(error.to_string().contains("is the program installed"), "{error}");
 }
 
 #[test]
@@ -109,4 +113,55 @@ fn the_record_holds_every_line_in_order() {
     let kinds: Vec<&str> = record.lines().map(|line| line.split('"').nth(1).expect("a kind")).collect();
     assert_eq!(kinds, ["plant", "command", "malformed"]);
     assert_eq!(record.lines().next().expect("a line"), format!("{{\"plant\":{STATEMENT}}}"));
+}
+
+#[test]
+fn a_program_that_ends_at_once_is_reported_with_its_exit_code_and_a_remedy() {
+    let (error, record) = fault("exit 7");
+    let text = error.to_string();
+    assert!(text.contains("exit status: 7") && text.contains("Run the command by itself"), "{text}");
+    // A replay ends by the same.
+    let options = serde_json::to_string(&Options::new([1.0, 0.0, 50.0])).expect("text");
+    let mut replayed = ReplayPlant::new(&format!("{{\"options\":{options}}}\n{record}")).expect("a record");
+    let again = steer(&mut replayed, &Options::new([1.0, 0.0, 50.0]), &mut |_| {}).expect_err("a fault");
+    assert_eq!(again, error);
+}
+
+/// Ended by an interrupt while an answer is awaited, and before a command: the record has it, and a replay ends by the same.
+#[test]
+fn an_interrupt_is_no_end_of_the_plant_and_can_be_replayed() {
+    for before_a_command in [false, true] {
+        let interrupted: &'static AtomicBool = Box::leak(Box::new(AtomicBool::new(before_a_command)));
+        let kept = Kept::default();
+        let record = Record::new(kept.clone());
+        let options = Options::new([1.0, 0.0, 50.0]);
+        record.note("options", &options);
+        // The first answer never comes.
+        let arguments = ["-c".to_owned(), format!("echo '{STATEMENT}'; read line; sleep 1000")];
+        let mut plant =
+            ProcessPlant::with_limits("sh", &arguments, record, [1e3, 1e3], interrupted).expect("starts");
+        let error = std::thread::scope(|scope| {
+            let text = kept.clone();
+            scope.spawn(move || {
+                while !before_a_command && !text.text().contains("\"command\"") {
+                    std::thread::sleep(Duration::from_millis(5));
+                }
+                interrupted.store(true, Ordering::Release);
+            });
+            steer(&mut plant, &options, &mut |_| {}).expect_err("interrupted")
+        });
+        assert_eq!((error.name(), &error), ("interrupted", &SteerError::Plant(PlantError::Interrupted)));
+        let text = kept.text();
+        assert_eq!(text.contains("\"command\""), !before_a_command, "{text}");
+        let mut replayed = ReplayPlant::new(&text).expect("a record");
+        assert_eq!(steer(&mut replayed, &options, &mut |_| {}), Err(error));
+    }
+}
+
+/// An interrupt at the terminal goes to the whole process group of the foreground.
+#[cfg(unix)]
+#[test]
+fn a_plant_has_a_process_group_of_its_own() {
+    let (error, _) = fault("ps -o pgid= -p $$ | grep -qw $$ && exit 7; exit 8");
+    assert!(error.to_string().contains("exit status: 7"), "{error}");
 }

@@ -68,6 +68,9 @@ pub struct RigStatement {
     pub move_while_pushing: bool,
     /// Whether the needle can be turned about its axis.
     pub can_rotate: bool,
+    /// Whether a guide move is commanded as one step, because the rig makes each move to its end: nothing else happens in it.
+    #[serde(default)]
+    pub guide_moves_in_one_step: bool,
 }
 
 /// Limits of a plant: travel and speed for each axis, force for the vector's length.

@@ -3,6 +3,22 @@
 use crate::history::{History, Place};
 use crate::protocol::Answer;
 
+/// Age of a reading, beyond delay and period of its sensor, from which on it is too old, s.
+const LATE_S: f64 = 1.0;
+
+/// Bad readings since the last good one, by what is wrong with them.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Series {
+    /// Far from the band.
+    pub far: usize,
+    /// The same as the one before, to the digit.
+    pub repeated: usize,
+    /// Taken long before they arrived.
+    pub late: usize,
+    /// Age of the last of these, s.
+    pub latest_s: f64,
+}
+
 /// Readings at one place.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Bin {
@@ -23,6 +39,8 @@ pub(crate) struct Readings {
     pub bins: Vec<Bin>,
     noise_m: f64,
     delay_s: f64,
+    /// Readings older than this are too old, s.
+    late_s: f64,
     last_seq: Option<i64>,
     last_tip_m: Option<[f64; 2]>,
     /// When the last new good reading arrived, s.
@@ -31,8 +49,8 @@ pub(crate) struct Readings {
     pub skip_s: [f64; 2],
     /// Of all that arrived: new, rejected.
     pub counts: [usize; 2],
-    /// Readings far from the band since the last good one.
-    pub far_in_series: usize,
+    /// Bad readings since the last good one.
+    pub in_series: Series,
 }
 
 /// What became of an answer's reading.
@@ -40,7 +58,7 @@ pub(crate) struct Readings {
 pub(crate) enum ReadingStatus {
     /// The same again.
     Old,
-    /// The sensor itself reports it as bad, or it repeats the last to the digit.
+    /// The sensor itself reports it as bad, it repeats the last to the digit, or it is too old.
     Rejected,
     /// Far from where the tip can be, by the model.
     Far,
@@ -49,17 +67,19 @@ pub(crate) enum ReadingStatus {
 }
 
 impl Readings {
-    pub fn new(noise_m: f64, delay_s: f64) -> Self {
+    /// For a sensor of this noise, delay and time between readings.
+    pub fn new(noise_m: f64, delay_s: f64, period_s: f64) -> Self {
         Self {
             bins: Vec::new(),
             noise_m,
             delay_s,
+            late_s: delay_s + period_s + LATE_S,
             last_seq: None,
             last_tip_m: None,
             last_good_s: 0.0,
             skip_s: [f64::NAN; 2],
             counts: [0; 2],
-            far_in_series: 0,
+            in_series: Series::default(),
         }
     }
 
@@ -80,8 +100,14 @@ impl Readings {
         let repeated = self.noise_m > 0.0 && self.last_tip_m == Some(tip_m);
         self.last_tip_m = Some(tip_m);
         let time_s = answer.tip_t_s.unwrap_or(answer.t_s - self.delay_s);
-        if !answer.valid || repeated || time_s < -1e-9 {
+        let late = answer.t_s - time_s > self.late_s;
+        if !answer.valid || repeated || late || time_s < -1e-9 {
             self.counts[1] += 1;
+            self.in_series.repeated += usize::from(repeated);
+            if late {
+                (self.in_series.late, self.in_series.latest_s) =
+                    (self.in_series.late + 1, answer.t_s - time_s);
+            }
             return ReadingStatus::Rejected;
         }
         let moment = history.at(time_s.max(0.0));
@@ -93,10 +119,10 @@ impl Readings {
         let far_m = (tip_m[0] - expected_m[0]).hypot(tip_m[1] - expected_m[1]);
         if far_m > 5.0 * self.noise_m.hypot(sd_m) + 0.3e-3 {
             self.counts[1] += 1;
-            self.far_in_series += 1;
+            self.in_series.far += 1;
             return ReadingStatus::Far;
         }
-        (self.last_good_s, self.far_in_series) = (answer.t_s, 0);
+        (self.last_good_s, self.in_series) = (answer.t_s, Series::default());
         if time_s > self.skip_s[0] && time_s < self.skip_s[1] {
             return ReadingStatus::Good;
         }

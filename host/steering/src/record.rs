@@ -1,7 +1,7 @@
 //! The record of a run, one JSON object a line in the order of what happened, and its replay.
 //!
 //! `{"command":..}` and `{"plant":..}` hold the lines of the protocol to the byte; `{"decision":..}` what was decided from them;
-//! `{"malformed":".."}` a line of the plant that is no JSON; `{"options":..}` stands first, `{"fault":..}` or `{"outcome":..}` last. A
+//! `{"malformed":".."}` a line of the plant that is no JSON, `{"failure":..}` why none came; `{"options":..}` stands first, `{"fault":..}` or `{"outcome":..}` last. A
 //! controller that is given the same lines sends the same commands: [`ReplayPlant`] answers from a record and compares them.
 
 use crate::controller::Options;
@@ -57,6 +57,12 @@ impl Record {
         }
     }
 
+    /// Why a run cannot go on, where no line of the plant has it.
+    pub fn failure(&self, error: PlantError) -> PlantError {
+        self.note("failure", &error);
+        error
+    }
+
     /// Anything else: `options`, `decision`, `outcome`, `fault`.
     pub fn note(&self, kind: &'static str, what: &impl Serialize) {
         self.line(kind, &to_line(what));
@@ -92,7 +98,7 @@ impl ReplayPlant {
         for (number, line) in (1..).zip(whole.lines()) {
             let malformed = |problem: &str| PlantError::Malformed {
                 line: number,
-                expected: "line of a record",
+                expected: "line of a record".into(),
                 problem: problem.to_owned(),
             };
             let inside = line.strip_prefix("{\"").and_then(|rest| rest.strip_suffix('}'));
@@ -100,7 +106,9 @@ impl ReplayPlant {
                 .and_then(|rest| rest.split_once("\":"))
                 .ok_or_else(|| malformed("not {\"kind\":..}"))?;
             match kind {
-                "command" | "plant" | "malformed" => lines.push_back((kind.to_owned(), json.to_owned())),
+                "command" | "plant" | "malformed" | "failure" => {
+                    lines.push_back((kind.to_owned(), json.to_owned()))
+                }
                 "decision" => decisions.push(json.to_owned()),
                 "options" => {
                     options =
@@ -111,7 +119,7 @@ impl ReplayPlant {
         }
         let options = options.ok_or(PlantError::Malformed {
             line: 1,
-            expected: "line of a record",
+            expected: "line of a record".into(),
             problem: "no options, expected them in the first line".to_owned(),
         })?;
         Ok(Self { lines, options, decisions, number: 0, step: 0 })
@@ -128,6 +136,9 @@ impl ReplayPlant {
     }
 
     fn sent(&mut self, message: &impl Serialize) -> Result<(), PlantError> {
+        if self.lines.front().is_none_or(|(kind, _)| kind == "failure") {
+            return Err(self.end("that the run goes on"));
+        }
         self.step += 1;
         let line = to_line(message);
         let differs = |difference: String| PlantError::Differs { step: self.step, difference };
@@ -148,8 +159,20 @@ impl ReplayPlant {
                 let line: String = serde_json::from_str(&line).unwrap_or_default();
                 parse(&line, self.number, expected)
             }
-            _ => Err(PlantError::Ended(expected)),
+            Some((kind, line)) => {
+                self.lines.push_front((kind, line));
+                Err(self.end(expected))
+            }
+            None => Err(self.end(expected)),
         }
+    }
+
+    /// Why the recorded run did not go on.
+    fn end(&mut self, expected: &'static str) -> PlantError {
+        let failure = self.lines.pop_front().filter(|(kind, _)| kind == "failure");
+        failure
+            .and_then(|(_, error)| serde_json::from_str(&error).ok())
+            .unwrap_or(PlantError::Ended { expected: expected.into(), how: "the record ends here".into() })
     }
 }
 
@@ -180,19 +203,19 @@ pub struct Recorded<P> {
 
 impl<P: Plant> Plant for Recorded<P> {
     fn start(&mut self) -> Result<Statement, PlantError> {
-        let stated = self.plant.start()?;
+        let stated = self.plant.start().map_err(|error| self.record.failure(error))?;
         self.reparsed(&stated, "statement")
     }
 
     fn step(&mut self, command: &Command) -> Result<Answer, PlantError> {
         self.record.sent(&to_line(command));
-        let answer = self.plant.step(command)?;
+        let answer = self.plant.step(command).map_err(|error| self.record.failure(error))?;
         self.reparsed(&answer, "answer")
     }
 
     fn end(&mut self) -> Result<End, PlantError> {
         self.record.sent(&to_line(&Done { done: true }));
-        let end = self.plant.end()?;
+        let end = self.plant.end().map_err(|error| self.record.failure(error))?;
         self.reparsed(&end, "last line")
     }
 }

@@ -12,6 +12,17 @@ pub struct Probability {
     pub probability: f64,
 }
 
+/// A rotation of the needle that is planned.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PlannedRotation {
+    /// Depth at which the needle is turned, mm.
+    pub depth_mm: f64,
+    /// By which angle, from +x towards +y, degrees.
+    pub by_deg: f64,
+    /// Direction of the tip's load after it, degrees.
+    pub bevel_deg: f64,
+}
+
 /// What was decided at a rest, and from which posterior.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Decision {
@@ -49,6 +60,50 @@ pub struct Decision {
     pub misfit: f64,
     /// What limits the move, where something does.
     pub limited_by: Option<&'static str>,
+    /// Rotations from here on, as planned; the first is made now where its depth is this one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rotations: Vec<PlannedRotation>,
+}
+
+impl Decision {
+    /// The rotation that is made now.
+    pub fn turn(&self) -> Option<PlannedRotation> {
+        self.rotations.first().filter(|rotation| (rotation.depth_mm - self.depth_mm).abs() < 1e-3).copied()
+    }
+
+    /// What an operator does next: turn, then push to the next stop, or to the target's depth.
+    pub fn cue(&self, target_depth_mm: f64) -> Cue {
+        let turn = self.turn();
+        Cue {
+            depth_mm: self.depth_mm,
+            turn_by_deg: turn.map(|turn| turn.by_deg),
+            bevel_deg: turn.map_or(self.bevel_deg, |turn| turn.bevel_deg),
+            push_to_mm: self.plan_depth_mm.get(1).copied().unwrap_or(target_depth_mm),
+        }
+    }
+}
+
+/// What an operator who holds the needle does next.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Cue {
+    /// Where the needle is, mm.
+    pub depth_mm: f64,
+    /// First turn it by this angle, from +x towards +y, degrees.
+    pub turn_by_deg: Option<f64>,
+    /// Direction of the tip's load after that, degrees.
+    pub bevel_deg: f64,
+    /// Then push it to this depth, mm.
+    pub push_to_mm: f64,
+}
+
+impl std::fmt::Display for Cue {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "at {:.1} mm: ", self.depth_mm)?;
+        if let Some(by_deg) = self.turn_by_deg {
+            write!(f, "turn by {by_deg:+.0} degrees (bevel at {:.0} degrees), then ", self.bevel_deg)?;
+        }
+        write!(f, "push to {:.1} mm", self.push_to_mm)
+    }
 }
 
 /// What happened in a run, in order.

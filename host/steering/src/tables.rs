@@ -112,6 +112,42 @@ pub(crate) fn paths(tables: &Tables, unknowns: &Unknowns, values: &[f64], histor
     })
 }
 
+/// Effect at the target of what is fixed to the needle (load or angle) from a node on, along and across the bevel, m.
+pub(crate) fn after(
+    tables: &Tables,
+    unknowns: &Unknowns,
+    values: &[f64],
+    history: &History,
+    node: usize,
+) -> [f64; 2] {
+    let last = Place::Rest(history.depths_m.len() - 1, 0);
+    // On arriving at the node nothing acts yet.
+    let from = |at: usize, value: f64| match at.cmp(&node) {
+        std::cmp::Ordering::Less => [0.0; 2],
+        std::cmp::Ordering::Equal => [0.0, value],
+        std::cmp::Ordering::Greater => [value; 2],
+    };
+    [0, 1].map(|direction| {
+        let own = |at_node: usize| {
+            let depth_m = history.depths_m[at_node];
+            let knots = hats(depth_m, unknowns.knots);
+            let value = |(knot, weight): &(usize, f64)| {
+                weight * unknowns.value(values, unknowns.tip(direction, *knot))
+            };
+            from(at_node, knots.iter().map(value).sum())
+        };
+        let path = tables.path(Input { guide_m: &|_| [0.0; 2], tip: &own });
+        let beside = match unknowns.law {
+            CuttingLaw::Load => {
+                let angle = unknowns.value(values, unknowns.beside() + direction);
+                at(&tables.beside(|at_node| from(at_node, angle)), last)
+            }
+            CuttingLaw::Angle => 0.0,
+        };
+        at(&path, last) + beside
+    })
+}
+
 /// What is fixed to the needle (along and across the bevel) in plane x (0) or y (1), turned by an angle.
 pub(crate) fn turned([along, across]: [f64; 2], angle_rad: f64, plane: usize) -> f64 {
     let (sin, cos) = angle_rad.sin_cos();

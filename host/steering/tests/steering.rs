@@ -113,9 +113,14 @@ fn a_tip_sensor_that_fails_holds_the_needle_and_is_named() {
     let frozen: Fails = |answer, last| (answer.tip_x_mm, answer.tip_y_mm) = (last.tip_x_mm, last.tip_y_mm);
     let invalid: Fails = |answer, _| answer.valid = false;
     let far: Fails = |answer, _| answer.tip_x_mm += 25.0;
-    for (fails, name) in
-        [(silent, "tip_silent"), (frozen, "tip_silent"), (invalid, "tip_silent"), (far, "tip_outside_band")]
-    {
+    let late: Fails = |answer, _| answer.tip_t_s = Some(answer.t_s - 3.0);
+    for (fails, name) in [
+        (silent, "tip_silent"),
+        (frozen, "tip_frozen"),
+        (invalid, "tip_silent"),
+        (far, "tip_outside_band"),
+        (late, "tip_late"),
+    ] {
         let (plant, options) = drawn(1);
         let mut last: Option<Answer> = None;
         let change = |answer: &mut Answer| match &last {
@@ -133,6 +138,39 @@ fn a_tip_sensor_that_fails_holds_the_needle_and_is_named() {
         // Pushed for about two seconds at most: 2 s times 4 mm/s beyond 22 mm, rests not counted.
         assert!(deepest_mm < 22.0 + 12.0, "{name}: stopped at {deepest_mm} mm");
     }
+}
+
+/// A needle that slips back out of the tissue ends the run at once.
+#[test]
+fn a_needle_that_was_let_go_ends_the_run() {
+    let (plant, options) = drawn(1);
+    let change = |answer: &mut Answer| {
+        if answer.depth_mm > 22.0 {
+            answer.depth_mm -= 4.0;
+        }
+    };
+    let mut plant = Changed { plant, change, commands: Vec::new() };
+    let error = carried_out(&mut plant, &options).expect_err("a fault");
+    assert_eq!(error.name(), "needle_off_depth", "{error}");
+    assert!(plant.commands.last().is_some_and(|command| command.depth_mm < 24.0));
+}
+
+/// A rig that makes each guide move to its end gets one command for it.
+#[test]
+fn guide_moves_are_one_step_where_the_rig_states_it() {
+    let (mut plant, options) = drawn(0);
+    let moves = |plant: &SimulatedPlant| {
+        let mut plant = Changed { plant: plant.clone(), change: |_: &mut Answer| {}, commands: Vec::new() };
+        let run = carried_out(&mut plant, &options).expect("a run");
+        let at = |command: &Command| (command.guide_x_mm, command.guide_y_mm);
+        let steps = plant.commands.windows(2).filter(|pair| at(&pair[0]) != at(&pair[1])).count();
+        (steps, run.decisions.iter().filter(|one| one.guide_from_mm != one.guide_to_mm).count())
+    };
+    let (steps, decided) = moves(&plant);
+    assert!(steps > decided, "{steps} steps for {decided} moves");
+    plant.stated.rig.guide_moves_in_one_step = true;
+    let (steps, decided) = moves(&plant);
+    assert!(steps > 3 && steps <= decided, "{steps} steps for {decided} moves");
 }
 
 /// A sensor that comes back in time does not end the run.

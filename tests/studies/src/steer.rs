@@ -1,12 +1,13 @@
 //! Steering to a target: misses of several controllers on the same plants, which share no computation with the forward model and
 //! hide layers, skin, yielding or relaxation, slope, play, process noise of the load and bad readings; and with one more effect each.
 
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+mod published;
+
+use published::Aim;
 use rayon::prelude::*;
 use serde::Serialize;
-use steering::{Command, Options, Outcome, Plant, PlantError, Run, SteerError, steer};
-use worlds::steering::{Kind, SimulatedPlant, reachable_target, world};
+use steering::{Options, Outcome, PlantError, Run, SteerError, steer};
+use worlds::steering::{Kind, SimulatedPlant, reachable_target, target_by_rotations, world};
 
 /// Depth of the targets, mm.
 const DEPTH_MM: f64 = 100.0;
@@ -18,23 +19,48 @@ pub enum Controller {
     None,
     /// Guide moved in proportion to how far the tip is from the straight way to the target.
     Proportional,
+    /// A Jacobian by Broyden's rule and a plan over four steps, as published: towards the target's x and y at once.
+    Broyden,
+    /// The same along the straight line from the entry point to the target.
+    BroydenLine,
     /// The plan at the prior's tissue; readings determine slope and load alone.
     Nominal,
+    /// The likeliest tissue, taken for the true one.
+    Identified,
     /// The posterior of everything.
     Posterior,
+    /// Nobody, with targets for [`Self::HandHeld`].
+    HandHeldNone,
+    /// The posterior of everything; the needle is held by hand and turned twice at most, guide 2 stands still.
+    HandHeld,
 }
 
 impl Controller {
     /// All, the worst first.
-    pub const ALL: [Self; 4] = [Self::None, Self::Proportional, Self::Nominal, Self::Posterior];
+    pub const ALL: [Self; 9] = [
+        Self::None,
+        Self::Proportional,
+        Self::Broyden,
+        Self::BroydenLine,
+        Self::Nominal,
+        Self::Identified,
+        Self::Posterior,
+        Self::HandHeldNone,
+        Self::HandHeld,
+    ];
 
     /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
             Self::Proportional => "proportional",
+            Self::Broyden => "Broyden, as published",
+            Self::BroydenLine => "Broyden, along a line",
             Self::Nominal => "model at the prior's K",
+            Self::Identified => "model, likeliest K",
             Self::Posterior => "model, posterior",
+            Self::HandHeldNone => "hand-held: none",
+            Self::HandHeld => "hand-held: model, two rotations",
         }
     }
 }
@@ -115,8 +141,13 @@ pub fn study(kind: Kind, controller: Controller, count: u64, seed: u64) -> Resul
     let runs: Result<Vec<Ended>, PlantError> = (0..count)
         .into_par_iter()
         .map(|number| {
-            let plant = world(kind, seed, number);
-            let target_mm = reachable_target(&plant, DEPTH_MM, seed, number)?;
+            let mut plant = world(kind, seed, number);
+            let target_mm = if matches!(controller, Controller::HandHeld | Controller::HandHeldNone) {
+                plant.stated.limits.guide_travel_mm = 0.0;
+                target_by_rotations(&plant, DEPTH_MM, seed, number)?
+            } else {
+                reachable_target(&plant, DEPTH_MM, seed, number)?
+            };
             one(plant, target_mm, controller, seed, number)
         })
         .collect();
@@ -132,10 +163,14 @@ fn one(
 ) -> Result<Ended, PlantError> {
     let options = Options::new(target_mm);
     let options = match controller {
-        Controller::None => Options { steered: false, ..options },
+        Controller::None | Controller::HandHeldNone => Options { steered: false, ..options },
         Controller::Nominal => Options { tissue_known: true, ..options },
+        Controller::Identified => Options { caution: 0.0, ..options },
         Controller::Posterior => options,
-        Controller::Proportional => return proportional(plant, target_mm, seed, number),
+        Controller::HandHeld => Options { rotations: 2, ..options },
+        Controller::Proportional => return published::proportional(plant, target_mm, seed, number),
+        Controller::Broyden => return published::broyden(plant, target_mm, Aim::Target),
+        Controller::BroydenLine => return published::broyden(plant, target_mm, Aim::Line),
     };
     match steer(&mut plant, &options, &mut |_| {}) {
         Ok(run) => Ok(ended(&run)),
@@ -152,62 +187,4 @@ fn ended(run: &Run) -> Ended {
         stated: run.within_before.iter().map(|one| [one.radius_mm, one.probability]).collect(),
         slowest_s: run.slowest_replan_s,
     }
-}
-
-/// Rests every 5 mm, and moves the guide by a share of the distance between the last reading and the straight way to the target: far
-/// beyond the surface, the tip ends on the other side.
-fn proportional(
-    mut plant: SimulatedPlant,
-    target_mm: [f64; 3],
-    seed: u64,
-    number: u64,
-) -> Result<Ended, PlantError> {
-    const SHARE: f64 = 0.5;
-    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x9a);
-    rng.set_stream(number);
-    // Its rests begin anywhere in the first 5 mm.
-    let first_mm = rng.random_range(2..=5);
-    let mut at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
-    for depth in 1..=DEPTH_MM as usize {
-        at = Command { t_s: at.t_s + 0.25, depth_mm: depth as f64, ..at };
-        plant.step(&at)?;
-        if !(10..=80).contains(&depth) || (depth - first_mm) % 5 != 0 {
-            continue;
-        }
-        let mut tips = Vec::new();
-        for _ in 0..12 {
-            at.t_s += 0.1;
-            let answer = plant.step(&at)?;
-            tips.push([answer.tip_x_mm, answer.tip_y_mm]);
-        }
-        let median = |plane: usize| {
-            let mut values: Vec<f64> = tips.iter().map(|tip| tip[plane]).collect();
-            values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
-        };
-        let travel_mm = 0.98 * plant.stated.limits.guide_travel_mm;
-        let moved = |plane: usize, now_mm: f64| {
-            let way_mm = target_mm[plane] * depth as f64 / DEPTH_MM;
-            (now_mm + SHARE * (median(plane) - way_mm)).clamp(-travel_mm, travel_mm)
-        };
-        let to_mm = [moved(0, at.guide_x_mm), moved(1, at.guide_y_mm)];
-        let steps = 30;
-        let from_mm = [at.guide_x_mm, at.guide_y_mm];
-        for step in 1..=steps {
-            let share = f64::from(step) / f64::from(steps);
-            at.t_s += 0.1;
-            at.guide_x_mm = from_mm[0] + share * (to_mm[0] - from_mm[0]);
-            at.guide_y_mm = from_mm[1] + share * (to_mm[1] - from_mm[1]);
-            plant.step(&at)?;
-        }
-    }
-    let end = plant.end()?;
-    let [x, y] = plant.tip_mm();
-    Ok(Ended {
-        miss_mm: Some((x - target_mm[0]).hypot(y - target_mm[1])),
-        stopped: false,
-        broken: end.limits_broken.map_or(0, |broken| broken.total()),
-        stated: Vec::new(),
-        slowest_s: 0.0,
-    })
 }

@@ -6,10 +6,12 @@
 
 pub mod hidden;
 pub mod seeds;
+pub mod steered;
 
 use crate::bench::Bench;
 use crate::cosim::{Appointment, Fault};
 use crate::images;
+use crate::needle;
 use crate::qemu::HANGS;
 use anyhow::{Context, Result, ensure};
 use device::link::Program;
@@ -147,7 +149,8 @@ impl Outcome {
     }
 }
 
-/// Runs the demonstration and judges it. Whether the hidden effect is found is a result that is printed, not an error.
+/// Runs the demonstration and judges it. Whether the hidden effect is found, and how far the steered needle misses, are results that are
+/// printed, not errors.
 ///
 /// # Errors
 /// Where a command fails, samples were lost, or the modulus is off by more than a tenth.
@@ -163,6 +166,9 @@ pub fn run(args: &Args) -> Result<()> {
     })?;
     println!("{}", found.summary(args.seed));
     println!("figures and the augmented model are in {}", args.out.display());
+    println!("\na needle is steered to a target; the firmware moves guide 2, another program pushes:\n");
+    let steered = steered::steered(&this_program()?, args.seed, &args.out, &mut |text| print!("{text}"))?;
+    println!("{}", steered.summary(args.seed));
     let (lost, error) = (outcome.lost_samples(), outcome.error()?);
     ensure!(lost == 0.0, "{lost} samples were lost on the way");
     ensure!(error.abs() < 0.1, "the identified modulus is off by {:.0} %", 100.0 * error);
@@ -321,7 +327,7 @@ impl Typist<'_> {
     fn echo(&mut self, arguments: &[&str]) {
         let quoted = arguments.iter().map(|argument| match *argument {
             // Long commands go on in the next line; which they are must not depend on how long paths are.
-            "--rig" | "--sweep-command" => format!("\\\n    {argument}"),
+            "--rig" | "--sweep-command" | "--tip" => format!("\\\n    {argument}"),
             text if text.contains(' ') => format!("\"{text}\""),
             text => text.to_owned(),
         });
@@ -353,6 +359,7 @@ pub fn rig(args: &RigArgs) -> Result<()> {
     };
     println!("port            {}", bench.port());
     println!("sweep command   {}", sweep_command(&this_program()?, &bench));
+    println!("needle          {}", needle::command(&this_program()?, &bench.rig().needle(), args.seed));
     println!("the firmware's log follows; Ctrl-C ends it");
     let ended = Arc::new(AtomicBool::new(false));
     ctrlc::set_handler({

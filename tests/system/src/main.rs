@@ -6,7 +6,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use system::{
-    beside, bringup, campaign, cosim, demo, fuzz, hil, readme, size, soak, stress, suite, timing, tracking,
+    beside, bringup, campaign, cosim, demo, fuzz, hil, needle, readme, size, soak, stress, suite, timing,
+    tracking,
 };
 
 /// Set up, build, test and demonstrate the needle guide
@@ -57,6 +58,8 @@ enum Task {
         #[arg(long, value_name = "SOCKET")]
         socket: PathBuf,
     },
+    /// Push a simulated needle as a plant of `guide steer --port PORT --tip`, whose guide 2 is that of a rig
+    Needle(needle::Args),
 }
 
 fn main() -> ExitCode {
@@ -105,6 +108,7 @@ fn run(task: Task) -> Result<()> {
             Ok(())
         }
         Task::Rig(args) => demo::rig(&args),
+        Task::Needle(args) => needle::run(&args),
         Task::Sweep { socket } => {
             let taken = cosim::take_sweep(&socket, true)?;
             print!("{}", taken.text);

@@ -91,6 +91,11 @@ const TASKS: [(&str, Needs, &str); 17] = [
     ("timing", Needs::Qemu, "Run the control core on the target: instructions per control period"),
     ("rig", Needs::Qemu, "Start the firmware in QEMU with a simulated rig and leave it running for `guide`"),
     ("sweep", Needs::Nothing, "Print one ultrasound sweep of a simulated rig as CSV"),
+    (
+        "needle",
+        Needs::Nothing,
+        "Push a simulated needle as a plant of `guide steer --port PORT --tip`, whose guide 2 is that of a rig",
+    ),
 ];
 
 fn main() -> ExitCode {

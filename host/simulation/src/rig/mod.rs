@@ -62,6 +62,25 @@ pub struct Truth {
     pub stiffness_n_per_m: f64,
 }
 
+/// What a needle that someone else computes does to guide 2, about a position: its force is linear there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NeedleLoad {
+    /// Position of guide 2 along x and y, metres.
+    pub at_m: [f64; 2],
+    /// Force of guide 2 on the needle there, newtons.
+    pub force_n: [f64; 2],
+    /// Its growth with the position, newtons per metre.
+    pub stiffness_n_per_m: f64,
+}
+
+impl NeedleLoad {
+    fn force_n(&self, position_m: [f64; 2]) -> [f64; 2] {
+        let [x_m, y_m] = position_m;
+        let ([at_x_m, at_y_m], [x_n, y_n]) = (self.at_m, self.force_n);
+        [x_n + self.stiffness_n_per_m * (x_m - at_x_m), y_n + self.stiffness_n_per_m * (y_m - at_y_m)]
+    }
+}
+
 /// Why a rig cannot be simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum RigError {
@@ -86,6 +105,8 @@ pub struct SimulatedRig {
     effects: Vec<(&'static dyn Effect, Vec<f64>)>,
     actuators: [Actuator; 2],
     bridge_offset_n: [f64; 2],
+    /// The needle of someone else, where it is not that of the configuration.
+    load: Option<NeedleLoad>,
     /// Since the start.
     time_s: f64,
     force_noise: Noise,
@@ -123,6 +144,7 @@ impl SimulatedRig {
             effects: model.effects,
             actuators,
             bridge_offset_n,
+            load: None,
             time_s: 0.0,
             force_noise: Noise::new(seed, Stream::Force),
             sweep_noise: Noise::new(seed, Stream::Sweep),
@@ -183,8 +205,16 @@ impl SimulatedRig {
         self.actuators.each_ref().map(Actuator::position_m)
     }
 
+    /// From now on guide 2 has a needle that someone else computes; `None`: that of the configuration.
+    pub fn set_load(&mut self, load: Option<NeedleLoad>) {
+        self.load = load;
+    }
+
     /// Force on guide 2 along x and y, newtons.
     pub fn force_n(&self) -> [f64; 2] {
+        if let Some(load) = &self.load {
+            return load.force_n(self.position_m());
+        }
         self.position_m().map(|position_m| self.beam.force_n(self.drive.beyond_clearance_m(position_m)))
     }
 

@@ -94,3 +94,16 @@ fn unsound_configurations_are_refused_by_name() {
     let message = SimulatedRig::new(config, 0).expect_err("negative depth").to_string();
     assert!(message.contains("depth_mm is -1"), "{message}");
 }
+
+#[test]
+fn a_needle_of_someone_else_loads_the_guide_until_it_is_taken_away() {
+    let mut rig = SimulatedRig::new(RigConfig::default(), 3).expect("a rig");
+    let own_n = rig.force_n();
+    let [x_m, y_m] = rig.position_m();
+    let load = NeedleLoad { at_m: [x_m - 1e-3, y_m], force_n: [0.5, -0.2], stiffness_n_per_m: 300.0 };
+    rig.set_load(Some(load));
+    let [x_n, y_n] = rig.force_n();
+    assert!((x_n - 0.8).abs() < 1e-12 && (y_n + 0.2).abs() < 1e-12, "{x_n} N, {y_n} N");
+    rig.set_load(None);
+    assert_eq!(rig.force_n(), own_n);
+}

@@ -4,9 +4,14 @@ use super::{Controller, MISS_THAT_STOPS_MM, Posterior, SHARE_OF_TRAVEL, SMALLEST
 use crate::estimator::{AtTarget, Hypothesis};
 use crate::history::Place;
 use crate::planner::{self, Plan, Weights};
-use crate::results::{Decision, Event, Outcome};
+use crate::results::{Decision, Event, Outcome, PlannedRotation};
 use crate::tables;
 use crate::unknowns::{CuttingLaw, LAYERS};
+
+/// Standard deviation per axis, of a covariance.
+pub(super) fn sd_m(covariance_m2: [f64; 3]) -> f64 {
+    (0.5 * (covariance_m2[0] + covariance_m2[2])).max(0.0).sqrt()
+}
 
 impl Controller<'_> {
     /// Estimates, plans and moves at a rest.
@@ -39,16 +44,33 @@ impl Controller<'_> {
             plan.guide_m.fill(now_m);
             (plan.tip_m, plan.covariance_m2) = planner::outcome(&laws, now_m, &plan.guide_m);
         }
+        let mut rotations = Vec::new();
+        if self.rotates() {
+            to_m = now_m;
+            plan.guide_m.fill(now_m);
+            limited_by = None;
+            plan.covariance_m2 = planner::outcome(&laws, now_m, &plan.guide_m).1;
+            (rotations, plan.tip_m) = self.plan_rotations(node, &posterior.at, sd_m(plan.covariance_m2))?;
+        }
         if let Some(first) = plan.guide_m.first_mut() {
             *first = to_m;
         }
-        let decision = self.decision(node, &rests, &plan, to_m, limited_by, &posterior)?;
+        self.stop_at(&rotations);
+        let rests: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
+        plan.guide_m.resize(rests.len(), to_m);
+        let mut decision = self.decision(node, &rests, &plan, to_m, limited_by, &posterior)?;
+        decision.rotations = rotations;
         self.slowest_s = self.slowest_s.max(began.elapsed().as_secs_f64());
         (self.on_event)(&Event::Decision(&decision));
         let stopped = self.is_worse_than_none(&decision);
+        let turn = decision.turn();
         self.decisions.push(decision);
         if stopped.is_some() {
             return Ok(stopped);
+        }
+        if let Some(turn) = turn {
+            self.turn(turn.bevel_deg)?;
+            return Ok(None);
         }
         let to_mm = to_m.map(|m| 1e3 * m);
         let far_mm = (to_m[0] - now_m[0]).hypot(to_m[1] - now_m[1]) * 1e3;
@@ -56,6 +78,19 @@ impl Controller<'_> {
             self.move_guide(to_mm)?;
         }
         Ok(None)
+    }
+
+    /// The needle stops also where it is to be turned.
+    fn stop_at(&mut self, rotations: &[PlannedRotation]) {
+        for rotation in rotations {
+            let depth_m = 1e-3 * rotation.depth_mm;
+            let node = self.history.depths_m.partition_point(|m| *m < depth_m - 1e-6);
+            let place = self.rests.partition_point(|rest| *rest < node);
+            // The stop of an earlier plan stays: a reading more.
+            if self.rests.get(place) != Some(&node) && node > self.history.reached {
+                self.rests.insert(place, node);
+            }
+        }
     }
 
     /// Stops where the plan, too, ends further from the target than no steering would have: the model is not that of this needle.
@@ -127,15 +162,17 @@ impl Controller<'_> {
             cut_angle_probability,
             misfit: law.misfit,
             limited_by,
+            rotations: Vec::new(),
         })
     }
 
-    /// Miss had the guide never been moved, by the likeliest law.
+    /// Miss had the guide never been moved and the needle never been turned, by the likeliest law.
     pub(super) fn unsteered_miss_mm(&self) -> Result<f64, SteerError> {
         let law = &self.laws[self.best()];
         let mut still = self.history.clone();
         for node in &mut still.nodes {
             (node.guide_m, node.play) = Default::default();
+            node.bevel_rad = [self.stated.bevel_deg.to_radians(); 2];
         }
         let paths = law.paths(&still)?;
         let last = Place::Rest(still.depths_m.len() - 1, 0);

@@ -18,11 +18,15 @@ impl Controller<'_> {
         let target_m = [1e-3 * self.options.target_mm[0], 1e-3 * self.options.target_mm[1]];
         let travel_m = 1e-3 * SHARE_OF_TRAVEL * self.stated.limits.guide_travel_mm;
         let bounds_m = self.bounds_m(&rests, [0.0; 2], travel_m)?;
-        let steered = self.options.steered && travel_m > 0.0;
+        let steered = self.options.steered && (travel_m > 0.0 || self.rotates());
         let nearest = Weights { caution: 0.0, effort: 1e-6 };
         let still = vec![[0.0; 2]; rests.len()];
         let laws = before.weighted();
-        let plan = if steered {
+        let plan = if self.rotates() {
+            let (_, covariance_m2) = planner::outcome(&laws, [0.0; 2], &still);
+            let (_, tip_m) = self.plan_rotations(0, &before.at, 0.0)?;
+            Plan { guide_m: still.clone(), tip_m, covariance_m2 }
+        } else if steered {
             planner::plan(&laws, [0.0; 2], target_m, &bounds_m, nearest)
         } else {
             let (tip_m, covariance_m2) = planner::outcome(&laws, [0.0; 2], &still);
@@ -37,6 +41,10 @@ impl Controller<'_> {
                 nearest_mm: plan.tip_m.map(|m| 1e3 * m),
                 distance_mm: 1e3 * away_m,
             }));
+        }
+        if self.rotates() {
+            // The needle is turned towards the end, and how far it then misses is not calibrated: no probability is stated.
+            return Ok(None);
         }
         let last_m = LAST_AUTHORITY * self.history.depths_m[self.history.depths_m.len() - 1];
         let paths = self.expected.clone();

@@ -59,9 +59,8 @@ impl Controller<'_> {
         let radius_m = 0.5e-3 * self.stated.needle.outer_diameter_mm.unwrap_or(1.27);
         let at_rest = AtRest::new(&law.unknowns, &law.values, &self.history, &self.expected, radius_m)?;
         let now = at_rest.at(now_m)?;
-        let mut found = None;
-        for share in [1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0] {
-            let moved_m = [0, 1].map(|plane: usize| now_m[plane] + share * (to_m[plane] - now_m[plane]));
+        let step_m = [to_m[0] - now_m[0], to_m[1] - now_m[1]];
+        let limit_at = |moved_m: [f64; 2]| -> Result<Option<&'static str>, SteerError> {
             let then = at_rest.at(moved_m)?;
             // What is measured counts, and the model only for what the move changes.
             let force_n = match self.force_n {
@@ -76,11 +75,28 @@ impl Controller<'_> {
             let too_bent = limits
                 .needle_strain
                 .is_some_and(|limit| then.strain > SHARE_OF_FORCE * limit && then.strain > now.strain);
-            if !too_much && !too_bent {
-                return Ok(found.map(|limit| (moved_m, limit)));
+            Ok(if too_much {
+                Some("force")
+            } else if too_bent {
+                Some("strain")
+            } else {
+                None
+            })
+        };
+        let Some(limit) = limit_at(to_m)? else { return Ok(None) };
+        // The nearest allowed position: the limit is a circle, so that beside it there may be some where straight on there is none.
+        let mut nearest = (step_m[0].hypot(step_m[1]), now_m);
+        for angle_deg in [0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 80.0, -80.0_f64] {
+            let (sin, cos) = angle_deg.to_radians().sin_cos();
+            for share in [0.9, 0.75, 0.6, 0.45, 0.3, 0.15] {
+                let [x_m, y_m] = step_m.map(|m| share * m);
+                let moved_m = [now_m[0] + cos * x_m - sin * y_m, now_m[1] + sin * x_m + cos * y_m];
+                let away_m = (to_m[0] - moved_m[0]).hypot(to_m[1] - moved_m[1]);
+                if away_m < nearest.0 && limit_at(moved_m)?.is_none() {
+                    nearest = (away_m, moved_m);
+                }
             }
-            found = Some(if too_much { "force" } else { "strain" });
         }
-        Ok(Some((now_m, found.unwrap_or("force"))))
+        Ok(Some((nearest.1, limit)))
     }
 }

@@ -1,11 +1,12 @@
 //! Steps of the plant: pushing, resting, moving the guide, with the supervisor's watch on tip and force.
 
 use super::{
-    Controller, SHARE_OF_FORCE, SHARE_OF_SPEED, SHARE_OF_TRAVEL, SHARE_THAT_STOPS, SILENCE_S, SteerError,
+    Controller, DEPTH_ERROR_MM, GUIDE_SETTLING_S, SHARE_OF_FORCE, SHARE_OF_SPEED, SHARE_OF_TRAVEL,
+    SHARE_THAT_STOPS, SILENCE_S, SteerError,
 };
 use crate::history::Place;
 use crate::protocol::{Answer, Command};
-use crate::readings::ReadingStatus;
+use crate::readings::{ReadingStatus, Series};
 use crate::results::Event;
 use crate::tables;
 
@@ -26,6 +27,10 @@ impl Controller<'_> {
         (self.on_event)(&Event::Command(&to));
         let answer = self.plant.step(&to)?;
         answer.check(&to)?;
+        if (answer.depth_mm - to.depth_mm).abs() > DEPTH_ERROR_MM {
+            let (commanded_mm, reported_mm) = (to.depth_mm, answer.depth_mm);
+            return Err(SteerError::NeedleOffDepth { commanded_mm, reported_mm });
+        }
         (self.on_event)(&Event::Answer(&answer));
         if to.depth_mm > self.last.depth_mm {
             self.pushed_blind_s += to.t_s - self.last.t_s;
@@ -95,9 +100,19 @@ impl Controller<'_> {
                 return Ok(());
             }
         }
-        if self.readings.far_in_series >= 5 {
-            let (count, depth_mm) = (self.readings.far_in_series, self.last.depth_mm);
-            return Err(SteerError::TipOutsideBand { count, depth_mm });
+        let Series { far, repeated, late, latest_s } = self.readings.in_series;
+        if far >= 5 {
+            return Err(SteerError::TipOutsideBand { count: far, depth_mm: self.last.depth_mm });
+        }
+        if late >= 5 {
+            return Err(SteerError::TipLate {
+                count: late,
+                age_s: latest_s,
+                stated_s: self.stated.tip_delay_s,
+            });
+        }
+        if repeated >= 5 {
+            return Err(SteerError::TipFrozen { count: repeated });
         }
         Err(SteerError::TipSilent { silence_s, waited_s: SILENCE_S })
     }
@@ -131,8 +146,11 @@ impl Controller<'_> {
         let way_mm = (to_mm[0] - from_mm[0]).abs().max((to_mm[1] - from_mm[1]).abs());
         let period_s = self.period_s();
         let time_s = way_mm / (SHARE_OF_SPEED * self.stated.limits.guide_speed_mm_s);
-        let steps = (time_s / period_s).ceil().max(1.0);
-        let step_s = (time_s / steps).max(0.02);
+        let steps = if self.stated.rig.guide_moves_in_one_step { 1.0 } else { (time_s / period_s).ceil() };
+        let steps = steps.max(1.0);
+        // A rig that makes each move to its end needs time to come to rest there.
+        let settling_s = if self.stated.rig.guide_moves_in_one_step { GUIDE_SETTLING_S } else { 0.0 };
+        let step_s = (time_s / steps).max(0.02) + settling_s;
         self.readings.skip_s = [self.last.t_s + 1e-6, f64::INFINITY];
         for step in 1..=steps as usize {
             let share = step as f64 / steps;

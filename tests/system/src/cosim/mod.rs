@@ -10,6 +10,7 @@
 //! | [`injection`] | what goes wrong between rig and firmware, and how soon the firmware reacts |
 //! | [`history`] | what passed between them in each of the last periods |
 //! | [`sweeps`] | the rig's ultrasound |
+//! | [`needle`] | a needle that another program pushes into its tissue, and that loads the rig's guide 2 |
 //! | [`output`] | what the device sends on its serial line |
 //! | [`gate`] | where device time waits for a host that is not given processor time |
 //! | [`pace`] | how fast device time runs otherwise |
@@ -18,6 +19,7 @@ mod gate;
 mod history;
 mod injection;
 mod line;
+mod needle;
 mod output;
 mod pace;
 mod sweeps;
@@ -27,6 +29,7 @@ pub use gate::Appointment;
 pub use history::{History, KEPT_PERIODS, Period};
 pub use injection::{Injection, Reaction, Trigger};
 pub use line::{BITS_PER_BYTE, LINE_BAUD};
+pub use needle::GuideSocket;
 pub(crate) use output::OUTPUT_PIPE;
 pub use sweeps::take_sweep;
 pub use wiring::{Fault, Kind};
@@ -138,6 +141,7 @@ impl Cosim {
         }));
         let stop = Arc::new(AtomicBool::new(false));
         sweeps::serve(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;
+        needle::serve(&folder.join("needle"), Arc::clone(&state), Arc::clone(&stop))?;
         let worker = thread::Builder::new().name("rig".into()).spawn({
             let (state, stop, folder) = (Arc::clone(&state), Arc::clone(&stop), folder.to_owned());
             move || serve(&state, &stop, &folder, output, speed)
@@ -239,6 +243,11 @@ impl Cosim {
         self.folder.join("ultrasound")
     }
 
+    /// Where a needle of another program is joined to guide 2.
+    pub fn needle(&self) -> PathBuf {
+        self.folder.join("needle")
+    }
+
     /// Has the firmware powered off and waits for the end.
     ///
     /// # Errors
@@ -251,6 +260,7 @@ impl Cosim {
         self.stop.store(true, Ordering::Release);
         // The sweep server waits for a connection; this one makes it check the flag.
         let _ = UnixStream::connect(self.ultrasound());
+        let _ = UnixStream::connect(self.needle());
         match self.worker.take().map(JoinHandle::join) {
             Some(Ok(outcome)) => outcome,
             Some(Err(_)) => bail!("the rig's thread panicked"),

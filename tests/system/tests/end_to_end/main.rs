@@ -15,3 +15,4 @@ mod program;
 mod readme;
 mod registers;
 mod rig_matches;
+mod steer;

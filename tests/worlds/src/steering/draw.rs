@@ -176,6 +176,7 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
             guide2_to_surface_mm: gap_mm,
             move_while_pushing: false,
             can_rotate: true,
+            guide_moves_in_one_step: false,
         },
         limits: Limits {
             guide_travel_mm: 6.0,
@@ -203,6 +204,36 @@ pub fn world(kind: Kind, seed: u64, number: u64) -> SimulatedPlant {
         }),
     };
     SimulatedPlant::new(stated, needle, flaws, rng)
+}
+
+/// A point that the plant's needle reaches with two rotations and without guide moves, mm: the end of a run of its own.
+///
+/// # Errors
+/// None that a simulated plant has.
+pub fn target_by_rotations(
+    plant: &SimulatedPlant,
+    depth_mm: f64,
+    seed: u64,
+    number: u64,
+) -> Result<[f64; 3], PlantError> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0070_7247);
+    rng.set_stream(number);
+    let at_mm = [rng.random_range(15.0..45.0_f64), rng.random_range(50.0..75.0_f64)].map(f64::round);
+    let by_deg = [rng.random_range(-180.0..180.0), rng.random_range(-180.0..180.0)];
+    let mut scout = plant.clone();
+    let mut at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
+    for step in 1..=depth_mm.round() as usize {
+        at = Command { t_s: at.t_s + 0.25, depth_mm: step as f64, ..at };
+        scout.step(&at)?;
+        for (turn_mm, by_deg) in at_mm.iter().zip(by_deg) {
+            if (at.depth_mm - turn_mm).abs() < 1e-9 {
+                at = Command { t_s: at.t_s + 2.0, bevel_deg: at.bevel_deg + by_deg, ..at };
+                scout.step(&at)?;
+            }
+        }
+    }
+    let [x, y] = scout.tip_mm();
+    Ok([x, y, depth_mm])
 }
 
 /// A point that the plant's needle reaches with some guide moves within limits, mm: the end of a run of its own.

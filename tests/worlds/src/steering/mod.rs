@@ -8,6 +8,6 @@ mod draw;
 mod needle;
 mod sensor;
 
-pub use draw::{Kind, reachable_target, world};
+pub use draw::{Kind, reachable_target, target_by_rotations, world};
 pub use needle::{Needle, Tip, Tissue};
 pub use sensor::{Flaws, SimulatedPlant};

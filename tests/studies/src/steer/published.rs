@@ -1,0 +1,225 @@
+//! Controllers that have no model of the tissue, beside which the one of `guide steer` is measured.
+
+use super::{DEPTH_MM, Ended};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use steering::{Command, Plant, PlantError};
+use worlds::steering::SimulatedPlant;
+
+/// Distance of stops, mm.
+const EVERY_MM: usize = 5;
+/// Readings at a stop, of which the median is taken, and steps of a guide move, 0.1 s each.
+const READINGS: usize = 12;
+const MOVE_STEPS: u32 = 30;
+
+/// A plant that is pushed and held.
+struct Pushed {
+    plant: SimulatedPlant,
+    at: Command,
+}
+
+impl Pushed {
+    fn new(plant: SimulatedPlant) -> Self {
+        let at = Command { bevel_deg: plant.stated.bevel_deg, ..Command::default() };
+        Self { plant, at }
+    }
+
+    fn push_to(&mut self, depth_mm: usize) -> Result<(), PlantError> {
+        while self.at.depth_mm < depth_mm as f64 {
+            self.at = Command { t_s: self.at.t_s + 0.25, depth_mm: self.at.depth_mm + 1.0, ..self.at };
+            self.plant.step(&self.at)?;
+        }
+        Ok(())
+    }
+
+    /// Median of the readings of a stop, mm.
+    fn tip_mm(&mut self) -> Result<[f64; 2], PlantError> {
+        let mut tips = Vec::new();
+        for _ in 0..READINGS {
+            self.at.t_s += 0.1;
+            let answer = self.plant.step(&self.at)?;
+            tips.push([answer.tip_x_mm, answer.tip_y_mm]);
+        }
+        Ok([0, 1].map(|plane: usize| {
+            let mut values: Vec<f64> = tips.iter().map(|tip| tip[plane]).collect();
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        }))
+    }
+
+    /// Largest displacement of the guide that is used, mm.
+    fn travel_mm(&self) -> f64 {
+        0.98 * self.plant.stated.limits.guide_travel_mm
+    }
+
+    fn guide_mm(&self) -> [f64; 2] {
+        [self.at.guide_x_mm, self.at.guide_y_mm]
+    }
+
+    fn move_guide(&mut self, to_mm: [f64; 2]) -> Result<(), PlantError> {
+        let from_mm = self.guide_mm();
+        for step in 1..=MOVE_STEPS {
+            let share = f64::from(step) / f64::from(MOVE_STEPS);
+            self.at.t_s += 0.1;
+            self.at.guide_x_mm = from_mm[0] + share * (to_mm[0] - from_mm[0]);
+            self.at.guide_y_mm = from_mm[1] + share * (to_mm[1] - from_mm[1]);
+            self.plant.step(&self.at)?;
+        }
+        Ok(())
+    }
+
+    fn end(mut self, target_mm: [f64; 3]) -> Result<Ended, PlantError> {
+        self.push_to(DEPTH_MM as usize)?;
+        let end = self.plant.end()?;
+        let [x, y] = self.plant.tip_mm();
+        Ok(Ended {
+            miss_mm: Some((x - target_mm[0]).hypot(y - target_mm[1])),
+            stopped: false,
+            broken: end.limits_broken.map_or(0, |broken| broken.total()),
+            stated: Vec::new(),
+            slowest_s: 0.0,
+        })
+    }
+}
+
+/// Stops every 5 mm, and moves the guide by a share of the distance between the last reading and the straight way to the target: far
+/// beyond the surface, the tip ends on the other side.
+pub(super) fn proportional(
+    plant: SimulatedPlant,
+    target_mm: [f64; 3],
+    seed: u64,
+    number: u64,
+) -> Result<Ended, PlantError> {
+    const SHARE: f64 = 0.5;
+    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x9a);
+    rng.set_stream(number);
+    // Its stops begin anywhere in the first 5 mm.
+    let first_mm: usize = rng.random_range(2..=5);
+    let mut pushed = Pushed::new(plant);
+    for depth in (10..=80).filter(|depth| (depth - first_mm).is_multiple_of(EVERY_MM)) {
+        pushed.push_to(depth)?;
+        let tip_mm = pushed.tip_mm()?;
+        let (now_mm, travel_mm) = (pushed.guide_mm(), pushed.travel_mm());
+        let to_mm = [0, 1].map(|plane: usize| {
+            let way_mm = target_mm[plane] * depth as f64 / DEPTH_MM;
+            (now_mm[plane] + SHARE * (tip_mm[plane] - way_mm)).clamp(-travel_mm, travel_mm)
+        });
+        pushed.move_guide(to_mm)?;
+    }
+    pushed.end(target_mm)
+}
+
+/// What the published controller aims at on the way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Aim {
+    /// The target's x and y from the first step on, as published: its targets lay straight ahead.
+    Target,
+    /// The straight line from the entry point to the target, which is the same where the target lies straight ahead.
+    Line,
+}
+
+/// The published controller (Bernardes 2023): a Jacobian of the tip with respect to guide and depth, updated by Broyden's rule (weight
+/// 0.65) at stops every 5 mm, and the guide positions of the next four stops, within the guide's travel, that minimise the predicted
+/// squared distances. It begins with the Jacobian that its published recordings begin with. Its cost of the tip's direction is
+/// omitted: these plants have no sensor of it, and with angles in radians it is a hundredth of the cost of the distances. With one
+/// Jacobian for all four steps and no cost of moves the program is separable and solved exactly, step by step.
+pub(super) fn broyden(plant: SimulatedPlant, target_mm: [f64; 3], aim: Aim) -> Result<Ended, PlantError> {
+    /// Tip per guide displacement before the first update.
+    const START: f64 = -0.5;
+    let mut pushed = Pushed::new(plant);
+    // Rows: x and y of the tip; columns: guide x, guide y, depth.
+    let mut jacobian = [[START, 0.0, 0.0], [0.0, START, 0.0]];
+    let mut last = (pushed.tip_mm()?, [0.0, 0.0, 0.0]);
+    for depth in (EVERY_MM..DEPTH_MM as usize).step_by(EVERY_MM) {
+        pushed.push_to(depth)?;
+        let tip_mm = pushed.tip_mm()?;
+        let [x_mm, y_mm] = pushed.guide_mm();
+        let input = [x_mm, y_mm, depth as f64];
+        update(&mut jacobian, last, (tip_mm, input));
+        last = (tip_mm, input);
+        // Where the tip will be at the next stop if the guide stays.
+        let ahead_mm = [0, 1].map(|plane: usize| tip_mm[plane] + EVERY_MM as f64 * jacobian[plane][2]);
+        let share = match aim {
+            Aim::Target => 1.0,
+            Aim::Line => (depth + EVERY_MM) as f64 / DEPTH_MM,
+        };
+        let missing = [0, 1].map(|plane: usize| {
+            share * target_mm[plane] - ahead_mm[plane] + jacobian[plane][0] * x_mm + jacobian[plane][1] * y_mm
+        });
+        let guide = [0, 1].map(|plane: usize| [jacobian[plane][0], jacobian[plane][1]]);
+        pushed.move_guide(nearest(guide, missing, pushed.travel_mm()))?;
+    }
+    pushed.end(target_mm)
+}
+
+/// Share of the last step's error that an update takes in.
+const WEIGHT: f64 = 0.65;
+
+/// Broyden's rule: the smallest change of the Jacobian that explains so large a share of the last step. States are tip and input, mm.
+fn update(jacobian: &mut [[f64; 3]; 2], before: ([f64; 2], [f64; 3]), after: ([f64; 2], [f64; 3])) {
+    let moved = [0, 1, 2].map(|i: usize| after.1[i] - before.1[i]);
+    let square: f64 = moved.iter().map(|value| value * value).sum();
+    for (plane, row) in jacobian.iter_mut().enumerate() {
+        let predicted: f64 = row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
+        let missing = after.0[plane] - before.0[plane] - predicted;
+        row.iter_mut().zip(moved).for_each(|(slope, moved)| *slope += WEIGHT * missing * moved / square);
+    }
+}
+
+/// The guide position within its travel whose effect is nearest to what is requested: a quadratic program of two variables, by
+/// coordinate descent.
+fn nearest(gain: [[f64; 2]; 2], requested: [f64; 2], travel_mm: f64) -> [f64; 2] {
+    let mut at = [0.0; 2];
+    for _ in 0..200 {
+        for i in 0..2 {
+            let other = 1 - i;
+            let rest = [0, 1].map(|plane: usize| requested[plane] - gain[plane][other] * at[other]);
+            let square = gain[0][i].powi(2) + gain[1][i].powi(2);
+            let along = gain[0][i] * rest[0] + gain[1][i] * rest[1];
+            at[i] = if square > 0.0 { (along / square).clamp(-travel_mm, travel_mm) } else { 0.0 };
+        }
+    }
+    at
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn broydens_rule_explains_its_share_of_the_last_step_and_changes_nothing_across_it() {
+        let mut jacobian = [[-0.5, 0.1, 0.0], [0.0, -0.4, 0.02]];
+        let before = jacobian;
+        let (from, to) = (([0.1, 0.2], [1.0, -1.0, 10.0]), ([0.5, -0.3], [2.0, -1.5, 15.0]));
+        update(&mut jacobian, from, to);
+        let moved = [1.0, -0.5, 5.0];
+        for (plane, row) in jacobian.iter().enumerate() {
+            let predicted: f64 = row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
+            let before_mm: f64 = before[plane].iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
+            let missing_mm = to.0[plane] - from.0[plane] - before_mm;
+            assert!((predicted - before_mm - 0.65 * missing_mm).abs() < 1e-12);
+            // Across the step: (0.5, 1, 0) is perpendicular to it.
+            let across = |row: &[f64; 3]| 0.5 * row[0] + row[1];
+            assert!((across(row) - across(&before[plane])).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_nearest_guide_position_is_exact_inside_and_on_the_edge() {
+        let gain = [[-0.5, 0.1], [0.05, -0.4]];
+        let [x, y] = nearest(gain, [-1.0, 0.6], 6.0);
+        assert!((gain[0][0] * x + gain[0][1] * y + 1.0).abs() < 1e-9);
+        assert!((gain[1][0] * x + gain[1][1] * y - 0.6).abs() < 1e-9);
+        // Out of reach: no point of a grid within the travel is nearer.
+        let requested = [-9.0, 1.0];
+        let far = |at: [f64; 2]| {
+            (0..2).map(|i| (gain[i][0] * at[0] + gain[i][1] * at[1] - requested[i]).powi(2)).sum::<f64>()
+        };
+        let best = far(nearest(gain, requested, 6.0));
+        for i in -60..=60 {
+            for j in -60..=60 {
+                assert!(far([0.1 * f64::from(i), 0.1 * f64::from(j)]) >= best - 1e-9);
+            }
+        }
+    }
+}
