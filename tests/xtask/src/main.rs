@@ -28,7 +28,7 @@ enum Needs {
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 17] = [
+const TASKS: [(&str, Needs, &str); 19] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",
