@@ -8,8 +8,8 @@ use system::readme::book::{Book, MANUAL};
 use system::readme::check_quick;
 use system::readme::page::Page;
 
-/// Options of other programs that the pages name: cargo, cargo bench and cargo test, probe-rs, git.
-const OF_OTHERS: [&str; 13] = [
+/// Options of other programs that the pages name: cargo, cargo bench and cargo test, probe-rs, git, snakemake.
+const OF_OTHERS: [&str; 16] = [
     "--path",
     "--bench",
     "--all-targets",
@@ -23,6 +23,9 @@ const OF_OTHERS: [&str; 13] = [
     "--open",
     "--release",
     "--example",
+    "--snakefile",
+    "--cores",
+    "--rerun-incomplete",
 ];
 
 /// A command of cargo itself, whose options are cargo's and its programs' and not checked here.
