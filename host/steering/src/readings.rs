@@ -56,7 +56,7 @@ pub(crate) struct Readings {
 /// What became of an answer's reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ReadingStatus {
-    /// The same again.
+    /// The same again, or one that was taken while the guide moved.
     Old,
     /// The sensor itself reports it as bad, it repeats the last to the digit, or it is too old.
     Rejected,
@@ -112,8 +112,8 @@ impl Readings {
         }
         let moment = history.at(time_s.max(0.0));
         let Some(place) = history.place(time_s.max(0.0)) else {
-            self.last_good_s = answer.t_s;
-            return ReadingStatus::Good;
+            // Taken while the guide moved: it cannot be compared, so that it is no evidence of a good sensor either.
+            return ReadingStatus::Old;
         };
         let (expected_m, sd_m) = expected(place);
         let far_m = (tip_m[0] - expected_m[0]).hypot(tip_m[1] - expected_m[1]);
