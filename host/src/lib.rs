@@ -7,7 +7,8 @@
 #![deny(missing_docs)]
 
 pub mod cli;
-pub mod figures;
 pub mod igtl;
 pub mod report;
 pub mod screen;
+
+pub use figures;

@@ -18,6 +18,7 @@
 //! | what remains, and whether it matters | `remaining` |
 //! | intervals over all members of a class | `averaged` |
 //! | the result | `report`, `results` |
+//! | effects switched on and off by a person | `workbench` |
 //!
 //! Related: Kennedy and O'Hagan's model discrepancy, nested-model comparison by evidence, efficient score tests, scan statistics,
 //! optimal discriminating designs. What is added is the loop, with names, abstention and a proof on runs that no fit has used.
@@ -47,6 +48,7 @@ mod split;
 mod start;
 mod two_layers;
 mod whiten;
+mod workbench;
 
 pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
@@ -61,6 +63,7 @@ pub use results::{
     ResidualPoint, Verdict,
 };
 pub(crate) use two_layers::{Interval, TwoLayers, two_layers};
+pub use workbench::{Trial, TrialEffect, TrialPoint, Workbench};
 
 use crate::FitError;
 use adequacy::{Adequacy, regions};

@@ -89,7 +89,10 @@ pub fn cargo_with(arguments: &[&str], environment: &[(&str, &str)]) -> Result<()
 }
 
 /// Runs a program to its end, in the folder that the user is in.
-fn run<'a>(
+///
+/// # Errors
+/// Where it cannot be started.
+pub fn run<'a>(
     program: &Path,
     first: impl IntoIterator<Item = &'a OsStr>,
     arguments: &[OsString],

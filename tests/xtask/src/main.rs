@@ -7,6 +7,7 @@
 mod build;
 mod check;
 mod setup;
+mod web;
 mod wheel;
 mod words;
 
@@ -28,7 +29,7 @@ enum Needs {
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 19] = [
+const TASKS: [(&str, Needs, &str); 20] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",
@@ -90,6 +91,11 @@ const TASKS: [(&str, Needs, &str); 19] = [
     ),
     ("timing", Needs::Qemu, "Run the control core on the target: instructions per control period"),
     ("rig", Needs::Qemu, "Start the firmware in QEMU with a simulated rig and leave it running for `guide`"),
+    (
+        "web",
+        Needs::Here,
+        "Make guide.html, the page with everything in it (--test: in a browser, beside the program)",
+    ),
     ("sweep", Needs::Nothing, "Print one ultrasound sweep of a simulated rig as CSV"),
     (
         "needle",
@@ -133,7 +139,7 @@ fn help() -> String {
 fn run(name: &str, needs: Needs, arguments: &[OsString]) -> Result<ExitCode> {
     let wants_help = arguments.iter().any(|argument| argument == "--help" || argument == "-h");
     match needs {
-        _ if wants_help && !["test", "lint", "setup", "study", "wheel"].contains(&name) => {}
+        _ if wants_help && !["test", "lint", "setup", "study", "web", "wheel"].contains(&name) => {}
         Needs::Target => setup::ensure_target()?,
         Needs::Qemu => setup::ensure_all()?,
         Needs::Nothing => {}
@@ -156,6 +162,7 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         "wheel" => wheel::wheel(arguments).map(|()| ExitCode::SUCCESS),
+        "web" => web::web(arguments),
         "setup" => {
             let only_name = arguments == ["--no-install"];
             if !only_name && !arguments.is_empty() {

@@ -28,7 +28,7 @@ pub fn setup(only_name: bool) -> Result<()> {
     }
     let (major, minor) = QEMU_NEEDED;
     let missing: Vec<String> = [
-        (!has_target()?).then(|| format!("the Rust target {TARGET} (rustup target add {TARGET})")),
+        (!has_target(TARGET)?).then(|| format!("the Rust target {TARGET} (rustup target add {TARGET})")),
         (qemu_version() < Some(QEMU_NEEDED)).then(|| format!("{QEMU} {major}.{minor} or newer")),
     ]
     .into_iter()
@@ -55,17 +55,25 @@ pub fn ensure_all() -> Result<()> {
 /// # Errors
 /// Where there is no rustup or it fails.
 pub fn ensure_target() -> Result<()> {
-    if has_target()? {
-        return Ok(());
-    }
-    log(format_args!("installing the Rust target {TARGET} (to build the firmware)"));
-    run(Command::new("rustup").args(["target", "add", TARGET]))
-        .with_context(|| format!("cannot install the Rust target; by hand: rustup target add {TARGET}"))
+    ensure_rust_target(TARGET, "to build the firmware")
 }
 
-fn has_target() -> Result<bool> {
+/// Installs a Rust target if it is missing.
+///
+/// # Errors
+/// Where there is no rustup or it fails.
+pub fn ensure_rust_target(target: &str, purpose: &str) -> Result<()> {
+    if has_target(target)? {
+        return Ok(());
+    }
+    log(format_args!("installing the Rust target {target} ({purpose})"));
+    run(Command::new("rustup").args(["target", "add", target]))
+        .with_context(|| format!("cannot install the Rust target; by hand: rustup target add {target}"))
+}
+
+fn has_target(target: &str) -> Result<bool> {
     let sysroot = output(Command::new("rustc").args(["--print", "sysroot"]))?;
-    Ok(Path::new(sysroot.trim()).join("lib/rustlib").join(TARGET).is_dir())
+    Ok(Path::new(sysroot.trim()).join("lib/rustlib").join(target).is_dir())
 }
 
 /// Installs QEMU if it is missing or too old.
@@ -82,7 +90,7 @@ pub fn ensure_qemu() -> Result<()> {
     let wanted = format!("{QEMU} {major}.{minor} or newer is needed ({have})");
     let by_hand = "install it from your distribution (Debian 13, Ubuntu 25.04, Fedora 42, Homebrew have one; \
                    Debian 12 has one in its backports)";
-    if !Path::new("/usr/bin/apt-get").exists() || !is_root() {
+    if !can_install() {
         bail!("{wanted}: {by_hand}");
     }
     log(format_args!(
@@ -178,7 +186,16 @@ fn archive_in(text: &str, codename: &str) -> Option<(String, Option<String>)> {
     })
 }
 
-fn apt(arguments: &[&str]) -> Result<()> {
+/// Whether packages of the system can be installed here.
+pub fn can_install() -> bool {
+    Path::new("/usr/bin/apt-get").exists() && is_root()
+}
+
+/// Runs apt-get without questions.
+///
+/// # Errors
+/// Where it fails.
+pub fn apt(arguments: &[&str]) -> Result<()> {
     run(Command::new("apt-get").arg("--quiet").args(arguments).env("DEBIAN_FRONTEND", "noninteractive"))
 }
 

@@ -107,6 +107,11 @@ impl Scores {
         patterns: &Patterns,
     ) -> Result<Self, FitError> {
         let known = |effect: &dyn Effect| fitted.layout.effects.iter().any(|e| e.id() == effect.id());
+        let unknown: Vec<&'static dyn Effect> = effects
+            .iter()
+            .copied()
+            .filter(|effect| !known(*effect) && fitted.layout.is_applicable(*effect))
+            .collect();
         let of_effect = |effect: &'static dyn Effect| {
             let layout = fitted.layout.with(effect);
             let direction = |probe: &Vec<f64>| -> Vec<DVector<f64>> {
@@ -135,11 +140,6 @@ impl Scores {
             };
             (effect, hypotheses_of(effect).into_iter().map(with_directions).collect::<Vec<_>>())
         };
-        let unknown: Vec<&'static dyn Effect> = effects
-            .iter()
-            .copied()
-            .filter(|effect| !known(*effect) && fitted.layout.is_applicable(*effect))
-            .collect();
         let all: Vec<_> = unknown.into_par_iter().map(of_effect).collect();
         let (mut hypotheses, mut directions) = (Vec::new(), Vec::new());
         for (effect, of_effect) in all {

@@ -166,6 +166,27 @@ impl Search<'_> {
         Some((fitted, gain))
     }
 
+    /// A fit with one effect more, from the places that its score names, and its log evidence over the fit without; nothing where there is
+    /// no such fit.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn with_effect(
+        &self,
+        base: &Fitted,
+        effect: &'static dyn Effect,
+    ) -> Result<Option<(Fitted, f64)>, FitError> {
+        let scores = Scores::of(&[effect], base, self.runs, self.patterns)?;
+        let Some(first) = scores.ranked().first().and_then(|score| self.refit(base, score)) else {
+            return Ok(None);
+        };
+        let again = self.fit(&first.0.layout, first.0.values(), &first.0.sizes, MAX_ROUNDS);
+        Ok(Some(again.map_or(first.clone(), |again| {
+            let gain = first.1 + again.log_evidence - first.0.log_evidence;
+            (again, gain)
+        })))
+    }
+
     /// Adds what is missing to the start, one effect after the other.
     ///
     /// # Errors

@@ -31,6 +31,7 @@ impl Noises {
 }
 
 /// The starting model, fitted, and what everything after it works on.
+#[derive(Debug)]
 pub(super) struct Start {
     pub runs: Vec<Prepared>,
     pub patterns: Patterns,

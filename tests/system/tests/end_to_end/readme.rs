@@ -80,6 +80,7 @@ impl Program {
         let of_studies = options(&help_of("studies")).into_iter();
         let of_studies = of_studies.chain(system.get("study-demo").into_iter().flatten().cloned());
         commands.entry("study".to_owned()).or_default().extend(of_studies);
+        commands.entry("web".to_owned()).or_default().extend(options(&help_of("browser")));
         Self { commands }
     }
 

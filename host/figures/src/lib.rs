@@ -1,4 +1,7 @@
-//! Figures of identifications, predictions, plans and tracked runs, as SVG text.
+//! Figures of identifications, diagnoses, predictions, plans, tracked runs and populations, as SVG text: what `--plots`, the report and the
+//! page in the browser show.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
 
 mod diagnosis;
 mod insertion;
@@ -255,5 +258,4 @@ fn range(values: impl Iterator<Item = f64>) -> Range<f64> {
 }
 
 #[cfg(test)]
-#[path = "figures/tests.rs"]
 mod tests;

@@ -1,0 +1,183 @@
+// Diagnose: where model and measurement disagree, what is missing, and the gap that shrinks when an effect is switched on.
+
+const VERDICTS = {
+  adequate: 'The model explains this session: nothing is missing.',
+  named: 'Something is missing, and it has a name.',
+  ambiguous: 'Something is missing: a few effects explain these runs equally well.',
+  unexplained: 'Something is missing that has no name in the catalogue, or that these runs cannot name.',
+};
+const CHANNELS = { force_y: 'Force', shape_y: 'Shape', tip_y: 'Tip', tip_direction_y: 'Tip direction', force_x: 'Horizontal force', shape_x: 'Horizontal shape', tip_x: 'Horizontal tip', tip_direction_x: 'Horizontal tip direction' };
+const COORDINATES = { insertion_depth_mm: 'insertion depth, mm', depth_below_entry_mm: 'depth below the surface, mm', level_mm: 'displacement of guide 2, mm', direction: 'direction of motion', time_s: 'time, s', hold_s: 'time in a hold, s' };
+
+function showDiagnose() {
+  within('diagnose', async (isHere) => {
+    const catalogue = await effectsOf();
+    const { document: found, figures } = await result('diagnose', {}, 'Diagnosing');
+    if (!isHere()) return;
+    const about = (id) => catalogue.find((one) => one.id === id);
+    const ranked = found.ranking.filter((one) => !found.not_identifiable.includes(one.id));
+    const foundation = found.foundation.used;
+    const chosen = new Set((state.choice.effects || '').split(',').filter((id) => ranked.some((one) => one.id === id)));
+    const boxes = Object.fromEntries(['numbers', 'bars', 'maps', 'values'].map((name) => [name, h('div', { class: name, id: `diagnose-${name}` })]));
+    const switches = new Map();
+    let trial = null;
+    const draw = () => { if (trial) drawTrial(trial, boxes); };
+    const ask = latest(async () => {
+      try {
+        boxes.numbers.setAttribute('aria-busy', 'true');
+        const began = performance.now();
+        const next = await engine.request('quick', { do: 'try', dir: state.session, foundation, effects: [...chosen] });
+        if (!isHere()) return;
+        trial = next;
+        boxes.numbers.dataset.effects = trial.effects.map((one) => one.id).join(',');
+        boxes.numbers.dataset.took = Math.round(performance.now() - began);
+        boxes.numbers.removeAttribute('aria-busy');
+        hideFault();
+        draw();
+      } catch (error) {
+        if (isHere()) fail(error);
+      }
+    });
+    const choose = (ids) => {
+      chosen.clear();
+      ids.forEach((id) => chosen.add(id));
+      switches.forEach((input, id) => { input.checked = chosen.has(id); });
+      keepAddress({ effects: [...chosen].join(',') });
+      ask();
+    };
+    const most = Math.max(found.margin, ...ranked.map((one) => one.log_evidence_gain)) * 1.02;
+    const row = (one) => {
+      const input = h('input', { type: 'checkbox', role: 'switch', id: `effect-${one.id}`, checked: chosen.has(one.id),
+        onchange: () => choose([...chosen].filter((id) => id !== one.id).concat(input.checked ? [one.id] : [])) });
+      switches.set(one.id, input);
+      const share = Math.max(0, one.log_evidence_gain) / most;
+      const bar = h('svg:svg', { class: 'evidence', viewBox: '0 0 100 8', preserveAspectRatio: 'none', 'aria-hidden': 'true' },
+        h('svg:rect', { x: 0, y: 1, height: 6, width: 100 * share, class: one.log_evidence_gain > found.margin ? 'enough' : '' }),
+        h('svg:line', { x1: (100 * found.margin) / most, x2: (100 * found.margin) / most, y1: 0, y2: 8 }));
+      return h('li', {}, h('label', { for: input.id, title: about(one.id)?.physics }, input, h('code', {}, one.id)), bar, h('span', { class: 'gain' }, number(one.log_evidence_gain)),
+        h('p', { class: 'note' }, about(one.id)?.physics));
+    };
+    const list = (some) => h('ul', { class: 'effects' }, ...some.map(row));
+    const named = found.effects.map((one) => one.id);
+    main().append(
+      h('section', { class: `lead verdict ${found.verdict}`, id: 'verdict', 'data-verdict': found.verdict }, h('h2', {}, VERDICTS[found.verdict]),
+        ...found.effects.map((one) => reasons(one, found, about)), limits(found)),
+      h('div', { class: 'two' },
+        h('section', { class: 'controls' }, h('h2', {}, 'What: switch effects on and off'),
+          h('p', { class: 'note' }, `Bars: log evidence of the effect alone over the plain model; a name needs ${number(found.margin)} (line). Every switch fits the model again.`),
+          h('p', { class: 'bar' }, named.length ? h('button', { type: 'button', id: 'use-found', onclick: () => choose(named) }, 'Switch on what was found') : null,
+            h('button', { type: 'button', id: 'use-none', onclick: () => choose([]) }, 'All off')),
+          list(ranked.slice(0, 8)), ranked.length > 8 ? h('details', {}, h('summary', {}, `${ranked.length - 8} more effects`), list(ranked.slice(8))) : null,
+          found.not_identifiable.length ? h('p', { class: 'note' }, `Not identifiable from these runs: ${found.not_identifiable.join(', ')}`) : null),
+        h('section', {}, h('h2', {}, 'The gap between model and measurement'), boxes.numbers, boxes.bars, boxes.values,
+          h('h2', {}, 'Where'), h('p', { class: 'note' }, 'Mean residual per cell in standard deviations of its noise, towards the displacement of guide 2: blue, measured below the model; orange, above it.'), boxes.maps)),
+      section('Regions that stand out in the plain model', regions(found)),
+      section('Figures of the diagnosis', saveBar('diagnose', found), h('details', {}, h('summary', {}, `${figures.length} figures`), ...figures.map(figure))));
+    responsive(boxes.maps, draw);
+    ask();
+  });
+}
+
+function reasons(one, found, about) {
+  const values = Object.entries(one.parameters).map(([name, value]) => { const [label, unit] = unitOf(name); return `${label} ${number(value.value)} (${interval(value.ci95)}) ${unit}`.trim(); });
+  const others = one.class.filter((id) => id !== one.id);
+  const gap = found.gap;
+  const list = [
+    `${values.join(', ')}.`,
+    `Log evidence +${number(one.log_evidence_gain)}, needed ${number(found.margin)}.`,
+    gap ? `On runs that no fit has used chi-square per reading falls from ${number(gap.before.chi2_reduced)} to ${number(gap.after.chi2_reduced)}.` : 'Nothing could be held out.',
+    others.length ? `As good: ${others.join(', ')}.` : 'No other effect explains the runs as well.',
+  ];
+  return h('div', {}, h('h3', {}, h('code', {}, one.id), ` ${about(one.id)?.physics ?? ''}`), h('ul', {}, ...list.map((text) => h('li', {}, text))));
+}
+
+function limits(found) {
+  const next = found.next_measurement;
+  return h('div', {}, next ? h('p', { id: 'next' }, h('strong', {}, 'Measure next: '), `${next.what}; it distinguishes ${next.separates.join(' and ')}.`) : null,
+    found.limits.length + found.warnings.length ? h('details', {}, h('summary', {}, 'Limits and notes'), h('ul', {}, ...[...found.limits, ...found.warnings, found.split].map((text) => h('li', {}, text)))) : null);
+}
+
+function regions(found) {
+  if (found.where.length === 0) return h('p', {}, 'No region stands out.');
+  return h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Regions that stand out' }, h('table', {},
+    h('thead', {}, h('tr', {}, ...['Sensor', 'Along', 'From', 'To', 'Mean residual', 'Standard deviations'].map((name) => h('th', { scope: 'col' }, name)))),
+    h('tbody', {}, ...found.where.map((one) => h('tr', {}, h('th', { scope: 'row' }, CHANNELS[one.channel] ?? one.channel), h('td', {}, COORDINATES[one.coordinate] ?? one.coordinate),
+      h('td', {}, number(one.from)), h('td', {}, number(one.to)), h('td', {}, `${number(one.mean_residual)} ${one.unit}`), h('td', {}, number(one.sigma)))))));
+}
+
+/** A bar that keeps its element, so that its width moves to the new value. */
+function bar(into, key, name, before, after, unit, most) {
+  let row = into.querySelector(`[data-key="${key}"]`);
+  if (!row) {
+    row = h('div', { class: 'shrink', 'data-key': key }, h('span', { class: 'name' }, name), h('span', { class: 'track', 'aria-hidden': 'true' }, h('span', { class: 'was' }), h('span', { class: 'now' })), h('span', { class: 'value' }));
+    into.append(row);
+  }
+  row.querySelector('.was').style.width = `${(100 * before) / most}%`;
+  row.querySelector('.now').style.width = `${(100 * after) / most}%`;
+  row.querySelector('.value').textContent = `${number(after)} ${unit}${Math.abs(after / before - 1) < 5e-4 ? '' : ` (was ${number(before)})`}`;
+}
+
+function drawTrial(trial, { numbers, bars, maps, values }) {
+  const judged = trial.held_out ?? { before: trial.learned[0], after: trial.learned[1] };
+  const [before, after] = [judged.before, judged.after];
+  numbers.dataset.before = before.chi2_reduced;
+  numbers.dataset.after = after.chi2_reduced;
+  const isSame = trial.effects.length === 0;
+  const where = trial.held_out ? `on runs held out of every fit: ${trial.held_out.heldout_runs.join(', ')}` : 'on the runs that were fitted; nothing could be held out';
+  numbers.replaceChildren(h('p', { class: 'readout' }, h('span', { class: 'big' }, `${number(before.chi2_reduced)}${isSame ? '' : ` \u2192 ${number(after.chi2_reduced)}`}`), ` chi-square per reading, about 1 is noise alone; ${where}`),
+    h('p', {}, isSame ? 'Plain model, no effect is switched on. ' : `Log evidence ${trial.log_evidence_gain > 0 ? '+' : ''}${number(trial.log_evidence_gain)}. `, `Modulus ${number(trial.modulus_kpa.value)} kPa (${interval(trial.modulus_kpa.ci95)}).`));
+  const most = (unit) => Math.max(...Object.entries(before.rmse).concat(Object.entries(after.rmse)).filter(([name]) => name.endsWith(`_${unit}`)).map(([, value]) => value));
+  if (bars.childElementCount === 0) bars.append(h('h3', {}, 'Root mean square of what the model leaves'));
+  const order = Object.keys(CHANNELS);
+  const byChannel = Object.entries(before.rmse).sort(([a], [b]) => order.findIndex((name) => a.startsWith(name)) - order.findIndex((name) => b.startsWith(name)));
+  for (const [name, was] of byChannel) {
+    const unit = name.split('_').pop();
+    const channel = name.slice(0, -unit.length - 1);
+    bar(bars, name, CHANNELS[channel] ?? channel, was, after.rmse[name], unit === 'n' ? 'N' : unit, most(unit));
+  }
+  values.replaceChildren(...trial.effects.map((one) => h('p', {}, h('code', {}, one.id), ' ',
+    Object.entries(one.parameters).map(([name, value]) => { const [label, unit] = unitOf(name); return `${label} ${number(value.value)} (${interval(value.ci95)}) ${unit}`.trim(); }).join(', '))));
+  drawMaps(trial.points, maps, isSame);
+}
+
+function drawMaps(points, maps, isSame) {
+  const channels = [...new Set(points.map((point) => point.channel))].filter((channel) => channel.endsWith('_y'));
+  let place = 0;
+  channels.forEach((channel) => {
+    const own = points.filter((point) => point.channel === channel);
+    const isTip = channel.startsWith('tip');
+    // Displacements in steps of a tenth, or wider ones where there are many.
+    const widest = Math.max(...own.map((point) => Math.abs(point.displacement_mm)));
+    const level = [0.1, 0.2, 0.5, 1, 2, 5].find((step) => (2 * widest) / step <= 12.5 && new Set(own.map((point) => Math.round(point.displacement_mm / step))).size <= 7) ?? 10;
+    const rowOf = isTip ? (point) => point.run : (point) => number(Number((level * Math.round(point.displacement_mm / level)).toFixed(1)) + 0, 3);
+    const rows = [...new Set(own.map(rowOf))];
+    if (!isTip) rows.sort((a, b) => Number(b.replace('\u2212', '-')) - Number(a.replace('\u2212', '-')));
+    if (rows.length > 14) return;
+    const depths = own.map((point) => point.depth_mm);
+    const distinct = [...new Set(depths.map((depth) => Number(depth.toFixed(1))))].sort((a, b) => a - b);
+    const width = distinct.length > 10 ? Math.ceil((Math.max(...depths) + 1e-9) / 10) : 0;
+    const columnOf = width ? (depth) => Math.min(9, Math.floor((depth - 1e-9) / width)) : (depth) => distinct.indexOf(Number(depth.toFixed(1)));
+    const columns = width ? Array.from({ length: Math.min(10, Math.ceil(Math.max(...depths) / width)) }, (_, i) => `${i * width}\u2013${(i + 1) * width}`) : distinct.map((depth) => String(depth));
+    const cells = (side) => {
+      const sums = new Map();
+      own.forEach((point) => {
+        const key = `${Math.max(0, columnOf(point.depth_mm))} ${rows.indexOf(rowOf(point))}`;
+        const sum = sums.get(key) ?? { value: 0, count: 0 };
+        const towards = !isTip && point.displacement_mm < -1e-9 ? -1 : 1;
+        sum.value += (towards * point[side]) / point.noise_sd;
+        sum.count += 1;
+        sums.set(key, sum);
+      });
+      return [...sums].map(([key, sum]) => { const [column, row] = key.split(' ').map(Number); return { column, row, value: sum.value / sum.count, count: sum.count }; });
+    };
+    const name = CHANNELS[channel] ?? channel;
+    const settings = { columns, rows, columnName: channel.startsWith('force') ? 'insertion depth, mm' : isTip ? 'insertion depth, mm' : 'depth below the surface, mm', rowName: isTip ? 'insertion' : 'displacement of guide 2, mm' };
+    if (!maps.children[place]) {
+      maps.append(h('div', { class: 'pair' }, h('div', { class: 'panel' }, h('h3', {}, `${name}, plain model`), h('p', { class: 'note' }, `Rows: ${settings.rowName}`), h('div', {})), h('div', { class: 'panel' }, h('h3', {}, `${name}, now`), h('p', { class: 'note' }, `Rows: ${settings.rowName}`), h('div', {}))));
+    }
+    const [was, now] = maps.children[place].children;
+    place += 1;
+    residualMap(was.lastChild, { title: `${name}: residuals of the plain model`, cells: cells('before'), ...settings });
+    residualMap(now.lastChild, { title: `${name}: residuals with the effects that are on`, cells: cells(isSame ? 'before' : 'after'), ...settings });
+  });
+}

@@ -1,0 +1,94 @@
+// The engine behind promises: a worker for every kind of work, so that what is dragged does not wait for what takes long.
+
+class Engine {
+  constructor() {
+    this.source = URL.createObjectURL(new Blob([document.getElementById('worker').textContent], { type: 'text/javascript' }));
+    this.files = [];
+    this.lanes = new Map();
+    const first = this.start();
+    this.lanes.set('quick', first);
+    this.ready = first.send('load', document.getElementById('engine').textContent.trim()).then((module) => { this.module = module; });
+  }
+
+  /** A worker with the engine and the session's files, by its name. */
+  lane(name) {
+    if (!this.lanes.has(name)) {
+      const made = this.start();
+      made.send('load', this.module);
+      made.send('files', this.files);
+      this.lanes.set(name, made);
+    }
+    return this.lanes.get(name);
+  }
+
+  start() {
+    const worker = new Worker(this.source);
+    const waiting = new Map();
+    let next = 0;
+    worker.onmessage = ({ data: { id, step, result, fault } }) => {
+      const one = waiting.get(id);
+      if (!one) return;
+      if (step !== undefined) { one.onStep(step); return; }
+      waiting.delete(id);
+      if (fault !== undefined) one.reject(new EngineStopped(fault)); else one.resolve(result);
+    };
+    worker.onerror = (event) => {
+      event.preventDefault();
+      waiting.forEach((one) => one.reject(new EngineStopped(event.message || 'the worker cannot be started')));
+      waiting.clear();
+    };
+    const send = (kind, content, onStep = () => {}) => new Promise((resolve, reject) => {
+      next += 1;
+      waiting.set(next, { resolve, reject, onStep });
+      worker.postMessage({ id: next, kind, content });
+    });
+    const stop = () => {
+      worker.terminate();
+      waiting.forEach((one) => one.reject(new Cancelled()));
+      waiting.clear();
+    };
+    return { send, stop };
+  }
+
+  async open(files) {
+    await this.ready;
+    this.files = files;
+    await Promise.all([...this.lanes.values()].map((lane) => lane.send('files', files)));
+  }
+
+  async request(name, content, onStep) {
+    await this.ready;
+    const answer = await this.lane(name).send('run', content, onStep);
+    if (answer.error !== undefined) throw new Error(answer.error);
+    return answer.ok;
+  }
+
+  /** Ends what takes long; the next request finds a new worker. */
+  cancel(name) {
+    this.lanes.get(name)?.stop();
+    this.lanes.delete(name);
+  }
+}
+
+class Cancelled extends Error {}
+class EngineStopped extends Error {}
+
+/** Of requests that follow each other fast only the last one counts: one runs, one waits. */
+function latest(run) {
+  let isRunning = false;
+  let waiting = null;
+  return async function next(...values) {
+    if (isRunning) { waiting = values; return; }
+    isRunning = true;
+    try {
+      await run(...values);
+    } finally {
+      isRunning = false;
+      if (waiting) {
+        const last = waiting;
+        waiting = null;
+        next(...last);
+      }
+    }
+  };
+}

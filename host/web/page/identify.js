@@ -1,0 +1,51 @@
+// Identify: the modulus of the tissue by every method, with intervals, and what the fit leaves.
+
+/** A dot with its interval on a common axis, for a column of estimates. */
+function whisker(low, value, high, [least, most]) {
+  if (![value].every(Number.isFinite)) return '';
+  const at = (x) => Math.max(0, Math.min(100, (100 * (x - least)) / (most - least)));
+  return h('svg:svg', { class: 'whisker', viewBox: '0 0 100 10', preserveAspectRatio: 'none', 'aria-hidden': 'true' },
+    h('svg:line', { x1: at(low), x2: at(high), y1: 5, y2: 5 }), h('svg:line', { x1: at(value), x2: at(value), y1: 1, y2: 9, class: 'dot' }));
+}
+
+function showIdentify() {
+  within('identify', async (isHere) => {
+    // K does not depend on the relation, and by the quickest one it is there at once.
+    const { document: found, figures } = await result('identify', { relation: 'vesic' }, 'Identifying the modulus');
+    if (!isHere()) return;
+    const { pooled } = found;
+    const methods = [['likelihood', 'Beam, all sensors'], ['likelihood_without_force', 'Beam without force'], ['energy', 'Energy balance'], ['energy_as_printed', 'Energy as printed']];
+    const ends = found.runs.flatMap((run) => methods.flatMap(([name]) => [run.methods[name].k_kpa, ...(run.methods[name].ci95_kpa || [])])).filter(Number.isFinite);
+    const axis = rangeOf([ends.concat(pooled.ci95_kpa)]);
+    const cell = (one) => (one.k_kpa === null ? h('td', {}, '-') : h('td', {},
+      h('strong', {}, number(one.k_kpa)), one.ci95_kpa ? ` (${interval(one.ci95_kpa)})` : '',
+      one.ci95_kpa ? whisker(one.ci95_kpa[0], one.k_kpa, one.ci95_kpa[1], axis) : ''));
+    const rows = found.runs.map((run) => h('tr', {}, h('th', { scope: 'row' }, run.id), h('td', {}, `${number(run.depth_mm)} mm`),
+      ...(run.error || run.left_out ? [h('td', { colspan: methods.length }, `skipped: ${run.error || run.left_out}`)] : methods.map(([name]) => cell(run.methods[name])))));
+    const youngs = h('p', { id: 'youngs', 'aria-live': 'polite' }, 'Young\u2019s modulus E is being computed for this needle and rig ...');
+    const kept = h('div', {});
+    const remarks = [...found.warnings, ...found.runs.flatMap((run) => run.warnings.map((text) => `${run.id}: ${text}`))];
+    const made = h('div', { class: 'figures' });
+    const ids = [...new Set(figures.map((one) => one.name.replace(/\.[a-z]+$/, '')))];
+    const pick = h('select', { id: 'identify-run', onchange: () => draw() }, ...ids.map((id) => h('option', { value: id }, id)));
+    const draw = () => made.replaceChildren(...figures.filter((one) => one.name.startsWith(`${pick.value}.`)).map(figure));
+    main().append(
+      h('section', { class: 'lead' }, h('h2', {}, 'Foundation modulus K'),
+        h('p', { class: 'readout' }, h('span', { class: 'big', id: 'pooled-k', 'data-k': pooled.k_kpa }, `${number(pooled.k_kpa, 4)} kPa`), ` 95 % interval ${interval(pooled.ci95_kpa, 4)} kPa, from ${pooled.runs} ${pooled.runs === 1 ? 'run' : 'runs'}`),
+        youngs,
+        h('p', { class: 'bar' }, h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Does the model miss something? Diagnose'))),
+      section('By run and method, kPa', h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Modulus by run and method' }, h('table', {}, h('thead', {}, h('tr', {},
+        ...['Run', 'Depth', ...methods.map(([, name]) => name)].map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...rows))),
+      remarks.length ? h('details', {}, h('summary', {}, `Notes: ${remarks.length}`), h('ul', {}, ...remarks.map((text) => h('li', {}, text)))) : null,
+      kept),
+      section('Shape and residuals', h('p', {}, h('label', { for: 'identify-run' }, 'Run '), pick), made));
+    draw();
+    const { document: whole } = await result('identify', {}, 'Young\u2019s modulus');
+    if (!isHere()) return;
+    const of = whole.youngs_modulus_kpa;
+    youngs.textContent = of && Number.isFinite(of.value)
+      ? `Young\u2019s modulus E ${number(of.value)} kPa (${interval(of.ci95)}), ${of.relation}; ${interval(of.range_kpa)} kPa over all relations`
+      : `Young\u2019s modulus E: ${of?.refused ?? 'not identifiable from these runs'}`;
+    kept.replaceChildren(saveBar('identify', whole));
+  });
+}

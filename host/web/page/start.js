@@ -1,0 +1,59 @@
+// Start, and what was measured.
+
+function showStart() {
+  const choose = (attributes, label) => {
+    const input = h('input', { type: 'file', ...attributes, class: 'hidden', tabindex: '-1', 'aria-hidden': 'true',
+      onchange: () => { if (input.files.length) openChosen([...input.files].map((file) => [file.webkitRelativePath || file.name, file])); } });
+    return h('span', {}, h('button', { type: 'button', onclick: () => input.click() }, label), input);
+  };
+  main().append(
+    h('section', { class: 'lead' },
+      h('h2', {}, 'How stiff is the tissue, where will the needle go, and what does the model miss?'),
+      h('p', {}, 'A guide pushes a needle sideways in tissue. From the force, the needle\u2019s shape and the path of its tip this page computes the modulus of the tissue, the path ahead, and names the effect that model and measurement disagree about.')),
+    h('div', { class: 'cards' },
+      h('section', { class: 'card' }, h('h2', {}, 'Open the example'),
+        h('p', {}, 'A simulated session with an effect hidden in it. Find out which.'),
+        h('button', { type: 'button', class: 'primary', id: 'open-example', onclick: () => openExample('identify') }, 'Open the example')),
+      h('section', { class: 'card' }, h('h2', {}, 'Play'),
+        h('p', {}, 'Push a needle and watch force and shape answer.'),
+        h('button', { type: 'button', onclick: () => show('play') }, 'Play with a needle')),
+      h('section', { class: 'card', id: 'drop' }, h('h2', {}, 'Your session'),
+        h('p', {}, 'Drop a session folder or a zip of one anywhere on this page, or choose it. Nothing leaves this machine.'),
+        h('p', { class: 'bar' }, choose({ webkitdirectory: true }, 'Choose a folder'), choose({ accept: '.zip' }, 'Choose a zip file')))));
+}
+
+function showSession() {
+  within('session', async (isHere) => {
+    const { document: check } = await result('check', {}, 'Checking the session');
+    if (!isHere()) return;
+    const findings = check.findings.map((one) => h('li', { class: one.severity.toLowerCase() },
+      h('strong', {}, one.severity.toLowerCase() === 'error' ? 'Error ' : 'Warning '),
+      h('code', {}, [one.file, one.line, one.column].filter((part) => part !== null && part !== '').join(':')), ' ',
+      one.what, one.expected ? `; expected ${one.expected}` : ''));
+    const able = check.abilities.map((one) => h('tr', {}, h('th', { scope: 'row' }, one.command),
+      h('td', {}, one.usable ? 'yes' : 'no'), h('td', {}, one.runs.join(', ') || '-'),
+      h('td', {}, [...one.skipped.map((skip) => `${skip.id ? `${skip.id}: ` : ''}${skip.reason}`), ...one.remarks].join('; ') || '-')));
+    main().append(section('Check',
+      findings.length ? h('ul', { class: 'findings' }, ...findings) : h('p', {}, 'No errors, no warnings.'),
+      h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'What each command can use' }, h('table', {}, h('thead', {}, h('tr', {}, ...['Command', 'Usable', 'Runs', 'Remarks'].map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...able))),
+      saveBar('check', check)));
+    const session = await result('session', {}, 'Reading the runs');
+    if (!isHere()) return;
+    const boxes = [];
+    const add = (title, settings) => {
+      const into = h('div', { class: 'drawn' });
+      boxes.push([h('div', { class: 'panel' }, h('h3', {}, title), into), into, settings]);
+    };
+    session.lateral.forEach((run) => {
+      const dots = (kind, x, y, style) => [{ kind, x, y, style }];
+      add(`${run.id}: force, at ${number(run.depth_mm)} mm`, { x: 'displacement of guide 2, mm', y: 'force, N', series: dots('dots', run.displacement_y_mm, run.force_y_n, 'a') });
+      add(`${run.id}: displacement over time`, { x: 'time, s', y: 'displacement, mm', series: dots('line', run.time_s, run.displacement_y_mm, 'a') });
+      if (run.shape_z_mm.length) add(`${run.id}: shape`, { x: 'position along the needle, mm', y: 'deflection, mm', series: dots('dots', run.shape_z_mm, run.shape_y_mm, 'b') });
+    });
+    session.insertion.forEach((run) => add(`${run.id}: path of the tip`, { x: 'insertion depth, mm', y: 'tip, mm',
+      series: [{ kind: 'line', x: run.depth_mm, y: run.tip_y_mm, style: 'a', label: 'vertical' },
+        ...(run.tip_x_mm ? [{ kind: 'line', x: run.depth_mm, y: run.tip_x_mm, style: 'b', label: 'horizontal' }] : [])] }));
+    main().append(section('Runs', h('div', { class: 'panels' }, ...boxes.map(([box]) => box))));
+    boxes.forEach(([box, into, settings]) => responsive(into, () => plot(into, { title: box.firstChild.textContent, height: 200, ...settings })));
+  });
+}

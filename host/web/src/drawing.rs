@@ -1,0 +1,66 @@
+//! Figures of results, by the figure code of the program.
+
+use figures::FigureError;
+use formats::session::Session;
+use inference::diagnose::Diagnosis;
+use inference::identify::Identification;
+use inference::predict::Prediction;
+use serde::Serialize;
+
+/// A figure as SVG text.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Figure {
+    /// Which figure, as the program's files are named.
+    pub name: String,
+    /// What it shows, for those who cannot see it.
+    pub title: String,
+    /// The figure.
+    pub svg: String,
+}
+
+impl Figure {
+    fn new(name: String, title: String, svg: String) -> Self {
+        Self { name, title, svg }
+    }
+}
+
+/// Of every run its shape, its forces and its residuals.
+pub fn identification(session: &Session, found: &Identification) -> Result<Vec<Figure>, FigureError> {
+    let mut drawn = Vec::new();
+    for run in found.runs.iter().filter(|run| run.error.is_none()) {
+        let id = &run.id;
+        let title = format!("Run {id}: needle shape, measured and fitted, and the residuals below");
+        drawn.push(Figure::new(format!("{id}.shape"), title, figures::shape(run)?));
+        if let Some(recorded) = session.lateral.iter().find(|recorded| recorded.id == *id) {
+            let title = format!("Run {id}: force against displacement, measured and fitted");
+            drawn.push(Figure::new(format!("{id}.force"), title, figures::force(recorded, run)?));
+        }
+        let title = format!("Run {id}: residuals of all readings in standard deviations");
+        drawn.push(Figure::new(format!("{id}.residuals"), title, figures::leftover(run)?));
+    }
+    Ok(drawn)
+}
+
+/// Residuals, ranking and misfit.
+pub fn diagnosis(found: &Diagnosis) -> Result<Vec<Figure>, FigureError> {
+    let mut drawn = Vec::new();
+    if let Some(gap) = &found.gap {
+        let title = "Residuals of the runs that were held out, before and after".to_owned();
+        drawn.push(Figure::new("residuals".to_owned(), title, figures::residuals(gap)?));
+        let title = "Root mean square of the residuals, before and after".to_owned();
+        drawn.push(Figure::new("gap".to_owned(), title, figures::gap(gap)?));
+    }
+    let title = "Log evidence of the leading effects over the starting model".to_owned();
+    drawn.push(Figure::new("ranking".to_owned(), title, figures::ranking(found)?));
+    Ok(drawn)
+}
+
+/// Path and tip load of every insertion.
+pub fn prediction(found: &Prediction) -> Result<Vec<Figure>, FigureError> {
+    let good = found.insertions.iter().filter(|one| one.error.is_none());
+    let of = |one: &inference::predict::InsertionResult| {
+        let title = format!("Insertion {}: path of the tip with its band, and tip load", one.id);
+        Ok(Figure::new(format!("{}.path", one.id), title, figures::insertion(one)?))
+    };
+    good.map(of).collect()
+}

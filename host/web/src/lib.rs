@@ -1,0 +1,66 @@
+//! The engine of the page `guide.html`: the product's own crates behind one function that takes a request and returns an answer, both
+//! JSON. Results are the documents that the program prints with `--json`, by the same functions.
+//!
+//! It runs in two ways: compiled to WebAssembly (`wasm32-wasip1`) in a worker of the browser, where the page is its file system; and
+//! natively in tests. It reads sessions with the readers of the program, keeps what costs time between requests, and writes nothing.
+//!
+//! # Example
+//!
+//! ```
+//! let mut engine = web::Engine::default();
+//! let answer = engine.answer(r#"{"do": "check", "dir": "no-such-session"}"#, |_| {});
+//! assert!(answer.contains("no-such-session/session.toml"));
+//! ```
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+mod drawing;
+mod play;
+mod request;
+mod results;
+mod series;
+
+pub use request::{AnswerError, Request};
+
+use inference::diagnose::Workbench;
+use std::path::PathBuf;
+
+/// Answers requests, and keeps what costs time between them.
+#[derive(Debug, Default)]
+pub struct Engine {
+    /// The session on which effects are tried, and what its tissue is taken for.
+    bench: Option<(PathBuf, String, Workbench)>,
+}
+
+impl Engine {
+    /// The answer to a request: `{"ok": ...}`, or `{"error": "..."}` with one line. `on_progress` receives a line for each step of what
+    /// takes time.
+    pub fn answer(&mut self, request: &str, on_progress: impl FnMut(&str)) -> String {
+        let outcome = serde_json::from_str::<Request>(request)
+            .map_err(AnswerError::from)
+            .and_then(|request| self.carry_out(&request, on_progress));
+        match outcome {
+            // The document is JSON already.
+            Ok(document) => format!("{{\"ok\":{document}}}"),
+            Err(error) => {
+                let line = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+                format!("{{\"error\":{}}}", serde_json::Value::from(line))
+            }
+        }
+    }
+
+    fn carry_out(&mut self, request: &Request, on_progress: impl FnMut(&str)) -> Result<String, AnswerError> {
+        match request {
+            Request::Effects => results::effects(),
+            Request::Check { dir } => results::check(dir),
+            Request::Session { dir } => series::session(dir),
+            Request::Identify { dir, relation } => results::identification(dir, relation.as_deref()),
+            Request::Diagnose { dir } => results::diagnosis(dir, on_progress),
+            Request::Predict { dir, until_mm } => results::prediction(dir, *until_mm),
+            Request::Try { dir, foundation, effects } => {
+                results::trial(&mut self.bench, dir, foundation, effects)
+            }
+            Request::Play(input) => play::play(input),
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! What the page can request.
+
+use crate::play::PlayInput;
+use formats::session::SessionError;
+use inference::diagnose::DiagnoseError;
+use inference::identify::IdentifyError;
+use inference::predict::PredictError;
+use mechanics::ModelError;
+use serde::Deserialize;
+use std::path::PathBuf;
+
+/// A request; its name is in the field `do`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Request {
+    /// The catalogue of effects.
+    Effects,
+    /// What is wrong with a session, and what can be done with it.
+    Check {
+        /// Folder of the session.
+        dir: PathBuf,
+    },
+    /// What was measured, for drawing.
+    Session {
+        /// Folder of the session.
+        dir: PathBuf,
+    },
+    /// The tissue's modulus.
+    Identify {
+        /// Folder of the session.
+        dir: PathBuf,
+        /// Relation that converts K to Young's modulus; that of the program where it is not given, which takes longest of all.
+        #[serde(default)]
+        relation: Option<String>,
+    },
+    /// What the model lacks.
+    Diagnose {
+        /// Folder of the session.
+        dir: PathBuf,
+    },
+    /// The tip's path.
+    Predict {
+        /// Folder of the session.
+        dir: PathBuf,
+        /// Depth up to which insertions are observed.
+        until_mm: f64,
+    },
+    /// The model fitted with these effects.
+    Try {
+        /// Folder of the session.
+        dir: PathBuf,
+        /// `springs` or `body`.
+        foundation: String,
+        /// Ids.
+        effects: Vec<String>,
+    },
+    /// What a needle would do.
+    Play(PlayInput),
+}
+
+/// Why a request has no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum AnswerError {
+    /// It is no request.
+    #[error("request: {0}")]
+    Request(#[from] serde_json::Error),
+    /// A value is out of range.
+    #[error("{name}: {value}, expected {expected}")]
+    Value {
+        /// Field of the request.
+        name: &'static str,
+        /// What it is.
+        value: String,
+        /// What is valid.
+        expected: String,
+    },
+    /// The session cannot be read.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// It cannot be identified.
+    #[error("cannot identify: {0}")]
+    Identify(#[from] IdentifyError),
+    /// It cannot be diagnosed.
+    #[error("cannot diagnose: {0}")]
+    Diagnose(#[from] DiagnoseError),
+    /// It cannot be predicted.
+    #[error("cannot predict: {0}")]
+    Predict(#[from] PredictError),
+    /// The model cannot be evaluated.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A figure cannot be drawn.
+    #[error(transparent)]
+    Figure(#[from] figures::FigureError),
+}

@@ -1,0 +1,182 @@
+//! Results with the program's own defaults, as its documents with their figures.
+
+use crate::drawing::{self, Figure};
+use crate::request::AnswerError;
+use formats::session::Session;
+use inference::diagnose::{self, INCOMPRESSIBLE, Trial, Workbench, diagnose};
+use inference::identify::{self, YoungsBy, identify};
+use inference::predict::{self, predict};
+use mechanics::continuum::Contact;
+use mechanics::effects::{EFFECTS, Effect, effect};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Depths up to which an insertion can be observed, as the program accepts them.
+const UNTIL_MM: [f64; 2] = [5.0, 500.0];
+
+/// A document of the program with figures of it.
+#[derive(Serialize)]
+struct Answer<T> {
+    document: T,
+    figures: Vec<Figure>,
+}
+
+fn json<T: Serialize>(document: T, figures: Vec<Figure>) -> Result<String, AnswerError> {
+    Ok(serde_json::to_string(&Answer { document, figures })?)
+}
+
+/// An effect of the catalogue, for lists and sliders.
+#[derive(Serialize)]
+struct EffectEntry {
+    id: &'static str,
+    physics: &'static str,
+    signature: &'static str,
+    in_lateral_runs: bool,
+    in_insertions: bool,
+    parameters: Vec<ParameterEntry>,
+}
+
+#[derive(Serialize)]
+struct ParameterEntry {
+    name: &'static str,
+    /// Value at which the effect does nothing; for a place where it starts.
+    neutral: f64,
+    likely: [f64; 2],
+    range: [f64; 2],
+    is_place: bool,
+}
+
+impl From<&'static dyn Effect> for EffectEntry {
+    fn from(effect: &'static dyn Effect) -> Self {
+        let info = effect.info();
+        let parameters = info.parameters.iter().map(|parameter| ParameterEntry {
+            name: parameter.name,
+            neutral: parameter.neutral,
+            likely: parameter.likely,
+            range: parameter.range,
+            is_place: !parameter.nodes.is_empty(),
+        });
+        Self {
+            id: info.id,
+            physics: info.physics,
+            signature: info.signature,
+            in_lateral_runs: info.observable_in.lateral,
+            in_insertions: info.observable_in.insertion,
+            parameters: parameters.collect(),
+        }
+    }
+}
+
+/// The catalogue.
+pub fn effects() -> Result<String, AnswerError> {
+    Ok(serde_json::to_string(&EFFECTS.map(EffectEntry::from))?)
+}
+
+/// What `guide check` finds.
+pub fn check(dir: &Path) -> Result<String, AnswerError> {
+    json(inference::check::check(dir), Vec::new())
+}
+
+/// What `guide identify --relation` finds.
+pub fn identification(dir: &Path, relation: Option<&str>) -> Result<String, AnswerError> {
+    let session = Session::read(dir)?;
+    let of_name = |name: &str| {
+        let names = || YoungsBy::ALL.map(YoungsBy::name).join(", ");
+        let fault = || AnswerError::Value { name: "relation", value: name.to_owned(), expected: names() };
+        YoungsBy::ALL.into_iter().find(|one| one.name() == name).ok_or_else(fault)
+    };
+    let relation = relation.map(of_name).transpose()?.unwrap_or(YoungsBy::Continuum(Contact::Bonded));
+    let found = identify(&session, &identify::Options { relation, ..Default::default() })?;
+    let drawn = drawing::identification(&session, &found)?;
+    json(found, drawn)
+}
+
+/// Options of `guide diagnose` for a session where none are given.
+fn diagnose_options(session: &Session) -> diagnose::Options {
+    diagnose::Options {
+        foundation: session.tissue.foundation.into(),
+        poisson: session.tissue.poisson.unwrap_or(INCOMPRESSIBLE),
+        ..diagnose::Options::default()
+    }
+}
+
+/// What `guide diagnose` finds.
+pub fn diagnosis(dir: &Path, on_progress: impl FnMut(&str)) -> Result<String, AnswerError> {
+    let session = Session::read(dir)?;
+    let found = diagnose(&session, &diagnose_options(&session), on_progress)?;
+    let drawn = drawing::diagnosis(&found)?;
+    json(found, drawn)
+}
+
+/// What `guide predict --until` finds.
+pub fn prediction(dir: &Path, until_mm: f64) -> Result<String, AnswerError> {
+    let [least, most] = UNTIL_MM;
+    if !(least..=most).contains(&until_mm) {
+        let expected = format!("{least} to {most} mm");
+        return Err(AnswerError::Value { name: "until_mm", value: until_mm.to_string(), expected });
+    }
+    let session = Session::read(dir)?;
+    let found = predict(&session, &predict::Options { until_m: 1e-3 * until_mm, ..Default::default() })?;
+    let drawn = drawing::prediction(&found)?;
+    json(found, drawn)
+}
+
+/// A trial, with the residuals that were held out under both models.
+#[derive(Serialize)]
+struct TrialAnswer {
+    #[serde(flatten)]
+    trial: Trial,
+    held_out_points: Vec<HeldOutPoint>,
+}
+
+#[derive(Serialize)]
+struct HeldOutPoint {
+    channel: &'static str,
+    unit: &'static str,
+    at_mm: f64,
+    before: f64,
+    after: f64,
+}
+
+/// The model fitted with effects.
+pub fn trial(
+    bench: &mut Option<(PathBuf, String, Workbench)>,
+    dir: &Path,
+    foundation: &str,
+    effects: &[String],
+) -> Result<String, AnswerError> {
+    let choice = match foundation {
+        "springs" => diagnose::FoundationChoice::Springs,
+        "body" => diagnose::FoundationChoice::Body,
+        other => {
+            let expected = "springs or body".to_owned();
+            return Err(AnswerError::Value { name: "foundation", value: other.to_owned(), expected });
+        }
+    };
+    let mut wanted = Vec::new();
+    for id in effects {
+        let expected = || "the id of an effect".to_owned();
+        let unknown = || AnswerError::Value { name: "effects", value: id.clone(), expected: expected() };
+        wanted.push(effect(id).ok_or_else(unknown)?);
+    }
+    let is_prepared = bench.as_ref().is_some_and(|(of, on, _)| of == dir && on == foundation);
+    if !is_prepared {
+        let session = Session::read(dir)?;
+        let options = diagnose::Options { foundation: choice, ..diagnose_options(&session) };
+        *bench = Some((dir.to_owned(), foundation.to_owned(), Workbench::new(&session, &options)?));
+    }
+    let Some((.., prepared)) = bench else {
+        return Err(AnswerError::Diagnose(inference::FitError::Undetermined.into()));
+    };
+    let trial = prepared.fit(&wanted)?;
+    let held_out = trial.held_out.iter().flat_map(|gap| &gap.points);
+    let held_out_points = held_out.map(|point| HeldOutPoint {
+        channel: point.channel.name(),
+        unit: point.channel.unit(),
+        at_mm: point.at_mm,
+        before: point.before,
+        after: point.after,
+    });
+    let held_out_points = held_out_points.collect();
+    Ok(serde_json::to_string(&TrialAnswer { trial, held_out_points })?)
+}

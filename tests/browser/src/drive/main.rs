@@ -1,0 +1,54 @@
+//! `cargo xtask web --test`: opens `guide.html` from disk in Chromium, compares what it computes with the program, measures, and takes
+//! pictures of every view.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+mod checks;
+mod driver;
+mod program;
+
+use anyhow::{Context, Result, bail};
+use checks::Checks;
+use driver::Browser;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+const HELP: &str = "Test guide.html in Chromium
+
+Usage: cargo xtask web --test [OPTIONS]
+
+Options:
+  --test          run this test; without it the page is made and not tested
+  --session DIR   compare the results of this session too: may be given more than once
+  --only NAME     run the checks whose names contain this
+  --no-pictures   take no pictures
+";
+
+fn main() -> Result<ExitCode> {
+    let mut arguments = std::env::args().skip(1);
+    let (mut page, mut sessions, mut only, mut pictures) = (None, Vec::new(), String::new(), true);
+    while let Some(argument) = arguments.next() {
+        let mut value = || arguments.next().with_context(|| format!("{argument}: expected a value"));
+        match argument.as_str() {
+            "--page" => page = Some(PathBuf::from(value()?)),
+            "--session" => sessions.push(PathBuf::from(value()?)),
+            "--only" => only = value()?,
+            "--no-pictures" => pictures = false,
+            "--help" | "-h" => {
+                print!("{HELP}");
+                return Ok(ExitCode::SUCCESS);
+            }
+            other => bail!("{other}: unknown option\n\n{HELP}"),
+        }
+    }
+    let page = page.context("--page: missing, expected the page to test")?;
+    let page = page.canonicalize().with_context(|| format!("{}: cannot read", page.display()))?;
+    let folder = page.parent().unwrap_or(Path::new("/")).to_owned();
+    let profile = folder.join(format!("profile-{}", std::process::id()));
+    let browser = Browser::start(&profile)?;
+    let mut checks = Checks::new(&browser, &page, folder);
+    let outcome = checks.all(&sessions, &only, pictures);
+    drop(browser);
+    let _ = std::fs::remove_dir_all(&profile);
+    Ok(if outcome? == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
