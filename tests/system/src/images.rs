@@ -140,6 +140,8 @@ pub fn build_for(board: Board, image: Image) -> Result<PathBuf> {
         .args(["--features", &format!("{},{}", image.features(), board.name())])
         .arg("--target-dir")
         .arg(&folder)
+        // What several images depend on is built once; only what is built last has a folder of its own.
+        .env("CARGO_BUILD_BUILD_DIR", target_dir().join("image-parts"))
         .stdin(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()
