@@ -36,7 +36,7 @@ impl Engine {
     /// The answer to a request: `{"ok": ...}`, or `{"error": "..."}` with one line. `on_progress` receives a line for each step of what
     /// takes time.
     pub fn answer(&mut self, request: &str, on_progress: impl FnMut(&str)) -> String {
-        let outcome = serde_json::from_str::<Request>(request)
+        let outcome = Request::parse(request)
             .map_err(AnswerError::from)
             .and_then(|request| self.carry_out(&request, on_progress));
         match outcome {
@@ -51,7 +51,7 @@ impl Engine {
 
     fn carry_out(&mut self, request: &Request, on_progress: impl FnMut(&str)) -> Result<String, AnswerError> {
         match request {
-            Request::Effects => results::effects(),
+            Request::Effects {} => results::effects(),
             Request::Check { dir } => results::check(dir),
             Request::Session { dir } => series::session(dir),
             Request::Identify { dir, relation } => results::identification(dir, relation.as_deref()),

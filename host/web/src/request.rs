@@ -7,14 +7,19 @@ use inference::identify::IdentifyError;
 use inference::predict::PredictError;
 use mechanics::ModelError;
 use serde::Deserialize;
+use serde::de::Error;
+use serde_json::{Map, Value};
 use std::path::PathBuf;
+
+/// Field with the name of the request.
+const NAME: &str = "do";
 
 /// A request; its name is in the field `do`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Request {
     /// The catalogue of effects.
-    Effects,
+    Effects {},
     /// What is wrong with a session, and what can be done with it.
     Check {
         /// Folder of the session.
@@ -56,6 +61,23 @@ pub enum Request {
     },
     /// What a needle would do.
     Play(PlayInput),
+}
+
+impl Request {
+    /// Reads a request.
+    ///
+    /// Not by serde's own tag in a field: that does not read numbers where another crate of the build has enabled numbers of any
+    /// precision in `serde_json`.
+    ///
+    /// # Errors
+    /// Where it is no JSON object, or not one of the requests with its fields.
+    pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
+        let mut fields: Map<String, Value> = serde_json::from_str(text)?;
+        let Some(Value::String(name)) = fields.remove(NAME) else {
+            return Err(serde_json::Error::custom("expected the name of a request in the field `do`"));
+        };
+        serde_json::from_value(Value::Object(Map::from_iter([(name, Value::Object(fields))])))
+    }
 }
 
 /// Why a request has no answer.

@@ -42,7 +42,7 @@ fn documents_are_those_of_the_program_with_figures() {
     let dir = example(folder.path());
     let engine = &mut Engine::default();
     let check = ok(engine, &json!({"do": "check", "dir": dir}));
-    assert_eq!(check["document"]["schema"], "guide.check/1");
+    assert_eq!(check["document"]["schema"], "guide.check/2");
     assert_eq!(check["document"]["usable"], true);
     let found = ok(engine, &json!({"do": "identify", "dir": dir, "relation": "vesic"}));
     assert_eq!(found["document"]["pooled"]["runs"], 2);
@@ -118,6 +118,7 @@ fn wrong_requests_are_answered_with_one_line_that_names_what_is_valid() {
     let play = json!({"do": "play", "k_kpa": 0, "depth_mm": 30, "displacement_mm": 1, "gap_mm": 10, "tip_load_n": 0});
     for (request, expected) in [
         (json!({"do": "nothing"}), "unknown variant `nothing`"),
+        (json!({"dir": "gone"}), "expected the name of a request in the field `do`"),
         (json!({"do": "check"}), "missing field `dir`"),
         (json!({"do": "identify", "dir": "gone"}), "gone/session.toml"),
         (json!({"do": "identify", "dir": "gone", "relation": "hooke"}), "gone/session.toml"),
