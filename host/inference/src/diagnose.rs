@@ -12,6 +12,7 @@
 //! | where it disagrees, and whether at all | `adequacy` |
 //! | score every effect, margin by bootstrap | `score` |
 //! | the same for statistics over many sessions | `linearise` |
+//! | the rig alone, from runs in air; what has moved since | `characterize`, `known` |
 //! | refit, accept, add, repeat; competing effects | `search` |
 //! | what would distinguish competing effects | `next` |
 //! | before and after on what was held out | `split` |
@@ -25,12 +26,14 @@
 mod adequacy;
 mod averaged;
 mod cells;
+mod characterize;
 mod data;
 mod discrepancy;
 pub mod display;
 mod evidence;
 mod expected;
 mod foundation;
+mod known;
 mod layout;
 mod linearise;
 mod misread;
@@ -47,12 +50,16 @@ mod start;
 mod two_layers;
 mod whiten;
 
+pub use characterize::{
+    Characterisation, CharacterizeError, CharacterizeOptions, CharacterizedParameter, Standing, characterize,
+};
 pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
 pub(crate) use foundation::{
     DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, fit_with_discrepancy,
 };
+pub use known::{KnownParameter, Moved, moved_since};
 pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
 pub use results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus, Misfit,
@@ -82,6 +89,8 @@ use std::path::PathBuf;
 pub struct Options {
     /// Effects of the model to start from, with first values of their parameters.
     pub given: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// What is known of the parameters of these effects, in place of the catalogue's priors; what contradicts the runs is released.
+    pub known: Vec<KnownParameter>,
     /// Seed of the bootstraps.
     pub seed: u64,
     /// What the tissue is taken for.
@@ -113,6 +122,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             given: Vec::new(),
+            known: Vec::new(),
             seed: 1,
             foundation: FoundationChoice::Auto,
             poisson: INCOMPRESSIBLE,
@@ -188,6 +198,7 @@ fn workflow<T>(
     warnings.extend(disagreements);
     let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
     let mut layout = Layout::new(&session.rig, &runs, given);
+    layout.known = options.known.clone().into();
     let mut noises = Noises { session: noise, reference: noise };
     let mut multiples = options.discrepancy.clone();
     if let Some(reference) = &options.reference {
@@ -204,7 +215,14 @@ fn workflow<T>(
         layout.kinds = kinds(&runs);
         share_nodes(&mut runs);
     }
-    let start = fit_start(&layout, &runs, &noises, &options.given, &multiples)?;
+    let mut start = fit_start(&layout, &runs, &noises, &options.given, &multiples)?;
+    let contradicted = known::contradicted(&start.fitted);
+    if !contradicted.is_empty() {
+        on_progress("what has moved since is fitted anew");
+        layout.known = known::without(&layout.known, &contradicted);
+        start = fit_start(&layout, &runs, &noises, &options.given, &multiples)?;
+    }
+    let moved_since = known::moved(&contradicted, &start.fitted);
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let (foundation, start, found) = choose(start, &judge, options, &mut on_progress)?;
@@ -239,8 +257,9 @@ fn workflow<T>(
         multiples: final_fit.multiples(&patterns),
         held_out: judge.runs(),
     };
-    let result =
+    let mut result =
         report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
+    result.moved_since = moved_since;
     Ok((result, more))
 }
 

@@ -7,8 +7,8 @@ use formats::session::Session;
 use host::figures;
 use inference::diagnose::display::{channel, quantity, unit};
 use inference::diagnose::{
-    Diagnosis, Estimate, FoundEffect, FoundationChoice, HeldOutMisfit, INCOMPRESSIBLE, MeanModulus, Options,
-    RemainingSize, diagnose,
+    Diagnosis, Estimate, FoundEffect, FoundationChoice, HeldOutMisfit, INCOMPRESSIBLE, KnownParameter,
+    MeanModulus, Options, RemainingSize, diagnose,
 };
 use mechanics::effects::effect;
 use std::fmt::{self, Display};
@@ -27,6 +27,10 @@ pub struct Args {
     /// Start from the model of an earlier diagnosis: its effects are in the model from the beginning
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// What is known of the rig (rig.toml of `guide characterize --out`): its effects are in the model from the beginning, with their
+    /// intervals; what has moved since is reported first
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
     /// Compare with this session: the rig, the tissue and what both leave unexplained are taken from it; only a changed modulus and
     /// effects absent from it can be found
     #[arg(long, value_name = "DIR")]
@@ -69,8 +73,16 @@ fn poisson(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let session = Session::read(&args.dir)?;
     let given = args.model.as_deref().map(ModelFile::read).transpose()?;
+    let rig = args.rig.as_deref().map(ModelFile::read).transpose()?;
+    let known = rig.as_ref().map(KnownParameter::of_model).unwrap_or_default();
+    // What the model of an earlier diagnosis has too, is taken from the rig.
+    let given = match (given, rig) {
+        (Some(model), Some(rig)) => Some(model.replaced_by(&rig)),
+        (model, rig) => model.or(rig),
+    };
     let options = Options {
         given: given.as_ref().map(ModelFile::effects).unwrap_or_default(),
+        known,
         discrepancy: given.map(|file| file.discrepancy).unwrap_or_default(),
         seed: args.seed,
         foundation: match args.foundation {
@@ -109,6 +121,18 @@ const REGIONS: usize = 4;
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let found = self.0;
+        for one in &found.moved_since {
+            let [low, high] = one.change95;
+            writeln!(
+                f,
+                "moved        {} {}: from {:.4} to {:.4}, a change of {:+.4} ({low:+.4} to {high:+.4})",
+                one.effect,
+                one.parameter,
+                one.before,
+                one.now,
+                one.now - one.before
+            )?;
+        }
         writeln!(f, "session      {}", found.split)?;
         let noise: Vec<String> = found.noise.iter().map(|(name, sd)| quantity(name, *sd)).collect();
         writeln!(f, "noise        {} (one standard deviation of a reading)", noise.join(", "))?;

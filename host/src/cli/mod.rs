@@ -10,6 +10,7 @@
 mod bringup;
 mod calibrate;
 mod calibration;
+mod characterize;
 mod check;
 mod colour;
 mod diagnose;
@@ -80,6 +81,7 @@ enum Command {
     Limits(limits::Args),
     Calibration(calibration::Args),
     Calibrate(calibrate::Args),
+    Characterize(characterize::Args),
     Record(record::RecordArgs),
     Acquire(record::AcquireArgs),
     Info(recordings::InfoArgs),
@@ -125,6 +127,7 @@ pub fn main() -> ExitCode {
         Command::Limits(args) => limits::run(args, &mut out),
         Command::Calibration(args) => calibration::run(args, &mut out),
         Command::Calibrate(args) => calibrate::run(args, &mut out),
+        Command::Characterize(args) => characterize::run(args, &mut out),
         Command::Record(args) => record::run_record(args, &mut out),
         Command::Acquire(args) => record::run_acquire(args, &mut out),
         Command::Info(args) => recordings::run_info(args, &mut out),
