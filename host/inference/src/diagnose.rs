@@ -218,7 +218,7 @@ fn workflow<T>(
     let mut start = fit_start(&layout, &runs, &noises, &options.given, &multiples)?;
     let contradicted = known::contradicted(&start.fitted);
     if !contradicted.is_empty() {
-        on_progress("what has moved since is fitted anew");
+        on_progress("what has moved since is fitted again");
         layout.known = known::without(&layout.known, &contradicted);
         start = fit_start(&layout, &runs, &noises, &options.given, &multiples)?;
     }
