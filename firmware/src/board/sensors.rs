@@ -6,6 +6,7 @@ use control::hal::{Readings, Sensors};
 use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, AnyAdcChannel, Averaging, SampleTime};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::mode::Blocking;
+use embassy_stm32::pac::ADC1 as ADC1_REGISTERS;
 use embassy_stm32::peripherals::ADC1;
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
@@ -17,23 +18,46 @@ const SAMPLE_TIME: SampleTime = SampleTime::CYCLES92_5;
 const AVERAGING: Averaging = Averaging::Samples8;
 
 /// The two potentiometers.
+///
+/// The driver sets the converter up and takes the first readings, which leave both channels' sampling time in its registers. Later
+/// readings write only what changes, a third of the register accesses of the driver's own reading: they are the longest wait of a
+/// control period.
 struct Potentiometers {
-    adc: Adc<'static, ADC1>,
-    channels: [AnyAdcChannel<'static, ADC1>; 2],
+    /// Keeps the converter running.
+    _adc: Adc<'static, ADC1>,
+    channels: [u8; 2],
 }
 
 impl Potentiometers {
     fn new(pins: PotentiometerPins) -> Self {
         let config = AdcConfig { averaging: Some(AVERAGING), ..AdcConfig::default() };
-        Self {
-            adc: Adc::new_with_config(pins.adc, config),
-            channels: [pins.x.degrade_adc(), pins.y.degrade_adc()],
+        let mut adc = Adc::new_with_config(pins.adc, config);
+        let mut channels: [AnyAdcChannel<'static, ADC1>; 2] = [pins.x.degrade_adc(), pins.y.degrade_adc()];
+        for channel in &mut channels {
+            adc.blocking_read(channel, SAMPLE_TIME);
         }
+        Self { _adc: adc, channels: channels.map(|channel| channel.get_hw_channel()) }
     }
 
     fn read(&mut self) -> [u16; 2] {
-        self.channels.each_mut().map(|channel| self.adc.blocking_read(channel, SAMPLE_TIME))
+        // The first conversion after a pause of about a millisecond may be wrong (STM32L475 errata, "wrong ADC result if conversion
+        // done late after calibration or previous conversion"): taken twice, and the second one counts.
+        convert(self.channels[0]);
+        self.channels.map(convert)
     }
+}
+
+/// One averaged conversion. One that never ends is the watchdog's.
+fn convert(channel: u8) -> u16 {
+    ADC1_REGISTERS.sqr1().write(|sequence| sequence.set_sq(0, channel));
+    // The other bits that are written as zero act on a one only.
+    ADC1_REGISTERS.cr().write(|control| {
+        control.set_advregen(true);
+        control.set_adstart(true);
+    });
+    while !ADC1_REGISTERS.isr().read().eoc() {}
+    // Reading it clears the end of conversion.
+    ADC1_REGISTERS.dr().read().regular_data()
 }
 
 /// The converter on its bus with its chip select.

@@ -76,7 +76,8 @@ impl Adc {
         if value & CR_ADEN != 0 && self.cr & CR_ADEN == 0 {
             self.isr |= ISR_ADRDY;
         }
-        self.cr = value & !(CR_ADSTART | CR_ADCAL) | self.cr & CR_ADSTART;
+        // The enable bit is set by a one and not cleared by a zero.
+        self.cr = value & !(CR_ADSTART | CR_ADCAL) | self.cr & (CR_ADSTART | CR_ADEN);
         // A start while a conversion runs does nothing.
         if value & CR_ADSTART != 0 && self.cr & CR_ADSTART == 0 {
             self.convert()?;
