@@ -38,9 +38,22 @@ struct Bin {
 }
 
 /// The last two minutes of every channel.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Traces {
     bins: VecDeque<Bin>,
+}
+
+impl Default for Traces {
+    /// None yet. All memory is taken and written to now: bins are missing where the port was unplugged, and a program that watches a rig
+    /// for a day would else grow whenever such a gap leaves the last two minutes.
+    fn default() -> Self {
+        let unused = Bin { index: 0, low: [0.0; CHANNELS], high: [0.0; CHANNELS] };
+        let mut bins = VecDeque::from(vec![unused; MAX_BINS + 1]);
+        // `vec!` of zeros is memory that the system has not given yet.
+        bins.iter_mut().for_each(|bin| bin.index = i64::MIN);
+        bins.clear();
+        Self { bins }
+    }
 }
 
 impl Traces {
