@@ -41,11 +41,13 @@ pub struct Options {
     pub until_m: f64,
     /// Effects to take into the model, and its modulus where the session has no lateral runs.
     pub model: Option<ModelFile>,
+    /// What is known of the rig.
+    pub rig: Option<ModelFile>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { until_m: predict::Options::default().until_m, model: None }
+        Self { until_m: predict::Options::default().until_m, model: None, rig: None }
     }
 }
 
@@ -76,7 +78,8 @@ impl Analyses {
             fixed: effects.clone(),
             discrepancy: discrepancy.clone(),
             ..identify::Options::default()
-        };
+        }
+        .with_rig(options.rig.as_ref());
         let identification =
             outcome(has_lateral, "the session has no lateral runs", || identify(session, &of_identification));
         on_progress("predicting");
@@ -88,7 +91,8 @@ impl Analyses {
             effects: effects.clone(),
             discrepancy: discrepancy.clone(),
             ..predict::Options::default()
-        };
+        }
+        .with_rig(options.rig.as_ref());
         let prediction =
             outcome(has_insertions, "the session has no insertions", || predict(session, &of_prediction));
         on_progress("tracking");
@@ -101,7 +105,8 @@ impl Analyses {
             foundation: session.tissue.foundation.into(),
             poisson: session.tissue.poisson.unwrap_or(diagnose::INCOMPRESSIBLE),
             ..diagnose::Options::default()
-        };
+        }
+        .with_rig(options.rig.as_ref());
         let none = "the session has neither lateral runs nor insertions";
         let diagnosis = outcome(has_lateral || has_insertions, none, || {
             diagnose(session, &of_diagnosis, &mut on_progress)
@@ -184,6 +189,8 @@ impl Report {
 /// Failures first, then what the model lacks and what concerns the session, then the analyses' own; of many the first, and how many more.
 fn warnings(session: &Session, analyses: &Analyses) -> Vec<String> {
     let mut warnings = analyses.failures();
+    let moved = analyses.diagnosis.found().map(|found| found.moved_since.as_slice()).unwrap_or_default();
+    warnings.extend(moved.iter().map(|one| format!("the rig is not what it was: {one}")));
     warnings.extend(analyses.diagnosis.found().and_then(discrepancy::warning));
     let calibrations = session.calibrations();
     if calibrations.len() > 1 {

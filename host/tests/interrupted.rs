@@ -19,7 +19,7 @@ use std::time::Instant;
 use tempfile::TempDir;
 
 /// Every command that writes files without a device, with a word on what a failure leaves of it.
-const WRITERS: [(&str, Left); 22] = [
+const WRITERS: [(&str, Left); 23] = [
     ("init made", Left::Nothing),
     ("init made --example", Left::Nothing),
     ("simulate --config plan.toml --out made", Left::Nothing),
@@ -38,6 +38,7 @@ const WRITERS: [(&str, Left); 22] = [
     ("population summaries.jsonl --plots made --out prior.toml", Left::Whole),
     ("calibrate force weights.csv --from calibration.toml --out made.toml", Left::Nothing),
     ("calibrate position gauge.csv --axis y --from calibration.toml --out made.toml", Left::Nothing),
+    ("characterize --session air --out made.toml", Left::Nothing),
     ("man --out made", Left::Whole),
     ("recover run.mcap --out made.mcap", Left::Nothing),
     ("export run.mcap --to npy --out made.npy", Left::Nothing),
@@ -80,6 +81,14 @@ fn folder() -> TempDir {
     for (name, content) in CALIBRATION {
         fs::write(folder.path().join(name), content).expect("written");
     }
+    fs::write(folder.path().join("air.toml"), AIR).expect("written");
+    let simulated = Command::new(env!("CARGO_BIN_EXE_guide"))
+        .current_dir(folder.path())
+        .args(["simulate", "--config", "air.toml", "--out", "air"])
+        .output()
+        .expect("simulated");
+    assert!(simulated.status.success(), "{}", String::from_utf8_lossy(&simulated.stderr));
+    fs::remove_file(folder.path().join("air.toml")).expect("removed");
     folder
 }
 
@@ -100,6 +109,11 @@ const CALIBRATION: [(&str, &str); 3] = [
         "gauge_mm,position_mm\n-4,-3.95\n-2,-1.98\n0,0.01\n2,2.02\n4,4.03\n2,2.12\n0,0.1\n-2,-1.88\n-4,-3.86\n",
     ),
 ];
+
+/// A run in air.
+const AIR: &str = "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
+                   [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n[noise]\nforce_n = 0.005\n[tissue]\nk_kpa = 10.0\n\
+                   [[lateral]]\nid = \"air\"\ndepth_mm = 0\nlevels_mm = [0, 0.3, 2, 0.3, 0, -0.3, -2, 0]\nhold_s = 1\n";
 
 /// Records of four subjects, made once: the same session with other moduli.
 fn summaries() -> &'static str {

@@ -12,6 +12,7 @@
 //! | where it disagrees, and whether at all | `adequacy` |
 //! | score every effect, margin by bootstrap | `score` |
 //! | the same for statistics over many sessions | `linearise` |
+//! | the rig alone, from runs in air; what has moved since | `characterize`, `known` |
 //! | refit, accept, add, repeat; competing effects | `search` |
 //! | what would distinguish competing effects | `next` |
 //! | before and after on what was held out | `split` |
@@ -26,12 +27,14 @@
 mod adequacy;
 mod averaged;
 mod cells;
+mod characterize;
 mod data;
 mod discrepancy;
 pub mod display;
 mod evidence;
 mod expected;
 mod foundation;
+mod known;
 mod layout;
 mod linearise;
 mod misread;
@@ -50,12 +53,16 @@ mod two_layers;
 mod whiten;
 mod workbench;
 
+pub use characterize::{
+    Characterisation, CharacterizeError, CharacterizeOptions, CharacterizedParameter, Standing, characterize,
+};
 pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
 pub(crate) use foundation::{
     DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, VARIED_NATS, fit_with_discrepancy,
 };
+pub use known::{KnownParameter, Moved, moved_since};
 pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
 pub use results::{
     AdequacyResult, Diagnosis, Estimate, FoundEffect, FoundationResult, HeldOutMisfit, MeanModulus, Misfit,
@@ -68,7 +75,8 @@ pub use workbench::{Trial, TrialEffect, TrialPoint, Workbench};
 use crate::FitError;
 use adequacy::{Adequacy, regions};
 use data::Run;
-use formats::session::Session;
+use formats::model_file::ModelFile;
+use formats::session::{LateralRun, Session};
 use layout::{Layout, kinds};
 use mechanics::effects::Effect;
 use mechanics::{Experiment, Insertion, ModelError, Support};
@@ -86,6 +94,8 @@ use std::path::PathBuf;
 pub struct Options {
     /// Effects of the model to start from, with first values of their parameters.
     pub given: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// What is known of the parameters of these effects, in place of the catalogue's priors; what contradicts the runs is released.
+    pub known: Vec<KnownParameter>,
     /// Seed of the bootstraps.
     pub seed: u64,
     /// What the tissue is taken for.
@@ -117,12 +127,24 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             given: Vec::new(),
+            known: Vec::new(),
             seed: 1,
             foundation: FoundationChoice::Auto,
             poisson: INCOMPRESSIBLE,
             discrepancy: Multiples::new(),
             reference: None,
         }
+    }
+}
+
+impl Options {
+    /// With what is known of the rig (`guide characterize`): its effects with their intervals. Values that are there already stay.
+    #[must_use]
+    pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
+        if let Some(rig) = rig {
+            KnownParameter::take(&mut self.given, &mut self.known, rig);
+        }
+        self
     }
 }
 
@@ -192,6 +214,7 @@ fn workflow<T>(
     warnings.extend(disagreements);
     let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
     let mut layout = Layout::new(&session.rig, &runs, given);
+    layout.known = options.known.clone().into();
     let mut noises = Noises { session: noise, reference: noise };
     let mut multiples = options.discrepancy.clone();
     if let Some(reference) = &options.reference {
@@ -208,7 +231,8 @@ fn workflow<T>(
         layout.kinds = kinds(&runs);
         share_nodes(&mut runs);
     }
-    let start = fit_start(&layout, &runs, &noises, &options.given, &multiples)?;
+    let fit = |layout: &Layout| fit_start(layout, &runs, &noises, &options.given, &multiples);
+    let (start, moved_since) = known::released(&mut layout, fit)?;
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let (foundation, start, found) = choose(start, &judge, options, &mut on_progress)?;
@@ -243,8 +267,9 @@ fn workflow<T>(
         multiples: final_fit.multiples(&patterns),
         held_out: judge.runs(),
     };
-    let result =
+    let mut result =
         report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
+    result.moved_since = moved_since;
     Ok((result, more))
 }
 
@@ -272,16 +297,27 @@ pub fn data_split(session: &Session) -> Result<DataSplit, DiagnoseError> {
     Ok(DataSplit { used, skipped, held_out: held_out.ids(), rule })
 }
 
-/// All runs that can be used, and why others cannot.
+/// All runs in tissue that can be used, and why others cannot.
 fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> {
+    runs_in(session, false)
+}
+
+/// All runs in air, or in tissue, that can be used, and why others cannot.
+fn runs_in(session: &Session, air: bool) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> {
     if session.lateral.is_empty() && session.insertion.is_empty() {
         return Err(DiagnoseError::NoRuns { path: session.dir.join("session.toml") });
     }
-    let lateral = session.lateral.iter().map(|run| (&run.id, Run::lateral(run, &session.rig)));
-    let insertion = session.insertion.iter().map(|run| (&run.id, Run::insertion(run)));
+    let is_used = |run: &&LateralRun| run.is_in_air() == air;
+    let lateral = session.lateral.iter().filter(is_used);
+    let lateral = lateral.map(|run| (&run.id, Run::lateral(run, &session.rig)));
+    let insertion = session.insertion.iter().filter(|_| !air).map(|run| (&run.id, Run::insertion(run)));
     let (mut runs, mut warnings) = (Vec::new(), Vec::new());
     let criteria = crate::holds::HoldCriteria::default();
-    for run in &session.lateral {
+    if !air {
+        let others = session.lateral.iter().filter(|run| run.is_in_air());
+        warnings.extend(others.map(|run| format!("run {} is skipped: {IN_AIR}", run.id)));
+    }
+    for run in session.lateral.iter().filter(is_used) {
         let unused = crate::holds::unused(run, &session.rig, &criteria);
         warnings.extend(crate::holds::summary(&unused).iter().map(|what| format!("run {}: {what}", run.id)));
     }
@@ -294,6 +330,10 @@ fn runs_of(session: &Session) -> Result<(Vec<Run>, Vec<String>), DiagnoseError> 
     share_nodes(&mut runs);
     if runs.is_empty() { Err(DiagnoseError::AllFailed { reasons: warnings }) } else { Ok((runs, warnings)) }
 }
+
+/// Why a run in air is not used where the tissue is identified.
+pub(crate) const IN_AIR: &str =
+    "in air (depth_mm = 0), where there is no tissue; `guide characterize` uses it";
 
 /// Lets all insertions use the same solutions.
 fn share_nodes(runs: &mut [Run]) {

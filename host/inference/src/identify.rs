@@ -80,7 +80,10 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let needs_evidence = options.model_error || tissue.foundation == FoundationChoice::Auto;
     let beside = needs_evidence.then(|| model_error::fit(session, &fitted, options, tissue));
     match &beside {
-        Some(Ok(found)) if options.model_error => pooled = pooled.with_model_error(found.springs),
+        Some(Ok(found)) if options.model_error => {
+            warnings.extend(found.moved.iter().map(|one| format!("{one}: K is that of the rig as it was")));
+            pooled = pooled.with_model_error(found.springs);
+        }
         Some(Err(why)) => warnings
             .push(format!("intervals of K and E are those of the noise alone, without model error: {why}")),
         _ => {}

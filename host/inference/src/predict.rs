@@ -10,7 +10,7 @@ mod results;
 pub use prior::{PredictionPrior, WithoutPrior};
 pub use results::{CompareResult, InsertionResult, LearnedResult, PlaneResult, Prediction, RearResult};
 
-use crate::diagnose::Multiples;
+use crate::diagnose::{KnownParameter, Multiples};
 use crate::identify::{self, identify};
 use crate::insertion::baselines::Baseline;
 use crate::insertion::published::published;
@@ -19,6 +19,7 @@ use crate::insertion::{
     direction_scatter_rad, learn_from, row_scatter_m, start,
 };
 use at_rest::AtRest;
+use formats::model_file::ModelFile;
 use formats::prior_file::ModulusPrior;
 use formats::session::{InsertionRun, Session};
 use mechanics::effects::Effect;
@@ -41,6 +42,8 @@ pub struct Options {
     pub layers: bool,
     /// Effects with the values of their parameters.
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// How well the values of those of the rig are known: in the interval of the modulus of the lateral runs.
+    pub known: Vec<KnownParameter>,
     /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
     pub discrepancy: Multiples,
     /// What many sessions predict of K; the result without it is reported too. Not for two layers.
@@ -58,10 +61,22 @@ impl Default for Options {
             modulus_pa: None,
             layers: false,
             effects: Vec::new(),
+            known: Vec::new(),
             discrepancy: Multiples::new(),
             prior: None,
             published_from_m: 0.03,
         }
+    }
+}
+
+impl Options {
+    /// With what is known of the rig (`guide characterize`): its effects with their intervals. Values that are there already stay.
+    #[must_use]
+    pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
+        if let Some(rig) = rig {
+            KnownParameter::take(&mut self.effects, &mut self.known, rig);
+        }
+        self
     }
 }
 
@@ -239,6 +254,7 @@ fn stated_or_lateral(
         let of_lateral = identify::Options {
             layers: options.layers,
             fixed: options.effects.clone(),
+            known: options.known.clone(),
             discrepancy: options.discrepancy.clone(),
             // The path is that of a needle on springs.
             foundation: Some(identify::FoundationChoice::Springs),

@@ -146,13 +146,16 @@ fn lateral(
         let [y_m, x_m] = if plan.axis == Axis::Y { [at_m, 0.0] } else { [0.0, at_m] };
         DriveSample { time_s: *time_s, y_m, x_m }
     });
-    let points = (plan.depth_m / plan.spacing_m + 1e-9).floor() as usize;
+    // In air all of the needle beyond guide 1 can be imaged.
+    let first_m = if plan.depth_m > 0.0 { model.rig.entry_m } else { 0.0 };
+    let length_m = model.rig.entry_m + plan.depth_m - first_m;
+    let points = (length_m / plan.spacing_m + 1e-9).floor() as usize;
     let mut shape = Vec::new();
     for hold in holds.iter().filter(|hold| plan.is_swept(hold.level_m)) {
         shape.extend((0..points).map(|point| ShapePoint {
             time_s: hold.from_s
                 + plan.hold_s * (SWEEP_STARTS + SWEEP_TAKES * point as f64 / points.max(1) as f64),
-            z_m: model.rig.entry_m + (point + 1) as f64 * plan.spacing_m,
+            z_m: first_m + (point + 1) as f64 * plan.spacing_m,
         }));
     }
     let (depth_m, drive) = (plan.depth_m, drive.collect());

@@ -7,6 +7,7 @@ use super::rig_args::{PortArgs, interrupted};
 use anyhow::bail;
 use clap::ValueEnum;
 use device::bringup::{self, Operator, Prompt, Report, Step};
+use formats::calibration_file;
 use record::Record;
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
@@ -18,7 +19,8 @@ use std::time::{Duration, Instant};
 /// Bring a rig up: find what is wired or mounted wrong, before and with the first small motions
 ///
 /// Set both guides to the middle of their travel and mount the needle in both guides, in air. Each step reports what it does first; motors are
-/// pulsed for at most 50 ms, 0.3 mm and 1 N, which the device itself ensures, before any loop is closed. Nothing is stored on the device.
+/// pulsed for at most 50 ms, 0.3 mm and 1 N, which the device itself ensures, before any loop is closed. Only with --calibration something is stored on the device, after all else
+/// has passed.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide bringup --port /dev/ttyACM0\n  guide bringup --port /dev/ttyACM0 --step motors --step loop"
@@ -35,6 +37,9 @@ pub struct Args {
     /// Do not compare the device's clock with this computer's: for a simulated rig, whose clock runs at another rate
     #[arg(long)]
     no_clock: bool,
+    /// Store this calibration (of `guide calibrate`) as the last step, restart the device and read it back
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
     /// Keep the result in this file, after each step
     #[arg(long, value_name = "FILE", default_value = "bringup.toml")]
     out: PathBuf,
@@ -51,6 +56,7 @@ enum StepName {
     Motors,
     Loop,
     Force,
+    Store,
 }
 
 impl From<StepName> for Step {
@@ -64,6 +70,7 @@ impl From<StepName> for Step {
             StepName::Motors => Self::Motors,
             StepName::Loop => Self::Loop,
             StepName::Force => Self::Force,
+            StepName::Store => Self::Store,
         }
     }
 }
@@ -134,6 +141,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if !args.yes && !io::stdin().is_terminal() {
         bail!("no terminal for prompts: with --yes motion is allowed and the emergency stop is not tested");
     }
+    let calibration = args.calibration.as_deref().map(calibration_file::read).transpose()?;
+    if calibration.is_none() && args.step.iter().any(|name| matches!(name, StepName::Store)) {
+        bail!("--step store: nothing to store, expected --calibration FILE too");
+    }
     let steps: Vec<Step> = match args.step.as_slice() {
         [] => Step::ALL.to_vec(),
         names => {
@@ -150,7 +161,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let failed = record.failed();
     let clock = (!args.no_clock).then(Instant::now);
     let mut operator = Terminal { yes: args.yes, clock, record, interrupted: interrupted()? };
-    let report = bringup::run(&args.port.port, &steps, &failed, &mut operator)?;
+    let report = bringup::run(&args.port.port, &steps, &failed, calibration.as_ref(), &mut operator)?;
     operator.record.keep(&report)?;
     out.note(format_args!("wrote {}", args.out.display()));
     out.result(&report, &report)?;

@@ -1,5 +1,6 @@
 //! `guide diagnose`: where model and measurement disagree, what is missing, and what adding it is worth.
 
+use super::characterized::CharacterizedArgs;
 use super::output::{Output, figures_file};
 use crate::figures;
 use anyhow::Context;
@@ -27,6 +28,8 @@ pub struct Args {
     /// Start from the model of an earlier diagnosis: its effects are in the model from the beginning
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    #[command(flatten)]
+    rig: CharacterizedArgs,
     /// Compare with this session: the rig, the tissue and what both leave unexplained are taken from it; only a changed modulus and
     /// effects absent from it can be found
     #[arg(long, value_name = "DIR")]
@@ -69,8 +72,10 @@ fn poisson(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let session = Session::read(&args.dir)?;
     let given = args.model.as_deref().map(ModelFile::read).transpose()?;
+    let rig = args.rig.read(&args.dir)?.map(|(_, model)| model);
     let options = Options {
         given: given.as_ref().map(ModelFile::effects).unwrap_or_default(),
+        known: Vec::new(),
         discrepancy: given.map(|file| file.discrepancy).unwrap_or_default(),
         seed: args.seed,
         foundation: match args.foundation {
@@ -81,7 +86,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         },
         poisson: args.poisson.or(session.tissue.poisson).unwrap_or(INCOMPRESSIBLE),
         reference: args.reference.as_deref().map(Session::read).transpose()?,
-    };
+    }
+    .with_rig(rig.as_ref());
     let progress = out.progress();
     let found = diagnose(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
@@ -109,6 +115,9 @@ const REGIONS: usize = 4;
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let found = self.0;
+        for one in &found.moved_since {
+            writeln!(f, "moved        {one}")?;
+        }
         writeln!(f, "session      {}", found.split)?;
         let noise: Vec<String> = found.noise.iter().map(|(name, sd)| quantity(name, *sd)).collect();
         writeln!(f, "noise        {} (one standard deviation of a reading)", noise.join(", "))?;

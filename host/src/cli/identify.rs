@@ -1,5 +1,6 @@
 //! `guide identify`: the tissue's modulus from the lateral runs of a session, every method side by side.
 
+use super::characterized::CharacterizedArgs;
 use super::output::{Output, figures_file};
 use crate::figures;
 use anyhow::{Context, ensure};
@@ -47,6 +48,8 @@ pub struct Args {
     /// Take the effects of a model file (model.toml) into the model
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    #[command(flatten)]
+    rig: CharacterizedArgs,
     /// Take what many sessions predict of K (prior.toml of `guide population --out`), and report K with it beside K without
     #[arg(long, value_name = "FILE")]
     prior: Option<PathBuf>,
@@ -105,7 +108,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     nuisances.sort_by_key(|effect| effect.id());
     nuisances.dedup_by_key(|effect| effect.id());
     let model = args.model.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
-    let fixed = model.effects();
+    let rig = args.rig.read(&args.dir)?.map(|(_, model)| model);
     // What the command line states goes before what the model was learned on, and that before what the session states.
     let learned = match model.support {
         Some(Support::Body { poisson }) => (Some(FoundationChoice::Body), Some(poisson)),
@@ -113,15 +116,16 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         None => (None, None),
     };
     let (foundation, poisson) = (args.foundation.or(learned.0), args.poisson.or(learned.1));
+    let options = Options { fixed: model.effects(), ..Options::default() }.with_rig(rig.as_ref());
     for nuisance in &nuisances {
         let id = nuisance.id();
         ensure!(
-            fixed.iter().all(|(effect, _)| effect.id() != id),
+            options.fixed.iter().all(|(effect, _)| effect.id() != id),
             "--nuisance: {id} is in the model already, expected an effect that is not"
         );
     }
     ensure!(
-        !args.layers || fixed.iter().all(|(effect, _)| effect.id() != "tissue.layers"),
+        !args.layers || options.fixed.iter().all(|(effect, _)| effect.id() != "tissue.layers"),
         "--layers: tissue.layers is in the model already, expected a model without"
     );
     let options = Options {
@@ -131,7 +135,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         foundation,
         criteria: HoldCriteria::default(),
         nuisances,
-        fixed,
         discrepancy: model.discrepancy,
         model_error: true,
         layers: args.layers,
@@ -139,6 +142,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         bootstrap: args.bootstrap.unwrap_or(0) as usize,
         seed: args.seed,
         prior: args.prior.as_deref().map(|path| modulus_prior(path, &args.dir)).transpose()?,
+        ..options
     };
     warn_of_calibrations(&session, out);
     let result =

@@ -11,6 +11,8 @@ mod bringup;
 mod calibrate;
 mod calibration;
 mod call;
+mod characterize;
+mod characterized;
 mod check;
 mod colour;
 pub mod device;
@@ -85,6 +87,7 @@ enum Command {
     Limits(limits::Args),
     Calibration(calibration::Args),
     Calibrate(calibrate::Args),
+    Characterize(characterize::Args),
     Record(record::RecordArgs),
     Acquire(record::AcquireArgs),
     Info(recordings::InfoArgs),
@@ -155,6 +158,7 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Limits(args) => limits::run(args, out),
         Command::Calibration(args) => calibration::run(args, out),
         Command::Calibrate(args) => calibrate::run(args, out),
+        Command::Characterize(args) => characterize::run(args, out),
         Command::Record(args) => record::run_record(args, out),
         Command::Acquire(args) => record::run_acquire(args, out),
         Command::Info(args) => recordings::run_info(args, out),

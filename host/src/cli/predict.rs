@@ -1,5 +1,6 @@
 //! `guide predict`: tip load from the first part of each insertion, path with its band for the rest.
 
+use super::characterized::CharacterizedArgs;
 use super::identify::modulus_prior;
 use super::output::{Output, figures_file};
 use crate::figures;
@@ -39,6 +40,8 @@ pub struct Args {
     /// --k-kpa is not given; an --effect replaces that of the file
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    #[command(flatten)]
+    rig: CharacterizedArgs,
     /// Take what many sessions predict of K (prior.toml of `guide population --out`), and report the prediction without it beside
     #[arg(long, value_name = "FILE", conflicts_with_all = ["k_kpa", "layers"])]
     prior: Option<PathBuf>,
@@ -101,8 +104,10 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let mut effects = args.effect.clone();
     let of_file = model.effects().into_iter();
     effects.extend(of_file.filter(|(own, _)| args.effect.iter().all(|(given, _)| given.id() != own.id())));
+    let rig = args.rig.read(&args.dir)?.map(|(_, model)| model);
+    let options = Options { effects, ..Options::default() }.with_rig(rig.as_ref());
     ensure!(
-        !args.layers || effects.iter().all(|(effect, _)| effect.id() != "tissue.layers"),
+        !args.layers || options.effects.iter().all(|(effect, _)| effect.id() != "tissue.layers"),
         "--layers: tissue.layers is in the model already, expected a model without"
     );
     let options = Options {
@@ -111,10 +116,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         learn: !args.alone,
         modulus_pa,
         layers: args.layers,
-        effects,
         discrepancy: model.discrepancy,
         prior: args.prior.as_deref().map(|path| modulus_prior(path, &args.dir)).transpose()?,
-        ..Options::default()
+        ..options
     };
     let result =
         predict(&session, &options).with_context(|| format!("cannot predict {}", args.dir.display()))?;

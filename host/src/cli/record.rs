@@ -9,6 +9,7 @@ use device::link::{Batch, Client, Program, Telemetry};
 use device::record::{AcquisitionObserver, Recorded, Recorder, Ultrasound, acquire, provenance};
 use device::recording::{RawFile, RawRecorder, RecordingInfo};
 use device::sweep::Sweep;
+use formats::model_file::ModelFile;
 use formats::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup};
 use indicatif::{ProgressBar, ProgressStyle};
 use inference::holds::{HoldCriteria, UnusedPart, summary, unused};
@@ -25,8 +26,8 @@ struct SessionArgs {
     /// Session folder; a new run is added to one that exists
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Insertion depth of the needle, millimetres
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = depth_mm)]
+    /// Insertion depth of the needle, millimetres; 0 in air
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = run_depth_mm)]
     depth_mm: f64,
     /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session (needed for a new session)
     #[arg(long, value_name = "FILE")]
@@ -42,9 +43,17 @@ struct SessionArgs {
     no_raw: bool,
 }
 
-/// Reads a depth in millimetres.
+/// Reads a depth in tissue, millimetres.
 pub fn depth_mm(text: &str) -> Result<f64, String> {
     number_between(text, DEPTH_RANGE_MM)
+}
+
+/// Reads the depth of a run, millimetres: 0 in air.
+pub fn run_depth_mm(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(0.0) => Ok(0.0),
+        _ => depth_mm(text).map_err(|expected| format!("{expected}, or 0 in air")),
+    }
 }
 
 /// Reads a duration in seconds.
@@ -299,7 +308,11 @@ fn open_session(args: &SessionArgs) -> anyhow::Result<Opened> {
     {
         setup.name = folder.to_string_lossy().into_owned();
     }
-    let session = SessionWriter::open(&args.out, &setup)?;
+    let rig = args.rig.as_deref().map(ModelFile::of_setup_rig).transpose()?.flatten();
+    let mut session = SessionWriter::open(&args.out, &setup)?;
+    if let Some((_, rig)) = rig {
+        session.characterized(&rig)?;
+    }
     let id = args.id.clone().unwrap_or_else(|| {
         let taken = session.lateral_ids();
         let name = |number: usize| format!("d{}-{number}", args.depth_mm);

@@ -1,5 +1,6 @@
 //! `guide report`: one HTML file with everything that the analyses say of a session, for the lab notebook.
 
+use super::characterized::CharacterizedArgs;
 use super::output::{Output, write_file};
 use crate::report::{Analyses, Day, Options, Origin, Outcome, Report};
 use anyhow::ensure;
@@ -26,6 +27,8 @@ pub struct Args {
     /// Take the effects of a model file (model.toml) into the model, and its modulus where the session has no lateral runs
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    #[command(flatten)]
+    rig: CharacterizedArgs,
     /// Depth up to which readings of each insertion are used, millimetres
     #[arg(long, default_value_t = 50.0, value_name = "MM")]
     until: f64,
@@ -39,11 +42,12 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     ensure!((5.0..=500.0).contains(&args.until), "--until: {}, expected 5 to 500 mm", args.until);
     let session = Session::read(&args.dir)?;
     let model = args.model.as_deref().map(ModelFile::read).transpose()?;
-    let models: Vec<PathBuf> = args.model.iter().cloned().collect();
+    let (rig_file, rig) = args.rig.read(&args.dir)?.unzip();
+    let models: Vec<PathBuf> = args.model.iter().chain(&rig_file).cloned().collect();
     let origin = Origin::of(&session, &models, command(args), args.date.unwrap_or_default())?;
 
     let progress = out.progress();
-    let options = Options { until_m: 1e-3 * args.until, model };
+    let options = Options { until_m: 1e-3 * args.until, model, rig };
     let analyses = Analyses::of(&session, &options, |step| progress.set_message(step.to_owned()));
     progress.finish_and_clear();
     for failure in analyses.failures() {
@@ -62,6 +66,9 @@ fn command(args: &Args) -> String {
     let mut words = vec!["guide".to_owned(), "report".to_owned(), args.dir.display().to_string()];
     if let Some(model) = &args.model {
         words.extend(["--model".to_owned(), model.display().to_string()]);
+    }
+    if let Some(rig) = args.rig.file() {
+        words.extend(["--characterized".to_owned(), rig.display().to_string()]);
     }
     words.extend(["--until".to_owned(), args.until.to_string()]);
     // A path with a NUL cannot be quoted; none can be opened either.

@@ -2,6 +2,7 @@
 
 use crate::drawing::{self, Figure};
 use crate::request::AnswerError;
+use formats::model_file::ModelFile;
 use formats::session::Session;
 use inference::diagnose::{self, INCOMPRESSIBLE, Trial, Workbench, diagnose};
 use inference::identify::{self, YoungsBy, identify};
@@ -86,9 +87,15 @@ pub fn identification(dir: &Path, relation: Option<&str>) -> Result<String, Answ
         YoungsBy::ALL.into_iter().find(|one| one.name() == name).ok_or_else(fault)
     };
     let relation = relation.map(of_name).transpose()?.unwrap_or(YoungsBy::Continuum(Contact::Bonded));
-    let found = identify(&session, &identify::Options { relation, ..Default::default() })?;
+    let options = identify::Options { relation, ..Default::default() };
+    let found = identify(&session, &options.with_rig(rig(dir)?.as_ref()))?;
     let drawn = drawing::identification(&session, &found)?;
     json(found, drawn)
+}
+
+/// What is known of the rig, where the session names a file of it.
+fn rig(dir: &Path) -> Result<Option<ModelFile>, AnswerError> {
+    Ok(ModelFile::of_session_rig(dir)?.map(|(_, rig)| rig))
 }
 
 /// Options of `guide diagnose` for a session where none are given.
@@ -103,7 +110,8 @@ fn diagnose_options(session: &Session) -> diagnose::Options {
 /// What `guide diagnose` finds.
 pub fn diagnosis(dir: &Path, on_progress: impl FnMut(&str)) -> Result<String, AnswerError> {
     let session = Session::read(dir)?;
-    let found = diagnose(&session, &diagnose_options(&session), on_progress)?;
+    let options = diagnose_options(&session).with_rig(rig(dir)?.as_ref());
+    let found = diagnose(&session, &options, on_progress)?;
     let drawn = drawing::diagnosis(&found)?;
     json(found, drawn)
 }
@@ -116,7 +124,8 @@ pub fn prediction(dir: &Path, until_mm: f64) -> Result<String, AnswerError> {
         return Err(AnswerError::Value { name: "until_mm", value: until_mm.to_string(), expected });
     }
     let session = Session::read(dir)?;
-    let found = predict(&session, &predict::Options { until_m: 1e-3 * until_mm, ..Default::default() })?;
+    let options = predict::Options { until_m: 1e-3 * until_mm, ..Default::default() };
+    let found = predict(&session, &options.with_rig(rig(dir)?.as_ref()))?;
     let drawn = drawing::prediction(&found)?;
     json(found, drawn)
 }
@@ -162,7 +171,8 @@ pub fn trial(
     let is_prepared = bench.as_ref().is_some_and(|(of, on, _)| of == dir && on == foundation);
     if !is_prepared {
         let session = Session::read(dir)?;
-        let options = diagnose::Options { foundation: choice, ..diagnose_options(&session) };
+        let options = diagnose::Options { foundation: choice, ..diagnose_options(&session) }
+            .with_rig(rig(dir)?.as_ref());
         *bench = Some((dir.to_owned(), foundation.to_owned(), Workbench::new(&session, &options)?));
     }
     let Some((.., prepared)) = bench else {

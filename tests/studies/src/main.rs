@@ -17,14 +17,14 @@ struct Args {
     /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
     /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), or what `guide plan`
     /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, steering to a target
-    /// (`steer`), or statistics over many sessions; without a name all that the documentation quotes, as it quotes them, written
+    /// (`steer`), statistics over many sessions, or rigs in air (`characterize`); without a name all that the documentation quotes, as it quotes them, written
     /// where it has them
     #[arg(value_parser = [
         "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers", "steer",
-        "population",
+        "population", "characterize",
     ])]
     name: String,
-    /// Sessions of insertions, or imperfect ones of all kinds
+    /// Sessions of insertions, imperfect ones of all kinds, or rigs in air
     #[arg(long, default_value_t = 40)]
     sessions: usize,
     /// What they are drawn from
@@ -81,6 +81,7 @@ fn run(args: &Args) -> Result<()> {
         "plan" => plan(args),
         "layers" => layers(args),
         "population" => commands::population::run(args.repeats, args.runs, args.seed),
+        "characterize" => commands::characterize::run(args.sessions, args.seed, &args.only),
         "steer" => steered(args),
         _ => modulus_relation(),
     }

@@ -133,7 +133,8 @@ pub fn trial(faults: &[Fault], seed: u64) -> Result<Trial> {
         moved_mm: Cell::new(0.0),
         is_watched: true,
     };
-    let report = bringup::run(&port, &Step::ALL, &[], &mut player).context("the bring-up has failed")?;
+    let report =
+        bringup::run(&port, &Step::ALL, &[], None, &mut player).context("the bring-up has failed")?;
     let moved_mm = player.moved_mm.get();
     let time_s = bench.rig().steps() as f64 * 1e-3;
     drop(noisy);

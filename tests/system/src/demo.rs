@@ -155,6 +155,8 @@ impl Outcome {
 /// # Errors
 /// Where a command fails, samples were lost, or the modulus is off by more than a tenth.
 pub fn run(args: &Args) -> Result<()> {
+    println!("the rig is brought up, by the steps that need no hand:\n");
+    brought_up(args.seed, &args.out, &mut |text| print!("{text}"))?;
     let outcome = procedure(&this_program()?, args.seed, &args.out, &mut |text| print!("{text}"))?;
     print!("{}", judgement(&outcome, args.seed, &args.out)?);
     println!();
@@ -172,6 +174,27 @@ pub fn run(args: &Args) -> Result<()> {
     let (lost, error) = (outcome.lost_samples(), outcome.error()?);
     ensure!(lost == 0.0, "{lost} samples were lost on the way");
     ensure!(error.abs() < 0.1, "the identified modulus is off by {:.0} %", 100.0 * error);
+    Ok(())
+}
+
+/// The automatic steps of the bring-up, a line each.
+///
+/// # Errors
+/// Where the firmware cannot be started, or something is found.
+fn brought_up(seed: u64, out: &Path, show: &mut dyn FnMut(&str)) -> Result<()> {
+    let guide = images::build_guide()?;
+    images::build(images::Image::Qemu)?;
+    fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let record = out.join("bringup.toml");
+    // Of an earlier demonstration, whose rig was another one.
+    if record.exists() {
+        fs::remove_file(&record).with_context(|| format!("cannot remove {}", record.display()))?;
+    }
+    let bench = Bench::start(RigConfig::default(), seed, SPEED, HANGS)?;
+    let port = bench.port();
+    let mut guide = Typist { program: guide, show };
+    guide.shown(&["bringup", "--port", &port, "--yes", "--no-clock", "--out", path(&record)?])?;
+    bench.stop()?;
     Ok(())
 }
 

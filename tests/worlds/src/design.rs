@@ -175,6 +175,23 @@ impl Design {
         Self::of(lateral.collect(), Vec::new())
     }
 
+    /// Runs in air, twice in each axis: small holds on both sides of zero for the play, large ones for what gives way.
+    pub fn in_air() -> Self {
+        let run = |axis: usize, take: &str| LateralPlan {
+            id: format!("{}-air{take}", AXES[axis]),
+            depth_mm: 0.0,
+            axis,
+            levels_mm: vec![
+                0.0, 0.15, 0.3, 0.6, 2.0, 4.0, 2.0, 0.6, 0.3, 0.15, 0.0, -0.15, -0.3, -0.6, -2.0, -4.0, -2.0,
+                -0.6, 0.0,
+            ],
+            hold_s: 1.5,
+            ramp_mm_per_s: 2.0,
+        };
+        let lateral = vec![run(0, "a"), run(1, "a"), run(0, "b"), run(1, "b")];
+        Self { noise: NoisePlan::quiet_force(), ..Self::of(lateral, Vec::new()) }
+    }
+
     /// A few lateral runs and six insertions: three speeds, each straight on and turned halfway.
     pub fn insertions() -> Self {
         let lateral = [20.0, 40.0].iter().flat_map(|mm| [staircase(0, *mm, "a"), staircase(0, *mm, "b")]);

@@ -21,6 +21,8 @@ const OUTLIER_SD: [f64; 2] = [6.0, 12.0];
 /// First sample of a sweep below the surface, and the distance between samples.
 const FIRST_SAMPLE_M: f64 = 0.5 * MM;
 pub(super) const SAMPLE_SPACING_M: f64 = MM;
+/// First sample of a sweep in air, from guide 1.
+const FIRST_IN_AIR_M: f64 = 10.0 * MM;
 /// Foreign effects: drift to and fro, times per run; part of the squared force; edge of the warped image.
 const SINE_N: f64 = 0.12;
 const SINES_PER_RUN: f64 = 3.0;
@@ -293,8 +295,10 @@ fn shape(
     noise: &NoisePlan,
     mut random: Random,
 ) -> ShapeSeries {
-    let count = ((depth_m - FIRST_SAMPLE_M) / SAMPLE_SPACING_M + 1.0 + 1e-9).max(0.0) as usize;
-    let depths_m: Vec<f64> = (0..count).map(|i| FIRST_SAMPLE_M + i as f64 * SAMPLE_SPACING_M).collect();
+    // In air all of the needle beyond guide 1 can be imaged.
+    let first_m = if depth_m > 0.0 { FIRST_SAMPLE_M } else { FIRST_IN_AIR_M - world.entry_m };
+    let count = ((depth_m - first_m) / SAMPLE_SPACING_M + 1.0 + 1e-9).max(0.0) as usize;
+    let depths_m: Vec<f64> = (0..count).map(|i| first_m + i as f64 * SAMPLE_SPACING_M).collect();
     let (spacing_mm, outlier_share) = (SAMPLE_SPACING_M / MM, noise.outlier_share);
     let spread = Spread::new(
         MM * noise.shape_mm,

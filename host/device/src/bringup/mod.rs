@@ -11,6 +11,7 @@
 //! | force converter, potentiometers at rest | [`rest`] |
 //! | motors by pulses | [`pulses`] |
 //! | position loop, force channels against motion | [`moves`] |
+//! | calibration stored and read back | [`session`] |
 //!
 //! What a person does (press the emergency stop, clear the way) is requested through [`Operator`], so that tests stand in for the
 //! person.
@@ -52,11 +53,13 @@ pub enum Step {
     Loop,
     /// The force channels against those moves.
     Force,
+    /// A calibration stored and read back, where one is given.
+    Store,
 }
 
 impl Step {
     /// Every one.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Link,
         Self::Supply,
         Self::EmergencyStop,
@@ -65,6 +68,7 @@ impl Step {
         Self::Motors,
         Self::Loop,
         Self::Force,
+        Self::Store,
     ];
 
     /// Its name on the command line and in documents.
@@ -78,6 +82,7 @@ impl Step {
             Self::Motors => "motors",
             Self::Loop => "loop",
             Self::Force => "force",
+            Self::Store => "store",
         }
     }
 
@@ -94,6 +99,7 @@ impl Step {
             }
             Self::Loop => "moves each axis by 0.8 mm both ways at 2 mm/s, within the force limit",
             Self::Force => "judges the forces of the moves before; nothing moves",
+            Self::Store => "stores the calibration, restarts the device and reads it back; nothing moves",
         }
     }
 
@@ -105,6 +111,7 @@ impl Step {
             Self::Motors => Self::ALL.split_at(5).0,
             Self::Loop => Self::ALL.split_at(6).0,
             Self::Force => Self::ALL.split_at(7).0,
+            Self::Store => Self::ALL.split_at(8).0,
         }
     }
 }

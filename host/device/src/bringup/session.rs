@@ -4,8 +4,8 @@ use super::findings::Finding;
 use super::moves::Moves;
 use super::report::{Device, Report, StepReport, StepResult};
 use super::{BringupError, Operator, Prompt, Step, moves, pulses, rest, stop, wires};
-use crate::link::{Client, LinkError, Point, Telemetry};
-use protocol::{CalibrationSource, Fault, Hello, Request, State, Status};
+use crate::link::{Client, LinkError, Point, Telemetry, named};
+use protocol::{CalibrationRecord, CalibrationSource, Fault, Hello, Request, State, Status};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 use time::OffsetDateTime;
@@ -28,7 +28,7 @@ pub(super) struct Session<'a> {
 }
 
 /// Carries out a bring-up of the device at a port: these steps, or those of them that can run. `failed` are steps that an earlier bring-up
-/// found something wrong in, and that are not repeated.
+/// found something wrong in, and that are not repeated; `calibration` is what the last step stores, which without it is none of the steps.
 ///
 /// # Errors
 /// Where the device cannot be reached, speaks another protocol, the link is lost, or the user interrupts; what is wrong with the rig is no
@@ -37,6 +37,7 @@ pub fn run(
     port: &str,
     steps: &[Step],
     failed: &[Step],
+    calibration: Option<&CalibrationRecord>,
     operator: &mut dyn Operator,
 ) -> Result<Report, BringupError> {
     let client = Client::connect(port)?;
@@ -49,7 +50,8 @@ pub fn run(
         steps: Vec::new(),
     };
     let mut session = Session { client, operator, moves: None, port: port.to_owned() };
-    for step in Step::ALL.into_iter().filter(|step| steps.contains(step)) {
+    let is_due = |step: &Step| steps.contains(step) && (*step != Step::Store || calibration.is_some());
+    for step in Step::ALL.into_iter().filter(is_due) {
         let blocking = step.needs().iter().find(|needed| {
             let (name, repeated) = (needed.name(), steps.contains(needed));
             (!repeated && failed.contains(needed))
@@ -63,6 +65,10 @@ pub fn run(
             None => {
                 report.interrupted_in = Some(step.name());
                 session.operator.begins(step, &report)?;
+                if let (Step::Store, Some(record)) = (step, calibration) {
+                    session = session.stored(record)?;
+                    report.device = device(session.client.hello());
+                }
                 let mut done = session.step(step);
                 if matches!(done, Err(LinkError::Restarted { .. })) {
                     session = session.reconnected()?;
@@ -124,6 +130,8 @@ impl Session<'_> {
             Step::Potentiometers => rest::potentiometers(self, &mut report)?,
             Step::Motors => pulses::run(self, &mut report)?,
             Step::Loop => moves::run(self, &mut report)?,
+            // It has been stored before: the device is another one since.
+            Step::Store => {}
             Step::Force => match self.moves.take() {
                 Some(done) => moves::force(&done, &mut report),
                 None => {
@@ -133,6 +141,18 @@ impl Session<'_> {
             },
         }
         Ok(report)
+    }
+
+    /// Has the device keep a calibration and restart with it, and reads it back; the session with the device as it is then.
+    fn stored(self, record: &CalibrationRecord) -> Result<Self, LinkError> {
+        let Self { client, operator, moves, port } = self;
+        let mut client = client.store_calibration(record)?;
+        let theirs = client.calibration()?;
+        if theirs != *record {
+            let (sent, theirs) = (named(&record.id, record.crc()), named(&theirs.id, theirs.crc()));
+            return Err(LinkError::CalibrationNotKept { port, sent, theirs });
+        }
+        Ok(Self { client, operator, moves, port })
     }
 
     /// Has the device move by the constants of the rig as designed where it has no others: a new rig has none.

@@ -13,7 +13,7 @@ pub mod run;
 mod wire;
 
 pub use client::{Batch, Client, Point, Telemetry};
-pub use constants::Limits;
+pub use constants::{Limits, named};
 pub use error::LinkError;
 pub use program::Program;
 pub use run::{RunOptions, run};

@@ -292,6 +292,18 @@ impl<'d> Fields<'d> {
         self.optional_number(field, [least, most])?.ok_or_else(missing)
     }
 
+    /// 0 or a number within `[least, most]`.
+    pub fn number_or_zero(&self, field: &str, [least, most]: [f64; 2]) -> Result<f64, SessionError> {
+        match self.number(field, [least, most]) {
+            Err(SessionError::Field { problem: Problem::OutOfRange(0.0), .. }) => Ok(0.0),
+            Err(SessionError::Field { place, field, problem, .. }) => {
+                let expected = format!("0 (in air) or a number from {least} to {most}");
+                Err(SessionError::Field { place, field, problem, expected })
+            }
+            other => other,
+        }
+    }
+
     /// A whole number within `[least, most]`, where there is one.
     pub fn optional_whole(&self, field: &str, [least, most]: [f64; 2]) -> Result<Option<f64>, SessionError> {
         let number = self.optional_number(field, [least, most])?;

@@ -12,6 +12,7 @@ mod indenter;
 mod labels;
 mod names;
 mod read;
+mod rig_model;
 mod survey;
 pub(crate) mod table;
 pub mod template;
@@ -28,7 +29,7 @@ pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionWriter, Setup, ShapeR
 use mechanics::Rig;
 use std::path::PathBuf;
 
-/// Insertion depths that a lateral run can have, least and greatest, millimetres.
+/// Insertion depths that a lateral run in tissue can have, least and greatest, millimetres. A run in air has depth 0.
 pub const DEPTH_RANGE_MM: [f64; 2] = [0.5, 500.0];
 
 /// Everything recorded with one needle, one rig and one piece of tissue.
@@ -78,7 +79,7 @@ pub struct Noise {
 pub struct LateralRun {
     /// Its name.
     pub id: String,
-    /// Length of the needle inside the tissue.
+    /// Length of the needle inside the tissue; 0 in air.
     pub depth_m: f64,
     /// File of the force series, for messages.
     pub force_path: PathBuf,
@@ -90,6 +91,13 @@ pub struct LateralRun {
     pub force: ForceSeries,
     /// Shape sweeps.
     pub shape: ShapeSeries,
+}
+
+impl LateralRun {
+    /// Whether the needle is in nothing: such a run is about the rig alone.
+    pub fn is_in_air(&self) -> bool {
+        self.depth_m <= 0.0
+    }
 }
 
 /// What a run was recorded with.

@@ -151,8 +151,13 @@ fn runs<T>(
     Ok(runs)
 }
 
+/// Depth of a lateral run; 0 in air.
+pub(super) fn depth_mm(fields: &Fields<'_>) -> Result<f64, SessionError> {
+    fields.number_or_zero("depth_mm", DEPTH_RANGE_MM)
+}
+
 pub(super) fn lateral(dir: &Path, fields: &Fields<'_>, id: String) -> Result<LateralRun, SessionError> {
-    let depth_m = MM * fields.number("depth_mm", DEPTH_RANGE_MM)?;
+    let depth_m = MM * depth_mm(fields)?;
     let (force_path, force) = fields.file(dir, "force", ForceSeries::read)?;
     let (shape_path, shape) = fields.file(dir, "shape", ShapeSeries::read)?;
     let provenance = provenance(fields)?;

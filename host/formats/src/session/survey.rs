@@ -3,8 +3,8 @@
 use super::error::{Place, Problem, SessionError, read_text};
 use super::fields::Fields;
 use super::table::{Column, Table, cut_row, misspelt_columns};
-use super::{DEPTH_RANGE_MM, Labels, Session, Tissue};
-use super::{hardware, read};
+use super::{Labels, Session, Tissue};
+use super::{hardware, read, rig_model};
 use mechanics::Rig;
 use std::collections::HashSet;
 use std::path::{Component, Path};
@@ -51,8 +51,9 @@ pub(super) const NEEDLE: [&str; 7] = [
     "length_mm",
     "bending_stiffness",
 ];
-pub(super) const RIG: [&str; 7] = [
+pub(super) const RIG: [&str; 8] = [
     "id",
+    "characterized",
     "guide2_mm",
     "entry_mm",
     "fixture_mass_kg",
@@ -86,7 +87,7 @@ const LATERAL: Kind = Kind {
         "tared",
     ],
     files: &[("force", &read::FORCE_COLUMNS, true), ("shape", &read::SHAPE_COLUMNS, true)],
-    numbers: &[("depth_mm", DEPTH_RANGE_MM)],
+    numbers: &[],
 };
 const INSERTION: Kind = Kind {
     name: "insertion",
@@ -156,6 +157,7 @@ impl Survey {
             Ok(_) => self.keep(hardware::fixture_mass_kg(file)).flatten(),
             Err(_) => None,
         };
+        self.keep(rig_model::in_file(&dir.join("session.toml"), file));
         let noise = self.keep(hardware::noise(file)).unwrap_or_default();
         let tissue = self.keep(Tissue::read(file)).unwrap_or_default();
         // What is wrong with a table that others read too is reported once.
@@ -239,6 +241,9 @@ impl Survey {
     /// Every fault of a run's parts; `first` is the one at which reading it stopped.
     fn parts(&mut self, dir: &Path, fields: &Fields<'_>, kind: &Kind, first: SessionError) {
         let before = self.faults.len();
+        if kind.name == LATERAL.name {
+            self.keep(read::depth_mm(fields));
+        }
         for (name, range) in kind.numbers {
             self.keep(fields.number(name, *range));
         }

@@ -82,27 +82,27 @@ fn faults_in_the_session_file_name_their_place() {
         (
             "depth_mm = 20.0",
             "depth_mm = 20000.0",
-            "session.toml:16:12: lateral.depth_mm: 20000 is out of range, expected a number from 0.5 to 500",
+            "session.toml:16:12: lateral.depth_mm: 20000 is out of range, expected 0 (in air) or a number from 0.5 to 500",
         ),
         (
             "depth_mm = 20.0",
             "depth_mm = -20.0",
-            "session.toml:16:12: lateral.depth_mm: -20 is out of range, expected a number from 0.5 to 500",
+            "session.toml:16:12: lateral.depth_mm: -20 is out of range, expected 0 (in air) or a number from 0.5 to 500",
         ),
         (
             "depth_mm = 20.0",
             "depth_mm = nan",
-            "session.toml:16:12: lateral.depth_mm: not a finite number, expected a number from 0.5 to 500",
+            "session.toml:16:12: lateral.depth_mm: not a finite number, expected 0 (in air) or a number from 0.5 to 500",
         ),
         (
             "depth_mm = 20.0",
             "depth_mm = \"20\"",
-            "session.toml:16:12: lateral.depth_mm: this is a string, expected a number from 0.5 to 500",
+            "session.toml:16:12: lateral.depth_mm: this is a string, expected 0 (in air) or a number from 0.5 to 500",
         ),
         (
             "depth_mm = 20.0",
             "",
-            "session.toml:14:1: lateral.depth_mm: missing, expected a number from 0.5 to 500",
+            "session.toml:14:1: lateral.depth_mm: missing, expected 0 (in air) or a number from 0.5 to 500",
         ),
         (
             "format = 1",

@@ -106,6 +106,16 @@ impl SessionWriter {
         })
     }
 
+    /// Folder of the session, where this has made it.
+    pub(super) fn new_dir(&self) -> Option<PathBuf> {
+        self.before.is_none().then(|| self.dir.clone())
+    }
+
+    /// Notes a file that this has made.
+    pub(super) fn has_made(&mut self, file: PathBuf) {
+        self.made.push(file);
+    }
+
     /// Ids of the lateral runs the session has.
     pub fn lateral_ids(&self) -> &[String] {
         &self.lateral_ids

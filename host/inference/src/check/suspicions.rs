@@ -166,7 +166,7 @@ impl Found {
     fn lateral(&mut self, session: &Session, run: &LateralRun, file: &Path) {
         let LateralRun { id, force, shape, force_path, shape_path, .. } = run;
         let depth_mm = mm(run.depth_m);
-        self.when(run.depth_m < MIN_DEPTH_M, file, || {
+        self.when(run.depth_m < MIN_DEPTH_M && !run.is_in_air(), file, || {
             (
                 format!("lateral.depth_mm: {depth_mm} in run {id}"),
                 "millimetres: is this in metres or centimetres?",
@@ -185,10 +185,10 @@ impl Found {
         let reach_mm = mm(reach_m);
         if reach_mm < 1.0 {
             self.warn(shape_path, format!("z_mm: {reach_mm} at most"), "millimetres: is this in metres?");
-        } else if reach_m < entry_m {
+        } else if reach_m < entry_m && !run.is_in_air() {
             let what = format!("z_mm: {reach_mm:.1} at most, all before the surface at {:.1}", 1e3 * entry_m);
             self.warn(shape_path, what, "positions from guide 1: are these from the surface?");
-        } else if reach_m > tip_m + 2e-3 {
+        } else if reach_m > tip_m + 2e-3 && !run.is_in_air() {
             let what = format!("z_mm: {reach_mm:.1} is beyond the tip at {:.1}", 1e3 * tip_m);
             self.warn(shape_path, what, "positions on the needle: is depth_mm or entry_mm right?");
         }

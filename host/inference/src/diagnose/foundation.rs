@@ -3,6 +3,7 @@
 //! Noise, everyday discrepancy and evidence are those of a diagnosis, so that `guide identify` and `guide diagnose` agree on the same
 //! runs.
 
+use super::known::{self, KnownParameter, Moved};
 use super::layout::Scale;
 use super::posterior::Fitted;
 use super::score::{Score, Scores};
@@ -60,26 +61,41 @@ impl FoundationEvidence {
 pub(crate) struct DiscrepancyFitInput<'a> {
     /// Effects with first values of their parameters.
     pub given: &'a [(&'static dyn Effect, Vec<f64>)],
+    /// What is known of their parameters, in place of the catalogue's priors.
+    pub known: &'a [KnownParameter],
     /// What of the discrepancy is larger than in an ordinary rig.
     pub discrepancy: &'a Multiples,
     /// Poisson's ratio of a body to be compared with springs.
     pub body: Option<f64>,
 }
 
-/// Springs, and where it is requested a body, fitted to all runs of a session beside the discrepancy.
+/// What is found beside the discrepancy.
+pub(crate) struct DiscrepancyFit {
+    /// On springs.
+    pub springs: DiscrepantModulus,
+    /// In a body, where it was requested.
+    pub body: Option<Result<FoundationEvidence, DiagnoseError>>,
+    /// What of the known parameters is not what it was.
+    pub moved: Vec<Moved>,
+}
+
+/// Springs, and where it is requested a body, fitted to all runs of a session beside the discrepancy. What the runs contradict of what
+/// is known is released.
 ///
 /// # Errors
 /// [`DiagnoseError`] where no run can be used or springs have no fit; beside the springs where the body has none.
 pub(crate) fn fit_with_discrepancy(
     session: &Session,
     input: &DiscrepancyFitInput<'_>,
-) -> Result<(DiscrepantModulus, Option<Result<FoundationEvidence, DiagnoseError>>), DiagnoseError> {
+) -> Result<DiscrepancyFit, DiagnoseError> {
     let (runs, _) = runs_of(session)?;
     let noise = Noise::of(&runs, &session.stated_noise());
     let effects = input.given.iter().map(|(effect, _)| *effect).collect();
-    let layout = Layout::new(&session.rig, &runs, effects);
+    let mut layout = Layout::new(&session.rig, &runs, effects);
+    layout.known = input.known.into();
     let noises = Noises { session: noise, reference: noise };
-    let springs = fit_start(&layout, &runs, &noises, input.given, input.discrepancy)?;
+    let fit = |layout: &Layout| fit_start(layout, &runs, &noises, input.given, input.discrepancy);
+    let (springs, moved) = known::released(&mut layout, fit)?;
     let evidence = |poisson: f64| -> Result<_, DiagnoseError> {
         let body = springs.on(Support::Body { poisson })?;
         let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
@@ -90,7 +106,8 @@ pub(crate) fn fit_with_discrepancy(
         let modulus = DiscrepantModulus::of(&body.fitted);
         Ok(FoundationEvidence { gain, margin: FOUNDATION_MARGIN, body: modulus, varied })
     };
-    Ok((DiscrepantModulus::of(&springs.fitted), input.body.map(evidence)))
+    let body = input.body.map(evidence);
+    Ok(DiscrepancyFit { springs: DiscrepantModulus::of(&springs.fitted), body, moved })
 }
 
 /// Log evidence of a modulus that varies with depth over that of one modulus, where its score is at least `needed`; else 0. A score is

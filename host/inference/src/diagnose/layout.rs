@@ -6,6 +6,7 @@
 //! its logarithm, everything else itself ([`Scale`]).
 
 use super::data::{Kind, Run, Source};
+use super::known::KnownParameter;
 use super::whiten::Whitener;
 use crate::{Parameter, Prior};
 pub(super) use formats::NORMAL_975;
@@ -90,6 +91,8 @@ pub(super) struct Layout {
     /// Whether there are lateral runs and insertions.
     pub kinds: [bool; 2],
     pub effects: Vec<&'static dyn Effect>,
+    /// What is known of their parameters from elsewhere, in place of the catalogue's priors.
+    pub known: Arc<[KnownParameter]>,
     /// Depths of the readings of every insertion, in order.
     pub readings_m: Arc<Vec<Vec<f64>>>,
     /// Needles that were solved recently.
@@ -120,6 +123,7 @@ impl Layout {
             support: Support::Springs,
             kinds: kinds(runs),
             effects,
+            known: Arc::default(),
             readings_m: Arc::new(
                 runs.iter().filter(|run| run.kind == Kind::Insertion).map(depths_m).collect(),
             ),
@@ -243,10 +247,14 @@ impl Layout {
         if ratio.is_some() {
             parameters.push(bounded(-5.0, 5.0, 0.0, REFERENCE_SD_LN, 1e-4));
         }
-        for info in self.effects.iter().flat_map(|effect| effect.parameters()) {
+        let infos = |effect: &&'static dyn Effect| {
+            effect.parameters().iter().map(|info| (effect.id(), info)).collect::<Vec<_>>()
+        };
+        for (effect, info) in self.effects.iter().flat_map(infos) {
             let scale = Scale::of(info);
             let [least, most] = info.range.map(|end| scale.inside(end));
-            let Prior { mean, sd } = prior(info);
+            let known = self.known.iter().find(|known| known.is_of(effect, info.name));
+            let Prior { mean, sd } = known.map_or_else(|| prior(info), |known| known.prior(scale));
             let step = match (scale, info.nodes.is_empty()) {
                 (Scale::Log, false) => 0.03,
                 (Scale::Log, true) => 1e-3,

@@ -117,6 +117,7 @@ impl DiagnosisReport<'_> {
             tip_load_ci95_n: averaged.tip_load_n().or(tip.map(|(_, ends)| ends)),
             given: self.options.given.iter().map(|(effect, _)| effect.id().to_owned()).collect(),
             given_effects: self.given_effects(final_fit),
+            moved_since: Vec::new(),
             partial: if is_named { Vec::new() } else { self.partial() },
             remaining,
             multiples: self.multiples.clone(),

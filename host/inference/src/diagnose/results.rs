@@ -2,6 +2,7 @@
 
 use super::Multiples;
 use super::data::Channel;
+use super::known::Moved;
 use super::posterior::Fitted;
 use mechanics::Support;
 use serde::Serialize;
@@ -68,6 +69,8 @@ pub struct Diagnosis {
     /// The same with their parameters under the final model.
     #[serde(skip)]
     pub given_effects: Vec<FoundEffect>,
+    /// What of the rig is not what it was known to be, the clearest change first.
+    pub moved_since: Vec<Moved>,
     /// Effects that improve the fit without explaining it: no names.
     pub partial: Vec<String>,
     /// What remains between the final model and the measurement, and whether it matters.

@@ -90,7 +90,8 @@ impl Workbench {
         let noise = Noise::of(&runs, &session.stated_noise());
         let noises = Noises { session: noise, reference: noise };
         let given: Vec<&'static dyn Effect> = options.given.iter().map(|(effect, _)| *effect).collect();
-        let layout = Layout::new(&session.rig, &runs, given);
+        let mut layout = Layout::new(&session.rig, &runs, given);
+        layout.known = options.known.as_slice().into();
         let springs = fit_start(&layout, &runs, &noises, &options.given, &options.discrepancy)?;
         let judge = held_out.judge(&springs.fitted, &springs.runs, &noise, &options.discrepancy)?;
         let start = if options.foundation == FoundationChoice::Body {

@@ -1,11 +1,15 @@
 //! Why a run or a session cannot be identified.
 
 use crate::FitError;
+use crate::diagnose::IN_AIR;
 use std::path::PathBuf;
 
 /// Why a run cannot be identified.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RunError {
+    /// The needle is in nothing.
+    #[error("{IN_AIR}")]
+    InAir,
     /// Guide 2 is never held still.
     #[error("{}: displacement_y_mm: no hold found in {duration_s:.1} s, expected guide 2 held still for {least_s} s or more", path.display())]
     NoHold {

@@ -92,7 +92,8 @@ pub(super) fn layers(
             Support::Springs => None,
             Support::Body { poisson } => Some(poisson),
         };
-        let input = DiscrepancyFitInput { given: &given, discrepancy: &options.discrepancy, body };
+        let (known, discrepancy) = (options.known.as_slice(), &options.discrepancy);
+        let input = DiscrepancyFitInput { given: &given, known, discrepancy, body };
         two_layers(&used, &input, &by_noise.starts()).ok()
     };
     let found = supports.into_iter().filter_map(|support| {

@@ -8,7 +8,9 @@
 use super::fitting::NORMAL_975;
 use super::options::TissueModel;
 use super::{Fitted, FoundationChoice, NoiseAlone, Options, Pooled};
-use crate::diagnose::{DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, fit_with_discrepancy};
+use crate::diagnose::{
+    DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, Moved, fit_with_discrepancy,
+};
 use formats::session::Session;
 use mechanics::effects::Effect;
 
@@ -18,6 +20,8 @@ pub(super) struct DiscrepancyFits {
     pub springs: DiscrepantModulus,
     /// As a body, unless the tissue is stated to be springs.
     pub body: Option<Result<FoundationEvidence, String>>,
+    /// What of the rig is not what it was.
+    pub moved: Vec<Moved>,
 }
 
 /// Fits the runs that are used beside the discrepancy.
@@ -29,9 +33,11 @@ pub(super) fn fit(
 ) -> Result<DiscrepancyFits, String> {
     let (used, given) = for_diagnosis(session, runs, options)?;
     let body = (tissue.foundation != FoundationChoice::Springs).then_some(tissue.poisson);
-    let input = DiscrepancyFitInput { given: &given, discrepancy: &options.discrepancy, body };
-    let (springs, body) = fit_with_discrepancy(&used, &input).map_err(|why| why.to_string())?;
-    Ok(DiscrepancyFits { springs, body: body.map(|found| found.map_err(|why| why.to_string())) })
+    let (known, discrepancy) = (options.known.as_slice(), &options.discrepancy);
+    let input = DiscrepancyFitInput { given: &given, known, discrepancy, body };
+    let found = fit_with_discrepancy(&used, &input).map_err(|why| why.to_string())?;
+    let body = found.body.map(|found| found.map_err(|why| why.to_string()));
+    Ok(DiscrepancyFits { springs: found.springs, body, moved: found.moved })
 }
 
 /// Effects with first values of their parameters.

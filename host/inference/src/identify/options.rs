@@ -1,9 +1,10 @@
 //! What the user may choose in an identification.
 
 use super::FoundationChoice;
-use crate::diagnose::{INCOMPRESSIBLE, Multiples};
+use crate::diagnose::{INCOMPRESSIBLE, KnownParameter, Multiples};
 use crate::holds::HoldCriteria;
 use crate::modulus::Relation;
+use formats::model_file::ModelFile;
 use formats::prior_file::ModulusPrior;
 use formats::session::Session;
 use mechanics::Support;
@@ -68,6 +69,8 @@ pub struct Options {
     pub nuisances: Vec<&'static dyn Effect>,
     /// Effects that are part of the model, with the values of their parameters.
     pub fixed: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// How well these values are known where they are those of the rig: in the interval of K, in place of the catalogue's priors.
+    pub known: Vec<KnownParameter>,
     /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
     pub discrepancy: Multiples,
     /// Whether intervals have the model error in them; without it they are those of the noise, as if the model were exact.
@@ -94,6 +97,7 @@ impl Default for Options {
             criteria: HoldCriteria::default(),
             nuisances: Vec::new(),
             fixed: Vec::new(),
+            known: Vec::new(),
             discrepancy: Multiples::new(),
             model_error: true,
             layers: false,
@@ -102,6 +106,17 @@ impl Default for Options {
             seed: 1,
             prior: None,
         }
+    }
+}
+
+impl Options {
+    /// With what is known of the rig (`guide characterize`): its effects with their intervals. Values that are there already stay.
+    #[must_use]
+    pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
+        if let Some(rig) = rig {
+            KnownParameter::take(&mut self.fixed, &mut self.known, rig);
+        }
+        self
     }
 }
 

@@ -41,6 +41,9 @@ pub(super) struct Prepared {
 }
 
 pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) -> Result<Prepared, RunError> {
+    if run.is_in_air() {
+        return Err(RunError::InAir);
+    }
     let criteria = &options.criteria;
     let found = holds(run, criteria);
     let mut warnings: Vec<String> = summary(&unused(run, &session.rig, criteria));

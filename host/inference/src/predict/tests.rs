@@ -14,6 +14,7 @@ const UNTIL_50: Options = Options {
     modulus_pa: None,
     layers: false,
     effects: Vec::new(),
+    known: Vec::new(),
     discrepancy: crate::diagnose::Multiples::new(),
     prior: None,
     published_from_m: 0.03,

@@ -186,7 +186,7 @@ impl LateralPlan {
         }
         let plan = Self {
             id,
-            depth_m: MM * fields.number("depth_mm", DEPTH_RANGE_MM)?,
+            depth_m: MM * fields.number_or_zero("depth_mm", DEPTH_RANGE_MM)?,
             axis: choice(fields, "axis", [("y", Axis::Y), ("x", Axis::X)])?,
             levels_m: levels_mm.unwrap_or(LEVELS_MM.to_vec()).into_iter().map(|mm| MM * mm).collect(),
             hold_s: number("hold_s", [0.5, 3600.0], 3.0)?,
@@ -205,7 +205,9 @@ impl LateralPlan {
             return Err(fields.field_fault("hold_s", Problem::OutOfRange(plan.hold_s), expected));
         }
         let end_s = plan.holds().last().map_or(0.0, |hold| hold.from_s + plan.hold_s);
-        let points = plan.depth_m / plan.spacing_m * plan.levels_m.len() as f64;
+        // In air a sweep covers all of the needle, of which this file's table does not state the length.
+        let swept_m = if plan.depth_m > 0.0 { plan.depth_m } else { MM * DEPTH_RANGE_MM[1] };
+        let points = swept_m / plan.spacing_m * plan.levels_m.len() as f64;
         let sizes = [
             ("rate_hz", (end_s * plan.rate_hz).ceil(), "rows", "levels_mm, hold_s and rate_hz make them"),
             ("spacing_mm", points.ceil(), "shape points", "depth_mm, levels_mm and spacing_mm make them"),

@@ -1,6 +1,7 @@
 //! Studies whose tables need more than a few lines.
 
 pub mod bodies;
+pub mod characterize;
 pub mod diagnosis;
 pub mod imperfect;
 pub mod population;

@@ -2,6 +2,8 @@
 //! all of them, and many sound rigs.
 
 use super::library::eventually;
+use device::link::Client;
+use protocol::{CalibrationRecord, Text};
 use simulation::rig::config::RigConfig;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -128,5 +130,41 @@ fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_ot
     let (code, text) = end(start(&["loop"]), "loop:", &|_| wire.cut());
     assert_eq!(code, Some(1), "{text}");
     assert!(std::fs::read_to_string(&out).unwrap().contains("interrupted_in = \"loop\""));
+    bench.stop().unwrap();
+}
+
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn the_last_step_stores_a_calibration_and_reads_it_back_and_one_that_is_cut_off_is_named_by_the_next_start() {
+    let bench = Bench::wired(RigConfig::default(), 10, 8.0, vec![]).unwrap();
+    let wire = NoisyWire::connect(Path::new(&bench.port()), 10).unwrap();
+    let (out, file) = (bench.folder().join("bringup.toml"), bench.folder().join("unit-7.toml"));
+    let guide = build_guide().unwrap();
+    let device = || Client::connect(&wire.port()).unwrap().calibration().unwrap();
+    let nominal = device();
+    let unit = CalibrationRecord { id: Text::new("unit-7"), ..nominal.clone() };
+    formats::calibration_file::write(&file, &unit).unwrap();
+    let bringup = |steps: &[&str]| {
+        let mut command = Command::new(&guide);
+        command.args(["bringup", "--yes", "--no-clock", "--port", &wire.port(), "--calibration"]).arg(&file);
+        command.arg("--out").arg(&out).args(steps.iter().flat_map(|step| ["--step", step]));
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    // The plug is pulled as the step begins: the device has one calibration or the other, whole.
+    let mut cut = bringup(&["store"]);
+    let mut lines = BufReader::new(cut.stderr.take().unwrap()).lines().map(Result::unwrap);
+    lines.find(|text| text.starts_with("store:")).expect("the step begins");
+    wire.cut();
+    assert_eq!((cut.wait().unwrap().code(), lines.next().is_some()), (Some(1), true));
+    assert!(std::fs::read_to_string(&out).unwrap().contains("interrupted_in = \"store\""));
+    wire.mend();
+    let kept = device();
+    assert!(kept == nominal || kept == unit, "{kept:?}");
+
+    let again = bringup(&["link", "store"]).wait_with_output().unwrap();
+    let [stdout, stderr] = [again.stdout, again.stderr].map(|text| String::from_utf8(text).unwrap());
+    assert!(again.status.success() && stderr.contains("ended in `store`"), "{stderr}");
+    assert!(stdout.contains("store           passed") && stdout.contains("calibration unit-7"), "{stdout}");
+    assert_eq!(device(), unit);
     bench.stop().unwrap();
 }

@@ -3,6 +3,7 @@
 use super::*;
 use protocol::{PulseOutcome, PulseReport};
 use simulation::rig::SimulatedRig;
+use std::collections::HashSet;
 
 const UP: Request = Request::Pulse { axis: 1, duty_permille: 350, duration_ms: 50 };
 const DOWN: Request = Request::Pulse { axis: 1, duty_permille: -350, duration_ms: 50 };
@@ -113,7 +114,8 @@ fn no_command_moves_reversed_leads_or_feedback_by_more_than_the_bound() {
     let ramp = Step::Ramp { x_um: 0, y_um: -3_000, duration_ms: 1_000 };
     let tare_first = Step::Tare { duration_ms: 50 };
     let pulse = |duty_permille, duration_ms| vec![Request::Pulse { axis: 1, duty_permille, duration_ms }];
-    let commands: [(&str, Vec<Request>); 15] = [
+    let load = Request::LoadCalibration { piece: 0, bytes: [0; protocol::PIECE_BYTES] };
+    let commands: [(&str, Vec<Request>); 17] = [
         ("move up", run(move_to(2_000, 2_000))),
         ("move down, fast", run(move_to(-8_000, 10_000))),
         ("move, slow", run(move_to(2_000, 300))),
@@ -129,10 +131,29 @@ fn no_command_moves_reversed_leads_or_feedback_by_more_than_the_bound() {
         ("stop, clear", vec![Request::Stop, Request::ClearFault]),
         ("questions", vec![Request::Status, Request::Safety, Request::Describe, Request::Calibration]),
         ("stream", vec![Request::Stream { enable: true }, Request::Stream { enable: false }]),
+        ("store", vec![load, Request::StoreCalibration { length: 8, crc: 0 }]),
+        ("acknowledge", vec![Request::AcknowledgeCalibration]),
     ];
+    let tried: HashSet<_> = commands.iter().flat_map(|(_, requests)| requests).map(name).collect();
+    // Connecting is the last one.
+    assert_eq!(tried.len() + 1, COMMANDS, "every command of the protocol: {tried:?}");
     for fault in ["leads-reversed:y", "potentiometer-reversed:y"] {
-        let (bench, mut client) = wired(fault);
+        let bench = Bench::wired(RigConfig::default(), 5, SPEED, vec![fault.parse().unwrap()]).unwrap();
+        let mut client = Client::connect(&bench.port()).unwrap();
         client.request(Request::Limits { force_mn: 4_000, silence_ms: SILENCE_MS }).unwrap();
+        // Before the bring-up: nobody has acknowledged its constants, and nothing moves.
+        let from_m = bench.rig().rig(|rig| rig.position_m());
+        let all = commands.iter().flat_map(|(_, requests)| requests);
+        for request in all.filter(|request| **request != Request::AcknowledgeCalibration) {
+            let _ = client.request(*request);
+            assert!(!bench.rig().bridges_driven(), "{fault}, {request:?} before the bring-up");
+        }
+        let since = bench.rig().steps();
+        eventually("time passes", || bench.rig().steps() > since + 500);
+        let to_m = bench.rig().rig(|rig| rig.position_m());
+        assert!((to_m[1] - from_m[1]).abs() < 1e-9, "{fault}, before the bring-up: {from_m:?} to {to_m:?}");
+        let _ = client.request(Request::ClearFault);
+        client.request(Request::AcknowledgeCalibration).unwrap();
         let mut ran = 0;
         for (name, requests) in &commands {
             let before_m = bench.rig().rig(|rig| rig.position_m());
@@ -153,6 +174,31 @@ fn no_command_moves_reversed_leads_or_feedback_by_more_than_the_bound() {
         assert!(ran >= 5, "{ran} of them moved");
         drop(client);
         bench.stop().unwrap();
+    }
+}
+
+/// How many commands the protocol has.
+const COMMANDS: usize = 16;
+
+/// A command by its name: the compiler requires a new one here.
+fn name(request: &Request) -> &'static str {
+    match request {
+        Request::Hello => "hello",
+        Request::Status => "status",
+        Request::Stream { .. } => "stream",
+        Request::LoadStep { .. } => "load step",
+        Request::Run { .. } => "run",
+        Request::Stop => "stop",
+        Request::ClearFault => "clear fault",
+        Request::Limits { .. } => "limits",
+        Request::LoadCalibration { .. } => "load calibration",
+        Request::StoreCalibration { .. } => "store calibration",
+        Request::Calibration => "calibration",
+        Request::Retreat { .. } => "retreat",
+        Request::AcknowledgeCalibration => "acknowledge calibration",
+        Request::Describe => "describe",
+        Request::Safety => "safety",
+        Request::Pulse { .. } => "pulse",
     }
 }
 

@@ -1,0 +1,132 @@
+//! `guide characterize`: the rig's own mechanics from runs in air.
+
+use super::output::Output;
+use anyhow::Context;
+use formats::model_file::ModelFile;
+use formats::session::{Labels, Session};
+use inference::diagnose::{
+    Characterisation, CharacterizeOptions, KnownParameter, Moved, Standing, characterize, moved_since,
+};
+use serde::Serialize;
+use std::fmt::{self, Display};
+use std::path::PathBuf;
+
+/// Find the rig's own mechanics from runs in air, without tissue, for the sessions that follow
+///
+/// The needle is in both guides and in nothing else (`depth_mm = 0`); guide 2 makes small and large holds on both sides of zero, in both
+/// axes, with sweeps of the shape where there are any. Force, shape and displacement then show what gives way, what is loose, what rubs and
+/// what the force sensor adds.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  guide characterize --session air --force-gain-sd 0.01 --out rig.toml\n  \
+                  guide characterize --session air-june --since rig.toml --out rig-june.toml"
+)]
+pub struct Args {
+    /// Session folder with runs in air (holds session.toml); other runs of it are not used
+    #[arg(long, value_name = "DIR")]
+    session: PathBuf,
+    /// Write what the runs determine to this file, for `characterized` in the [rig] of sessions and set-ups
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Report what has moved since this file was written
+    #[arg(long, value_name = "FILE")]
+    since: Option<PathBuf>,
+    /// How well the force sensor's gain is known, relative standard deviation: 0.01 after a calibration with weights
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    force_gain_sd: Option<f64>,
+    /// How well the needle's stated bending stiffness is known, relative standard deviation
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    stiffness_sd: Option<f64>,
+}
+
+/// A relative standard deviation.
+fn share(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "expected a number, 0.0001 to 0.5".to_owned())?;
+    if (1e-4..=0.5).contains(&value) { Ok(value) } else { Err("expected 0.0001 to 0.5".to_owned()) }
+}
+
+/// The document.
+#[derive(Serialize)]
+struct Document {
+    schema: &'static str,
+    session: String,
+    /// What has moved since the file of `--since`; nothing without it.
+    moved_since: Option<Vec<Moved>>,
+    #[serde(flatten)]
+    found: Characterisation,
+    /// The file that was written.
+    rig_file: Option<String>,
+}
+
+/// Runs the sub-command.
+pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    let session = Session::read(&args.session)?;
+    let before = args.since.as_deref().map(ModelFile::read).transpose()?;
+    let options = CharacterizeOptions { force_gain_sd: args.force_gain_sd, stiffness_sd: args.stiffness_sd };
+    let found = characterize(&session, &options)
+        .with_context(|| format!("cannot characterise {}", args.session.display()))?;
+    let name = match Labels::read(&args.session)? {
+        Labels { name: Some(name), date: Some(date), .. } => format!("{name}, {date}"),
+        Labels { name: Some(name), .. } => name,
+        _ => args.session.display().to_string(),
+    };
+    if let Some(path) = &args.out {
+        found.model(Some(name)).write(path)?;
+    }
+    let document = Document {
+        schema: "guide.characterize/1",
+        session: args.session.display().to_string(),
+        moved_since: before.map(|before| moved_since(&KnownParameter::of_model(&before), &found)),
+        found,
+        rig_file: args.out.as_ref().map(|path| path.display().to_string()),
+    };
+    out.result(&document, Text(&document))
+}
+
+/// A characterisation for the eye.
+struct Text<'a>(&'a Document);
+
+impl Display for Text<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let found = &self.0.found;
+        match self.0.moved_since.as_deref() {
+            None => {}
+            Some([]) => writeln!(f, "since then   nothing has moved")?,
+            Some(moved) => {
+                for (number, one) in moved.iter().enumerate() {
+                    writeln!(f, "{:<13}{one}", if number == 0 { "moved" } else { "" })?;
+                }
+            }
+        }
+        writeln!(f, "runs         {} in air: {}", found.runs.len(), found.runs.join(", "))?;
+        for one in &found.parameters {
+            let [low, high] = one.ci95;
+            let what = format!("{} {}", one.effect, one.parameter);
+            match one.standing {
+                Standing::Identified => {
+                    writeln!(f, "{what:<46} {:>9.4} ({low:.4} to {high:.4})", one.value)?;
+                }
+                Standing::Stated => {
+                    writeln!(f, "{what:<46} {:>9.4} ({low:.4} to {high:.4}), as stated", one.value)?;
+                }
+                Standing::NotIdentifiable => {
+                    writeln!(f, "{what:<46} not identifiable from these runs")?;
+                    if let Some(by) = one.settled_by {
+                        writeln!(f, "             needs {by}")?;
+                    }
+                }
+            }
+        }
+        if let Some(scatter_n) = found.tare_scatter_n {
+            writeln!(f, "zero         scatters by {scatter_n:.4} N from run to run")?;
+        }
+        writeln!(f, "fit          chi-square per reading {:.2}", found.chi_square_per_reading)?;
+        for warning in &found.warnings {
+            writeln!(f, "note         {warning}")?;
+        }
+        match &self.0.rig_file {
+            Some(path) => writeln!(f, "written      {path}"),
+            None => Ok(()),
+        }
+    }
+}

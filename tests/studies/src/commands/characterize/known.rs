@@ -1,0 +1,140 @@
+//! The diagnosis with what is known of the rig against the diagnosis without: the same rig characterised in air, then sessions in tissue
+//! with something hidden, or nothing.
+
+use super::{drawn_rig, options};
+use anyhow::{Result, ensure};
+use inference::diagnose::{Diagnosis, Options, Verdict, characterize, diagnose};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use worlds::{Design, Truth, ids, on_all_cores, session, strengths};
+
+/// A class of more members is no answer.
+const MAX_IN_CLASS: usize = 3;
+/// Effects that stand for each other, as in the study of the diagnosis.
+const FAMILIES: [&[&str]; 3] = [
+    &["tissue.layers", "tissue.gradient", "tissue.entry_gap"],
+    &["tissue.shear", "needle.axial_load"],
+    &["rig.backlash", "rig.play"],
+];
+/// Share of sessions in which nothing is hidden.
+const NOTHING: f64 = 0.3;
+
+/// A diagnosis in short.
+#[derive(Debug, Clone, Copy)]
+struct Short {
+    /// Size of the class in which the hidden effect is; nothing where it is in none of an answer.
+    class: Option<usize>,
+    /// Something is named that is neither hidden nor of the rig.
+    is_false: bool,
+    /// Half-width of the modulus' interval over the modulus, and whether it holds the truth.
+    half_width: f64,
+    held: bool,
+}
+
+/// What was hidden, and the diagnoses without and with what is known of the rig.
+struct Pair {
+    hidden: Option<&'static str>,
+    without: Short,
+    with: Short,
+}
+
+/// Prints a row without and one with.
+pub fn run(sessions: usize, seed: u64) -> Result<()> {
+    let pairs =
+        on_all_cores(sessions, |number| one(seed.wrapping_mul(1_000_003).wrapping_add(number as u64)));
+    let pairs: Vec<Pair> = pairs.into_iter().flatten().collect();
+    ensure!(!pairs.is_empty(), "no session could be diagnosed");
+    println!(
+        "| what is known | effect hidden | named in a class of three at most | named alone | wrong name, effect or none hidden | K held | \
+         mean half-width of K |\n|---|---|---|---|---|---|---|"
+    );
+    for (name, of) in [
+        ("nothing of the rig", (|pair| pair.without) as fn(&Pair) -> Short),
+        ("the rig in air (`rig.toml`)", |pair| pair.with),
+    ] {
+        let hidden: Vec<Short> = pairs.iter().filter(|pair| pair.hidden.is_some()).map(of).collect();
+        let all: Vec<Short> = pairs.iter().map(of).collect();
+        let share = |count: usize, of: usize| {
+            format!("{count} of {of} ({:.0} %)", 100.0 * count as f64 / of.max(1) as f64)
+        };
+        let count = |is: &dyn Fn(&Short) -> bool, list: &[Short]| list.iter().filter(|one| is(one)).count();
+        println!(
+            "| {name} | {} | {} | {} | {} | {} | {:.1} % |",
+            hidden.len(),
+            share(count(&|one| one.class.is_some(), &hidden), hidden.len()),
+            share(count(&|one| one.class == Some(1), &hidden), hidden.len()),
+            share(count(&|one| one.is_false, &all), all.len()),
+            share(count(&|one| one.held, &all), all.len()),
+            100.0 * all.iter().map(|one| one.half_width).sum::<f64>() / all.len() as f64
+        );
+    }
+    let classes = pairs.iter().filter_map(|pair| Some((pair.without.class?, pair.with.class?)));
+    let (mut smaller, mut equal, mut larger) = (0, 0, 0);
+    for (without, with) in classes {
+        match with.cmp(&without) {
+            std::cmp::Ordering::Less => smaller += 1,
+            std::cmp::Ordering::Equal => equal += 1,
+            std::cmp::Ordering::Greater => larger += 1,
+        }
+    }
+    println!(
+        "\nclasses of what both name: {smaller} smaller, {equal} equal, {larger} larger with the rig known; {} sessions, seed {seed}",
+        pairs.len()
+    );
+    for pair in pairs.iter().filter(|pair| pair.with.class.is_none() && pair.without.class.is_some()) {
+        eprintln!("named without only: {:?}", pair.hidden);
+    }
+    Ok(())
+}
+
+/// What a rig does not have of its own.
+fn is_hideable(id: &str) -> bool {
+    id.starts_with("tissue.") || id == "needle.axial_load"
+}
+
+/// A session with a rig of its own; nothing where it cannot be diagnosed.
+fn one(seed: u64) -> Option<Pair> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let rig = drawn_rig(&mut random)?;
+    let hidden = if random.random::<f64>() < NOTHING {
+        None
+    } else {
+        let hideable: Vec<&'static str> = ids().filter(|id| is_hideable(id)).collect();
+        let id = *hideable.get(random.random_range(0..hideable.len()))?;
+        Some((id, strengths(id)?.get(random.random_range(0..3)).cloned()?))
+    };
+    let k_kpa = random.random_range(8.0..20.0);
+    let truth = |effects| Truth { k_kpa, tip_load_n: 0.2, effects, foreign: None };
+    let in_air = session(&truth(rig.clone()), &Design::in_air(), seed);
+    let known = characterize(&in_air, &options()).ok()?.model(None);
+    let effects = rig.iter().cloned().chain(hidden.clone()).collect();
+    let in_tissue = session(&truth(effects), &Design::nine_runs(), seed ^ 1);
+    let plain = Options { seed, ..Options::default() };
+    let without = diagnose(&in_tissue, &plain, |_| {}).ok()?;
+    let with = diagnose(&in_tissue, &plain.with_rig(Some(&known)), |_| {}).ok()?;
+    let hidden = hidden.map(|(id, _)| id);
+    let own: Vec<&str> = rig.iter().map(|(id, _)| *id).collect();
+    // The modulus of tissue that varies is no single number.
+    let short = |found: &Diagnosis| short(found, hidden, &own, k_kpa);
+    Some(Pair { hidden, without: short(&without), with: short(&with) })
+}
+
+fn short(found: &Diagnosis, hidden: Option<&str>, own: &[&str], k_kpa: f64) -> Short {
+    let stands = |id: &str, what: &str| {
+        id == what || FAMILIES.iter().any(|family| family.contains(&id) && family.contains(&what))
+    };
+    let is_named = matches!(found.verdict, Verdict::Named | Verdict::Ambiguous);
+    let classes: Vec<&Vec<String>> =
+        found.effects.iter().filter(|_| is_named).map(|one| &one.class).collect();
+    let hit = |class: &&&Vec<String>| {
+        class.len() <= MAX_IN_CLASS && hidden.is_some_and(|hidden| class.iter().any(|id| stands(id, hidden)))
+    };
+    let is_own = |class: &Vec<String>| class.iter().any(|id| own.iter().any(|own| stands(id, own)));
+    let [low, high] = found.k_ci95_kpa;
+    Short {
+        class: classes.iter().find(hit).map(|class| class.len()),
+        is_false: classes.iter().any(|class| !hit(&class) && !is_own(class)),
+        half_width: 0.5 * (high - low) / found.k_kpa,
+        held: (low..=high).contains(&k_kpa),
+    }
+}
