@@ -74,6 +74,7 @@ pub use workbench::{Trial, TrialEffect, TrialPoint, Workbench};
 
 use crate::FitError;
 use adequacy::{Adequacy, regions};
+use averaged::Averaged;
 use data::Run;
 use formats::model_file::ModelFile;
 use formats::session::{LateralRun, Session};
@@ -237,6 +238,7 @@ fn workflow<T>(
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let (foundation, start, found) = choose(start, &judge, options, &mut on_progress)?;
     let more = beside(&start)?;
+    let found = found.around_itself(&start.runs, &start.patterns, &multiples);
     let Start { runs: prepared, patterns, fitted: start } = start;
     let before = Adequacy::of(&start, &prepared, &patterns)?;
     let where_before = regions(&start, &prepared);
@@ -252,19 +254,22 @@ fn workflow<T>(
     let gap = judge.gap(&start, final_fit, options.seed)?;
     let remaining =
         Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
+    let multiples = final_fit.multiples(&patterns);
+    let final_fit = if is_named { final_fit.clone() } else { start.clone().over_sizes(&patterns) };
     let report = DiagnosisReport {
         session,
         options,
         all: &all,
         start: &start,
         found: &found,
-        final_fit,
+        final_fit: &final_fit,
+        averaged: Averaged::over(&final_fit, &start, &found, is_named, &patterns),
         noise: &noise,
         adequacy: [&before, &after],
         verdict,
         foundation,
         split: rule,
-        multiples: final_fit.multiples(&patterns),
+        multiples,
         held_out: judge.runs(),
     };
     let mut result =
@@ -421,7 +426,7 @@ fn absorbs(found: &Found) -> bool {
 
 /// What the search finds in a session on springs, and the model that it starts from.
 #[cfg(test)]
-fn found_in(session: &Session) -> (posterior::Fitted, Found) {
+fn found_in(session: &Session) -> (Start, Found) {
     let (runs, _) = runs_of(session).expect("runs");
     let (Training { runs, .. }, held_out) = split(runs);
     let noise = Noise::of(&runs, &session.stated_noise());
@@ -431,7 +436,7 @@ fn found_in(session: &Session) -> (posterior::Fitted, Found) {
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
     let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
     let (_, start, found) = choose(start, &judge, &options, |_| {}).expect("a search");
-    (start.fitted, found)
+    (start, found)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 /// Groups whose sizes are found: as in a model file.
-pub const DISCREPANCY_NAMES: [&str; 29] = [
+pub const DISCREPANCY_NAMES: [&str; 30] = [
     "modulus from run to run",
     "modulus changing from run to run",
     "modulus over depth",
@@ -17,6 +17,7 @@ pub const DISCREPANCY_NAMES: [&str; 29] = [
     "force gain of one run",
     "nonlinear force sensor",
     "hysteresis of the force",
+    "creep of the force sensor",
     "force of one hold",
     "force on the way",
     "drift of the force in one run",

@@ -5,35 +5,44 @@
 //! the margin (Bayesian model averaging, Hoeting et al. 1999, Statistical Science 14:382). So no interval jumps where an effect passes the
 //! margin. The value that is reported is that of the first member, whose effects the model file has; the interval is that of the mixture.
 
+use super::evidence::Patterns;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
 use super::search::{Candidate, Found, one_sided};
 use mechanics::effects::Effect;
+use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Evidence smaller than the largest by more than this has no weight that shows.
 const MIN_LN_WEIGHT: f64 = -12.0;
+/// The sizes of the discrepancy are integrated over in those that are not further behind than this.
+const MIN_LN_WEIGHT_OVER_SIZES: f64 = -5.0;
 /// Steps of the bisection: enough for rounding to be all that is left.
 const BISECTIONS: usize = 80;
 
 /// Fits that the data leave in question, with their weights.
-pub(super) struct Averaged<'a> {
-    fits: Vec<(f64, &'a Fitted)>,
+pub(super) struct Averaged {
+    fits: Vec<(f64, Fitted)>,
 }
 
-impl<'a> Averaged<'a> {
-    /// The final fit, which is that of what the search found where that has a name and `start` elsewhere, with all others that the search
-    /// has left in question.
-    pub fn over(start: &'a Fitted, found: &'a Found, is_named: bool) -> Self {
+impl Averaged {
+    /// The final fit, which is that of what the search found where that has a name and `start` elsewhere, over the sizes of its discrepancy,
+    /// with all others that the search has left in question.
+    pub fn over<'a>(
+        own: &Fitted,
+        start: &'a Fitted,
+        found: &'a Found,
+        is_named: bool,
+        patterns: &Patterns,
+    ) -> Self {
         // Of every effect beyond those of the start: half the range of one that has one sign is as likely as the whole; the margin.
         let given = start.layout.effects.len();
         let ln_weight = |of: &Fitted| {
             let added = of.layout.effects.iter().skip(given);
             of.log_evidence + added.map(|effect| one_sided(*effect) - found.margin).sum::<f64>()
         };
-        let own = if is_named { &found.fitted } else { start };
         let most = ln_weight(own);
-        let mut all = vec![(most, own)];
+        let mut all: Vec<(f64, &'a Fitted)> = Vec::new();
         let members = if is_named { found.members.as_slice() } else { &[] };
         let class = members.iter().flat_map(|member| {
             let named = found.fitted.layout.effects.get(member.index).map(|effect| effect.id());
@@ -45,7 +54,8 @@ impl<'a> Averaged<'a> {
         let unused = |candidate: &'a Candidate| {
             let (fit, _) = candidate.refit.as_ref()?;
             let is_in_range = !fit.at_bound.contains(&true);
-            let is_new = !all.iter().any(|(_, known)| known.layout.has_effects_of(&fit.layout));
+            let known = all.iter().map(|(_, known)| *known).chain([own]);
+            let is_new = !known.into_iter().any(|known| known.layout.has_effects_of(&fit.layout));
             (is_in_range && is_new).then(|| (ln_weight(fit).min(most), fit))
         };
         // Beside two effects or more, those that were tried alone are far behind.
@@ -53,9 +63,18 @@ impl<'a> Averaged<'a> {
         let last = if is_named { found.last.as_slice() } else { &[] };
         let unused: Vec<_> = first.iter().chain(last).filter_map(unused).collect();
         all.extend(unused);
-        let largest = all.iter().map(|(ln, _)| *ln).fold(f64::NEG_INFINITY, f64::max);
-        let fits = all.into_iter().filter(|(ln, _)| *ln > largest + MIN_LN_WEIGHT);
-        Self { fits: fits.map(|(ln, of)| ((ln - largest).exp(), of)).collect() }
+        let largest = all.iter().map(|(ln, _)| *ln).fold(most, f64::max);
+        all.retain(|(ln, _)| *ln > largest + MIN_LN_WEIGHT);
+        let integrated = |(ln, fit): (f64, &Fitted)| {
+            let is_heavy = ln > largest + MIN_LN_WEIGHT_OVER_SIZES;
+            let fit = if is_heavy { fit.clone().over_sizes(patterns) } else { fit.clone() };
+            ((ln - largest).exp(), fit)
+        };
+        let mut fits: Vec<_> = all.into_par_iter().map(integrated).collect();
+        if most > largest + MIN_LN_WEIGHT {
+            fits.insert(0, ((most - largest).exp(), own.clone()));
+        }
+        Self { fits }
     }
 
     /// Interval of 95 % of a quantity of which each fit gives value and standard deviation, or nothing.
@@ -94,13 +113,14 @@ impl<'a> Averaged<'a> {
 
     /// Of a parameter of an effect, in its own unit, over all fits that have the effect; nothing where only one has it.
     pub fn parameter(&self, effect: &dyn Effect, number: usize) -> Option<[f64; 2]> {
-        let has = |fit: &Fitted| fit.layout.effects.iter().any(|own| own.id() == effect.id());
-        if self.fits.iter().filter(|(_, fit)| has(fit)).count() < 2 {
-            return None;
+        let index = |fit: &Fitted| fit.layout.effects.iter().position(|own| own.id() == effect.id());
+        let mut having = self.fits.iter().filter_map(|(_, fit)| Some((fit, index(fit)?)));
+        let (first, at) = having.next()?;
+        if having.next().is_none() {
+            return Some(first.estimate(at, number).1);
         }
         let of = |fit: &Fitted| {
-            let index = fit.layout.effects.iter().position(|own| own.id() == effect.id())?;
-            let (value, [low, high]) = fit.estimate(index, number);
+            let (value, [low, high]) = fit.estimate(index(fit)?, number);
             Some((value, (high - low) / (2.0 * NORMAL_975)))
         };
         self.interval(of)
@@ -151,27 +171,32 @@ mod tests {
         let member = Member {
             index: 0,
             gain,
-            without: start.clone(),
+            without: start.fitted.clone(),
             class: vec![(best.score.effect, fitted.clone())],
         };
         let below = Found { margin: gain + 1e-6, members: Vec::new(), ..found.clone() };
         let above =
             Found { fitted: fitted.clone(), members: vec![member], margin: gain - 1e-6, ..below.clone() };
         let [below, above] = [(below, false), (above, true)].map(|(found, is_named)| {
-            Averaged::over(&start, &found, is_named).modulus_pa().expect("an interval")
+            let own =
+                if is_named { &found.fitted } else { &start.fitted }.clone().over_sizes(&start.patterns);
+            let averaged = Averaged::over(&own, &start.fitted, &found, is_named, &start.patterns);
+            averaged.modulus_pa().expect("an interval")
         });
         for (below, above) in below.iter().zip(above) {
             assert!((below / above - 1.0).abs() < 1e-3, "{below} {above}");
         }
         // Both models are in it.
-        for fit in [&start, &fitted] {
+        for fit in [&start.fitted, &fitted] {
             let (value_pa, _) = fit.modulus_pa();
             assert!((below[0]..=below[1]).contains(&value_pa), "{value_pa} in {below:?}");
         }
         // Far from the margin one of them is left.
         let alone = Found { margin: 60.0, members: Vec::new(), ..found };
-        let [low, high] = Averaged::over(&start, &alone, false).modulus_pa().expect("an interval");
-        let (_, own) = start.modulus_pa();
+        let fitted = start.fitted.clone().over_sizes(&start.patterns);
+        let averaged = Averaged::over(&fitted, &start.fitted, &alone, false, &start.patterns);
+        let [low, high] = averaged.modulus_pa().expect("an interval");
+        let (_, own) = fitted.modulus_pa();
         assert!((low / own[0] - 1.0).abs() < 1e-6 && (high / own[1] - 1.0).abs() < 1e-6, "{low} {high}");
     }
 

@@ -2,7 +2,8 @@
 //!
 //! A pattern is a direction in the data of one unit of a small imperfection. Those of one [`Group`] have amplitudes of one size,
 //! which the evidence finds again for every hypothesis ([`Patterns`]): the plain model needs a large discrepancy, the right effect a
-//! small one. Patterns are made once per session, around the fit of the plain model.
+//! small one. Patterns are made once per session, around the fit of the plain model, and once more around what was found, whose intervals
+//! depend on them.
 //!
 //! | of | file |
 //! |---|---|

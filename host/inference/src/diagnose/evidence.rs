@@ -13,6 +13,8 @@
 //! Kennedy and O'Hagan, "Bayesian calibration of computer models" (2001); Brynjarsdottir and O'Hagan, "Learning about physical
 //! parameters: the importance of model discrepancy" (2014).
 
+mod integrated;
+
 use super::layout::Prepared;
 use super::sizes;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};

@@ -150,3 +150,70 @@ fn patterns_are_taken_off_as_by_dense_matrices() {
     let found: Vec<f64> = found.iter().flat_map(|part| part.iter().copied()).collect();
     assert!((DVector::from_vec(found) - expected).norm() < 1e-11);
 }
+
+/// Patterns that are large beside noise and of which one is like a parameter, residuals that hold them, and the likeliest sizes.
+fn likeliest() -> (Patterns, Products, Vec<f64>) {
+    let (mut patterns, mut columns) = drawn();
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let shared = random(&mut rng, 3, 1) * 0.8;
+    for (run, columns) in patterns.runs.iter().zip(&mut columns) {
+        let added = &run.own * random(&mut rng, 2, 1) * 0.6 + &run.shared * &shared;
+        let mut residuals = columns.column_mut(PARAMETERS);
+        residuals += added.column(0);
+        // The first parameter does what a shared pattern does, and a little more.
+        let alike = 0.3 * columns.column(0) + run.shared.column(0);
+        columns.set_column(0, &alike);
+    }
+    for (group, everyday) in patterns.groups.iter_mut().zip([3.0, 4.0, 3.0]) {
+        group.everyday = 0.2 * everyday;
+    }
+    let products = patterns.products(&columns);
+    let sizes = patterns.likeliest_sizes(&[0.6, 0.8, 0.6], &products);
+    (patterns, products, sizes)
+}
+
+#[test]
+fn the_volume_of_sizes_is_that_of_the_second_differences() {
+    let (patterns, products, sizes) = likeliest();
+    let step = 1e-4;
+    let gradient = |group: usize, by: f64| {
+        let mut moved = sizes.clone();
+        moved[group] *= by.exp();
+        patterns.evidence(&moved, &products).expect("evidence").gradient
+    };
+    let curvature =
+        DMatrix::from_fn(2, 2, |i, j| (gradient(j, step)[i] - gradient(j, -step)[i]) / (2.0 * step));
+    assert!((curvature[(0, 1)] - curvature[(1, 0)]).abs() < 1e-5 && curvature[(0, 1)].abs() > 1e-4);
+    let expected = -0.5 * curvature.determinant().ln();
+    let found = patterns.ln_volume_of_sizes(&sizes, &products).expect("a volume");
+    assert!((found - expected).abs() < 1e-5, "{found} for {expected}");
+}
+
+#[test]
+fn the_integrated_covariance_is_that_of_a_fine_grid_of_sizes() {
+    let (patterns, products, sizes) = likeliest();
+    let here = patterns.evidence(&sizes, &products).expect("evidence");
+    // Sums over a grid in the logarithms of both free sizes.
+    let (mut weights, mut second) = (0.0, DMatrix::zeros(PARAMETERS, PARAMETERS));
+    for i in -60..=60 {
+        for j in -60..=60 {
+            let moved =
+                [sizes[0] * (0.1 * f64::from(i)).exp(), sizes[1] * (0.1 * f64::from(j)).exp(), sizes[2]];
+            let there = patterns.evidence(&moved, &products).expect("evidence");
+            let weight = (here.minus_ln - there.minus_ln).exp();
+            let apart = &there.mean - &here.mean;
+            second += weight * (&there.covariance + &apart * apart.transpose());
+            weights += weight;
+        }
+    }
+    let expected = second / weights;
+    let found = patterns.integrated_covariance(&sizes, &products).expect("a covariance");
+    for i in 0..PARAMETERS {
+        let [plain, found, expected] = [&here.covariance, &found, &expected].map(|of| of[(i, i)]);
+        let distance = (found - expected).abs();
+        assert!(
+            distance <= 0.4 * (expected - plain).abs() || distance < 3e-3 * plain,
+            "{plain} {found} {expected}"
+        );
+    }
+}

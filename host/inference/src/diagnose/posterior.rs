@@ -98,7 +98,9 @@ impl Fitted {
             let evidence = patterns.evidence(&sizes, &products).ok_or(FitError::Undetermined)?;
             round += 1;
             if settled || round > rounds {
-                return finish(layout, patterns, parameters, point, jacobian, sizes, evidence, settled);
+                return finish(
+                    layout, patterns, parameters, point, jacobian, sizes, &products, evidence, settled,
+                );
             }
             let step = step(&parameters, &point.values, &evidence);
             let short = step.iter().zip(&parameters).enumerate().all(|(i, (step, p))| {
@@ -264,6 +266,22 @@ impl Fitted {
         Some((evidence.mean[0] - from_prior(first, self.values[0])) * prior_sd(first))
     }
 
+    /// The same with intervals that hold what the sizes of the discrepancy may be, too.
+    pub fn over_sizes(mut self, patterns: &Patterns) -> Self {
+        let parameters = self.layout.parameters(&self.values);
+        let point = Point { values: self.values.clone(), residuals: self.residuals.clone() };
+        let products = products(patterns, &parameters, &point, &self.jacobian);
+        if let Some(covariance) = patterns.integrated_covariance(&self.sizes, &products) {
+            self.covariance = in_units(&covariance, &parameters);
+        }
+        self
+    }
+
+    /// The same with sizes and evidence of another fit.
+    pub fn with_evidence_of(self, other: &Self) -> Self {
+        Self { log_evidence: other.log_evidence, sizes: other.sizes.clone(), ..self }
+    }
+
     /// Groups of the discrepancy that are larger than in an ordinary rig, as multiples of that.
     pub fn multiples(&self, patterns: &Patterns) -> Multiples {
         let found = patterns.groups.iter().zip(&self.sizes).filter(|(group, _)| group.tail.is_some());
@@ -281,6 +299,12 @@ impl Fitted {
         let of_reference = ends(self.values[0] - self.values[at], variance.max(0.0).sqrt());
         Some([ends(self.values[at], of_ratio.sqrt()), of_reference])
     }
+}
+
+/// A covariance in units of the priors, as the parameters are inside the fits.
+fn in_units(covariance: &DMatrix<f64>, parameters: &[Parameter]) -> DMatrix<f64> {
+    let sds: Vec<f64> = parameters.iter().map(prior_sd).collect();
+    DMatrix::from_fn(sds.len(), sds.len(), |i, j| sds[i] * covariance[(i, j)] * sds[j])
 }
 
 /// Standard deviation of the prior; parameters without one have a wide one.
@@ -440,17 +464,17 @@ fn finish(
     point: Point,
     jacobian: Vec<DMatrix<f64>>,
     sizes: Vec<f64>,
+    products: &Products,
     evidence: Evidence,
     settled: bool,
 ) -> Result<Fitted, FitError> {
     let squares = squares(patterns, &sizes, &parameters, &point).ok_or(FitError::Undetermined)?;
-    let log_evidence = -0.5 * squares - evidence.half_ln_determinant - evidence.size_prior;
+    let volume = patterns.ln_volume_of_sizes(&sizes, products).ok_or(FitError::Undetermined)?;
+    let log_evidence = -0.5 * squares - evidence.half_ln_determinant - evidence.size_prior + volume;
     if !log_evidence.is_finite() {
         return Err(FitError::NotFinite);
     }
-    let sds = DVector::from_iterator(parameters.len(), parameters.iter().map(prior_sd));
-    let covariance =
-        DMatrix::from_fn(sds.len(), sds.len(), |i, j| sds[i] * evidence.covariance[(i, j)] * sds[j]);
+    let covariance = in_units(&evidence.covariance, &parameters);
     let at_bound = point.values.iter().zip(&parameters).map(|(value, p)| {
         let slack = 1e-9 * (p.most - p.least).min(1.0);
         *value <= p.least + slack || *value >= p.most - slack

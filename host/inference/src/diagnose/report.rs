@@ -31,6 +31,8 @@ pub(super) struct DiagnosisReport<'a> {
     pub start: &'a Fitted,
     pub found: &'a Found,
     pub final_fit: &'a Fitted,
+    /// All fits that the data leave in question.
+    pub averaged: Averaged,
     pub noise: &'a Noise,
     pub adequacy: [&'a Adequacy; 2],
     pub verdict: Verdict,
@@ -51,10 +53,10 @@ impl DiagnosisReport<'_> {
         remaining: RemainingResult,
         warnings: Vec<String>,
     ) -> Diagnosis {
-        let Self { verdict, final_fit, adequacy, .. } = *self;
+        let Self { verdict, final_fit, adequacy, averaged, .. } = self;
+        let verdict = *verdict;
         let members = &self.found.members;
         let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
-        let averaged = Averaged::over(self.start, self.found, is_named);
         let classes = members.iter().filter(|member| member.class.len() > 1);
         let next_measurement = classes
             .filter_map(|member| next::next_measurement(&member.class, self.all, self.noise))
@@ -84,7 +86,7 @@ impl DiagnosisReport<'_> {
             session: self.session.name.clone(),
             verdict,
             effects: if is_named {
-                members.iter().map(|m| self.effect(m, &averaged)).collect()
+                members.iter().map(|m| self.effect(m, averaged)).collect()
             } else {
                 Vec::new()
             },
@@ -105,7 +107,7 @@ impl DiagnosisReport<'_> {
                 .collect(),
             model_file: None,
             foundation,
-            reference: self.reference(&averaged),
+            reference: self.reference(averaged),
             k_kpa,
             k_ci95_kpa,
             k_status: self.modulus_status(),
@@ -150,7 +152,7 @@ impl DiagnosisReport<'_> {
     }
 
     /// How the session differs from its reference.
-    fn reference(&self, averaged: &Averaged<'_>) -> Option<ReferenceResult> {
+    fn reference(&self, averaged: &Averaged) -> Option<ReferenceResult> {
         let reference = self.options.reference.as_ref()?;
         let [(ratio, ratio_ci95), (pa, pa_ci95)] = self.final_fit.beside_reference()?;
         Some(ReferenceResult {
@@ -160,7 +162,7 @@ impl DiagnosisReport<'_> {
         })
     }
 
-    fn effect(&self, member: &Member, averaged: &Averaged<'_>) -> FoundEffect {
+    fn effect(&self, member: &Member, averaged: &Averaged) -> FoundEffect {
         let fitted = &self.found.fitted;
         let effect = fitted.layout.effects[member.index];
         let parameters = effect.parameters().iter().enumerate().map(|(number, info)| {

@@ -1,7 +1,9 @@
 //! The search: score, refit, accept, add, repeat; and which competing effects explain the data as well
 //! (theory, eq. 65).
 
+use super::Multiples;
 use super::adequacy::Adequacy;
+use super::discrepancy::patterns;
 use super::evidence::Patterns;
 use super::layout::{Layout, NORMAL_975, Prepared, Scale};
 use super::posterior::{Fitted, MAX_ROUNDS};
@@ -90,6 +92,37 @@ pub(super) struct Found {
     /// All effects beside the last model to which none of them was added; empty where the search ended otherwise.
     pub last: Vec<Candidate>,
     pub margin: f64,
+}
+
+/// Rounds of the last fit, and how far it may be from the one before, in standard deviations.
+const LAST_ROUNDS: usize = 8;
+const NEAR_SD: f64 = 6.0;
+
+impl Found {
+    /// The same with the discrepancy's patterns made around what was found: those of the start are of a model that lacks it. The evidence
+    /// stays that of the search, in which all hypotheses have the same patterns.
+    pub fn around_itself(mut self, runs: &[Prepared], of_start: &Patterns, multiples: &Multiples) -> Self {
+        if self.members.is_empty() {
+            return self;
+        }
+        let old = &self.fitted;
+        let again = patterns(&old.layout, old.values(), runs, multiples).ok().and_then(|patterns| {
+            let everyday = patterns.everyday();
+            Fitted::new(&old.layout, runs, &patterns, old.values(), &everyday, LAST_ROUNDS)
+                .ok()
+                .map(|fitted| fitted.over_sizes(&patterns))
+        });
+        let is_near = |new: &Fitted| {
+            (0..old.values().len())
+                .all(|i| (new.values()[i] - old.values()[i]).abs() <= NEAR_SD * new.sd(i).max(old.sd(i)))
+        };
+        if let Some(new) = again.filter(|new| new.settled && !new.at_bound.contains(&true) && is_near(new)) {
+            self.fitted = new.with_evidence_of(old);
+        } else {
+            self.fitted = self.fitted.over_sizes(of_start);
+        }
+        self
+    }
 }
 
 /// What a search works on.

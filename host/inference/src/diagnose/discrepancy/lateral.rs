@@ -22,6 +22,8 @@ const SMOOTH_M: f64 = 40e-3;
 const SMOOTH: usize = 5;
 /// Smooth errors of a single run.
 const SMOOTH_OF_RUN: usize = 2;
+/// Times after which a force sensor has crept: those of holds, of steps between them, and of runs.
+const CREEP_S: [f64; 3] = [1.0, 4.0, 16.0];
 /// Steps of the differences: logarithm of the modulus, share of the stiffness, metres.
 const LN_STEP: f64 = 1e-3;
 const ENTRY_STEP_M: f64 = 1e-5;
@@ -182,6 +184,9 @@ pub(super) fn groups(all: &[Around<'_>]) -> Result<Vec<GroupPatterns>, ModelErro
         };
         Ok(depths_mm.iter().map(of).collect())
     })?;
+    add(found("creep of the force sensor", 0.005), Scope::Shared, Cause::Physics, &mut |_, around| {
+        Ok(CREEP_S.map(|time_s| lag_n(around, time_s)).to_vec())
+    })?;
     add(found("force of one hold", 0.003), Scope::Own, Cause::Physics, &mut |_, around| {
         let of = |hold: usize| {
             around.each(|i, datum| match part(around, i) {
@@ -244,6 +249,37 @@ fn depth_mm(around: &Around<'_>) -> i64 {
 fn largest_force_n(around: &Around<'_>) -> f64 {
     let forces = (0..around.predicted.len()).filter(|i| part(around, *i).force);
     forces.map(|i| around.predicted[i].abs()).fold(0.0, f64::max)
+}
+
+/// The predicted force less its own past, smoothed with a time: zero before the first reading.
+fn lag_n(around: &Around<'_>, smoothed_s: f64) -> Vec<f64> {
+    let mut lag_n = vec![0.0; around.predicted.len()];
+    for plane in [0, 1] {
+        let is_here = |i: &usize| {
+            let here = part(around, *i);
+            here.force && here.plane == plane
+        };
+        let time_s = |i: usize| around.run.data[i].place.time_s;
+        let mut order: Vec<usize> = (0..around.predicted.len()).filter(is_here).collect();
+        order.sort_by(|a, b| time_s(*a).total_cmp(&time_s(*b)));
+        let mut last: Option<(f64, f64, f64)> = None;
+        for i in order {
+            let (now_s, force_n) = (time_s(i), around.predicted[i]);
+            // Between readings the force is taken as linear in time.
+            let smoothed_n = match last {
+                Some((before_s, before_n, smoothed_n)) if now_s > before_s => {
+                    let ramp_n = (force_n - before_n) * smoothed_s / (now_s - before_s);
+                    let left = (-(now_s - before_s) / smoothed_s).exp();
+                    force_n - ramp_n + (smoothed_n - before_n + ramp_n) * left
+                }
+                Some((.., smoothed_n)) => smoothed_n,
+                None => force_n,
+            };
+            lag_n[i] = force_n - smoothed_n;
+            last = Some((now_s, force_n, smoothed_n));
+        }
+    }
+    lag_n
 }
 
 fn by_ln_modulus(around: &Around<'_>) -> Result<Vec<f64>, ModelError> {

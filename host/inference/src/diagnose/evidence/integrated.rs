@@ -1,0 +1,138 @@
+//! Evidence and intervals with the sizes of the discrepancy integrated over, not only taken at their likeliest values
+//! (theory, eq. 61).
+//!
+//! With `G = M^-1` and `m = G L b` of the evidence, the second derivatives of `-ln Z` by the logarithms of the sizes of groups g and h are
+//!
+//! `H_gh = 2 d_gh sum_g (G_jj + m_j^2) - 2 sum_gh G_jk^2 - 4 sum_gh m_j G_jk m_k`
+//!
+//! and those of the prior. The evidence integrated over the sizes is smaller by `ln det(H) / 2` (Laplace). Mean and covariance of the
+//! parameters depend on the sizes: along each principal axis of H they are taken at three points, weighted by the evidence there, and
+//! the second moments of all axes add up (Rue, Martino and Chopin, "Approximate Bayesian inference for latent Gaussian models by using
+//! integrated nested Laplace approximations", 2009).
+
+use super::{Evidence, LN_SD_BELOW, Patterns, Products, inverse_root};
+use nalgebra::{DMatrix, DVector};
+
+/// Curvatures below this are taken for it: the prior alone has more below its everyday size, `1 / LN_SD_BELOW^2`.
+const MIN_CURVATURE: f64 = 0.5 / (LN_SD_BELOW * LN_SD_BELOW);
+/// Points on an axis, in standard deviations, and their weights for a normal density (Gauss and Hermite).
+const POINT_SD: f64 = 1.732_050_807_568_877_2;
+const POINT_WEIGHT: f64 = 1.0 / 6.0;
+/// A point's weight differs from the normal one by this factor at most.
+const MAX_SKEW: f64 = 4.0;
+
+impl Patterns {
+    /// Second derivatives of minus the log evidence by the logarithms of the free sizes, and which groups these are.
+    fn curvature(&self, sizes: &[f64], products: &Products) -> Option<(Vec<usize>, DMatrix<f64>)> {
+        let parameters = products.among.ncols().checked_sub(1)?;
+        let reduced = self.reduced(sizes, products, parameters)?;
+        let shared = self.shared_groups.len();
+        let kept = shared + parameters;
+        let root = inverse_root(&reduced.factor);
+        let covariance = root.transpose() * &root;
+        let amplitudes = &covariance * reduced.right.column(0);
+        let own: usize = self.runs.iter().map(|run| run.own_groups.len()).sum();
+        // Patterns of runs first, then shared ones.
+        let count = own + shared;
+        let mut by_shared = DMatrix::zeros(own, kept);
+        let mut inverse = DMatrix::zeros(count, count);
+        let mut mean = DVector::zeros(count);
+        let mut groups = Vec::with_capacity(count);
+        for (run, (factor, right)) in self.runs.iter().zip(&reduced.runs) {
+            let (first, length) = (groups.len(), run.own_groups.len());
+            let root = inverse_root(factor);
+            let upper = root.transpose() * right;
+            let of_run = upper.columns(0, kept);
+            let own_mean = upper.column(upper.ncols() - 1) - of_run * &amplitudes;
+            mean.rows_mut(first, length).copy_from(&own_mean);
+            by_shared.rows_mut(first, length).copy_from(&of_run);
+            inverse.view_mut((first, first), (length, length)).gemm_tr(1.0, &root, &root, 0.0);
+            groups.extend_from_slice(&run.own_groups);
+        }
+        groups.extend_from_slice(&self.shared_groups);
+        let spread = &by_shared * &covariance;
+        inverse.view_mut((0, 0), (own, own)).gemm(1.0, &spread, &by_shared.transpose(), 1.0);
+        let across = spread.columns(0, shared);
+        inverse.view_mut((0, own), (own, shared)).copy_from(&(-across));
+        inverse.view_mut((own, 0), (shared, own)).copy_from(&(-across.transpose()));
+        inverse.view_mut((own, own), (shared, shared)).copy_from(&covariance.view((0, 0), (shared, shared)));
+        mean.rows_mut(own, shared).copy_from(&amplitudes.rows(0, shared));
+
+        let mut all = DMatrix::zeros(self.groups.len(), self.groups.len());
+        for (k, h) in groups.iter().enumerate() {
+            let column = inverse.column(k);
+            all[(*h, *h)] += 2.0 * (column[k] + mean[k] * mean[k]);
+            for (j, g) in groups.iter().enumerate() {
+                let value = column[j];
+                all[(*g, *h)] -= 2.0 * value * (value + 2.0 * mean[j] * mean[k]);
+            }
+        }
+        let free: Vec<usize> = (0..self.groups.len()).filter(|g| self.groups[*g].tail.is_some()).collect();
+        let mut curvature = DMatrix::from_fn(free.len(), free.len(), |i, j| all[(free[i], free[j])]);
+        for (i, g) in free.iter().enumerate() {
+            let group = &self.groups[*g];
+            let share = sizes[*g] / group.everyday;
+            curvature[(i, i)] += match group.tail {
+                Some(tail) if share >= 1.0 => share * (2.0 * share - 1.0) / (tail * tail),
+                _ => 1.0 / (LN_SD_BELOW * LN_SD_BELOW),
+            };
+        }
+        Some((free, curvature))
+    }
+
+    /// What integrating over the sizes around their likeliest values adds to the log evidence, up to what all hypotheses share; nothing
+    /// where a size makes no sense. A size that the data determine is worth less than one that may be anything that is ordinary.
+    pub fn ln_volume_of_sizes(&self, sizes: &[f64], products: &Products) -> Option<f64> {
+        let (_, curvature) = self.curvature(sizes, products)?;
+        if curvature.is_empty() {
+            return Some(0.0);
+        }
+        let eigenvalues = curvature.symmetric_eigenvalues();
+        Some(-0.5 * eigenvalues.iter().map(|value| value.max(MIN_CURVATURE).ln()).sum::<f64>())
+    }
+
+    /// Covariance of the parameters, in units of their priors, with the sizes integrated over; that at the likeliest sizes where the
+    /// integral makes no sense.
+    pub fn integrated_covariance(&self, sizes: &[f64], products: &Products) -> Option<DMatrix<f64>> {
+        let here = self.evidence(sizes, products)?;
+        let Some((free, curvature)) = self.curvature(sizes, products) else { return Some(here.covariance) };
+        if free.is_empty() {
+            return Some(here.covariance);
+        }
+        let eigen = curvature.symmetric_eigen();
+        let mut total = here.covariance.clone();
+        for (axis, value) in eigen.eigenvectors.column_iter().zip(eigen.eigenvalues.iter()) {
+            let sd = value.max(MIN_CURVATURE).sqrt().recip();
+            let at = |sign: f64| {
+                let mut moved = sizes.to_vec();
+                for (group, along) in free.iter().zip(axis.iter()) {
+                    moved[*group] *= (sign * POINT_SD * sd * along).exp();
+                }
+                self.evidence(&moved, products)
+            };
+            let points: Vec<(f64, Evidence)> = [-1.0, 1.0]
+                .into_iter()
+                .filter_map(at)
+                .map(|evidence| (POINT_WEIGHT * skew(&here, &evidence), evidence))
+                .collect();
+            let weights = 1.0 - 2.0 * POINT_WEIGHT + points.iter().map(|(weight, _)| weight).sum::<f64>();
+            for (weight, evidence) in &points {
+                total += moments_beyond(&here, evidence) * (weight / weights);
+            }
+        }
+        let is_valid = total.clone().cholesky().is_some();
+        Some(if is_valid { total } else { here.covariance })
+    }
+}
+
+/// The density at a point in units of the normal one.
+fn skew(here: &Evidence, there: &Evidence) -> f64 {
+    let normal = 0.5 * POINT_SD * POINT_SD;
+    (here.minus_ln + normal - there.minus_ln).exp().clamp(MAX_SKEW.recip(), MAX_SKEW)
+}
+
+/// What the second moments around the values at the likeliest sizes are larger by at a point.
+fn moments_beyond(here: &Evidence, there: &Evidence) -> DMatrix<f64> {
+    let apart = &there.mean - &here.mean;
+    &there.covariance - &here.covariance + &apart * apart.transpose()
+}
