@@ -33,10 +33,10 @@ impl Controller<'_> {
         if far(to_m, now_m) > 0.999 * largest_move_m {
             limited_by = Some("largest_move");
         }
-        if let Some(Some(circle)) = bounds.circles.first() {
-            if far(to_m, circle.centre_m) > 0.999 * circle.radius_m {
-                limited_by = Some("force");
-            }
+        if let Some(Some(circle)) = bounds.circles.first()
+            && far(to_m, circle.centre_m) > 0.999 * circle.radius_m
+        {
+            limited_by = Some("force");
         }
         if let Some((allowed_m, limit)) = self.within_limits(now_m, to_m)? {
             to_m = allowed_m;
