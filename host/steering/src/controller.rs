@@ -246,7 +246,8 @@ struct Controller<'a> {
     decisions: Vec<Decision>,
     rests: Vec<usize>,
     within_before: Vec<Probability>,
-    slowest_s: f64,
+    reachable_m: Vec<[f64; 2]>,
+    replans_s: Vec<f64>,
     /// Time for which the needle was pushed since the last good reading of the tip, s.
     pushed_blind_s: f64,
     /// Rotations made so far.
@@ -296,7 +297,8 @@ impl<'a> Controller<'a> {
             decisions: Vec::new(),
             rests,
             within_before: Vec::new(),
-            slowest_s: 0.0,
+            reachable_m: Vec::new(),
+            replans_s: Vec::new(),
             pushed_blind_s: 0.0,
             rotations_made: 0,
         })
@@ -362,6 +364,8 @@ impl<'a> Controller<'a> {
         let truth = end.true_tip_x_mm.zip(end.true_tip_y_mm);
         let at = truth.map_or(tip_mm, |(x, y)| [x, y]);
         let miss_mm = (at[0] - target_mm[0]).hypot(at[1] - target_mm[1]);
+        let mut replans_s = std::mem::take(&mut self.replans_s);
+        replans_s.sort_by(f64::total_cmp);
         Run {
             outcome,
             target_mm,
@@ -370,6 +374,7 @@ impl<'a> Controller<'a> {
             miss_is_measured: truth.is_none(),
             estimated_tip_mm: tip_mm,
             covariance_mm2: covariance_m2.map(|m2| 1e6 * m2),
+            reachable_mm: self.reachable_m.iter().map(|corner| corner.map(|m| 1e3 * m)).collect(),
             within_before: std::mem::take(&mut self.within_before),
             within_after: self.within(tip_m, covariance_m2),
             unsteered_miss_mm: self.unsteered_miss_mm().unwrap_or(f64::NAN),
@@ -378,7 +383,8 @@ impl<'a> Controller<'a> {
             peak_force_n: self.peak_force_n,
             rotations: self.rotations_made,
             duration_s: self.last.t_s,
-            slowest_replan_s: self.slowest_s,
+            slowest_replan_s: replans_s.last().copied().unwrap_or(0.0),
+            median_replan_s: replans_s.get(replans_s.len() / 2).copied().unwrap_or(0.0),
             end: Some(end),
             decisions: std::mem::take(&mut self.decisions),
         }

@@ -9,6 +9,7 @@ use crate::tables::{self, Columns, Tables};
 use crate::unknowns::{CuttingLaw, TISSUE, Unknowns};
 use mechanics::ModelError;
 use nalgebra::{DMatrix, DVector};
+use std::sync::Arc;
 
 /// Error of the model from place to place, m: what no smooth irregularity has.
 const ROUGHNESS_M: f64 = 0.015e-3;
@@ -17,9 +18,20 @@ const FREEDOM: f64 = 5.0;
 /// Step of finite differences, in standard deviations.
 const DIFFERENCE: f64 = 0.1;
 const ROUNDS: usize = 2;
+/// Responses per unknown of the tissue are computed anew where the tissue is this far from where they were, in standard deviations.
+const STALE: f64 = 0.3;
+
+/// The needle's responses at some values of the tissue's unknowns, and with each of them raised by a difference.
+struct Linearised {
+    at: [f64; TISSUE],
+    base: Arc<Tables>,
+    raised: Vec<Arc<Tables>>,
+    /// Gains at all nodes, at the base and with each unknown raised.
+    gains: Vec<Vec<f64>>,
+}
 
 /// Posterior of one law.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub(crate) struct Hypothesis {
     pub unknowns: Unknowns,
     /// Likeliest values, in standard deviations of the prior.
@@ -32,6 +44,9 @@ pub(crate) struct Hypothesis {
     pub misfit: f64,
     /// Whether the tissue stays at the prior's mean.
     pub tissue_known: bool,
+    /// Responses as last computed, and those with which the path is linearised.
+    current: Option<([f64; TISSUE], Arc<Tables>)>,
+    linearised: Option<Arc<Linearised>>,
 }
 
 /// What the posterior states of the tip at the target.
@@ -44,6 +59,8 @@ pub(crate) struct AtTarget {
     pub gains: Vec<f64>,
     /// The derivatives of these gains with respect to the tissue's unknowns.
     pub gain_rows: Vec<[f64; TISSUE]>,
+    /// Derivatives of the tip on leaving each requested node, per plane, while the guide stays as it is.
+    pub way_rows: Vec<[DVector<f64>; 2]>,
     /// Covariance of the unknowns.
     pub covariance: DMatrix<f64>,
 }
@@ -58,7 +75,46 @@ impl Hypothesis {
             ln_evidence: weight.ln(),
             misfit: 1.0,
             tissue_known: false,
+            current: None,
+            linearised: None,
         }
+    }
+
+    fn tissue(&self) -> [f64; TISSUE] {
+        std::array::from_fn(|place| self.values.get(place).copied().unwrap_or_default())
+    }
+
+    /// Responses at the likeliest values.
+    fn tables(&self, history: &History) -> Result<Arc<Tables>, ModelError> {
+        match &self.current {
+            Some((at, tables)) if *at == self.tissue() => Ok(tables.clone()),
+            _ => Ok(Arc::new(Tables::new(&self.unknowns, &self.values, &history.depths_m)?)),
+        }
+    }
+
+    /// The same per unknown: those of before as long as the tissue is near them, since they take most of a replan's time.
+    fn linearise(&mut self, history: &History, here: &Arc<Tables>) -> Result<Arc<Linearised>, ModelError> {
+        let tissue = self.tissue();
+        if let Some(linearised) = &self.linearised {
+            let near = |(now, then): (&f64, &f64)| (now - then).abs() <= STALE;
+            if tissue.iter().zip(&linearised.at).all(near) {
+                return Ok(linearised.clone());
+            }
+        }
+        let unknown = if self.tissue_known { 0 } else { TISSUE };
+        let mut raised = Vec::with_capacity(unknown);
+        for place in 0..unknown {
+            let mut values = self.values.clone();
+            values[place] += DIFFERENCE;
+            raised.push(Arc::new(Tables::new(&self.unknowns, &values, &history.depths_m)?));
+        }
+        let gains = std::iter::once(here)
+            .chain(&raised)
+            .map(|tables| (0..history.depths_m.len()).map(|node| gain(tables, node, history)).collect())
+            .collect();
+        let linearised = Arc::new(Linearised { at: tissue, base: here.clone(), raised, gains });
+        self.linearised = Some(linearised.clone());
+        Ok(linearised)
     }
 
     /// Takes in all bins so far, and predicts the tip at the target with its gains for motion at the nodes `holds`.
@@ -73,27 +129,22 @@ impl Hypothesis {
         let target_m = history.depths_m[history.depths_m.len() - 1];
         let mut round = 0;
         loop {
-            let tables = Tables::new(&self.unknowns, &self.values, &history.depths_m)?;
+            let tables = self.tables(history)?;
+            self.current = Some((self.tissue(), tables.clone()));
+            let linearised = self.linearise(history, &tables)?;
             let columns = Columns::new(&tables, &self.unknowns, history);
             let paths = tables::paths(&tables, &self.unknowns, &self.values, history);
             let last_round = round >= ROUNDS || bins.is_empty();
-            let holds = if last_round { holds } else { &[] };
-            let gains: Vec<f64> = holds.iter().map(|node| gain(&tables, *node, history)).collect();
-            // Differences for the tissue: paths and gains.
-            let mut changed = Vec::with_capacity(TISSUE);
-            let unknown = if self.tissue_known { 0 } else { TISSUE };
-            for place in 0..unknown {
-                let mut values = self.values.clone();
-                values[place] += DIFFERENCE;
-                let tables = Tables::new(&self.unknowns, &values, &history.depths_m)?;
-                let gains: Vec<f64> = holds.iter().map(|node| gain(&tables, *node, history)).collect();
-                changed.push((tables::paths(&tables, &self.unknowns, &values, history), gains));
-            }
+            // Differences for the tissue, where it was linearised.
+            let of = |tables: &Tables| tables::paths(tables, &self.unknowns, &self.values, history);
+            let base =
+                if Arc::ptr_eq(&linearised.base, &tables) { paths.clone() } else { of(&linearised.base) };
+            let changed: Vec<[tables::Path; 2]> = linearised.raised.iter().map(|raised| of(raised)).collect();
             let row = |place: Place, depth_m: f64, plane: usize| {
                 let mut row = DVector::zeros(count);
                 columns.fill(&self.unknowns, place, depth_m, plane, row.as_mut_slice());
-                let here = tables::at(&paths[plane], place);
-                for (tissue, (moved, _)) in changed.iter().enumerate() {
+                let here = tables::at(&base[plane], place);
+                for (tissue, moved) in changed.iter().enumerate() {
                     row[tissue] = (tables::at(&moved[plane], place) - here) / DIFFERENCE;
                 }
                 row
@@ -134,11 +185,14 @@ impl Hypothesis {
             self.ln_evidence = self.ln_prior + ln_likelihood - prior + occam;
             self.misfit = if weights > 0.0 { (squares / weights).max(1.0) } else { 1.0 };
             let rows = [0, 1].map(|plane| row(last, target_m, plane));
-            let gain_rows = (0..holds.len())
-                .map(|hold| {
+            let gains: Vec<f64> = holds.iter().map(|node| gain(&tables, *node, history)).collect();
+            let (still, moved) = linearised.gains.split_first().ok_or(ModelError::Singular)?;
+            let gain_rows = holds
+                .iter()
+                .map(|node| {
                     let mut row = [0.0; TISSUE];
-                    for (to, (_, moved)) in row.iter_mut().zip(&changed) {
-                        *to = (moved[hold] - gains[hold]) / DIFFERENCE;
+                    for (to, moved) in row.iter_mut().zip(moved) {
+                        *to = (moved[*node] - still[*node]) / DIFFERENCE;
                     }
                     row
                 })
@@ -146,6 +200,12 @@ impl Hypothesis {
             return Ok(AtTarget {
                 tip_m: [0, 1].map(|plane: usize| tables::at(&paths[plane], last)),
                 rows,
+                way_rows: holds
+                    .iter()
+                    .map(|node| {
+                        [0, 1].map(|plane| row(Place::Rest(*node, 1), history.depths_m[*node], plane))
+                    })
+                    .collect(),
                 gains,
                 gain_rows,
                 covariance: cholesky.inverse() * self.misfit,
@@ -155,13 +215,13 @@ impl Hypothesis {
 
     /// The path as it is now expected, per plane, m.
     pub fn paths(&self, history: &History) -> Result<[tables::Path; 2], ModelError> {
-        let tables = Tables::new(&self.unknowns, &self.values, &history.depths_m)?;
+        let tables = self.tables(history)?;
         Ok(tables::paths(&tables, &self.unknowns, &self.values, history))
     }
 
     /// Effect at the target of what is fixed to the needle from each node on, in the needle's frame, m.
     pub fn after(&self, history: &History, nodes: &[usize]) -> Result<Vec<[f64; 2]>, ModelError> {
-        let tables = Tables::new(&self.unknowns, &self.values, &history.depths_m)?;
+        let tables = self.tables(history)?;
         Ok(nodes
             .iter()
             .map(|node| tables::after(&tables, &self.unknowns, &self.values, history, *node))

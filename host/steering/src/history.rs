@@ -96,6 +96,30 @@ impl History {
         self.times.push(Moment { t_s: answer.t_s, depth_m, guide_m, bevel_rad });
     }
 
+    /// Puts the guide where a plan has it from each node on, m; its play lies where the move goes.
+    pub fn plan(&mut self, moves: impl Iterator<Item = (usize, [f64; 2])>) {
+        for (from, to_m) in moves {
+            let Some(before) = self.nodes.get(from).copied() else { continue };
+            for (plane, now_m) in to_m.into_iter().enumerate() {
+                let moved_m = now_m - before.guide_m[plane][1];
+                let side = if moved_m.abs() > 2e-6 { moved_m.signum() } else { before.play[plane][1] };
+                for (number, node) in self.nodes.iter_mut().enumerate().skip(from) {
+                    let first = usize::from(number == from);
+                    node.guide_m[plane][first..].fill(now_m);
+                    node.play[plane][first..].fill(side);
+                }
+            }
+        }
+    }
+
+    /// Turns the needle at a depth, to stay turned.
+    pub fn plan_rotation(&mut self, depth_m: f64, bevel_rad: f64) {
+        let from = self.depths_m.partition_point(|m| *m < depth_m - 1e-6);
+        for (number, node) in self.nodes.iter_mut().enumerate().skip(from) {
+            node.bevel_rad[usize::from(number == from)..].fill(bevel_rad);
+        }
+    }
+
     /// State at a time; steps are straight lines.
     pub fn at(&self, t_s: f64) -> Moment {
         let next = self.times.partition_point(|moment| moment.t_s < t_s);

@@ -83,4 +83,4 @@ pub use protocol::{
     Statement, VERSION,
 };
 pub use record::{Record, Recorded, ReplayPlant};
-pub use results::{Cue, Decision, Event, Outcome, PlannedRotation, Probability, Run};
+pub use results::{Cue, Decision, Event, Outcome, PathPoint, PlannedRotation, Probability, Run};

@@ -12,6 +12,17 @@ pub struct Probability {
     pub probability: f64,
 }
 
+/// A point of the tip's expected way.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PathPoint {
+    /// Depth, mm.
+    pub depth_mm: f64,
+    /// Expected tip, x and y, mm.
+    pub tip_mm: [f64; 2],
+    /// Its standard deviation per axis, mm: of the likeliest law; on the way without what is uncertain of guide moves to come.
+    pub sd_mm: f64,
+}
+
 /// A rotation of the needle that is planned.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PlannedRotation {
@@ -46,6 +57,8 @@ pub struct Decision {
     pub covariance_mm2: [f64; 3],
     /// Probability of ending within some radii of the target.
     pub within: Vec<Probability>,
+    /// The tip's way from here to the target's depth, by the plan.
+    pub path: Vec<PathPoint>,
     /// Distance from the target at which the needle would end had guide 2 never been moved, mm.
     pub unsteered_miss_mm: f64,
     /// Foundation modulus of the layers, kPa.
@@ -168,6 +181,9 @@ pub struct Run {
     pub estimated_tip_mm: [f64; 2],
     /// Covariance of that: xx, xy, yy, mm^2.
     pub covariance_mm2: [f64; 3],
+    /// Corners of what could be reached at the target's depth, x and y, mm, by the prior's means, before the first push; empty where
+    /// guide 2 is not moved.
+    pub reachable_mm: Vec<[f64; 2]>,
     /// Probability of ending within some radii, as stated before the first push.
     pub within_before: Vec<Probability>,
     /// The same on arrival.
@@ -187,6 +203,9 @@ pub struct Run {
     /// Slowest replan, s of the processor's clock; not part of what a replay compares.
     #[serde(skip)]
     pub slowest_replan_s: f64,
+    /// Median replan, s of the same clock.
+    #[serde(skip)]
+    pub median_replan_s: f64,
     /// The plant's last line.
     pub end: Option<End>,
     /// All decisions.

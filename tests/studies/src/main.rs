@@ -42,7 +42,7 @@ struct Args {
     /// Only tables, blind sessions, or worlds of the study of tip loads, whose names hold this; imperfect ones by number too, as #12
     #[arg(long, default_value = "")]
     only: String,
-    /// Only methods whose names begin like this
+    /// Only methods, or controllers of `steer`, whose names begin like this
     #[arg(long, default_value = "")]
     method: String,
     /// Seed of a second column of the blind study; drawn again without it
@@ -53,6 +53,9 @@ struct Args {
     pure: bool,
     #[command(flatten)]
     imperfect: imperfect::Options,
+    /// Force limit of guide 2 in `steer`, instead of 8, newtons
+    #[arg(long)]
+    force_limit_n: Option<f64>,
     /// Print every insertion of the study of tip loads, or every identified session
     #[arg(long)]
     verbose: bool,
@@ -121,22 +124,36 @@ fn steered(args: &Args) -> Result<()> {
     use worlds::steering::Kind;
     ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
     println!(
-        "| hidden besides | controller | mean, mm | median, mm | 95 %, mm | above 2 mm | stopped | limits exceeded | slowest replan, ms |\n\
-         |---|---|---|---|---|---|---|---|---|"
+        "| hidden besides | controller | mean, mm | median, mm | 95 %, mm | above 2 mm | stopped | limits exceeded | worse than none | replan, ms: \
+         median, slowest |\n|---|---|---|---|---|---|---|---|---|---|"
     );
     let plain = Controller::ALL.map(|controller| (Kind::Plain, controller));
     let hidden = Kind::HIDDEN
         .into_iter()
         .flat_map(|kind| [Controller::None, Controller::Posterior].map(|who| (kind, who)));
     let mut calibration = String::new();
-    for (kind, controller) in
-        plain.into_iter().chain(hidden).filter(|(kind, _)| kind.name().contains(&args.only))
+    let mut unsteered: Option<studies::steer::Row> = None;
+    for (kind, controller) in plain
+        .into_iter()
+        .chain(hidden)
+        .filter(|(kind, who)| kind.name().contains(&args.only) && who.name().starts_with(&args.method))
     {
-        let row = study(kind, controller, args.runs as u64, args.seed)?;
+        let row = study(kind, controller, args.runs as u64, args.seed, args.force_limit_n)?;
+        if matches!(controller, Controller::None | Controller::HandHeldNone | Controller::StraightNone) {
+            unsteered = Some(row.clone());
+        }
+        // Of the same plant and target; half a millimetre is not noise.
+        let worse = unsteered.as_ref().map_or(0, |none| {
+            let pairs =
+                row.runs.iter().zip(&none.runs).filter_map(|(own, none)| Some((own.miss_mm?, none.miss_mm?)));
+            pairs.filter(|(own, none)| *own > none + 0.5).count()
+        });
+        let mut medians: Vec<f64> = row.runs.iter().map(|run| run.median_s).collect();
+        medians.sort_by(f64::total_cmp);
         let count =
             |is: &dyn Fn(&studies::steer::Ended) -> bool| row.runs.iter().filter(|run| is(run)).count();
         println!(
-            "| {} | {} | {:.2} | {:.2} | {:.2} | {:.1} % | {} | {} | {:.0} |",
+            "| {} | {} | {:.2} | {:.2} | {:.2} | {:.1} % | {} | {} | {worse} | {:.1}, {:.0} |",
             row.kind,
             controller.name(),
             row.mean_mm(),
@@ -145,6 +162,7 @@ fn steered(args: &Args) -> Result<()> {
             100.0 * row.above(2.0),
             count(&|run| run.stopped),
             count(&|run| run.broken > 0),
+            1e3 * medians.get(medians.len() / 2).copied().unwrap_or(f64::NAN),
             1e3 * row.runs.iter().map(|run| run.slowest_s).fold(0.0, f64::max)
         );
         if (kind, controller) == (Kind::Plain, Controller::Posterior) {

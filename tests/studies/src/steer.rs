@@ -33,11 +33,17 @@ pub enum Controller {
     HandHeldNone,
     /// The posterior of everything; the needle is held by hand and turned twice at most, guide 2 stands still.
     HandHeld,
+    /// Nobody, with targets straight ahead.
+    StraightNone,
+    /// The published controller with targets straight ahead, as its experiments had them.
+    StraightBroyden,
+    /// The posterior of everything with targets straight ahead.
+    StraightPosterior,
 }
 
 impl Controller {
     /// All, the worst first.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 12] = [
         Self::None,
         Self::Proportional,
         Self::Broyden,
@@ -47,7 +53,15 @@ impl Controller {
         Self::Posterior,
         Self::HandHeldNone,
         Self::HandHeld,
+        Self::StraightNone,
+        Self::StraightBroyden,
+        Self::StraightPosterior,
     ];
+
+    /// Whether its targets lie straight ahead of the entry point.
+    fn is_straight(self) -> bool {
+        matches!(self, Self::StraightNone | Self::StraightBroyden | Self::StraightPosterior)
+    }
 
     /// Name in tables.
     pub fn name(self) -> &'static str {
@@ -61,6 +75,9 @@ impl Controller {
             Self::Posterior => "model, posterior",
             Self::HandHeldNone => "hand-held: none",
             Self::HandHeld => "hand-held: model, two rotations",
+            Self::StraightNone => "straight ahead: none",
+            Self::StraightBroyden => "straight ahead: Broyden, as published",
+            Self::StraightPosterior => "straight ahead: model, posterior",
         }
     }
 }
@@ -78,6 +95,8 @@ pub struct Ended {
     pub stated: Vec<[f64; 2]>,
     /// Slowest replan, s.
     pub slowest_s: f64,
+    /// Median replan, s.
+    pub median_s: f64,
 }
 
 /// Runs of one controller on plants of one kind.
@@ -133,11 +152,18 @@ impl Row {
     }
 }
 
-/// Runs `count` plants of a kind under a controller, on all cores; every plant has its own stream of the seed.
+/// Runs `count` plants of a kind under a controller, on all cores; every plant has its own stream of the seed. A force limit of the
+/// rig's applies to the same targets, some of which are then out of reach.
 ///
 /// # Errors
 /// None that a simulated plant has.
-pub fn study(kind: Kind, controller: Controller, count: u64, seed: u64) -> Result<Row, PlantError> {
+pub fn study(
+    kind: Kind,
+    controller: Controller,
+    count: u64,
+    seed: u64,
+    force_limit_n: Option<f64>,
+) -> Result<Row, PlantError> {
     let runs: Result<Vec<Ended>, PlantError> = (0..count)
         .into_par_iter()
         .map(|number| {
@@ -145,9 +171,14 @@ pub fn study(kind: Kind, controller: Controller, count: u64, seed: u64) -> Resul
             let target_mm = if matches!(controller, Controller::HandHeld | Controller::HandHeldNone) {
                 plant.stated.limits.guide_travel_mm = 0.0;
                 target_by_rotations(&plant, DEPTH_MM, seed, number)?
+            } else if controller.is_straight() {
+                [0.0, 0.0, DEPTH_MM]
             } else {
                 reachable_target(&plant, DEPTH_MM, seed, number)?
             };
+            if let Some(limit_n) = force_limit_n {
+                plant.stated.limits.guide_force_n = Some(limit_n);
+            }
             one(plant, target_mm, controller, seed, number)
         })
         .collect();
@@ -163,19 +194,30 @@ fn one(
 ) -> Result<Ended, PlantError> {
     let options = Options::new(target_mm);
     let options = match controller {
-        Controller::None | Controller::HandHeldNone => Options { steered: false, ..options },
+        Controller::None | Controller::HandHeldNone | Controller::StraightNone => {
+            Options { steered: false, ..options }
+        }
         Controller::Nominal => Options { tissue_known: true, ..options },
         Controller::Identified => Options { caution: 0.0, ..options },
-        Controller::Posterior => options,
+        Controller::Posterior | Controller::StraightPosterior => options,
         Controller::HandHeld => Options { rotations: 2, ..options },
         Controller::Proportional => return published::proportional(plant, target_mm, seed, number),
-        Controller::Broyden => return published::broyden(plant, target_mm, Aim::Target),
+        Controller::Broyden | Controller::StraightBroyden => {
+            return published::broyden(plant, target_mm, Aim::Target);
+        }
         Controller::BroydenLine => return published::broyden(plant, target_mm, Aim::Line),
     };
     match steer(&mut plant, &options, &mut |_| {}) {
         Ok(run) => Ok(ended(&run)),
         Err(SteerError::Plant(error)) => Err(error),
-        Err(_) => Ok(Ended { miss_mm: None, stopped: true, broken: 0, stated: Vec::new(), slowest_s: 0.0 }),
+        Err(_) => Ok(Ended {
+            miss_mm: None,
+            stopped: true,
+            broken: 0,
+            stated: Vec::new(),
+            slowest_s: 0.0,
+            median_s: 0.0,
+        }),
     }
 }
 
@@ -186,5 +228,6 @@ fn ended(run: &Run) -> Ended {
         broken: run.end.as_ref().and_then(|end| end.limits_broken).map_or(0, |broken| broken.total()),
         stated: run.within_before.iter().map(|one| [one.radius_mm, one.probability]).collect(),
         slowest_s: run.slowest_replan_s,
+        median_s: run.median_replan_s,
     }
 }

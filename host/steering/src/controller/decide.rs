@@ -1,10 +1,10 @@
 //! A rest's decision: estimate, plan, move, or stop.
 
-use super::{Controller, MISS_THAT_STOPS_MM, Posterior, SHARE_OF_TRAVEL, SMALLEST_MOVE_MM, SteerError};
+use super::{Controller, MISS_THAT_STOPS_MM, Posterior, SMALLEST_MOVE_MM, SteerError};
 use crate::estimator::{AtTarget, Hypothesis};
 use crate::history::Place;
-use crate::planner::{self, Plan, Weights};
-use crate::results::{Decision, Event, Outcome, PlannedRotation};
+use crate::planner::{self, Bounds, Plan, Weights};
+use crate::results::{Decision, Event, Outcome, PathPoint, PlannedRotation};
 use crate::tables;
 use crate::unknowns::{CuttingLaw, LAYERS};
 
@@ -22,22 +22,29 @@ impl Controller<'_> {
         let laws = posterior.weighted();
         let now_m = [1e-3 * self.last.guide_x_mm, 1e-3 * self.last.guide_y_mm];
         let target_m = [1e-3 * self.options.target_mm[0], 1e-3 * self.options.target_mm[1]];
-        let travel_m = 1e-3 * SHARE_OF_TRAVEL * self.stated.limits.guide_travel_mm;
         let left = 1.2 - self.history.depths_m[node] / (1e-3 * self.options.target_mm[2]);
         let weights = Weights { caution: self.options.caution, effort: left * self.options.effort };
-        let bounds_m = self.bounds_m(&rests, now_m, travel_m)?;
-        let mut plan = planner::plan(&laws, now_m, target_m, &bounds_m, weights);
+        let largest_move_m = 1e-3 * self.options.largest_move_mm;
+        let bounds = Bounds { largest_move_m: Some(largest_move_m), ..self.bounds(&rests, now_m)? };
+        let mut plan = planner::plan(&laws, now_m, target_m, &bounds, weights);
         let mut to_m = plan.guide_m.first().copied().unwrap_or(now_m);
         let mut limited_by = None;
-        let far_m = (to_m[0] - now_m[0]).hypot(to_m[1] - now_m[1]);
-        if far_m > 1e-3 * self.options.largest_move_mm {
-            let share = 1e-3 * self.options.largest_move_mm / far_m;
-            to_m = [0, 1].map(|plane: usize| now_m[plane] + share * (to_m[plane] - now_m[plane]));
+        let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        if far(to_m, now_m) > 0.999 * largest_move_m {
             limited_by = Some("largest_move");
+        }
+        if let Some(Some(circle)) = bounds.circles.first()
+            && far(to_m, circle.centre_m) > 0.999 * circle.radius_m
+        {
+            limited_by = Some("force");
         }
         if let Some((allowed_m, limit)) = self.within_limits(now_m, to_m)? {
             to_m = allowed_m;
             limited_by = Some(limit);
+            if let Some(first) = plan.guide_m.first_mut() {
+                *first = to_m;
+            }
+            (plan.tip_m, plan.covariance_m2) = planner::outcome(&laws, now_m, &plan.guide_m);
         }
         if !self.options.steered || self.stated.limits.guide_travel_mm <= 0.0 {
             to_m = now_m;
@@ -59,8 +66,9 @@ impl Controller<'_> {
         let rests: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
         plan.guide_m.resize(rests.len(), to_m);
         let mut decision = self.decision(node, &rests, &plan, to_m, limited_by, &posterior)?;
+        decision.path = self.way(node, &rests, &plan, &rotations, &posterior)?;
         decision.rotations = rotations;
-        self.slowest_s = self.slowest_s.max(began.elapsed().as_secs_f64());
+        self.replans_s.push(began.elapsed().as_secs_f64());
         (self.on_event)(&Event::Decision(&decision));
         let stopped = self.is_worse_than_none(&decision);
         let turn = decision.turn();
@@ -78,6 +86,43 @@ impl Controller<'_> {
             self.move_guide(to_mm)?;
         }
         Ok(None)
+    }
+
+    /// The tip's way to the target by a plan, by the likeliest law.
+    fn way(
+        &self,
+        node: usize,
+        rests: &[usize],
+        plan: &Plan,
+        rotations: &[PlannedRotation],
+        posterior: &Posterior,
+    ) -> Result<Vec<PathPoint>, SteerError> {
+        let law = &self.laws[self.best()];
+        let mut history = self.history.clone();
+        history.plan(rests.iter().copied().zip(plan.guide_m.iter().copied()));
+        for rotation in rotations {
+            history.plan_rotation(1e-3 * rotation.depth_mm, rotation.bevel_deg.to_radians());
+        }
+        let paths = law.paths(&history)?;
+        let likeliest = posterior.at.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| at);
+        let sd_mm = |rest: usize| {
+            let number = self.rests.iter().filter(|rest| **rest >= node).position(|one| *one == rest);
+            let rows = likeliest.zip(number).and_then(|(at, number)| Some((at, at.way_rows.get(number)?)));
+            rows.map_or(f64::NAN, |(at, rows)| {
+                let variance = |row: &nalgebra::DVector<f64>| row.dot(&(&at.covariance * row));
+                1e3 * (0.5 * (variance(&rows[0]) + variance(&rows[1]))).max(0.0).sqrt()
+            })
+        };
+        let point = |node: usize, sd_mm: f64| PathPoint {
+            depth_mm: 1e3 * history.depths_m[node],
+            tip_mm: [0, 1].map(|plane: usize| 1e3 * tables::at(&paths[plane], Place::Rest(node, 1))),
+            sd_mm,
+        };
+        let last = history.depths_m.len() - 1;
+        // A stop that is new in this plan has no row yet.
+        let on_way =
+            rests.iter().map(|rest| point(*rest, sd_mm(*rest))).filter(|point| point.sd_mm.is_finite());
+        Ok(on_way.chain([point(last, 1e3 * sd_m(plan.covariance_m2))]).collect())
     }
 
     /// The needle stops also where it is to be turned.
@@ -155,6 +200,7 @@ impl Controller<'_> {
             expected_tip_mm: mm(plan.tip_m),
             covariance_mm2: plan.covariance_m2.map(|m2| 1e6 * m2),
             within: self.within(plan.tip_m, plan.covariance_m2),
+            path: Vec::new(),
             unsteered_miss_mm: self.unsteered_miss_mm()?,
             modulus_kpa: middles_m.iter().map(|m| 1e-3 * problem.foundation.modulus_pa(*m)).collect(),
             modulus_sd_ln: (0..LAYERS).map(|layer| law.unknowns.sd[layer] * sd(layer)).collect(),

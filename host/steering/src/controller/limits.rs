@@ -1,21 +1,16 @@
 //! Where the guide may be: travel, force and strain.
 
-use super::{Controller, SHARE_OF_FORCE, SteerError};
+use super::{Controller, SHARE_OF_FORCE, SHARE_OF_TRAVEL, SteerError};
+use crate::planner::{Bounds, Circle};
 use crate::statics::AtRest;
 
 impl Controller<'_> {
-    /// Where the guide may be at the rests to come, per plane: within its travel, and where the needle's resistance against motion
-    /// away from where it pulls the guide now stays below the force limit, m.
-    pub(super) fn bounds_m(
-        &self,
-        rests: &[usize],
-        now_m: [f64; 2],
-        travel_m: f64,
-    ) -> Result<Vec<[[f64; 2]; 2]>, SteerError> {
-        let everywhere = [[-travel_m, travel_m]; 2];
-        let Some(limit_n) = self.stated.limits.guide_force_n else {
-            return Ok(vec![everywhere; rests.len()]);
-        };
+    /// Where the guide may be at the rests to come: within its travel, and where the needle's resistance against motion away from
+    /// where it does not load the guide stays below the force limit.
+    pub(super) fn bounds(&self, rests: &[usize], now_m: [f64; 2]) -> Result<Bounds, SteerError> {
+        let travel_m = 1e-3 * SHARE_OF_TRAVEL * self.stated.limits.guide_travel_mm;
+        let free = Bounds { travel_m, largest_move_m: None, circles: vec![None; rests.len()] };
+        let Some(limit_n) = self.stated.limits.guide_force_n else { return Ok(free) };
         let law = &self.laws[self.best()];
         let problem = law.unknowns.problem(&law.values)?;
         let force_n = match self.force_n {
@@ -26,23 +21,30 @@ impl Controller<'_> {
                     .force_n
             }
         };
-        let mut bounds = Vec::with_capacity(rests.len());
+        let mut circles = Vec::with_capacity(rests.len());
         let mut free_m = None;
-        for rest in rests {
-            let depth_m = self.history.depths_m[*rest];
-            let here = mechanics::BeamProblem { depth_m, ..problem.clone() };
-            let stiffness = here.solve()?.lateral_stiffness_n_per_m();
-            let free_m =
+        for stiffness in self.stiffness_n_per_m(&problem, rests)? {
+            let centre_m =
                 *free_m.get_or_insert([0, 1].map(|plane: usize| now_m[plane] - force_n[plane] / stiffness));
-            let reach_m = SHARE_OF_FORCE * limit_n / stiffness;
-            bounds.push([0, 1].map(|plane: usize| {
-                // What is now beyond them is not moved further.
-                let low = (free_m[plane] - reach_m).min(now_m[plane]).clamp(-travel_m, travel_m);
-                let high = (free_m[plane] + reach_m).max(now_m[plane]).clamp(-travel_m, travel_m);
-                [low, high]
-            }));
+            // What is now beyond it is not moved further.
+            let now_away_m = (now_m[0] - centre_m[0]).hypot(now_m[1] - centre_m[1]);
+            let radius_m = (SHARE_OF_FORCE * limit_n / stiffness).max(now_away_m);
+            circles.push(Some(Circle { centre_m, radius_m }));
         }
-        Ok(bounds)
+        Ok(Bounds { circles, ..free })
+    }
+
+    /// Force at guide 2 per displacement of it, at each rest.
+    pub(super) fn stiffness_n_per_m(
+        &self,
+        problem: &mechanics::BeamProblem,
+        rests: &[usize],
+    ) -> Result<Vec<f64>, SteerError> {
+        let of = |rest: &usize| {
+            let here = mechanics::BeamProblem { depth_m: self.history.depths_m[*rest], ..problem.clone() };
+            Ok(here.solve()?.lateral_stiffness_n_per_m())
+        };
+        rests.iter().map(of).collect()
     }
 
     /// A move that keeps force and strain within limits, where the requested one does not, and what limits it.

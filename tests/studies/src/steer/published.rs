@@ -78,6 +78,7 @@ impl Pushed {
             broken: end.limits_broken.map_or(0, |broken| broken.total()),
             stated: Vec::new(),
             slowest_s: 0.0,
+            median_s: 0.0,
         })
     }
 }
@@ -119,7 +120,7 @@ pub(super) enum Aim {
 }
 
 /// The published controller (Bernardes 2023): a Jacobian of the tip with respect to guide and depth, updated by Broyden's rule (weight
-/// 0.65) at stops every 5 mm, and the guide positions of the next four stops, within the guide's travel, that minimise the predicted
+/// 0.65) after every push and after every guide move, each by itself as in its published program, at stops every 5 mm, and the guide positions of the next four stops, within the guide's travel, that minimise the predicted
 /// squared distances. It begins with the Jacobian that its published recordings begin with. Its cost of the tip's direction is
 /// omitted: these plants have no sensor of it, and with angles in radians it is a hundredth of the cost of the distances. With one
 /// Jacobian for all four steps and no cost of moves the program is separable and solved exactly, step by step.
@@ -148,6 +149,11 @@ pub(super) fn broyden(plant: SimulatedPlant, target_mm: [f64; 3], aim: Aim) -> R
         });
         let guide = [0, 1].map(|plane: usize| [jacobian[plane][0], jacobian[plane][1]]);
         pushed.move_guide(nearest(guide, missing, pushed.travel_mm()))?;
+        let tip_mm = pushed.tip_mm()?;
+        let [x_mm, y_mm] = pushed.guide_mm();
+        let input = [x_mm, y_mm, depth as f64];
+        update(&mut jacobian, last, (tip_mm, input));
+        last = (tip_mm, input);
     }
     pushed.end(target_mm)
 }
@@ -162,7 +168,10 @@ fn update(jacobian: &mut [[f64; 3]; 2], before: ([f64; 2], [f64; 3]), after: ([f
     for (plane, row) in jacobian.iter_mut().enumerate() {
         let predicted: f64 = row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
         let missing = after.0[plane] - before.0[plane] - predicted;
-        row.iter_mut().zip(moved).for_each(|(slope, moved)| *slope += WEIGHT * missing * moved / square);
+        // A step in which nothing was moved explains nothing.
+        row.iter_mut()
+            .zip(moved)
+            .for_each(|(slope, moved)| *slope += WEIGHT * missing * moved / (square + 1e-9));
     }
 }
 
@@ -197,7 +206,7 @@ mod tests {
             let predicted: f64 = row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
             let before_mm: f64 = before[plane].iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
             let missing_mm = to.0[plane] - from.0[plane] - before_mm;
-            assert!((predicted - before_mm - 0.65 * missing_mm).abs() < 1e-12);
+            assert!((predicted - before_mm - 0.65 * missing_mm).abs() < 1e-9);
             // Across the step: (0.5, 1, 0) is perpendicular to it.
             let across = |row: &[f64; 3]| 0.5 * row[0] + row[1];
             assert!((across(row) - across(&before[plane])).abs() < 1e-12);
