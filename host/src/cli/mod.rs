@@ -46,6 +46,7 @@ mod steer;
 mod summarize;
 mod tare;
 mod track;
+mod web;
 
 pub use call::{CallError, Called, FailedAt, Kind, call, readable};
 
@@ -101,6 +102,7 @@ enum Command {
     Population(population::Args),
     Report(report::Args),
     Serve(serve::Args),
+    Web(web::Args),
     Track(track::Args),
     Steer(steer::Args),
     Effects(effects::Args),
@@ -173,6 +175,7 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Population(args) => population::run(args, out),
         Command::Report(args) => report::run(args, out),
         Command::Serve(args) => serve::run(args, out),
+        Command::Web(args) => web::run(args, out),
         Command::Track(args) => track::run(args, out),
         Command::Steer(args) => steer::run(args, out),
         Command::Effects(args) => effects::run(args, out),

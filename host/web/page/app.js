@@ -4,6 +4,7 @@ const state = {
   view: 'start',
   session: null,
   isExample: false,
+  folder: null,
   effects: null,
   results: new Map(),
   choice: {},
@@ -17,8 +18,9 @@ const VIEWS = [
   ['identify', 'Identify', () => state.session],
   ['diagnose', 'Diagnose', () => state.session],
   ['predict', 'Predict', () => state.session],
+  ['live', 'Live', () => live.isOffered],
 ];
-const DRAW = { start: showStart, play: showPlay, session: showSession, identify: showIdentify, diagnose: showDiagnose, predict: showPredict };
+const DRAW = { start: showStart, play: showPlay, session: showSession, identify: showIdentify, diagnose: showDiagnose, predict: showPredict, live: showLive };
 
 const main = () => document.getElementById('main');
 
@@ -28,7 +30,7 @@ const readAddress = () => Object.fromEntries(new URLSearchParams(location.hash.s
 /** Keeps what is chosen in the address, so that a link opens the same view. */
 function keepAddress(more = {}) {
   Object.assign(state.choice, more);
-  const pairs = { view: state.view, ...(state.isExample ? { session: 'example' } : {}), ...state.choice };
+  const pairs = { view: state.view, ...(state.isExample ? { session: 'example' } : {}), ...(state.folder === null ? {} : { folder: state.folder || '.' }), ...state.choice };
   const kept = Object.entries(pairs).filter(([, value]) => value !== '' && value !== undefined && value !== null);
   history.replaceState(null, '', `#${new URLSearchParams(kept)}`);
 }
@@ -46,13 +48,14 @@ function show(view, isUser = true) {
 }
 
 function showTabs() {
+  const offered = VIEWS.filter(([id]) => id !== 'live' || live.isOffered);
   const tab = ([id, name, isThere]) => h('li', {}, h('button', {
     type: 'button',
     disabled: !isThere(),
     'aria-current': state.view === id ? 'page' : false,
     onclick: () => show(id),
   }, name));
-  document.getElementById('tabs').replaceChildren(...VIEWS.map(tab));
+  document.getElementById('tabs').replaceChildren(...offered.map(tab));
   document.getElementById('session-name').textContent = state.session ? `Session: ${state.session}` : '';
 }
 
@@ -102,12 +105,13 @@ async function within(view, work) {
   }
 }
 
-async function openSession({ name, files }, isExample, view) {
+async function openSession({ name, files }, isExample, view, folder = null) {
   announce('Reading the session ...');
   hideFault();
   await engine.open(files);
   state.session = name;
   state.isExample = isExample;
+  state.folder = folder;
   state.results.clear();
   state.choice = view === state.view ? state.choice : {};
   show(view);
@@ -143,16 +147,22 @@ async function begin() {
     fail(new Error('this browser is too old for the page, expected Chromium 80, Firefox 113, Safari 16.4 or newer'));
     return;
   }
-  const { view, session, ...choice } = readAddress();
+  document.getElementById('version').textContent = document.querySelector('meta[name="generator"]').content.replace('guide', 'Version');
+  if (isServed()) document.getElementById('network').textContent = 'the page connects to the program guide web on this machine, and to nothing else';
+  const { view, session, folder, ...choice } = readAddress();
   state.choice = choice;
   const wanted = VIEWS.some(([id]) => id === view) ? view : 'start';
+  if (isServed()) await beginLive();
   engine = new Engine();
   engine.ready.catch((error) => fail(error, () => location.reload()));
   if (session === 'example' && wanted !== 'start') {
     state.view = wanted;
     await openExample(wanted);
+  } else if (isServed() && folder && wanted !== 'start') {
+    state.view = wanted;
+    await openNamed(folder, wanted).catch((error) => { show('start', false); fail(error); });
   } else {
-    show(wanted === 'play' ? 'play' : 'start', false);
+    show(wanted === 'play' || (wanted === 'live' && live.isOffered) ? wanted : 'start', false);
   }
 }
 

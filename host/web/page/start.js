@@ -11,6 +11,7 @@ function showStart() {
       h('h2', {}, 'How stiff is the tissue, where will the needle go, and what does the model miss?'),
       h('p', {}, 'A guide pushes a needle sideways in tissue. From the force, the needle\u2019s shape and the path of its tip this page computes the modulus of the tissue, the path ahead, and names the effect that model and measurement disagree about.')),
     h('div', { class: 'cards' },
+      isServed() ? servedCard() : null,
       h('section', { class: 'card' }, h('h2', {}, 'Open the example'),
         h('p', {}, 'A simulated session with an effect hidden in it. Find out which.'),
         h('button', { type: 'button', class: 'primary', id: 'open-example', onclick: () => openExample('identify') }, 'Open the example')),

@@ -33,7 +33,9 @@ pub fn web(arguments: &[OsString]) -> Result<ExitCode> {
         );
         return Ok(ExitCode::SUCCESS);
     }
-    ensure!(is_test || arguments.is_empty(), "web: unknown option, expected --test or none");
+    if let Some(unknown) = arguments.first().filter(|_| !is_test) {
+        bail!("web: unknown option {}, expected --test or none", unknown.display());
+    }
     announce(is_test);
     if is_test {
         ensure_browser()?;

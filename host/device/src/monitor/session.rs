@@ -95,7 +95,8 @@ impl<'a> Session<'a> {
     /// Has a command carried out. A refusal is reported; it does not end the connection.
     pub fn handle_command(&mut self, command: UserCommand) -> Result<(), LinkError> {
         let outcome = match command {
-            UserCommand::Tare => self.start("tare".to_owned(), Step::Tare { duration_ms: TARE_MS }, false),
+            UserCommand::Tare => self.start("tare".to_owned(), &[Step::Tare { duration_ms: TARE_MS }], false),
+            UserCommand::Run(program) => self.start(program.name.clone(), &program.device_steps(), false),
             UserCommand::Home => self.go("home".to_owned(), [0.0; 2], HOME_MM_S, false),
             UserCommand::Jog(by_m) if self.fault.is_some_and(Fault::allows_retreat) => {
                 self.retreat(micrometres(by_m))
@@ -193,7 +194,7 @@ impl<'a> Session<'a> {
     fn go(&mut self, name: String, to_m: [f64; 2], speed_mm_s: f64, is_jog: bool) -> Result<(), LinkError> {
         match move_to(to_m.map(|metres| metres * 1e3), speed_mm_s) {
             Ok(step) => {
-                self.start(name, step, is_jog)?;
+                self.start(name, &[step], is_jog)?;
                 self.sent_to_m = Some(to_m);
             }
             Err(problem) => self.report(&format!("{name}: {problem}"), false),
@@ -201,9 +202,12 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    fn start(&mut self, name: String, step: Step, is_jog: bool) -> Result<(), LinkError> {
-        self.request(Request::LoadStep { index: 0, step })?;
-        self.request(Request::Run { steps: 1, crc: protocol::program_crc(&[step]), start_us: 0 })?;
+    fn start(&mut self, name: String, steps: &[Step], is_jog: bool) -> Result<(), LinkError> {
+        for (index, step) in (0u8..).zip(steps) {
+            self.request(Request::LoadStep { index, step: *step })?;
+        }
+        let crc = protocol::program_crc(steps);
+        self.request(Request::Run { steps: steps.len() as u8, crc, start_us: 0 })?;
         // Ends that are received up to here are those of earlier programs; this one's, should it be among them because the
         // acceptance came late, is found by the status.
         self.running = None;

@@ -81,6 +81,11 @@ impl Traces {
         }
     }
 
+    /// Time of the newest sample, to the length of a bin.
+    pub fn latest_s(&self) -> Option<f64> {
+        self.bins.back().map(|bin| bin.index as f64 * BIN_S)
+    }
+
     /// Bins that are held.
     pub fn len(&self) -> usize {
         self.bins.len()

@@ -2,8 +2,9 @@
 
 use super::session::Session;
 use super::state::{Event, Outcome};
-use crate::link::{Client, LinkError};
+use crate::link::{Client, LinkError, Program};
 use std::io;
+use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, TryRecvError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -12,7 +13,7 @@ use std::time::{Duration, Instant};
 const RECONNECT: Duration = Duration::from_secs(1);
 
 /// Commands of the user.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum UserCommand {
     /// Make the present force zero.
     Tare,
@@ -20,6 +21,8 @@ pub enum UserCommand {
     Jog([f64; 2]),
     /// Bring guide 2 to where the needle is straight.
     Home,
+    /// Run a motion program; its sweeps are not taken.
+    Run(Arc<Program>),
     /// End any motion at once.
     Stop,
     /// Leave the fault state.

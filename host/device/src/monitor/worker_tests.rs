@@ -213,3 +213,24 @@ fn a_device_that_is_plugged_in_again_is_found_and_orders_meanwhile_are_not_kept(
     drop(worker);
     assert!(moves(&second).is_empty(), "an command from before the connection was carried out");
 }
+
+#[test]
+fn a_program_of_several_steps_is_loaded_whole_and_its_end_is_reported() {
+    let (device, worker, events) = with_program(&[Act::Batch(32), Act::Complete]);
+    let program = Program::load("displace").expect("built in");
+    let (name, steps) = (program.name.clone(), program.device_steps());
+    worker.send(UserCommand::Run(Arc::new(program)));
+    assert_eq!(outcome(&events), (format!("{name} ..."), true));
+    assert_eq!(outcome(&events), (format!("{name}: done"), true));
+    let executed = device.executed();
+    let loaded = executed.iter().filter_map(|request| match request {
+        Request::LoadStep { step, .. } => Some(*step),
+        _ => None,
+    });
+    assert_eq!(loaded.collect::<Vec<_>>(), steps);
+    let run = executed.iter().find_map(|request| match request {
+        Request::Run { steps, crc, .. } => Some((usize::from(*steps), *crc)),
+        _ => None,
+    });
+    assert_eq!(run, Some((steps.len(), protocol::program_crc(&steps))));
+}

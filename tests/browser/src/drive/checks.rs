@@ -2,6 +2,7 @@
 
 use crate::driver::Browser;
 use crate::program::{compare, document};
+use crate::served;
 use anyhow::{Context, Result, ensure};
 use serde_json::{Value, json};
 use std::fs;
@@ -37,6 +38,7 @@ const STOPS: &str = "new Uint8Array([0,97,115,109,1,0,0,0,1,4,1,96,0,0,3,2,1,0,5
 pub struct Checks<'a> {
     browser: &'a Browser,
     address: String,
+    page: PathBuf,
     folder: PathBuf,
     only: String,
     passed: usize,
@@ -47,7 +49,7 @@ impl<'a> Checks<'a> {
     /// Of this page; what is made goes into the folder.
     pub fn new(browser: &'a Browser, page: &Path, folder: PathBuf) -> Self {
         let address = format!("file://{}", page.display());
-        Self { browser, address, folder, only: String::new(), passed: 0, failed: 0 }
+        Self { browser, address, page: page.to_owned(), folder, only: String::new(), passed: 0, failed: 0 }
     }
 
     /// Runs all checks; returns how many failed.
@@ -72,6 +74,9 @@ impl<'a> Checks<'a> {
         self.check("the needle answers while a slider is dragged", Self::plays);
         self.check("bad input leads to a message", Self::bad_input);
         self.check("an engine that stops leads to a message, and to a new engine", Self::stopped);
+        self.check("served by guide web", |checks| {
+            served::check(checks.browser, &checks.page, &checks.folder)
+        });
         self.check("accessibility (axe-core)", Self::accessible);
         if pictures {
             self.check("pictures of every view", Self::pictures);

@@ -6,6 +6,7 @@
 mod checks;
 mod driver;
 mod program;
+mod served;
 
 use anyhow::{Context, Result, bail};
 use checks::Checks;

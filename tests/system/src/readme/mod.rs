@@ -156,6 +156,7 @@ fn parts(part: &str) -> Result<Vec<Block>> {
 
 fn quick<'a>(blocks: &'a [Block], shell: &Shell) -> Result<Vec<Fresh<'a>>> {
     let mut fresh = Vec::new();
+    std::fs::write(shell.folder().join("guide.html"), page_stub())?;
     for block in blocks {
         match &block.made {
             Made::File(_) => write_files(std::slice::from_ref(block), shell)?,
@@ -164,6 +165,15 @@ fn quick<'a>(blocks: &'a [Block], shell: &Shell) -> Result<Vec<Fresh<'a>>> {
         }
     }
     Ok(fresh)
+}
+
+/// In place of the page for `guide web`: the whole one needs the compiler's target for WebAssembly.
+pub fn page_stub() -> String {
+    let version = env!("CARGO_PKG_VERSION");
+    format!(
+        "<!doctype html><meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; base-uri 'none'\">\
+         <meta name=\"generator\" content=\"guide {version}\"><title>Needle guide</title>"
+    )
 }
 
 /// Puts the files that stand on the pages into the folder of the commands.

@@ -14,9 +14,11 @@ const SHOWN: [(&str, &str); 2] = [
 ];
 
 /// What differs by nature, and what stands for it in a comparison.
-const COMPARED: [(&str, &str); 4] = [
+const COMPARED: [(&str, &str); 5] = [
     // A free port of this machine.
     (r"(OpenIGTLink at 127\.0\.0\.1):\d+", "$1:0"),
+    // Port and token of the page's address.
+    (r"http://127\.0\.0\.1:\d+/[0-9a-f]{32}/", "http://127.0.0.1:0/0/"),
     // Seconds of this machine.
     (r"(start of QEMU to K:) [0-9.]+ s", "$1 0 s"),
     // How long a raw recording is depends on when the host requested the stream.

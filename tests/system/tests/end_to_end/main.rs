@@ -16,3 +16,4 @@ mod readme;
 mod registers;
 mod rig_matches;
 mod steer;
+mod web;

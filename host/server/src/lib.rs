@@ -1,0 +1,33 @@
+//! The page `guide.html` on loopback, as `guide web` serves it.
+//!
+//! Only programs of this machine can connect, and only those that have the token of the address are answered. A page of another
+//! origin is rejected by `Origin`, a name that was bound to this machine later (DNS rebinding) by `Host`.
+//!
+//! | module | does |
+//! |---|---|
+//! | [`access`] | the token, and which hosts and origins are accepted |
+//! | [`page`] | the page with the policy of its served form |
+//! | [`sessions`] | the sessions below a folder, and their files |
+//! | [`http`] | requests and answers, bounded |
+//! | [`listener`] | connections, bounded, each on its own thread |
+//! | [`socket`] | the WebSocket of one page |
+//! | [`request`], [`update`] | what a page sends and receives over it |
+//! | [`control`] | which page may move the device, by its heartbeat |
+//! | [`live`] | the device, and the supervision of the page that moves it |
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+pub mod access;
+pub mod control;
+pub mod http;
+pub mod listener;
+pub mod live;
+pub mod page;
+pub mod request;
+pub mod sessions;
+pub mod socket;
+pub mod update;
+
+pub use listener::{Server, Site};
+pub use live::Live;
+pub use page::Page;

@@ -1,0 +1,239 @@
+//! The sessions below a folder, and their files: read only, and nothing else of the folder.
+
+use serde::Serialize;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// What makes a folder a session.
+const SESSION: &str = "session.toml";
+/// Types of the files of a session.
+const KINDS: [&str; 2] = ["toml", "csv"];
+/// How far below the folder sessions are searched for, how many entries are visited, and how many sessions are listed.
+const MAX_DEPTH: usize = 6;
+const MAX_ENTRIES: usize = 20_000;
+const MAX_SESSIONS: usize = 500;
+/// Largest file, bytes: that of the largest session that the page takes.
+pub const MAX_FILE_BYTES: u64 = 256 << 20;
+
+/// The folder.
+#[derive(Debug, Clone)]
+pub struct Sessions {
+    /// Without links.
+    root: PathBuf,
+}
+
+/// What the page lists, schema `guide.sessions/1`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct List {
+    schema: &'static str,
+    /// In order of their paths.
+    pub sessions: Vec<Entry>,
+    /// There are more than are listed.
+    pub more: bool,
+}
+
+/// A session.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct Entry {
+    /// Its path below the folder; empty for the folder itself.
+    pub path: String,
+    /// Name of its folder.
+    pub name: String,
+    /// Names of its files.
+    pub files: Vec<String>,
+    /// Bytes of all of them.
+    pub bytes: u64,
+}
+
+impl Sessions {
+    /// Of a folder that is there.
+    ///
+    /// # Errors
+    /// The operating system's, also where it is not a folder.
+    pub fn of(dir: &Path) -> io::Result<Self> {
+        let root = fs::canonicalize(dir)?;
+        if !root.is_dir() {
+            return Err(io::Error::from(io::ErrorKind::NotADirectory));
+        }
+        Ok(Self { root })
+    }
+
+    /// All sessions. Links are not followed; folders that begin with a dot are skipped.
+    pub fn list(&self) -> List {
+        let mut list = List { schema: "guide.sessions/1", sessions: Vec::new(), more: false };
+        let mut visited = 0;
+        let mut waiting = vec![(self.root.clone(), String::new(), 0)];
+        while let Some((folder, path, depth)) = waiting.pop() {
+            let mut found = Vec::new();
+            let mut bytes = 0u64;
+            for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
+                visited += 1;
+                if visited > MAX_ENTRIES {
+                    list.more = true;
+                    break;
+                }
+                // What is not UTF-8 cannot be named in an address.
+                let (Ok(kind), Ok(name)) = (entry.file_type(), entry.file_name().into_string()) else {
+                    continue;
+                };
+                if kind.is_dir() && depth < MAX_DEPTH && !name.starts_with('.') {
+                    let below = if path.is_empty() { name.clone() } else { format!("{path}/{name}") };
+                    waiting.push((folder.join(&name), below, depth + 1));
+                } else if kind.is_file() && is_of_session(&name) {
+                    bytes = bytes.saturating_add(entry.metadata().map_or(0, |about| about.len()));
+                    found.push(name);
+                }
+            }
+            if found.iter().any(|name| name == SESSION) {
+                if list.sessions.len() == MAX_SESSIONS {
+                    list.more = true;
+                    break;
+                }
+                found.sort();
+                let name = folder.file_name().map_or("session".into(), |name| name.to_string_lossy());
+                list.sessions.push(Entry { path, name: name.into_owned(), files: found, bytes });
+            }
+        }
+        list.sessions.sort();
+        list
+    }
+
+    /// A file of a session by its path below the folder, with its length. None where there is none, where the path leads through a
+    /// link or out of the folder, and where the file is not one of a session.
+    pub fn open(&self, path: &str) -> Option<(File, u64)> {
+        let mut below = PathBuf::new();
+        for part in path.split('/') {
+            let is_plain = !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0', ':']);
+            if !is_plain {
+                return None;
+            }
+            below.push(part);
+        }
+        let file = self.regular(&below)?;
+        if !is_of_session(file.file_name()?.to_str()?) {
+            return None;
+        }
+        self.regular(&below.parent()?.join(SESSION))?;
+        let file = File::open(file).ok()?;
+        let about = file.metadata().ok()?;
+        about.is_file().then_some((file, about.len()))
+    }
+
+    /// The path of a regular file that is reached without a link.
+    fn regular(&self, below: &Path) -> Option<PathBuf> {
+        let named = self.root.join(below);
+        let real = fs::canonicalize(&named).ok()?;
+        // A link anywhere on the way leads elsewhere than its name states.
+        (real == named && fs::symlink_metadata(&real).ok()?.is_file()).then_some(real)
+    }
+}
+
+fn is_of_session(name: &str) -> bool {
+    let kind = name.rsplit_once('.').map(|(_, kind)| kind);
+    !name.starts_with('.') && kind.is_some_and(|kind| KINDS.contains(&kind))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read;
+
+    fn folder() -> (tempfile::TempDir, Sessions) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let write = |path: &str| {
+            let path = folder.path().join(path);
+            fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
+            fs::write(&path, path.display().to_string()).expect("a file");
+        };
+        for path in [
+            "root/a/session.toml",
+            "root/a/run.force.csv",
+            "root/a/raw.mcap",
+            "root/a/.hidden.csv",
+            "root/b/c/session.toml",
+            "root/.secret/session.toml",
+            "root/notes.toml",
+            "outside/session.toml",
+        ] {
+            write(path);
+        }
+        let sessions = Sessions::of(&folder.path().join("root")).expect("a folder");
+        (folder, sessions)
+    }
+
+    #[test]
+    fn sessions_are_listed_with_their_files_and_nothing_else() {
+        let (_folder, sessions) = folder();
+        let list = sessions.list();
+        let named: Vec<_> = list.sessions.iter().map(|one| (one.path.as_str(), one.files.len())).collect();
+        assert_eq!(named, [("a", 2), ("b/c", 1)]);
+        assert_eq!(list.sessions[1].name, "c");
+        assert!(!list.more && list.sessions[0].bytes > 0);
+    }
+
+    #[test]
+    fn a_folder_that_is_a_session_itself_is_listed() {
+        let (folder, _) = folder();
+        let sessions = Sessions::of(&folder.path().join("root/a")).expect("a folder");
+        let list = sessions.list();
+        assert_eq!((list.sessions[0].path.as_str(), list.sessions[0].name.as_str()), ("", "a"));
+        assert!(sessions.open("session.toml").is_some());
+    }
+
+    #[test]
+    fn files_of_sessions_are_opened_and_no_other() {
+        let (_folder, sessions) = folder();
+        let (mut file, length) = sessions.open("a/run.force.csv").expect("a file");
+        let mut text = String::new();
+        file.read_to_string(&mut text).expect("text");
+        assert_eq!(text.len() as u64, length);
+        assert!(text.ends_with("run.force.csv"));
+        for path in
+            ["notes.toml", "a/raw.mcap", "a/.hidden.csv", ".secret/session.toml", "a", "b/session.toml", ""]
+        {
+            assert!(sessions.open(path).is_none(), "{path}");
+        }
+    }
+
+    #[test]
+    fn no_path_leads_out_of_the_folder() {
+        let (folder, sessions) = folder();
+        let absolute = folder.path().join("outside/session.toml").display().to_string();
+        for path in [
+            "../outside/session.toml",
+            "a/../../outside/session.toml",
+            "a/./session.toml",
+            "a//session.toml",
+            "/a/session.toml",
+            "..\\outside\\session.toml",
+            "a/session.toml\0",
+            &absolute,
+        ] {
+            assert!(sessions.open(path).is_none(), "{path}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_neither_listed_nor_followed() {
+        use std::os::unix::fs::symlink;
+        let (folder, sessions) = folder();
+        let root = folder.path().join("root");
+        symlink(folder.path().join("outside"), root.join("link")).expect("a link");
+        symlink(folder.path().join("outside/session.toml"), root.join("a/linked.toml")).expect("a link");
+        symlink(root.join("a"), root.join("again")).expect("a link");
+        for path in ["link/session.toml", "a/linked.toml", "again/session.toml"] {
+            assert!(sessions.open(path).is_none(), "{path}");
+        }
+        let paths: Vec<_> = sessions.list().sessions.into_iter().map(|one| one.path).collect();
+        assert_eq!(paths, ["a", "b/c"]);
+    }
+
+    #[test]
+    fn what_is_not_a_folder_is_an_error() {
+        let (folder, _) = folder();
+        assert!(Sessions::of(&folder.path().join("root/notes.toml")).is_err());
+        assert!(Sessions::of(&folder.path().join("nowhere")).is_err());
+    }
+}
