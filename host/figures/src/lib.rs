@@ -7,12 +7,14 @@ mod diagnosis;
 mod insertion;
 mod lateral;
 mod populations;
+mod steered;
 mod steering;
 
 pub use diagnosis::{gap, ranking, residuals};
 pub use insertion::insertion;
 pub use lateral::{force, leftover};
 pub use populations::population;
+pub use steered::{Steered, steered_path, steered_target};
 pub use steering::{field, steering};
 
 use inference::identify::{Pooled, RunResult, ShapeResult};

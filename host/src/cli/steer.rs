@@ -1,10 +1,17 @@
 //! `guide steer`: brings a needle to a target, step by step, through a plant of someone else or the device.
 
+mod drawing;
+mod publish;
+
+use super::igtl::USUAL;
 use super::output::Output;
 use super::rig_args::{ForceLimitArgs, StartArgs, interrupted};
 use anyhow::{Context, anyhow, bail, ensure};
+use device::igtl::{Publisher, server};
 use device::link::Client;
 use device::steer::RigPlant;
+use drawing::Readings;
+use publish::Published;
 use serde::Serialize;
 use std::fmt::{self, Display};
 use std::fs::{self, File, OpenOptions};
@@ -63,6 +70,13 @@ pub struct Args {
     /// Push and estimate without moving guide 2
     #[arg(long, conflicts_with = "replay")]
     unsteered: bool,
+    /// Publish target, planned path with its band and next action over OpenIGTLink meanwhile; to this machine alone unless an address
+    /// is given
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = USUAL, conflicts_with = "replay")]
+    publish: Option<String>,
+    /// Folder for figures: path and plan, and the plane of the target, as SVG; with --replay too
+    #[arg(long, value_name = "DIR")]
+    plots: Option<PathBuf>,
 }
 
 fn target(text: &str) -> Result<[f64; 3], String> {
@@ -108,7 +122,7 @@ struct Fault {
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Some(file) = &args.replay {
-        return replay(file, out);
+        return replay(file, args.plots.as_deref(), out);
     }
     let (Some(dir), Some(target_mm)) = (&args.dir, args.target_mm) else {
         bail!("expected DIR, --target-mm and --plant, or --port and --tip, or --replay");
@@ -130,6 +144,16 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         rotations,
         ..Options::new(target_mm)
     };
+    let publisher = match &args.publish {
+        Some(address) => {
+            let publisher = Publisher::bind(server::address(address)?, server::MAX_CLIENTS)?;
+            out.note(format_args!("OpenIGTLink at {}", publisher.address()));
+            Some(publisher)
+        }
+        None => None,
+    };
+    let mut followed =
+        Followed { readings: Readings::default(), published: Published::new(publisher, target_mm) };
     let (file, path) = create(dir)?;
     let record = Record::new(file);
     record.note("options", &options);
@@ -142,14 +166,23 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
                 out.line(&CueDocument { schema: "guide.steer_cue/1", cue }, format_args!("{cue}\n")).err();
         }
     };
-    let outcome = driver.carry_out(&options, &record, &mut on_cue);
+    let outcome = driver.carry_out(&options, &record, &mut followed, &mut on_cue);
     if let Some(error) = closed {
         return Err(error);
     }
     if let Some(problem) = record.failed() {
         out.note(format_args!("warning: {}: the record is not complete: {problem}", path.display()));
     }
+    if let Ok(run) = &outcome {
+        drawing::draw(run, &followed.readings, args.plots.as_deref(), out)?;
+    }
     report(outcome, &options, Some(&path), false, out)
+}
+
+/// What is kept and published of a run meanwhile.
+struct Followed {
+    readings: Readings,
+    published: Published,
 }
 
 /// What is steered.
@@ -194,6 +227,7 @@ impl Driver {
         self,
         options: &Options,
         record: &Record,
+        followed: &mut Followed,
         on_cue: &mut dyn FnMut(Cue),
     ) -> Result<Run, SteerError> {
         let Self { words, client, interrupted } = self;
@@ -201,14 +235,14 @@ impl Driver {
         match client {
             None => {
                 let mut plant = ProcessPlant::start(program, arguments, record.clone(), interrupted)?;
-                carry_out(&mut plant, options, record, on_cue)
+                carry_out(&mut plant, options, record, followed, on_cue)
             }
             Some(client) => {
                 // The lines of the whole are recorded, not those of its needle's side.
                 let needle = ProcessPlant::start(program, arguments, Record::default(), interrupted)
                     .map_err(|error| record.failure(error))?;
                 let plant = RigPlant::new(client, needle, interrupted);
-                carry_out(&mut Recorded { plant, record: record.clone() }, options, record, on_cue)
+                carry_out(&mut Recorded { plant, record: record.clone() }, options, record, followed, on_cue)
             }
         }
     }
@@ -233,9 +267,15 @@ fn carry_out(
     plant: &mut dyn Plant,
     options: &Options,
     record: &Record,
+    followed: &mut Followed,
     on_cue: &mut dyn FnMut(Cue),
 ) -> Result<Run, SteerError> {
     let target_depth_mm = options.target_mm[2];
+    let Followed { readings, published } = followed;
+    let mut on_cue = |cue: Cue| {
+        published.cue(&cue);
+        on_cue(cue);
+    };
     let result = steer(plant, options, &mut |event| match event {
         Event::Statement(stated) => on_cue(Cue {
             depth_mm: 0.0,
@@ -245,8 +285,10 @@ fn carry_out(
         }),
         Event::Decision(decision) => {
             record.note("decision", decision);
+            published.decision(decision);
             on_cue(decision.cue(target_depth_mm));
         }
+        Event::Answer(answer) => readings.take(answer),
         _ => {}
     });
     match &result {
@@ -295,16 +337,16 @@ fn report(
 }
 
 /// Carries a recorded run out again.
-fn replay(file: &Path, out: &mut Output) -> anyhow::Result<()> {
+fn replay(file: &Path, plots: Option<&Path>, out: &mut Output) -> anyhow::Result<()> {
     let text = fs::read_to_string(file).with_context(|| format!("{}: cannot read", file.display()))?;
     let mut plant = ReplayPlant::new(&text).with_context(|| format!("{}: no record", file.display()))?;
     let options = plant.options().clone();
     let recorded = plant.decisions().to_vec();
-    let mut decisions = Vec::new();
-    let outcome = steer(&mut plant, &options, &mut |event| {
-        if let Event::Decision(decision) = event {
-            decisions.push(serde_json::to_string(decision).unwrap_or_default());
-        }
+    let (mut decisions, mut readings) = (Vec::new(), Readings::default());
+    let outcome = steer(&mut plant, &options, &mut |event| match event {
+        Event::Decision(decision) => decisions.push(serde_json::to_string(decision).unwrap_or_default()),
+        Event::Answer(answer) => readings.take(answer),
+        _ => {}
     });
     if let Err(SteerError::Plant(error @ steering::PlantError::Differs { .. })) = &outcome {
         bail!("{}: {error}", file.display());
@@ -317,7 +359,19 @@ fn replay(file: &Path, out: &mut Output) -> anyhow::Result<()> {
             number + 1
         );
     }
+    if let Ok(run) = &outcome {
+        drawing::draw(run, &readings, plots, out)?;
+    }
     report(outcome, &options, Some(file), true, out)
+}
+
+/// Smallest and largest coordinates of corners.
+fn extent(corners: &[[f64; 2]]) -> Option<[[f64; 2]; 2]> {
+    let first = *corners.first()?;
+    let grow = |[low, high]: [[f64; 2]; 2], corner: &[f64; 2]| {
+        [[low[0].min(corner[0]), low[1].min(corner[1])], [high[0].max(corner[0]), high[1].max(corner[1])]]
+    };
+    Some(corners.iter().fold([first, first], grow))
 }
 
 /// A run for the eye.
@@ -339,6 +393,10 @@ impl Display for Text<'_> {
         };
         if !run.within_before.is_empty() {
             writeln!(f, "before       {}", percent(&run.within_before))?;
+        }
+        if let Some([low, high]) = extent(&run.reachable_mm) {
+            let [[x, y], [to_x, to_y]] = [low, high];
+            writeln!(f, "reachable    x {x:.1} to {to_x:.1}, y {y:.1} to {to_y:.1} mm")?;
         }
         if !run.decisions.is_empty() {
             writeln!(
