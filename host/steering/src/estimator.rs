@@ -18,7 +18,7 @@ const FREEDOM: f64 = 5.0;
 /// Step of finite differences, in standard deviations.
 const DIFFERENCE: f64 = 0.1;
 const ROUNDS: usize = 2;
-/// Responses per unknown of the tissue are computed anew where the tissue is this far from where they were, in standard deviations.
+/// Responses per unknown of the tissue are computed again where the tissue is this far from where they were, in standard deviations.
 const STALE: f64 = 0.3;
 
 /// The needle's responses at some values of the tissue's unknowns, and with each of them raised by a difference.

@@ -116,12 +116,12 @@ impl Characterisation {
             let effect = effect(id)?;
             let of_effect: Vec<_> = self.parameters.iter().filter(|one| one.effect == *id).collect();
             let is_unknown = |one: &&CharacterizedParameter| one.standing == Standing::NotIdentifiable;
-            let is_known = !of_effect.is_empty() && !of_effect.iter().any(is_unknown);
+            let is_characterized = !of_effect.is_empty() && !of_effect.iter().any(is_unknown);
             // Not clipped to what is possible, so that the interval is that of a normal distribution.
             let ends = |one: &&CharacterizedParameter| {
                 Some([one.value - NORMAL_975 * one.sd, one.value + NORMAL_975 * one.sd])
             };
-            is_known.then(|| LearnedEffect {
+            is_characterized.then(|| LearnedEffect {
                 effect,
                 values: of_effect.iter().map(|one| one.value).collect(),
                 ci95: of_effect.iter().map(ends).collect(),
