@@ -18,8 +18,8 @@ use std::path::PathBuf;
 /// what the force sensor adds.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide characterize --session air --force-gain-sd 0.01 --out rig.toml\n  \
-                  guide characterize --session air-june --since rig.toml --out rig-june.toml"
+    after_help = "Example:\n  guide characterize --session air --force-gain-sd 0.01 --out characterized.toml\n  \
+                  guide characterize --session air-june --since characterized.toml --out characterized-june.toml"
 )]
 pub struct Args {
     /// Session folder with runs in air (holds session.toml); other runs of it are not used

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// The file of a characterised rig.
 #[derive(clap::Args)]
 pub struct CharacterizedArgs {
-    /// What is known of the rig (rig.toml of `guide characterize --out`): its effects are in the model with their intervals (default: the
+    /// What is known of the rig (characterized.toml of `guide characterize --out`): its effects are in the model with their intervals (default: the
     /// file that `characterized` in the session's [rig] names, if any)
     #[arg(long, value_name = "FILE")]
     characterized: Option<PathBuf>,

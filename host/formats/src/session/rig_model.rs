@@ -4,7 +4,7 @@
 //! [rig]
 //! guide2_mm = 60.0
 //! entry_mm = 70.0
-//! characterized = "rig.toml"        # beside this file, as `guide characterize --out` writes it
+//! characterized = "characterized.toml"        # beside this file, as `guide characterize --out` writes it
 //! ```
 
 use super::error::{SessionError, read_text};
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 /// Name of the field in `[rig]`.
 const FIELD: &str = "characterized";
 /// Name of the file in the folder of a session that this program writes.
-const FILE: &str = "rig.toml";
+const FILE: &str = "characterized.toml";
 
 impl ModelFile {
     /// What is known of the rig of the session in a folder, with its file; nothing where the session names none.
@@ -77,7 +77,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         fs::write(folder.path().join("session.toml"), format!("{SESSION}{rig}\n")).expect("written");
         if let Some(text) = file {
-            fs::write(folder.path().join("rig.toml"), text).expect("written");
+            fs::write(folder.path().join("characterized.toml"), text).expect("written");
         }
         let found = ModelFile::of_session_rig(folder.path()).map(|found| format!("{found:?}"));
         found.expect_err("rejected").to_string().replace(&format!("{}/", folder.path().display()), "")
@@ -92,10 +92,10 @@ mod tests {
 
     #[test]
     fn a_file_that_is_named_is_read_and_its_faults_have_their_place() {
-        let named = "characterized = \"rig.toml\"";
+        let named = "characterized = \"characterized.toml\"";
         assert_eq!(
             error(named, None),
-            "session.toml:10:17: rig.characterized: cannot read rig.toml: No such file or directory (os error 2), expected a file that \
+            "session.toml:10:17: rig.characterized: cannot read characterized.toml: No such file or directory (os error 2), expected a file that \
              can be read"
         );
         assert!(
@@ -105,16 +105,18 @@ mod tests {
         let wide = PLAY.replace("0.05", "50");
         let text = error(named, Some(&wide));
         assert!(
-            text.starts_with("rig.toml:5:9: effect.parameters.half_width_mm.value: 50 is out of range"),
+            text.starts_with(
+                "characterized.toml:5:9: effect.parameters.half_width_mm.value: 50 is out of range"
+            ),
             "{text}"
         );
         let unknown = error(named, Some(&PLAY.replace("rig.play", "rig.plai")));
-        assert!(unknown.starts_with("rig.toml:4:6: effect.id: "), "{unknown}");
+        assert!(unknown.starts_with("characterized.toml:4:6: effect.id: "), "{unknown}");
         let folder = tempfile::tempdir().expect("a folder");
         fs::write(folder.path().join("session.toml"), format!("{SESSION}{named}\n")).expect("written");
-        fs::write(folder.path().join("rig.toml"), PLAY).expect("written");
+        fs::write(folder.path().join("characterized.toml"), PLAY).expect("written");
         let (path, found) = ModelFile::of_session_rig(folder.path()).expect("read").expect("named");
-        assert_eq!(path, folder.path().join("rig.toml"));
+        assert_eq!(path, folder.path().join("characterized.toml"));
         assert_eq!(
             found.effects.first().map(|one| (one.effect.id(), one.values.clone())),
             Some(("rig.play", vec![0.05]))

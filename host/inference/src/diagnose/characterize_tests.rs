@@ -83,7 +83,7 @@ fn play_that_has_grown_is_reported_and_a_rig_that_has_not_changed_is_not() {
     };
     // As a file keeps it.
     let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("rig.toml");
+    let path = folder.path().join("characterized.toml");
     characterized(0.05, 5).model(Some("air".to_owned())).write(&path).expect("written");
     let known = KnownParameter::of_model(&formats::model_file::ModelFile::read(&path).expect("read"));
     assert!(

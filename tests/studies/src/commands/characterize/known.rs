@@ -50,7 +50,7 @@ pub fn run(sessions: usize, seed: u64) -> Result<()> {
     );
     for (name, of) in [
         ("nothing of the rig", (|pair| pair.without) as fn(&Pair) -> Short),
-        ("the rig in air (`rig.toml`)", |pair| pair.with),
+        ("the rig in air (`characterized.toml`)", |pair| pair.with),
     ] {
         let hidden: Vec<Short> = pairs.iter().filter(|pair| pair.hidden.is_some()).map(of).collect();
         let all: Vec<Short> = pairs.iter().map(of).collect();
