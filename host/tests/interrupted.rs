@@ -45,8 +45,8 @@ const WRITERS: [(&str, Left); 23] = [
     ("export run.mcap --to csv --out made", Left::Nothing),
 ];
 
-/// Commands that write files and need a device for it: see `device`; the result of the bring-up is tried through QEMU.
-const WITH_A_DEVICE: [&str; 4] = ["acquire", "bringup", "calibration", "record"];
+/// Commands that write files and need a device or a plant for it: see `device` and `steer`; the result of the bring-up is tried through QEMU.
+const WITH_A_DEVICE: [&str; 5] = ["acquire", "bringup", "calibration", "record", "steer"];
 
 /// Options that name what is written.
 const WRITING_OPTIONS: [&str; 4] = ["--out ", "--plots ", "--plot ", "--raw "];

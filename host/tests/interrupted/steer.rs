@@ -1,6 +1,6 @@
 //! `guide steer` interrupted at its terminal, and plants that do not start.
 
-use super::{failure, guide};
+use super::{failure, files, guide};
 use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::process::CommandExt;
@@ -63,4 +63,34 @@ fn a_plant_that_does_not_start_is_reported_with_what_to_do() {
         assert_eq!(output.status.code(), Some(1), "{line}");
         parts.iter().for_each(|part| assert!(line.contains(part), "{line}: expected {part}"));
     }
+}
+
+/// A plant whose needle goes straight; its readings scatter, or they would count as repeated.
+const STRAIGHT: &str = "n=0\nwhile read line; do n=$((n+1)); case $line in *done*) break;; esac; \
+    echo \"${line%?},\\\"tip_seq\\\":$n,\\\"tip_x_mm\\\":0.0$((n*7%10)),\\\"tip_y_mm\\\":0.0$((n*3%10)),\\\"valid\\\":true}\"; done\n\
+    echo '{\"depth_mm\":20}'\n";
+
+#[test]
+fn figures_of_a_run_that_a_full_disk_does_not_take_are_reported_in_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::write(folder.path().join("plant.sh"), format!("echo '{STATEMENT}'\n{STRAIGHT}")).expect("written");
+    let run = ["steer", "made", "--plant", "sh plant.sh", "--target-mm=0,0,20", "--plots", "whole"];
+    let output = guide(folder.path(), None, &run.map(OsStr::new)).output().expect("guide starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let whole = files(&folder.path().join("whole"));
+    assert!(whole.len() >= 2, "figures of the path and of the target's plane");
+    let replayed = |into: &str, limit_bytes| {
+        let arguments = ["steer", "--replay", "made/steer.jsonl", "--plots", into].map(OsStr::new);
+        guide(folder.path(), limit_bytes, &arguments).output().expect("guide starts")
+    };
+    for bytes in [0, 1_000] {
+        let line = failure(&replayed("part", Some(bytes)), "replay");
+        assert!(line.contains("part/steer."), "{line}");
+        let left = files(&folder.path().join("part"));
+        assert!(left.is_empty(), "{:?}", left.keys());
+    }
+    assert!(replayed("part", None).status.success());
+    let content =
+        |figures: &std::collections::BTreeMap<_, Vec<u8>>| figures.values().cloned().collect::<Vec<_>>();
+    assert_eq!(content(&files(&folder.path().join("part"))), content(&whole));
 }

@@ -106,7 +106,7 @@ mod tests {
         let text = error(named, Some(&wide));
         assert!(
             text.starts_with(
-                "characterized.toml:5:9: effect.parameters.half_width_mm.value: 50 is out of range"
+                "characterized.toml:6:9: effect.parameters.half_width_mm.value: 50 is out of range"
             ),
             "{text}"
         );
