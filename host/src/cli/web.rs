@@ -67,8 +67,8 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let interrupted = interrupted()?;
     let program =
         std::env::current_exe().and_then(std::fs::canonicalize).context("cannot find the program")?;
-    let page = Page::read(&page_file(args.page.as_deref(), &program)?)?;
     let sessions = Sessions::of(&args.dir).with_context(|| format!("{}: cannot open", args.dir.display()))?;
+    let page = Page::read(&page_file(args.page.as_deref(), &program)?)?;
     let mut live = args.port.as_deref().map(|port| follow(port, &args.program)).transpose()?;
     let feed = live.as_ref().map(Live::feed);
     let port = args.http_port.unwrap_or_default();
