@@ -67,32 +67,24 @@ pub struct Analyses {
 impl Analyses {
     /// Analyses a session; `on_progress` is called with each step.
     pub fn of(session: &Session, options: &Options, mut on_progress: impl FnMut(&str)) -> Self {
-        let effects = options.model.as_ref().map(ModelFile::effects).unwrap_or_default();
-        let discrepancy = options.model.as_ref().map(|model| model.discrepancy.clone()).unwrap_or_default();
         let has_lateral = !session.lateral.is_empty();
         let has_insertions = !session.insertion.is_empty();
 
         on_progress("identifying");
+        let none = ModelFile::default();
+        let model = options.model.as_ref().unwrap_or(&none);
         let of_identification = identify::Options {
             relation: YoungsBy::Continuum(Contact::Bonded),
-            fixed: effects.clone(),
-            discrepancy: discrepancy.clone(),
             ..identify::Options::default()
         }
+        .with_model(model)
         .with_rig(options.rig.as_ref());
         let identification =
             outcome(has_lateral, "the session has no lateral runs", || identify(session, &of_identification));
         on_progress("predicting");
-        let modulus_pa =
-            options.model.as_ref().filter(|_| !has_lateral).and_then(ModelFile::modulus_and_sd_pa);
-        let of_prediction = predict::Options {
-            until_m: options.until_m,
-            modulus_pa,
-            effects: effects.clone(),
-            discrepancy: discrepancy.clone(),
-            ..predict::Options::default()
-        }
-        .with_rig(options.rig.as_ref());
+        let of_prediction = predict::Options { until_m: options.until_m, ..predict::Options::default() }
+            .with_model(model, !has_lateral)
+            .with_rig(options.rig.as_ref());
         let prediction =
             outcome(has_insertions, "the session has no insertions", || predict(session, &of_prediction));
         on_progress("tracking");
@@ -100,8 +92,8 @@ impl Analyses {
             track(session, &track::Options::default())
         });
         let of_diagnosis = diagnose::Options {
-            given: effects,
-            discrepancy,
+            given: model.effects(),
+            discrepancy: model.discrepancy.clone(),
             foundation: session.tissue.foundation.into(),
             poisson: session.tissue.poisson.unwrap_or(diagnose::INCOMPRESSIBLE),
             ..diagnose::Options::default()

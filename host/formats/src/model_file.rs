@@ -22,13 +22,20 @@
 //! ci95 = [1.8, 2.4]                 # optional
 //! [effect.parameters.boundary_mm]
 //! value = 14.8
+//! [[alternative]]                   # optional: another model that explains the same runs, with tables as above
+//! probability = 0.41
+//! [[alternative.effect]]
+//! id = "tissue.gradient"
+//! parameters = { gradient_per_mm = { value = 0.04 } }
 //! ```
 //!
 //! A parameter that does nothing at its neutral value may be omitted beside another one; a place or a time may not. What is
 //! not known here is refused: a misspelt name would change the model silently.
 
+mod alternative;
 mod discrepancy;
 
+pub use alternative::Alternative;
 pub use discrepancy::{DISCREPANCY_NAMES, Multiples};
 
 use crate::NORMAL_975;
@@ -75,6 +82,8 @@ pub struct ModelFile {
     pub discrepancy: Multiples,
     /// Effects with the values of their parameters, in the order of the file.
     pub effects: Vec<LearnedEffect>,
+    /// Other models that explain the same runs; the probability that theirs leave is that of this one.
+    pub alternatives: Vec<Alternative>,
 }
 
 /// An effect with what was learned of it.
@@ -107,11 +116,13 @@ impl ModelFile {
     pub fn read(path: &Path) -> Result<Self, SessionError> {
         let text = read_text(path)?;
         Fields::parse(path, &text, |file| {
-            file.only(&["model", "tissue", "tip", "discrepancy", "effect"])?;
+            file.only(&["model", "tissue", "tip", "discrepancy", "effect", "alternative"])?;
             let model = file.table("model")?;
             model.only(&["format", "learned_from"])?;
             model.format()?;
-            Ok(Self { learned_from: model.optional_text("learned_from")?, ..Self::tables(file, &[])? })
+            let (learned_from, alternatives) =
+                (model.optional_text("learned_from")?, alternative::read(file)?);
+            Ok(Self { learned_from, alternatives, ..Self::tables(file, &[])? })
         })
     }
 
@@ -164,6 +175,13 @@ impl ModelFile {
         if let Some(from) = self.learned_from.as_deref().filter(|from| !from.trim().is_empty()) {
             let _ = writeln!(text, "learned_from = {}", toml::Value::from(from));
         }
+        self.write_tables(path, "", &mut text)?;
+        self.alternatives.iter().try_for_each(|other| other.write(path, &mut text))?;
+        Ok(text)
+    }
+
+    /// The tables of tissue, tip, discrepancy and effects, below a table whose name ends with a dot, or at the top.
+    fn write_tables(&self, path: &Path, below: &str, text: &mut String) -> Result<(), SessionError> {
         let line = |text: &mut String, field: &'static str, values: &[f64], unit: i32| {
             let numbers: Result<Vec<String>, _> =
                 values.iter().map(|value| decimal(path, field, *value, unit)).collect();
@@ -186,43 +204,43 @@ impl ModelFile {
             ("youngs_ci95_kpa", of_youngs.as_deref()),
         ];
         if fields.iter().any(|(_, values)| values.is_some()) || self.support.is_some() {
-            text.push_str("\n[tissue]\n");
+            let _ = write!(text, "\n[{below}tissue]\n");
         }
         if let Some(support) = self.support {
             let _ = writeln!(text, "foundation = \"{}\"", support.name());
             if let Support::Body { poisson } = support {
-                line(&mut text, "poisson", &[poisson], 0)?;
+                line(text, "poisson", &[poisson], 0)?;
             }
         }
         for (field, values) in fields {
-            values.map_or(Ok(()), |values| line(&mut text, field, values, KILO))?;
+            values.map_or(Ok(()), |values| line(text, field, values, KILO))?;
         }
         if load.is_some() || of_load.is_some() {
-            text.push_str("\n[tip]\n");
+            let _ = write!(text, "\n[{below}tip]\n");
         }
         for (field, values) in [("load_n", load.as_deref()), ("load_ci95_n", of_load.as_deref())] {
-            values.map_or(Ok(()), |values| line(&mut text, field, values, 0))?;
+            values.map_or(Ok(()), |values| line(text, field, values, 0))?;
         }
         if !self.discrepancy.is_empty() {
-            text.push_str("\n[discrepancy]\n");
+            let _ = write!(text, "\n[{below}discrepancy]\n");
         }
         for (name, multiple) in &self.discrepancy {
             let _ = writeln!(text, "\"{name}\" = {}", decimal(path, "discrepancy", *multiple, 0)?);
         }
         for learned in &self.effects {
-            let _ = write!(text, "\n[[effect]]\nid = \"{}\"\n", learned.effect.id());
+            let _ = write!(text, "\n[[{below}effect]]\nid = \"{}\"\n", learned.effect.id());
             if let Some(gain) = learned.log_evidence_gain {
-                line(&mut text, "log_evidence_gain", &[gain], 0)?;
+                line(text, "log_evidence_gain", &[gain], 0)?;
             }
             let intervals = learned.ci95.iter().copied().chain(std::iter::repeat(None));
             let parameters = learned.effect.parameters().iter().zip(&learned.values);
             for ((info, value), ci95) in parameters.zip(intervals) {
-                let _ = write!(text, "\n[effect.parameters.{}]\n", info.name);
-                line(&mut text, "value", &[*value], 0)?;
-                ci95.map_or(Ok(()), |ends| line(&mut text, "ci95", &ends, 0))?;
+                let _ = write!(text, "\n[{below}effect.parameters.{}]\n", info.name);
+                line(text, "value", &[*value], 0)?;
+                ci95.map_or(Ok(()), |ends| line(text, "ci95", &ends, 0))?;
             }
         }
-        Ok(text)
+        Ok(())
     }
 
     /// Its effects with their values, in the order of the catalogue.
@@ -252,6 +270,9 @@ impl ModelFile {
         }
         if other.tip_load_n.is_some() {
             (self.tip_load_n, self.tip_load_ci95_n) = (other.tip_load_n, other.tip_load_ci95_n);
+        }
+        if !other.effects.is_empty() {
+            self.alternatives.clone_from(&other.alternatives);
         }
         self.discrepancy.extend(other.discrepancy.clone());
         self.effects.retain(|own| other.effects.iter().all(|theirs| theirs.effect.id() != own.effect.id()));

@@ -36,6 +36,7 @@ mod expected;
 mod foundation;
 mod known;
 mod layout;
+mod learned;
 mod linearise;
 mod misread;
 mod next;
@@ -53,6 +54,7 @@ mod two_layers;
 mod whiten;
 mod workbench;
 
+pub(crate) use averaged::interval as mixture_interval;
 pub use characterize::{
     Characterisation, CharacterizeError, CharacterizeOptions, CharacterizedParameter, Standing, characterize,
 };

@@ -12,6 +12,7 @@ mod indentation;
 mod layers;
 mod model_error;
 mod options;
+mod others;
 mod pool;
 pub(crate) mod prepare;
 mod reference;
@@ -22,6 +23,7 @@ pub use body::{BodyResult, FoundationChoice, FoundationResult};
 pub use error::{IdentifyError, RunError};
 pub use layers::Layers;
 pub use options::{Options, YoungsBy};
+pub use others::OtherResult;
 pub use residuals::ResidualResult;
 pub use results::{
     Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult,
@@ -125,6 +127,8 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         );
     }
     let prior = options.prior.as_ref().map(|prior| PriorResult::new(prior, Some(own_ln_k(&pooled))));
+    let (others, skipped) = others::others(session, options);
+    warnings.extend(skipped);
     Ok(Identification {
         prior,
         schema: results::SCHEMA,
@@ -132,6 +136,7 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
         effects: options.fixed.iter().map(|(effect, _)| effect.id()).collect(),
         runs,
         pooled,
+        others,
         k_per_ei,
         directions,
         layers,

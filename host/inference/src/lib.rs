@@ -39,6 +39,7 @@ pub mod indentation;
 pub mod insertion;
 pub mod intervals;
 mod lateral;
+mod learned;
 pub mod modulus;
 #[cfg(test)]
 mod monte_carlo;
@@ -54,4 +55,5 @@ pub use lateral::{
     ChannelFit, DisplacementHistory, Fixed, ForceZero, HoldData, LateralData, Measured, ShapeDatum, ShapeFit,
     channel_fits, effect_parameters, shape_fits,
 };
+pub use learned::OtherModel;
 pub use summarize::{summarize, summarize_session};

@@ -4,12 +4,16 @@
 //! first part, from the modulus of the lateral runs where there are any, and from nothing of its own beyond that.
 
 mod at_rest;
+mod average;
 mod prior;
 mod results;
 
 pub use prior::{PredictionPrior, WithoutPrior};
-pub use results::{CompareResult, InsertionResult, LearnedResult, PlaneResult, Prediction, RearResult};
+pub use results::{
+    CompareResult, InsertionResult, LearnedResult, ModelResult, PlaneResult, Prediction, RearResult,
+};
 
+use crate::OtherModel;
 use crate::diagnose::{KnownParameter, Multiples};
 use crate::identify::{self, identify};
 use crate::insertion::baselines::Baseline;
@@ -18,6 +22,7 @@ use crate::insertion::{
     Candidates, Identifiability, PathError, Posterior, ReadingNoise, Rear, Start, TipPath, Tissue,
     direction_scatter_rad, learn_from, row_scatter_m, start,
 };
+use crate::learned::models;
 use at_rest::AtRest;
 use formats::model_file::ModelFile;
 use formats::prior_file::ModulusPrior;
@@ -42,6 +47,8 @@ pub struct Options {
     pub layers: bool,
     /// Effects with the values of their parameters.
     pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// Other models that explain what these effects were learned from: the prediction is averaged over all.
+    pub others: Vec<OtherModel>,
     /// How well the values of those of the rig are known: in the interval of the modulus of the lateral runs.
     pub known: Vec<KnownParameter>,
     /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
@@ -61,6 +68,7 @@ impl Default for Options {
             modulus_pa: None,
             layers: false,
             effects: Vec::new(),
+            others: Vec::new(),
             known: Vec::new(),
             discrepancy: Multiples::new(),
             prior: None,
@@ -74,8 +82,26 @@ impl Options {
     #[must_use]
     pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
         if let Some(rig) = rig {
+            for other in &mut self.others {
+                KnownParameter::take(&mut other.effects, &mut self.known, rig);
+            }
             KnownParameter::take(&mut self.effects, &mut self.known, rig);
         }
+        self
+    }
+
+    /// With a model that was learned: its effects, its discrepancy, its modulus where `needs_modulus`, and the other models of the same
+    /// file. Effects and a modulus that are there already stay, in all models.
+    #[must_use]
+    pub fn with_model(mut self, model: &ModelFile, needs_modulus: bool) -> Self {
+        let stated = self.modulus_pa;
+        let modulus_pa = |of_model: Option<[f64; 2]>| stated.or(of_model.filter(|_| needs_modulus));
+        (self.effects, self.others) = models(&self.effects, model);
+        for other in &mut self.others {
+            other.modulus_pa = modulus_pa(other.modulus_pa);
+        }
+        self.modulus_pa = modulus_pa(model.modulus_and_sd_pa());
+        self.discrepancy = model.discrepancy.clone();
         self
     }
 }
@@ -129,6 +155,11 @@ pub enum PredictError {
 /// # Errors
 /// [`PredictError`] where not a single insertion can be predicted.
 pub fn predict(session: &Session, options: &Options) -> Result<Prediction, PredictError> {
+    average::predict(session, options)
+}
+
+/// The same by one model.
+fn predict_by_one(session: &Session, options: &Options) -> Result<Prediction, PredictError> {
     match &options.prior {
         Some(prior) => prior::predict_with(session, options, prior),
         None => predict_from(session, options),
@@ -184,16 +215,21 @@ fn predict_from(session: &Session, options: &Options) -> Result<Prediction, Pred
         schema: results::SCHEMA,
         session: session.name.clone(),
         prior: None,
+        models: Vec::new(),
         insertions,
         warnings,
     })
 }
 
+/// Effects that a prediction does not apply: those of the tip, and yielding tissue.
+const TIP: &str = "tip.";
+const YIELD: &str = "tissue.yield";
+
 /// Which effects of the model the prediction has no use for: it finds load and angle of the tip again in every insertion, and its
 /// responses are those of tissue that does not yield.
 fn not_applied(options: &Options) -> Vec<String> {
     let ids = || options.effects.iter().map(|(effect, _)| effect.id());
-    let tip: Vec<&str> = ids().filter(|id| id.starts_with("tip.")).collect();
+    let tip: Vec<&str> = ids().filter(|id| id.starts_with(TIP)).collect();
     let mut warnings = Vec::new();
     if !tip.is_empty() {
         warnings.push(format!(
@@ -201,7 +237,7 @@ fn not_applied(options: &Options) -> Vec<String> {
             tip.join(", ")
         ));
     }
-    if ids().any(|id| id == "tissue.yield") {
+    if ids().any(|id| id == YIELD) {
         warnings.push(
             "tissue.yield of the model: not applied, paths are predicted for tissue that does not yield"
                 .to_owned(),

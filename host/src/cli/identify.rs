@@ -116,7 +116,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         None => (None, None),
     };
     let (foundation, poisson) = (args.foundation.or(learned.0), args.poisson.or(learned.1));
-    let options = Options { fixed: model.effects(), ..Options::default() }.with_rig(rig.as_ref());
+    let options = Options::default().with_model(&model).with_rig(rig.as_ref());
     for nuisance in &nuisances {
         let id = nuisance.id();
         ensure!(
@@ -135,7 +135,6 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         foundation,
         criteria: HoldCriteria::default(),
         nuisances,
-        discrepancy: model.discrepancy,
         model_error: true,
         layers: args.layers,
         profile: args.profile || args.plots.is_some(),
@@ -195,6 +194,7 @@ impl Display for Text<'_> {
             effects,
             runs,
             pooled,
+            others,
             prior,
             k_per_ei,
             directions,
@@ -227,6 +227,9 @@ impl Display for Text<'_> {
         )?;
         if let Some(NoiseAlone { sd_kpa, ci95_kpa: [low, high] }) = pooled.noise_alone {
             writeln!(f, "             by noise alone {low:.2} to {high:.2} kPa, sd {sd_kpa:.2} kPa")?;
+        }
+        for (number, other) in others.iter().enumerate() {
+            writeln!(f, "{:<13}{other}", if number == 0 { "or" } else { "" })?;
         }
         for (number, line) in prior.iter().flat_map(PriorResult::lines).enumerate() {
             writeln!(f, "{:<13}{line}", if number == 0 { "prior" } else { "" })?;

@@ -7,7 +7,7 @@ use crate::figures;
 use anyhow::{Context, ensure};
 use formats::model_file::ModelFile;
 use formats::session::Session;
-use inference::predict::{InsertionResult, Options, Prediction, PredictionPrior, predict};
+use inference::predict::{InsertionResult, ModelResult, Options, Prediction, PredictionPrior, predict};
 use mechanics::effects::{EFFECTS, Effect, effect};
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
@@ -100,12 +100,9 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     };
     let model = args.model.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
     let session = Session::read(&args.dir)?;
-    let modulus_pa = modulus_pa.or(model.modulus_and_sd_pa().filter(|_| session.lateral.is_empty()));
-    let mut effects = args.effect.clone();
-    let of_file = model.effects().into_iter();
-    effects.extend(of_file.filter(|(own, _)| args.effect.iter().all(|(given, _)| given.id() != own.id())));
     let rig = args.rig.read(&args.dir)?.map(|(_, model)| model);
-    let options = Options { effects, ..Options::default() }.with_rig(rig.as_ref());
+    let stated = Options { effects: args.effect.clone(), modulus_pa, ..Options::default() };
+    let options = stated.with_model(&model, session.lateral.is_empty()).with_rig(rig.as_ref());
     ensure!(
         !args.layers || options.effects.iter().all(|(effect, _)| effect.id() != "tissue.layers"),
         "--layers: tissue.layers is in the model already, expected a model without"
@@ -114,9 +111,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         until_m: 1e-3 * args.until,
         to_m: args.to.map(|to| 1e-3 * to),
         learn: !args.alone,
-        modulus_pa,
         layers: args.layers,
-        discrepancy: model.discrepancy,
         prior: args.prior.as_deref().map(|path| modulus_prior(path, &args.dir)).transpose()?,
         ..options
     };
@@ -161,6 +156,7 @@ impl Display for Text<'_> {
             write_insertion(f, insertion, width)?;
         }
         write_learned(f, &good, width)?;
+        write_models(f, &self.result.models)?;
         if let Some(prior) = &self.result.prior {
             write_prior(f, prior, width)?;
         }
@@ -247,6 +243,20 @@ fn write_learned(f: &mut fmt::Formatter<'_>, good: &[&InsertionResult], width: u
         }
     }
     Ok(())
+}
+
+/// The models that all values are averaged over.
+fn write_models(f: &mut fmt::Formatter<'_>, models: &[ModelResult]) -> fmt::Result {
+    if models.is_empty() {
+        return Ok(());
+    }
+    let name = |one: &ModelResult| match one.effects.as_slice() {
+        [] => "none".to_owned(),
+        effects => effects.join(" with "),
+    };
+    let list: Vec<String> =
+        models.iter().map(|one| format!("{} {:.0} %", name(one), 100.0 * one.probability)).collect();
+    writeln!(f, "effects      averaged over models by their probability: {}", list.join(", "))
 }
 
 /// The prior, and what is predicted without it.

@@ -162,17 +162,11 @@ impl Results<'_> {
         };
         let stamp = live::now();
         let mut messages: Vec<Message> = Vec::new();
-        let effects = self.model.as_ref().map(ModelFile::effects).unwrap_or_default();
-        let discrepancy = self.model.as_ref().map(|model| model.discrepancy.clone()).unwrap_or_default();
+        let model = self.model.clone().unwrap_or_default();
         let mut found: Option<Identification> = None;
         if !session.lateral.is_empty() {
             let relation = YoungsBy::Continuum(Contact::Bonded);
-            let options = identify::Options {
-                relation,
-                fixed: effects.clone(),
-                discrepancy: discrepancy.clone(),
-                ..identify::Options::default()
-            };
+            let options = identify::Options { relation, ..identify::Options::default() }.with_model(&model);
             match identify(&session, &options) {
                 Ok(identification) => {
                     messages.push(Scene::identification(&identification, stamp));
@@ -181,15 +175,10 @@ impl Results<'_> {
                 Err(error) => self.note(format!("the modulus is not published: {error}"), out),
             }
         }
-        let of_model = self.model.as_ref().and_then(ModelFile::modulus_and_sd_pa);
+        let of_model = model.modulus_and_sd_pa();
         if !session.insertion.is_empty() {
-            let options = predict::Options {
-                until_m: 1e-3 * self.args.until,
-                modulus_pa: of_model.filter(|_| session.lateral.is_empty()),
-                effects,
-                discrepancy,
-                ..predict::Options::default()
-            };
+            let stated = predict::Options { until_m: 1e-3 * self.args.until, ..predict::Options::default() };
+            let options = stated.with_model(&model, session.lateral.is_empty());
             match predict(&session, &options) {
                 Ok(prediction) => messages.extend(lock(self.live).scene().prediction(&prediction, stamp)),
                 Err(error) => self.note(format!("the path is not published: {error}"), out),

@@ -121,6 +121,37 @@ fn faults_are_named_with_their_place() {
 }
 
 #[test]
+fn alternatives_have_effects_of_their_own_and_share_one_probability() {
+    let other = |probability: &str| {
+        format!(
+            "[[alternative]]\nprobability = {probability}\n[alternative.tissue]\nk_kpa = 9.5\n[[alternative.effect]]\nid = \"tissue.gradient\"\n\
+             parameters = {{ gradient_per_mm = {{ value = 0.04 }} }}\n"
+        )
+    };
+    let model = read(&format!("{GOOD}{}", other("0.4"))).expect("reads");
+    let [found] = model.alternatives.as_slice() else { panic!("one alternative") };
+    assert_eq!((found.probability, found.model.modulus_pa), (0.4, Some(9_500.0)));
+    assert_eq!(found.model.effects().first().map(|(effect, values)| (effect.id(), values.clone())), {
+        Some(("tissue.gradient", vec![0.04]))
+    });
+    assert_eq!(model.effects.len(), 2);
+    let fails = |more: &str, words: &str| {
+        let message = read(&format!("{GOOD}{more}")).expect_err("a fault").to_string();
+        assert!(message.contains(words), "{words} in {message}");
+    };
+    fails(
+        &other("1.1"),
+        "21:15: alternative.probability: 1.1 is out of range, expected a number from 0 to 1",
+    );
+    fails(
+        &(other("0.6") + &other("0.6")),
+        "27:15: alternative.probability: 0.6 is out of range, expected probabilities of all",
+    );
+    fails(&other("0.4").replace("probability = 0.4\n", ""), "alternative.probability: missing");
+    fails(&other("0.4").replace("alternative.tissue", "alternative.rig"), "alternative.rig");
+}
+
+#[test]
 fn reports_what_cannot_be_written() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("model.toml");
@@ -155,7 +186,7 @@ fn learned(index: usize) -> impl Strategy<Value = LearnedEffect> {
 }
 
 prop_compose! {
-    fn model()(
+    fn of_one()(
         learned_from in proptest::option::of("[ -~\\n\u{e4}]{1,20}x"),
         modulus_pa in proptest::option::of(10.0..1e7f64),
         modulus_ci95_pa in interval(),
@@ -181,7 +212,18 @@ prop_compose! {
             tip_load_ci95_n,
             discrepancy,
             effects,
+            alternatives: Vec::new(),
         }
+    }
+}
+
+prop_compose! {
+    /// Where it was learned is stated for a file, not for each of its models.
+    fn model()(own in of_one(), others in proptest::collection::vec((of_one(), 0.0..0.3f64), 0..3)) -> ModelFile {
+        let alternatives = others.into_iter().map(|(model, probability)| {
+            Alternative { probability, model: ModelFile { learned_from: None, ..model } }
+        });
+        ModelFile { alternatives: alternatives.collect(), ..own }
     }
 }
 

@@ -9,6 +9,7 @@ use super::evidence::Patterns;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
 use super::search::{Candidate, Found, one_sided};
+use formats::model_file::Alternative;
 use mechanics::effects::Effect;
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -19,6 +20,10 @@ const MIN_LN_WEIGHT: f64 = -12.0;
 const MIN_LN_WEIGHT_OVER_SIZES: f64 = -5.0;
 /// Steps of the bisection: enough for rounding to be all that is left.
 const BISECTIONS: usize = 80;
+
+/// Models less likely than this are not in a model file, and no more than so many of the others are: each costs a prediction.
+const MIN_PROBABILITY: f64 = 0.02;
+const MAX_ALTERNATIVES: usize = 4;
 
 /// Fits that the data leave in question, with their weights.
 pub(super) struct Averaged {
@@ -77,6 +82,23 @@ impl Averaged {
         Self { fits }
     }
 
+    /// The models other than the final one, each once, as a model file has them: the likeliest, with their probabilities.
+    pub fn alternatives(&self, own: &Fitted) -> Vec<Alternative> {
+        let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
+        let mut others: Vec<(f64, &Fitted)> = Vec::new();
+        for (weight, fit) in &self.fits {
+            let share = weight / total;
+            match others.iter_mut().find(|(_, known)| known.layout.has_effects_of(&fit.layout)) {
+                Some((known, _)) => *known += share,
+                None => others.push((share, fit)),
+            }
+        }
+        others.retain(|(share, fit)| *share > MIN_PROBABILITY && !fit.layout.has_effects_of(&own.layout));
+        others.sort_by(|a, b| b.0.total_cmp(&a.0));
+        others.truncate(MAX_ALTERNATIVES);
+        others.into_iter().map(|(probability, fit)| Alternative { probability, model: fit.model() }).collect()
+    }
+
     /// Interval of 95 % of a quantity of which each fit gives value and standard deviation, or nothing.
     fn interval(&self, of: impl Fn(&Fitted) -> Option<(f64, f64)>) -> Option<[f64; 2]> {
         let parts: Vec<(f64, f64, f64)> = self
@@ -129,7 +151,7 @@ impl Averaged {
 
 /// Interval of 95 % of a mixture of normal distributions of weight, mean and standard deviation each; nothing where one of them makes
 /// no sense.
-pub(super) fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
+pub(crate) fn interval(parts: &[(f64, f64, f64)]) -> Option<[f64; 2]> {
     if let [(_, value, sd)] = parts {
         return Some([value - NORMAL_975 * sd, value + NORMAL_975 * sd]);
     }
@@ -181,6 +203,12 @@ mod tests {
             let own =
                 if is_named { &found.fitted } else { &start.fitted }.clone().over_sizes(&start.patterns);
             let averaged = Averaged::over(&own, &start.fitted, &found, is_named, &start.patterns);
+            // At the margin the models with and without the effect are equally likely, and the file has the other one.
+            let others = averaged.alternatives(&own);
+            let other = others.iter().find(|other| other.model.effects.is_empty() == is_named);
+            let share = other.expect("the model on the other side of the margin").probability;
+            let own_share = 1.0 - others.iter().map(|other| other.probability).sum::<f64>();
+            assert!((share / own_share - 1.0).abs() < 0.2, "{share} beside {own_share}");
             averaged.modulus_pa().expect("an interval")
         });
         for (below, above) in below.iter().zip(above) {

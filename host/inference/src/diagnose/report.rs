@@ -123,6 +123,7 @@ impl DiagnosisReport<'_> {
             partial: if is_named { Vec::new() } else { self.partial() },
             remaining,
             multiples: self.multiples.clone(),
+            alternatives: averaged.alternatives(final_fit),
             adequacy: adequacy.map(adequacy_result),
             discrepancy: discrepancy
                 .iter()
@@ -328,6 +329,7 @@ impl Diagnosis {
             tip_load_n: self.tip_load_n,
             tip_load_ci95_n: self.tip_load_ci95_n,
             discrepancy: self.multiples.clone(),
+            alternatives: self.alternatives.clone(),
             effects: effects
                 .filter_map(|found| {
                     let effect = effect(&found.id)?;

@@ -4,6 +4,7 @@ use super::Multiples;
 use super::data::Channel;
 use super::known::Moved;
 use super::posterior::Fitted;
+use formats::model_file::Alternative;
 use mechanics::Support;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -69,6 +70,9 @@ pub struct Diagnosis {
     /// The same with their parameters under the final model.
     #[serde(skip)]
     pub given_effects: Vec<FoundEffect>,
+    /// Other models that the data leave in question, for the model file.
+    #[serde(skip)]
+    pub alternatives: Vec<Alternative>,
     /// What of the rig is not what it was known to be, the clearest change first.
     pub moved_since: Vec<Moved>,
     /// Effects that improve the fit without explaining it: no names.

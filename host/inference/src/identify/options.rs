@@ -1,8 +1,10 @@
 //! What the user may choose in an identification.
 
 use super::FoundationChoice;
+use crate::OtherModel;
 use crate::diagnose::{INCOMPRESSIBLE, KnownParameter, Multiples};
 use crate::holds::HoldCriteria;
+use crate::learned::models;
 use crate::modulus::Relation;
 use formats::model_file::ModelFile;
 use formats::prior_file::ModulusPrior;
@@ -69,6 +71,8 @@ pub struct Options {
     pub nuisances: Vec<&'static dyn Effect>,
     /// Effects that are part of the model, with the values of their parameters.
     pub fixed: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// Other models that explain what these effects were learned from: K by each is reported beside.
+    pub others: Vec<OtherModel>,
     /// How well these values are known where they are those of the rig: in the interval of K, in place of the catalogue's priors.
     pub known: Vec<KnownParameter>,
     /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
@@ -97,6 +101,7 @@ impl Default for Options {
             criteria: HoldCriteria::default(),
             nuisances: Vec::new(),
             fixed: Vec::new(),
+            others: Vec::new(),
             known: Vec::new(),
             discrepancy: Multiples::new(),
             model_error: true,
@@ -114,8 +119,20 @@ impl Options {
     #[must_use]
     pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
         if let Some(rig) = rig {
+            for other in &mut self.others {
+                KnownParameter::take(&mut other.effects, &mut self.known, rig);
+            }
             KnownParameter::take(&mut self.fixed, &mut self.known, rig);
         }
+        self
+    }
+
+    /// With a model that was learned: its effects, its discrepancy, and the other models of the same file. Effects that are there already
+    /// stay, in all models.
+    #[must_use]
+    pub fn with_model(mut self, model: &ModelFile) -> Self {
+        (self.fixed, self.others) = models(&self.fixed, model);
+        self.discrepancy = model.discrepancy.clone();
         self
     }
 }

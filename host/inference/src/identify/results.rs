@@ -10,7 +10,7 @@ pub use run::{
     RunResult, ShapeResult,
 };
 
-use super::{FoundationResult, Layers};
+use super::{FoundationResult, Layers, OtherResult};
 use crate::holds::UnusedPart;
 use crate::prior::PriorResult;
 use mechanics::Needle;
@@ -33,6 +33,9 @@ pub struct Identification {
     pub runs: Vec<RunResult>,
     /// K of all runs together.
     pub pooled: Pooled,
+    /// K and E by other models that explain what the effects were learned from; empty where the model file has none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub others: Vec<OtherResult>,
     /// What many sessions predict of K, and K with it; nothing where it was not given. All else is without it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorResult>,

@@ -3,9 +3,11 @@
 
 mod grid;
 mod learned;
+mod measured;
 
 pub(super) use grid::Grid;
 pub use learned::{LearnedResult, RearResult};
+pub(super) use measured::Measured;
 
 use super::PredictionPrior;
 use formats::NORMAL_975;
@@ -27,6 +29,9 @@ pub struct Prediction {
     /// What many sessions predict of K, and what is predicted without it; nothing where it was not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PredictionPrior>,
+    /// The models that it is averaged over, with their probabilities; empty where there is one model only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub models: Vec<ModelResult>,
     /// In the order of the session.
     pub insertions: Vec<InsertionResult>,
     /// Warnings about the session.
@@ -55,6 +60,15 @@ impl Prediction {
         };
         self.warnings.iter().cloned().chain(messages.into_iter().map(about)).collect()
     }
+}
+
+/// One of the models that a prediction is averaged over.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ModelResult {
+    /// Ids of its effects.
+    pub effects: Vec<String>,
+    /// Its probability.
+    pub probability: f64,
 }
 
 /// One insertion. Lists have one value per depth; the horizontal plane is `null` where it was not measured.
@@ -152,7 +166,7 @@ impl CompareResult {
         let mut planes = planes_m.into_iter().map(on_grid);
         let tip_y_mm = planes.next().unwrap_or_default();
         let tip_x_mm = planes.next();
-        let (mae_mm, last_error_mm) = grid.errors(&tip_y_mm, tip_x_mm.as_deref());
+        let (mae_mm, last_error_mm) = grid.measured().errors(&tip_y_mm, tip_x_mm.as_deref());
         Self { method, tip_force_n: None, mae_mm, last_error_mm, tip_y_mm, tip_x_mm }
     }
 }

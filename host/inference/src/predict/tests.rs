@@ -14,6 +14,7 @@ const UNTIL_50: Options = Options {
     modulus_pa: None,
     layers: false,
     effects: Vec::new(),
+    others: Vec::new(),
     known: Vec::new(),
     discrepancy: crate::diagnose::Multiples::new(),
     prior: None,
@@ -101,8 +102,14 @@ fn a_message_is_given_once_with_its_insertions() {
         ..InsertionResult::default()
     };
     let insertions = vec![one("a", &["x", "y"]), one("b", &["x"]), one("c", &["x"])];
-    let found =
-        Prediction { schema: "", session: None, prior: None, insertions, warnings: vec!["first".to_owned()] };
+    let found = Prediction {
+        schema: "",
+        session: None,
+        prior: None,
+        models: Vec::new(),
+        insertions,
+        warnings: vec!["first".to_owned()],
+    };
     assert_eq!(found.messages(), ["first", "all 3 insertions: x", "a: y"]);
 }
 

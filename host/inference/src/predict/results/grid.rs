@@ -1,5 +1,6 @@
 //! The depths of a result, what was measured there, and how far off a prediction is.
 
+use super::measured::Measured;
 use super::{InsertionResult, NORMAL_975, PlaneResult};
 use crate::holds::median;
 use crate::insertion::{Bin, Moments, Posterior, TipPath, of_median};
@@ -61,46 +62,13 @@ impl Grid {
         (0..).step_by(5).take_while(observed).filter_map(stop).collect()
     }
 
-    /// Mean distance beyond the observed part, and the distance at the last depth measured.
-    pub(super) fn errors(&self, tip_y_mm: &[f64], tip_x_mm: Option<&[f64]>) -> (Option<f64>, Option<f64>) {
-        let mut distances = Vec::new();
-        for (i, depth_m) in self.depth_m.iter().enumerate() {
-            let miss = |tip: &[f64], measured: &[Option<f64>]| {
-                Some(tip.get(i)? - measured.get(i).copied().flatten()?)
-            };
-            let y = miss(tip_y_mm, &self.measured_y_mm);
-            let x = match (tip_x_mm, &self.measured_x_mm) {
-                (Some(tip), Some(measured)) => miss(tip, measured),
-                _ => Some(0.0),
-            };
-            if let (Some(y), Some(x)) = (y, x)
-                && *depth_m > self.until_m + 1e-9
-            {
-                distances.push(y.hypot(x));
-            }
+    /// What was measured, for comparison with a prediction.
+    pub(super) fn measured(&self) -> Measured<'_> {
+        Measured {
+            until_mm: 1e3 * self.until_m,
+            y_mm: &self.measured_y_mm,
+            x_mm: self.measured_x_mm.as_deref(),
         }
-        let mean = distances.iter().sum::<f64>() / distances.len() as f64;
-        ((!distances.is_empty()).then_some(mean), distances.last().copied())
-    }
-
-    /// How many values are measured beyond the observed part, and how many of them lie between two ends.
-    fn held(&self, measured_mm: &[Option<f64>], low_mm: &[f64], high_mm: &[f64]) -> [usize; 2] {
-        let beyond = self.depth_m.iter().map(|depth_m| *depth_m > self.until_m + 1e-9);
-        let bands = low_mm.iter().zip(high_mm).zip(measured_mm).zip(beyond);
-        let mut held = [0; 2];
-        for (((low_mm, high_mm), measured_mm), beyond) in bands {
-            if let (Some(measured_mm), true) = (measured_mm, beyond) {
-                held[0] += 1;
-                held[1] += usize::from((low_mm..=high_mm).contains(&measured_mm));
-            }
-        }
-        held
-    }
-
-    fn last_measured_mm(&self) -> Option<f64> {
-        let beyond = self.depth_m.iter().zip(&self.measured_y_mm).rev();
-        let mut measured = beyond.filter(|(depth_m, y_mm)| y_mm.is_some() && **depth_m > self.until_m + 1e-9);
-        measured.next().map(|(depth_m, _)| 1e3 * depth_m)
     }
 
     /// Depths at which the load is needed: those of the result, and the end of the observed part.
@@ -138,16 +106,13 @@ impl Grid {
         let tip_y_mm = tip(0, 0.0);
         let tip_x_mm = x(0.0);
         let at_end = load_n.last().cloned().unwrap_or_default();
-        let (mae_mm, last_error_mm) = self.errors(&tip_y_mm, tip_x_mm.as_deref());
+        let measured = self.measured();
+        let (mae_mm, last_error_mm) = measured.errors(&tip_y_mm, tip_x_mm.as_deref());
+        let last_measured_mm = measured.last_mm();
         let (lo95_y_mm, hi95_y_mm) = (tip(0, -NORMAL_975), tip(0, NORMAL_975));
         let (lo95_x_mm, hi95_x_mm) = (x(-NORMAL_975), x(NORMAL_975));
-        let mut held = self.held(&self.measured_y_mm, &lo95_y_mm, &hi95_y_mm);
-        if let (Some(measured_mm), Some(low_mm), Some(high_mm)) =
-            (&self.measured_x_mm, &lo95_x_mm, &hi95_x_mm)
-        {
-            let more = self.held(measured_mm, low_mm, high_mm);
-            held = [held[0] + more[0], held[1] + more[1]];
-        }
+        let across = lo95_x_mm.as_deref().zip(hi95_x_mm.as_deref());
+        let [band_readings, band_held] = measured.held([&lo95_y_mm, &hi95_y_mm], across);
         let interval = |plane: usize| {
             let load: &Moments = at_end.get(plane)?;
             Some([-NORMAL_975, NORMAL_975].map(|sds| load.mean + sds * load.sd))
@@ -161,8 +126,8 @@ impl Grid {
             tip_force_x_sd_n: at_end.get(1).map(|m| m.sd),
             tip_force_ci95_n: interval(0),
             tip_force_x_ci95_n: interval(1),
-            band_readings: held[0],
-            band_held: held[1],
+            band_readings,
+            band_held,
             lo95_y_mm,
             hi95_y_mm,
             lo95_x_mm,
@@ -171,7 +136,7 @@ impl Grid {
             load_x: both.then(|| load(1)),
             mae_mm,
             last_error_mm,
-            last_measured_mm: self.last_measured_mm(),
+            last_measured_mm,
             tip_y_mm,
             tip_x_mm,
             depth_mm: (0..self.depth_m.len()).map(|i| i as f64).collect(),
