@@ -170,27 +170,18 @@ fn take_fault_address(frame: &Frame) -> u32 {
     // Memory fault: DACCVIOL and MMARVALID. Bus fault: PRECISERR and BFARVALID.
     const MEMORY: u32 = 1 << 1 | 1 << 7;
     const BUS: u32 = 1 << 9 | 1 << 15;
-    // SAFETY: as below.
-    let (cfsr, mmfar) = unsafe {
+    // SAFETY: fault status registers, used by the fault handler only. Each is accessed once: QEMU leaves its translated code for it.
+    let (scb, cfsr, mmfar) = unsafe {
         let scb = &*cortex_m::peripheral::SCB::PTR;
-        (scb.cfsr.read(), scb.mmfar.read())
+        (scb, scb.cfsr.read(), scb.mmfar.read())
     };
     if guard::is_hit(cfsr, mmfar) {
         hard_fault(cfsr, mmfar, frame.pc);
     }
-    // SAFETY: fault status registers, used by the fault handler only.
-    let (cfsr, mmfar, bfar) = unsafe {
-        let scb = &*cortex_m::peripheral::SCB::PTR;
-        let status = (scb.cfsr.read(), scb.mmfar.read(), scb.bfar.read());
-        // Written ones clear.
-        scb.cfsr.write(status.0);
-        scb.hfsr.write(1 << 30);
-        status
-    };
-    if cfsr & MEMORY == MEMORY {
+    let address = if cfsr & MEMORY == MEMORY {
         mmfar
     } else if cfsr & BUS == BUS {
-        bfar
+        scb.bfar.read()
     } else {
         defmt::error!(
             "hard fault at {=u32:#010x}, CFSR {=u32:#010x}, LR {=u32:#010x}",
@@ -199,7 +190,10 @@ fn take_fault_address(frame: &Frame) -> u32 {
             frame.lr
         );
         exit(ExitCode::Fault)
-    }
+    };
+    // SAFETY: as above. Written ones clear.
+    unsafe { scb.cfsr.write(cfsr) };
+    address
 }
 
 /// The registers of the interrupted code.
