@@ -4,14 +4,13 @@
 //! simulated: it presses the emergency stop on request.
 
 use crate::bench::Bench;
-use crate::cosim::{Cosim, Fault, Kind};
+use crate::cosim::{Cosim, Fault, Kind, Reach};
 use crate::wire::{Direction, NoisyWire};
 use anyhow::{Context, Result, ensure};
-use device::bringup::{self, BringupError, Finding, Operator, Prompt, Report, Step};
+use device::bringup::{self, BringupError, CATALOGUE, Finding, Operator, Prompt, Report, Step, StepResult};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use simulation::rig::config::RigConfig;
-use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -26,6 +25,9 @@ pub struct Options {
     /// Rigs without a fault
     #[arg(long, default_value_t = 50)]
     seeds: u64,
+    /// Rigs with two faults of different kinds at once; none with --only
+    #[arg(long, default_value_t = 24)]
+    pairs: u64,
     /// First seed, of faults and of rigs without one
     #[arg(long, default_value_t = 1)]
     from: u64,
@@ -57,27 +59,26 @@ pub struct Trial {
     pub report: Report,
     /// Time of the rig, seconds.
     pub time_s: f64,
-    /// How far a motor moved before the loop's step, in one axis from the start, millimetres.
+    /// How far a motor moved before the loop's step, in one axis from the start, millimetres; over every control period.
     pub moved_mm: f64,
+    /// How much the force on the needle changed before the loop's step, along one axis, newtons.
+    pub force_n: f64,
+}
+
+impl Trial {
+    /// Whether the position loop moved the guide.
+    fn loop_ran(&self) -> bool {
+        let ran = |result| matches!(result, StepResult::Passed | StepResult::Failed);
+        self.report.steps.iter().any(|step| step.step == Step::Loop.name() && ran(step.result))
+    }
 }
 
 /// The person at the simulated rig.
 struct Player<'a> {
     rig: &'a Cosim,
     clock_ratio: f64,
-    from_m: [f64; 2],
-    moved_mm: Cell<f64>,
     /// Until the loop may move.
-    is_watched: bool,
-}
-
-impl Player<'_> {
-    fn watch(&self) {
-        let at_m = self.rig.rig(|rig| rig.position_m());
-        for (at_m, from_m) in at_m.into_iter().zip(self.from_m) {
-            self.moved_mm.set(self.moved_mm.get().max(1e3 * (at_m - from_m).abs()));
-        }
-    }
+    reach: Option<Reach>,
 }
 
 impl Operator for Player<'_> {
@@ -85,7 +86,7 @@ impl Operator for Player<'_> {
         match prompt {
             Prompt::PressStop => self.rig.press_stop(true),
             Prompt::ReleaseStop => self.rig.press_stop(false),
-            Prompt::Allow(Step::Loop) => self.is_watched = false,
+            Prompt::Allow(Step::Loop) => self.reach = self.reach.or_else(|| self.rig.take_watched()),
             Prompt::Allow(_) => {}
         }
         true
@@ -96,9 +97,6 @@ impl Operator for Player<'_> {
     }
 
     fn is_interrupted(&self) -> bool {
-        if self.is_watched {
-            self.watch();
-        }
         false
     }
 
@@ -126,20 +124,15 @@ pub fn trial(faults: &[Fault], seed: u64) -> Result<Trial> {
         None => None,
     };
     let port = noisy.as_ref().map_or_else(|| bench.port(), NoisyWire::port);
-    let mut player = Player {
-        rig: bench.rig(),
-        clock_ratio: size(Kind::Clock).unwrap_or(1.0),
-        from_m: bench.rig().rig(|rig| rig.position_m()),
-        moved_mm: Cell::new(0.0),
-        is_watched: true,
-    };
+    let mut player = Player { rig: bench.rig(), clock_ratio: size(Kind::Clock).unwrap_or(1.0), reach: None };
+    bench.rig().watch();
     let report =
         bringup::run(&port, &Step::ALL, &[], None, &mut player).context("the bring-up has failed")?;
-    let moved_mm = player.moved_mm.get();
+    let reach = player.reach.or_else(|| bench.rig().take_watched()).unwrap_or_default();
     let time_s = bench.rig().steps() as f64 * 1e-3;
     drop(noisy);
     bench.stop()?;
-    Ok(Trial { report, time_s, moved_mm })
+    Ok(Trial { report, time_s, moved_mm: 1e3 * reach.position_m, force_n: reach.force_n })
 }
 
 /// How a fault was found among these.
@@ -171,26 +164,94 @@ pub fn faults(seed: u64) -> Vec<Fault> {
     all
 }
 
+/// Two faults of different findings, drawn: what is alone in [`faults`], in one of its sizes each.
+pub fn pair(seed: u64) -> [Fault; 2] {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let all = faults(seed);
+    let mut drawn = || all[random.random_range(0..all.len())];
+    let first = drawn();
+    loop {
+        let second = drawn();
+        if second.kind.id() != first.kind.id() {
+            return [first, second];
+        }
+    }
+}
+
+/// Whether the finding of a fault keeps the guide from being moved by the loop.
+fn blocks(fault: &Fault) -> bool {
+    CATALOGUE.iter().any(|known| known.id == fault.kind.id() && known.blocks)
+}
+
+/// What the rigs with two faults gave.
+#[derive(Debug, Default)]
+struct Pairs {
+    count: u32,
+    /// Of at least one of the two the name was found, alone or in a class of two.
+    named: u32,
+    /// The loop moved the guide although one of the two is of a kind that forbids it.
+    moved_on: u32,
+    furthest_mm: f64,
+    largest_n: f64,
+}
+
+impl Pairs {
+    fn of(options: &Options) -> Result<Self> {
+        let mut this = Self::default();
+        let count = if options.only.is_none() { options.pairs } else { 0 };
+        for seed in options.from..options.from + count {
+            let faults = pair(seed);
+            let Some(trial) = attempt(&faults, seed)? else { continue };
+            let is_named = |fault: &Fault| score(fault.kind, trial.report.findings()) <= Score::InTwo;
+            let (named, moved_on) =
+                (faults.iter().any(is_named), trial.loop_ran() && faults.iter().any(blocks));
+            let what = match (named, moved_on) {
+                (true, false) => "Named",
+                (false, false) => "NotNamed",
+                (_, true) => "MovedOn",
+            };
+            println!(
+                "{:32} {what}: {}",
+                faults.map(|fault| fault.to_string()).join(" and "),
+                summary(&trial)
+            );
+            if options.verbose {
+                println!("{}", trial.report);
+            }
+            this.count += 1;
+            this.named += u32::from(named);
+            this.moved_on += u32::from(moved_on);
+            this.furthest_mm = this.furthest_mm.max(trial.moved_mm);
+            this.largest_n = this.largest_n.max(trial.force_n);
+        }
+        Ok(this)
+    }
+}
+
 /// Runs the study; prints a line per fault and the table.
 ///
 /// # Errors
 /// Where a bring-up fails.
 pub fn run(options: &Options) -> Result<()> {
-    ensure!(options.seeds <= 1_000, "--seeds is {}, expected at most 1000", options.seeds);
+    for (name, count) in [("seeds", options.seeds), ("pairs", options.pairs)] {
+        ensure!(count <= 1_000, "--{name} is {count}, expected at most 1000");
+    }
     let mut counts: BTreeMap<Score, u32> = BTreeMap::new();
-    let mut furthest_mm = 0.0_f64;
+    let (mut furthest_mm, mut largest_n) = (0.0_f64, 0.0_f64);
     let wanted =
         |fault: &Fault| options.only.as_ref().is_none_or(|only| fault.to_string().contains(only.as_str()));
     for (number, fault) in faults(options.from).into_iter().filter(wanted).enumerate() {
         let Some(trial) = attempt(&[fault], options.from + number as u64)? else { continue };
         let score = score(fault.kind, trial.report.findings());
         furthest_mm = furthest_mm.max(trial.moved_mm);
+        largest_n = largest_n.max(trial.force_n);
         println!("{:32} {score:?}: {}", fault.to_string(), summary(&trial));
         if options.verbose {
             println!("{}", trial.report);
         }
         *counts.entry(score).or_default() += 1;
     }
+    let pairs = Pairs::of(options)?;
     let (mut passed, mut sound) = (0, 0);
     let mut longest_s = 0.0_f64;
     for seed in options.from..options.from + options.seeds {
@@ -208,7 +269,17 @@ pub fn run(options: &Options) -> Result<()> {
     println!("| in a class of two | {} |", of(Score::InTwo));
     println!("| something else named | {} |", of(Score::OtherNamed));
     println!("| missed | {} |", of(Score::Missed));
-    println!("| furthest from the start before the loop is closed | {furthest_mm:.2} mm |");
+    println!(
+        "| furthest from the start before the loop is closed, change of the force | {furthest_mm:.2} mm, {largest_n:.2} N |"
+    );
+    if pairs.count > 0 {
+        println!("| two faults at once: at least one named | {} of {} |", pairs.named, pairs.count);
+        println!("| the loop was closed on a fault that forbids it | {} |", pairs.moved_on);
+        println!(
+            "| furthest before that, change of the force | {:.2} mm, {:.2} N |",
+            pairs.furthest_mm, pairs.largest_n
+        );
+    }
     if sound > 0 {
         println!("| rigs without a fault that pass | {passed} of {sound} |");
         println!("| longest on a rig without a fault, time of the rig | {longest_s:.0} s |");

@@ -74,6 +74,8 @@ struct State {
     started: u64,
     /// How far guide 2 really was from the middle and how hard it was pressed, at most since this was last read.
     reach: Reach,
+    /// How far each axis went from where it stood, and how its force changed, where that is watched.
+    watched: Option<Watched>,
     /// What passed in each of the last periods, if it is to be kept.
     history: Option<History>,
     gate: Gate,
@@ -88,6 +90,28 @@ pub struct Reach {
     pub position_m: f64,
     /// Force, newtons.
     pub force_n: f64,
+}
+
+/// What is watched from a moment on: where the guide stood then, and the most of its motion and of the force's change since.
+#[derive(Debug, Clone, Copy)]
+struct Watched {
+    from_m: [f64; 2],
+    from_n: [f64; 2],
+    most: Reach,
+}
+
+impl Watched {
+    fn new(rig: &SimulatedRig) -> Self {
+        Self { from_m: rig.position_m(), from_n: rig.force_n(), most: Reach::default() }
+    }
+
+    fn see(&mut self, rig: &SimulatedRig) {
+        let furthest = |now: [f64; 2], from: [f64; 2]| {
+            now.into_iter().zip(from).map(|(now, from)| (now - from).abs()).fold(0.0, f64::max)
+        };
+        self.most.position_m = self.most.position_m.max(furthest(rig.position_m(), self.from_m));
+        self.most.force_n = self.most.force_n.max(furthest(rig.force_n(), self.from_n));
+    }
 }
 
 /// The running rig.
@@ -135,6 +159,7 @@ impl Cosim {
             resets: 0,
             started: 0,
             reach: Reach::default(),
+            watched: None,
             history: None,
             gate: Gate::new(),
             sent_bytes: 0,
@@ -226,6 +251,17 @@ impl Cosim {
     /// How far the guide went and how hard it was pressed since this was last read.
     pub fn take_reach(&self) -> Reach {
         std::mem::take(&mut lock(&self.state).reach)
+    }
+
+    /// From now on the guide's motion from where it stands and the change of its force are watched, in every period.
+    pub fn watch(&self) {
+        let mut state = lock(&self.state);
+        state.watched = Some(Watched::new(&state.rig));
+    }
+
+    /// The most of one axis since [`Self::watch`], which ends with this; nothing where nothing is watched.
+    pub fn take_watched(&self) -> Option<Reach> {
+        lock(&self.state).watched.take().map(|watched| watched.most)
     }
 
     /// How often the firmware has started again.
@@ -332,7 +368,7 @@ fn hold_back(state: &Mutex<State>, stop: &AtomicBool, now_ms: u64) {
 
 /// One period.
 fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> PlantReply {
-    let State { rig, electronics, steps, resets, started, reach, history, .. } = state;
+    let State { rig, electronics, steps, resets, started, reach, watched, history, .. } = state;
     if request.step == 0 && *steps > 0 {
         *resets += 1;
         *started = *steps;
@@ -341,6 +377,9 @@ fn step(state: &mut State, request: &PlantRequest, power_off: bool) -> PlantRepl
     let codes = rig.step(inputs, PERIOD_S);
     *steps += 1;
     let reply = electronics.sense(request.step, codes, power_off);
+    if let Some(watched) = watched {
+        watched.see(rig);
+    }
     if let Some(history) = history {
         // Only needed where the history is kept, and they take time.
         for (position_m, force_n) in rig.position_m().into_iter().zip(rig.force_n()) {

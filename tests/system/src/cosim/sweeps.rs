@@ -125,6 +125,7 @@ mod tests {
             resets: 0,
             started: 0,
             reach: Reach::default(),
+            watched: None,
             history: None,
             gate: Gate::new(),
             sent_bytes: 0,
