@@ -29,7 +29,7 @@ pub struct RigConfig {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Simulation {
-    /// How far the needle is in the tissue, millimetres.
+    /// How far the needle is in the tissue, millimetres; 0 in air.
     pub depth_mm: f64,
     /// Foundation modulus of the tissue, kilopascals.
     pub modulus_kpa: Range,
@@ -243,7 +243,7 @@ impl Simulation {
             return Err(ConfigError::Effect { id: id.clone(), count: values.len() });
         }
         let checks = [
-            ("depth_mm", *depth_mm, *depth_mm > 0.0 && *depth_mm <= 500.0, "more than 0, at most 500"),
+            ("depth_mm", *depth_mm, (0.0..=500.0).contains(depth_mm), "0 (in air) to 500"),
             ("modulus_kpa.low", modulus_kpa.low, modulus_kpa.low > 0.0, positive),
             (
                 "modulus_kpa.high",

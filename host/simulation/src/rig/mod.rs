@@ -169,13 +169,17 @@ impl SimulatedRig {
         }
     }
 
-    /// Takes an ultrasound sweep along the needle inside the tissue, as it lies now.
+    /// Takes an ultrasound sweep along the needle inside the tissue, as it lies now; in air, where ultrasound has nothing to pass through,
+    /// what a camera sees of the needle from guide 1 to its tip.
     pub fn sweep(&mut self) -> Vec<ShapeSample> {
         let Simulation { ultrasound, imperfections, .. } = &self.simulation;
         let (spacing_m, pixel_m) = (ultrasound.spacing_mm * 1e-3, ultrasound.pixel_mm * 1e-3);
         let pressed_m = self.position_m().map(|position_m| self.drive.beyond_clearance_m(position_m));
-        let count = (self.truth.depth_m / spacing_m + 1e-9) as usize;
-        let at_m = |index: usize| self.entry_m + index as f64 * spacing_m;
+        let is_in_air = self.truth.depth_m == 0.0;
+        let (from_m, length_m) =
+            if is_in_air { (0.0, self.entry_m) } else { (self.entry_m, self.truth.depth_m) };
+        let count = (length_m / spacing_m + 1e-9) as usize;
+        let at_m = |index: usize| from_m + index as f64 * spacing_m;
         let bent = |plane: usize| -> Vec<f64> {
             (1..=count).map(|index| self.beam.deflection_m(pressed_m[plane], at_m(index))).collect()
         };
@@ -189,7 +193,7 @@ impl SimulatedRig {
             .zip(y)
             .enumerate()
             .map(|(index, (x_m, y_m))| {
-                let z_m = self.entry_m + (index + 1) as f64 * spacing_m;
+                let z_m = at_m(index + 1);
                 let [x_off_m, y_off_m] = imperfections.pattern_m(z_m);
                 let deflection_m = [x_m + x_off_m, y_m + y_off_m].map(|bent_m| {
                     let measured_m = bent_m + noise_m * self.sweep_noise.draw();
