@@ -11,6 +11,8 @@ use device::igtl::{Publisher, server};
 use device::link::Client;
 use device::steer::RigPlant;
 use drawing::Readings;
+use formats::NORMAL_975;
+use formats::model_file::{LearnedEffect, ModelFile};
 use publish::Published;
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -19,7 +21,8 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use steering::{
-    Cue, Event, Options, Outcome, Plant, ProcessPlant, Record, Recorded, ReplayPlant, Run, SteerError, steer,
+    Cue, Event, KnownEffect, Options, Outcome, Plant, ProcessPlant, Record, Recorded, ReplayPlant, Run,
+    SteerError, steer,
 };
 
 /// Steer a needle to a target: push, estimate tissue and tip, plan and make guide moves at stops, supervise, record
@@ -70,6 +73,10 @@ pub struct Args {
     /// Push and estimate without moving guide 2
     #[arg(long, conflicts_with = "replay")]
     unsteered: bool,
+    /// What is known of the rig (characterized.toml of `guide characterize --out`): what gives way and the needle's stiffness are in the model,
+    /// the play of guide 2 with its interval
+    #[arg(long, value_name = "FILE", conflicts_with = "replay")]
+    characterized: Option<PathBuf>,
     /// Publish target, planned path with its band and next action over OpenIGTLink meanwhile; to this machine alone unless an address
     /// is given
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = USUAL, conflicts_with = "replay")]
@@ -136,12 +143,14 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let rotations = args.rotations.unwrap_or(if args.advise { 2 } else { 0 });
     let least = usize::from(args.advise);
     ensure!((least..=2).contains(&rotations), "--rotations: {rotations}, expected {least} to 2");
+    let rig = args.characterized.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
     let driver = Driver::new(args)?;
     let options = Options {
         rest_every_mm: args.rest_every_mm,
         push_speed_mm_s: args.push_speed_mm_s,
         steered: !args.unsteered,
         rotations,
+        rig: known(&rig),
         ..Options::new(target_mm)
     };
     let publisher = match &args.publish {
@@ -177,6 +186,19 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         drawing::draw(run, &followed.readings, args.plots.as_deref(), out)?;
     }
     report(outcome, &options, Some(&path), false, out)
+}
+
+/// What a file states of the rig with intervals, those of a normal distribution.
+fn known(rig: &ModelFile) -> Vec<KnownEffect> {
+    let of = |learned: &LearnedEffect| {
+        let sd = |ci95: &Option<[f64; 2]>| ci95.map_or(0.0, |[low, high]| (high - low) / (2.0 * NORMAL_975));
+        KnownEffect {
+            id: learned.effect.id().to_owned(),
+            values: learned.values.clone(),
+            sds: learned.ci95.iter().map(sd).collect(),
+        }
+    };
+    rig.effects.iter().map(of).collect()
 }
 
 /// What is kept and published of a run meanwhile.

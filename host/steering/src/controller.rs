@@ -8,6 +8,7 @@ mod rotate;
 
 use crate::estimator::{AtTarget, Hypothesis};
 use crate::history::History;
+use crate::known::KnownEffect;
 use crate::planner::{self, Weighted};
 use crate::plant::{Plant, PlantError};
 use crate::protocol::{Command, End, Statement};
@@ -69,6 +70,9 @@ pub struct Options {
     pub cut_angle: bool,
     /// Whether anything is moved.
     pub steered: bool,
+    /// What is known of the rig from its runs in air.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rig: Vec<KnownEffect>,
 }
 
 impl Options {
@@ -85,6 +89,7 @@ impl Options {
             rotations: 0,
             cut_angle: true,
             steered: true,
+            rig: Vec::new(),
         }
     }
 }
@@ -262,9 +267,13 @@ impl<'a> Controller<'a> {
         on_event: &'a mut dyn FnMut(&Event),
     ) -> Result<Self, SteerError> {
         let target_m = 1e-3 * options.target_mm[2];
-        let mut laws = vec![Hypothesis::new(Unknowns::new(stated, CuttingLaw::Load, target_m)?, 0.9)];
+        let mut laws =
+            vec![Hypothesis::new(Unknowns::new(stated, &options.rig, CuttingLaw::Load, target_m)?, 0.9)];
         if options.cut_angle {
-            laws.push(Hypothesis::new(Unknowns::new(stated, CuttingLaw::Angle, target_m)?, 0.1));
+            laws.push(Hypothesis::new(
+                Unknowns::new(stated, &options.rig, CuttingLaw::Angle, target_m)?,
+                0.1,
+            ));
         }
         laws.iter_mut().for_each(|law| law.tissue_known = options.tissue_known);
         let bevel_rad = stated.bevel_deg.to_radians();

@@ -64,6 +64,7 @@
 mod controller;
 mod estimator;
 mod history;
+mod known;
 mod planner;
 mod plant;
 mod process;
@@ -76,6 +77,7 @@ mod tables;
 mod unknowns;
 
 pub use controller::{GUIDE_SETTLING_S, Options, SteerError, steer};
+pub use known::KnownEffect;
 pub use plant::{DeviceFault, Plant, PlantError};
 pub use process::ProcessPlant;
 pub use protocol::{

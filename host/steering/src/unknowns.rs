@@ -4,6 +4,7 @@
 //! correlations. The first [`TISSUE`] unknowns change the needle's responses (modulus of five layers, skin, gap); the path is linear in
 //! all others.
 
+use crate::known::{self, KnownEffect};
 use crate::protocol::Statement;
 use mechanics::{BeamProblem, Foundation, Layer, ModelError, Needle, Rig};
 use nalgebra::DMatrix;
@@ -74,7 +75,12 @@ pub(crate) struct Unknowns {
 }
 
 impl Unknowns {
-    pub fn new(stated: &Statement, law: CuttingLaw, target_m: f64) -> Result<Self, ModelError> {
+    pub fn new(
+        stated: &Statement,
+        known: &[KnownEffect],
+        law: CuttingLaw,
+        target_m: f64,
+    ) -> Result<Self, ModelError> {
         let prior = stated.prior.as_ref();
         let reference = Needle::gauge_18().bending_stiffness_n_m2();
         let diameter_m = stated.needle.outer_diameter_mm.map_or(1.27e-3, |mm| 1e-3 * mm);
@@ -94,11 +100,12 @@ impl Unknowns {
             1e3 * factor * prior.and_then(|prior| prior.foundation_kpa).filter(|k| *k > 0.0).unwrap_or(12.0);
         let unknown_stiffness = if stated.needle.ei_n_m2.is_some() { 0.0 } else { 0.4 };
         let modulus_sd = f64::hypot(modulus_sd, unknown_stiffness);
-        let problem = BeamProblem {
+        let mut problem = BeamProblem {
             bending_stiffness_n_m2: stiffness,
             skin_n_per_m: SKIN_N_PER_M,
             ..BeamProblem::new(&rig, Foundation::uniform(modulus_pa)?, target_m)
         };
+        known::apply(known, stated.needle.ei_n_m2.is_some(), &mut problem)?;
         let load = prior.and_then(|prior| prior.tip_load_n);
         let (load_factor, load_sd) = match prior.and_then(|prior| prior.tip_load_range) {
             Some([low, high]) if high > low => (0.5 * (low + high), (high - low) / 12f64.sqrt()),
@@ -107,6 +114,7 @@ impl Unknowns {
         let load_n = load.unwrap_or(0.2);
         let slope = prior.and_then(|prior| prior.slope_mrad).map_or(0.010, |mrad| 1e-3 * mrad);
         let error_m = 1e-3 * stated.guide_error_mm;
+        let [play_m, play_sd_m] = known::play_m(known).unwrap_or([0.25 * error_m; 2]);
 
         let knots = (target_m / KNOT_M).ceil() as usize + 1;
         let mut this = Self {
@@ -139,7 +147,7 @@ impl Unknowns {
             (this.slope(), slope.max(1e-4), 0.0),
             (this.offset(), OFFSET_SD_M, 0.0),
             (this.guide_offset(), (0.4 * error_m).max(1e-6), 0.0),
-            (this.backlash(), (0.25 * error_m).max(1e-6), 0.25 * error_m),
+            (this.backlash(), play_sd_m.max(1e-6), play_m),
             (this.beside(), BESIDE_SD_RAD, 0.0),
         ] {
             this.sd[start..start + 2].fill(sd);

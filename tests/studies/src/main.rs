@@ -131,11 +131,14 @@ fn steered(args: &Args) -> Result<()> {
     let hidden = Kind::HIDDEN
         .into_iter()
         .flat_map(|kind| [Controller::None, Controller::Posterior].map(|who| (kind, who)));
+    // What runs in air show.
+    let of_rig = [Kind::Backlash, Kind::Frame, Kind::Clamp].map(|kind| (kind, Controller::Characterized));
     let mut calibration = String::new();
     let mut unsteered: Option<studies::steer::Row> = None;
     for (kind, controller) in plain
         .into_iter()
         .chain(hidden)
+        .chain(of_rig)
         .filter(|(kind, who)| kind.name().contains(&args.only) && who.name().starts_with(&args.method))
     {
         let row = study(kind, controller, args.runs as u64, args.seed, args.force_limit_n)?;

@@ -4,13 +4,19 @@
 mod published;
 
 use published::Aim;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use serde::Serialize;
-use steering::{Options, Outcome, PlantError, Run, SteerError, steer};
+use steering::{KnownEffect, Options, Outcome, PlantError, Run, SteerError, steer};
 use worlds::steering::{Kind, SimulatedPlant, reachable_target, target_by_rotations, world};
 
 /// Depth of the targets, mm.
 const DEPTH_MM: f64 = 100.0;
+
+/// Standard deviations that runs in air leave of play, frame and clamp, in the units of their parameters: those of the table of rigs in air.
+const KNOWN_SD: [f64; 3] = [0.006, 0.01, 0.02];
 
 /// Who steers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -29,6 +35,8 @@ pub enum Controller {
     Identified,
     /// The posterior of everything.
     Posterior,
+    /// The same with what runs in air have determined of the rig.
+    Characterized,
     /// Nobody, with targets for [`Self::HandHeld`].
     HandHeldNone,
     /// The posterior of everything; the needle is held by hand and turned twice at most, guide 2 stands still.
@@ -43,7 +51,7 @@ pub enum Controller {
 
 impl Controller {
     /// All, the worst first.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::None,
         Self::Proportional,
         Self::Broyden,
@@ -51,6 +59,7 @@ impl Controller {
         Self::Nominal,
         Self::Identified,
         Self::Posterior,
+        Self::Characterized,
         Self::HandHeldNone,
         Self::HandHeld,
         Self::StraightNone,
@@ -73,6 +82,7 @@ impl Controller {
             Self::Nominal => "model at the prior's K",
             Self::Identified => "model, likeliest K",
             Self::Posterior => "model, posterior",
+            Self::Characterized => "model, posterior, rig characterised",
             Self::HandHeldNone => "hand-held: none",
             Self::HandHeld => "hand-held: model, two rotations",
             Self::StraightNone => "straight ahead: none",
@@ -200,6 +210,7 @@ fn one(
         Controller::Nominal => Options { tissue_known: true, ..options },
         Controller::Identified => Options { caution: 0.0, ..options },
         Controller::Posterior | Controller::StraightPosterior => options,
+        Controller::Characterized => Options { rig: known(&plant, seed, number), ..options },
         Controller::HandHeld => Options { rotations: 2, ..options },
         Controller::Proportional => return published::proportional(plant, target_mm, seed, number),
         Controller::Broyden | Controller::StraightBroyden => {
@@ -219,6 +230,16 @@ fn one(
             median_s: 0.0,
         }),
     }
+}
+
+/// What runs in air have determined of a plant's rig: the truth within standard deviations that they have.
+fn known(plant: &SimulatedPlant, seed: u64, number: u64) -> Vec<KnownEffect> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed ^ number.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+    let mut of = |(id, value): (&str, f64), sd: f64| {
+        let error: f64 = StandardNormal.sample(&mut random);
+        KnownEffect { id: id.to_owned(), values: vec![(value + sd * error).max(0.0)], sds: vec![sd] }
+    };
+    plant.rig().into_iter().zip(KNOWN_SD).map(|(effect, sd)| of(effect, sd)).collect()
 }
 
 fn ended(run: &Run) -> Ended {

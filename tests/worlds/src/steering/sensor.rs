@@ -59,6 +59,16 @@ pub struct SimulatedPlant {
 }
 
 impl SimulatedPlant {
+    /// What its rig has of its own: half of the play of guide 2, what the frame gives, what the clamp gives; ids and units of the catalogue's
+    /// parameters.
+    pub fn rig(&self) -> [(&'static str, f64); 3] {
+        [
+            ("rig.play", self.flaws.play_mm),
+            ("rig.frame_compliance", 1e3 * self.needle.frame_m_per_n),
+            ("rig.clamp_compliance", self.needle.clamp_rad_per_n_m),
+        ]
+    }
+
     /// At the surface, at time 0.
     pub fn new(stated: Statement, needle: Needle, flaws: Flaws, rng: ChaCha8Rng) -> Self {
         let now = Command { bevel_deg: stated.bevel_deg, ..Command::default() };
