@@ -51,7 +51,13 @@ pub fn run(
     };
     let mut session = Session { client, operator, moves: None, port: port.to_owned() };
     let is_due = |step: &Step| steps.contains(step) && (*step != Step::Store || calibration.is_some());
+    let mut is_lossy = false;
     for step in Step::ALL.into_iter().filter(is_due) {
+        if is_lossy {
+            let because = "the line loses frames: correct it first".to_owned();
+            report.steps.push(StepReport::without(step, StepResult::Blocked, because));
+            continue;
+        }
         let blocking = step.needs().iter().find(|needed| {
             let (name, repeated) = (needed.name(), steps.contains(needed));
             (!repeated && failed.contains(needed))
@@ -75,6 +81,17 @@ pub fn run(
                     let mut restarted = StepReport::new(step);
                     restarted.find(wires::reset_finding(session.client.hello(), "in this step"));
                     done = Ok(restarted);
+                }
+                // The device is there and answers, but not enough of it arrives: nothing more can be measured.
+                let lost =
+                    done.as_ref().err().filter(|error| matches!(error, LinkError::AnswerMissing { .. }));
+                let lost = lost.map(ToString::to_string);
+                if let Some(measured) = lost {
+                    is_lossy = true;
+                    let _ = session.client.request(Request::Stop);
+                    let mut lossy = StepReport::new(step);
+                    lossy.find(Finding::new("link.lossy", None, measured));
+                    done = Ok(lossy);
                 }
                 if done.is_err() || session.operator.is_interrupted() {
                     // Where the link is gone the stop cannot arrive; the device ends the motion by itself and holds.
