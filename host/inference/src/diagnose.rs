@@ -10,6 +10,7 @@
 //! | what every rig leaves behind any model | `discrepancy` |
 //! | evidence with that discrepancy, and fits | `evidence`, `posterior` |
 //! | where it disagrees, and whether at all | `adequacy` |
+//! | springs or an elastic body | `choice` |
 //! | score every effect, margin by bootstrap | `score` |
 //! | the same for statistics over many sessions | `linearise` |
 //! | the rig alone, from runs in air; what has moved since | `characterize`, `known` |
@@ -28,6 +29,7 @@ mod adequacy;
 mod averaged;
 mod cells;
 mod characterize;
+mod choice;
 mod data;
 mod discrepancy;
 pub mod display;
@@ -77,18 +79,20 @@ pub use workbench::{Trial, TrialEffect, TrialPoint, Workbench};
 use crate::FitError;
 use adequacy::{Adequacy, regions};
 use averaged::Averaged;
+pub(crate) use choice::FOUNDATION_MARGIN;
+use choice::{Choice, choose};
 use data::Run;
 use formats::model_file::ModelFile;
 use formats::session::{LateralRun, Session};
 use layout::{Layout, kinds};
 use mechanics::effects::Effect;
-use mechanics::{Experiment, Insertion, ModelError, Support};
+use mechanics::{Experiment, Insertion, ModelError};
 use noise::Noise;
 use posterior::MAX_ROUNDS;
 use remaining::Remaining;
 use report::DiagnosisReport;
-use search::{Found, Search};
-use split::{Judge, Training, split};
+use search::Found;
+use split::{Training, split};
 use start::{Noises, Start, fit_start};
 use std::path::PathBuf;
 
@@ -238,7 +242,8 @@ fn workflow<T>(
     let (start, moved_since) = known::released(&mut layout, fit)?;
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
-    let (foundation, start, found) = choose(start, &judge, options, &mut on_progress)?;
+    let Choice { foundation, start, found, beside: other_foundation } =
+        choose(start, &judge, options, &mut on_progress)?;
     let more = beside(&start)?;
     let found = found.around_itself(&start.runs, &start.patterns, &multiples);
     let Start { runs: prepared, patterns, fitted: start } = start;
@@ -266,6 +271,7 @@ fn workflow<T>(
         found: &found,
         final_fit: &final_fit,
         averaged: Averaged::over(&final_fit, &start, &found, is_named, &patterns),
+        other_foundation,
         noise: &noise,
         adequacy: [&before, &after],
         verdict,
@@ -350,63 +356,6 @@ fn share_nodes(runs: &mut [Run]) {
     }));
 }
 
-/// Searches on springs and, where the evidence is for it, on an elastic body, and takes what explains the runs best. A body is taken
-/// where its evidence is larger by the margin: springs are the simpler model.
-fn choose(
-    springs: Start,
-    judge: &Judge,
-    options: &Options,
-    mut report: impl FnMut(&str),
-) -> Result<(FoundationResult, Start, Found), DiagnoseError> {
-    let search = |start: &Start, report: &mut dyn FnMut(&str)| {
-        let Start { runs, patterns, fitted } = start;
-        Search { start: fitted, runs, patterns, judge, seed: options.seed }.run(report)
-    };
-    let body = match options.foundation {
-        FoundationChoice::Springs => None,
-        FoundationChoice::Body | FoundationChoice::Auto => {
-            springs.on(Support::Body { poisson: options.poisson }).ok()
-        }
-    };
-    let Some(body) = body else {
-        let found = search(&springs, &mut report)?;
-        return Ok((FoundationResult::springs(None, &springs.fitted), springs, found));
-    };
-    let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
-    let comparison = Some((gain, body.fitted.clone()));
-    let only_body = options.foundation == FoundationChoice::Body;
-    let (first, second) =
-        if only_body || gain > FOUNDATION_MARGIN { (body, springs) } else { (springs, body) };
-    report(&format!(
-        "tissue as {}: log evidence of a body over springs {gain:+.1}",
-        first.fitted.layout.support.name()
-    ));
-    let found = search(&first, &mut report)?;
-    // Effects that stand in for the other foundation are needed on one of them only; and what has no name on one may have one on the
-    // other, which has effects of its own.
-    let is_adequate =
-        found.members.is_empty() && Adequacy::of(&first.fitted, &first.runs, &first.patterns)?.is_adequate();
-    let is_decided = is_adequate || only_body || second.is_far_behind(&found)?;
-    let other = if is_decided { None } else { search(&second, &mut report).ok() };
-    let second_is_body = second.fitted.layout.support.is_body();
-    let ahead = if second_is_body { FOUNDATION_MARGIN } else { 0.0 };
-    match other {
-        Some(other) if other.fitted.log_evidence > found.fitted.log_evidence + ahead => {
-            let springs = if second_is_body { &first } else { &second };
-            let result = FoundationResult::of(&other.fitted, &springs.fitted, comparison);
-            Ok((result, second, other))
-        }
-        _ => {
-            let springs = if second_is_body { &first } else { &second };
-            let result = FoundationResult::of(&found.fitted, &springs.fitted, comparison);
-            Ok((result, first, found))
-        }
-    }
-}
-
-/// Log evidence by which a body has to be ahead of springs.
-pub(crate) const FOUNDATION_MARGIN: f64 = 2.0;
-
 /// Nothing is named that leaves the larger part of the gap.
 const NAMED_SHARE: f64 = 0.15;
 
@@ -437,7 +386,7 @@ fn found_in(session: &Session) -> (Start, Found) {
     let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
     let options = Options { foundation: FoundationChoice::Springs, ..Options::default() };
-    let (_, start, found) = choose(start, &judge, &options, |_| {}).expect("a search");
+    let Choice { start, found, .. } = choose(start, &judge, &options, |_| {}).expect("a search");
     (start, found)
 }
 

@@ -5,6 +5,7 @@
 //! the margin (Bayesian model averaging, Hoeting et al. 1999, Statistical Science 14:382). So no interval jumps where an effect passes the
 //! margin. The value that is reported is that of the first member, whose effects the model file has; the interval is that of the mixture.
 
+use super::choice::Beside;
 use super::evidence::Patterns;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
@@ -111,7 +112,19 @@ impl Averaged {
 
     /// Of the modulus, Pa.
     pub fn modulus_pa(&self) -> Option<[f64; 2]> {
-        self.interval(|fit| Some((*fit.values().first()?, fit.sd(0)))).map(|ends| ends.map(f64::exp))
+        self.interval(ln_modulus).map(|ends| ends.map(f64::exp))
+    }
+
+    /// Of the modulus K of springs, Pa, with models on the other foundation: that of a body, with whatever effects, is `plain`, that of springs
+    /// without effects and its standard deviation, as logarithms.
+    pub fn k_pa(&self, plain: (f64, f64), beside: &[Beside]) -> Option<[f64; 2]> {
+        let k = |fit: &Fitted| if fit.layout.support.is_body() { Some(plain) } else { ln_modulus(fit) };
+        let own = self.fits.iter().map(|(weight, fit)| (*weight, fit));
+        let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
+        let others = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
+        let parts: Vec<(f64, f64, f64)> =
+            own.chain(others).filter_map(|(weight, fit)| k(fit).map(|(ln, sd)| (weight, ln, sd))).collect();
+        interval(&parts).map(|ends| ends.map(f64::exp))
     }
 
     /// Of the mean modulus down to a depth, Pa.
@@ -147,6 +160,11 @@ impl Averaged {
         };
         self.interval(of)
     }
+}
+
+/// Logarithm of the modulus of a fit, Pa, and its standard deviation.
+fn ln_modulus(fit: &Fitted) -> Option<(f64, f64)> {
+    Some((*fit.values().first()?, fit.sd(0)))
 }
 
 /// Interval of 95 % of a mixture of normal distributions of weight, mean and standard deviation each; nothing where one of them makes

@@ -8,10 +8,11 @@ use super::layout::Scale;
 use super::posterior::Fitted;
 use super::score::{Score, Scores};
 use super::{
-    DiagnoseError, Effect, FOUNDATION_MARGIN, Layout, Multiples, Noise, Noises, Session, Start, Support,
-    fit_start, runs_of,
+    DiagnoseError, Effect, FOUNDATION_MARGIN, Layout, Multiples, Noise, Noises, Session, Start, fit_start,
+    runs_of,
 };
 use crate::FitError;
+use mechanics::Support;
 use mechanics::effects::effect;
 
 /// A modulus from a fit in which the model is off by what every rig leaves behind any model.
@@ -112,7 +113,7 @@ pub(crate) fn fit_with_discrepancy(
 
 /// Log evidence of a modulus that varies with depth over that of one modulus, where its score is at least `needed`; else 0. A score is
 /// that of a small variation: where it promises enough, the variation is fitted.
-fn varied(start: &Start, needed: f64) -> Result<f64, FitError> {
+pub(super) fn varied(start: &Start, needed: f64) -> Result<f64, FitError> {
     let Start { runs, patterns, fitted } = start;
     let effects: Vec<&'static dyn Effect> = VARIED.into_iter().filter_map(effect).collect();
     let scores = Scores::of(&effects, fitted, runs, patterns)?.ranked();

@@ -3,7 +3,9 @@
 use super::Multiples;
 use super::adequacy::{Adequacy, Region};
 use super::averaged::Averaged;
+use super::choice::Beside;
 use super::data::{Channel, Kind, Run};
+use super::layout::NORMAL_975;
 use super::noise::Noise;
 use super::posterior::Fitted;
 use super::results::{
@@ -33,6 +35,8 @@ pub(super) struct DiagnosisReport<'a> {
     pub final_fit: &'a Fitted,
     /// All fits that the data leave in question.
     pub averaged: Averaged,
+    /// Models on the foundation that was not chosen, likeliest first.
+    pub other_foundation: Vec<Beside>,
     pub noise: &'a Noise,
     pub adequacy: [&'a Adequacy; 2],
     pub verdict: Verdict,
@@ -69,10 +73,15 @@ impl DiagnosisReport<'_> {
         if let Some(youngs) = &mut foundation.youngs_modulus_kpa {
             youngs.ci95 = modulus_ci95_kpa;
         }
+        let plain = foundation.k_of_plain_springs_kpa;
+        let [low, high] = plain.ci95.map(|end| (1e3 * end).ln());
+        let plain_ln = ((1e3 * plain.value).ln(), (high - low) / (2.0 * NORMAL_975));
+        let with_other =
+            averaged.k_pa(plain_ln, &self.other_foundation).map(|ends| ends.map(|end| 1e-3 * end));
         let (k_kpa, k_ci95_kpa) = if final_fit.layout.support.is_body() {
-            (foundation.k_of_plain_springs_kpa.value, foundation.k_of_plain_springs_kpa.ci95)
+            (plain.value, with_other.unwrap_or(plain.ci95))
         } else {
-            (modulus_kpa, modulus_ci95_kpa)
+            (modulus_kpa, with_other.unwrap_or(modulus_ci95_kpa))
         };
         let near_margin = self.near_margin();
         let tip = final_fit.tip_load_n();
@@ -238,6 +247,24 @@ impl DiagnosisReport<'_> {
         candidates
     }
 
+    /// What explains the runs about as well on the foundation that was not chosen.
+    fn on_other_foundation(&self) -> Option<String> {
+        let other = self.other_foundation.first().filter(|other| other.ln_odds > -NEAR_MARGIN)?;
+        let layout = &other.fitted.layout;
+        let added: Vec<&str> = layout.effects.iter().skip(layout.given).map(|effect| effect.id()).collect();
+        let with = if added.is_empty() { String::new() } else { format!(" with {}", added.join(", ")) };
+        let (this, that) = if layout.support.is_body() {
+            ("an elastic body", "springs")
+        } else {
+            ("springs", "an elastic body")
+        };
+        Some(format!(
+            "{this}{with} in place of {that} explain these runs about as well: log odds {:+.2}; the interval of K includes both; runs at other \
+             depths would decide",
+            other.ln_odds
+        ))
+    }
+
     /// Whether anything of known size acts on the needle.
     fn modulus_status(&self) -> ModulusStatus {
         if self.session.rig.rear_is_unknown() && self.all.iter().all(guide2_rests) {
@@ -261,6 +288,7 @@ impl DiagnosisReport<'_> {
                 self.found.margin
             ));
         }
+        limits.extend(self.on_other_foundation());
         if self.held_out == 0 {
             limits.push(
                 "nothing could be held out, so nothing is named: repeat the run, or take a staircase with several holds".to_owned(),

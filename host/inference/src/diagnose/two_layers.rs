@@ -5,9 +5,10 @@ use super::averaged::interval;
 use super::layout::Scale;
 use super::posterior::Fitted;
 use super::{
-    DiagnoseError, DiscrepancyFitInput, FitError, Layout, MAX_ROUNDS, Noise, Noises, Session, Support,
-    fit_start, runs_of,
+    DiagnoseError, DiscrepancyFitInput, FitError, Layout, MAX_ROUNDS, Noise, Noises, Session, fit_start,
+    runs_of,
 };
+use mechanics::Support;
 use mechanics::effects::effect;
 use rayon::prelude::*;
 

@@ -1,0 +1,161 @@
+//! Springs or an elastic body, and what of the two is left in question.
+//!
+//! Each foundation imitates the other one where the modulus varies with depth: a homogeneous body looks like springs that get softer with
+//! depth, and springs of one modulus like a body that gets stiffer. So an adequate model on one foundation is no end of the search: what
+//! varies is tried on the other one. Models are compared by evidence, of which each effect costs the margin of a name and a body
+//! [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
+
+use super::adequacy::Adequacy;
+use super::foundation::varied;
+use super::posterior::Fitted;
+use super::results::FoundationResult;
+use super::search::{Found, Search, one_sided};
+use super::split::Judge;
+use super::start::Start;
+use super::{DiagnoseError, FoundationChoice, Options};
+use mechanics::Support;
+
+/// Log evidence by which a body has to be ahead of springs.
+pub(crate) const FOUNDATION_MARGIN: f64 = 2.0;
+/// A foundation on which a modulus that varies with depth is further behind than this is not searched. Second effects, and the
+/// linearisation of the score, make up for some nats.
+const IN_QUESTION: f64 = 8.0;
+/// A model on the other foundation that is further behind than this has no weight in any interval.
+const MIN_LN_ODDS: f64 = -12.0;
+
+/// What was found on the foundation that explains the runs best.
+pub(super) struct Choice {
+    pub foundation: FoundationResult,
+    pub start: Start,
+    pub found: Found,
+    /// Models on the other foundation, likeliest first.
+    pub beside: Vec<Beside>,
+}
+
+/// A model on the other foundation.
+#[derive(Debug, Clone)]
+pub(super) struct Beside {
+    pub fitted: Fitted,
+    /// Logarithm of its odds over what was chosen; not above 0 where it was refused for other reasons than its evidence.
+    pub ln_odds: f64,
+}
+
+/// Searches on springs and, where the evidence is for it, on an elastic body, and takes what explains the runs best. A body is taken
+/// where its evidence is larger by the margin: springs are the simpler model.
+pub(super) fn choose(
+    springs: Start,
+    judge: &Judge,
+    options: &Options,
+    mut report: impl FnMut(&str),
+) -> Result<Choice, DiagnoseError> {
+    let search = |start: &Start, report: &mut dyn FnMut(&str)| {
+        let Start { runs, patterns, fitted } = start;
+        Search { start: fitted, runs, patterns, judge, seed: options.seed }.run(report)
+    };
+    let body = match options.foundation {
+        FoundationChoice::Springs => None,
+        FoundationChoice::Body | FoundationChoice::Auto => {
+            springs.on(Support::Body { poisson: options.poisson }).ok()
+        }
+    };
+    let Some(body) = body else {
+        let found = search(&springs, &mut report)?;
+        let foundation = FoundationResult::springs(None, &springs.fitted);
+        return Ok(Choice { foundation, start: springs, found, beside: Vec::new() });
+    };
+    let gain = body.fitted.log_evidence - springs.fitted.log_evidence;
+    let comparison = Some((gain, body.fitted.clone()));
+    let only_body = options.foundation == FoundationChoice::Body;
+    let (first, second) =
+        if only_body || gain > FOUNDATION_MARGIN { (body, springs) } else { (springs, body) };
+    report(&format!(
+        "tissue as {}: log evidence of a body over springs {gain:+.1}",
+        first.fitted.layout.support.name()
+    ));
+    let found = search(&first, &mut report)?;
+    let is_searched = !only_body && is_in_question(&first, &second, &found)?;
+    let other = if is_searched { search(&second, &mut report).ok() } else { None };
+    let given = first.fitted.layout.effects.len();
+    // Where nothing is named on one foundation, a name on the other one has to explain what was held out better, too.
+    let explains_held_out = |other: &Found| {
+        !found.members.is_empty()
+            || other.members.is_empty()
+            || judge.held_out_shrinks(&found.fitted, &other.fitted)
+    };
+    let is_better = |other: &Found| {
+        ln_weight(&other.fitted, given, other.margin) > ln_weight(&found.fitted, given, found.margin)
+            && explains_held_out(other)
+    };
+    let (start, found, refused, unused) = match other {
+        Some(other) if is_better(&other) => (second, other, first, Some(found)),
+        other => (first, found, second, other),
+    };
+    let springs = if start.fitted.layout.support.is_body() { &refused.fitted } else { &start.fitted };
+    let foundation = FoundationResult::of(&found.fitted, springs, comparison);
+    let beside = unused.map_or_else(Vec::new, |unused| beside(&refused, &unused, &found, given));
+    Ok(Choice { foundation, start, found, beside })
+}
+
+/// Whether the second foundation may explain the runs as well as what was found on the first.
+fn is_in_question(first: &Start, second: &Start, found: &Found) -> Result<bool, DiagnoseError> {
+    let is_adequate =
+        found.members.is_empty() && Adequacy::of(&first.fitted, &first.runs, &first.patterns)?.is_adequate();
+    // Effects that stand in for the other foundation are needed on one of them only; and what has no name on one may have one on the
+    // other, which has effects of its own.
+    if !is_adequate && !second.is_far_behind(found)? {
+        return Ok(true);
+    }
+    let behind = found.fitted.log_evidence - second.fitted.log_evidence - IN_QUESTION;
+    let gain = varied(second, behind.max(0.0)).unwrap_or(0.0);
+    Ok(gain > behind && gain > 0.0)
+}
+
+/// Log evidence of a model less what its effects beyond the first `given`, and a body, cost.
+fn ln_weight(fitted: &Fitted, given: usize, margin: f64) -> f64 {
+    let added = fitted.layout.effects.iter().skip(given);
+    let body = if fitted.layout.support.is_body() { FOUNDATION_MARGIN } else { 0.0 };
+    fitted.log_evidence - body + added.map(|effect| one_sided(*effect) - margin).sum::<f64>()
+}
+
+/// The models on the foundation that was not chosen that are not far behind, likeliest first.
+fn beside(start: &Start, unused: &Found, chosen: &Found, given: usize) -> Vec<Beside> {
+    let most = ln_weight(&chosen.fitted, given, chosen.margin);
+    let candidates = unused.first.iter().filter_map(|candidate| candidate.refit.as_ref().map(|(fit, _)| fit));
+    let fits = [&start.fitted, &unused.fitted].into_iter().chain(candidates);
+    let mut all: Vec<Beside> = Vec::new();
+    for fitted in fits {
+        let ln_odds = (ln_weight(fitted, given, unused.margin) - most).min(0.0);
+        let is_new = !all.iter().any(|known| known.fitted.layout.has_effects_of(&fitted.layout));
+        if ln_odds > MIN_LN_ODDS && is_new && !fitted.at_bound.contains(&true) {
+            all.push(Beside { fitted: fitted.clone().over_sizes(&start.patterns), ln_odds });
+        }
+    }
+    all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::truth;
+    use super::super::{Options, Verdict, diagnose};
+    use worlds::{Design, Truth};
+
+    /// Springs that get softer with depth are no homogeneous body, though one alone explains them adequately.
+    #[test]
+    fn a_modulus_that_falls_with_depth_is_not_taken_for_a_homogeneous_body() {
+        let falling = Truth { k_kpa: 9.0, ..truth(vec![("tissue.gradient", vec![-0.012])]) };
+        let session = worlds::session(&falling, &Design::four_runs(), 4);
+        let found = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+        let [low, high] = found.k_ci95_kpa;
+        assert!((low..=high).contains(&9.0), "K {:.2} ({low:.2} to {high:.2})", found.k_kpa);
+        if found.verdict == Verdict::Adequate {
+            assert!(
+                found.limits.iter().any(|limit| limit.contains("springs with tissue.")),
+                "{:?}",
+                found.limits
+            );
+        } else {
+            assert!(found.effects[0].class.iter().any(|id| id.starts_with("tissue.")), "{:?}", found.effects);
+        }
+    }
+}
