@@ -1,5 +1,6 @@
 //! Frames and what files state of them.
 
+use crate::detect::Region;
 use std::collections::BTreeMap;
 
 /// Most pixels of a frame.
@@ -92,6 +93,8 @@ pub struct Header {
     pub spacing_mm: Option<[f64; 2]>,
     /// How the axes lie on the probe, where it is stated.
     pub orientation: Option<Orientation>,
+    /// Part of the frame that is ultrasound and not the screen around it, where it is stated.
+    pub region: Option<Region>,
     /// Fields of the frames; empty where the file has none.
     pub frames: Vec<FrameFields>,
 }

@@ -130,6 +130,11 @@ impl Poses {
         self.series.len() > 1
     }
 
+    /// Time stamp of a frame.
+    pub fn time_s(&self, frame: usize) -> Option<f64> {
+        self.times_s.get(frame).copied().flatten()
+    }
+
     /// Pose of a frame where readings of the position lag behind images: those of a later time are interpolated linearly.
     pub fn of(&self, frame: usize, lag_s: f64) -> Option<Pose> {
         let own = self.own.get(frame).copied().flatten();

@@ -52,6 +52,11 @@ pub enum SweepError {
         /// As given.
         given: [f64; 2],
     },
+    /// Two orientations.
+    #[error(
+        "the file states other axes of the image than --orientation, expected the same: a flipped image changes the sign of deflections"
+    )]
+    OtherOrientation,
     /// No place.
     #[error(transparent)]
     Place(#[from] PlaceError),
@@ -79,11 +84,13 @@ pub enum State {
     Black,
     /// The file marks it as unusable, or has no position for it.
     Invalid,
+    /// It has another size, or pixels of another size, than the first one: depth or zoom were changed.
+    OtherDepth,
 }
 
 impl State {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Used,
         Self::NoEcho,
         Self::Ambiguous,
@@ -92,6 +99,7 @@ impl State {
         Self::Repeated,
         Self::Black,
         Self::Invalid,
+        Self::OtherDepth,
     ];
 
     /// Name in documents.
@@ -105,6 +113,7 @@ impl State {
             Self::Repeated => "repeated",
             Self::Black => "black",
             Self::Invalid => "invalid",
+            Self::OtherDepth => "other_depth",
         }
     }
 }
@@ -163,64 +172,128 @@ pub fn measure(
     mut on_frame: impl FnMut(usize),
 ) -> Result<Sweep, SweepError> {
     let header = sequence.header().clone();
-    let spacing_mm = spacing(&header, settings)?;
-    let orientation = header.orientation.or(settings.orientation).unwrap_or_default();
+    let mut measurement = Measurement::new(&Geometry::new(&header, settings)?, settings.needle_mm);
     let poses = Poses::new(header.count, &header.frames, &settings.place)?;
-    let detector = Detector::new(settings.needle_mm, spacing_mm, settings.region);
-    let mut raw: Vec<(State, Vec<Candidate>)> = Vec::new();
-    let mut known = HashSet::new();
-    let mut fixed = Fixed::default();
-    while let Some(frame) = sequence.next_frame()? {
-        let number = raw.len();
-        let frame = frame.oriented(orientation);
+    for number in 0.. {
+        let Some(frame) = sequence.next_frame()? else { break };
         let is_invalid = header.frames.get(number).is_some_and(|fields| fields.is_invalid);
-        let state = if is_invalid || poses.of(number, 0.0).is_none() {
-            State::Invalid
+        if is_invalid || poses.of(number, 0.0).is_none() {
+            measurement.reject(State::Invalid);
         } else {
-            content_state(&frame, &mut known)
-        };
-        let candidates = if state == State::Used {
-            fixed.add(&frame);
-            detector.candidates(&frame)
-        } else {
-            Vec::new()
-        };
-        raw.push((state, candidates));
+            measurement.push(frame);
+        }
         on_frame(number);
     }
-    for (_, candidates) in &mut raw {
-        candidates.retain(|candidate| !fixed.is_overlay(candidate));
+    measurement.finish(&poses, settings.lag_s)
+}
+
+/// How the pixels of a sequence lie in its image plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Geometry {
+    /// Size of a pixel, millimetres.
+    pub spacing_mm: [f64; 2],
+    /// How the axes lie on the probe.
+    pub orientation: Orientation,
+    /// Part of the oriented frame in which the needle is.
+    pub region: Option<Region>,
+}
+
+impl Geometry {
+    /// As a file states it, and as given where it does not.
+    ///
+    /// # Errors
+    /// [`SweepError`] where neither has it, or both have it and differ.
+    pub fn new(header: &Header, settings: &Settings) -> Result<Self, SweepError> {
+        let orientation = match (header.orientation, settings.orientation) {
+            (Some(file), Some(given)) if file != given => return Err(SweepError::OtherOrientation),
+            (file, given) => file.or(given).unwrap_or_default(),
+        };
+        // A region of the file is one of its pixels, before they are oriented.
+        let of_file =
+            || header.region.map(|region| region.oriented(orientation, [header.width, header.height]));
+        let region = settings.region.or_else(of_file);
+        Ok(Self { spacing_mm: spacing(header, settings)?, orientation, region })
     }
-    let echoes = |lag_s: f64| -> Vec<Vec<Echo>> {
-        raw.iter()
-            .enumerate()
-            .map(|(number, (_, candidates))| {
-                let Some(pose) = poses.of(number, lag_s) else { return Vec::new() };
-                candidates.iter().map(|candidate| echo(candidate, &pose, spacing_mm)).collect()
-            })
-            .collect()
-    };
-    let mut lag_s = settings.lag_s.unwrap_or(0.0);
-    let mut track = follow(&echoes(lag_s), 0)?;
-    let lag = lag::estimate(&track, &poses, &echoes);
-    if let (None, Some(lag)) = (settings.lag_s, &lag) {
-        lag_s = lag.lag_s;
-        track = follow(&echoes(lag_s), 0)?;
+}
+
+/// A sweep that is being measured, frame by frame: frames of files and of a scanner that sends them take the same way.
+pub struct Measurement {
+    detector: Detector,
+    geometry: Geometry,
+    raw: Vec<(State, Vec<Candidate>)>,
+    known: HashSet<u64>,
+    fixed: Fixed,
+}
+
+impl Measurement {
+    /// Of a needle of this outer diameter.
+    pub fn new(geometry: &Geometry, needle_mm: f64) -> Self {
+        Self {
+            detector: Detector::new(needle_mm, geometry.spacing_mm, geometry.region),
+            geometry: *geometry,
+            raw: Vec::new(),
+            known: HashSet::new(),
+            fixed: Fixed::default(),
+        }
     }
-    let placed = echoes(lag_s);
-    let frames = raw.into_iter().enumerate().map(|(number, (state, candidates))| {
-        let time_s = header.frames.get(number).and_then(|fields| fields.time_s);
-        let decision = track.decisions.get(number).copied().unwrap_or(Decision::NoEcho);
-        result(
-            state,
-            time_s,
-            decision,
-            &candidates,
-            placed.get(number).map(Vec::as_slice).unwrap_or_default(),
-            &track,
-        )
-    });
-    Ok(Sweep { frames: frames.collect(), lag, lag_s, track })
+
+    /// Finds the candidates of the next frame.
+    pub fn push(&mut self, frame: Frame) {
+        let frame = frame.oriented(self.geometry.orientation);
+        let state =
+            if self.fixed.fits(&frame) { content_state(&frame, &mut self.known) } else { State::OtherDepth };
+        let mut candidates = Vec::new();
+        if state == State::Used {
+            self.fixed.add(&frame);
+            candidates = self.detector.candidates(&frame);
+        }
+        self.raw.push((state, candidates));
+    }
+
+    /// Counts a frame that is not used, for this reason.
+    pub fn reject(&mut self, state: State) {
+        self.raw.push((state, Vec::new()));
+    }
+
+    /// Frames so far.
+    pub fn frames(&self) -> usize {
+        self.raw.len()
+    }
+
+    /// Decides which candidates are the needle, with the poses of all frames.
+    ///
+    /// # Errors
+    /// [`TrackError`] as [`SweepError::Track`].
+    pub fn finish(self, poses: &Poses, lag_s: Option<f64>) -> Result<Sweep, SweepError> {
+        let Self { geometry: Geometry { spacing_mm, .. }, mut raw, fixed, .. } = self;
+        for (_, candidates) in &mut raw {
+            candidates.retain(|candidate| !fixed.is_overlay(candidate));
+        }
+        let echoes = |lag_s: f64| -> Vec<Vec<Echo>> {
+            raw.iter()
+                .enumerate()
+                .map(|(number, (_, candidates))| {
+                    let Some(pose) = poses.of(number, lag_s) else { return Vec::new() };
+                    candidates.iter().map(|candidate| echo(candidate, &pose, spacing_mm)).collect()
+                })
+                .collect()
+        };
+        let given_s = lag_s;
+        let mut lag_s = given_s.unwrap_or(0.0);
+        let mut track = follow(&echoes(lag_s), 0)?;
+        let lag = lag::estimate(&track, poses, &echoes);
+        if let (None, Some(lag)) = (given_s, &lag) {
+            lag_s = lag.lag_s;
+            track = follow(&echoes(lag_s), 0)?;
+        }
+        let placed = echoes(lag_s);
+        let frames = raw.into_iter().enumerate().map(|(number, (state, candidates))| {
+            let decision = track.decisions.get(number).copied().unwrap_or(Decision::NoEcho);
+            let echoes = placed.get(number).map(Vec::as_slice).unwrap_or_default();
+            result(state, poses.time_s(number), decision, &candidates, echoes, &track)
+        });
+        Ok(Sweep { frames: frames.collect(), lag, lag_s, track })
+    }
 }
 
 /// Size of a pixel: of the file or as given, and the same where it is both.
@@ -296,6 +369,11 @@ struct Fixed {
 }
 
 impl Fixed {
+    /// Whether a frame has as many pixels as those before.
+    fn fits(&self, frame: &Frame) -> bool {
+        self.frames == 0 || (frame.width == self.width && frame.pixels.len() == self.most.len())
+    }
+
     fn add(&mut self, frame: &Frame) {
         self.frames += 1;
         if self.frames == 1 {

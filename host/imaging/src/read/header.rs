@@ -8,7 +8,7 @@ use std::path::Path;
 /// Longest header.
 const MAX_HEADER: u64 = 64 << 20;
 /// A pixel is not smaller or larger than this, millimetres.
-const SPACING_MM: [f64; 2] = [1e-3, 10.0];
+pub(super) const SPACING_MM: [f64; 2] = [1e-3, 10.0];
 
 /// The next line without its end; none at the end of the file.
 pub(super) fn line(

@@ -2,6 +2,7 @@
 //!
 //! Format: <https://itk.org/Wiki/MetaIO/Documentation>; fields of frames: PLUS sequence files.
 
+use super::depth::Depth;
 use super::header::{frame_field, line, short, sizes, spacing};
 use super::{Source, check_size};
 use crate::error::ImagingError;
@@ -16,6 +17,7 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let mut bytes = BufReader::new(file);
     let mut header = Header::default();
     let (mut read, mut channels, mut compressed) = (0, 1, false);
+    let (mut kind, mut is_big_endian) = ("MET_UCHAR", false);
     let mut dimensions = Vec::new();
     let data = loop {
         let Some(text) = line(path, &mut bytes, &mut read)? else {
@@ -38,7 +40,14 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
                 channels = single(path, key, value, &["1", "3"])?.parse().unwrap_or(1)
             }
             "ElementType" => {
-                single(path, key, value, &["MET_UCHAR"])?;
+                kind = match single(path, key, value, &["MET_UCHAR", "MET_USHORT", "MET_SHORT"])? {
+                    ushort if ushort.eq_ignore_ascii_case("MET_USHORT") => "MET_USHORT",
+                    short if short.eq_ignore_ascii_case("MET_SHORT") => "MET_SHORT",
+                    _ => "MET_UCHAR",
+                };
+            }
+            "BinaryDataByteOrderMSB" | "ElementByteOrderMSB" => {
+                is_big_endian = single(path, key, value, &["True", "False"])?.eq_ignore_ascii_case("True");
             }
             "BinaryData" => {
                 single(path, key, value, &["True"])?;
@@ -46,7 +55,9 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
             "HeaderSize" => {
                 single(path, key, value, &["0"])?;
             }
-            "CompressedData" => compressed = single(path, key, value, &["True", "False"])? == "True",
+            "CompressedData" => {
+                compressed = single(path, key, value, &["True", "False"])?.eq_ignore_ascii_case("True");
+            }
             "UltrasoundImageOrientation" => {
                 header.orientation = Some(Orientation::parse(value).ok_or_else(|| {
                     ImagingError::invalid(path, key, format!("\"{}\"", short(value)), "MF, UF, MN or UN")
@@ -77,7 +88,11 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         Box::new(BufReader::new(File::open(&beside).map_err(ImagingError::io(&beside))?))
     };
     let bytes: Box<dyn Read> = if compressed { Box::new(ZlibDecoder::new(raw)) } else { raw };
-    Ok((header, Source::Stream { bytes, channels }))
+    let depth = match kind {
+        "MET_UCHAR" => Depth::Eight,
+        _ => Depth::Sixteen { is_big_endian, is_signed: kind == "MET_SHORT", shift: 8 },
+    };
+    Ok((header, Source::Stream { bytes, channels, depth }))
 }
 
 /// One of a few values.

@@ -1,15 +1,20 @@
 //! Sequences of frames as laboratories record them, read frame by frame.
 //!
-//! Memory: one frame (at most [`MAX_PIXELS`] bytes of brightness, four times as much while a colour image is converted) and the header
-//! (at most 64 MiB of text), whatever a file declares.
+//! Memory: one frame (at most [`MAX_PIXELS`] bytes of brightness, eight times as much while a colour or 16 bit image is converted; what is
+//! compressed at most 128 MiB), and the header (at most 64 MiB of text), whatever a file declares.
 
+mod avi;
+mod depth;
+mod dicom;
 mod header;
+mod jpeg;
 mod metaimage;
 mod nrrd;
 mod stack;
 
 use crate::error::ImagingError;
 use crate::frame::{Frame, Header, MAX_FRAMES, MAX_PIXELS};
+use depth::Depth;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -23,15 +28,26 @@ pub struct Sequence {
 
 /// Where the frames come from.
 enum Source {
-    /// One frame behind the other, so many bytes for each pixel.
-    Stream { bytes: Box<dyn Read>, channels: usize },
+    /// One frame behind the other, so many samples for each pixel.
+    Stream { bytes: Box<dyn Read>, channels: usize, depth: Depth },
     /// A file for each frame, or several frames in a file.
     Stack(Box<stack::Stack>),
+    /// A container with frames of its own.
+    Reader(Box<dyn FrameReader>),
+}
+
+/// Frames of a container, in order.
+trait FrameReader {
+    /// The next one.
+    fn next(&mut self) -> Result<Frame, ImagingError>;
 }
 
 impl Sequence {
-    /// Opens a file of frames (`.mha`, `.mhd`, `.nrrd`, `.png`, `.tif`, `.tiff`), or a folder of PNG or TIFF files, which are its frames
-    /// in the order of the numbers in their names.
+    /// Opens a file of frames (`.mha`, `.mhd`, `.nrrd`, `.dcm`, `.avi`, `.png`, `.tif`, `.tiff`, `.jpg`, `.jpeg`), or a folder of PNG, TIFF
+    /// or JPEG files, which are its frames in the order of the numbers in their names.
+    ///
+    /// Samples of 16 bit are scaled by the power of two that the brightest of the sequence needs to have 8, for which the file is read
+    /// twice; in DICOM the header states how many bits are used.
     ///
     /// # Errors
     /// [`ImagingError`] names file, field and what is valid.
@@ -41,12 +57,15 @@ impl Sequence {
             stack::open(path, stack::files(path)?)?
         } else {
             match extension.as_deref() {
-                Some("mha" | "mhd") => metaimage::open(path)?,
-                Some("nrrd") => nrrd::open(path)?,
-                Some("png" | "tif" | "tiff") => stack::open(path, vec![path.to_owned()])?,
+                Some("mha" | "mhd") => twice(|| metaimage::open(path))?,
+                Some("nrrd") => twice(|| nrrd::open(path))?,
+                Some("dcm" | "dicom") => dicom::open(path)?,
+                Some("avi") => avi::open(path)?,
+                Some("png" | "tif" | "tiff" | "jpg" | "jpeg") => stack::open(path, vec![path.to_owned()])?,
+                None if dicom::is_dicom(path) => dicom::open(path)?,
                 _ => {
                     let problem = extension.map_or_else(|| "no extension".to_owned(), |e| format!(".{e}"));
-                    let expected = ".mha, .mhd, .nrrd, .png, .tif, .tiff, or a folder of PNG or TIFF files";
+                    let expected = ".mha, .mhd, .nrrd, .dcm, .avi, .png, .tif, .tiff, .jpg, or a folder of PNG, TIFF or JPEG files";
                     return Err(ImagingError::invalid(path, "name", problem, expected));
                 }
             }
@@ -81,18 +100,54 @@ impl Sequence {
         let number = self.next;
         self.next += 1;
         match &mut self.source {
-            Source::Stream { bytes, channels } => {
-                let mut pixels = vec![0; width * height * *channels];
+            Source::Stream { bytes, channels, depth } => {
+                let mut pixels = vec![0; width * height * *channels * depth.bytes()];
                 bytes.read_exact(&mut pixels).map_err(|cause| {
                     let field = format!("frame {}", number + 1);
                     let expected = format!("{} frames of {width} x {height}", self.header.count);
                     ImagingError::invalid(&self.path, field, cause.to_string(), expected)
                 })?;
-                Ok(Some(Frame { width, height, pixels: grey(pixels, *channels) }))
+                Ok(Some(Frame { width, height, pixels: grey(depth.samples(pixels), *channels) }))
             }
             Source::Stack(stack) => stack.frame(number).map(Some),
+            Source::Reader(reader) => reader.next().map(Some),
         }
     }
+}
+
+/// Opens a stream; one of 16 bit is read through once for its brightest sample, and opened again.
+fn twice(
+    open: impl Fn() -> Result<(Header, Source), ImagingError>,
+) -> Result<(Header, Source), ImagingError> {
+    let (header, mut source) = open()?;
+    let Source::Stream { bytes, channels, depth: depth @ Depth::Sixteen { .. } } = &mut source else {
+        return Ok((header, source));
+    };
+    let row = header.width * *channels * depth.bytes();
+    let mut samples = vec![0; row];
+    let mut greatest = 0;
+    // What ends early is reported with the number of its frame, when it is reached.
+    for _ in 0..header.height * header.count {
+        if bytes.read_exact(&mut samples).is_err() {
+            break;
+        }
+        greatest = depth.greatest(&samples).max(greatest);
+    }
+    let (header, mut source) = open()?;
+    if let Source::Stream { depth: Depth::Sixteen { shift, .. }, .. } = &mut source {
+        *shift = depth::shift_for(greatest);
+    }
+    Ok((header, source))
+}
+
+/// A frame with as many pixels as it has.
+fn whole(path: &Path, field: &str, size: [usize; 2], pixels: Vec<u8>) -> Result<Frame, ImagingError> {
+    let [width, height] = size;
+    if pixels.len() == width * height {
+        return Ok(Frame { width, height, pixels });
+    }
+    let expected = format!("{width} x {height}");
+    Err(ImagingError::invalid(path, field, format!("{} pixels", pixels.len()), expected))
 }
 
 /// Brightness of pixels of several channels. Where a pixel has a colour it is part of the screen's overlay, and no echo: black.
@@ -127,5 +182,7 @@ fn check_size(path: &Path, field: &str, sizes: [usize; 3]) -> Result<(), Imaging
     Err(ImagingError::invalid(path, field, format!("{width} x {height} pixels, {count} frames"), expected))
 }
 
+#[cfg(test)]
+mod others_tests;
 #[cfg(test)]
 mod tests;

@@ -1,5 +1,6 @@
 //! NRRD sequences (`.nrrd`), raw or gzip, as PLUS and 3D Slicer write them. Format: <https://teem.sourceforge.net/nrrd/format.html>.
 
+use super::depth::Depth;
 use super::header::{frame_field, line, short, sizes, spacing};
 use super::metaimage::three;
 use super::{Source, check_size};
@@ -26,7 +27,7 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
     let mut header = Header::default();
     let mut dimensions = Vec::new();
     let mut encoding = None;
-    let mut is_byte = false;
+    let (mut depth, mut is_big_endian, mut is_colour) = (None, false, false);
     loop {
         let Some(text) = line(path, &mut bytes, &mut read)? else {
             return Err(ImagingError::invalid(
@@ -63,13 +64,31 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
         match key {
             "sizes" => dimensions = sizes(path, key, value)?,
             "type" => {
-                is_byte = ["uint8", "uchar", "unsigned char", "uint8_t"].contains(&value);
-                if !is_byte {
-                    return Err(ImagingError::invalid(path, key, format!("\"{}\"", short(value)), "uint8"));
-                }
+                depth = Some(match value {
+                    "uint8" | "uchar" | "unsigned char" | "uint8_t" => Depth::Eight,
+                    "uint16" | "ushort" | "unsigned short" | "uint16_t" | "unsigned short int" => {
+                        Depth::Sixteen { is_big_endian: false, is_signed: false, shift: 8 }
+                    }
+                    "int16" | "short" | "int16_t" | "signed short" | "short int" => {
+                        Depth::Sixteen { is_big_endian: false, is_signed: true, shift: 8 }
+                    }
+                    _ => {
+                        let problem = format!("\"{}\"", short(value));
+                        return Err(ImagingError::invalid(path, key, problem, "uint8, uint16 or int16"));
+                    }
+                });
+            }
+            "endian" => is_big_endian = value == "big",
+            "kinds" => {
+                let first = value.split_whitespace().next().unwrap_or_default();
+                is_colour = ["vector", "RGB-color", "3-color"].contains(&first);
             }
             "encoding" => encoding = Some(value.to_owned()),
-            "spacings" => header.spacing_mm = spacing(path, key, value)?,
+            "spacings" => {
+                // The axis of colours has none.
+                let sizes = value.split_whitespace().skip_while(|size| size.eq_ignore_ascii_case("nan"));
+                header.spacing_mm = spacing(path, key, &sizes.collect::<Vec<_>>().join(" "))?;
+            }
             "space directions" => header.spacing_mm = directions(path, key, value)?,
             "data file" | "datafile" => {
                 return Err(ImagingError::invalid(
@@ -82,13 +101,19 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
             _ => {}
         }
     }
-    let [width, height, count] = three(path, "sizes", &dimensions)?;
+    let channels = match dimensions.first() {
+        Some(3) if is_colour => 3,
+        _ => 1,
+    };
+    let [width, height, count] = three(path, "sizes", dimensions.get(channels / 3..).unwrap_or_default())?;
     check_size(path, "sizes", [width, height, count])?;
     (header.width, header.height, header.count) = (width, height, count);
     header.frames.truncate(count);
-    if !is_byte {
-        return Err(ImagingError::invalid(path, "type", "missing", "uint8"));
-    }
+    let depth = match depth {
+        Some(Depth::Sixteen { is_signed, shift, .. }) => Depth::Sixteen { is_big_endian, is_signed, shift },
+        Some(Depth::Eight) => Depth::Eight,
+        None => return Err(ImagingError::invalid(path, "type", "missing", "uint8, uint16 or int16")),
+    };
     let bytes: Box<dyn Read> = match encoding.as_deref() {
         Some("raw") => Box::new(bytes),
         Some("gzip" | "gz") => Box::new(GzDecoder::new(bytes)),
@@ -97,7 +122,7 @@ pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
             return Err(ImagingError::invalid(path, "encoding", problem, "raw or gzip"));
         }
     };
-    Ok((header, Source::Stream { bytes, channels: 1 }))
+    Ok((header, Source::Stream { bytes, channels, depth }))
 }
 
 /// Lengths of the first two of vectors such as `(0.1,0) (0,0.1) none`.

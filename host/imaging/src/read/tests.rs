@@ -104,7 +104,7 @@ fn reports_the_error_and_what_is_valid() {
             "ElementSpacing: \"0 0 1\", expected two sizes of a pixel from 0.001 to 10 mm",
         ),
         (whole.replace("0.1 0.2 1", "nan 0.1 1"), "ElementSpacing"),
-        (whole.replace("MET_UCHAR", "MET_USHORT"), "ElementType: \"MET_USHORT\", expected MET_UCHAR"),
+        (whole.replace("MET_UCHAR", "MET_FLOAT"), "ElementType: \"MET_FLOAT\", expected MET_UCHAR"),
         (whole.replace("LOCAL", "../../etc/passwd"), "ElementDataFile"),
         (whole.replace("NDims = 3", "NDims 3"), "header: \"NDims 3\", expected a MetaImage header"),
         (

@@ -10,10 +10,12 @@
 //! | [`recording`] | a raw recording | what is recovered is sound and holds the same frames |
 //! | [`igtl`] | bytes in pieces to the decoder of OpenIGTLink | it keeps one message at most; what is read is written and read again as the same |
 //! | [`files`] | every other kind of file | |
+//! | [`images`] | files of ultrasound frames | frames have the size that the header states; echoes have a place and a deviation |
 
 pub mod device;
 pub mod files;
 pub mod igtl;
+pub mod images;
 pub mod messages;
 pub mod receiver;
 pub mod recording;
@@ -30,7 +32,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 7] = [
+pub const TARGETS: [Target; 8] = [
     Target { name: "receiver", run: receiver::run, most_bytes: 2_048 },
     Target { name: "messages", run: messages::run, most_bytes: 256 },
     Target { name: "device", run: device::run, most_bytes: 1_024 },
@@ -38,6 +40,7 @@ pub const TARGETS: [Target; 7] = [
     Target { name: "recording", run: recording::run, most_bytes: 4_096 },
     Target { name: "igtl", run: igtl::run, most_bytes: 4_096 },
     Target { name: "files", run: files::run, most_bytes: 4_096 },
+    Target { name: "images", run: images::run, most_bytes: 8_192 },
 ];
 
 /// Bytes taken one field after the other; zeros where they have ended.

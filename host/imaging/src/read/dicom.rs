@@ -1,0 +1,421 @@
+//! DICOM ultrasound, one frame or many: uncompressed, RLE and JPEG baseline.
+//!
+//! The header's elements are read by `dicom-parser`, values of the few that matter only and none longer than [`MAX_VALUE`]; frames are read
+//! from the file one at a time ([`pixels`]). The size of a pixel is that of the ultrasound region with a 2D image (PS3.3, C.8.5.5), or
+//! `PixelSpacing` where there is none inside the frame.
+
+mod pixels;
+
+use super::header::SPACING_MM;
+use super::{Source, check_size};
+use crate::detect::Region;
+use crate::error::ImagingError;
+use crate::frame::{FrameFields, Header};
+use dicom_core::Tag;
+use dicom_encoding::transfer_syntax::Codec;
+use dicom_encoding::{Endianness, TransferSyntax};
+use dicom_parser::StatefulDecode;
+use dicom_parser::dataset::LazyDataToken;
+use dicom_parser::dataset::lazy_read::LazyDataSetReader;
+use pixels::{Coding, Layout, Pixels};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
+use std::path::Path;
+
+/// Longest value that is kept, bytes: a list of the frames' times.
+const MAX_VALUE: u32 = 1 << 21;
+/// Longest group of file information.
+const MAX_INFORMATION: u32 = 1 << 20;
+/// Deepest nesting of sequences and items.
+const MAX_LEVELS: usize = 32;
+/// Most regions.
+const MAX_REGIONS: usize = 64;
+
+const TRANSFER_SYNTAX: Tag = Tag(0x0002, 0x0010);
+const REGIONS: Tag = Tag(0x0018, 0x6011);
+const PIXEL_DATA: Tag = Tag(0x7FE0, 0x0010);
+const FRAMES: Tag = Tag(0x0028, 0x0008);
+const ROWS: Tag = Tag(0x0028, 0x0010);
+const COLUMNS: Tag = Tag(0x0028, 0x0011);
+const SAMPLES: Tag = Tag(0x0028, 0x0002);
+const PHOTOMETRIC: Tag = Tag(0x0028, 0x0004);
+const PLANAR: Tag = Tag(0x0028, 0x0006);
+const PIXEL_SPACING: Tag = Tag(0x0028, 0x0030);
+const BITS_ALLOCATED: Tag = Tag(0x0028, 0x0100);
+const BITS_STORED: Tag = Tag(0x0028, 0x0101);
+const SIGNED: Tag = Tag(0x0028, 0x0103);
+const FRAME_TIME_MS: Tag = Tag(0x0018, 0x1063);
+const FRAME_TIMES_MS: Tag = Tag(0x0018, 0x1065);
+/// What is read of the data set.
+const VALUES: [Tag; 12] = [
+    FRAMES,
+    ROWS,
+    COLUMNS,
+    SAMPLES,
+    PHOTOMETRIC,
+    PLANAR,
+    PIXEL_SPACING,
+    BITS_ALLOCATED,
+    BITS_STORED,
+    SIGNED,
+    FRAME_TIME_MS,
+    FRAME_TIMES_MS,
+];
+const FORMAT: Tag = Tag(0x0018, 0x6012);
+const CORNERS: [Tag; 4] =
+    [Tag(0x0018, 0x6018), Tag(0x0018, 0x601A), Tag(0x0018, 0x601C), Tag(0x0018, 0x601E)];
+const UNITS: [Tag; 2] = [Tag(0x0018, 0x6024), Tag(0x0018, 0x6026)];
+const DELTAS: [Tag; 2] = [Tag(0x0018, 0x602C), Tag(0x0018, 0x602E)];
+
+/// Values by their tag.
+type Values = BTreeMap<Tag, Vec<u8>>;
+
+/// How the data set is written.
+struct Syntax {
+    coding: Coding,
+    is_explicit: bool,
+    endianness: Endianness,
+}
+
+pub(super) fn open(path: &Path) -> Result<(Header, Source), ImagingError> {
+    let mut file = BufReader::new(File::open(path).map_err(ImagingError::io(path))?);
+    let (syntax, start) = syntax(path, &mut file)?;
+    let is_big = syntax.endianness == Endianness::Big;
+    let DataSet { values, regions, pixels: (position, length) } = data_set(path, file, start, &syntax)?;
+    let header = Attributes { path, values: &values, is_big };
+    let number = |tag: Tag, name: &str| {
+        header.number(tag).ok_or_else(|| ImagingError::invalid(path, name, "missing", "a DICOM image"))
+    };
+    let (width, height) = (number(COLUMNS, "Columns")?, number(ROWS, "Rows")?);
+    let count = match header.text(FRAMES) {
+        None => 1,
+        Some(text) => text.parse().map_err(|_| {
+            ImagingError::invalid(
+                path,
+                "NumberOfFrames",
+                format!("\"{}\"", super::header::short(&text)),
+                "a number",
+            )
+        })?,
+    };
+    check_size(path, "Rows, Columns, NumberOfFrames", [width, height, count])?;
+    let layout = Layout::new(&header, [width, height])?;
+    let (spacing_mm, region) = region(&header, &regions)?;
+    let header =
+        Header { width, height, count, spacing_mm, region, frames: header.times(count), ..Header::default() };
+    let file = File::open(path).map_err(ImagingError::io(path))?;
+    let mut bytes = BufReader::new(file);
+    bytes.seek(SeekFrom::Start(position)).map_err(ImagingError::io(path))?;
+    let pixels = Pixels::new(path, bytes, syntax.coding, layout, count, length)?;
+    Ok((header, Source::Reader(Box::new(pixels))))
+}
+
+/// Whether a file begins as DICOM does: they often have no extension.
+pub(super) fn is_dicom(path: &Path) -> bool {
+    let mut start = [0u8; 132];
+    let read = File::open(path).and_then(|mut file| file.read_exact(&mut start));
+    read.is_ok() && start.ends_with(b"DICM")
+}
+
+/// The transfer syntax of the file information, and where the data set begins.
+fn syntax(path: &Path, file: &mut BufReader<File>) -> Result<(Syntax, u64), ImagingError> {
+    let expected = "a DICOM file: 128 bytes, DICM, file information with its length";
+    let problem = |problem: &str| ImagingError::invalid(path, "header", problem.to_owned(), expected);
+    let mut start = [0u8; 144];
+    file.read_exact(&mut start).map_err(|_| problem("shorter than 144 bytes"))?;
+    let (&[.., a, b, c, d], rest) = start.split_first_chunk::<132>().ok_or_else(|| problem("too short"))?;
+    if [a, b, c, d] != *b"DICM" {
+        return Err(problem("no DICM behind 128 bytes"));
+    }
+    let (first, length) = rest.split_first_chunk::<8>().ok_or_else(|| problem("too short"))?;
+    if *first != [2, 0, 0, 0, b'U', b'L', 4, 0] {
+        return Err(problem("no length of the file information"));
+    }
+    let length = length.first_chunk::<4>().map_or(0, |bytes| u32::from_le_bytes(*bytes));
+    if length > MAX_INFORMATION {
+        return Err(problem("more than 1 MiB of file information"));
+    }
+    let mut information = Vec::new();
+    file.take(length.into()).read_to_end(&mut information).map_err(ImagingError::io(path))?;
+    let explicit = transfer_syntax(true, Endianness::Little);
+    let mut reader = LazyDataSetReader::new_with_ts(Cursor::new(information), &explicit)
+        .map_err(|cause| problem(&cause.to_string()))?;
+    let mut uid = None;
+    while let Some(token) = reader.advance() {
+        match token.map_err(|cause| problem(&cause.to_string()))? {
+            LazyDataToken::ElementHeader(_) => {}
+            LazyDataToken::LazyValue { header, mut decoder } => {
+                let value = value(&mut decoder, header.len.0).map_err(|cause| problem(&cause))?;
+                if header.tag == TRANSFER_SYNTAX {
+                    uid = Some(text(&value));
+                }
+            }
+            _ => return Err(problem("a sequence in the file information")),
+        }
+    }
+    let (coding, is_explicit, endianness) = match uid.as_deref() {
+        Some("1.2.840.10008.1.2") => (Coding::Plain, false, Endianness::Little),
+        Some("1.2.840.10008.1.2.1") => (Coding::Plain, true, Endianness::Little),
+        Some("1.2.840.10008.1.2.2") => (Coding::Plain, true, Endianness::Big),
+        Some("1.2.840.10008.1.2.5") => (Coding::Rle, true, Endianness::Little),
+        Some("1.2.840.10008.1.2.4.50" | "1.2.840.10008.1.2.4.51") => (Coding::Jpeg, true, Endianness::Little),
+        other => {
+            let problem = format!("\"{}\"", super::header::short(other.unwrap_or_default()));
+            let expected =
+                "uncompressed, RLE or JPEG baseline: dcmconv, dcmdjpeg or gdcmconv --raw convert others";
+            return Err(ImagingError::invalid(path, "TransferSyntaxUID", problem, expected));
+        }
+    };
+    Ok((Syntax { coding, is_explicit, endianness }, 144 + u64::from(length)))
+}
+
+fn transfer_syntax(is_explicit: bool, endianness: Endianness) -> TransferSyntax {
+    TransferSyntax::new("", "", endianness, is_explicit, Codec::None)
+}
+
+/// A value; skipped where it is longer than any that matters.
+fn value(decoder: &mut impl StatefulDecode, length: u32) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    if length > MAX_VALUE {
+        decoder.skip_bytes(length).map_err(|cause| cause.to_string())?;
+        return Ok(bytes);
+    }
+    decoder.read_to_vec(length, &mut bytes).map_err(|cause| cause.to_string())?;
+    if bytes.len() as u64 != u64::from(length) {
+        return Err("a value ends early".to_owned());
+    }
+    Ok(bytes)
+}
+
+/// What of a data set matters.
+struct DataSet {
+    values: Values,
+    regions: Vec<Values>,
+    /// Where the pixels are, and how many bytes they have where that is stated.
+    pixels: (u64, Option<u64>),
+}
+
+fn data_set(
+    path: &Path,
+    mut file: BufReader<File>,
+    start: u64,
+    syntax: &Syntax,
+) -> Result<DataSet, ImagingError> {
+    #[derive(PartialEq)]
+    enum Level {
+        Sequence(Tag),
+        Item,
+    }
+    let problem = |problem: &str| {
+        let problem: String = problem.chars().take(200).collect();
+        ImagingError::invalid(path, "data set", problem, "elements up to PixelData")
+    };
+    file.seek(SeekFrom::Start(start)).map_err(ImagingError::io(path))?;
+    let written = transfer_syntax(syntax.is_explicit, syntax.endianness);
+    let mut reader =
+        LazyDataSetReader::new_with_ts(file, &written).map_err(|cause| problem(&cause.to_string()))?;
+    let (mut values, mut regions) = (Values::new(), Vec::<Values>::new());
+    let mut levels: Vec<Level> = Vec::new();
+    let mut length = None;
+    loop {
+        let Some(token) = reader.advance() else {
+            return Err(ImagingError::invalid(path, "PixelData", "missing", "a DICOM image"));
+        };
+        // Delimiters that close nothing would confuse the parser: an error, before it continues.
+        let closes = match token.map_err(|cause| problem(&cause.to_string()))? {
+            LazyDataToken::SequenceStart { tag, .. } => {
+                levels.push(Level::Sequence(tag));
+                true
+            }
+            LazyDataToken::ItemStart { .. } => {
+                if levels == [Level::Sequence(REGIONS)] && regions.len() < MAX_REGIONS {
+                    regions.push(Values::new());
+                }
+                let is_inside = matches!(levels.last(), Some(Level::Sequence(_)));
+                levels.push(Level::Item);
+                is_inside
+            }
+            LazyDataToken::ItemEnd => levels.pop() == Some(Level::Item),
+            LazyDataToken::SequenceEnd => matches!(levels.pop(), Some(Level::Sequence(_))),
+            LazyDataToken::PixelSequenceStart if levels.is_empty() => break,
+            LazyDataToken::ElementHeader(header) if header.tag == PIXEL_DATA && levels.is_empty() => {
+                length = Some(u64::from(header.len.0));
+                break;
+            }
+            LazyDataToken::ElementHeader(_) => true,
+            LazyDataToken::LazyValue { header, mut decoder } => {
+                let is_region = levels == [Level::Sequence(REGIONS), Level::Item];
+                let into = match levels.len() {
+                    0 if VALUES.contains(&header.tag) => Some(&mut values),
+                    2 if is_region => regions.last_mut(),
+                    _ => None,
+                };
+                match into {
+                    Some(into) => {
+                        let value = value(&mut decoder, header.len.0).map_err(|cause| problem(&cause))?;
+                        into.insert(header.tag, value);
+                    }
+                    None => decoder.skip_bytes(header.len.0).map_err(|cause| problem(&cause.to_string()))?,
+                }
+                true
+            }
+            LazyDataToken::LazyItemValue { len, decoder } => {
+                decoder.skip_bytes(len).map_err(|cause| problem(&cause.to_string()))?;
+                true
+            }
+            _ => false,
+        };
+        if !closes || levels.len() > MAX_LEVELS {
+            return Err(problem("items and sequences that do not nest"));
+        }
+    }
+    let position = reader.into_decoder().position();
+    if length.is_none() && syntax.coding == Coding::Plain {
+        return Err(problem("PixelData without a length in an uncompressed file"));
+    }
+    if length.is_some() && syntax.coding != Coding::Plain {
+        return Err(problem("PixelData that are not in fragments in a compressed file"));
+    }
+    Ok(DataSet { values, regions, pixels: (position, length) })
+}
+
+/// Size of a pixel and the part of the frame that is ultrasound.
+fn region(
+    header: &Attributes,
+    regions: &[Values],
+) -> Result<(Option<[f64; 2]>, Option<Region>), ImagingError> {
+    /// Two-dimensional; centimetres.
+    const TWO_D: usize = 1;
+    const CENTIMETRES: usize = 3;
+    let mut found: Option<([f64; 2], Region)> = None;
+    for values in regions {
+        let of = Attributes { values, ..*header };
+        let is_2d = of.number(FORMAT) == Some(TWO_D);
+        if !is_2d || UNITS.iter().any(|tag| of.number(*tag) != Some(CENTIMETRES)) {
+            continue;
+        }
+        let mut mm = [0.0; 2];
+        for (mm, tag) in mm.iter_mut().zip(DELTAS) {
+            let cm = of.float(tag).unwrap_or(f64::NAN);
+            *mm = header.valid_mm("PhysicalDelta", &format!("{cm} cm"), 10.0 * cm)?;
+        }
+        let corners: Option<Vec<usize>> = CORNERS.iter().map(|tag| of.number(*tag)).collect();
+        let Some(&[left, top, right, bottom]) = corners.as_deref() else { continue };
+        // One that is not inside is of the image before it was resized, and so is its size of a pixel.
+        if header.number(COLUMNS).is_none_or(|columns| right >= columns)
+            || header.number(ROWS).is_none_or(|rows| bottom >= rows)
+        {
+            continue;
+        }
+        let (width, height) = ((right + 1).saturating_sub(left), (bottom + 1).saturating_sub(top));
+        let region = Region { x: left, y: top, width, height };
+        match &mut found {
+            None => found = Some((mm, region)),
+            Some((known, _)) if known.iter().zip(mm).any(|(known, mm)| (mm / *known - 1.0).abs() > 1e-3) => {
+                let problem = format!("pixels of {} x {} and {} x {} mm", known[0], known[1], mm[0], mm[1]);
+                let field = "SequenceOfUltrasoundRegions";
+                return Err(ImagingError::invalid(
+                    header.path,
+                    field,
+                    problem,
+                    "2D regions with one size of a pixel",
+                ));
+            }
+            // Two images beside each other: --region chooses.
+            Some((_, whole)) => {
+                let (x, y) = (whole.x.min(region.x), whole.y.min(region.y));
+                let right = (whole.x + whole.width).max(region.x + region.width);
+                let bottom = (whole.y + whole.height).max(region.y + region.height);
+                *whole = Region { x, y, width: right - x, height: bottom - y };
+            }
+        }
+    }
+    if let Some((mm, region)) = found {
+        return Ok((Some(mm), Some(region)));
+    }
+    let Some(text) = header.text(PIXEL_SPACING) else { return Ok((None, None)) };
+    // Between rows first.
+    let numbers: Vec<&str> = text.split('\\').collect();
+    let spacing_mm = super::header::spacing(
+        header.path,
+        "PixelSpacing",
+        &match numbers.as_slice() {
+            [rows, columns] => format!("{columns} {rows}"),
+            _ => text.clone(),
+        },
+    )?;
+    Ok((spacing_mm, None))
+}
+
+/// The values of a data set or an item.
+#[derive(Clone, Copy)]
+struct Attributes<'a> {
+    path: &'a Path,
+    values: &'a Values,
+    is_big: bool,
+}
+
+impl Attributes<'_> {
+    /// A whole number of 16 or 32 bit.
+    fn number(&self, tag: Tag) -> Option<usize> {
+        let bytes = self.values.get(&tag)?;
+        let number = match (bytes.as_slice(), self.is_big) {
+            (&[a, b], false) => u16::from_le_bytes([a, b]).into(),
+            (&[a, b], true) => u16::from_be_bytes([a, b]).into(),
+            (&[a, b, c, d], false) => u32::from_le_bytes([a, b, c, d]),
+            (&[a, b, c, d], true) => u32::from_be_bytes([a, b, c, d]),
+            _ => return None,
+        };
+        Some(number as usize)
+    }
+
+    fn float(&self, tag: Tag) -> Option<f64> {
+        let bytes = self.values.get(&tag)?.first_chunk::<8>()?;
+        Some(if self.is_big { f64::from_be_bytes(*bytes) } else { f64::from_le_bytes(*bytes) })
+    }
+
+    fn text(&self, tag: Tag) -> Option<String> {
+        self.values.get(&tag).map(|value| text(value))
+    }
+
+    fn valid_mm(&self, field: &str, problem: &str, mm: f64) -> Result<f64, ImagingError> {
+        if (SPACING_MM[0]..=SPACING_MM[1]).contains(&mm) {
+            return Ok(mm);
+        }
+        let expected = format!("a size of a pixel from {} to {} mm", SPACING_MM[0], SPACING_MM[1]);
+        Err(ImagingError::invalid(self.path, field, problem, expected))
+    }
+
+    /// Times of the frames, where the file has them.
+    fn times(&self, count: usize) -> Vec<FrameFields> {
+        let numbers = |tag: Tag| -> Option<Vec<f64>> {
+            let text = self.text(tag)?;
+            text.split('\\')
+                .map(|number| number.trim().parse().ok().filter(|ms: &f64| ms.is_finite()))
+                .collect()
+        };
+        let times_s: Vec<f64> = match (numbers(FRAME_TIMES_MS), numbers(FRAME_TIME_MS).as_deref()) {
+            (Some(steps), _) if steps.len() == count => {
+                let sum = |time: &mut f64, step_ms: f64| {
+                    *time += 1e-3 * step_ms;
+                    Some(*time)
+                };
+                steps.into_iter().scan(0.0, sum).collect()
+            }
+            (_, Some(&[step_ms, ..])) if step_ms > 0.0 => {
+                (0..count).map(|frame| 1e-3 * step_ms * frame as f64).collect()
+            }
+            _ => return Vec::new(),
+        };
+        times_s
+            .into_iter()
+            .map(|time_s| FrameFields { time_s: Some(time_s), ..FrameFields::default() })
+            .collect()
+    }
+}
+
+/// A text without its padding.
+fn text(value: &[u8]) -> String {
+    String::from_utf8_lossy(value).trim_matches(['\0', ' ']).to_owned()
+}

@@ -1,0 +1,320 @@
+//! Pixels of a DICOM file, frame by frame.
+
+use super::super::depth::Depth;
+use super::super::{FrameReader, grey, jpeg, whole};
+use super::{Attributes, BITS_ALLOCATED, BITS_STORED, PHOTOMETRIC, PLANAR, SAMPLES, SIGNED};
+use crate::error::ImagingError;
+use crate::frame::{Frame, MAX_PIXELS};
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+/// Longest compressed frame, bytes.
+const MAX_FRAME: usize = 4 * MAX_PIXELS;
+
+/// How pixels are compressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Coding {
+    Plain,
+    Rle,
+    Jpeg,
+}
+
+/// What the samples of a pixel are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Colours {
+    Grey,
+    /// Bright is dark.
+    Inverted,
+    Rgb,
+    /// Brightness first.
+    Ybr,
+    /// Two brightnesses, then the two differences of both pixels.
+    Ybr422,
+}
+
+/// How a frame is laid out.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Layout {
+    size: [usize; 2],
+    colours: Colours,
+    depth: Depth,
+    /// Samples of a kind lie together.
+    is_planar: bool,
+}
+
+impl Layout {
+    pub(super) fn new(header: &Attributes, size: [usize; 2]) -> Result<Self, ImagingError> {
+        let invalid = |field: &str, problem: String, expected: &str| {
+            Err(ImagingError::invalid(header.path, field, problem, expected))
+        };
+        let photometric = header.text(PHOTOMETRIC).unwrap_or_default();
+        let samples = header.number(SAMPLES).unwrap_or(1);
+        let colours = match (photometric.as_str(), samples) {
+            ("MONOCHROME2", 1) => Colours::Grey,
+            ("MONOCHROME1", 1) => Colours::Inverted,
+            ("RGB", 3) => Colours::Rgb,
+            ("YBR_FULL", 3) => Colours::Ybr,
+            ("YBR_FULL_422", 3) => Colours::Ybr422,
+            _ => {
+                let problem =
+                    format!("\"{}\" with {samples} samples", super::super::header::short(&photometric));
+                let expected = "MONOCHROME1 or 2, RGB, YBR_FULL or YBR_FULL_422";
+                return invalid("PhotometricInterpretation", problem, expected);
+            }
+        };
+        let (allocated, is_signed) = (header.number(BITS_ALLOCATED), header.number(SIGNED) == Some(1));
+        let stored = header.number(BITS_STORED).or(allocated).unwrap_or(8);
+        let depth = match allocated {
+            Some(8) => Depth::Eight,
+            Some(16) if (1..=16).contains(&stored) => {
+                let used = if is_signed { stored - 1 } else { stored };
+                Depth::Sixteen {
+                    is_big_endian: header.is_big,
+                    is_signed,
+                    shift: (used as u32).saturating_sub(8),
+                }
+            }
+            _ => {
+                let problem =
+                    allocated.map_or_else(|| "missing".to_owned(), |bits| format!("{bits}, {stored} stored"));
+                return invalid("BitsAllocated", problem, "8 or 16");
+            }
+        };
+        if depth != Depth::Eight && !matches!(colours, Colours::Grey | Colours::Inverted) {
+            return invalid("BitsAllocated", "16 with colours".to_owned(), "8 with colours");
+        }
+        Ok(Self { size, colours, depth, is_planar: header.number(PLANAR) == Some(1) })
+    }
+
+    fn samples(self) -> usize {
+        if matches!(self.colours, Colours::Grey | Colours::Inverted) { 1 } else { 3 }
+    }
+
+    /// Bytes of an uncompressed frame.
+    fn bytes(self) -> usize {
+        let pixels = self.size[0] * self.size[1];
+        match self.colours {
+            Colours::Ybr422 => 2 * pixels,
+            _ => pixels * self.samples() * self.depth.bytes(),
+        }
+    }
+
+    /// Brightness of an uncompressed frame.
+    fn grey(self, bytes: Vec<u8>) -> Vec<u8> {
+        let pixels = self.size[0] * self.size[1];
+        let together = |bytes: Vec<u8>| {
+            if !self.is_planar {
+                return bytes;
+            }
+            let plane = |number: usize| bytes.iter().skip(number * pixels).take(pixels);
+            plane(0).zip(plane(1)).zip(plane(2)).flat_map(|((a, b), c)| [*a, *b, *c]).collect()
+        };
+        match self.colours {
+            Colours::Grey => self.depth.samples(bytes),
+            Colours::Inverted => self.depth.samples(bytes).into_iter().map(|value| !value).collect(),
+            Colours::Rgb => grey(together(bytes), 3),
+            Colours::Ybr => {
+                let (triples, _) = bytes.as_chunks::<3>();
+                let of_planes = || together(bytes.clone());
+                let triples =
+                    if self.is_planar { of_planes().as_chunks::<3>().0.to_vec() } else { triples.to_vec() };
+                triples.into_iter().map(|[y, b, r]| without_colour(y, b, r)).collect()
+            }
+            Colours::Ybr422 => {
+                let (quads, _) = bytes.as_chunks::<4>();
+                quads
+                    .iter()
+                    .flat_map(|[y, other, b, r]| [*y, *other].map(|y| without_colour(y, *b, *r)))
+                    .collect()
+            }
+        }
+    }
+}
+
+/// Brightness of a pixel; black where it has a colour, as [`grey`] has it.
+fn without_colour(y: u8, b: u8, r: u8) -> u8 {
+    /// Half the difference of channels from which a pixel has a colour, over the factor from differences to channels.
+    const DIFFERENCE: u8 = 36;
+    if b.abs_diff(128).max(r.abs_diff(128)) > DIFFERENCE { 0 } else { y }
+}
+
+/// The frames of a file.
+pub(super) struct Pixels {
+    path: PathBuf,
+    bytes: BufReader<File>,
+    coding: Coding,
+    layout: Layout,
+    count: usize,
+    next: usize,
+    /// The first fragment of the next frame, where it had to be read to find the end of this one.
+    ahead: Option<Vec<u8>>,
+}
+
+impl Pixels {
+    pub(super) fn new(
+        path: &Path,
+        mut bytes: BufReader<File>,
+        coding: Coding,
+        layout: Layout,
+        count: usize,
+        length: Option<u64>,
+    ) -> Result<Self, ImagingError> {
+        let needed = layout.bytes() as u64 * count as u64;
+        if let Some(length) = length.filter(|length| *length < needed) {
+            let expected =
+                format!("{needed} bytes for {count} frames of {} x {}", layout.size[0], layout.size[1]);
+            return Err(ImagingError::invalid(path, "PixelData", format!("{length} bytes"), expected));
+        }
+        if coding != Coding::Plain {
+            // The table of offsets; frames are found by what they begin with.
+            fragment(path, &mut bytes, "table of offsets")?;
+        }
+        Ok(Self { path: path.to_owned(), bytes, coding, layout, count, next: 0, ahead: None })
+    }
+
+    /// The bytes of a compressed frame. One of JPEG may have several fragments: the next one begins with its marker.
+    fn compressed(&mut self, field: &str) -> Result<Vec<u8>, ImagingError> {
+        let missing = || {
+            let expected = format!("a fragment for each of {} frames", self.count);
+            ImagingError::invalid(&self.path, field, "missing", expected)
+        };
+        let mut whole = match self.ahead.take() {
+            Some(ahead) => ahead,
+            None => fragment(&self.path, &mut self.bytes, field)?.ok_or_else(missing)?,
+        };
+        if self.coding == Coding::Rle {
+            return Ok(whole);
+        }
+        while let Some(next) = fragment(&self.path, &mut self.bytes, field)? {
+            if next.starts_with(&[0xFF, 0xD8]) {
+                self.ahead = Some(next);
+                break;
+            }
+            if whole.len() + next.len() > MAX_FRAME {
+                let problem = format!("more than {MAX_FRAME} bytes");
+                return Err(ImagingError::invalid(&self.path, field, problem, "a compressed frame"));
+            }
+            whole.extend(next);
+        }
+        Ok(whole)
+    }
+
+    /// An uncompressed frame out of segments of run lengths, one for each byte of a pixel, high bytes first (PS3.5, annex G).
+    fn unpacked(&self, field: &str, bytes: &[u8]) -> Result<Vec<u8>, ImagingError> {
+        let problem = |problem: &str| {
+            ImagingError::invalid(&self.path, field, problem.to_owned(), "a whole frame of run lengths")
+        };
+        let (words, _) = bytes.get(..64).ok_or_else(|| problem("shorter than its header"))?.as_chunks::<4>();
+        let words: Vec<usize> = words.iter().map(|word| u32::from_le_bytes(*word) as usize).collect();
+        let (samples, size) = (self.layout.samples(), self.layout.depth.bytes());
+        let (segments, pixels) = (samples * size, self.layout.size[0] * self.layout.size[1]);
+        if words.first() != Some(&segments) {
+            return Err(problem(&format!("not {segments} segments")));
+        }
+        let mut frame = vec![0; segments * pixels];
+        for segment in 0..segments {
+            let from = words.get(segment + 1).copied().unwrap_or(0);
+            let to = if segment + 1 < segments { words.get(segment + 2).copied() } else { None };
+            let packed = bytes
+                .get(from..to.unwrap_or(bytes.len()))
+                .ok_or_else(|| problem("a segment beyond its end"))?;
+            // Samples lie pixel by pixel, the low byte of one first.
+            let (sample, byte) = (segment / size, size - 1 - segment % size);
+            let mut slots = frame.iter_mut().skip(sample * size + byte).step_by(segments);
+            let mut packed = packed.iter().copied();
+            let mut left = pixels;
+            while left > 0 {
+                let count = packed.next().ok_or_else(|| problem("a segment ends early"))?.cast_signed();
+                let run = 1 + usize::from(count.unsigned_abs());
+                let mut put = |value: Option<u8>| -> Result<(), ImagingError> {
+                    let value = value.ok_or_else(|| problem("a segment ends early"))?;
+                    if let Some(slot) = slots.next() {
+                        *slot = value;
+                    }
+                    Ok(())
+                };
+                match count {
+                    i8::MIN => continue,
+                    0.. => (0..run.min(left)).try_for_each(|_| put(packed.next()))?,
+                    _ => {
+                        let value = packed.next();
+                        (0..run.min(left)).try_for_each(|_| put(value))?;
+                    }
+                }
+                left -= run.min(left);
+            }
+        }
+        Ok(frame)
+    }
+}
+
+impl FrameReader for Pixels {
+    fn next(&mut self) -> Result<Frame, ImagingError> {
+        self.next += 1;
+        let field = format!("frame {}", self.next);
+        let layout = self.layout;
+        let plain = match self.coding {
+            Coding::Plain => {
+                let mut bytes = vec![0; layout.bytes()];
+                self.bytes.read_exact(&mut bytes).map_err(|cause| {
+                    let [width, height] = layout.size;
+                    let expected = format!("{} frames of {width} x {height}", self.count);
+                    ImagingError::invalid(&self.path, &*field, cause.to_string(), expected)
+                })?;
+                layout.grey(bytes)
+            }
+            Coding::Rle => {
+                let bytes = self.compressed(&field)?;
+                // Unpacked samples lie pixel by pixel, and have the processor's own order.
+                let depth = match layout.depth {
+                    Depth::Sixteen { is_signed, shift, .. } => {
+                        Depth::Sixteen { is_big_endian: false, is_signed, shift }
+                    }
+                    Depth::Eight => Depth::Eight,
+                };
+                let colours = if layout.colours == Colours::Ybr422 { Colours::Ybr } else { layout.colours };
+                Layout { is_planar: false, depth, colours, ..layout }.grey(self.unpacked(&field, &bytes)?)
+            }
+            Coding::Jpeg => {
+                let bytes = self.compressed(&field)?;
+                let frame = jpeg::decode(&self.path, &field, &bytes, layout.colours == Colours::Rgb)?;
+                if [frame.width, frame.height] != layout.size {
+                    let problem = format!("{} x {} pixels", frame.width, frame.height);
+                    let expected = format!("{} x {} as the header states", layout.size[0], layout.size[1]);
+                    return Err(ImagingError::invalid(&self.path, &*field, problem, expected));
+                }
+                match layout.colours {
+                    Colours::Inverted => frame.pixels.into_iter().map(|value| !value).collect(),
+                    _ => frame.pixels,
+                }
+            }
+        };
+        whole(&self.path, &field, layout.size, plain)
+    }
+}
+
+/// The next item of a sequence of fragments; none at its end.
+fn fragment(path: &Path, bytes: &mut impl Read, field: &str) -> Result<Option<Vec<u8>>, ImagingError> {
+    let problem =
+        |problem: String| ImagingError::invalid(path, field, problem, "fragments of compressed frames");
+    let mut header = [0u8; 8];
+    bytes.read_exact(&mut header).map_err(|cause| problem(cause.to_string()))?;
+    let [group, 0xFF, kind, 0xE0, a, b, c, d] = header else {
+        return Err(problem("no item".to_owned()));
+    };
+    let length = u32::from_le_bytes([a, b, c, d]);
+    match (group, kind) {
+        (0xFE, 0xDD) => Ok(None),
+        (0xFE, 0x00) if length as usize <= MAX_FRAME => {
+            let mut fragment = Vec::new();
+            bytes.take(length.into()).read_to_end(&mut fragment).map_err(ImagingError::io(path))?;
+            if fragment.len() as u64 != u64::from(length) {
+                return Err(problem(format!("{} of {length} bytes", fragment.len())));
+            }
+            Ok(Some(fragment))
+        }
+        (0xFE, 0x00) => Err(problem(format!("an item of {length} bytes"))),
+        _ => Err(problem("no item".to_owned())),
+    }
+}
