@@ -3,7 +3,6 @@
 //! Rows reach the operating system several times a second, so a crash or a pulled cable costs a fraction of a second. Losses are
 //! written where they happened (column `lost_before`), never smoothed over.
 
-pub mod air;
 mod sweeps;
 
 use crate::igtl::Channel;

@@ -1,11 +1,7 @@
 //! `guide characterize`: the rig's own mechanics from runs in air.
 
-mod air;
-
 use super::output::Output;
-use air::AirArgs;
 use anyhow::Context;
-use device::record::air::take_partial;
 use formats::model_file::ModelFile;
 use formats::session::{Labels, Session};
 use inference::diagnose::{
@@ -13,8 +9,7 @@ use inference::diagnose::{
 };
 use serde::Serialize;
 use std::fmt::{self, Display};
-use std::path::{Path, PathBuf};
-use time::OffsetDateTime;
+use std::path::PathBuf;
 
 /// Find the rig's own mechanics from runs in air, without tissue, for the sessions that follow
 ///
@@ -23,15 +18,13 @@ use time::OffsetDateTime;
 /// what the force sensor adds.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide characterize --port /dev/ttyACM0 --rig rig.toml --session air --out characterized.toml\n  \
-                  guide characterize --session air --force-gain-sd 0.01 --out characterized.toml\n  \
+    after_help = "Example:\n  guide characterize --session air --force-gain-sd 0.01 --out characterized.toml\n  \
                   guide characterize --session air-june --since characterized.toml --out characterized-june.toml"
 )]
 pub struct Args {
-    /// Session folder with runs in air (holds session.toml); other runs of it are not used. With --port it is made
-    /// where it is missing (default: air)
-    #[arg(long, value_name = "DIR", required_unless_present = "port")]
-    session: Option<PathBuf>,
+    /// Session folder with runs in air (holds session.toml); other runs of it are not used
+    #[arg(long, value_name = "DIR")]
+    session: PathBuf,
     /// Write what the runs determine to this file, for `characterized` in the [rig] of sessions and set-ups
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -44,8 +37,6 @@ pub struct Args {
     /// How well the needle's stated bending stiffness is known, relative standard deviation
     #[arg(long, value_name = "SHARE", value_parser = share)]
     stiffness_sd: Option<f64>,
-    #[command(flatten)]
-    air: AirArgs,
 }
 
 /// A relative standard deviation.
@@ -69,26 +60,22 @@ struct Document {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let dir = args.session.as_deref().unwrap_or(Path::new("air"));
+    let session = Session::read(&args.session)?;
     let before = args.since.as_deref().map(ModelFile::read).transpose()?;
-    // What the options name is read before anything moves.
-    args.air.make(dir, out)?;
-    let mut session = Session::read(dir)?;
-    let partial = take_partial(&mut session);
     let options = CharacterizeOptions { force_gain_sd: args.force_gain_sd, stiffness_sd: args.stiffness_sd };
-    let mut found =
-        characterize(&session, &options).with_context(|| format!("cannot characterise {}", dir.display()))?;
-    found.warnings.extend(partial.iter().map(|id| format!("run {id} ended early: nothing of it is used")));
+    let found = characterize(&session, &options)
+        .with_context(|| format!("cannot characterise {}", args.session.display()))?;
+    let name = match Labels::read(&args.session)? {
+        Labels { name: Some(name), date: Some(date), .. } => format!("{name}, {date}"),
+        Labels { name: Some(name), .. } => name,
+        _ => args.session.display().to_string(),
+    };
     if let Some(path) = &args.out {
-        let Labels { name, date, .. } = Labels::read(dir)?;
-        let name = name.unwrap_or_else(|| dir.display().to_string());
-        // What has moved is reported as since then.
-        let date = date.unwrap_or_else(|| OffsetDateTime::now_utc().date());
-        found.model(Some(format!("{name}, {date}"))).write(path)?;
+        found.model(Some(name)).write(path)?;
     }
     let document = Document {
         schema: "guide.characterize/1",
-        session: dir.display().to_string(),
+        session: args.session.display().to_string(),
         moved_since: before.map(|before| moved_since(&KnownParameter::of_model(&before), &found)),
         found,
         rig_file: args.out.as_ref().map(|path| path.display().to_string()),

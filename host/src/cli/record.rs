@@ -5,7 +5,7 @@ use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
 use crate::igtl::Live;
 use anyhow::{Context, bail};
-use device::link::{Batch, Client, Program, RunOptions, Telemetry};
+use device::link::{Batch, Client, Program, Telemetry};
 use device::record::{AcquisitionObserver, Recorded, Recorder, Ultrasound, acquire, provenance};
 use device::recording::{RawFile, RawRecorder, RecordingInfo};
 use device::sweep::Sweep;
@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// Where a recording goes.
 #[derive(clap::Args)]
-pub(super) struct SessionArgs {
+struct SessionArgs {
     /// Session folder; a new run is added to one that exists
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -41,14 +41,6 @@ pub(super) struct SessionArgs {
     /// Do not write a raw recording
     #[arg(long)]
     no_raw: bool,
-}
-
-impl SessionArgs {
-    /// A run in air of this name, with its raw recording.
-    pub(super) fn in_air(out: &Path, rig: Option<&Path>, id: String) -> Self {
-        let rig = rig.map(Path::to_owned);
-        Self { out: out.to_owned(), depth_mm: 0.0, rig, id: Some(id), raw: None, no_raw: false }
-    }
 }
 
 /// Reads a depth in tissue, millimetres.
@@ -166,7 +158,7 @@ impl Display for Report<'_> {
 /// Runs `guide acquire`.
 pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let program = Program::load(&args.program)?;
-    let Opened { session, id, setup } = open_session(&args.session)?;
+    let Opened { mut session, id, setup } = open_session(&args.session)?;
     let ultrasound = match (args.tracker.connect()?, &args.sweep_command) {
         (Some(tracker), _) => Ultrasound::Tracker(Box::new(tracker)),
         (None, Some(command)) => Ultrasound::Command(command),
@@ -183,49 +175,23 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
         );
     }
     let live = args.publish.begin(&setup.rig, &args.session.out, args.session.depth_mm, out)?;
-    let options = args.start.options(true)?;
-    let opened = Opened { session, id: id.clone(), setup };
-    let planned = Planned { program: &program, options, limit: args.limit, tared };
-    let (recorded, raw) = recorded(&mut client, &args.session, opened, &planned, ultrasound, live, out)?;
-    print("guide.acquire/1", &args.session, &id, recorded, raw.as_ref(), out)
-}
-
-/// A motion program, how it is run, and whether its force has a zero that was measured.
-pub(super) struct Planned<'a> {
-    pub program: &'a Program,
-    pub options: RunOptions<'static>,
-    pub limit: ForceLimitArgs,
-    pub tared: bool,
-}
-
-/// Runs a motion program and records it, with a progress bar.
-pub(super) fn recorded(
-    client: &mut Client,
-    args: &SessionArgs,
-    opened: Opened,
-    planned: &Planned<'_>,
-    ultrasound: Ultrasound<'_>,
-    live: Option<Live>,
-    out: &Output,
-) -> anyhow::Result<(Recorded, Option<RawFile>)> {
-    let Planned { program, options, limit, tared } = *planned;
-    let Opened { mut session, id, setup } = opened;
-    let raw = start_raw(args, "acquire", &id, &setup, tared, client)?;
-    limit.set(client)?;
+    let raw = start_raw(&args.session, "acquire", &id, &setup, tared, &mut client)?;
+    args.limit.set(&mut client)?;
     let made_with = provenance(client.hello(), Some(tared));
+    let options = args.start.options(true)?;
     let bar = ProgressBar::new(program.steps.len() as u64).with_style(
         ProgressStyle::with_template("{msg} {wide_bar} step {pos}/{len} {elapsed}")
             .context("the progress bar's template")?,
     );
     bar.set_message(program.name.clone());
     bar.enable_steady_tick(Duration::from_millis(200));
-    let outcome = measure(&mut session, &id, args.depth_mm, made_with, |recorder| {
+    let outcome = measure(&mut session, &id, args.session.depth_mm, made_with, |recorder| {
         let mut watch = Watch { bar: &bar, live, out };
-        Ok(acquire(client, program, options, ultrasound, recorder, &mut watch)?)
+        Ok(acquire(&mut client, &program, options, ultrasound, recorder, &mut watch)?)
     });
     bar.finish_and_clear();
     let raw = raw.map(RawRecorder::finish).transpose();
-    Ok((outcome?, raw?))
+    print("guide.acquire/1", &args.session, &id, outcome?, raw?.as_ref(), out)
 }
 
 /// Runs `guide record`.
@@ -298,10 +264,10 @@ impl AcquisitionObserver for Watch<'_> {
 }
 
 /// A session that takes a run.
-pub(super) struct Opened {
-    pub session: SessionWriter,
-    pub id: String,
-    pub setup: Setup,
+struct Opened {
+    session: SessionWriter,
+    id: String,
+    setup: Setup,
 }
 
 /// Begins the raw recording, unless it is not wanted. Where its usual name is taken, by what is left of a run that never
@@ -327,7 +293,7 @@ fn start_raw(
 }
 
 /// Opens or creates the session and chooses the run's name.
-pub(super) fn open_session(args: &SessionArgs) -> anyhow::Result<Opened> {
+fn open_session(args: &SessionArgs) -> anyhow::Result<Opened> {
     let existing = args.out.join("session.toml");
     let mut setup = match &args.rig {
         Some(rig) => Setup::read(rig)?,

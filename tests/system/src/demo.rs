@@ -161,7 +161,7 @@ pub fn run(args: &Args) -> Result<()> {
     print!("{}", judgement(&outcome, args.seed, &args.out)?);
     println!();
     println!(
-        "another rig is characterised in air; then it hides an effect, and the firmware runs the diagnostic staircase at three depths:\n"
+        "another rig, which hides an effect; the firmware runs the diagnostic staircase at three depths:\n"
     );
     let found = hidden::diagnosis(&this_program()?, args.seed, &args.out, &hidden::PLAN, &mut |text| {
         print!("{text}")

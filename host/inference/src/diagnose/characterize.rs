@@ -242,7 +242,6 @@ fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
             parameter: parameter.to_owned(),
             value: 0.0,
             sd,
-            since: None,
         })
     };
     let gain = of("sensor.force_gain", "gain", options.force_gain_sd);

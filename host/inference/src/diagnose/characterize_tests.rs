@@ -84,7 +84,7 @@ fn play_that_has_grown_is_reported_and_a_rig_that_has_not_changed_is_not() {
     // As a file keeps it.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("characterized.toml");
-    characterized(0.05, 5).model(Some("air, 2026-03-12".to_owned())).write(&path).expect("written");
+    characterized(0.05, 5).model(Some("air".to_owned())).write(&path).expect("written");
     let known = KnownParameter::of_model(&formats::model_file::ModelFile::read(&path).expect("read"));
     assert!(
         known.iter().all(|one| one.effect != "sensor.force_drift"),
@@ -96,8 +96,6 @@ fn play_that_has_grown_is_reported_and_a_rig_that_has_not_changed_is_not() {
     assert_eq!((first.effect.as_str(), first.parameter.as_str()), ("rig.play", "half_width_mm"));
     assert!((0.09..0.13).contains(&(first.now - first.before)), "{first:?}");
     assert!(first.change95[0] > 0.05 && first.sds > 3.5, "{first:?}");
-    let text = first.to_string();
-    assert!(text.contains("since air, 2026-03-12, a change of +0.1"), "{text}");
 }
 
 #[test]

@@ -29,8 +29,6 @@ pub struct KnownParameter {
     pub value: f64,
     /// Standard deviation of it.
     pub sd: f64,
-    /// From what it is known: name and date of the runs.
-    pub since: Option<String>,
 }
 
 impl KnownParameter {
@@ -48,7 +46,6 @@ impl KnownParameter {
                     parameter: info.name.to_owned(),
                     value: *value,
                     sd,
-                    since: model.learned_from.clone(),
                 })
             });
             known.collect::<Vec<_>>()
@@ -82,7 +79,6 @@ impl KnownParameter {
         (change.abs() > MOVED_SD * sd).then(|| Moved {
             effect: self.effect.clone(),
             parameter: self.parameter.clone(),
-            since: self.since.clone(),
             before: self.value,
             now,
             change95: [change - NORMAL_975 * sd, change + NORMAL_975 * sd],
@@ -104,8 +100,6 @@ pub struct Moved {
     pub effect: String,
     /// Name of the parameter.
     pub parameter: String,
-    /// When it was that: name and date of the runs from which it is known.
-    pub since: Option<String>,
     /// What it was.
     pub before: f64,
     /// What it is.
@@ -118,13 +112,12 @@ pub struct Moved {
 
 impl Display for Moved {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { effect, parameter, since, before, now, change95: [low, high], .. } = self;
+        let Self { effect, parameter, before, now, change95: [low, high], .. } = self;
         let change = now - before;
-        write!(f, "{effect} {parameter}: from {before:.4} to {now:.4}")?;
-        if let Some(since) = since {
-            write!(f, " since {since}")?;
-        }
-        write!(f, ", a change of {change:+.4} ({low:+.4} to {high:+.4})")
+        write!(
+            f,
+            "{effect} {parameter}: from {before:.4} to {now:.4}, a change of {change:+.4} ({low:+.4} to {high:+.4})"
+        )
     }
 }
 

@@ -138,15 +138,8 @@ fn one(seed: u64) -> Option<Vec<Estimate>> {
                 one.effect, one.parameter, one.value
             );
         }
-        // The two are different measurements: friction jumps where guide 2 turns.
-        let rubs = effects.iter().any(|(id, _)| *id == "rig.friction");
-        let beside = match (one.effect, rubs) {
-            ("sensor.delay", true) => ", with friction",
-            ("sensor.delay", false) => ", without friction",
-            _ => "",
-        };
         Estimate {
-            name: format!("{} {}{beside}", one.effect, one.parameter),
+            name: format!("{} {}", one.effect, one.parameter),
             error: one.value - truth,
             half_width: NORMAL_975 * one.sd,
             held: (low..=high).contains(&truth),

@@ -1,5 +1,4 @@
-//! The end of the demonstration: a rig that is characterised in air, then hides an effect, and the discrepancy workflow that finds it. An effect
-//! of the rig has come after the runs in air: the diagnosis reports it as what has moved since.
+//! The end of the demonstration: a rig that hides an effect, and the discrepancy workflow that finds it.
 
 use super::{SPEED, Typist, path, rig_toml, sweep_command, sweeps};
 use crate::bench::Bench;
@@ -7,9 +6,6 @@ use crate::cosim::Appointment;
 use crate::images;
 use crate::qemu::HANGS;
 use anyhow::{Context, Result};
-use control::calibration::Calibration;
-use device::record::air::{AirRun, interval_s};
-use formats::session::Setup;
 use serde_json::Value;
 use simulation::rig::config::{HiddenEffect, RigConfig};
 use simulation::rig::imperfections::Imperfections;
@@ -21,9 +17,6 @@ const HOME_AT_S: u32 = 4;
 const TARE_AT_S: u32 = 10;
 const FIRST_AT_S: u32 = 15;
 const EVERY_S: u32 = 24;
-/// When the first run in air starts, and how well the force's gain is known.
-const AIR_AT_S: u32 = 4;
-const FORCE_GAIN_SD: &str = "0.01";
 /// The motion program.
 const PROGRAM: &str = "quick-staircase";
 /// Depths of the needle, millimetres, and staircases at each.
@@ -41,18 +34,15 @@ pub struct Found {
 }
 
 impl Found {
-    /// Effects of the rig that are reported as not what they were in air, and classes of the effects that are named.
+    /// Classes of the effects that are named.
     pub fn classes(&self) -> Vec<Vec<&str>> {
-        let list = |field: &str| self.diagnosis[field].as_array().into_iter().flatten();
         let is_named = matches!(self.verdict(), "named" | "ambiguous");
-        let moved = list("moved_since").filter_map(|one| Some(vec![one["effect"].as_str()?]));
-        let named = list("effects").filter(|_| is_named).map(|effect| {
-            effect["class"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
-        });
-        let mut classes: Vec<Vec<&str>> = moved.chain(named).collect();
-        // One effect may have moved in several of its parameters.
-        classes.dedup();
-        classes
+        let effects = self.diagnosis["effects"].as_array().into_iter().flatten().filter(|_| is_named);
+        effects
+            .map(|effect| {
+                effect["class"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
+            })
+            .collect()
     }
 
     /// The verdict of the diagnosis.
@@ -119,37 +109,8 @@ impl Found {
     }
 }
 
-/// Characterises the rig in air as it is without the effect: its file, which the sessions of the rig name from then on.
-fn characterised(xtask: &Path, guide: &mut Typist<'_>, seed: u64, out: &Path, rig_file: &str) -> Result<()> {
-    let (air, file) = (out.join("air"), out.join("characterized.toml"));
-    if air.exists() {
-        fs::remove_dir_all(&air).with_context(|| format!("cannot clear {}", air.display()))?;
-    }
-    let mut config = RigConfig::default();
-    config.simulation.depth_mm = 0.0;
-    config.simulation.imperfections = Imperfections::of_seed(seed, PLAN.len() as u64);
-    let setup = Setup::read(Path::new(rig_file))?;
-    let travel_mm = 1e-3 * f64::from(Calibration::nominal_record().travel_um);
-    let mut starts = Vec::new();
-    for (number, run) in (0..).zip(AirRun::all(1)) {
-        let program = run.program(&setup, travel_mm).context("the demonstration's needle is too stiff")?;
-        let start_s = AIR_AT_S + number * interval_s(&program) as u32;
-        let sweeps = (0..).zip(&program.steps).filter(|(_, planned)| planned.sweep).map(|(index, _)| index);
-        starts.push(Appointment::at_s(start_s).with_sweeps(sweeps.collect()));
-    }
-    let bench = Bench::start(config, seed, SPEED, HANGS)?;
-    bench.rig().expect(starts);
-    let (port, sweep, at_s) = (bench.port(), sweep_command(xtask, &bench), AIR_AT_S.to_string());
-    let on_device = ["characterize", "--port", &port, "--at-s", &at_s, "--repeats", "1", "--rig", rig_file];
-    let files = ["--session", path(&air)?, "--force-gain-sd", FORCE_GAIN_SD, "--out", path(&file)?];
-    guide.shown(&[&on_device[..], &files, &["--sweep-command", &sweep]].concat())?;
-    bench.stop()?;
-    let named = fs::read_to_string(rig_file)? + "characterized = \"characterized.toml\"\n";
-    fs::write(rig_file, named).with_context(|| format!("cannot write {rig_file}"))
-}
-
-/// Characterises the rig in air, lets the firmware run the diagnostic staircase on it with the seed's effect behind small imperfections, one
-/// start per depth, and diagnoses the session.
+/// Lets the firmware run the diagnostic staircase on rigs that hide the seed's effect behind small imperfections, one per depth, and
+/// diagnoses the session.
 ///
 /// # Errors
 /// Where a command fails.
@@ -172,7 +133,6 @@ pub fn diagnosis(
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let hidden = HiddenEffect::of_seed(seed);
     let mut guide = Typist { program: guide, show };
-    characterised(xtask, &mut guide, seed, out, rig_file)?;
     let (mut modulus_kpa, mut runs) = (0.0, 0.0);
     for (start, (depth_mm, staircases)) in (0..).zip(plan) {
         let mut config = RigConfig::default();

@@ -4,7 +4,6 @@
 
 mod boards;
 mod bringup;
-mod characterize;
 mod foreign;
 mod hazards;
 mod igtl;
