@@ -259,7 +259,7 @@ impl DiagnosisReport<'_> {
             ("springs", "an elastic body")
         };
         Some(format!(
-            "{this}{with} in place of {that} explain these runs about as well: log odds {:+.2}; the interval of K includes both; runs at other \
+            "{this}{with} in place of {that}: these runs are explained about as well (log odds {:+.2}); the interval of K includes both; runs at other \
              depths would decide",
             other.ln_odds
         ))
