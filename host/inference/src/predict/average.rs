@@ -1,7 +1,7 @@
 //! A prediction by several models that explain the same runs: each predicts, and the results are averaged by their probabilities.
 //!
 //! A tissue of two layers and one whose modulus grows with depth may explain the runs equally well and disagree on the tip load by more
-//! than its noise. An interval by one of them would state what nobody knows (Bayesian model averaging, Hoeting et al. 1999,
+//! than its noise. An interval by one of them alone is too narrow (Bayesian model averaging, Hoeting et al. 1999,
 //! Statistical Science 14:382; theory, eq. 66).
 
 use super::results::Measured;
