@@ -145,7 +145,7 @@ fn alternatives_have_effects_of_their_own_and_share_one_probability() {
     );
     fails(
         &(other("0.6") + &other("0.6")),
-        "27:15: alternative.probability: 0.6 is out of range, expected probabilities of all",
+        "28:15: alternative.probability: 0.6 is out of range, expected probabilities of all",
     );
     fails(&other("0.4").replace("probability = 0.4\n", ""), "alternative.probability: missing");
     fails(&other("0.4").replace("alternative.tissue", "alternative.rig"), "alternative.rig");
