@@ -30,7 +30,8 @@ const OF_OTHERS: [&str; 16] = [
 
 /// A command of cargo itself, whose options are cargo's and its programs' and not checked here.
 fn of_cargo(text: &str) -> bool {
-    text.strip_prefix("cargo ").is_some_and(|rest| !rest.starts_with("xtask"))
+    let mut words = text.split_whitespace().skip_while(|word| word.contains('='));
+    words.next() == Some("cargo") && words.next() != Some("xtask")
 }
 
 #[test]
