@@ -13,6 +13,7 @@ pub mod fuzz;
 pub mod fuzzed;
 pub mod hil;
 pub mod images;
+pub mod module;
 pub mod needle;
 mod numbers;
 pub mod panics;

@@ -23,7 +23,7 @@ enum Task {
     /// Run the whole procedure on the firmware in QEMU with a simulated rig
     Demo(demo::Args),
     /// Run every test: host, protocol on the host and in QEMU, firmware end to end
-    Test,
+    Test(suite::Args),
     /// Measure the programs beside what one would take instead, and how their cost grows; write the page of it
     Bench(beside::Args),
     /// Build the image of each board and compare its flash and RAM use with the committed figures
@@ -75,7 +75,7 @@ fn main() -> ExitCode {
 fn run(task: Task) -> Result<()> {
     match task {
         Task::Demo(args) => demo::run(&args),
-        Task::Test => suite::run(),
+        Task::Test(args) => suite::run(args),
         Task::Bench(args) => beside::run(&args),
         Task::Size(args) => size::run(&args),
         Task::Hil(args) => hil::run(&args),

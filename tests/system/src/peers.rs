@@ -1,9 +1,10 @@
-//! Other people's OpenIGTLink: `pyigtl` for Python, and the C++ library's examples as Debian packages them.
+//! Other people's OpenIGTLink: `pyigtl` for Python, and the C++ library's examples as Debian packages them; and environments for Python.
 //!
-//! Both are set up in `target/peers` when they are first needed; where they cannot be had, the reason is reported instead. Nothing is
+//! They are set up in `target/peers` when they are first needed; where they cannot be had, the reason is reported instead. Nothing is
 //! installed in the system.
 
 use crate::images::root;
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -56,11 +57,19 @@ fn run(command: &mut Command) -> Result<Output, String> {
 /// # Errors
 /// Why there is none.
 pub fn python() -> Result<PathBuf, String> {
-    let made = folder("python", |folder| {
+    let requirements = scripts().join("requirements.txt");
+    environment("python", &["--requirement".as_ref(), requirements.as_os_str()])
+}
+
+/// A Python in an environment of its own with these packages of PyPI.
+///
+/// # Errors
+/// Why there is none.
+pub fn environment(name: &str, packages: &[impl AsRef<OsStr>]) -> Result<PathBuf, String> {
+    let made = folder(name, |folder| {
         run(Command::new("python3").args(["-m", "venv"]).arg(folder))?;
-        let requirements = scripts().join("requirements.txt");
-        let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"];
-        run(Command::new(folder.join("bin/python")).args(pip).arg(requirements)).map(|_| ())
+        let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
+        run(Command::new(folder.join("bin/python")).args(pip).args(packages)).map(|_| ())
     })?;
     Ok(made.join("bin/python"))
 }

@@ -1,16 +1,17 @@
 //! `cargo xtask test`: every test there is, and how many passed.
 //!
 //! 1. All that `cargo test` has, with the end-to-end tests, which boot the firmware in QEMU.
-//! 2. The protocol's tests on the target, in QEMU, with the image of each board.
-//! 3. The online estimator on the target, in QEMU.
-//! 4. The control core on the target, in QEMU: instructions per period.
-//! 5. The boards' images: build without warnings, and have not grown.
+//! 2. The tests of the Python module, where a Python is installed.
+//! 3. The protocol's tests on the target, in QEMU, with the image of each board.
+//! 4. The online estimator on the target, in QEMU.
+//! 5. The control core on the target, in QEMU: instructions per period.
+//! 6. The boards' images: build without warnings, and have not grown.
 //!
 //! The last line is `N passed, N failed`.
 
 use crate::images::{self, Board, Image};
 use crate::qemu::{HANGS, Qemu, turn};
-use crate::{size, timing, tracking};
+use crate::{module, size, timing, tracking};
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader};
 use std::ops::AddAssign;
@@ -45,15 +46,32 @@ impl Counts {
     }
 }
 
+/// Options of the suite.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct Args {
+    /// Build and test the Python module too (Python 3.10 or later with venv; NumPy, pandas and pytest from PyPI)
+    #[arg(long)]
+    pub python: bool,
+}
+
 /// Runs everything.
 ///
 /// # Errors
 /// Where a test failed or something could not be built.
-pub fn run() -> Result<()> {
+pub fn run(args: Args) -> Result<()> {
     // Meanwhile, on cores that wait for the last crate of the tests. What goes wrong is reported where the image is used.
     let images = std::thread::spawn(|| Image::ALL.map(images::build));
-    let mut counts = host()?;
+    let mut counts = host(args)?;
     drop(images.join());
+    if args.python {
+        println!("\n     Running the tests of the Python module");
+        match module::run(&images::target_dir().join("debug")) {
+            Ok(found) => counts += Counts { passed: found.passed, failed: found.failed },
+            Err(error) => counts += Counts::of("the Python module", Err(error)),
+        }
+    } else {
+        println!("\n     The Python module is not tested: there is no Python 3.10 or later");
+    }
     for board in Board::ALL {
         println!("\n     Running the protocol's tests on the target, in QEMU ({})", board.name());
         match conformance(board) {
@@ -77,9 +95,12 @@ pub fn run() -> Result<()> {
 }
 
 /// Runs `cargo test` and counts.
-fn host() -> Result<Counts> {
+fn host(args: Args) -> Result<Counts> {
+    let features: &[&str] = if args.python { &["--features", module::FEATURE] } else { &[] };
     let mut child = images::cargo()
-        .args(["test", "--workspace", "--no-fail-fast", "--", "--include-ignored"])
+        .args(["test", "--workspace", "--no-fail-fast"])
+        .args(features)
+        .args(["--", "--include-ignored"])
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .spawn()

@@ -179,9 +179,11 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
             check::announce();
             setup::ensure_all()?;
             check::all()?;
-            // With the features of the tests, so that nothing is built twice.
-            build::cargo(&["test", "--workspace", "--no-run"])?;
-            build::run_system("test", &[])
+            // With the features of the tests, so that nothing is built twice; with the Python module where it can be tested.
+            let python = wheel::python().is_ok();
+            let features: &[&str] = if python { &["--features", "needle-guide/extension"] } else { &[] };
+            build::cargo(&[&["test", "--workspace", "--no-run"], features].concat())?;
+            build::run_system("test", if python { &["--python".into()] } else { &[] })
         }
     }
 }

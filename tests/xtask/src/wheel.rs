@@ -44,7 +44,10 @@ pub fn wheel(arguments: &[OsString]) -> Result<()> {
 }
 
 /// The interpreter.
-fn python() -> Result<PathBuf> {
+///
+/// # Errors
+/// Where there is none, or it is too old.
+pub fn python() -> Result<PathBuf> {
     let name = std::env::var_os("PYTHON").unwrap_or_else(|| "python3".into());
     let (major, minor) = PYTHON_NEEDED;
     let version = format!("import sys; sys.exit(sys.version_info < ({major}, {minor}))");

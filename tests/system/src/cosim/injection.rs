@@ -50,6 +50,9 @@ pub struct Injection {
     pub stack_overflow: bool,
     /// The firmware gets no answer: time stands still.
     pub freeze: bool,
+    /// It is over by itself after so many periods; by default it lasts until another one begins. What must not last longer on a
+    /// computer that lets the test wait ends by the device's time.
+    pub for_periods: Option<u64>,
 }
 
 /// When an injection begins.
@@ -101,6 +104,8 @@ pub(super) struct Electronics {
     /// What waits for something.
     pending: Option<(Trigger, Injection)>,
     reaction: Option<Reaction>,
+    /// The period in which what is injected is over by itself.
+    over_at: Option<u64>,
     /// A motor has been driven for so many periods on end.
     driven_periods: u64,
     /// No input has been high from this period on.
@@ -131,6 +136,7 @@ impl Electronics {
             next: None,
             pending: None,
             reaction: None,
+            over_at: None,
             driven_periods: 0,
             released_since: None,
             reset_force: false,
@@ -184,6 +190,9 @@ impl Electronics {
         let released = request.compare == [0; 4];
         self.released_since = released.then(|| self.released_since.unwrap_or(period));
         self.observe(period, released);
+        if self.over_at.is_some_and(|over_at| period >= over_at) {
+            self.begin(period, Injection::default());
+        }
         if let Some(injection) = self.next.take() {
             self.begin(period, injection);
         }
@@ -210,6 +219,7 @@ impl Electronics {
         self.panic = injection.panic;
         self.stack_overflow = injection.stack_overflow;
         self.injection = injection;
+        self.over_at = injection.for_periods.map(|periods| period + periods);
         // The end of an injection is none: what it did can still be read.
         if injection != Injection::default() {
             let reaction =
@@ -425,6 +435,17 @@ mod tests {
             electronics.command(0, &request(RELEASED), [0.0, y_m]);
             assert_eq!(electronics.sense(0, CODES, false).emergency_stop, expected, "{y_m}");
         }
+    }
+
+    #[test]
+    fn an_injection_with_an_end_is_over_by_itself_and_leaves_its_reaction() {
+        let stop = Injection { emergency_stop: true, for_periods: Some(3), ..Injection::default() };
+        let mut electronics = sound(1.0);
+        electronics.inject_when(Trigger::AtStep(1), stop);
+        let pressed: Vec<bool> =
+            (0..6).map(|period| run(&mut electronics, period, &[RELEASED]).1.emergency_stop).collect();
+        assert_eq!(pressed, [false, true, true, true, false, false]);
+        assert_eq!(electronics.reaction().unwrap().injected_at_step, 1);
     }
 
     #[test]

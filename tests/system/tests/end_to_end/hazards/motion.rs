@@ -69,7 +69,8 @@ fn a_fault_is_cleared_only_at_rest() {
 #[ignore = "needs QEMU: cargo xtask test runs it"]
 fn a_runaway_axis_leaves_its_travel() {
     let (bench, mut client) = bench(unloaded());
-    let runaway = Injection { runaway: Some((1, 1.0)), ..NOTHING };
+    // On a busy computer the axis would otherwise be at the end of its track before the test ends the runaway.
+    let runaway = Injection { runaway: Some((1, 1.0)), for_periods: Some(60), ..NOTHING };
     bench.rig().inject_when(Trigger::Beyond { axis: 1, position_mm: 9.7 }, runaway);
     start(&mut client, &[move_y(9_900, 4_000)]);
     await_fault(&mut client, Fault::Travel);
