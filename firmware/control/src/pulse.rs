@@ -190,7 +190,7 @@ impl Pulser {
         }
     }
 
-    /// One period of the pulse with this sample; nothing where there is none.
+    /// One period of the pulse with this sample; `None` where there is none.
     pub fn step(&mut self, sample: &Sample) -> Option<Progress> {
         let running = self.running.as_mut()?;
         let progress = running.step(sample);
@@ -220,7 +220,7 @@ impl Pulser {
 }
 
 impl Controller {
-    /// Goes on with a pulse; nothing where none is under way.
+    /// Goes on with a pulse; `None` where none is under way.
     pub(super) fn pulse(
         &mut self,
         sample: &Sample,
