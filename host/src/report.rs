@@ -182,7 +182,7 @@ impl Report {
 fn warnings(session: &Session, analyses: &Analyses) -> Vec<String> {
     let mut warnings = analyses.failures();
     let moved = analyses.diagnosis.found().map(|found| found.moved_since.as_slice()).unwrap_or_default();
-    warnings.extend(moved.iter().map(|one| format!("the rig is not what it was: {one}")));
+    warnings.extend(moved.iter().map(|one| format!("the rig has changed: {one}")));
     warnings.extend(analyses.diagnosis.found().and_then(discrepancy::warning));
     let calibrations = session.calibrations();
     if calibrations.len() > 1 {

@@ -102,8 +102,8 @@ pub struct Pulser {
     net: NetDrive,
 }
 
-/// Periods of x and y driven up less those driven down, since power-on. A pulse counts in full from its beginning, and as it was driven
-/// from its end: a restart in its midst forgets nothing.
+/// Periods in which x and y were driven up, less those driven down, since power-on. While a pulse runs it counts in full, afterwards as it
+/// was driven: a restart during a pulse loses nothing.
 pub type NetDrive = [i16; 2];
 
 /// What a period of a pulse comes to.

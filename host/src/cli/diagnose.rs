@@ -138,7 +138,7 @@ impl Display for Text<'_> {
             writeln!(f, "{name:<13}{region}")?;
         }
         if found.regions.is_empty() {
-            writeln!(f, "where        nowhere: no region stands out")?;
+            writeln!(f, "where        no region has significant residuals")?;
         }
         writeln!(f, "verdict      {}", found.verdict.explained())?;
         for effect in &found.effects {

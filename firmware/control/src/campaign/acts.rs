@@ -136,7 +136,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         }
     }
 
-    /// A program of up to three steps, and a wait that may end it in its midst.
+    /// A program of up to three steps, and a wait that may end before the program does.
     fn program(&mut self) -> Checked<()> {
         let count = 1 + self.random.below(3) as usize;
         let steps: Vec<Step> = (0..count).map(|_| self.step()).collect();

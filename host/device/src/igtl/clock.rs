@@ -22,7 +22,7 @@ const AHEAD_S: f64 = 0.05;
 /// The least of the differences in a window of time.
 #[derive(Debug, Default)]
 struct Least {
-    /// When and what, both rising: what is above a newer one is of no use.
+    /// Time and value, both increasing: an entry above a newer one cannot be the minimum any more and is dropped.
     kept: VecDeque<(Instant, f64)>,
 }
 
