@@ -20,7 +20,8 @@
 //! A page and the sessions of a folder, at a free port, without a device:
 //!
 //! ```
-//! use server::{Page, ServedContent, Server, Sessions};
+//! use server::sessions::Sessions;
+//! use server::{Page, ServedContent, Server};
 //!
 //! let folder = tempfile::tempdir()?;
 //! let page = Page { text: "<p>a page".to_owned(), policy: "default-src 'none'".to_owned() };
