@@ -78,7 +78,9 @@ impl Program {
         let mut commands: BTreeMap<String, BTreeSet<String>> =
             tasks.map(|name| (name.clone(), system.get(&name).cloned().unwrap_or_default())).collect();
         let of_studies = options(&help_of("studies")).into_iter();
-        let of_studies = of_studies.chain(system.get("study-demo").into_iter().flatten().cloned());
+        let of_system =
+            ["study-demo", "study-bringup"].into_iter().filter_map(|name| system.get(name)).flatten();
+        let of_studies = of_studies.chain(of_system.cloned());
         commands.entry("study".to_owned()).or_default().extend(of_studies);
         commands.entry("web".to_owned()).or_default().extend(options(&help_of("browser")));
         Self { commands }
