@@ -1,5 +1,5 @@
-//! Firmware of the needle guide for the microcontroller: tasks, board, and the board's stand-in for QEMU. What it decides is in
-//! `control`.
+//! Firmware of the needle guide for the microcontroller: tasks, drivers of the boards, and the peripherals that QEMU lacks. All decisions are
+//! in the crate `control`, whose front page has an example.
 #![no_std]
 #![deny(missing_docs)]
 

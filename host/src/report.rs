@@ -24,7 +24,7 @@ pub use page::{Outcome, Report};
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use inference::diagnose::{self, Diagnosis, diagnose};
-use inference::identify::{self, Identification, YoungsBy, identify};
+use inference::identify::{self, Identification, YoungsMethod, identify};
 use inference::predict::{self, Prediction, predict};
 use inference::track::results::Tracking;
 use inference::track::{self, track};
@@ -74,7 +74,7 @@ impl Analyses {
         let none = ModelFile::default();
         let model = options.model.as_ref().unwrap_or(&none);
         let of_identification = identify::Options {
-            relation: YoungsBy::Continuum(Contact::Bonded),
+            relation: YoungsMethod::Continuum(Contact::Bonded),
             ..identify::Options::default()
         }
         .with_model(model)
@@ -182,7 +182,7 @@ impl Report {
 fn warnings(session: &Session, analyses: &Analyses) -> Vec<String> {
     let mut warnings = analyses.failures();
     let moved = analyses.diagnosis.found().map(|found| found.moved_since.as_slice()).unwrap_or_default();
-    warnings.extend(moved.iter().map(|one| format!("the rig is not what it was: {one}")));
+    warnings.extend(moved.iter().map(|one| format!("the rig has changed: {one}")));
     warnings.extend(analyses.diagnosis.found().and_then(discrepancy::warning));
     let calibrations = session.calibrations();
     if calibrations.len() > 1 {

@@ -61,7 +61,7 @@ impl CalibrationRecord {
         postcard::to_slice(self, buffer).map_or(&[], |bytes| &*bytes)
     }
 
-    /// Reads what [`Self::encode`] wrote; nothing where the bytes are not exactly one record.
+    /// Reads what [`Self::encode`] wrote; `None` where the bytes are not exactly one record.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         match postcard::take_from_bytes(bytes) {
             Ok((record, [])) => Some(record),

@@ -1,9 +1,9 @@
-//! The interface between the needle guide's firmware and its host: this page is its control document.
+//! The interface between the needle guide's firmware and its host. This page is the interface control document.
 //!
 //! Two streams of bytes, one each way, over anything that carries eight-bit bytes in order (a UART, a USB serial port, a
 //! pseudo terminal). Bytes may be damaged or lost anywhere; nothing that is damaged is ever taken for a message, and what is
-//! lost is counted. The page specifies the wire, the types document the fields. Numbers on it are held to the code
-//! by the tests, most of them by [`conformance`](#conformance), which also runs on the microcontroller.
+//! lost is counted. The page specifies the bytes on the line, the types document the fields. Tests compare the numbers on it with the
+//! code, most of them by [`conformance`](#conformance), which also runs on the microcontroller.
 //!
 //! # A frame
 //!
@@ -25,7 +25,7 @@
 //!
 //! A receiver ([`Receiver`]) drops what is longer than the bound up to the next delimiter, unstuffs, compares the checksum,
 //! and only then reads the message, which must use up the payload to its last byte. What fails is counted as
-//! over-long, corrupt or unreadable ([`Losses`]), costs no neighbour, and is never requested again by the receiver.
+//! over-long, corrupt or unreadable ([`Losses`]), does not affect neighbouring frames, and is never requested again by the receiver.
 //!
 //! `Stop`, sent as command 300 of the connection `0xA1B2C3D4`:
 //!
@@ -52,7 +52,7 @@
 //! # Requests and messages
 //!
 //! The host sends a [`Command`]: `id`, `connection`, [`Request`]. The device sends an [`Envelope`]: `boot_id`, `sequence`,
-//! [`Message`]. The number is the variant's place, as it stands on the wire.
+//! [`Message`]. The number is the index of the variant, as it is encoded.
 //!
 //! | | request | answers, in order | effect |
 //! |---|---|---|---|
@@ -67,7 +67,7 @@
 //! | 8 | `LoadCalibration { piece, bytes }` | `Ack` | takes 16 bytes of an encoded [`CalibrationRecord`] |
 //! | 9 | `StoreCalibration { length, crc }` | `Ack` | keeps the record if it is the one meant, and restarts with it |
 //! | 10 | `Calibration` | `Calibration`, `Ack` | none |
-//! | 11 | `Retreat { x_um, y_um }` | `Ack` | moves out of a load while its fault stands; an event follows |
+//! | 11 | `Retreat { x_um, y_um }` | `Ack` | moves out of a load while its fault is latched; an event follows |
 //! | 12 | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
 //! | 13 | `Describe` | `Description`, `Ack` | none |
 //! | 14 | `Safety` | `Safety`, `Ack` | none |
@@ -87,7 +87,7 @@
 //! | 9 | [`Description`] | on request |
 //!
 //! What each request is refused with in each state, the remedy of each refusal and fault, and what has changed from version to
-//! version stand in `protocol/spec/protocol.md`, beside the schema and the test vectors for other languages.
+//! version are in `protocol/spec/protocol.md`, beside the schema and the test vectors for other languages.
 //!
 //! # Rules
 //!
@@ -105,8 +105,8 @@
 //!   2³¹ is that many frames lost, less one; the same number is a duplicate, one from behind is late, and neither is used
 //!   ([`SequenceTracker`]).
 //! * **Time.** Device microseconds since boot, in 64 bits. A batch has the time of its first sample; the others follow at
-//!   `Hello::sample_period_us`. A hole in the times is that many samples lost, on either side; what the device itself
-//!   had to drop it reports in `Samples::dropped`.
+//!   `Hello::sample_period_us`. A gap in the times means lost samples, on either side; those that the device itself
+//!   had to drop are counted in `Samples::dropped`.
 //! * **Silence.** While a program is pending or running the device has to receive from the host: any intact command will do.
 //!   After `silence_ms` without one it latches a fault and switches the bridges off.
 //! * **Nothing from the device is sent again.** What may be lost is repeated in later state: every batch has state and step,

@@ -17,7 +17,7 @@
 //! | `LoadCalibration` | `Ack` | takes one piece of a calibration |
 //! | `StoreCalibration` | `Ack` | keeps the calibration and restarts with it |
 //! | `Calibration` | `Calibration`, `Ack` | none |
-//! | `Retreat` | `Ack`, then an event | moves out of a load while its fault stands |
+//! | `Retreat` | `Ack`, then an event | moves out of a load while its fault is latched |
 //! | `AcknowledgeCalibration` | `Ack` | works with the constants of the rig as designed until the next start |
 //! | `Describe` | `Description`, `Ack` | none |
 //! | `Safety` | `Safety`, `Ack` | none |

@@ -96,7 +96,7 @@ pub struct Observed<'a> {
 
 /// The causes to stop that exist in one period.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Causes(u32);
+pub struct StopCauses(u32);
 
 /// Most urgent first.
 const URGENCY: [Fault; Fault::ALL.len()] = [
@@ -119,7 +119,7 @@ const URGENCY: [Fault; Fault::ALL.len()] = [
     Fault::Restarted,
 ];
 
-impl Causes {
+impl StopCauses {
     fn add(&mut self, present: bool, fault: Fault) {
         self.0 |= u32::from(present) << fault as u8;
     }
@@ -227,7 +227,7 @@ impl Interlock {
         calibration: &Calibration,
         force: &ForceChannel,
         observed: &Observed<'_>,
-    ) -> Causes {
+    ) -> StopCauses {
         // Each counter counts every period, independent of the others.
         let beyond = |counts: [i32; 2], limit_mn: u32| {
             counts.iter().any(|counts| counts.unsigned_abs() > counts_of_mn(limit_mn).unsigned_abs())
@@ -254,7 +254,7 @@ impl Interlock {
         let beyond_travel = self.beyond_travel.step(axes().any(outward));
         let overrun = self.overruns(observed.late) && observed.active;
         let silent = observed.active && observed.silent_us > u64::from(self.limits.silence_ms) * 1_000;
-        let mut causes = Causes::default();
+        let mut causes = StopCauses::default();
         causes.add(observed.readings.emergency_stop, Fault::EmergencyStop);
         causes.add(over_range || force.saturated_periods() >= PERSISTENCE_PERIODS, Fault::ForceRange);
         causes.add(over_limit, Fault::ForceLimit);

@@ -12,7 +12,7 @@
 //! | [`axis`] | the duty that brings one actuator to its setpoint |
 //! | [`motor`] | how long a motor may be driven, and whether it moves when it is |
 //! | [`force`], [`tare`] | force from converter codes: calibration, zero, stale and saturated readings |
-//! | [`decimate`], [`stiffness`] | the lateral stiffness as the readings come |
+//! | [`decimate`], [`stiffness`] | the lateral stiffness, estimated online |
 //! | [`interlock`] | when to stop, and why: the table of hazards |
 //! | [`pulse`] | a short pulse of one motor without a loop, and what ends it |
 //! | [`retreat`], [`added_load`] | motions that unload the guide while the fault of the load is latched |
@@ -90,7 +90,7 @@ use axis::Axis;
 use commands::CommandSession;
 use force::ForceChannel;
 use indicator::Indicator;
-use interlock::{Causes, Interlock, Limits, Observed};
+use interlock::{Interlock, Limits, Observed, StopCauses};
 use motor::{DriveWatch, DutyBudget};
 use mutation::Mutation;
 pub use period::{Drive, Inputs, OutboundMessage, OutboundMessages, Outputs};
@@ -258,7 +258,7 @@ impl Controller {
     }
 
     /// Takes the readings: the sample of this period, and the causes to stop.
-    fn sense(&mut self, inputs: &Inputs, late: bool) -> (Sample, Causes) {
+    fn sense(&mut self, inputs: &Inputs, late: bool) -> (Sample, StopCauses) {
         let rising = self.axes.each_ref().map(Axis::rising);
         let position_um = self.calibration.position_um(inputs.readings.potentiometer_codes, rising);
         let force_counts = self.force.update(&self.calibration, &inputs.readings.force_codes);

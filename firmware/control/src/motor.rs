@@ -93,7 +93,7 @@ impl DutyBudget {
         bytes
     }
 
-    /// What [`Self::to_bytes`] kept; nothing where it cannot be that.
+    /// What [`Self::to_bytes`] kept; `None` where it cannot be that.
     pub fn from_bytes(bytes: &[u8; BUDGET_BYTES]) -> Option<Self> {
         let (kept, rest) = bytes.split_at(2 * BINS);
         let &[current, low, high, locked] = rest else { return None };

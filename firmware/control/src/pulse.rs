@@ -102,8 +102,8 @@ pub struct Pulser {
     net: NetDrive,
 }
 
-/// Periods of x and y driven up less those driven down, since power-on. A pulse counts in full from its beginning, and as it was driven
-/// from its end: a restart in its midst forgets nothing.
+/// Periods in which x and y were driven up, less those driven down, since power-on. While a pulse runs it counts in full, afterwards as it
+/// was driven: a restart during a pulse loses nothing.
 pub type NetDrive = [i16; 2];
 
 /// What a period of a pulse comes to.
@@ -190,7 +190,7 @@ impl Pulser {
         }
     }
 
-    /// One period of the pulse with this sample; nothing where there is none.
+    /// One period of the pulse with this sample; `None` where there is none.
     pub fn step(&mut self, sample: &Sample) -> Option<Progress> {
         let running = self.running.as_mut()?;
         let progress = running.step(sample);
@@ -220,7 +220,7 @@ impl Pulser {
 }
 
 impl Controller {
-    /// Goes on with a pulse; nothing where none is under way.
+    /// Goes on with a pulse; `None` where none is under way.
     pub(super) fn pulse(
         &mut self,
         sample: &Sample,

@@ -1,7 +1,7 @@
 //! Commands: which are accepted in which state, and what they do.
 
 use super::commands::Admission;
-use super::interlock::{Causes, Limits};
+use super::interlock::{Limits, StopCauses};
 use super::motor::DriveWatch;
 use super::mutation::Mutation;
 use super::program::Phase;
@@ -18,7 +18,7 @@ impl Controller {
         command: &Command,
         inputs: &Inputs,
         sample: Sample,
-        causes: Causes,
+        causes: StopCauses,
         notes: &mut OutboundMessages,
     ) -> Option<CalibrationRecord> {
         let mut store = None;
@@ -68,7 +68,7 @@ impl Controller {
         &mut self,
         request: &Request,
         now_us: u64,
-        causes: Causes,
+        causes: StopCauses,
         notes: &mut OutboundMessages,
     ) -> Result<(), Refusal> {
         match *request {

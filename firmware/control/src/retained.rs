@@ -57,7 +57,7 @@ impl ControllerState {
         bytes
     }
 
-    /// What was kept; nothing where that is damaged, as after power-on.
+    /// What was kept; `None` where that is damaged, as after power-on.
     pub fn from_bytes(bytes: &[u8; RETAINED_BYTES]) -> Option<Self> {
         let (crc, content) = bytes.split_first_chunk::<CRC_BYTES>()?;
         let (fault, rest) = content.split_first()?;

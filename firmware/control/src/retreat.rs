@@ -1,4 +1,4 @@
-//! Out of a load while its fault stands: a short, slow motion that ends as soon as the force does not fall.
+//! Out of a load while its fault is latched: a short, slow motion that ends as soon as the force does not fall.
 //!
 //! A lead screw holds the guide where the load stopped it, so that the cause of the fault would stay for ever. The host states which
 //! way; the device ensures that it leads out: every [`PROGRESS_UM`] must take [`PROGRESS_PERCENT`] of the rated range off the
@@ -11,7 +11,7 @@
 //! Both follow each of the four [`Loads`] by itself: a larger force along y must not hide one along x that rises up to it.
 
 use super::axis::Axis;
-use super::interlock::{Causes, STALE_LIMIT_PERIODS};
+use super::interlock::{STALE_LIMIT_PERIODS, StopCauses};
 use super::mutation::Mutation;
 use super::program::Phase;
 use super::{Controller, OutboundMessage, OutboundMessages, event, push};
@@ -124,7 +124,7 @@ impl Controller {
         &mut self,
         by_um: [i32; 2],
         now_us: u64,
-        causes: Causes,
+        causes: StopCauses,
     ) -> Result<(), Refusal> {
         self.while_idle()?;
         if self.restarting {
@@ -161,7 +161,7 @@ impl Controller {
     }
 
     /// Ends a retreat that has done its work, or does harm.
-    pub(super) fn follow_load(&mut self, causes: Causes, now_us: u64, notes: &mut OutboundMessages) {
+    pub(super) fn follow_load(&mut self, causes: StopCauses, now_us: u64, notes: &mut OutboundMessages) {
         let position_um = self.axes.each_ref().map(Axis::position_um);
         self.added_load.follow(self.force.loads(), position_um);
         if self.executor.phase() != Phase::Retreating {

@@ -50,7 +50,7 @@ pub fn to_stored(record: &CalibrationRecord, sequence: u32) -> [u8; STORED_BYTES
     stored
 }
 
-/// The record that a slot keeps and its sequence number; nothing where there is none, or one that is damaged.
+/// The record that a slot keeps and its sequence number; `None` where there is none, or one that is damaged.
 pub fn from_stored(stored: &[u8; STORED_BYTES]) -> Option<(CalibrationRecord, u32)> {
     let (&[a, b, c, length, d, e, f, g], rest) = stored.split_first_chunk::<HEAD_BYTES>()?;
     let crc = u32::from_le_bytes([d, e, f, g]);

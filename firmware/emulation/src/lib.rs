@@ -1,4 +1,4 @@
-//! What stands in for hardware where the firmware runs in QEMU, as far as it is plain logic: tested on the host.
+//! Models of the peripherals that QEMU lacks, for the firmware in QEMU, as plain logic that is tested on the host.
 //!
 //! | module | has |
 //! |---|---|

@@ -3,7 +3,7 @@
 use super::field::{self, Field, Layout, STIFFNESS_RANGE};
 use super::information::{Information, dot};
 use super::needle::Shape;
-use super::noise::Deviation;
+use super::noise::StandardDeviations;
 use super::simulation::Simulation;
 use super::{Estimate, Evidence, Identifiability, Row, Settings, Value};
 use nalgebra::{RealField, convert};
@@ -143,7 +143,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         settings: &Settings<T, M>,
         shape: &Shape<T, M>,
         row: &Row<T>,
-        deviation: Deviation<T>,
+        deviation: StandardDeviations<T>,
     ) -> Option<[T; 4]> {
         let predicted = self.simulation.predict(shape, &self.field, row)?;
         let (force_at, tip_at) = (self.layout.force_offset(), self.layout.tip_offset());
@@ -256,7 +256,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Filter
         settings: &Settings<T, M>,
         shape: &Shape<T, M>,
         row: &Row<T>,
-        deviation: Deviation<T>,
+        deviation: StandardDeviations<T>,
     ) {
         self.waiting = self.absorb(settings, shape, row, deviation);
     }

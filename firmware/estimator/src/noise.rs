@@ -5,12 +5,12 @@ use super::{Row, Sample, SampleError, Settings};
 use nalgebra::{RealField, convert};
 
 /// Standard deviations of a single sample: force, tip and base.
-pub type Deviation<T> = [T; 3];
+pub type StandardDeviations<T> = [T; 3];
 
 /// The row that is being filled, and the noise so far.
 #[derive(Debug, Clone)]
 pub struct Noise<T> {
-    stated: Deviation<T>,
+    stated: StandardDeviations<T>,
     last: Option<Sample<T>>,
     /// Time, depth and base of the row before.
     before: Option<[T; 3]>,
@@ -34,7 +34,7 @@ const LARGEST: f64 = 1e6;
 
 impl<T: RealField + Copy> Noise<T> {
     /// Stated deviations; 0 where there are none.
-    pub fn new(stated: Deviation<T>) -> Self {
+    pub fn new(stated: StandardDeviations<T>) -> Self {
         let zero = T::zero();
         Self {
             stated,
@@ -128,7 +128,7 @@ impl<T: RealField + Copy> Noise<T> {
     }
 
     /// Standard deviations of a single sample, never below what sensors of this kind resolve.
-    pub fn deviation(&self) -> Deviation<T> {
+    pub fn deviation(&self) -> StandardDeviations<T> {
         let six: T = convert(6.0);
         let floor: [T; 3] = [convert(1e-3), convert(5e-6), convert(1e-6)];
         let mut deviation = self.stated;

@@ -4,7 +4,7 @@
 use super::filter::Filter;
 use super::information::dot;
 use super::needle::Shape;
-use super::noise::Deviation;
+use super::noise::StandardDeviations;
 use super::{Row, Settings};
 use nalgebra::{RealField, convert};
 
@@ -68,7 +68,7 @@ impl<T: RealField + Copy, const M: usize, const C: usize, const N: usize> Replay
         settings: &Settings<T, M>,
         shape: &Shape<T, M>,
         rows: &[Row<T>],
-        deviation: Deviation<T>,
+        deviation: StandardDeviations<T>,
         live: &mut Filter<T, M, C, N>,
     ) {
         // Rest until there are a few more rows.

@@ -116,7 +116,7 @@ pub(super) fn load(name: &CStr, buffer: &mut [u8]) {
 pub struct Recording(OwnedFd);
 
 impl Recording {
-    /// Opens it; nothing where there is none.
+    /// Opens it; `None` where there is none.
     pub fn open(name: &CStr) -> Option<Self> {
         sys_open(name, OpenMode::RDONLY_BINARY).ok().map(Self)
     }

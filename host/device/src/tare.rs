@@ -130,12 +130,12 @@ impl TareQuality {
         }
     }
 
-    /// Valid readings per second; nothing where the tare took no time.
+    /// Valid readings per second; `None` where the tare took no time.
     pub fn readings_per_s(&self) -> Option<f64> {
         (self.duration_s > 0.0).then(|| f64::from(self.readings) / self.duration_s)
     }
 
-    /// What is wrong with it; nothing where it is good.
+    /// What is wrong with it; empty where it is good.
     pub fn faults(&self) -> Vec<TareFault> {
         if self.readings == 0 {
             return vec![TareFault::NoReadings];

@@ -81,7 +81,7 @@ fn fitted_y(found: &RunResult) -> Vec<(f64, f64)> {
 ///
 /// # Errors
 /// [`FigureError`] where the drawing fails.
-pub fn leftover(found: &RunResult) -> Result<String, FigureError> {
+pub fn run_residuals(found: &RunResult) -> Result<String, FigureError> {
     let middles_s: Vec<f64> =
         found.holds.iter().filter(|hold| hold.used).map(|hold| 0.5 * (hold.from_s + hold.to_s)).collect();
     let along = |one: &ResidualResult| Some((one.z_mm?, one.sigma));

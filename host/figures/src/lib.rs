@@ -1,5 +1,19 @@
 //! Figures of identifications, diagnoses, predictions, plans, tracked runs and populations, as SVG text: what `--plots`, the report and the
 //! page in the browser show.
+//!
+//! # Example
+//!
+//! The measured shape of a simulated run, with the fitted beam:
+//!
+//! ```
+//! use inference::identify::{Options, identify};
+//! # let truth = worlds::Truth { k_kpa: 12.0, tip_load_n: 0.2, effects: Vec::new(), foreign: None };
+//! # let session = worlds::session(&truth, &worlds::Design::four_runs(), 3);
+//! let found = identify(&session, &Options::default())?;
+//! let svg = figures::shape(&found.runs[0])?;
+//! assert!(svg.starts_with("<svg") && svg.contains("needle shape at"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
@@ -12,7 +26,7 @@ mod steering;
 
 pub use diagnosis::{gap, ranking, residuals};
 pub use insertion::insertion;
-pub use lateral::{force, leftover};
+pub use lateral::{force, run_residuals};
 pub use populations::population;
 pub use steered::{Steered, steered_path, steered_target};
 pub use steering::{field, steering};

@@ -40,7 +40,7 @@ pub struct EnergyModulus {
 /// Least number of shape points inside the tissue.
 pub const MIN_POINTS: usize = 3;
 
-/// Applies the energy balance to one level; nothing where there is no guide 1, fewer than three points lie inside the tissue or they do not
+/// Applies the energy balance to one level; `None` where there is no guide 1, fewer than three points lie inside the tissue or they do not
 /// determine a quadratic.
 pub fn energy_modulus(rig: &Rig, depth_m: f64, balance: &Balance) -> Option<EnergyModulus> {
     // Its polynomials are clamped at guide 1.

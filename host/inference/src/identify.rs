@@ -22,7 +22,7 @@ mod results;
 pub use body::{BodyResult, FoundationChoice, FoundationResult};
 pub use error::{IdentifyError, RunError};
 pub use layers::Layers;
-pub use options::{Options, YoungsBy};
+pub use options::{Options, YoungsMethod};
 pub use others::OtherResult;
 pub use residuals::ResidualResult;
 pub use results::{
@@ -83,7 +83,9 @@ pub fn identify(session: &Session, options: &Options) -> Result<Identification, 
     let beside = needs_evidence.then(|| model_error::fit(session, &fitted, options, tissue));
     match &beside {
         Some(Ok(found)) if options.model_error => {
-            warnings.extend(found.moved.iter().map(|one| format!("{one}: K is that of the rig as it was")));
+            warnings.extend(
+                found.moved.iter().map(|one| format!("{one}: K is computed with the value from before")),
+            );
             pooled = pooled.with_model_error(found.springs);
         }
         Some(Err(why)) => warnings

@@ -33,9 +33,9 @@ pub struct IndentationFit {
     pub youngs_pa: f64,
     /// Its 95 % interval from the scatter about the curve; nothing for fewer than [`MIN_ROWS_OF_INTERVAL`] rows.
     pub ci95_pa: Option<[f64; 2]>,
-    /// Force before contact; nothing where a flat punch was in contact all along (any offset fits then with its own contact point).
+    /// Force before contact; `None` where a flat punch was in contact all along (any offset fits then with its own contact point).
     pub offset_n: Option<f64>,
-    /// Depth reading at contact; nothing where the offset is nothing.
+    /// Depth reading at contact; `None` where the offset is nothing.
     pub contact_m: Option<f64>,
     /// Largest depth below contact.
     pub deepest_m: f64,

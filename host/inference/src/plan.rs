@@ -80,7 +80,7 @@ pub struct Choice {
     /// Half the width of the 95 % interval of K, or of E where the tissue is a body; infinite (`null` in JSON) beyond 1000 %, where the
     /// modulus is not identifiable.
     pub half_width_percent: f64,
-    /// The same with what many sessions predict of K; nothing where that is not given.
+    /// The same with what many sessions predict of K; `None` where that is not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub half_width_with_prior_percent: Option<f64>,
     /// Largest lateral force.
@@ -102,9 +102,9 @@ pub struct Plan {
     pub protocol: Protocol,
     /// All of them, by guide position, depth and displacement.
     pub choices: Vec<Choice>,
-    /// The narrowest interval within the limits; nothing where none keeps them.
+    /// The narrowest interval within the limits; `None` where none keeps them.
     pub best: Option<Choice>,
-    /// What many sessions predict of K; nothing where it was not given.
+    /// What many sessions predict of K; `None` where it was not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorResult>,
 }

@@ -319,7 +319,7 @@ fn stated_or_lateral(
                 }
                 return Ok(Some((foundation, sd_ln)));
             }
-            Err(why) => warnings.push(format!("the modulus is not known from the lateral runs: {why}")),
+            Err(why) => warnings.push(format!("the lateral runs do not give the modulus: {why}")),
         }
     }
     Ok(None)

@@ -28,12 +28,12 @@ pub struct PriorResult {
     pub k_kpa: f64,
     /// The 95 % interval of K of a new subject.
     pub k95_kpa: [f64; 2],
-    /// Probability, under the prior, of an estimate at least as far from the median as that of the session's own data; nothing where these
+    /// Probability, under the prior, of an estimate at least as far from the median as that of the session's own data; `None` where these
     /// do not identify K.
     pub p: Option<f64>,
     /// Whether the prior is used: p is not below 0.01.
     pub used: bool,
-    /// K of prior and data together; nothing where the prior is not used.
+    /// K of prior and data together; `None` where the prior is not used.
     pub with_prior: Option<WithPrior>,
 }
 

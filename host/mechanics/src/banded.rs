@@ -25,7 +25,7 @@ impl Banded {
         }
     }
 
-    /// `A = L L^T`; nothing where the matrix is not positive definite.
+    /// `A = L L^T`; `None` where the matrix is not positive definite.
     pub(super) fn factor(&mut self) -> Option<&Self> {
         (0..self.0.len()).try_for_each(|row| self.factor_row(row))?;
         Some(self)

@@ -95,7 +95,7 @@ pub(super) fn stiffness(
     Ok(matrix)
 }
 
-/// Mean modulus in every slice of depth; nothing where it is the same in all of them.
+/// Mean modulus in every slice of depth; `None` where it is the same in all of them.
 fn varied(foundation: &Foundation, from_m: f64, depth_m: f64) -> Option<[f64; table::SLICES]> {
     if foundation.gradient_per_m() == 0.0 && foundation.faces_m().all(|face_m| face_m <= from_m) {
         return None;

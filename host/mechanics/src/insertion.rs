@@ -15,7 +15,7 @@ pub struct Insertion {
     pub depth_m: Vec<f64>,
     /// Rotation of the needle about its axis, rad, against depth.
     pub rotation_rad: Profile,
-    /// Vertical and horizontal displacement of guide 2 against depth, m; nothing where guide 2 does not touch the needle.
+    /// Vertical and horizontal displacement of guide 2 against depth, m; `None` where guide 2 does not touch the needle.
     pub guide2_m: Option<[Profile; 2]>,
     /// Speed of the insertion against depth, m/s.
     pub speed_m_per_s: Profile,

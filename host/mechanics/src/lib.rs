@@ -1,4 +1,4 @@
-//! The forward model: what every sensor should read, given the model and what was done.
+//! The forward model: the expected reading of every sensor, for a model and an experiment.
 //!
 //! [`predict`] is the one entry: identification, simulation and diagnosis all call it. It is pure: no clock, no
 //! randomness, no input or output. Underneath, [`BeamProblem`] is the needle as a beam in the tissue, which is a row of springs or

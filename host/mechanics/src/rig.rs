@@ -51,7 +51,7 @@ pub enum Guides {
     /// elastic moment works, `EI u''(0) = k_r (u'(0) - slope)`. The slope tilts needle and path as a whole: it is the angle of entry
     /// of an insertion ([`TipLaw::entry_angle_rad`](super::TipLaw)).
     One {
-        /// Moment per slope k_r, vertical and horizontal; nothing where it is not known.
+        /// Moment per slope k_r, vertical and horizontal; `None` where it is not known.
         rear_rotation_n_m_per_rad: [Option<f64>; 2],
     },
 }

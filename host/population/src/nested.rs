@@ -113,7 +113,7 @@ pub struct Nested {
 }
 
 impl Nested {
-    /// Fits at given standard deviations; nothing where the mean is not determined.
+    /// Fits at given standard deviations; `None` where the mean is not determined.
     pub fn at(data: &Observations, order: &[usize], tau: &[f64]) -> Option<Self> {
         let size = data.parameters() + 1;
         let variances: Vec<f64> = tau.iter().map(|tau| tau * tau).collect();
@@ -161,7 +161,7 @@ impl Nested {
         })
     }
 
-    /// Maximises the restricted likelihood over the standard deviations of the sessions and of all levels; nothing where the mean is
+    /// Maximises the restricted likelihood over the standard deviations of the sessions and of all levels; `None` where the mean is
     /// not determined.
     pub fn fit(data: &Observations) -> Option<Self> {
         let order = data.order();

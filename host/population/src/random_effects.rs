@@ -40,7 +40,7 @@ pub struct RandomEffects {
     pub typical_variance: f64,
 }
 
-/// Analyses one group; nothing where the mean is not determined.
+/// Analyses one group; `None` where the mean is not determined.
 pub fn random_effects(data: &Observations) -> Option<RandomEffects> {
     let fit = Nested::fit(data)?;
     let flat = Observations { levels: Vec::new(), ..data.clone() };

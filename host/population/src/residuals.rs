@@ -76,7 +76,7 @@ fn weighted(data: &Observations, tau2: f64) -> Option<Weighted> {
     Some(Weighted { beta: factor.solve(&along), inverse: factor.inverse() })
 }
 
-/// Standardised residual of a session from the mean of the others; nothing where these have none.
+/// Standardised residual of a session from the mean of the others; `None` where these have none.
 fn without(data: &Observations, index: usize, tau2: f64, whole: Option<&Weighted>) -> Option<f64> {
     let row = DVector::from_vec(data.covariates(index));
     if data.len() <= EXACT {

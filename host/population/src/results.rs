@@ -236,7 +236,7 @@ pub struct TipLoadResult {
     pub sessions: usize,
     /// Mean.
     pub load_n: Interval,
-    /// Standard deviation between sessions; nothing where there is one session alone.
+    /// Standard deviation between sessions; `None` where there is one session alone.
     pub between_n: Option<f64>,
 }
 
@@ -255,7 +255,7 @@ pub struct SessionRow {
     pub k_kpa: Interval,
     /// K as it is in the record.
     pub k_recorded_kpa: f64,
-    /// Estimate of its true K from itself and its group; nothing where the session does not count.
+    /// Estimate of its true K from itself and its group; `None` where the session does not count.
     pub k_shrunk_kpa: Option<Interval>,
     /// Standardised residual from the mean of the others.
     pub residual: Option<f64>,

@@ -52,7 +52,7 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// By how much the effect moves ln K of one of its sessions, and the variance of that; nothing where the session names it by itself.
+    /// By how much the effect moves ln K of one of its sessions, and the variance of that; `None` where the session names it by itself.
     pub fn ln_k_shift(&self, data: &Likelihoods, session: usize, x: f64) -> Option<(f64, f64)> {
         let likelihood = data.sessions.get(session)?.as_ref()?;
         let hypothesis = data.hypotheses.get(self.hypothesis)?;

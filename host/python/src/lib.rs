@@ -2,7 +2,7 @@
 //!
 //! What users import is written in Python (`python/needle_guide`) on these few functions. Every result is the JSON document that
 //! the command prints (`host::cli::call`), so that Python and command line cannot differ. Long work runs in a thread of its own while
-//! the calling thread waits for it and for signals (`work`).
+//! the calling thread waits for it and for signals (`work`). The manual's page on Python has the examples.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 #![cfg(feature = "extension")]

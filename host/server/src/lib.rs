@@ -14,6 +14,21 @@
 //! | [`request`], [`update`] | what a page sends and receives over it |
 //! | [`control`] | which page may move the device, by its heartbeat |
 //! | [`live`] | the device, and the supervision of the page that moves it |
+//!
+//! # Example
+//!
+//! A page and the sessions of a folder, at a free port, without a device:
+//!
+//! ```
+//! use server::sessions::Sessions;
+//! use server::{Page, ServedContent, Server};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let page = Page { text: "<p>a page".to_owned(), policy: "default-src 'none'".to_owned() };
+//! let server = Server::start(ServedContent { page, sessions: Sessions::of(folder.path())?, feed: None }, 0)?;
+//! assert!(server.url().starts_with("http://127.0.0.1:") && server.is_running());
+//! # Ok::<(), std::io::Error>(())
+//! ```
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
@@ -28,6 +43,6 @@ pub mod sessions;
 pub mod socket;
 pub mod update;
 
-pub use listener::{Server, Site};
+pub use listener::{ServedContent, Server};
 pub use live::Live;
 pub use page::Page;

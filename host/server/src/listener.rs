@@ -2,7 +2,7 @@
 
 use crate::access::{Access, Token};
 use crate::http::{self, Head, RequestError, Status};
-use crate::live::{Feed, Watcher};
+use crate::live::{PageConnection, SharedState};
 use crate::page::Page;
 use crate::sessions::{List, MAX_FILE_BYTES, Sessions};
 use crate::socket;
@@ -24,13 +24,13 @@ const TEXT: &str = "text/plain; charset=utf-8";
 
 /// What is served.
 #[derive(Debug)]
-pub struct Site {
+pub struct ServedContent {
     /// The page.
     pub page: Page,
     /// The sessions that it can open.
     pub sessions: Sessions,
     /// The device, where there is one.
-    pub feed: Option<Arc<Feed>>,
+    pub feed: Option<Arc<SharedState>>,
 }
 
 /// What the page requests first.
@@ -52,7 +52,7 @@ pub struct Server {
 
 /// What every connection has.
 struct Shared {
-    site: Site,
+    site: ServedContent,
     access: Access,
     connections: AtomicUsize,
     stop: Arc<AtomicBool>,
@@ -63,7 +63,7 @@ impl Server {
     ///
     /// # Errors
     /// Where the port is in use, or the system gives no thread or no randomness.
-    pub fn start(site: Site, port: u16) -> io::Result<Self> {
+    pub fn start(site: ServedContent, port: u16) -> io::Result<Self> {
         let listener = TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port)))?;
         listener.set_nonblocking(true)?;
         let access = Access::new(Token::random()?, listener.local_addr()?);
@@ -154,7 +154,9 @@ fn answer(mut connection: TcpStream, shared: &Shared) -> io::Result<()> {
             if !shared.access.is_own_origin(&head) {
                 return http::refuse(stream, Status::Forbidden);
             }
-            let Some(watcher) = Watcher::join(feed) else { return http::refuse(stream, Status::Unavailable) };
+            let Some(watcher) = PageConnection::join(feed) else {
+                return http::refuse(stream, Status::Unavailable);
+            };
             http::switch(stream, key)?;
             socket::serve(connection, watcher, &shared.stop)
         }

@@ -16,7 +16,7 @@ fn served() -> Served {
     let page =
         Page { text: "<p>the page".to_owned(), policy: "default-src 'none'; connect-src 'self'".to_owned() };
     let sessions = Sessions::of(folder.path()).expect("a folder");
-    let server = Server::start(Site { page, sessions, feed: None }, 0).expect("a server");
+    let server = Server::start(ServedContent { page, sessions, feed: None }, 0).expect("a server");
     Served { _folder: folder, server }
 }
 

@@ -6,7 +6,7 @@
 
 use crate::control::{Control, HEARTBEAT_LIMIT, PageId};
 use crate::request::Request;
-use crate::update::{Held, Outcome, Started, Update, trace};
+use crate::update::{ControlHolder, Outcome, RunningProgram, Update, trace};
 use device::link::{Client, Program};
 use device::monitor::report::Report;
 use device::monitor::{State, UserCommand, Worker};
@@ -32,7 +32,7 @@ enum FromPage {
 
 /// What the connections share.
 #[derive(Debug)]
-pub struct Feed {
+pub struct SharedState {
     state: Mutex<State>,
     began: Instant,
     shown: Mutex<Shown>,
@@ -47,13 +47,13 @@ pub struct Feed {
 struct Shown {
     holder: Option<PageId>,
     notice: Option<String>,
-    program: Option<Started>,
+    program: Option<RunningProgram>,
 }
 
 /// A device under supervision. Dropping it stops what runs.
 #[derive(Debug)]
 pub struct Live {
-    feed: Arc<Feed>,
+    feed: Arc<SharedState>,
     worker: Worker,
     requests: Receiver<(PageId, FromPage)>,
     control: Control,
@@ -66,7 +66,7 @@ impl Live {
     /// Where the system gives no thread.
     pub fn start(client: Client, programs: Vec<Program>) -> io::Result<Self> {
         let (sender, requests) = mpsc::sync_channel(MAX_WAITING);
-        let feed = Arc::new(Feed {
+        let feed = Arc::new(SharedState {
             state: Mutex::new(State::new(client.port())),
             began: Instant::now(),
             shown: Mutex::default(),
@@ -83,7 +83,7 @@ impl Live {
     }
 
     /// For the connections.
-    pub fn feed(&self) -> Arc<Feed> {
+    pub fn feed(&self) -> Arc<SharedState> {
         Arc::clone(&self.feed)
     }
 
@@ -130,7 +130,7 @@ impl Live {
         self.shows(Some(notice), None);
     }
 
-    fn shows(&self, notice: Option<String>, program: Option<Started>) {
+    fn shows(&self, notice: Option<String>, program: Option<RunningProgram>) {
         let mut shown = lock(&self.feed.shown);
         (shown.notice, shown.program) = (notice, program);
     }
@@ -168,7 +168,7 @@ impl Live {
         }
         let program = match &command {
             UserCommand::Run(program) => {
-                Some(Started { name: program.name.clone(), steps: program.steps.len() })
+                Some(RunningProgram { name: program.name.clone(), steps: program.steps.len() })
             }
             _ => None,
         };
@@ -184,17 +184,17 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// One connected page. Dropping it reports that it has gone.
 #[derive(Debug)]
-pub struct Watcher {
-    feed: Arc<Feed>,
+pub struct PageConnection {
+    feed: Arc<SharedState>,
     page: PageId,
     /// Up to when the page has what was measured.
     reached_s: Option<f64>,
     sent: u64,
 }
 
-impl Watcher {
+impl PageConnection {
     /// A place for a page; none where all are taken.
-    pub fn join(feed: &Arc<Feed>) -> Option<Self> {
+    pub fn join(feed: &Arc<SharedState>) -> Option<Self> {
         if feed.pages.fetch_add(1, Ordering::AcqRel) >= MAX_PAGES {
             feed.pages.fetch_sub(1, Ordering::AcqRel);
             return None;
@@ -224,9 +224,9 @@ impl Watcher {
         };
         let shown = lock(&self.feed.shown);
         let control = match shown.holder {
-            None => Held::None,
-            Some(page) if page == self.page => Held::This,
-            Some(_) => Held::Other,
+            None => ControlHolder::None,
+            Some(page) if page == self.page => ControlHolder::This,
+            Some(_) => ControlHolder::Other,
         };
         Update {
             schema: "guide.live/1",
@@ -248,7 +248,7 @@ impl Watcher {
     }
 }
 
-impl Drop for Watcher {
+impl Drop for PageConnection {
     fn drop(&mut self) {
         self.feed.pages.fetch_sub(1, Ordering::AcqRel);
         // Where supervision has ended there is no device any more.

@@ -1,6 +1,6 @@
 //! The WebSocket of one page: updates to it, its requests from it, both bounded.
 
-use crate::live::Watcher;
+use crate::live::PageConnection;
 use crate::request::Request;
 use crate::update::UPDATE_INTERVAL;
 use std::collections::VecDeque;
@@ -26,7 +26,7 @@ const MAX_REMEMBERED: usize = 64;
 ///
 /// # Errors
 /// Where the connection cannot be set up.
-pub fn serve(stream: TcpStream, mut watcher: Watcher, stop: &AtomicBool) -> io::Result<()> {
+pub fn serve(stream: TcpStream, mut watcher: PageConnection, stop: &AtomicBool) -> io::Result<()> {
     stream.set_nodelay(true)?;
     stream.set_read_timeout(Some(POLL_INTERVAL))?;
     stream.set_write_timeout(Some(WRITE_TIME))?;

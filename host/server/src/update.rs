@@ -15,7 +15,7 @@ const HISTORY_COLUMNS: usize = 300;
 /// Who has control, as one page is concerned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Held {
+pub enum ControlHolder {
     /// Nobody.
     None,
     /// This page.
@@ -26,7 +26,7 @@ pub enum Held {
 
 /// A program that was started from a page.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Started {
+pub struct RunningProgram {
     /// Its name.
     pub name: String,
     /// Number of its steps on the device.
@@ -39,12 +39,12 @@ pub struct Update {
     pub(crate) schema: &'static str,
     /// Its number, which the page's heartbeat names.
     pub(crate) update: u64,
-    pub(crate) control: Held,
+    pub(crate) control: ControlHolder,
     /// What supervision has done last.
     pub(crate) notice: Option<String>,
     /// Outcome of the last command.
     pub(crate) outcome: Option<Outcome>,
-    pub(crate) program: Option<Started>,
+    pub(crate) program: Option<RunningProgram>,
     /// Programs that can be run.
     pub(crate) programs: Vec<String>,
     pub(crate) heartbeat_limit_s: f64,

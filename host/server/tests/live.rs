@@ -6,7 +6,7 @@ use protocol::Request as ToDevice;
 use serde_json::{Value, json};
 use server::live::MAX_PAGES;
 use server::sessions::Sessions;
-use server::{Live, Page, Server, Site};
+use server::{Live, Page, ServedContent, Server};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::sync::Arc;
@@ -44,7 +44,8 @@ fn served() -> Served {
     let mut live = Live::start(client, programs).expect("a thread");
     let page = Page { text: String::new(), policy: String::new() };
     let sessions = Sessions::of(folder.path()).expect("a folder");
-    let server = Server::start(Site { page, sessions, feed: Some(live.feed()) }, 0).expect("a server");
+    let server =
+        Server::start(ServedContent { page, sessions, feed: Some(live.feed()) }, 0).expect("a server");
     let stop = Arc::new(AtomicBool::new(false));
     let supervision = std::thread::spawn({
         let stop = Arc::clone(&stop);

@@ -5,8 +5,8 @@
 //! | [`rig`] | actuators, force sensor, needle and tissue as the firmware meets them, period by period |
 //! | [`simulate`] | whole sessions as files, from a plan |
 //!
-//! What it computes comes from the same forward model as identification and prediction; worlds for tests of these two come from
-//! elsewhere.
+//! It computes with the same forward model as identification and prediction. The generators that test those two are independent of it
+//! (`tests/worlds`).
 //!
 //! # Example
 //!

@@ -1,4 +1,4 @@
-//! `guide bringup`: from a soldered board to the first motion, with every fault named.
+//! `guide bringup`: from a soldered board to the first motion; names what is wired or mounted wrong.
 
 mod record;
 
@@ -18,9 +18,9 @@ use std::time::{Duration, Instant};
 
 /// Bring a rig up: find what is wired or mounted wrong, before and with the first small motions
 ///
-/// Set both guides to the middle of their travel and mount the needle in both guides, in air. Each step reports what it does first; motors are
-/// pulsed for at most 50 ms, 0.3 mm and 1 N, which the device itself ensures, before any loop is closed. Only with --calibration something is stored on the device, after all else
-/// has passed.
+/// Set both guides to the middle of their travel and mount the needle in both guides, in air. Each step first prints what it does. Before the
+/// position loop is closed, motors are driven in pulses of at most 50 ms, 0.3 mm and 1 N, which the device itself enforces. Nothing is stored
+/// on the device, except with --calibration after all other steps have passed.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide bringup --port /dev/ttyACM0\n  guide bringup --port /dev/ttyACM0 --step motors --step loop"
@@ -28,10 +28,10 @@ use std::time::{Duration, Instant};
 pub struct Args {
     #[command(flatten)]
     port: PortArgs,
-    /// Only these steps; what the others found before is taken from the file
+    /// Run only these steps; the results of the others are taken from the file
     #[arg(long, value_name = "STEP")]
     step: Vec<StepName>,
-    /// No prompts: motion is allowed, the emergency stop is not tested
+    /// Print no prompts: motion is allowed, the emergency stop is not tested
     #[arg(long)]
     yes: bool,
     /// Do not compare the device's clock with this computer's: for a simulated rig, whose clock runs at another rate
@@ -40,7 +40,7 @@ pub struct Args {
     /// Store this calibration (of `guide calibrate`) as the last step, restart the device and read it back
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
-    /// Keep the result in this file, after each step
+    /// Write the result to this file after each step
     #[arg(long, value_name = "FILE", default_value = "bringup.toml")]
     out: PathBuf,
 }
@@ -154,7 +154,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let record = Record::read(&args.out)?;
     if let Some((step, date)) = record.interrupted() {
         out.note(format_args!(
-            "{}: the bring-up of {date} ended in `{step}`; nothing of that step is used",
+            "{}: the bring-up of {date} was interrupted in `{step}`; the results of that step are not used",
             args.out.display()
         ));
     }
@@ -168,7 +168,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if !report.passed {
         out.finish()?;
         bail!(
-            "the bring-up has not passed: {} finding(s), each with its remedy in the result",
+            "the bring-up has not passed; findings: {}, each with its remedy in the result",
             report.findings().count()
         );
     }

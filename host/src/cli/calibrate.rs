@@ -25,13 +25,13 @@ pub struct Args {
     /// the motion (position)
     #[arg(value_name = "CSV")]
     readings: PathBuf,
-    /// Calibration that the device had while they were taken (`guide calibration --out`)
+    /// Calibration of the device while the readings were taken (`guide calibration --out`)
     #[arg(long, value_name = "FILE")]
     from: PathBuf,
-    /// Write the calibration that it should have to this file
+    /// Write the new calibration to this file
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Axis that the gauge was on
+    /// Axis along which the gauge measured
     #[arg(long, value_enum, required_if_eq("kind", "position"))]
     axis: Option<Axis>,
 }
@@ -40,7 +40,7 @@ pub struct Args {
 enum Kind {
     /// Known loads on the force sensor, in two directions
     Force,
-    /// A gauge against guide 2, up and down again
+    /// A gauge against guide 2, upwards and back
     Position,
 }
 
@@ -157,7 +157,7 @@ impl Display for Position {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "before     off by {:.3} mm at most; the gauge moved {:.4} mm per reported mm",
+            "before     error {:.3} mm at most; the gauge moved {:.4} mm per reported mm",
             self.largest_error_mm, self.scale
         )?;
         match self.play_mm {
@@ -170,7 +170,7 @@ impl Display for Position {
             self.residual_sd_mm, self.worst_residual_mm, self.worst_reading
         )?;
         let [from_mm, to_mm] = self.covered_mm;
-        writeln!(f, "covered    {from_mm:+.3} to {to_mm:+.3} mm; on straight lines beyond")
+        writeln!(f, "covered    {from_mm:+.3} to {to_mm:+.3} mm; linear beyond")
     }
 }
 

@@ -1,4 +1,4 @@
-//! Commands as functions: what `guide ARGUMENTS --json` prints, draws and remarks, for a program that calls them.
+//! Commands as functions: document, figures and notes of `guide ARGUMENTS --json`, for a program that calls them.
 
 use super::output::{Memory, Output};
 use super::{Cli, run};

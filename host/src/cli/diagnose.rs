@@ -30,7 +30,7 @@ pub struct Args {
     model: Option<PathBuf>,
     #[command(flatten)]
     rig: CharacterizedArgs,
-    /// Compare with this session: the rig, the tissue and what both leave unexplained are taken from it; only a changed modulus and
+    /// Compare with this session: rig, tissue and the misfit that both have in common are taken from it; only a changed modulus and
     /// effects absent from it can be found
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
@@ -138,7 +138,7 @@ impl Display for Text<'_> {
             writeln!(f, "{name:<13}{region}")?;
         }
         if found.regions.is_empty() {
-            writeln!(f, "where        nowhere: no region stands out")?;
+            writeln!(f, "where        no region has significant residuals")?;
         }
         writeln!(f, "verdict      {}", found.verdict.explained())?;
         for effect in &found.effects {

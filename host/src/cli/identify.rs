@@ -12,7 +12,7 @@ use formats::session::{Labels, Session};
 use inference::holds::HoldCriteria;
 use inference::identify::{
     Bootstrap, Directions, FoundationChoice, Identification, KPerEi, Layers, NoiseAlone, NuisanceResult,
-    Options, Reference, RunResult, YoungsBy, identify,
+    Options, Reference, RunResult, YoungsMethod, identify,
 };
 use inference::prior::PriorResult;
 use mechanics::Support;
@@ -31,7 +31,7 @@ pub struct Args {
     dir: PathBuf,
     /// Relation that converts the foundation modulus K to Young's modulus E
     #[arg(long, default_value = "continuum", value_parser = relation())]
-    relation: YoungsBy,
+    relation: YoungsMethod,
     /// Poisson's ratio of the tissue, 0 to 0.5 (default: the session's, or 0.5)
     #[arg(long, value_name = "RATIO", value_parser = poisson)]
     poisson: Option<f64>,
@@ -50,7 +50,7 @@ pub struct Args {
     model: Option<PathBuf>,
     #[command(flatten)]
     rig: CharacterizedArgs,
-    /// Take what many sessions predict of K (prior.toml of `guide population --out`), and report K with it beside K without
+    /// Use the prior of K from many sessions (prior.toml of `guide population --out`), and report K with and without it
     #[arg(long, value_name = "FILE")]
     prior: Option<PathBuf>,
     /// Find two layers, a modulus each and the boundary, from runs at several depths
@@ -75,10 +75,10 @@ pub(super) fn nuisance() -> impl TypedValueParser<Value = &'static dyn Effect> {
     PossibleValuesParser::new(EFFECTS.map(Effect::id)).map(|id| effect(&id).unwrap_or(EFFECTS[0]))
 }
 
-fn relation() -> impl TypedValueParser<Value = YoungsBy> {
-    PossibleValuesParser::new(YoungsBy::ALL.map(YoungsBy::name)).map(|name| {
+fn relation() -> impl TypedValueParser<Value = YoungsMethod> {
+    PossibleValuesParser::new(YoungsMethod::ALL.map(YoungsMethod::name)).map(|name| {
         // The parser before lets nothing else pass.
-        YoungsBy::ALL.into_iter().find(|relation| relation.name() == name).unwrap_or(YoungsBy::ALL[0])
+        YoungsMethod::ALL.into_iter().find(|relation| relation.name() == name).unwrap_or(YoungsMethod::ALL[0])
     })
 }
 

@@ -69,7 +69,7 @@ impl TrackerArgs {
     }
 }
 
-/// How often clients hear of the device.
+/// How often clients receive the device's values.
 #[derive(clap::Args)]
 pub struct RateArgs {
     /// Updates for OpenIGTLink clients per second of the device's clock

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// Show or set the force and the silence of the host at which the device stops by itself
 ///
-/// They hold until the device starts again. What is not given stays as it is.
+/// They hold until the device starts again. A limit that is not given stays as it is.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  guide limits --port /dev/ttyACM0 --force-n 2.5")]
 pub struct Args {

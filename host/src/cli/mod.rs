@@ -2,7 +2,7 @@
 //!
 //! * Results go to standard output (with `--json` exactly one JSON document), remarks and progress to standard error.
 //! * Exit code 0: done; 1: failed, with one line `error: ...` on standard error; 2: wrong use.
-//! * A reader that goes away (`guide ... | head`) ends the program without a word.
+//! * When the reader closes the pipe (`guide ... | head`) the program ends without a message.
 //!
 //! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`]
 //! and one line in [`main`].

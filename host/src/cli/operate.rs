@@ -117,7 +117,7 @@ pub(super) fn clear_latched(client: &mut Client) -> anyhow::Result<()> {
     })
 }
 
-/// Clears the latched fault. An axis that still rolls on after a motion keeps it for a moment.
+/// Clears the latched fault. The device refuses that for a moment while an axis still coasts after a motion.
 fn clear_at_rest(client: &mut Client) -> Result<(), LinkError> {
     const TRIES: u32 = 4;
     const PAUSE: Duration = Duration::from_millis(100);
@@ -130,10 +130,10 @@ fn clear_at_rest(client: &mut Client) -> Result<(), LinkError> {
     client.request(Request::ClearFault)
 }
 
-/// Unload the guide while the fault that the load has caused is latched
+/// Unload the guide while the fault caused by the load is latched
 ///
-/// The guide goes slowly, by at most 1 mm along each axis, and stops as soon as the force does not fall. Without a direction: along the
-/// axis with the larger force, against it.
+/// Guide 2 moves slowly, by at most 1 mm along each axis, and stops as soon as the force no longer falls. Without a direction it moves
+/// along the axis with the larger force, against that force.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide retreat --port /dev/ttyACM0\n  guide retreat --port /dev/ttyACM0 --y-mm -0.5"

@@ -31,8 +31,8 @@ pub struct Args {
     /// ratio of the rig file's [tissue] or 0.5
     #[arg(long, num_args = 2, value_names = ["LEAST", "GREATEST"], conflicts_with = "k_kpa")]
     youngs_kpa: Vec<f64>,
-    /// Take what many sessions predict of K (prior.toml of `guide population --out`): its 95 % interval, where --k-kpa is not given, and
-    /// the interval with it beside that of the run alone; the rig file states the labels of its groups
+    /// Use the prior of K from many sessions (prior.toml of `guide population --out`): its 95 % interval is the range where --k-kpa is not
+    /// given, and the interval of K is reported with and without it; the rig file states the labels of its groups
     #[arg(long, value_name = "FILE", conflicts_with = "youngs_kpa")]
     prior: Option<PathBuf>,
     /// Insertion depths to choose from, millimetres
@@ -185,7 +185,7 @@ impl Display for Text<'_> {
                 writeln!(f, "best within the limits")?;
                 write_choice(f, choice)?;
             }
-            None => writeln!(f, "no choice keeps the limits and identifies {modulus}")?,
+            None => writeln!(f, "no design is within the limits and identifies {modulus}")?,
         }
         let Some(prior) = &self.0.prior else { return Ok(()) };
         writeln!(f, "prior        {}", prior.lines().first().map_or("", String::as_str))?;

@@ -16,7 +16,7 @@ pub struct Args {
     /// Files of records that `guide summarize` has written
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Form groups with a mean and a spread of their own by these labels (rig, needle, tissue, subject, site, day, month) or covariates
+    /// Form groups, each with its own mean and spread, by these labels (rig, needle, tissue, subject, site, day, month) or covariates
     #[arg(long, value_name = "LABEL", value_delimiter = ',')]
     by: Vec<String>,
     /// Labels of nested random effects within a group, outermost first
@@ -25,7 +25,7 @@ pub struct Args {
     /// Covariates that ln K depends on linearly
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     covariate: Vec<String>,
-    /// Write what may be assumed of the next session to this file
+    /// Write the prior for the next session to this file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Draw forest plot, spread by group, funnel, time chart of every rig and shrinkage as SVG files into this folder

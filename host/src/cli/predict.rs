@@ -42,7 +42,7 @@ pub struct Args {
     model: Option<PathBuf>,
     #[command(flatten)]
     rig: CharacterizedArgs,
-    /// Take what many sessions predict of K (prior.toml of `guide population --out`), and report the prediction without it beside
+    /// Use the prior of K from many sessions (prior.toml of `guide population --out`), and also report the prediction without it
     #[arg(long, value_name = "FILE", conflicts_with_all = ["k_kpa", "layers"])]
     prior: Option<PathBuf>,
     /// Predict each insertion by itself, without learning from the others of the session

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  guide info phantom-a/d30-1.mcap")]
 pub struct InfoArgs {
-    /// Raw recording, finished or not
+    /// Raw recording; it may be unfinished
     #[arg(value_name = "FILE")]
     file: PathBuf,
 }
@@ -36,7 +36,7 @@ pub struct RecoverArgs {
     after_help = "Example:\n  guide export d30-1.mcap --to csv --out phantom-a\n  guide export d30-1.mcap --to npy --out d30-1.npy"
 )]
 pub struct ExportArgs {
-    /// Raw recording, finished or not, damaged or not
+    /// Raw recording; it may be unfinished or damaged
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// csv: the rows of a lateral run in a session folder; npy: every sample in a structured array; mcap: as `guide recover`
@@ -201,7 +201,7 @@ fn recovered(schema: &'static str, from: &Path, to: &Path) -> anyhow::Result<Rep
     Ok(Report { out: Some(path), bytes_written: Some(bytes), ..Report::new(schema, contents) })
 }
 
-/// RunKinds how far a file has been read.
+/// Shows how far a file has been read.
 fn with_progress<T>(
     file: &Path,
     read: impl FnOnce(&mut dyn FnMut(u64)) -> anyhow::Result<T>,

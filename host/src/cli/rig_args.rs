@@ -109,7 +109,7 @@ pub struct Rest {
 const REST_SAMPLES: usize = 100;
 
 impl Rest {
-    /// The end of what was streamed; nothing where nothing was.
+    /// The end of what was streamed; `None` where nothing was.
     pub fn of(received: &[Telemetry]) -> Option<Self> {
         let points = received.iter().rev().flat_map(|telemetry| {
             match telemetry {

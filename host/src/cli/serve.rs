@@ -10,7 +10,7 @@ use device::link::{Client, Telemetry};
 use device::monitor::{Event, Worker};
 use formats::model_file::ModelFile;
 use formats::session::{DEPTH_RANGE_MM, Session};
-use inference::identify::{self, Identification, YoungsBy, identify};
+use inference::identify::{self, Identification, YoungsMethod, identify};
 use inference::predict::{self, predict};
 use mechanics::continuum::Contact;
 use serde::Serialize;
@@ -129,7 +129,7 @@ fn follow(client: Client, live: &Arc<Mutex<Live>>, remarks: Sender<String>) -> a
     let on_event = move |event| {
         let remark = match event {
             Event::Telemetry(Telemetry::Samples(batch)) => return lock(&live).samples(&batch),
-            Event::Lost(reason) => format!("the device is gone: {reason}"),
+            Event::Lost(reason) => format!("the connection to the device is lost: {reason}"),
             Event::Connected { .. } | Event::Telemetry(_) | Event::LinkTotals(_) | Event::Command(_) => {
                 return;
             }
@@ -140,7 +140,7 @@ fn follow(client: Client, live: &Arc<Mutex<Live>>, remarks: Sender<String>) -> a
     Worker::start(client, on_event).context("cannot start the link's thread")
 }
 
-/// A thread that has panicked while it published leaves what can go on.
+/// The publisher, also where a thread has panicked while it held the lock: its state remains usable.
 fn lock(live: &Mutex<Live>) -> MutexGuard<'_, Live> {
     live.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -165,7 +165,7 @@ impl Results<'_> {
         let model = self.model.clone().unwrap_or_default();
         let mut found: Option<Identification> = None;
         if !session.lateral.is_empty() {
-            let relation = YoungsBy::Continuum(Contact::Bonded);
+            let relation = YoungsMethod::Continuum(Contact::Bonded);
             let options = identify::Options { relation, ..identify::Options::default() }.with_model(&model);
             match identify(&session, &options) {
                 Ok(identification) => {
@@ -235,7 +235,7 @@ struct FilesWatch {
 }
 
 impl FilesWatch {
-    /// Whether the files differ from when this was last true, and have not changed since the look before. The first look counts.
+    /// Whether the files differ from when this was last true, and have not changed since the previous check. The first check counts.
     fn has_settled(&mut self, dir: &Path) -> bool {
         let now = Self::state(dir);
         let settled = self.previous.as_ref().is_none_or(|previous| *previous == now)

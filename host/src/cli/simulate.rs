@@ -46,7 +46,7 @@ const BASE_SD_M: f64 = 0.02e-3;
 const FORCE_SD_N: f64 = 0.05;
 const TIP_SD_M: f64 = 0.1e-3;
 
-/// What was made.
+/// What was simulated.
 #[derive(Serialize)]
 pub struct Made {
     schema: &'static str,

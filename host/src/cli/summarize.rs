@@ -9,13 +9,13 @@ use std::collections::HashSet;
 use std::fmt::{self, Display, Write as _};
 use std::path::PathBuf;
 
-/// Make one record per session: K, every effect's likelihood, labels; what `guide population` needs
+/// Write one record per session for `guide population`: K, every effect's likelihood, labels
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide summarize sessions/* --out all.jsonl\n  guide summarize phantom-a --out phantom-a.jsonl --json"
 )]
 pub struct Args {
-    /// Session folders (each holds session.toml); one that fails is a record with its error
+    /// Session folders (each holds session.toml); one that fails becomes a record with its error
     #[arg(required = true)]
     dirs: Vec<PathBuf>,
     /// Write the records to this file, one JSON document per line (`needle.summary/1`)

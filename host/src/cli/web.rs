@@ -6,7 +6,7 @@ use anyhow::{Context, bail};
 use device::link::{Client, Program};
 use serde::Serialize;
 use server::sessions::Sessions;
-use server::{Live, Page, Server, Site};
+use server::{Live, Page, ServedContent, Server};
 use std::collections::BTreeSet;
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
@@ -30,10 +30,10 @@ pub struct Args {
     /// Serial port of the device: the page shows it live, and one page at a time can move it
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
-    /// Motion program that the page can have run, beside the built-in ones: may be given more than once
+    /// Motion program that the page can run, in addition to the built-in ones: may be given more than once
     #[arg(long, value_name = "FILE", requires = "port")]
     program: Vec<String>,
-    /// The page (default: guide.html beside the program; else target/web/guide.html of the checkout that the program was built in)
+    /// The page (default: guide.html in the program's folder; else target/web/guide.html of the checkout that the program was built in)
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
     /// Port of the page's address (default: a free one)
@@ -72,7 +72,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let mut live = args.port.as_deref().map(|port| follow(port, &args.program)).transpose()?;
     let feed = live.as_ref().map(Live::feed);
     let port = args.http_port.unwrap_or_default();
-    let server = Server::start(Site { page, sessions, feed }, port)
+    let server = Server::start(ServedContent { page, sessions, feed }, port)
         .with_context(|| format!("cannot serve at 127.0.0.1:{port}"))?;
     let port = args.port.as_deref();
     let report = Report { schema: "guide.web/1", dir: &args.dir, address: server.url(), port };
@@ -93,7 +93,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The device under supervision, with the programs that pages can have run.
+/// The device under supervision, with the programs that pages can run.
 fn follow(port: &str, files: &[String]) -> anyhow::Result<Live> {
     let names = BUILT_IN.into_iter().chain(files.iter().map(String::as_str));
     let programs = names.map(Program::load).collect::<Result<Vec<_>, _>>()?;

@@ -2,7 +2,7 @@
 
 use super::scene::Scene;
 use device::igtl::Publisher;
-use device::igtl::clock::Stamps;
+use device::igtl::clock::ClockMapping;
 use device::link::{Batch, Point};
 use device::sweep::Sweep;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -18,13 +18,13 @@ pub struct Live {
     every_s: f64,
     /// Device time of the last update.
     last_s: Option<f64>,
-    stamps: Stamps,
+    stamps: ClockMapping,
 }
 
 impl Live {
     /// Nothing is streamed yet.
     pub fn new(publisher: Publisher, scene: Scene, rate_hz: f64) -> Self {
-        Self { publisher, scene, every_s: 1.0 / rate_hz, last_s: None, stamps: Stamps::default() }
+        Self { publisher, scene, every_s: 1.0 / rate_hz, last_s: None, stamps: ClockMapping::default() }
     }
 
     /// The server.

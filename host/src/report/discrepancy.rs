@@ -27,7 +27,7 @@ pub(super) fn facts(found: &Diagnosis) -> Vec<Fact> {
     vec![Fact::new("Diagnosis", verdict)]
 }
 
-/// K with what is missing, as the first of the facts; nothing where nothing is named.
+/// K with what is missing, as the first of the facts; `None` where nothing is named.
 pub(super) fn headline(found: &Diagnosis) -> Option<Fact> {
     let names: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
     matches!(found.verdict, Verdict::Named | Verdict::Ambiguous).then(|| {
@@ -38,7 +38,7 @@ pub(super) fn headline(found: &Diagnosis) -> Option<Fact> {
     })
 }
 
-/// What the results of the other sections lack; nothing where nothing is missing.
+/// What the results of the other sections lack; `None` where nothing is missing.
 pub(super) fn warning(found: &Diagnosis) -> Option<String> {
     let names: Vec<&str> = found.effects.iter().map(|effect| effect.id.as_str()).collect();
     match found.verdict {

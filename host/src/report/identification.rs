@@ -279,7 +279,7 @@ fn figures_of(session: &Session, run: &RunResult) -> Vec<Block> {
             "Run {}: residuals in standard deviations, along the needle and over time; grey lines at -2, 0 and 2",
             run.id
         ),
-        figures::leftover(&drawn),
+        figures::run_residuals(&drawn),
     ));
     blocks
 }

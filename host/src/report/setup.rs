@@ -60,7 +60,7 @@ fn rig(session: &Session) -> Block {
     Block::table("Needle, rig and sensors", [words("quantity"), number("value"), words("unit")], rows)
 }
 
-/// Every run; nothing where there is none.
+/// Every run; `None` where there is none.
 fn runs(session: &Session) -> Option<Block> {
     let deepest = |depths_m: &[f64]| 1e3 * depths_m.iter().copied().fold(0.0, f64::max);
     let row = |id: &str, kind: &str, depth_mm: f64, samples: usize, holds: String, lost: String| {
@@ -104,7 +104,7 @@ fn gaps(run: &LateralRun) -> String {
     }
 }
 
-/// What each run was recorded with; nothing where no run states it.
+/// What each run was recorded with; `None` where no run states it.
 fn recorded_with(session: &Session) -> Option<Block> {
     let known = session.lateral.iter().filter(|run| run.provenance != Provenance::default());
     let rows: Vec<Vec<String>> = known

@@ -1,4 +1,4 @@
-//! Posterior of all unknowns from the tip readings so far, by Gauss and Newton on the forward model, for each law of the tip.
+//! Posterior of all unknowns from the tip readings so far, by Gauss-Newton steps on the forward model, for each law of the tip (theory, eq. 77 and 78).
 //!
 //! Readings are gathered into bins (one rest at a node, or the way between two nodes): ten readings a second at one place are not ten
 //! independent tests of the model. A bin's residual is weighted as Student's t, so that a jump that slipped through counts little.

@@ -1,4 +1,4 @@
-//! Guide moves that minimise the expected squared miss at the target, under limits.
+//! Guide moves that minimise the expected squared miss at the target, under limits (theory, eq. 79).
 //!
 //! The tip at the target is `a + sum_j g_j (p_j - p_(j-1))` for positions `p_j` of the guide at the rests to come, linear in them, with
 //! `a` and `g` normally distributed by the posterior of each law. The expected squared miss is a quadratic function of the positions:

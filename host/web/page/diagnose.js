@@ -1,10 +1,10 @@
-// Diagnose: where model and measurement disagree, what is missing, and the gap that shrinks when an effect is switched on.
+// Diagnose: where model and measurement disagree, what is missing, and the misfit that shrinks when an effect is switched on.
 
 const VERDICTS = {
-  adequate: 'The model explains this session: nothing is missing.',
-  named: 'Something is missing, and it has a name.',
-  ambiguous: 'Something is missing: a few effects explain these runs equally well.',
-  unexplained: 'Something is missing that has no name in the catalogue, or that these runs cannot name.',
+  adequate: 'The model explains this session: no effect is missing.',
+  named: 'The model lacks an effect, which these runs identify.',
+  ambiguous: 'The model lacks an effect: a few effects explain these runs equally well.',
+  unexplained: 'There is a misfit that no effect of the catalogue explains, or that these runs do not attribute to one.',
 };
 const CHANNELS = { force_y: 'Force', shape_y: 'Shape', tip_y: 'Tip', tip_direction_y: 'Tip direction', force_x: 'Horizontal force', shape_x: 'Horizontal shape', tip_x: 'Horizontal tip', tip_direction_x: 'Horizontal tip direction' };
 const COORDINATES = { insertion_depth_mm: 'insertion depth, mm', depth_below_entry_mm: 'depth below the surface, mm', level_mm: 'displacement of guide 2, mm', direction: 'direction of motion', time_s: 'time, s', hold_s: 'time in a hold, s' };
@@ -65,13 +65,13 @@ function showDiagnose() {
       h('div', { class: 'two' },
         h('section', { class: 'controls' }, h('h2', {}, 'What: switch effects on and off'),
           h('p', { class: 'note' }, `Bars: log evidence of the effect alone over the plain model; a name needs ${number(found.margin)} (line). Every switch fits the model again.`),
-          h('p', { class: 'bar' }, named.length ? h('button', { type: 'button', id: 'use-found', onclick: () => choose(named) }, 'Switch on what was found') : null,
+          h('p', { class: 'bar' }, named.length ? h('button', { type: 'button', id: 'use-found', onclick: () => choose(named) }, 'Switch on the effects that were found') : null,
             h('button', { type: 'button', id: 'use-none', onclick: () => choose([]) }, 'All off')),
           list(ranked.slice(0, 8)), ranked.length > 8 ? h('details', {}, h('summary', {}, `${ranked.length - 8} more effects`), list(ranked.slice(8))) : null,
           found.not_identifiable.length ? h('p', { class: 'note' }, `Not identifiable from these runs: ${found.not_identifiable.join(', ')}`) : null),
-        h('section', {}, h('h2', {}, 'The gap between model and measurement'), boxes.numbers, boxes.bars, boxes.values,
+        h('section', {}, h('h2', {}, 'Misfit between model and measurement'), boxes.numbers, boxes.bars, boxes.values,
           h('h2', {}, 'Where'), h('p', { class: 'note' }, 'Mean residual per cell in standard deviations of its noise, towards the displacement of guide 2: blue, measured below the model; orange, above it.'), boxes.maps)),
-      section('Regions that stand out in the plain model', regions(found)),
+      section('Regions with significant residuals of the plain model', regions(found)),
       section('Figures of the diagnosis', saveBar('diagnose', found), h('details', {}, h('summary', {}, `${figures.length} figures`), ...figures.map(figure))));
     responsive(boxes.maps, draw);
     ask();
@@ -98,8 +98,8 @@ function limits(found) {
 }
 
 function regions(found) {
-  if (found.where.length === 0) return h('p', {}, 'No region stands out.');
-  return h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Regions that stand out' }, h('table', {},
+  if (found.where.length === 0) return h('p', {}, 'No region has significant residuals.');
+  return h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Regions with significant residuals' }, h('table', {},
     h('thead', {}, h('tr', {}, ...['Sensor', 'Along', 'From', 'To', 'Mean residual', 'Standard deviations'].map((name) => h('th', { scope: 'col' }, name)))),
     h('tbody', {}, ...found.where.map((one) => h('tr', {}, h('th', { scope: 'row' }, CHANNELS[one.channel] ?? one.channel), h('td', {}, COORDINATES[one.coordinate] ?? one.coordinate),
       h('td', {}, number(one.from)), h('td', {}, number(one.to)), h('td', {}, `${number(one.mean_residual)} ${one.unit}`), h('td', {}, number(one.sigma)))))));
@@ -127,7 +127,7 @@ function drawTrial(trial, { numbers, bars, maps, values }) {
   numbers.replaceChildren(h('p', { class: 'readout' }, h('span', { class: 'big' }, `${number(before.chi2_reduced)}${isSame ? '' : ` \u2192 ${number(after.chi2_reduced)}`}`), ` chi-square per reading, about 1 is noise alone; ${where}`),
     h('p', {}, isSame ? 'Plain model, no effect is switched on. ' : `Log evidence ${trial.log_evidence_gain > 0 ? '+' : ''}${number(trial.log_evidence_gain)}. `, `Modulus ${number(trial.modulus_kpa.value)} kPa (${interval(trial.modulus_kpa.ci95)}).`));
   const most = (unit) => Math.max(...Object.entries(before.rmse).concat(Object.entries(after.rmse)).filter(([name]) => name.endsWith(`_${unit}`)).map(([, value]) => value));
-  if (bars.childElementCount === 0) bars.append(h('h3', {}, 'Root mean square of what the model leaves'));
+  if (bars.childElementCount === 0) bars.append(h('h3', {}, 'Root mean square of the residuals'));
   const order = Object.keys(CHANNELS);
   const byChannel = Object.entries(before.rmse).sort(([a], [b]) => order.findIndex((name) => a.startsWith(name)) - order.findIndex((name) => b.startsWith(name)));
   for (const [name, was] of byChannel) {

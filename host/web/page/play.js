@@ -86,7 +86,7 @@ function showPlay() {
   });
 }
 
-/** The rig seen from the side, lengths and deflections to the same scale. */
+/** The rig in side view, lengths and deflections to the same scale. */
 function drawPlay(last, values, { needle, cycle, path, readout }) {
   const { with: one, without } = last;
   readout.replaceChildren(h('span', { class: 'big' }, `${number(one.force_n, 4)} N`),

@@ -35,7 +35,7 @@ function showPredict() {
         slider('predict-until', 'Readings are used up to', 'mm', [5, most, 1], until, (value) => { until = value; keepAddress({ until }); ask(); }),
         facts, h('div', { class: 'panels' },
           h('div', { class: 'panel' }, h('h3', {}, 'Vertical'), vertical), h('div', { class: 'panel' }, h('h3', {}, 'Horizontal'), horizontal),
-          h('div', { class: 'panel' }, h('h3', {}, 'Seen along the needle'), ahead))),
+          h('div', { class: 'panel' }, h('h3', {}, 'View along the needle'), ahead))),
       section('Figure', made));
     responsive(vertical, draw);
     announce('Predicting ...');
@@ -63,7 +63,7 @@ function drawPrediction({ document: found, figures }, id, { vertical, horizontal
   plane(vertical, 'Vertical', one.tip_y_mm, one.lo95_y_mm, one.hi95_y_mm, one.measured_y_mm);
   plane(horizontal, 'Horizontal', one.tip_x_mm, one.lo95_x_mm, one.hi95_x_mm, one.measured_x_mm);
   if (one.tip_x_mm) {
-    plot(ahead, { title: 'Tip seen along the needle', x: 'horizontal, mm', y: 'vertical, mm', height: 260, square: true,
+    plot(ahead, { title: 'Tip, viewed along the needle', x: 'horizontal, mm', y: 'vertical, mm', height: 260, square: true,
       series: [{ kind: 'line', x: one.tip_x_mm, y: one.tip_y_mm, style: 'a', label: 'predicted' }, { kind: 'dots', x: one.measured_x_mm, y: one.measured_y_mm, style: 'b', label: 'measured' }] });
   } else {
     ahead.replaceChildren(h('p', { class: 'note' }, 'one plane was measured'));

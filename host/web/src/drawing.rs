@@ -36,7 +36,7 @@ pub fn identification(session: &Session, found: &Identification) -> Result<Vec<F
             drawn.push(Figure::new(format!("{id}.force"), title, figures::force(recorded, run)?));
         }
         let title = format!("Run {id}: residuals of all readings in standard deviations");
-        drawn.push(Figure::new(format!("{id}.residuals"), title, figures::leftover(run)?));
+        drawn.push(Figure::new(format!("{id}.residuals"), title, figures::run_residuals(run)?));
     }
     Ok(drawn)
 }

@@ -5,7 +5,7 @@ use crate::request::AnswerError;
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use inference::diagnose::{self, INCOMPRESSIBLE, Trial, Workbench, diagnose};
-use inference::identify::{self, YoungsBy, identify};
+use inference::identify::{self, YoungsMethod, identify};
 use inference::predict::{self, predict};
 use mechanics::continuum::Contact;
 use mechanics::effects::{EFFECTS, Effect, effect};
@@ -82,11 +82,11 @@ pub fn check(dir: &Path) -> Result<String, AnswerError> {
 pub fn identification(dir: &Path, relation: Option<&str>) -> Result<String, AnswerError> {
     let session = Session::read(dir)?;
     let of_name = |name: &str| {
-        let names = || YoungsBy::ALL.map(YoungsBy::name).join(", ");
+        let names = || YoungsMethod::ALL.map(YoungsMethod::name).join(", ");
         let fault = || AnswerError::Value { name: "relation", value: name.to_owned(), expected: names() };
-        YoungsBy::ALL.into_iter().find(|one| one.name() == name).ok_or_else(fault)
+        YoungsMethod::ALL.into_iter().find(|one| one.name() == name).ok_or_else(fault)
     };
-    let relation = relation.map(of_name).transpose()?.unwrap_or(YoungsBy::Continuum(Contact::Bonded));
+    let relation = relation.map(of_name).transpose()?.unwrap_or(YoungsMethod::Continuum(Contact::Bonded));
     let options = identify::Options { relation, ..Default::default() };
     let found = identify(&session, &options.with_rig(rig(dir)?.as_ref()))?;
     let drawn = drawing::identification(&session, &found)?;

@@ -216,7 +216,7 @@ impl StudyProtocol {
         })
     }
 
-    /// Promise and scatter over so many sessions; nothing where the plan or a session fails.
+    /// Promise and scatter over so many sessions; `None` where the plan or a session fails.
     pub fn compare(&self, sessions: usize, seed: u64) -> Option<StudyRow> {
         let promised_percent = plan(&self.question()).ok()?.choices.first()?.half_width_percent;
         let truth_kpa = 1e-3 * self.modulus_pa;

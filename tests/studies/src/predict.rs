@@ -52,7 +52,7 @@ pub struct Cell {
     pub true_mm: [f64; 2],
     /// Mean and standard deviation of the absolute error, mm.
     pub mae_mm: [f64; 2],
-    /// Share of 95 % bands that hold what was measured; nothing where the method gives none.
+    /// Share of 95 % bands that hold what was measured; `None` where the method gives none.
     pub coverage: Option<f64>,
     /// Insertions behind it.
     pub count: usize,

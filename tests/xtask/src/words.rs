@@ -52,7 +52,7 @@ const ALLOWED: [(&str, &str, &str); 3] = [
 ];
 
 /// Files with text by hand.
-const TEXTS: [&str; 3] = ["*.rs", "*.md", "*.toml"];
+const TEXTS: [&str; 6] = ["*.rs", "*.md", "*.toml", "*.js", "*.html", "*.py"];
 
 /// Searches all files that are in the repository.
 ///

@@ -1,6 +1,6 @@
 //! What a sequence consists of.
 
-use super::{Causes, Checked, Converter, MAX_ACTS, Target, Violation};
+use super::{Checked, Converter, Disturbances, MAX_ACTS, Target, Violation};
 use crate::calibration::Calibration;
 use crate::commands::MAX_STORED_ANSWERS;
 use protocol::{
@@ -83,14 +83,15 @@ impl<'a, T: Target> Sequence<'a, T> {
                 self.request(Request::Limits { force_mn, silence_ms: 2_000 })
             }
             18 => {
-                self.target.set(Causes { emergency_stop: true, ..Causes::default() })?;
+                self.target.set(Disturbances { emergency_stop: true, ..Disturbances::default() })?;
                 self.target.pass(5)?;
                 self.old_frame()?;
                 self.calibrate()
             }
             19 => {
                 let axis = self.random.below(2) as usize;
-                self.target.set(Causes { potentiometer_open: Some(axis), ..Causes::default() })?;
+                self.target
+                    .set(Disturbances { potentiometer_open: Some(axis), ..Disturbances::default() })?;
                 self.target.pass(5)?;
                 self.calibrate()
             }
@@ -135,7 +136,7 @@ impl<'a, T: Target> Sequence<'a, T> {
         }
     }
 
-    /// A program of up to three steps, and a wait that may end it in its midst.
+    /// A program of up to three steps, and a wait that may end before the program does.
     fn program(&mut self) -> Checked<()> {
         let count = 1 + self.random.below(3) as usize;
         let steps: Vec<Step> = (0..count).map(|_| self.step()).collect();
@@ -163,9 +164,9 @@ impl<'a, T: Target> Sequence<'a, T> {
         let wait_ms = self.random.below(1_500);
         self.target.pass(wait_ms)?;
         if self.random.one_in(3) {
-            self.target.set(Causes { emergency_stop: true, ..Causes::default() })?;
+            self.target.set(Disturbances { emergency_stop: true, ..Disturbances::default() })?;
             self.target.pass(1)?;
-            self.target.set(Causes::default())?;
+            self.target.set(Disturbances::default())?;
             self.request(Request::ClearFault)?;
             self.target.pass(100)?;
         } else {
@@ -218,7 +219,8 @@ impl<'a, T: Target> Sequence<'a, T> {
             self.request(Request::Retreat { x_um, y_um })?;
             if turn == 1 && saturates {
                 self.target.pass(30)?;
-                self.target.set(Causes { converter: Converter::Saturated, ..Causes::default() })?;
+                self.target
+                    .set(Disturbances { converter: Converter::Saturated, ..Disturbances::default() })?;
             }
             self.target.pass(wait_ms)?;
             if turns > 16 {
@@ -247,16 +249,16 @@ impl<'a, T: Target> Sequence<'a, T> {
         self.program()?;
         let converter = [Converter::Silent, Converter::Saturated, Converter::SaturatedOnce]
             [self.random.below(3) as usize];
-        self.target.set(Causes { converter, ..Causes::default() })?;
+        self.target.set(Disturbances { converter, ..Disturbances::default() })?;
         let y_um = if self.random.one_in(2) { 9_000 } else { -9_000 };
         self.run(&[Step::Move { x_um: 0, y_um, speed_um_s: 5_000 }])?;
         self.target.pass(3_000)?;
-        if self.random.one_in(2) { self.target.set(Causes::default()) } else { Ok(()) }
+        if self.random.one_in(2) { self.target.set(Disturbances::default()) } else { Ok(()) }
     }
 
     /// A motor that never rests, until it has to.
     fn heat(&mut self) -> Checked<()> {
-        self.target.set(Causes::default())?;
+        self.target.set(Disturbances::default())?;
         let steps: Vec<Step> = (0..60)
             .map(|step| Step::Ramp {
                 x_um: 0,
@@ -335,7 +337,7 @@ impl<'a, T: Target> Sequence<'a, T> {
     /// # Errors
     /// Where there is none, and what does not hold.
     pub fn leave(&mut self) -> Checked<()> {
-        self.target.set(Causes::default())?;
+        self.target.set(Disturbances::default())?;
         self.request(Request::Stop)?;
         self.target.pass(30)?;
         let (mut waited, mut towards) = (false, 1);

@@ -1,7 +1,7 @@
 //! The controller with a small rig, in the same process: two actuators with a lag on springs, a cell with an offset.
 
-use super::judge::{Judge, Observation, ROLLS_ON_UM};
-use super::{Causes, Checked, Condition, Converter, Target, Violation, acts};
+use super::judge::{LimitChecker, Observation, ROLLS_ON_UM};
+use super::{Checked, Condition, Converter, Disturbances, Target, Violation, acts};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
 use crate::hal::Readings;
@@ -65,11 +65,11 @@ impl Rig {
 pub struct Bench {
     controller: Controller,
     rig: Rig,
-    causes: Causes,
+    causes: Disturbances,
     saturated_once: bool,
     record: CalibrationRecord,
     origin: Origin,
-    judge: Judge,
+    judge: LimitChecker,
     boot_id: u32,
     connection: u32,
     next_id: u16,
@@ -79,7 +79,7 @@ pub struct Bench {
     fault: Option<Fault>,
     safety: Option<Safety>,
     sent: Vec<Command>,
-    tally: super::Tally,
+    tally: super::CampaignCounts,
 }
 
 impl Bench {
@@ -99,12 +99,12 @@ impl Bench {
         let origin = [Origin::Stored, Origin::Nominal, Origin::Lost]
             [pick(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0]) as usize];
         let record = Calibration::nominal_record();
-        let judge = Judge::new(rig.stiffness_n_per_um * ROLLS_ON_UM + NOISE_N, &record);
+        let judge = LimitChecker::new(rig.stiffness_n_per_um * ROLLS_ON_UM + NOISE_N, &record);
         let start = Start { origin, ..Start::ordinary(BOOT) };
         let mut bench = Self {
             controller: Controller::new(Calibration::default(), start),
             rig,
-            causes: Causes::default(),
+            causes: Disturbances::default(),
             saturated_once: false,
             record,
             origin,
@@ -117,7 +117,7 @@ impl Bench {
             fault: None,
             safety: None,
             sent: Vec::new(),
-            tally: super::Tally::default(),
+            tally: super::CampaignCounts::default(),
         };
         bench.judge.started(&bench.record, bench.rig.position_um);
         // A fault that the start has latched.
@@ -126,8 +126,8 @@ impl Bench {
     }
 
     /// What was done so far.
-    pub fn tally(&self) -> super::Tally {
-        super::Tally { device_ms: (self.before_us + self.now_us) / 1_000, ..self.tally }
+    pub fn tally(&self) -> super::CampaignCounts {
+        super::CampaignCounts { device_ms: (self.before_us + self.now_us) / 1_000, ..self.tally }
     }
 
     fn most_n(&self) -> f32 {
@@ -290,7 +290,7 @@ impl Target for Bench {
         (0..ms).try_for_each(|_| self.period(None).map(drop))
     }
 
-    fn set(&mut self, causes: Causes) -> Checked<()> {
+    fn set(&mut self, causes: Disturbances) -> Checked<()> {
         (self.causes, self.saturated_once) = (causes, false);
         Ok(())
     }

@@ -49,7 +49,7 @@ pub struct Observation {
 
 /// Follows one device and its rig.
 #[derive(Debug)]
-pub struct Judge {
+pub struct LimitChecker {
     /// What the force may exceed the limit by, newtons.
     overshoot_n: f32,
     /// True force per measured one, by the calibration.
@@ -78,7 +78,7 @@ pub struct Judge {
     pulsed_from_um: Option<[f32; 2]>,
 }
 
-impl Judge {
+impl LimitChecker {
     /// For a rig on which a motor's rolling on gives this force, with this calibration stored.
     pub fn new(overshoot_n: f32, record: &CalibrationRecord) -> Self {
         Self {

@@ -42,7 +42,7 @@ pub type Checked<T> = Result<T, Violation>;
 
 /// What acts on the rig beside the commands.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Causes {
+pub struct Disturbances {
     /// The emergency stop is pressed.
     pub emergency_stop: bool,
     /// The wire of this potentiometer is open.
@@ -110,7 +110,7 @@ pub trait Target {
     ///
     /// # Errors
     /// What does not hold.
-    fn set(&mut self, causes: Causes) -> Checked<()>;
+    fn set(&mut self, causes: Disturbances) -> Checked<()>;
 
     /// The device starts again by itself, as after a panic or when the supply sagged.
     ///
@@ -136,7 +136,7 @@ pub trait Target {
 
 /// What was done.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct CampaignCounts {
     /// Sequences.
     pub sequences: u64,
     /// Acts of them.
@@ -151,7 +151,7 @@ pub struct Tally {
     pub device_ms: u64,
 }
 
-impl Tally {
+impl CampaignCounts {
     /// Both together.
     pub fn add(&mut self, other: Self) {
         self.sequences += other.sequences;
@@ -163,7 +163,7 @@ impl Tally {
     }
 }
 
-impl fmt::Display for Tally {
+impl fmt::Display for CampaignCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { sequences, acts, commands, faults, restarts, device_ms } = self;
         write!(
@@ -192,10 +192,10 @@ pub fn run<T: Target>(seed: u64, target: &mut T) -> Checked<[u64; 2]> {
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_in_process(seed: u64) -> Checked<Tally> {
+pub fn run_in_process(seed: u64) -> Checked<CampaignCounts> {
     let mut bench = std::boxed::Box::new(bench::Bench::new(seed));
     let [acts, faults] = run(seed, &mut *bench)?;
-    Ok(Tally { sequences: 1, acts, faults, ..bench.tally() })
+    Ok(CampaignCounts { sequences: 1, acts, faults, ..bench.tally() })
 }
 
 #[cfg(test)]

@@ -29,7 +29,7 @@ const KEPT: [u64; 12] =
 /// `cargo xtask campaign` runs as many as are requested.
 #[test]
 fn no_sequence_of_commands_gets_round_the_limits() {
-    let mut tally = Tally::default();
+    let mut tally = CampaignCounts::default();
     for seed in (1..=40).chain(KEPT).chain(FOUND_BY.map(|(_, seed)| seed)) {
         tally.add(run_in_process(seed).unwrap_or_else(|violation| panic!("{violation}")));
     }

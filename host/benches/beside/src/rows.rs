@@ -19,7 +19,7 @@ pub struct Row {
     pub peers: Vec<Beside>,
     /// What of the two is the same.
     pub same: String,
-    /// What the time is compared with, in words, and seconds; nothing where nothing meaningful can be stated.
+    /// What the time is compared with, in words, and seconds; `None` where nothing meaningful can be stated.
     pub limit: (String, Option<f64>),
 }
 

@@ -26,7 +26,7 @@ mod session;
 mod stop;
 mod wires;
 
-pub use findings::{CATALOGUE, Finding, Known};
+pub use findings::{CATALOGUE, CatalogueEntry, Finding};
 pub use report::{Device, Measure, Report, StepReport, StepResult};
 pub use session::run;
 
@@ -155,6 +155,6 @@ pub trait Operator {
     fn begins(&mut self, step: Step, report: &Report) -> io::Result<()>;
     /// The user interrupts.
     fn is_interrupted(&self) -> bool;
-    /// Time of the host's clock; nothing where the device's is not to be compared with it.
+    /// Time of the host's clock; `None` where the device's is not to be compared with it.
     fn clock(&mut self) -> Option<Duration>;
 }

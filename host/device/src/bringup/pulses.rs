@@ -103,7 +103,7 @@ fn both_ways(session: &mut Session, axis: usize) -> Result<Result<Tried, Finding
     Ok(Ok(tried))
 }
 
-/// One pulse; nothing where it was refused or a fault ended it.
+/// One pulse; `None` where it was refused or a fault ended it.
 fn one(session: &mut Session, axis: usize, sign: i16) -> Result<Option<PulseReport>, LinkError> {
     let request = Request::Pulse {
         axis: axis as u8,

@@ -10,7 +10,7 @@ use protocol::Fault;
 /// How long after the hand the line is read, seconds of the device.
 const SETTLE_S: f64 = 0.2;
 
-/// The line is at stop; nothing where another fault is latched, behind which the line is not reported.
+/// The line is at stop; `None` where another fault is latched, behind which the line is not reported.
 fn stops(session: &mut Session) -> Result<Option<bool>, LinkError> {
     session.wait(SETTLE_S)?;
     Ok(match session.clear()? {

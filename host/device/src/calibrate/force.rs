@@ -3,7 +3,7 @@
 //! The loads are known, the readings have noise: reported forces are regressed on loads, `reported = B load + offset`, and the matrix
 //! becomes `B^-1` times the one of before. The offset is what was not tared.
 
-use super::{CalibrateError, Estimate, Worst};
+use super::{CalibrateError, Estimate, WorstReading};
 use nalgebra::{DMatrix, Matrix2, Matrix3, SymmetricEigen, Vector2};
 use protocol::CalibrationRecord;
 
@@ -35,7 +35,7 @@ pub struct ForceFit {
     /// Standard deviation of a reading about the fit, newtons; `None` where there are as many unknowns as readings.
     pub residual_sd_n: Option<f64>,
     /// The reading that fits worst.
-    pub worst: Worst,
+    pub worst: WorstReading,
     /// The calibration that the device should have.
     pub record: CalibrationRecord,
 }
@@ -86,7 +86,7 @@ pub fn fit_force(readings: &[ForceReading], before: &CalibrationRecord) -> Resul
         offset_n: [of(2, 0), of(2, 1)],
         turned_deg: (matrix[(1, 0)] - matrix[(0, 1)]).atan2(matrix.trace()).to_degrees(),
         residual_sd_n: (freedom > 0).then(|| variance.sqrt()),
-        worst: Worst { index, residual },
+        worst: WorstReading { index, residual },
         record,
     })
 }

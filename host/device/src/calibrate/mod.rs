@@ -81,7 +81,7 @@ impl Estimate {
 
 /// The reading that fits worst.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Worst {
+pub struct WorstReading {
     /// Its number, from 0.
     pub index: usize,
     /// What it is off by, newtons or metres.

@@ -4,7 +4,7 @@
 //! function of the converter's code that is linear between the knots of the table, with a constant more on the way down where there
 //! are readings of it (the play). Knots that no reading is near go on along a straight line: a weak penalty on second differences.
 
-use super::{CalibrateError, Estimate, Worst};
+use super::{CalibrateError, Estimate, WorstReading};
 use nalgebra::{DMatrix, DVector};
 use protocol::{CalibrationRecord, KNOTS, PotentiometerTable};
 
@@ -42,7 +42,7 @@ pub struct PositionFit {
     /// Standard deviation of a reading about the table, metres.
     pub residual_sd_m: f64,
     /// The reading that fits worst.
-    pub worst: Worst,
+    pub worst: WorstReading,
     /// Positions that were covered by the gauge, metres.
     pub covered_m: [f64; 2],
     /// The calibration that the device should have.
@@ -129,7 +129,7 @@ pub fn fit_position(
         scale,
         play_m: both.then(play),
         residual_sd_m: variance.sqrt() / UM,
-        worst: Worst { index, residual: residual / UM },
+        worst: WorstReading { index, residual: residual / UM },
         covered_m: range(gauge_um()).map(|um| um / UM),
         record,
     })

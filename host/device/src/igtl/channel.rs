@@ -108,7 +108,7 @@ impl Channel {
         Some(Observation::Note(format!("OpenIGTLink at {address}: {note}{last}")))
     }
 
-    /// The needle's points in a message; nothing where it was before the first sample; an error where it is of no use.
+    /// The needle's points in a message; `None` where it was before the first sample; an error where it cannot be used.
     fn shape(&mut self, message: &Message, at: Instant) -> Result<Option<Sweep>, String> {
         let Message { device, stamp, content } = message;
         let Settings { shape, tip, delay_s, frame } = &self.settings;

@@ -22,7 +22,7 @@ const AHEAD_S: f64 = 0.05;
 /// The least of the differences in a window of time.
 #[derive(Debug, Default)]
 struct Least {
-    /// When and what, both rising: what is above a newer one is of no use.
+    /// Time and value, both increasing: an entry above a newer one cannot be the minimum any more and is dropped.
     kept: VecDeque<(Instant, f64)>,
 }
 
@@ -96,13 +96,13 @@ impl Clocks {
 /// Times since 1970 of a device's times. They go with the device's clock, which no jitter of the link moves, and follow this machine's
 /// by [`FOLLOWING`]: a crystal that is off by 50 ppm is 4 s off after a day.
 #[derive(Debug, Default)]
-pub struct Stamps {
+pub struct ClockMapping {
     least: Least,
     /// Time since 1970 at the device's zero, and the device's newest time, seconds.
     zero: Option<(f64, f64)>,
 }
 
-impl Stamps {
+impl ClockMapping {
     /// A device time that has just arrived: `at` by this machine's steady clock, `now` since 1970.
     pub fn arrived(&mut self, time_s: f64, at: Instant, now: Duration) {
         if self.zero.is_some_and(|(_, newest_s)| time_s < newest_s) {
@@ -193,7 +193,7 @@ mod tests {
     /// stamp's step from the device's, as a share.
     fn stamps_of_a_day(rate: f64, jitter_s: f64) -> (f64, f64) {
         let began = Instant::now();
-        let mut stamps = Stamps::default();
+        let mut stamps = ClockMapping::default();
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let (mut worst_s, mut uneven, mut before) = (0.0f64, 0.0f64, None);
         for step in 0..14_400 {
@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn a_device_that_starts_again_is_put_to_the_clock_again() {
-        let (began, mut stamps) = (Instant::now(), Stamps::default());
+        let (began, mut stamps) = (Instant::now(), ClockMapping::default());
         assert_eq!(stamps.stamp(5.0), Duration::ZERO);
         stamps.arrived(100.0, began, Duration::from_secs(1_000));
         stamps.arrived(1.0, began + Duration::from_secs(9), Duration::from_secs(1_009));

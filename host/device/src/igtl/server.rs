@@ -27,7 +27,7 @@ const MAX_CHANGES: usize = 64;
 const QUEUE: usize = 16;
 /// How long a client may not take anything.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// How often threads check whether they are still wanted.
+/// How often threads check whether they are to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// A server under way. Dropping it closes every connection.

@@ -18,7 +18,7 @@ const CONNECT: Duration = Duration::from_secs(3);
 const RECONNECT: Duration = Duration::from_secs(1);
 /// How long a peer may stop in the middle of a message.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// How often the thread checks whether it is still wanted.
+/// How often the thread checks whether it is to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Most that waits to be taken: seconds of a quick tracker.
 const QUEUE: usize = 256;
@@ -54,7 +54,7 @@ struct Shared {
     dropped: AtomicU64,
 }
 
-/// The connection is of no use any more.
+/// The connection cannot be used any more.
 #[derive(Debug, thiserror::Error)]
 enum Gone {
     #[error("the peer has closed the connection")]

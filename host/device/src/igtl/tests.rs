@@ -1,4 +1,4 @@
-//! Bytes of another implementation, any bytes at all, peers that misbehave, and what comes of a tracker's messages.
+//! Bytes of another implementation, random bytes, peers that misbehave, and the use of a tracker's messages.
 
 use super::channel::{Channel, Observation, Settings, TIP_DEVICE_NAME};
 use super::message::HEADER_BYTES;

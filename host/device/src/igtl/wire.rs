@@ -8,7 +8,7 @@ pub const MAX_BODY_BYTES: usize = MAX_POINTS * POINT_BYTES + 4_096;
 /// Largest body that is passed over: an image of a gigabyte is none.
 pub const MAX_SKIPPED_BYTES: u64 = 1 << 30;
 
-/// The bytes are no OpenIGTLink, or have got out of step: the connection is of no use any more.
+/// The bytes are not OpenIGTLink, or framing is lost: the connection cannot be used any more.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StreamError {
     /// Header version.

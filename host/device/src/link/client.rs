@@ -5,7 +5,7 @@
 
 use super::display::request_name;
 use super::error::LinkError;
-use super::wire::{LinkLosses, Received, Tap, Wire};
+use super::wire::{LinkLosses, OpenPort, Received, Tap};
 use protocol::{
     CalibrationRecord, Command, Description, Envelope, EventKind, Hello, Message, Request, Safety, Sample,
     Samples, State, Status,
@@ -70,7 +70,7 @@ pub struct Point {
 
 /// A connected device.
 pub struct Client {
-    wire: Wire,
+    wire: OpenPort,
     inbox: VecDeque<Telemetry>,
     boot_id: u32,
     /// Token of the connection, which every command carries.
@@ -99,7 +99,7 @@ impl Client {
     /// # Errors
     /// As [`Self::connect`].
     pub fn connect_within(port: &str, tries: u32) -> Result<Self, LinkError> {
-        let mut wire = Wire::open(port)?;
+        let mut wire = OpenPort::open(port)?;
         let mut answer: Option<(u32, Hello)> = None;
         for id in 0..tries.max(1) {
             wire.send(&Command { id: id as u16, connection: 0, request: Request::Hello })?;
@@ -425,7 +425,7 @@ impl Client {
     }
 }
 
-/// A batch in SI units; nothing where its packed bytes are broken.
+/// A batch in SI units; `None` where its packed bytes are broken.
 pub(crate) fn to_batch(hello: &Hello, samples: &Samples, lost_before: u64) -> Option<Batch> {
     let point = |(t_us, sample): (u64, Sample)| Point {
         time_s: t_us as f64 * 1e-6,

@@ -157,7 +157,7 @@ pub enum LinkError {
     NotBack {
         /// The port's name.
         port: String,
-        /// Why it cannot be reached; nothing where it answers and has not restarted.
+        /// Why it cannot be reached; `None` where it answers and has not restarted.
         cause: Option<Box<LinkError>>,
     },
     /// A device has restarted and works with another calibration than it was sent.

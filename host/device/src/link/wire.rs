@@ -34,7 +34,7 @@ enum Incoming {
     Closed(io::Error),
 }
 
-/// What a caller gets from [`Wire::receive`].
+/// What a caller gets from [`OpenPort::receive`].
 #[derive(Debug)]
 pub enum Received {
     /// A frame.
@@ -67,7 +67,7 @@ struct Counters {
 }
 
 /// An open port.
-pub struct Wire {
+pub struct OpenPort {
     name: String,
     writer: Box<dyn SerialPort>,
     incoming: mpsc::Receiver<Incoming>,
@@ -77,7 +77,7 @@ pub struct Wire {
     tap: Option<Box<dyn Tap>>,
 }
 
-impl Wire {
+impl OpenPort {
     /// Opens a port and starts reading it.
     pub fn open(name: &str) -> Result<Self, LinkError> {
         let writer = port::open(name)?;
@@ -173,7 +173,7 @@ impl Wire {
     }
 }
 
-impl Drop for Wire {
+impl Drop for OpenPort {
     fn drop(&mut self) {
         self.counters.stop.store(true, Ordering::Release);
         if let Some(reader) = self.reader.take() {

@@ -26,14 +26,14 @@ struct Entry {
 
 /// Rates and losses over any number of connections.
 #[derive(Debug, Clone, Default)]
-pub struct Health {
+pub struct LinkHealth {
     ended: LinkTotals,
     current: LinkTotals,
     samples: u64,
     history: VecDeque<Entry>,
 }
 
-impl Health {
+impl LinkHealth {
     /// A new connection counts from zero again.
     pub fn connected(&mut self) {
         self.ended = self.total();
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn rates_are_those_of_the_last_second() {
-        let mut health = Health::default();
+        let mut health = LinkHealth::default();
         assert_eq!(health.per_second(), [0.0, 0.0]);
         let mut bytes = 0;
         for tenth in 0..100 {
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn losses_of_earlier_connections_are_not_forgotten() {
-        let mut health = Health::default();
+        let mut health = LinkHealth::default();
         health.update(totals(100, 3), 0.0);
         health.connected();
         assert_eq!(health.total(), totals(100, 3));
@@ -129,7 +129,7 @@ mod tests {
 
     #[test]
     fn the_history_is_bounded() {
-        let mut health = Health::default();
+        let mut health = LinkHealth::default();
         for i in 0..10_000 {
             health.update(totals(i, 0), i as f64 * 1e-3);
         }

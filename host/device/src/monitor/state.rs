@@ -1,6 +1,6 @@
 //! What is known of the device from what has happened on its link. It has neither terminal nor clock: times are passed in.
 
-use super::health::{Health, LinkTotals};
+use super::health::{LinkHealth, LinkTotals};
 use super::traces::Traces;
 use crate::link::{Point, Telemetry};
 use protocol::{EventKind, Fault, Hello, ResetReason, State as Phase, Status};
@@ -96,7 +96,7 @@ pub struct State {
     /// Force and displacement over time.
     pub traces: Traces,
     /// Losses, rates and load of the link.
-    pub health: Health,
+    pub health: LinkHealth,
     recent: VecDeque<Point>,
     /// Latest device time that was received.
     clock_s: Option<f64>,

@@ -123,7 +123,7 @@ impl ChunkHead {
         });
     }
 
-    /// Reads the head of a record that may be an uncompressed chunk; nothing where it cannot be one.
+    /// Reads the head of a record that may be an uncompressed chunk; `None` where it cannot be one.
     pub fn read(head: &[u8]) -> Option<Self> {
         let mut fields = Fields(head);
         let (opcode, length) = (fields.u8()?, fields.u64()?);

@@ -18,7 +18,7 @@ const HEAD_BYTES: u64 = RECORD_HEAD + CHUNK_HEAD;
 
 /// What the reader finds, in the order of the file.
 #[derive(Debug)]
-pub enum Piece {
+pub enum ReadItem {
     /// The records of an intact chunk.
     Chunk(Vec<u8>),
     /// Frames from between chunks.
@@ -115,7 +115,7 @@ impl Reader {
     }
 
     /// The next piece; nothing at the end.
-    pub fn next(&mut self) -> Result<Option<Piece>, RecordingError> {
+    pub fn next(&mut self) -> Result<Option<ReadItem>, RecordingError> {
         loop {
             if self.search.is_some() {
                 return self.search_window().map(Some);
@@ -126,7 +126,7 @@ impl Reader {
             match self.place(self.at)? {
                 Place::Chunk { records, end } => {
                     (self.at, self.sound) = (end, end);
-                    return Ok(Some(Piece::Chunk(records)));
+                    return Ok(Some(ReadItem::Chunk(records)));
                 }
                 Place::Passed { end, checked } => {
                     self.at = end;
@@ -147,10 +147,10 @@ impl Reader {
     }
 
     /// Searches one window for an intact chunk and saves the frames before it.
-    fn search_window(&mut self) -> Result<Piece, RecordingError> {
-        let Some(mut search) = self.search.take() else { return Ok(Piece::Saved(Vec::new())) };
+    fn search_window(&mut self) -> Result<ReadItem, RecordingError> {
+        let Some(mut search) = self.search.take() else { return Ok(ReadItem::Saved(Vec::new())) };
         if self.at >= self.length {
-            return Ok(Piece::Damage(Damage { offset: search.from, bytes: self.length - search.from }));
+            return Ok(ReadItem::Damage(Damage { offset: search.from, bytes: self.length - search.from }));
         }
         let window = self.bytes(self.at, WINDOW_BYTES + HEAD_BYTES)?;
         let last = usize::try_from(WINDOW_BYTES).unwrap_or(usize::MAX).min(window.len());
@@ -174,15 +174,15 @@ impl Reader {
         self.at += end as u64;
         if !found {
             self.search = Some(search);
-            return Ok(Piece::Saved(saved));
+            return Ok(ReadItem::Saved(saved));
         }
         if saved.is_empty() {
             self.sound = self.at;
-            return Ok(Piece::Damage(Damage { offset: search.from, bytes: self.at - search.from }));
+            return Ok(ReadItem::Damage(Damage { offset: search.from, bytes: self.at - search.from }));
         }
         // The next search finds the chunk at once and reports the damage.
         self.search = Some(search);
-        Ok(Piece::Saved(saved))
+        Ok(ReadItem::Saved(saved))
     }
 
     /// What is at this position.

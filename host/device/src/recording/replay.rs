@@ -3,7 +3,7 @@
 use super::channels::{COUNT, Channel};
 use super::error::RecordingError;
 use super::format::{Fields, op};
-use super::reader::{Damage, Piece, Reader};
+use super::reader::{Damage, ReadItem, Reader};
 use super::transcript::StreamState;
 use super::views::{HelloFrame, RecordingInfo};
 use crate::link::Batch;
@@ -191,13 +191,13 @@ impl Replay {
             }
             match self.reader.next()? {
                 None => return Ok(None),
-                Some(Piece::Chunk(records)) => self.channels.entries(&records, &mut self.waiting),
-                Some(Piece::Saved(envelopes)) => {
+                Some(ReadItem::Chunk(records)) => self.channels.entries(&records, &mut self.waiting),
+                Some(ReadItem::Saved(envelopes)) => {
                     self.damages.frames_saved += envelopes.len() as u64;
                     self.waiting
                         .extend(envelopes.into_iter().map(|saved| Entry::Frame(Box::new(saved), None)));
                 }
-                Some(Piece::Damage(damage)) => {
+                Some(ReadItem::Damage(damage)) => {
                     self.damages.count += 1;
                     self.damages.bytes += damage.bytes;
                     if self.damages.places.len() < LISTED {

@@ -48,7 +48,7 @@ impl Transcript {
         self.stream.prime(hello);
     }
 
-    /// Writes an envelope whose device's clock was put to the host's before, by so many nanoseconds.
+    /// Writes an envelope with a known offset of the device's clock to the host's, nanoseconds.
     pub fn anchored(&mut self, envelope: &Envelope, anchor_ns: u64) -> Result<(), RecordingError> {
         self.anchor_ns = Some(anchor_ns);
         self.write_envelope(envelope)

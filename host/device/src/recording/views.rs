@@ -229,7 +229,7 @@ pub struct HelloFrame {
 }
 
 impl HelloFrame {
-    /// Its bytes; nothing where it is no frame.
+    /// Its bytes; `None` where it is no frame.
     pub fn bytes(&self) -> Option<Vec<u8>> {
         let digits: Option<Vec<u8>> =
             self.frame_hex.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect();

@@ -19,7 +19,7 @@ const FIELD: &str = "characterized";
 const FILE: &str = "characterized.toml";
 
 impl ModelFile {
-    /// What is known of the rig of the session in a folder, with its file; nothing where the session names none.
+    /// What is known of the rig of the session in a folder, with its file; `None` where the session names none.
     ///
     /// # Errors
     /// [`SessionError`] for the first fault found, with its place: in the session file, or in the file that it names.

@@ -12,7 +12,7 @@ use std::path::{Component, Path};
 /// Result of reading a session.
 #[derive(Debug, Default)]
 pub struct Survey {
-    /// What could be read; nothing where needle, guides or the whole file could not.
+    /// What could be read; `None` where needle, guides or the whole file could not.
     pub session: Option<Session>,
     /// What is wrong, at most one fault per table of the session file and per CSV file. Where there is none, [`Session::read`] reads
     /// the same session.

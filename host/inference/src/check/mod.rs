@@ -115,7 +115,7 @@ pub fn check(dir: &Path) -> Check {
     }));
     findings.extend(outside.iter().map(|(place, name)| Finding {
         expected: Some("a file in it, so that the folder can be moved as a whole".to_owned()),
-        ..Finding::at(Severity::Warning, place, format!("{name}: leads out of the session's folder"))
+        ..Finding::at(Severity::Warning, place, format!("{name}: is outside the session's folder"))
     }));
     let mut abilities = Vec::new();
     let mut empty = false;

@@ -93,7 +93,7 @@ impl Normal {
         Ok(normal)
     }
 
-    /// The damped step; nothing where the equations are not positive definite. A shared parameter that would leave its range
+    /// The damped step; `None` where the equations are not positive definite. A shared parameter that would leave its range
     /// goes to its bound, and the others go where they are best with it there.
     pub fn step(&self, damping: f64, values: &[f64], parameters: &[Parameter]) -> Option<Step> {
         let (reduced, solved) = self.reduced(damping)?;

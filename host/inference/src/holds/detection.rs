@@ -168,7 +168,7 @@ impl Bins {
         bin(rows.start)..bin(rows.end)
     }
 
-    /// The hold that starts at the first of these bins: empty where none starts there, nothing where they end too soon.
+    /// The hold that starts at the first of these bins: empty where none starts there, `None` where they end too soon.
     fn grow(&self, bins: Range<usize>, kind: Kind, criteria: &HoldCriteria) -> Option<Range<usize>> {
         let Range { start, end } = bins;
         let end_s = self.time_s.get(start)? + criteria.min_duration_s - BIN_S;

@@ -115,7 +115,7 @@ pub(super) fn set_apart(
     unused
 }
 
-/// Why a run cannot belong to the others; nothing where it can.
+/// Why a run cannot belong to the others; `None` where it can.
 fn reason(misfits: &[Misfit], own: usize) -> Option<String> {
     let Misfit { depth_m, shape_m, sigmas } = misfits.get(own).copied()?;
     let all = || misfits.iter().enumerate().filter(|(other, _)| *other != own).map(|(_, misfit)| *misfit);

@@ -68,12 +68,12 @@ pub struct FoundationResult {
     /// Logarithm of the evidence of the body less that of the springs, with the everyday discrepancy that a diagnosis allows for;
     /// nothing where they were not compared.
     pub log_evidence_gain: Option<f64>,
-    /// What the gain has to exceed for the body to be used; nothing where they were not compared.
+    /// What the gain has to exceed for the body to be used; `None` where they were not compared.
     pub log_evidence_margin: Option<f64>,
     /// Logarithm of the evidence of a modulus that varies with depth, as springs or as a body, less that of the better of the two with
-    /// one modulus; 0 where it promises less than 5, nothing where they were not compared.
+    /// one modulus; 0 where it promises less than 5, `None` where they were not compared.
     pub log_evidence_of_varied: Option<f64>,
-    /// The body; nothing where it was not fitted or has no fit.
+    /// The body; `None` where it was not fitted or has no fit.
     pub body: Option<BodyResult>,
     /// Why the body has no fit, or could not be compared with springs.
     pub body_error: Option<String>,

@@ -48,9 +48,9 @@ pub struct Layers {
     /// Logarithm of the evidence of two layers less that of one, beside the discrepancy of a diagnosis, which is in all intervals too;
     /// nothing where intervals are those of noise alone.
     pub log_evidence_gain: Option<f64>,
-    /// Logarithm of the evidence of a body of two layers less that of springs of two layers; nothing where they were not compared.
+    /// Logarithm of the evidence of a body of two layers less that of springs of two layers; `None` where they were not compared.
     pub body_log_evidence_gain: Option<f64>,
-    /// Logarithm of the evidence of two layers less that of the better of springs and body with one modulus; nothing where it was not
+    /// Logarithm of the evidence of two layers less that of the better of springs and body with one modulus; `None` where it was not
     /// computed.
     pub log_evidence_over_single: Option<f64>,
     /// Whether two layers explain the runs better than any single modulus, by at least 5 nats; then no single Young's modulus is reported.
@@ -60,7 +60,7 @@ pub struct Layers {
 /// Boundaries closer than this are one start.
 const APART_MM: f64 = 0.5;
 
-/// Fits two layers to all runs; nothing where runs at fewer than two depths or no fit determine them.
+/// Fits two layers to all runs; `None` where runs at fewer than two depths or no fit determine them.
 ///
 /// Unless the tissue is stated to be springs or a body, the evidence of both with two layers decides: what one modulus explains better as
 /// the one may be layers of the other. `support` is what is used where their evidence is not computed.

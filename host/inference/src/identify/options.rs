@@ -13,16 +13,16 @@ use mechanics::Support;
 use mechanics::continuum::Contact;
 use mechanics::effects::Effect;
 
-/// How Young's modulus is had from K.
+/// How Young's modulus is computed from K.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum YoungsBy {
+pub enum YoungsMethod {
     /// By a published formula.
     Published(Relation),
     /// By the needle in an elastic half space, solved for this needle, rig, depth and noise.
     Continuum(Contact),
 }
 
-impl YoungsBy {
+impl YoungsMethod {
     /// Every way there is.
     pub const ALL: [Self; 6] = [
         Self::Continuum(Contact::Bonded),
@@ -58,7 +58,7 @@ impl YoungsBy {
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Relation that turns K into Young's modulus.
-    pub relation: YoungsBy,
+    pub relation: YoungsMethod,
     /// Poisson's ratio of the tissue; without it the session's, or 0.5.
     pub poisson: Option<f64>,
     /// Its standard deviation, which widens the interval of Young's modulus; without it the session's, or 0.
@@ -94,7 +94,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            relation: YoungsBy::Published(Relation::Vesic),
+            relation: YoungsMethod::Published(Relation::Vesic),
             poisson: None,
             poisson_sd: None,
             foundation: None,
@@ -164,7 +164,7 @@ impl TissueModel {
         Support::Body { poisson: self.poisson }
     }
 
-    /// The same with a Poisson's ratio one standard deviation away; nothing where it is exactly known.
+    /// The same with a Poisson's ratio one standard deviation away; `None` where it is exactly known.
     pub fn other_body(&self) -> Option<Support> {
         self.body().one_sd_away(self.poisson_sd)
     }

@@ -18,7 +18,7 @@ pub struct OtherResult {
     pub k_kpa: f64,
     /// Its 95 % interval.
     pub k_ci95_kpa: [f64; 2],
-    /// Young's modulus; nothing where it is refused.
+    /// Young's modulus; `None` where it is refused.
     pub youngs_modulus_kpa: Option<f64>,
     /// Its 95 % interval.
     pub youngs_modulus_ci95_kpa: Option<[f64; 2]>,

@@ -94,7 +94,7 @@ fn bootstrap(
     Some(Bootstrap { ci95_kpa: [kpa(0.025)?, kpa(0.975)?], count: drawn.len(), seed: options.seed })
 }
 
-/// K of each plane by itself, and their ratio; nothing where guide 2 was displaced in one plane only.
+/// K of each plane by itself, and their ratio; `None` where guide 2 was displaced in one plane only.
 pub(super) fn directions(runs: &[Fitted], least_m: f64) -> Option<Directions> {
     let known_noise = runs.iter().all(|run| run.known_noise);
     let of_plane = |plane: usize| -> Option<Estimate> {

@@ -6,7 +6,7 @@
 use super::fitting::{NORMAL_975, student_975};
 use super::options::TissueModel;
 use super::{
-    Fitted, FoundationResult, Layers, Options, Pooled, RelationResult, YoungsBy, YoungsModulus, pool,
+    Fitted, FoundationResult, Layers, Options, Pooled, RelationResult, YoungsMethod, YoungsModulus, pool,
 };
 use crate::LateralData;
 use crate::modulus::Relation;
@@ -25,7 +25,7 @@ const IMPROBABLE: f64 = 0.05;
 pub(super) struct Youngs<'s> {
     rig: &'s Rig,
     tissue: TissueModel,
-    relation: YoungsBy,
+    relation: YoungsMethod,
     /// In the order of the runs; at least one.
     depths: Vec<Depth>,
     /// Half-width of a 95 % interval of ln K by model error.
@@ -86,7 +86,7 @@ impl<'s> Youngs<'s> {
         };
         let (mut depths, typical): (Vec<Depth>, Vec<Option<Run>>) = groups.into_iter().map(of_group).unzip();
         let mut relation = options.relation;
-        if let YoungsBy::Continuum(contact) = relation {
+        if let YoungsMethod::Continuum(contact) = relation {
             for (depth, run) in depths.iter_mut().zip(typical) {
                 let solve = |support: Support| {
                     let poisson = support.poisson().unwrap_or(tissue.poisson);
@@ -106,23 +106,23 @@ impl<'s> Youngs<'s> {
                 }
             }
             if depths.iter().any(|depth| depth.body.is_none()) {
-                relation = YoungsBy::Published(Relation::Vesic);
+                relation = YoungsMethod::Published(Relation::Vesic);
             }
         }
         Self { rig, tissue, relation, depths, model_error_ln: pooled.model_error_ln() }
     }
 
-    /// Young's modulus of a K at a depth by a relation; nothing where the relation has no answer.
-    fn by(&self, relation: YoungsBy, depth: &Depth, k_pa: f64) -> Option<f64> {
+    /// Young's modulus of a K at a depth by a relation; `None` where the relation has no answer.
+    fn by(&self, relation: YoungsMethod, depth: &Depth, k_pa: f64) -> Option<f64> {
         let found = match (relation, &depth.body) {
-            (YoungsBy::Published(relation), _) => {
+            (YoungsMethod::Published(relation), _) => {
                 let poisson = self.tissue.poisson;
                 Some(relation.youngs_modulus_pa(k_pa, &self.rig.needle, depth.depth_m, poisson))
             }
-            (YoungsBy::Continuum(contact), Some((body, run))) => {
+            (YoungsMethod::Continuum(contact), Some((body, run))) => {
                 youngs_modulus_pa(&body.with_contact(contact), self.rig, k_pa, run).ok()
             }
-            (YoungsBy::Continuum(_), None) => None,
+            (YoungsMethod::Continuum(_), None) => None,
         };
         found.filter(|youngs_pa| youngs_pa.is_finite() && *youngs_pa > 0.0)
     }
@@ -135,16 +135,16 @@ impl<'s> Youngs<'s> {
     }
 
     /// Young's modulus of a depth.
-    fn of_depth(&self, relation: YoungsBy, depth: &Depth) -> Option<LnYoungs> {
+    fn of_depth(&self, relation: YoungsMethod, depth: &Depth) -> Option<LnYoungs> {
         let [value, low, high] = depth.k_pa.map(|k_pa| self.by(relation, depth, k_pa).map(f64::ln));
         Some(LnYoungs { value: value?, below: value? - low?, above: high? - value? })
     }
 
     /// The depths combined by a relation.
-    fn combined(&self, relation: YoungsBy) -> Option<(LnYoungs, f64)> {
+    fn combined(&self, relation: YoungsMethod) -> Option<(LnYoungs, f64)> {
         let of_depths: Option<Vec<LnYoungs>> =
             self.depths.iter().map(|depth| self.of_depth(relation, depth)).collect();
-        let error = if matches!(relation, YoungsBy::Continuum(_)) { RELATIVE_ERROR } else { 0.0 };
+        let error = if matches!(relation, YoungsMethod::Continuum(_)) { RELATIVE_ERROR } else { 0.0 };
         combined(&of_depths?, error)
     }
 
@@ -154,7 +154,7 @@ impl<'s> Youngs<'s> {
         let of_depth = |depth: &Depth| {
             let ((_, run), neighbour) = (depth.body.as_ref()?, depth.neighbour.as_ref()?);
             let [k_pa, ..] = depth.k_pa;
-            let own = self.by(YoungsBy::Continuum(contact), depth, k_pa)?;
+            let own = self.by(YoungsMethod::Continuum(contact), depth, k_pa)?;
             let other = youngs_modulus_pa(&neighbour.with_contact(contact), self.rig, k_pa, run).ok()?;
             Some((other / own).ln())
         };
@@ -169,11 +169,11 @@ impl<'s> Youngs<'s> {
                 "no Young's modulus by `{}` for this K; Vesic's relation is used",
                 self.relation.name()
             ));
-            self.relation = YoungsBy::Published(Relation::Vesic);
+            self.relation = YoungsMethod::Published(Relation::Vesic);
             self.depths.iter_mut().for_each(|depth| depth.body = None);
         }
         let kpa = |ln_pa: f64| 1e-3 * ln_pa.exp();
-        let relations: Vec<RelationResult> = YoungsBy::ALL
+        let relations: Vec<RelationResult> = YoungsMethod::ALL
             .into_iter()
             .filter_map(|relation| {
                 let (youngs, _) = self.combined(relation)?;
@@ -196,10 +196,10 @@ impl<'s> Youngs<'s> {
         }
         // In logarithms, K's interval through the relation and the relation's own uncertainties side by side.
         let error = match self.relation {
-            YoungsBy::Continuum(contact) => {
+            YoungsMethod::Continuum(contact) => {
                 RELATIVE_ERROR.hypot(contact.relative_error()).hypot(NORMAL_975 * self.by_poisson(contact))
             }
-            YoungsBy::Published(_) => 0.0,
+            YoungsMethod::Published(_) => 0.0,
         };
         let error = error.hypot(self.model_error_ln);
         let ends = found.map(|(youngs, _)| {
@@ -255,7 +255,7 @@ pub(super) fn headline(
     options: &Options,
     warnings: &mut Vec<String>,
 ) -> YoungsModulus {
-    let bonded = options.relation == YoungsBy::Continuum(Contact::Bonded);
+    let bonded = options.relation == YoungsMethod::Continuum(Contact::Bonded);
     let mut all = options.fixed.iter().map(|(effect, _)| effect.id());
     let effects = all.any(|id| id.starts_with("tissue."));
     match &foundation.body {

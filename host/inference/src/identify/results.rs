@@ -36,15 +36,15 @@ pub struct Identification {
     /// K and E by other models that explain what the effects were learned from; empty where the model file has none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub others: Vec<OtherResult>,
-    /// What many sessions predict of K, and K with it; nothing where it was not given. All else is without it.
+    /// What many sessions predict of K, and K with it; `None` where it was not given. All else is without it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorResult>,
     /// K over the needle's bending stiffness, where that is not known; K itself then refers to the reference needle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub k_per_ei: Option<KPerEi>,
-    /// K of each plane; nothing where guide 2 was displaced in one plane only.
+    /// K of each plane; `None` where guide 2 was displaced in one plane only.
     pub directions: Option<Directions>,
-    /// Two layers; nothing where they were not requested or the runs do not determine them.
+    /// Two layers; `None` where they were not requested or the runs do not determine them.
     pub layers: Option<Layers>,
     /// Springs against an elastic body.
     pub foundation: FoundationResult,
@@ -67,11 +67,11 @@ pub struct Pooled {
     pub sd_kpa: f64,
     /// 95 % interval, from ln K, model error in it.
     pub ci95_kpa: [f64; 2],
-    /// What they are by noise alone; nothing where the two are the same, because model error could not be estimated.
+    /// What they are by noise alone; `None` where the two are the same, because model error could not be estimated.
     pub noise_alone: Option<NoiseAlone>,
-    /// Profile likelihood; nothing where it was not requested.
+    /// Profile likelihood; `None` where it was not requested.
     pub profile: Option<Profile>,
-    /// Parametric bootstrap; nothing where it was not requested.
+    /// Parametric bootstrap; `None` where it was not requested.
     pub bootstrap: Option<Bootstrap>,
     /// What was found of the nuisance effects' parameters, shared by the runs.
     pub nuisances: Vec<NuisanceResult>,
@@ -102,7 +102,7 @@ pub struct KPerEi {
 }
 
 impl KPerEi {
-    /// Of a modulus that was computed with the reference's bending stiffness; nothing where the needle's own is known.
+    /// Of a modulus that was computed with the reference's bending stiffness; `None` where the needle's own is known.
     pub(crate) fn of(needle: &Needle, k_kpa: f64, ci95_kpa: [f64; 2]) -> Option<Self> {
         let reference_ei_n_m2 = needle.bending_stiffness_n_m2();
         let per_m4 = |kpa: f64| 1e3 * kpa / reference_ei_n_m2;
@@ -163,7 +163,7 @@ pub struct Heterogeneity {
 /// Young's modulus, from an elastic body or by a named relation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct YoungsModulus {
-    /// The modulus; nothing where it is refused.
+    /// The modulus; `None` where it is refused.
     pub value: Option<f64>,
     /// Its 95 % interval: that of the body, or K's through the relation; the choice of relation is not in it.
     pub ci95: Option<[f64; 2]>,

@@ -79,7 +79,7 @@ pub struct SphereFactor {
 }
 
 impl SphereFactor {
-    /// Tabulates it up to a largest indentation; nothing where the contact becomes wider than
+    /// Tabulates it up to a largest indentation; `None` where the contact becomes wider than
     /// [`MAX_RADIUS_TO_THICKNESS`] thicknesses.
     pub fn new(radius_m: f64, thickness_m: f64, most_m: f64, poisson: f64) -> Option<Self> {
         const STEPS: i32 = 24;

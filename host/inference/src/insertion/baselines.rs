@@ -31,7 +31,7 @@ impl Baseline {
         }
     }
 
-    /// Tip position at each depth, per plane, from the observed part; nothing where that is too little.
+    /// Tip position at each depth, per plane, from the observed part; `None` where that is too little.
     pub fn predict(self, observed: &TipPath, others: &[&TipPath], depths_m: &[f64]) -> Option<Vec<Vec<f64>>> {
         match self {
             Self::Quadratic => polynomial(observed, 2, depths_m),

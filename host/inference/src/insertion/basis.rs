@@ -158,7 +158,7 @@ impl Basis {
         values.get(first..first + length).unwrap_or_default()
     }
 
-    /// For each plane's load: its sign in this plane and its place among the responses; nothing where it does nothing here.
+    /// For each plane's load: its sign in this plane and its place among the responses; `None` where it does nothing here.
     fn load_parts(&self, plane: usize) -> [Option<(f64, usize)>; 2] {
         let Parts { along, across, .. } = self.parts;
         match (self.layout.coupled, plane) {

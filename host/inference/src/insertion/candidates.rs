@@ -93,7 +93,7 @@ struct Plan {
 pub(super) struct Point {
     /// Per plan, part by part ([`Parts`]).
     responses: Vec<Vec<f64>>,
-    /// Per recording and plane: under the motion of guide 2 as it is at the nodes, and the bend of the needle; nothing where it does not
+    /// Per recording and plane: under the motion of guide 2 as it is at the nodes, and the bend of the needle; `None` where it does not
     /// move and is straight.
     guide2_m: Vec<Option<[Vec<f64>; 2]>>,
 }

@@ -83,7 +83,7 @@ impl System {
         (0..layout.systems()).map(system).collect()
     }
 
-    /// With the own part integrated out; nothing where that fails in floating point.
+    /// With the own part integrated out; `None` where that fails in floating point.
     fn message(&self, layout: &Layout, scales: &Scales, map: &Map) -> Option<Message> {
         let unknowns = layout.unknowns();
         let mut squares = vec![0.0; unknowns * unknowns];
@@ -130,7 +130,7 @@ pub(super) struct Evidence {
 }
 
 impl Evidence {
-    /// Of the systems of several recordings; nothing where it is no number.
+    /// Of the systems of several recordings; `None` where it is no number.
     pub fn new(layout: &Layout, recordings: &[&[System]], scales: &Scales, searching: bool) -> Option<Self> {
         let map = scales.map(layout, searching);
         let (unknowns, length) = (layout.unknowns(), layout.of_plane());
@@ -217,7 +217,7 @@ impl Evidence {
         (pull, information)
     }
 
-    /// Mean of the share of the rear that all insertions have in common, per plane; nothing where it is known.
+    /// Mean of the share of the rear that all insertions have in common, per plane; `None` where it is known.
     pub fn rear_share(&self, layout: &Layout, scales: &Scales) -> Option<[f64; 2]> {
         let place = layout.rear()?;
         let map = scales.map(layout, false);
@@ -248,7 +248,7 @@ fn transpose(square: &mut [f64], size: usize) {
 }
 
 /// Replaces a symmetric, positive definite matrix by its inverse (Gauss and Jordan, without pivots) and returns the logarithm of its
-/// determinant; nothing where it is not positive definite in floating point.
+/// determinant; `None` where it is not positive definite in floating point.
 fn invert(square: &mut [f64], size: usize) -> Option<f64> {
     Arch::new().dispatch(|| invert_here(square, size))
 }

@@ -364,7 +364,7 @@ fn without_outliers(bins: Vec<Bin>, done: &Insertion) -> Vec<Bin> {
     bins.iter().zip(&offs).filter(|(_, off)| !is_outlier(off)).map(|(bin, _)| *bin).collect()
 }
 
-/// Standard deviation of a single tip reading, from rows that follow each other at rest; nothing where there are fewer than ten
+/// Standard deviation of a single tip reading, from rows that follow each other at rest; `None` where there are fewer than ten
 /// such pairs. Each recording is read up to a depth. Robust: from the median of the differences.
 pub fn row_scatter_m(runs: &[(&InsertionRun, f64)]) -> Option<f64> {
     scatter(runs, |run| [Some(&run.tip_y_m), run.tip_x_m.as_ref()])

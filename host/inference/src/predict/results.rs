@@ -26,7 +26,7 @@ pub struct Prediction {
     pub schema: &'static str,
     /// Name of the session.
     pub session: Option<String>,
-    /// What many sessions predict of K, and what is predicted without it; nothing where it was not given.
+    /// What many sessions predict of K, and what is predicted without it; `None` where it was not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PredictionPrior>,
     /// The models that it is averaged over, with their probabilities; empty where there is one model only.

@@ -32,7 +32,7 @@ pub struct Layered {
     pub estimate: Estimate<f64>,
     /// Probability that the tissue jumps somewhere; even odds before the run.
     pub boundary_probability: f64,
-    /// Where; nothing where no boundary is established.
+    /// Where; `None` where no boundary is established.
     pub boundary: Option<Boundary>,
     /// Stiffness of every cell that was reached.
     pub field: Vec<Value<f64>>,
@@ -47,7 +47,7 @@ pub struct LayeredTracker {
 }
 
 impl LayeredTracker {
-    /// For runs to `settings.reach_m`; nothing where the layout does not fit.
+    /// For runs to `settings.reach_m`; `None` where the layout does not fit.
     pub fn new(settings: Settings<f64, MODES>) -> Option<Self> {
         let of_share =
             |share: f64| OnlineTracker::new(Settings { segment_m: share * settings.reach_m, ..settings });

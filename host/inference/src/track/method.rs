@@ -10,7 +10,7 @@ use mechanics::{Dynamics, Foundation, ModelError, Needle};
 pub struct Report {
     /// Insertion depth, m.
     pub depth_m: f64,
-    /// Mean stiffness over the inserted part, N/m^2; nothing where it is not identified.
+    /// Mean stiffness over the inserted part, N/m^2; `None` where it is not identified.
     pub stiffness: Option<f64>,
     /// Its 95 % interval, where the estimator has one.
     pub stiffness_ci95: Option<[f64; 2]>,

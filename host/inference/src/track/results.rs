@@ -75,7 +75,7 @@ pub struct TrackResult {
     pub last: Option<LastResult>,
     /// The tissue against depth at the end.
     pub field: Option<FieldResult>,
-    /// Where it jumps; nothing where the segments were stated.
+    /// Where it jumps; `None` where the segments were stated.
     pub layers: Option<LayersResult>,
     /// What other estimators make of the same.
     pub compare: Vec<CompareResult>,

@@ -85,7 +85,7 @@ pub(super) struct Link {
 }
 
 impl Link {
-    /// Of a piece, and what acts at its start, given what acts at its end; nothing where the equations have no unique solution.
+    /// Of a piece, and what acts at its start, given what acts at its end; `None` where the equations have no unique solution.
     pub fn new(
         equation: Equation,
         fundamental: [f64; 4],

@@ -71,7 +71,7 @@ pub(crate) struct Solved {
 pub(crate) struct Shape(Unknowns);
 
 impl Ritz {
-    /// The equations of a problem; nothing where no body holds the needle.
+    /// The equations of a problem; `None` where no body holds the needle.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`], [`ModelError::Singular`] where an axial load buckles a piece.

@@ -225,7 +225,7 @@ impl<S: Springs> Problem<'_, S> {
 }
 
 impl Balance {
-    /// Newton's step; nothing where the tangent is singular.
+    /// Newton's step; `None` where the tangent is singular.
     fn step(&mut self, fixed: &[usize]) -> Option<Vec<f64>> {
         let mut step = self.rest.clone();
         fixed.iter().for_each(|index| step[*index] = 0.0);

@@ -73,7 +73,7 @@ impl<'p> SpringBeam<'p> {
         beam
     }
 
-    /// Stiffness of the frame that carries guide 2; nothing where it is rigid.
+    /// Stiffness of the frame that carries guide 2; `None` where it is rigid.
     fn frame_n_per_m(&self) -> Option<f64> {
         let compliance = self.problem.guide2_compliance_m_per_n;
         (compliance > 0.0).then(|| compliance.recip())

@@ -174,7 +174,7 @@ class Device:
             timeout_s: time without a sample after which the device counts as gone, seconds.
 
         Raises:
-            DeviceError: the device is gone.
+            DeviceError: the connection to the device is lost.
         """
         self._link.stream(True)
         try:

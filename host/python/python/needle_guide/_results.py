@@ -164,7 +164,7 @@ class PredictedInsertion:
 
     @property
     def gap_mm(self) -> Quantity | None:
-        """Depth above which the tissue does not support the needle, millimetres."""
+        """Effective gap: distance from guide 2 to where the tissue holds the needle, millimetres."""
         return quantity(self._document.get("learned") or {}, "gap_mm", "mm", "gap_ci95_mm")
 
     @property

@@ -20,7 +20,7 @@ _R = TypeVar("_R", bound=Result)
 
 
 def call(arguments: Sequence[str], on_step: OnStep | None = None) -> tuple[Any, list[str], dict[str, str]]:
-    """Runs a command of ``guide`` and returns its JSON document, its remarks and its figures.
+    """Runs a command of ``guide`` and returns its JSON document, its notes and its figures.
 
     Args:
         arguments: those of the command line, without ``--json``.
@@ -269,7 +269,7 @@ class Session:
         Args:
             length_mm: length of the needle from the fixture to the tip, millimetres (default: the session's).
             fixture_kg: mass of the fixture, kilograms (default: the session's).
-            compare: the published methods beside.
+            compare: run the published estimator and Kalman filters too.
         """
         options = _options(length_mm=length_mm, fixture_kg=fixture_kg, compare=compare)
         return _result(Tracking, ["track", *self._folder(), *options])
@@ -288,9 +288,9 @@ class Session:
         """Where model and measurement disagree, and the effect that is missing (``guide diagnose``).
 
         Args:
-            reference: session that has the same rig and tissue; only what differs from it can be found.
+            reference: session with the same rig and tissue; only differences from it are searched.
             model: file of an earlier diagnosis, whose effects are in the model from the beginning.
-            out: file that the model with what was added is written to.
+            out: file for the model with the effects that were added.
             foundation: "auto", "springs" or "body".
             poisson: Poisson's ratio of the tissue where it is a body.
             seed: seed of the bootstraps.

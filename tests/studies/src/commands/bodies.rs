@@ -7,7 +7,7 @@
 use anyhow::{Context, Result, anyhow};
 use formats::session::Session;
 use inference::diagnose::{self, FoundationChoice, diagnose};
-use inference::identify::{self, YoungsBy, identify};
+use inference::identify::{self, YoungsMethod, identify};
 use mechanics::continuum::Contact;
 use mechanics::effects::effect;
 use rand::{RngExt, SeedableRng};
@@ -110,7 +110,7 @@ type Found = (&'static str, Vec<(f64, [f64; 2])>);
 
 fn layers(drawn: &Drawn) -> Result<Option<Found>> {
     let options = identify::Options {
-        relation: YoungsBy::Continuum(Contact::Bonded),
+        relation: YoungsMethod::Continuum(Contact::Bonded),
         poisson: Some(drawn.poisson),
         layers: true,
         ..identify::Options::default()

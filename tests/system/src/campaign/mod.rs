@@ -10,7 +10,7 @@ mod line;
 mod qemu;
 
 use anyhow::{Result, anyhow, bail};
-use control::campaign::{Tally, run_in_process};
+use control::campaign::{CampaignCounts, run_in_process};
 use std::fmt;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -40,9 +40,9 @@ pub struct Args {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Survived {
     /// In this process, and the time that took.
-    pub in_process: Option<(Tally, Duration)>,
+    pub in_process: Option<(CampaignCounts, Duration)>,
     /// On the firmware in QEMU, and the time that took.
-    pub in_qemu: Option<(Tally, Duration)>,
+    pub in_qemu: Option<(CampaignCounts, Duration)>,
 }
 
 impl fmt::Display for Survived {
@@ -70,16 +70,16 @@ pub fn run(args: Args) -> Result<Survived> {
     Ok(survived)
 }
 
-fn timed(run: impl FnOnce() -> Result<Tally>) -> Result<(Tally, Duration)> {
+fn timed(run: impl FnOnce() -> Result<CampaignCounts>) -> Result<(CampaignCounts, Duration)> {
     let began = Instant::now();
     Ok((run()?, began.elapsed()))
 }
 
 /// On all processors.
-fn in_process(seed: u64, sequences: u64) -> Result<Tally> {
+fn in_process(seed: u64, sequences: u64) -> Result<CampaignCounts> {
     let (next, ends, found) = (AtomicU64::new(0), AtomicBool::new(false), Mutex::new(None));
     let worker = || {
-        let mut tally = Tally::default();
+        let mut tally = CampaignCounts::default();
         while !ends.load(Ordering::Relaxed) {
             let index = next.fetch_add(1, Ordering::Relaxed);
             if index >= sequences {
@@ -97,7 +97,7 @@ fn in_process(seed: u64, sequences: u64) -> Result<Tally> {
         }
         tally
     };
-    let mut all = Tally::default();
+    let mut all = CampaignCounts::default();
     thread::scope(|scope| -> Result<()> {
         let count = thread::available_parallelism()?.get();
         let workers: Vec<_> = (0..count).map(|_| scope.spawn(worker)).collect();
@@ -113,8 +113,8 @@ fn in_process(seed: u64, sequences: u64) -> Result<Tally> {
     }
 }
 
-fn in_qemu(seed: u64, sequences: u64) -> Result<Tally> {
-    let mut all = Tally::default();
+fn in_qemu(seed: u64, sequences: u64) -> Result<CampaignCounts> {
+    let mut all = CampaignCounts::default();
     let mut reported = Instant::now();
     while all.sequences < sequences {
         let first = seed.wrapping_add(all.sequences);

@@ -9,8 +9,10 @@ use crate::cosim::Injection;
 use crate::qemu::HANGS;
 use anyhow::{Context, Result, anyhow};
 use control::calibration::Calibration;
-use control::campaign::judge::{Judge, Observation, ROLLS_ON_UM};
-use control::campaign::{self, Causes, Checked, Condition, Converter, Tally, Target, Violation};
+use control::campaign::judge::{LimitChecker, Observation, ROLLS_ON_UM};
+use control::campaign::{
+    self, CampaignCounts, Checked, Condition, Converter, Disturbances, Target, Violation,
+};
 use protocol::{CalibrationRecord, Command, EventKind, Message, Outcome, Refusal, Request, Safety, Status};
 use simulation::rig::config::{Range, RigConfig};
 use std::time::{Duration, Instant};
@@ -42,7 +44,7 @@ const HELLO: Command = Command { id: 0, connection: 0, request: Request::Hello }
 ///
 /// # Errors
 /// The first violation, with the seeds; or where the bench fails.
-pub fn boot(first: u64, count: u64) -> Result<Tally> {
+pub fn boot(first: u64, count: u64) -> Result<CampaignCounts> {
     let mut config = RigConfig::default();
     // The bridge's offset is unknown to the limits; without it the true force is the one that counts.
     config.simulation.force.offset_n = Range { low: 0.0, high: 0.0 };
@@ -62,9 +64,9 @@ pub fn boot(first: u64, count: u64) -> Result<Tally> {
                 bench.log()
             )
         })?;
-        device.tally.add(Tally { sequences: 1, acts, faults, ..Tally::default() });
+        device.tally.add(CampaignCounts { sequences: 1, acts, faults, ..CampaignCounts::default() });
     }
-    let tally = Tally { device_ms: bench.rig().steps(), ..device.tally };
+    let tally = CampaignCounts { device_ms: bench.rig().steps(), ..device.tally };
     drop(device);
     bench.stop()?;
     Ok(tally)
@@ -74,7 +76,7 @@ struct Device<'a> {
     bench: &'a Bench,
     line: Line,
     soft: bool,
-    judge: Judge,
+    judge: LimitChecker,
     connection: u32,
     next_id: u16,
     record: CalibrationRecord,
@@ -85,14 +87,14 @@ struct Device<'a> {
     ended: Option<Outcome>,
     cleared: bool,
     sent: Vec<Command>,
-    tally: Tally,
+    tally: CampaignCounts,
 }
 
 impl<'a> Device<'a> {
     fn new(bench: &'a Bench, soft: bool) -> Result<Self> {
         let line = Line::open(&bench.folder().join("serial"))?;
         let record = Calibration::nominal_record();
-        let mut judge = Judge::new(STIFFNESS_N_PER_UM * ROLLS_ON_UM + NOISE_N, &record);
+        let mut judge = LimitChecker::new(STIFFNESS_N_PER_UM * ROLLS_ON_UM + NOISE_N, &record);
         judge.started(&record, position_um(bench));
         let mut device = Self {
             bench,
@@ -108,7 +110,7 @@ impl<'a> Device<'a> {
             ended: None,
             cleared: false,
             sent: Vec::new(),
-            tally: Tally::default(),
+            tally: CampaignCounts::default(),
         };
         device.connect().map_err(|violation| anyhow!("{violation}")).context("no hello")?;
         Ok(device)
@@ -305,8 +307,8 @@ impl Target for Device<'_> {
         self.check().map(drop)
     }
 
-    fn set(&mut self, causes: Causes) -> Checked<()> {
-        let Causes { emergency_stop, potentiometer_open, converter } = causes;
+    fn set(&mut self, causes: Disturbances) -> Checked<()> {
+        let Disturbances { emergency_stop, potentiometer_open, converter } = causes;
         let injection = Injection { emergency_stop, potentiometer_open, ..Injection::default() };
         self.bench.rig().inject(match converter {
             Converter::Healthy => injection,

@@ -125,7 +125,7 @@ fn a_step_that_is_interrupted_or_cut_off_is_named_by_the_next_start_and_keeps_ot
     let blocked = start(&["force"]).wait_with_output().unwrap();
     let text = String::from_utf8(blocked.stderr).unwrap();
     assert_eq!(blocked.status.code(), Some(1), "{text}");
-    assert!(text.contains("ended in `loop`"), "{text}");
+    assert!(text.contains("interrupted in `loop`"), "{text}");
 
     let (code, text) = end(start(&["loop"]), "loop:", &|_| wire.cut());
     assert_eq!(code, Some(1), "{text}");
@@ -163,7 +163,7 @@ fn the_last_step_stores_a_calibration_and_reads_it_back_and_one_that_is_cut_off_
 
     let again = bringup(&["link", "store"]).wait_with_output().unwrap();
     let [stdout, stderr] = [again.stdout, again.stderr].map(|text| String::from_utf8(text).unwrap());
-    assert!(again.status.success() && stderr.contains("ended in `store`"), "{stderr}");
+    assert!(again.status.success() && stderr.contains("interrupted in `store`"), "{stderr}");
     assert!(stdout.contains("store           passed") && stdout.contains("calibration unit-7"), "{stdout}");
     assert_eq!(device(), unit);
     bench.stop().unwrap();

@@ -7,7 +7,7 @@ use system::bench::Bench;
 use system::images::root;
 use system::qemu::HANGS;
 
-/// Runs the client; nothing where this computer has no Python.
+/// Runs the client; `None` where this computer has no Python.
 fn client(arguments: &[&str]) -> Option<Output> {
     let client = root().join("tests/peers/guide_protocol.py");
     let spec = root().join("protocol/spec");

@@ -190,7 +190,7 @@ fn cells(line: &str) -> Vec<Cell<'_>> {
     parts
 }
 
-/// Columns of a header (none where it has no position) and the unit that it states; nothing where this is no header.
+/// Columns of a header (none where it has no position) and the unit that it states; `None` where this is no header.
 fn header(cells: &[Cell<'_>]) -> Option<(Option<[usize; 3]>, Option<LengthUnit>)> {
     let is_word = |cell: &str| cell.parse::<f64>().is_err() && cell.chars().any(char::is_alphabetic);
     if !cells.iter().any(|(_, cell)| is_word(cell))

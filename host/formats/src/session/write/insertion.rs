@@ -41,7 +41,7 @@ impl SessionWriter {
 }
 
 impl InsertionRun {
-    /// The values of a column of its file, in SI; nothing where it does not have them.
+    /// The values of a column of its file, in SI; `None` where it does not have them.
     fn column(&self, name: &str) -> Option<&[f64]> {
         match name {
             "depth_mm" => Some(&self.depth_m),

@@ -11,7 +11,7 @@ pub struct Reference {
     pub sd_kpa: Option<f64>,
     /// 95 % interval of the mean: from the scatter over the indentations, of a single one from its own fit.
     pub ci95_kpa: Option<[f64; 2]>,
-    /// Welch's test against K of the runs, as in Paper A, Table I; nothing where a sample has fewer than two values.
+    /// Welch's test against K of the runs, as in Paper A, Table I; `None` where a sample has fewer than two values.
     pub t_test_p: Option<f64>,
     /// Welch's test against Young's modulus of the runs by the named relation: like with like.
     pub t_test_p_youngs: Option<f64>,
@@ -55,7 +55,7 @@ pub struct IndentationResult {
     pub youngs_modulus_kpa: f64,
     /// Its 95 % interval from the scatter about the curve; nothing for fewer than eight samples.
     pub ci95_kpa: Option<[f64; 2]>,
-    /// Force before contact; nothing where the indenter was in contact from the first sample.
+    /// Force before contact; `None` where the indenter was in contact from the first sample.
     pub force_offset_n: Option<f64>,
     /// Depth reading at contact.
     pub contact_mm: Option<f64>,

@@ -50,7 +50,7 @@ fn holds_truth(youngs: &YoungsModulus) -> bool {
 #[test]
 fn k_of_several_depths_goes_through_the_relation_of_each() {
     let session = on(body(0.5), &[20.0, 40.0], 5);
-    let options = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..on_springs() };
+    let options = Options { relation: YoungsMethod::Continuum(Contact::Bonded), ..on_springs() };
     let found = identify(&session, &options).expect("identifies");
     assert_eq!(found.youngs_modulus_kpa.relation, "continuum");
     assert!(holds_truth(&found.youngs_modulus_kpa), "{:?}", found.youngs_modulus_kpa);
@@ -61,7 +61,7 @@ fn k_of_several_depths_goes_through_the_relation_of_each() {
 
 #[test]
 fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
-    let options = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
+    let options = Options { relation: YoungsMethod::Continuum(Contact::Bonded), ..Options::default() };
     let found = identify(&on(body(0.5), &[20.0, 40.0], 6), &options).expect("identifies");
     let foundation = &found.foundation;
     let (gain, margin) = (foundation.log_evidence_gain.expect("compared"), foundation.log_evidence_margin);
@@ -81,7 +81,7 @@ fn evidence_chooses_the_body_and_the_other_foundation_is_reported() {
 
 #[test]
 fn one_modulus_that_cannot_decide_the_foundation_is_warned_of() {
-    let options = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
+    let options = Options { relation: YoungsMethod::Continuum(Contact::Bonded), ..Options::default() };
     let warns = |model: ModelFile| {
         let found = identify(&on(model, &[20.0, 30.0, 40.0], 11), &options).expect("identifies");
         let varied = found.foundation.log_evidence_of_varied.expect("compared");
@@ -102,8 +102,11 @@ fn one_modulus_that_cannot_decide_the_foundation_is_warned_of() {
 fn what_the_session_states_is_used_and_options_go_before_it() {
     let mut session = on(body(0.45), &[30.0], 8);
     let identified = |session: &Session, options: &Options| identify(session, options).expect("identifies");
-    let options =
-        Options { relation: YoungsBy::Continuum(Contact::Bonded), model_error: false, ..Options::default() };
+    let options = Options {
+        relation: YoungsMethod::Continuum(Contact::Bonded),
+        model_error: false,
+        ..Options::default()
+    };
     session.tissue = Tissue { foundation: Some(FoundationKind::Body), poisson: Some(0.45), poisson_sd: None };
     let exact = identified(&session, &options);
     assert_eq!((exact.foundation.used, exact.foundation.by), ("body", "stated"));

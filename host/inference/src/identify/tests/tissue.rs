@@ -143,7 +143,7 @@ fn model_error_is_in_the_intervals_of_layers() {
 
 #[test]
 fn youngs_modulus_by_the_continuum_lies_between_the_published_ones() {
-    let options = Options { relation: YoungsBy::Continuum(Contact::Bonded), ..Options::default() };
+    let options = Options { relation: YoungsMethod::Continuum(Contact::Bonded), ..Options::default() };
     let session = session(vec![Recipe::default().run("a", &mut Noise::new(71))]);
     let result = identify(&session, &options).expect("identifies");
     let youngs = &result.youngs_modulus_kpa;

@@ -152,7 +152,7 @@ impl LearnedResult {
         estimate_text(self.k_kpa, self.k_ci95_kpa, self.k_status, "kPa")
     }
 
-    /// Rotation stiffness of the rear in both planes with its intervals, as text; nothing where the session states it.
+    /// Rotation stiffness of the rear in both planes with its intervals, as text; `None` where the session states it.
     pub fn rear_text(&self) -> Option<String> {
         let text = |rear: &Option<RearResult>| rear.as_ref().map_or("as stated".to_owned(), RearResult::text);
         let is_unknown = self.rear_rotation_y.is_some() || self.rear_rotation_x.is_some();

@@ -22,7 +22,7 @@ const NOTHING: f64 = 0.3;
 /// A diagnosis in short.
 #[derive(Debug, Clone, Copy)]
 struct Short {
-    /// Size of the class in which the hidden effect is; nothing where it is in none of an answer.
+    /// Size of the class in which the hidden effect is; `None` where it is in none of an answer.
     class: Option<usize>,
     /// Something is named that is neither hidden nor of the rig.
     is_false: bool,
@@ -92,7 +92,7 @@ fn is_hideable(id: &str) -> bool {
     id.starts_with("tissue.") || id == "needle.axial_load"
 }
 
-/// A session with a rig of its own; nothing where it cannot be diagnosed.
+/// A session with a rig of its own; `None` where it cannot be diagnosed.
 fn one(seed: u64) -> Option<Pair> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let rig = drawn_rig(&mut random)?;

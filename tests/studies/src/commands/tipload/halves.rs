@@ -25,7 +25,7 @@ pub struct Agreement {
     pub difference: [f64; 2],
 }
 
-/// Compares the halves of a session; nothing where there are too few insertions.
+/// Compares the halves of a session; `None` where there are too few insertions.
 ///
 /// # Errors
 /// Where a half cannot be predicted.
