@@ -1,7 +1,8 @@
 //! What retreats have added to a load since its fault, so that many small ones are no way into it.
 
+use super::force::Loads;
 use super::mutation::Mutation;
-use super::retreat::{Bounds, Loads};
+use super::retreat::Bounds;
 
 /// Periods for which a motor may roll on after the end of a retreat: several times the lag of one.
 const ROLLS_ON_PERIODS: u16 = 50;
@@ -140,7 +141,7 @@ fn directions([x_um, y_um]: [i32; 2]) -> [Option<usize>; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::retreat::LOADS;
+    use super::super::force::LOADS;
     use super::*;
 
     const BOUNDS: fn() -> Bounds = || Bounds::new(5_000, 5_000);

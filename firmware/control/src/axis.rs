@@ -10,7 +10,7 @@
 //! from one to the other over [`PLAY_PERIODS`] of driving, so that the position never jumps.
 
 use super::PERIOD_S;
-use super::interlock::PERSISTENCE_PERIODS;
+use super::limits::{JUMP_UM, PERSISTENCE_PERIODS};
 
 /// No-load speed at full duty, micrometres per second (Actuonix L16, 63:1).
 pub const FULL_SPEED_UM_S: f32 = 20_000.0;
@@ -40,9 +40,6 @@ pub const PROVING_SPEED_UM_S: f32 = 4_400.0;
 /// Driving in one direction that takes up the play between screw and potentiometer, periods.
 pub const PLAY_PERIODS: u16 = 20;
 
-/// Jump of a position from one period to the next that no motor makes, micrometres: it makes 25 in a period, and the filtered
-/// position that is compared with lags by up to 200.
-pub const JUMP_UM: f32 = 1_000.0;
 /// Readings beyond a jump that are rejected: the interlock acts before one is accepted.
 const MAX_OUTLIERS: u16 = PERSISTENCE_PERIODS;
 

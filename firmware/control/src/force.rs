@@ -1,11 +1,15 @@
 //! Force from converter codes: calibration, zero, and what to do with readings that are not there or cannot be.
 
 use super::mutation::Mutation;
-use super::retreat::{LOADS, Loads};
 use super::tare::{self, Taring};
 use crate::ads131m02::ForceFault;
 use crate::calibration::Calibration;
 use protocol::{Counters, Tare, TareProblem};
+
+/// Number of [`Loads`].
+pub const LOADS: usize = 4;
+/// What the limits are about, force counts: size of the force along x and y from the converter's own zero, and of both from the tare.
+pub type Loads = [i32; LOADS];
 
 /// Force of both axes, with its history.
 #[derive(Debug, Clone)]

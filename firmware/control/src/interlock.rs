@@ -32,20 +32,14 @@
 //! The tests are the end-to-end tests of these names: firmware in QEMU, each cause made in the simulated rig or on the link; each
 //! asserts the reaction in periods, the reason on the wire, and that nothing is driven afterwards.
 
-use super::axis::JUMP_UM;
 use super::force::ForceChannel;
+use super::limits::{JUMP_UM, PERSISTENCE_PERIODS, STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
 use super::motor::{DriveWatch, DutyBudget};
 use super::mutation::Mutation;
 use crate::calibration::{Calibration, counts_of_mn};
 use crate::hal::Readings;
 use protocol::Fault;
 
-/// Periods without a valid force reading that are tolerated: one conversion missed now and then is not a fault.
-pub const STALE_LIMIT_PERIODS: u16 = 20;
-/// Periods that a limit must be exceeded: one spike is not a fault.
-pub const PERSISTENCE_PERIODS: u16 = 2;
-/// Readings with the same code that are tolerated. Of a converter with noise of many codes even two are rare.
-pub const STUCK_LIMIT_READINGS: u16 = 50;
 /// How far beyond its travel a guide may overshoot, micrometres.
 pub const TRAVEL_MARGIN_UM: f32 = 200.0;
 /// Distance from the filtered position that is motion and not noise, micrometres.

@@ -14,6 +14,7 @@
 //! | [`force`], [`tare`] | force from converter codes: calibration, zero, stale and saturated readings |
 //! | [`decimate`], [`stiffness`] | the lateral stiffness, estimated online |
 //! | [`interlock`] | when to stop, and why: the table of hazards |
+//! | [`limits`] | what a reading may be off by, and for how long |
 //! | [`pulse`] | a short pulse of one motor without a loop, and what ends it |
 //! | [`retreat`], [`added_load`] | motions that unload the guide while the fault of the load is latched |
 //! | [`retained`] | state that is retained over a restart |
@@ -67,6 +68,7 @@ pub mod force;
 pub mod hal;
 pub mod indicator;
 pub mod interlock;
+pub mod limits;
 pub mod motor;
 pub mod mutation;
 mod period;

@@ -7,11 +7,12 @@ use super::PERIOD_US;
 use super::axis::Setpoint;
 use super::mutation::Mutation;
 use super::profile::{ACCELERATION_UM_S2, Profile};
-use super::retreat::RETREAT_SPEED_UM_S;
 use protocol::{
     DURATION_LIMIT_MS, MAX_STEPS, Refusal, SPEED_LIMIT_UM_S, START_LIMIT_US, Step, TARE_LIMIT_MS,
 };
 
+/// Speed of a retreat, micrometres per second.
+const RETREAT_SPEED_UM_S: f32 = 500.0;
 /// Time beyond one and a half times the path's own that a move may take to settle, microseconds.
 const SETTLE_LIMIT_US: u64 = 3_000_000;
 /// How long an axis rolls on after a setpoint that stops at once, seconds: the motor's lag, the filter's and the loop's.

@@ -16,7 +16,7 @@
 //! than back is refused until the axis has moved the way it is driven, over restarts too.
 
 use super::axis::Axis;
-use super::interlock::PERSISTENCE_PERIODS;
+use super::limits::PERSISTENCE_PERIODS;
 use super::mutation::Mutation;
 use super::{Controller, Drive, OutboundMessage, OutboundMessages, event, push};
 use protocol::{

@@ -11,15 +11,15 @@
 //! Both follow each of the four [`Loads`] by itself: a larger force along y must not hide one along x that rises up to it.
 
 use super::axis::Axis;
-use super::interlock::{STALE_LIMIT_PERIODS, StopCauses};
+use super::force::{LOADS, Loads};
+use super::interlock::StopCauses;
+use super::limits::STALE_LIMIT_PERIODS;
 use super::mutation::Mutation;
 use super::program::Phase;
 use super::{Controller, OutboundMessage, OutboundMessages, event, push};
 use crate::calibration::counts_of_mn;
 use protocol::{EventKind, RETREAT_LIMIT_UM, Refusal, RetreatOutcome};
 
-/// Speed of a retreat, micrometres per second.
-pub const RETREAT_SPEED_UM_S: f32 = 500.0;
 /// The load may rise above its least by this, percent of the rated range: ten times the noise of a cell.
 pub const RISE_PERCENT: u32 = 1;
 /// Way in which the load must have fallen, micrometres: beyond the play of the mechanism.
@@ -28,11 +28,6 @@ pub const PROGRESS_UM: f32 = 300.0;
 pub const PROGRESS_PERCENT: f32 = 0.4;
 /// Share of the limit below which the guide counts as unloaded: soft tissue takes up a part of the load again once the guide rests.
 pub const UNLOADED: f32 = 0.85;
-
-/// Number of [`Loads`].
-pub const LOADS: usize = 4;
-/// What the limits are about, force counts: size of the force along x and y from the converter's own zero, and of both from the tare.
-pub type Loads = [i32; LOADS];
 
 /// What the loads are compared with, force counts.
 #[derive(Debug, Clone, Copy)]

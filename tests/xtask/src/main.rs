@@ -183,7 +183,8 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
             let python = wheel::python().is_ok();
             let features: &[&str] = if python { &["--features", "needle-guide/extension"] } else { &[] };
             build::cargo(&[&["test", "--workspace", "--no-run"], features].concat())?;
-            build::run_system("test", if python { &["--python".into()] } else { &[] })
+            let of_suite: Vec<OsString> = python.then(|| "--python".into()).into_iter().collect();
+            build::run_system("test", &of_suite)
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Every fault from its cause: when it is latched, that nothing is driven from then on, and what it takes to clear it.
 
 use super::*;
-use crate::interlock::{PERSISTENCE_PERIODS, STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
+use crate::limits::{PERSISTENCE_PERIODS, STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
 use crate::motor::{COOLED_SHARE, ON_LIMIT_PERIODS, STALL_PERIODS};
 
 /// A bench whose guide is on its way.

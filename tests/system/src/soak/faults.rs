@@ -1,7 +1,7 @@
 //! The faults that the soak makes: what is injected, what the device must report and how soon.
 
 use crate::cosim::Injection;
-use control::interlock::{STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
+use control::limits::{STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
 use control::motor::STALL_PERIODS;
 use emulation::plant::NEVER;
 use protocol::{Fault, ResetReason};

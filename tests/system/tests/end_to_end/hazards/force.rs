@@ -1,7 +1,7 @@
 //! Emergency stop and force.
 
 use super::*;
-use control::interlock::{STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
+use control::limits::{STALE_LIMIT_PERIODS, STUCK_LIMIT_READINGS};
 
 #[test]
 #[ignore = "needs QEMU: cargo xtask test runs it"]
