@@ -48,6 +48,7 @@ const NOTHING: Injection = Injection {
     panic: false,
     stack_overflow: false,
     freeze: false,
+    for_periods: None,
 };
 
 /// A rig whose needle is too soft to be felt, so that the guide can go as far as it can.
