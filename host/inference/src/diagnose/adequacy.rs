@@ -76,9 +76,10 @@ impl Adequacy {
             all.rows(start - rows, rows).into_owned()
         };
         let of_runs: Vec<DMatrix<f64>> = runs.iter().map(of_run).collect();
+        let products = fitted.products_beside_parameters(patterns, &of_runs);
         let structure = |sizes: &[f64]| {
-            let products = fitted.beside_parameters(patterns, sizes, &of_runs);
-            products.map(|products| structure(&products)).ok_or(FitError::Undetermined)
+            let left = fitted.eliminated(patterns, sizes, &products);
+            left.map(|(left, _)| structure(&left)).ok_or(FitError::Undetermined)
         };
         let (noise, coefficients) = structure(&vec![0.0; patterns.groups.len()])?;
         let (everyday, _) = structure(&patterns.everyday())?;

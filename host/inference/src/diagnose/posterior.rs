@@ -192,24 +192,8 @@ impl Fitted {
         Some((value, [-NORMAL_975, NORMAL_975].map(|sds| value + sds * sd)))
     }
 
-    /// Scalar products of columns (one matrix per run) in the metric of noise and discrepancy of these sizes, what the parameters
-    /// could do about them taken off; nothing where a size makes no sense.
-    pub fn beside_parameters(
-        &self,
-        patterns: &Patterns,
-        sizes: &[f64],
-        columns: &[DMatrix<f64>],
-    ) -> Option<DMatrix<f64>> {
-        self.eliminated(patterns, sizes, columns).map(|(left, _)| left)
-    }
-
-    /// The same, and by how much the fitted logarithm of the modulus would move for every column in the data.
-    pub fn eliminated(
-        &self,
-        patterns: &Patterns,
-        sizes: &[f64],
-        columns: &[DMatrix<f64>],
-    ) -> Option<(DMatrix<f64>, Vec<f64>)> {
+    /// Scalar products of the parameters' sensitivities, in units of their priors, and of columns (one matrix per run) behind them.
+    pub fn products_beside_parameters(&self, patterns: &Patterns, columns: &[DMatrix<f64>]) -> Products {
         let parameters = self.layout.parameters(&self.values);
         let count = parameters.len();
         let joined = |(jacobian, columns): (&DMatrix<f64>, &DMatrix<f64>)| {
@@ -222,7 +206,21 @@ impl Fitted {
             joined
         };
         let joined: Vec<DMatrix<f64>> = self.jacobian.iter().zip(columns).map(joined).collect();
-        let all = patterns.in_metric(sizes, &patterns.products(&joined))?;
+        patterns.products(&joined)
+    }
+
+    /// Of these products those of the columns in the metric of noise and discrepancy of these sizes, what the parameters could do about
+    /// them taken off, and by how much the fitted logarithm of the modulus would move for every column in the data; nothing where a size makes
+    /// no sense.
+    pub fn eliminated(
+        &self,
+        patterns: &Patterns,
+        sizes: &[f64],
+        products: &Products,
+    ) -> Option<(DMatrix<f64>, Vec<f64>)> {
+        let parameters = self.layout.parameters(&self.values);
+        let count = parameters.len();
+        let all = patterns.in_metric(sizes, products)?;
         let rest = all.nrows() - count;
         let mut own = all.view((0, 0), (count, count)).into_owned();
         for i in 0..count {

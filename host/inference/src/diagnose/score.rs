@@ -20,6 +20,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
 /// One hypothesis in which an effect may act: a place or time, and the directions of its amplitudes.
 #[derive(Debug, Clone)]
@@ -164,8 +165,9 @@ impl Scores {
         let columns: Vec<DMatrix<f64>> = fitted.residuals.iter().enumerate().map(columns).collect();
         let everyday = patterns.everyday();
         let sizes: Vec<f64> = fitted.sizes.iter().zip(everyday).map(|(size, most)| size.min(most)).collect();
+        let products = fitted.products_beside_parameters(patterns, &columns);
         let (metric, ln_modulus) =
-            fitted.eliminated(patterns, &sizes, &columns).ok_or(FitError::Undetermined)?;
+            fitted.eliminated(patterns, &sizes, &products).ok_or(FitError::Undetermined)?;
         let gram = metric.view((0, 0), (count, count)).into_owned();
         let along = metric.view((0, count), (count, 1)).column(0).into_owned();
         Ok(Self { hypotheses, gram, along, ln_modulus })
@@ -247,16 +249,24 @@ impl Scores {
         let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
         let root = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * NOISE_TOLERANCE.sqrt();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let prepare = |(_, hypotheses): &(&dyn Effect, Vec<Hypothesis>)| -> Vec<_> {
+            hypotheses.iter().map(|hypothesis| self.prepared(hypothesis)).collect()
+        };
+        let prepared: Vec<Vec<Option<PreparedHypothesis>>> = self.hypotheses.iter().map(prepare).collect();
         let mut largest: Vec<f64> = (0..draws)
             .map(|_| {
                 let drawn = DVector::from_fn(root.ncols(), |_, _| StandardNormal.sample(&mut random));
                 let along = &root * drawn;
-                let of_effect = |(_, hypotheses): &(&dyn Effect, Vec<Hypothesis>)| {
-                    mean_of_exponentials(
-                        hypotheses.iter().map(|hypothesis| self.score(hypothesis, &along).log_evidence),
-                    )
+                let of_effect = |((_, hypotheses), prepared): (&(&dyn Effect, Vec<Hypothesis>), &Vec<_>)| {
+                    let all = hypotheses.iter().zip(prepared);
+                    let logs: SmallVec<[f64; 16]> = all
+                        .map(|(hypothesis, prepared): (_, &Option<_>)| {
+                            Self::log_evidence(hypothesis, prepared.as_ref(), &along)
+                        })
+                        .collect();
+                    mean_of_exponentials(logs.iter().copied())
                 };
-                self.hypotheses.iter().map(of_effect).fold(f64::NEG_INFINITY, f64::max)
+                self.hypotheses.iter().zip(&prepared).map(of_effect).fold(f64::NEG_INFINITY, f64::max)
             })
             .collect();
         largest.sort_by(f64::total_cmp);
@@ -264,28 +274,73 @@ impl Scores {
         largest[at.min(draws) - 1]
     }
 
-    fn score(&self, hypothesis: &Hypothesis, along: &DVector<f64>) -> HypothesisScore {
+    /// What the score of a hypothesis needs of everything but the residuals.
+    fn prepared(&self, hypothesis: &Hypothesis) -> Option<PreparedHypothesis> {
         let k = hypothesis.columns.len();
-        let b = DVector::from_fn(k, |i, _| along[hypothesis.columns[i]]);
         let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(hypothesis.columns[i], hypothesis.columns[j])]);
         let prior = DMatrix::from_diagonal(&DVector::from_column_slice(&hypothesis.precisions));
-        let Some(factor) = (&gram + &prior).cholesky() else { return HypothesisScore::none(k) };
-        let mut amplitudes = factor.solve(&b);
+        let factor = (gram + prior).cholesky()?;
         let log_determinant = 2.0 * factor.l().diagonal().map(f64::ln).sum();
         let log_prior: f64 = hypothesis.precisions.iter().map(|p| p.ln()).sum();
-        let occam = 0.5 * (log_determinant - log_prior);
+        // Half of the prior of a one-sided amplitude lies where it cannot be; the other half counts twice.
+        let sides = hypothesis.two_sided.iter().filter(|two| !**two).count() as f64 * std::f64::consts::LN_2;
+        Some(PreparedHypothesis {
+            covariance: factor.inverse(),
+            occam: 0.5 * (log_determinant - log_prior),
+            sides,
+        })
+    }
+
+    /// Log evidence of a hypothesis by the projections of the residuals on all directions.
+    fn log_evidence(
+        hypothesis: &Hypothesis,
+        prepared: Option<&PreparedHypothesis>,
+        along: &DVector<f64>,
+    ) -> f64 {
+        let Some(PreparedHypothesis { covariance, occam, sides }) = prepared else {
+            return f64::NEG_INFINITY;
+        };
+        let mut gain = 0.0;
+        for ((i, row), two_sided) in
+            hypothesis.columns.iter().zip(covariance.row_iter()).zip(&hypothesis.two_sided)
+        {
+            let amplitude: f64 =
+                row.iter().zip(&hypothesis.columns).map(|(value, j)| value * along[*j]).sum();
+            if amplitude <= 0.0 && !two_sided {
+                return -occam;
+            }
+            gain += along[*i] * amplitude;
+        }
+        0.5 * gain - occam + sides
+    }
+
+    fn score(&self, hypothesis: &Hypothesis, along: &DVector<f64>) -> HypothesisScore {
+        let k = hypothesis.columns.len();
+        let Some(prepared) = self.prepared(hypothesis) else { return HypothesisScore::none(k) };
+        let log_evidence = Self::log_evidence(hypothesis, Some(&prepared), along);
+        let b = DVector::from_fn(k, |i, _| along[hypothesis.columns[i]]);
+        let mut amplitudes = &prepared.covariance * &b;
         let wrong_side = amplitudes.iter().zip(&hypothesis.two_sided).any(|(a, two)| *a <= 0.0 && !two);
         if wrong_side {
             amplitudes.fill(0.0);
+            return HypothesisScore { chi_square: 0.0, log_evidence, amplitudes };
         }
-        let gain = b.dot(&amplitudes);
-        let free = (&gram + DMatrix::identity(k, k) * (1e-9 * gram.trace().max(1e-300))).cholesky();
-        let chi_square = if wrong_side { 0.0 } else { free.map_or(gain, |free| b.dot(&free.solve(&b))) };
-        // Half of the prior of a one-sided amplitude lies where it cannot be; the other half counts twice.
-        let sides = hypothesis.two_sided.iter().filter(|two| !**two).count() as f64 * std::f64::consts::LN_2;
-        let sides = if wrong_side { 0.0 } else { sides };
-        HypothesisScore { chi_square, log_evidence: 0.5 * gain - occam + sides, amplitudes }
+        let gram = DMatrix::from_fn(k, k, |i, j| self.gram[(hypothesis.columns[i], hypothesis.columns[j])]);
+        let slack = 1e-9 * gram.trace().max(1e-300);
+        let free = (gram + DMatrix::identity(k, k) * slack).cholesky();
+        let chi_square = free.map_or(b.dot(&amplitudes), |free| b.dot(&free.solve(&b)));
+        HypothesisScore { chi_square, log_evidence, amplitudes }
     }
+}
+
+/// A hypothesis before the residuals are known.
+struct PreparedHypothesis {
+    /// Posterior covariance of its amplitudes.
+    covariance: DMatrix<f64>,
+    /// What its volume costs.
+    occam: f64,
+    /// What amplitudes of one side are worth.
+    sides: f64,
 }
 
 struct HypothesisScore {

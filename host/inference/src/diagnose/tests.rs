@@ -135,6 +135,9 @@ fn a_session_that_cannot_serve_reports_its_limits() {
 fn held_out_runs_refuse_names_and_change_nothing_else() {
     let session = session(&truth(vec![("rig.friction", vec![0.1])]), &Design::four_runs(), 9);
     let plain = diagnose(&session, &Options::default(), |_| {}).expect("a diagnosis");
+    // Hysteresis of the force sensor, which follows the direction of motion too, takes no part of it.
+    let [low, high] = plain.effects[0].parameters["force_n"].ci95;
+    assert!(low <= 0.1 && 0.1 <= high && high - low < 0.02, "{low} to {high}");
     let held = plain.gap.as_ref().expect("a gap").heldout_runs.clone();
     let mut other = session.clone();
     for run in other.lateral.iter_mut().filter(|run| held.contains(&run.id)) {

@@ -235,6 +235,23 @@ fn friction_follows_the_motion_and_not_the_noise_of_its_sensor() {
     assert_eq!(dry.x, plain.x);
 }
 
+/// A reversal is certain only some way back; friction has turned since that way began.
+#[test]
+fn friction_turns_where_the_way_back_begins() {
+    let Experiment::Lateral(mut noisy) = lateral(0.03) else { panic!("lateral") };
+    let mut noise = noise::Noise::new(6);
+    noisy.drive.iter_mut().for_each(|sample| sample.y_m += 1e-5 * noise.normal());
+    // Steps of ramps are 0.06 to 0.12 mm long.
+    noisy.reversal_m = [0.25e-3; 2];
+    let noisy = Experiment::Lateral(noisy);
+    let plain = channels(&plain(), &noisy).force_n;
+    let dry = channels(&with("rig.friction", &[0.05]), &noisy).force_n;
+    for (i, expected) in [(20, 0.0), (22, 0.05), (60, 0.05), (61, -0.05), (62, -0.05), (80, -0.05)] {
+        let added = dry.y[i] - plain.y[i];
+        assert!((added - expected).abs() < 1e-12, "{i}: {added}");
+    }
+}
+
 #[test]
 fn tissue_effects_act_as_described() {
     let experiment = lateral(0.03);
