@@ -16,6 +16,8 @@ mod begin;
 mod models;
 #[path = "command_line/monitor.rs"]
 mod monitor;
+#[path = "command_line/plan_path.rs"]
+mod plan_path;
 #[path = "command_line/rejected.rs"]
 mod rejected;
 #[path = "command_line/report.rs"]

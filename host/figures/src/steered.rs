@@ -18,13 +18,13 @@ pub struct Steered {
     pub reachable_mm: Vec<[f64; 2]>,
     /// Tip that was expected at the target at every stop: x, y, standard deviation per axis.
     pub expected_mm: Vec<[f64; 3]>,
-    /// Where the tip is.
-    pub tip_mm: [f64; 2],
+    /// Where the tip is; nothing before a run.
+    pub tip_mm: Option<[f64; 2]>,
 }
 
 const PLANES: [(&str, RGBColor); 2] = [("x", RED), ("y", BLUE)];
 
-/// Tip readings (dots), the plan of half-way with its 95 % band and the target (crosses), and below them the positions of guide 2.
+/// Tip readings (dots), the plan (of half-way, where there was a run) with its 95 % band and the target (crosses), and below them the positions of guide 2.
 ///
 /// # Errors
 /// [`FigureError`] where the drawing fails.
@@ -98,7 +98,12 @@ pub fn steered_target(run: &Steered) -> Result<String, FigureError> {
         let all = |plane: usize| {
             let corners = run.reachable_mm.iter().map(move |corner| corner[plane]);
             let expected = run.expected_mm.iter().map(move |one| one[plane]);
-            range(corners.chain(expected).chain([run.target_mm[plane], run.tip_mm[plane]]))
+            range(
+                corners
+                    .chain(expected)
+                    .chain([run.target_mm[plane]])
+                    .chain(run.tip_mm.map(|tip_mm| tip_mm[plane])),
+            )
         };
         let mut chart = axes(&area, all(0), all(1), "y, mm", "x, mm")?;
         let corners: Vec<(f64, f64)> = run.reachable_mm.iter().map(|[x, y]| (*x, *y)).collect();
@@ -117,11 +122,13 @@ pub fn steered_target(run: &Steered) -> Result<String, FigureError> {
             .map_err(failed)?
             .label("expected, stop by stop")
             .legend(|(x, y)| Circle::new((x + 8, y), 4, BLUE.stroke_width(1)));
-        chart
-            .draw_series([Circle::new((run.tip_mm[0], run.tip_mm[1]), 4, BLACK.filled())])
-            .map_err(failed)?
-            .label("tip")
-            .legend(|(x, y)| Circle::new((x + 8, y), 4, BLACK.filled()));
+        if let Some([x, y]) = run.tip_mm {
+            chart
+                .draw_series([Circle::new((x, y), 4, BLACK.filled())])
+                .map_err(failed)?
+                .label("tip")
+                .legend(|(x, y)| Circle::new((x + 8, y), 4, BLACK.filled()));
+        }
         chart
             .draw_series([Cross::new((run.target_mm[0], run.target_mm[1]), 7, RED.stroke_width(2))])
             .map_err(failed)?

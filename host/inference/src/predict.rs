@@ -246,8 +246,16 @@ fn not_applied(options: &Options) -> Vec<String> {
     warnings
 }
 
-/// Foundation and its uncertainty: as requested, from the lateral runs, or of any soft tissue.
-fn tissue(session: &Session, options: &Options, warnings: &mut Vec<String>) -> Result<Tissue, PredictError> {
+/// Foundation and its uncertainty: as requested, from the lateral runs, or of any soft tissue; what has to be warned of is added to
+/// `warnings`.
+///
+/// # Errors
+/// [`PredictError::Model`] where a model of this rig cannot be evaluated.
+pub fn tissue(
+    session: &Session,
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> Result<Tissue, PredictError> {
     let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(MIN_GAP_M);
     let with = |foundation: Foundation, sd_ln: f64| {
         let mut model = Model::uniform(session.rig.clone(), 0.0)?;

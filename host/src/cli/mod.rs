@@ -30,6 +30,7 @@ mod monitor;
 mod operate;
 mod output;
 mod plan;
+mod plan_path;
 mod population;
 mod ports;
 mod predict;
@@ -104,6 +105,7 @@ enum Command {
     Serve(serve::Args),
     Web(web::Args),
     Track(track::Args),
+    PlanPath(plan_path::Args),
     Steer(steer::Args),
     Effects(effects::Args),
     Init(init::Args),
@@ -177,6 +179,7 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Serve(args) => serve::run(args, out),
         Command::Web(args) => web::run(args, out),
         Command::Track(args) => track::run(args, out),
+        Command::PlanPath(args) => plan_path::run(args, out),
         Command::Steer(args) => steer::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Check(args) => check::run(args, out),

@@ -1,6 +1,7 @@
 //! `guide steer`: brings a needle to a target, step by step, through a plant of someone else or the device.
 
 mod drawing;
+mod live;
 mod publish;
 
 use super::igtl::USUAL;
@@ -13,6 +14,7 @@ use device::steer::RigPlant;
 use drawing::Readings;
 use formats::NORMAL_975;
 use formats::model_file::{LearnedEffect, ModelFile};
+use live::Live;
 use publish::Published;
 use serde::Serialize;
 use std::fmt::{self, Display};
@@ -21,8 +23,8 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use steering::{
-    Cue, Event, KnownEffect, Options, Outcome, Plant, ProcessPlant, Record, Recorded, ReplayPlant, Run,
-    SteerError, steer,
+    Cue, Event, KnownEffect, Options, Outcome, Plant, Probability, ProcessPlant, Record, Recorded,
+    ReplayPlant, Run, SteerError, steer,
 };
 
 /// Steer a needle to a target: push, estimate tissue and tip, plan and make guide moves at stops, supervise, record
@@ -81,12 +83,17 @@ pub struct Args {
     /// is given
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true, default_missing_value = USUAL, conflicts_with = "replay")]
     publish: Option<String>,
+    /// Show target, path so far, planned path with its band, what can be reached and the next action, live; where the output is no terminal
+    /// the last of these screens is printed as text, 80 by 24; with --replay too
+    #[arg(long)]
+    screen: bool,
     /// Folder for figures: path and plan, and the plane of the target, as SVG; with --replay too
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
 }
 
-fn target(text: &str) -> Result<[f64; 3], String> {
+/// Reads a target.
+pub fn target(text: &str) -> Result<[f64; 3], String> {
     let values: Result<Vec<f64>, _> = text.split(',').map(|value| value.trim().parse()).collect();
     let values = values.map_err(|_| "expected three numbers: X,Y,DEPTH")?;
     let values = <[f64; 3]>::try_from(values).map_err(|_| "expected three numbers: X,Y,DEPTH")?;
@@ -129,7 +136,7 @@ struct Fault {
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     if let Some(file) = &args.replay {
-        return replay(file, args.plots.as_deref(), out);
+        return replay(file, args, out);
     }
     let (Some(dir), Some(target_mm)) = (&args.dir, args.target_mm) else {
         bail!("expected DIR, --target-mm and --plant, or --port and --tip, or --replay");
@@ -144,6 +151,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let least = usize::from(args.advise);
     ensure!((least..=2).contains(&rotations), "--rotations: {rotations}, expected {least} to 2");
     let rig = args.characterized.as_deref().map(ModelFile::read).transpose()?.unwrap_or_default();
+    let live = Live::new(args.screen, target_mm, out)?;
     let driver = Driver::new(args)?;
     let options = Options {
         rest_every_mm: args.rest_every_mm,
@@ -162,20 +170,23 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
         None => None,
     };
     let mut followed =
-        Followed { readings: Readings::default(), published: Published::new(publisher, target_mm) };
+        Followed { readings: Readings::default(), published: Published::new(publisher, target_mm), live };
     let (file, path) = create(dir)?;
     let record = Record::new(file);
     record.note("options", &options);
     // What a replay reads, to the last bit.
     let options = serde_json::from_str(&serde_json::to_string(&options)?)?;
     let mut closed = None;
+    let prints = args.advise && !followed.live.is_shown();
+    followed.live.begin()?;
     let mut on_cue = |cue: Cue| {
-        if args.advise && closed.is_none() {
+        if prints && closed.is_none() {
             closed =
                 out.line(&CueDocument { schema: "guide.steer_cue/1", cue }, format_args!("{cue}\n")).err();
         }
     };
     let outcome = driver.carry_out(&options, &record, &mut followed, &mut on_cue);
+    followed.live.end(&outcome, out)?;
     if let Some(error) = closed {
         return Err(error);
     }
@@ -189,7 +200,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
 }
 
 /// What a file states of the rig with intervals, those of a normal distribution.
-fn known(rig: &ModelFile) -> Vec<KnownEffect> {
+pub fn known(rig: &ModelFile) -> Vec<KnownEffect> {
     let of = |learned: &LearnedEffect| {
         let sd = |ci95: &Option<[f64; 2]>| ci95.map_or(0.0, |[low, high]| (high - low) / (2.0 * NORMAL_975));
         KnownEffect {
@@ -205,6 +216,7 @@ fn known(rig: &ModelFile) -> Vec<KnownEffect> {
 struct Followed {
     readings: Readings,
     published: Published,
+    live: Live,
 }
 
 /// What is steered.
@@ -293,25 +305,28 @@ fn carry_out(
     on_cue: &mut dyn FnMut(Cue),
 ) -> Result<Run, SteerError> {
     let target_depth_mm = options.target_mm[2];
-    let Followed { readings, published } = followed;
+    let Followed { readings, published, live } = followed;
     let mut on_cue = |cue: Cue| {
         published.cue(&cue);
         on_cue(cue);
     };
-    let result = steer(plant, options, &mut |event| match event {
-        Event::Statement(stated) => on_cue(Cue {
-            depth_mm: 0.0,
-            turn_by_deg: None,
-            bevel_deg: stated.bevel_deg,
-            push_to_mm: options.rest_every_mm.min(target_depth_mm),
-        }),
-        Event::Decision(decision) => {
-            record.note("decision", decision);
-            published.decision(decision);
-            on_cue(decision.cue(target_depth_mm));
+    let result = steer(plant, options, &mut |event| {
+        live.take(event);
+        match event {
+            Event::Statement(stated) => on_cue(Cue {
+                depth_mm: 0.0,
+                turn_by_deg: None,
+                bevel_deg: stated.bevel_deg,
+                push_to_mm: options.rest_every_mm.min(target_depth_mm),
+            }),
+            Event::Decision(decision) => {
+                record.note("decision", decision);
+                published.decision(decision);
+                on_cue(decision.cue(target_depth_mm));
+            }
+            Event::Answer(answer) => readings.take(answer),
+            _ => {}
         }
-        Event::Answer(answer) => readings.take(answer),
-        _ => {}
     });
     match &result {
         Ok(run) => record.note("outcome", &run.outcome),
@@ -359,17 +374,23 @@ fn report(
 }
 
 /// Carries a recorded run out again.
-fn replay(file: &Path, plots: Option<&Path>, out: &mut Output) -> anyhow::Result<()> {
+fn replay(file: &Path, args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let text = fs::read_to_string(file).with_context(|| format!("{}: cannot read", file.display()))?;
     let mut plant = ReplayPlant::new(&text).with_context(|| format!("{}: no record", file.display()))?;
     let options = plant.options().clone();
     let recorded = plant.decisions().to_vec();
+    let mut live = Live::new(args.screen, options.target_mm, out)?;
+    live.begin()?;
     let (mut decisions, mut readings) = (Vec::new(), Readings::default());
-    let outcome = steer(&mut plant, &options, &mut |event| match event {
-        Event::Decision(decision) => decisions.push(serde_json::to_string(decision).unwrap_or_default()),
-        Event::Answer(answer) => readings.take(answer),
-        _ => {}
+    let outcome = steer(&mut plant, &options, &mut |event| {
+        live.take(event);
+        match event {
+            Event::Decision(decision) => decisions.push(serde_json::to_string(decision).unwrap_or_default()),
+            Event::Answer(answer) => readings.take(answer),
+            _ => {}
+        }
     });
+    live.end(&outcome, out)?;
     if let Err(SteerError::Plant(error @ steering::PlantError::Differs { .. })) = &outcome {
         bail!("{}: {error}", file.display());
     }
@@ -382,7 +403,7 @@ fn replay(file: &Path, plots: Option<&Path>, out: &mut Output) -> anyhow::Result
         );
     }
     if let Ok(run) = &outcome {
-        drawing::draw(run, &readings, plots, out)?;
+        drawing::draw(run, &readings, args.plots.as_deref(), out)?;
     }
     report(outcome, &options, Some(file), true, out)
 }
@@ -396,6 +417,23 @@ fn extent(corners: &[[f64; 2]]) -> Option<[[f64; 2]; 2]> {
     Some(corners.iter().fold([first, first], grow))
 }
 
+/// Writes what is stated before the first push.
+pub fn write_before(
+    f: &mut fmt::Formatter<'_>,
+    within: &[Probability],
+    reachable_mm: &[[f64; 2]],
+) -> fmt::Result {
+    let of = |one: &Probability| format!("{:.0} % within {} mm", 100.0 * one.probability, one.radius_mm);
+    if !within.is_empty() {
+        let list: Vec<String> = within.iter().take(4).map(of).collect();
+        writeln!(f, "before       {}", list.join(", "))?;
+    }
+    if let Some([[x, y], [to_x, to_y]]) = extent(reachable_mm) {
+        writeln!(f, "reachable    x {x:.1} to {to_x:.1}, y {y:.1} to {to_y:.1} mm")?;
+    }
+    Ok(())
+}
+
 /// A run for the eye.
 struct Text<'a> {
     run: &'a Run,
@@ -407,19 +445,7 @@ impl Display for Text<'_> {
         let run = self.run;
         let [x, y, depth] = run.target_mm;
         writeln!(f, "target       {x:.2}, {y:.2} mm at {depth:.1} mm")?;
-        let percent = |list: &[steering::Probability]| {
-            let of = |one: &steering::Probability| {
-                format!("{:.0} % within {} mm", 100.0 * one.probability, one.radius_mm)
-            };
-            list.iter().take(4).map(of).collect::<Vec<_>>().join(", ")
-        };
-        if !run.within_before.is_empty() {
-            writeln!(f, "before       {}", percent(&run.within_before))?;
-        }
-        if let Some([low, high]) = extent(&run.reachable_mm) {
-            let [[x, y], [to_x, to_y]] = [low, high];
-            writeln!(f, "reachable    x {x:.1} to {to_x:.1}, y {y:.1} to {to_y:.1} mm")?;
-        }
+        write_before(f, &run.within_before, &run.reachable_mm)?;
         if !run.decisions.is_empty() {
             writeln!(
                 f,

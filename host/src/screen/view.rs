@@ -132,15 +132,7 @@ impl Widget for Screen<'_> {
 impl Screen<'_> {
     /// The screen as lines of text, for logs and documents.
     pub fn to_text(self, width: u16, height: u16) -> String {
-        let area = Rect::new(0, 0, width, height);
-        let mut buffer = Buffer::empty(area);
-        self.render(area, &mut buffer);
-        let row = |y: u16| {
-            let line: String =
-                (0..width).filter_map(|x| buffer.cell((x, y))).map(|cell| cell.symbol()).collect();
-            format!("{}\n", line.trim_end())
-        };
-        (0..height).map(row).collect()
+        super::text_of(self, width, height)
     }
 
     fn title(&self) -> Line<'static> {

@@ -4,6 +4,7 @@ mod decide;
 mod forecast;
 mod limits;
 mod motion;
+mod offline;
 mod rotate;
 
 use crate::estimator::{AtTarget, Hypothesis};
@@ -17,6 +18,7 @@ use crate::results::{Decision, Event, Outcome, Probability, Run};
 use crate::tables::Path;
 use crate::unknowns::{CuttingLaw, Unknowns};
 use mechanics::ModelError;
+pub use offline::plan_path;
 
 /// Radii for which probabilities are stated, mm.
 const RADII_MM: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
@@ -200,6 +202,13 @@ pub fn steer(
     let stated = plant.start()?;
     stated.check()?;
     on_event(&Event::Statement(&stated));
+    check_target(&stated, options)?;
+    let mut controller = Controller::new(plant, &stated, options, on_event)?;
+    controller.run()
+}
+
+/// Whether a target and what is requested for it can be begun with.
+fn check_target(stated: &Statement, options: &Options) -> Result<(), SteerError> {
     let depth_mm = options.target_mm[2];
     for (name, value, good, expected) in [
         ("x", options.target_mm[0], true, "a finite number".to_owned()),
@@ -218,8 +227,7 @@ pub fn steer(
     if options.rotations > 0 && !stated.rig.can_rotate {
         return Err(SteerError::CannotRotate);
     }
-    let mut controller = Controller::new(plant, &stated, options, on_event)?;
-    controller.run()
+    Ok(())
 }
 
 /// Predictions of all laws.
@@ -314,7 +322,12 @@ impl<'a> Controller<'a> {
     }
 
     fn run(&mut self) -> Result<Run, SteerError> {
-        if let Some(refused) = self.forecast()? {
+        let refused = self.forecast()?;
+        (self.on_event)(&Event::Forecast {
+            reachable_mm: self.reachable_m.iter().map(|corner| corner.map(|m| 1e3 * m)).collect(),
+            within: self.within_before.clone(),
+        });
+        if let Some(refused) = refused {
             let end = self.plant.end()?;
             (self.on_event)(&Event::End(&end));
             return Ok(self.result(refused, [0.0; 2], [0.0; 3], end));

@@ -5,6 +5,8 @@
 //! follow the guide positions at all rests to come that minimise the expected squared miss at the target's depth, within travel, force
 //! and strain; the first is carried out. Two laws of the tip compete: it takes a load, or it cuts along the needle at an angle.
 //!
+//! [`plan_path()`] states and plans the same without a plant, before anything moves.
+//!
 //! A plant is anything that answers steps ([`Plant`]): a program over its standard input and output ([`ProcessPlant`]), a record
 //! ([`ReplayPlant`]), or code of your own. Units are in the names of fields: mm, s, N, degrees at this surface, SI inside.
 //!
@@ -76,7 +78,7 @@ mod statics;
 mod tables;
 mod unknowns;
 
-pub use controller::{GUIDE_SETTLING_S, Options, SteerError, steer};
+pub use controller::{GUIDE_SETTLING_S, Options, SteerError, plan_path, steer};
 pub use known::KnownEffect;
 pub use plant::{DeviceFault, Plant, PlantError};
 pub use process::ProcessPlant;
@@ -85,4 +87,6 @@ pub use protocol::{
     Statement, VERSION,
 };
 pub use record::{Record, Recorded, ReplayPlant};
-pub use results::{Cue, Decision, Event, Outcome, PathPoint, PlannedRotation, Probability, Run};
+pub use results::{
+    Cue, Decision, Event, Outcome, PathPlan, PathPoint, PlannedRotation, Probability, Run, Spread,
+};

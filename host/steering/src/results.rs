@@ -129,6 +129,13 @@ pub enum Event<'a> {
     Command(&'a Command),
     /// Its answer.
     Answer(&'a Answer),
+    /// What is stated before the first push.
+    Forecast {
+        /// Corners of what can be reached at the target's depth, x and y, mm; empty where guide 2 is not moved.
+        reachable_mm: Vec<[f64; 2]>,
+        /// Probability of ending within some radii; empty where none is stated.
+        within: Vec<Probability>,
+    },
     /// A decision.
     Decision(&'a Decision),
     /// The plant's last line.
@@ -162,6 +169,61 @@ pub enum Outcome {
         /// How far from the target that is, mm.
         distance_mm: f64,
     },
+}
+
+/// By what a quantity is uncertain: standard deviation per axis, mm, in all and by each cause alone.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// In all.
+    pub all: f64,
+    /// The needle's angle to the axis, and where its tip is at the surface.
+    pub slope: f64,
+    /// Load or cutting angle of the tip.
+    pub tip: f64,
+    /// Modulus of the layers, skin, gap.
+    pub tissue: f64,
+    /// Offset and play of guide 2.
+    pub guide: f64,
+    /// What the path does that no model has.
+    pub irregularity: f64,
+}
+
+impl Spread {
+    /// The causes by name, the largest first.
+    pub fn causes(&self) -> Vec<(&'static str, f64)> {
+        let mut causes = vec![
+            ("needle's angle", self.slope),
+            ("tip load or cutting angle", self.tip),
+            ("tissue", self.tissue),
+            ("guide 2", self.guide),
+            ("irregularity of the path", self.irregularity),
+        ];
+        causes.sort_by(|a, b| b.1.total_cmp(&a.1));
+        causes
+    }
+}
+
+/// What is planned before anything moves ([`plan_path`](crate::plan_path)).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PathPlan {
+    /// Target: x, y, depth, mm.
+    pub target_mm: [f64; 3],
+    /// Whether the target can be reached, by what is known beforehand: [`steer`](crate::steer) refuses it otherwise.
+    pub is_reachable: bool,
+    /// Where it cannot: the nearest point at its depth that can be.
+    pub nearest_mm: Option<[f64; 2]>,
+    /// How far from the target that is, mm.
+    pub beyond_reach_mm: Option<f64>,
+    /// Corners of what can be reached at the target's depth, x and y, mm; empty where guide 2 is not moved.
+    pub reachable_mm: Vec<[f64; 2]>,
+    /// Probability of ending within some radii, with readings on the way; empty where none is stated.
+    pub within: Vec<Probability>,
+    /// Tip at the target's depth if nothing is moved, mm.
+    pub unsteered_tip_mm: [f64; 2],
+    /// By what that is uncertain.
+    pub spread_mm: Spread,
+    /// Guide positions or rotations and path, as planned without any reading.
+    pub plan: Decision,
 }
 
 /// A whole run.

@@ -5,6 +5,7 @@
 //! | [`relation`] | foundation modulus against Young's modulus | the continuum solution |
 //! | [`plan`] | what `guide plan` promises | the forward model |
 //! | [`predict`] | the path of insertions | the forward model |
+//! | [`recorded`] | what guide moves do to the tip | recordings of others, read from a session |
 //! | [`track`], [`layers`] | online estimators | the simulated steering rig |
 //! | [`population`] | statistics over many sessions | `worlds`, by way of records |
 //! | [`mod@steer`] | steering to a target | a needle of its own, `worlds::steering` |
@@ -17,6 +18,7 @@ pub mod layers;
 pub mod plan;
 pub mod population;
 pub mod predict;
+pub mod recorded;
 pub mod relation;
 pub mod steer;
 pub mod track;

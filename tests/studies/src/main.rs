@@ -17,11 +17,11 @@ struct Args {
     /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
     /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), or what `guide plan`
     /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, steering to a target
-    /// (`steer`), statistics over many sessions, or rigs in air (`characterize`); without a name all that the documentation quotes, as it quotes them, written
+    /// (`steer`), statistics over many sessions, rigs in air (`characterize`), or steered insertions that were recorded (`recorded`); without a name all that the documentation quotes, as it quotes them, written
     /// where it has them
     #[arg(value_parser = [
         "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers", "steer",
-        "population", "characterize",
+        "population", "characterize", "recorded",
     ])]
     name: String,
     /// Sessions of insertions, imperfect ones of all kinds, or rigs in air
@@ -42,7 +42,7 @@ struct Args {
     /// Only tables, blind sessions, or worlds of the study of tip loads, whose names hold this; imperfect ones by number too, as #12
     #[arg(long, default_value = "")]
     only: String,
-    /// Only methods, or controllers of `steer`, whose names begin like this
+    /// Only methods, or controllers of `steer`, whose names begin like this; a whole name is that one alone
     #[arg(long, default_value = "")]
     method: String,
     /// Seed of a second column of the blind study; drawn again without it
@@ -56,7 +56,10 @@ struct Args {
     /// Force limit of guide 2 in `steer`, instead of 8, newtons
     #[arg(long)]
     force_limit_n: Option<f64>,
-    /// Print every insertion of the study of tip loads, or every identified session
+    /// Session folders with steered insertions, for `recorded`
+    #[arg(long, value_name = "DIR", num_args = 1..)]
+    from: Vec<std::path::PathBuf>,
+    /// Print every insertion of the study of tip loads, every identified session, or every run of `steer`
     #[arg(long)]
     verbose: bool,
 }
@@ -86,6 +89,7 @@ fn run(args: &Args) -> Result<()> {
         "population" => commands::population::run(args.repeats, args.runs, args.seed),
         "characterize" => commands::characterize::run(args.sessions, args.seed, &args.only),
         "steer" => steered(args),
+        "recorded" => commands::recorded::run(&args.from),
         _ => modulus_relation(),
     }
 }
@@ -133,13 +137,18 @@ fn steered(args: &Args) -> Result<()> {
         .flat_map(|kind| [Controller::None, Controller::Posterior].map(|who| (kind, who)));
     // What runs in air show.
     let of_rig = [Kind::Backlash, Kind::Frame, Kind::Clamp].map(|kind| (kind, Controller::Characterized));
+    // A whole name is that one alone.
+    let is_named = |who: Controller| who.name() == args.method;
+    let is_exact = Controller::ALL.into_iter().any(is_named);
+    let is_requested =
+        |who: Controller| if is_exact { is_named(who) } else { who.name().starts_with(&args.method) };
     let mut calibration = String::new();
     let mut unsteered: Option<studies::steer::Row> = None;
     for (kind, controller) in plain
         .into_iter()
         .chain(hidden)
         .chain(of_rig)
-        .filter(|(kind, who)| kind.name().contains(&args.only) && who.name().starts_with(&args.method))
+        .filter(|(kind, who)| kind.name().contains(&args.only) && is_requested(*who))
     {
         let row = study(kind, controller, args.runs as u64, args.seed, args.force_limit_n)?;
         if matches!(controller, Controller::None | Controller::HandHeldNone | Controller::StraightNone) {
@@ -151,6 +160,20 @@ fn steered(args: &Args) -> Result<()> {
                 row.runs.iter().zip(&none.runs).filter_map(|(own, none)| Some((own.miss_mm?, none.miss_mm?)));
             pairs.filter(|(own, none)| *own > none + 0.5).count()
         });
+        if args.verbose {
+            for (number, run) in row.runs.iter().enumerate() {
+                let none = unsteered.as_ref().and_then(|none| none.runs.get(number)?.miss_mm);
+                eprintln!(
+                    "{} {number}: {:.2?} mm, unsteered {none:.2?} mm, expected by its last plan {:.2} mm, limited at {} stops ({}), guide {:.1?}",
+                    controller.name(),
+                    run.miss_mm,
+                    run.expected_mm,
+                    run.limited.0,
+                    run.limited.1,
+                    run.guide_mm
+                );
+            }
+        }
         let mut medians: Vec<f64> = row.runs.iter().map(|run| run.median_s).collect();
         medians.sort_by(f64::total_cmp);
         let count =

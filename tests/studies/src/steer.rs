@@ -3,7 +3,9 @@
 
 mod published;
 
-use published::Aim;
+pub use published::Jacobian;
+
+use published::{Aim, Given};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -29,6 +31,12 @@ pub enum Controller {
     Broyden,
     /// The same along the straight line from the entry point to the target.
     BroydenLine,
+    /// The published loop with the Jacobian that it learns taken from the plant itself, without error.
+    BroydenNextStop,
+    /// The same with what a move does at the target's depth.
+    BroydenAtTarget,
+    /// The same with where the tip ends there if the guide stays, too.
+    BroydenAtTargetWithPath,
     /// The plan at the prior's tissue; readings determine slope and load alone.
     Nominal,
     /// The likeliest tissue, taken for the true one.
@@ -51,11 +59,14 @@ pub enum Controller {
 
 impl Controller {
     /// All, the worst first.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 16] = [
         Self::None,
         Self::Proportional,
         Self::Broyden,
         Self::BroydenLine,
+        Self::BroydenNextStop,
+        Self::BroydenAtTarget,
+        Self::BroydenAtTargetWithPath,
         Self::Nominal,
         Self::Identified,
         Self::Posterior,
@@ -79,6 +90,9 @@ impl Controller {
             Self::Proportional => "proportional",
             Self::Broyden => "Broyden, as published",
             Self::BroydenLine => "Broyden, along a line",
+            Self::BroydenNextStop => "Broyden's loop, the plant's own effect at the next stop",
+            Self::BroydenAtTarget => "Broyden's loop, the plant's own effect at the target",
+            Self::BroydenAtTargetWithPath => "Broyden's loop, the plant's own effect and path to the target",
             Self::Nominal => "model at the prior's K",
             Self::Identified => "model, likeliest K",
             Self::Posterior => "model, posterior",
@@ -107,6 +121,29 @@ pub struct Ended {
     pub slowest_s: f64,
     /// Median replan, s.
     pub median_s: f64,
+    /// Decisions whose move was limited, and by what at first.
+    pub limited: (usize, &'static str),
+    /// Miss that the last plan expected, mm.
+    pub expected_mm: f64,
+    /// Guide 2 after each stop's decision, mm.
+    pub guide_mm: Vec<[f64; 2]>,
+}
+
+impl Ended {
+    /// Nothing is known but that it ended so.
+    fn with_miss(miss_mm: Option<f64>, broken: u64) -> Self {
+        Self {
+            miss_mm,
+            stopped: miss_mm.is_none(),
+            broken,
+            stated: Vec::new(),
+            slowest_s: 0.0,
+            median_s: 0.0,
+            limited: (0, ""),
+            expected_mm: f64::NAN,
+            guide_mm: Vec::new(),
+        }
+    }
 }
 
 /// Runs of one controller on plants of one kind.
@@ -214,21 +251,23 @@ fn one(
         Controller::HandHeld => Options { rotations: 2, ..options },
         Controller::Proportional => return published::proportional(plant, target_mm, seed, number),
         Controller::Broyden | Controller::StraightBroyden => {
-            return published::broyden(plant, target_mm, Aim::Target);
+            return published::broyden(plant, target_mm, Aim::Target, Given::Nothing);
         }
-        Controller::BroydenLine => return published::broyden(plant, target_mm, Aim::Line),
+        Controller::BroydenLine => return published::broyden(plant, target_mm, Aim::Line, Given::Nothing),
+        Controller::BroydenNextStop => {
+            return published::broyden(plant, target_mm, Aim::Target, Given::NextStop);
+        }
+        Controller::BroydenAtTarget => {
+            return published::broyden(plant, target_mm, Aim::Target, Given::AtTarget);
+        }
+        Controller::BroydenAtTargetWithPath => {
+            return published::broyden(plant, target_mm, Aim::Target, Given::AtTargetWithPath);
+        }
     };
     match steer(&mut plant, &options, &mut |_| {}) {
         Ok(run) => Ok(ended(&run)),
         Err(SteerError::Plant(error)) => Err(error),
-        Err(_) => Ok(Ended {
-            miss_mm: None,
-            stopped: true,
-            broken: 0,
-            stated: Vec::new(),
-            slowest_s: 0.0,
-            median_s: 0.0,
-        }),
+        Err(_) => Ok(Ended::with_miss(None, 0)),
     }
 }
 
@@ -250,5 +289,15 @@ fn ended(run: &Run) -> Ended {
         stated: run.within_before.iter().map(|one| [one.radius_mm, one.probability]).collect(),
         slowest_s: run.slowest_replan_s,
         median_s: run.median_replan_s,
+        limited: {
+            let mut limited = run.decisions.iter().filter_map(|one| one.limited_by);
+            let first = limited.next();
+            (first.map_or(0, |_| 1 + limited.count()), first.unwrap_or(""))
+        },
+        expected_mm: run.decisions.last().map_or(f64::NAN, |last| {
+            let away = |plane: usize| last.expected_tip_mm[plane] - run.target_mm[plane];
+            away(0).hypot(away(1))
+        }),
+        guide_mm: run.decisions.iter().map(|one| one.guide_to_mm).collect(),
     }
 }

@@ -142,6 +142,33 @@ impl<'c> Posterior<'c> {
         )
     }
 
+    /// How far the tip goes from one place of the path to another, per plane, m; a place is a depth, on arriving (`false`) or on leaving
+    /// (`true`), after what is done at rest there. The scatter of single depths is part of it where the depths differ.
+    pub fn tip_change_m(&self, from: (f64, bool), to: (f64, bool)) -> Vec<Moments> {
+        let scatter = if from.0 == to.0 { 0.0 } else { 2.0 };
+        self.change(Measured::Position, from, to, |scales| scatter * scales.irregularity_m.powi(2))
+    }
+
+    /// The same of the needle's slope at the tip, rad; nothing where no direction was measured.
+    pub fn direction_change_rad(&self, from: (f64, bool), to: (f64, bool)) -> Option<Vec<Moments>> {
+        self.candidates.layout.direction.then(|| self.change(Measured::Direction, from, to, |_| 0.0))
+    }
+
+    fn change(
+        &self,
+        measured: Measured,
+        from: (f64, bool),
+        to: (f64, bool),
+        variance: impl Fn(&Scales) -> f64,
+    ) -> Vec<Moments> {
+        let rows = |node: &Node, plane: usize| {
+            let (rows, beside) = node.basis.rows(plane, measured, &node.basis.places([from, to]));
+            let change = rows.row(1) - rows.row(0);
+            (DMatrix::from_rows(&[change]), vec![beside[1] - beside[0]])
+        };
+        self.moments(1, rows, variance).swap_remove(0)
+    }
+
     /// Tip load at each depth in the needle's own frame, per plane, N.
     pub fn load_n(&self, depths_m: &[f64]) -> Vec<Vec<Moments>> {
         let layout = &self.candidates.layout;

@@ -47,7 +47,7 @@ pub fn draw(run: &Run, readings: &Readings, folder: Option<&Path>, out: &mut Out
             .iter()
             .map(|one| [one.expected_tip_mm[0], one.expected_tip_mm[1], sd_mm(one.covariance_mm2)])
             .collect(),
-        tip_mm: run.estimated_tip_mm,
+        tip_mm: Some(run.estimated_tip_mm),
     };
     figures_file(&folder, "steer.path", &figures::steered_path(&drawn)?, out)?;
     figures_file(&folder, "steer.target", &figures::steered_target(&drawn)?, out)?;

@@ -17,6 +17,28 @@ impl Controller<'_> {
     /// Estimates, plans and moves at a rest.
     pub(super) fn decide(&mut self, node: usize) -> Result<Option<Outcome>, SteerError> {
         let began = std::time::Instant::now();
+        let decision = self.planned(node)?;
+        self.replans_s.push(began.elapsed().as_secs_f64());
+        (self.on_event)(&Event::Decision(&decision));
+        let stopped = self.is_worse_than_none(&decision);
+        let turn = decision.turn();
+        let [from_mm, to_mm] = [decision.guide_from_mm, decision.guide_to_mm];
+        self.decisions.push(decision);
+        if stopped.is_some() {
+            return Ok(stopped);
+        }
+        if let Some(turn) = turn {
+            self.turn(turn.bevel_deg)?;
+            return Ok(None);
+        }
+        if (to_mm[0] - from_mm[0]).hypot(to_mm[1] - from_mm[1]) > SMALLEST_MOVE_MM {
+            self.move_guide(to_mm)?;
+        }
+        Ok(None)
+    }
+
+    /// Estimates and plans at a rest: what is to be done there and after it.
+    pub(super) fn planned(&mut self, node: usize) -> Result<Decision, SteerError> {
         let rests: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
         let posterior = self.update(&rests)?;
         let laws = posterior.weighted();
@@ -62,36 +84,21 @@ impl Controller<'_> {
         if let Some(first) = plan.guide_m.first_mut() {
             *first = to_m;
         }
+        let known_rests = rests;
         self.stop_at(&rotations);
         let rests: Vec<usize> = self.rests.iter().copied().filter(|rest| *rest >= node).collect();
         plan.guide_m.resize(rests.len(), to_m);
         let mut decision = self.decision(node, &rests, &plan, to_m, limited_by, &posterior)?;
-        decision.path = self.way(node, &rests, &plan, &rotations, &posterior)?;
+        decision.path = self.way(&known_rests, &rests, &plan, &rotations, &posterior)?;
         decision.rotations = rotations;
-        self.replans_s.push(began.elapsed().as_secs_f64());
-        (self.on_event)(&Event::Decision(&decision));
-        let stopped = self.is_worse_than_none(&decision);
-        let turn = decision.turn();
-        self.decisions.push(decision);
-        if stopped.is_some() {
-            return Ok(stopped);
-        }
-        if let Some(turn) = turn {
-            self.turn(turn.bevel_deg)?;
-            return Ok(None);
-        }
-        let to_mm = to_m.map(|m| 1e3 * m);
-        let far_mm = (to_m[0] - now_m[0]).hypot(to_m[1] - now_m[1]) * 1e3;
-        if far_mm > SMALLEST_MOVE_MM {
-            self.move_guide(to_mm)?;
-        }
-        Ok(None)
+        Ok(decision)
     }
 
-    /// The tip's way to the target by a plan, by the likeliest law.
+    /// The tip's way to the target by a plan, by the likeliest law: at the rests of which the posterior has the uncertainty, `known_rests`, among
+    /// those of the plan.
     fn way(
         &self,
-        node: usize,
+        known_rests: &[usize],
         rests: &[usize],
         plan: &Plan,
         rotations: &[PlannedRotation],
@@ -106,7 +113,7 @@ impl Controller<'_> {
         let paths = law.paths(&history)?;
         let likeliest = posterior.at.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| at);
         let sd_mm = |rest: usize| {
-            let number = self.rests.iter().filter(|rest| **rest >= node).position(|one| *one == rest);
+            let number = known_rests.iter().position(|one| *one == rest);
             let rows = likeliest.zip(number).and_then(|(at, number)| Some((at, at.way_rows.get(number)?)));
             rows.map_or(f64::NAN, |(at, rows)| {
                 let variance = |row: &nalgebra::DVector<f64>| row.dot(&(&at.covariance * row));

@@ -5,6 +5,7 @@ pub mod characterize;
 pub mod diagnosis;
 pub mod imperfect;
 pub mod population;
+pub mod recorded;
 pub mod tipload;
 
 use std::path::{Path, PathBuf};

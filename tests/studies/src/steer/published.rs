@@ -72,14 +72,8 @@ impl Pushed {
         self.push_to(DEPTH_MM as usize)?;
         let end = self.plant.end()?;
         let [x, y] = self.plant.tip_mm();
-        Ok(Ended {
-            miss_mm: Some((x - target_mm[0]).hypot(y - target_mm[1])),
-            stopped: false,
-            broken: end.limits_broken.map_or(0, |broken| broken.total()),
-            stated: Vec::new(),
-            slowest_s: 0.0,
-            median_s: 0.0,
-        })
+        let miss_mm = (x - target_mm[0]).hypot(y - target_mm[1]);
+        Ok(Ended::with_miss(Some(miss_mm), end.limits_broken.map_or(0, |broken| broken.total())))
     }
 }
 
@@ -119,40 +113,104 @@ pub(super) enum Aim {
     Line,
 }
 
+/// What is not learned but taken from the plant itself: where the published controller fails, which of its parts does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Given {
+    /// Nothing.
+    Nothing,
+    /// What a guide move does to the tip at the next stop: the Jacobian that it learns, without error.
+    NextStop,
+    /// What it does at the target's depth, and where the tip ends there if the guide stays by the learned Jacobian.
+    AtTarget,
+    /// Both.
+    AtTargetWithPath,
+}
+
+/// Guide move by which a plant's response is found, mm.
+const PROBE_MM: f64 = 0.2;
+
+/// Where a copy of the plant has its tip at a depth if the guide is moved by so much now, mm.
+fn ahead_mm(pushed: &Pushed, moved_mm: f64, depth_mm: usize) -> Result<[f64; 2], PlantError> {
+    let mut copy = Pushed { plant: pushed.plant.clone(), at: pushed.at };
+    let now_mm = copy.guide_mm();
+    copy.move_guide(now_mm.map(|mm| mm + moved_mm))?;
+    copy.push_to(depth_mm)?;
+    Ok(copy.plant.tip_mm())
+}
+
 /// The published controller (Bernardes 2023): a Jacobian of the tip with respect to guide and depth, updated by Broyden's rule (weight
 /// 0.65) after every push and after every guide move, each by itself as in its published program, at stops every 5 mm, and the guide positions of the next four stops, within the guide's travel, that minimise the predicted
 /// squared distances. It begins with the Jacobian that its published recordings begin with. Its cost of the tip's direction is
 /// omitted: these plants have no sensor of it, and with angles in radians it is a hundredth of the cost of the distances. With one
 /// Jacobian for all four steps and no cost of moves the program is separable and solved exactly, step by step.
-pub(super) fn broyden(plant: SimulatedPlant, target_mm: [f64; 3], aim: Aim) -> Result<Ended, PlantError> {
+pub(super) fn broyden(
+    plant: SimulatedPlant,
+    target_mm: [f64; 3],
+    aim: Aim,
+    given: Given,
+) -> Result<Ended, PlantError> {
     /// Tip per guide displacement before the first update.
     const START: f64 = -0.5;
     let mut pushed = Pushed::new(plant);
     // Rows: x and y of the tip; columns: guide x, guide y, depth.
-    let mut jacobian = [[START, 0.0, 0.0], [0.0, START, 0.0]];
+    let mut jacobian = Jacobian::new([[START, 0.0, 0.0], [0.0, START, 0.0]]);
     let mut last = (pushed.tip_mm()?, [0.0, 0.0, 0.0]);
     for depth in (EVERY_MM..DEPTH_MM as usize).step_by(EVERY_MM) {
         pushed.push_to(depth)?;
         let tip_mm = pushed.tip_mm()?;
         let [x_mm, y_mm] = pushed.guide_mm();
         let input = [x_mm, y_mm, depth as f64];
-        update(&mut jacobian, last, (tip_mm, input));
+        jacobian.update(last, (tip_mm, input));
         last = (tip_mm, input);
         // Where the tip will be at the next stop if the guide stays.
-        let ahead_mm = [0, 1].map(|plane: usize| tip_mm[plane] + EVERY_MM as f64 * jacobian[plane][2]);
+        let ahead = jacobian.change([0.0, 0.0, EVERY_MM as f64]);
+        let gain = |input: usize| jacobian.change([0, 1, 2].map(|i: usize| f64::from(u8::from(i == input))));
+        let [of_x, of_y] = [gain(0), gain(1)];
+        let (ahead_depth, is_known) = match given {
+            Given::Nothing => (depth + EVERY_MM, false),
+            Given::NextStop => (depth + EVERY_MM, true),
+            Given::AtTarget | Given::AtTargetWithPath => (DEPTH_MM as usize, true),
+        };
+        if is_known {
+            // Both planes at once: what a move along one does across it is small.
+            let still_mm = self::ahead_mm(&pushed, 0.0, ahead_depth)?;
+            let moved_mm = self::ahead_mm(&pushed, PROBE_MM, ahead_depth)?;
+            let gain = [0, 1].map(|plane: usize| (moved_mm[plane] - still_mm[plane]) / PROBE_MM);
+            let left_mm = (ahead_depth - depth) as f64;
+            let still_mm = match given {
+                Given::AtTargetWithPath => still_mm,
+                _ => {
+                    let ahead = jacobian.change([0.0, 0.0, left_mm]);
+                    [0, 1].map(|plane: usize| tip_mm[plane] + ahead[plane])
+                }
+            };
+            let to_mm = [0, 1].map(|plane: usize| {
+                let missing_mm = target_mm[plane] - still_mm[plane];
+                let now_mm = [x_mm, y_mm][plane];
+                let move_mm = if gain[plane].abs() > 1e-3 { missing_mm / gain[plane] } else { 0.0 };
+                (now_mm + move_mm).clamp(-pushed.travel_mm(), pushed.travel_mm())
+            });
+            pushed.move_guide(to_mm)?;
+            let tip_mm = pushed.tip_mm()?;
+            let input = [to_mm[0], to_mm[1], depth as f64];
+            jacobian.update(last, (tip_mm, input));
+            last = (tip_mm, input);
+            continue;
+        }
         let share = match aim {
             Aim::Target => 1.0,
             Aim::Line => (depth + EVERY_MM) as f64 / DEPTH_MM,
         };
         let missing = [0, 1].map(|plane: usize| {
-            share * target_mm[plane] - ahead_mm[plane] + jacobian[plane][0] * x_mm + jacobian[plane][1] * y_mm
+            let still_mm = tip_mm[plane] + ahead[plane];
+            share * target_mm[plane] - still_mm + of_x[plane] * x_mm + of_y[plane] * y_mm
         });
-        let guide = [0, 1].map(|plane: usize| [jacobian[plane][0], jacobian[plane][1]]);
+        let guide = [0, 1].map(|plane: usize| [of_x[plane], of_y[plane]]);
         pushed.move_guide(nearest(guide, missing, pushed.travel_mm()))?;
         let tip_mm = pushed.tip_mm()?;
         let [x_mm, y_mm] = pushed.guide_mm();
         let input = [x_mm, y_mm, depth as f64];
-        update(&mut jacobian, last, (tip_mm, input));
+        jacobian.update(last, (tip_mm, input));
         last = (tip_mm, input);
     }
     pushed.end(target_mm)
@@ -161,17 +219,34 @@ pub(super) fn broyden(plant: SimulatedPlant, target_mm: [f64; 3], aim: Aim) -> R
 /// Share of the last step's error that an update takes in.
 const WEIGHT: f64 = 0.65;
 
-/// Broyden's rule: the smallest change of the Jacobian that explains so large a share of the last step. States are tip and input, mm.
-fn update(jacobian: &mut [[f64; 3]; 2], before: ([f64; 2], [f64; 3]), after: ([f64; 2], [f64; 3])) {
-    let moved = [0, 1, 2].map(|i: usize| after.1[i] - before.1[i]);
-    let square: f64 = moved.iter().map(|value| value * value).sum();
-    for (plane, row) in jacobian.iter_mut().enumerate() {
-        let predicted: f64 = row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
-        let missing = after.0[plane] - before.0[plane] - predicted;
-        // A step in which nothing was moved explains nothing.
-        row.iter_mut()
-            .zip(moved)
-            .for_each(|(slope, moved)| *slope += WEIGHT * missing * moved / (square + 1e-9));
+/// A Jacobian by Broyden's rule, as published: what `N` readings do per guide displacement (two planes) and depth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Jacobian<const N: usize>([[f64; 3]; N]);
+
+impl<const N: usize> Jacobian<N> {
+    /// Before the first update.
+    pub fn new(rows: [[f64; 3]; N]) -> Self {
+        Self(rows)
+    }
+
+    /// What the readings change by where guide and depth change by so much.
+    pub fn change(&self, moved: [f64; 3]) -> [f64; N] {
+        self.0.map(|row| row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum())
+    }
+
+    /// Broyden's rule: the smallest change of the Jacobian that explains so large a share of the last step. States are readings and input,
+    /// in mm: lengths of very different units would make the smallest change another.
+    pub fn update(&mut self, before: ([f64; N], [f64; 3]), after: ([f64; N], [f64; 3])) {
+        let moved = [0, 1, 2].map(|i: usize| after.1[i] - before.1[i]);
+        let square: f64 = moved.iter().map(|value| value * value).sum();
+        let predicted = self.change(moved);
+        for (i, row) in self.0.iter_mut().enumerate() {
+            let missing = after.0[i] - before.0[i] - predicted[i];
+            // A step in which nothing was moved explains nothing.
+            row.iter_mut()
+                .zip(moved)
+                .for_each(|(slope, moved)| *slope += WEIGHT * missing * moved / (square + 1e-9));
+        }
     }
 }
 
@@ -197,12 +272,12 @@ mod tests {
 
     #[test]
     fn broydens_rule_explains_its_share_of_the_last_step_and_changes_nothing_across_it() {
-        let mut jacobian = [[-0.5, 0.1, 0.0], [0.0, -0.4, 0.02]];
-        let before = jacobian;
+        let before = [[-0.5, 0.1, 0.0], [0.0, -0.4, 0.02]];
+        let mut jacobian = Jacobian::new(before);
         let (from, to) = (([0.1, 0.2], [1.0, -1.0, 10.0]), ([0.5, -0.3], [2.0, -1.5, 15.0]));
-        update(&mut jacobian, from, to);
+        jacobian.update(from, to);
         let moved = [1.0, -0.5, 5.0];
-        for (plane, row) in jacobian.iter().enumerate() {
+        for (plane, row) in jacobian.0.iter().enumerate() {
             let predicted: f64 = row.iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
             let before_mm: f64 = before[plane].iter().zip(moved).map(|(slope, moved)| slope * moved).sum();
             let missing_mm = to.0[plane] - from.0[plane] - before_mm;

@@ -1,6 +1,8 @@
-//! `cargo xtask study demo`: the end of the demonstration for many seeds, what the firmware itself records of rigs that hide an effect.
+//! `cargo xtask study demo`: the last parts of the demonstration for many seeds: what the firmware itself records of rigs that hide an effect, and
+//! needles that its guide 2 steers.
 
 use super::hidden::{Found, PLAN, diagnosis};
+use super::steered::{Steered, steered};
 use super::this_program;
 use anyhow::{Result, ensure};
 
@@ -16,6 +18,9 @@ pub struct Seeds {
     /// First of these seeds
     #[arg(long, default_value_t = 1)]
     pub from: u64,
+    /// Which part: rigs that hide an effect, or needles that are steered
+    #[arg(long, default_value = "hidden", value_parser = ["hidden", "steered"])]
+    pub part: String,
 }
 
 /// Runs the end of the demonstration for each seed; one line each and the counts.
@@ -25,6 +30,16 @@ pub struct Seeds {
 pub fn run(options: &Seeds) -> Result<()> {
     ensure!((1..=1000).contains(&options.seeds), "--seeds is {}, expected 1 to 1000", options.seeds);
     let (xtask, folder) = (this_program()?, tempfile::tempdir()?);
+    if options.part == "steered" {
+        let mut all = Vec::new();
+        for seed in options.from..options.from.saturating_add(options.seeds) {
+            let one = steered(&xtask, seed, &folder.path().join(seed.to_string()), &mut |_| {})?;
+            println!("{}", one.summary(seed));
+            all.push(one);
+        }
+        println!("{}", steered_summary(&all));
+        return Ok(());
+    }
     let mut all = Vec::new();
     for seed in options.from..options.from.saturating_add(options.seeds) {
         let out = folder.path().join(seed.to_string());
@@ -38,6 +53,26 @@ pub fn run(options: &Seeds) -> Result<()> {
     }
     println!("{}", summary(&all));
     Ok(())
+}
+
+/// Misses of needles as a table.
+fn steered_summary(all: &[Steered]) -> String {
+    let row = |name: &str, misses_mm: Vec<f64>| {
+        let mut misses_mm = misses_mm;
+        misses_mm.sort_by(f64::total_cmp);
+        let count = misses_mm.len();
+        let mean = misses_mm.iter().sum::<f64>() / count.max(1) as f64;
+        let [median, largest] =
+            [count / 2, count.saturating_sub(1)].map(|at| misses_mm.get(at).copied().unwrap_or(f64::NAN));
+        format!("| {name} | {mean:.2} | {median:.2} | {largest:.2} | {count} of {} |", all.len())
+    };
+    let steered = all.iter().filter_map(|one| one.miss_mm.as_ref().ok().copied()).collect();
+    let unsteered = all.iter().map(|one| one.unsteered_mm).collect();
+    format!(
+        "| through the firmware | mean, mm | median, mm | largest, mm | arrived |\n|---|---|---|---|---|\n{}\n{}",
+        row("steered", steered),
+        row("not steered", unsteered)
+    )
 }
 
 /// The counts as a table.
@@ -71,6 +106,22 @@ mod tests {
     fn found(diagnosis: serde_json::Value) -> Found {
         let hidden = HiddenEffect { id: "tissue.skin".to_owned(), values: vec![0.25] };
         Found { hidden, true_k_kpa: 10.0, diagnosis }
+    }
+
+    #[test]
+    fn runs_that_do_not_arrive_are_no_misses() {
+        let of = |miss_mm: Result<f64, &str>, unsteered_mm| Steered {
+            miss_mm: miss_mm.map_err(str::to_owned),
+            unsteered_mm,
+        };
+        let table = steered_summary(&[
+            of(Ok(0.1), 2.0),
+            of(Err("tip_silent"), 1.0),
+            of(Ok(0.5), 3.0),
+            of(Ok(0.3), 2.0),
+        ]);
+        assert!(table.contains("| steered | 0.30 | 0.30 | 0.50 | 3 of 4 |"), "{table}");
+        assert!(table.contains("| not steered | 2.00 | 2.00 | 3.00 | 4 of 4 |"), "{table}");
     }
 
     #[test]

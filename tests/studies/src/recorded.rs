@@ -1,0 +1,291 @@
+//! Recorded insertions in which guide 2 steers: what each of its moves does to the tip, as the posterior of `guide predict` has it before the
+//! move, and as a Jacobian by Broyden's rule has it that was updated along the same readings.
+
+use crate::steer::Jacobian;
+use anyhow::{Result, ensure};
+use formats::session::{InsertionRun, Session};
+use inference::insertion::{
+    Bin, Candidates, Moments, Posterior, ReadingNoise, TipPath, direction_scatter_rad, learn, row_scatter_m,
+};
+use inference::predict::{Options, tissue};
+use serde::Serialize;
+
+/// Bins nearer to a stop than this belong to it, m: what was done at rest happens at one depth, but for rounding.
+const AT_STOP_M: f64 = 1.5e-3;
+/// Guide moves below this are none, m.
+const SMALLEST_MOVE_M: f64 = 0.1e-3;
+/// Insertions of which less is recorded before the first move are not used: two depths give no direction.
+const FEWEST_BINS: usize = 3;
+/// Noise of a reading where neither the session nor its rows give it.
+const DEFAULT_NOISE: ReadingNoise = ReadingNoise { position_m: 0.1e-3, direction_rad: 1e-3 };
+/// Tip per guide displacement, and its slope per guide displacement, mrad/mm, with which the published Jacobian begins.
+const FIRST_TIP: f64 = -0.5;
+const FIRST_SLOPE: f64 = -10.0;
+/// Depth after which the published Jacobian is updated where no move was made, m: its pushes are 5 mm.
+const PUSH_M: f64 = 4e-3;
+/// Stops up to which the published controller plans ahead.
+const HORIZON: usize = 4;
+
+/// What is predicted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Quantity {
+    /// What a guide move at rest does to the tip, mm.
+    Move,
+    /// What it does to the slope of the needle at the tip, mrad.
+    MoveDirection,
+    /// Where the tip goes from there to the next stop, mm.
+    NextStop,
+    /// Where it goes within four stops, all moves made as they were, mm.
+    FourStops,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Move, Self::MoveDirection, Self::NextStop, Self::FourStops];
+
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Move => "a move, tip, mm",
+            Self::MoveDirection => "a move, slope at the tip, mrad",
+            Self::NextStop => "to the next stop, tip, mm",
+            Self::FourStops => "over four stops, tip, mm",
+        }
+    }
+}
+
+/// One quantity in one plane, recorded and predicted, in the unit of its name.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Compared {
+    /// What it is.
+    pub quantity: Quantity,
+    /// As recorded.
+    pub recorded: f64,
+    /// By the posterior that learns from the other insertions too, with its standard deviation (that of two readings is part of it).
+    pub posterior: [f64; 2],
+    /// By the posterior from the readings of this insertion up to here alone.
+    pub alone: [f64; 2],
+    /// By the Jacobian.
+    pub broyden: f64,
+}
+
+/// A stop at which the guide moved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Stop {
+    /// Depth at the first and at the last of its moves, m: the same but for what the needle slips meanwhile.
+    depths_m: [f64; 2],
+    /// Guide 2 on arriving and on leaving, m.
+    guide_m: [[f64; 2]; 2],
+    /// Readings then.
+    bins: [Bin; 2],
+}
+
+/// Stops with a move and readings before and after it, in order of depth. Moves that are recorded in parts at nearly one depth are one.
+fn stops(path: &TipPath) -> Vec<Stop> {
+    let Some(planes) = &path.done.guide2_m else { return Vec::new() };
+    let mut depths_m: Vec<f64> =
+        planes.iter().flat_map(|plane| plane.jumps_m().collect::<Vec<_>>()).collect();
+    depths_m.sort_by(f64::total_cmp);
+    let near = |depth_m: f64, leaving: bool| {
+        let at = path.bins.iter().filter(|bin| bin.leaving == leaving);
+        let away_m = |bin: &Bin| (bin.depth_m - depth_m).abs();
+        at.filter(|bin| away_m(bin) < AT_STOP_M).min_by(|a, b| away_m(a).total_cmp(&away_m(b))).copied()
+    };
+    let stop = |depths_m: &[f64]| {
+        let (first_m, last_m) = (*depths_m.first()?, *depths_m.last()?);
+        let guide_m = [
+            [0, 1].map(|plane: usize| planes[plane].before(first_m)),
+            [0, 1].map(|plane: usize| planes[plane].after(last_m)),
+        ];
+        let moved_m = (0..2).map(|plane| (guide_m[1][plane] - guide_m[0][plane]).abs()).fold(0.0, f64::max);
+        let bins = [near(first_m, false)?, near(last_m, true)?];
+        (moved_m > SMALLEST_MOVE_M).then_some(Stop { depths_m: [first_m, last_m], guide_m, bins })
+    };
+    depths_m.chunk_by(|a, b| b - a < AT_STOP_M).filter_map(stop).collect()
+}
+
+/// Compares all insertions of a session in which guide 2 moves.
+///
+/// # Errors
+/// Where guide 2 moves in none of them, or one cannot be read.
+pub fn compare(session: &Session) -> Result<Vec<Compared>> {
+    let paths = session.insertion.iter().map(TipPath::new).collect::<Result<Vec<_>, _>>()?;
+    let reach_m = paths.iter().map(|path| path.deepest_m).fold(0.0, f64::max);
+    let tissue = tissue(session, &Options::default(), &mut Vec::new())?;
+    let candidates = Candidates::new(&tissue, &paths, reach_m)?;
+    let mut compared = Vec::new();
+    for (number, path) in paths.iter().enumerate() {
+        let stops = stops(path);
+        if stops.is_empty() {
+            continue;
+        }
+        let others: Vec<usize> = (0..paths.len()).filter(|other| *other != number).collect();
+        let recordings: Vec<(&InsertionRun, f64)> =
+            others.iter().filter_map(|other| Some((session.insertion.get(*other)?, f64::INFINITY))).collect();
+        let noise = noise(session, &recordings);
+        let learned = learn(&candidates, &paths, &others, number, noise);
+        let of_others = |until: Until| {
+            let mut posterior = Posterior::new(&candidates, &learned);
+            until.of(path).iter().for_each(|bin| posterior.update(bin));
+            posterior
+        };
+        let of_itself = |until: Until| -> Posterior<'_> {
+            let mut known = paths.clone();
+            known[number] = path.with_bins(until.of(path));
+            let learned = learn(&candidates, &known, &[], number, noise);
+            let mut posterior = Posterior::new(&candidates, &learned);
+            posterior.update_all(&known[number]);
+            posterior
+        };
+        let jacobians = jacobians(path, &stops);
+        for (at, stop) in stops.iter().enumerate() {
+            let before = Until { depth_m: stop.bins[0].depth_m, leaving: false };
+            if before.of(path).len() < FEWEST_BINS {
+                continue;
+            }
+            let [jacobian_before, jacobian_after] = &jacobians[at];
+            let after = Until { depth_m: stop.bins[1].depth_m, leaving: true };
+            let moved_m = [0, 1].map(|plane: usize| stop.guide_m[1][plane] - stop.guide_m[0][plane]);
+            let [arriving, leaving] = [(stop.depths_m[0], false), (stop.depths_m[1], true)];
+            let before = [of_others(before), of_itself(before)];
+            let after = [of_others(after), of_itself(after)];
+            let mut add =
+                |quantity: Quantity, recorded: Recorded, predicted: [Vec<Moments>; 2], rows: [f64; 2]| {
+                    let direction = quantity == Quantity::MoveDirection;
+                    let sd = if direction { noise.direction_rad } else { noise.position_m };
+                    for (plane, by_jacobian) in rows.into_iter().enumerate().take(paths[number].planes) {
+                        let of = |moments: &Vec<Moments>| {
+                            let one = moments.get(plane).copied().unwrap_or_default();
+                            [1e3 * one.mean, 1e3 * one.sd.hypot(sd * recorded.readings.sqrt())]
+                        };
+                        let Some(change) = recorded.change[plane] else { continue };
+                        compared.push(Compared {
+                            quantity,
+                            recorded: 1e3 * change,
+                            posterior: of(&predicted[0]),
+                            alone: of(&predicted[1]),
+                            broyden: by_jacobian,
+                        });
+                    }
+                };
+            let change = |to: &Bin, from: &Bin| Recorded {
+                change: [0, 1].map(|plane: usize| Some(to.tip_m[plane] - from.tip_m[plane])),
+                readings: to.rows.recip() + from.rows.recip(),
+            };
+            let [from, to] = &stop.bins;
+            let of = |posteriors: &[Posterior; 2], from, to| {
+                posteriors.each_ref().map(|one| one.tip_change_m(from, to))
+            };
+            let by = |jacobian: &Jacobian<4>, moved_m: [f64; 2], way_m: f64| {
+                let all = jacobian.change([moved_m[0], moved_m[1], way_m].map(|m| 1e3 * m));
+                [[all[0], all[1]], [all[2], all[3]]]
+            };
+            let [tip, slope] = by(jacobian_before, moved_m, 0.0);
+            add(Quantity::Move, change(to, from), of(&before, arriving, leaving), tip);
+            let directions = before.each_ref().map(|one| one.direction_change_rad(arriving, leaving));
+            if let [Some(others), Some(alone)] = directions {
+                let turned = |plane: usize| Some(to.direction_rad[plane]? - from.direction_rad[plane]?);
+                let recorded = Recorded { change: [0, 1].map(turned), readings: change(to, from).readings };
+                add(Quantity::MoveDirection, recorded, [others, alone], slope);
+            }
+            for (quantity, ahead) in [(Quantity::NextStop, 1), (Quantity::FourStops, HORIZON)] {
+                let Some(next) = stops.get(at + ahead) else { continue };
+                let then = (next.depths_m[0], false);
+                let moved_m = [0, 1].map(|plane: usize| next.guide_m[0][plane] - stop.guide_m[1][plane]);
+                let [tip, _] = by(jacobian_after, moved_m, next.depths_m[0] - stop.depths_m[1]);
+                add(quantity, change(&next.bins[0], to), of(&after, leaving, then), tip);
+            }
+        }
+    }
+    ensure!(
+        !compared.is_empty(),
+        "{}: insertion: guide 2 moves at rest in none, expected one or more that are steered",
+        session.dir.display()
+    );
+    Ok(compared)
+}
+
+/// What was recorded, per plane, and the sum of the reciprocal numbers of readings behind it.
+struct Recorded {
+    change: [Option<f64>; 2],
+    readings: f64,
+}
+
+/// How far a recording is used.
+#[derive(Clone, Copy)]
+struct Until {
+    depth_m: f64,
+    /// What was read after the move at that depth too.
+    leaving: bool,
+}
+
+impl Until {
+    fn of(self, path: &TipPath) -> Vec<Bin> {
+        let is_used = |bin: &&Bin| {
+            bin.depth_m < self.depth_m - 1e-9
+                || (bin.depth_m < self.depth_m + 1e-9 && (self.leaving || !bin.leaving))
+        };
+        path.bins.iter().filter(is_used).copied().collect()
+    }
+}
+
+/// Noise of a reading: as stated, or as rows at rest show it.
+fn noise(session: &Session, recordings: &[(&InsertionRun, f64)]) -> ReadingNoise {
+    let position_m = session.noise.tip_m.or_else(|| row_scatter_m(recordings));
+    let direction_rad = session.noise.tip_direction_rad.or_else(|| direction_scatter_rad(recordings));
+    ReadingNoise {
+        position_m: position_m.unwrap_or(DEFAULT_NOISE.position_m),
+        direction_rad: direction_rad.unwrap_or(DEFAULT_NOISE.direction_rad),
+    }
+}
+
+/// The published Jacobian on arriving at each stop and on leaving it, in mm and mrad: updated after every push and after every guide move.
+fn jacobians(path: &TipPath, stops: &[Stop]) -> Vec<[Jacobian<4>; 2]> {
+    let first = |plane: usize, gain: f64| [0, 1, 2].map(|i: usize| if i == plane { gain } else { 0.0 });
+    let mut jacobian = Jacobian::new([
+        first(0, FIRST_TIP),
+        first(1, FIRST_TIP),
+        first(0, FIRST_SLOPE),
+        first(1, FIRST_SLOPE),
+    ]);
+    let state = |bin: &Bin, guide_m: [f64; 2]| {
+        let slope = bin.direction_rad.map(|slope| slope.unwrap_or_default());
+        let readings = [bin.tip_m[0], bin.tip_m[1], slope[0], slope[1]];
+        (readings.map(|value| 1e3 * value), [guide_m[0], guide_m[1], bin.depth_m].map(|m| 1e3 * m))
+    };
+    let mut last = path.bins.first().map(|bin| (state(bin, [0.0; 2]), bin.depth_m));
+    let mut guide_m = [0.0; 2];
+    let mut found = Vec::with_capacity(stops.len());
+    for stop in stops {
+        let mut take = |bin: &Bin, guide_m: [f64; 2]| {
+            let now = state(bin, guide_m);
+            if let Some((last, _)) = last {
+                jacobian.update(last, now);
+            }
+            last = Some((now, bin.depth_m));
+            (jacobian.clone(), bin.depth_m)
+        };
+        // Pushes without a move before this stop.
+        let [arriving, leaving] = &stop.bins;
+        let mut reached_m =
+            path.bins.first().map_or(0.0, |bin| bin.depth_m).max(found.last().map_or(0.0, depth_of));
+        for bin in path.bins.iter().filter(|bin| !bin.moving) {
+            if bin.depth_m > reached_m + PUSH_M && bin.depth_m < arriving.depth_m - PUSH_M {
+                reached_m = take(bin, guide_m).1;
+            }
+        }
+        let before = take(arriving, stop.guide_m[0]).0;
+        let after = take(leaving, stop.guide_m[1]).0;
+        guide_m = stop.guide_m[1];
+        found.push(([before, after], leaving.depth_m));
+    }
+    found.into_iter().map(|(pair, _)| pair).collect()
+}
+
+fn depth_of(found: &([Jacobian<4>; 2], f64)) -> f64 {
+    found.1
+}
+
+#[cfg(test)]
+#[path = "recorded_tests.rs"]
+mod tests;
