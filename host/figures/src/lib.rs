@@ -4,6 +4,7 @@
 #![deny(missing_docs)]
 
 mod diagnosis;
+mod displacement;
 mod insertion;
 mod lateral;
 mod populations;
@@ -11,6 +12,7 @@ mod steered;
 mod steering;
 
 pub use diagnosis::{gap, ranking, residuals};
+pub use displacement::{Displacement, displacement};
 pub use insertion::insertion;
 pub use lateral::{force, leftover};
 pub use populations::population;
