@@ -113,7 +113,7 @@ enum Command {
     Init(init::Args),
     Check(check::Args),
     Simulate(simulate::Args),
-    Import(import::Args),
+    Import(Box<import::Args>),
     Relation(relation::Args),
     Completions(shell::CompletionsArgs),
     Man(shell::ManArgs),

@@ -170,7 +170,7 @@ fn pattern(path: &Path, wires: &[Wire], number: usize) -> Result<[Wire; 3], Imag
         return Err(ImagingError::invalid(path, field, format!("{} wires", wires.len()), "three"));
     };
     let slant = sine(middle.direction(), first.direction());
-    if sine(first.direction(), last.direction()) > MAX_SKEW || !(slant > MIN_SLANT) {
+    if sine(first.direction(), last.direction()) > MAX_SKEW || slant.is_nan() || slant <= MIN_SLANT {
         let expected = "two parallel wires with a slanted one between them, in this order";
         return Err(ImagingError::invalid(path, field, "no N", expected));
     }

@@ -200,8 +200,8 @@ fn the_mark_takes_out_the_shake_of_the_camera() {
     let clip = follow(&frames, &settings).expect("a clip");
     for (frame, shake) in clip.frames.iter().zip(shakes) {
         let (found, mark) = (frame.template.expect("found"), frame.mark.expect("a mark"));
-        for axis in 0..2 {
-            assert!((mark.shift_px[axis] - shake[axis]).abs() < 0.03, "{mark:?}");
+        for (axis, shake) in shake.into_iter().enumerate() {
+            assert!((mark.shift_px[axis] - shake).abs() < 0.03, "{mark:?}");
             assert!((found.shift_px[axis] - mark.shift_px[axis]).abs() < 0.03, "{found:?} {mark:?}");
         }
     }
