@@ -3,7 +3,7 @@
 //! | step | file |
 //! |---|---|
 //! | what a report is made of | `page` |
-//! | the sections | `setup`, `identification`, `insertions`, `steering`, `discrepancy`, `origin` |
+//! | the sections | `setup`, `images`, `identification`, `insertions`, `steering`, `discrepancy`, `origin` |
 //! | the page as HTML | `html` |
 //!
 //! An analysis that the session has nothing for is skipped with a line that reports it; one that fails is a line with its reason. The
@@ -12,6 +12,7 @@
 mod discrepancy;
 mod html;
 mod identification;
+mod images;
 mod insertions;
 pub mod origin;
 pub mod page;
@@ -162,6 +163,9 @@ impl Report {
             discrepancy::section(diagnosis),
             origin.section(),
         ];
+        if let Some(images) = images::section(session) {
+            sections.insert(1, images);
+        }
         sections.iter_mut().for_each(|section| section.without_notes(&warnings));
         Self {
             name: name.unwrap_or_else(|| "session".to_owned()),

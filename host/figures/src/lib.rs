@@ -18,6 +18,7 @@
 #![deny(missing_docs)]
 
 mod diagnosis;
+mod displacement;
 mod insertion;
 mod lateral;
 mod populations;
@@ -25,6 +26,7 @@ mod steered;
 mod steering;
 
 pub use diagnosis::{gap, ranking, residuals};
+pub use displacement::{Displacement, displacement};
 pub use insertion::insertion;
 pub use lateral::{force, run_residuals};
 pub use populations::population;

@@ -8,6 +8,7 @@
 //! | [`files`] | files that appear whole or not at all |
 //! | [`calibration_file`] | `calibration.toml`: the constants that the device works with |
 //! | [`calibration_readings`] | known loads and gauges, from which they are computed |
+//! | [`image_calibration`] | `image.toml`: where an ultrasound image plane is on its probe |
 //!
 //! Every error names file, line, column and field, and what is valid.
 //!
@@ -32,6 +33,7 @@ pub const NORMAL_975: f64 = 1.959_963_984_540_054;
 pub mod calibration_file;
 pub mod calibration_readings;
 pub mod files;
+pub mod image_calibration;
 pub mod model_file;
 pub mod prior_file;
 pub mod session;

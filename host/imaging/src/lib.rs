@@ -1,4 +1,4 @@
-//! The needle's shape from ultrasound frames.
+//! The needle's shape from ultrasound frames, and the motion of guide 2 from the frames of a camera.
 //!
 //! | module | has |
 //! |---|---|
@@ -7,7 +7,8 @@
 //! | [`pose`] | where the image plane is: frame number, speed, a field of the file, transforms |
 //! | [`track`], [`curve`] | which candidates are the needle, decided by the sequence as a whole |
 //! | [`sweep`] | all of it: every frame with its state, points of the shape, deflection from the straight needle |
-//! | [`overlay`] | pictures of frames with what was found |
+//! | [`camera`] | guide 2 and a fixed mark followed through a clip, to hundredths of a pixel, with covariance and state of every frame |
+//! | [`overlay`], [`sheet`] | pictures of frames with what was found, one by one and together |
 //!
 //! Nothing here depends on a tissue: inference does.
 //!
@@ -51,6 +52,8 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+pub mod calibrate;
+pub mod camera;
 pub mod curve;
 pub mod detect;
 pub mod error;
@@ -58,6 +61,7 @@ pub mod frame;
 pub mod overlay;
 pub mod pose;
 pub mod read;
+pub mod sheet;
 pub mod sweep;
 pub mod track;
 

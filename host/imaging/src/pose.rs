@@ -162,13 +162,22 @@ pub fn placed(pose: &Pose, image_mm: [f64; 2]) -> [f64; 3] {
         .map(|row: usize| pose[4 * row] * image_mm[0] + pose[4 * row + 1] * image_mm[1] + pose[4 * row + 3])
 }
 
-fn product(a: &[f64; 16], b: &[f64; 16]) -> [f64; 16] {
+/// Two transforms, the second one first.
+pub(crate) fn product(a: &[f64; 16], b: &[f64; 16]) -> [f64; 16] {
     let mut product = [0.0; 16];
     for (place, value) in product.iter_mut().enumerate() {
         let (row, column) = (place / 4, place % 4);
         *value = (0..4).map(|k| a[4 * row + k] * b[4 * k + column]).sum();
     }
     product
+}
+
+/// The transform back; none where there is none.
+pub(crate) fn inverse(pose: &Pose) -> Option<Pose> {
+    let inverse = nalgebra::Matrix4::from_row_slice(pose).try_inverse()?;
+    let mut back = [0.0; 16];
+    back.iter_mut().enumerate().for_each(|(place, value)| *value = inverse[(place / 4, place % 4)]);
+    Some(back)
 }
 
 fn names<'a>(names: impl Iterator<Item = &'a String>) -> String {

@@ -181,6 +181,8 @@ fn lateral(
             force_y_n,
             displacement_x_m,
             force_x_n,
+            displacement_y_sd_m: None,
+            displacement_x_sd_m: None,
             lost_before: None,
             marks: None,
         },

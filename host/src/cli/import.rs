@@ -1,5 +1,7 @@
 //! `guide import`: recordings of others into a session.
 
+use super::frame_pictures::PictureArgs;
+use super::import_camera::{self, CameraArgs};
 use super::import_shapes::{self, ShapeArgs, Source};
 use super::import_ultrasound::{self, FrameArgs};
 use super::output::Output;
@@ -42,6 +44,10 @@ pub struct Args {
     pub shapes: ShapeArgs,
     #[command(flatten)]
     pub frames: FrameArgs,
+    #[command(flatten)]
+    clip: CameraArgs,
+    #[command(flatten)]
+    pictures: PictureArgs,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -54,6 +60,8 @@ enum Kind {
     Fbg,
     /// Transverse ultrasound frames along the needle (`.mha`, `.mhd`, `.nrrd`, PNG or TIFF stacks): a sweep per file or folder
     Ultrasound,
+    /// Frames of a camera on guide 2 (AVI, `.mha`, PNG, TIFF or JPEG stacks): displacement of guide 2 of one run
+    Camera,
 }
 
 /// What was imported.
@@ -90,21 +98,61 @@ struct SkippedFile {
     reason: String,
 }
 
+impl Args {
+    /// Refuses options of other kinds than the one that is imported.
+    fn check_options(&self) -> anyhow::Result<()> {
+        let (shapes, frames) = (import_shapes::is_requested(&self.shapes), self.frames.is_requested());
+        let (clip, pictures) = (self.clip.is_requested(), self.pictures.is_requested());
+        let kind = self.kind;
+        let has_frames = matches!(kind, Kind::Ultrasound | Kind::Camera);
+        ensure!(
+            !shapes || !matches!(kind, Kind::Trajcontrol),
+            "trajcontrol: has options that are for shapes, expected them with slicer, fbg, ultrasound or camera only"
+        );
+        ensure!(
+            !frames || matches!(kind, Kind::Ultrasound),
+            "{}: has options that are for frames, expected them with ultrasound only",
+            kind.name()
+        );
+        ensure!(
+            !clip || matches!(kind, Kind::Camera),
+            "{}: has options that are for clips, expected them with camera only",
+            kind.name()
+        );
+        ensure!(
+            !pictures || has_frames,
+            "{}: has options for pictures, expected them with ultrasound or camera only",
+            kind.name()
+        );
+        Ok(())
+    }
+}
+
+impl Kind {
+    /// As it is given.
+    fn name(self) -> String {
+        clap::ValueEnum::to_possible_value(&self).map(|value| value.get_name().to_owned()).unwrap_or_default()
+    }
+}
+
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
+    args.check_options()?;
     match args.kind {
         Kind::Slicer => return shapes(Source::Slicer, args, out),
         Kind::Fbg => return shapes(Source::Fbg, args, out),
         Kind::Ultrasound => {
             let setup = setup(args, out)?;
-            return import_ultrasound::run(&args.paths, &args.shapes, &args.frames, &args.out, &setup, out);
+            let Args { paths, shapes, frames, pictures, out: to, .. } = args;
+            return import_ultrasound::run(paths, shapes, frames, pictures, to, &setup, out);
+        }
+        Kind::Camera => {
+            let setup = setup(args, out)?;
+            let Args { paths, shapes, clip, pictures, out: to, .. } = args;
+            return import_camera::run(paths, shapes, clip, pictures, to, &setup, out);
         }
         Kind::Trajcontrol => {}
     }
-    ensure!(
-        !import_shapes::is_requested(&args.shapes) && !args.frames.is_requested(),
-        "trajcontrol: has options that are for shapes, expected them with slicer, fbg or ultrasound only"
-    );
     let mut imported = Imported {
         schema: "guide.import/2",
         session: args.out.clone(),
@@ -202,10 +250,6 @@ fn files(paths: &[PathBuf], skipped: &mut Vec<SkippedFile>) -> Vec<PathBuf> {
 
 /// Imports files of points as one lateral run.
 fn shapes(source: Source, args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    ensure!(
-        !args.frames.is_requested(),
-        "slicer, fbg: have options that are for frames, expected them with ultrasound only"
-    );
     let setup = setup(args, out)?;
     import_shapes::run(source, &args.paths, &args.shapes, &args.out, &setup, out)
 }

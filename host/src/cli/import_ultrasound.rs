@@ -2,15 +2,19 @@
 
 mod document;
 
+pub use document::checksum;
+
+use super::frame_pictures::{self, PictureArgs, Shown, open, sequences};
 use super::import_shapes::{self, ShapeArgs};
 use super::output::Output;
 use anyhow::{Context, bail, ensure};
 use document::{Imported, Straight};
+use formats::image_calibration::ImageCalibration;
 use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup, ShapeSeries, import::name_of, is_file_name};
 use imaging::detect::Region;
 use imaging::frame::Orientation;
+use imaging::overlay::Picture;
 use imaging::pose::Place;
-use imaging::read::Sequence;
 use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, measure};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -63,15 +67,15 @@ pub struct FrameArgs {
     #[arg(long, value_name = "MATRIX", value_parser = matrix, allow_hyphen_values = true, requires = "transform")]
     image_to_probe: Option<Matrix>,
     /// From the tracker to the session's frame (x horizontal, y up, z along the needle from guide 1): 16 numbers, row by row
-    #[arg(long, value_name = "MATRIX", value_parser = matrix, allow_hyphen_values = true, requires = "transform")]
+    #[arg(long, value_name = "MATRIX", value_parser = matrix, allow_hyphen_values = true)]
     tracker_to_guide: Option<Matrix>,
+    /// Calibration of the image plane (guide calibrate-image), in place of --spacing-mm, --transform and --image-to-probe
+    #[arg(long, value_name = "FILE", group = "place", requires = "tracker_to_guide", conflicts_with_all = ["spacing_mm", "image_to_probe"])]
+    calibration: Option<PathBuf>,
     /// How much positions lag behind images with the same time stamp; negative where images lag (default: estimated, where the probe
     /// goes forth and back; otherwise 0)
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     lag_s: Option<f64>,
-    /// Folder for pictures of all frames with what was found in them
-    #[arg(long, value_name = "DIR")]
-    overlay: Option<PathBuf>,
 }
 
 /// A homogeneous transform.
@@ -80,17 +84,7 @@ type Matrix = Box<[f64; 16]>;
 impl FrameArgs {
     /// Whether any of its options is given.
     pub fn is_requested(&self) -> bool {
-        let Self {
-            straight,
-            straight_px,
-            spacing_mm,
-            orientation,
-            region,
-            sweep_start_mm,
-            lag_s,
-            overlay,
-            ..
-        } = self;
+        let Self { straight, straight_px, spacing_mm, orientation, region, sweep_start_mm, lag_s, .. } = self;
         let place =
             [&self.step_mm, &self.speed_mm_per_s, sweep_start_mm, lag_s].iter().any(|given| given.is_some());
         let image =
@@ -98,12 +92,18 @@ impl FrameArgs {
         place
             || image
             || straight.is_some()
-            || overlay.is_some()
             || self.z_field.is_some()
             || self.transform.is_some()
+            || self.calibration.is_some()
     }
 
     fn settings(&self, setup: &Setup) -> anyhow::Result<Settings> {
+        let calibration = self.calibration.as_deref().map(ImageCalibration::read).transpose()?;
+        let tracker_to_guide = || self.tracker_to_guide.clone().context("--tracker-to-guide: missing");
+        ensure!(
+            self.tracker_to_guide.is_none() || self.transform.is_some() || calibration.is_some(),
+            "--tracker-to-guide: has no meaning without a pose of the probe, expected --transform or --calibration with it"
+        );
         let start_mm = self.sweep_start_mm.unwrap_or(1e3 * setup.rig.entry_m);
         let place = match (self.step_mm, self.speed_mm_per_s, &self.z_field, &self.transform) {
             (Some(step_mm), ..) => Place::Step { start_mm, step_mm },
@@ -114,15 +114,23 @@ impl FrameArgs {
             (_, _, _, Some(name)) => Place::Transform {
                 name: name.clone(),
                 image_to_probe: self.image_to_probe.clone().context("--image-to-probe: missing")?,
-                tracker_to_guide: self.tracker_to_guide.clone().context("--tracker-to-guide: missing")?,
+                tracker_to_guide: tracker_to_guide()?,
             },
-            _ => bail!(
-                "position of the frames along the needle: missing, expected --step-mm, --speed-mm-per-s, --z-field or --transform"
-            ),
+            _ => match &calibration {
+                Some(of) => Place::Transform {
+                    name: of.transform.clone(),
+                    image_to_probe: of.image_to_probe.clone(),
+                    tracker_to_guide: tracker_to_guide()?,
+                },
+                None => bail!(
+                    "position of the frames along the needle: missing, expected --step-mm, --speed-mm-per-s, --z-field, --transform or \
+                     --calibration"
+                ),
+            },
         };
         Ok(Settings {
             needle_mm: 1e3 * setup.rig.needle.outer_diameter_m,
-            spacing_mm: self.spacing_mm,
+            spacing_mm: calibration.map(|of| of.spacing_mm).or(self.spacing_mm),
             orientation: self.orientation,
             region: self.region,
             place,
@@ -136,6 +144,7 @@ pub fn run(
     paths: &[PathBuf],
     shapes: &ShapeArgs,
     args: &FrameArgs,
+    pictures: &PictureArgs,
     to: &Path,
     setup: &Setup,
     out: &mut Output,
@@ -147,12 +156,11 @@ pub fn run(
     let settings = args.settings(setup)?;
     let sweeps: Vec<Vec<PathBuf>> = sequences(paths);
     let straight = straight(args, &settings, out)?;
+    let mut sheets: Vec<Vec<u8>> = Vec::new();
     let mut measured: Vec<(PathBuf, Sweep, Vec<Deflection>)> = Vec::new();
     for files in &sweeps {
         let (path, sweep) = one(files, &settings, out)?;
-        if let Some(folder) = &args.overlay {
-            overlay(folder, files, &settings, &sweep, out)?;
-        }
+        sheets.extend(draw(pictures, files, &settings, &sweep, out)?);
         let line = match (&straight, args.straight_px) {
             (Some((_, _, line)), _) => *line,
             (None, Some(px)) => along(px, files, &settings)?,
@@ -189,28 +197,13 @@ pub fn run(
     let record = to.join(format!("{id}.frames.json"));
     let text = serde_json::to_string_pretty(&document)?;
     fs::write(&record, text).with_context(|| format!("{}: cannot write", record.display()))?;
+    frame_pictures::keep(to, &id, sheets.first().map(Vec::as_slice))?;
     if shapes.force.is_none() {
         out.note(format_args!(
             "{id}.force.csv has a header only: without a force series no modulus is identified"
         ));
     }
     out.result(&document, &document)
-}
-
-/// Image files that are given one by one are one sequence; everything else is one of its own.
-fn sequences(paths: &[PathBuf]) -> Vec<Vec<PathBuf>> {
-    let is_png = |path: &PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
-    if paths.len() > 1 && paths.iter().all(is_png) {
-        return vec![paths.to_vec()];
-    }
-    paths.iter().map(|path| vec![path.clone()]).collect()
-}
-
-fn open(files: &[PathBuf]) -> anyhow::Result<Sequence> {
-    Ok(match files {
-        [one] => Sequence::open(one)?,
-        many => Sequence::open_stack(many)?,
-    })
 }
 
 /// Measures a sequence.
@@ -248,27 +241,37 @@ fn along(px: [f64; 2], files: &[PathBuf], settings: &Settings) -> anyhow::Result
     Ok(Line::along([px[0] * x, -px[1] * y]))
 }
 
-/// Pictures of all frames.
-fn overlay(
-    folder: &Path,
+/// Draws what is requested of a sweep.
+fn draw(
+    args: &PictureArgs,
     files: &[PathBuf],
     settings: &Settings,
     sweep: &Sweep,
     out: &Output,
-) -> anyhow::Result<()> {
-    fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
-    let mut sequence = open(files)?;
-    let name = files.first().map(|path| name_of(path)).unwrap_or_default();
-    let orientation = sequence.header().orientation.or(settings.orientation).unwrap_or_default();
-    let mut results = sweep.frames.iter();
-    let mut number = 0;
-    while let (Some(frame), Some(result)) = (sequence.next_frame()?, results.next()) {
-        let path = folder.join(format!("{name}-{number:05}-{}.png", result.state.name()));
-        imaging::overlay::write(&path, &frame.oriented(orientation), result)?;
-        number += 1;
+) -> anyhow::Result<Option<Vec<u8>>> {
+    if !args.is_requested() {
+        return Ok(None);
     }
-    out.note(format_args!("{number} pictures in {}", folder.display()));
-    Ok(())
+    let kind = |state: State| State::ALL.iter().position(|other| *other == state).unwrap_or(0);
+    let shown: Vec<Shown> = sweep
+        .frames
+        .iter()
+        .map(|frame| Shown {
+            kind: kind(frame.state),
+            state: frame.state.name(),
+            is_used: frame.state == State::Used,
+            place: frame.place_mm.map_or_else(String::new, |[x, y, z]| format!("z {z:.1}  {x:.2}, {y:.2}")),
+        })
+        .collect();
+    let orientation = open(files)?.header().orientation.or(settings.orientation).unwrap_or_default();
+    let picture = |number: usize, frame: imaging::frame::Frame| {
+        let result = sweep.frames.get(number);
+        let (state, candidate) =
+            result.map_or((State::Invalid, None), |result| (result.state, result.candidate.as_ref()));
+        Picture::of_sweep(&frame.oriented(orientation), state, candidate)
+    };
+    let name = files.first().map(|path| name_of(path)).unwrap_or_default();
+    frame_pictures::draw(args, &name, files, &shown, picture, out)
 }
 
 fn series(points: &[Deflection]) -> ShapeSeries {
@@ -284,7 +287,8 @@ fn series(points: &[Deflection]) -> ShapeSeries {
     }
 }
 
-fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+/// So many numbers, separated by commas or blanks.
+pub fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     let parts = text.split([',', ' ']).filter(|part| !part.is_empty());
     let numbers: Option<Vec<f64>> =
         parts.map(|part| part.parse().ok().filter(|n: &f64| n.is_finite())).collect();
@@ -295,16 +299,19 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
     numbers(text).ok_or_else(|| "expected two numbers: X,Y".to_owned())
 }
 
-fn spacing(text: &str) -> Result<[f64; 2], String> {
+/// Size of a pixel: X,Y.
+pub fn spacing(text: &str) -> Result<[f64; 2], String> {
     let mm = numbers(text).filter(|mm: &[f64; 2]| mm.iter().all(|mm| (1e-3..=10.0).contains(mm)));
     mm.ok_or_else(|| "expected two sizes of a pixel from 0.001 to 10 mm: X,Y".to_owned())
 }
 
-fn orientation(text: &str) -> Result<Orientation, String> {
+/// Axes of an image.
+pub fn orientation(text: &str) -> Result<Orientation, String> {
     Orientation::parse(text).ok_or_else(|| "expected MF, UF, MN or UN".to_owned())
 }
 
-fn region(text: &str) -> Result<Region, String> {
+/// A part of a frame: X,Y,W,H.
+pub fn region(text: &str) -> Result<Region, String> {
     let parts: Option<Vec<usize>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
     match parts.as_deref() {
         Some(&[x, y, width, height]) if width > 0 && height > 0 => Ok(Region { x, y, width, height }),

@@ -9,6 +9,7 @@
 
 mod bringup;
 mod calibrate;
+mod calibrate_image;
 mod calibration;
 mod call;
 mod characterize;
@@ -18,9 +19,11 @@ mod colour;
 pub mod device;
 mod diagnose;
 mod effects;
+mod frame_pictures;
 mod identify;
 mod igtl;
 mod import;
+mod import_camera;
 mod import_shapes;
 mod import_ultrasound;
 mod init;
@@ -89,6 +92,7 @@ enum Command {
     Limits(limits::Args),
     Calibration(calibration::Args),
     Calibrate(calibrate::Args),
+    CalibrateImage(calibrate_image::Args),
     Characterize(characterize::Args),
     Record(record::RecordArgs),
     Acquire(record::AcquireArgs),
@@ -111,7 +115,7 @@ enum Command {
     Init(init::Args),
     Check(check::Args),
     Simulate(simulate::Args),
-    Import(import::Args),
+    Import(Box<import::Args>),
     Relation(relation::Args),
     Completions(shell::CompletionsArgs),
     Man(shell::ManArgs),
@@ -162,6 +166,7 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Limits(args) => limits::run(args, out),
         Command::Calibration(args) => calibration::run(args, out),
         Command::Calibrate(args) => calibrate::run(args, out),
+        Command::CalibrateImage(args) => calibrate_image::run(args, out),
         Command::Characterize(args) => characterize::run(args, out),
         Command::Record(args) => record::run_record(args, out),
         Command::Acquire(args) => record::run_acquire(args, out),

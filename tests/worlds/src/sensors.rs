@@ -278,6 +278,8 @@ pub(super) fn lateral_run(part: &LateralPart<'_>, march: &March<'_>) -> LateralR
             force_y_n,
             displacement_x_m: Some(displacement_x_m),
             force_x_n: Some(force_x_n),
+            displacement_y_sd_m: None,
+            displacement_x_sd_m: None,
             lost_before: None,
             marks: None,
         },

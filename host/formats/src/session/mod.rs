@@ -116,10 +116,17 @@ pub struct Provenance {
 }
 
 impl Session {
-    /// Its stated noise; that of shapes from the standard deviations of their points where runs have them, the largest of all runs.
+    /// Its stated noise; that of shapes and displacements from the standard deviations of their points where runs have them, the largest of
+    /// all runs.
     pub fn stated_noise(&self) -> Noise {
         let of_points_m = self.lateral.iter().filter_map(|run| run.shape.typical_sd_m()).reduce(f64::max);
-        Noise { shape_m: of_points_m.or(self.noise.shape_m), ..self.noise }
+        let of_rows_m =
+            self.lateral.iter().filter_map(|run| run.force.typical_displacement_sd_m()).reduce(f64::max);
+        Noise {
+            shape_m: of_points_m.or(self.noise.shape_m),
+            displacement_m: of_rows_m.or(self.noise.displacement_m),
+            ..self.noise
+        }
     }
 
     /// The calibrations with which its lateral runs were recorded, each with its runs' ids, in order of appearance.
@@ -149,10 +156,28 @@ pub struct ForceSeries {
     pub displacement_x_m: Option<Vec<f64>>,
     /// Horizontal force.
     pub force_x_n: Option<Vec<f64>>,
+    /// Standard deviation of each vertical displacement, where the file has it.
+    pub displacement_y_sd_m: Option<Vec<f64>>,
+    /// Standard deviation of each horizontal displacement.
+    pub displacement_x_sd_m: Option<Vec<f64>>,
     /// Samples lost just before each row, where the recorder counted them.
     pub lost_before: Option<Vec<f64>>,
     /// What the device was doing at each row, where the recorder has it of any.
     pub marks: Option<Vec<Mark>>,
+}
+
+impl ForceSeries {
+    /// Root mean square of the standard deviations of the displacements; nothing where the file has none.
+    pub fn typical_displacement_sd_m(&self) -> Option<f64> {
+        root_mean_square(self.displacement_y_sd_m.iter().chain(&self.displacement_x_sd_m).flatten())
+    }
+}
+
+/// Root mean square; nothing of nothing.
+fn root_mean_square<'a>(values: impl Iterator<Item = &'a f64>) -> Option<f64> {
+    let (count, squares) =
+        values.fold((0.0, 0.0), |(count, squares), value| (count + 1.0, squares + value * value));
+    (count > 0.0).then(|| (squares / count).sqrt())
 }
 
 /// What the device was doing when a row was taken.
@@ -184,9 +209,7 @@ pub struct ShapeSeries {
 impl ShapeSeries {
     /// Root mean square of the standard deviations of the points; nothing where the file has none.
     pub fn typical_sd_m(&self) -> Option<f64> {
-        let all = || self.y_sd_m.iter().chain(&self.x_sd_m).flatten();
-        let count = all().count();
-        (count > 0).then(|| (all().map(|sd_m| sd_m * sd_m).sum::<f64>() / count as f64).sqrt())
+        root_mean_square(self.y_sd_m.iter().chain(&self.x_sd_m).flatten())
     }
 }
 

@@ -25,12 +25,14 @@ pub(super) const RADIUS_MM: [f64; 2] = [0.05, 100.0];
 pub(super) const THICKNESS_MM: [f64; 2] = [0.1, 1000.0];
 pub(super) const POISSON: [f64; 2] = [0.0, 0.5];
 
-pub(super) const FORCE_COLUMNS: [Column; 8] = [
+pub(super) const FORCE_COLUMNS: [Column; 10] = [
     Column::required("time_s", 1.0, TIME_S).increasing(),
     Column::required("displacement_y_mm", MM, [-50.0, 50.0]),
     Column::required("force_y_n", 1.0, FORCE_N),
     Column::optional("displacement_x_mm", MM, [-50.0, 50.0]),
     Column::optional("force_x_n", 1.0, FORCE_N),
+    Column::optional("displacement_y_sd_mm", MM, SD_MM),
+    Column::optional("displacement_x_sd_mm", MM, SD_MM),
     Column::optional("lost_before", 1.0, [0.0, 1e12]).whole(),
     Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).whole().blank(),
     Column::optional("moving", 1.0, [0.0, 1.0]).whole().blank(),
@@ -170,7 +172,30 @@ impl ForceSeries {
     /// # Errors
     /// [`SessionError`] for the first fault found, with its place.
     pub fn read(path: &Path) -> Result<Self, SessionError> {
-        let mut force = Table::read_recording(path, &FORCE_COLUMNS)?;
+        Self::of(path, Table::read_recording(path, &FORCE_COLUMNS)?)
+    }
+
+    /// Reads the series of a force sensor alone: a file as of a lateral run whose columns of displacement may be missing, and are 0 then.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_without_displacement(path: &Path) -> Result<Self, SessionError> {
+        let mut columns = FORCE_COLUMNS;
+        for column in &mut columns {
+            column.required &= column.name != "displacement_y_mm";
+        }
+        let mut table = Table::read_recording(path, &columns)?;
+        let rows = table.rows();
+        for (displacement, force) in [("displacement_y_mm", "force_y_n"), ("displacement_x_mm", "force_x_n")]
+        {
+            if table.has(force) && !table.has(displacement) {
+                table.add(displacement, vec![0.0; rows]);
+            }
+        }
+        Self::of(path, table)
+    }
+
+    fn of(path: &Path, mut force: Table) -> Result<Self, SessionError> {
         let header_line = force.header_line;
         let marks = marks(force.take("step"), force.take("moving"));
         let force = Self {
@@ -179,6 +204,8 @@ impl ForceSeries {
             force_y_n: force.take_required("force_y_n"),
             displacement_x_m: force.take("displacement_x_mm"),
             force_x_n: force.take("force_x_n"),
+            displacement_y_sd_m: force.take("displacement_y_sd_mm"),
+            displacement_x_sd_m: force.take("displacement_x_sd_mm"),
             lost_before: force.take("lost_before"),
             marks,
         };

@@ -89,6 +89,21 @@ impl Table {
         Some(self.columns.swap_remove(index).1)
     }
 
+    /// Whether the file has a column.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.columns.iter().any(|(column, _)| *column == name)
+    }
+
+    /// Adds a column that the file does not have.
+    pub(super) fn add(&mut self, name: &'static str, values: Vec<f64>) {
+        self.columns.push((name, values));
+    }
+
+    /// Number of rows.
+    pub(super) fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |(_, values)| values.len())
+    }
+
     /// Moves a required column out.
     pub fn take_required(&mut self, name: &str) -> Vec<f64> {
         self.take(name).unwrap_or_default()

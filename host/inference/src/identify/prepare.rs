@@ -89,6 +89,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
     let holds = found.iter().map(|level| hold_result(level, &noise)).collect();
     let source = |stated: Option<f64>| if stated.is_some() { "stated" } else { "estimated" };
     let stated = session.noise;
+    let stated_m = stated_displacement_m(session, run);
     Ok(Prepared {
         data,
         balances,
@@ -97,14 +98,19 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
             force_n: noise.force_n,
             force_source: source(stated.force_n),
             displacement_mm: 1e3 * noise.displacement_m,
-            displacement_source: source(stated.displacement_m),
+            displacement_source: source(stated_m),
             shape_mm: 1e3 * shape_sd_m,
             shape_source: source(stated_shape_m),
         },
         known_shape_noise: stated_shape_m.is_some(),
-        known_noise: stated.force_n.is_some() && stated.displacement_m.is_some() && stated_shape_m.is_some(),
+        known_noise: stated.force_n.is_some() && stated_m.is_some() && stated_shape_m.is_some(),
         warnings,
     })
+}
+
+/// Stated standard deviation of a reading of the displacement: of the run's own rows, or of all runs.
+fn stated_displacement_m(session: &Session, run: &LateralRun) -> Option<f64> {
+    run.force.typical_displacement_sd_m().or(session.noise.displacement_m)
 }
 
 /// What is known of the force's zero: from a hold at zero displacement, or else assumed as well as the session states it, with a warning.
@@ -259,7 +265,7 @@ impl Deviations {
             split(force, session.noise.force_n, MIN_FORCE_SD_N.max(rounding_sd(&run.force.force_y_n)));
         let (displacement_m, displacement_systematic_m) = split(
             displacement,
-            session.noise.displacement_m,
+            stated_displacement_m(session, run),
             MIN_DISPLACEMENT_SD_M.max(rounding_sd(&run.force.displacement_y_m)),
         );
         Self { force_n, displacement_m, force_systematic_n, displacement_systematic_m }

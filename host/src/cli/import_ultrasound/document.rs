@@ -159,7 +159,7 @@ impl FrameEntry {
 }
 
 /// SHA-256 of a file in hexadecimal.
-fn checksum(path: &Path) -> anyhow::Result<String> {
+pub fn checksum(path: &Path) -> anyhow::Result<String> {
     let mut file = File::open(path).with_context(|| format!("{}: cannot read", path.display()))?;
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 16];

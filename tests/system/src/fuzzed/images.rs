@@ -1,14 +1,19 @@
-//! Sequences of ultrasound frames, in every format that is read.
+//! Sequences of frames, in every format that is read, phantoms and calibrations of image planes.
 //!
 //! Input: a byte that chooses the format, then the file.
 
 use super::folder;
-use imaging::detect::Detector;
+use formats::image_calibration::ImageCalibration;
+use imaging::calibrate::phantom::Phantom;
+use imaging::camera::{self, MIN_SIDE, measure};
+use imaging::detect::{Detector, Region};
 use imaging::read::Sequence;
 use std::fs;
+use std::path::Path;
 
 /// Names of the file, one for each reader.
-const NAMES: [&str; 7] = ["f.mha", "f.nrrd", "f.dcm", "f.avi", "f.png", "f.tif", "f.jpg"];
+const NAMES: [&str; 9] =
+    ["f.mha", "f.nrrd", "f.dcm", "f.avi", "f.png", "f.tif", "f.jpg", "phantom.xml", "image.toml"];
 /// Frames that are read of a file, and the most pixels of one in which echoes are looked for: more takes time and finds nothing new.
 const FRAMES: usize = 6;
 const PIXELS: usize = 1 << 14;
@@ -20,6 +25,10 @@ const PIXELS: usize = 1 << 14;
 pub fn run(data: &[u8]) {
     let Some((&kind, content)) = data.split_first() else { return };
     let Some(name) = NAMES.get(usize::from(kind) % NAMES.len()) else { return };
+    if let "phantom.xml" | "image.toml" = *name {
+        text(Path::new(name), content);
+        return;
+    }
     let folder = folder();
     let path = folder.path().join(name);
     fs::write(&path, content).expect("writes");
@@ -43,5 +52,34 @@ pub fn run(data: &[u8]) {
                 );
             }
         }
+    }
+    if width * height <= PIXELS && count <= FRAMES {
+        follow(&path, width, height);
+    }
+}
+
+/// Follows a part of the frames, and a mark.
+fn follow(path: &Path, width: usize, height: usize) {
+    let Ok(mut sequence) = Sequence::open(path) else { return };
+    let side = [width, height].map(|size| (size / 2).clamp(MIN_SIDE, 24));
+    let part = |x: usize, y: usize| Region { x, y, width: side[0], height: side[1] };
+    let settings = camera::Settings { template: part(width / 4, height / 4), mark: Some(part(0, 0)) };
+    let Ok(clip) = measure(&mut sequence, &settings, |_| {}) else { return };
+    for found in clip.frames.iter().filter_map(|frame| frame.template) {
+        assert!(found.shift_px.iter().all(|px| px.is_finite()), "{found:?}");
+        assert!(found.covariance_px2.iter().flatten().all(|px2| px2.is_finite()), "{found:?}");
+    }
+}
+
+/// Reads a phantom or a calibration; what is written of a calibration is read again.
+fn text(name: &Path, content: &[u8]) {
+    let text = String::from_utf8_lossy(content);
+    if name.extension().is_some_and(|extension| extension == "xml") {
+        if let Ok(phantom) = Phantom::parse(name, &text) {
+            assert!(phantom.along().iter().all(|part| part.is_finite()));
+        }
+    } else if let Ok(calibration) = ImageCalibration::parse(name, &text) {
+        let again = ImageCalibration::parse(name, &calibration.to_toml(&[], &[]));
+        assert_eq!(again.ok(), Some(calibration));
     }
 }

@@ -1,11 +1,13 @@
 //! Entering a lateral run that was recorded elsewhere: its force series as it is, its shape with the columns it has.
 
-use super::super::{SessionError, ShapeSeries, read_text};
+use super::super::{ForceSeries, SessionError, ShapeSeries, read_text};
 use super::{SessionWriter, enter, number};
 use std::path::Path;
 
 /// A force series of which there is nothing yet.
 const NO_FORCE: &str = "time_s,displacement_y_mm,force_y_n\n";
+/// A shape of which there is nothing yet.
+const NO_SHAPE: &str = "z_mm,deflection_y_mm\n";
 
 impl SessionWriter {
     /// Writes a whole lateral run: `<id>.force.csv`, a copy of `force` where it is given and else a header without rows, to be filled in;
@@ -35,9 +37,7 @@ impl SessionWriter {
         .into_iter()
         .flatten()
         .collect();
-        let entry = format!(
-            "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
-        );
+        let entry = lateral_entry(id, &depth_mm);
         self.whole_run(|session| {
             session.whole(session.dir.join(format!("{id}.force.csv")), &rows)?;
             session.table(&format!("{id}.shape"), &columns)?;
@@ -46,4 +46,43 @@ impl SessionWriter {
         self.lateral_ids.push(id.to_owned());
         Ok(())
     }
+
+    /// Writes a lateral run whose shape is not measured yet: `<id>.force.csv` with the columns that the series has,
+    /// `<id>.shape.csv` with a header only, to be filled in, and its entry in `session.toml`.
+    ///
+    /// # Errors
+    /// As [`Self::lateral`]; [`SessionError::NotFinite`].
+    pub fn lateral_force(&mut self, id: &str, depth_m: f64, force: &ForceSeries) -> Result<(), SessionError> {
+        self.check_id(id, &self.lateral_ids)?;
+        let session_file = self.dir.join("session.toml");
+        let depth_mm = number(&session_file, "depth_mm", 1e3 * depth_m)?;
+        let columns: Vec<(&'static str, Vec<f64>, f64)> = [
+            Some(("time_s", force.time_s.clone(), 1.0)),
+            Some(("displacement_y_mm", force.displacement_y_m.clone(), 1e3)),
+            Some(("force_y_n", force.force_y_n.clone(), 1.0)),
+            force.displacement_x_m.clone().map(|values| ("displacement_x_mm", values, 1e3)),
+            force.force_x_n.clone().map(|values| ("force_x_n", values, 1.0)),
+            force.displacement_y_sd_m.clone().map(|values| ("displacement_y_sd_mm", values, 1e3)),
+            force.displacement_x_sd_m.clone().map(|values| ("displacement_x_sd_mm", values, 1e3)),
+            force.lost_before.clone().map(|values| ("lost_before", values, 1.0)),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        let entry = lateral_entry(id, &depth_mm);
+        self.whole_run(|session| {
+            session.table(&format!("{id}.force"), &columns)?;
+            session.whole(session.dir.join(format!("{id}.shape.csv")), NO_SHAPE)?;
+            enter(&session.dir, &entry)
+        })?;
+        self.lateral_ids.push(id.to_owned());
+        Ok(())
+    }
+}
+
+/// Entry of a lateral run.
+fn lateral_entry(id: &str, depth_mm: &str) -> String {
+    format!(
+        "\n[[lateral]]\nid = \"{id}\"\ndepth_mm = {depth_mm}\nforce = \"{id}.force.csv\"\nshape = \"{id}.shape.csv\"\n"
+    )
 }
