@@ -86,7 +86,7 @@ fn lay_out(target: &Path, python: &Path) -> Result<PathBuf> {
             fs::copy(&file, package.join(name))?;
         }
     }
-    let module = target.join("libneedle_guide_core.so");
+    let module = target.join("deps/libneedle_guide_core.so");
     fs::copy(&module, package.join("_core.abi3.so")).with_context(|| format!("{}", module.display()))?;
     let program = python.with_file_name("guide");
     fs::write(&program, format!("#!{}\n{PROGRAM}", python.display()))?;
