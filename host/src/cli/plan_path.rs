@@ -171,7 +171,7 @@ fn of_session(session: &Session, args: &Args, warnings: &mut Vec<String>) -> any
     Ok(Statement {
         plant: VERSION.to_owned(),
         needle: NeedleStatement {
-            ei_n_m2: rig.needle.stiffness_known.then(|| rig.needle.bending_stiffness_n_m2()),
+            ei_n_m2: Some(rig.needle.bending_stiffness_n_m2()).filter(|_| rig.needle.stiffness_known),
             outer_diameter_mm: Some(1e3 * rig.needle.outer_diameter_m),
         },
         rig: RigStatement {
