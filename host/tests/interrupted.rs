@@ -19,7 +19,7 @@ use std::time::Instant;
 use tempfile::TempDir;
 
 /// Every command that writes files without a device, with a word on what a failure leaves of it.
-const WRITERS: [(&str, Left); 23] = [
+const WRITERS: [(&str, Left); 25] = [
     ("init made", Left::Nothing),
     ("init made --example", Left::Nothing),
     ("simulate --config plan.toml --out made", Left::Nothing),
@@ -39,6 +39,8 @@ const WRITERS: [(&str, Left); 23] = [
     ("calibrate force weights.csv --from calibration.toml --out made.toml", Left::Nothing),
     ("calibrate position gauge.csv --axis y --from calibration.toml --out made.toml", Left::Nothing),
     ("characterize --session air --out made.toml", Left::Nothing),
+    ("calibrate-image nwire.igs.mha --phantom fcal.xml --out made.toml", Left::Nothing),
+    ("plan-path . --target-mm=2,1,80 --plots made", Left::Whole),
     ("man --out made", Left::Whole),
     ("recover run.mcap --out made.mcap", Left::Nothing),
     ("export run.mcap --to npy --out made.npy", Left::Nothing),
@@ -80,6 +82,10 @@ fn folder() -> TempDir {
     fs::write(folder.path().join("summaries.jsonl"), summaries()).expect("written");
     for (name, content) in CALIBRATION {
         fs::write(folder.path().join(name), content).expect("written");
+    }
+    let images = Path::new(env!("CARGO_MANIFEST_DIR")).join("imaging/tests/data");
+    for name in ["nwire.igs.mha", "fcal.xml"] {
+        fs::copy(images.join(format!("plus-{name}")), folder.path().join(name)).expect("copied");
     }
     fs::write(folder.path().join("air.toml"), AIR).expect("written");
     let simulated = Command::new(env!("CARGO_BIN_EXE_guide"))

@@ -89,7 +89,10 @@ fn frames_of_a_shape_give_its_modulus() {
     // What is missing is named.
     assert!(failure(&import).contains("the straight needle: missing, expected --straight"));
     let nowhere = ["import", "ultrasound", path(&hold), "--out", path(&out)];
-    assert!(failure(&nowhere).contains("expected --step-mm, --speed-mm-per-s, --z-field or --transform"));
+    assert!(
+        failure(&nowhere)
+            .contains("expected --step-mm, --speed-mm-per-s, --z-field, --transform or --calibration")
+    );
     let points = guide(&[&import[..], &["--axis", "0,0,1"]].concat());
     assert!(
         text(&points.stderr).contains("options that are for points in space"),
