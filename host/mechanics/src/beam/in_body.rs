@@ -8,7 +8,7 @@ impl BeamProblem {
     /// Solves for unit forces at guide 2 and at the tip of a needle in an elastic body.
     pub(super) fn solve_in_body(&self) -> Result<Beam, ModelError> {
         self.check()?;
-        let Some(ritz) = Ritz::new(self)? else {
+        let Some(ritz) = Ritz::joining_short_gap(self)? else {
             // No body holds the needle: the beam alone, with its skin where it has any.
             let bare = Self { support: Support::Springs, foundation: Foundation::none(), ..self.clone() };
             return bare.solve();

@@ -15,6 +15,8 @@ use std::sync::LazyLock;
 const MAX_UNKNOWNS: usize = 5 + MODES;
 /// Lengths below this are none.
 const MIN_M: f64 = 1e-9;
+/// A gap below this share of the depth is short.
+const SHORT_GAP: f64 = 0.02;
 
 /// A vector of unknowns.
 pub(super) type Unknowns = [f64; MAX_UNKNOWNS];
@@ -83,20 +85,39 @@ impl Ritz {
         }
         let tissue =
             super::stiffness(&problem.foundation, problem.support, problem.radius_m, from_m, depth_m)?;
-        let body_m = problem.entry_m + from_m;
+        Self::with_tissue(problem, from_m, tissue).map(Some)
+    }
+
+    /// The same where a short piece between the surface and the body belongs to the polynomial of the needle in the body: by itself it
+    /// would be stiffer than the body by more than the digits of a number (12 EI/L^3).
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn joining_short_gap(problem: &BeamProblem) -> Result<Option<Self>, ModelError> {
+        let gap_m = super::surface_m(&problem.foundation);
+        let held_m = problem.depth_m - gap_m;
+        if gap_m <= 0.0 || gap_m >= SHORT_GAP * held_m {
+            return Self::new(problem);
+        }
+        let tissue = super::stiffness(&problem.foundation, problem.support, problem.radius_m, gap_m, held_m)?;
+        Self::with_tissue(problem, 0.0, lengthened(&tissue, gap_m / problem.depth_m)).map(Some)
+    }
+
+    /// With the stiffness of the body against the polynomials from a depth below the surface on.
+    fn with_tissue(problem: &BeamProblem, from_m: f64, tissue: Matrix) -> Result<Self, ModelError> {
         let mut ritz = Self {
             pieces: Vec::with_capacity(3),
             guide2: Section::default(),
             stiffness: [[0.0; MAX_UNKNOWNS]; MAX_UNKNOWNS],
             first: 0,
             count: 0,
-            body_m,
-            depth_m,
+            body_m: problem.entry_m + from_m,
+            depth_m: problem.depth_m - from_m,
             surface: Section::default(),
             tissue,
         };
         ritz.place(problem)?;
-        Ok(Some(ritz))
+        Ok(ritz)
     }
 
     /// Lays out the unknowns and adds every part's stiffness.
@@ -351,6 +372,32 @@ impl Ritz {
             (piece.start_m, piece.length_m, piece.equation, [u0, v0, second, third])
         })
     }
+}
+
+/// Stiffness against the Legendre coefficients of a polynomial over a whole length, from that against those over its part beyond a share.
+///
+/// There the polynomials are sums of those over the part, by their recurrence in `x = share + (1 - share) y`:
+/// `(n + 1) P_{n+1}(x) = (2n + 1) x P_n(x) - n P_{n-1}(x)`, with `(2k + 1) y P_k(y) = (k + 1) P_{k+1}(y) + k P_{k-1}(y)`.
+fn lengthened(stiffness: &Matrix, share: f64) -> Matrix {
+    let times_x = |of: &[f64; MODES]| -> [f64; MODES] {
+        let by_y = |k: usize| (1.0 - share) * of[k] / (2 * k + 1) as f64;
+        std::array::from_fn(|k| {
+            let from_below = if k > 0 { k as f64 * by_y(k - 1) } else { 0.0 };
+            let from_above = if k + 1 < MODES { (k + 1) as f64 * by_y(k + 1) } else { 0.0 };
+            share * of[k] + from_below + from_above
+        })
+    };
+    let mut part = [[0.0; MODES]; MODES];
+    part[0][0] = 1.0;
+    for n in 0..MODES - 1 {
+        let next = times_x(&part[n]);
+        for k in 0..MODES {
+            let before = if n > 0 { n as f64 * part[n - 1][k] } else { 0.0 };
+            part[n + 1][k] = ((2 * n + 1) as f64 * next[k] - before) / (n + 1) as f64;
+        }
+    }
+    let forces = part.map(|of| stiffness.map(|row| row.iter().zip(&of).map(|(t, c)| t * c).sum::<f64>()));
+    part.map(|of| std::array::from_fn(|j| of.iter().zip(&forces[j]).map(|(c, f)| c * f).sum()))
 }
 
 impl Piece {

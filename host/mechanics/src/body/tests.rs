@@ -124,6 +124,28 @@ fn a_gap_lowers_the_surface() {
     assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
 }
 
+/// The force falls with the gap without a jump, and as it does beyond short gaps: the slope of a line through them.
+#[test]
+fn the_smallest_gaps_change_the_force_in_proportion() {
+    for depth_m in [0.02, 0.05] {
+        let stiffness = |gap_m: f64| {
+            let gap = Foundation::uniform(20e3).expect("a modulus").with_gap(gap_m).expect("a gap");
+            problem(gap, 0.495, depth_m).solve().expect("solves").lateral_stiffness_n_per_m()
+        };
+        let (none, short_m) = (stiffness(0.0), 0.019 * depth_m);
+        let per_m = (none - stiffness(short_m)) / short_m;
+        assert!(per_m > 0.0);
+        for gap_m in [1e-9, 1e-7, 3e-6, 1e-5, 1e-4] {
+            let fallen = none - stiffness(gap_m);
+            assert!((fallen - per_m * gap_m).abs() < 0.05 * per_m * gap_m + 1e-9 * none, "{gap_m}: {fallen}");
+        }
+        // A piece of its own instead of a part of the polynomial makes no difference.
+        let beside = [0.0199, 0.0201].map(|share| stiffness(share * depth_m / (1.0 + share)));
+        let fallen = beside[0] - beside[1];
+        assert!((fallen / (per_m * 0.0002 * depth_m) - 1.0).abs() < 0.3, "{beside:?}");
+    }
+}
+
 /// The tip of a needle that lies on its own path has no reason to move, and halving the steps changes little.
 #[test]
 fn insertions_converge_with_the_step() {
