@@ -41,57 +41,95 @@ const CHANCE: f64 = 4.0;
 const DRAWS: usize = 1000;
 
 /// Divides the runs of a session: of every group of repeats the last one is held out; a kind of run without repeats is divided by
-/// holds, or by stretches of depth.
+/// holds, or by intervals of depth. Lateral runs along each axis are a kind of their own: what acts in one plane alone can be confirmed only
+/// by what was held out in that plane.
 pub(super) fn split(runs: Vec<Run>) -> (Training, HeldOut) {
-    let (mut training, mut held_out) = (Vec::new(), Vec::new());
-    let mut rules = Vec::new();
-    for kind in [Kind::Lateral, Kind::Insertion] {
-        let of_kind: Vec<Run> = runs.iter().filter(|run| run.kind == kind).cloned().collect();
-        if of_kind.is_empty() {
-            continue;
-        }
-        let (name, part) = match kind {
-            Kind::Lateral => ("lateral runs", "hold"),
-            Kind::Insertion => ("insertions", "interval of depth"),
-        };
-        let mut repeats = last_of_repeats(&of_kind);
-        let mut rule = "of repeated";
-        if repeats.is_empty() && kind == Kind::Insertion && of_kind.len() >= EVERY {
-            // Insertions are alike enough that whole ones can be spared.
-            repeats = (0..of_kind.len()).filter(|index| index % EVERY == EVERY / 2).collect();
-            rule = "of the";
-        }
-        if repeats.is_empty() {
-            for (number, run) in of_kind.into_iter().enumerate() {
-                // Not the same level in every run.
-                let is_held = |part: usize| (part + number) % EVERY == EVERY / 2;
-                let held = run.with_parts(is_held);
-                // A part without shape determines little of what the rest of the run does; but it is never learned from.
-                training.push(run.with_parts(|part| !is_held(part)));
-                if !held.data.is_empty() {
-                    held_out.push(held);
-                }
-            }
-            rules.push(format!("{name} have no repeats: one {part} in {EVERY} is held out"));
-        } else {
-            let ids: Vec<&str> = repeats.iter().map(|i| of_kind[*i].id.as_str()).collect();
-            let which = if rule == "of the" { "one in four" } else { "the last" };
-            rules.push(format!("{rule} {name} {which} is held out: {}", ids.join(", ")));
-            for (index, run) in of_kind.iter().enumerate() {
-                if repeats.contains(&index) { held_out.push(run.clone()) } else { training.push(run.clone()) }
-            }
-        }
+    let has_axis = |axis: usize| runs.iter().any(|run| run.kind == Kind::Lateral && run.axis == axis);
+    let lateral = if has_axis(0) && has_axis(1) {
+        ["lateral runs along y", "lateral runs along x"]
+    } else {
+        ["lateral runs"; 2]
+    };
+    let numbered: Vec<(usize, Run)> = runs.into_iter().enumerate().collect();
+    let of = |kind: Kind, axis: Option<usize>| -> Vec<&(usize, Run)> {
+        let is_of = |(_, run): &&(usize, Run)| run.kind == kind && axis.is_none_or(|axis| run.axis == axis);
+        numbered.iter().filter(is_of).collect()
+    };
+    let mut divided = Divided::default();
+    for (axis, name) in lateral.into_iter().enumerate() {
+        divided.add(&of(Kind::Lateral, Some(axis)), Kind::Lateral, name);
     }
+    divided.add(&of(Kind::Insertion, None), Kind::Insertion, "insertions");
+    let Divided { training, held_out, rules } = divided;
+    // Insertions after all lateral runs; those of a kind in their order, which is that of time.
+    let [training, held_out] = [training, held_out].map(|mut runs| {
+        runs.sort_by_key(|(number, run)| (run.kind == Kind::Insertion, *number));
+        runs.into_iter().map(|(_, run)| run).collect()
+    });
     (Training { runs: training, rule: rules.join("; ") }, HeldOut { runs: held_out })
 }
 
-/// The last run of every group of repeats.
-fn last_of_repeats(runs: &[Run]) -> Vec<usize> {
-    let mut groups: BTreeMap<(i64, i64, usize, bool), Vec<usize>> = BTreeMap::new();
-    for (index, run) in runs.iter().enumerate() {
+/// Runs as they are divided, with their numbers in the session, and how.
+#[derive(Default)]
+struct Divided {
+    training: Vec<(usize, Run)>,
+    held_out: Vec<(usize, Run)>,
+    rules: Vec<String>,
+}
+
+impl Divided {
+    /// Divides runs that are of one kind.
+    fn add(&mut self, runs: &[&(usize, Run)], kind: Kind, name: &str) {
+        if runs.is_empty() {
+            return;
+        }
+        let mut whole = last_of_repeats(runs);
+        let mut rule = ("of repeated", "the last");
+        if whole.is_empty() && kind == Kind::Insertion && runs.len() >= EVERY {
+            // Insertions are alike enough that whole ones can be spared.
+            whole = runs.iter().skip(EVERY / 2).step_by(EVERY).map(|(number, _)| *number).collect();
+            rule = ("of the", "one in four");
+        }
+        if whole.is_empty() {
+            self.add_parts(runs, kind, name);
+            return;
+        }
+        let (held_out, training): (Vec<&(usize, Run)>, Vec<_>) =
+            runs.iter().copied().partition(|(number, _)| whole.contains(number));
+        let ids: Vec<&str> = held_out.iter().map(|(_, run)| run.id.as_str()).collect();
+        let (which, count) = rule;
+        self.rules.push(format!("{which} {name} {count} is held out: {}", ids.join(", ")));
+        self.held_out.extend(held_out.into_iter().cloned());
+        self.training.extend(training.into_iter().cloned());
+    }
+
+    /// Divides every run of one kind.
+    fn add_parts(&mut self, runs: &[&(usize, Run)], kind: Kind, name: &str) {
+        let part = match kind {
+            Kind::Lateral => "hold",
+            Kind::Insertion => "interval of depth",
+        };
+        for (place, (number, run)) in runs.iter().enumerate() {
+            // Not the same level in every run.
+            let is_held = |part: usize| (part + place) % EVERY == EVERY / 2;
+            let held = run.with_parts(is_held);
+            // A part without shape determines little of what the rest of the run does; but it is never learned from.
+            self.training.push((*number, run.with_parts(|part| !is_held(part))));
+            if !held.data.is_empty() {
+                self.held_out.push((*number, held));
+            }
+        }
+        self.rules.push(format!("{name} have no repeats: one {part} in {EVERY} is held out"));
+    }
+}
+
+/// Numbers of the last runs of all groups of repeats.
+fn last_of_repeats(runs: &[&(usize, Run)]) -> Vec<usize> {
+    let mut groups: BTreeMap<(i64, i64, bool), Vec<usize>> = BTreeMap::new();
+    for (number, run) in runs {
         let depth = (run.depth_m / SAME_DEPTH_M).round() as i64;
         let speed = (run.speed_m_per_s / SAME_SPEED_M_PER_S).round() as i64;
-        groups.entry((depth, speed, run.axis, run.turned() > 0.0)).or_default().push(index);
+        groups.entry((depth, speed, run.turned() > 0.0)).or_default().push(*number);
     }
     groups.values().filter(|group| group.len() > 1).filter_map(|group| group.last().copied()).collect()
 }
