@@ -245,7 +245,7 @@ fn workflow<T>(
     let Choice { foundation, start, found, beside: other_foundation } =
         choose(start, &judge, options, &mut on_progress)?;
     let more = beside(&start)?;
-    let found = found.around_itself(&start.runs, &start.patterns, &multiples);
+    let found = found.around_itself(&start, &judge, &multiples);
     let Start { runs: prepared, patterns, fitted: start } = start;
     let before = Adequacy::of(&start, &prepared, &patterns)?;
     let where_before = regions(&start, &prepared);

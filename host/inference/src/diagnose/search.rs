@@ -9,6 +9,7 @@ use super::layout::{Layout, NORMAL_975, Prepared, Scale};
 use super::posterior::{Fitted, MAX_ROUNDS};
 use super::score::{Score, Scores, stacked};
 use super::split::Judge;
+use super::start::Start;
 use crate::FitError;
 use mechanics::effects::{Effect, ParameterInfo};
 use rayon::prelude::*;
@@ -100,11 +101,13 @@ const NEAR_SD: f64 = 6.0;
 
 impl Found {
     /// The same with the discrepancy's patterns made around what was found: those of the start are of a model that lacks it. The evidence
-    /// stays that of the search, in which all hypotheses have the same patterns.
-    pub fn around_itself(mut self, runs: &[Prepared], of_start: &Patterns, multiples: &Multiples) -> Self {
+    /// stays that of the search, in which all hypotheses have the same patterns. As every step of the search, this one must leave the misfit
+    /// of what was held out smaller than the start does.
+    pub fn around_itself(mut self, start: &Start, judge: &Judge, multiples: &Multiples) -> Self {
         if self.members.is_empty() {
             return self;
         }
+        let Start { runs, patterns: of_start, fitted: start } = start;
         let old = &self.fitted;
         let again = patterns(&old.layout, old.values(), runs, multiples).ok().and_then(|patterns| {
             let everyday = patterns.everyday();
@@ -116,7 +119,10 @@ impl Found {
             (0..old.values().len())
                 .all(|i| (new.values()[i] - old.values()[i]).abs() <= NEAR_SD * new.sd(i).max(old.sd(i)))
         };
-        if let Some(new) = again.filter(|new| new.settled && !new.at_bound.contains(&true) && is_near(new)) {
+        let is_usable = |new: &Fitted| {
+            new.settled && !new.at_bound.contains(&true) && is_near(new) && judge.held_out_shrinks(start, new)
+        };
+        if let Some(new) = again.filter(is_usable) {
             self.fitted = new.with_evidence_of(old);
         } else {
             self.fitted = self.fitted.over_sizes(of_start);
