@@ -25,9 +25,10 @@ const MIN_GAIN: f64 = 5.0;
 const SHARE: f64 = 0.5;
 const SHARE_OF_STRONG: f64 = 0.15;
 const STRONG_GAIN: f64 = 10.0;
-/// Least size of an effect, as a share of what may be overlooked and of the likely values.
+/// Least size of an effect, as a share of what may be overlooked and of the likely values. Smaller frictions than a fiftieth of the likely
+/// ones (10 mN) are what the hysteresis of an ordinary force sensor looks like.
 const MIN_OF_OVERLOOKED: f64 = 0.2;
-const MIN_OF_LIKELY: f64 = 0.015;
+const MIN_OF_LIKELY: f64 = 0.02;
 /// Leaders that are refitted, in the search and among competitors of what was found, and how far behind the best they may be by score.
 pub(super) const MAX_LEADERS: usize = 14;
 const BEHIND: f64 = 15.0;
