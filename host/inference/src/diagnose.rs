@@ -81,7 +81,7 @@ use adequacy::{Adequacy, regions};
 use averaged::Averaged;
 pub(crate) use choice::FOUNDATION_MARGIN;
 use choice::{Choice, choose};
-use data::Run;
+use data::{Kind, Run};
 use formats::model_file::ModelFile;
 use formats::session::{LateralRun, Session};
 use layout::{Layout, kinds};
@@ -270,7 +270,7 @@ fn workflow<T>(
         start: &start,
         found: &found,
         final_fit: &final_fit,
-        averaged: Averaged::over(&final_fit, &start, &found, is_named, &patterns),
+        averaged: Averaged::over(&final_fit, &start, &found, is_named, &patterns, touched_m(&all)),
         other_foundation,
         noise: &noise,
         adequacy: [&before, &after],
@@ -284,6 +284,13 @@ fn workflow<T>(
         report.diagnosis(where_before.iter().map(report::region).collect(), gap, remaining, warnings);
     result.moved_since = moved_since;
     Ok((result, more))
+}
+
+/// Depth of the tissue that the runs have touched: by guide 2 where there are lateral runs.
+fn touched_m(runs: &[Run]) -> f64 {
+    let [lateral, _] = kinds(runs);
+    let of_kind = |run: &&Run| (run.kind == Kind::Lateral) == lateral;
+    runs.iter().filter(of_kind).map(|run| run.depth_m).fold(0.0, f64::max)
 }
 
 /// Which runs of a session a diagnosis uses, skips and holds out.

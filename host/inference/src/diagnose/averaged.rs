@@ -3,10 +3,12 @@
 //!
 //! Every such model has a fit; its posterior counts with its evidence and the odds that the search gives it beforehand: each effect costs
 //! the margin (Bayesian model averaging, Hoeting et al. 1999, Statistical Science 14:382). So no interval jumps where an effect passes the
-//! margin. The value that is reported is that of the first member, whose effects the model file has; the interval is that of the mixture.
+//! margin. The value that is reported is that of the first member, whose effects the model file has; the interval is that of the mixture,
+//! and holds that value.
 
 use super::choice::Beside;
 use super::evidence::Patterns;
+use super::foundation::VARIED;
 use super::layout::NORMAL_975;
 use super::posterior::Fitted;
 use super::search::{Candidate, Found, one_sided};
@@ -29,6 +31,10 @@ const MAX_ALTERNATIVES: usize = 4;
 /// Fits that the data leave in question, with their weights.
 pub(super) struct Averaged {
     fits: Vec<(f64, Fitted)>,
+    /// The final fit.
+    own: Fitted,
+    /// Depth of the tissue that the runs have touched, m.
+    touched_m: f64,
 }
 
 impl Averaged {
@@ -40,6 +46,7 @@ impl Averaged {
         found: &'a Found,
         is_named: bool,
         patterns: &Patterns,
+        touched_m: f64,
     ) -> Self {
         // Of every effect beyond those of the start: half the range of one that has one sign is as likely as the whole; the margin.
         let given = start.layout.effects.len();
@@ -56,18 +63,18 @@ impl Averaged {
         });
         all.extend(class.map(|fit| (ln_weight(fit), fit)));
         all.extend(members.iter().map(|member| (ln_weight(&member.without), &member.without)));
-        // What was refused for other reasons than its evidence is no more likely than what was taken.
         let unused = |candidate: &'a Candidate| {
             let (fit, _) = candidate.refit.as_ref()?;
             let is_in_range = !fit.at_bound.contains(&true);
             let known = all.iter().map(|(_, known)| *known).chain([own]);
             let is_new = !known.into_iter().any(|known| known.layout.has_effects_of(&fit.layout));
-            (is_in_range && is_new).then(|| (ln_weight(fit).min(most), fit))
+            (is_in_range && is_new).then(|| (ln_weight(fit), fit))
         };
         // Beside two effects or more, those that were tried alone are far behind.
         let first = if members.len() > 1 { &[] } else { found.first.as_slice() };
         let last = if is_named { found.last.as_slice() } else { &[] };
-        let unused: Vec<_> = first.iter().chain(last).filter_map(unused).collect();
+        let mut unused: Vec<_> = first.iter().chain(last).filter_map(unused).collect();
+        limit_refused(unused.iter_mut().map(|(ln, _)| ln), most);
         all.extend(unused);
         let largest = all.iter().map(|(ln, _)| *ln).fold(most, f64::max);
         all.retain(|(ln, _)| *ln > largest + MIN_LN_WEIGHT);
@@ -80,11 +87,16 @@ impl Averaged {
         if most > largest + MIN_LN_WEIGHT {
             fits.insert(0, ((most - largest).exp(), own.clone()));
         }
-        Self { fits }
+        Self { fits, own: own.clone(), touched_m }
+    }
+
+    /// Depth of the tissue that the runs have touched, m.
+    pub fn touched_m(&self) -> f64 {
+        self.touched_m
     }
 
     /// The models other than the final one, each once, as a model file has them: the likeliest, with their probabilities.
-    pub fn alternatives(&self, own: &Fitted) -> Vec<Alternative> {
+    pub fn alternatives(&self) -> Vec<Alternative> {
         let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
         let mut others: Vec<(f64, &Fitted)> = Vec::new();
         for (weight, fit) in &self.fits {
@@ -94,10 +106,18 @@ impl Averaged {
                 None => others.push((share, fit)),
             }
         }
-        others.retain(|(share, fit)| *share > MIN_PROBABILITY && !fit.layout.has_effects_of(&own.layout));
+        others
+            .retain(|(share, fit)| *share > MIN_PROBABILITY && !fit.layout.has_effects_of(&self.own.layout));
         others.sort_by(|a, b| b.0.total_cmp(&a.0));
         others.truncate(MAX_ALTERNATIVES);
         others.into_iter().map(|(probability, fit)| Alternative { probability, model: fit.model() }).collect()
+    }
+
+    /// [`Self::interval`], with the value that the final fit gives.
+    fn holding_own(&self, of: impl Fn(&Fitted) -> Option<(f64, f64)>) -> Option<[f64; 2]> {
+        let value = of(&self.own).map(|(value, _)| value);
+        let ends = self.interval(of)?;
+        Some(value.map_or(ends, |value| holding(ends, value)))
     }
 
     /// Interval of 95 % of a quantity of which each fit gives value and standard deviation, or nothing.
@@ -112,34 +132,47 @@ impl Averaged {
 
     /// Of the modulus, Pa.
     pub fn modulus_pa(&self) -> Option<[f64; 2]> {
-        self.interval(ln_modulus).map(|ends| ends.map(f64::exp))
+        let ends = self.interval(|fit| self.ln_modulus(fit))?;
+        Some(holding(ends.map(f64::exp), self.own.modulus_pa().0))
+    }
+
+    /// Logarithm of the modulus of a fit, Pa, and its standard deviation. Where the result has one modulus for all of the tissue, one that
+    /// varies with depth counts with its mean over the tissue that was touched: its value at the surface is another quantity.
+    fn ln_modulus(&self, fit: &Fitted) -> Option<(f64, f64)> {
+        if varies(fit) && !varies(&self.own) {
+            fit.ln_mean_modulus(self.touched_m)
+        } else {
+            Some((*fit.values().first()?, fit.sd(0)))
+        }
     }
 
     /// Of the modulus K of springs, Pa, with models on the other foundation: that of a body, with whatever effects, is `plain`, that of springs
     /// without effects and its standard deviation, as logarithms.
     pub fn k_pa(&self, plain: (f64, f64), beside: &[Beside]) -> Option<[f64; 2]> {
-        let k = |fit: &Fitted| if fit.layout.support.is_body() { Some(plain) } else { ln_modulus(fit) };
+        let is_body = |fit: &Fitted| fit.layout.support.is_body();
+        let k = |fit: &Fitted| if is_body(fit) { Some(plain) } else { self.ln_modulus(fit) };
         let own = self.fits.iter().map(|(weight, fit)| (*weight, fit));
         let total: f64 = self.fits.iter().map(|(weight, _)| weight).sum();
         let others = beside.iter().map(|other| (total * other.ln_odds.exp(), &other.fitted));
         let parts: Vec<(f64, f64, f64)> =
             own.chain(others).filter_map(|(weight, fit)| k(fit).map(|(ln, sd)| (weight, ln, sd))).collect();
-        interval(&parts).map(|ends| ends.map(f64::exp))
+        let value_pa = if is_body(&self.own) { plain.0.exp() } else { self.own.modulus_pa().0 };
+        Some(holding(interval(&parts)?.map(f64::exp), value_pa))
     }
 
-    /// Of the mean modulus down to a depth, Pa.
-    pub fn mean_modulus_pa(&self, depth_m: f64) -> Option<[f64; 2]> {
-        self.interval(|fit| fit.ln_mean_modulus(depth_m)).map(|ends| ends.map(f64::exp))
+    /// Of the mean modulus down to the depth that was touched, Pa.
+    pub fn mean_modulus_pa(&self) -> Option<[f64; 2]> {
+        self.holding_own(|fit| fit.ln_mean_modulus(self.touched_m)).map(|ends| ends.map(f64::exp))
     }
 
     /// Of the tip load, N.
     pub fn tip_load_n(&self) -> Option<[f64; 2]> {
-        self.interval(|fit| fit.layout.tip_load_n(fit.values(), &fit.covariance))
+        self.holding_own(|fit| fit.layout.tip_load_n(fit.values(), &fit.covariance))
     }
 
     /// Of the ratio of the modulus to that of the reference.
     pub fn ratio(&self) -> Option<[f64; 2]> {
-        let ends = self.interval(|fit| {
+        let ends = self.holding_own(|fit| {
             let at = fit.layout.ratio()?;
             Some((*fit.values().get(at)?, fit.sd(at)))
         });
@@ -158,13 +191,27 @@ impl Averaged {
             let (value, [low, high]) = fit.estimate(index(fit)?, number);
             Some((value, (high - low) / (2.0 * NORMAL_975)))
         };
-        self.interval(of)
+        self.holding_own(of)
     }
 }
 
-/// Logarithm of the modulus of a fit, Pa, and its standard deviation.
-fn ln_modulus(fit: &Fitted) -> Option<(f64, f64)> {
-    Some((*fit.values().first()?, fit.sd(0)))
+/// Whether the modulus of a model varies with depth.
+fn varies(fit: &Fitted) -> bool {
+    fit.layout.effects.iter().any(|effect| VARIED.contains(&effect.id()))
+}
+
+/// An interval that holds the value beside it: the weight of several other models together can exceed that of the one that is reported,
+/// and an interval without its value contradicts it.
+fn holding([low, high]: [f64; 2], value: f64) -> [f64; 2] {
+    [low.min(value), high.max(value)]
+}
+
+/// Lowers the evidence of models that were refused for other reasons than their evidence: all of them together are no more likely than
+/// the model that was taken, whose evidence is `taken`.
+pub(super) fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f64) {
+    let mut refused: Vec<&mut f64> = ln_weights.filter(|ln| **ln > taken).collect();
+    let even = taken - (refused.len().max(1) as f64).ln();
+    refused.iter_mut().for_each(|ln| **ln = even);
 }
 
 /// Interval of 95 % of a mixture of normal distributions of weight, mean and standard deviation each; nothing where one of them makes
@@ -220,9 +267,9 @@ mod tests {
         let [below, above] = [(below, false), (above, true)].map(|(found, is_named)| {
             let own =
                 if is_named { &found.fitted } else { &start.fitted }.clone().over_sizes(&start.patterns);
-            let averaged = Averaged::over(&own, &start.fitted, &found, is_named, &start.patterns);
+            let averaged = Averaged::over(&own, &start.fitted, &found, is_named, &start.patterns, 0.03);
             // At the margin the models with and without the effect are equally likely, and the file has the other one.
-            let others = averaged.alternatives(&own);
+            let others = averaged.alternatives();
             let other = others.iter().find(|other| other.model.effects.is_empty() == is_named);
             let share = other.expect("the model on the other side of the margin").probability;
             let own_share = 1.0 - others.iter().map(|other| other.probability).sum::<f64>();
@@ -240,7 +287,7 @@ mod tests {
         // Far from the margin one of them is left.
         let alone = Found { margin: 60.0, members: Vec::new(), ..found };
         let fitted = start.fitted.clone().over_sizes(&start.patterns);
-        let averaged = Averaged::over(&fitted, &start.fitted, &alone, false, &start.patterns);
+        let averaged = Averaged::over(&fitted, &start.fitted, &alone, false, &start.patterns, 0.03);
         let [low, high] = averaged.modulus_pa().expect("an interval");
         let (_, own) = fitted.modulus_pa();
         assert!((low / own[0] - 1.0).abs() < 1e-6 && (high / own[1] - 1.0).abs() < 1e-6, "{low} {high}");

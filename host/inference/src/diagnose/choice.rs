@@ -6,6 +6,7 @@
 //! [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
 
 use super::adequacy::Adequacy;
+use super::averaged::limit_refused;
 use super::foundation::varied;
 use super::posterior::Fitted;
 use super::results::FoundationResult;
@@ -36,7 +37,7 @@ pub(super) struct Choice {
 #[derive(Debug, Clone)]
 pub(super) struct Beside {
     pub fitted: Fitted,
-    /// Logarithm of its odds over what was chosen; not above 0 where it was refused for other reasons than its evidence.
+    /// Logarithm of its odds over what was chosen; those refused for other reasons than their evidence have even odds together.
     pub ln_odds: f64,
 }
 
@@ -124,12 +125,13 @@ fn beside(start: &Start, unused: &Found, chosen: &Found, given: usize) -> Vec<Be
     let fits = [&start.fitted, &unused.fitted].into_iter().chain(candidates);
     let mut all: Vec<Beside> = Vec::new();
     for fitted in fits {
-        let ln_odds = (ln_weight(fitted, given, unused.margin) - most).min(0.0);
+        let ln_odds = ln_weight(fitted, given, unused.margin) - most;
         let is_new = !all.iter().any(|known| known.fitted.layout.has_effects_of(&fitted.layout));
         if ln_odds > MIN_LN_ODDS && is_new && !fitted.at_bound.contains(&true) {
             all.push(Beside { fitted: fitted.clone().over_sizes(&start.patterns), ln_odds });
         }
     }
+    limit_refused(all.iter_mut().map(|other| &mut other.ln_odds), 0.0);
     all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
     all
 }

@@ -45,7 +45,7 @@ pub(crate) struct FoundationEvidence {
 }
 
 /// How the modulus may vary with depth.
-const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
+pub(super) const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
 /// Log evidence by which such a modulus makes the choice of one modulus void, as a diagnosis requires of an effect.
 pub(crate) const VARIED_NATS: f64 = 5.0;
 /// Rounds of its fit.

@@ -85,8 +85,8 @@ impl DiagnosisReport<'_> {
         };
         let near_margin = self.near_margin();
         let tip = final_fit.tip_load_n();
-        let touched_m = self.touched_m();
-        let mean = final_fit.ln_mean_modulus(touched_m).zip(averaged.mean_modulus_pa(touched_m));
+        let touched_m = averaged.touched_m();
+        let mean = final_fit.ln_mean_modulus(touched_m).zip(averaged.mean_modulus_pa());
         let discrepancy =
             if verdict == Verdict::Unexplained { adequacy[0].discrepancy.as_slice() } else { &[] };
         let first = &self.found.first;
@@ -132,7 +132,7 @@ impl DiagnosisReport<'_> {
             partial: if is_named { Vec::new() } else { self.partial() },
             remaining,
             multiples: self.multiples.clone(),
-            alternatives: averaged.alternatives(final_fit),
+            alternatives: averaged.alternatives(),
             adequacy: adequacy.map(adequacy_result),
             discrepancy: discrepancy
                 .iter()
@@ -152,13 +152,6 @@ impl DiagnosisReport<'_> {
             limits: self.limits(&near_margin),
             warnings,
         }
-    }
-
-    /// Depth of the tissue that the runs have touched: by guide 2 where there are lateral runs.
-    fn touched_m(&self) -> f64 {
-        let [lateral, _] = self.final_fit.layout.kinds;
-        let of_kind = |run: &&Run| (run.kind == Kind::Lateral) == lateral;
-        self.all.iter().filter(of_kind).map(|run| run.depth_m).fold(0.0, f64::max)
     }
 
     /// How the session differs from its reference.
