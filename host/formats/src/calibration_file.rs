@@ -3,8 +3,7 @@
 //! A file has any number of points per potentiometer; the record has a position at every 512 codes, found between the points on
 //! straight lines and beyond them along the first and the last. The page on calibration of the manual describes the file.
 
-use crate::session::fields::Fields;
-use crate::session::{Problem, SessionError, read_text, replace};
+use crate::document::{Fields, Problem, SessionError, read_text, replace};
 use protocol::{CODES_PER_KNOT, CalibrationRecord, Implausible, KNOTS, PotentiometerTable, Text};
 use std::fmt::Write as _;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Readings for a calibration, as people note them down: known loads with the reported forces, a gauge with the reported positions.
 
-use crate::session::SessionError;
-use crate::session::table::{Column, Table};
+use crate::document::SessionError;
+use crate::document::table::{Column, Table};
 use std::path::Path;
 
 /// Newtons; more than any sensor of the rig takes.

@@ -14,8 +14,7 @@
 //! sha256 = "..."
 //! ```
 
-use crate::session::fields::Fields;
-use crate::session::{Problem, SessionError, read_text};
+use crate::document::{Fields, Problem, SessionError, read_text};
 use std::fmt::Write as _;
 use std::path::Path;
 

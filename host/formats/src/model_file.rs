@@ -39,8 +39,7 @@ pub use alternative::Alternative;
 pub use discrepancy::{DISCREPANCY_NAMES, Multiples};
 
 use crate::NORMAL_975;
-use crate::session::fields::Fields;
-use crate::session::{Problem, SessionError, read_text, replace};
+use crate::document::{Fields, Problem, SessionError, read_text, replace};
 use mechanics::Support;
 use mechanics::effects::{EFFECTS, Effect, ParameterInfo, effect};
 use std::collections::HashSet;

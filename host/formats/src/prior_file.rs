@@ -16,8 +16,8 @@
 //!
 //! `[[tip]]` and `[discrepancy]`, which the file has too, are for other programs.
 
-use crate::session::fields::Fields;
-use crate::session::{Labels, Problem, SessionError, read_text};
+use crate::document::{Fields, Problem, SessionError, read_text};
+use crate::session::Labels;
 use std::path::{Path, PathBuf};
 
 /// Medians of moduli, kilopascals.

@@ -14,9 +14,9 @@ pub mod pattern;
 pub mod phantom;
 pub mod solve;
 
-use crate::detect::{Detector, Region};
+use crate::detect::Detector;
 use crate::error::ImagingError;
-use crate::frame::{Frame, Orientation};
+use crate::frame::{Frame, Orientation, Region};
 use crate::pose::{Pose, inverse, product};
 use crate::read::Sequence;
 use pattern::Cut;

@@ -14,9 +14,8 @@ mod texture;
 pub use refine::Translation;
 pub use texture::Directions;
 
-use crate::detect::Region;
 use crate::error::ImagingError;
-use crate::frame::Frame;
+use crate::frame::{Frame, Region};
 use crate::read::Sequence;
 use correlate::{Match, Template};
 use refine::{Patch, RefineError};

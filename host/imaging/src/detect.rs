@@ -9,7 +9,7 @@ mod integral;
 
 pub use centre::Centre;
 
-use crate::frame::{Frame, Orientation};
+use crate::frame::{Frame, Region};
 use centre::{Linear, Speckle};
 use integral::Integral;
 use std::sync::Arc;
@@ -24,30 +24,6 @@ const MIN_CONTRAST: f64 = 8.0;
 const FLOOR: f64 = 5.0;
 /// An echo of a frame that counts is at most so many times weaker than the strongest.
 const MAX_RATIO: f64 = 8.0;
-
-/// A rectangle of pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Region {
-    /// First column.
-    pub x: usize,
-    /// First row.
-    pub y: usize,
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-}
-
-impl Region {
-    /// The same part of the image where its axes are turned, in a frame of this width and height.
-    #[must_use]
-    pub fn oriented(self, orientation: Orientation, [width, height]: [usize; 2]) -> Self {
-        let mirrored = |from: usize, size: usize, all: usize| all.saturating_sub(from.saturating_add(size));
-        let x = if orientation.flip_x { mirrored(self.x, self.width, width) } else { self.x };
-        let y = if orientation.flip_y { mirrored(self.y, self.height, height) } else { self.y };
-        Self { x, y, ..self }
-    }
-}
 
 /// A place that may be the needle's cross-section.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,5 @@
 //! Frames and what files state of them.
 
-use crate::detect::Region;
 use std::collections::BTreeMap;
 
 /// Most pixels of a frame.
@@ -64,6 +63,30 @@ impl Orientation {
             _ => return None,
         };
         letters.next().is_none_or(|third| matches!(third, 'A' | 'D')).then_some(Self { flip_x, flip_y })
+    }
+}
+
+/// A rectangle of pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Region {
+    /// First column.
+    pub x: usize,
+    /// First row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl Region {
+    /// The same part of the image where its axes are turned, in a frame of this width and height.
+    #[must_use]
+    pub fn oriented(self, orientation: Orientation, [width, height]: [usize; 2]) -> Self {
+        let mirrored = |from: usize, size: usize, all: usize| all.saturating_sub(from.saturating_add(size));
+        let x = if orientation.flip_x { mirrored(self.x, self.width, width) } else { self.x };
+        let y = if orientation.flip_y { mirrored(self.y, self.height, height) } else { self.y };
+        Self { x, y, ..self }
     }
 }
 

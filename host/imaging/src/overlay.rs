@@ -1,9 +1,9 @@
 //! Pictures of frames with what was found in them.
 
 use crate::camera;
-use crate::detect::{Candidate, Region};
+use crate::detect::Candidate;
 use crate::error::ImagingError;
-use crate::frame::Frame;
+use crate::frame::{Frame, Region};
 use crate::sweep::{FrameResult, State};
 use std::io::BufWriter;
 use std::path::Path;

@@ -6,9 +6,9 @@ mod points;
 pub use lag::Lag;
 pub use points::{Deflection, Line, Point, deflections};
 
-use crate::detect::{Candidate, Detector, Region};
+use crate::detect::{Candidate, Detector};
 use crate::error::ImagingError;
-use crate::frame::{Frame, Header, Orientation};
+use crate::frame::{Frame, Header, Orientation, Region};
 use crate::pose::{Place, PlaceError, Poses, placed};
 use crate::read::Sequence;
 use crate::track::{Decision, Echo, Track, TrackError, follow};

@@ -19,22 +19,20 @@ mod reference;
 mod residuals;
 mod results;
 
-pub use body::{BodyResult, FoundationChoice, FoundationResult};
 pub use error::{IdentifyError, RunError};
-pub use layers::Layers;
-pub use options::{Options, YoungsMethod};
-pub use others::OtherResult;
+pub use options::{FoundationChoice, Options, YoungsMethod};
 pub use residuals::ResidualResult;
 pub use results::{
-    Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, Heterogeneity, HoldResult,
-    Identification, IndentationResult, KPerEi, Likelihood, Methods, NoiseAlone, NoiseResult, NuisanceResult,
-    Pooled, Profile, Reference, RelationResult, RunResult, ShapeResult, YoungsModulus,
+    BodyResult, Bootstrap, ChannelResult, DepthResult, Directions, Energy, EnergyAsPrinted, FoundationResult,
+    Heterogeneity, HoldResult, Identification, IndentationResult, KPerEi, Layers, Likelihood, Methods,
+    NoiseAlone, NoiseResult, NuisanceResult, OtherResult, Pooled, Profile, Reference, RelationResult,
+    RunResult, ShapeResult, YoungsModulus,
 };
 
-use crate::check::suspicions_of_identification;
 use crate::energy::energy_modulus;
 use crate::holds::{UnusedPart, unused_of_session};
 use crate::prior::PriorResult;
+use crate::suspicions::suspicions_of_identification;
 use crate::{LateralData, channel_fits, shape_fits};
 use fitting::{Estimate, NORMAL_975, fit_alone, fit_run, nuisance_results};
 use formats::session::{LateralRun, Session};

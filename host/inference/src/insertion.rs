@@ -17,6 +17,7 @@ mod fold;
 mod lattice;
 mod layout;
 mod learn;
+mod learned;
 mod motion;
 mod path;
 mod place;
@@ -33,7 +34,8 @@ mod tests;
 
 pub use candidates::{Candidate, Candidates, Tissue};
 pub use layout::Layout;
-pub use learn::{Learned, Start, learn, learn_from, start};
+pub use learn::{learn, learn_from, start};
+pub use learned::{Learned, Start};
 pub use path::{Bin, PathError, TipPath, direction_scatter_rad, row_scatter_m};
 pub use posterior::{Identifiability, Moments, OnlinePosterior, Posterior};
 pub use rear::Rear;

@@ -48,6 +48,7 @@ pub mod predict;
 pub mod prior;
 pub mod relation;
 mod summarize;
+mod suspicions;
 pub mod track;
 
 pub use fit::{Block, Fit, FitError, Parameter, Prior, fit};

@@ -5,128 +5,30 @@
 
 mod at_rest;
 mod average;
+mod options;
 mod prior;
 mod results;
+mod tissue;
 
-pub use prior::{PredictionPrior, WithoutPrior};
+pub use options::Options;
 pub use results::{
-    CompareResult, InsertionResult, LearnedResult, ModelResult, PlaneResult, Prediction, RearResult,
+    CompareResult, InsertionResult, LearnedResult, ModelResult, PlaneResult, Prediction, PredictionPrior,
+    RearResult, WithoutPrior,
 };
+pub use tissue::tissue;
 
-use crate::OtherModel;
-use crate::diagnose::{KnownParameter, Multiples};
-use crate::identify::{self, identify};
 use crate::insertion::baselines::Baseline;
 use crate::insertion::published::published;
 use crate::insertion::{
-    Candidates, Identifiability, PathError, Posterior, ReadingNoise, Rear, Start, TipPath, Tissue,
+    Candidates, Identifiability, PathError, Posterior, ReadingNoise, Start, TipPath, Tissue,
     direction_scatter_rad, learn_from, row_scatter_m, start,
 };
-use crate::learned::models;
 use at_rest::AtRest;
-use formats::model_file::ModelFile;
-use formats::prior_file::ModulusPrior;
 use formats::session::{InsertionRun, Session};
-use mechanics::effects::Effect;
-use mechanics::{Foundation, Guides, Layer, Model, ModelError, Rig};
+use mechanics::ModelError;
 use results::Grid;
 use std::path::PathBuf;
 
-/// What the user may choose.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// Depth up to which an insertion is observed.
-    pub until_m: f64,
-    /// Depth to which it is predicted; to its last recorded depth where not given.
-    pub to_m: Option<f64>,
-    /// Learn from the other insertions of the session.
-    pub learn: bool,
-    /// Modulus and its standard deviation, Pa, instead of the one identified from the lateral runs.
-    pub modulus_pa: Option<[f64; 2]>,
-    /// Take two layers from the lateral runs.
-    pub layers: bool,
-    /// Effects with the values of their parameters.
-    pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
-    /// Other models that explain what these effects were learned from: the prediction is averaged over all.
-    pub others: Vec<OtherModel>,
-    /// How well the values of those of the rig are known: in the interval of the modulus of the lateral runs.
-    pub known: Vec<KnownParameter>,
-    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
-    pub discrepancy: Multiples,
-    /// What many sessions predict of K; the result without it is reported too. Not for two layers.
-    pub prior: Option<ModulusPrior>,
-    /// Depth from which the published method averages the tip load.
-    pub published_from_m: f64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            until_m: 0.05,
-            to_m: None,
-            learn: true,
-            modulus_pa: None,
-            layers: false,
-            effects: Vec::new(),
-            others: Vec::new(),
-            known: Vec::new(),
-            discrepancy: Multiples::new(),
-            prior: None,
-            published_from_m: 0.03,
-        }
-    }
-}
-
-impl Options {
-    /// With what is known of the rig (`guide characterize`): its effects with their intervals. Values that are there already stay.
-    #[must_use]
-    pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
-        if let Some(rig) = rig {
-            for other in &mut self.others {
-                KnownParameter::take(&mut other.effects, &mut self.known, rig);
-            }
-            KnownParameter::take(&mut self.effects, &mut self.known, rig);
-        }
-        self
-    }
-
-    /// With a model that was learned: its effects, its discrepancy, its modulus where `needs_modulus`, and the other models of the same
-    /// file. Effects and a modulus that are there already stay, in all models.
-    #[must_use]
-    pub fn with_model(mut self, model: &ModelFile, needs_modulus: bool) -> Self {
-        let stated = self.modulus_pa;
-        let modulus_pa = |of_model: Option<[f64; 2]>| stated.or(of_model.filter(|_| needs_modulus));
-        (self.effects, self.others) = models(&self.effects, model);
-        for other in &mut self.others {
-            other.modulus_pa = modulus_pa(other.modulus_pa);
-        }
-        self.modulus_pa = modulus_pa(model.modulus_and_sd_pa());
-        self.discrepancy = model.discrepancy.clone();
-        self
-    }
-}
-
-/// Modulus of soft tissue where nothing is known of it, and the standard deviation of its logarithm.
-const TYPICAL_MODULUS_PA: f64 = 15e3;
-const TYPICAL_MODULUS_SD_LN: f64 = 1.0;
-/// The same where the needle's bending stiffness is not known either, for the reference needle's: two standard deviations reach from
-/// soft tissue about a stiff needle to stiff tissue about a thin one, 600 kPa.
-const REFERENCE_MODULUS_PA: f64 = 30e3;
-const REFERENCE_MODULUS_SD_LN: f64 = 1.5;
-/// How far the modulus of an insertion may be from that of a lateral run (standard deviation of the logarithm): faster
-/// motion, tissue that was cut.
-const INSERTION_SD_LN: f64 = 0.1;
-/// Least gap between guide 2 and tissue that is accepted, and the standard deviation of its logarithm: needles are loose in guides
-/// and surfaces give way.
-const MIN_GAP_M: f64 = 10e-3;
-const GAP_SD_LN: f64 = 0.7;
-/// Rotation stiffness of the needle beyond its only guide, in bending stiffnesses over the gap; the share of a rear of which nothing is
-/// stated, and its standard deviation: anything between a clamp and a hinge.
-const NEEDLE_PER_GAP: f64 = 2.0;
-const REAR_SHARE: f64 = 0.4;
-const REAR_SHARE_SD: f64 = 0.3;
-/// The effect by which a rear is given.
-const REAR_ROTATION: &str = "rig.rear_rotation";
 /// Noise of a reading of the tip's direction where neither the session nor its rows give it, rad.
 const DIRECTION_RAD: f64 = 1e-3;
 
@@ -244,108 +146,6 @@ fn not_applied(options: &Options) -> Vec<String> {
         );
     }
     warnings
-}
-
-/// Foundation and its uncertainty: as requested, from the lateral runs, or of any soft tissue; what has to be warned of is added to
-/// `warnings`.
-///
-/// # Errors
-/// [`PredictError::Model`] where a model of this rig cannot be evaluated.
-pub fn tissue(
-    session: &Session,
-    options: &Options,
-    warnings: &mut Vec<String>,
-) -> Result<Tissue, PredictError> {
-    let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(MIN_GAP_M);
-    let with = |foundation: Foundation, sd_ln: f64| {
-        let mut model = Model::uniform(session.rig.clone(), 0.0)?;
-        model.foundation = foundation;
-        model.effects = options.effects.clone();
-        Ok(Tissue {
-            model,
-            modulus_sd_ln: sd_ln,
-            gap_m,
-            gap_sd_ln: GAP_SD_LN,
-            rear: rear(&session.rig, options),
-        })
-    };
-    if let Some((foundation, sd_ln)) = stated_or_lateral(session, options, warnings)? {
-        return with(foundation, sd_ln.hypot(INSERTION_SD_LN));
-    }
-    let (modulus_pa, sd_ln) = if session.rig.needle.stiffness_known {
-        (TYPICAL_MODULUS_PA, TYPICAL_MODULUS_SD_LN)
-    } else {
-        warnings.push(
-            "the needle's bending stiffness is not known: moduli and tip loads refer to that of the reference needle, only K/(E I) is \
-             determined"
-                .to_owned(),
-        );
-        (REFERENCE_MODULUS_PA, REFERENCE_MODULUS_SD_LN)
-    };
-    with(Foundation::uniform(modulus_pa)?, sd_ln)
-}
-
-/// Foundation and standard deviation of its logarithm as requested, or from the lateral runs; nothing where there are none.
-fn stated_or_lateral(
-    session: &Session,
-    options: &Options,
-    warnings: &mut Vec<String>,
-) -> Result<Option<(Foundation, f64)>, PredictError> {
-    if let Some([modulus_pa, sd_pa]) = options.modulus_pa {
-        return Ok(Some((Foundation::uniform(modulus_pa)?, sd_pa / modulus_pa)));
-    }
-    if !session.lateral.is_empty() {
-        let of_lateral = identify::Options {
-            layers: options.layers,
-            fixed: options.effects.clone(),
-            known: options.known.clone(),
-            discrepancy: options.discrepancy.clone(),
-            // The path is that of a needle on springs.
-            foundation: Some(identify::FoundationChoice::Springs),
-            ..identify::Options::default()
-        };
-        match identify(session, &of_lateral) {
-            Ok(found) => {
-                let pooled = &found.pooled;
-                let sd_ln = pooled.sd_kpa / pooled.k_kpa;
-                let layered = found.layers.as_ref().and_then(|layers| {
-                    let upper_pa = 1e3 * layers.upper.k_kpa?;
-                    Some((
-                        Layer { bottom_m: 1e-3 * layers.boundary_mm, modulus_pa: upper_pa },
-                        1e3 * layers.lower.k_kpa?,
-                    ))
-                });
-                let foundation = match layered {
-                    Some((upper, lower_pa)) => Foundation::layered(vec![upper], lower_pa)?,
-                    None => Foundation::uniform(1e3 * pooled.k_kpa)?,
-                };
-                if options.layers && found.layers.is_none() {
-                    warnings.push(
-                        "two layers are not identifiable from the lateral runs: uniform tissue is assumed"
-                            .to_owned(),
-                    );
-                }
-                return Ok(Some((foundation, sd_ln)));
-            }
-            Err(why) => warnings.push(format!("the lateral runs do not give the modulus: {why}")),
-        }
-    }
-    Ok(None)
-}
-
-/// The rear of a needle in one guide where its stiffness is neither stated nor an effect of the model.
-fn rear(rig: &Rig, options: &Options) -> Option<Rear> {
-    let Guides::One { rear_rotation_n_m_per_rad: stated } = rig.guides else { return None };
-    let is_given = options.effects.iter().any(|(effect, _)| effect.id() == REAR_ROTATION);
-    let unknown = stated.map(|stiffness| stiffness.is_none() && !is_given);
-    let gap_m = (rig.entry_m - rig.guide2_m).max(MIN_GAP_M);
-    let needle_n_m_per_rad = NEEDLE_PER_GAP * rig.needle.bending_stiffness_n_m2() / gap_m;
-    unknown.contains(&true).then_some(Rear {
-        needle_n_m_per_rad,
-        middle: REAR_SHARE,
-        sd: REAR_SHARE_SD,
-        unknown,
-    })
 }
 
 /// What all insertions of a session have in common.

@@ -40,14 +40,16 @@ pub mod modes;
 mod predict;
 mod prepared;
 mod prestress;
+mod problem;
 mod profile;
 pub mod quadrature;
 mod rig;
+mod series;
 pub mod steering;
 mod support;
 mod yielding;
 
-pub use beam::{Beam, BeamProblem, Response, TissueLaw};
+pub use beam::{Beam, Response};
 pub use cache::Cache;
 pub use foundation::{Foundation, Layer};
 pub use insertion::{BevelLoad, Cutting, Insertion, TipLaw};
@@ -57,6 +59,7 @@ pub use predict::{
     predict, predict_with,
 };
 pub use prepared::{ObservationPlan, PreparedNeedle};
+pub use problem::{BeamProblem, TissueLaw};
 pub use profile::Profile;
 pub use rig::{Guides, Needle, Rig};
 pub use steering::{BaseDrive, Dynamics, Steering};

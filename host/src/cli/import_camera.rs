@@ -12,7 +12,7 @@ use anyhow::{Context, bail, ensure};
 use document::{Imported, Run};
 use formats::session::{DEPTH_RANGE_MM, ForceSeries, SessionWriter, Setup, import::name_of, is_file_name};
 use imaging::camera::{Clip, Directions, Settings, State, measure};
-use imaging::detect::Region;
+use imaging::frame::Region;
 use imaging::overlay::Picture;
 use series::{Axes, Series};
 use std::fs;

@@ -177,7 +177,7 @@ pub fn run(args: &LiveArgs, session: &Session, options: &Options, out: &mut Outp
         let mut faults = FaultNotes::default();
         client.request(Request::Stream { enable: true })?;
         while !interrupted.load(Ordering::Acquire) && !joined.ended {
-            match client.next(device::link::client::SILENCE_LIMIT)? {
+            match client.next(device::link::SILENCE_LIMIT)? {
                 Some(telemetry) => {
                     faults.see(&telemetry, "tracking continues", out);
                     joined.take(&telemetry, out)?;

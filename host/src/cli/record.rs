@@ -212,7 +212,7 @@ pub fn run_record(args: &RecordArgs, out: &mut Output) -> anyhow::Result<()> {
         while !interrupted.load(Ordering::Acquire)
             && args.duration_s.is_none_or(|limit_s| recorder.recorded().duration_s < limit_s)
         {
-            match client.next(device::link::client::SILENCE_LIMIT)? {
+            match client.next(device::link::SILENCE_LIMIT)? {
                 Some(Telemetry::Samples(batch)) => {
                     watch.samples(&batch);
                     recorder.batch(&batch)?;

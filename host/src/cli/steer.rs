@@ -75,7 +75,7 @@ pub struct Args {
     /// Push and estimate without moving guide 2
     #[arg(long, conflicts_with = "replay")]
     unsteered: bool,
-    /// What is known of the rig (characterized.toml of `guide characterize --out`): what gives way and the needle's stiffness are in the model,
+    /// What is known of the rig (characterized.toml of `guide characterize --out`): its compliances and the needle's stiffness are in the model,
     /// the play of guide 2 with its interval
     #[arg(long, value_name = "FILE", conflicts_with = "replay")]
     characterized: Option<PathBuf>,

@@ -67,6 +67,7 @@ mod controller;
 mod estimator;
 mod history;
 mod known;
+mod line;
 mod planner;
 mod plant;
 mod process;

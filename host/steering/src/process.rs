@@ -1,5 +1,6 @@
 //! A plant that is a program: one JSON object a line over its standard input and output (`needle/1`).
 
+use crate::line::{parse, to_line};
 use crate::plant::{Plant, PlantError};
 use crate::protocol::{Answer, Command, Done, End, Statement};
 use crate::record::Record;
@@ -197,30 +198,6 @@ impl Drop for ProcessPlant {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
-}
-
-/// A message as one line.
-pub(crate) fn to_line(message: &impl Serialize) -> String {
-    serde_json::to_string(message).unwrap_or_default()
-}
-
-/// A line as a message, or as the plant's own error.
-pub(crate) fn parse<T: DeserializeOwned>(
-    line: &str,
-    number: u64,
-    expected: &'static str,
-) -> Result<T, PlantError> {
-    let malformed =
-        |problem: String| PlantError::Malformed { line: number, expected: expected.into(), problem };
-    let value: serde_json::Value =
-        serde_json::from_str(line).map_err(|error| malformed(error.to_string()))?;
-    if !value.is_object() {
-        return Err(malformed("not a JSON object".to_owned()));
-    }
-    if let Some(text) = value.get("error") {
-        return Err(PlantError::Reported(text.as_str().map_or_else(|| text.to_string(), str::to_owned)));
-    }
-    serde_json::from_value(value).map_err(|error| malformed(error.to_string()))
 }
 
 #[cfg(test)]

@@ -5,8 +5,8 @@
 //! controller that is given the same lines sends the same commands: [`ReplayPlant`] answers from a record and compares them.
 
 use crate::controller::Options;
+use crate::line::{parse, to_line};
 use crate::plant::{Plant, PlantError};
-use crate::process::{parse, to_line};
 use crate::protocol::{Answer, Command, Done, End, Statement};
 use serde::Serialize;
 use std::collections::VecDeque;

@@ -1,4 +1,4 @@
-//! Monte Carlo study of tracking through two layers whose boundary lies anywhere: is it found, and do intervals hold what they say?
+//! Monte Carlo study of tracking through two layers whose boundary lies anywhere: is it found, and do the intervals have their stated coverage?
 //!
 //! Tissue of two layers, each uniform, boundary between 15 and 65 % of the depth, at all speeds and motions of [`track`](crate::track);
 //! runs go through the workflow of `guide track` as a user's do.

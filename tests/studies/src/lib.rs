@@ -1,4 +1,4 @@
-//! Studies of the estimators on synthetic worlds: how far they are off, and how often their intervals hold the truth.
+//! Studies of the estimators on synthetic worlds: how far they are off, and how often their intervals cover the truth.
 //!
 //! | module | of | worlds from |
 //! |---|---|---|

@@ -206,11 +206,11 @@ fn steered(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// Tracking through layers: boundaries found, and what intervals hold.
+/// Tracking through layers: boundaries found, and coverage of the intervals.
 fn tracked_layers(args: &Args) -> Result<()> {
     ensure!((1..=100_000).contains(&args.runs), "--runs is {}, expected 1 to 100000", args.runs);
     println!(
-        "| motion | boundary reported | within 3 mm | in its interval | mean stiffness held | mean damping held | stiffness of cells held | \
+        "| motion | boundary reported | within 3 mm | boundary covered | mean stiffness covered | mean damping covered | stiffness of cells covered | \
          mean stiffness off (RMS) |\n|---|---|---|---|---|---|---|---|"
     );
     for row in studies::layers::layers_study(args.runs, args.seed)? {
@@ -311,7 +311,7 @@ fn steering(args: &Args) -> Result<()> {
     };
     let cells = studies::track::study(runs, 20, args.seed)?;
     println!(
-        "| method | motion | tip noise, mm | converged | from, mm | tip error RMS, mm | largest, mm | stiffness off by | damping off by | held by the 95 % interval: stiffness, damping |\n\
+        "| method | motion | tip noise, mm | converged | from, mm | tip error RMS, mm | largest, mm | stiffness off by | damping off by | covered: stiffness, damping |\n\
          |---|---|---|---|---|---|---|---|---|---|"
     );
     for cell in &cells {
@@ -356,9 +356,10 @@ fn steering(args: &Args) -> Result<()> {
 
 /// The cells as a Markdown table.
 fn table(cells: &[Cell]) -> String {
-    let mut text = "| method | from, mm | at, mm | predicted, mm | true, mm | mean absolute error, mm | in the 95 % band |\n\
+    let mut text =
+        "| method | from, mm | at, mm | predicted, mm | true, mm | mean absolute error, mm | covered |\n\
                     |---|---|---|---|---|---|---|\n"
-        .to_owned();
+            .to_owned();
     for cell in cells {
         let pair = |[mean, sd]: [f64; 2]| format!("{mean:.2} +- {sd:.2}");
         let held = cell.coverage.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));

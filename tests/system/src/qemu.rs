@@ -1,6 +1,5 @@
 //! Running an image in QEMU, with a time limit and its log.
 
-use crate::cosim::OUTPUT_PIPE;
 use crate::images::Board;
 use anyhow::{Context, Result, bail};
 use defmt_decoder::{DecodeError, Table};
@@ -19,6 +18,8 @@ const QEMU: &str = "qemu-system-arm";
 const ICOUNT_SHIFT: u32 = 2;
 /// After this, by the computer's clock, something hangs. No limit of speed: many times what the slowest computer takes.
 pub const HANGS: Duration = Duration::from_secs(1_800);
+/// Name of the pipe in QEMU's working folder that gets a copy of what leaves the serial port, where it is there.
+pub(crate) const OUTPUT_PIPE: &str = "serial.out";
 /// How often the end of QEMU is polled.
 const POLL: Duration = Duration::from_millis(20);
 

@@ -14,7 +14,7 @@
 //! | `lateral` | a lateral run marched in time |
 //! | `insertion` | the path of the tip |
 //! | `sensors` | what the instruments make of it |
-//! | `background`, `flaws` | small imperfections: kinds and sizes, and what they are in each run |
+//! | `background`, `flaws`, `ordinary` | small imperfections: kinds and sizes, what they are in each run, sets of them that pass unnoticed |
 //! | `body` | tissue as an elastic body, from a solver of its own |
 //! | [`finite_elements`] | the needle by Hermite finite elements |
 //! | [`reciprocal`] | paths of insertions by influence lines |
@@ -34,6 +34,7 @@ mod flaws;
 mod gap;
 mod insertion;
 mod lateral;
+mod ordinary;
 pub mod reciprocal;
 mod sensors;
 pub mod steering;

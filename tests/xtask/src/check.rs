@@ -1,9 +1,9 @@
-//! `cargo xtask lint`: format, words, lints, documentation and licences. `cargo xtask test` begins with them.
+//! `cargo xtask lint`: format, words, import circles, lints, documentation, manual and licences. `cargo xtask test` begins with them.
 
-use crate::build::{cargo, cargo_with, target_dir};
+use crate::build::{cargo, cargo_with, root, target_dir};
 use crate::setup::TARGET;
-use crate::words;
-use anyhow::Result;
+use crate::{circles, words};
+use anyhow::{Context, Result, bail};
 use std::process::{Command, Stdio};
 
 /// Features of the firmware's images that are linted.
@@ -30,6 +30,7 @@ pub fn announce() {
 pub fn all() -> Result<()> {
     cargo(&["fmt", "--all", "--check"])?;
     words::check()?;
+    circles::check()?;
     cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])?;
     cargo_with(&["doc", "--workspace", "--no-deps", "--lib"], &[("RUSTDOCFLAGS", "-D warnings")])?;
     let parts = target_dir().join(IMAGE_PARTS).display().to_string();
@@ -47,14 +48,38 @@ pub fn all() -> Result<()> {
         ];
         cargo(&[&of_image[..], &["--target-dir", &parts, "--", "-D", "warnings"]].concat())?;
     }
+    manual()?;
     licences()
+}
+
+fn is_installed(program: &str) -> bool {
+    Command::new(program).arg("--version").stdout(Stdio::null()).status().is_ok_and(|s| s.success())
+}
+
+/// Builds the manual as a site into the target folder, where mdbook is installed; a warning of it counts as an error.
+fn manual() -> Result<()> {
+    if !is_installed("mdbook") {
+        eprintln!("xtask: mdbook is not installed, the manual is not built (cargo install --locked mdbook)");
+        return Ok(());
+    }
+    let site = std::path::absolute(target_dir().join("manual"))?;
+    let output = Command::new("mdbook")
+        .arg("build")
+        .arg(root().join("host/manual"))
+        .arg("--dest-dir")
+        .arg(site)
+        .output()
+        .context("cannot run mdbook")?;
+    let log = String::from_utf8_lossy(&output.stderr);
+    if !output.status.success() || ["WARN", "ERROR"].iter().any(|level| log.contains(level)) {
+        bail!("mdbook build host/manual:\n{log}");
+    }
+    Ok(())
 }
 
 /// Licences, bans and sources of all dependencies, by cargo-deny where it is installed.
 fn licences() -> Result<()> {
-    let installed =
-        Command::new("cargo-deny").arg("--version").stdout(Stdio::null()).status().is_ok_and(|s| s.success());
-    if installed {
+    if is_installed("cargo-deny") {
         return cargo(&["deny", "--all-features", "check", "licenses", "bans", "sources"]);
     }
     eprintln!(

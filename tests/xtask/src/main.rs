@@ -1,11 +1,12 @@
 //! `cargo xtask`: installs what is missing, builds what is needed with cargo's own progress on the screen, and runs it.
 //!
-//! It depends on nothing of the product and on one small package, so that it is built in seconds and prints what it does before the
+//! It depends on nothing of the product and on two small packages, so that it is built in seconds and prints what it does before the
 //! long builds. What it runs: `system` (the whole system in QEMU), `studies` (Monte Carlo tables), cargo itself. Options belong to what
 //! is run: `cargo xtask demo --help` prints those of the demonstration.
 
 mod build;
 mod check;
+mod circles;
 mod setup;
 mod web;
 mod wheel;

@@ -1,5 +1,7 @@
 //! What a bring-up can find: names, remedies, and which findings block further steps.
 
+use crate::link::error::explain_fault;
+use protocol::Fault;
 use serde::Serialize;
 
 /// A finding of the catalogue.
@@ -295,6 +297,22 @@ impl CatalogueEntry {
     fn of(id: &'static str) -> Self {
         CATALOGUE.into_iter().find(|known| known.id == id).unwrap_or(entry(id, "", "", true))
     }
+}
+
+/// The finding of a fault that is latched at rest.
+pub(super) fn of_fault(fault: Fault) -> Finding {
+    let id = match fault {
+        Fault::EmergencyStop => "stop.stays",
+        Fault::ForceSensor => "force.silent",
+        Fault::ForceStuck => "force.repeats",
+        Fault::ForceRange => "force.saturated",
+        Fault::ForceLimit => "force.limit",
+        Fault::Potentiometer => "potentiometer.jumps",
+        Fault::Travel => "potentiometer.off_middle",
+        Fault::Restarted => "supply.restarted",
+        _ => "loop.fault",
+    };
+    Finding::new(id, None, explain_fault(fault))
 }
 
 #[cfg(test)]

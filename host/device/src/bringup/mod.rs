@@ -12,6 +12,7 @@
 //! | motors by pulses | [`pulses`] |
 //! | position loop, force channels against motion | [`moves`] |
 //! | calibration stored and read back | [`session`] |
+//! | their order | [`sequence`] |
 //!
 //! What a person does (press the emergency stop, clear the way) is requested through [`Operator`], so that tests stand in for the
 //! person.
@@ -21,6 +22,7 @@ mod moves;
 mod pulses;
 mod report;
 mod rest;
+mod sequence;
 mod series;
 mod session;
 mod stop;
@@ -28,7 +30,7 @@ mod wires;
 
 pub use findings::{CATALOGUE, CatalogueEntry, Finding};
 pub use report::{Device, Measure, Report, StepReport, StepResult};
-pub use session::run;
+pub use sequence::run;
 
 use crate::link::LinkError;
 use std::io;

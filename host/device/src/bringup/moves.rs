@@ -55,16 +55,16 @@ impl Held {
     }
 }
 
-pub(super) fn run(session: &mut Session, report: &mut StepReport) -> Result<(), LinkError> {
+/// The moves of both axes; nothing where they could not be made.
+pub(super) fn run(session: &mut Session, report: &mut StepReport) -> Result<Option<Moves>, LinkError> {
     let mut matrix_n_per_m = [[0.0; 2]; 2];
     for axis in 0..2 {
-        let Some(held) = axis_moves(session, axis, report)? else { return Ok(()) };
+        let Some(held) = axis_moves(session, axis, report)? else { return Ok(None) };
         for (force, row) in matrix_n_per_m.iter_mut().enumerate() {
             row[axis] = stiffness(&held, axis, force);
         }
     }
-    session.moves = Some(Moves { matrix_n_per_m });
-    Ok(())
+    Ok(Some(Moves { matrix_n_per_m }))
 }
 
 /// Up, down and back along an axis: the holds above, below and back. Nothing where a fault ended it, which is found.

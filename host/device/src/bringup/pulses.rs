@@ -4,7 +4,7 @@
 //! reversed leads (guide and potentiometer went the wrong way) from a reversed potentiometer (only the reading did), swapped motors
 //! from swapped potentiometers. Without a needle both names remain.
 
-use super::findings::Finding;
+use super::findings::{Finding, of_fault};
 use super::report::StepReport;
 use super::session::Session;
 use crate::link::{LinkError, Telemetry};
@@ -94,7 +94,7 @@ fn both_ways(session: &mut Session, axis: usize) -> Result<Result<Tried, Finding
                     "a pulse would leave the travel, or earlier pulses have used up what is allowed in this direction".to_owned();
                 Finding::new("potentiometer.off_middle", Some(axis), measured)
             };
-            return Ok(Err(fault.map_or_else(off_middle, super::session::of_fault)));
+            return Ok(Err(fault.map_or_else(off_middle, of_fault)));
         };
         tried.moved_um[way] = session.client.displacement_m(pulse.moved_counts).map(|m| 1e6 * m);
         tried.force_n[way] = session.client.force_n(pulse.force_counts);

@@ -1,9 +1,9 @@
 //! What the sensors read while nothing moves.
 
-use super::findings::Finding;
+use super::findings::{Finding, of_fault};
 use super::report::StepReport;
 use super::series::Rest;
-use super::session::{Session, of_fault};
+use super::session::Session;
 use crate::link::{LinkError, Point};
 use protocol::{Counters, Fault, Status};
 

@@ -5,6 +5,7 @@
 
 use super::display::request_name;
 use super::error::LinkError;
+use super::timeouts::{ANSWER_TIMEOUT, REQUESTS, TRIES};
 use super::wire::{LinkLosses, OpenPort, Received, Tap};
 use protocol::{
     CalibrationRecord, Command, Description, Envelope, EventKind, Hello, Message, Request, Safety, Sample,
@@ -12,15 +13,6 @@ use protocol::{
 };
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
-
-/// How often a command is sent before its answer is given up.
-pub const TRIES: u32 = 5;
-/// How often a request is made that is acknowledged without its answer.
-pub const REQUESTS: u32 = 5;
-/// How long one answer is awaited: several times the longest command and answer at the slowest link the firmware has.
-pub const ANSWER_TIMEOUT: Duration = Duration::from_millis(600);
-/// How long the device may send nothing while it streams before it counts as gone.
-pub const SILENCE_LIMIT: Duration = Duration::from_secs(3);
 
 /// What the device sends unsolicited.
 #[derive(Debug, Clone, PartialEq)]

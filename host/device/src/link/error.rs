@@ -1,7 +1,7 @@
 //! What can go wrong between this program and the device, each with its cause and its remedy in one line.
 
-use super::client::{ANSWER_TIMEOUT, SILENCE_LIMIT};
 use super::port::{self, PortError};
+use super::timeouts::{ANSWER_TIMEOUT, SILENCE_LIMIT};
 use protocol::{Fault, Refusal, RetreatOutcome, TARE_CHANGE_PERCENT, TARE_ZERO_PERCENT, TareProblem};
 use std::io;
 

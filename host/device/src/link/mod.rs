@@ -10,6 +10,7 @@ pub mod port;
 pub mod program;
 mod retreat;
 pub mod run;
+mod timeouts;
 mod wire;
 
 pub use client::{Batch, Client, Point, Telemetry};
@@ -17,6 +18,7 @@ pub use constants::{Limits, named};
 pub use error::LinkError;
 pub use program::Program;
 pub use run::{RunOptions, run};
+pub use timeouts::SILENCE_LIMIT;
 pub use wire::{LinkLosses, Tap};
 
 #[cfg(test)]

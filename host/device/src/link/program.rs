@@ -23,7 +23,7 @@
 //!
 //! The device has moves, ramps, holds and tares, [`MAX_STEPS`] of them; staircases become moves and holds here.
 
-use formats::session::fields::Fields;
+use formats::document::Fields;
 use formats::session::{Place, SessionError, read_text};
 use protocol::{MAX_STEPS, Step};
 use std::path::Path;

@@ -4,10 +4,11 @@
 //! first: the event, the state in a batch, or a status. The status is requested all the time, because the device ends a program
 //! whose host has gone silent; the answer is not waited for, it comes among the rest.
 
-use super::client::{Client, SILENCE_LIMIT, Telemetry};
+use super::client::{Client, Telemetry};
 use super::error::LinkError;
 use super::keepalive::Keepalive;
 use super::program::Program;
+use super::timeouts::SILENCE_LIMIT;
 use protocol::{Event, EventKind, Fault, Outcome, Request, SILENCE_LIMIT_MS, State, Status, TareProblem};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};

@@ -8,10 +8,12 @@ pub mod state;
 pub mod traces;
 pub mod worker;
 
+mod command;
 mod session;
 
 #[cfg(test)]
 mod testing;
 
+pub use command::UserCommand;
 pub use state::{Event, State};
-pub use worker::{UserCommand, Worker};
+pub use worker::Worker;

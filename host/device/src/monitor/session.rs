@@ -1,8 +1,8 @@
 //! One connection: the user's commands become motion programs, and the ends of those are reported.
 
+use super::command::UserCommand;
 use super::health::LinkTotals;
 use super::state::{Event, Outcome};
-use super::worker::UserCommand;
 use crate::link::error::{explain_fault, explain_retreat};
 use crate::link::keepalive::Keepalive;
 use crate::link::program::move_to;

@@ -1,35 +1,16 @@
 //! The thread that owns the link: hands the user's commands to the device, reports what happens, and connects again when it has gone.
 
+use super::command::UserCommand;
 use super::session::Session;
 use super::state::{Event, Outcome};
-use crate::link::{Client, LinkError, Program};
+use crate::link::{Client, LinkError};
 use std::io;
-use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, TryRecvError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Time between two attempts to connect.
 const RECONNECT: Duration = Duration::from_secs(1);
-
-/// Commands of the user.
-#[derive(Debug, Clone, PartialEq)]
-pub enum UserCommand {
-    /// Make the present force zero.
-    Tare,
-    /// Move guide 2 along x and y from where it was last sent, metres.
-    Jog([f64; 2]),
-    /// Bring guide 2 to where the needle is straight.
-    Home,
-    /// Run a motion program; its sweeps are not taken.
-    Run(Arc<Program>),
-    /// End any motion at once.
-    Stop,
-    /// Leave the fault state.
-    Clear,
-    /// Move out of the load that has caused the fault, against the larger force.
-    Retreat,
-}
 
 /// The running thread. Dropping it stops a program that runs, and ends the connection.
 #[derive(Debug)]

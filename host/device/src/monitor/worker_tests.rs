@@ -1,10 +1,11 @@
 //! The link's thread against a device that misbehaves.
 
 use super::*;
-use crate::link::Telemetry;
+use crate::link::{Program, Telemetry};
 use fake_device::{Act, BOOT_ID, FakeDevice, Script};
 use protocol::{Fault, Request, Step};
 use std::path::Path;
+use std::sync::Arc;
 
 const TIMEOUT: Duration = Duration::from_secs(10);
 

@@ -1,8 +1,7 @@
 //! Other models that explain the runs that a model was learned from: what follows from the data is averaged over all of them.
 
 use super::{ModelFile, decimal};
-use crate::session::fields::Fields;
-use crate::session::{Problem, SessionError};
+use crate::document::{Fields, Problem, SessionError};
 use std::fmt::Write as _;
 use std::path::Path;
 

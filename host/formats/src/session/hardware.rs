@@ -1,8 +1,8 @@
 //! Needle, guides and noise in a session file.
 
-use super::error::{Problem, SessionError};
-use super::fields::Fields;
-use super::{Noise, read};
+use super::Noise;
+use super::schema::SD_MM;
+use crate::document::{Fields, Problem, SessionError};
 use mechanics::{Guides, Needle, Rig};
 
 const MM: f64 = 1e-3;
@@ -125,8 +125,7 @@ pub(super) fn fixture_mass_kg(file: &Fields<'_>) -> Result<Option<f64>, SessionE
 
 pub(super) fn noise(file: &Fields<'_>) -> Result<Noise, SessionError> {
     let Some(noise) = file.optional_table("noise")? else { return Ok(Noise::default()) };
-    let sd_m =
-        |field| Ok::<_, SessionError>(noise.optional_number(field, read::SD_MM)?.map(|sd_mm| MM * sd_mm));
+    let sd_m = |field| Ok::<_, SessionError>(noise.optional_number(field, SD_MM)?.map(|sd_mm| MM * sd_mm));
     Ok(Noise {
         force_n: noise.optional_number("force_n", [1e-9, 100.0])?,
         force_zero_n: noise.optional_number("force_zero_n", [1e-9, 100.0])?,

@@ -8,8 +8,7 @@
 //! | `[rig] id`, `[needle] id`, `[tissue] id` | which one, or of which kind |
 //! | `[covariates]` | numbers and texts by free names |
 
-use super::error::{Problem, SessionError, read_text};
-use super::fields::Fields;
+use crate::document::{Fields, Problem, SessionError, read_text};
 use std::collections::BTreeMap;
 use std::path::Path;
 use time::Date;

@@ -4,27 +4,26 @@
 //! are free, unknown columns and fields are left alone, and every error names file, line, column, field and what was
 //! expected.
 
-mod error;
-pub mod fields;
 mod hardware;
 pub mod import;
 mod indenter;
 mod labels;
-mod names;
 mod read;
 mod rig_model;
+mod schema;
+mod setup;
 mod survey;
-pub(crate) mod table;
 pub mod template;
 mod tissue;
 mod write;
 
-pub use error::{Place, Problem, SessionError, read_text};
+pub use crate::document::{Place, Problem, SessionError, read_text};
 pub use indenter::Indenter;
 pub use labels::{Covariate, Labels};
+pub use setup::Setup;
 pub use survey::Survey;
 pub use tissue::{FoundationKind, Tissue};
-pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow, is_file_name, replace};
+pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionWriter, ShapeRow, is_file_name};
 
 use mechanics::Rig;
 use std::path::PathBuf;

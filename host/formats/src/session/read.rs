@@ -1,73 +1,20 @@
 //! Reading a session.
 
-use super::Indenter;
-use super::error::{Problem, SessionError, read_text};
-use super::fields::Fields;
 use super::hardware::{fixture_mass_kg, noise, rig};
-use super::survey::{NEEDLE, NOISE, RIG, TISSUE};
-use super::table::{Column, Table};
-use super::{
-    DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, Labels, LateralRun, Mark, Provenance, Session,
-    Setup, ShapeSeries, SteeringRun, Tissue,
+use super::schema::{
+    FORCE_COLUMNS, INDENTATION_COLUMNS, INSERTION_COLUMNS, POISSON, RADIUS_MM, SHAPE_COLUMNS,
+    STEERING_COLUMNS, THICKNESS_MM,
 };
+use super::{
+    DEPTH_RANGE_MM, ForceSeries, IndentationRun, Indenter, InsertionRun, Labels, LateralRun, Mark,
+    Provenance, Session, ShapeSeries, SteeringRun, Tissue,
+};
+use crate::document::table::Table;
+use crate::document::{Fields, Place, Problem, SessionError, read_text};
 use std::collections::HashSet;
 use std::path::Path;
 
 const MM: f64 = 1e-3;
-const TIME_S: [f64; 2] = [-1e10, 1e10];
-/// Insertion depths; the least is for files: a recorded insertion may start a little outside.
-const DEPTH_MM: [f64; 2] = [0.0, 500.0];
-const LATERAL_MM: [f64; 2] = [-200.0, 200.0];
-const FORCE_N: [f64; 2] = [-200.0, 200.0];
-pub(super) const SD_MM: [f64; 2] = [1e-9, 50.0];
-/// Radius of a punch, and Poisson's ratio of the tissue under it.
-pub(super) const RADIUS_MM: [f64; 2] = [0.05, 100.0];
-pub(super) const THICKNESS_MM: [f64; 2] = [0.1, 1000.0];
-pub(super) const POISSON: [f64; 2] = [0.0, 0.5];
-
-pub(super) const FORCE_COLUMNS: [Column; 10] = [
-    Column::required("time_s", 1.0, TIME_S).increasing(),
-    Column::required("displacement_y_mm", MM, [-50.0, 50.0]),
-    Column::required("force_y_n", 1.0, FORCE_N),
-    Column::optional("displacement_x_mm", MM, [-50.0, 50.0]),
-    Column::optional("force_x_n", 1.0, FORCE_N),
-    Column::optional("displacement_y_sd_mm", MM, SD_MM),
-    Column::optional("displacement_x_sd_mm", MM, SD_MM),
-    Column::optional("lost_before", 1.0, [0.0, 1e12]).whole(),
-    Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).whole().blank(),
-    Column::optional("moving", 1.0, [0.0, 1.0]).whole().blank(),
-];
-pub(super) const SHAPE_COLUMNS: [Column; 6] = [
-    Column::optional("time_s", 1.0, TIME_S),
-    Column::required("z_mm", MM, [0.0, 2000.0]),
-    Column::required("deflection_y_mm", MM, LATERAL_MM),
-    Column::optional("deflection_x_mm", MM, LATERAL_MM),
-    Column::optional("deflection_y_sd_mm", MM, SD_MM),
-    Column::optional("deflection_x_sd_mm", MM, SD_MM),
-];
-/// Slope of the needle at the tip: beyond one in one no insertion is straight ahead.
-const DIRECTION_MRAD: [f64; 2] = [-1000.0, 1000.0];
-pub(super) const INSERTION_COLUMNS: [Column; 10] = [
-    Column::required("depth_mm", MM, [-50.0, 500.0]),
-    Column::required("tip_y_mm", MM, LATERAL_MM),
-    Column::optional("tip_x_mm", MM, LATERAL_MM),
-    Column::optional("time_s", 1.0, TIME_S),
-    Column::optional("rotation_deg", std::f64::consts::PI / 180.0, [-1e6, 1e6]),
-    Column::optional("guide2_y_mm", MM, [-50.0, 50.0]),
-    Column::optional("guide2_x_mm", MM, [-50.0, 50.0]),
-    Column::optional("base_force_y_n", 1.0, FORCE_N),
-    Column::optional("tip_direction_y_mrad", 1e-3, DIRECTION_MRAD).blank(),
-    Column::optional("tip_direction_x_mrad", 1e-3, DIRECTION_MRAD).blank(),
-];
-pub(super) const INDENTATION_COLUMNS: [Column; 2] =
-    [Column::required("depth_mm", MM, [-50.0, 100.0]), Column::required("force_n", 1.0, FORCE_N)];
-pub(super) const STEERING_COLUMNS: [Column; 5] = [
-    Column::required("time_s", 1.0, TIME_S).increasing(),
-    Column::required("depth_mm", MM, DEPTH_MM),
-    Column::required("base_y_mm", MM, LATERAL_MM),
-    Column::required("base_force_y_n", 1.0, FORCE_N),
-    Column::required("tip_y_mm", MM, LATERAL_MM),
-];
 
 impl Session {
     /// Reads `session.toml` in `dir` and all files it names.
@@ -92,44 +39,6 @@ impl Session {
                 insertion: runs(file, "insertion", |fields, id| insertion(dir, fields, id))?,
                 indentation: runs(file, "indentation", |fields, id| indentation(dir, fields, id))?,
                 steering: runs(file, "steering", |fields, id| steering(dir, fields, id))?,
-            })
-        })
-    }
-}
-
-impl Setup {
-    /// Reads the tables `[needle]`, `[rig]`, `[noise]` and `[tissue]` of a file in the session's format, and its name where it has one:
-    /// what is known of a rig before anything is recorded with it. Other tables are left alone.
-    ///
-    /// # Errors
-    /// [`SessionError`] for the first fault found, with its place.
-    pub fn read(path: &Path) -> Result<Self, SessionError> {
-        Self::parse(path, &read_text(path)?)
-    }
-
-    /// As [`Self::read`], from a text that was found in this file.
-    ///
-    /// # Errors
-    /// As [`Self::read`].
-    pub fn parse(path: &Path, text: &str) -> Result<Self, SessionError> {
-        Fields::parse(path, text, |file| {
-            let name = match file.optional_table("session")? {
-                Some(session) => session.optional_text("name")?,
-                None => None,
-            };
-            // What is omitted here has a default, and no check follows: a misspelt name must not pass for that.
-            file.none_misspelt(&["needle", "rig", "noise", "tissue"])?;
-            for (table, known) in
-                [("needle", &NEEDLE[..]), ("rig", &RIG), ("noise", &NOISE), ("tissue", &TISSUE)]
-            {
-                file.optional_table(table)?.map_or(Ok(()), |fields| fields.none_misspelt(known))?;
-            }
-            Ok(Self {
-                name: name.unwrap_or_default(),
-                rig: rig(file)?,
-                fixture_mass_kg: fixture_mass_kg(file)?,
-                noise: noise(file)?,
-                tissue: Tissue::read(file)?,
             })
         })
     }
@@ -215,7 +124,7 @@ impl ForceSeries {
             _ => return Ok(force),
         };
         Err(SessionError::Field {
-            place: super::Place { path: path.to_owned(), line: header_line, column: 1 },
+            place: Place { path: path.to_owned(), line: header_line, column: 1 },
             field: missing.to_owned(),
             problem: Problem::Missing,
             expected: format!("both columns or none, as there is {beside}"),

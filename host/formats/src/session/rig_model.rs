@@ -7,9 +7,8 @@
 //! characterized = "characterized.toml"        # beside this file, as `guide characterize --out` writes it
 //! ```
 
-use super::error::{SessionError, read_text};
-use super::fields::Fields;
-use super::write::{SessionWriter, replace};
+use super::write::SessionWriter;
+use crate::document::{Fields, SessionError, read_text, replace};
 use crate::model_file::ModelFile;
 use std::path::{Path, PathBuf};
 

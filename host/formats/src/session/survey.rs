@@ -1,10 +1,10 @@
 //! Reading a session in which much may be wrong: every file is checked, every fault kept, what can be read is read.
 
-use super::error::{Place, Problem, SessionError, read_text};
-use super::fields::Fields;
-use super::table::{Column, Table, cut_row, misspelt_columns};
+use super::schema::{self, NEEDLE, NOISE, RIG, TISSUE};
 use super::{Labels, Session, Tissue};
 use super::{hardware, read, rig_model};
+use crate::document::table::{Column, Table, cut_row, misspelt_columns};
+use crate::document::{Fields, Place, Problem, SessionError, read_text};
 use mechanics::Rig;
 use std::collections::HashSet;
 use std::path::{Component, Path};
@@ -42,29 +42,6 @@ const TABLES: [&str; 11] = [
 ];
 const SESSION: [&str; 4] = ["format", "name", "date", "site"];
 const SUBJECT: [&str; 1] = ["id"];
-pub(super) const NEEDLE: [&str; 7] = [
-    "id",
-    "youngs_modulus_gpa",
-    "outer_diameter_mm",
-    "inner_diameter_mm",
-    "bevel_angle_deg",
-    "length_mm",
-    "bending_stiffness",
-];
-pub(super) const RIG: [&str; 8] = [
-    "id",
-    "characterized",
-    "guide2_mm",
-    "entry_mm",
-    "fixture_mass_kg",
-    "guides",
-    "rear_rotation_y_n_m_per_rad",
-    "rear_rotation_x_n_m_per_rad",
-];
-pub(super) const NOISE: [&str; 6] =
-    ["force_n", "force_zero_n", "displacement_mm", "shape_mm", "tip_mm", "tip_direction_mrad"];
-pub(super) const TISSUE: [&str; 4] = ["id", "foundation", "poisson", "poisson_sd"];
-
 /// A kind of run: its table, its fields, its files with their columns and whether they may be without rows, its numbers.
 struct Kind {
     name: &'static str,
@@ -86,25 +63,25 @@ const LATERAL: Kind = Kind {
         "firmware",
         "tared",
     ],
-    files: &[("force", &read::FORCE_COLUMNS, true), ("shape", &read::SHAPE_COLUMNS, true)],
+    files: &[("force", &schema::FORCE_COLUMNS, true), ("shape", &schema::SHAPE_COLUMNS, true)],
     numbers: &[],
 };
 const INSERTION: Kind = Kind {
     name: "insertion",
     fields: &["id", "path"],
-    files: &[("path", &read::INSERTION_COLUMNS, false)],
+    files: &[("path", &schema::INSERTION_COLUMNS, false)],
     numbers: &[],
 };
 const INDENTATION: Kind = Kind {
     name: "indentation",
     fields: &["id", "indenter", "indenter_radius_mm", "tissue_thickness_mm", "poisson", "data"],
-    files: &[("data", &read::INDENTATION_COLUMNS, false)],
-    numbers: &[("indenter_radius_mm", read::RADIUS_MM), ("poisson", read::POISSON)],
+    files: &[("data", &schema::INDENTATION_COLUMNS, false)],
+    numbers: &[("indenter_radius_mm", schema::RADIUS_MM), ("poisson", schema::POISSON)],
 };
 const STEERING: Kind = Kind {
     name: "steering",
     fields: &["id", "data"],
-    files: &[("data", &read::STEERING_COLUMNS, false)],
+    files: &[("data", &schema::STEERING_COLUMNS, false)],
     numbers: &[],
 };
 

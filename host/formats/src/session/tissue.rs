@@ -2,9 +2,8 @@
 //!
 //! The table of a simulation's plan has the same name and further fields; those are left alone here.
 
-use super::error::{Problem, SessionError};
-use super::fields::Fields;
-use super::read::POISSON;
+use super::schema::POISSON;
+use crate::document::{Fields, Problem, SessionError};
 use std::fmt::Write as _;
 
 /// Standard deviations that a Poisson's ratio can have: that of a uniform one over its whole range is 0.14.

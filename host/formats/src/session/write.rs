@@ -9,37 +9,12 @@ mod lateral;
 
 pub use lateral::{ForceRow, LateralWriter, ShapeRow};
 
-use super::{Noise, Session, SessionError, SteeringRun, Tissue};
+use super::{Session, Setup, SteeringRun};
+use crate::document::{SessionError, io, number, replace};
 use crate::files;
 use mechanics::{Guides, Rig};
-use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
-
-/// Head of a new session.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Setup {
-    /// Name of the session.
-    pub name: String,
-    /// Needle, guides and tissue surface.
-    pub rig: Rig,
-    /// Mass of the fixture that moves the needle's base in steering runs, where it is known.
-    pub fixture_mass_kg: Option<f64>,
-    /// Standard deviations of the sensors, where they are known.
-    pub noise: Noise,
-    /// What is stated of the tissue.
-    pub tissue: Tissue,
-}
-
-impl Setup {
-    /// The tables that a new session begins with.
-    ///
-    /// # Errors
-    /// [`SessionError::NotFinite`]; `path` is where the text is meant for.
-    pub fn to_toml(&self, path: &Path) -> Result<String, SessionError> {
-        header(path, self)
-    }
-}
 
 /// A session folder that takes runs.
 #[derive(Debug)]
@@ -86,7 +61,7 @@ impl SessionWriter {
                 made_folder: false,
             });
         }
-        let text = header(&path, setup)?;
+        let text = setup.to_toml(&path)?;
         let made_folder = !dir.exists();
         fs::create_dir_all(dir).map_err(io(dir, "create"))?;
         if let Err(error) = replace(&path, &text) {
@@ -251,78 +226,6 @@ fn enter(dir: &Path, entry: &str) -> Result<(), SessionError> {
     replace(&path, &text)
 }
 
-fn header(path: &Path, setup: &Setup) -> Result<String, SessionError> {
-    let Setup { name, rig, fixture_mass_kg, noise, tissue } = setup;
-    let mut text = "[session]\nformat = 1\n".to_owned();
-    if !name.is_empty() {
-        let _ = writeln!(text, "name = {}", toml::Value::from(name.as_str()));
-    }
-    let mut table = |name: &str, fields: &[(&'static str, Option<f64>)]| {
-        if fields.iter().any(|(_, value)| value.is_some()) {
-            let _ = write!(text, "\n[{name}]\n");
-        }
-        if name == "needle" && !rig.needle.stiffness_known {
-            text.push_str("bending_stiffness = \"unknown\"\n");
-        }
-        for (field, value) in fields {
-            if let Some(value) = value {
-                let _ = writeln!(text, "{field} = {}", number(path, field, *value)?);
-            }
-        }
-        Ok::<(), SessionError>(())
-    };
-    let needle = &rig.needle;
-    let (guide2_m, guides, rear) = match rig.guides {
-        Guides::Two => (Some(rig.guide2_m), None, [None; 2]),
-        Guides::One { rear_rotation_n_m_per_rad } => (None, Some(1.0), rear_rotation_n_m_per_rad),
-    };
-    table(
-        "needle",
-        &[
-            ("youngs_modulus_gpa", Some(1e-9 * needle.youngs_modulus_pa)),
-            ("outer_diameter_mm", Some(1e3 * needle.outer_diameter_m)),
-            ("inner_diameter_mm", Some(1e3 * needle.inner_diameter_m)),
-            ("bevel_angle_deg", needle.bevel_angle_rad.map(f64::to_degrees)),
-            ("length_mm", needle.length_m.map(|length_m| 1e3 * length_m)),
-        ],
-    )?;
-    table(
-        "rig",
-        &[
-            ("guides", guides),
-            ("guide2_mm", guide2_m.map(|guide2_m| 1e3 * guide2_m)),
-            ("entry_mm", Some(1e3 * rig.entry_m)),
-            ("rear_rotation_y_n_m_per_rad", rear[0]),
-            ("rear_rotation_x_n_m_per_rad", rear[1]),
-            ("fixture_mass_kg", *fixture_mass_kg),
-        ],
-    )?;
-    table(
-        "noise",
-        &[
-            ("force_n", noise.force_n),
-            ("force_zero_n", noise.force_zero_n),
-            ("displacement_mm", noise.displacement_m.map(|sd_m| 1e3 * sd_m)),
-            ("shape_mm", noise.shape_m.map(|sd_m| 1e3 * sd_m)),
-            ("tip_mm", noise.tip_m.map(|sd_m| 1e3 * sd_m)),
-            ("tip_direction_mrad", noise.tip_direction_rad.map(|sd_rad| 1e3 * sd_rad)),
-        ],
-    )?;
-    text.push_str(&tissue.to_toml());
-    Ok(text)
-}
-
-/// A number with nine decimals at most, as TOML and CSV both read it.
-fn number(path: &Path, field: &'static str, value: f64) -> Result<String, SessionError> {
-    if !value.is_finite() {
-        return Err(SessionError::NotFinite { path: path.to_owned(), field });
-    }
-    let text = format!("{value:.9}");
-    let text = text.trim_end_matches('0');
-    let text = if text.ends_with('.') { format!("{text}0") } else { text.to_owned() };
-    Ok(if text == "-0.0" { "0.0".to_owned() } else { text })
-}
-
 /// Refuses another needle or rig; differences below a part in a million are rounding.
 fn same_rig(path: &Path, there: &Rig, new: &Rig) -> Result<(), SessionError> {
     let (a, b) = (&there.needle, &new.needle);
@@ -347,13 +250,4 @@ fn same_rig(path: &Path, there: &Rig, new: &Rig) -> Result<(), SessionError> {
         }
     }
     Ok(())
-}
-
-/// Writes a file so that at any moment either the old or the new content is there.
-pub fn replace(path: &Path, text: &str) -> Result<(), SessionError> {
-    files::replace(path, text.as_bytes()).map_err(io(path, "write"))
-}
-
-fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> SessionError {
-    move |cause| SessionError::Io { path: path.to_owned(), action, cause }
 }

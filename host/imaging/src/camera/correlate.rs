@@ -1,7 +1,6 @@
 //! Normalised correlation to the nearest pixel.
 
-use super::super::detect::Region;
-use super::super::frame::Frame;
+use super::super::frame::{Frame, Region};
 
 /// Distance from the last place in which the template is looked for first, pixels.
 const NEAR: i64 = 16;

@@ -6,8 +6,7 @@
 //! `H = sum J grad I(x + d)` is what it would be without, and `H^-1 S H^-T` with the variance `S` of `sum J r` is the covariance of `d`. `S`
 //! comes from the residuals `r` and their correlation from pixel to pixel: a compressed or interpolated image has noise that is not white.
 
-use super::super::detect::Region;
-use super::super::frame::Frame;
+use super::super::frame::{Frame, Region};
 use super::spline::{Sample, Spline};
 use super::texture::{Directions, ROUNDING, directions, noise};
 use super::{CameraError, MAX_SD_PX};

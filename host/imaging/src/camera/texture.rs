@@ -1,7 +1,6 @@
 //! Whether a template has texture: what a translation would be known to in its worst direction.
 
-use super::super::detect::Region;
-use super::super::frame::Frame;
+use super::super::frame::{Frame, Region};
 use super::{CameraError, MAX_SD_PX};
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 

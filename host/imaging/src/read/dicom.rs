@@ -8,9 +8,8 @@ mod pixels;
 
 use super::header::SPACING_MM;
 use super::{Source, check_size};
-use crate::detect::Region;
 use crate::error::ImagingError;
-use crate::frame::{FrameFields, Header};
+use crate::frame::{FrameFields, Header, Region};
 use dicom_core::Tag;
 use dicom_encoding::transfer_syntax::Codec;
 use dicom_encoding::{Endianness, TransferSyntax};

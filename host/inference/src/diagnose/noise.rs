@@ -124,7 +124,7 @@ impl Noise {
                 (false, _) => None,
                 (true, true) => Some(format!("{what}: the larger one is used; correct [noise]")),
                 (true, false) => Some(format!(
-                    "{what}: what is stated beyond that is taken as an error that lasts for a hold or a sweep"
+                    "{what}: the difference is treated as an error that is constant within a hold or a sweep"
                 )),
             }
         };

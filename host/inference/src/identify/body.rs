@@ -1,96 +1,15 @@
 //! Young's modulus from the needle in an elastic body, fitted to the same runs as the springs, and which of the two explains them
 //! (theory, eq. 30).
 
-use super::fitting::{Estimate, NORMAL_975, fit_alone};
+use super::fitting::{Estimate, NORMAL_975, VARIED_ERROR, fit_alone};
 use super::model_error::{DiscrepancyFits, with_model_error};
 use super::options::TissueModel;
-use super::{Fitted, Layers, Options, Pooled, YoungsModulus, pool};
-use crate::diagnose::{self, DiscrepantModulus, VARIED_NATS};
+use super::{
+    BodyResult, Fitted, FoundationChoice, FoundationResult, Layers, Options, Pooled, YoungsModulus, pool,
+};
+use crate::diagnose::{DiscrepantModulus, VARIED_NATS};
 use crate::{FitError, LateralData};
-use formats::session::FoundationKind;
 use mechanics::Support;
-use serde::Serialize;
-
-/// What the tissue is taken as.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum FoundationChoice {
-    /// Independent springs.
-    Springs,
-    /// An elastic body.
-    Body,
-    /// Both are fitted, and the evidence decides.
-    #[default]
-    Auto,
-}
-
-impl FoundationChoice {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Springs, Self::Body, Self::Auto];
-
-    /// Its name in options.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Springs => "springs",
-            Self::Body => "body",
-            Self::Auto => "auto",
-        }
-    }
-}
-
-impl From<Option<FoundationKind>> for FoundationChoice {
-    fn from(stated: Option<FoundationKind>) -> Self {
-        match stated {
-            None => Self::Auto,
-            Some(FoundationKind::Springs) => Self::Springs,
-            Some(FoundationKind::Body) => Self::Body,
-        }
-    }
-}
-
-impl From<Option<FoundationKind>> for diagnose::FoundationChoice {
-    fn from(stated: Option<FoundationKind>) -> Self {
-        match stated {
-            None => Self::Auto,
-            Some(FoundationKind::Springs) => Self::Springs,
-            Some(FoundationKind::Body) => Self::Body,
-        }
-    }
-}
-
-/// Springs against an elastic body.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FoundationResult {
-    /// `springs` or `body`: what Young's modulus is from.
-    pub used: &'static str,
-    /// `stated`, `evidence` where both were compared, `layers` where both were compared with two layers and these are established, or
-    /// `default` where they could not be: springs.
-    pub by: &'static str,
-    /// Logarithm of the evidence of the body less that of the springs, with the everyday discrepancy that a diagnosis allows for;
-    /// nothing where they were not compared.
-    pub log_evidence_gain: Option<f64>,
-    /// What the gain has to exceed for the body to be used; `None` where they were not compared.
-    pub log_evidence_margin: Option<f64>,
-    /// Logarithm of the evidence of a modulus that varies with depth, as springs or as a body, less that of the better of the two with
-    /// one modulus; 0 where it promises less than 5, `None` where they were not compared.
-    pub log_evidence_of_varied: Option<f64>,
-    /// The body; `None` where it was not fitted or has no fit.
-    pub body: Option<BodyResult>,
-    /// Why the body has no fit, or could not be compared with springs.
-    pub body_error: Option<String>,
-}
-
-/// The needle in an elastic body, fitted to all runs.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct BodyResult {
-    /// Young's modulus.
-    pub youngs_modulus_kpa: f64,
-    /// Its 95 % interval, from ln E; the uncertainty of Poisson's ratio and of the operator is in it.
-    pub ci95_kpa: [f64; 2],
-    /// Poisson's ratio, as stated.
-    pub poisson: f64,
-    /// Its standard deviation, as stated.
-    pub poisson_sd: f64,
-}
 
 impl FoundationResult {
     /// Follows the choice of two layers where these are established and the tissue is not stated: what one modulus explains better as
@@ -158,8 +77,6 @@ impl FoundationResult {
 
 /// Relative error of the operator, at 95 %: table, interpolation and mesh.
 const OPERATOR_ERROR: f64 = 1e-3;
-/// The same where the modulus varies with depth.
-pub(super) const VARIED_ERROR: f64 = 1e-2;
 
 /// The body fitted to the runs that the springs were fitted to, and which of the two is used; where that is the body also the runs
 /// as of a body.

@@ -8,6 +8,8 @@ use formats::session::LateralRun;
 use mechanics::effects::Effect;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 
+/// Relative error of a body's operator where the modulus varies with depth, at 95 %: table, interpolation and mesh.
+pub(super) const VARIED_ERROR: f64 = 1e-2;
 /// Range of K: softer than any tissue, stiffer than any.
 pub(super) const K_RANGE_PA: [f64; 2] = [10.0, 1e7];
 /// Below this probability residuals are larger than the noise explains.

@@ -2,9 +2,9 @@
 
 use super::reference::Youngs;
 use super::{DepthResult, Fitted, IndentationResult, Reference, RunResult, YoungsModulus};
-use crate::check::MIN_MOTION_M;
 use crate::indentation::{Contact, IndentationFit, Indenter, indented};
 use crate::modulus::{Sample, welch_p};
+use crate::suspicions::MIN_MOTION_M;
 use formats::session::{IndentationRun, Session};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 

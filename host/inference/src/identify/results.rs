@@ -1,16 +1,21 @@
 //! The result of an identification, as `guide identify --json` prints it. Additive only: fields may be added, never
 //! removed or changed in meaning.
 
+mod foundation;
+mod layers;
+mod other;
 mod reference;
 mod run;
 
+pub use foundation::{BodyResult, FoundationResult};
+pub use layers::Layers;
+pub use other::OtherResult;
 pub use reference::{DepthResult, IndentationResult, Reference};
 pub use run::{
     ChannelResult, Energy, EnergyAsPrinted, HoldResult, Likelihood, Methods, NoiseResult, NuisanceResult,
     RunResult, ShapeResult,
 };
 
-use super::{FoundationResult, Layers, OtherResult};
 use crate::holds::UnusedPart;
 use crate::prior::PriorResult;
 use mechanics::Needle;

@@ -3,7 +3,8 @@
 //! What a difference of this insertion's modulus or surface does is linear too: the derivative of the path under the load that the path
 //! itself requires, times the difference. Products of small differences are neglected.
 
-use super::candidates::{Candidate, Candidates, Parts, Responses, Smooth};
+use super::candidates::{Candidate, Candidates, Parts, Responses};
+use super::lattice::Smooth;
 use super::layout::{ANGLE, BENDS, DRIFT, DRIFTS, ENTRY, GAP, GUIDE2, LOAD, Layout, MODULUS, OFFSET};
 use super::motion::Motion;
 use super::path::{Bin, TipPath};

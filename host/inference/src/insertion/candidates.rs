@@ -3,7 +3,7 @@
 //! The insertion is solved on a lattice of the logarithms of these, where it is needed; between its points responses are
 //! interpolated, which also gives their derivatives. What is solved serves every fold of a session.
 
-use super::lattice::{Mixture, about, cubic, parabola};
+use super::lattice::{Mixture, Point, Smooth, about, cubic, parabola};
 use super::layout::Layout;
 use super::motion::Motion;
 use super::path::TipPath;
@@ -85,26 +85,6 @@ type LatticePoint = (usize, [i32; 3]);
 struct Plan {
     rotation_rad: Profile,
     nodes_m: Arc<Vec<f64>>,
-}
-
-/// What is solved at a point of the lattice: tip position at every node, on arriving and on leaving, and where it is measured its
-/// direction behind that.
-#[derive(Debug)]
-pub(super) struct Point {
-    /// Per plan, part by part ([`Parts`]).
-    responses: Vec<Vec<f64>>,
-    /// Per recording and plane: under the motion of guide 2 as it is at the nodes, and the bend of the needle; `None` where it does not
-    /// move and is straight.
-    guide2_m: Vec<Option<[Vec<f64>; 2]>>,
-}
-
-/// A function of the candidate, with its derivatives with respect to the logarithms.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Smooth {
-    pub value: Vec<f64>,
-    pub by_modulus: Vec<f64>,
-    pub by_gap: Vec<f64>,
-    pub by_rear: Vec<f64>,
 }
 
 /// All recordings' responses at one candidate, per plane.

@@ -6,9 +6,9 @@
 
 use super::basis::{Basis, Measured};
 use super::layout::{GAP, Layout, MODULUS};
+use super::learned::Normal;
 use super::path::TipPath;
 use super::place::Place;
-use super::posterior::Normal;
 use super::scales::{Map, Scales};
 use nalgebra::{DMatrix, DVector};
 use pulp::Arch;

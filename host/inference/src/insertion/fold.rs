@@ -3,7 +3,7 @@
 use super::basis::Basis;
 use super::candidates::{Candidate, Candidates, Fineness, Responses};
 use super::evidence::{Evidence, System};
-use super::learn::{Node, Start};
+use super::learned::{Node, Start};
 use super::path::TipPath;
 use super::place::Place;
 use super::scales::{COUNT, DIRECTION, Known, MOVING, ReadingNoise, Scales};

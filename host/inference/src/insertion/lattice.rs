@@ -1,7 +1,26 @@
 //! Interpolation between the points of a lattice at which insertions are solved, with derivatives.
 
-use super::candidates::{Point, Smooth};
 use std::sync::Arc;
+
+/// What is solved at a point of the lattice: tip position at every node, on arriving and on leaving, and where it is measured its
+/// direction behind that.
+#[derive(Debug)]
+pub(super) struct Point {
+    /// Per plan, part by part ([`Parts`](super::candidates::Parts)).
+    pub responses: Vec<Vec<f64>>,
+    /// Per recording and plane: under the motion of guide 2 as it is at the nodes, and the bend of the needle; `None` where it does not
+    /// move and is straight.
+    pub guide2_m: Vec<Option<[Vec<f64>; 2]>>,
+}
+
+/// A function of the candidate, with its derivatives with respect to the logarithms.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Smooth {
+    pub value: Vec<f64>,
+    pub by_modulus: Vec<f64>,
+    pub by_gap: Vec<f64>,
+    pub by_rear: Vec<f64>,
+}
 
 /// Points of the lattice with their weights in the value and its derivatives by modulus, gap and rear.
 pub(super) struct Mixture {

@@ -1,67 +1,19 @@
 //! Learning from earlier insertions of the same rig and tissue: empirical Bayes (theory, eq. 44).
 //!
-//! How large the unknowns' parts are ([`Scales`]) and which modulus and gap are how likely follows from the evidence of the earlier
+//! How large the unknowns' parts are ([`Scales`](super::scales::Scales)) and which modulus and gap are how likely follows from the evidence of the earlier
 //! insertions. The evidence has one top, or several: each is climbed (Gauss and Newton for modulus and gap, a quasi-Newton method for the
 //! scales), and around each a grid in the principal axes of its curvature covers whatever weighs anything. Draws of scales and grid
 //! points, weighted by their posterior, then stand for it: what is predicted integrates over all of it.
 
-use super::basis::Basis;
-use super::candidates::{Candidate, Candidates};
+use super::candidates::Candidates;
 use super::evidence::{Evidence, System};
 use super::fold::Fold;
+use super::learned::{Learned, Part, Start};
 use super::path::TipPath;
-use super::posterior::Normal;
 use super::quadrature::{GridPoint, cumulative_shares};
-use super::scales::{ReadingNoise, Scales};
+use super::scales::ReadingNoise;
 use super::weights::tempering;
 use std::collections::HashMap;
-use std::sync::Arc;
-
-/// What earlier insertions determine about the next.
-#[derive(Debug, Clone)]
-pub struct Learned {
-    /// Possible sizes of the unknowns.
-    pub scales: Vec<Scales>,
-    /// Possible combinations of candidate and sizes.
-    pub(super) parts: Vec<Part>,
-    /// The candidates of the parts, with the responses of the next insertion.
-    pub(super) nodes: Vec<Node>,
-}
-
-impl Learned {
-    /// How many combinations there are, and how many different candidates are among them: what a prediction costs.
-    pub fn counts(&self) -> [usize; 2] {
-        [self.parts.len(), self.nodes.len()]
-    }
-}
-
-/// A candidate with the responses of the next insertion.
-#[derive(Debug, Clone)]
-pub(super) struct Node {
-    pub candidate: Candidate,
-    pub gap_m: f64,
-    pub basis: Arc<Basis>,
-}
-
-/// One candidate with one set of sizes, and what then is known of the next insertion.
-#[derive(Debug, Clone)]
-pub(super) struct Part {
-    /// Number among the nodes.
-    pub node: usize,
-    /// Number among the scales.
-    pub scales: usize,
-    /// Logarithm of its weight, up to a constant.
-    pub ln_weight: f64,
-    /// Per vector of unknowns of an insertion.
-    pub normals: Vec<Normal>,
-}
-
-/// Where the search for a posterior begins, found once for all folds of a session.
-#[derive(Debug, Clone)]
-pub struct Start {
-    pub(super) candidates: Vec<Candidate>,
-    pub(super) likeliest: Vec<f64>,
-}
 
 /// Learns from the recordings `earlier` (numbers among `paths`).
 ///

@@ -4,7 +4,7 @@
 use super::basis::Measured;
 use super::candidates::{Candidate, Candidates};
 use super::layout::{ANGLE, ENTRY, Layout, MODULUS};
-use super::learn::{Learned, Node, Part};
+use super::learned::{Learned, Node, Normal, Part};
 use super::path::{Bin, TipPath};
 use super::rear::Rear;
 use super::scales::Scales;
@@ -50,25 +50,6 @@ impl Identifiability {
             Self::UpperBound => "upper_bound",
             Self::NotIdentified => "not_identified",
         }
-    }
-}
-
-/// A normal distribution of one vector of unknowns.
-#[derive(Debug, Clone)]
-pub(super) struct Normal {
-    pub mean: DVector<f64>,
-    pub covariance: DMatrix<f64>,
-}
-
-impl Normal {
-    /// Takes in one measured combination of the unknowns; returns its log likelihood.
-    fn update(&mut self, row: &DVector<f64>, measured: f64, variance: f64) -> f64 {
-        let spread = &self.covariance * row;
-        let total = row.dot(&spread) + variance;
-        let error = measured - row.dot(&self.mean);
-        self.mean.axpy(error / total, &spread, 1.0);
-        self.covariance.ger(-1.0 / total, &spread, &spread, 1.0);
-        -0.5 * (error * error / total + total.ln())
     }
 }
 

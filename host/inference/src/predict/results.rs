@@ -9,7 +9,7 @@ pub(super) use grid::Grid;
 pub use learned::{LearnedResult, RearResult};
 pub(super) use measured::Measured;
 
-use super::PredictionPrior;
+use crate::prior::PriorResult;
 use formats::NORMAL_975;
 use formats::session::InsertionRun;
 use serde::Serialize;
@@ -36,6 +36,58 @@ pub struct Prediction {
     pub insertions: Vec<InsertionResult>,
     /// Warnings about the session.
     pub warnings: Vec<String>,
+}
+
+/// A prior in a prediction.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PredictionPrior {
+    /// The prior, and K of prior and data together, from which the insertions are predicted.
+    #[serde(flatten)]
+    pub modulus: PriorResult,
+    /// What the check compares it with: `lateral` runs or a stated modulus, or the paths of the `insertions`.
+    pub compared_with: &'static str,
+    /// The insertions predicted without it, in the order of the session.
+    pub without: Vec<WithoutPrior>,
+}
+
+/// An insertion that is predicted without the prior.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct WithoutPrior {
+    /// Its name.
+    pub id: String,
+    /// Vertical tip load at the depth up to which it was observed.
+    pub tip_force_n: Option<f64>,
+    /// Its 95 % interval.
+    pub tip_force_ci95_n: Option<[f64; 2]>,
+    /// Foundation modulus of this insertion, from its path too.
+    pub k_kpa: Option<f64>,
+    /// Its 95 % interval.
+    pub k_ci95_kpa: Option<[f64; 2]>,
+    /// Vertical tip position at the last depth.
+    pub tip_y_mm: Option<f64>,
+    /// Its 95 % band.
+    pub band95_y_mm: Option<[f64; 2]>,
+    /// Mean distance between predicted and measured tip beyond the observed part.
+    pub mae_mm: Option<f64>,
+    /// Distance at the last depth measured beyond the observed part.
+    pub last_error_mm: Option<f64>,
+}
+
+impl WithoutPrior {
+    pub(super) fn of(one: &InsertionResult) -> Self {
+        let learned = one.learned.as_ref();
+        Self {
+            id: one.id.clone(),
+            tip_force_n: one.tip_force_n,
+            tip_force_ci95_n: one.tip_force_ci95_n,
+            k_kpa: learned.map(|learned| learned.k_kpa),
+            k_ci95_kpa: learned.map(|learned| learned.k_ci95_kpa),
+            tip_y_mm: one.tip_y_mm.last().copied(),
+            band95_y_mm: one.lo95_y_mm.last().zip(one.hi95_y_mm.last()).map(|(low, high)| [*low, *high]),
+            mae_mm: one.mae_mm,
+            last_error_mm: one.last_error_mm,
+        }
+    }
 }
 
 impl Prediction {

@@ -1,7 +1,9 @@
 //! The workflow on simulated sessions whose truth is known, and on what is wrong with sessions.
 
 use super::*;
+use formats::prior_file::ModulusPrior;
 use mechanics::Rig;
+use mechanics::effects::Effect;
 use noise::Noise;
 use proptest::prelude::*;
 use std::f64::consts::PI;

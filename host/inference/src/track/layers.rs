@@ -7,38 +7,12 @@
 
 use super::mixture::{mixed, weights};
 use super::online::{MODES, OnlineTracker};
-use super::places;
-use estimator::{Estimate, Sample, SampleError, Settings, Value};
+use super::places::{self, Layered};
+use estimator::{Estimate, Sample, SampleError, Settings};
 use rayon::prelude::*;
 
 /// Boundaries that are followed while a run goes on, as shares of the depth.
 const FOLLOWED: [f64; 3] = [0.25, 0.5, 0.75];
-
-/// The boundary of two layers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Boundary {
-    /// Depth, m: the median.
-    pub depth_m: f64,
-    /// Its 95 % interval.
-    pub ci95_m: [f64; 2],
-    /// Stiffness just below over that just above.
-    pub stiffness_ratio: f64,
-}
-
-/// What is known at the end of a run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Layered {
-    /// As the estimator gives it.
-    pub estimate: Estimate<f64>,
-    /// Probability that the tissue jumps somewhere; even odds before the run.
-    pub boundary_probability: f64,
-    /// Where; `None` where no boundary is established.
-    pub boundary: Option<Boundary>,
-    /// Stiffness of every cell that was reached.
-    pub field: Vec<Value<f64>>,
-    /// Length of a cell.
-    pub cell_m: f64,
-}
 
 /// The estimators of a run with two layers at most.
 #[derive(Debug, Clone)]

@@ -6,7 +6,6 @@
 //! Madigan, Raftery and Volinsky, 1999). How much layers vary has to be an unknown too: layers that may vary freely imitate a boundary
 //! that is centimetres away, and uniform ones are not what every tissue has.
 
-use super::layers::{Boundary, Layered};
 use super::mixture::{mixed, mixed_stiffness, weights};
 use super::online::{CELLS, OnlineTracker};
 use estimator::{Estimate, Evidence, Value};
@@ -27,6 +26,32 @@ const LIKELY_WEIGHT: f64 = 1e-3;
 const MAX_REFINED: usize = 16;
 /// Probability from which on a boundary is reported: it is more likely than tissue that varies smoothly.
 const REPORTED: f64 = 0.5;
+
+/// The boundary of two layers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Boundary {
+    /// Depth, m: the median.
+    pub depth_m: f64,
+    /// Its 95 % interval.
+    pub ci95_m: [f64; 2],
+    /// Stiffness just below over that just above.
+    pub stiffness_ratio: f64,
+}
+
+/// What is known at the end of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layered {
+    /// As the estimator gives it.
+    pub estimate: Estimate<f64>,
+    /// Probability that the tissue jumps somewhere; even odds before the run.
+    pub boundary_probability: f64,
+    /// Where; `None` where no boundary is established.
+    pub boundary: Option<Boundary>,
+    /// Stiffness of every cell that was reached.
+    pub field: Vec<Value<f64>>,
+    /// Length of a cell.
+    pub cell_m: f64,
+}
 
 /// A boundary's depth, if there is one, and the index of its variation.
 #[derive(Debug, Clone, Copy, PartialEq)]

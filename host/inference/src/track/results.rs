@@ -1,8 +1,8 @@
 //! The result of tracking, as `guide track --json` prints it. Additive only: fields may be added, never removed or changed in
 //! meaning.
 
-use super::layers::Layered;
 use super::online::OnlineTracker;
+use super::places::Layered;
 use estimator::{Estimate, Identifiability, SampleError, Value};
 use formats::session::SteeringRun;
 use serde::Serialize;

@@ -18,7 +18,7 @@
 //! t (G2 + a G0)  -t G1          t G0     G3 + a G1
 //! ```
 
-use super::series::Equation;
+use crate::series::Equation;
 
 /// How many loads are solved for at once: at guide 2 and at the tip.
 pub(super) const LOADS: usize = 2;

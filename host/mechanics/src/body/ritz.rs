@@ -6,7 +6,7 @@
 //! `EI/2 int u''^2 - P/2 int u'^2` of all pieces, `G/2 int u'^2` below the surface, the skin's and the clamp's springs, and
 //! `E/2 c^T T c` of the body. Ten polynomials resolve needles up to six characteristic lengths deep (bending within 0.01 %).
 
-use super::super::beam::Equation;
+use super::super::series::Equation;
 use super::super::{BeamProblem, ModelError};
 use super::table::{MODES, Matrix};
 use std::sync::LazyLock;

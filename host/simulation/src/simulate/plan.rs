@@ -1,7 +1,7 @@
 //! What is to be simulated: tissue, tip and effects as in a model file, lateral runs and insertions.
 
+use formats::document::Fields;
 use formats::model_file::ModelFile;
-use formats::session::fields::Fields;
 use formats::session::{DEPTH_RANGE_MM, FILE_NAME, Problem, SessionError, is_file_name, read_text};
 use std::collections::HashSet;
 use std::path::Path;

@@ -2,7 +2,7 @@
 
 use super::plan::RunIds;
 use crate::rig::steering::{Inclusion, Plan, SteeringRig, Tissue, TissueLayer};
-use formats::session::fields::Fields;
+use formats::document::Fields;
 use formats::session::{Problem, SessionError, Setup, read_text};
 use mechanics::Rig;
 use std::path::Path;

@@ -4,7 +4,7 @@ use super::super::import_ultrasound::checksum;
 use super::Scale;
 use super::series::{Reading, Row, Series};
 use imaging::camera::{Clip, Directions, FrameResult, Settings, State};
-use imaging::detect::Region;
+use imaging::frame::Region;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};

@@ -180,7 +180,7 @@ fn outcome(tissue: Tissue, seed: u64, number: usize, bodies: &Bodies) -> Result<
 pub fn run(sessions: usize, seed: u64, verbose: bool) -> Result<()> {
     let bodies = Bodies::default();
     println!(
-        "| tissue | quantity | in its 95 % interval | median error | identified | foundation right |\n|---|---|---|---|---|---|"
+        "| tissue | quantity | covered | median error | identified | foundation right |\n|---|---|---|---|---|---|"
     );
     for tissue in KINDS {
         let outcomes = on_all_cores(sessions, |number| {

@@ -1,5 +1,5 @@
-//! The study of `guide characterize`: rigs in air by the independent generator, each with some of the effects that a rig can have; what
-//! their intervals hold, and what a diagnosis in tissue gains by them.
+//! The study of `guide characterize`: rigs in air by the independent generator, each with some of the effects that a rig can have: the
+//! coverage of the intervals, and what a diagnosis in tissue gains by them.
 
 mod known;
 
@@ -66,7 +66,7 @@ fn intervals(sessions: usize, seed: u64) {
         }
     }
     println!(
-        "| parameter | rigs | identified | held by its 95 % interval | RMS error | mean half-width | width over that of the RMS error |\n\
+        "| parameter | rigs | identified | covered | RMS error | mean half-width | width over that of the RMS error |\n\
          |---|---|---|---|---|---|---|"
     );
     let mut sums = [0; 2];
@@ -86,7 +86,7 @@ fn intervals(sessions: usize, seed: u64) {
         );
     }
     println!(
-        "\nall: {} of {} held ({:.1} %), {failed} of {sessions} rigs failed",
+        "\nall: {} of {} covered ({:.1} %), {failed} of {sessions} rigs failed",
         sums[0],
         sums[1],
         100.0 * sums[0] as f64 / sums[1].max(1) as f64

@@ -239,7 +239,7 @@ fn confusion(outcomes: &[Outcome]) -> String {
         rows.entry(row).or_default().push(outcome);
     }
     let mut text = String::from(
-        "| hidden | sessions | named | in a class | adequate | unexplained | intervals hold | else named or in the class |\n|---|---|---|---|---|---|---|---|\n",
+        "| hidden | sessions | named | in a class | adequate | unexplained | covered | else named or in the class |\n|---|---|---|---|---|---|---|---|\n",
     );
     for (row, of_row) in rows {
         let truth = |o: &Outcome| match &o.hidden {

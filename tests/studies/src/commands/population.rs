@@ -38,7 +38,7 @@ pub fn run(repetitions: usize, sessions: usize, seed: u64) -> Result<()> {
     });
     let (templates, foreign) = all.split_at(TEMPLATES);
     println!(
-        "| population | mean held | sd held | new subjects held | gain named | step's rig named | as a step | its date held | others named | foreign listed | clean listed |\n\
+        "| population | mean covered | sd covered | new subjects covered | gain named | step's rig named | as a step | its date covered | others named | foreign listed | clean listed |\n\
          |---|---|---|---|---|---|---|---|---|---|---|"
     );
     for (name, gain, step, share) in POPULATIONS {

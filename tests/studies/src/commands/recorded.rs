@@ -15,8 +15,8 @@ pub fn run(sessions: &[PathBuf]) -> Result<()> {
         "--from: missing, expected a session folder with steered insertions (guide import trajcontrol)"
     );
     println!(
-        "| session | what is predicted | values | recorded, RMS | posterior, others known: error, RMS | held by its 95 % interval | posterior, this insertion alone: error, RMS | \
-         held | Broyden: error, RMS |\n|---|---|---|---|---|---|---|---|---|"
+        "| session | what is predicted | values | recorded, RMS | posterior, others known: error, RMS | covered | posterior, this insertion alone: error, RMS | \
+         covered | Broyden: error, RMS |\n|---|---|---|---|---|---|---|---|---|"
     );
     for dir in sessions {
         let session = Session::read(dir)?;

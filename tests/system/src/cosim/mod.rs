@@ -30,7 +30,6 @@ pub use history::{History, KEPT_PERIODS, Period};
 pub use injection::{Injection, Reaction, Trigger};
 pub use line::{BITS_PER_BYTE, LINE_BAUD};
 pub use needle::GuideSocket;
-pub(crate) use output::OUTPUT_PIPE;
 pub use sweeps::take_sweep;
 pub use wiring::{Fault, Kind};
 

@@ -4,6 +4,7 @@
 //! the next period, all that it sent before has arrived here, whether a host has the port open or not, and however much
 //! the host has read of it.
 
+use crate::qemu::OUTPUT_PIPE;
 use anyhow::{Context, Result};
 use protocol::{EnvelopeReceiver, Message, Received};
 use rustix::fs::{FileType, Mode, OFlags};
@@ -11,9 +12,6 @@ use std::fs::{File, OpenOptions};
 use std::io::Read;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-
-/// Name of the pipe in QEMU's working folder.
-pub(crate) const OUTPUT_PIPE: &str = "serial.out";
 
 /// The device's words as they leave it.
 #[derive(Debug)]

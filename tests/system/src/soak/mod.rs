@@ -10,7 +10,7 @@
 //! | [`line`] | the cable over time |
 //! | [`watch`] | counters, memory, travel |
 //! | [`tally`] | what was done |
-//! | [`programs`], [`peers`] | `--programs`: `guide serve` and `guide monitor` with other programs, clients and cables |
+//! | [`programs`], [`peers`], [`worker`] | `--programs`: `guide serve` and `guide monitor` with other programs, clients and cables |
 //!
 //! The seed decides what is done and in which order; when it happens is up to this computer too.
 
@@ -24,6 +24,7 @@ mod peers;
 pub mod programs;
 mod tally;
 mod watch;
+mod worker;
 
 use crate::bench::Bench;
 use crate::cosim::Injection;

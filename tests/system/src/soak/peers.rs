@@ -1,6 +1,6 @@
 //! OpenIGTLink clients of `guide serve`: one that receives, and strangers that speak half messages, nonsense or nothing.
 
-use super::programs::Worker;
+use super::worker::Worker;
 use anyhow::{Context, Result, bail};
 use device::igtl::wire::{Arrival, Decoder};
 use device::igtl::{Content, Message};

@@ -31,9 +31,7 @@ use std::net::SocketAddr;
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{self, JoinHandle};
+use std::thread;
 use std::time::{Duration, Instant};
 
 /// Time between two looks at everything.
@@ -380,28 +378,5 @@ impl Drop for Program {
             let _ = self.child.kill();
             let _ = self.child.wait();
         }
-    }
-}
-
-/// A thread that runs until it is requested to end.
-pub(super) struct Worker<T> {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<T>,
-}
-
-impl<T: Send + 'static> Worker<T> {
-    pub(super) fn start(work: impl FnOnce(&AtomicBool) -> T + Send + 'static) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let thread = thread::spawn({
-            let stop = Arc::clone(&stop);
-            move || work(&stop)
-        });
-        Self { stop, thread }
-    }
-
-    /// What it has come to; `None` where it panicked.
-    pub(super) fn end(self) -> Option<T> {
-        self.stop.store(true, Ordering::Release);
-        self.thread.join().ok()
     }
 }

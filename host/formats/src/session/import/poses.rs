@@ -5,7 +5,7 @@
 //! is stated (`x_mm`, `x [m]`, `pose.position.x`).
 
 use super::frame::NeedlePoints;
-use crate::session::{Place, Problem, SessionError, read_text};
+use crate::document::{Place, Problem, SessionError, read_text};
 use std::path::Path;
 
 /// Lengths in a file.

@@ -1,8 +1,7 @@
 //! Curves drawn in 3D Slicer (`.mrk.json`) as the shape of a needle: control points in patient coordinates.
 
 use super::frame::NeedlePoints;
-use crate::session::error::split_message;
-use crate::session::{Place, Problem, SessionError, read_text};
+use crate::document::{Place, Problem, SessionError, read_text, split_message};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, Unexpected, Visitor};
 use std::fmt;

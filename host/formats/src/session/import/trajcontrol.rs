@@ -7,9 +7,9 @@
 //! `t_x / -t_y` and `t_z / -t_y`. A coil that does not lie exactly along the needle adds a constant to both.
 
 use super::super::InsertionRun;
-use super::super::error::{Place, Problem, SessionError, read_text};
-use super::super::table::{Column, Table};
 use super::screen::{Reading, Skipped, count, screen};
+use crate::document::table::{Column, Table};
+use crate::document::{Place, Problem, SessionError, read_text};
 use std::path::Path;
 
 const MM: f64 = 1e-3;

@@ -1,7 +1,8 @@
 //! Entering a lateral run that was recorded elsewhere: its force series as it is, its shape with the columns it has.
 
-use super::super::{ForceSeries, SessionError, ShapeSeries, read_text};
-use super::{SessionWriter, enter, number};
+use super::super::{ForceSeries, ShapeSeries};
+use super::{SessionWriter, enter};
+use crate::document::{SessionError, number, read_text};
 use std::path::Path;
 
 /// A force series of which there is nothing yet.

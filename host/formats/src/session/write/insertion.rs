@@ -1,9 +1,10 @@
 //! Writing an insertion: never one that reading would refuse.
 
-use super::super::read::INSERTION_COLUMNS;
-use super::super::table::Column;
-use super::super::{InsertionRun, SessionError};
-use super::{SessionWriter, enter, number};
+use super::super::InsertionRun;
+use super::super::schema::INSERTION_COLUMNS;
+use super::{SessionWriter, enter};
+use crate::document::table::Column;
+use crate::document::{SessionError, number};
 use std::path::Path;
 
 impl SessionWriter {

@@ -1,7 +1,8 @@
 //! Writing a lateral run: rows go to its CSV files as they come; with the first of them it is entered in `session.toml`.
 
-use super::super::{Provenance, SessionError};
-use super::{SessionWriter, enter, io, number};
+use super::super::Provenance;
+use super::{SessionWriter, enter};
+use crate::document::{SessionError, io, number};
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Seek, SeekFrom, Write};

@@ -45,7 +45,7 @@ pub fn run(sessions: usize, seed: u64) -> Result<()> {
     let pairs: Vec<Pair> = pairs.into_iter().flatten().collect();
     ensure!(!pairs.is_empty(), "no session could be diagnosed");
     println!(
-        "| what is known | effect hidden | named in a class of three at most | named alone | wrong name, effect or none hidden | K held | \
+        "| what is known | effect hidden | named in a class of three at most | named alone | wrong name, effect or none hidden | K covered | \
          mean half-width of K |\n|---|---|---|---|---|---|---|"
     );
     for (name, of) in [

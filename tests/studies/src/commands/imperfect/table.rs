@@ -150,7 +150,7 @@ pub fn confusion(outcomes: &[Outcome]) -> String {
     let mut rows: BTreeMap<String, Vec<&Outcome>> = BTreeMap::new();
     outcomes.iter().for_each(|outcome| rows.entry(outcome.case.name()).or_default().push(outcome));
     let mut text = String::from(
-        "| hidden | sessions | explains most | named alone | in a class | missed | wrong | further wrong | intervals hold | modulus holds | \
+        "| hidden | sessions | explains most | named alone | in a class | missed | wrong | further wrong | parameters covered | K covered | \
          else named or in the class |\n|---|---|---|---|---|---|---|---|---|---|---|\n",
     );
     for (name, of_row) in rows {

@@ -32,7 +32,7 @@ struct Judged {
     modulus_error: f64,
     mae_mm: Option<f64>,
     quadratic_mm: Option<f64>,
-    /// Depths beyond what was used, and how many of them the bands hold, both planes.
+    /// Depths beyond what was used, and how many of them the bands cover, both planes.
     bands: [usize; 2],
 }
 
@@ -163,7 +163,7 @@ fn judge(world: &World, until_mm: f64) -> Result<Vec<Judged>> {
     Ok(judged.collect())
 }
 
-/// Depths measured beyond what was used, and how many of these readings the bands hold.
+/// Depths measured beyond what was used, and how many of these readings the bands cover.
 fn bands(one: &InsertionResult, until_mm: f64) -> [usize; 2] {
     let horizontal = one.measured_x_mm.iter().zip(one.lo95_x_mm.iter().zip(&one.hi95_x_mm));
     let planes = std::iter::once((&one.measured_y_mm, (&one.lo95_y_mm, &one.hi95_y_mm))).chain(horizontal);
@@ -213,7 +213,7 @@ fn details(
 }
 
 fn table(lines: &[Line]) -> String {
-    let mut text = "| world | from, mm | load covered | K covered | gap covered | bands hold | load error, median | K error, median | path error, mm (quadratic) | halves overlap: load, K (difference, sd) | s per session |\n\
+    let mut text = "| world | from, mm | load covered | K covered | gap covered | path covered | load error, median | K error, median | path error, mm (quadratic) | halves overlap: load, K (difference, sd) | s per session |\n\
                     |---|---|---|---|---|---|---|---|---|---|---|\n"
         .to_owned();
     for line in lines {

@@ -59,7 +59,7 @@ impl Column {
 pub struct Table {
     columns: Vec<(&'static str, Vec<f64>)>,
     /// Line of the header.
-    pub(super) header_line: usize,
+    pub(crate) header_line: usize,
 }
 
 impl Table {
@@ -90,17 +90,17 @@ impl Table {
     }
 
     /// Whether the file has a column.
-    pub(super) fn has(&self, name: &str) -> bool {
+    pub(crate) fn has(&self, name: &str) -> bool {
         self.columns.iter().any(|(column, _)| *column == name)
     }
 
     /// Adds a column that the file does not have.
-    pub(super) fn add(&mut self, name: &'static str, values: Vec<f64>) {
+    pub(crate) fn add(&mut self, name: &'static str, values: Vec<f64>) {
         self.columns.push((name, values));
     }
 
     /// Number of rows.
-    pub(super) fn rows(&self) -> usize {
+    pub(crate) fn rows(&self) -> usize {
         self.columns.first().map_or(0, |(_, values)| values.len())
     }
 
@@ -110,7 +110,7 @@ impl Table {
     }
 
     /// Reads the known columns of a text.
-    pub(super) fn parse(
+    pub(crate) fn parse(
         path: &Path,
         text: &str,
         known: &[Column],
@@ -222,7 +222,7 @@ impl Table {
 }
 
 /// The last line of a table, cut off.
-pub(super) struct CutRow {
+pub(crate) struct CutRow {
     /// Where it begins.
     pub offset: usize,
     /// The same as a place.
@@ -230,7 +230,7 @@ pub(super) struct CutRow {
 }
 
 /// The last line of a text where it has no line end and fewer cells than the header.
-pub(super) fn cut_row(path: &Path, text: &str) -> Option<CutRow> {
+pub(crate) fn cut_row(path: &Path, text: &str) -> Option<CutRow> {
     let offset = text.rfind(['\n', '\r']).map_or(0, |end| end + 1);
     let is_row = |line: &&str| !line.starts_with('#') && !line.trim().is_empty();
     let (before, last) = text.split_at_checked(offset)?;
@@ -242,7 +242,7 @@ pub(super) fn cut_row(path: &Path, text: &str) -> Option<CutRow> {
 
 /// Optional columns that are not in the header of a text, where one of a similar name is: its place, its name and
 /// the name that was probably intended.
-pub(super) fn misspelt_columns(
+pub(crate) fn misspelt_columns(
     path: &Path,
     text: &str,
     known: &[Column],

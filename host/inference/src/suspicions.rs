@@ -1,9 +1,12 @@
 //! What can be read and still may not be meant: units mixed up, gaps, calibrations mixed, noise not stated, files used twice.
 
-use super::Finding;
 use crate::holds::{HoldCriteria, summary, unused};
 use crate::insertion::TipPath;
-use formats::session::{ForceSeries, IndentationRun, InsertionRun, LateralRun, Session, SteeringRun};
+use formats::session::{
+    ForceSeries, IndentationRun, InsertionRun, LateralRun, Place, Session, SessionError, SteeringRun,
+};
+use serde::Serialize;
+use std::fmt;
 use std::path::Path;
 
 /// Forces beyond this are beyond the sensors that such a guide has, newtons.
@@ -34,6 +37,99 @@ const FORCE_SD_N: [f64; 2] = [1e-5, 2.0];
 const LENGTH_SD_MM: [f64; 2] = [1e-4, 2.0];
 /// And of slopes of the needle, milliradians.
 const DIRECTION_SD_MRAD: [f64; 2] = [0.01, 50.0];
+
+/// How much a finding matters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Severity {
+    /// The session cannot be read.
+    Error,
+    /// It can, but this may be a mistake.
+    Warning,
+}
+
+/// An error or a suspicion.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// How much it matters.
+    pub severity: Severity,
+    /// The file.
+    pub file: String,
+    /// Line, from 1, where it is in one.
+    pub line: Option<usize>,
+    /// Column in characters, from 1.
+    pub column: Option<usize>,
+    /// What is there.
+    pub what: String,
+    /// What was expected.
+    pub expected: Option<String>,
+}
+
+impl Finding {
+    pub(crate) fn error(fault: &SessionError) -> Self {
+        match fault {
+            SessionError::Field { place, field, problem, expected } => Self {
+                expected: Some(expected.clone()),
+                ..Self::at(Severity::Error, place, format!("{field}: {problem}"))
+            },
+            SessionError::Io { path, action, cause } => Self {
+                severity: Severity::Error,
+                file: path.display().to_string(),
+                line: None,
+                column: None,
+                what: format!("cannot {action}: {cause}"),
+                expected: Some("a file that can be read".to_owned()),
+            },
+            other => Self {
+                severity: Severity::Error,
+                file: String::new(),
+                line: None,
+                column: None,
+                what: other.to_string(),
+                expected: None,
+            },
+        }
+    }
+
+    pub(crate) fn unknown(place: &Place, name: &str) -> Self {
+        let what = format!("{name}: not part of the format, ignored");
+        Self {
+            expected: Some("a name that the format has (guide init shows them)".to_owned()),
+            ..Self::at(Severity::Warning, place, what)
+        }
+    }
+
+    pub(crate) fn at(severity: Severity, place: &Place, what: String) -> Self {
+        let file = place.path.display().to_string();
+        Self { severity, file, line: Some(place.line), column: Some(place.column), what, expected: None }
+    }
+
+    /// A warning of a whole file.
+    fn warning(file: &Path, what: String, expected: Option<&str>) -> Self {
+        Self {
+            severity: Severity::Warning,
+            file: file.display().to_string(),
+            line: None,
+            column: None,
+            what,
+            expected: expected.map(str::to_owned),
+        }
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.file)?;
+        if let (Some(line), Some(column)) = (self.line, self.column) {
+            write!(f, ":{line}:{column}")?;
+        }
+        if !self.file.is_empty() {
+            f.write_str(": ")?;
+        }
+        f.write_str(&self.what)?;
+        self.expected.as_ref().map_or(Ok(()), |expected| write!(f, ", expected {expected}"))
+    }
+}
 
 /// All suspicions.
 pub fn of(session: &Session) -> Vec<Finding> {

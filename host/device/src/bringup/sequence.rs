@@ -1,0 +1,141 @@
+//! Runs the steps over the link, in order, each only where nothing that it depends on is known to be wrong.
+
+use super::findings::{Finding, of_fault};
+use super::moves::Moves;
+use super::report::{Device, Report, StepReport, StepResult};
+use super::session::Session;
+use super::{BringupError, Operator, Prompt, Step, moves, pulses, rest, stop, wires};
+use crate::link::LinkError;
+use protocol::{CalibrationRecord, Hello, Request};
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+
+/// Carries out a bring-up of the device at a port: these steps, or those of them that can run. `failed` are steps that an earlier bring-up
+/// found something wrong in, and that are not repeated; `calibration` is what the last step stores, which without it is none of the steps.
+///
+/// # Errors
+/// Where the device cannot be reached, speaks another protocol, the link is lost, or the user interrupts; what is wrong with the rig is no
+/// error.
+pub fn run(
+    port: &str,
+    steps: &[Step],
+    failed: &[Step],
+    calibration: Option<&CalibrationRecord>,
+    operator: &mut dyn Operator,
+) -> Result<Report, BringupError> {
+    let mut session = Session::connect(port, operator)?;
+    let mut report = Report {
+        schema: "guide.bringup/1",
+        date: OffsetDateTime::now_utc().format(&Rfc3339).unwrap_or_default(),
+        device: device(session.client.hello()),
+        passed: false,
+        interrupted_in: None,
+        steps: Vec::new(),
+    };
+    // Of the loop's step, for the force's.
+    let mut moves = None;
+    let is_due = |step: &Step| steps.contains(step) && (*step != Step::Store || calibration.is_some());
+    let mut is_lossy = false;
+    for step in Step::ALL.into_iter().filter(is_due) {
+        if is_lossy {
+            let because = "the line loses frames: correct it first".to_owned();
+            report.steps.push(StepReport::without(step, StepResult::Blocked, because));
+            continue;
+        }
+        let blocking = step.needs().iter().find(|needed| {
+            let (name, repeated) = (needed.name(), steps.contains(needed));
+            (!repeated && failed.contains(needed))
+                || report.steps.iter().any(|before| before.step == name && before.blocks())
+        });
+        let done = match blocking {
+            Some(needed) => {
+                let because = format!("`{}` has to pass first", needed.name());
+                StepReport::without(step, StepResult::Blocked, because)
+            }
+            None => {
+                report.interrupted_in = Some(step.name());
+                session.operator.begins(step, &report)?;
+                if let (Step::Store, Some(record)) = (step, calibration) {
+                    session = session.stored(record)?;
+                    report.device = device(session.client.hello());
+                }
+                let mut done = carry_out(step, &mut session, &mut moves);
+                if matches!(done, Err(LinkError::Restarted { .. })) {
+                    session = session.reconnected()?;
+                    let mut restarted = StepReport::new(step);
+                    restarted.find(wires::reset_finding(session.client.hello(), "in this step"));
+                    done = Ok(restarted);
+                }
+                // The device is there and answers, but not enough of it arrives: nothing more can be measured.
+                let lost =
+                    done.as_ref().err().filter(|error| matches!(error, LinkError::AnswerMissing { .. }));
+                let lost = lost.map(ToString::to_string);
+                if let Some(measured) = lost {
+                    is_lossy = true;
+                    let _ = session.client.request(Request::Stop);
+                    let mut lossy = StepReport::new(step);
+                    lossy.find(Finding::new("link.lossy", None, measured));
+                    done = Ok(lossy);
+                }
+                if done.is_err() || session.operator.is_interrupted() {
+                    // Where the link is gone the stop cannot arrive; the device ends the motion by itself and holds.
+                    let _ = session.client.request(Request::Stop);
+                }
+                if session.operator.is_interrupted() {
+                    return Err(BringupError::Interrupted { step: step.name() });
+                }
+                done?
+            }
+        };
+        report.steps.push(done);
+    }
+    let _ = session.client.request(Request::Stop);
+    let failed = |report: &StepReport| matches!(report.result, StepResult::Failed | StepResult::Blocked);
+    report.passed = !report.steps.iter().any(failed);
+    report.interrupted_in = None;
+    Ok(report)
+}
+
+fn device(hello: &Hello) -> Device {
+    Device {
+        board: hello.board.as_str().to_owned(),
+        firmware: hello.firmware_version.as_str().to_owned(),
+        commit: hello.commit.as_str().to_owned(),
+        calibration: hello.calibration.id.as_str().to_owned(),
+        calibration_crc: format!("{:08x}", hello.calibration.crc),
+    }
+}
+
+/// One step; `moved` are the moves of the loop's step, for the force's.
+fn carry_out(step: Step, session: &mut Session, moved: &mut Option<Moves>) -> Result<StepReport, LinkError> {
+    let mut report = StepReport::new(step);
+    if matches!(step, Step::Motors | Step::Loop) {
+        if let Some(fault) = session.clear()? {
+            report.find(of_fault(fault));
+            return Ok(report);
+        }
+        if !session.operator.confirm(Prompt::Allow(step)) {
+            return Ok(StepReport::without(step, StepResult::Skipped, "motion was not allowed".to_owned()));
+        }
+        session.acknowledge()?;
+    }
+    match step {
+        Step::Link => wires::link(session, &mut report)?,
+        Step::Supply => wires::supply(session, &mut report)?,
+        Step::EmergencyStop => return stop::run(session, report),
+        Step::Converter => rest::converter(session, &mut report)?,
+        Step::Potentiometers => rest::potentiometers(session, &mut report)?,
+        Step::Motors => pulses::run(session, &mut report)?,
+        Step::Loop => *moved = moves::run(session, &mut report)?,
+        // It has been stored before: the device is another one since.
+        Step::Store => {}
+        Step::Force => match moved.take() {
+            Some(done) => moves::force(&done, &mut report),
+            None => {
+                let because = "it evaluates the moves of `loop`, which did not run".to_owned();
+                return Ok(StepReport::without(step, StepResult::Skipped, because));
+            }
+        },
+    }
+    Ok(report)
+}

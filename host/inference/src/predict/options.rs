@@ -1,0 +1,82 @@
+//! What the user may choose of a prediction.
+
+use crate::OtherModel;
+use crate::diagnose::{KnownParameter, Multiples};
+use crate::learned::models;
+use formats::model_file::ModelFile;
+use formats::prior_file::ModulusPrior;
+use mechanics::effects::Effect;
+
+/// What the user may choose.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Depth up to which an insertion is observed.
+    pub until_m: f64,
+    /// Depth to which it is predicted; to its last recorded depth where not given.
+    pub to_m: Option<f64>,
+    /// Learn from the other insertions of the session.
+    pub learn: bool,
+    /// Modulus and its standard deviation, Pa, instead of the one identified from the lateral runs.
+    pub modulus_pa: Option<[f64; 2]>,
+    /// Take two layers from the lateral runs.
+    pub layers: bool,
+    /// Effects with the values of their parameters.
+    pub effects: Vec<(&'static dyn Effect, Vec<f64>)>,
+    /// Other models that explain what these effects were learned from: the prediction is averaged over all.
+    pub others: Vec<OtherModel>,
+    /// How well the values of those of the rig are known: in the interval of the modulus of the lateral runs.
+    pub known: Vec<KnownParameter>,
+    /// What of the discrepancy is larger than in an ordinary rig, as multiples of that.
+    pub discrepancy: Multiples,
+    /// What many sessions predict of K; the result without it is reported too. Not for two layers.
+    pub prior: Option<ModulusPrior>,
+    /// Depth from which the published method averages the tip load.
+    pub published_from_m: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            until_m: 0.05,
+            to_m: None,
+            learn: true,
+            modulus_pa: None,
+            layers: false,
+            effects: Vec::new(),
+            others: Vec::new(),
+            known: Vec::new(),
+            discrepancy: Multiples::new(),
+            prior: None,
+            published_from_m: 0.03,
+        }
+    }
+}
+
+impl Options {
+    /// With what is known of the rig (`guide characterize`): its effects with their intervals. Values that are there already stay.
+    #[must_use]
+    pub fn with_rig(mut self, rig: Option<&ModelFile>) -> Self {
+        if let Some(rig) = rig {
+            for other in &mut self.others {
+                KnownParameter::take(&mut other.effects, &mut self.known, rig);
+            }
+            KnownParameter::take(&mut self.effects, &mut self.known, rig);
+        }
+        self
+    }
+
+    /// With a model that was learned: its effects, its discrepancy, its modulus where `needs_modulus`, and the other models of the same
+    /// file. Effects and a modulus that are there already stay, in all models.
+    #[must_use]
+    pub fn with_model(mut self, model: &ModelFile, needs_modulus: bool) -> Self {
+        let stated = self.modulus_pa;
+        let modulus_pa = |of_model: Option<[f64; 2]>| stated.or(of_model.filter(|_| needs_modulus));
+        (self.effects, self.others) = models(&self.effects, model);
+        for other in &mut self.others {
+            other.modulus_pa = modulus_pa(other.modulus_pa);
+        }
+        self.modulus_pa = modulus_pa(model.modulus_and_sd_pa());
+        self.discrepancy = model.discrepancy.clone();
+        self
+    }
+}

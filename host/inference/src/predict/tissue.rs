@@ -1,0 +1,130 @@
+//! What is known of tissue, guides and the needle's rear before the first reading of an insertion.
+
+use super::{Options, PredictError};
+use crate::identify::{self, identify};
+use crate::insertion::{Rear, Tissue};
+use formats::session::Session;
+use mechanics::{Foundation, Guides, Layer, Model, Rig};
+
+/// Modulus of soft tissue where nothing is known of it, and the standard deviation of its logarithm.
+const TYPICAL_MODULUS_PA: f64 = 15e3;
+const TYPICAL_MODULUS_SD_LN: f64 = 1.0;
+/// The same where the needle's bending stiffness is not known either, for the reference needle's: two standard deviations reach from
+/// soft tissue about a stiff needle to stiff tissue about a thin one, 600 kPa.
+const REFERENCE_MODULUS_PA: f64 = 30e3;
+const REFERENCE_MODULUS_SD_LN: f64 = 1.5;
+/// How far the modulus of an insertion may be from that of a lateral run (standard deviation of the logarithm): faster
+/// motion, tissue that was cut.
+const INSERTION_SD_LN: f64 = 0.1;
+/// Least gap between guide 2 and tissue that is accepted, and the standard deviation of its logarithm: needles are loose in guides
+/// and surfaces give way.
+const MIN_GAP_M: f64 = 10e-3;
+const GAP_SD_LN: f64 = 0.7;
+/// Rotation stiffness of the needle beyond its only guide, in bending stiffnesses over the gap; the share of a rear of which nothing is
+/// stated, and its standard deviation: anything between a clamp and a hinge.
+const NEEDLE_PER_GAP: f64 = 2.0;
+const REAR_SHARE: f64 = 0.4;
+const REAR_SHARE_SD: f64 = 0.3;
+/// The effect by which a rear is given.
+const REAR_ROTATION: &str = "rig.rear_rotation";
+/// Foundation and its uncertainty: as requested, from the lateral runs, or of any soft tissue; what has to be warned of is added to
+/// `warnings`.
+///
+/// # Errors
+/// [`PredictError::Model`] where a model of this rig cannot be evaluated.
+pub fn tissue(
+    session: &Session,
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> Result<Tissue, PredictError> {
+    let gap_m = (session.rig.entry_m - session.rig.guide2_m).max(MIN_GAP_M);
+    let with = |foundation: Foundation, sd_ln: f64| {
+        let mut model = Model::uniform(session.rig.clone(), 0.0)?;
+        model.foundation = foundation;
+        model.effects = options.effects.clone();
+        Ok(Tissue {
+            model,
+            modulus_sd_ln: sd_ln,
+            gap_m,
+            gap_sd_ln: GAP_SD_LN,
+            rear: rear(&session.rig, options),
+        })
+    };
+    if let Some((foundation, sd_ln)) = stated_or_lateral(session, options, warnings)? {
+        return with(foundation, sd_ln.hypot(INSERTION_SD_LN));
+    }
+    let (modulus_pa, sd_ln) = if session.rig.needle.stiffness_known {
+        (TYPICAL_MODULUS_PA, TYPICAL_MODULUS_SD_LN)
+    } else {
+        warnings.push(
+            "the needle's bending stiffness is not known: moduli and tip loads refer to that of the reference needle, only K/(E I) is \
+             determined"
+                .to_owned(),
+        );
+        (REFERENCE_MODULUS_PA, REFERENCE_MODULUS_SD_LN)
+    };
+    with(Foundation::uniform(modulus_pa)?, sd_ln)
+}
+
+/// Foundation and standard deviation of its logarithm as requested, or from the lateral runs; nothing where there are none.
+pub(super) fn stated_or_lateral(
+    session: &Session,
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> Result<Option<(Foundation, f64)>, PredictError> {
+    if let Some([modulus_pa, sd_pa]) = options.modulus_pa {
+        return Ok(Some((Foundation::uniform(modulus_pa)?, sd_pa / modulus_pa)));
+    }
+    if !session.lateral.is_empty() {
+        let of_lateral = identify::Options {
+            layers: options.layers,
+            fixed: options.effects.clone(),
+            known: options.known.clone(),
+            discrepancy: options.discrepancy.clone(),
+            // The path is that of a needle on springs.
+            foundation: Some(identify::FoundationChoice::Springs),
+            ..identify::Options::default()
+        };
+        match identify(session, &of_lateral) {
+            Ok(found) => {
+                let pooled = &found.pooled;
+                let sd_ln = pooled.sd_kpa / pooled.k_kpa;
+                let layered = found.layers.as_ref().and_then(|layers| {
+                    let upper_pa = 1e3 * layers.upper.k_kpa?;
+                    Some((
+                        Layer { bottom_m: 1e-3 * layers.boundary_mm, modulus_pa: upper_pa },
+                        1e3 * layers.lower.k_kpa?,
+                    ))
+                });
+                let foundation = match layered {
+                    Some((upper, lower_pa)) => Foundation::layered(vec![upper], lower_pa)?,
+                    None => Foundation::uniform(1e3 * pooled.k_kpa)?,
+                };
+                if options.layers && found.layers.is_none() {
+                    warnings.push(
+                        "two layers are not identifiable from the lateral runs: uniform tissue is assumed"
+                            .to_owned(),
+                    );
+                }
+                return Ok(Some((foundation, sd_ln)));
+            }
+            Err(why) => warnings.push(format!("the lateral runs do not give the modulus: {why}")),
+        }
+    }
+    Ok(None)
+}
+
+/// The rear of a needle in one guide where its stiffness is neither stated nor an effect of the model.
+fn rear(rig: &Rig, options: &Options) -> Option<Rear> {
+    let Guides::One { rear_rotation_n_m_per_rad: stated } = rig.guides else { return None };
+    let is_given = options.effects.iter().any(|(effect, _)| effect.id() == REAR_ROTATION);
+    let unknown = stated.map(|stiffness| stiffness.is_none() && !is_given);
+    let gap_m = (rig.entry_m - rig.guide2_m).max(MIN_GAP_M);
+    let needle_n_m_per_rad = NEEDLE_PER_GAP * rig.needle.bending_stiffness_n_m2() / gap_m;
+    unknown.contains(&true).then_some(Rear {
+        needle_n_m_per_rad,
+        middle: REAR_SHARE,
+        sd: REAR_SHARE_SD,
+        unknown,
+    })
+}
