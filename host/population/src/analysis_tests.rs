@@ -58,3 +58,19 @@ fn one_session_does_not_determine_how_much_the_load_differs_between_sessions() {
     let between_n = three.tip_load[0].between_n.expect("a spread");
     assert!((0.08..0.12).contains(&between_n), "{between_n}");
 }
+
+#[test]
+fn a_label_that_no_session_states_is_rejected_with_those_that_are_stated() {
+    let by = |name: &str| Options { by: vec![name.to_owned()], ..Options::default() };
+    let message = |records: Vec<Summary>| analyse(records, &by("tisue")).unwrap_err().to_string();
+    let labelled =
+        Summary { tissue: Some("liver".to_owned()), rig: Some("a".to_owned()), ..record(0, 1.5, 0.1) };
+    assert_eq!(
+        message(vec![labelled, record(1, 1.5, 0.1)]),
+        "--by: \"tisue\" is stated by no session, expected one of rig, tissue"
+    );
+    assert_eq!(
+        message(vec![record(0, 1.5, 0.1)]),
+        "--by: \"tisue\" is stated by no session, expected a label or covariate, of which `[session]` in session.toml states none here"
+    );
+}

@@ -2,6 +2,15 @@
 
 use std::path::PathBuf;
 
+/// The names that sessions state, as what is expected of another one.
+fn stated(known: &[String]) -> String {
+    match known {
+        [] => "a label or covariate, of which `[session]` in session.toml states none here".to_owned(),
+        [one] => format!("{one}, the only one stated"),
+        many => format!("one of {}", many.join(", ")),
+    }
+}
+
 /// Why a population cannot be computed.
 #[derive(Debug, thiserror::Error)]
 pub enum PopulationError {
@@ -36,7 +45,7 @@ pub enum PopulationError {
         id: String,
     },
     /// A name is no label and no covariate of any session.
-    #[error("{option}: \"{name}\" is stated by no session, expected one of {}", known.join(", "))]
+    #[error("{option}: \"{name}\" is stated by no session, expected {}", stated(known))]
     UnknownName {
         /// The option that has it.
         option: &'static str,

@@ -24,6 +24,10 @@ const SPEED: f64 = f64::INFINITY;
 /// Time in which a command is answered, before it is sent again: by this computer's clock, and by the device's, milliseconds.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(1_500);
 const ANSWER_DEVICE_MS: u64 = 1_000;
+/// Device time that a command and its answer may take before the device waits for this computer, milliseconds.
+const EXCHANGE_MS: u64 = 100;
+/// Device time that is allowed at a time while a restart is awaited, milliseconds.
+const RESTART_MS: u64 = 20;
 /// How often a command is sent.
 const TRIES: u32 = 8;
 /// Device time between two signs of life, milliseconds.
@@ -55,6 +59,8 @@ pub fn boot(first: u64, count: u64) -> Result<CampaignCounts> {
     let soft = first.is_multiple_of(2);
     let bench = Bench::start(config, first, SPEED, BOOT_LIMIT)?;
     bench.rig().keep_history();
+    // Device time goes as far as each exchange and each wait of a sequence allows; it waits for nothing else.
+    bench.rig().host_may_be_silent(true);
     let mut device = Device::new(&bench, soft)?;
     for seed in first..first + count {
         let outcome = campaign::run(seed, &mut device);
@@ -129,6 +135,8 @@ impl<'a> Device<'a> {
     fn exchange(&mut self, command: Command) -> Checked<Result<(), Refusal>> {
         for _ in 0..TRIES {
             self.tally.commands += 1;
+            let allowed_ms = self.now_ms() + EXCHANGE_MS;
+            self.bench.rig().allow(allowed_ms, Some(command.id));
             broken(self.line.send(&command))?;
             // Both clocks: on a busy machine the device may get no time for longer than any answer takes.
             let (began, began_ms) = (Instant::now(), self.now_ms());
@@ -213,6 +221,7 @@ impl<'a> Device<'a> {
 
     /// Waits until the device's clock has gone on.
     fn until_ms(&self, ms: u64) -> Checked<()> {
+        self.bench.rig().allow(ms, None);
         let (mut last, mut began) = (self.now_ms(), Instant::now());
         while self.now_ms() < ms {
             std::thread::sleep(Duration::from_millis(1));
@@ -233,6 +242,7 @@ impl<'a> Device<'a> {
             if began.elapsed() > HANGS {
                 return Err(Violation("the device does not restart".to_owned()));
             }
+            self.bench.rig().allow(self.now_ms() + RESTART_MS, None);
             std::thread::sleep(Duration::from_millis(1));
         }
         self.tally.restarts += 1;

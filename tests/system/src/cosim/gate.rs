@@ -18,6 +18,7 @@
 //! [`TIMEOUT`] at a crawl it is let be silent, until a command is answered again. Tests whose subject is silence declare it
 //! ([`super::Cosim::host_may_be_silent`]) and do not wait for that.
 
+use super::POLL_INTERVAL;
 use protocol::{Event, EventKind, Message, State};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -26,6 +27,8 @@ use std::time::{Duration, Instant};
 pub(super) const CRAWL: Duration = Duration::from_millis(10);
 /// The same while it waits for a sweep: a hold has less time to lose.
 pub(super) const SWEEP_CRAWL: Duration = Duration::from_millis(20);
+/// The same beyond what the host allows ([`super::allowance`]).
+const ALLOWANCE_CRAWL: Duration = Duration::from_millis(2);
 /// How long before its start a program that was announced has to have been accepted, milliseconds of the device.
 const START_RESERVE_MS: u64 = 2_000;
 /// How far into a hold its sweep has to have been taken, milliseconds of the device. Hosts take it after 0.3 s.
@@ -67,6 +70,8 @@ pub(super) enum Waiting {
     Start,
     /// An ultrasound sweep.
     Sweep,
+    /// That the host allows it to go on.
+    Allowance,
 }
 
 impl Waiting {
@@ -75,6 +80,16 @@ impl Waiting {
         match self {
             Self::Host | Self::Start => CRAWL,
             Self::Sweep => SWEEP_CRAWL,
+            Self::Allowance => ALLOWANCE_CRAWL,
+        }
+    }
+
+    /// How often to check whether it still has to.
+    pub(super) fn poll_interval(self) -> Duration {
+        match self {
+            Self::Host | Self::Start | Self::Sweep => POLL_INTERVAL,
+            // Thousands of times in a row.
+            Self::Allowance => POLL_INTERVAL / 10,
         }
     }
 }

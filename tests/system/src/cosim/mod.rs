@@ -13,8 +13,10 @@
 //! | [`needle`] | a needle that another program pushes into its tissue, and that loads the rig's guide 2 |
 //! | [`output`] | what the device sends on its serial line |
 //! | [`gate`] | where device time waits for a host that is not given processor time |
+//! | [`allowance`] | how far device time may go for a host that allows it step by step |
 //! | [`pace`] | how fast device time runs otherwise |
 
+mod allowance;
 mod gate;
 mod history;
 mod injection;
@@ -34,6 +36,7 @@ pub use sweeps::take_sweep;
 pub use wiring::{Fault, Kind};
 
 use crate::qemu::HANGS;
+use allowance::Allowance;
 use anyhow::{Context, Result, bail};
 use emulation::plant::{
     FORCE_CODE_MAX, PERIOD_US, PlantReply, PlantRequest, RECORD_BYTES, REPLY_PIPE, REQUEST_PIPE,
@@ -78,6 +81,8 @@ struct State {
     /// What passed in each of the last periods, if it is to be kept.
     history: Option<History>,
     gate: Gate,
+    /// How far the host lets device time go, where it does so step by step.
+    allowance: Option<Allowance>,
     /// Bytes that the device had sent over its line before the period.
     sent_bytes: u64,
 }
@@ -161,6 +166,7 @@ impl Cosim {
             watched: None,
             history: None,
             gate: Gate::new(),
+            allowance: None,
             sent_bytes: 0,
         }));
         let stop = Arc::new(AtomicBool::new(false));
@@ -181,6 +187,12 @@ impl Cosim {
     /// Whether a host may be silent on purpose from now on: device time does not wait for it.
     pub fn host_may_be_silent(&self, may: bool) {
         lock(&self.state).gate.host_may_be_silent(may);
+    }
+
+    /// From now on device time advances as far as the host allows: to this period since the start ([`Self::steps`]), and where a command is
+    /// named, no further than its answer. Beyond that it crawls, until more is allowed.
+    pub fn allow(&self, until_step: u64, or_answer_to: Option<u16>) {
+        lock(&self.state).allowance = Some(Allowance::new(until_step, or_answer_to));
     }
 
     /// When the device answered a command last, milliseconds of its clock.
@@ -332,8 +344,13 @@ fn serve(
         }
         let now_ms = u64::from(request.step);
         {
-            let State { gate, sent_bytes, .. } = &mut *lock(state);
-            *sent_bytes += output.drain(|message| gate.receive(now_ms, message));
+            let State { gate, allowance, sent_bytes, steps, .. } = &mut *lock(state);
+            *sent_bytes += output.drain(|message| {
+                gate.receive(now_ms, message);
+                if let Some(allowance) = allowance {
+                    allowance.receive(*steps, message);
+                }
+            });
             if request.step == 0 {
                 // Earlier messages are of the start before.
                 gate.restarted();
@@ -357,10 +374,14 @@ fn hold_back(state: &Mutex<State>, stop: &AtomicBool, now_ms: u64) {
     let began = Instant::now();
     while !stop.load(Ordering::Acquire) {
         let now = Instant::now();
-        let Some(waiting) = lock(state).gate.waiting(now_ms, now) else { return };
+        let waiting = {
+            let State { gate, allowance, steps, .. } = &mut *lock(state);
+            gate.waiting(now_ms, now).or_else(|| allowance.as_ref()?.waiting(*steps))
+        };
+        let Some(waiting) = waiting else { return };
         match waiting.crawl().checked_sub(now - began) {
             None | Some(Duration::ZERO) => return,
-            Some(left) => thread::sleep(left.min(POLL_INTERVAL)),
+            Some(left) => thread::sleep(left.min(waiting.poll_interval())),
         }
     }
 }

@@ -128,6 +128,7 @@ mod tests {
             watched: None,
             history: None,
             gate: Gate::new(),
+            allowance: None,
             sent_bytes: 0,
         };
         let (state, stop) = (Arc::new(Mutex::new(state)), Arc::new(AtomicBool::new(false)));
