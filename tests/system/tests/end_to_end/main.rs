@@ -4,6 +4,7 @@
 
 mod boards;
 mod bringup;
+mod characterize;
 mod foreign;
 mod hazards;
 mod igtl;
