@@ -13,6 +13,7 @@ mod library;
 mod machine;
 mod ports;
 mod program;
+mod python;
 mod readme;
 mod registers;
 mod rig_matches;
