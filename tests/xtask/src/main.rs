@@ -6,6 +6,7 @@
 
 mod build;
 mod check;
+mod licences;
 mod setup;
 mod web;
 mod wheel;
