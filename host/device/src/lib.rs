@@ -2,6 +2,7 @@
 //!
 //! | module | does |
 //! |---|---|
+//! | [`air`] | motion programs in air, by which a rig is characterised |
 //! | [`bringup`] | a new rig, step by step: what is wired or mounted wrong |
 //! | [`calibrate`] | constants of a rig from known loads and a gauge |
 //! | [`monitor`] | what the device does, live |
@@ -30,6 +31,7 @@
 #[cfg(test)]
 extern crate self as device;
 
+pub mod air;
 pub mod bringup;
 pub mod calibrate;
 pub mod igtl;

@@ -1,7 +1,11 @@
 //! `guide characterize`: the rig's own mechanics from runs in air.
 
+mod air;
+
 use super::output::Output;
+use air::{AirArgs, RunInAir};
 use anyhow::Context;
+use device::record::Recorded;
 use formats::model_file::ModelFile;
 use formats::session::{Labels, Session};
 use inference::diagnose::{
@@ -15,14 +19,15 @@ use std::path::PathBuf;
 ///
 /// The needle is in both guides and in nothing else (`depth_mm = 0`); guide 2 makes small and large holds on both sides of zero, in both
 /// axes, with sweeps of the shape where there are any. Force, shape and displacement then show what gives way, what is loose, what rubs and
-/// what the force sensor adds.
+/// what the force sensor adds. With --port the device makes these runs first, each after a tare at zero.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  guide characterize --session air --force-gain-sd 0.01 --out characterized.toml\n  \
+    after_help = "Example:\n  guide characterize --port /dev/ttyACM0 --rig rig.toml --session air --out characterized.toml\n  \
+                  guide characterize --session air --force-gain-sd 0.01 --out characterized.toml\n  \
                   guide characterize --session air-june --since characterized.toml --out characterized-june.toml"
 )]
 pub struct Args {
-    /// Session folder with runs in air (holds session.toml); other runs of it are not used
+    /// Session folder with runs in air (holds session.toml), or for those of --port; other runs of it are not used
     #[arg(long, value_name = "DIR")]
     session: PathBuf,
     /// Write what the runs determine to this file, for `characterized` in the [rig] of sessions and set-ups
@@ -37,6 +42,8 @@ pub struct Args {
     /// How well the needle's stated bending stiffness is known, relative standard deviation
     #[arg(long, value_name = "SHARE", value_parser = share)]
     stiffness_sd: Option<f64>,
+    #[command(flatten)]
+    air: AirArgs,
 }
 
 /// A relative standard deviation.
@@ -50,6 +57,8 @@ fn share(text: &str) -> Result<f64, String> {
 struct Document {
     schema: &'static str,
     session: String,
+    /// The runs that were recorded for it; nothing without `--port`.
+    recorded: Option<Vec<RunInAir>>,
     /// What has moved since the file of `--since`; nothing without it.
     moved_since: Option<Vec<Moved>>,
     #[serde(flatten)]
@@ -60,8 +69,10 @@ struct Document {
 
 /// Runs the sub-command.
 pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
-    let session = Session::read(&args.session)?;
+    // A file that cannot be read is found before anything moves.
     let before = args.since.as_deref().map(ModelFile::read).transpose()?;
+    let recorded = air::record(&args.air, &args.session, out)?;
+    let session = Session::read(&args.session)?;
     let options = CharacterizeOptions { force_gain_sd: args.force_gain_sd, stiffness_sd: args.stiffness_sd };
     let found = characterize(&session, &options)
         .with_context(|| format!("cannot characterise {}", args.session.display()))?;
@@ -76,6 +87,7 @@ pub fn run(args: &Args, out: &mut Output) -> anyhow::Result<()> {
     let document = Document {
         schema: "guide.characterize/1",
         session: args.session.display().to_string(),
+        recorded,
         moved_since: before.map(|before| moved_since(&KnownParameter::of_model(&before), &found)),
         found,
         rig_file: args.out.as_ref().map(|path| path.display().to_string()),
@@ -89,6 +101,14 @@ struct Text<'a>(&'a Document);
 impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let found = &self.0.found;
+        for RunInAir { run, recorded } in self.0.recorded.iter().flatten() {
+            let Recorded { samples, duration_s, sweeps, samples_missing, .. } = recorded;
+            write!(f, "recorded     {run}: {samples} samples in {duration_s:.3} s, {sweeps} sweeps")?;
+            match samples_missing {
+                0 => writeln!(f)?,
+                missing => writeln!(f, ", {missing} samples lost")?,
+            }
+        }
         match self.0.moved_since.as_deref() {
             None => {}
             Some([]) => writeln!(f, "since then   nothing has moved")?,

@@ -5,7 +5,7 @@ use super::output::Output;
 use super::rig_args::{FaultNotes, ForceLimitArgs, PortArgs, StartArgs, interrupted};
 use crate::igtl::Live;
 use anyhow::{Context, bail};
-use device::link::{Batch, Client, Program, Telemetry};
+use device::link::{Batch, Client, Program, RunOptions, Telemetry};
 use device::record::{AcquisitionObserver, Recorded, Recorder, Ultrasound, acquire, provenance};
 use device::recording::{RawFile, RawRecorder, RecordingInfo};
 use device::sweep::Sweep;
@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// Where a recording goes.
 #[derive(clap::Args)]
-struct SessionArgs {
+pub(super) struct SessionArgs {
     /// Session folder; a new run is added to one that exists
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -41,6 +41,13 @@ struct SessionArgs {
     /// Do not write a raw recording
     #[arg(long)]
     no_raw: bool,
+}
+
+impl SessionArgs {
+    /// For a run in air with this name, with its raw recording.
+    pub(super) fn in_air(out: PathBuf, rig: Option<PathBuf>, id: String) -> Self {
+        Self { out, depth_mm: 0.0, rig, id: Some(id), raw: None, no_raw: false }
+    }
 }
 
 /// Reads a depth in tissue, millimetres.
@@ -158,7 +165,7 @@ impl Display for Report<'_> {
 /// Runs `guide acquire`.
 pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let program = Program::load(&args.program)?;
-    let Opened { mut session, id, setup } = open_session(&args.session)?;
+    let opened = open_session(&args.session)?;
     let ultrasound = match (args.tracker.connect()?, &args.sweep_command) {
         (Some(tracker), _) => Ultrasound::Tracker(Box::new(tracker)),
         (None, Some(command)) => Ultrasound::Command(command),
@@ -174,24 +181,53 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
              the sensor's offset: run `guide tare` with the needle unloaded first, or give --no-tare"
         );
     }
-    let live = args.publish.begin(&setup.rig, &args.session.out, args.session.depth_mm, out)?;
-    let raw = start_raw(&args.session, "acquire", &id, &setup, tared, &mut client)?;
+    let live = args.publish.begin(&opened.setup.rig, &args.session.out, args.session.depth_mm, out)?;
     args.limit.set(&mut client)?;
-    let made_with = provenance(client.hello(), Some(tared));
     let options = args.start.options(true)?;
+    let about = Measured { command: "acquire", session: &args.session, tared, live };
+    let id = opened.id.clone();
+    let (recorded, raw) = record_program(&mut client, opened, &program, ultrasound, options, about, out)?;
+    print("guide.acquire/1", &args.session, &id, recorded, raw.as_ref(), out)
+}
+
+/// What a recorded program is recorded for.
+pub(super) struct Measured<'a> {
+    /// The sub-command.
+    pub command: &'a str,
+    pub session: &'a SessionArgs,
+    /// The force has a measured zero.
+    pub tared: bool,
+    /// Who follows it meanwhile.
+    pub live: Option<Live>,
+}
+
+/// Runs a program on the device and records it into a session.
+pub(super) fn record_program(
+    client: &mut Client,
+    opened: Opened,
+    program: &Program,
+    ultrasound: Ultrasound<'_>,
+    options: RunOptions<'_>,
+    about: Measured<'_>,
+    out: &Output,
+) -> anyhow::Result<(Recorded, Option<RawFile>)> {
+    let Opened { mut session, id, setup } = opened;
+    let Measured { command, session: args, tared, live } = about;
+    let raw = start_raw(args, command, &id, &setup, tared, client)?;
+    let made_with = provenance(client.hello(), Some(tared));
     let bar = ProgressBar::new(program.steps.len() as u64).with_style(
         ProgressStyle::with_template("{msg} {wide_bar} step {pos}/{len} {elapsed}")
             .context("the progress bar's template")?,
     );
     bar.set_message(program.name.clone());
     bar.enable_steady_tick(Duration::from_millis(200));
-    let outcome = measure(&mut session, &id, args.session.depth_mm, made_with, |recorder| {
+    let outcome = measure(&mut session, &id, args.depth_mm, made_with, |recorder| {
         let mut watch = Watch { bar: &bar, live, out };
-        Ok(acquire(&mut client, &program, options, ultrasound, recorder, &mut watch)?)
+        Ok(acquire(client, program, options, ultrasound, recorder, &mut watch)?)
     });
     bar.finish_and_clear();
     let raw = raw.map(RawRecorder::finish).transpose();
-    print("guide.acquire/1", &args.session, &id, outcome?, raw?.as_ref(), out)
+    Ok((outcome?, raw?))
 }
 
 /// Runs `guide record`.
@@ -264,10 +300,10 @@ impl AcquisitionObserver for Watch<'_> {
 }
 
 /// A session that takes a run.
-struct Opened {
+pub(super) struct Opened {
     session: SessionWriter,
     id: String,
-    setup: Setup,
+    pub setup: Setup,
 }
 
 /// Begins the raw recording, unless it is not wanted. Where its usual name is taken, by what is left of a run that never
@@ -293,7 +329,7 @@ fn start_raw(
 }
 
 /// Opens or creates the session and chooses the run's name.
-fn open_session(args: &SessionArgs) -> anyhow::Result<Opened> {
+pub(super) fn open_session(args: &SessionArgs) -> anyhow::Result<Opened> {
     let existing = args.out.join("session.toml");
     let mut setup = match &args.rig {
         Some(rig) => Setup::read(rig)?,

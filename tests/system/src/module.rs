@@ -15,7 +15,9 @@ use std::process::{Command, Stdio};
 /// The feature with which the workspace builds the module.
 pub const FEATURE: &str = "needle-guide/extension";
 /// What the tests need from PyPI: the module's own dependency, and theirs.
-const PACKAGES: [&str; 3] = ["numpy>=1.24", "pandas>=2", "pytest>=8"];
+const PACKAGES: [&str; 4] = ["numpy>=1.24", "pandas>=2", "pytest>=8", "dask[distributed]>=2024.8"];
+/// The module's compiled part, in the folder of a build.
+const MODULE: &str = "deps/libneedle_guide_core.so";
 /// What an entry point of the package is.
 const PROGRAM: &str = "import sys\nfrom needle_guide._program import main\nsys.exit(main())\n";
 
@@ -28,21 +30,45 @@ pub struct Outcome {
     pub failed: u64,
 }
 
+/// A Python that has the package.
+#[derive(Debug, Clone)]
+pub struct Installed {
+    /// The interpreter.
+    pub python: PathBuf,
+    /// Folder of the package.
+    pub package: PathBuf,
+}
+
+/// Lays the package out as the wheel would install it; `target` as for [`run`]. The inner error is why that cannot be: no PyPI, or a
+/// build without the module.
+///
+/// # Errors
+/// Where the package cannot be laid out.
+pub fn installed(target: &Path) -> Result<Result<Installed, String>> {
+    let module = target.join(MODULE);
+    if !module.exists() {
+        return Ok(Err(format!("{}: is not built, which the feature {FEATURE} does", module.display())));
+    }
+    match peers::environment("module", &PACKAGES) {
+        Ok(python) => lay_out(target, &python).map(|package| Ok(Installed { python, package })),
+        Err(reason) => Ok(Err(reason)),
+    }
+}
+
 /// Runs them; `target` is the folder in which the module, built with [`FEATURE`], is. Where the environment cannot be made (no PyPI), the
 /// reason is printed and nothing is counted.
 ///
 /// # Errors
 /// Where the package cannot be laid out, or pytest ended without a count.
 pub fn run(target: &Path) -> Result<Outcome> {
-    let python = match peers::environment("module", &PACKAGES) {
-        Ok(python) => python,
+    let target = std::path::absolute(target)?;
+    let Installed { python, package } = match installed(&target)? {
+        Ok(installed) => installed,
         Err(reason) => {
             println!("the Python module is not tested: {reason}");
             return Ok(Outcome::default());
         }
     };
-    let target = std::path::absolute(target)?;
-    let package = lay_out(&target, &python)?;
     let sources = root().join("host/python/tests");
     // Beside the sources the package would be found there, without its compiled part.
     let mut child = Command::new(&python)
@@ -86,7 +112,7 @@ fn lay_out(target: &Path, python: &Path) -> Result<PathBuf> {
             fs::copy(&file, package.join(name))?;
         }
     }
-    let module = target.join("deps/libneedle_guide_core.so");
+    let module = target.join(MODULE);
     fs::copy(&module, package.join("_core.abi3.so")).with_context(|| format!("{}", module.display()))?;
     let program = python.with_file_name("guide");
     fs::write(&program, format!("#!{}\n{PROGRAM}", python.display()))?;

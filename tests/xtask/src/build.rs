@@ -72,13 +72,17 @@ pub fn cargo(arguments: &[&str]) -> Result<()> {
     cargo_with(arguments, &[])
 }
 
+/// The program `cargo` that runs this one.
+pub fn program() -> OsString {
+    std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
+}
+
 /// The same with environment variables.
 ///
 /// # Errors
 /// Where it fails.
 pub fn cargo_with(arguments: &[&str], environment: &[(&str, &str)]) -> Result<()> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let status = Command::new(cargo)
+    let status = Command::new(program())
         .current_dir(root())
         .args(arguments)
         .envs(environment.iter().copied())

@@ -7,6 +7,7 @@
 mod build;
 mod check;
 mod circles;
+mod licences;
 mod setup;
 mod web;
 mod wheel;

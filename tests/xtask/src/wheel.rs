@@ -4,6 +4,7 @@
 //! elsewhere.
 
 use crate::build::{cargo, root, target_dir};
+use crate::licences::{self, Licences};
 use anyhow::{Context, Result, bail, ensure};
 use std::ffi::OsString;
 use std::fs;
@@ -78,10 +79,41 @@ fn build(python: &Path, folder: &Path, profile: &str) -> Result<PathBuf> {
         .arg("--out")
         .arg(&dist);
     maturin.arg("--interpreter").arg(python).env("CARGO_TARGET_DIR", target_dir());
+    // Beside the build's description, where it finds the file; it is made anew each time and is not kept in the repository.
+    let licences = licences::collect()?;
+    fs::write(root().join("host/python").join(licences::FILE), &licences.text)?;
     run(&mut maturin)?;
     let wheels = fs::read_dir(&dist)?.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
     let [wheel] = wheels.as_slice() else { bail!("{}: expected one wheel", dist.display()) };
+    holds_what_it_states(python, wheel, &licences)?;
     Ok(wheel.clone())
+}
+
+/// Checks what is in a wheel; the interpreter unpacks it.
+fn holds_what_it_states(python: &Path, wheel: &Path, licences: &Licences) -> Result<()> {
+    let unpacked = wheel.with_extension("unpacked");
+    remove(&unpacked)?;
+    run(Command::new(python).args(["-m", "zipfile", "--extract"]).arg(wheel).arg(&unpacked))?;
+    let names = files(&unpacked, &unpacked)?;
+    let library =
+        fs::read(unpacked.join("needle_guide/_core.abi3.so")).context("the wheel has no compiled module")?;
+    let checked = licences::check(&names, &library, licences);
+    remove(&unpacked)?;
+    checked.with_context(|| format!("{}", wheel.display()))
+}
+
+/// Files below a folder, from a root.
+fn files(root: &Path, folder: &Path) -> Result<Vec<String>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            found.extend(files(root, &path)?);
+        } else {
+            found.push(path.strip_prefix(root)?.to_string_lossy().into_owned());
+        }
+    }
+    Ok(found)
 }
 
 /// Tests, documentation examples, types and stubs of an installed wheel.

@@ -4,6 +4,7 @@
 
 mod boards;
 mod bringup;
+mod characterize;
 mod foreign;
 mod hazards;
 mod igtl;
@@ -12,6 +13,7 @@ mod library;
 mod machine;
 mod ports;
 mod program;
+mod python;
 mod readme;
 mod registers;
 mod rig_matches;
