@@ -79,7 +79,7 @@ fn build(python: &Path, folder: &Path, profile: &str) -> Result<PathBuf> {
         .arg("--out")
         .arg(&dist);
     maturin.arg("--interpreter").arg(python).env("CARGO_TARGET_DIR", target_dir());
-    // Beside the build's description, where it finds the file; it is made anew each time and is not kept in the repository.
+    // Beside the build's description, where it finds the file; it is made each time and is not kept in the repository.
     let licences = licences::collect()?;
     fs::write(root().join("host/python").join(licences::FILE), &licences.text)?;
     run(&mut maturin)?;

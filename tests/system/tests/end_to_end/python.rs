@@ -11,7 +11,7 @@ use system::images::target_dir;
 use system::module::installed;
 use system::qemu::HANGS;
 
-/// Moves guide 2 and says so when it has begun.
+/// Moves guide 2 and prints a line when it has begun.
 const MOVING: &str = "import sys\n\
                       from needle_guide import Device\n\
                       device = Device.open(sys.argv[1])\n\
