@@ -64,7 +64,8 @@ pub use data::Channel;
 pub use expected::{Expected, Truth, expected};
 pub use formats::model_file::{DISCREPANCY_NAMES, Multiples};
 pub(crate) use foundation::{
-    DiscrepancyFitInput, DiscrepantModulus, FoundationEvidence, VARIED_NATS, fit_with_discrepancy,
+    DiscrepancyFitInput, DiscrepantModulus, FOUNDATION_MARGIN, FoundationEvidence, VARIED_NATS,
+    fit_with_discrepancy,
 };
 pub use known::{KnownParameter, Moved, moved_since};
 pub use linearise::{EffectAmplitude, Linearisation, ScaleKind};
@@ -79,7 +80,6 @@ pub use workbench::{Trial, TrialEffect, TrialPoint, Workbench};
 use crate::FitError;
 use adequacy::{Adequacy, regions};
 use averaged::Averaged;
-pub(crate) use choice::FOUNDATION_MARGIN;
 use choice::{Choice, choose};
 use data::{Kind, Run};
 use formats::model_file::ModelFile;

@@ -13,7 +13,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Circles that stand, as the message prints them, and why. The list only gets shorter: a circle that has gone has to be removed from it.
-const STANDING: [(&str, &str); 7] = [
+const STANDING: [(&str, &str); 6] = [
     (
         "firmware: board, qemu",
         "the layer of QEMU takes the place of peripherals at the addresses that the board's pins name",
@@ -25,7 +25,6 @@ const STANDING: [(&str, &str); 7] = [
          split, start",
         "a parameter that is known has a layout, and the layout of a fit has what is known",
     ),
-    ("host/inference: diagnose: choice, foundation", "the choice of a foundation compares fits on both"),
     (
         "host/mechanics: effects, insertion, predict, prepared, prestress",
         "an effect acts on the channels of the forward model, which applies the effects",

@@ -6,7 +6,7 @@
 //! margin. The value that is reported is that of the first member, whose effects the model file has; the interval is that of the mixture,
 //! and holds that value.
 
-use super::choice::Beside;
+use super::choice::{Beside, limit_refused};
 use super::evidence::Patterns;
 use super::foundation::VARIED;
 use super::layout::NORMAL_975;
@@ -204,14 +204,6 @@ fn varies(fit: &Fitted) -> bool {
 /// and an interval without its value contradicts it.
 fn holding([low, high]: [f64; 2], value: f64) -> [f64; 2] {
     [low.min(value), high.max(value)]
-}
-
-/// Lowers the evidence of models that were refused for other reasons than their evidence: all of them together are no more likely than
-/// the model that was taken, whose evidence is `taken`.
-pub(super) fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f64) {
-    let mut refused: Vec<&mut f64> = ln_weights.filter(|ln| **ln > taken).collect();
-    let even = taken - (refused.len().max(1) as f64).ln();
-    refused.iter_mut().for_each(|ln| **ln = even);
 }
 
 /// Interval of 95 % of a mixture of normal distributions of weight, mean and standard deviation each; nothing where one of them makes

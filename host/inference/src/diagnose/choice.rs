@@ -6,8 +6,7 @@
 //! [`FOUNDATION_MARGIN`], as in the intervals ([`super::averaged`]).
 
 use super::adequacy::Adequacy;
-use super::averaged::limit_refused;
-use super::foundation::varied;
+use super::foundation::{FOUNDATION_MARGIN, varied};
 use super::posterior::Fitted;
 use super::results::FoundationResult;
 use super::search::{Found, Search, one_sided};
@@ -16,8 +15,6 @@ use super::start::Start;
 use super::{DiagnoseError, FoundationChoice, Options};
 use mechanics::Support;
 
-/// Log evidence by which a body has to be ahead of springs.
-pub(crate) const FOUNDATION_MARGIN: f64 = 2.0;
 /// A foundation on which a modulus that varies with depth is further behind than this is not searched. Second effects, and the
 /// linearisation of the score, make up for some nats.
 const IN_QUESTION: f64 = 8.0;
@@ -134,6 +131,14 @@ fn beside(start: &Start, unused: &Found, chosen: &Found, given: usize) -> Vec<Be
     limit_refused(all.iter_mut().map(|other| &mut other.ln_odds), 0.0);
     all.sort_by(|a, b| b.ln_odds.total_cmp(&a.ln_odds));
     all
+}
+
+/// Lowers the evidence of models that were refused for other reasons than their evidence: all of them together are no more likely than
+/// the model that was taken, whose evidence is `taken`.
+pub(super) fn limit_refused<'a>(ln_weights: impl Iterator<Item = &'a mut f64>, taken: f64) {
+    let mut refused: Vec<&mut f64> = ln_weights.filter(|ln| **ln > taken).collect();
+    let even = taken - (refused.len().max(1) as f64).ln();
+    refused.iter_mut().for_each(|ln| **ln = even);
 }
 
 #[cfg(test)]

@@ -7,10 +7,7 @@ use super::known::{self, KnownParameter, Moved};
 use super::layout::Scale;
 use super::posterior::Fitted;
 use super::score::{Score, Scores};
-use super::{
-    DiagnoseError, Effect, FOUNDATION_MARGIN, Layout, Multiples, Noise, Noises, Session, Start, fit_start,
-    runs_of,
-};
+use super::{DiagnoseError, Effect, Layout, Multiples, Noise, Noises, Session, Start, fit_start, runs_of};
 use crate::FitError;
 use mechanics::Support;
 use mechanics::effects::effect;
@@ -44,6 +41,8 @@ pub(crate) struct FoundationEvidence {
     pub varied: f64,
 }
 
+/// Log evidence by which a body has to be ahead of springs.
+pub(crate) const FOUNDATION_MARGIN: f64 = 2.0;
 /// How the modulus may vary with depth.
 pub(super) const VARIED: [&str; 2] = ["tissue.layers", "tissue.gradient"];
 /// Log evidence by which such a modulus makes the choice of one modulus void, as a diagnosis requires of an effect.
