@@ -18,6 +18,11 @@ const HOLD_S: f64 = 2.0;
 const TARE_S: f64 = 1.0;
 /// Time in which the force settles before it is averaged.
 const SETTLING_S: f64 = 0.5;
+/// Time that a move may take beyond that at its speed, and that lies between two programs for the host, seconds.
+const MOVE_EXTRA_S: f64 = 1.0;
+const BETWEEN_S: f64 = 2.0;
+/// How far from zero guide 2 may be before the first tare, millimetres.
+const FARTHEST_MM: f64 = 10.0;
 
 /// Axis of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -78,6 +83,45 @@ pub fn run_program(axis: Axis, reach_mm: f64) -> Result<Program, &'static str> {
     Ok(Program { name: format!("in air, {}", axis.name()), steps })
 }
 
+/// When the programs of these runs start, one after the other, where the first has a stated time.
+///
+/// A program that starts at a stated time of the device's clock makes the same motion at the same time whenever the host sends it. Each
+/// start is a whole second, late enough for the program before it to have ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Timetable {
+    next_s: Option<f64>,
+    from_mm: f64,
+}
+
+impl Timetable {
+    /// From this time of the device's clock on, seconds; without one each program starts at once.
+    pub fn new(at_s: Option<f64>) -> Self {
+        Self { next_s: at_s, from_mm: FARTHEST_MM }
+    }
+
+    /// When the next program starts, seconds; nothing for at once.
+    pub fn start_s(&mut self, program: &Program) -> Option<f64> {
+        let start_s = self.next_s?;
+        let longest_s: f64 = program.steps.iter().map(|planned| self.longest_s(&planned.step)).sum();
+        self.next_s = Some((start_s + longest_s + BETWEEN_S).ceil());
+        Some(start_s)
+    }
+
+    /// Longest time of a step, seconds, and where it ends.
+    fn longest_s(&mut self, step: &Step) -> f64 {
+        match *step {
+            Step::Move { x_um, y_um, speed_um_s } => {
+                let target_mm = 1e-3 * f64::from(if x_um == 0 { y_um } else { x_um });
+                let way_mm = (target_mm - std::mem::replace(&mut self.from_mm, target_mm)).abs();
+                way_mm / (1e-3 * f64::from(speed_um_s)) + MOVE_EXTRA_S
+            }
+            Step::Hold { duration_ms } | Step::Tare { duration_ms } | Step::Ramp { duration_ms, .. } => {
+                1e-3 * f64::from(duration_ms)
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -133,5 +177,24 @@ mod tests {
         assert_eq!(reach_mm(500.0), 2.0);
         assert_eq!(reach_mm(10.0), 4.0);
         assert_eq!(reach_mm(1e5), 1.0);
+    }
+
+    #[test]
+    fn each_program_starts_at_a_whole_second_after_the_longest_time_of_the_one_before() {
+        let mut timetable = Timetable::new(Some(4.0));
+        // 5 s for 10 mm at 2 mm/s, 1 s beyond, 0.5 s and 1 s of hold and tare, 2 s between: 9.5 s.
+        assert_eq!(timetable.start_s(&tare_program().unwrap()), Some(4.0));
+        let run = run_program(Axis::X, 2.0).unwrap();
+        assert_eq!(timetable.start_s(&run), Some(14.0));
+        // 17 moves and holds and 8 mm of way: 17 s, 34 s, 4 s; the first move stays at zero.
+        assert_eq!(timetable.start_s(&tare_program().unwrap()), Some(71.0));
+        assert_eq!(timetable.start_s(&run), Some(76.0));
+    }
+
+    #[test]
+    fn without_a_time_each_program_starts_at_once() {
+        let mut timetable = Timetable::new(None);
+        assert_eq!(timetable.start_s(&tare_program().unwrap()), None);
+        assert_eq!(timetable.start_s(&run_program(Axis::Y, 1.0).unwrap()), None);
     }
 }

@@ -47,9 +47,15 @@ impl ForceLimitArgs {
     }
 }
 
-fn device_time(text: &str) -> Result<f64, String> {
+/// A time of the device's clock that a motion can start at, seconds.
+pub fn device_time(text: &str) -> Result<f64, String> {
     let time_s: f64 = text.parse().map_err(|_| "expected a number of seconds".to_owned())?;
     if time_s > 0.0 && time_s < 1e9 { Ok(time_s) } else { Err("expected 0 to 1e9 seconds".to_owned()) }
+}
+
+/// The same in the device's unit, microseconds.
+pub fn device_us(time_s: f64) -> u64 {
+    (time_s * 1e6).round() as u64
 }
 
 /// Set when the user interrupts.
@@ -75,7 +81,7 @@ impl StartArgs {
 
     /// Options for a program that starts then.
     pub fn options(self, stream: bool) -> anyhow::Result<RunOptions<'static>> {
-        let start_us = self.at_s.map(|time_s| (time_s * 1e6).round() as u64);
+        let start_us = self.at_s.map(device_us);
         Ok(RunOptions { start_us, stream, interrupted: interrupted()? })
     }
 }

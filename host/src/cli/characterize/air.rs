@@ -2,10 +2,10 @@
 
 use crate::cli::output::Output;
 use crate::cli::record::{Measured, SessionArgs, open_session, record_program};
-use crate::cli::rig_args::StartArgs;
+use crate::cli::rig_args::{StartArgs, device_time, device_us};
 use anyhow::{anyhow, bail};
-use device::air::{Axis, REACH_MM, reach_mm, run_program, tare_program};
-use device::link::{Client, LinkError, run};
+use device::air::{Axis, REACH_MM, Timetable, reach_mm, run_program, tare_program};
+use device::link::{Client, LinkError, RunOptions, run};
 use device::record::{Recorded, Ultrasound};
 use formats::session::{LateralRun, Session, Setup};
 use inference::diagnose::CharacterizeError;
@@ -36,6 +36,10 @@ pub struct AirArgs {
     /// at the extremes
     #[arg(long, value_name = "COMMAND", requires = "port")]
     sweep_command: Option<String>,
+    /// Start the first tare when the device's clock reads this, in seconds since its start, and what follows at fixed times after it
+    /// (default: at once); guide 2 is near zero then
+    #[arg(long, value_name = "SECONDS", requires = "port", value_parser = device_time)]
+    at_s: Option<f64>,
     /// Use the nominal calibration, that of the rig as designed, where the device has none stored (until its next
     /// start)
     #[arg(long, requires = "port")]
@@ -66,6 +70,8 @@ pub fn record(args: &AirArgs, session: &Path, out: &Output) -> anyhow::Result<Op
     let start = StartArgs { at_s: None, nominal: args.nominal };
     start.acknowledge(&mut client)?;
     let options = start.options(true)?;
+    let at = |start_s: Option<f64>| RunOptions { start_us: start_s.map(device_us), ..options };
+    let mut timetable = Timetable::new(args.at_s);
     let tare = tare_program().map_err(|problem| anyhow!("{problem}"))?;
     // The setup file is of a new session; later runs find it there.
     let mut rig = args.rig.clone();
@@ -90,9 +96,10 @@ pub fn record(args: &AirArgs, session: &Path, out: &Output) -> anyhow::Result<Op
             ));
         }
         let program = run_program(axis, reach_mm).map_err(|problem| anyhow!("{problem}"))?;
-        run(&mut client, &tare, options, |_, _| Ok::<(), LinkError>(()))?;
+        run(&mut client, &tare, at(timetable.start_s(&tare)), |_, _| Ok::<(), LinkError>(()))?;
         let ultrasound = args.sweep_command.as_deref().map_or(Ultrasound::Absent, Ultrasound::Command);
         let about = Measured { command: "characterize", session: &place, tared: true, live: None };
+        let options = at(timetable.start_s(&program));
         let (recorded, _) = record_program(&mut client, opened, &program, ultrasound, options, about, out)?;
         done.push(RunInAir { run: id, recorded });
     }
