@@ -1,11 +1,12 @@
 //! The rig's own mechanics from runs in air: the needle is a beam that is known, and what is left is the rig (theory, eq. 62 without
-//! tissue and without discrepancy).
+//! tissue, with the patterns of the sensor alone).
 //!
 //! All effects of guides, frame, actuators and force sensor are fitted together, by the same forward model as everything else. In air force and
 //! displacement alone determine one compliance, the sum of all that gives way; the shape of the needle separates the frame from the
 //! needle and its clamp, and known loads separate the force sensor's gain from the needle's stiffness. What the runs do not separate is
 //! reported as not identifiable, with the run that would settle it.
 
+use super::data::{Datum, Source};
 use super::evidence::{Group, Patterns, RunPatterns};
 use super::known::KnownParameter;
 use super::layout::{Layout, Prepared, Scale, prior};
@@ -16,8 +17,9 @@ use super::{DiagnoseError, runs_in};
 use formats::NORMAL_975;
 use formats::model_file::{LearnedEffect, ModelFile};
 use formats::session::{LateralRun, Session};
+use mechanics::Model;
 use mechanics::effects::{Effect, effect};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -40,11 +42,19 @@ const EFFECTS: [&str; 12] = [
 const OF_ONE_SESSION: [&str; 2] = ["sensor.force_drift", "sensor.shape_offset"];
 /// A parameter is identified whose standard deviation the runs reduce below this share of what was known of it before.
 const IDENTIFIED: f64 = 0.5;
-/// A delay beside friction larger than this many standard deviations is known no better than the rows' spacing allows: the force jumps where
-/// guide 2 turns, and the model interpolates between rows.
-const FRICTION_SDS: f64 = 2.0;
+/// A delay beside friction or a clearance larger than this many standard deviations is known no better than the rows' spacing allows: the
+/// force jumps where guide 2 turns, its slope where the needle comes to the other side, and the model interpolates between rows.
+const JUMP_SDS: f64 = 2.0;
 /// Expected scatter of the zero from tare to tare, newtons.
 const ZERO_N: f64 = 0.01;
+/// Expected drift of the zero after a tare that does not go evenly, newtons, and the times in which it does, seconds.
+const SETTLING_N: f64 = 0.002;
+const SETTLING_S: [f64; 2] = [5.0, 20.0];
+/// Expected error of the force within a hold that is another one in the next, newtons: 0.02 % of a sensor of 5 N, or 4 um of guide 2.
+const HOLD_N: f64 = 0.001;
+/// How well the mean position in a hold is known beyond what scatters, metres: a tenth of a code of a potentiometer of 50 mm read in twelve
+/// bits, and about as far guide 2 creeps while it settles.
+const POSITION_M: f64 = 1e-6;
 
 /// What the user may choose.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -204,23 +214,26 @@ pub fn characterize(
         };
         runs.iter().map(of_run).collect()
     };
+    // Without tissue its modulus does not matter.
+    let beam = Model::uniform(session.rig.clone(), 1e3)?.beam(0.0)?;
+    let stiffness_n_per_m = beam.lateral_stiffness_n_per_m();
     // What makes residuals independent depends on what to expect: the second fit is with what the first has found.
     let mut values = layout.first_values();
     let mut last = None;
     for _ in 0..2 {
         let prepared = prepared(&values)?;
-        let patterns = zeros(&prepared);
+        let patterns = sensor_patterns(&prepared, stiffness_n_per_m);
         let everyday = patterns.everyday();
         let fit = Fitted::new(&layout, &prepared, &patterns, &values, &everyday, MAX_ROUNDS)?;
         values = fit.values().to_vec();
         last = Some((fit, patterns));
     }
-    let (fitted, zeros) = last.ok_or(crate::FitError::Undetermined)?;
+    let (fitted, patterns) = last.ok_or(crate::FitError::Undetermined)?;
     Ok(Characterisation {
         runs: runs.iter().map(|run| run.id.clone()).collect(),
         parameters: parameters(&layout, &fitted, options, row_s(session)),
         tare_scatter_n: fitted.sizes.first().copied().filter(|_| runs.len() > 1),
-        chi_square_per_reading: chi_square_per_reading(&fitted, &zeros),
+        chi_square_per_reading: chi_square_per_reading(&fitted, &patterns),
         warnings,
     })
 }
@@ -248,27 +261,65 @@ fn stated(options: &CharacterizeOptions) -> Vec<KnownParameter> {
     gain.into_iter().chain(of("needle.stiffness", "relative", options.stiffness_sd)).collect()
 }
 
-/// The zero of the force in every run and plane, whose scatter is found.
-fn zeros(prepared: &[Prepared]) -> Patterns {
-    let group = Group { name: "force zero of one run", everyday: ZERO_N, tail: Some(1.0), multiple: 1.0 };
+/// What every force sensor and guide has beside the effects. Sizes are found of the zero of a run and plane, of how it settles after the
+/// tare, and of what is constant within a hold (an error of the displacement, times the needle's stiffness, is such a force too). No run
+/// shows how well the mean position of guide 2 in a hold is known, which differs with the direction that it came from: that is stated.
+fn sensor_patterns(prepared: &[Prepared], stiffness_n_per_m: f64) -> Patterns {
+    let found = |name, everyday| Group { name, everyday, tail: Some(1.0), multiple: 1.0 };
+    let known = Group { tail: None, ..found("position of guide 2", POSITION_M) };
+    let groups = vec![
+        found("force zero of one run", ZERO_N),
+        found("settling of the zero in one run", SETTLING_N),
+        found("force of one hold", HOLD_N),
+        known,
+    ];
     let of_run = |prepared: &Prepared| {
         let data = &prepared.run.data;
-        let planes: Vec<usize> =
-            (0..2).filter(|plane| data.iter().any(|datum| is_force(datum, *plane))).collect();
-        let mut own = DMatrix::zeros(data.len(), planes.len());
-        for (mut column, plane) in own.column_iter_mut().zip(&planes) {
-            let mut pattern: Vec<f64> =
-                data.iter().map(|datum| if is_force(datum, *plane) { 1.0 } else { 0.0 }).collect();
-            prepared.whitener.apply(&mut pattern);
-            column.copy_from_slice(&pattern);
+        let (mut of_groups, mut columns) = (Vec::new(), Vec::new());
+        let mut add = |group: usize, of: &dyn Fn(&Datum) -> f64| {
+            let mut pattern: Vec<f64> = data.iter().map(of).collect();
+            if pattern.iter().any(|value| *value != 0.0) {
+                prepared.whitener.apply(&mut pattern);
+                of_groups.push(group);
+                columns.push(DVector::from_vec(pattern));
+            }
+        };
+        for plane in 0..2 {
+            let in_plane = |datum: &Datum| if is_force(datum, plane) { 1.0 } else { 0.0 };
+            add(0, &in_plane);
+            for time_s in SETTLING_S {
+                add(1, &|datum| in_plane(datum) * (-datum.place.time_s / time_s).exp());
+            }
+            for hold in 0..prepared.run.parts() {
+                add(2, &|datum| if datum.part == hold { in_plane(datum) } else { 0.0 });
+            }
         }
-        RunPatterns::new(vec![0; planes.len()], own, DMatrix::zeros(data.len(), 0))
+        let own = match columns.as_slice() {
+            [] => DMatrix::zeros(data.len(), 0),
+            columns => DMatrix::from_columns(columns),
+        };
+        // Alike in all runs: what depends on the direction of the last motion, and on the side of zero (half of a clearance).
+        let along = |datum: &Datum| {
+            if is_force(datum, prepared.run.axis) { stiffness_n_per_m } else { 0.0 }
+        };
+        let direction = data.iter().map(|datum| along(datum) * datum.place.direction).collect();
+        let side = data.iter().map(|datum| 0.5 * along(datum) * sign(datum.place.level_m)).collect();
+        let shared = [direction, side].map(|mut pattern: Vec<f64>| {
+            prepared.whitener.apply(&mut pattern);
+            DVector::from_vec(pattern)
+        });
+        RunPatterns::new(of_groups, own, DMatrix::from_columns(&shared))
     };
-    Patterns::new(vec![group], Vec::new(), prepared.iter().map(of_run).collect())
+    Patterns::new(groups, vec![3; 2], prepared.iter().map(of_run).collect())
 }
 
-fn is_force(datum: &super::data::Datum, plane: usize) -> bool {
-    matches!(datum.source, super::data::Source::Force(_)) && datum.channel.plane() == plane
+/// The sign of a level; zero belongs to no side.
+fn sign(level_m: f64) -> f64 {
+    if level_m == 0.0 { 0.0 } else { level_m.signum() }
+}
+
+fn is_force(datum: &Datum, plane: usize) -> bool {
+    matches!(datum.source, Source::Force(_)) && datum.channel.plane() == plane
 }
 
 fn parameters(
@@ -286,10 +337,10 @@ fn parameters(
             let stated = stated.iter().find(|known| known.is_of(effect.id(), info.name));
             let before = stated.map_or_else(|| prior(info), |known| known.prior(scale)).sd;
             let mut inside = fitted.sd(layout.first_of(number) + index);
-            let rubs = |one: &CharacterizedParameter| {
-                one.effect == "rig.friction" && one.value > FRICTION_SDS * one.sd
+            let jumps = |one: &CharacterizedParameter| {
+                ["rig.friction", "rig.backlash"].contains(&one.effect) && one.value > JUMP_SDS * one.sd
             };
-            if effect.id() == "sensor.delay" && found.iter().any(rubs) {
+            if effect.id() == "sensor.delay" && found.iter().any(jumps) {
                 inside = inside.hypot(row_s / 12f64.sqrt());
                 let half = NORMAL_975 * inside;
                 ci95 = [value - half, value + half].map(|end| end.clamp(info.range[0], info.range[1]));
@@ -333,10 +384,10 @@ fn settled_by(effect: &str) -> &'static str {
     }
 }
 
-/// Chi-square beside the zeros of the runs, per degree of freedom.
-fn chi_square_per_reading(fitted: &Fitted, zeros: &Patterns) -> f64 {
+/// Chi-square beside the patterns of the sensor, per degree of freedom.
+fn chi_square_per_reading(fitted: &Fitted, patterns: &Patterns) -> f64 {
     let count = fitted.residuals.iter().map(Vec::len).sum::<usize>().saturating_sub(fitted.values().len());
-    let beside = zeros.less_patterns(&fitted.sizes, &fitted.residuals).unwrap_or_default();
+    let beside = patterns.less_patterns(&fitted.sizes, &fitted.residuals).unwrap_or_default();
     let products =
         fitted.residuals.iter().zip(&beside).map(|(all, beside)| {
             all.iter().zip(beside.iter()).map(|(all, beside)| all * beside).sum::<f64>()
