@@ -4,6 +4,7 @@
 //! device's clock, and the rig advances with that clock, so the same seed gives the same numbers on any machine. The rig has
 //! these times, and waits for a command that a busy machine has not come to yet.
 
+mod air;
 pub mod hidden;
 pub mod seeds;
 pub mod steered;

@@ -1,6 +1,6 @@
 //! The end of the demonstration: a rig that hides an effect, and the discrepancy workflow that finds it.
 
-use super::{SPEED, Typist, path, rig_toml, sweep_command, sweeps};
+use super::{SPEED, Typist, air, path, rig_toml, sweep_command, sweeps};
 use crate::bench::Bench;
 use crate::cosim::Appointment;
 use crate::images;
@@ -19,6 +19,8 @@ const FIRST_AT_S: u32 = 15;
 const EVERY_S: u32 = 24;
 /// The motion program.
 const PROGRAM: &str = "quick-staircase";
+/// What is known of the rig, beside its file.
+const CHARACTERIZED: &str = "characterized.toml";
 /// Depths of the needle, millimetres, and staircases at each.
 pub const PLAN: [(f64, usize); 3] = [(20.0, 1), (30.0, 2), (40.0, 1)];
 
@@ -34,15 +36,20 @@ pub struct Found {
 }
 
 impl Found {
-    /// Classes of the effects that are named.
+    /// Classes of the effects that are named, and effects of the rig that are reported as moved since it was characterised.
     pub fn classes(&self) -> Vec<Vec<&str>> {
         let is_named = matches!(self.verdict(), "named" | "ambiguous");
-        let effects = self.diagnosis["effects"].as_array().into_iter().flatten().filter(|_| is_named);
-        effects
-            .map(|effect| {
-                effect["class"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
-            })
-            .collect()
+        let list = |field: &str| self.diagnosis[field].as_array().into_iter().flatten();
+        let effects = list("effects").filter(|_| is_named).map(|effect| {
+            effect["class"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
+        });
+        let mut classes: Vec<Vec<&str>> = effects.collect();
+        for id in list("moved_since").filter_map(|one| one["effect"].as_str()) {
+            if !classes.iter().any(|class| class.contains(&id)) {
+                classes.push(vec![id]);
+            }
+        }
+        classes
     }
 
     /// The verdict of the diagnosis.
@@ -109,8 +116,8 @@ impl Found {
     }
 }
 
-/// Lets the firmware run the diagnostic staircase on rigs that hide the seed's effect behind small imperfections, one per depth, and
-/// diagnoses the session.
+/// Lets the firmware characterise the rig in air, then run the diagnostic staircase on rigs that hide the seed's effect behind small
+/// imperfections, one per depth, and diagnoses the session with what is known of the rig.
 ///
 /// # Errors
 /// Where a command fails.
@@ -123,12 +130,23 @@ pub fn diagnosis(
 ) -> Result<Found> {
     let guide = images::build_guide()?;
     let session = out.join("hidden");
-    if session.exists() {
-        fs::remove_dir_all(&session).with_context(|| format!("cannot clear {}", session.display()))?;
+    let in_air = out.join("air");
+    for folder in [&session, &in_air] {
+        if folder.exists() {
+            fs::remove_dir_all(folder).with_context(|| format!("cannot clear {}", folder.display()))?;
+        }
     }
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
-    let rig_file = out.join("rig.toml");
-    fs::write(&rig_file, rig_toml(&RigConfig::default().rig))?;
+    let (rig_file, characterized) = (out.join("rig.toml"), out.join(CHARACTERIZED));
+    let plain = rig_toml(&RigConfig::default().rig);
+    fs::write(&rig_file, &plain)?;
+    // What a seed hides has come since: in air the rig has its imperfections only.
+    let mut config = RigConfig::default();
+    config.simulation.depth_mm = 0.0;
+    config.simulation.imperfections = Imperfections::of_seed(seed, air::START);
+    let files = [rig_file.as_path(), &in_air, &characterized];
+    air::characterized(xtask, seed, config, files, show)?;
+    fs::write(&rig_file, format!("{plain}characterized = \"{CHARACTERIZED}\"\n"))?;
     let (model_file, figures) = (out.join("model.toml"), out.join("figures"));
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let hidden = HiddenEffect::of_seed(seed);

@@ -1,6 +1,7 @@
 //! `cargo xtask study demo`: the last parts of the demonstration for many seeds: what the firmware itself records of rigs that hide an effect, and
 //! needles that its guide 2 steers.
 
+use super::air;
 use super::hidden::{Found, PLAN, diagnosis};
 use super::steered::{Steered, steered};
 use super::this_program;
@@ -18,8 +19,8 @@ pub struct Seeds {
     /// First of these seeds
     #[arg(long, default_value_t = 1)]
     pub from: u64,
-    /// Which part: rigs that hide an effect, or needles that are steered
-    #[arg(long, default_value = "hidden", value_parser = ["hidden", "steered"])]
+    /// Which part: rigs that hide an effect, rigs in air that the device characterises, or needles that are steered
+    #[arg(long, default_value = "hidden", value_parser = ["hidden", "air", "steered"])]
     pub part: String,
 }
 
@@ -39,6 +40,9 @@ pub fn run(options: &Seeds) -> Result<()> {
         }
         println!("{}", steered_summary(&all));
         return Ok(());
+    }
+    if options.part == "air" {
+        return air::study(&xtask, options.from..options.from.saturating_add(options.seeds), folder.path());
     }
     let mut all = Vec::new();
     for seed in options.from..options.from.saturating_add(options.seeds) {
