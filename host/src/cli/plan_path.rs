@@ -15,7 +15,7 @@ use steering::{
     Limits, NeedleStatement, Options, PathPlan, PriorStatement, RigStatement, Statement, VERSION, plan_path,
 };
 
-/// Plan the way of a needle to a target before anything moves: guide moves or rotations, what can be reached, probability of a hit
+/// Plan the path of a needle to a target before anything moves: guide moves or rotations, what can be reached, probability of a hit
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide plan-path plant.json --target-mm=3,-2,100\n  guide plan-path phantom-a --target-mm=2,1,80 \
