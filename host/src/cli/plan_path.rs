@@ -1,4 +1,4 @@
-//! `guide plan-path`: the way to a target, what can be reached, and how likely a hit is, before anything moves.
+//! `guide plan-path`: the path to a target, what can be reached, and the probability of a hit, before anything moves.
 
 use super::output::{Output, figures_file};
 use super::steer::{known, target};
