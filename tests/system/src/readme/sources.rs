@@ -137,6 +137,27 @@ fn every_json_document_has_its_place() {
     assert!(count > 40, "{count} documents found");
 }
 
+/// Names of what ends a steered run, as its results have them.
+#[test]
+fn every_fault_of_a_steered_run_has_its_place() {
+    let name = Regex::new(r#"Self::\w+(?:\(_\)| \{ \.\. \})? => "([a-z_]+)","#).unwrap();
+    let book = Book::read(images::root()).unwrap();
+    let text = |name: &str| book.page(&format!("{MANUAL}/{name}")).unwrap().text();
+    let pages = text("plants.md") + &text("commands/steer.md");
+    let of_the_run = |(name, _): &&(String, String)| {
+        ["host/steering/src/plant.rs", "host/steering/src/controller.rs"].contains(&name.as_str())
+    };
+    let mut count = 0;
+    for (file, text) in sources().iter().filter(of_the_run) {
+        for found in name.captures_iter(text) {
+            let row = format!("\n| `{}` | ", &found[1]);
+            assert!(pages.contains(&row), "{file}: no row of plants.md or steer.md is about {}", &found[1]);
+            count += 1;
+        }
+    }
+    assert!(count > 20, "{count} names");
+}
+
 #[test]
 fn every_fault_has_its_place() {
     let book = Book::read(images::root()).unwrap();
