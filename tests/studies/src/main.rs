@@ -13,12 +13,12 @@ use studies::predict::{Cell, METHODS, study};
 #[derive(Parser)]
 #[command(name = "cargo xtask study", bin_name = "cargo xtask study")]
 struct Args {
-    /// Which: K/E of needles (`modulus-relation`) or the stiffness of an elastic body (`operator`), which are part of the program;
-    /// prediction (`insertion`), coverage of tip load, K and gap (`tipload`), online estimators (`steering`), layers and gradients,
-    /// tracked and identified (`layers`), diagnosis, blind (`diagnose`) and behind imperfections (`imperfect`), intervals of `guide
-    /// plan` against the scatter of simulated sessions (`plan`), steering to a target (`steer`), recorded steered insertions
-    /// (`recorded`), many sessions (`population`), rigs in air (`characterize`); through the firmware in QEMU, with options of their
-    /// own: `demo`, `bringup`. Without a name: all tables that the documentation quotes, written where it quotes them
+    /// Which: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's deflection (part of the forward
+    /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
+    /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), or what `guide plan`
+    /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, steering to a target
+    /// (`steer`), statistics over many sessions, rigs in air (`characterize`), or steered insertions that were recorded (`recorded`); without a name all that the documentation quotes, as it quotes them, written
+    /// where it has them
     #[arg(value_parser = [
         "modulus-relation", "operator", "insertion", "tipload", "steering", "diagnose", "imperfect", "plan", "layers", "steer",
         "population", "characterize", "recorded",

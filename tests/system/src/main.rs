@@ -34,7 +34,7 @@ enum Task {
     Readme(readme::Args),
     /// Run the end of the demonstration for many seeds
     StudyDemo(demo::seeds::Seeds),
-    /// Run `guide bringup` on rigs with every fault of wiring, mounting and sensors, and on rigs without a fault
+    /// Run `guide bringup` on rigs with every fault of wiring, mounting and sensors, and on sound ones
     StudyBringup(bringup::Options),
     /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
     Tracking,

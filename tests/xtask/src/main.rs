@@ -49,7 +49,11 @@ const TASKS: [(&str, Needs, &str); 20] = [
         "Install what is missing: the microcontroller's Rust target, QEMU (--no-install: only name it)",
     ),
     ("wheel", Needs::Here, "Build the Python wheel and test it in a fresh virtual environment"),
-    ("bench", Needs::Nothing, "Measure run times, beside those of alternative libraries, and how they scale"),
+    (
+        "bench",
+        Needs::Nothing,
+        "Measure run times, beside those of alternative libraries, and how they grow with size",
+    ),
     (
         "size",
         Needs::Target,
