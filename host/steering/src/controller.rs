@@ -117,7 +117,7 @@ pub enum SteerError {
     },
     /// Readings of the tip far from where the model has it.
     #[error(
-        "{count} tip readings in series lie outside the band that the model predicts at {depth_mm:.1} mm"
+        "{count} consecutive tip readings lie outside the band that the model predicts at {depth_mm:.1} mm"
     )]
     TipOutsideBand {
         /// How many.
@@ -135,7 +135,7 @@ pub enum SteerError {
     },
     /// Readings that were taken long before they arrive.
     #[error(
-        "{count} tip readings in series are too old (the last {age_s:.1} s, where the plant states {stated_s:.1} s): the tracker or the \
+        "{count} consecutive tip readings are too old (the last {age_s:.1} s, where the plant states {stated_s:.1} s): the tracker or the \
          connection to it lags"
     )]
     TipLate {
