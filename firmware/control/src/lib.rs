@@ -14,7 +14,7 @@
 //! | [`force`], [`tare`] | force from converter codes: calibration, zero, stale and saturated readings |
 //! | [`decimate`], [`stiffness`] | the lateral stiffness, estimated online |
 //! | [`interlock`] | when to stop, and why: the table of hazards |
-//! | [`limits`] | what a reading may be off by, and for how long |
+//! | [`limits`] | tolerances of readings: size and duration |
 //! | [`pulse`] | a short pulse of one motor without a loop, and what ends it |
 //! | [`retreat`], [`added_load`] | motions that unload the guide while the fault of the load is latched |
 //! | [`retained`] | state that is retained over a restart |

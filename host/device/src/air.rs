@@ -3,8 +3,8 @@
 use crate::link::program::{PlannedStep, Program, milliseconds, move_to};
 use protocol::Step;
 
-/// Levels of a run as shares of its reach: the small ones show what is loose, the large ones what gives way. Each is reached from both
-/// sides, on both sides of zero, and the run begins and ends at zero.
+/// Levels of a run as shares of its reach: the small ones determine play and clearance, the large ones the compliances. Each is reached
+/// from both sides, on both sides of zero, and the run begins and ends at zero.
 const SHARES: [f64; 16] =
     [0.0, 0.05, 0.15, 0.5, 1.0, 0.5, 0.15, 0.05, 0.0, -0.05, -0.15, -0.5, -1.0, -0.5, -0.15, -0.05];
 /// Reach of a run, millimetres: its smallest level must lie within the play of a rig, its largest one load it.

@@ -7,7 +7,7 @@
 //! | [`calibrate`] | constants of a rig from known loads and a gauge |
 //! | [`monitor`] | what the device does, live |
 //! | [`link`] | commands, telemetry and motion programs over the serial port |
-//! | [`recording`] | raw recordings of everything that passed, lossless |
+//! | [`recording`] | raw recordings of everything that went over the link, lossless |
 //! | [`record`] | sessions acquired from the device |
 //! | [`steer`] | guide 2 of the device under the controller that steers a needle |
 //! | [`sweep`] | ultrasound sweeps by an external command |
@@ -16,7 +16,7 @@
 //!
 //! # Example
 //!
-//! A motion program that comes with the tool, as the device gets it:
+//! A built-in motion program, as it is sent to the device:
 //!
 //! ```
 //! use device::link::Program;

@@ -6,7 +6,7 @@
 //! | [`model_file`] | `model.toml`: effects and sizes of discrepancy of a rig, from one diagnosis to the next |
 //! | [`prior_file`] | `prior.toml`: what many sessions predict of the next one |
 //! | [`document`] | what they have in common: fields, tables, errors with places |
-//! | [`files`] | files that appear whole or not at all |
+//! | [`files`] | files that are written as a whole or not at all |
 //! | [`calibration_file`] | `calibration.toml`: the constants that the device works with |
 //! | [`calibration_readings`] | known loads and gauges, from which they are computed |
 //! | [`image_calibration`] | `image.toml`: where an ultrasound image plane is on its probe |

@@ -13,7 +13,7 @@
 //! | springs or an elastic body | `choice` |
 //! | score every effect, margin by bootstrap | `score` |
 //! | the same for statistics over many sessions | `linearise` |
-//! | the rig alone, from runs in air; what has moved since | `characterize`, `known` |
+//! | the rig alone, from runs in air; parameters that have changed since | `characterize`, `known` |
 //! | refit, accept, add, repeat; competing effects | `search` |
 //! | what would distinguish competing effects | `next` |
 //! | before and after on what was held out | `split` |

@@ -99,7 +99,7 @@ impl Default for Run {
     }
 }
 
-/// The table that comes with the tool, CSV, as `cargo xtask study modulus-relation` makes it.
+/// The table that is part of the program, CSV, as `cargo xtask study modulus-relation` makes it.
 pub const TABLE: &str = include_str!("relation.csv");
 
 /// Relative uncertainty of the relation as computed, at 95 %: mesh, far boundary and the rigid sections, as the comparison with

@@ -1,6 +1,6 @@
 //! The forward model: the expected reading of every sensor, for a model and an experiment.
 //!
-//! [`predict`] is the one entry: identification, simulation and diagnosis all call it. It is pure: no clock, no
+//! [`predict`] is the only entry point: identification, simulation and diagnosis all call it. It is pure: no clock, no
 //! randomness, no input or output. Underneath, [`BeamProblem`] is the needle as a beam in the tissue, which is a row of springs or
 //! an elastic body ([`Support`]), and [`Beam`] its solution per unit load; the model is linear, so displacement levels are multiples
 //! of one [`Beam`].

@@ -2,7 +2,7 @@
 //!
 //! | module | has |
 //! |---|---|
-//! | [`rig`] | actuators, force sensor, needle and tissue as the firmware meets them, period by period |
+//! | [`rig`] | actuators, force sensor, needle and tissue at the interface of the firmware, period by period |
 //! | [`simulate`] | whole sessions as files, from a plan |
 //!
 //! It computes with the same forward model as identification and prediction. The generators that test those two are independent of it

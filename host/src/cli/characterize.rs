@@ -18,8 +18,8 @@ use std::path::PathBuf;
 /// Find the rig's own mechanics from runs in air, without tissue, for the sessions that follow
 ///
 /// The needle is in both guides and in nothing else (`depth_mm = 0`); guide 2 makes small and large holds on both sides of zero, in both
-/// axes, with sweeps of the shape where there are any. Force, shape and displacement then show what gives way, what is loose, what rubs and
-/// what the force sensor adds. With --port the device makes these runs first, each after a tare at zero.
+/// axes, with sweeps of the shape where there are any. They determine compliances, play, friction and the errors of the force sensor. With
+/// --port the device makes these runs first, each after a tare at zero.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide characterize --port /dev/ttyACM0 --rig rig.toml --session air --out characterized.toml\n  \
@@ -33,7 +33,7 @@ pub struct Args {
     /// Write what the runs determine to this file, for `characterized` in the [rig] of sessions and set-ups
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Report what has moved since this file was written
+    /// Report which parameters have changed since this file was written
     #[arg(long, value_name = "FILE")]
     since: Option<PathBuf>,
     /// How well the force sensor's gain is known, relative standard deviation: 0.01 after a calibration with weights
@@ -59,7 +59,7 @@ struct Document {
     session: String,
     /// The runs that were recorded for it; nothing without `--port`.
     recorded: Option<Vec<RunInAir>>,
-    /// What has moved since the file of `--since`; nothing without it.
+    /// Parameters that have changed since the file of `--since`; nothing without it.
     moved_since: Option<Vec<Moved>>,
     #[serde(flatten)]
     found: Characterisation,
@@ -111,10 +111,10 @@ impl Display for Text<'_> {
         }
         match self.0.moved_since.as_deref() {
             None => {}
-            Some([]) => writeln!(f, "since then   nothing has moved")?,
+            Some([]) => writeln!(f, "since then   no parameter has changed")?,
             Some(moved) => {
                 for (number, one) in moved.iter().enumerate() {
-                    writeln!(f, "{:<13}{one}", if number == 0 { "moved" } else { "" })?;
+                    writeln!(f, "{:<13}{one}", if number == 0 { "changed" } else { "" })?;
                 }
             }
         }

@@ -116,7 +116,7 @@ impl Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let found = self.0;
         for one in &found.moved_since {
-            writeln!(f, "moved        {one}")?;
+            writeln!(f, "changed      {one}")?;
         }
         writeln!(f, "session      {}", found.split)?;
         let noise: Vec<String> = found.noise.iter().map(|(name, sd)| quantity(name, *sd)).collect();

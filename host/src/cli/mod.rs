@@ -5,7 +5,7 @@
 //! * When the reader closes the pipe (`guide ... | head`) the program ends without a message.
 //!
 //! To add a sub-command: its file with `Args` (whose help ends with an example) and `run`, one variant of [`Command`]
-//! and one line in [`main`].
+//! and one line in [`run`].
 
 mod bringup;
 mod calibrate;

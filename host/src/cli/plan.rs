@@ -59,7 +59,7 @@ pub struct Args {
     /// Largest lateral force, newtons
     #[arg(long, default_value_t = 4.0, value_name = "N")]
     force_limit_n: f64,
-    /// Largest strain of the needle, percent; steel stays bent beyond about 0.2
+    /// Largest strain of the needle, percent; steel yields beyond about 0.2
     #[arg(long, default_value_t = 0.2, value_name = "PERCENT")]
     strain_limit_percent: f64,
     /// Largest deflection inside the tissue, millimetres

@@ -1,4 +1,4 @@
-//! `guide plan-path`: the way to a target, what can be reached, and how likely a hit is, before anything moves.
+//! `guide plan-path`: the path to a target, what can be reached, and the probability of a hit, before anything moves.
 
 use super::output::{Output, figures_file};
 use super::steer::{known, target};
@@ -15,7 +15,7 @@ use steering::{
     Limits, NeedleStatement, Options, PathPlan, PriorStatement, RigStatement, Statement, VERSION, plan_path,
 };
 
-/// Plan the way of a needle to a target before anything moves: guide moves or rotations, what can be reached, probability of a hit
+/// Plan the path of a needle to a target before anything moves: guide moves or rotations, what can be reached, probability of a hit
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  guide plan-path plant.json --target-mm=3,-2,100\n  guide plan-path phantom-a --target-mm=2,1,80 \

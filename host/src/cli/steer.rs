@@ -38,7 +38,7 @@ pub struct Args {
     /// Folder for the record of the run (steer.jsonl, or the next free name); made where it is missing
     #[arg(required_unless_present = "replay")]
     dir: Option<PathBuf>,
-    /// Program that stands for rig, needle and tissue, with its arguments: one JSON object a line on its standard input and output
+    /// Program that represents rig, needle and tissue, with its arguments: one JSON object a line on its standard input and output
     /// (needle/1)
     #[arg(long, value_name = "COMMAND", conflicts_with = "replay", required_unless_present_any = ["replay", "port"])]
     plant: Option<String>,

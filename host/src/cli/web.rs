@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 const PAGE: &str = "guide.html";
 /// How often the program checks whether it is to end.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// Programs that come with the tool.
+/// The built-in programs.
 const BUILT_IN: [&str; 3] = ["displace", "staircase", "quick-staircase"];
 
 /// Serve the page guide.html on this machine: the sessions below a folder in a browser, and the device live

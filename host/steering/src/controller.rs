@@ -32,7 +32,7 @@ const SHARE_THAT_STOPS: f64 = 0.9;
 const SMALLEST_MOVE_MM: f64 = 0.02;
 /// Silence of the tip sensor while the needle is pushed that leads to a hold, and what is then waited, s of the plant.
 const SILENCE_S: f64 = 2.0;
-/// Difference of commanded and reported depth beyond which the needle is not where it was pushed: it was let go, or it is stuck, mm.
+/// Difference of commanded and reported depth beyond which the needle is not where it was pushed: it was released, or it is stuck, mm.
 const DEPTH_ERROR_MM: f64 = 2.0;
 
 /// Time for coming to rest, s: a guide move that is one step ([`RigStatement::guide_moves_in_one_step`](crate::RigStatement)) lasts
@@ -117,7 +117,7 @@ pub enum SteerError {
     },
     /// Readings of the tip far from where the model has it.
     #[error(
-        "{count} tip readings in series lie outside the band that the model predicts at {depth_mm:.1} mm"
+        "{count} consecutive tip readings lie outside the band that the model predicts at {depth_mm:.1} mm"
     )]
     TipOutsideBand {
         /// How many.
@@ -135,7 +135,7 @@ pub enum SteerError {
     },
     /// Readings that were taken long before they arrive.
     #[error(
-        "{count} tip readings in series are too old (the last {age_s:.1} s, where the plant states {stated_s:.1} s): the tracker or the \
+        "{count} consecutive tip readings are too old (the last {age_s:.1} s, where the plant states {stated_s:.1} s): the tracker or the \
          connection to it lags"
     )]
     TipLate {
@@ -148,7 +148,7 @@ pub enum SteerError {
     },
     /// The needle does not follow.
     #[error(
-        "the needle is {reported_mm:.1} mm deep, expected {commanded_mm:.1} mm: was it let go, or is it stuck?"
+        "the needle is {reported_mm:.1} mm deep, expected {commanded_mm:.1} mm: was it released, or is it stuck?"
     )]
     NeedleOffDepth {
         /// Commanded, mm.

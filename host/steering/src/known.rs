@@ -1,6 +1,6 @@
 //! What is known of the rig from its runs in air, in the controller's model.
 //!
-//! Compliances and the needle's stiffness become part of the forward model; what is loose between guide 2 and its sensor is a prior with
+//! Compliances and the needle's stiffness become part of the forward model; the play between guide 2 and its sensor is a prior with
 //! its own spread, in place of the share of the stated guide error that stands for it otherwise.
 
 use mechanics::Drive;

@@ -1,9 +1,10 @@
 //! Steering a needle to a target: estimate while pushing, plan guide moves, supervise, record.
 //!
 //! [`steer()`] pushes the needle of a [`Plant`] and lets it rest every few millimetres. At each rest the tip readings so far give the
-//! posterior of tissue, gap, angle, guide errors and tip (Gauss and Newton on the one forward model, [`mechanics::growth`]); from it
+//! posterior of tissue, gap, angle, guide errors and tip (Gauss-Newton steps on the one forward model, [`mechanics::growth`]); from it
 //! follow the guide positions at all rests to come that minimise the expected squared miss at the target's depth, within travel, force
-//! and strain; the first is carried out. Two laws of the tip compete: it takes a load, or it cuts along the needle at an angle.
+//! and strain; the first is carried out. Two laws of the tip are averaged by their evidence: it takes a load, or it cuts at an angle to
+//! the needle.
 //!
 //! [`plan_path()`] states and plans the same without a plant, before anything moves.
 //!
@@ -17,7 +18,7 @@
 //! ```
 //! use steering::{Answer, Command, End, Options, Plant, PlantError, Statement, steer};
 //!
-//! /// The tip goes where guide 2 stands, as far as the needle has gone.
+//! /// The tip moves against guide 2, in proportion to the depth that is pushed.
 //! #[derive(Default)]
 //! struct Toy {
 //!     tip_mm: [f64; 2],

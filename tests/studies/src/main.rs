@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 use studies::predict::{Cell, METHODS, study};
 
-/// Make a table of the documentation, or one that comes with the tool
+/// Compute a table of the documentation, or one that is part of the program
 #[derive(Parser)]
 #[command(name = "cargo xtask study", bin_name = "cargo xtask study")]
 struct Args {

@@ -1,4 +1,4 @@
-//! The table of K/E that comes with the tool: needles, depths, Poisson's ratios and Young's moduli of interest.
+//! The table of K/E that is part of the program: needles, depths, Poisson's ratios and Young's moduli of interest.
 
 use inference::FitError;
 use inference::relation::{Run, foundation_modulus_pa};

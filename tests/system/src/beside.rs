@@ -1,4 +1,4 @@
-//! `cargo xtask bench`: the guide's programs beside what one would take instead, and how their cost grows, into one page.
+//! `cargo xtask bench`: run times of the guide's programs, beside those of alternative libraries, and how they scale, on one page.
 //!
 //! What is compared with is built here and nowhere else: the package has a workspace of its own, and the peers in Python an
 //! environment in the target folder. Where Python or the network is missing they are skipped, with the reason.

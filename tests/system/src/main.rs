@@ -24,7 +24,7 @@ enum Task {
     Demo(demo::Args),
     /// Run every test: host, protocol on the host and in QEMU, firmware end to end
     Test(suite::Args),
-    /// Measure the programs beside what one would take instead, and how their cost grows; write the page of it
+    /// Measure run times, beside those of alternative libraries, and how they scale; write the page of them
     Bench(beside::Args),
     /// Build the image of each board and compare its flash and RAM use with the committed figures
     Size(size::Args),
@@ -38,15 +38,15 @@ enum Task {
     StudyBringup(bringup::Options),
     /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
     Tracking,
-    /// Run the firmware on a bad cable: flipped bits, cuts, programs; nothing wrong may arrive, nothing be lost uncounted
+    /// Run the firmware on a line with errors: flipped bits, cuts, programs; no wrong sample may arrive, and no loss be uncounted
     Stress(stress::Args),
     /// Run the firmware for an hour of its time with random commands, faults, restarts, cuts and flipped bits; what must hold is
     /// checked throughout
     Soak(soak::Args),
-    /// Carry out random sequences of commands, faults and restarts, in this process and through the firmware in QEMU: none may get
-    /// round a limit
+    /// Carry out random sequences of commands, faults and restarts, in this process and through the firmware in QEMU: none may
+    /// circumvent a limit
     Campaign(campaign::Args),
-    /// Feed every reader of bytes with generated inputs; reports which one makes it fail
+    /// Fuzz every parser with generated inputs, and report the input on which one fails
     Fuzz(fuzz::Args),
     /// Run the control core on the target, in QEMU: instructions per control period
     Timing,

@@ -1,4 +1,4 @@
-//! `cargo xtask stress`: the firmware on a bad cable for minutes of its time. Bits flip, the cable is cut and mended, programs run.
+//! `cargo xtask stress`: the firmware on a line with errors for minutes of its time. Bits flip, the line is cut and restored, programs run.
 //!
 //! Every sample that arrives is compared with what the rig's sensors gave in its millisecond; every one that does not must be
 //! counted as lost; control must never be late.

@@ -1,4 +1,4 @@
-//! A bad cable between the firmware's serial port and its host.
+//! A line with errors between the firmware's serial port and its host.
 //!
 //! [`NoisyWire`] opens the firmware's pseudo terminal and offers another one in its stead. Bytes go through unchanged and at
 //! once, unless set otherwise: bits flip at a given rate, the cable is cut and mended, a faulty host sends random bytes. What flips comes

@@ -175,7 +175,7 @@ impl Design {
         Self::of(lateral.collect(), Vec::new())
     }
 
-    /// Runs in air, twice in each axis: small holds on both sides of zero for the play, large ones for what gives way.
+    /// Runs in air, twice in each axis: small holds on both sides of zero for the play, large ones for the compliances.
     pub fn in_air() -> Self {
         let run = |axis: usize, take: &str| LateralPlan {
             id: format!("{}-air{take}", AXES[axis]),

@@ -52,7 +52,7 @@ const TASKS: [(&str, Needs, &str); 20] = [
     (
         "bench",
         Needs::Nothing,
-        "Measure the programs beside what one would take instead, and how their cost grows",
+        "Measure run times, beside those of alternative libraries, and how they grow with size",
     ),
     (
         "size",
@@ -65,7 +65,7 @@ const TASKS: [(&str, Needs, &str); 20] = [
         "Run the protocol's tests on a board, flash its firmware, and run the automatic steps of `guide bringup`",
     ),
     ("readme", Needs::Qemu, "Regenerate the outputs and pictures of the documentation, or compare them"),
-    ("study", Needs::Here, "Make a table of the documentation, or one that comes with the tool"),
+    ("study", Needs::Here, "Compute a table of the documentation, or one that is part of the program"),
     (
         "tracking",
         Needs::Qemu,
@@ -74,7 +74,7 @@ const TASKS: [(&str, Needs, &str); 20] = [
     (
         "stress",
         Needs::Qemu,
-        "Run the firmware on a bad cable: nothing wrong may arrive, nothing be lost uncounted",
+        "Run the firmware on a line with errors: no wrong sample may arrive, and no loss be uncounted",
     ),
     (
         "soak",
@@ -84,19 +84,19 @@ const TASKS: [(&str, Needs, &str); 20] = [
     (
         "campaign",
         Needs::Qemu,
-        "Carry out random sequences of commands, faults and restarts: none may get round a limit",
+        "Carry out random sequences of commands, faults and restarts: none may circumvent a limit",
     ),
     (
         "fuzz",
         Needs::Nothing,
-        "Feed every reader of bytes with generated inputs; reports which one makes it fail",
+        "Fuzz every parser with generated inputs, and report the input on which one fails",
     ),
     ("timing", Needs::Qemu, "Run the control core on the target: instructions per control period"),
     ("rig", Needs::Qemu, "Start the firmware in QEMU with a simulated rig and leave it running for `guide`"),
     (
         "web",
         Needs::Here,
-        "Make guide.html, the page with everything in it (--test: in a browser, beside the program)",
+        "Make guide.html, the program as one page (--test: compare it in a browser with the program)",
     ),
     ("sweep", Needs::Nothing, "Print one ultrasound sweep of a simulated rig as CSV"),
     (

@@ -1,4 +1,4 @@
-//! Measures the guide's programs beside what one would take instead, and how their cost grows; writes the page of it.
+//! Measures run times of the guide's programs, beside those of alternative libraries, and how they scale; writes the page of them.
 //! `cargo xtask bench` runs it.
 #![forbid(unsafe_code)]
 

@@ -49,7 +49,7 @@ impl Page<'_> {
         let python = self.python.as_deref().unwrap_or("peers in Python skipped");
         writeln!(
             page,
-            "# Beside what one would take instead, and how cost grows\n\n\
+            "# Run times, beside those of alternative libraries, and how they scale\n\n\
              Written by `cargo xtask bench --seed {}` in one run, {today}; one core of {}; {python} (one thread).\n\
              Times are the least of many repeats, which other load on the machine disturbs least; they still differ from run to run.\n",
             self.seed, self.machine.cpu

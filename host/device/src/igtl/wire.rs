@@ -12,7 +12,7 @@ pub const MAX_SKIPPED_BYTES: u64 = 1 << 30;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StreamError {
     /// Header version.
-    #[error("a message with header version {0}, expected 1 or 2: the peer does not speak OpenIGTLink")]
+    #[error("a message with header version {0}, expected 1 or 2: the peer does not use OpenIGTLink")]
     Version(u16),
     /// Size of the body.
     #[error("a message of {0} bytes, expected at most {MAX_SKIPPED_BYTES}")]

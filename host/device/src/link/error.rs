@@ -27,7 +27,7 @@ pub enum LinkError {
     },
     /// The device speaks another version of the protocol.
     #[error(
-        "{port}: the device speaks protocol version {theirs}, this program speaks {ours}: \
+        "{port}: the device uses protocol version {theirs}, this program uses {ours}: \
          flash the matching firmware or use the matching `guide`"
     )]
     OtherVersion {
@@ -230,7 +230,7 @@ pub fn fault_text(fault: Fault) -> FaultText {
         Fault::ForceSensor => ("the force converter gives no valid readings", "check its cable and supply"),
         Fault::ForceRange => (
             "the force is beyond the sensor's range or its converter is saturated",
-            "`guide retreat` moves out of the load; by hand: open the clamp of the needle",
+            "`guide retreat` unloads the guide; by hand: open the clamp of the needle",
         ),
         Fault::Potentiometer => {
             ("a potentiometer reads beyond its track or jumps", "check its wires, then home the guide")
@@ -240,7 +240,7 @@ pub fn fault_text(fault: Fault) -> FaultText {
         }
         Fault::ForceLimit => (
             "the force exceeds the limit that is set",
-            "`guide retreat` moves out of the load, or see `guide limits`",
+            "`guide retreat` unloads the guide, or see `guide limits`",
         ),
         Fault::Travel => (
             "an axis is driven beyond its travel",

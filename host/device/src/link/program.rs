@@ -28,7 +28,7 @@ use formats::session::{Place, SessionError, read_text};
 use protocol::{MAX_STEPS, Step};
 use std::path::Path;
 
-/// Names and texts of the programs that come with the tool.
+/// Names and texts of the built-in programs.
 const BUILT_IN: [(&str, &str); 3] = [
     ("displace", include_str!("programs/displace.toml")),
     ("staircase", include_str!("programs/staircase.toml")),

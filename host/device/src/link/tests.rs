@@ -149,10 +149,10 @@ fn no_answer_and_another_protocol_are_distinguished() {
 fn a_device_of_version_3_is_refused_with_a_clear_line() {
     let old = connect_error(Script { version: 3, ..Script::default() });
     assert!(matches!(old, LinkError::OtherVersion { theirs: 3, ours: protocol::VERSION, .. }), "{old}");
-    assert!(old.to_string().contains("speaks protocol version 3"), "{old}");
+    assert!(old.to_string().contains("uses protocol version 3"), "{old}");
     // A hello of our own version with a field more cannot be read, and is no other version.
     let longer = super::client::other_version("p", protocol::VERSION).to_string();
-    assert!(longer.contains("message types differ") && !longer.contains("this program speaks"), "{longer}");
+    assert!(longer.contains("message types differ") && !longer.contains("this program uses"), "{longer}");
 }
 
 #[test]

@@ -157,7 +157,7 @@ pub enum CharacterizeError {
     },
     /// The needle's stiffness is not stated.
     #[error(
-        "{}: needle: no bending stiffness, expected its modulus and diameters: in air the needle is the spring that the rig is measured with",
+        "{}: needle: no bending stiffness, expected its modulus and diameters: in air the needle is the reference spring of the rig",
         path.display()
     )]
     NeedleUnknown {

@@ -10,7 +10,7 @@ impl Verdict {
             Self::Adequate => "adequate: these runs show no missing effect",
             Self::Named => "named",
             Self::Ambiguous => "ambiguous: a few effects explain these runs equally well",
-            Self::Unexplained => "unexplained: something is missing that has no name here",
+            Self::Unexplained => "unexplained: no effect of the catalogue explains the misfit",
         }
     }
 }

@@ -121,7 +121,7 @@ impl Display for Moved {
     }
 }
 
-/// What has moved from what was known to what these runs show, the clearest change first.
+/// Parameters that have changed from the known values to those of these runs, the clearest change first.
 pub fn moved_since(known: &[KnownParameter], found: &Characterisation) -> Vec<Moved> {
     let of = |known: &KnownParameter| {
         let now = found.parameters.iter().find(|one| known.is_of(one.effect, one.parameter))?;

@@ -47,9 +47,9 @@ def _observer(progress: Progress | None) -> Callable[[bytes], object] | None:
 class Device:
     """A connected device: the firmware on its board, or in QEMU.
 
-    The firmware's interlocks hold as from the command line. While a program runs the host shows ten times a second that it is there;
-    where the interpreter dies, the device stops by itself after its limit of silence. Ctrl-C in a call that moves the guide stops
-    the guide before the call ends. One call at a time may use a device.
+    The firmware's interlocks are active as from the command line. While a program runs the host sends a keepalive ten times a
+    second; if the interpreter crashes, the device stops by itself after its silence limit. Ctrl-C in a call that moves the guide
+    stops the guide before the call ends. One call at a time may use a device.
 
     Use it in a ``with`` statement, which stops the guide on an exception and closes the port::
 

@@ -55,4 +55,4 @@ class DeviceError(NeedleGuideError):
 
 
 class InternalError(NeedleGuideError):
-    """A fault of the package itself."""
+    """An error of the package itself."""

@@ -89,7 +89,7 @@ class IdentifiedRun:
 
     @property
     def shapes(self) -> tuple[FloatArray, ...]:
-        """Shape of every hold: rows of place along the needle, measured and fitted deflection, millimetres; shape (points, 3)."""
+        """Shape of every hold: rows of position along the needle, measured and fitted deflection, millimetres; shape (points, 3)."""
         columns = ("z_mm", "measured_mm", "fitted_mm")
         return tuple(np.stack([array(one[name]) for name in columns], axis=1) for one in self._document["shape"])
 
@@ -174,7 +174,7 @@ class PredictedInsertion:
 
     @property
     def tip_y_mm(self) -> FloatArray:
-        """Vertical place of the tip, millimetres."""
+        """Vertical position of the tip, millimetres."""
         return array(self._document.get("tip_y_mm"))
 
     @property
@@ -184,12 +184,12 @@ class PredictedInsertion:
 
     @property
     def measured_y_mm(self) -> FloatArray:
-        """Measured place, millimetres; NaN where there is none."""
+        """Measured position, millimetres; NaN where there is none."""
         return array(self._document.get("measured_y_mm"))
 
     @property
     def tip_x_mm(self) -> FloatArray:
-        """Horizontal place of the tip, millimetres; empty where it was not measured."""
+        """Horizontal position of the tip, millimetres; empty where it was not measured."""
         return array(self._document.get("tip_x_mm"))
 
     @property
@@ -199,7 +199,7 @@ class PredictedInsertion:
 
     @property
     def measured_x_mm(self) -> FloatArray:
-        """Measured place, millimetres; NaN where there is none."""
+        """Measured position, millimetres; NaN where there is none."""
         return array(self._document.get("measured_x_mm"))
 
     @property
@@ -262,12 +262,12 @@ class TrackedRun:
 
     @property
     def tip_y_mm(self) -> FloatArray:
-        """Computed place of the tip, millimetres."""
+        """Computed position of the tip, millimetres."""
         return array(self._document["tip_y_mm"])
 
     @property
     def measured_tip_y_mm(self) -> FloatArray:
-        """Measured place of the tip, millimetres."""
+        """Measured position of the tip, millimetres."""
         return array(self._document["measured_tip_y_mm"])
 
     @property
@@ -422,7 +422,7 @@ class Population(Result):
 
     @property
     def listed(self) -> tuple[str, ...]:
-        """Sessions that do not count: failed, unexplained, or far from the others."""
+        """Sessions that are not used: failed, unexplained, or far from the others."""
         return tuple(str(one["session"]) for one in self._document["listed"])
 
     def _rows(self) -> list[tuple[str, str]]:

@@ -30,7 +30,7 @@ impl Plant for Absent {
     }
 }
 
-/// Plans the way to a target from what is known of needle, rig and tissue beforehand, as [`steer`](super::steer) does before the first push.
+/// Plans the path to a target from what is known of needle, rig and tissue beforehand, as [`steer`](super::steer) does before the first push.
 /// A target that cannot be reached is no error: the plan then leads as near to it as it can.
 ///
 /// # Errors

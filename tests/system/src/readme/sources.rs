@@ -111,20 +111,51 @@ fn headings(book: &Book, name: &str) -> Vec<String> {
 
 #[test]
 fn every_json_document_has_its_place() {
-    let schema = Regex::new(r#"(guide\.[a-z_]+/\d+)\\?""#).unwrap();
+    let schema = Regex::new(r#"(guide\.[a-z_-]+/\d+)\\?""#).unwrap();
     let book = Book::read(images::root()).unwrap();
-    let headings = headings(&book, "json.md").join("\n");
-    let mut count = 0;
+    let headings = headings(&book, "json.md");
     // Other programs have documents of their own.
-    for (name, text) in
-        sources().iter().filter(|(name, _)| name.starts_with("host/") && !name.contains("test"))
-    {
+    let of_the_program = |(name, _): &(String, String)| name.starts_with("host/") && !name.contains("test");
+    let sources: Vec<(String, String)> = sources().into_iter().filter(of_the_program).collect();
+    for (name, text) in &sources {
         for found in schema.captures_iter(text) {
-            assert!(headings.contains(&found[1]), "{name}: {} has no heading in json.md", &found[1]);
+            let heading = format!("### `{}`", &found[1]);
+            assert!(headings.contains(&heading), "{name}: json.md has no heading {heading}");
+        }
+    }
+    // And no heading is about a document that the program does not have.
+    let documented = Regex::new(r"^### `((?:guide|needle)\.[a-z_-]+/\d+)`$").unwrap();
+    let mut count = 0;
+    for found in headings.iter().filter_map(|heading| documented.captures(heading)) {
+        let quoted = format!("\"{}\"", &found[1]);
+        assert!(
+            sources.iter().any(|(_, text)| text.contains(&quoted)),
+            "json.md: {quoted} is not in the source"
+        );
+        count += 1;
+    }
+    assert!(count > 40, "{count} documents found");
+}
+
+/// Names of what ends a steered run, as its results have them.
+#[test]
+fn every_fault_of_a_steered_run_has_its_place() {
+    let name = Regex::new(r#"Self::\w+(?:\(_\)| \{ \.\. \})? => "([a-z_]+)","#).unwrap();
+    let book = Book::read(images::root()).unwrap();
+    let text = |name: &str| book.page(&format!("{MANUAL}/{name}")).unwrap().text();
+    let pages = text("plants.md") + &text("commands/steer.md");
+    let of_the_run = |(name, _): &&(String, String)| {
+        ["host/steering/src/plant.rs", "host/steering/src/controller.rs"].contains(&name.as_str())
+    };
+    let mut count = 0;
+    for (file, text) in sources().iter().filter(of_the_run) {
+        for found in name.captures_iter(text) {
+            let row = format!("\n| `{}` | ", &found[1]);
+            assert!(pages.contains(&row), "{file}: no row of plants.md or steer.md is about {}", &found[1]);
             count += 1;
         }
     }
-    assert!(count > 10, "{count} documents found");
+    assert!(count > 20, "{count} names");
 }
 
 #[test]

@@ -37,7 +37,7 @@ pub const TABLES: [(&str, &str); 5] = [
     (
         "ref1.csv",
         "# An indentation. Needed: depth_mm, force_n (on the indenter, positive when pressed in). Contact point and force offset are\n\
-         # fitted: rows from before contact help, rows on the way back are not used.\n\
+         # fitted: rows from before contact help, rows of the unloading are not used.\n\
          depth_mm,force_n\n",
     ),
 ];
