@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import doctest
 import pathlib
 import re
+from typing import Any
+
+import pytest
 
 from needle_guide import Session
 
@@ -19,6 +23,22 @@ def test_the_examples_of_the_page_give_what_is_printed() -> None:
     assert len(examples.examples) >= 3
     failed, _ = doctest.DocTestRunner(optionflags=doctest.IGNORE_EXCEPTION_DETAIL).run(examples)
     assert failed == 0
+
+
+@pytest.mark.parametrize("path", sorted(MANUAL.glob("notebooks/*.ipynb")), ids=lambda path: path.stem)
+def test_a_notebook_gives_what_it_shows(path: pathlib.Path) -> None:
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
+    shown = nbformat.read(path, as_version=4)
+    cells = [cell for cell in shown.cells if cell.cell_type == "code"]
+    assert cells and all(cell.outputs for cell in cells[-1:])
+    again = copy.deepcopy(shown)
+    nbclient.NotebookClient(again, kernel_name="python3", timeout=300).execute()
+
+    def outputs(cell: Any) -> list[tuple[str, Any]]:
+        return [(one.output_type, one.get("data", one.get("text"))) for one in cell.outputs]
+
+    for cell, run in zip(cells, (cell for cell in again.cells if cell.cell_type == "code"), strict=True):
+        assert outputs(cell) == outputs(run), cell.source
 
 
 def test_the_picture_of_the_page_is_the_one_of_the_example() -> None:

@@ -15,7 +15,14 @@ use std::process::{Command, Stdio};
 /// The feature with which the workspace builds the module.
 pub const FEATURE: &str = "needle-guide/extension";
 /// What the tests need from PyPI: the module's own dependency, and theirs.
-const PACKAGES: [&str; 4] = ["numpy>=1.24", "pandas>=2", "pytest>=8", "dask[distributed]>=2024.8"];
+const PACKAGES: [&str; 6] = [
+    "numpy>=1.24",
+    "pandas>=2",
+    "pytest>=8",
+    "dask[distributed]>=2024.8",
+    "nbclient>=0.10",
+    "ipykernel>=6.29",
+];
 /// The module's compiled part, in the folder of a build.
 const MODULE: &str = "deps/libneedle_guide_core.so";
 /// What an entry point of the package is.
