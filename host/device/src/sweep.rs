@@ -61,7 +61,7 @@ impl Sweep {
         let row = |(row, (z_m, deflection_y_m)): (usize, (&f64, &f64))| {
             let deflection_x_m = own(&shape.x_m, row).unwrap_or(0.0);
             let (z_m, deflection_y_m) = (*z_m, *deflection_y_m);
-            (own(&shape.time_s, row), ShapeRow { time_s: 0.0, z_m, deflection_y_m, deflection_x_m })
+            (own(&shape.time_s, row), ShapeRow { time_s: 0.0, z_m, deflection_y_m, deflection_x_m, image: None })
         };
         Ok(Self { rows: shape.z_m.iter().zip(&shape.y_m).enumerate().map(row).collect() })
     }

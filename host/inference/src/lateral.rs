@@ -9,7 +9,8 @@ use super::{Block, Fit, Parameter, Prior};
 use crate::holds::reversal_of_means_m;
 use mechanics::effects::{Effect, ParameterInfo};
 use mechanics::{
-    DriveSample, Model, ModelError, ObservationPlan, PreparedNeedle, Rig, Series, ShapePoint, Support,
+    DriveSample, Model, ModelError, ObservationPlan, PreparedNeedle, Rig, Series, ShapeImage, ShapePoint,
+    Support,
 };
 use smallvec::SmallVec;
 use std::borrow::Cow;
@@ -39,12 +40,14 @@ pub struct ShapeDatum {
     pub deflection_m: [f64; 2],
     /// Standard deviation in each plane over that of the run, [`LateralData::shape_sd_m`].
     pub sd_ratio: [f64; 2],
+    /// How it was imaged, where that is known.
+    pub image: Option<ShapeImage>,
 }
 
 impl ShapeDatum {
     /// A point with the standard deviation of its run.
     pub fn new(z_m: f64, deflection_m: [f64; 2]) -> Self {
-        Self { z_m, deflection_m, sd_ratio: [1.0; 2] }
+        Self { z_m, deflection_m, sd_ratio: [1.0; 2], image: None }
     }
 }
 
@@ -145,6 +148,7 @@ impl LateralData {
                         z_m: point.z_m,
                         deflection_m: [point.deflection_m.get(plane).copied().unwrap_or(f64::NAN), 0.0],
                         sd_ratio: [point.sd_ratio.get(plane).copied().unwrap_or(1.0), 1.0],
+                        image: point.image,
                     })
                     .collect(),
             })
@@ -208,7 +212,11 @@ impl LateralData {
         let mut shape = Vec::with_capacity(self.points());
         for (level, data) in self.levels.iter().enumerate() {
             let time_s = level as f64;
-            shape.extend(data.shape.iter().map(|point| ShapePoint { time_s, z_m: point.z_m }));
+            shape.extend(data.shape.iter().map(|point| ShapePoint {
+                time_s,
+                z_m: point.z_m,
+                image: point.image,
+            }));
         }
         shape
     }

@@ -16,6 +16,7 @@ use imaging::frame::Orientation;
 use imaging::overlay::Picture;
 use imaging::pose::Place;
 use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, measure};
+use mechanics::ShapeImage;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -277,6 +278,10 @@ fn draw(
 fn series(points: &[Deflection]) -> ShapeSeries {
     let column =
         |of: fn(&Deflection) -> f64| -> Vec<f64> { points.iter().map(|point| 1e-3 * of(point)).collect() };
+    let image = |point: &Deflection| ShapeImage {
+        beam_rad: point.motion.beam_rad,
+        probe_m_per_s: 1e-3 * point.motion.mm_per_s,
+    };
     ShapeSeries {
         time_s: None,
         z_m: column(|point| point.z_mm),
@@ -284,6 +289,7 @@ fn series(points: &[Deflection]) -> ShapeSeries {
         x_m: Some(column(|point| point.across_mm[0])),
         y_sd_m: Some(column(|point| point.sd_mm[1])),
         x_sd_m: Some(column(|point| point.sd_mm[0])),
+        images: Some(points.iter().map(image).collect()),
     }
 }
 

@@ -26,7 +26,7 @@ pub use survey::Survey;
 pub use tissue::{FoundationKind, Tissue};
 pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionWriter, Setup, ShapeRow, is_file_name, replace};
 
-use mechanics::Rig;
+use mechanics::{Rig, ShapeImage};
 use std::path::PathBuf;
 
 /// Insertion depths that a lateral run in tissue can have, least and greatest, millimetres. A run in air has depth 0.
@@ -204,9 +204,16 @@ pub struct ShapeSeries {
     pub y_sd_m: Option<Vec<f64>>,
     /// Standard deviation of each horizontal deflection.
     pub x_sd_m: Option<Vec<f64>>,
+    /// How each point was imaged, where the file has it.
+    pub images: Option<Vec<ShapeImage>>,
 }
 
 impl ShapeSeries {
+    /// How a point was imaged, where that is known.
+    pub fn image(&self, index: usize) -> Option<ShapeImage> {
+        self.images.as_ref()?.get(index).copied()
+    }
+
     /// Root mean square of the standard deviations of the points; nothing where the file has none.
     pub fn typical_sd_m(&self) -> Option<f64> {
         root_mean_square(self.y_sd_m.iter().chain(&self.x_sd_m).flatten())

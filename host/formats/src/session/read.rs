@@ -10,6 +10,7 @@ use super::{
     DEPTH_RANGE_MM, ForceSeries, IndentationRun, InsertionRun, Labels, LateralRun, Mark, Provenance, Session,
     Setup, ShapeSeries, SteeringRun, Tissue,
 };
+use mechanics::ShapeImage;
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -37,13 +38,15 @@ pub(super) const FORCE_COLUMNS: [Column; 10] = [
     Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).whole().blank(),
     Column::optional("moving", 1.0, [0.0, 1.0]).whole().blank(),
 ];
-pub(super) const SHAPE_COLUMNS: [Column; 6] = [
+pub(super) const SHAPE_COLUMNS: [Column; 8] = [
     Column::optional("time_s", 1.0, TIME_S),
     Column::required("z_mm", MM, [0.0, 2000.0]),
     Column::required("deflection_y_mm", MM, LATERAL_MM),
     Column::optional("deflection_x_mm", MM, LATERAL_MM),
     Column::optional("deflection_y_sd_mm", MM, SD_MM),
     Column::optional("deflection_x_sd_mm", MM, SD_MM),
+    Column::optional("beam_deg", std::f64::consts::PI / 180.0, [-360.0, 360.0]),
+    Column::optional("probe_mm_per_s", MM, [-1000.0, 1000.0]),
 ];
 /// Slope of the needle at the tip: beyond one in one no insertion is straight ahead.
 const DIRECTION_MRAD: [f64; 2] = [-1000.0, 1000.0];
@@ -195,18 +198,17 @@ impl ForceSeries {
         Self::of(path, table)
     }
 
-    fn of(path: &Path, mut force: Table) -> Result<Self, SessionError> {
-        let header_line = force.header_line;
-        let marks = marks(force.take("step"), force.take("moving"));
+    fn of(path: &Path, mut table: Table) -> Result<Self, SessionError> {
+        let marks = marks(table.take("step"), table.take("moving"));
         let force = Self {
-            time_s: force.take_required("time_s"),
-            displacement_y_m: force.take_required("displacement_y_mm"),
-            force_y_n: force.take_required("force_y_n"),
-            displacement_x_m: force.take("displacement_x_mm"),
-            force_x_n: force.take("force_x_n"),
-            displacement_y_sd_m: force.take("displacement_y_sd_mm"),
-            displacement_x_sd_m: force.take("displacement_x_sd_mm"),
-            lost_before: force.take("lost_before"),
+            time_s: table.take_required("time_s"),
+            displacement_y_m: table.take_required("displacement_y_mm"),
+            force_y_n: table.take_required("force_y_n"),
+            displacement_x_m: table.take("displacement_x_mm"),
+            force_x_n: table.take("force_x_n"),
+            displacement_y_sd_m: table.take("displacement_y_sd_mm"),
+            displacement_x_sd_m: table.take("displacement_x_sd_mm"),
+            lost_before: table.take("lost_before"),
             marks,
         };
         let (missing, beside) = match (&force.displacement_x_m, &force.force_x_n) {
@@ -214,12 +216,7 @@ impl ForceSeries {
             (Some(_), None) => ("force_x_n", "displacement_x_mm"),
             _ => return Ok(force),
         };
-        Err(SessionError::Field {
-            place: super::Place { path: path.to_owned(), line: header_line, column: 1 },
-            field: missing.to_owned(),
-            problem: Problem::Missing,
-            expected: format!("both columns or none, as there is {beside}"),
-        })
+        Err(without_partner(path, &table, missing, beside))
     }
 }
 
@@ -229,7 +226,7 @@ impl ShapeSeries {
     /// # Errors
     /// [`SessionError`] for the first fault found, with its place.
     pub fn read(path: &Path) -> Result<Self, SessionError> {
-        Ok(Self::of(Table::read_recording(path, &SHAPE_COLUMNS)?))
+        Self::of(path, Table::read_recording(path, &SHAPE_COLUMNS)?)
     }
 
     /// Reads a shape of at least one point from a text; `name` is what messages call it.
@@ -237,18 +234,38 @@ impl ShapeSeries {
     /// # Errors
     /// As [`Self::read`].
     pub fn parse(name: &Path, text: &str) -> Result<Self, SessionError> {
-        Ok(Self::of(Table::parse(name, text, &SHAPE_COLUMNS, 1)?))
+        Self::of(name, Table::parse(name, text, &SHAPE_COLUMNS, 1)?)
     }
 
-    fn of(mut shape: Table) -> Self {
-        Self {
+    fn of(path: &Path, mut shape: Table) -> Result<Self, SessionError> {
+        let images = match (shape.take("beam_deg"), shape.take("probe_mm_per_s")) {
+            (Some(beam), Some(probe)) => {
+                let both = beam.into_iter().zip(probe);
+                Some(both.map(|(beam_rad, probe_m_per_s)| ShapeImage { beam_rad, probe_m_per_s }).collect())
+            }
+            (None, None) => None,
+            (None, _) => return Err(without_partner(path, &shape, "beam_deg", "probe_mm_per_s")),
+            (_, None) => return Err(without_partner(path, &shape, "probe_mm_per_s", "beam_deg")),
+        };
+        Ok(Self {
             time_s: shape.take("time_s"),
             z_m: shape.take_required("z_mm"),
             y_m: shape.take_required("deflection_y_mm"),
             x_m: shape.take("deflection_x_mm"),
             y_sd_m: shape.take("deflection_y_sd_mm"),
             x_sd_m: shape.take("deflection_x_sd_mm"),
-        }
+            images,
+        })
+    }
+}
+
+/// A column is missing that has a meaning only beside another one, or is the meaning of it.
+fn without_partner(path: &Path, table: &Table, missing: &str, beside: &str) -> SessionError {
+    SessionError::Field {
+        place: super::Place { path: path.to_owned(), line: table.header_line, column: 1 },
+        field: missing.to_owned(),
+        problem: Problem::Missing,
+        expected: format!("both columns or none, as there is {beside}"),
     }
 }
 

@@ -8,7 +8,7 @@ use super::cells::{Cells, cells, held, stood, stretches, travelled};
 use crate::holds::{Hold, HoldCriteria, holds, median, reversal_m, reversal_of_means_m};
 use crate::insertion::{Bin, TipPath};
 use formats::session::{InsertionRun, LateralRun};
-use mechanics::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapePoint};
+use mechanics::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapeImage, ShapePoint};
 
 /// A sensor in one plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -303,6 +303,13 @@ impl Run {
         })
     }
 
+    /// How its shape was imaged, at its middle point; nothing where that is not known.
+    pub fn image(&self) -> Option<ShapeImage> {
+        let Experiment::Lateral(lateral) = &self.experiment else { return None };
+        let mut known = lateral.shape.iter().filter_map(|point| point.image);
+        known.nth(lateral.shape.iter().filter(|point| point.image.is_some()).count() / 2)
+    }
+
     /// The same with only some of its parts.
     pub fn with_parts(&self, keep: impl Fn(usize) -> bool) -> Self {
         let data = self.data.iter().filter(|datum| keep(datum.part)).cloned().collect();
@@ -413,7 +420,7 @@ fn sweep(
     let first = points.len();
     for (index, z_m) in indices.iter().zip(&z_m) {
         let time_s = run.shape.time_s.as_ref().map_or(middle_s, |times_s| hold.observed_s(times_s[*index]));
-        points.push(ShapePoint { time_s, z_m: *z_m });
+        points.push(ShapePoint { time_s, z_m: *z_m, image: run.shape.image(*index) });
     }
     let planes = [Some(&run.shape.y_m), run.shape.x_m.as_ref()];
     for (plane, column) in planes.into_iter().enumerate() {

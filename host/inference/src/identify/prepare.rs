@@ -198,7 +198,12 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
         own_m.zip(typical_m).map_or(1.0, |(own_m, typical_m)| own_m / typical_m)
     };
     let sd_ratio = [ratio(&run.shape.y_sd_m), ratio(&run.shape.x_sd_m)];
-    on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m], sd_ratio })
+    on_needle.then_some(ShapeDatum {
+        z_m: z_m.min(tip_m),
+        deflection_m: [y_m, x_m],
+        sd_ratio,
+        image: run.shape.image(index),
+    })
 }
 
 /// The run's course, for effects that depend on it: rows closer than [`COURSE_STEP_S`] are thinned, since nothing that is modelled

@@ -185,7 +185,7 @@ impl SimulatedRig {
         };
         let mut shape_m = Series { x: Some(bent(0)), y: bent(1) };
         let mut channels = Channels { shape_m: std::mem::take(&mut shape_m), ..Channels::default() };
-        let context = ObservationContext { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
+        let context = ObservationContext::default();
         self.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
         let Series { y, x } = channels.shape_m;
         let (noise_m, x) = (ultrasound.noise_mm * 1e-3, x.unwrap_or_default());

@@ -2,6 +2,7 @@
 
 use super::super::{ForceSeries, SessionError, ShapeSeries, read_text};
 use super::{SessionWriter, enter, number};
+use mechanics::ShapeImage;
 use std::path::Path;
 
 /// A force series of which there is nothing yet.
@@ -26,6 +27,8 @@ impl SessionWriter {
         let session_file = self.dir.join("session.toml");
         let depth_mm = number(&session_file, "depth_mm", 1e3 * depth_m)?;
         let rows = force.map_or_else(|| Ok(NO_FORCE.to_owned()), read_text)?;
+        let images = shape.images.as_ref();
+        let column = |images: &Vec<ShapeImage>, of: fn(&ShapeImage) -> f64| images.iter().map(of).collect();
         let columns: Vec<(&'static str, Vec<f64>, f64)> = [
             shape.time_s.clone().map(|values| ("time_s", values, 1.0)),
             Some(("z_mm", shape.z_m.clone(), 1e3)),
@@ -33,6 +36,8 @@ impl SessionWriter {
             shape.x_m.clone().map(|values| ("deflection_x_mm", values, 1e3)),
             shape.y_sd_m.clone().map(|values| ("deflection_y_sd_mm", values, 1e3)),
             shape.x_sd_m.clone().map(|values| ("deflection_x_sd_mm", values, 1e3)),
+            images.map(|images| ("beam_deg", column(images, |image| image.beam_rad.to_degrees()), 1.0)),
+            images.map(|images| ("probe_mm_per_s", column(images, |image| image.probe_m_per_s), 1e3)),
         ]
         .into_iter()
         .flatten()

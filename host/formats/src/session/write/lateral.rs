@@ -2,6 +2,7 @@
 
 use super::super::{Provenance, SessionError};
 use super::{SessionWriter, enter, io, number};
+use mechanics::ShapeImage;
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Seek, SeekFrom, Write};
@@ -39,6 +40,8 @@ pub struct ShapeRow {
     pub deflection_y_m: f64,
     /// Horizontal deflection.
     pub deflection_x_m: f64,
+    /// How the point was imaged; written where the run is one of images ([`LateralWriter::imaged`]).
+    pub image: Option<ShapeImage>,
 }
 
 /// A lateral run being written. What has been flushed is a part of the session, even if this program is killed.
@@ -50,8 +53,13 @@ pub struct LateralWriter<'a> {
     provenance: Provenance,
     force: CsvFile,
     shape: CsvFile,
+    has_images: bool,
     has_rows: bool,
 }
+
+/// Columns of a shape, and those of its images.
+const SHAPE_HEADER: &str = "time_s,z_mm,deflection_y_mm,deflection_x_mm";
+const IMAGE_HEADER: &str = "beam_deg,probe_mm_per_s";
 
 impl<'a> LateralWriter<'a> {
     /// A run of which nothing is written yet.
@@ -66,14 +74,20 @@ impl<'a> LateralWriter<'a> {
             "force",
             "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n,step,lost_before,moving",
         );
-        let shape = csv("shape", "time_s,z_mm,deflection_y_mm,deflection_x_mm");
+        let shape = csv("shape", SHAPE_HEADER);
         let provenance = Provenance::default();
-        Self { session, id: id.to_owned(), depth_m, provenance, force, shape, has_rows: false }
+        Self { session, id: id.to_owned(), depth_m, provenance, force, shape, has_images: false, has_rows: false }
     }
 
     /// States what the run is recorded with; to be called before its first row.
     pub fn made_with(&mut self, provenance: Provenance) {
         self.provenance = provenance;
+    }
+
+    /// States that it is known how the points of the shape are imaged; to be called before its first row.
+    pub fn imaged(&mut self) {
+        self.has_images = true;
+        self.shape.rows = format!("{SHAPE_HEADER},{IMAGE_HEADER}\n");
     }
 
     /// Adds a row to the force series.
@@ -99,12 +113,20 @@ impl<'a> LateralWriter<'a> {
     /// # Errors
     /// As [`LateralWriter::force`].
     pub fn shape(&mut self, row: &ShapeRow) -> Result<(), SessionError> {
-        let line = self.shape.numbers(&[
+        let mut line = self.shape.numbers(&[
             ("time_s", row.time_s),
             ("z_mm", 1e3 * row.z_m),
             ("deflection_y_mm", 1e3 * row.deflection_y_m),
             ("deflection_x_mm", 1e3 * row.deflection_x_m),
         ])?;
+        if self.has_images {
+            let image = row.image.unwrap_or(ShapeImage { beam_rad: f64::NAN, probe_m_per_s: f64::NAN });
+            let numbers = self.shape.numbers(&[
+                ("beam_deg", image.beam_rad.to_degrees()),
+                ("probe_mm_per_s", 1e3 * image.probe_m_per_s),
+            ])?;
+            let _ = write!(line, ",{numbers}");
+        }
         self.add(|run| &mut run.shape, &line)
     }
 
