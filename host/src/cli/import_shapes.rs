@@ -282,6 +282,7 @@ pub fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
         y_sd_m: both(shapes, |shape| &shape.y_sd_m),
         x_sd_m: both(shapes, |shape| &shape.x_sd_m),
         images: both(shapes, |shape| &shape.images),
+        z_shared_sd_m: both(shapes, |shape| &shape.z_shared_sd_m),
     }
 }
 

@@ -206,9 +206,16 @@ pub struct ShapeSeries {
     pub x_sd_m: Option<Vec<f64>>,
     /// How each point was imaged, where the file has it.
     pub images: Option<Vec<ShapeImage>>,
+    /// Standard deviation of an error of the positions that all points of the run share, at each point, where the file has it.
+    pub z_shared_sd_m: Option<Vec<f64>>,
 }
 
 impl ShapeSeries {
+    /// Standard deviation of the shared error of the position of a point; 0 where none is stated.
+    pub fn shared_sd_m(&self, index: usize) -> f64 {
+        self.z_shared_sd_m.as_ref().and_then(|sd_m| sd_m.get(index)).copied().unwrap_or(0.0)
+    }
+
     /// How a point was imaged, where that is known.
     pub fn image(&self, index: usize) -> Option<ShapeImage> {
         self.images.as_ref()?.get(index).copied()

@@ -154,6 +154,8 @@ pub(super) struct Run {
     pub experiment: Experiment,
     pub data: Vec<Datum>,
     pub cells: Cells,
+    /// Standard deviation of an error of the position that all points of its shape share, at each of them.
+    pub z_shared_sd_m: Vec<f64>,
     /// Speed of an insertion; 0 where it is not recorded.
     pub speed_m_per_s: f64,
     /// Whether it is of the session that the one under diagnosis is compared with.
@@ -230,8 +232,10 @@ impl Run {
             }
         }
         let mut points = Vec::new();
+        let mut z_shared_sd_m = Vec::new();
         for (part, hold) in holds.iter().enumerate() {
-            sweep(run, rig, hold, (part, places[part], start_s), &mut points, &mut data);
+            let indices = sweep(run, rig, hold, (part, places[part], start_s), &mut points, &mut data);
+            z_shared_sd_m.extend(indices.into_iter().map(|index| run.shape.shared_sd_m(index)));
         }
         // Both planes of a channel lie together.
         data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));
@@ -253,6 +257,7 @@ impl Run {
             experiment,
             data,
             cells,
+            z_shared_sd_m,
             speed_m_per_s: 0.0,
             is_reference: false,
         })
@@ -298,6 +303,7 @@ impl Run {
             experiment: Experiment::Insertion(done),
             data,
             cells: Cells::default(),
+            z_shared_sd_m: Vec::new(),
             speed_m_per_s,
             is_reference: false,
         })
@@ -402,7 +408,7 @@ fn hold_places(holds: &[Hold], axis: usize, depth_m: f64) -> Vec<Place> {
     holds.iter().map(place).collect()
 }
 
-/// The shape points of one hold.
+/// The shape points of one hold; their numbers in the file.
 fn sweep(
     run: &LateralRun,
     rig: &Rig,
@@ -410,7 +416,7 @@ fn sweep(
     (part, place, start_s): (usize, Place, f64),
     points: &mut Vec<ShapePoint>,
     data: &mut Vec<Datum>,
-) {
+) -> Vec<usize> {
     let tip_m = rig.entry_m + run.depth_m;
     let middle_s = 0.5 * (hold.time_s[0] + hold.time_s[1]);
     let mut indices: Vec<usize> =
@@ -446,6 +452,7 @@ fn sweep(
             });
         }
     }
+    indices
 }
 
 #[cfg(test)]

@@ -71,6 +71,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
         shape_sd_m,
         force_zero,
+        z_shared: 0.0,
         // A force determines the stiffness of needle and tissue together, and nothing where neither is known.
         uses_force: session.rig.needle.stiffness_known,
         effects: nuisances(session, options),
@@ -203,6 +204,7 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
         deflection_m: [y_m, x_m],
         sd_ratio,
         image: run.shape.image(index),
+        z_shared_sd_m: run.shape.shared_sd_m(index),
     })
 }
 

@@ -124,6 +124,7 @@ mod tests {
             levels: vec![level],
             shape_sd_m: 1.0,
             force_zero: ForceZero::Exact,
+            z_shared: 0.0,
             uses_force: true,
             effects: Vec::new(),
             fixed: None,

@@ -25,6 +25,7 @@ _SHAPE = (
         "deflection_x_sd_mm",
         "beam_deg",
         "probe_mm_per_s",
+        "z_shared_sd_mm",
     ),
 )
 _PATH = (
