@@ -6,6 +6,7 @@
 
 mod error;
 pub mod fields;
+mod frames;
 mod hardware;
 pub mod import;
 mod indenter;
@@ -20,6 +21,7 @@ mod tissue;
 mod write;
 
 pub use error::{Place, Problem, SessionError, read_text};
+pub use frames::{FrameSweep, sweeps_file};
 pub use indenter::Indenter;
 pub use labels::{Covariate, Labels};
 pub use survey::Survey;

@@ -33,8 +33,9 @@ use scanner::Scan;
 /// Largest code of the 24-bit bridge converter.
 const BRIDGE_CODE_MAX: f64 = 8_388_607.0;
 
-/// A scan begins and ends at this distance from surface and tip; distance of the points of the axis that it is rendered from.
-const SCAN_MARGIN_MM: f64 = 0.5;
+/// A scan begins and ends at this distance from surface and tip.
+pub const SCAN_MARGIN_MM: f64 = 0.5;
+/// Distance of the points of the axis that it is rendered from.
 const SCAN_STEP_MM: f64 = 0.25;
 
 /// What the bridges' inputs were in one period: share of the period that IN1 and IN2 of x and y were high, 0 to 1.

@@ -1,7 +1,7 @@
 //! Writing a lateral run: rows go to its CSV files as they come; with the first of them it is entered in `session.toml`.
 
-use super::super::{Provenance, SessionError};
-use super::{SessionWriter, enter, io, number};
+use super::super::{FrameSweep, Provenance, SessionError, sweeps_file};
+use super::{SessionWriter, enter, io, number, replace};
 use mechanics::ShapeImage;
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
@@ -54,6 +54,7 @@ pub struct LateralWriter<'a> {
     force: CsvFile,
     shape: CsvFile,
     has_images: bool,
+    frames: Vec<FrameSweep>,
     has_rows: bool,
 }
 
@@ -76,7 +77,7 @@ impl<'a> LateralWriter<'a> {
         );
         let shape = csv("shape", SHAPE_HEADER);
         let provenance = Provenance::default();
-        Self { session, id: id.to_owned(), depth_m, provenance, force, shape, has_images: false, has_rows: false }
+        Self { session, id: id.to_owned(), depth_m, provenance, force, shape, has_images: false, frames: Vec::new(), has_rows: false }
     }
 
     /// States what the run is recorded with; to be called before its first row.
@@ -128,6 +129,20 @@ impl<'a> LateralWriter<'a> {
             let _ = write!(line, ",{numbers}");
         }
         self.add(|run| &mut run.shape, &line)
+    }
+
+    /// Lists frames that were taken in a hold, from which the shape is yet to be measured.
+    ///
+    /// # Errors
+    /// As reported by the operating system.
+    pub fn frames(&mut self, sweep: FrameSweep) -> Result<(), SessionError> {
+        self.frames.push(sweep);
+        let path = sweeps_file(&self.session.dir, &self.id);
+        replace(&path, &FrameSweep::to_toml(&self.session.dir, &self.id, &self.frames))?;
+        if self.frames.len() == 1 {
+            self.session.made.push(path);
+        }
+        Ok(())
     }
 
     fn add(&mut self, file: impl Fn(&mut Self) -> &mut CsvFile, line: &str) -> Result<(), SessionError> {
