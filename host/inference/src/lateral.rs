@@ -396,3 +396,6 @@ pub fn channel_fits(data: &LateralData, fit: &Fit, block: usize) -> [ChannelFit;
     }
     channels
 }
+
+#[cfg(test)]
+mod shared_tests;
