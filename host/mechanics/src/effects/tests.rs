@@ -1,7 +1,9 @@
 //! Every effect of the catalogue: neutral values, sensitivities, and limiting cases in closed form.
 
 use super::*;
-use crate::{DriveSample, Experiment, Insertion, Lateral, Model, Needle, Profile, Rig, TipLaw, predict};
+use crate::{
+    DriveSample, Experiment, Insertion, Lateral, Model, Needle, Profile, Rig, Series, TipLaw, predict,
+};
 
 const GUIDE2_M: f64 = 0.06;
 const ENTRY_M: f64 = 0.07;
