@@ -284,7 +284,7 @@ proptest! {
             step: *step, moving: step.map(|step| step % 2 == 0), lost_before: *lost,
         }).collect();
         let shape: Vec<_> = values.iter().map(|(u, _, _, _)| ShapeRow {
-            time_s: 1.0, z_m: 0.08, deflection_y_m: *u, deflection_x_m: 2.0 * u,
+            time_s: 1.0, z_m: 0.08, deflection_y_m: *u, deflection_x_m: 2.0 * u, image: None,
         }).collect();
         let session = read_back(&rows, &shape, &setup, depth);
         prop_assert_eq!(session.name.as_deref(), Some(setup.name.as_str()));
