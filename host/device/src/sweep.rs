@@ -38,7 +38,9 @@ pub enum SweepError {
     #[error(transparent)]
     Output(Arc<SessionError>),
     /// A frames command did not print where its frames are.
-    #[error("the frames command printed \"{line}\", expected the path of the sequence that it has saved as its last line")]
+    #[error(
+        "the frames command printed \"{line}\", expected the path of the sequence that it has saved as its last line"
+    )]
     NoFrames {
         /// Its last line.
         line: String,
@@ -67,7 +69,10 @@ impl Sweep {
         let row = |(row, (z_m, deflection_y_m)): (usize, (&f64, &f64))| {
             let deflection_x_m = own(&shape.x_m, row).unwrap_or(0.0);
             let (z_m, deflection_y_m) = (*z_m, *deflection_y_m);
-            (own(&shape.time_s, row), ShapeRow { time_s: 0.0, z_m, deflection_y_m, deflection_x_m, image: None })
+            (
+                own(&shape.time_s, row),
+                ShapeRow { time_s: 0.0, z_m, deflection_y_m, deflection_x_m, image: None },
+            )
         };
         Ok(Self { rows: shape.z_m.iter().zip(&shape.y_m).enumerate().map(row).collect() })
     }

@@ -322,7 +322,8 @@ impl Block for LateralData {
             residuals.extend(points.zip(shape_m).enumerate().map(|(i, (point, predicted_m))| {
                 let of_plane = |[y, x]: [f64; 2]| if plane == 0 { y } else { x };
                 let slope = before_m.get(i).map_or(0.0, |before_m| (predicted_m - before_m) / SLOPE_STEP_M);
-                let off_m = of_plane(point.deflection_m) - predicted_m - z_shared * point.z_shared_sd_m * slope;
+                let off_m =
+                    of_plane(point.deflection_m) - predicted_m - z_shared * point.z_shared_sd_m * slope;
                 off_m / (self.shape_sd_m * of_plane(point.sd_ratio))
             }));
         }

@@ -296,8 +296,7 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
                 base_m: one_plane(moved.base_m),
                 ..Channels::default()
             };
-            let context =
-                ObservationContext { time_s: &run.time_s, ..ObservationContext::default() };
+            let context = ObservationContext { time_s: &run.time_s, ..ObservationContext::default() };
             model.observe(&context, &mut channels);
             Ok(channels)
         }

@@ -159,8 +159,7 @@ fn lateral(
     let mut shape = Vec::new();
     let step_s = plan.hold_s * SWEEP_TAKES / points.max(1) as f64;
     let is_imaged = model.effects.iter().any(|(effect, _)| effect.needs_images());
-    let image = is_imaged
-        .then(|| ShapeImage { beam_rad: BEAM_RAD, probe_m_per_s: plan.spacing_m / step_s });
+    let image = is_imaged.then(|| ShapeImage { beam_rad: BEAM_RAD, probe_m_per_s: plan.spacing_m / step_s });
     for hold in holds.iter().filter(|hold| plan.is_swept(hold.level_m)) {
         shape.extend((0..points).map(|point| ShapePoint {
             time_s: hold.from_s

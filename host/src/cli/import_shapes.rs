@@ -287,10 +287,7 @@ pub fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
 }
 
 /// An optional column of all sweeps; nothing where one has none.
-fn both<T: Clone>(
-    shapes: &[ShapeSeries],
-    column: fn(&ShapeSeries) -> &Option<Vec<T>>,
-) -> Option<Vec<T>> {
+fn both<T: Clone>(shapes: &[ShapeSeries], column: fn(&ShapeSeries) -> &Option<Vec<T>>) -> Option<Vec<T>> {
     let columns: Option<Vec<&[T]>> = shapes.iter().map(|shape| column(shape).as_deref()).collect();
     columns.filter(|columns| !columns.is_empty()).map(|columns| columns.concat())
 }

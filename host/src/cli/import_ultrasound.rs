@@ -1,6 +1,7 @@
 //! `guide import ultrasound`: a lateral run's shape from transverse ultrasound frames.
 
 mod document;
+mod recorded;
 
 pub use document::checksum;
 
@@ -11,16 +12,14 @@ use anyhow::{Context, bail, ensure};
 use document::{Imported, Straight};
 use formats::image_calibration::ImageCalibration;
 use formats::session::import::name_of;
-use formats::session::{
-    DEPTH_RANGE_MM, FrameSweep, LateralRun, Session, SessionWriter, Setup, ShapeSeries, is_file_name,
-};
+use formats::session::{DEPTH_RANGE_MM, SessionWriter, Setup, ShapeSeries, is_file_name};
 use imaging::detect::Region;
 use imaging::frame::Orientation;
 use imaging::overlay::Picture;
 use imaging::pose::Place;
 use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, measure};
-use inference::holds::{Hold, HoldCriteria, Path as LevelPath, holds};
 use mechanics::ShapeImage;
+use recorded::RecordedRun;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -99,7 +98,9 @@ type Matrix = Box<[f64; 16]>;
 impl FrameArgs {
     /// Whether any of its options is given.
     pub fn is_requested(&self) -> bool {
-        let Self { straight, straight_px, spacing_mm, orientation, region, sweep_start_mm, lag_s, run, .. } = self;
+        let Self {
+            straight, straight_px, spacing_mm, orientation, region, sweep_start_mm, lag_s, run, ..
+        } = self;
         let place =
             [&self.step_mm, &self.speed_mm_per_s, sweep_start_mm, lag_s].iter().any(|given| given.is_some());
         let image =
@@ -165,40 +166,6 @@ impl FrameArgs {
         let mean_mm_per_s =
             points.iter().map(|point| point.motion.mm_per_s).sum::<f64>() / points.len().max(1) as f64;
         self.sweep_start_sd_mm.hypot(lag_sd_s * mean_mm_per_s)
-    }
-}
-
-/// A run of the session whose frames were taken while it was recorded.
-struct RecordedRun {
-    run: LateralRun,
-    /// Frames of the undisplaced needle, of the first hold at zero displacement.
-    straight: Option<PathBuf>,
-    /// All others.
-    sweeps: Vec<FrameSweep>,
-}
-
-impl RecordedRun {
-    fn read(session: &Path, id: &str) -> anyhow::Result<Self> {
-        let known = Session::read(session)?.lateral;
-        let ids: Vec<String> = known.iter().map(|run| run.id.clone()).collect();
-        let run = known.into_iter().find(|run| run.id == id);
-        let run = run.with_context(|| {
-            format!("--run: \"{id}\" is no lateral run of {}, expected one of: {}", session.display(), ids.join(", "))
-        })?;
-        let frames_file = session.join(format!("{id}.frames.json"));
-        ensure!(
-            run.shape.z_m.is_empty() || frames_file.exists(),
-            "--run: {id} has a shape that was not measured from frames, expected a run of guide acquire --frames-command"
-        );
-        let mut sweeps = FrameSweep::read(session, id)?;
-        let levels = holds(&run, &HoldCriteria::default());
-        let is_zero = |sweep: &FrameSweep| {
-            let around = |level: &&Hold| (level.time_s[0]..=level.time_s[1]).contains(&sweep.time_s);
-            levels.iter().find(around).is_some_and(|level| level.path == LevelPath::Zero)
-        };
-        let straight = sweeps.iter().position(is_zero).map(|at| sweeps.remove(at).frames);
-        ensure!(!sweeps.is_empty(), "--run: {id} has frames of the undisplaced needle only, expected some of a displaced one");
-        Ok(Self { run, straight, sweeps })
     }
 }
 

@@ -355,8 +355,15 @@ fn print(
 ) -> anyhow::Result<()> {
     let session = args.out.to_string_lossy();
     let frames = Some(sweeps_file(&args.out, id)).filter(|file| file.exists());
-    let report =
-        Report { schema, session: &session, run: id, recorded, raw, frames, unused: unused_of(&args.out, id) };
+    let report = Report {
+        schema,
+        session: &session,
+        run: id,
+        recorded,
+        raw,
+        frames,
+        unused: unused_of(&args.out, id),
+    };
     out.result(&report, &report)
 }
 

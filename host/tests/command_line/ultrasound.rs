@@ -105,7 +105,8 @@ fn frames_of_a_shape_give_its_modulus() {
 
 /// A lateral run at 12 kPa whose shape is not measured yet, and two scans of its needle: before it is moved, and displaced.
 fn run_with_frames(session: &Path) {
-    let beam = Beam::solve(&super::rig(), &Foundation::uniform(12e3).expect("a modulus"), 0.03).expect("solves");
+    let beam =
+        Beam::solve(&super::rig(), &Foundation::uniform(12e3).expect("a modulus"), 0.03).expect("solves");
     let scans = [(0.0, "zero"), (1.2e-3, "hold")].map(|(pushed_m, name)| {
         let point = |i: i32| {
             let z_mm = 70.5 + 0.25 * f64::from(i);
@@ -139,7 +140,8 @@ fn frames_of_a_run_become_its_shape() {
     let session = folder.path();
     fs::create_dir_all(session).expect("a folder");
     run_with_frames(session);
-    let import = ["import", "ultrasound", "--run", "d30-1", "--out", path(session), "--z-field", "ProbePosition"];
+    let import =
+        ["import", "ultrasound", "--run", "d30-1", "--out", path(session), "--z-field", "ProbePosition"];
     let place = ["--sweep-start-mm", "70.5", "--sweep-start-sd-mm", "0.02", "--json"];
     let done = json(&[&import[..], &place].concat());
     let sweep = &done["sweeps"][0];
@@ -161,6 +163,8 @@ fn frames_of_a_run_become_its_shape() {
     assert!((bound(0)..bound(1)).contains(&12.0), "{pooled}");
     // Once more, as after another choice of options.
     json(&[&import[..], &place].concat());
-    assert!(failure(&[&import[..2], &["--run", "d31", "--out", path(session), "--step-mm", "1"]].concat())
-        .contains("no lateral run of"));
+    assert!(
+        failure(&[&import[..2], &["--run", "d31", "--out", path(session), "--step-mm", "1"]].concat())
+            .contains("no lateral run of")
+    );
 }

@@ -18,8 +18,8 @@ use device::link::Program;
 use formats::session::{InsertionRun, Noise, Session, SessionWriter, Setup};
 use mechanics::Rig;
 use serde_json::Value;
-use simulation::rig::{SCAN_MARGIN_MM, Truth};
 use simulation::rig::config::RigConfig;
+use simulation::rig::{SCAN_MARGIN_MM, Truth};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -361,7 +361,9 @@ impl Typist<'_> {
     fn echo(&mut self, arguments: &[&str]) {
         let quoted = arguments.iter().map(|argument| match *argument {
             // Long commands go on in the next line; which they are must not depend on how long paths are.
-            "--rig" | "--sweep-command" | "--frames-command" | "--z-field" | "--tip" => format!("\\\n    {argument}"),
+            "--rig" | "--sweep-command" | "--frames-command" | "--z-field" | "--tip" => {
+                format!("\\\n    {argument}")
+            }
             text if text.contains(' ') => format!("\"{text}\""),
             text => text.to_owned(),
         });

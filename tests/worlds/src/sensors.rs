@@ -325,9 +325,11 @@ fn shape(
         let beam_rad = images.map_or(0.0, |plan| plan.beam_deg.to_radians());
         taken.extend(std::iter::repeat_n(ShapeImage { beam_rad, probe_m_per_s }, count));
         // Where the plane of a frame really was.
-        let frame_m = |at_m: f64| world.entry_m + at_m + world.depth_shift_m + world.image_lag_s * probe_m_per_s;
+        let frame_m =
+            |at_m: f64| world.entry_m + at_m + world.depth_shift_m + world.image_lag_s * probe_m_per_s;
         let places_m: Vec<f64> = (0..shapes_m[0][sweep].len()).map(|node| node as f64 * STEP_M).collect();
-        let needle_m = |plane: usize, at_m: f64| between(&places_m, &shapes_m[plane][sweep], frame_m(at_m), true);
+        let needle_m =
+            |plane: usize, at_m: f64| between(&places_m, &shapes_m[plane][sweep], frame_m(at_m), true);
         for (plane, plane_m) in planes_m.iter_mut().enumerate() {
             let measured = |at_m: &f64| {
                 let needle_m = match images {

@@ -101,8 +101,7 @@ fn frames_of_a_hold_are_listed_with_their_time() {
     let command = format!("echo '{}'", frames.display());
     let mut program = vec![Act::Batch(32); 11];
     program.extend([Act::Wait(300), Act::Batch(32), Act::Complete]);
-    let (session, ended, files) =
-        record_with(Ultrasound::Frames(&command), playing(&program), &hold(true));
+    let (session, ended, files) = record_with(Ultrasound::Frames(&command), playing(&program), &hold(true));
     assert_eq!(ended.expect("completes").sweeps, 1);
     assert!(files.contains(&"d30-1.sweeps.toml".to_owned()), "{files:?}");
     assert!(session.lateral[0].shape.z_m.is_empty(), "the shape is yet to be measured");

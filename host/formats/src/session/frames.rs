@@ -36,7 +36,11 @@ impl FrameSweep {
             };
             let sweeps: Vec<Self> = file.tables("sweep")?.iter().map(one).collect::<Result<_, _>>()?;
             if sweeps.is_empty() {
-                return Err(file.field_fault("sweep", Problem::Missing, "a table [[sweep]] for every sequence"));
+                return Err(file.field_fault(
+                    "sweep",
+                    Problem::Missing,
+                    "a table [[sweep]] for every sequence",
+                ));
             }
             Ok(sweeps)
         })
@@ -44,8 +48,9 @@ impl FrameSweep {
 
     /// The text that lists sweeps.
     pub(super) fn to_toml(session: &Path, id: &str, sweeps: &[Self]) -> String {
-        let mut text =
-            format!("# Ultrasound frames of run {id}. Its shape: guide import ultrasound --run {id} --out DIR\n");
+        let mut text = format!(
+            "# Ultrasound frames of run {id}. Its shape: guide import ultrasound --run {id} --out DIR\n"
+        );
         for Self { time_s, frames } in sweeps {
             let _ = write!(
                 text,
@@ -72,10 +77,14 @@ mod tests {
 
     #[test]
     fn sweeps_are_listed_relative_to_the_session_and_read_again() {
-        let (session, elsewhere) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let (session, elsewhere) =
+            (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
         let [here, there] = [session.path(), elsewhere.path()].map(|folder| folder.join("sweep \"1\".mha"));
-        [&here, &there].map(|file| fs::write(file, "frames").expect("a file"));
-        let sweeps = [FrameSweep { time_s: 1.25, frames: here.clone() }, FrameSweep { time_s: 7.5, frames: there }];
+        for file in [&here, &there] {
+            fs::write(file, "frames").expect("a file");
+        }
+        let sweeps =
+            [FrameSweep { time_s: 1.25, frames: here.clone() }, FrameSweep { time_s: 7.5, frames: there }];
         let text = FrameSweep::to_toml(session.path(), "d30-1", &sweeps);
         assert!(text.contains("frames = 'sweep \"1\".mha'"), "{text}");
         fs::write(sweeps_file(session.path(), "d30-1"), text).expect("a file");

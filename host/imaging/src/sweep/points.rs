@@ -67,7 +67,8 @@ fn mean(group: &[Used], correlated: f64) -> Option<Point> {
     let count = group.len() as f64;
     let weights = |axis: usize| group.iter().map(move |(_, sd_mm, _)| sd_mm[axis].powi(-2));
     let across_mm = [0, 1].map(|axis: usize| {
-        let sum: f64 = group.iter().zip(weights(axis)).map(|((place, ..), weight)| weight * place[axis]).sum();
+        let sum: f64 =
+            group.iter().zip(weights(axis)).map(|((place, ..), weight)| weight * place[axis]).sum();
         sum / weights(axis).sum::<f64>()
     });
     let sd_mm = [0, 1].map(|axis: usize| (correlated.max(1.0) / weights(axis).sum::<f64>()).sqrt());

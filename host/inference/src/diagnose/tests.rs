@@ -77,9 +77,7 @@ fn an_effect_of_the_tip_is_named_beside_lateral_runs() {
 
 #[test]
 fn errors_of_imaging_are_named_where_it_is_stated_how_the_shape_was_imaged() {
-    for (id, value) in
-        [("imaging.sound_speed", 0.06), ("imaging.lag", 0.15), ("imaging.echo_offset", 0.08)]
-    {
+    for (id, value) in [("imaging.sound_speed", 0.06), ("imaging.lag", 0.15), ("imaging.echo_offset", 0.08)] {
         assert_named(&diagnosed(&truth(vec![(id, vec![value])]), &Design::imaged(), 8), id, &[value]);
     }
 }

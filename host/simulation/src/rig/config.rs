@@ -239,7 +239,8 @@ impl Simulation {
     /// [`ConfigError::Value`] for the first value out of its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = "a positive number";
-        let Self { depth_mm, modulus_kpa, actuator, force, ultrasound, scanner, effects, imperfections } = self;
+        let Self { depth_mm, modulus_kpa, actuator, force, ultrasound, scanner, effects, imperfections } =
+            self;
         let is_known = |effect: &&HiddenEffect| {
             HIDDEN.iter().any(|(id, values)| *id == effect.id && values.len() == effect.values.len())
         };

@@ -232,7 +232,8 @@ impl SimulatedRig {
         let from_mm = 1e3 * self.entry_m + SCAN_MARGIN_MM;
         let length_mm = (1e3 * self.truth.depth_m - 2.0 * SCAN_MARGIN_MM).max(SCAN_STEP_MM);
         let steps = (length_mm / SCAN_STEP_MM + 1e-9) as usize;
-        let places_m: Vec<f64> = (0..=steps).map(|step| 1e-3 * (from_mm + SCAN_STEP_MM * step as f64)).collect();
+        let places_m: Vec<f64> =
+            (0..=steps).map(|step| 1e-3 * (from_mm + SCAN_STEP_MM * step as f64)).collect();
         let imperfections = &self.simulation.imperfections;
         let point = |([x_m, y_m], z_m): ([f64; 2], &f64)| {
             let [x_off_m, y_off_m] = imperfections.pattern_m(*z_m);

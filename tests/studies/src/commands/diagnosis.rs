@@ -150,8 +150,7 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); MEASU
         outcomes.iter().filter_map(|o| if let Hidden::One(id, _) = &o.hidden { Some((o, *id)) } else { None })
     };
     let id_of = |o: &Outcome| if let Hidden::One(id, _) = &o.hidden { *id } else { "" };
-    let nothing =
-        || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Nothing | Hidden::NothingImaged));
+    let nothing = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Nothing | Hidden::NothingImaged));
     let foreign = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Foreign(_)));
     let pairs = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Pair(..)));
     let identifiable =

@@ -168,7 +168,8 @@ impl Cosim {
             sent_bytes: 0,
         }));
         let stop = Arc::new(AtomicBool::new(false));
-        for (name, taken) in [(SWEEPS, sweeps::sweep_csv as fn(&mut SimulatedRig) -> String), (SCANS, sweeps::scan_json)]
+        for (name, taken) in
+            [(SWEEPS, sweeps::sweep_csv as fn(&mut SimulatedRig) -> String), (SCANS, sweeps::scan_json)]
         {
             sweeps::serve(&folder.join(name), Arc::clone(&state), Arc::clone(&stop), taken)?;
         }

@@ -26,7 +26,12 @@ const TIMEOUT: Duration = Duration::from_secs(20);
 /// What is given of the rig as it is now.
 type Taken = fn(&mut SimulatedRig) -> String;
 
-pub(super) fn serve(path: &Path, state: Arc<Mutex<State>>, stop: Arc<AtomicBool>, taken: Taken) -> Result<()> {
+pub(super) fn serve(
+    path: &Path,
+    state: Arc<Mutex<State>>,
+    stop: Arc<AtomicBool>,
+    taken: Taken,
+) -> Result<()> {
     let listener = UnixListener::bind(path)
         .with_context(|| format!("cannot serve ultrasound sweeps at {}", path.display()))?;
     thread::Builder::new().name("ultrasound".into()).spawn(move || {

@@ -86,7 +86,8 @@ type NamedColumn = (&'static str, Vec<f64>, f64);
 /// The columns that a shape has.
 fn shape_columns(shape: &ShapeSeries) -> Vec<NamedColumn> {
     let images = shape.images.as_ref();
-    let of_images = |of: fn(&ShapeImage) -> f64| images.map(|images| images.iter().map(of).collect::<Vec<_>>());
+    let of_images =
+        |of: fn(&ShapeImage) -> f64| images.map(|images| images.iter().map(of).collect::<Vec<_>>());
     let named = |name: &'static str, values: Option<Vec<f64>>, factor: f64| {
         values.map(|values| (name, values, factor))
     };

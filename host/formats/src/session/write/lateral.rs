@@ -77,7 +77,17 @@ impl<'a> LateralWriter<'a> {
         );
         let shape = csv("shape", SHAPE_HEADER);
         let provenance = Provenance::default();
-        Self { session, id: id.to_owned(), depth_m, provenance, force, shape, has_images: false, frames: Vec::new(), has_rows: false }
+        Self {
+            session,
+            id: id.to_owned(),
+            depth_m,
+            provenance,
+            force,
+            shape,
+            has_images: false,
+            frames: Vec::new(),
+            has_rows: false,
+        }
     }
 
     /// States what the run is recorded with; to be called before its first row.
