@@ -206,7 +206,7 @@ impl ShapePoint {
     }
 }
 
-/// How the image was taken in which a point of the shape was seen.
+/// How the image of a point of the shape was taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShapeImage {
     /// Direction in which the beam leaves the probe, in the plane across the needle: from the horizontal x towards y, rad.

@@ -20,7 +20,7 @@ pub struct PreparedNeedle<'a> {
     drive: Drive,
     prestress: Prestress,
     places: Places,
-    /// How every point was imaged; empty where no effect asks.
+    /// How every point was imaged; empty where no effect depends on it.
     images: Vec<Option<ShapeImage>>,
     needles: Needles,
     /// Whether the horizontal plane is predicted too.
@@ -57,8 +57,8 @@ impl<'a> PreparedNeedle<'a> {
         model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
         let problems = Problems::of(&model, depth_m)?;
         let places = Places::of(&model, shape);
-        let asks = model.effects.iter().any(|(effect, _)| effect.needs_images());
-        let images = shape.iter().filter(|_| asks).map(|point| point.image).collect();
+        let is_needed = model.effects.iter().any(|(effect, _)| effect.needs_images());
+        let images = shape.iter().filter(|_| is_needed).map(|point| point.image).collect();
         let needles = Needles::new(&problems, most_m, &places.z_m, cache)?;
         // An effect may bring what happens in one plane into the other.
         let both = planes > 1 || !model.effects.is_empty();

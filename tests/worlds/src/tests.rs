@@ -184,9 +184,9 @@ fn images_are_wrong_along_their_beam() {
             "imaging.echo_offset" => assert!(aside_y < 1e-12 && (aside_x - above_y).abs() < 1e-12),
             _ => assert!(aside_y < 1e-12 && aside_x < 1e-12, "{aside_y} {aside_x}"),
         }
-        let untold = session(&truth(vec![(id, strong)]), &small(), 1);
+        let unstated = session(&truth(vec![(id, strong)]), &small(), 1);
         let plain = session(&truth(vec![]), &small(), 1);
-        assert_eq!(untold.lateral[0].shape.y_m, plain.lateral[0].shape.y_m, "{id}");
+        assert_eq!(unstated.lateral[0].shape.y_m, plain.lateral[0].shape.y_m, "{id}");
     }
 }
 

@@ -164,8 +164,8 @@ impl Layout {
             "tip.bevel_roll" => self.rig.has_one_guide(),
             _ => false,
         };
-        let is_seen = self.has_images || !effect.needs_images();
-        effect.applies_to(&self.rig) && is_seen && !is_parameter
+        let is_observable = self.has_images || !effect.needs_images();
+        effect.applies_to(&self.rig) && is_observable && !is_parameter
     }
 
     /// Tip load, N, and its standard deviation, of values with a covariance; nothing without insertions.
