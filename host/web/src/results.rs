@@ -70,7 +70,7 @@ impl From<&'static dyn Effect> for EffectEntry {
 
 /// The catalogue.
 pub fn effects() -> Result<String, AnswerError> {
-    Ok(serde_json::to_string(&EFFECTS.map(EffectEntry::from))?)
+    Ok(serde_json::to_string(&EFFECTS.map(EffectEntry::from)[..])?)
 }
 
 /// What `guide check` finds.

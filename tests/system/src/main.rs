@@ -58,6 +58,15 @@ enum Task {
         #[arg(long, value_name = "SOCKET")]
         socket: PathBuf,
     },
+    /// Save the ultrasound frames of one sweep of a simulated rig, and print the file's path
+    Frames {
+        /// Where the rig serves its scans
+        #[arg(long, value_name = "SOCKET")]
+        socket: PathBuf,
+        /// Folder in which they are saved
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
     /// Push a simulated needle as a plant of `guide steer --port PORT --tip`, whose guide 2 is that of a rig
     Needle(needle::Args),
 }
@@ -109,6 +118,11 @@ fn run(task: Task) -> Result<()> {
         }
         Task::Rig(args) => demo::rig(&args),
         Task::Needle(args) => needle::run(&args),
+        Task::Frames { socket, out } => {
+            let (path, _taken) = cosim::take_frames(&socket, &out)?;
+            println!("{}", path.display());
+            std::io::stdout().flush().context("cannot print the path")
+        }
         Task::Sweep { socket } => {
             let taken = cosim::take_sweep(&socket, true)?;
             print!("{}", taken.text);

@@ -1,0 +1,49 @@
+//! Frames that `guide acquire` has taken while it recorded a run.
+
+use anyhow::{Context, ensure};
+use formats::session::{FrameSweep, LateralRun, Session};
+use inference::holds::{Hold, HoldCriteria, Path as LevelPath, holds};
+use std::path::{Path, PathBuf};
+
+/// A run of the session whose frames were taken while it was recorded.
+pub struct RecordedRun {
+    /// The run as it is.
+    pub run: LateralRun,
+    /// Frames of the undisplaced needle, of the first hold at zero displacement.
+    pub straight: Option<PathBuf>,
+    /// All others.
+    pub sweeps: Vec<FrameSweep>,
+}
+
+impl RecordedRun {
+    /// Finds the run and its frames.
+    pub fn read(session: &Path, id: &str) -> anyhow::Result<Self> {
+        let known = Session::read(session)?.lateral;
+        let ids: Vec<String> = known.iter().map(|run| run.id.clone()).collect();
+        let run = known.into_iter().find(|run| run.id == id);
+        let run = run.with_context(|| {
+            format!(
+                "--run: \"{id}\" is no lateral run of {}, expected one of: {}",
+                session.display(),
+                ids.join(", ")
+            )
+        })?;
+        let frames_file = session.join(format!("{id}.frames.json"));
+        ensure!(
+            run.shape.z_m.is_empty() || frames_file.exists(),
+            "--run: {id} has a shape that was not measured from frames, expected a run of guide acquire --frames-command"
+        );
+        let mut sweeps = FrameSweep::read(session, id)?;
+        let levels = holds(&run, &HoldCriteria::default());
+        let is_zero = |sweep: &FrameSweep| {
+            let around = |level: &&Hold| (level.time_s[0]..=level.time_s[1]).contains(&sweep.time_s);
+            levels.iter().find(around).is_some_and(|level| level.path == LevelPath::Zero)
+        };
+        let straight = sweeps.iter().position(is_zero).map(|at| sweeps.remove(at).frames);
+        ensure!(
+            !sweeps.is_empty(),
+            "--run: {id} has frames of the undisplaced needle only, expected some of a displaced one"
+        );
+        Ok(Self { run, straight, sweeps })
+    }
+}
