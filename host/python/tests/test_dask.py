@@ -31,7 +31,7 @@ def test_the_program_of_the_page_summarizes_every_session(example: Session, tmp_
     )
     assert run.returncode == 0, run.stderr
     failed, found, mean = run.stdout.splitlines()
-    assert failed.startswith("sessions/a ") and "needle" in failed
+    assert failed.startswith("sessions/a ") and "session.format: missing" in failed
     own = summarize(sessions / "b")
     assert found == f"sessions/b {own.k_kpa}"
     assert mean.startswith("1 sessions, mean K")

@@ -54,8 +54,10 @@ fn the_runs_that_the_device_makes_show_what_is_loose_in_the_rig() {
         assert_eq!((&run["samples_missing"], &run["sweeps"]), (&0.into(), &5.into()), "{run:#}");
     }
     let backlash = parameter(&document, "rig.backlash");
+    // How often its interval holds the truth is measured by the study of rigs in air; one rig must be found to a twentieth.
     let [low, high] = [0, 1].map(|end| backlash["ci95"][end].as_f64().unwrap());
-    assert!((low..=high).contains(&CLEARANCE_MM) && high - low < 0.06, "{backlash:#}");
+    let off_mm = (0.5 * (low + high) - CLEARANCE_MM).abs();
+    assert!(off_mm < 0.05 * CLEARANCE_MM && high - low < 0.06, "{backlash:#}");
     assert_eq!(backlash["standing"], "identified");
 
     // Each run has its own zero, from a tare at rest, and both are in the session in any case.
