@@ -61,10 +61,10 @@ use wiring::Wiring;
 
 /// Length of one lockstep period, seconds.
 const PERIOD_S: f64 = 1e-3;
-/// How often the rig, while it waits, checks whether what it waits for has come.
 /// Names of the sockets on which sweeps and scans are served.
 const SWEEPS: &str = "ultrasound";
 const SCANS: &str = "scanner";
+/// How often the rig, while it waits, checks whether what it waits for has come.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 #[derive(Debug)]
