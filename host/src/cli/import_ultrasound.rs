@@ -2,6 +2,7 @@
 
 mod document;
 mod recorded;
+mod reference;
 
 pub use document::checksum;
 
@@ -18,6 +19,7 @@ use imaging::pose::Place;
 use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, measure};
 use mechanics::ShapeImage;
 use recorded::RecordedRun;
+use reference::refer_to_zero;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -187,8 +189,10 @@ pub fn run(
         Some(recorded) => recorded.sweeps.iter().map(|sweep| vec![sweep.frames.clone()]).collect(),
         None => sequences(paths),
     };
-    let own_straight = recorded.as_ref().and_then(|recorded| recorded.straight.as_ref());
-    let straight = straight(args, own_straight, &settings, out)?;
+    // A straight needle that is given was imaged at another time: guide 2 is taken to have been at zero.
+    let is_given = args.straight.is_some() || args.straight_px.is_some();
+    let own = recorded.as_ref().filter(|_| !is_given).and_then(|recorded| recorded.straight.as_ref());
+    let straight = straight(args, own.map(|(path, _)| path), &settings, out)?;
     let mut sheets: Vec<Vec<u8>> = Vec::new();
     let mut measured: Vec<(PathBuf, Sweep, Vec<Deflection>)> = Vec::new();
     for files in &sweeps {
@@ -204,6 +208,12 @@ pub fn run(
         };
         let points = deflections(&sweep.points(), &line);
         measured.push((path, sweep, points));
+    }
+    if let (Some(recorded), Some((_, straight_mm))) = (&recorded, own) {
+        let mut points: Vec<Vec<Deflection>> =
+            measured.iter_mut().map(|(_, _, points)| std::mem::take(points)).collect();
+        refer_to_zero(&mut points, &recorded.displacements_mm, *straight_mm);
+        measured.iter_mut().zip(points).for_each(|((_, _, of_sweep), points)| *of_sweep = points);
     }
     let columns: Vec<ShapeSeries> =
         measured.iter().map(|(_, sweep, points)| series(points, args.shared_sd_mm(sweep, points))).collect();
@@ -232,7 +242,9 @@ pub fn run(
     // A column of zeros would say nothing.
     shape.z_shared_sd_m = shape.z_shared_sd_m.filter(|sd_m| sd_m.iter().any(|sd_m| *sd_m > 0.0));
     let has_force = recorded.is_some() || shapes.force.is_some();
-    let document = Imported::new(to, &id, depth_mm, times_s, has_force, &measured, straight.as_ref())?;
+    let straight_mm = own.map(|(_, displacement_mm)| *displacement_mm);
+    let mut document = Imported::new(to, &id, depth_mm, times_s, has_force, &measured, straight.as_ref())?;
+    document.straight_displacement_mm = straight_mm;
     let mut session = SessionWriter::open(to, setup)?;
     match &recorded {
         Some(recorded) => session.reshape(&recorded.run, &shape)?,
@@ -271,7 +283,6 @@ fn straight(
     settings: &Settings,
     out: &Output,
 ) -> anyhow::Result<Option<Straight>> {
-    let own = own.filter(|_| args.straight_px.is_none());
     let Some(path) = args.straight.as_ref().or(own) else { return Ok(None) };
     let (path, sweep) = one(std::slice::from_ref(path), settings, out)?;
     let line = Line::through(&sweep.points()).with_context(|| {

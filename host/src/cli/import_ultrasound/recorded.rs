@@ -9,10 +9,12 @@ use std::path::{Path, PathBuf};
 pub struct RecordedRun {
     /// The run as it is.
     pub run: LateralRun,
-    /// Frames of the undisplaced needle, of the first hold at zero displacement.
-    pub straight: Option<PathBuf>,
+    /// Frames of the undisplaced needle, of the first hold at zero displacement, and where guide 2 stood in it.
+    pub straight: Option<(PathBuf, [f64; 2])>,
     /// All others.
     pub sweeps: Vec<FrameSweep>,
+    /// Where guide 2 stood in each of these, `[x, y]`; nothing outside of every hold.
+    pub displacements_mm: Vec<Option<[f64; 2]>>,
 }
 
 impl RecordedRun {
@@ -35,15 +37,22 @@ impl RecordedRun {
         );
         let mut sweeps = FrameSweep::read(session, id)?;
         let levels = holds(&run, &HoldCriteria::default());
-        let is_zero = |sweep: &FrameSweep| {
-            let around = |level: &&Hold| (level.time_s[0]..=level.time_s[1]).contains(&sweep.time_s);
-            levels.iter().find(around).is_some_and(|level| level.path == LevelPath::Zero)
+        let level = |sweep: &FrameSweep| {
+            levels.iter().find(|level| (level.time_s[0]..=level.time_s[1]).contains(&sweep.time_s))
         };
-        let straight = sweeps.iter().position(is_zero).map(|at| sweeps.remove(at).frames);
+        let at_mm = |level: &Hold| {
+            let [y_m, x_m] = level.displacement_m();
+            [1e3 * x_m, 1e3 * y_m]
+        };
+        let zero = sweeps.iter().enumerate().find_map(|(at, sweep)| {
+            level(sweep).filter(|level| level.path == LevelPath::Zero).map(|level| (at, at_mm(level)))
+        });
+        let straight = zero.map(|(at, displacement_mm)| (sweeps.remove(at).frames, displacement_mm));
         ensure!(
             !sweeps.is_empty(),
             "--run: {id} has frames of the undisplaced needle only, expected some of a displaced one"
         );
-        Ok(Self { run, straight, sweeps })
+        let displacements_mm = sweeps.iter().map(|sweep| level(sweep).map(at_mm)).collect();
+        Ok(Self { run, straight, sweeps, displacements_mm })
     }
 }
