@@ -6,8 +6,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use system::{
-    beside, bringup, campaign, cosim, demo, fuzz, hil, needle, readme, size, soak, stress, suite, timing,
-    tracking,
+    beside, bringup, campaign, cosim, demo, fuzz, hil, imaged, needle, readme, size, soak, stress, suite,
+    timing, tracking,
 };
 
 /// Set up, build, test and demonstrate the needle guide
@@ -34,6 +34,8 @@ enum Task {
     Readme(readme::Args),
     /// Run the end of the demonstration for many seeds
     StudyDemo(demo::seeds::Seeds),
+    /// K from simulated ultrasound frames beside K from the true shape, by the commands of `guide`
+    StudyImages(imaged::Options),
     /// Run `guide bringup` on rigs with every fault of wiring, mounting and sensors, and on sound ones
     StudyBringup(bringup::Options),
     /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
@@ -90,6 +92,7 @@ fn run(task: Task) -> Result<()> {
         Task::Hil(args) => hil::run(&args),
         Task::Readme(args) => readme::run(&args),
         Task::StudyDemo(args) => demo::seeds::run(&args),
+        Task::StudyImages(args) => imaged::run(&args),
         Task::StudyBringup(args) => bringup::run(&args),
         Task::Tracking => {
             println!("{}", tracking::run()?);
