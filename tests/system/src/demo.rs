@@ -18,8 +18,8 @@ use device::link::Program;
 use formats::session::{InsertionRun, Noise, Session, SessionWriter, Setup};
 use mechanics::Rig;
 use serde_json::Value;
+use simulation::rig::Truth;
 use simulation::rig::config::RigConfig;
-use simulation::rig::{SCAN_MARGIN_MM, Truth};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -226,7 +226,6 @@ the session is in {}
 }
 
 const SESSION: &str = "phantom";
-const RUN: &str = "d30-1";
 /// The motion program of the measurement.
 const PROGRAM: &str = "displace";
 
@@ -257,7 +256,7 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, show: &mut dyn FnMut(&str)
         Appointment::at_s(ACQUIRE_AT_S).with_sweeps(sweeps(PROGRAM)?),
     ]);
     let port = bench.port();
-    let frames = frames_command(xtask, &bench, &session)?;
+    let sweep = sweep_command(xtask, &bench);
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let mut guide = Typist { program: guide, show };
     let [home_at, tare_at, acquire_at] = [HOME_AT_S, TARE_AT_S, ACQUIRE_AT_S].map(|at_s| at_s.to_string());
@@ -265,12 +264,8 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, show: &mut dyn FnMut(&str)
     guide.shown(&["tare", "--port", &port, "--at-s", &tare_at])?;
     let acquire =
         ["acquire", "--port", &port, "--at-s", &acquire_at, "--program", PROGRAM, "--rig", rig_file];
-    let recording = ["--depth-mm", &depth_mm, "--out", session, "--id", RUN, "--frames-command", &frames];
+    let recording = ["--depth-mm", &depth_mm, "--out", session, "--sweep-command", &sweep];
     guide.shown(&[&acquire[..], &recording].concat())?;
-    (guide.show)("(the frames are simulated: a needle in speckle, some without contact or echo)\n\n");
-    let start_mm = (1e3 * user_rig.entry_m + SCAN_MARGIN_MM).to_string();
-    let place = ["--z-field", "ProbePosition", "--sweep-start-mm", &start_mm];
-    guide.shown(&[&["import", "ultrasound", "--run", RUN, "--out", session][..], &place].concat())?;
     let truth = bench.rig().rig(|rig| rig.truth());
     let insertions = bench.rig().rig(|rig| rig.insertions(&user_rig, seed, INSERTIONS))?;
     bench.stop()?;
@@ -320,12 +315,6 @@ fn sweep_command(xtask: &Path, bench: &Bench) -> String {
     format!("'{}' sweep --socket '{}'", xtask.display(), bench.rig().ultrasound().display())
 }
 
-/// The command by which `guide acquire` takes the frames of a sweep, which are saved in the session's folder.
-fn frames_command(xtask: &Path, bench: &Bench, session: &Path) -> Result<String> {
-    let (socket, folder) = (bench.rig().scanner(), session.join("frames"));
-    Ok(format!("'{}' frames --socket '{}' --out '{}'", xtask.display(), socket.display(), path(&folder)?))
-}
-
 /// The steps of a motion program in which a sweep is taken.
 fn sweeps(program: &str) -> Result<Vec<u8>> {
     let steps = (0..).zip(Program::load(program)?.steps);
@@ -361,9 +350,7 @@ impl Typist<'_> {
     fn echo(&mut self, arguments: &[&str]) {
         let quoted = arguments.iter().map(|argument| match *argument {
             // Long commands go on in the next line; which they are must not depend on how long paths are.
-            "--rig" | "--sweep-command" | "--frames-command" | "--z-field" | "--tip" => {
-                format!("\\\n    {argument}")
-            }
+            "--rig" | "--sweep-command" | "--tip" => format!("\\\n    {argument}"),
             text if text.contains(' ') => format!("\"{text}\""),
             text => text.to_owned(),
         });
