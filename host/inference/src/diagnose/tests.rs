@@ -77,7 +77,7 @@ fn an_effect_of_the_tip_is_named_beside_lateral_runs() {
 
 #[test]
 fn errors_of_imaging_are_found_where_it_is_stated_how_the_shape_was_imaged() {
-    for (id, value) in [("imaging.sound_speed", 0.06), ("imaging.lag", 0.15), ("imaging.echo_offset", 0.08)] {
+    for (id, value) in [("imaging.sound_speed", 0.06), ("imaging.lag", 0.3), ("imaging.echo_offset", 0.08)] {
         let found = diagnosed(&truth(vec![(id, vec![value])]), &Design::imaged(), 8);
         assert_eq!(found.effects.len(), 1, "{id}: {found:#?}");
         assert!(found.effects[0].class.iter().any(|member| member == id), "{id}: {found:#?}");
@@ -87,9 +87,9 @@ fn errors_of_imaging_are_found_where_it_is_stated_how_the_shape_was_imaged() {
     assert!(unstated.effects.iter().flat_map(|effect| &effect.class).all(|id| !id.starts_with("imaging.")));
 }
 
-/// Moved along the beam alone, a wrong speed of sound is a wrong scale of everything.
+/// Moved along the beam alone, a wrong speed of sound is a wrong scale of everything: guide 2 has to move across the beam.
 #[test]
-fn a_turned_probe_separates_the_speed_of_sound_from_the_scale_of_the_image() {
+fn motion_across_the_beam_separates_the_speed_of_sound_from_the_scale_of_the_image() {
     let mut design = Design::imaged();
     design.lateral.retain(|plan| plan.axis == 0);
     let found = diagnosed(&truth(vec![("imaging.sound_speed", vec![0.1])]), &design, 9);
@@ -97,7 +97,8 @@ fn a_turned_probe_separates_the_speed_of_sound_from_the_scale_of_the_image() {
     for id in ["imaging.sound_speed", "sensor.shape_scale"] {
         assert!(class.iter().any(|member| member == id), "{found:#?}");
     }
-    assert_eq!(found.next_measurement.expect("a measurement").kind, "probe_turned");
+    let next = found.next_measurement.expect("a measurement");
+    assert!(matches!(next.kind.as_str(), "other_axis" | "probe_turned"), "{next:#?}");
 }
 
 #[test]
