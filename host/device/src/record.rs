@@ -9,8 +9,9 @@ use crate::igtl::Channel;
 use crate::igtl::channel::Observation;
 use crate::link::{Batch, Client, LinkError, LinkLosses, Program, RunOptions, Telemetry, run};
 use crate::sweep::{Sweep, SweepError};
-use formats::session::{ForceRow, LateralWriter, Provenance, SessionError};
+use formats::session::{ForceRow, FrameSweep, LateralWriter, Provenance, SessionError};
 use protocol::{EventKind, Hello, State};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use sweeps::Sweeps;
 
@@ -56,6 +57,8 @@ pub enum Ultrasound<'a> {
     Absent,
     /// From a command that is run in every hold that requires one.
     Command(&'a str),
+    /// As frames from such a command, which saves them: the shape is measured later.
+    Frames(&'a str),
     /// From a tracker that sends shapes by itself, all of which are recorded.
     Tracker(Box<Channel>),
 }
@@ -68,6 +71,8 @@ pub trait AcquisitionObserver {
     fn samples(&mut self, _batch: &Batch) {}
     /// A sweep has been recorded, taken at this device time unless it has times of its own.
     fn sweep(&mut self, _sweep: &Sweep, _time_s: f64) {}
+    /// Frames have been saved, taken at this device time.
+    fn frames(&mut self, _frames: &Path, _time_s: f64) {}
     /// A remark for the user.
     fn note(&mut self, _text: &str) {}
 }
@@ -82,7 +87,7 @@ pub struct Recorded {
     pub samples: u64,
     /// Device time between the first and the last sample, seconds.
     pub duration_s: f64,
-    /// Ultrasound sweeps written.
+    /// Ultrasound sweeps written, or saved as frames.
     pub sweeps: u64,
     /// Samples missing between the first and the last.
     pub samples_missing: u64,
@@ -188,6 +193,18 @@ impl<'w, 's> Recorder<'w, 's> {
         for row in sweep.rows(time_s) {
             self.writer.shape(&row)?;
         }
+        self.recorded.sweeps += 1;
+        Ok(())
+    }
+}
+
+impl Recorder<'_, '_> {
+    /// Lists frames that were taken at this device time.
+    ///
+    /// # Errors
+    /// Errors of the session's files.
+    pub fn frames(&mut self, frames: PathBuf, time_s: f64) -> Result<(), SessionError> {
+        self.writer.frames(FrameSweep { time_s, frames })?;
         self.recorded.sweeps += 1;
         Ok(())
     }

@@ -1,11 +1,11 @@
-//! One ultrasound sweep from any program that a lab has: a command whose standard output is the sweep.
+//! One ultrasound sweep from any program that a lab has: a command whose standard output is the sweep, or ends with the path of its frames.
 //!
 //! The output is CSV with a header: `z_mm` and `deflection_y_mm`, and where they are known `deflection_x_mm` and `time_s` (on
 //! the device's clock); other columns are ignored.
 
 use formats::session::{SessionError, ShapeRow, ShapeSeries};
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::mpsc::{self, TryRecvError};
@@ -37,6 +37,14 @@ pub enum SweepError {
     /// Its output is no sweep.
     #[error(transparent)]
     Output(Arc<SessionError>),
+    /// A frames command did not print where its frames are.
+    #[error(
+        "the frames command printed \"{line}\", expected the path of the sequence that it has saved as its last line"
+    )]
+    NoFrames {
+        /// Its last line.
+        line: String,
+    },
     /// Its output could not be read.
     #[error("the sweep command's output: {0}")]
     Read(String),
@@ -61,7 +69,10 @@ impl Sweep {
         let row = |(row, (z_m, deflection_y_m)): (usize, (&f64, &f64))| {
             let deflection_x_m = own(&shape.x_m, row).unwrap_or(0.0);
             let (z_m, deflection_y_m) = (*z_m, *deflection_y_m);
-            (own(&shape.time_s, row), ShapeRow { time_s: 0.0, z_m, deflection_y_m, deflection_x_m })
+            (
+                own(&shape.time_s, row),
+                ShapeRow { time_s: 0.0, z_m, deflection_y_m, deflection_x_m, image: None },
+            )
         };
         Ok(Self { rows: shape.z_m.iter().zip(&shape.y_m).enumerate().map(row).collect() })
     }
@@ -77,15 +88,26 @@ impl Sweep {
     }
 }
 
-/// A sweep command that runs beside the recording.
-pub struct SweepTask(mpsc::Receiver<Result<Sweep, SweepError>>);
+/// Where a frames command has saved its sequence: the last line of its output, a file or a folder.
+///
+/// # Errors
+/// [`SweepError::NoFrames`] where there is no such file.
+pub fn saved_frames(text: &str) -> Result<PathBuf, SweepError> {
+    let line = text.lines().rev().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default();
+    let path = PathBuf::from(line);
+    let is_there = !line.is_empty() && path.exists();
+    is_there.then_some(path).ok_or_else(|| SweepError::NoFrames { line: line.chars().take(200).collect() })
+}
 
-impl SweepTask {
-    /// Starts a command, with the shell's splitting of words.
+/// A sweep command that runs beside the recording, and what is made of its output.
+pub struct SweepTask<T = Sweep>(mpsc::Receiver<Result<T, SweepError>>);
+
+impl<T: Send + 'static> SweepTask<T> {
+    /// Starts a command, with the shell's splitting of words; `parse` reads its output.
     ///
     /// # Errors
     /// [`SweepError::Start`].
-    pub fn start(command: &str) -> Result<Self, SweepError> {
+    pub fn start(command: &str, parse: fn(&str) -> Result<T, SweepError>) -> Result<Self, SweepError> {
         let cannot = |cause: String| SweepError::Start { command: command.to_owned(), cause };
         let words = shlex::split(command).filter(|words| !words.is_empty());
         let words =
@@ -106,7 +128,7 @@ impl SweepTask {
             let mut text = String::new();
             let read = child.stdout.take().map(|stdout| stdout.take(OUTPUT_LIMIT).read_to_string(&mut text));
             let outcome = match (read, child.wait()) {
-                (Some(Ok(_)), Ok(status)) if status.success() => Sweep::parse(&text),
+                (Some(Ok(_)), Ok(status)) if status.success() => parse(&text),
                 (Some(Err(error)), _) => Err(SweepError::Read(error.to_string())),
                 (_, Ok(status)) => {
                     let errors = errors.and_then(|errors| errors.join().ok()).unwrap_or_default();
@@ -122,7 +144,7 @@ impl SweepTask {
     }
 
     /// The sweep if it is complete, else the task again.
-    pub fn finished(self) -> Result<Result<Sweep, SweepError>, Self> {
+    pub fn finished(self) -> Result<Result<T, SweepError>, Self> {
         match self.0.try_recv() {
             Ok(outcome) => Ok(outcome),
             Err(TryRecvError::Empty) => Err(self),
@@ -149,7 +171,7 @@ mod tests {
     use std::time::{Duration, Instant};
 
     fn complete(command: &str) -> Result<Sweep, SweepError> {
-        let mut task = SweepTask::start(command)?;
+        let mut task = SweepTask::start(command, Sweep::parse)?;
         let deadline = Instant::now() + Duration::from_secs(20);
         loop {
             task = match task.finished() {
@@ -186,6 +208,18 @@ mod tests {
         ] {
             let message = message(text);
             assert!(message.starts_with(&format!("the sweep command's output{expected}")), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_frames_command_ends_with_where_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sweep 1.mha");
+        std::fs::write(&path, "frames").unwrap();
+        assert_eq!(saved_frames(&format!("saving\n{}\n\n", path.display())).unwrap(), path);
+        for text in ["", "\n", "nowhere.mha\n"] {
+            let message = saved_frames(text).unwrap_err().to_string();
+            assert!(message.contains("expected the path of the sequence"), "{message}");
         }
     }
 

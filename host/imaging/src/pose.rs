@@ -60,8 +60,20 @@ pub enum PlaceError {
     },
 }
 
+/// How the image plane looks and moves when a frame is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Motion {
+    /// Direction in which the beam leaves the probe, across the needle: from x towards y, radians.
+    pub beam_rad: f64,
+    /// Speed of the probe along the needle; 0 where the file has no times.
+    pub mm_per_s: f64,
+}
+
 /// From an image in millimetres to the session's frame.
 pub type Pose = [f64; 16];
+
+/// Readings before and after a frame over which the speed of the probe is taken.
+const SPEED_READINGS: usize = 2;
 
 /// An image across the needle at a position along it.
 fn across(z_mm: f64) -> Pose {
@@ -133,6 +145,21 @@ impl Poses {
     /// Time stamp of a frame.
     pub fn time_s(&self, frame: usize) -> Option<f64> {
         self.times_s.get(frame).copied().flatten()
+    }
+
+    /// Direction of the beam and speed of the probe at a frame, where readings lag behind images.
+    pub fn motion(&self, frame: usize, lag_s: f64) -> Option<Motion> {
+        let pose = self.of(frame, lag_s)?;
+        let at_s = self.time_s(frame).map(|time_s| time_s + lag_s);
+        let mm_per_s = at_s.and_then(|at_s| {
+            let behind = self.series.partition_point(|(reading_s, _)| *reading_s < at_s);
+            let last = self.series.len().checked_sub(1)?;
+            let (first, last) = (behind.saturating_sub(SPEED_READINGS), (behind + SPEED_READINGS).min(last));
+            let (before, after) = (self.series.get(first)?, self.series.get(last)?);
+            let span_s = after.0 - before.0;
+            (span_s > 0.0).then(|| (after.1[11] - before.1[11]) / span_s)
+        });
+        Some(Motion { beam_rad: pose[5].atan2(pose[1]), mm_per_s: mm_per_s.unwrap_or(0.0) })
     }
 
     /// Pose of a frame where readings of the position lag behind images: those of a later time are interpolated linearly.
@@ -208,6 +235,9 @@ mod tests {
         assert_eq!(z_mm(3, 0.0), [1.0, -2.0, 100.0]);
         assert!((z_mm(3, 0.25)[2] - 102.5).abs() < 1e-9);
         assert_eq!(z_mm(4, 0.25)[2], 110.0);
+        // The probe is above the needle.
+        let Motion { beam_rad, mm_per_s } = poses.motion(3, 0.25).expect("a pose");
+        assert!((beam_rad.to_degrees() + 90.0).abs() < 1e-9 && (mm_per_s - 10.0).abs() < 1e-9);
     }
 
     #[test]

@@ -9,7 +9,7 @@ pub use points::{Deflection, Line, Point, deflections};
 use crate::detect::{Candidate, Detector};
 use crate::error::ImagingError;
 use crate::frame::{Frame, Header, Orientation, Region};
-use crate::pose::{Place, PlaceError, Poses, placed};
+use crate::pose::{Motion, Place, PlaceError, Poses, placed};
 use crate::read::Sequence;
 use crate::track::{Decision, Echo, Track, TrackError, follow};
 use std::collections::HashSet;
@@ -133,6 +133,8 @@ pub struct FrameResult {
     pub sd_mm: Option<[f64; 2]>,
     /// Distance from the sequence in x and y, millimetres.
     pub off_mm: Option<[f64; 2]>,
+    /// Direction of the beam and speed of the probe; none where the frame has no position.
+    pub motion: Option<Motion>,
 }
 
 /// A measured sweep.
@@ -290,7 +292,8 @@ impl Measurement {
         let frames = raw.into_iter().enumerate().map(|(number, (state, candidates))| {
             let decision = track.decisions.get(number).copied().unwrap_or(Decision::NoEcho);
             let echoes = placed.get(number).map(Vec::as_slice).unwrap_or_default();
-            result(state, poses.time_s(number), decision, &candidates, echoes, &track)
+            let result = result(state, decision, &candidates, echoes, &track);
+            FrameResult { time_s: poses.time_s(number), motion: poses.motion(number, lag_s), ..result }
         });
         Ok(Sweep { frames: frames.collect(), lag, lag_s, track })
     }
@@ -334,7 +337,6 @@ fn echo(candidate: &Candidate, pose: &[f64; 16], spacing_mm: [f64; 2]) -> Echo {
 
 fn result(
     state: State,
-    time_s: Option<f64>,
     decision: Decision,
     candidates: &[Candidate],
     echoes: &[Echo],
@@ -350,7 +352,8 @@ fn result(
     let echo = echoes.get(number);
     FrameResult {
         state,
-        time_s,
+        time_s: None,
+        motion: None,
         candidate: candidates.get(number).copied(),
         place_mm: echo.map(|echo| [echo.across_mm[0], echo.across_mm[1], echo.z_mm]),
         sd_mm: echo.map(|echo| [0, 1].map(|axis: usize| echo.sd_mm[axis] * track.noise_scale[axis])),

@@ -128,6 +128,7 @@ impl LateralData {
         {
             zeros.iter_mut().take(self.planes).for_each(|zero| zero.value += change(zero.sd));
         }
+        drawn.z_shared += change(1.0);
         drawn
     }
 }
@@ -160,6 +161,7 @@ mod tests {
             levels: vec![level],
             shape_sd_m,
             force_zero: ForceZero::Exact,
+            z_shared: 0.0,
             uses_force: true,
             effects: Vec::new(),
             fixed: None,

@@ -9,7 +9,8 @@ use super::{Block, Fit, Parameter, Prior};
 use crate::holds::reversal_of_means_m;
 use mechanics::effects::{Effect, ParameterInfo};
 use mechanics::{
-    DriveSample, Model, ModelError, ObservationPlan, PreparedNeedle, Rig, Series, ShapePoint, Support,
+    DriveSample, Model, ModelError, ObservationPlan, PreparedNeedle, Rig, Series, ShapeImage, ShapePoint,
+    Support,
 };
 use smallvec::SmallVec;
 use std::borrow::Cow;
@@ -20,6 +21,8 @@ pub use history::{DisplacementHistory, Fixed};
 
 /// A true displacement is not expected further beyond a measured one than this, standard deviations.
 const FAR_SD: f64 = 4.0;
+/// Step of the difference that gives the slope of the needle.
+const SLOPE_STEP_M: f64 = 1e-4;
 
 /// A measured value and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,12 +42,16 @@ pub struct ShapeDatum {
     pub deflection_m: [f64; 2],
     /// Standard deviation in each plane over that of the run, [`LateralData::shape_sd_m`].
     pub sd_ratio: [f64; 2],
+    /// How it was imaged, where that is known.
+    pub image: Option<ShapeImage>,
+    /// Standard deviation of an error of its position that all points of the run share; 0 for none.
+    pub z_shared_sd_m: f64,
 }
 
 impl ShapeDatum {
     /// A point with the standard deviation of its run.
     pub fn new(z_m: f64, deflection_m: [f64; 2]) -> Self {
-        Self { z_m, deflection_m, sd_ratio: [1.0; 2] }
+        Self { z_m, deflection_m, sd_ratio: [1.0; 2], image: None, z_shared_sd_m: 0.0 }
     }
 }
 
@@ -102,6 +109,8 @@ pub struct LateralData {
     pub shape_sd_m: f64,
     /// What is known of the force sensor's zero.
     pub force_zero: ForceZero,
+    /// Where the error of the positions that its points share is expected, in its standard deviations ([`ShapeDatum::z_shared_sd_m`]).
+    pub z_shared: f64,
     /// Whether the force is used; displacement and shape alone determine K as well.
     pub uses_force: bool,
     /// Effects whose parameters are unknown too, shared by all runs: after `ln K`, in this order.
@@ -145,6 +154,8 @@ impl LateralData {
                         z_m: point.z_m,
                         deflection_m: [point.deflection_m.get(plane).copied().unwrap_or(f64::NAN), 0.0],
                         sd_ratio: [point.sd_ratio.get(plane).copied().unwrap_or(1.0), 1.0],
+                        image: point.image,
+                        z_shared_sd_m: point.z_shared_sd_m,
                     })
                     .collect(),
             })
@@ -200,15 +211,36 @@ impl LateralData {
         of_levels.map(sample).collect()
     }
 
-    /// When and where the shape was measured.
+    /// Whether its points share an error of their positions, which is a nuisance then.
+    fn shares_z(&self) -> bool {
+        self.levels.iter().flat_map(|level| &level.shape).any(|point| point.z_shared_sd_m > 0.0)
+    }
+
+    /// When and where the shape is predicted: at its points, and a little before each where the slope there is needed.
     fn shape(&self) -> Vec<ShapePoint> {
+        let mut shape = self.measured();
+        if self.shares_z() {
+            let before = |point: &ShapePoint| ShapePoint { z_m: point.z_m - SLOPE_STEP_M, ..*point };
+            shape.extend_from_within(..);
+            let points = shape.len() / 2;
+            shape.iter_mut().skip(points).for_each(|point| *point = before(point));
+        }
+        shape
+    }
+
+    /// When and where the shape was measured.
+    fn measured(&self) -> Vec<ShapePoint> {
         if let Some(fixed) = &self.fixed {
             return fixed.shape(&self.levels);
         }
         let mut shape = Vec::with_capacity(self.points());
         for (level, data) in self.levels.iter().enumerate() {
             let time_s = level as f64;
-            shape.extend(data.shape.iter().map(|point| ShapePoint { time_s, z_m: point.z_m }));
+            shape.extend(data.shape.iter().map(|point| ShapePoint {
+                time_s,
+                z_m: point.z_m,
+                image: point.image,
+            }));
         }
         shape
     }
@@ -244,7 +276,8 @@ impl Block for LateralData {
     fn nuisances(&self) -> Vec<Parameter> {
         let offsets = (0..self.offsets()).map(|_| Parameter::free(0.0, 1e-3));
         let true_m = self.levels.iter().flat_map(|level| &level.displacement_m);
-        offsets.chain(true_m.map(|measured| Parameter::free(measured.value, 1e-6))).collect()
+        let shared = self.shares_z().then(|| Parameter::free(self.z_shared, 1e-3));
+        offsets.chain(true_m.map(|measured| Parameter::free(measured.value, 1e-6))).chain(shared).collect()
     }
 
     fn prepare(&self, shared: &[f64]) -> Result<PreparedNeedle<'_>, ModelError> {
@@ -259,8 +292,12 @@ impl Block for LateralData {
         PreparedNeedle::new(Cow::Owned(self.model(shared)?), self.depth_m, sight, None)
     }
 
-    /// Plane by plane: displacements, forces, shape points; then the assumed zeros of the force.
+    /// Plane by plane: displacements, forces, shape points; then the assumed zeros of the force, and the shared error of the positions.
     fn residuals(&self, ready: &PreparedNeedle<'_>, nuisances: &[f64]) -> Result<Vec<f64>, ModelError> {
+        let (nuisances, z_shared) = match nuisances.split_last() {
+            Some((z_shared, others)) if self.shares_z() => (others, *z_shared),
+            _ => (nuisances, 0.0),
+        };
         let (offsets_n, displacements_m) = nuisances.split_at(self.offsets().min(nuisances.len()));
         let mut predicted = ready.moved(&self.drive(displacements_m))?;
         if let Some(fixed) = &self.fixed {
@@ -279,21 +316,24 @@ impl Block for LateralData {
             for (predicted, level) in forces.iter().zip(&self.levels).filter(|_| self.uses_force) {
                 residuals.push(against(predicted + offset_n, level.force_n.get(plane)));
             }
-            let mut shape_m = of_plane(&predicted.shape_m, plane);
-            for level in &self.levels {
-                let (of_level_m, others_m) = shape_m.split_at(level.shape.len().min(shape_m.len()));
-                let off = |(predicted, point): (&f64, &ShapeDatum)| {
-                    let of_plane = |[y, x]: [f64; 2]| if plane == 0 { y } else { x };
-                    (of_plane(point.deflection_m) - predicted) / (self.shape_sd_m * of_plane(point.sd_ratio))
-                };
-                residuals.extend(of_level_m.iter().zip(&level.shape).map(off));
-                shape_m = others_m;
-            }
+            let shape_m = of_plane(&predicted.shape_m, plane);
+            let (shape_m, before_m) = shape_m.split_at(self.points().min(shape_m.len()));
+            let points = self.levels.iter().flat_map(|level| &level.shape);
+            residuals.extend(points.zip(shape_m).enumerate().map(|(i, (point, predicted_m))| {
+                let of_plane = |[y, x]: [f64; 2]| if plane == 0 { y } else { x };
+                let slope = before_m.get(i).map_or(0.0, |before_m| (predicted_m - before_m) / SLOPE_STEP_M);
+                let off_m =
+                    of_plane(point.deflection_m) - predicted_m - z_shared * point.z_shared_sd_m * slope;
+                off_m / (self.shape_sd_m * of_plane(point.sd_ratio))
+            }));
         }
         if let ForceZero::Assumed(zeros) = self.force_zero {
             residuals.extend(
                 zeros.iter().zip(offsets_n).map(|(zero, offset_n)| (zero.value - offset_n) / zero.sd),
             );
+        }
+        if self.shares_z() {
+            residuals.push(self.z_shared - z_shared);
         }
         Ok(residuals)
     }
@@ -357,3 +397,6 @@ pub fn channel_fits(data: &LateralData, fit: &Fit, block: usize) -> [ChannelFit;
     }
     channels
 }
+
+#[cfg(test)]
+mod shared_tests;

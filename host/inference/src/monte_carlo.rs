@@ -46,6 +46,7 @@ fn data(
         levels: vec![level],
         shape_sd_m,
         force_zero: ForceZero::Exact,
+        z_shared: 0.0,
         uses_force: true,
         effects: vec![],
         fixed: None,

@@ -394,6 +394,7 @@ fn data(question: &PlanInput, rig: &Rig, beam: &Beam, depth_m: f64, displacement
         planes: 1,
         levels: question.levels.iter().map(level).collect(),
         shape_sd_m: question.shape_sd_m,
+        z_shared: 0.0,
         force_zero: if question.levels.contains(&0.0) {
             ForceZero::Measured
         } else {

@@ -45,6 +45,7 @@ fn fitted_modulus_pa(body: &Continuum, rig: &Rig, youngs_pa: f64, run: &Run) -> 
         levels: vec![level],
         shape_sd_m: run.shape_sd_m,
         force_zero: ForceZero::Exact,
+        z_shared: 0.0,
         uses_force: true,
         effects: Vec::new(),
         fixed: None,

@@ -55,8 +55,8 @@ pub use foundation::{Foundation, Layer};
 pub use insertion::{BevelLoad, Cutting, Insertion, TipLaw};
 pub use lateral::Drive;
 pub use predict::{
-    Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Plane, Series, ShapePoint,
-    predict, predict_with,
+    Channels, DriveSample, Experiment, ForceSample, Lateral, LateralForce, Model, Plane, Series, ShapeImage,
+    ShapePoint, predict, predict_with,
 };
 pub use prepared::{ObservationPlan, PreparedNeedle};
 pub use problem::{BeamProblem, TissueLaw};

@@ -195,6 +195,32 @@ pub struct ShapePoint {
     pub time_s: f64,
     /// Position along the needle from guide 1.
     pub z_m: f64,
+    /// How its image was taken, where that is known.
+    pub image: Option<ShapeImage>,
+}
+
+impl ShapePoint {
+    /// A point of which nothing is known of its image.
+    pub const fn new(time_s: f64, z_m: f64) -> Self {
+        Self { time_s, z_m, image: None }
+    }
+}
+
+/// How the image of a point of the shape was taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShapeImage {
+    /// Direction in which the beam leaves the probe, in the plane across the needle: from the horizontal x towards y, rad.
+    pub beam_rad: f64,
+    /// Speed of the probe along the needle, m/s; positive where z grows.
+    pub probe_m_per_s: f64,
+}
+
+impl ShapeImage {
+    /// Unit vector along the beam, vertical and horizontal.
+    pub fn along(&self) -> [f64; 2] {
+        let (y, x) = self.beam_rad.sin_cos();
+        [y, x]
+    }
 }
 
 /// One sensor's values in the vertical and, where there is one, the horizontal plane.
@@ -270,8 +296,7 @@ pub fn predict_with(model: &Model, experiment: &Experiment, cache: &Cache) -> Re
                 base_m: one_plane(moved.base_m),
                 ..Channels::default()
             };
-            let context =
-                ObservationContext { time_s: &run.time_s, commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
+            let context = ObservationContext { time_s: &run.time_s, ..ObservationContext::default() };
             model.observe(&context, &mut channels);
             Ok(channels)
         }
@@ -314,10 +339,7 @@ fn predict_insertion(model: &Model, inserted: &Insertion, cache: &Cache) -> Resu
         insertion::tip(&problems, &law, curvature_per_m, &inserted, cache)?;
     let mut channels =
         Channels { tip_m: position_m, tip_direction_rad: direction_rad, ..Channels::two_planes() };
-    model.observe(
-        &ObservationContext { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] },
-        &mut channels,
-    );
+    model.observe(&ObservationContext::default(), &mut channels);
     Ok(channels)
 }
 
@@ -340,7 +362,7 @@ mod tests {
 
     #[test]
     fn planes_are_multiples_of_one_response() {
-        let shape = vec![ShapePoint { time_s: 1.0, z_m: 0.09 }, ShapePoint { time_s: 0.5, z_m: 0.09 }];
+        let shape = vec![ShapePoint::new(1.0, 0.09), ShapePoint::new(0.5, 0.09)];
         let lateral = Lateral { depth_m: 0.03, drive: drive(), shape, reversal_m: [0.0; 2] };
         let channels = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
         // 1.2 mm at 16 kPa and 30 mm takes 1.309563697895257 N.
@@ -352,7 +374,7 @@ mod tests {
     /// Driven by the force that a displacement takes, the needle does the same.
     #[test]
     fn force_and_displacement_drive_alike() {
-        let shape = vec![ShapePoint { time_s: 0.7, z_m: 0.09 }];
+        let shape = vec![ShapePoint::new(0.7, 0.09)];
         let lateral = Lateral { depth_m: 0.03, drive: drive(), shape: shape.clone(), reversal_m: [0.0; 2] };
         let moved = predict(&model(), &Experiment::Lateral(lateral)).expect("predicts");
         let force_x = moved.force_n.x.as_ref().expect("two planes");
@@ -373,7 +395,7 @@ mod tests {
 
     #[test]
     fn shape_without_drive_is_an_error() {
-        let shape = vec![ShapePoint { time_s: 1.0, z_m: 0.09 }];
+        let shape = vec![ShapePoint::new(1.0, 0.09)];
         let experiment =
             Experiment::Lateral(Lateral { depth_m: 0.03, drive: vec![], shape, reversal_m: [0.0; 2] });
         assert_eq!(predict(&model(), &experiment), Err(ModelError::NoDrive));

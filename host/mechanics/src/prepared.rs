@@ -7,7 +7,7 @@ use super::effects::ObservationContext;
 use super::lateral::{Drive, Response, Samples};
 use super::predict::Plane;
 use super::prestress::Prestress;
-use super::{BeamProblem, Channels, DriveSample, Model, ModelError, Series, ShapePoint};
+use super::{BeamProblem, Channels, DriveSample, Model, ModelError, Series, ShapeImage, ShapePoint};
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
@@ -20,6 +20,8 @@ pub struct PreparedNeedle<'a> {
     drive: Drive,
     prestress: Prestress,
     places: Places,
+    /// How every point was imaged; empty where no effect depends on it.
+    images: Vec<Option<ShapeImage>>,
     needles: Needles,
     /// Whether the horizontal plane is predicted too.
     both: bool,
@@ -55,6 +57,8 @@ impl<'a> PreparedNeedle<'a> {
         model.effects.iter().for_each(|(effect, values)| effect.drive(values, &mut drive));
         let problems = Problems::of(&model, depth_m)?;
         let places = Places::of(&model, shape);
+        let is_needed = model.effects.iter().any(|(effect, _)| effect.needs_images());
+        let images = shape.iter().filter(|_| is_needed).map(|point| point.image).collect();
         let needles = Needles::new(&problems, most_m, &places.z_m, cache)?;
         // An effect may bring what happens in one plane into the other.
         let both = planes > 1 || !model.effects.is_empty();
@@ -64,6 +68,7 @@ impl<'a> PreparedNeedle<'a> {
             drive,
             depth_m,
             places,
+            images,
             both,
             reversal_m,
             model,
@@ -101,8 +106,12 @@ impl<'a> PreparedNeedle<'a> {
             channels.shape_m.x = Some(shape_x_m);
             channels.tip_m.x = Some(Vec::new());
         }
-        let context =
-            ObservationContext { time_s: &times_s, commanded_m: [&y_m, &x_m], reversal_m: self.reversal_m };
+        let context = ObservationContext {
+            time_s: &times_s,
+            commanded_m: [&y_m, &x_m],
+            reversal_m: self.reversal_m,
+            images: &self.images,
+        };
         self.model.observe(&context, &mut channels);
         Ok(channels)
     }
@@ -285,7 +294,7 @@ mod tests {
 
     /// Three frames: two of the same places, one of others.
     fn shape() -> Vec<ShapePoint> {
-        let at = |time_s: f64, all_m: [f64; 3]| all_m.map(|z_m| ShapePoint { time_s, z_m });
+        let at = |time_s: f64, all_m: [f64; 3]| all_m.map(|z_m| ShapePoint::new(time_s, z_m));
         [at(0.5, [0.08, 0.09, 0.1]), at(1.0, [0.08, 0.09, 0.1]), at(1.5, [0.075, 0.09, 0.1])].concat()
     }
 

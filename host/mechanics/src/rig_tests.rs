@@ -118,7 +118,7 @@ fn one_guide_goes_through_the_forward_model() {
     }
     // Lateral runs: both planes by their own stiffness.
     let drive = vec![DriveSample { time_s: 0.0, y_m: 1e-3, x_m: 1e-3 }];
-    let shape = vec![ShapePoint { time_s: 0.0, z_m: GAP_M + 0.02 }];
+    let shape = vec![ShapePoint::new(0.0, GAP_M + 0.02)];
     let pushed = Experiment::Lateral(Lateral { depth_m: 0.04, drive, shape, reversal_m: [0.0; 2] });
     let channels = predict(&model([Some(5.0), Some(0.2)]), &pushed).expect("predicts");
     let beam =

@@ -5,8 +5,9 @@
 //! is silent, or with the end of the [`Worker`].
 
 use crate::control::{Control, HEARTBEAT_LIMIT, PageId};
+use crate::frames::{Frames, FramesTap};
 use crate::request::Request;
-use crate::update::{ControlHolder, Outcome, RunningProgram, Update, trace};
+use crate::update::{ControlHolder, Outcome, RunningProgram, Update};
 use device::link::{Client, Program};
 use device::monitor::report::Report;
 use device::monitor::{State, UserCommand, Worker};
@@ -34,6 +35,7 @@ enum FromPage {
 #[derive(Debug)]
 pub struct SharedState {
     state: Mutex<State>,
+    frames: Arc<Mutex<Frames>>,
     began: Instant,
     shown: Mutex<Shown>,
     programs: Vec<Arc<Program>>,
@@ -68,6 +70,7 @@ impl Live {
         let (sender, requests) = mpsc::sync_channel(MAX_WAITING);
         let feed = Arc::new(SharedState {
             state: Mutex::new(State::new(client.port())),
+            frames: Arc::default(),
             began: Instant::now(),
             shown: Mutex::default(),
             programs: programs.into_iter().map(Arc::new).collect(),
@@ -75,10 +78,13 @@ impl Live {
             pages: AtomicUsize::new(0),
             next_page: AtomicU64::new(1),
         });
-        let worker = Worker::start(client, {
+        let on_event = {
             let feed = Arc::clone(&feed);
             move |event| lock(&feed.state).take(event, feed.began.elapsed().as_secs_f64())
-        })?;
+        };
+        let frames = Arc::clone(&feed.frames);
+        let worker =
+            Worker::start_tapped(client, on_event, move || Box::new(FramesTap(Arc::clone(&frames))))?;
         Ok(Self { feed, worker, requests, control: Control::default() })
     }
 
@@ -187,8 +193,8 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
 pub struct PageConnection {
     feed: Arc<SharedState>,
     page: PageId,
-    /// Up to when the page has what was measured.
-    reached_s: Option<f64>,
+    /// Number of the first frame that the page does not have; none where it has none.
+    reached: Option<u64>,
     sent: u64,
 }
 
@@ -200,7 +206,7 @@ impl PageConnection {
             return None;
         }
         let page = feed.next_page.fetch_add(1, Ordering::AcqRel);
-        Some(Self { feed: Arc::clone(feed), page, reached_s: None, sent: 0 })
+        Some(Self { feed: Arc::clone(feed), page, reached: None, sent: 0 })
     }
 
     /// Passes a request on; false where too many wait.
@@ -216,11 +222,9 @@ impl PageConnection {
     /// The next update.
     pub fn update(&mut self) -> Update {
         self.sent += 1;
-        let (device, outcome, columns) = {
+        let (device, outcome) = {
             let state = lock(&self.feed.state);
-            let (columns, reached_s) = trace(&state.traces, self.reached_s);
-            self.reached_s = reached_s;
-            (Report::new(&state, self.feed.began.elapsed().as_secs_f64()), Outcome::of(&state), columns)
+            (Report::new(&state, self.feed.began.elapsed().as_secs_f64()), Outcome::of(&state))
         };
         let shown = lock(&self.feed.shown);
         let control = match shown.holder {
@@ -229,7 +233,7 @@ impl PageConnection {
             Some(_) => ControlHolder::Other,
         };
         Update {
-            schema: "guide.live/1",
+            schema: "guide.live/2",
             update: self.sent,
             control,
             notice: shown.notice.clone(),
@@ -238,8 +242,15 @@ impl PageConnection {
             programs: self.feed.programs.iter().map(|program| program.name.clone()).collect(),
             heartbeat_limit_s: HEARTBEAT_LIMIT.as_secs_f64(),
             device,
-            trace: columns,
         }
+    }
+
+    /// What the device has sent since the last call, as it went over the link; at first of the last half minute.
+    pub fn frames(&mut self) -> Vec<u8> {
+        let (bytes, next) = lock(&self.feed.frames).since(self.reached);
+        // Before the first frame the page has none.
+        self.reached = self.reached.or((!bytes.is_empty()).then_some(next)).map(|_| next);
+        bytes
     }
 
     /// Number of the last update.

@@ -1,4 +1,4 @@
-//! The WebSocket of one page: updates to it, its requests from it, both bounded.
+//! The WebSocket of one page: updates and the frames of the device to it, its requests from it, all bounded.
 
 use crate::live::PageConnection;
 use crate::request::Request;
@@ -73,7 +73,10 @@ pub fn serve(stream: TcpStream, mut watcher: PageConnection, stop: &AtomicBool) 
             if remembered.len() > MAX_REMEMBERED {
                 remembered.pop_front();
             }
-            if socket.send(Message::text(text)).is_err() {
+            let frames = watcher.frames();
+            let is_sent = socket.send(Message::text(text)).is_ok()
+                && (frames.is_empty() || socket.send(Message::binary(frames)).is_ok());
+            if !is_sent {
                 break;
             }
         }

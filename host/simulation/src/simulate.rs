@@ -14,14 +14,16 @@ use formats::session::{
     ShapeSeries,
 };
 use mechanics::{
-    Channels, DriveSample, Experiment, Insertion, Lateral, Model, ModelError, Profile, Rig, ShapePoint,
-    TipLaw, predict,
+    Channels, DriveSample, Experiment, Insertion, Lateral, Model, ModelError, Profile, Rig, ShapeImage,
+    ShapePoint, TipLaw, predict,
 };
 use std::f64::consts::PI;
 
 /// Part of a hold after which a sweep begins, and the part of it that the sweep takes.
 const SWEEP_STARTS: f64 = 0.3;
 const SWEEP_TAKES: f64 = 0.5;
+/// A probe above the needle.
+const BEAM_RAD: f64 = -0.5 * PI;
 
 /// Standard deviations of the sensors.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,6 +104,9 @@ impl Simulated {
         for run in &self.lateral {
             let mut writer = session.lateral(&run.id, run.depth_m)?;
             let LateralRun { force, shape, .. } = run;
+            if shape.images.is_some() {
+                writer.imaged();
+            }
             let at = |column: &Option<Vec<f64>>, row: usize| {
                 column.as_ref().and_then(|values| values.get(row)).copied().unwrap_or_default()
             };
@@ -123,6 +128,7 @@ impl Simulated {
                     z_m: *z_m,
                     deflection_y_m: *y_m,
                     deflection_x_m: at(&shape.x_m, row),
+                    image: shape.image(row),
                 })?;
             }
             writer.finish()?;
@@ -151,11 +157,15 @@ fn lateral(
     let length_m = model.rig.entry_m + plan.depth_m - first_m;
     let points = (length_m / plan.spacing_m + 1e-9).floor() as usize;
     let mut shape = Vec::new();
+    let step_s = plan.hold_s * SWEEP_TAKES / points.max(1) as f64;
+    let is_imaged = model.effects.iter().any(|(effect, _)| effect.needs_images());
+    let image = is_imaged.then(|| ShapeImage { beam_rad: BEAM_RAD, probe_m_per_s: plan.spacing_m / step_s });
     for hold in holds.iter().filter(|hold| plan.is_swept(hold.level_m)) {
         shape.extend((0..points).map(|point| ShapePoint {
             time_s: hold.from_s
                 + plan.hold_s * (SWEEP_STARTS + SWEEP_TAKES * point as f64 / points.max(1) as f64),
             z_m: first_m + (point + 1) as f64 * plan.spacing_m,
+            image,
         }));
     }
     let (depth_m, drive) = (plan.depth_m, drive.collect());
@@ -191,6 +201,7 @@ fn lateral(
             z_m: shape.iter().map(|point| point.z_m).collect(),
             y_m,
             x_m,
+            images: is_imaged.then(|| shape.iter().filter_map(|point| point.image).collect()),
             ..ShapeSeries::default()
         },
     })

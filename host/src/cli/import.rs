@@ -28,7 +28,7 @@ pub struct Args {
     #[arg(value_enum)]
     kind: Kind,
     /// Recordings, or folders of them
-    #[arg(required = true, value_name = "PATH")]
+    #[arg(required_unless_present = "run", value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// Session folder to write, or to add to
     #[arg(long, value_name = "DIR")]

@@ -281,12 +281,14 @@ pub fn joined(shapes: &[ShapeSeries], times_s: Option<&[f64]>) -> ShapeSeries {
         x_m: Some(together(|shape| shape.x_m.as_deref().unwrap_or_default())),
         y_sd_m: both(shapes, |shape| &shape.y_sd_m),
         x_sd_m: both(shapes, |shape| &shape.x_sd_m),
+        images: both(shapes, |shape| &shape.images),
+        z_shared_sd_m: both(shapes, |shape| &shape.z_shared_sd_m),
     }
 }
 
 /// An optional column of all sweeps; nothing where one has none.
-fn both(shapes: &[ShapeSeries], column: fn(&ShapeSeries) -> &Option<Vec<f64>>) -> Option<Vec<f64>> {
-    let columns: Option<Vec<&[f64]>> = shapes.iter().map(|shape| column(shape).as_deref()).collect();
+fn both<T: Clone>(shapes: &[ShapeSeries], column: fn(&ShapeSeries) -> &Option<Vec<T>>) -> Option<Vec<T>> {
+    let columns: Option<Vec<&[T]>> = shapes.iter().map(|shape| column(shape).as_deref()).collect();
     columns.filter(|columns| !columns.is_empty()).map(|columns| columns.concat())
 }
 

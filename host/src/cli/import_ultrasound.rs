@@ -1,6 +1,8 @@
 //! `guide import ultrasound`: a lateral run's shape from transverse ultrasound frames.
 
 mod document;
+mod recorded;
+mod reference;
 
 pub use document::checksum;
 
@@ -15,6 +17,9 @@ use imaging::frame::{Orientation, Region};
 use imaging::overlay::Picture;
 use imaging::pose::Place;
 use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, measure};
+use mechanics::ShapeImage;
+use recorded::RecordedRun;
+use reference::refer_to_zero;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -71,6 +76,16 @@ pub struct FrameArgs {
     /// Calibration of the image plane (guide calibrate-image), in place of --spacing-mm, --transform and --image-to-probe
     #[arg(long, value_name = "FILE", group = "place", requires = "tracker_to_guide", conflicts_with_all = ["spacing_mm", "image_to_probe"])]
     calibration: Option<PathBuf>,
+    /// A run of the session whose frames guide acquire has taken (--frames-command): its shape is measured from them, and the straight needle from
+    /// those of its first hold at zero displacement
+    #[arg(long, value_name = "ID", conflicts_with_all = ["paths", "id", "force", "depth_mm", "time_s"])]
+    pub run: Option<String>,
+    /// How uncertain the position of the first frame is: an error that all points of the run share
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = import_shapes::millimetres)]
+    sweep_start_sd_mm: f64,
+    /// How uncertain the lag is that is given with --lag-s
+    #[arg(long, value_name = "SECONDS", requires = "lag_s")]
+    lag_sd_s: Option<f64>,
     /// How much positions lag behind images with the same time stamp; negative where images lag (default: estimated, where the probe
     /// goes forth and back; otherwise 0)
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
@@ -83,7 +98,9 @@ type Matrix = Box<[f64; 16]>;
 impl FrameArgs {
     /// Whether any of its options is given.
     pub fn is_requested(&self) -> bool {
-        let Self { straight, straight_px, spacing_mm, orientation, region, sweep_start_mm, lag_s, .. } = self;
+        let Self {
+            straight, straight_px, spacing_mm, orientation, region, sweep_start_mm, lag_s, run, ..
+        } = self;
         let place =
             [&self.step_mm, &self.speed_mm_per_s, sweep_start_mm, lag_s].iter().any(|given| given.is_some());
         let image =
@@ -91,6 +108,8 @@ impl FrameArgs {
         place
             || image
             || straight.is_some()
+            || run.is_some()
+            || self.sweep_start_sd_mm > 0.0
             || self.z_field.is_some()
             || self.transform.is_some()
             || self.calibration.is_some()
@@ -138,6 +157,18 @@ impl FrameArgs {
     }
 }
 
+impl FrameArgs {
+    /// Standard deviation of the error of the positions that all points of a sweep share: that of its start, and of the lag where
+    /// the probe goes more in one direction than in the other.
+    fn shared_sd_mm(&self, sweep: &Sweep, points: &[Deflection]) -> f64 {
+        let estimated_s = sweep.lag.filter(|_| self.lag_s.is_none()).map(|lag| lag.sd_s);
+        let lag_sd_s = self.lag_sd_s.or(estimated_s).unwrap_or(0.0);
+        let mean_mm_per_s =
+            points.iter().map(|point| point.motion.mm_per_s).sum::<f64>() / points.len().max(1) as f64;
+        self.sweep_start_sd_mm.hypot(lag_sd_s * mean_mm_per_s)
+    }
+}
+
 /// Imports sequences of frames as one lateral run.
 pub fn run(
     paths: &[PathBuf],
@@ -153,8 +184,15 @@ pub fn run(
         "ultrasound: has options that are for points in space, expected those of frames (--straight, --step-mm, ...)"
     );
     let settings = args.settings(setup)?;
-    let sweeps: Vec<Vec<PathBuf>> = sequences(paths);
-    let straight = straight(args, &settings, out)?;
+    let recorded = args.run.as_deref().map(|id| RecordedRun::read(to, id)).transpose()?;
+    let sweeps: Vec<Vec<PathBuf>> = match &recorded {
+        Some(recorded) => recorded.sweeps.iter().map(|sweep| vec![sweep.frames.clone()]).collect(),
+        None => sequences(paths),
+    };
+    // A straight needle that is given was imaged at another time: guide 2 is taken to have been at zero.
+    let is_given = args.straight.is_some() || args.straight_px.is_some();
+    let own = recorded.as_ref().filter(|_| !is_given).and_then(|recorded| recorded.straight.as_ref());
+    let straight = straight(args, own.map(|(path, _)| path), &settings, out)?;
     let mut sheets: Vec<Vec<u8>> = Vec::new();
     let mut measured: Vec<(PathBuf, Sweep, Vec<Deflection>)> = Vec::new();
     for files in &sweeps {
@@ -171,11 +209,19 @@ pub fn run(
         let points = deflections(&sweep.points(), &line);
         measured.push((path, sweep, points));
     }
-    let columns: Vec<ShapeSeries> = measured.iter().map(|(_, _, points)| series(points)).collect();
+    if let (Some(recorded), Some((_, straight_mm))) = (&recorded, own) {
+        let mut points: Vec<Vec<Deflection>> =
+            measured.iter_mut().map(|(_, _, points)| std::mem::take(points)).collect();
+        refer_to_zero(&mut points, &recorded.displacements_mm, *straight_mm);
+        measured.iter_mut().zip(points).for_each(|((_, _, of_sweep), points)| *of_sweep = points);
+    }
+    let columns: Vec<ShapeSeries> =
+        measured.iter().map(|(_, sweep, points)| series(points, args.shared_sd_mm(sweep, points))).collect();
     let entry_mm = 1e3 * setup.rig.entry_m;
     let deepest_mm =
         measured.iter().flat_map(|(_, _, points)| points).map(|p| p.z_mm).fold(f64::NEG_INFINITY, f64::max);
-    let depth_mm = shapes.depth_mm.unwrap_or(deepest_mm - entry_mm);
+    let stated_mm = recorded.as_ref().map(|recorded| 1e3 * recorded.run.depth_m).or(shapes.depth_mm);
+    let depth_mm = stated_mm.unwrap_or(deepest_mm - entry_mm);
     let [least_mm, most_mm] = DEPTH_RANGE_MM;
     ensure!(
         (least_mm..=most_mm).contains(&depth_mm),
@@ -183,21 +229,32 @@ pub fn run(
     );
     let first =
         sweeps.first().and_then(|files| files.first()).context("PATH: no file, expected one or more")?;
-    let id = shapes.id.clone().unwrap_or_else(|| name_of(first));
+    let id = args.run.clone().or_else(|| shapes.id.clone()).unwrap_or_else(|| name_of(first));
     ensure!(
         is_file_name(&id),
         "--id: \"{id}\" cannot be part of a file name, expected letters, digits, - _ ."
     );
-    let times_s = import_shapes::times_s(shapes, &id, 1e-3 * depth_mm, columns.len())?;
-    let shape = import_shapes::joined(&columns, times_s.as_deref());
-    let document =
-        Imported::new(to, &id, depth_mm, times_s, shapes.force.is_some(), &measured, straight.as_ref())?;
-    SessionWriter::open(to, setup)?.lateral_from(&id, 1e-3 * depth_mm, shapes.force.as_deref(), &shape)?;
+    let times_s = match &recorded {
+        Some(recorded) => Some(recorded.sweeps.iter().map(|sweep| sweep.time_s).collect()),
+        None => import_shapes::times_s(shapes, &id, 1e-3 * depth_mm, columns.len())?,
+    };
+    let mut shape = import_shapes::joined(&columns, times_s.as_deref());
+    // A column of zeros would say nothing.
+    shape.z_shared_sd_m = shape.z_shared_sd_m.filter(|sd_m| sd_m.iter().any(|sd_m| *sd_m > 0.0));
+    let has_force = recorded.is_some() || shapes.force.is_some();
+    let straight_mm = own.map(|(_, displacement_mm)| *displacement_mm);
+    let mut document = Imported::new(to, &id, depth_mm, times_s, has_force, &measured, straight.as_ref())?;
+    document.straight_displacement_mm = straight_mm;
+    let mut session = SessionWriter::open(to, setup)?;
+    match &recorded {
+        Some(recorded) => session.reshape(&recorded.run, &shape)?,
+        None => session.lateral_from(&id, 1e-3 * depth_mm, shapes.force.as_deref(), &shape)?,
+    }
     let record = to.join(format!("{id}.frames.json"));
     let text = serde_json::to_string_pretty(&document)?;
     fs::write(&record, text).with_context(|| format!("{}: cannot write", record.display()))?;
     frame_pictures::keep(to, &id, sheets.first().map(Vec::as_slice))?;
-    if shapes.force.is_none() {
+    if !has_force {
         out.note(format_args!(
             "{id}.force.csv has a header only: without a force series no modulus is identified"
         ));
@@ -219,9 +276,14 @@ fn one(files: &[PathBuf], settings: &Settings, out: &Output) -> anyhow::Result<(
     Ok((path, sweep))
 }
 
-/// The straight needle from a sweep of its own.
-fn straight(args: &FrameArgs, settings: &Settings, out: &Output) -> anyhow::Result<Option<Straight>> {
-    let Some(path) = &args.straight else { return Ok(None) };
+/// The straight needle from a sweep of its own: the one that is given, or that of the run.
+fn straight(
+    args: &FrameArgs,
+    own: Option<&PathBuf>,
+    settings: &Settings,
+    out: &Output,
+) -> anyhow::Result<Option<Straight>> {
+    let Some(path) = args.straight.as_ref().or(own) else { return Ok(None) };
     let (path, sweep) = one(std::slice::from_ref(path), settings, out)?;
     let line = Line::through(&sweep.points()).with_context(|| {
         format!("{}: fewer than 3 points, expected a sweep along the needle", path.display())
@@ -273,9 +335,14 @@ fn draw(
     frame_pictures::draw(args, &name, files, &shown, picture, out)
 }
 
-fn series(points: &[Deflection]) -> ShapeSeries {
+/// Columns of a sweep whose points share an error of their positions of this standard deviation.
+fn series(points: &[Deflection], shared_sd_mm: f64) -> ShapeSeries {
     let column =
         |of: fn(&Deflection) -> f64| -> Vec<f64> { points.iter().map(|point| 1e-3 * of(point)).collect() };
+    let image = |point: &Deflection| ShapeImage {
+        beam_rad: point.motion.beam_rad,
+        probe_m_per_s: 1e-3 * point.motion.mm_per_s,
+    };
     ShapeSeries {
         time_s: None,
         z_m: column(|point| point.z_mm),
@@ -283,6 +350,8 @@ fn series(points: &[Deflection]) -> ShapeSeries {
         x_m: Some(column(|point| point.across_mm[0])),
         y_sd_m: Some(column(|point| point.sd_mm[1])),
         x_sd_m: Some(column(|point| point.sd_mm[0])),
+        images: Some(points.iter().map(image).collect()),
+        z_shared_sd_m: Some(vec![1e-3 * shared_sd_mm; points.len()]),
     }
 }
 

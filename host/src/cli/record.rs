@@ -10,7 +10,7 @@ use device::record::{AcquisitionObserver, Recorded, Recorder, Ultrasound, acquir
 use device::recording::{RawFile, RawRecorder, RecordingInfo};
 use device::sweep::Sweep;
 use formats::model_file::ModelFile;
-use formats::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup};
+use formats::session::{DEPTH_RANGE_MM, Provenance, Session, SessionWriter, Setup, sweeps_file};
 use indicatif::{ProgressBar, ProgressStyle};
 use inference::holds::{HoldCriteria, UnusedPart, summary, unused};
 use protocol::{Request, Step};
@@ -95,6 +95,10 @@ pub struct AcquireArgs {
     /// that requests a sweep
     #[arg(long, value_name = "COMMAND", conflicts_with = "igtl")]
     sweep_command: Option<String>,
+    /// Command that saves the ultrasound frames of one sweep and prints the path of the file or folder as its last line; run in every
+    /// hold that requests a sweep. `guide import ultrasound --run` measures the shape from them
+    #[arg(long, value_name = "COMMAND", conflicts_with_all = ["igtl", "sweep_command"])]
+    frames_command: Option<String>,
     /// Measure although the force was not tared since the device started: its zero is that of the calibration
     #[arg(long)]
     no_tare: bool,
@@ -131,6 +135,8 @@ struct Report<'a> {
     #[serde(flatten)]
     recorded: Recorded,
     raw: Option<&'a RawFile>,
+    /// The list of ultrasound frames, where there are some.
+    frames: Option<PathBuf>,
     /// Holds, sweeps and points that no result will use.
     unused: Vec<UnusedPart>,
 }
@@ -152,6 +158,9 @@ impl Display for Report<'_> {
                 link.frames_missing, link.frames_corrupt, link.frames_unreadable
             )?;
         }
+        if let Some(frames) = &self.frames {
+            writeln!(f, "frames     {}: next, guide import ultrasound --run {}", frames.display(), self.run)?;
+        }
         if let Some(raw) = self.raw {
             writeln!(f, "raw        {}: {} bytes", raw.path.display(), raw.bytes)?;
         }
@@ -169,7 +178,7 @@ pub fn run_acquire(args: &AcquireArgs, out: &mut Output) -> anyhow::Result<()> {
     let ultrasound = match (args.tracker.connect()?, &args.sweep_command) {
         (Some(tracker), _) => Ultrasound::Tracker(Box::new(tracker)),
         (None, Some(command)) => Ultrasound::Command(command),
-        (None, None) => Ultrasound::Absent,
+        (None, None) => args.frames_command.as_deref().map_or(Ultrasound::Absent, Ultrasound::Frames),
     };
     let mut client = Client::connect(&args.port.port)?;
     args.start.acknowledge(&mut client)?;
@@ -381,8 +390,16 @@ fn print(
     out: &mut Output,
 ) -> anyhow::Result<()> {
     let session = args.out.to_string_lossy();
-    let report =
-        Report { schema, session: &session, run: id, recorded, raw, unused: unused_of(&args.out, id) };
+    let frames = Some(sweeps_file(&args.out, id)).filter(|file| file.exists());
+    let report = Report {
+        schema,
+        session: &session,
+        run: id,
+        recorded,
+        raw,
+        frames,
+        unused: unused_of(&args.out, id),
+    };
     out.result(&report, &report)
 }
 

@@ -1,7 +1,9 @@
 //! From ultrasound frames to K: what is identified from pictures of a shape is what is identified from the shape.
 
 use super::{add_lateral_run, failure, folder, guide, json, path, text, writer};
-use formats::session::Session;
+use formats::session::{ForceRow, FrameSweep, Session};
+use mechanics::{Beam, Foundation};
+use simulation::rig::scanner::{Scan, ScannerConfig};
 use std::fs;
 use std::path::Path;
 
@@ -98,5 +100,71 @@ fn frames_of_a_shape_give_its_modulus() {
         text(&points.stderr).contains("options that are for points in space"),
         "{}",
         text(&points.stderr)
+    );
+}
+
+/// A lateral run at 12 kPa whose shape is not measured yet, and two scans of its needle: before it is moved, and displaced.
+fn run_with_frames(session: &Path) {
+    let beam =
+        Beam::solve(&super::rig(), &Foundation::uniform(12e3).expect("a modulus"), 0.03).expect("solves");
+    let scans = [(0.0, "zero"), (1.2e-3, "hold")].map(|(pushed_m, name)| {
+        let point = |i: i32| {
+            let z_mm = 70.5 + 0.25 * f64::from(i);
+            [z_mm, 0.0, if pushed_m > 0.0 { 1e3 * beam.deflection_m(pushed_m, 1e-3 * z_mm) } else { 0.0 }]
+        };
+        let axis_mm = (0..=116).map(point).collect();
+        let scan = Scan { scanner: ScannerConfig::default(), seed: 5, needle_mm: 1.27, axis_mm };
+        let file = session.join(format!("{name}.igs.mha"));
+        assert!(scan.write(&file).expect("written") > 100);
+        file
+    });
+    let mut session = writer(session);
+    let mut run = session.lateral("d30-1", 0.03).expect("a run");
+    for row in 0..400 {
+        let time_s = 0.02 * f64::from(row);
+        let y_m = 1.2e-3 * ((time_s - 3.0) / 1.0).clamp(0.0, 1.0);
+        let wobble = (2.3 * f64::from(row)).sin();
+        let force_y_n = beam.force_n(y_m) + 5e-3 * wobble;
+        let displacement_y_m = y_m + 2e-6 * wobble;
+        run.force(&ForceRow { time_s, displacement_y_m, force_y_n, ..ForceRow::default() }).expect("a row");
+    }
+    for (time_s, frames) in [1.0, 6.0].into_iter().zip(scans) {
+        run.frames(FrameSweep { time_s, frames }).expect("listed");
+    }
+    run.finish().expect("written");
+}
+
+#[test]
+fn frames_of_a_run_become_its_shape() {
+    let folder = folder();
+    let session = folder.path();
+    fs::create_dir_all(session).expect("a folder");
+    run_with_frames(session);
+    let import =
+        ["import", "ultrasound", "--run", "d30-1", "--out", path(session), "--z-field", "ProbePosition"];
+    let place = ["--sweep-start-mm", "70.5", "--sweep-start-sd-mm", "0.02", "--json"];
+    let done = json(&[&import[..], &place].concat());
+    let sweep = &done["sweeps"][0];
+    assert!(done["straight"]["path"].as_str().expect("a path").ends_with("zero.igs.mha"));
+    let used = sweep["states"]["used"].as_u64().expect("a count");
+    assert!(used >= 100 && used < sweep["frames"].as_u64().expect("a count"), "{sweep}");
+    // The scanner's frames are 0.1 s late.
+    let [lag_s, sd_s] = ["lag_s", "lag_sd_s"].map(|name| sweep[name].as_f64().expect("a lag"));
+    assert!((lag_s - 0.1).abs() < 4.0 * sd_s && sd_s < 0.02, "{lag_s} (sd {sd_s})");
+    let shape = Session::read(session).expect("reads").lateral[0].shape.clone();
+    assert!(shape.time_s.is_some_and(|times_s| times_s.iter().all(|time_s| *time_s == 6.0)));
+    assert!(shape.z_shared_sd_m.is_some_and(|sd_m| sd_m.iter().all(|sd_m| (1.9e-5..1e-4).contains(sd_m))));
+    let images = shape.images.expect("the columns of the images");
+    assert!(images.iter().all(|image| (image.beam_rad.to_degrees() + 90.0).abs() < 1e-6));
+    assert!(images.iter().any(|image| image.probe_m_per_s > 8e-3));
+    assert!(images.iter().any(|image| image.probe_m_per_s < -8e-3));
+    let pooled = json(&["identify", path(session), "--json"])["pooled"].clone();
+    let bound = |i: usize| pooled["ci95_kpa"][i].as_f64().expect("a bound");
+    assert!((bound(0)..bound(1)).contains(&12.0), "{pooled}");
+    // Once more, as after another choice of options.
+    json(&[&import[..], &place].concat());
+    assert!(
+        failure(&[&import[..2], &["--run", "d31", "--out", path(session), "--step-mm", "1"]].concat())
+            .contains("no lateral run of")
     );
 }

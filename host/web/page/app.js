@@ -5,6 +5,7 @@ const state = {
   session: null,
   isExample: false,
   folder: null,
+  records: null,
   effects: null,
   results: new Map(),
   choice: {},
@@ -18,9 +19,11 @@ const VIEWS = [
   ['identify', 'Identify', () => state.session],
   ['diagnose', 'Diagnose', () => state.session],
   ['predict', 'Predict', () => state.session],
+  ['plan', 'Plan', () => true],
+  ['population', 'Population', () => true],
   ['live', 'Live', () => live.isOffered],
 ];
-const DRAW = { start: showStart, play: showPlay, session: showSession, identify: showIdentify, diagnose: showDiagnose, predict: showPredict, live: showLive };
+const DRAW = { start: showStart, play: showPlay, session: showSession, identify: showIdentify, diagnose: showDiagnose, predict: showPredict, plan: showPlan, population: showPopulation, live: showLive };
 
 const main = () => document.getElementById('main');
 
@@ -127,19 +130,25 @@ const openExample = (view) => openSession(exampleFiles(), true, view).catch((err
 
 async function openChosen(chosen) {
   try {
-    await openSession(await sessionOf(await chosen), false, 'session');
+    const all = await chosen;
+    // Records of many sessions, or the files of one.
+    if (all.length > 0 && all.every(([path]) => RECORDS.test(path))) await openRecords(all);
+    else await openSession(await sessionOf(all), false, 'session');
   } catch (error) {
     fail(error);
   }
 }
 
-/** Buttons under a result. */
-function saveBar(name, content) {
-  const save = () => saveFile(`${state.session}.${name}.json`, `${JSON.stringify(content, null, 2)}\n`, 'application/json');
-  return h('p', { class: 'bar' }, h('button', { type: 'button', onclick: save }, 'Save JSON'));
-}
-
 const section = (title, ...children) => h('section', {}, h('h2', {}, title), ...children);
+
+/** As a figure of another page: the view alone, whose height that page follows once there is something to see. */
+function beginEmbedded() {
+  document.body.classList.add('embedded');
+  const report = () => {
+    if (main().querySelector('.rig, .cell')) window.parent.postMessage({ guide: 'shown', height: document.documentElement.offsetHeight }, '*');
+  };
+  new ResizeObserver(report).observe(document.body);
+}
 
 async function begin() {
   showTabs();
@@ -151,6 +160,7 @@ async function begin() {
   if (isServed()) document.getElementById('network').textContent = 'the page connects to the program guide web on this machine, and to nothing else';
   const { view, session, folder, ...choice } = readAddress();
   state.choice = choice;
+  if (choice.embed) beginEmbedded();
   const wanted = VIEWS.some(([id]) => id === view) ? view : 'start';
   if (isServed()) await beginLive();
   engine = new Engine();
@@ -162,7 +172,7 @@ async function begin() {
     state.view = wanted;
     await openNamed(folder, wanted).catch((error) => { show('start', false); fail(error); });
   } else {
-    show(wanted === 'play' || (wanted === 'live' && live.isOffered) ? wanted : 'start', false);
+    show(VIEWS.find(([id]) => id === wanted)[2]() ? wanted : 'start', false);
   }
 }
 

@@ -71,8 +71,9 @@ function showDiagnose() {
           found.not_identifiable.length ? h('p', { class: 'note' }, `Not identifiable from these runs: ${found.not_identifiable.join(', ')}`) : null),
         h('section', {}, h('h2', {}, 'Misfit between model and measurement'), boxes.numbers, boxes.bars, boxes.values,
           h('h2', {}, 'Where'), h('p', { class: 'note' }, 'Mean residual per cell in standard deviations of its noise, towards the displacement of guide 2: blue, measured below the model; orange, above it.'), boxes.maps)),
-      section('Regions with significant residuals of the plain model', regions(found)),
-      section('Figures of the diagnosis', saveBar('diagnose', found), h('details', {}, h('summary', {}, `${figures.length} figures`), ...figures.map(figure))));
+      h('div', { class: 'beyond' }, section('Regions with significant residuals of the plain model', regions(found)),
+        section('Figures of the diagnosis', h('details', {}, h('summary', {}, `${figures.length} figures`), ...figures.map(figure)))),
+      saveBar('diagnose', () => found));
     responsive(boxes.maps, draw);
     ask();
   });

@@ -1,5 +1,7 @@
 // The engine behind promises: a worker for every kind of work, so that what is dragged does not wait for what takes long.
 
+const FOLLOWED = 'live';
+
 class Engine {
   constructor() {
     this.source = URL.createObjectURL(new Blob([document.getElementById('worker').textContent], { type: 'text/javascript' }));
@@ -15,7 +17,8 @@ class Engine {
     if (!this.lanes.has(name)) {
       const made = this.start();
       made.send('load', this.module);
-      made.send('files', this.files);
+      // What is followed has nothing to do with the session, and goes on when another one is opened.
+      if (name !== FOLLOWED) made.send('files', this.files);
       this.lanes.set(name, made);
     }
     return this.lanes.get(name);
@@ -53,7 +56,7 @@ class Engine {
   async open(files) {
     await this.ready;
     this.files = files;
-    await Promise.all([...this.lanes.values()].map((lane) => lane.send('files', files)));
+    await Promise.all([...this.lanes].filter(([name]) => name !== FOLLOWED).map(([, lane]) => lane.send('files', files)));
   }
 
   async request(name, content, onStep) {
@@ -61,6 +64,20 @@ class Engine {
     const answer = await this.lane(name).send('run', content, onStep);
     if (answer.error !== undefined) throw new Error(answer.error);
     return answer.ok;
+  }
+
+  /** What many sessions have in common: in a worker whose files are their records. */
+  async population(files, by) {
+    await this.ready;
+    await this.lane('population').send('files', files);
+    return this.request('population', { do: 'population', files: files.map(([path]) => path), by });
+  }
+
+  /** Decodes what the device has sent since the last time. */
+  async follow(data, fresh) {
+    await this.ready;
+    await this.lane(FOLLOWED).send('file', ['frames', data]);
+    return this.request(FOLLOWED, { do: 'follow', file: 'frames', fresh });
   }
 
   /** Ends what takes long; the next request finds a new worker. */

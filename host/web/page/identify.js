@@ -36,9 +36,8 @@ function showIdentify() {
         h('p', { class: 'bar' }, h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Does the model miss something? Diagnose'))),
       section('By run and method, kPa', h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Modulus by run and method' }, h('table', {}, h('thead', {}, h('tr', {},
         ...['Run', 'Depth', ...methods.map(([, name]) => name)].map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...rows))),
-      remarks.length ? h('details', {}, h('summary', {}, `Notes: ${remarks.length}`), h('ul', {}, ...remarks.map((text) => h('li', {}, text)))) : null,
-      kept),
-      section('Shape and residuals', h('p', {}, h('label', { for: 'identify-run' }, 'Run '), pick), made));
+      remarks.length ? h('details', {}, h('summary', {}, `Notes: ${remarks.length}`), h('ul', {}, ...remarks.map((text) => h('li', {}, text)))) : null),
+      section('Shape and residuals', h('p', {}, h('label', { for: 'identify-run' }, 'Run '), pick), made), kept);
     draw();
     const { document: whole } = await result('identify', {}, 'Young\u2019s modulus');
     if (!isHere()) return;
@@ -46,6 +45,6 @@ function showIdentify() {
     youngs.textContent = of && Number.isFinite(of.value)
       ? `Young\u2019s modulus E ${number(of.value)} kPa (${interval(of.ci95)}), ${of.relation}; ${interval(of.range_kpa)} kPa over all relations`
       : `Young\u2019s modulus E: ${of?.refused ?? 'not identifiable from these runs'}`;
-    kept.replaceChildren(saveBar('identify', whole));
+    kept.replaceChildren(saveBar('identify', () => whole));
   });
 }

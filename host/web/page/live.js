@@ -7,7 +7,10 @@ const RETRY_MS = 1000;
 /** Every so many updates the plots are drawn. */
 const PLOT_EVERY = 2;
 
-const live = { isOffered: false, socket: null, last: null, points: [], waits: false, draw: null };
+/** Bytes that may wait to be decoded; more are given up, and count as lost. */
+const MOST_WAITING = 4 * 2 ** 20;
+
+const live = { isOffered: false, socket: null, last: null, points: [], counts: null, arrived: [], isFresh: true, isFollowing: false, waits: false, draw: null };
 
 const hasControl = () => live.last !== null && live.last.control === 'this';
 
@@ -45,12 +48,11 @@ const isMoving = () => live.last !== null && live.last.device.state !== null && 
 function connectLive() {
   const socket = new WebSocket(`ws://${location.host}${location.pathname}live`);
   live.socket = socket;
-  live.points = [];
+  socket.binaryType = 'arraybuffer';
+  Object.assign(live, { points: [], counts: null, arrived: [], isFresh: true });
   socket.onmessage = ({ data }) => {
+    if (typeof data !== 'string') { followLive(new Uint8Array(data)); return; }
     live.last = JSON.parse(data);
-    live.points.push(...live.last.trace);
-    const newest = live.points.length ? live.points[live.points.length - 1].time_s : 0;
-    live.points = live.points.filter((point) => point.time_s > newest - KEPT_S);
     if (live.waits) return;
     live.waits = true;
     // A browser draws no frame of a page that is hidden or frozen: then there is no heartbeat.
@@ -65,6 +67,36 @@ function connectLive() {
     if (state.view === 'live' && live.draw) live.draw();
     setTimeout(connectLive, RETRY_MS);
   };
+}
+
+/** Decodes what the device has sent, in order and one part after the other; of the columns those of the last half minute are kept. */
+async function followLive(data) {
+  live.arrived.push(data);
+  if (live.arrived.reduce((sum, part) => sum + part.length, 0) > MOST_WAITING) live.arrived = [data];
+  if (live.isFollowing) return;
+  live.isFollowing = true;
+  try {
+    while (live.arrived.length > 0) {
+      const { arrived, isFresh, socket } = live;
+      Object.assign(live, { arrived: [], isFresh: false });
+      const whole = new Uint8Array(arrived.reduce((sum, part) => sum + part.length, 0));
+      arrived.reduce((at, part) => { whole.set(part, at); return at + part.length; }, 0);
+      const { columns, ...counts } = await engine.follow(whole, isFresh);
+      // Of a connection that has ended meanwhile.
+      if (socket !== live.socket) continue;
+      live.counts = counts;
+      const [first] = columns;
+      const kept = first ? live.points.filter((point) => point.index < first.index) : live.points;
+      const all = [...kept, ...columns];
+      live.points = all.filter((point) => point.time_s > all[all.length - 1].time_s - KEPT_S);
+    }
+  } catch (error) {
+    // A decoder that has stopped begins again with a new connection, which starts with what is needed to read the rest.
+    if (state.view === 'live') fail(error);
+    live.socket.close();
+  } finally {
+    live.isFollowing = false;
+  }
 }
 
 /** Series of a channel with its extremes, cut where nothing was measured. */
@@ -85,7 +117,7 @@ function traceOf(channel, style, label) {
   });
 }
 
-function liveRows({ device }) {
+function liveRows({ device }, seen) {
   const pair = (x, y, unit, digits = 4) => `${number(x, digits)}, ${number(y, digits)} ${unit}`;
   const stiffness = (one) => (one ? `${number(one.n_per_mm)} (${interval(one.ci95_n_per_mm)}) N/mm` : '-');
   const fault = device.fault ? `${device.fault.number}: ${device.fault.cause}; ${device.fault.remedy}` : 'none';
@@ -99,6 +131,7 @@ function liveRows({ device }) {
     ['Position x, y', pair(device.position_x_mm, device.position_y_mm, 'mm')],
     ['Stiffness x', stiffness(device.stiffness_x)],
     ['Stiffness y', stiffness(device.stiffness_y)],
+    ['Decoded here', seen ? `${seen.samples} samples of ${seen.frames} frames; lost: ${seen.samples_missing} samples, ${seen.frames_missing + seen.frames_corrupt + seen.frames_unreadable} frames` : 'nothing yet'],
     ['Link', `${number(counted.samples_per_s, 4)} samples/s, ${number(counted.bytes_per_s / 1e3)} kB/s; lost: ${counted.samples_missing} samples, ${lost} frames`],
   ];
 }
@@ -122,7 +155,8 @@ function showLive() {
   main().append(
     section('Device', h('table', {}, rows)),
     section('Control', held, h('p', { class: 'bar' }, control), motions, progress, outcome),
-    h('div', { class: 'panels' }, h('div', { class: 'panel' }, h('h3', {}, 'Force'), force), h('div', { class: 'panel' }, h('h3', {}, 'Position of guide 2'), position)));
+    h('div', { class: 'panels' }, h('div', { class: 'panel' }, h('h3', {}, 'Force'), force), h('div', { class: 'panel' }, h('h3', {}, 'Position of guide 2'), position)),
+    saveBar('live', () => ({ ...live.last, decoded: live.counts, trace: live.points })));
   let count = 0;
   let listed = '';
   const setText = (element, text) => { if (element.textContent !== text) element.textContent = text; };
@@ -137,7 +171,7 @@ function showLive() {
     control.disabled = last.control === 'other';
     setText(control, last.control === 'this' ? 'Give up control' : 'Take control');
     setText(held, { none: 'No page has control.', this: 'This page has control: the device stops when the page is hidden, closed or does not answer.', other: 'Another page has control; this one shows what happens.' }[last.control]);
-    rows.replaceChildren(...liveRows(last).map(([name, text]) => h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, text))));
+    rows.replaceChildren(...liveRows(last, live.counts).map(([name, text]) => h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, text))));
     setText(outcome, last.notice || (last.outcome ? last.outcome.text : ''));
     if (listed !== last.programs.join()) {
       listed = last.programs.join();

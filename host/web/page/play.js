@@ -80,7 +80,8 @@ function showPlay() {
         h('div', { class: 'slider' }, h('label', { for: 'play-add' }, 'Add an effect'), select), added),
       h('section', {}, h('h2', {}, 'What the sensors read'), readout, needle,
         h('div', { class: 'panels' }, h('div', { class: 'panel' }, h('h3', {}, 'Guide 2 moves out, to the other side and back'), cycle),
-          h('div', { class: 'panel' }, h('h3', {}, 'Path of the tip on the way in'), path)))));
+          h('div', { class: 'panel' }, h('h3', {}, 'Path of the tip on the way in'), path)))),
+      saveBar('play', () => ({ input: { ...values, effects: Object.fromEntries(chosen) }, ...last })));
     responsive(needle, draw);
     ask();
   });

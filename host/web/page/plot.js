@@ -1,4 +1,4 @@
-// Drawing: elements, axes with lines, dots and bands, and maps of residuals.
+// Drawing: elements, axes with lines, dots and bands, and maps.
 
 const SVG = 'http://www.w3.org/2000/svg';
 
@@ -109,24 +109,22 @@ function responsive(into, draw) {
 }
 
 /**
- * A map of residuals: mean in standard deviations per cell. `cells`: `{ column, row, value, count }`.
- * Blue is measured below the model, orange above; the number stands in the cell.
+ * A map: one rectangle per cell with a text. `cells`: `{ column, row, text, name, style, strong, onclick, isChosen }`; `name` is for those who cannot see it.
  */
-function residualMap(into, { title, columns, rows, cells, columnName, rowName }) {
+function cellMap(into, { title, columns, rows, cells, columnName }) {
   const width = Math.max(240, into.clientWidth || 360);
   const [left, top, bottom] = [64, 6, 36];
   const cell = (width - left - 4) / Math.max(1, columns.length);
   const line = 26;
   const height = top + bottom + line * rows.length;
   const drawn = h('svg:svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': title, class: 'plot map' });
-  for (const { column, row, value, count } of cells) {
+  for (const { column, row, text, name, style, strong, onclick, isChosen } of cells) {
     const [x, y] = [left + cell * column, top + line * row];
-    const strength = Math.min(1, Math.abs(value) / 4);
-    const step = Math.round(strength * 8);
-    const name = `${rowName} ${rows[row]}, ${columnName} ${columns[column]}: mean residual ${number(value, 2)} standard deviations, ${count} readings`;
-    drawn.append(h('svg:g', {}, h('svg:title', {}, name),
-      h('svg:rect', { x: x + 0.5, y: y + 0.5, width: cell - 1, height: line - 1, rx: 2, class: `cell ${value < 0 ? 'below' : 'above'} s${step}` }),
-      cell > 26 ? h('svg:text', { x: x + 0.5 * cell, y: y + 17, 'text-anchor': 'middle', class: step > 4 ? 'strong' : '' }, number(Number(value.toFixed(1)), 2)) : null));
+    const more = onclick ? { onclick, cursor: 'pointer' } : {};
+    drawn.append(h('svg:g', more, h('svg:title', {}, name),
+      h('svg:rect', { x: x + 0.5, y: y + 0.5, width: cell - 1, height: line - 1, rx: 2, class: `cell ${style}` }),
+      cell > 26 ? h('svg:text', { x: x + 0.5 * cell, y: y + 17, 'text-anchor': 'middle', class: strong ? 'strong' : '' }, text) : null,
+      isChosen ? h('svg:rect', { x: x + 1.5, y: y + 1.5, width: cell - 3, height: line - 3, rx: 2, class: 'chosen' }) : null));
   }
   rows.forEach((name, row) => drawn.append(h('svg:text', { x: left - 6, y: top + line * row + 17, 'text-anchor': 'end' }, name)));
   const longest = Math.max(...columns.map((name) => name.length));
@@ -136,6 +134,19 @@ function residualMap(into, { title, columns, rows, cells, columnName, rowName })
   });
   drawn.append(h('svg:text', { x: left + 0.5 * (width - left), y: height - 4, 'text-anchor': 'middle', class: 'axis' }, columnName));
   into.replaceChildren(drawn);
+}
+
+/**
+ * A map of residuals: mean in standard deviations per cell. `cells`: `{ column, row, value, count }`.
+ * Blue is measured below the model, orange above; the number stands in the cell.
+ */
+function residualMap(into, { cells, columns, rows, columnName, rowName, ...settings }) {
+  const drawn = cells.map(({ column, row, value, count }) => {
+    const step = Math.round(8 * Math.min(1, Math.abs(value) / 4));
+    const name = `${rowName} ${rows[row]}, ${columnName} ${columns[column]}: mean residual ${number(value, 2)} standard deviations, ${count} readings`;
+    return { column, row, name, text: number(Number(value.toFixed(1)), 2), style: `${value < 0 ? 'below' : 'above'} s${step}`, strong: step > 4 };
+  });
+  cellMap(into, { ...settings, columns, rows, columnName, cells: drawn });
 }
 
 /** An SVG text of the engine as an element. */
@@ -148,10 +159,4 @@ function figure({ name, title, svg }) {
   parsed.setAttribute('aria-label', title);
   const save = h('button', { type: 'button', class: 'small', onclick: () => saveFile(`${name}.svg`, svg, 'image/svg+xml') }, 'Save SVG');
   return h('figure', { class: 'made' }, document.importNode(parsed, true), h('figcaption', {}, title, ' ', save));
-}
-
-function saveFile(name, content, type) {
-  const url = URL.createObjectURL(new Blob([content], { type }));
-  h('a', { href: url, download: name }).click();
-  setTimeout(() => URL.revokeObjectURL(url), 10000);
 }

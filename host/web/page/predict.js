@@ -36,7 +36,7 @@ function showPredict() {
         facts, h('div', { class: 'panels' },
           h('div', { class: 'panel' }, h('h3', {}, 'Vertical'), vertical), h('div', { class: 'panel' }, h('h3', {}, 'Horizontal'), horizontal),
           h('div', { class: 'panel' }, h('h3', {}, 'View along the needle'), ahead))),
-      section('Figure', made));
+      section('Figure', made), saveBar('predict', () => answer.document));
     responsive(vertical, draw);
     announce('Predicting ...');
     ask();
@@ -73,5 +73,5 @@ function drawPrediction({ document: found, figures }, id, { vertical, horizontal
   const error = Number.isFinite(one.last_error_mm) ? `error at ${number(one.last_measured_mm)} mm: ${number(one.last_error_mm, 2)} mm; ${one.band_held} of ${one.band_readings} readings in the band` : '';
   facts.replaceChildren(h('p', { class: 'readout', id: 'predict-facts', 'data-until': until }, [load, Number.isFinite(k) ? `K ${number(k)} kPa` : '', error].filter(Boolean).join('; ')));
   const drawn = figures.find((figureOf) => figureOf.name === `${id}.path`);
-  made.replaceChildren(...(drawn ? [figure(drawn)] : []), saveBar('predict', found));
+  made.replaceChildren(...(drawn ? [figure(drawn)] : []));
 }

@@ -18,6 +18,12 @@ function showStart() {
       h('section', { class: 'card' }, h('h2', {}, 'Play'),
         h('p', {}, 'Displace a needle, and see how force and shape change.'),
         h('button', { type: 'button', onclick: () => show('play') }, 'Play with a needle')),
+      h('section', { class: 'card' }, h('h2', {}, 'Plan'),
+        h('p', {}, 'Which lateral run gives which interval, before it is made.'),
+        h('button', { type: 'button', onclick: () => show('plan') }, 'Plan a run')),
+      h('section', { class: 'card' }, h('h2', {}, 'Many sessions'),
+        h('p', {}, 'What subjects, rigs and needles have in common.'),
+        h('button', { type: 'button', onclick: () => show('population') }, 'Compare sessions')),
       h('section', { class: 'card', id: 'drop' }, h('h2', {}, 'Your session'),
         h('p', {}, 'Drop a session folder or a zip of one anywhere on this page, or choose it. Nothing leaves this machine.'),
         h('p', { class: 'bar' }, choose({ webkitdirectory: true }, 'Choose a folder'), choose({ accept: '.zip' }, 'Choose a zip file')))));
@@ -36,8 +42,7 @@ function showSession() {
       h('td', {}, [...one.skipped.map((skip) => `${skip.id ? `${skip.id}: ` : ''}${skip.reason}`), ...one.remarks].join('; ') || '-')));
     main().append(section('Check',
       findings.length ? h('ul', { class: 'findings' }, ...findings) : h('p', {}, 'No errors, no warnings.'),
-      h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'What each command can use' }, h('table', {}, h('thead', {}, h('tr', {}, ...['Command', 'Usable', 'Runs', 'Remarks'].map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...able))),
-      saveBar('check', check)));
+      h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'What each command can use' }, h('table', {}, h('thead', {}, h('tr', {}, ...['Command', 'Usable', 'Runs', 'Remarks'].map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...able)))));
     const session = await result('session', {}, 'Reading the runs');
     if (!isHere()) return;
     const boxes = [];
@@ -54,7 +59,7 @@ function showSession() {
     session.insertion.forEach((run) => add(`${run.id}: path of the tip`, { x: 'insertion depth, mm', y: 'tip, mm',
       series: [{ kind: 'line', x: run.depth_mm, y: run.tip_y_mm, style: 'a', label: 'vertical' },
         ...(run.tip_x_mm ? [{ kind: 'line', x: run.depth_mm, y: run.tip_x_mm, style: 'b', label: 'horizontal' }] : [])] }));
-    main().append(section('Runs', h('div', { class: 'panels' }, ...boxes.map(([box]) => box))));
+    main().append(section('Runs', h('div', { class: 'panels' }, ...boxes.map(([box]) => box))), saveBar('check', () => check));
     boxes.forEach(([box, into, settings]) => responsive(into, () => plot(into, { title: box.firstChild.textContent, height: 200, ...settings })));
   });
 }

@@ -178,6 +178,8 @@ async function serve({ id, kind, content }) {
       files.clear();
       instance = null;
       content.forEach(([name, data]) => files.set(name, data));
+    } else if (kind === 'file') {
+      files.set(...content);
     } else {
       result = JSON.parse(await run(JSON.stringify(content), (step) => postMessage({ id, step })));
     }

@@ -19,7 +19,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    fn new(name: String, title: String, svg: String) -> Self {
+    pub(crate) fn new(name: String, title: String, svg: String) -> Self {
         Self { name, title, svg }
     }
 }

@@ -15,7 +15,10 @@
 #![deny(missing_docs)]
 
 mod drawing;
+mod live;
+mod plan;
 mod play;
+mod populations;
 mod request;
 mod results;
 mod series;
@@ -30,6 +33,8 @@ use std::path::PathBuf;
 pub struct Engine {
     /// The session on which effects are tried, and what its tissue is taken for.
     bench: Option<(PathBuf, String, Workbench)>,
+    /// The device that is followed.
+    follower: live::Follower,
 }
 
 impl Engine {
@@ -59,6 +64,15 @@ impl Engine {
             Request::Predict { dir, until_mm } => results::prediction(dir, *until_mm),
             Request::Try { dir, foundation, effects } => {
                 results::trial(&mut self.bench, dir, foundation, effects)
+            }
+            Request::Plan(input) => plan::plan(input),
+            Request::Summarize { dir } => populations::summarize(dir),
+            Request::Population { files, by } => populations::population(files, by),
+            Request::Follow { file, fresh } => {
+                if *fresh {
+                    self.follower = live::Follower::default();
+                }
+                self.follower.take(file)
             }
             Request::Play(input) => play::play(input),
         }

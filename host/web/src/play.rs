@@ -137,7 +137,7 @@ fn side(model: &Model, depth_m: f64, displacement_m: f64) -> Result<Side, ModelE
     let end_m = model.rig.entry_m + depth_m;
     let points = (end_m / SPACING_M).ceil() as usize;
     let z_m: Vec<f64> = (0..=points).map(|point| end_m * point as f64 / points as f64).collect();
-    let shape = z_m.iter().map(|z_m| ShapePoint { time_s: top_s, z_m: *z_m }).collect();
+    let shape = z_m.iter().map(|z_m| ShapePoint::new(top_s, *z_m)).collect();
     let displacement_mm = drive.iter().map(|sample| 1e3 * sample.y_m).collect();
     let lateral = Lateral { depth_m, drive, shape, reversal_m: [0.0; 2] };
     let read = predict(model, &Experiment::Lateral(lateral))?;

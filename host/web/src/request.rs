@@ -1,11 +1,14 @@
 //! What the page can request.
 
+use crate::plan::PlanRequest;
 use crate::play::PlayInput;
 use formats::session::SessionError;
 use inference::diagnose::DiagnoseError;
 use inference::identify::IdentifyError;
+use inference::plan::PlanError;
 use inference::predict::PredictError;
 use mechanics::ModelError;
+use population::PopulationError;
 use serde::Deserialize;
 use serde::de::Error;
 use serde_json::{Map, Value};
@@ -59,6 +62,29 @@ pub enum Request {
         /// Ids.
         effects: Vec<String>,
     },
+    /// What interval a run will give, over depth and displacement.
+    Plan(PlanRequest),
+    /// The record of the session for statistics over many.
+    Summarize {
+        /// Folder of the session.
+        dir: PathBuf,
+    },
+    /// What many sessions have in common.
+    Population {
+        /// Files of records.
+        files: Vec<PathBuf>,
+        /// Labels that the groups are formed by.
+        #[serde(default)]
+        by: Vec<String>,
+    },
+    /// What the device has sent since the last time, as it went over the link.
+    Follow {
+        /// File with the bytes.
+        file: PathBuf,
+        /// The first of a connection.
+        #[serde(default)]
+        fresh: bool,
+    },
     /// What a needle would do.
     Play(PlayInput),
 }
@@ -108,6 +134,12 @@ pub enum AnswerError {
     /// It cannot be predicted.
     #[error("cannot predict: {0}")]
     Predict(#[from] PredictError),
+    /// It cannot be planned.
+    #[error("cannot plan: {0}")]
+    Plan(#[from] PlanError),
+    /// The records cannot be analysed.
+    #[error("cannot analyse the population: {0}")]
+    Population(#[from] PopulationError),
     /// The model cannot be evaluated.
     #[error(transparent)]
     Model(#[from] ModelError),

@@ -22,7 +22,8 @@ struct Answer<T> {
     figures: Vec<Figure>,
 }
 
-fn json<T: Serialize>(document: T, figures: Vec<Figure>) -> Result<String, AnswerError> {
+/// A document with its figures, as text.
+pub(crate) fn json<T: Serialize>(document: T, figures: Vec<Figure>) -> Result<String, AnswerError> {
     Ok(serde_json::to_string(&Answer { document, figures })?)
 }
 
@@ -70,7 +71,7 @@ impl From<&'static dyn Effect> for EffectEntry {
 
 /// The catalogue.
 pub fn effects() -> Result<String, AnswerError> {
-    Ok(serde_json::to_string(&EFFECTS.map(EffectEntry::from))?)
+    Ok(serde_json::to_string(&EFFECTS.map(EffectEntry::from)[..])?)
 }
 
 /// What `guide check` finds.

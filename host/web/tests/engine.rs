@@ -1,6 +1,10 @@
 //! Requests of the page, answered natively: documents of the program, trials, the needle to play with, and every kind of wrong request.
 
 use formats::session::{SessionWriter, Setup, template};
+use protocol::{
+    CalibrationId, Envelope, Hello, MAX_FRAME_TO_HOST, Message, Packer, ResetReason, Sample, Scales, State,
+    Text, encode_envelope,
+};
 use serde_json::{Value, json};
 use simulation::simulate::{Sensors, SimulationPlan};
 use std::fs;
@@ -88,6 +92,129 @@ fn the_needle_to_play_with_is_that_of_the_forward_model() {
     let loose = ok(engine, &request);
     assert!((force_n(&loose["with"]) / force_n(&plain["with"]) - 0.75).abs() < 1e-9);
     assert_eq!(loose["without"], plain["with"]);
+}
+
+/// The numbers are those of `guide plan --rig FILE --k-kpa 5 30 --depth-mm 20 40 --displacement-mm 1.2`: the same library.
+#[test]
+fn a_plan_is_narrower_where_more_is_displaced_and_states_what_breaks_a_limit() {
+    let engine = &mut Engine::default();
+    let mut request = json!({
+        "do": "plan", "modulus_kpa": [5, 30], "depth_mm": [20, 40], "displacement_mm": [0.4, 1.2], "hold_s": 3,
+        "force_limit_n": 4, "strain_limit_percent": 0.2, "deflection_limit_mm": 2.5
+    });
+    let found = ok(engine, &request);
+    assert_eq!(found["document"]["schema"], "guide.plan/1");
+    let choices = found["document"]["choices"].as_array().expect("a list");
+    assert_eq!(choices.len(), 4);
+    let percent = |choice: &Value| choice["half_width_percent"].as_f64().expect("a number");
+    assert!(percent(&choices[1]) < percent(&choices[0]) && percent(&choices[3]) < percent(&choices[2]));
+    assert!(choices.iter().all(|choice| choice["within_limits"] == true));
+    request["force_limit_n"] = json!(0.01);
+    let tight = ok(engine, &request);
+    assert!(tight["document"]["best"].is_null());
+    request["modulus_kpa"] = json!([30, 5]);
+    assert!(error(&request).contains("modulus_kpa: 30 to 5"), "{}", error(&request));
+}
+
+#[test]
+fn records_of_sessions_become_a_population_with_figures() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let dir = example(folder.path());
+    let engine = &mut Engine::default();
+    let record = ok(engine, &json!({"do": "summarize", "dir": dir}));
+    assert_eq!(record["schema"], "needle.summary/1");
+    let file = folder.path().join("all.jsonl");
+    let lines = ["a", "b", "c"].map(|name| {
+        let mut record = record.clone();
+        record["session"] = json!(name);
+        record["tissue"] = json!("gel");
+        record.to_string()
+    });
+    fs::write(&file, lines.join("\n")).expect("written");
+    let found = ok(engine, &json!({"do": "population", "files": [file], "by": ["tissue"]}));
+    assert_eq!(found["document"]["schema"], "guide.population/1");
+    assert_eq!(found["document"]["groups"][0]["group"], "gel");
+    assert!(found["figures"].as_array().is_some_and(|all| all.len() >= 4));
+    let wrong = error(&json!({"do": "population", "files": [file], "by": ["colour"]}));
+    assert!(wrong.contains("colour"), "{wrong}");
+    let gone = error(&json!({"do": "population", "files": ["gone.jsonl"]}));
+    assert!(gone.contains("gone.jsonl"), "{gone}");
+}
+
+fn hello() -> Hello {
+    Hello {
+        protocol_version: protocol::VERSION,
+        schema_hash: protocol::schema_hash(),
+        firmware_version: Text::new("0.1.0"),
+        commit: Text::new("abc1234"),
+        board: Text::new("board"),
+        reset_reason: ResetReason::PowerOn,
+        tick_hz: 1_000_000,
+        now_us: 0,
+        sample_period_us: 1_000,
+        scales: Scales {
+            position_nm_per_count: 1_000,
+            force_nn_per_count: 50_000,
+            travel_um: 10_000,
+            force_range_mn: 5_000,
+        },
+        calibration: CalibrationId { id: Text::new("simulated"), crc: 1 },
+        last_panic: None,
+    }
+}
+
+/// Frames of a device as they go over the link: a greeting, then a batch of samples per number.
+fn frames(numbers: impl Iterator<Item = u32>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut push = |sequence: u32, message: Message| {
+        let mut buffer = [0; MAX_FRAME_TO_HOST];
+        let frame = encode_envelope(&Envelope { boot_id: 7, sequence, message }, &mut buffer);
+        bytes.extend_from_slice(frame.expect("encoded"));
+    };
+    push(0, Message::Hello(hello()));
+    for number in numbers {
+        let mut packer = Packer::new(1_000);
+        for i in 0..20 {
+            let t_us = 1_000 * u64::from(20 * number + i);
+            let sample = Sample {
+                position_counts: [0, 1_000],
+                force_counts: [0, if i == 7 { 60_000 } else { 20_000 }],
+            };
+            packer.push(t_us, State::Idle, u8::MAX, 0, sample);
+        }
+        push(number, Message::Samples(packer.flush().expect("samples")));
+    }
+    bytes
+}
+
+#[test]
+fn frames_of_the_device_are_decoded_and_what_is_missing_is_counted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("frames");
+    let engine = &mut Engine::default();
+    let mut follow = |bytes: &[u8], fresh: bool| {
+        fs::write(&file, bytes).expect("written");
+        ok(engine, &json!({"do": "follow", "file": file, "fresh": fresh}))
+    };
+    let whole = frames(1..=50);
+    // Cut anywhere, in the middle of a frame too.
+    let (begin, rest) = whole.split_at(whole.len() / 2 + 3);
+    follow(begin, true);
+    let found = follow(rest, false);
+    assert_eq!(found["samples"], 1_000);
+    assert_eq!((&found["samples_missing"], &found["frames_missing"]), (&json!(0), &json!(0)));
+    let columns = found["columns"].as_array().expect("a list");
+    assert!((10..=11).contains(&columns.len()), "{}: half a second in twentieths", columns.len());
+    // A spike of one sample stays; counts of 50 micronewtons and 1 micrometre.
+    assert!(columns.iter().all(|one| one["high"][1] == 3.0 && one["low"][1] == 1.0 && one["high"][3] == 1.0));
+    // Three of fifty missing, one damaged.
+    let mut damaged = frames((1..=50).filter(|number| !(20..23).contains(number)));
+    let last = damaged.len() - 10;
+    damaged[last] ^= 1;
+    let found = follow(&damaged, true);
+    assert_eq!((&found["frames_missing"], &found["samples_missing"]), (&json!(3), &json!(60)));
+    assert_eq!(found["frames_corrupt"], 1);
+    assert!(error(&json!({"do": "follow", "file": "gone"})).contains("file: gone"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
-//! Makes `guide.html`: the files in `page`, the compiled engine and an example session in one file that needs nothing else.
+//! Makes `guide.html`: the files in `page`, the compiled engine, an example session and records of more in one file that needs nothing else.
 //!
-//! Usage: `web-pack ENGINE.wasm EXAMPLE_FOLDER GUIDE.html`
+//! Usage: `web-pack ENGINE.wasm EXAMPLE_FOLDER RECORDS.jsonl GUIDE.html`
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
@@ -17,10 +17,11 @@ const PAGE: &str = include_str!("../../../host/web/page/index.html");
 const STYLE: &str = include_str!("../../../host/web/page/style.css");
 const WORKER: &str = include_str!("../../../host/web/page/worker.js");
 /// In this order, the last line starts the page.
-const SCRIPTS: [&str; 11] = [
+const SCRIPTS: [&str; 14] = [
     include_str!("../../../host/web/page/engine.js"),
     include_str!("../../../host/web/page/files.js"),
     include_str!("../../../host/web/page/plot.js"),
+    include_str!("../../../host/web/page/save.js"),
     include_str!("../../../host/web/page/served.js"),
     include_str!("../../../host/web/page/live.js"),
     include_str!("../../../host/web/page/app.js"),
@@ -29,17 +30,22 @@ const SCRIPTS: [&str; 11] = [
     include_str!("../../../host/web/page/identify.js"),
     include_str!("../../../host/web/page/diagnose.js"),
     include_str!("../../../host/web/page/predict.js"),
+    include_str!("../../../host/web/page/plan.js"),
+    include_str!("../../../host/web/page/population.js"),
 ];
 /// Size that the page should not exceed as a server sends it, bytes.
 const GOAL: usize = 1_500_000;
 
 fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [engine, example, page] = arguments.as_slice() else {
-        bail!("expected three arguments: the engine, the folder of the example, the page to write");
+    let [engine, example, records, page] = arguments.as_slice() else {
+        bail!(
+            "expected four arguments: the engine, the folder of the example, records of sessions, the page to write"
+        );
     };
     let engine = fs::read(engine).with_context(|| format!("{engine}: cannot read"))?;
-    let text = page_of(&engine, &files(Path::new(example))?)?;
+    let records = fs::read_to_string(records).with_context(|| format!("{records}: cannot read"))?;
+    let text = page_of(&engine, &files(Path::new(example))?, &records)?;
     fs::write(page, &text).with_context(|| format!("{page}: cannot write"))?;
     let sent = packed(text.as_bytes())?.len();
     println!(
@@ -72,10 +78,12 @@ fn files(folder: &Path) -> Result<BTreeMap<String, String>> {
     Ok(files)
 }
 
-fn page_of(engine: &[u8], example: &BTreeMap<String, String>) -> Result<String> {
+fn page_of(engine: &[u8], example: &BTreeMap<String, String>, records: &str) -> Result<String> {
     let script = format!("'use strict';\n{}\nbegin();\n", SCRIPTS.join("\n"));
     let example = json(example);
-    for (name, text) in [("script", script.as_str()), ("worker", WORKER), ("example", &example)] {
+    for (name, text) in
+        [("script", script.as_str()), ("worker", WORKER), ("example", &example), ("records", records)]
+    {
         ensure!(!text.contains("</script") && !text.contains("<!--"), "{name}: would end its element");
     }
     // The page may run this script, this style and the engine, and nothing else; it may not connect to anything.
@@ -84,6 +92,8 @@ fn page_of(engine: &[u8], example: &BTreeMap<String, String>) -> Result<String> 
         format!("script-src '{}' 'wasm-unsafe-eval'", hash(&script)),
         format!("style-src '{}'", hash(STYLE)),
         "worker-src blob:".to_owned(),
+        // Pictures that the page makes itself, to save them as bitmaps.
+        "img-src data:".to_owned(),
         "base-uri 'none'".to_owned(),
         "form-action 'none'".to_owned(),
     ];
@@ -94,6 +104,7 @@ fn page_of(engine: &[u8], example: &BTreeMap<String, String>) -> Result<String> 
         ("@VERSION@", env!("CARGO_PKG_VERSION").to_owned()),
         ("@WORKER@", WORKER.to_owned()),
         ("@EXAMPLE@", example),
+        ("@RECORDS@", records.to_owned()),
         ("@SCRIPT@", script),
         ("@ENGINE@", base64(&packed(engine)?)),
     ] {
@@ -151,7 +162,7 @@ mod tests {
     #[test]
     fn the_page_is_whole_and_states_hashes_of_what_it_runs() {
         let example = BTreeMap::from([("session.toml".to_owned(), "[session]".to_owned())]);
-        let page = page_of(b"engine", &example).expect("a page");
+        let page = page_of(b"engine", &example, "{}").expect("a page");
         let between = |from: &str, to: &str| {
             let (_, rest) = page.rsplit_once(from).expect("there");
             rest.split_once(to).expect("there").0.to_owned()
@@ -168,6 +179,8 @@ mod tests {
     #[test]
     fn an_example_that_would_end_its_element_is_rejected() {
         let example = BTreeMap::from([("session.toml".to_owned(), "</script>".to_owned())]);
-        assert!(page_of(b"engine", &example).is_err());
+        assert!(page_of(b"engine", &example, "{}").is_err());
+        let example = BTreeMap::from([("session.toml".to_owned(), String::new())]);
+        assert!(page_of(b"engine", &example, "</script>").is_err());
     }
 }

@@ -24,6 +24,8 @@ pub enum Hidden {
     Pair(&'static str, &'static str),
     /// Something the catalogue has no name for.
     Foreign(&'static str),
+    /// Nothing, in a session that states how the shape was imaged.
+    NothingImaged,
 }
 
 /// How a session was diagnosed.
@@ -97,6 +99,12 @@ pub fn cases(size: Size, seed: u64) -> Vec<(Hidden, u64)> {
     for foreign in Foreign::ALL {
         cases.extend((0..size.foreign).map(|_| Hidden::Foreign(foreign.name())));
     }
+    cases.extend((0..size.nothing / 4).map(|_| Hidden::NothingImaged));
+    for id in blind::imaging_ids() {
+        for strength in 0..3 {
+            cases.extend((0..size.one).map(|_| Hidden::One(id, strength)));
+        }
+    }
     cases.into_iter().map(|hidden| (hidden, random.random())).collect()
 }
 
@@ -119,7 +127,7 @@ pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
         (id, strengths(id).map(|all| all[strength].clone()).unwrap_or_default())
     };
     let effects = match hidden {
-        Hidden::Nothing | Hidden::Foreign(_) => Vec::new(),
+        Hidden::Nothing | Hidden::NothingImaged | Hidden::Foreign(_) => Vec::new(),
         Hidden::One(id, strength) => vec![at(id, *strength)],
         Hidden::Pair(a, b) => vec![at(a, 1), at(b, 1)],
     };
@@ -129,7 +137,13 @@ pub fn make(hidden: &Hidden, seed: u64) -> (Session, Truth) {
     };
     let needs_insertions = effects.iter().any(|(id, _)| id.starts_with("tip."));
     let both = matches!(hidden, Hidden::Nothing) && uniform(0.0, 1.0) < 0.3;
-    let design = if needs_insertions || both { Design::insertions() } else { Design::nine_runs() };
+    let is_imaging = |(id, _): &(&str, Vec<f64>)| blind::imaging_ids().any(|imaging| imaging == *id);
+    let is_imaged = matches!(hidden, Hidden::NothingImaged) || effects.iter().any(is_imaging);
+    let design = match (needs_insertions || both, is_imaged) {
+        (true, _) => Design::insertions(),
+        (false, true) => Design::imaged(),
+        (false, false) => Design::nine_runs(),
+    };
     let truth = Truth { k_kpa: uniform(8.0, 20.0), tip_load_n: uniform(0.12, 0.25), effects, foreign };
     (blind::session(&truth, &design, seed), truth)
 }

@@ -15,7 +15,7 @@ use studies::predict::{Cell, METHODS, study};
 struct Args {
     /// Which: K/E of needles (part of the tool), the stiffness of an elastic body against a needle's deflection (part of the forward
     /// model), the prediction of insertions, the coverage of tip load, K and gap, the online estimators on steering runs, the blind
-    /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), or what `guide plan`
+    /// study of the diagnosis, the same with imperfections, the end of the demonstration for many seeds (`demo`), K from ultrasound frames (`images`), or what `guide plan`
     /// promises against what simulated sessions scatter by, layers and gradients, tracked and identified, steering to a target
     /// (`steer`), statistics over many sessions, rigs in air (`characterize`), or steered insertions that were recorded (`recorded`); without a name all that the documentation quotes, as it quotes them, written
     /// where it has them

@@ -12,6 +12,7 @@ pub mod demo;
 pub mod fuzz;
 pub mod fuzzed;
 pub mod hil;
+pub mod imaged;
 pub mod images;
 pub mod module;
 pub mod needle;

@@ -6,8 +6,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use system::{
-    beside, bringup, campaign, cosim, demo, fuzz, hil, needle, readme, size, soak, stress, suite, timing,
-    tracking,
+    beside, bringup, campaign, cosim, demo, fuzz, hil, imaged, needle, readme, size, soak, stress, suite,
+    timing, tracking,
 };
 
 /// Set up, build, test and demonstrate the needle guide
@@ -34,6 +34,8 @@ enum Task {
     Readme(readme::Args),
     /// Run the end of the demonstration for many seeds
     StudyDemo(demo::seeds::Seeds),
+    /// K from simulated ultrasound frames beside K from the true shape, by the commands of `guide`
+    StudyImages(imaged::Options),
     /// Run `guide bringup` on rigs with every fault of wiring, mounting and sensors, and on sound ones
     StudyBringup(bringup::Options),
     /// Run the online estimator on the target, in QEMU: agreement with the host, instructions per update
@@ -58,6 +60,15 @@ enum Task {
         #[arg(long, value_name = "SOCKET")]
         socket: PathBuf,
     },
+    /// Save the ultrasound frames of one sweep of a simulated rig, and print the file's path
+    Frames {
+        /// Where the rig serves its scans
+        #[arg(long, value_name = "SOCKET")]
+        socket: PathBuf,
+        /// Folder in which they are saved
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
     /// Push a simulated needle as a plant of `guide steer --port PORT --tip`, whose guide 2 is that of a rig
     Needle(needle::Args),
 }
@@ -81,6 +92,7 @@ fn run(task: Task) -> Result<()> {
         Task::Hil(args) => hil::run(&args),
         Task::Readme(args) => readme::run(&args),
         Task::StudyDemo(args) => demo::seeds::run(&args),
+        Task::StudyImages(args) => imaged::run(&args),
         Task::StudyBringup(args) => bringup::run(&args),
         Task::Tracking => {
             println!("{}", tracking::run()?);
@@ -109,6 +121,11 @@ fn run(task: Task) -> Result<()> {
         }
         Task::Rig(args) => demo::rig(&args),
         Task::Needle(args) => needle::run(&args),
+        Task::Frames { socket, out } => {
+            let (path, _taken) = cosim::take_frames(&socket, &out)?;
+            println!("{}", path.display());
+            std::io::stdout().flush().context("cannot print the path")
+        }
         Task::Sweep { socket } => {
             let taken = cosim::take_sweep(&socket, true)?;
             print!("{}", taken.text);

@@ -12,6 +12,24 @@ pub struct Design {
     pub insertion: Vec<InsertionPlan>,
     /// Its instruments.
     pub noise: NoisePlan,
+    /// How the shape is imaged, where the session states it.
+    pub images: Option<ImagePlan>,
+}
+
+/// A probe over the needle that sweeps forth in one hold and back in the next.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImagePlan {
+    /// Direction of the beam in the plane across the needle, from x towards y.
+    pub beam_deg: f64,
+    /// Speed of the probe.
+    pub speed_mm_per_s: f64,
+}
+
+impl Default for ImagePlan {
+    /// From above, at 5 mm/s.
+    fn default() -> Self {
+        Self { beam_deg: -90.0, speed_mm_per_s: 5.0 }
+    }
 }
 
 /// A lateral run: guide 2 goes from rest to one level after the other and holds each.
@@ -153,7 +171,7 @@ fn guide2_steps(steps: &[(f64, [f64; 2])]) -> Vec<GuideStep> {
 
 impl Design {
     fn of(lateral: Vec<LateralPlan>, insertion: Vec<InsertionPlan>) -> Self {
-        Self { lateral, insertion, noise: NoisePlan::default() }
+        Self { lateral, insertion, noise: NoisePlan::default(), images: None }
     }
 
     /// Both axes at 20, 30 and 40 mm, y twice.
@@ -166,6 +184,11 @@ impl Design {
         let y = depths_mm.iter().flat_map(|mm| [staircase(0, *mm, "a"), staircase(0, *mm, "b")]);
         let x = depths_mm.iter().map(|mm| staircase(1, *mm, "a"));
         Self::of(y.chain(x).collect(), Vec::new())
+    }
+
+    /// The runs of [`Self::nine_runs`] with a shape of which it is known how it was imaged.
+    pub fn imaged() -> Self {
+        Self { images: Some(ImagePlan::default()), ..Self::nine_runs() }
     }
 
     /// The y axis at three depths and once more at 30 mm, the x axis at 30 mm.

@@ -33,13 +33,25 @@ const STRENGTHS: [(&str, [&[f64]; 3]); 29] = [
     ("tip.rate", [&[0.002], &[0.008], &[0.02]]),
 ];
 
+/// The same of what only a session of images can have.
+const IMAGING: [(&str, [&[f64]; 3]); 3] = [
+    ("imaging.sound_speed", [&[0.03], &[0.06], &[0.12]]),
+    ("imaging.lag", [&[0.05], &[0.12], &[0.3]]),
+    ("imaging.echo_offset", [&[0.03], &[0.08], &[0.2]]),
+];
+
 /// Weak, middle and strong values of an effect, as a careful laboratory might overlook.
 pub fn strengths(id: &str) -> Option<[Vec<f64>; 3]> {
-    let (_, values) = STRENGTHS.iter().find(|(name, _)| *name == id)?;
+    let (_, values) = STRENGTHS.iter().chain(&IMAGING).find(|(name, _)| *name == id)?;
     Some(values.map(<[f64]>::to_vec))
 }
 
-/// Every id that the generator has.
+/// Every id that only a session of images can have ([`super::ImagePlan`]).
+pub fn imaging_ids() -> impl Iterator<Item = &'static str> {
+    IMAGING.iter().map(|(id, _)| *id)
+}
+
+/// Every id that any session can have.
 pub fn ids() -> impl Iterator<Item = &'static str> {
     STRENGTHS.iter().map(|(id, _)| *id)
 }

@@ -42,8 +42,8 @@ mod world;
 
 pub use background::{Background, Imperfection};
 pub use cores::on_all_cores;
-pub use design::{Design, GuideStep, InsertionPlan, LateralPlan, NoisePlan};
-pub use effects::{ids, strengths};
+pub use design::{Design, GuideStep, ImagePlan, InsertionPlan, LateralPlan, NoisePlan};
+pub use effects::{ids, imaging_ids, strengths};
 pub use gap::{Misfit, misfit, misfit_of};
 
 use chain::{STEP_M, node_at};
@@ -133,7 +133,8 @@ pub fn session_on(truth: &Truth, background: &Background, design: &Design, seed:
         let march = |plane: usize, commanded_m: &[f64], keep: &[usize]| {
             lateral::march(&world, plane, depth_m, commanded_m, 1.0 / noise.rate_hz, keep)
         };
-        let part = LateralPart { world: &world, flaws: &flaws, plan, noise, seed, run };
+        let images = design.images.as_ref();
+        let part = LateralPart { world: &world, flaws: &flaws, plan, noise, images, seed, run };
         sensors::lateral_run(&part, &march)
     });
     let insertion = (0..).zip(&design.insertion).map(|(run, plan)| {

@@ -1,13 +1,14 @@
 //! What is commanded, and what the instruments make of what then happens.
 
 use super::chain::{STEP_M, between, node_at};
-use super::design::{InsertionPlan, LateralPlan, NoisePlan};
+use super::design::{ImagePlan, InsertionPlan, LateralPlan, NoisePlan};
 use super::flaws::Flaws;
 use super::insertion::{acting, commanded_m, tip_path};
 use super::lateral::Motion;
 use super::world::World;
 use super::{Foreign, MM};
 use formats::session::{ForceSeries, InsertionRun, LateralRun, ShapeSeries};
+use mechanics::ShapeImage;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -28,6 +29,8 @@ const SINE_N: f64 = 0.12;
 const SINES_PER_RUN: f64 = 3.0;
 const SQUARE_PER_N: f64 = 0.1;
 const WARP_M: f64 = 0.3 * MM;
+/// Distance of the probe's face from the straight needle.
+const PROBE_M: f64 = 30.0 * MM;
 
 /// Random numbers of one part of one run.
 struct Random(ChaCha8Rng);
@@ -210,6 +213,7 @@ pub(super) struct LateralPart<'a> {
     pub flaws: &'a Flaws<'a>,
     pub plan: &'a LateralPlan,
     pub noise: &'a NoisePlan,
+    pub images: Option<&'a ImagePlan>,
     pub seed: u64,
     /// Its number in its list.
     pub run: u64,
@@ -223,7 +227,7 @@ type March<'a> = dyn Fn(usize, &[f64], &[usize]) -> Motion + 'a;
 /// # Panics
 /// Where the plan's axis is neither 0 nor 1.
 pub(super) fn lateral_run(part: &LateralPart<'_>, march: &March<'_>) -> LateralRun {
-    let LateralPart { world, flaws, plan, noise, seed, run } = *part;
+    let LateralPart { world, flaws, plan, noise, images, seed, run } = *part;
     assert!(plan.axis < 2, "{}: axis {}, expected 0 (y) or 1 (x)", plan.id, plan.axis);
     let course = DisplacementHistory::new(plan);
     let period_s = 1.0 / noise.rate_hz;
@@ -265,7 +269,7 @@ pub(super) fn lateral_run(part: &LateralPart<'_>, march: &March<'_>) -> LateralR
     }
     let shapes_m = motions.each_ref().map(|motion| motion.shape_m.as_slice());
     let random = Random::new(seed, Part::Shape, run);
-    let shape = shape(world, flaws, depth_m, &sweeps_s, shapes_m, noise, random);
+    let shape = shape(world, flaws, (depth_m, images), &sweeps_s, shapes_m, noise, random);
     LateralRun {
         id: plan.id.clone(),
         depth_m,
@@ -291,7 +295,7 @@ pub(super) fn lateral_run(part: &LateralPart<'_>, march: &March<'_>) -> LateralR
 fn shape(
     world: &World,
     flaws: &Flaws<'_>,
-    depth_m: f64,
+    (depth_m, images): (f64, Option<&ImagePlan>),
     sweeps_s: &[f64],
     shapes_m: [&[Vec<f64>]; 2],
     noise: &NoisePlan,
@@ -311,15 +315,27 @@ fn shape(
     );
     let (mut time_s, mut z_m) = (Vec::new(), Vec::new());
     let mut planes_m = [Vec::new(), Vec::new()];
+    let mut taken = Vec::new();
     for (sweep, at_s) in sweeps_s.iter().enumerate() {
         time_s.extend(std::iter::repeat_n(*at_s, count));
         z_m.extend(depths_m.iter().map(|depth_m| world.entry_m + depth_m));
+        // Forth in one hold, back in the next.
+        let way = if sweep % 2 == 0 { 1.0 } else { -1.0 };
+        let probe_m_per_s = images.map_or(0.0, |plan| way * MM * plan.speed_mm_per_s);
+        let beam_rad = images.map_or(0.0, |plan| plan.beam_deg.to_radians());
+        taken.extend(std::iter::repeat_n(ShapeImage { beam_rad, probe_m_per_s }, count));
+        // Where the plane of a frame really was.
+        let frame_m =
+            |at_m: f64| world.entry_m + at_m + world.depth_shift_m + world.image_lag_s * probe_m_per_s;
+        let places_m: Vec<f64> = (0..shapes_m[0][sweep].len()).map(|node| node as f64 * STEP_M).collect();
+        let needle_m =
+            |plane: usize, at_m: f64| between(&places_m, &shapes_m[plane][sweep], frame_m(at_m), true);
         for (plane, plane_m) in planes_m.iter_mut().enumerate() {
-            let nodes_m = &shapes_m[plane][sweep];
-            let places_m: Vec<f64> = (0..nodes_m.len()).map(|node| node as f64 * STEP_M).collect();
             let measured = |at_m: &f64| {
-                let z_m = world.entry_m + at_m + world.depth_shift_m;
-                let needle_m = between(&places_m, nodes_m, z_m, true);
+                let needle_m = match images {
+                    Some(_) => scanned_m(world, beam_rad, [0, 1].map(|plane| needle_m(plane, *at_m)))[plane],
+                    None => needle_m(plane, *at_m),
+                };
                 (1.0 + world.shape_scale) * needle_m
                     + world.shape_offset_m[plane]
                     + warp_m(world, at_m / depth_m)
@@ -331,7 +347,19 @@ fn shape(
         }
     }
     let [y_m, x_m] = planes_m;
-    ShapeSeries { time_s: Some(time_s), z_m, y_m, x_m: Some(x_m), ..ShapeSeries::default() }
+    let images = images.map(|_| taken);
+    ShapeSeries { time_s: Some(time_s), z_m, y_m, x_m: Some(x_m), images, ..ShapeSeries::default() }
+}
+
+/// Deflection `[y, x]` as a scanner shows it that turns the time of an echo into a distance from its face, and has shown the straight
+/// needle in the same way.
+fn scanned_m(world: &World, beam_rad: f64, needle_m: [f64; 2]) -> [f64; 2] {
+    let (down, across) = beam_rad.sin_cos();
+    let from_face_m = |[y_m, x_m]: [f64; 2]| PROBE_M + y_m * down + x_m * across;
+    let aside_m = needle_m[1] * down - needle_m[0] * across;
+    let echo_m = |place_m: [f64; 2]| (1.0 + world.sound_scale) * from_face_m(place_m);
+    let along_m = echo_m(needle_m) - echo_m([0.0; 2]) + world.echo_offset_m;
+    [along_m * down - aside_m * across, along_m * across + aside_m * down]
 }
 
 /// Legendre's cubic over the needle in the tissue: no offset, tilt or curvature of the whole is similar to it.

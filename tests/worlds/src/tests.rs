@@ -158,6 +158,38 @@ fn every_effect_does_something_and_nothing_when_neutral() {
     }
 }
 
+/// Only where a session states how its shape was imaged, and along the beam only, or along the way of the probe.
+#[test]
+fn images_are_wrong_along_their_beam() {
+    let imaged = |beam_deg: f64| Design {
+        images: Some(ImagePlan { beam_deg, ..ImagePlan::default() }),
+        ..quiet(small())
+    };
+    for id in imaging_ids() {
+        let [_, _, strong] = strengths(id).expect("strengths");
+        let of = |design: &Design, values: Vec<f64>| session(&truth(vec![(id, values)]), design, 1);
+        let shape_m = |beam_deg: f64| {
+            let (plain, wrong) = (of(&imaged(beam_deg), vec![0.0]), of(&imaged(beam_deg), strong.clone()));
+            let most_m = |of: fn(&formats::session::ShapeSeries) -> Vec<f64>| {
+                let pairs = of(&plain.lateral[0].shape).into_iter().zip(of(&wrong.lateral[0].shape));
+                pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+            };
+            [most_m(|shape| shape.y_m.clone()), most_m(|shape| shape.x_m.clone().expect("two planes"))]
+        };
+        // Guide 2 moves along y in the first run.
+        let ([above_y, above_x], [aside_y, aside_x]) = (shape_m(-90.0), shape_m(0.0));
+        assert!(above_y > 1e-5 && above_x < 1e-12, "{id} {above_y} {above_x}");
+        match id {
+            "imaging.lag" => assert!((aside_y - above_y).abs() < 1e-12),
+            "imaging.echo_offset" => assert!(aside_y < 1e-12 && (aside_x - above_y).abs() < 1e-12),
+            _ => assert!(aside_y < 1e-12 && aside_x < 1e-12, "{aside_y} {aside_x}"),
+        }
+        let unstated = session(&truth(vec![(id, strong)]), &small(), 1);
+        let plain = session(&truth(vec![]), &small(), 1);
+        assert_eq!(unstated.lateral[0].shape.y_m, plain.lateral[0].shape.y_m, "{id}");
+    }
+}
+
 #[test]
 fn foreign_effects_are_far_beyond_noise() {
     let plain = session(&truth(vec![]), &small(), 1);

@@ -43,6 +43,7 @@ pub fn study(arguments: &[OsString]) -> Result<ExitCode> {
             setup::ensure_all()?;
             system("study-demo", rest)
         }
+        Some((name, rest)) if name == "images" => system("study-images", rest),
         Some((name, rest)) if name == "bringup" => {
             setup::ensure_all()?;
             system("study-bringup", rest)

@@ -31,7 +31,7 @@ enum Needs {
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 20] = [
+const TASKS: [(&str, Needs, &str); 21] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",
@@ -99,6 +99,11 @@ const TASKS: [(&str, Needs, &str); 20] = [
         "Make guide.html, the program as one page (--test: compare it in a browser with the program)",
     ),
     ("sweep", Needs::Nothing, "Print one ultrasound sweep of a simulated rig as CSV"),
+    (
+        "frames",
+        Needs::Nothing,
+        "Save the ultrasound frames of one sweep of a simulated rig, and print the file's path",
+    ),
     (
         "needle",
         Needs::Nothing,

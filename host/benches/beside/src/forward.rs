@@ -73,6 +73,7 @@ pub fn run(samples: usize) -> LateralData {
         levels: vec![level],
         shape_sd_m: SHAPE_SD_M,
         force_zero: ForceZero::Exact,
+        z_shared: 0.0,
         uses_force: true,
         effects: Vec::new(),
         fixed: None,

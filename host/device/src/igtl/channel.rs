@@ -141,7 +141,7 @@ impl Channel {
             }
             // What is behind guide 1 is of no use.
             if z_m >= 0.0 {
-                rows.push(ShapeRow { time_s, z_m, deflection_y_m, deflection_x_m });
+                rows.push(ShapeRow { time_s, z_m, deflection_y_m, deflection_x_m, image: None });
             }
         }
         Ok((!rows.is_empty() && time_s >= 0.0).then(|| Sweep::at_own_times(rows)))

@@ -3,7 +3,7 @@
 use super::command::UserCommand;
 use super::session::Session;
 use super::state::{Event, Outcome};
-use crate::link::{Client, LinkError};
+use crate::link::{Client, LinkError, Tap};
 use std::io;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, TryRecvError};
 use std::thread::JoinHandle;
@@ -26,8 +26,28 @@ impl Worker {
     /// # Errors
     /// Where the system gives no thread.
     pub fn start(client: Client, on_event: impl FnMut(Event) + Send + 'static) -> io::Result<Self> {
+        Self::spawn(client, Box::new(on_event), None)
+    }
+
+    /// The same with a tap on everything that goes over the link: a new one for every connection.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn start_tapped(
+        client: Client,
+        on_event: impl FnMut(Event) + Send + 'static,
+        tap: impl Fn() -> Box<dyn Tap> + Send + 'static,
+    ) -> io::Result<Self> {
+        Self::spawn(client, Box::new(on_event), Some(Box::new(tap)))
+    }
+
+    fn spawn(
+        client: Client,
+        on_event: Box<dyn FnMut(Event) + Send>,
+        tap: Option<Box<dyn Fn() -> Box<dyn Tap> + Send>>,
+    ) -> io::Result<Self> {
         let (sender, commands) = mpsc::channel();
-        let mut link = Link { port: client.port().to_owned(), commands, on_event: Box::new(on_event) };
+        let mut link = Link { port: client.port().to_owned(), commands, on_event, tap };
         let thread = std::thread::Builder::new().name("monitor".into()).spawn(move || link.run(client))?;
         Ok(Self { commands: Some(sender), thread: Some(thread) })
     }
@@ -60,6 +80,7 @@ struct Link {
     port: String,
     commands: Receiver<UserCommand>,
     on_event: Box<dyn FnMut(Event) + Send>,
+    tap: Option<Box<dyn Fn() -> Box<dyn Tap> + Send>>,
 }
 
 impl Link {
@@ -83,8 +104,11 @@ impl Link {
     }
 
     /// One connection, until the user quits.
-    fn serve(&mut self, client: Client) -> Result<(), LinkError> {
-        let Self { commands, on_event, .. } = self;
+    fn serve(&mut self, mut client: Client) -> Result<(), LinkError> {
+        let Self { commands, on_event, tap, .. } = self;
+        if let Some(tap) = tap {
+            client.attach_tap(tap());
+        }
         let mut session = Session::begin(client, on_event)?;
         loop {
             match waiting(commands) {

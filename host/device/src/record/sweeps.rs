@@ -2,8 +2,9 @@
 
 use super::{AcquisitionObserver, RecordError, Recorder, Ultrasound};
 use crate::link::{Batch, Program};
-use crate::sweep::SweepTask;
+use crate::sweep::{Sweep, SweepTask, saved_frames};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// Time a hold has lasted before a sweep is taken: the guide has settled before, the tissue's quickest creep follows.
 const SWEEP_DELAY_S: f64 = 0.3;
@@ -15,7 +16,13 @@ pub(super) struct Sweeps<'a> {
     ultrasound: Ultrasound<'a>,
     /// Steps that still need a sweep, with the device times of their first and their last sample so far.
     wanted: BTreeMap<u8, Option<[f64; 2]>>,
-    under_way: Option<(SweepTask, u8, f64)>,
+    under_way: Option<(SweepTask<Taken>, u8, f64)>,
+}
+
+/// What a command has taken.
+enum Taken {
+    Sweep(Sweep),
+    Frames(PathBuf),
 }
 
 impl<'a> Sweeps<'a> {
@@ -40,7 +47,7 @@ impl<'a> Sweeps<'a> {
         }
         match &mut self.ultrasound {
             Ultrasound::Absent => Ok(()),
-            Ultrasound::Command(_) => self.run_command(batch, recorder, observer),
+            Ultrasound::Command(_) | Ultrasound::Frames(_) => self.run_command(batch, recorder, observer),
             Ultrasound::Tracker(tracker) => {
                 tracker.samples(batch);
                 let times_s = recorder.track(tracker, observer)?;
@@ -67,9 +74,16 @@ impl<'a> Sweeps<'a> {
                     if batch.step != Some(step) {
                         return Err(RecordError::HoldTooShort { number: usize::from(step) + 1 });
                     }
-                    let sweep = sweep?;
-                    recorder.sweep(&sweep, time_s)?;
-                    observer.sweep(&sweep, time_s);
+                    match sweep? {
+                        Taken::Sweep(sweep) => {
+                            recorder.sweep(&sweep, time_s)?;
+                            observer.sweep(&sweep, time_s);
+                        }
+                        Taken::Frames(frames) => {
+                            observer.frames(&frames, time_s);
+                            recorder.frames(frames, time_s)?;
+                        }
+                    }
                 }
                 Err(task) if batch.step == Some(step) => self.under_way = Some((task, step, time_s)),
                 Err(_) => return Err(RecordError::HoldTooShort { number: usize::from(step) + 1 }),
@@ -81,10 +95,18 @@ impl<'a> Sweeps<'a> {
         };
         // The sample is chosen by its own time: where batches begin and end differs from run to run.
         let due = batch.points.iter().find(|point| point.time_s >= from_s + SWEEP_DELAY_S);
-        if let (Ultrasound::Command(command), Some(due)) = (&self.ultrasound, due) {
-            self.wanted.remove(&step);
-            self.under_way = Some((SweepTask::start(command)?, step, due.time_s));
-        }
+        let Some(due) = due else { return Ok(()) };
+        let task = match &self.ultrasound {
+            Ultrasound::Command(command) => {
+                SweepTask::start(command, |text| Sweep::parse(text).map(Taken::Sweep))?
+            }
+            Ultrasound::Frames(command) => {
+                SweepTask::start(command, |text| saved_frames(text).map(Taken::Frames))?
+            }
+            Ultrasound::Absent | Ultrasound::Tracker(_) => return Ok(()),
+        };
+        self.wanted.remove(&step);
+        self.under_way = Some((task, step, due.time_s));
         Ok(())
     }
 
@@ -97,7 +119,7 @@ impl<'a> Sweeps<'a> {
         match self.wanted.first_key_value() {
             Some((step, Some(_))) => Err(match self.ultrasound {
                 Ultrasound::Tracker(_) => RecordError::HoldNotTracked { number: number(step) },
-                Ultrasound::Command(_) | Ultrasound::Absent => {
+                Ultrasound::Command(_) | Ultrasound::Frames(_) | Ultrasound::Absent => {
                     RecordError::HoldTooShort { number: number(step) }
                 }
             }),

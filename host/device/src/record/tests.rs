@@ -32,13 +32,21 @@ fn hold(sweep: bool) -> Program {
 
 /// Records a program on a device that behaves like this; the session as it then is, and how the recording ended.
 fn record(script: Script, program: &Program) -> (Session, Result<super::Recorded, RecordError>, Vec<String>) {
+    record_with(Ultrasound::Command(SWEEP), script, program)
+}
+
+/// The same with this ultrasound.
+fn record_with(
+    ultrasound: Ultrasound<'_>,
+    script: Script,
+    program: &Program,
+) -> (Session, Result<super::Recorded, RecordError>, Vec<String>) {
     let folder = tempfile::tempdir().expect("a folder");
     let device = FakeDevice::start(script);
     let mut client = Client::connect(&device.port).expect("connects");
     let mut session = SessionWriter::open(folder.path(), &setup()).expect("opens");
     let mut writer = session.lateral("d30-1", 0.03).expect("starts");
     writer.made_with(provenance(client.hello(), Some(true)));
-    let ultrasound = Ultrasound::Command(SWEEP);
     let ended = acquire(&mut client, program, OPTIONS, ultrasound, &mut Recorder::new(&mut writer), &mut ());
     writer.finish().expect("finishes");
     (Session::read(folder.path()).expect("reads"), ended, files(folder.path()))
@@ -83,6 +91,20 @@ fn samples_sweeps_and_losses_are_in_the_session() {
     assert!((run.shape.z_m[1] - 0.09).abs() < 1e-9 && (run.shape.y_m[1] - 0.25e-3).abs() < 1e-9);
     let sweep_s = run.shape.time_s.as_ref().expect("times")[0];
     assert!((sweep_s - 1.301).abs() < 1e-9, "the first sample 300 ms into the hold, not {sweep_s} s");
+}
+
+#[test]
+fn frames_of_a_hold_are_listed_with_their_time() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let frames = folder.path().join("frames.mha");
+    std::fs::write(&frames, "frames").expect("a file");
+    let command = format!("echo '{}'", frames.display());
+    let mut program = vec![Act::Batch(32); 11];
+    program.extend([Act::Wait(300), Act::Batch(32), Act::Complete]);
+    let (session, ended, files) = record_with(Ultrasound::Frames(&command), playing(&program), &hold(true));
+    assert_eq!(ended.expect("completes").sweeps, 1);
+    assert!(files.contains(&"d30-1.sweeps.toml".to_owned()), "{files:?}");
+    assert!(session.lateral[0].shape.z_m.is_empty(), "the shape is yet to be measured");
 }
 
 #[test]

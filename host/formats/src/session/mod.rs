@@ -4,6 +4,7 @@
 //! are free, unknown columns and fields are left alone, and every error names file, line, column, field and what was
 //! expected.
 
+mod frames;
 mod hardware;
 pub mod import;
 mod indenter;
@@ -18,6 +19,7 @@ mod tissue;
 mod write;
 
 pub use crate::document::{Place, Problem, SessionError, read_text};
+pub use frames::{FrameSweep, sweeps_file};
 pub use indenter::Indenter;
 pub use labels::{Covariate, Labels};
 pub use setup::Setup;
@@ -25,7 +27,7 @@ pub use survey::Survey;
 pub use tissue::{FoundationKind, Tissue};
 pub use write::{FILE_NAME, ForceRow, LateralWriter, SessionWriter, ShapeRow, is_file_name};
 
-use mechanics::Rig;
+use mechanics::{Rig, ShapeImage};
 use std::path::PathBuf;
 
 /// Insertion depths that a lateral run in tissue can have, least and greatest, millimetres. A run in air has depth 0.
@@ -203,9 +205,23 @@ pub struct ShapeSeries {
     pub y_sd_m: Option<Vec<f64>>,
     /// Standard deviation of each horizontal deflection.
     pub x_sd_m: Option<Vec<f64>>,
+    /// How each point was imaged, where the file has it.
+    pub images: Option<Vec<ShapeImage>>,
+    /// Standard deviation of an error of the positions that all points of the run share, at each point, where the file has it.
+    pub z_shared_sd_m: Option<Vec<f64>>,
 }
 
 impl ShapeSeries {
+    /// Standard deviation of the shared error of the position of a point; 0 where none is stated.
+    pub fn shared_sd_m(&self, index: usize) -> f64 {
+        self.z_shared_sd_m.as_ref().and_then(|sd_m| sd_m.get(index)).copied().unwrap_or(0.0)
+    }
+
+    /// How a point was imaged, where that is known.
+    pub fn image(&self, index: usize) -> Option<ShapeImage> {
+        self.images.as_ref()?.get(index).copied()
+    }
+
     /// Root mean square of the standard deviations of the points; nothing where the file has none.
     pub fn typical_sd_m(&self) -> Option<f64> {
         root_mean_square(self.y_sd_m.iter().chain(&self.x_sd_m).flatten())

@@ -10,7 +10,8 @@ use super::{
     Provenance, Session, ShapeSeries, SteeringRun, Tissue,
 };
 use crate::document::table::Table;
-use crate::document::{Fields, Place, Problem, SessionError, read_text};
+use crate::document::{Fields, Problem, SessionError, read_text};
+use mechanics::ShapeImage;
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -104,18 +105,17 @@ impl ForceSeries {
         Self::of(path, table)
     }
 
-    fn of(path: &Path, mut force: Table) -> Result<Self, SessionError> {
-        let header_line = force.header_line;
-        let marks = marks(force.take("step"), force.take("moving"));
+    fn of(path: &Path, mut table: Table) -> Result<Self, SessionError> {
+        let marks = marks(table.take("step"), table.take("moving"));
         let force = Self {
-            time_s: force.take_required("time_s"),
-            displacement_y_m: force.take_required("displacement_y_mm"),
-            force_y_n: force.take_required("force_y_n"),
-            displacement_x_m: force.take("displacement_x_mm"),
-            force_x_n: force.take("force_x_n"),
-            displacement_y_sd_m: force.take("displacement_y_sd_mm"),
-            displacement_x_sd_m: force.take("displacement_x_sd_mm"),
-            lost_before: force.take("lost_before"),
+            time_s: table.take_required("time_s"),
+            displacement_y_m: table.take_required("displacement_y_mm"),
+            force_y_n: table.take_required("force_y_n"),
+            displacement_x_m: table.take("displacement_x_mm"),
+            force_x_n: table.take("force_x_n"),
+            displacement_y_sd_m: table.take("displacement_y_sd_mm"),
+            displacement_x_sd_m: table.take("displacement_x_sd_mm"),
+            lost_before: table.take("lost_before"),
             marks,
         };
         let (missing, beside) = match (&force.displacement_x_m, &force.force_x_n) {
@@ -123,12 +123,7 @@ impl ForceSeries {
             (Some(_), None) => ("force_x_n", "displacement_x_mm"),
             _ => return Ok(force),
         };
-        Err(SessionError::Field {
-            place: Place { path: path.to_owned(), line: header_line, column: 1 },
-            field: missing.to_owned(),
-            problem: Problem::Missing,
-            expected: format!("both columns or none, as there is {beside}"),
-        })
+        Err(without_partner(path, &table, missing, beside))
     }
 }
 
@@ -138,7 +133,7 @@ impl ShapeSeries {
     /// # Errors
     /// [`SessionError`] for the first fault found, with its place.
     pub fn read(path: &Path) -> Result<Self, SessionError> {
-        Ok(Self::of(Table::read_recording(path, &SHAPE_COLUMNS)?))
+        Self::of(path, Table::read_recording(path, &SHAPE_COLUMNS)?)
     }
 
     /// Reads a shape of at least one point from a text; `name` is what messages call it.
@@ -146,18 +141,39 @@ impl ShapeSeries {
     /// # Errors
     /// As [`Self::read`].
     pub fn parse(name: &Path, text: &str) -> Result<Self, SessionError> {
-        Ok(Self::of(Table::parse(name, text, &SHAPE_COLUMNS, 1)?))
+        Self::of(name, Table::parse(name, text, &SHAPE_COLUMNS, 1)?)
     }
 
-    fn of(mut shape: Table) -> Self {
-        Self {
+    fn of(path: &Path, mut shape: Table) -> Result<Self, SessionError> {
+        let images = match (shape.take("beam_deg"), shape.take("probe_mm_per_s")) {
+            (Some(beam), Some(probe)) => {
+                let both = beam.into_iter().zip(probe);
+                Some(both.map(|(beam_rad, probe_m_per_s)| ShapeImage { beam_rad, probe_m_per_s }).collect())
+            }
+            (None, None) => None,
+            (None, _) => return Err(without_partner(path, &shape, "beam_deg", "probe_mm_per_s")),
+            (_, None) => return Err(without_partner(path, &shape, "probe_mm_per_s", "beam_deg")),
+        };
+        Ok(Self {
             time_s: shape.take("time_s"),
             z_m: shape.take_required("z_mm"),
             y_m: shape.take_required("deflection_y_mm"),
             x_m: shape.take("deflection_x_mm"),
             y_sd_m: shape.take("deflection_y_sd_mm"),
             x_sd_m: shape.take("deflection_x_sd_mm"),
-        }
+            images,
+            z_shared_sd_m: shape.take("z_shared_sd_mm"),
+        })
+    }
+}
+
+/// A column is missing that has a meaning only beside another one, or is the meaning of it.
+fn without_partner(path: &Path, table: &Table, missing: &str, beside: &str) -> SessionError {
+    SessionError::Field {
+        place: super::Place { path: path.to_owned(), line: table.header_line, column: 1 },
+        field: missing.to_owned(),
+        problem: Problem::Missing,
+        expected: format!("both columns or none, as there is {beside}"),
     }
 }
 

@@ -27,13 +27,16 @@ pub(super) const FORCE_COLUMNS: [Column; 10] = [
     Column::optional("step", 1.0, [0.0, 4_294_967_295.0]).whole().blank(),
     Column::optional("moving", 1.0, [0.0, 1.0]).whole().blank(),
 ];
-pub(super) const SHAPE_COLUMNS: [Column; 6] = [
+pub(super) const SHAPE_COLUMNS: [Column; 9] = [
     Column::optional("time_s", 1.0, TIME_S),
     Column::required("z_mm", MM, [0.0, 2000.0]),
     Column::required("deflection_y_mm", MM, LATERAL_MM),
     Column::optional("deflection_x_mm", MM, LATERAL_MM),
     Column::optional("deflection_y_sd_mm", MM, SD_MM),
     Column::optional("deflection_x_sd_mm", MM, SD_MM),
+    Column::optional("beam_deg", std::f64::consts::PI / 180.0, [-360.0, 360.0]),
+    Column::optional("probe_mm_per_s", MM, [-1000.0, 1000.0]),
+    Column::optional("z_shared_sd_mm", MM, [0.0, 50.0]),
 ];
 /// Slope of the needle at the tip: beyond one in one no insertion is straight ahead.
 const DIRECTION_MRAD: [f64; 2] = [-1000.0, 1000.0];

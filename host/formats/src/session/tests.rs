@@ -67,6 +67,20 @@ fn plain_session_is_read_in_si() {
 }
 
 #[test]
+fn how_points_were_imaged_is_stated_by_two_columns_or_none() {
+    let shape = "z_mm,deflection_y_mm,beam_deg,probe_mm_per_s\n80,1.5,-90,5\n81,1.4,-90,-2.5\n";
+    let session = Session::read(folder(TOML, FORCE, shape).path()).expect("reads");
+    let image = session.lateral[0].shape.image(1).expect("an image");
+    assert!((image.beam_rad + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    assert!((image.probe_m_per_s + 2.5e-3).abs() < 1e-12);
+    let alone = folder(TOML, FORCE, "z_mm,deflection_y_mm,probe_mm_per_s\n80,1.5,5\n");
+    assert_eq!(
+        message(&alone),
+        "a.shape.csv:1:1: beam_deg: missing, expected both columns or none, as there is probe_mm_per_s"
+    );
+}
+
+#[test]
 fn byte_order_mark_and_windows_lines_are_tolerated() {
     let windows = |text: &str| format!("\u{feff}{}", text.replace('\n', "\r\n"));
     let theirs =
@@ -270,7 +284,7 @@ proptest! {
             step: *step, moving: step.map(|step| step % 2 == 0), lost_before: *lost,
         }).collect();
         let shape: Vec<_> = values.iter().map(|(u, _, _, _)| ShapeRow {
-            time_s: 1.0, z_m: 0.08, deflection_y_m: *u, deflection_x_m: 2.0 * u,
+            time_s: 1.0, z_m: 0.08, deflection_y_m: *u, deflection_x_m: 2.0 * u, image: None,
         }).collect();
         let session = read_back(&rows, &shape, &setup, depth);
         prop_assert_eq!(session.name.as_deref(), Some(setup.name.as_str()));

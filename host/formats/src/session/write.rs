@@ -132,19 +132,25 @@ impl SessionWriter {
 
     /// Writes `<id>.csv` with columns of equal length: name, values, factor into the file's unit.
     fn table(&mut self, id: &str, columns: &[(&'static str, Vec<f64>, f64)]) -> Result<(), SessionError> {
-        let names: Vec<_> = columns.iter().map(|(name, ..)| *name).collect();
         let path = self.dir.join(format!("{id}.csv"));
+        let rows = Self::rows(&path, columns)?;
+        self.whole(path, &rows)
+    }
+
+    /// The text of such a file.
+    fn rows(path: &Path, columns: &[(&'static str, Vec<f64>, f64)]) -> Result<String, SessionError> {
+        let names: Vec<_> = columns.iter().map(|(name, ..)| *name).collect();
         let mut rows = format!("{}\n", names.join(","));
         for row in 0..columns.first().map_or(0, |(_, values, _)| values.len()) {
             let at = |(name, values, factor): &(&'static str, Vec<f64>, f64)| {
                 (*name, factor * values.get(row).copied().unwrap_or(f64::NAN))
             };
             let cells: Result<Vec<_>, _> =
-                columns.iter().map(at).map(|(name, value)| number(&path, name, value)).collect();
+                columns.iter().map(at).map(|(name, value)| number(path, name, value)).collect();
             rows.push_str(&cells?.join(","));
             rows.push('\n');
         }
-        self.whole(path, &rows)
+        Ok(rows)
     }
 
     /// Writes a run of which everything is there: files and entry, or none of them.

@@ -1,6 +1,7 @@
 //! Points of a shape from the frames of a sweep, and their distance from the straight needle.
 
 use super::{State, Sweep};
+use crate::pose::Motion;
 
 /// A point of a shape: successive frames that share their speckle are one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,49 +14,71 @@ pub struct Point {
     pub sd_mm: [f64; 2],
     /// Frames in it.
     pub frames: usize,
+    /// Direction of the beam and mean speed of the probe.
+    pub motion: Motion,
 }
+
+/// A used frame: its place, standard deviations across the needle, and motion.
+type Used = ([f64; 3], [f64; 2], Motion);
+
+/// A probe below this share of its median speed stands still or turns round.
+const STILL: f64 = 0.25;
 
 /// Widest point along the needle, millimetres: over it a needle is straight to a micrometre.
 const MAX_WIDTH_MM: f64 = 2.0;
 
 impl Sweep {
-    /// Points of the shape, along the needle.
+    /// Points of the shape, along the needle. Frames of one point were taken on the same way: a lag moves those forth and those back apart.
     pub fn points(&self) -> Vec<Point> {
         let together = self.track.correlated_frames.ceil().max(1.0) as usize;
-        let mut used: Vec<([f64; 3], [f64; 2])> = self
+        let mut used: Vec<Used> = self
             .frames
             .iter()
             .filter(|frame| frame.state == State::Used)
-            .filter_map(|frame| Some((frame.place_mm?, frame.sd_mm?)))
+            .filter_map(|frame| Some((frame.place_mm?, frame.sd_mm?, frame.motion.unwrap_or_default())))
             .collect();
-        used.sort_by(|a, b| a.0[2].total_cmp(&b.0[2]));
+        let mut speeds: Vec<f64> = used.iter().map(|(.., motion)| motion.mm_per_s.abs()).collect();
+        speeds.sort_by(f64::total_cmp);
+        let still = STILL * speeds.get(speeds.len() / 2).copied().unwrap_or(0.0);
+        let way = |(.., motion): &Used| {
+            if motion.mm_per_s.abs() <= still { 0 } else { motion.mm_per_s.signum() as i8 }
+        };
+        used.sort_by(|a, b| way(a).cmp(&way(b)).then(a.0[2].total_cmp(&b.0[2])));
         let mut points = Vec::new();
-        let mut rest = used.as_slice();
-        while let Some(first) = rest.first() {
-            let near = rest
-                .iter()
-                .take_while(|frame| frame.0[2] - first.0[2] <= MAX_WIDTH_MM)
-                .take(together)
-                .count();
-            let (group, others) = rest.split_at(near.max(1));
-            rest = others;
-            points.extend(mean(group, self.track.correlated_frames));
+        for mut rest in used.chunk_by(|a, b| way(a) == way(b)) {
+            while let Some(first) = rest.first() {
+                let near = rest
+                    .iter()
+                    .take_while(|frame| frame.0[2] - first.0[2] <= MAX_WIDTH_MM)
+                    .take(together)
+                    .count();
+                let (group, others) = rest.split_at(near.max(1));
+                rest = others;
+                points.extend(mean(group, self.track.correlated_frames));
+            }
         }
+        points.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
         points
     }
 }
 
 /// Weighted mean of frames that share their error as far as they are neighbours.
-fn mean(group: &[([f64; 3], [f64; 2])], correlated: f64) -> Option<Point> {
+fn mean(group: &[Used], correlated: f64) -> Option<Point> {
     let count = group.len() as f64;
-    let weights = |axis: usize| group.iter().map(move |(_, sd_mm)| sd_mm[axis].powi(-2));
+    let weights = |axis: usize| group.iter().map(move |(_, sd_mm, _)| sd_mm[axis].powi(-2));
     let across_mm = [0, 1].map(|axis: usize| {
-        let sum: f64 = group.iter().zip(weights(axis)).map(|((place, _), weight)| weight * place[axis]).sum();
+        let sum: f64 =
+            group.iter().zip(weights(axis)).map(|((place, ..), weight)| weight * place[axis]).sum();
         sum / weights(axis).sum::<f64>()
     });
     let sd_mm = [0, 1].map(|axis: usize| (correlated.max(1.0) / weights(axis).sum::<f64>()).sqrt());
-    let z_mm = group.iter().map(|(place, _)| place[2]).sum::<f64>() / count;
-    (count > 0.0).then_some(Point { z_mm, across_mm, sd_mm, frames: group.len() })
+    let z_mm = group.iter().map(|(place, ..)| place[2]).sum::<f64>() / count;
+    let beam = |part: fn(f64) -> f64| group.iter().map(|(.., motion)| part(motion.beam_rad)).sum::<f64>();
+    let motion = Motion {
+        beam_rad: beam(f64::sin).atan2(beam(f64::cos)),
+        mm_per_s: group.iter().map(|(.., motion)| motion.mm_per_s).sum::<f64>() / count,
+    };
+    (count > 0.0).then_some(Point { z_mm, across_mm, sd_mm, frames: group.len(), motion })
 }
 
 /// The straight needle: a line for each axis.
@@ -126,6 +149,8 @@ pub struct Deflection {
     pub sd_mm: [f64; 2],
     /// Frames in it.
     pub frames: usize,
+    /// Direction of the beam and mean speed of the probe.
+    pub motion: Motion,
 }
 
 /// Distances of points from the straight needle.
@@ -143,6 +168,7 @@ pub fn deflections(points: &[Point], straight: &Line) -> Vec<Deflection> {
                 across_mm: [0, 1].map(|axis: usize| point.across_mm[axis] - at_mm[axis]),
                 sd_mm: [0, 1].map(|axis: usize| (point.sd_mm[axis].powi(2) + count * variance[axis]).sqrt()),
                 frames: point.frames,
+                motion: point.motion,
             }
         })
         .collect()

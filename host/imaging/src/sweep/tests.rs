@@ -163,7 +163,13 @@ fn marks_of_the_screen_are_not_followed() {
 
 #[test]
 fn an_error_of_the_straight_needle_is_in_all_points() {
-    let point = |z_mm: f64, sd: f64| Point { z_mm, across_mm: [0.1 * z_mm, 1.0], sd_mm: [sd; 2], frames: 1 };
+    let point = |z_mm: f64, sd: f64| Point {
+        z_mm,
+        across_mm: [0.1 * z_mm, 1.0],
+        sd_mm: [sd; 2],
+        frames: 1,
+        motion: Motion::default(),
+    };
     let straight: Vec<Point> = (0..10).map(|i| point(f64::from(i), 0.03)).collect();
     let line = Line::through(&straight).expect("a line");
     assert!((line.slope()[0] - 0.1).abs() < 1e-12);

@@ -8,7 +8,7 @@ use super::cells::{Cells, cells, held, stood, stretches, travelled};
 use crate::holds::{Hold, HoldCriteria, holds, median, reversal_m, reversal_of_means_m};
 use crate::insertion::{Bin, TipPath};
 use formats::session::{InsertionRun, LateralRun};
-use mechanics::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapePoint};
+use mechanics::{DriveSample, Experiment, Insertion, Lateral, Profile, Rig, ShapeImage, ShapePoint};
 
 /// A sensor in one plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -154,6 +154,8 @@ pub(super) struct Run {
     pub experiment: Experiment,
     pub data: Vec<Datum>,
     pub cells: Cells,
+    /// Standard deviation of an error of the position that all points of its shape share, at each of them.
+    pub z_shared_sd_m: Vec<f64>,
     /// Speed of an insertion; 0 where it is not recorded.
     pub speed_m_per_s: f64,
     /// Whether it is of the session that the one under diagnosis is compared with.
@@ -230,8 +232,10 @@ impl Run {
             }
         }
         let mut points = Vec::new();
+        let mut z_shared_sd_m = Vec::new();
         for (part, hold) in holds.iter().enumerate() {
-            sweep(run, rig, hold, (part, places[part], start_s), &mut points, &mut data);
+            let indices = sweep(run, rig, hold, (part, places[part], start_s), &mut points, &mut data);
+            z_shared_sd_m.extend(indices.into_iter().map(|index| run.shape.shared_sd_m(index)));
         }
         // Both planes of a channel lie together.
         data.sort_by_key(|datum| (datum.channel.plane(), matches!(datum.source, Source::Shape(_))));
@@ -253,6 +257,7 @@ impl Run {
             experiment,
             data,
             cells,
+            z_shared_sd_m,
             speed_m_per_s: 0.0,
             is_reference: false,
         })
@@ -298,9 +303,17 @@ impl Run {
             experiment: Experiment::Insertion(done),
             data,
             cells: Cells::default(),
+            z_shared_sd_m: Vec::new(),
             speed_m_per_s,
             is_reference: false,
         })
+    }
+
+    /// How its shape was imaged, at its middle point; nothing where that is not known.
+    pub fn image(&self) -> Option<ShapeImage> {
+        let Experiment::Lateral(lateral) = &self.experiment else { return None };
+        let mut known = lateral.shape.iter().filter_map(|point| point.image);
+        known.nth(lateral.shape.iter().filter(|point| point.image.is_some()).count() / 2)
     }
 
     /// The same with only some of its parts.
@@ -395,7 +408,7 @@ fn hold_places(holds: &[Hold], axis: usize, depth_m: f64) -> Vec<Place> {
     holds.iter().map(place).collect()
 }
 
-/// The shape points of one hold.
+/// The shape points of one hold; their numbers in the file.
 fn sweep(
     run: &LateralRun,
     rig: &Rig,
@@ -403,7 +416,7 @@ fn sweep(
     (part, place, start_s): (usize, Place, f64),
     points: &mut Vec<ShapePoint>,
     data: &mut Vec<Datum>,
-) {
+) -> Vec<usize> {
     let tip_m = rig.entry_m + run.depth_m;
     let middle_s = 0.5 * (hold.time_s[0] + hold.time_s[1]);
     let mut indices: Vec<usize> =
@@ -413,7 +426,7 @@ fn sweep(
     let first = points.len();
     for (index, z_m) in indices.iter().zip(&z_m) {
         let time_s = run.shape.time_s.as_ref().map_or(middle_s, |times_s| hold.observed_s(times_s[*index]));
-        points.push(ShapePoint { time_s, z_m: *z_m });
+        points.push(ShapePoint { time_s, z_m: *z_m, image: run.shape.image(*index) });
     }
     let planes = [Some(&run.shape.y_m), run.shape.x_m.as_ref()];
     for (plane, column) in planes.into_iter().enumerate() {
@@ -439,6 +452,7 @@ fn sweep(
             });
         }
     }
+    indices
 }
 
 #[cfg(test)]

@@ -93,6 +93,8 @@ pub(super) struct Layout {
     pub effects: Vec<&'static dyn Effect>,
     /// What is known of their parameters from elsewhere, in place of the catalogue's priors.
     pub known: Arc<[KnownParameter]>,
+    /// Whether it is known of any shape how it was imaged.
+    pub has_images: bool,
     /// Depths of the readings of every insertion, in order.
     pub readings_m: Arc<Vec<Vec<f64>>>,
     /// Needles that were solved recently.
@@ -124,6 +126,7 @@ impl Layout {
             kinds: kinds(runs),
             effects,
             known: Arc::default(),
+            has_images: runs.iter().any(|run| run.image().is_some()),
             readings_m: Arc::new(
                 runs.iter().filter(|run| run.kind == Kind::Insertion).map(depths_m).collect(),
             ),
@@ -153,7 +156,7 @@ impl Layout {
         Self { effects, ..self.clone() }
     }
 
-    /// Whether an effect can be added to the model of this rig. An unknown rear and the direction of the bevel in a hand are parameters
+    /// Whether an effect can be added to the model of this rig, with these data. An unknown rear and the direction of the bevel in a hand are parameters
     /// of their own.
     pub fn is_applicable(&self, effect: &dyn Effect) -> bool {
         let is_parameter = match effect.id() {
@@ -161,7 +164,8 @@ impl Layout {
             "tip.bevel_roll" => self.rig.has_one_guide(),
             _ => false,
         };
-        effect.applies_to(&self.rig) && !is_parameter
+        let is_observable = self.has_images || !effect.needs_images();
+        effect.applies_to(&self.rig) && is_observable && !is_parameter
     }
 
     /// Tip load, N, and its standard deviation, of values with a covariance; nothing without insertions.

@@ -12,9 +12,11 @@ use super::posterior::Fitted;
 use super::results::NextMeasurement;
 use mechanics::effects::{Effect, ObservationContext};
 use mechanics::{
-    Channels, DriveSample, Experiment, Insertion, Lateral, ModelError, Profile, Series, ShapePoint, predict,
+    Channels, DriveSample, Experiment, Insertion, Lateral, ModelError, Profile, Series, ShapeImage,
+    ShapePoint, predict,
 };
 use nalgebra::{DMatrix, DVector};
+use std::f64::consts::FRAC_PI_2;
 
 /// Samples of a planned run.
 const RATE_HZ: f64 = 10.0;
@@ -25,6 +27,8 @@ const OTHER_M: f64 = 10e-3;
 const MIN_M: f64 = 8e-3;
 /// Known force that is hung on the sensor.
 const WEIGHT_N: f64 = 1.0;
+/// Known distance along the beam.
+const DISTANCE_M: f64 = 20e-3;
 /// A divergence below this separates nothing.
 const MIN_DIVERGENCE: f64 = 4.0;
 
@@ -34,6 +38,8 @@ enum Planned {
     Run(Experiment),
     /// A known weight on the force sensor, no needle.
     Weight,
+    /// Two wires at a known distance along the beam, imaged like this.
+    Distance(ShapeImage),
 }
 
 /// An entry of the menu.
@@ -105,8 +111,11 @@ fn readings(
             let model = layout.model(values, Kind::Lateral)?;
             let one = |force_n| Series { y: vec![force_n], x: Some(vec![0.0]) };
             let mut channels = Channels { force_n: one(WEIGHT_N), ..Channels::default() };
-            let context =
-                ObservationContext { time_s: &[0.0], commanded_m: [&[0.0], &[0.0]], reversal_m: [0.0; 2] };
+            let context = ObservationContext {
+                time_s: &[0.0],
+                commanded_m: [&[0.0], &[0.0]],
+                ..ObservationContext::default()
+            };
             // Weights are hung on the sensor: friction and drift of the guide have no part in it.
             model.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
             let sd = noise.force.of_mean(60, 3.0).sqrt();
@@ -115,6 +124,20 @@ fn readings(
                 2,
                 y.into_iter().chain(x.into_iter().flatten()).map(|n| n / sd),
             ));
+        }
+        Planned::Distance(image) => {
+            let model = layout.model(values, Kind::Lateral)?;
+            let [along_y, along_x] = image.along();
+            // Both wires have the same offset: one at the origin takes it off.
+            let places = |along: f64| vec![0.0, DISTANCE_M * along];
+            let shape_m = Series { y: places(along_y), x: Some(places(along_x)) };
+            let mut channels = Channels { shape_m, ..Channels::default() };
+            let context = ObservationContext { images: &[Some(*image); 2], ..ObservationContext::default() };
+            model.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
+            let apart_m = |wires_m: Vec<f64>| wires_m.windows(2).map(|pair| pair[1] - pair[0]).sum::<f64>();
+            let sd_m = noise.shape.sd() * 2f64.sqrt();
+            let Series { y, x } = channels.shape_m;
+            return Ok(DVector::from_vec(vec![apart_m(y) / sd_m, apart_m(x.unwrap_or_default()) / sd_m]));
         }
         Planned::Run(experiment) => experiment,
     };
@@ -151,8 +174,16 @@ fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
         let mut add = |kind, what: String, run: Staircase| {
             items.push(Item { kind, what, planned: Planned::Run(run.experiment(entry_m)) });
         };
-        let plain =
-            Staircase { depth_m: middle_m, axis, level_m, levels: &stairs, hold_s: 3.0, speed_m_per_s: 1e-3 };
+        let image = lateral().find_map(Run::image);
+        let plain = Staircase {
+            depth_m: middle_m,
+            axis,
+            level_m,
+            levels: &stairs,
+            hold_s: 3.0,
+            speed_m_per_s: 1e-3,
+            image,
+        };
         let mm = |m: f64| 1e3 * m;
         let name = ["y", "x"];
         add(
@@ -202,6 +233,36 @@ fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
             format!("ramps of 10 mm/s to {:.1} mm at {:.0} mm depth", mm(level_m), mm(middle_m)),
             Staircase { speed_m_per_s: 10e-3, ..plain },
         );
+        if let Some(image) = image {
+            let turned = ShapeImage { beam_rad: image.beam_rad + FRAC_PI_2, ..image };
+            add(
+                "probe_turned",
+                format!(
+                    "a staircase to {:.1} mm at {:.0} mm depth with the probe turned by 90 degrees about the needle",
+                    mm(level_m),
+                    mm(middle_m)
+                ),
+                Staircase { image: Some(turned), ..plain },
+            );
+            let back = ShapeImage { probe_m_per_s: -image.probe_m_per_s, ..image };
+            add(
+                "sweep_back",
+                format!(
+                    "a staircase to {:.1} mm at {:.0} mm depth with sweeps in the other direction",
+                    mm(level_m),
+                    mm(middle_m)
+                ),
+                Staircase { image: Some(back), ..plain },
+            );
+            items.push(Item {
+                kind: "known_distance",
+                what: format!(
+                    "two wires {:.0} mm apart along the beam, imaged in the tissue",
+                    mm(DISTANCE_M)
+                ),
+                planned: Planned::Distance(image),
+            });
+        }
         items.push(Item {
             kind: "known_weight",
             what: format!("a known weight of {WEIGHT_N:.0} N on the force sensor, without the needle"),
@@ -251,6 +312,8 @@ struct Staircase<'a> {
     levels: &'a [f64],
     hold_s: f64,
     speed_m_per_s: f64,
+    /// How the shape is imaged, where that is known of the session's.
+    image: Option<ShapeImage>,
 }
 
 impl Staircase<'_> {
@@ -278,10 +341,11 @@ impl Staircase<'_> {
             }
             let sweep_s = time_s - 0.5 * self.hold_s;
             let points = (self.depth_m / SPACING_M) as usize;
-            shape.extend(
-                (0..points)
-                    .map(|i| ShapePoint { time_s: sweep_s, z_m: entry_m + (i as f64 + 0.5) * SPACING_M }),
-            );
+            shape.extend((0..points).map(|i| ShapePoint {
+                time_s: sweep_s,
+                z_m: entry_m + (i as f64 + 0.5) * SPACING_M,
+                image: self.image,
+            }));
         }
         Experiment::Lateral(Lateral { depth_m: self.depth_m, drive, shape, reversal_m: [0.0; 2] })
     }

@@ -76,6 +76,32 @@ fn an_effect_of_the_tip_is_named_beside_lateral_runs() {
 }
 
 #[test]
+fn errors_of_imaging_are_found_where_it_is_stated_how_the_shape_was_imaged() {
+    for (id, value) in [("imaging.sound_speed", 0.06), ("imaging.lag", 0.3), ("imaging.echo_offset", 0.08)] {
+        let found = diagnosed(&truth(vec![(id, vec![value])]), &Design::imaged(), 8);
+        assert_eq!(found.effects.len(), 1, "{id}: {found:#?}");
+        assert!(found.effects[0].class.iter().any(|member| member == id), "{id}: {found:#?}");
+    }
+    // Where it is not stated, these effects are not available.
+    let unstated = diagnosed(&truth(vec![("sensor.shape_scale", vec![0.1])]), &Design::four_runs(), 8);
+    assert!(unstated.effects.iter().flat_map(|effect| &effect.class).all(|id| !id.starts_with("imaging.")));
+}
+
+/// Moved along the beam alone, a wrong speed of sound is a wrong scale of everything: guide 2 has to move across the beam.
+#[test]
+fn motion_across_the_beam_separates_the_speed_of_sound_from_the_scale_of_the_image() {
+    let mut design = Design::imaged();
+    design.lateral.retain(|plan| plan.axis == 0);
+    let found = diagnosed(&truth(vec![("imaging.sound_speed", vec![0.1])]), &design, 9);
+    let class = &found.effects.first().expect("an effect").class;
+    for id in ["imaging.sound_speed", "sensor.shape_scale"] {
+        assert!(class.iter().any(|member| member == id), "{found:#?}");
+    }
+    let next = found.next_measurement.expect("a measurement");
+    assert!(matches!(next.kind.as_str(), "other_axis" | "probe_turned"), "{next:#?}");
+}
+
+#[test]
 fn effects_with_equal_evidence_are_a_class_and_a_known_weight_separates_them() {
     let found = diagnosed(&truth(vec![("needle.stiffness", vec![0.2])]), &Design::four_runs(), 5);
     assert_eq!(found.verdict, Verdict::Ambiguous, "{found:#?}");

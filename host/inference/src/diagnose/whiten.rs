@@ -2,12 +2,13 @@
 //!
 //! The covariance of a run's numbers has blocks (forces of a plane; one sweep; one path) from the sensors' noise, and a few patterns
 //! on top: where guide 2 stands in a hold is known only as well as the mean of its readings, and moves force and shape of that hold
-//! together; a tip sensor's zero is not known exactly. With `C = L L^T + V V^T` and the
+//! together; a tip sensor's zero, and the place of a whole shape along the needle where an image shows it, are not known exactly. With `C = L L^T + V V^T` and the
 //! singular values s of `L^-1 V = U S W^T`, the residual r becomes `x - U (1 - 1/sqrt(1 + s^2)) U^T x`, `x = L^-1 r`.
 
 use super::data::{Channel, Run, Source};
+use super::layout::predicted;
 use super::noise::Noise;
-use mechanics::{Experiment, Model, ModelError, Plane};
+use mechanics::{Experiment, Model, ModelError, Plane, predict};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
@@ -15,6 +16,8 @@ use std::ops::Range;
 const TIP_ZERO_SD_M: f64 = 1e-3;
 /// No actuator's reading is right to better than this, however long it is averaged.
 const PLACE_SD_M: f64 = 3e-6;
+/// Step of the difference that gives the slope of the needle.
+const SLOPE_STEP_M: f64 = 1e-4;
 /// Correlations over more memories than this are none.
 const REACH: f64 = 8.0;
 
@@ -59,7 +62,8 @@ impl Whitener {
         }
         let mut whitener =
             Self { blocks, patterns: DMatrix::zeros(run.data.len(), 0), shrink: DVector::zeros(0) };
-        let columns = patterns(run, noise, &slopes);
+        let mut columns = patterns(run, noise, &slopes);
+        columns.extend(shared_positions(run, model)?);
         let columns: Vec<DVector<f64>> = columns
             .into_iter()
             .map(|mut column| {
@@ -255,6 +259,28 @@ fn patterns(run: &Run, noise: &Noise, slopes: &Slopes) -> Vec<Vec<f64>> {
         }
     }
     patterns
+}
+
+/// What an error of the positions that all points of a shape share does, one standard deviation of it; nothing where none is stated.
+fn shared_positions(run: &Run, model: &Model) -> Result<Option<Vec<f64>>, ModelError> {
+    if run.z_shared_sd_m.iter().all(|sd_m| *sd_m == 0.0) {
+        return Ok(None);
+    }
+    let (mut before, mut after) = (run.experiment.clone(), run.experiment.clone());
+    for (experiment, step_m) in [(&mut before, -SLOPE_STEP_M), (&mut after, SLOPE_STEP_M)] {
+        if let Experiment::Lateral(lateral) = experiment {
+            lateral.shape.iter_mut().for_each(|point| point.z_m += 0.5 * step_m);
+        }
+    }
+    let at = |experiment: &Experiment| Ok::<_, ModelError>(predicted(run, &predict(model, experiment)?));
+    let (before, after) = (at(&before)?, at(&after)?);
+    let moved = |(datum, (after, before)): (&super::data::Datum, (f64, f64))| match datum.source {
+        Source::Shape(point) => {
+            run.z_shared_sd_m.get(point).copied().unwrap_or(0.0) * (after - before) / SLOPE_STEP_M
+        }
+        Source::Force(_) | Source::Tip(_) | Source::Direction(_) => 0.0,
+    };
+    Ok(Some(run.data.iter().zip(after.into_iter().zip(before)).map(moved).collect()))
 }
 
 /// Readings of a hold and its length.

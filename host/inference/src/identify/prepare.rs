@@ -71,6 +71,7 @@ pub(super) fn prepare(session: &Session, run: &LateralRun, options: &Options) ->
         levels: used.iter().map(|level| noise.level(level, planes, shape_of(level))).collect(),
         shape_sd_m,
         force_zero,
+        z_shared: 0.0,
         // A force determines the stiffness of needle and tissue together, and nothing where neither is known.
         uses_force: session.rig.needle.stiffness_known,
         effects: nuisances(session, options),
@@ -198,7 +199,13 @@ fn shape_point(session: &Session, run: &LateralRun, index: usize) -> Option<Shap
         own_m.zip(typical_m).map_or(1.0, |(own_m, typical_m)| own_m / typical_m)
     };
     let sd_ratio = [ratio(&run.shape.y_sd_m), ratio(&run.shape.x_sd_m)];
-    on_needle.then_some(ShapeDatum { z_m: z_m.min(tip_m), deflection_m: [y_m, x_m], sd_ratio })
+    on_needle.then_some(ShapeDatum {
+        z_m: z_m.min(tip_m),
+        deflection_m: [y_m, x_m],
+        sd_ratio,
+        image: run.shape.image(index),
+        z_shared_sd_m: run.shape.shared_sd_m(index),
+    })
 }
 
 /// The run's course, for effects that depend on it: rows closer than [`COURSE_STEP_S`] are thinned, since nothing that is modelled

@@ -4,7 +4,7 @@
 //! such effects are given, the forward model is driven along the recorded displacement, the rows of every hold at that hold's true
 //! displacement, and its force is averaged over the rows of the hold as the measured one was.
 
-use super::HoldData;
+use super::{HoldData, ShapeDatum};
 use mechanics::effects::Effect;
 use mechanics::{Channels, DriveSample, Series, ShapePoint};
 use std::ops::Range;
@@ -58,7 +58,12 @@ impl Fixed {
     /// When and where the shape of these levels was measured.
     pub(super) fn shape(&self, levels: &[HoldData]) -> Vec<ShapePoint> {
         let points = levels.iter().flat_map(|level| &level.shape).zip(&self.course.shape_time_s);
-        points.map(|(point, time_s)| ShapePoint { time_s: *time_s, z_m: point.z_m }).collect()
+        let at = |(point, time_s): (&ShapeDatum, &f64)| ShapePoint {
+            time_s: *time_s,
+            z_m: point.z_m,
+            image: point.image,
+        };
+        points.map(at).collect()
     }
 
     /// Furthest recorded displacement.
@@ -119,6 +124,7 @@ mod tests {
             levels: vec![level],
             shape_sd_m: 1.0,
             force_zero: ForceZero::Exact,
+            z_shared: 0.0,
             uses_force: true,
             effects: Vec::new(),
             fixed: None,

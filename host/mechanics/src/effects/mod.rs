@@ -8,6 +8,7 @@
 //!
 //! Order of application: beam, drive, stress-free curvature, solve, map position, observe; within each in the order of the model's list.
 
+mod imaging;
 mod needle;
 mod rig;
 mod sensor;
@@ -17,7 +18,7 @@ mod tissue;
 use super::insertion::TipLaw;
 use super::lateral::Drive;
 use super::predict::Plane;
-use super::{BeamProblem, Channels, ModelError, Rig, ShapePoint};
+use super::{BeamProblem, Channels, ModelError, Rig, ShapeImage, ShapePoint};
 use std::fmt::Debug;
 
 const MM: f64 = 1e-3;
@@ -104,8 +105,8 @@ pub struct EffectInfo {
     pub parameters: &'static [ParameterInfo],
 }
 
-/// Input of the sensors' maps beside the values: the commanded motion of guide 2.
-#[derive(Debug, Clone, Copy)]
+/// Input of the sensors' maps beside the values: the commanded motion of guide 2, and how the shape was imaged.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct ObservationContext<'a> {
     /// Times of the force samples.
     pub time_s: &'a [f64],
@@ -113,6 +114,8 @@ pub struct ObservationContext<'a> {
     pub commanded_m: [&'a [f64]; 2],
     /// Motion back by this or less is noise of the displacement, vertical and horizontal: guide 2 has not turned round.
     pub reversal_m: [f64; 2],
+    /// How every point of the shape was imaged; empty where that is known of none.
+    pub images: &'a [Option<ShapeImage>],
 }
 
 /// A way in which rig, tissue or sensors differ from the plain model.
@@ -133,6 +136,11 @@ pub trait Effect: Debug + Sync {
     /// Whether a rig can have it at all.
     fn applies_to(&self, _rig: &Rig) -> bool {
         true
+    }
+
+    /// Whether it does something only to points of a shape whose image is known ([`ShapePoint::image`]).
+    fn needs_images(&self) -> bool {
+        false
     }
 
     /// Changes the beam problem of a plane.
@@ -161,7 +169,7 @@ pub trait Effect: Debug + Sync {
 }
 
 /// Every effect there is.
-pub static EFFECTS: [&dyn Effect; 32] = [
+pub static EFFECTS: [&dyn Effect; 35] = [
     &tissue::Layers,
     &tissue::Gradient,
     &tissue::Stiffening,
@@ -185,6 +193,9 @@ pub static EFFECTS: [&dyn Effect; 32] = [
     &sensor::ShapeOffset,
     &sensor::ShapeScale,
     &sensor::DepthShift,
+    &imaging::SoundSpeed,
+    &imaging::Lag,
+    &imaging::EchoOffset,
     &needle::Stiffness,
     &needle::Prebend,
     &needle::AxialLoad,

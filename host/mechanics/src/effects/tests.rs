@@ -1,10 +1,14 @@
 //! Every effect of the catalogue: neutral values, sensitivities, and limiting cases in closed form.
 
 use super::*;
-use crate::{DriveSample, Experiment, Insertion, Lateral, Model, Needle, Profile, Rig, TipLaw, predict};
+use crate::{
+    DriveSample, Experiment, Insertion, Lateral, Model, Needle, Profile, Rig, Series, TipLaw, predict,
+};
 
 const GUIDE2_M: f64 = 0.06;
 const ENTRY_M: f64 = 0.07;
+/// A probe above the needle, a little to the side, that moves by 2 mm/s.
+const IMAGE: ShapeImage = ShapeImage { beam_rad: -1.2, probe_m_per_s: 2e-3 };
 
 /// A staircase in both planes, with ramps and holds, and sweeps in two holds.
 fn lateral(depth_m: f64) -> Experiment {
@@ -24,7 +28,7 @@ fn lateral(depth_m: f64) -> Experiment {
     }
     let at = |time_s: f64| {
         [0.072, 0.08, 0.085, 0.099]
-            .map(|z_m| ShapePoint { time_s, z_m })
+            .map(|z_m| ShapePoint { image: Some(IMAGE), ..ShapePoint::new(time_s, z_m) })
             .into_iter()
             .filter(move |p| p.z_m <= ENTRY_M + depth_m)
     };
@@ -182,6 +186,37 @@ fn sensors_map_what_they_measure() {
     // The second point is at 80 mm, the third at 85: shifted by 5 mm the one shows the other.
     assert_close(run("sensor.depth_shift", &[5.0]).shape_m.y[1], plain.shape_m.y[2], 1e-12);
     assert_eq!(run("sensor.shape_scale", &[0.1]).force_n, plain.force_n);
+}
+
+/// Along the beam, and nothing across it; not at all where nothing is known of the image.
+#[test]
+fn images_are_wrong_along_the_beam() {
+    let experiment = lateral(0.03);
+    let plain_shape = channels(&plain(), &experiment).shape_m;
+    let both = |shape: &Series, i: usize| [shape.y[i], shape.x.as_ref().expect("two planes")[i]];
+    let [along_y, along_x] = IMAGE.along();
+    assert!(along_y < -0.9 && along_x > 0.3);
+    for (id, value) in [("imaging.sound_speed", 0.05), ("imaging.echo_offset", 0.3)] {
+        let shape = channels(&with(id, &[value]), &experiment).shape_m;
+        for i in 0..shape.y.len() {
+            let ([y, x], [plain_y, plain_x]) = (both(&shape, i), both(&plain_shape, i));
+            let deflected_m = plain_y * along_y + plain_x * along_x;
+            let more_m = (y - plain_y) * along_y + (x - plain_x) * along_x;
+            let across_m = (x - plain_x) * along_y - (y - plain_y) * along_x;
+            let expected_m = if id == "imaging.sound_speed" { 0.05 * deflected_m } else { 0.3e-3 };
+            assert!((more_m - expected_m).abs() < 1e-15, "{id} {i}: {more_m} {expected_m}");
+            assert!(across_m.abs() < 1e-15, "{id} {i}: {across_m}");
+        }
+    }
+    // The second point is at 80 mm, the third at 85: at 2 mm/s a lag of 2.5 s shows the one for the other.
+    let late = channels(&with("imaging.lag", &[2.5]), &experiment).shape_m;
+    assert_close(late.y[1], plain_shape.y[2], 1e-12);
+    let Experiment::Lateral(mut unknown) = experiment else { panic!("lateral") };
+    unknown.shape.iter_mut().for_each(|point| point.image = None);
+    let unknown = Experiment::Lateral(unknown);
+    for id in ["imaging.sound_speed", "imaging.echo_offset", "imaging.lag"] {
+        assert_eq!(channels(&with(id, &[0.2]), &unknown).shape_m, plain_shape, "{id}");
+    }
 }
 
 #[test]
@@ -421,7 +456,7 @@ fn tissue_that_yields_gives_way() {
         let root = (1.0 + share * share).sqrt();
         crate::elements::Reaction { force_n_per_m: linear_n_per_m / root, tangent_pa: 16e3 / root.powi(3) }
     };
-    let shape = vec![ShapePoint { time_s: 0.0, z_m: 0.09 }];
+    let shape = vec![ShapePoint::new(0.0, 0.09)];
     for (held_m, least) in [(0.1e-3, 0.999), (1.5e-3, 0.9), (4e-3, 0.6)] {
         let drive = vec![DriveSample { time_s: 0.0, y_m: held_m, x_m: 0.0 }];
         let pushed =

@@ -18,7 +18,15 @@ _FORCE = (
 )
 _SHAPE = (
     ("z_mm", "deflection_y_mm"),
-    ("time_s", "deflection_x_mm", "deflection_y_sd_mm", "deflection_x_sd_mm"),
+    (
+        "time_s",
+        "deflection_x_mm",
+        "deflection_y_sd_mm",
+        "deflection_x_sd_mm",
+        "beam_deg",
+        "probe_mm_per_s",
+        "z_shared_sd_mm",
+    ),
 )
 _PATH = (
     ("depth_mm", "tip_y_mm"),

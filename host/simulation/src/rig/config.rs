@@ -1,6 +1,7 @@
 //! The constants of a simulated rig.
 
 use super::imperfections::Imperfections;
+use super::scanner::ScannerConfig;
 use formats::session::{SessionError, Setup, read_text};
 use mechanics::{Needle, Rig};
 use serde::Deserialize;
@@ -39,6 +40,8 @@ pub struct Simulation {
     pub force: ForceConfig,
     /// Ultrasound.
     pub ultrasound: UltrasoundConfig,
+    /// The same as frames.
+    pub scanner: ScannerConfig,
     /// Effects that are hidden from the user of the rig.
     pub effects: Vec<HiddenEffect>,
     /// What is a little off beside them.
@@ -91,6 +94,7 @@ impl Default for Simulation {
             actuator: ActuatorConfig::default(),
             force: ForceConfig::default(),
             ultrasound: UltrasoundConfig::default(),
+            scanner: ScannerConfig::default(),
             effects: Vec::new(),
             imperfections: Imperfections::default(),
         }
@@ -235,7 +239,8 @@ impl Simulation {
     /// [`ConfigError::Value`] for the first value out of its range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let positive = "a positive number";
-        let Self { depth_mm, modulus_kpa, actuator, force, ultrasound, effects, imperfections } = self;
+        let Self { depth_mm, modulus_kpa, actuator, force, ultrasound, scanner, effects, imperfections } =
+            self;
         let is_known = |effect: &&HiddenEffect| {
             HIDDEN.iter().any(|(id, values)| *id == effect.id && values.len() == effect.values.len())
         };
@@ -265,7 +270,7 @@ impl Simulation {
         ];
         let fault = checks.into_iter().find(|(_, _, sound, _)| !sound);
         let fault = fault.map(|(field, value, _, expected)| (field, value, expected));
-        match fault.or_else(|| imperfections.fault()) {
+        match fault.or_else(|| scanner.fault()).or_else(|| imperfections.fault()) {
             Some((field, value, expected)) => Err(ConfigError::Value { field, value, expected }),
             None => Ok(()),
         }

@@ -9,6 +9,7 @@
 //! |---|---|
 //! | [`actuator`] | dead band, speed limit, lag, end stops, potentiometer with noise |
 //! | [`imperfections`] | what is a little off in every rig |
+//! | [`scanner`] | ultrasound frames of the needle in speckle |
 //! | [`insertions`] | the needle inserted by hand, its tip tracked |
 //! | [`steering`] | the needle steered at its base while it goes in |
 //! | [`config`] | every constant, from a TOML file or by default |
@@ -17,6 +18,7 @@ pub mod actuator;
 pub mod config;
 pub mod imperfections;
 pub mod insertions;
+pub mod scanner;
 pub mod steering;
 
 use actuator::Actuator;
@@ -26,9 +28,15 @@ use mechanics::{Beam, Channels, Drive, Model, ModelError, Series};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use scanner::Scan;
 
 /// Largest code of the 24-bit bridge converter.
 const BRIDGE_CODE_MAX: f64 = 8_388_607.0;
+
+/// A scan begins and ends at this distance from surface and tip.
+pub const SCAN_MARGIN_MM: f64 = 0.5;
+/// Distance of the points of the axis that it is rendered from.
+const SCAN_STEP_MM: f64 = 0.25;
 
 /// What the bridges' inputs were in one period: share of the period that IN1 and IN2 of x and y were high, 0 to 1.
 pub type BridgeInputs = [[f64; 2]; 2];
@@ -109,6 +117,10 @@ pub struct SimulatedRig {
     load: Option<NeedleLoad>,
     /// Since the start.
     time_s: f64,
+    seed: u64,
+    needle_m: f64,
+    /// Scans that were taken.
+    scans: u64,
     force_noise: Noise,
     sweep_noise: Noise,
 }
@@ -128,7 +140,7 @@ impl SimulatedRig {
         let actuators = [Stream::PotentiometerX, Stream::PotentiometerY]
             .map(|noise| Actuator::new(&simulation.actuator, &mut random, Noise::new(seed, noise)));
         let depth_m = simulation.depth_mm * 1e-3;
-        let entry_m = rig.entry_m;
+        let (entry_m, needle_m) = (rig.entry_m, rig.needle.outer_diameter_m);
         let mut model = Model::uniform(rig, modulus_pa)?;
         let hidden = simulation.effects.iter();
         model.effects =
@@ -146,6 +158,9 @@ impl SimulatedRig {
             bridge_offset_n,
             load: None,
             time_s: 0.0,
+            seed,
+            needle_m,
+            scans: 0,
             force_noise: Noise::new(seed, Stream::Force),
             sweep_noise: Noise::new(seed, Stream::Sweep),
             entry_m,
@@ -174,26 +189,18 @@ impl SimulatedRig {
     pub fn sweep(&mut self) -> Vec<ShapeSample> {
         let Simulation { ultrasound, imperfections, .. } = &self.simulation;
         let (spacing_m, pixel_m) = (ultrasound.spacing_mm * 1e-3, ultrasound.pixel_mm * 1e-3);
-        let pressed_m = self.position_m().map(|position_m| self.drive.beyond_clearance_m(position_m));
         let is_in_air = self.truth.depth_m == 0.0;
         let (from_m, length_m) =
             if is_in_air { (0.0, self.entry_m) } else { (self.entry_m, self.truth.depth_m) };
         let count = (length_m / spacing_m + 1e-9) as usize;
         let at_m = |index: usize| from_m + index as f64 * spacing_m;
-        let bent = |plane: usize| -> Vec<f64> {
-            (1..=count).map(|index| self.beam.deflection_m(pressed_m[plane], at_m(index))).collect()
-        };
-        let mut shape_m = Series { x: Some(bent(0)), y: bent(1) };
-        let mut channels = Channels { shape_m: std::mem::take(&mut shape_m), ..Channels::default() };
-        let context = ObservationContext { time_s: &[], commanded_m: [&[], &[]], reversal_m: [0.0; 2] };
-        self.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
-        let Series { y, x } = channels.shape_m;
-        let (noise_m, x) = (ultrasound.noise_mm * 1e-3, x.unwrap_or_default());
-        x.into_iter()
-            .zip(y)
-            .enumerate()
-            .map(|(index, (x_m, y_m))| {
-                let z_m = at_m(index + 1);
+        let places_m: Vec<f64> = (1..=count).map(at_m).collect();
+        let noise_m = ultrasound.noise_mm * 1e-3;
+        let bent_m = self.bent_m(&places_m);
+        bent_m
+            .into_iter()
+            .zip(places_m)
+            .map(|([x_m, y_m], z_m)| {
                 let [x_off_m, y_off_m] = imperfections.pattern_m(z_m);
                 let deflection_m = [x_m + x_off_m, y_m + y_off_m].map(|bent_m| {
                     let measured_m = bent_m + noise_m * self.sweep_noise.draw();
@@ -202,6 +209,43 @@ impl SimulatedRig {
                 ShapeSample { z_m, deflection_m }
             })
             .collect()
+    }
+
+    /// Deflection of the needle along x and y at these positions, as it lies now, with what images make of it.
+    fn bent_m(&self, places_m: &[f64]) -> Vec<[f64; 2]> {
+        let pressed_m = self.position_m().map(|position_m| self.drive.beyond_clearance_m(position_m));
+        let bent = |plane: usize| -> Vec<f64> {
+            places_m.iter().map(|z_m| self.beam.deflection_m(pressed_m[plane], *z_m)).collect()
+        };
+        let shape_m = Series { x: Some(bent(0)), y: bent(1) };
+        let mut channels = Channels { shape_m, ..Channels::default() };
+        let context = ObservationContext::default();
+        self.effects.iter().for_each(|(effect, values)| effect.observe(values, &context, &mut channels));
+        let Series { y, x } = channels.shape_m;
+        x.unwrap_or_default().into_iter().zip(y).map(|(x_m, y_m)| [x_m, y_m]).collect()
+    }
+
+    /// Takes the ultrasound frames of a probe that goes along the needle inside the tissue and back, as it lies now; frames are rendered
+    /// from the scan ([`Scan::frames`]).
+    pub fn scan(&mut self) -> Scan {
+        self.scans += 1;
+        let from_mm = 1e3 * self.entry_m + SCAN_MARGIN_MM;
+        let length_mm = (1e3 * self.truth.depth_m - 2.0 * SCAN_MARGIN_MM).max(SCAN_STEP_MM);
+        let steps = (length_mm / SCAN_STEP_MM + 1e-9) as usize;
+        let places_m: Vec<f64> =
+            (0..=steps).map(|step| 1e-3 * (from_mm + SCAN_STEP_MM * step as f64)).collect();
+        let imperfections = &self.simulation.imperfections;
+        let point = |([x_m, y_m], z_m): ([f64; 2], &f64)| {
+            let [x_off_m, y_off_m] = imperfections.pattern_m(*z_m);
+            [1e3 * z_m, 1e3 * (x_m + x_off_m), 1e3 * (y_m + y_off_m)]
+        };
+        Scan {
+            scanner: self.simulation.scanner.clone(),
+            // Apart from those of other scans and rigs.
+            seed: stream(self.seed.wrapping_add(self.scans << 32), Stream::Scans).random(),
+            needle_mm: 1e3 * self.needle_m,
+            axis_mm: self.bent_m(&places_m).into_iter().zip(&places_m).map(point).collect(),
+        }
     }
 
     /// Position of guide 2 along x and y, metres.
@@ -275,6 +319,7 @@ pub(crate) enum Stream {
     LateralPlans,
     InsertionPlans,
     Imperfections,
+    Scans,
 }
 
 fn stream(seed: u64, part: Stream) -> ChaCha8Rng {

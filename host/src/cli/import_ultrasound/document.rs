@@ -21,6 +21,8 @@ pub struct Imported {
     session: PathBuf,
     lateral: Lateral,
     straight: Option<SweepResult>,
+    /// Displacement of guide 2 while it was imaged, `[x, y]`, where the run has it.
+    pub straight_displacement_mm: Option<[f64; 2]>,
     sweeps: Vec<SweepResult>,
     notes: Vec<String>,
 }
@@ -106,6 +108,7 @@ impl Imported {
             session: session.to_owned(),
             lateral,
             straight: straight_result.transpose()?,
+            straight_displacement_mm: None,
             sweeps: sweeps.collect::<anyhow::Result<_>>()?,
             notes: of_straight.into_iter().flatten().chain(of_sweeps).collect(),
         })
@@ -203,6 +206,12 @@ impl Display for Imported {
                 f,
                 "             {} points, sd x {:.3} y {:.3} mm{lag}",
                 sweep.points, sweep.sd_x_mm, sweep.sd_y_mm
+            )?;
+        }
+        if let Some([x_mm, y_mm]) = self.straight_displacement_mm {
+            writeln!(
+                f,
+                "straight at  guide 2 x {x_mm:.4} y {y_mm:.4} mm: its part is added to every deflection"
             )?;
         }
         for note in &self.notes {

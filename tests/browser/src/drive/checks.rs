@@ -1,8 +1,10 @@
 //! What is checked in the browser.
 
 use crate::driver::Browser;
+use crate::live;
 use crate::program::{compare, document};
 use crate::served;
+use crate::views;
 use anyhow::{Context, Result, ensure};
 use serde_json::{Value, json};
 use std::fs;
@@ -11,12 +13,12 @@ use std::process::Command;
 use std::time::Instant;
 
 /// Results of page and program may differ by this share.
-const SAME: f64 = 1e-9;
+pub const SAME: f64 = 1e-9;
 /// The same where fits end as soon as a step is shorter than a twentieth of a standard deviation, whose end moves with the rounding of
 /// each processor. Chosen after the example's differences of 2e-3 were measured; other sessions may differ by more.
 const SAME_END: f64 = 5e-3;
 /// Views with the marks of their addresses, and what they show when they are complete.
-const VIEWS: [(&str, &str, &str); 6] = [
+pub const VIEWS: [(&str, &str, &str); 8] = [
     ("start", "view=start", "document.querySelector('#open-example')"),
     ("play", "view=play&with=rig.backlash:0.3", "document.querySelector('.rig')"),
     ("session", "view=session&session=example", "document.querySelectorAll('#main .plot').length > 3"),
@@ -27,6 +29,12 @@ const VIEWS: [(&str, &str, &str); 6] = [
         "document.querySelector('#diagnose-maps .cell')",
     ),
     ("predict", "view=predict&session=example&until=50", "document.querySelector('#predict-facts')"),
+    ("plan", "view=plan&session=example", "document.querySelector('#plan-facts')"),
+    (
+        "population",
+        "view=population&records=example&by=tissue",
+        "document.querySelectorAll('#main .made svg').length > 3",
+    ),
 ];
 /// Widths of a tablet, a laptop and a wall screen.
 const WIDTHS: [u32; 3] = [768, 1280, 1920];
@@ -71,11 +79,23 @@ impl<'a> Checks<'a> {
             self.check(&name, |checks| checks.equals(session));
         }
         self.check("the prediction follows its slider", Self::predicts);
+        self.check("a plan equals the program's and follows its keys", |checks| {
+            views::plans(checks.browser, &checks.address, &checks.folder)
+        });
+        self.check("a population equals the program's", |checks| {
+            views::compares(checks.browser, &checks.address, &checks.folder)
+        });
+        self.check("every view is saved as JSON, SVG, PNG and page", |checks| {
+            views::saves(checks.browser, &checks.address, &checks.folder)
+        });
         self.check("the needle answers while a slider is dragged", Self::plays);
         self.check("bad input leads to a message", Self::bad_input);
         self.check("an engine that stops leads to a message, and to a new engine", Self::stopped);
         self.check("served by guide web", |checks| {
             served::check(checks.browser, &checks.page, &checks.folder)
+        });
+        self.check("live, with a device for tests", |checks| {
+            live::check(checks.browser, &checks.page, &checks.folder)
         });
         self.check("accessibility (axe-core)", Self::accessible);
         if pictures {

@@ -5,8 +5,10 @@
 
 mod checks;
 mod driver;
+mod live;
 mod program;
 mod served;
+mod views;
 
 use anyhow::{Context, Result, bail};
 use checks::Checks;

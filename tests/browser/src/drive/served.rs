@@ -8,7 +8,26 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 /// The running program, which ends with this.
-struct Serving(Child);
+pub struct Serving(Child);
+
+impl Serving {
+    /// Starts `guide web` with this page on a folder, with further options; also the address that it prints.
+    ///
+    /// # Errors
+    /// Where it does not start.
+    pub fn start(page: &Path, folder: &Path, options: &[&str]) -> Result<(Self, String)> {
+        let program = std::env::var_os("NEEDLE_GUIDE_PROGRAM")
+            .context("NEEDLE_GUIDE_PROGRAM: expected the program guide")?;
+        let mut command = Command::new(program);
+        command.args(["web", "--json", "--page"]).arg(page).args(options).arg(folder);
+        let mut serving = Self(command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?);
+        let mut line = String::new();
+        BufReader::new(serving.0.stdout.take().context("no output")?).read_line(&mut line)?;
+        let report: Value = serde_json::from_str(&line)?;
+        let address = report["address"].as_str().context("no address")?.to_owned();
+        Ok((serving, address))
+    }
+}
 
 impl Drop for Serving {
     fn drop(&mut self) {
@@ -22,17 +41,8 @@ impl Drop for Serving {
 /// # Errors
 /// What is otherwise.
 pub fn check(browser: &Browser, page: &Path, folder: &Path) -> Result<String> {
-    let program = std::env::var_os("NEEDLE_GUIDE_PROGRAM")
-        .context("NEEDLE_GUIDE_PROGRAM: expected the program guide")?;
-    let mut command = Command::new(program);
-    command.args(["web", "--json", "--page"]).arg(page).arg(folder);
-    let mut serving = Serving(command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?);
-    let mut line = String::new();
-    BufReader::new(serving.0.stdout.take().context("no output")?).read_line(&mut line)?;
-    let report: Value = serde_json::from_str(&line)?;
-    let address = report["address"].as_str().context("no address")?;
-
-    browser.open(address)?;
+    let (_serving, address) = Serving::start(page, folder, &[])?;
+    browser.open(&address)?;
     browser.until("document.querySelector('#served button')")?;
     ensure!(
         browser.run("return document.querySelector('#stop').hidden;", json!([]))? == json!(true),

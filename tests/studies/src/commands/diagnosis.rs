@@ -79,6 +79,7 @@ fn outcomes(repeats: usize, seed: u64, only: &str) -> Result<Vec<Outcome>> {
 fn name(hidden: &Hidden) -> String {
     match hidden {
         Hidden::Nothing => "nothing".to_owned(),
+        Hidden::NothingImaged => "nothing, imaging stated".to_owned(),
         Hidden::One(id, strength) => format!("{id}, {}", ["weak", "middle", "strong"][*strength]),
         Hidden::Pair(a, b) => format!("{a} + {b}"),
         Hidden::Foreign(name) => format!("foreign: {name}"),
@@ -97,7 +98,7 @@ fn is_in_class(outcome: &Outcome, id: &str) -> bool {
 
 fn is_surprise(outcome: &Outcome) -> bool {
     match &outcome.hidden {
-        Hidden::Nothing => outcome.verdict != Verdict::Adequate,
+        Hidden::Nothing | Hidden::NothingImaged => outcome.verdict != Verdict::Adequate,
         Hidden::One(id, _) => {
             let identifiable = outcome.expected_apart.is_some_and(|apart| apart > APART);
             let detectable = outcome.expected_gain.is_some_and(|gain| gain >= GAIN);
@@ -149,7 +150,7 @@ fn reached(outcomes: &[Outcome]) -> [(&'static str, &'static str, String); MEASU
         outcomes.iter().filter_map(|o| if let Hidden::One(id, _) = &o.hidden { Some((o, *id)) } else { None })
     };
     let id_of = |o: &Outcome| if let Hidden::One(id, _) = &o.hidden { *id } else { "" };
-    let nothing = || outcomes.iter().filter(|o| o.hidden == Hidden::Nothing);
+    let nothing = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Nothing | Hidden::NothingImaged));
     let foreign = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Foreign(_)));
     let pairs = || outcomes.iter().filter(|o| matches!(o.hidden, Hidden::Pair(..)));
     let identifiable =

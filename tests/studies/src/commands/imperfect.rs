@@ -162,6 +162,7 @@ fn write_lateral(writer: &mut SessionWriter, run: &LateralRun) -> Result<()> {
             z_m: *z_m,
             deflection_y_m: *deflection_y_m,
             deflection_x_m: at(&shape.x_m, i).unwrap_or(0.0),
+            image: shape.image(i),
         })?;
     }
     Ok(rows.finish()?)

@@ -32,7 +32,7 @@ pub use history::{History, KEPT_PERIODS, Period};
 pub use injection::{Injection, Reaction, Trigger};
 pub use line::{BITS_PER_BYTE, LINE_BAUD};
 pub use needle::GuideSocket;
-pub use sweeps::take_sweep;
+pub use sweeps::{take_frames, take_sweep};
 pub use wiring::{Fault, Kind};
 
 use crate::qemu::HANGS;
@@ -61,6 +61,9 @@ use wiring::Wiring;
 
 /// Length of one lockstep period, seconds.
 const PERIOD_S: f64 = 1e-3;
+/// Names of the sockets on which sweeps and scans are served.
+const SWEEPS: &str = "ultrasound";
+const SCANS: &str = "scanner";
 /// How often the rig, while it waits, checks whether what it waits for has come.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
@@ -170,7 +173,11 @@ impl Cosim {
             sent_bytes: 0,
         }));
         let stop = Arc::new(AtomicBool::new(false));
-        sweeps::serve(&folder.join("ultrasound"), Arc::clone(&state), Arc::clone(&stop))?;
+        for (name, taken) in
+            [(SWEEPS, sweeps::sweep_csv as fn(&mut SimulatedRig) -> String), (SCANS, sweeps::scan_json)]
+        {
+            sweeps::serve(&folder.join(name), Arc::clone(&state), Arc::clone(&stop), taken)?;
+        }
         needle::serve(&folder.join("needle"), Arc::clone(&state), Arc::clone(&stop))?;
         let worker = thread::Builder::new().name("rig".into()).spawn({
             let (state, stop, folder) = (Arc::clone(&state), Arc::clone(&stop), folder.to_owned());
@@ -287,7 +294,12 @@ impl Cosim {
 
     /// Where sweeps are served.
     pub fn ultrasound(&self) -> PathBuf {
-        self.folder.join("ultrasound")
+        self.folder.join(SWEEPS)
+    }
+
+    /// Where scans are served, from which frames are rendered.
+    pub fn scanner(&self) -> PathBuf {
+        self.folder.join(SCANS)
     }
 
     /// Where a needle of another program is joined to guide 2.
@@ -305,8 +317,9 @@ impl Cosim {
 
     fn shut_down(&mut self) -> Result<()> {
         self.stop.store(true, Ordering::Release);
-        // The sweep server waits for a connection; this one makes it check the flag.
+        // The sweep servers wait for a connection; these make them check the flag.
         let _ = UnixStream::connect(self.ultrasound());
+        let _ = UnixStream::connect(self.scanner());
         let _ = UnixStream::connect(self.needle());
         match self.worker.take().map(JoinHandle::join) {
             Some(Ok(outcome)) => outcome,

@@ -1,4 +1,4 @@
-//! The rig's ultrasound probe on a socket: one sweep per connection, as text that `guide acquire` takes.
+//! The rig's ultrasound probe on sockets: one sweep per connection, as text that `guide acquire` takes, or as a scan from which frames are rendered.
 //!
 //! A sweep costs no device time: from the connection on, device time waits ([`super::gate`]) until the program that takes the
 //! sweep has ended and been waited for by the one that started it, which then has all of its output.
@@ -8,10 +8,12 @@ use crate::qemu::HANGS;
 use anyhow::{Context, Result};
 use rustix::process::{Pid, test_kill_process};
 use simulation::rig::SimulatedRig;
+use simulation::rig::scanner::Scan;
+use std::fs;
 use std::io::{ErrorKind, Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -21,7 +23,15 @@ use std::time::{Duration, Instant};
 /// not keep it for ever.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
-pub(super) fn serve(path: &Path, state: Arc<Mutex<State>>, stop: Arc<AtomicBool>) -> Result<()> {
+/// What is given of the rig as it is now.
+type Taken = fn(&mut SimulatedRig) -> String;
+
+pub(super) fn serve(
+    path: &Path,
+    state: Arc<Mutex<State>>,
+    stop: Arc<AtomicBool>,
+    taken: Taken,
+) -> Result<()> {
     let listener = UnixListener::bind(path)
         .with_context(|| format!("cannot serve ultrasound sweeps at {}", path.display()))?;
     thread::Builder::new().name("ultrasound".into()).spawn(move || {
@@ -31,7 +41,7 @@ pub(super) fn serve(path: &Path, state: Arc<Mutex<State>>, stop: Arc<AtomicBool>
             }
             if let Ok(stream) = stream {
                 lock(&state).gate.sweep_begins();
-                give(stream, &state, &stop);
+                give(stream, &state, &stop, taken);
                 lock(&state).gate.sweep_ends();
             }
         }
@@ -40,8 +50,8 @@ pub(super) fn serve(path: &Path, state: Arc<Mutex<State>>, stop: Arc<AtomicBool>
 }
 
 /// Gives one sweep, and waits for the end of the program that takes it.
-fn give(mut stream: UnixStream, state: &Mutex<State>, stop: &AtomicBool) {
-    let text = sweep_csv(&mut lock(state).rig);
+fn give(mut stream: UnixStream, state: &Mutex<State>, stop: &AtomicBool, taken: Taken) {
+    let text = taken(&mut lock(state).rig);
     // A client that has gone away takes no sweep; the next one will.
     let given = stream.write_all(text.as_bytes()).and_then(|()| stream.shutdown(Shutdown::Write));
     if given.is_err() || stream.set_read_timeout(Some(POLL_INTERVAL)).is_err() {
@@ -73,13 +83,33 @@ fn is_open(stream: &mut UnixStream, received: &mut Vec<u8>) -> bool {
     }
 }
 
-fn sweep_csv(rig: &mut SimulatedRig) -> String {
+/// A scan as JSON; empty where it cannot be written as that.
+pub(super) fn scan_json(rig: &mut SimulatedRig) -> String {
+    serde_json::to_string(&rig.scan()).unwrap_or_default()
+}
+
+pub(super) fn sweep_csv(rig: &mut SimulatedRig) -> String {
     let mut text = String::from("z_mm,deflection_x_mm,deflection_y_mm\n");
     for sample in rig.sweep() {
         let [x, y] = sample.deflection_m.map(|metres| metres * 1e3);
         text += &format!("{:.3},{x:.4},{y:.4}\n", sample.z_m * 1e3);
     }
     text
+}
+
+/// Takes a scan from a rig that serves them, renders its frames and saves them in a folder under a new name: what `xtask frames` does. The rig
+/// waits for the end of this process.
+///
+/// # Errors
+/// Where there is no server, or the file cannot be written.
+pub fn take_frames(socket: &Path, folder: &Path) -> Result<(PathBuf, TakenSweep)> {
+    let taken = take_sweep(socket, true)?;
+    let scan: Scan = serde_json::from_str(&taken.text).context("what the rig serves is no scan")?;
+    fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let mut names = (1..).map(|number: u32| folder.join(format!("sweep-{number}.igs.mha")));
+    let path = names.find(|path| !path.exists()).unwrap_or_default();
+    scan.write(&path).with_context(|| format!("cannot write {}", path.display()))?;
+    Ok((path, taken))
 }
 
 /// A sweep that is being taken. The rig waits until this is dropped: the program that prints the text keeps it until that is done.
@@ -133,7 +163,7 @@ mod tests {
         };
         let (state, stop) = (Arc::new(Mutex::new(state)), Arc::new(AtomicBool::new(false)));
         let socket = folder.join("ultrasound");
-        serve(&socket, Arc::clone(&state), Arc::clone(&stop)).unwrap();
+        serve(&socket, Arc::clone(&state), Arc::clone(&stop), sweep_csv).unwrap();
         (socket, state, stop)
     }
 

@@ -159,7 +159,8 @@ impl Bodies {
             let bent = [0, 1].map(|plane| Bent::new(&holding(&world, plane), &wall));
             let [y, x] = bent;
             let bent = [y?, x?];
-            let part = LateralPart { world: &world, flaws: &flaws, plan, noise, seed, run };
+            let images = design.images.as_ref();
+            let part = LateralPart { world: &world, flaws: &flaws, plan, noise, images, seed, run };
             let march = |plane: usize, commanded_m: &[f64], keep: &[usize]| {
                 march(&world, plane, &bent[plane], depth_m, commanded_m, keep)
             };

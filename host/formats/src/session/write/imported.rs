@@ -1,8 +1,9 @@
 //! Entering a lateral run that was recorded elsewhere: its force series as it is, its shape with the columns it has.
 
-use super::super::{ForceSeries, ShapeSeries};
+use super::super::{ForceSeries, LateralRun, ShapeSeries};
 use super::{SessionWriter, enter};
-use crate::document::{SessionError, number, read_text};
+use crate::document::{SessionError, number, read_text, replace};
+use mechanics::ShapeImage;
 use std::path::Path;
 
 /// A force series of which there is nothing yet.
@@ -27,17 +28,7 @@ impl SessionWriter {
         let session_file = self.dir.join("session.toml");
         let depth_mm = number(&session_file, "depth_mm", 1e3 * depth_m)?;
         let rows = force.map_or_else(|| Ok(NO_FORCE.to_owned()), read_text)?;
-        let columns: Vec<(&'static str, Vec<f64>, f64)> = [
-            shape.time_s.clone().map(|values| ("time_s", values, 1.0)),
-            Some(("z_mm", shape.z_m.clone(), 1e3)),
-            Some(("deflection_y_mm", shape.y_m.clone(), 1e3)),
-            shape.x_m.clone().map(|values| ("deflection_x_mm", values, 1e3)),
-            shape.y_sd_m.clone().map(|values| ("deflection_y_sd_mm", values, 1e3)),
-            shape.x_sd_m.clone().map(|values| ("deflection_x_sd_mm", values, 1e3)),
-        ]
-        .into_iter()
-        .flatten()
-        .collect();
+        let columns = shape_columns(shape);
         let entry = lateral_entry(id, &depth_mm);
         self.whole_run(|session| {
             session.whole(session.dir.join(format!("{id}.force.csv")), &rows)?;
@@ -46,6 +37,15 @@ impl SessionWriter {
         })?;
         self.lateral_ids.push(id.to_owned());
         Ok(())
+    }
+
+    /// Gives a lateral run that the session has another shape: `<id>.shape.csv` is replaced as a whole.
+    ///
+    /// # Errors
+    /// [`SessionError::NotFinite`], or an error of the operating system.
+    pub fn reshape(&mut self, run: &LateralRun, shape: &ShapeSeries) -> Result<(), SessionError> {
+        let rows = Self::rows(&run.shape_path, &shape_columns(shape))?;
+        replace(&run.shape_path, &rows)
     }
 
     /// Writes a lateral run whose shape is not measured yet: `<id>.force.csv` with the columns that the series has,
@@ -79,6 +79,31 @@ impl SessionWriter {
         self.lateral_ids.push(id.to_owned());
         Ok(())
     }
+}
+
+/// A column: name, values, factor into the file's unit.
+type NamedColumn = (&'static str, Vec<f64>, f64);
+
+/// The columns that a shape has.
+fn shape_columns(shape: &ShapeSeries) -> Vec<NamedColumn> {
+    let images = shape.images.as_ref();
+    let of_images =
+        |of: fn(&ShapeImage) -> f64| images.map(|images| images.iter().map(of).collect::<Vec<_>>());
+    let named = |name: &'static str, values: Option<Vec<f64>>, factor: f64| {
+        values.map(|values| (name, values, factor))
+    };
+    let columns = [
+        named("time_s", shape.time_s.clone(), 1.0),
+        named("z_mm", Some(shape.z_m.clone()), 1e3),
+        named("deflection_y_mm", Some(shape.y_m.clone()), 1e3),
+        named("deflection_x_mm", shape.x_m.clone(), 1e3),
+        named("deflection_y_sd_mm", shape.y_sd_m.clone(), 1e3),
+        named("deflection_x_sd_mm", shape.x_sd_m.clone(), 1e3),
+        named("beam_deg", of_images(|image| image.beam_rad.to_degrees()), 1.0),
+        named("probe_mm_per_s", of_images(|image| image.probe_m_per_s), 1e3),
+        named("z_shared_sd_mm", shape.z_shared_sd_m.clone(), 1e3),
+    ];
+    columns.into_iter().flatten().collect()
 }
 
 /// Entry of a lateral run.

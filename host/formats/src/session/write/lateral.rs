@@ -1,8 +1,9 @@
 //! Writing a lateral run: rows go to its CSV files as they come; with the first of them it is entered in `session.toml`.
 
-use super::super::Provenance;
+use super::super::{FrameSweep, Provenance, sweeps_file};
 use super::{SessionWriter, enter};
-use crate::document::{SessionError, io, number};
+use crate::document::{SessionError, io, number, replace};
+use mechanics::ShapeImage;
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Seek, SeekFrom, Write};
@@ -40,6 +41,8 @@ pub struct ShapeRow {
     pub deflection_y_m: f64,
     /// Horizontal deflection.
     pub deflection_x_m: f64,
+    /// How the point was imaged; written where the run is one of images ([`LateralWriter::imaged`]).
+    pub image: Option<ShapeImage>,
 }
 
 /// A lateral run being written. What has been flushed is a part of the session, even if this program is killed.
@@ -51,8 +54,14 @@ pub struct LateralWriter<'a> {
     provenance: Provenance,
     force: CsvFile,
     shape: CsvFile,
+    has_images: bool,
+    frames: Vec<FrameSweep>,
     has_rows: bool,
 }
+
+/// Columns of a shape, and those of its images.
+const SHAPE_HEADER: &str = "time_s,z_mm,deflection_y_mm,deflection_x_mm";
+const IMAGE_HEADER: &str = "beam_deg,probe_mm_per_s";
 
 impl<'a> LateralWriter<'a> {
     /// A run of which nothing is written yet.
@@ -67,14 +76,30 @@ impl<'a> LateralWriter<'a> {
             "force",
             "time_s,displacement_y_mm,force_y_n,displacement_x_mm,force_x_n,step,lost_before,moving",
         );
-        let shape = csv("shape", "time_s,z_mm,deflection_y_mm,deflection_x_mm");
+        let shape = csv("shape", SHAPE_HEADER);
         let provenance = Provenance::default();
-        Self { session, id: id.to_owned(), depth_m, provenance, force, shape, has_rows: false }
+        Self {
+            session,
+            id: id.to_owned(),
+            depth_m,
+            provenance,
+            force,
+            shape,
+            has_images: false,
+            frames: Vec::new(),
+            has_rows: false,
+        }
     }
 
     /// States what the run is recorded with; to be called before its first row.
     pub fn made_with(&mut self, provenance: Provenance) {
         self.provenance = provenance;
+    }
+
+    /// States that it is known how the points of the shape are imaged; to be called before its first row.
+    pub fn imaged(&mut self) {
+        self.has_images = true;
+        self.shape.rows = format!("{SHAPE_HEADER},{IMAGE_HEADER}\n");
     }
 
     /// Adds a row to the force series.
@@ -100,13 +125,35 @@ impl<'a> LateralWriter<'a> {
     /// # Errors
     /// As [`LateralWriter::force`].
     pub fn shape(&mut self, row: &ShapeRow) -> Result<(), SessionError> {
-        let line = self.shape.numbers(&[
+        let mut line = self.shape.numbers(&[
             ("time_s", row.time_s),
             ("z_mm", 1e3 * row.z_m),
             ("deflection_y_mm", 1e3 * row.deflection_y_m),
             ("deflection_x_mm", 1e3 * row.deflection_x_m),
         ])?;
+        if self.has_images {
+            let image = row.image.unwrap_or(ShapeImage { beam_rad: f64::NAN, probe_m_per_s: f64::NAN });
+            let numbers = self.shape.numbers(&[
+                ("beam_deg", image.beam_rad.to_degrees()),
+                ("probe_mm_per_s", 1e3 * image.probe_m_per_s),
+            ])?;
+            let _ = write!(line, ",{numbers}");
+        }
         self.add(|run| &mut run.shape, &line)
+    }
+
+    /// Lists frames that were taken in a hold, from which the shape is yet to be measured.
+    ///
+    /// # Errors
+    /// As reported by the operating system.
+    pub fn frames(&mut self, sweep: FrameSweep) -> Result<(), SessionError> {
+        self.frames.push(sweep);
+        let path = sweeps_file(&self.session.dir, &self.id);
+        replace(&path, &FrameSweep::to_toml(&self.session.dir, &self.id, &self.frames))?;
+        if self.frames.len() == 1 {
+            self.session.made.push(path);
+        }
+        Ok(())
     }
 
     fn add(&mut self, file: impl Fn(&mut Self) -> &mut CsvFile, line: &str) -> Result<(), SessionError> {

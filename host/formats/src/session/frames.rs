@@ -1,0 +1,111 @@
+//! Sequences of ultrasound frames that belong to a run: `<id>.sweeps.toml`, one entry per hold in which frames were taken.
+
+use crate::document::{Fields, Problem, SessionError, read_text};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Frames that were taken in a hold.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameSweep {
+    /// When, on the clock of the force series.
+    pub time_s: f64,
+    /// The sequence: a file or a folder.
+    pub frames: PathBuf,
+}
+
+/// Where the sweeps of a run are listed.
+pub fn sweeps_file(session: &Path, id: &str) -> PathBuf {
+    session.join(format!("{id}.sweeps.toml"))
+}
+
+impl FrameSweep {
+    /// Reads the sweeps of a run; sequences inside the session's folder are listed relative to it.
+    ///
+    /// # Errors
+    /// [`SessionError`] for the first fault found, with its place; where there are none.
+    pub fn read(session: &Path, id: &str) -> Result<Vec<Self>, SessionError> {
+        let path = sweeps_file(session, id);
+        let text = read_text(&path)?;
+        Fields::parse(&path, &text, |file| {
+            let one = |fields: &Fields<'_>| {
+                fields.only(&["time_s", "frames"])?;
+                let time_s = fields.number("time_s", [-1e10, 1e10])?;
+                Ok(Self { time_s, frames: session.join(fields.text("frames")?) })
+            };
+            let sweeps: Vec<Self> = file.tables("sweep")?.iter().map(one).collect::<Result<_, _>>()?;
+            if sweeps.is_empty() {
+                return Err(file.field_fault(
+                    "sweep",
+                    Problem::Missing,
+                    "a table [[sweep]] for every sequence",
+                ));
+            }
+            Ok(sweeps)
+        })
+    }
+
+    /// The text that lists sweeps.
+    pub(super) fn to_toml(session: &Path, id: &str, sweeps: &[Self]) -> String {
+        let mut text = format!(
+            "# Ultrasound frames of run {id}. Its shape: guide import ultrasound --run {id} --out DIR\n"
+        );
+        for Self { time_s, frames } in sweeps {
+            let _ = write!(
+                text,
+                "\n[[sweep]]\ntime_s = {time_s:.6}\nframes = {}\n",
+                toml::Value::from(inside(session, frames).to_string_lossy().into_owned())
+            );
+        }
+        text
+    }
+}
+
+/// A path relative to the session's folder where it lies in it, so that the folder can be moved as a whole; else from the root.
+fn inside(session: &Path, frames: &Path) -> PathBuf {
+    let (Ok(session), Ok(frames)) = (session.canonicalize(), frames.canonicalize()) else {
+        return frames.to_owned();
+    };
+    frames.strip_prefix(&session).map(Path::to_owned).unwrap_or(frames)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn sweeps_are_listed_relative_to_the_session_and_read_again() {
+        let (session, elsewhere) =
+            (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let [here, there] = [session.path(), elsewhere.path()].map(|folder| folder.join("sweep \"1\".mha"));
+        for file in [&here, &there] {
+            fs::write(file, "frames").expect("a file");
+        }
+        let sweeps =
+            [FrameSweep { time_s: 1.25, frames: here.clone() }, FrameSweep { time_s: 7.5, frames: there }];
+        let text = FrameSweep::to_toml(session.path(), "d30-1", &sweeps);
+        assert!(text.contains("frames = 'sweep \"1\".mha'"), "{text}");
+        fs::write(sweeps_file(session.path(), "d30-1"), text).expect("a file");
+        let read = FrameSweep::read(session.path(), "d30-1").expect("reads");
+        assert_eq!((read.len(), read[0].time_s, &read[0].frames), (2, 1.25, &here));
+        assert!(read[1].frames.is_absolute());
+    }
+
+    #[test]
+    fn faults_name_their_place() {
+        let session = tempfile::tempdir().expect("a folder");
+        let message = |text: &str| {
+            fs::write(sweeps_file(session.path(), "a"), text).expect("a file");
+            FrameSweep::read(session.path(), "a").expect_err("refused").to_string()
+        };
+        for (text, expected) in [
+            ("", "a.sweeps.toml:1:1: sweep: missing"),
+            ("[[sweep]]\ntime_s = 1\n", "a.sweeps.toml:1:1: sweep.frames: missing"),
+            ("[[sweep]]\ntime_s = \"x\"\nframes = \"b\"\n", "a.sweeps.toml:2:10: sweep.time_s: "),
+        ] {
+            let message = message(text);
+            assert!(message.contains(expected), "{message}");
+        }
+        assert!(FrameSweep::read(session.path(), "b").is_err());
+    }
+}

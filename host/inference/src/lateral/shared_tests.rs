@@ -1,0 +1,76 @@
+//! An error of the positions that all points of a shape share.
+
+use super::*;
+use crate::{Fit, fit};
+use mechanics::{Beam, Foundation, Needle};
+
+// Where a shift of the shape along the needle changes K most: by 0.4 % for each 0.1 mm.
+const K_PA: f64 = 24e3;
+const DEPTH_M: f64 = 0.04;
+const POINTS: usize = 79;
+
+/// A run whose shape is really a little further along the needle than stated; the standard deviation of such a shift as stated.
+fn shifted(shift_m: f64, z_shared_sd_m: f64) -> LateralData {
+    let rig = Rig::two_guides(Needle::gauge_18(), 0.06, 0.07);
+    let beam = Beam::solve(&rig, &Foundation::uniform(K_PA).expect("a modulus"), DEPTH_M).expect("solves");
+    let at_m = 1.2e-3;
+    let point = |i: usize| {
+        let z_m = 0.0705 + 0.5e-3 * i as f64;
+        let deflection_m = [beam.deflection_m(at_m, z_m + shift_m), 0.0];
+        ShapeDatum { z_shared_sd_m, ..ShapeDatum::new(z_m, deflection_m) }
+    };
+    let level = HoldData {
+        displacement_m: vec![Measured { value: at_m, sd: 1e-6 }],
+        force_n: vec![Measured { value: beam.force_n(at_m), sd: 0.1 }],
+        shape: (0..POINTS).map(point).collect(),
+    };
+    LateralData {
+        rig,
+        support: Support::Springs,
+        depth_m: DEPTH_M,
+        planes: 1,
+        levels: vec![level],
+        shape_sd_m: 5e-6,
+        force_zero: ForceZero::Exact,
+        z_shared: 0.0,
+        uses_force: true,
+        effects: Vec::new(),
+        fixed: None,
+    }
+}
+
+fn fitted(data: &LateralData) -> Fit {
+    let ln_k = Parameter { start: 9.0, step: 1e-4, least: 2.0, most: 16.0, prior: None };
+    fit(&[ln_k], std::slice::from_ref(data)).expect("fits")
+}
+
+/// Distance of the fitted `ln K` from the truth, and its standard deviation.
+fn off(data: &LateralData) -> [f64; 2] {
+    let fit = fitted(data);
+    [fit.shared[0] - K_PA.ln(), fit.covariance[(0, 0)].sqrt()]
+}
+
+#[test]
+fn a_shift_of_the_whole_shape_is_in_the_interval_where_it_is_stated() {
+    let (shift_m, sd_m) = (0.3e-3, 0.3e-3);
+    let [off_unstated, sd_unstated] = off(&shifted(shift_m, 0.0));
+    assert!(off_unstated.abs() > 4.0 * sd_unstated, "{off_unstated} (sd {sd_unstated})");
+    let [off_stated, sd_stated] = off(&shifted(shift_m, sd_m));
+    assert!(
+        off_stated.abs() < 2.0 * sd_stated && sd_stated > 1.2 * sd_unstated,
+        "{off_stated} (sd {sd_stated})"
+    );
+    // Where it is stated how large the shift may be, the fit finds most of it.
+    assert!(off_stated.abs() < off_unstated.abs(), "{off_stated} {off_unstated}");
+}
+
+/// Without an error there is nothing to find, and the prior is a residual of its own: as many more as parameters.
+#[test]
+fn a_right_shape_stays_right() {
+    let (plain, shared) = (fitted(&shifted(0.0, 0.0)), fitted(&shifted(0.0, 0.1e-3)));
+    assert!((shared.shared[0] - K_PA.ln()).abs() < 1e-4 && shared.chi_square < 1e-3);
+    assert_eq!(plain.degrees_of_freedom, shared.degrees_of_freedom);
+    let found = shared.nuisances[0].last().copied().expect("the shift");
+    assert!(found.abs() < 0.01, "{found}");
+    assert_eq!(shape_fits(&shifted(0.0, 0.1e-3), &shared, 0).len(), POINTS);
+}

@@ -1,0 +1,133 @@
+//! What the device sends, decoded in the page: raw frames of the link become extremes of force and position per short time, and losses are
+//! counted as the program counts them.
+
+use crate::request::AnswerError;
+use protocol::{EnvelopeReceiver, Hello, Message, Order, Received, Sample, SequenceTracker};
+use serde::Serialize;
+use std::fs;
+use std::path::Path;
+
+/// Length of a column, seconds.
+const COLUMN_S: f64 = 0.05;
+/// From the last sample before a restart of the device to the first one after it, seconds: its clock begins again, the picture goes on.
+const RESTART_GAP_S: f64 = 1.0;
+const CHANNELS: usize = 4;
+
+/// Follows the frames of one connection to the program. Its memory does not grow.
+#[derive(Debug, Default)]
+pub(crate) struct Follower {
+    receiver: EnvelopeReceiver,
+    tracker: SequenceTracker,
+    hello: Option<Hello>,
+    /// Added to the device's time.
+    offset_s: f64,
+    latest_s: Option<f64>,
+    open: Option<Column>,
+    bytes: u64,
+}
+
+/// Extremes over a short time: force x, force y (N), position x, position y (mm).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+struct Column {
+    /// Its number: a column that is not complete yet comes again.
+    index: i64,
+    time_s: f64,
+    low: [f64; CHANNELS],
+    high: [f64; CHANNELS],
+}
+
+#[derive(Serialize)]
+struct Followed {
+    columns: Vec<Column>,
+    bytes: u64,
+    frames: u64,
+    frames_missing: u64,
+    frames_corrupt: u64,
+    frames_unreadable: u64,
+    samples: u64,
+    samples_missing: u64,
+}
+
+impl Follower {
+    /// Takes the bytes of a file.
+    pub fn take(&mut self, file: &Path) -> Result<String, AnswerError> {
+        let cannot = |cause: std::io::Error| AnswerError::Value {
+            name: "file",
+            value: file.display().to_string(),
+            expected: format!("frames of the device ({cause})"),
+        };
+        let bytes = fs::read(file).map_err(cannot)?;
+        let columns = self.columns(&bytes);
+        let (totals, losses) = (self.tracker.totals(), self.receiver.losses());
+        Ok(serde_json::to_string(&Followed {
+            columns,
+            bytes: self.bytes,
+            frames: totals.frames,
+            frames_missing: totals.frames_missing,
+            frames_corrupt: losses.corrupt.into(),
+            frames_unreadable: losses.overlong.saturating_add(losses.unreadable).into(),
+            samples: totals.samples,
+            samples_missing: totals.samples_missing,
+        })?)
+    }
+
+    /// The columns that these bytes have changed, in order.
+    fn columns(&mut self, bytes: &[u8]) -> Vec<Column> {
+        self.bytes = self.bytes.saturating_add(bytes.len() as u64);
+        let mut receiver = std::mem::take(&mut self.receiver);
+        let mut changed = Vec::new();
+        for received in receiver.feed(bytes) {
+            let Received::Frame(envelope) = received else { continue };
+            if let Message::Hello(hello) = &envelope.message {
+                self.greeted(hello);
+            }
+            if matches!(self.tracker.observe(&envelope).order, Order::Duplicate | Order::Late) {
+                continue;
+            }
+            let (Message::Samples(samples), Some(hello)) = (&envelope.message, &self.hello) else { continue };
+            let (period_us, scales) = (hello.sample_period_us, hello.scales);
+            for (t_us, Sample { position_counts, force_counts }) in
+                samples.unpack(period_us).into_iter().flatten()
+            {
+                let [force_x, force_y] =
+                    force_counts.map(|count| f64::from(count) * f64::from(scales.force_nn_per_count) * 1e-9);
+                let [x, y] = position_counts
+                    .map(|count| f64::from(count) * f64::from(scales.position_nm_per_count) * 1e-6);
+                self.push(t_us as f64 * 1e-6 + self.offset_s, [force_x, force_y, x, y], &mut changed);
+            }
+        }
+        self.receiver = receiver;
+        changed.extend(self.open);
+        changed
+    }
+
+    fn greeted(&mut self, hello: &Hello) {
+        let now_s = hello.now_us as f64 * 1e-6;
+        // The clock of a device that has restarted begins again.
+        if let Some(latest_s) = self.latest_s
+            && now_s + self.offset_s < latest_s
+        {
+            self.offset_s = latest_s + RESTART_GAP_S - now_s;
+        }
+        // Samples are switched on after a greeting: the time without them is no loss.
+        self.tracker.stream_begins();
+        self.hello = Some(hello.clone());
+    }
+
+    fn push(&mut self, time_s: f64, values: [f64; CHANNELS], complete: &mut Vec<Column>) {
+        let index = (time_s / COLUMN_S).floor() as i64;
+        self.latest_s = Some(time_s);
+        match &mut self.open {
+            Some(open) if open.index == index => {
+                for ((low, high), value) in open.low.iter_mut().zip(&mut open.high).zip(values) {
+                    (*low, *high) = (low.min(value), high.max(value));
+                }
+            }
+            open => {
+                complete.extend(*open);
+                let time_s = (index as f64 + 1.0) * COLUMN_S;
+                *open = Some(Column { index, time_s, low: values, high: values });
+            }
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! The view Live against a device for tests, which speaks the protocol at the far end of a pseudo terminal.
+
+use crate::driver::Browser;
+use crate::served::Serving;
+use anyhow::{Context, Result, ensure};
+use fake_device::{Act, FakeDevice, Script};
+use protocol::Request;
+use serde_json::json;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+const ENTER: &str = "\u{e007}";
+/// Samples of one program.
+const SAMPLES: usize = 64;
+/// Samples of a frame that does not arrive.
+const LOST: usize = 16;
+const HANGS: Duration = Duration::from_secs(30);
+
+/// Frames of the device are decoded in the page and counted; control, motion and stop by keyboard; a page that is hidden gives up control.
+///
+/// # Errors
+/// What is otherwise.
+pub fn check(browser: &Browser, page: &Path, folder: &Path) -> Result<String> {
+    let device = FakeDevice::start(Script {
+        program: vec![Act::Batch(32), Act::Lost(LOST), Act::Batch(32), Act::Complete],
+        ..Script::default()
+    });
+    let (_serving, address) = Serving::start(page, folder, &["--port", &device.port])?;
+    let count =
+        |wanted: fn(&Request) -> bool| device.executed().iter().filter(|request| wanted(request)).count();
+    let wait = |what: &str, wanted: &dyn Fn() -> bool| {
+        let began = Instant::now();
+        while !wanted() {
+            ensure!(began.elapsed() < HANGS, "{what}: not within {} s", HANGS.as_secs());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        Ok(())
+    };
+    browser.open(&format!("{address}#view=live"))?;
+    browser.until("document.querySelector('#live-take') && live.last")?;
+    ensure!(
+        browser.run("return document.querySelector('fieldset').disabled;", json!([]))? == json!(true),
+        "motion is offered without control"
+    );
+    browser.press("#live-take", ENTER)?;
+    browser.until("!document.querySelector('fieldset').disabled")?;
+    browser.press("fieldset button", ENTER)?;
+    wait("home", &|| count(|request| matches!(request, Request::Run { .. })) > 0)?;
+    browser.until(&format!("live.counts && live.counts.samples >= {SAMPLES}"))?;
+    browser.until("live.points.length > 0 && document.querySelector('#main .plot .line')")?;
+    let counts = browser.run("return JSON.stringify(live.counts);", json!([]))?;
+    let counts: serde_json::Value = serde_json::from_str(counts.as_str().context("no counts")?)?;
+    for (lost, expected) in
+        [("frames_missing", 1), ("samples_missing", LOST), ("frames_corrupt", 0), ("frames_unreadable", 0)]
+    {
+        ensure!(counts[lost] == json!(expected), "{lost}: {counts}");
+    }
+    let stops = || count(|request| *request == Request::Stop);
+    let before = stops();
+    browser.press("#live-take", " ")?;
+    wait("stop by the space bar", &|| stops() > before)?;
+
+    // What is damaged or missing is counted, and nothing grows: the same frames again and again.
+    let grows = "const bytes = new Uint8Array(20000).fill(7); const first = await engine.follow(bytes, true); \
+        let last = first; for (let i = 0; i < 300; i += 1) last = await engine.follow(bytes, false); \
+        return [first.bytes, last.bytes, last.frames, last.columns.length];";
+    let found = browser.wait_for(grows, json!([]))?;
+    ensure!(found == json!([20_000, 6_020_000, 0, 0]), "{found}");
+
+    // Another page in front: this one is hidden.
+    browser.run("Object.defineProperty(document, 'visibilityState', { value: 'hidden', configurable: true }); document.dispatchEvent(new Event('visibilitychange'));", json!([]))?;
+    browser.until("live.last && live.last.control === 'none'")?;
+    Ok(format!(
+        "{} samples of {} frames decoded in the page, the lost frame of {LOST} samples counted; control, home and stop by keyboard; hidden, it gives up control",
+        counts["samples"], counts["frames"]
+    ))
+}

@@ -1,0 +1,145 @@
+//! Plan and population, and what every view saves.
+
+use crate::checks::{SAME, VIEWS};
+use crate::driver::Browser;
+use crate::program::{compare, document};
+use anyhow::{Context, Result, ensure};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::Path;
+
+const ENTER: &str = "\u{e007}";
+const DOWN: &str = "\u{e015}";
+
+/// A document of the engine that the page carries, as text: the driver's own numbers have fewer digits.
+fn of_engine(browser: &Browser, script: &str, arguments: Value) -> Result<Value> {
+    let text = browser.wait_for(&format!("return JSON.stringify(({script}).document);"), arguments)?;
+    Ok(serde_json::from_str(text.as_str().unwrap_or_default())?)
+}
+
+/// The plan of the example's rig equals that of the program; another depth is chosen by keyboard.
+///
+/// # Errors
+/// What is otherwise.
+pub fn plans(browser: &Browser, address: &str, folder: &Path) -> Result<String> {
+    browser.open(&format!("{address}#view=plan&session=example&depth=40&displacement=1.2"))?;
+    browser.until("document.querySelector('#plan-facts')")?;
+    let request = json!({
+        "do": "plan", "dir": "example", "modulus_kpa": [5, 30], "depth_mm": [20, 40, 60], "displacement_mm": [0.4, 1.2],
+        "hold_s": 3, "force_limit_n": 4, "strain_limit_percent": 0.2, "deflection_limit_mm": 2.5
+    });
+    let found = of_engine(browser, "await engine.request('quick', arguments[0])", json!([request]))?;
+    let arguments =
+        ["plan", "--rig", "example/session.toml", "--k-kpa", "5", "30", "--depth-mm", "20", "40", "60"];
+    let program = document(folder, &[&arguments[..], &["--displacement-mm", "0.4", "1.2"]].concat())?;
+    let distance = compare(&found, &program)?;
+    ensure!(distance.largest < SAME, "{:.1e} apart at {}", distance.largest, distance.place);
+
+    let percent = || {
+        let value = browser
+            .run("return Number(document.querySelector('#plan-facts').dataset.percent);", json!([]))?;
+        value.as_f64().context("no half-width")
+    };
+    let before = percent()?;
+    browser.press("#plan-depth", DOWN)?;
+    browser.until("location.hash.includes('depth=50')")?;
+    let after = percent()?;
+    ensure!(before != after, "another depth has the same half-width {before}");
+    browser.press("#plan-best", ENTER)?;
+    browser.until("document.querySelectorAll('#main .map .chosen').length === 1")?;
+    ensure!(percent()? < after, "the best run is not narrower");
+    let took_ms = browser.wait_for(
+        "const start = performance.now(); document.querySelector('#plan-hold_s').stepUp(); document.querySelector('#plan-hold_s').dispatchEvent(new Event('input')); \
+         const was = document.querySelector('#plan-facts'); while (document.querySelector('#plan-facts') === was) await new Promise((yes) => setTimeout(yes, 5)); \
+         return performance.now() - start;",
+        json!([]),
+    )?;
+    Ok(format!(
+        "{} numbers within {:.0e}; 50 mm deep {after:.2} %; the map of 80 runs in {:.0} ms",
+        distance.numbers,
+        distance.largest,
+        took_ms.as_f64().unwrap_or(f64::NAN)
+    ))
+}
+
+/// The example's records are analysed as by the program; the open session is added.
+///
+/// # Errors
+/// What is otherwise.
+pub fn compares(browser: &Browser, address: &str, folder: &Path) -> Result<String> {
+    browser.open(&format!("{address}#view=population"))?;
+    browser.until("document.querySelector('#use-records')")?;
+    browser.press("#use-records", ENTER)?;
+    browser.until("document.querySelectorAll('#population-groups tbody tr').length === 2")?;
+    let found = of_engine(browser, "await engine.population(state.records.files, ['tissue'])", json!([]))?;
+    let program = document(folder, &["population", "example.jsonl", "--by", "tissue"])?;
+    let distance = compare(&found, &program)?;
+    ensure!(distance.largest < SAME, "{:.1e} apart at {}", distance.largest, distance.place);
+    // One group by keyboard.
+    browser.press("#population-by", "\u{e011}")?;
+    browser.until("document.querySelectorAll('#population-groups tbody tr').length === 1")?;
+
+    // A file that is no record names its place.
+    let drop = "hideFault(); await openChosen([['a.jsonl', { size: 2, arrayBuffer: async () => new TextEncoder().encode('{}').buffer }]]); \
+        while (document.getElementById('fault').hidden) await new Promise((yes) => setTimeout(yes, 20)); return document.getElementById('fault').textContent;";
+    let message = browser.wait_for(drop, json!([]))?;
+    ensure!(message.as_str().is_some_and(|text| text.contains("a.jsonl:1:")), "{message}");
+
+    browser.open(&format!("{address}#view=session&session=example"))?;
+    browser.until("document.querySelectorAll('#main .plot').length > 3")?;
+    browser.run("exampleRecords();", json!([]))?;
+    browser.until("document.querySelector('#population-counts')?.textContent.includes('12 sessions')")?;
+    browser.press("#add-session", ENTER)?;
+    browser.until("document.querySelector('#population-counts')?.textContent.includes('13 sessions')")?;
+    Ok(format!("{} numbers within {:.0e}; the open session added", distance.numbers, distance.largest))
+}
+
+/// Saves a view by its buttons, with the keyboard; what is saved is what it says.
+///
+/// # Errors
+/// What is otherwise.
+pub fn saves(browser: &Browser, address: &str, folder: &Path) -> Result<String> {
+    let saved = folder.join("saved");
+    fs::create_dir_all(&saved)?;
+    let mut bytes = 0;
+    let views = VIEWS.iter().filter(|(name, ..)| *name != "start");
+    for (name, mark, complete) in views.clone() {
+        browser.open(&format!("{address}#{mark}"))?;
+        browser.until(complete)?;
+        browser.until("document.querySelectorAll('[data-save]').length === 4")?;
+        browser.run(
+            "window.kept = {}; saveFile = (name, content, type) => { window.kept[type] = [name, content]; };",
+            json!([]),
+        )?;
+        for (label, kind) in [
+            ("JSON", "application/json"),
+            ("SVG", "image/svg+xml"),
+            ("PNG", "image/png"),
+            ("page", "text/html"),
+        ] {
+            browser.press(&format!("[data-save=\"{label}\"]"), ENTER)?;
+            browser
+                .until(&format!("window.kept['{kind}'] || !document.getElementById('fault').hidden"))
+                .with_context(|| format!("{name}: {label}"))?;
+        }
+        let sound = "const parser = new DOMParser(); const of = (kind) => window.kept[kind]?.[1]; const wrong = []; \
+            if (typeof JSON.parse(of('application/json')) !== 'object') wrong.push('JSON'); \
+            const svg = parser.parseFromString(of('image/svg+xml'), 'image/svg+xml'); \
+            if (svg.querySelector('parsererror') || svg.querySelectorAll('svg svg').length < 2 || svg.querySelector('[class], [style], script')) wrong.push('SVG'); \
+            const page = parser.parseFromString(of('text/html'), 'text/html'); \
+            if (page.querySelector('script, button, input, select, link, img') || !page.querySelector('main svg') || page.querySelector('style').textContent.length < 1000) wrong.push('page'); \
+            const bitmap = await createImageBitmap(of('image/png')); const canvas = new OffscreenCanvas(bitmap.width, bitmap.height); \
+            const drawn = canvas.getContext('2d'); drawn.drawImage(bitmap, 0, 0); \
+            const seen = new Set(new Uint32Array(drawn.getImageData(0, 0, bitmap.width, Math.min(bitmap.height, 1500)).data.buffer)); \
+            if (bitmap.width < 300 || seen.size < 8) wrong.push('PNG'); \
+            return [wrong, of('image/svg+xml'), of('text/html')];";
+        let found = browser.wait_for(sound, json!([])).with_context(|| (*name).to_owned())?;
+        ensure!(found[0] == json!([]), "{name}: {} is not as it should be", found[0]);
+        for (content, ending) in [(&found[1], "svg"), (&found[2], "html")] {
+            let text = content.as_str().context("no text")?;
+            bytes += text.len();
+            fs::write(saved.join(format!("{name}.{ending}")), text)?;
+        }
+    }
+    Ok(format!("{} views by keyboard, {} kB of pictures and pages", views.count(), bytes / 1000))
+}

@@ -1,0 +1,462 @@
+//! `cargo xtask study images`: K from ultrasound frames beside K from the true shape of the same run, by the program's own commands.
+//!
+//! Needle, force and displacement are those of the generator that shares no code with the forward model (`worlds`); frames are those of
+//! the simulated scanner, with a lag, frames without contact or echo, and echoes elsewhere. Guide 2 rests some micrometres from zero.
+
+use crate::images;
+use anyhow::{Context, Result, ensure};
+use formats::session::{ForceRow, FrameSweep, LateralRun, Session, SessionWriter, Setup, ShapeRow};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde_json::Value;
+use simulation::rig::scanner::{Scan, ScannerConfig};
+use std::path::Path;
+use std::process::Command;
+use worlds::{Design, LateralPlan, NoisePlan, Truth};
+
+const RUN: &str = "d-1";
+/// Needle of the generator, and the first and last frame from surface and tip.
+const NEEDLE_MM: f64 = 1.27;
+const MARGIN_MM: f64 = 0.5;
+const STEP_MM: f64 = 0.25;
+/// The start of a sweep is stated wrong by this, to see what that does to K.
+const START_OFF_MM: f64 = 0.1;
+/// A used frame that is further off is one of something else.
+const WRONG_MM: f64 = 0.3;
+/// What the true shape is stated to be right to.
+const TRUE_SD_M: f64 = 1e-6;
+
+/// Options of `cargo xtask study images`.
+#[derive(clap::Args, Debug, Clone)]
+pub struct Options {
+    /// Runs, each with a sweep along the straight and one along the displaced needle
+    #[arg(long, default_value_t = 40)]
+    sweeps: u64,
+    /// What they are drawn from
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print every run
+    #[arg(long)]
+    verbose: bool,
+}
+
+/// K and its interval, kilopascals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Modulus {
+    k_kpa: f64,
+    interval_kpa: [f64; 2],
+}
+
+impl Modulus {
+    fn holds(&self, k_kpa: f64) -> bool {
+        (self.interval_kpa[0]..=self.interval_kpa[1]).contains(&k_kpa)
+    }
+
+    fn width_kpa(&self) -> f64 {
+        self.interval_kpa[1] - self.interval_kpa[0]
+    }
+}
+
+/// One run.
+#[derive(Debug, Clone)]
+struct Imaged {
+    true_kpa: f64,
+    of_images: Modulus,
+    /// From the true shape, and from a shape as numbers with the generator's errors.
+    of_truth: Modulus,
+    of_numbers: Modulus,
+    /// The same images with the start of the sweep stated wrong.
+    of_shifted: Modulus,
+    used: usize,
+    rejected: usize,
+    wrong: usize,
+    /// Squared errors of used frames across and along the beam, square millimetres and in standard deviations; a constant is taken off.
+    squares: [f64; 2],
+    normalised: [f64; 2],
+    lag_error_s: f64,
+}
+
+/// Runs the study and prints its table.
+///
+/// # Errors
+/// Where the program cannot be built, or a command fails.
+pub fn run(options: &Options) -> Result<()> {
+    ensure!((1..=10_000).contains(&options.sweeps), "--sweeps is {}, expected 1 to 10000", options.sweeps);
+    let guide = images::build_guide()?;
+    let mut all = Vec::new();
+    for number in 0..options.sweeps {
+        let folder = tempfile::tempdir()?;
+        let one = imaged(&guide, folder.path(), options.seed, number)?;
+        if options.verbose {
+            println!("{}", line(number, &one));
+        }
+        all.push(one);
+    }
+    println!("{}", table(&all));
+    Ok(())
+}
+
+fn line(number: u64, one: &Imaged) -> String {
+    let of = |modulus: &Modulus| {
+        let [low, high] = modulus.interval_kpa;
+        format!("{:.2} ({low:.2} to {high:.2})", modulus.k_kpa)
+    };
+    format!(
+        "{number}: true {:.2}; images {}; true shape {}; numbers {}; {} used, {} rejected, {} wrong; lag off by {:.4} s",
+        one.true_kpa,
+        of(&one.of_images),
+        of(&one.of_truth),
+        of(&one.of_numbers),
+        one.used,
+        one.rejected,
+        one.wrong,
+        one.lag_error_s,
+    )
+}
+
+/// One run by the commands.
+fn imaged(guide: &Path, folder: &Path, seed: u64, number: u64) -> Result<Imaged> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(number);
+    let mut within = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
+    let truth = Truth { k_kpa: within(8.0, 24.0), tip_load_n: 0.2, effects: Vec::new(), foreign: None };
+    let mut rest_mm = || within(-0.015, 0.015);
+    let levels_mm = vec![rest_mm(), 1.2 + rest_mm(), rest_mm()];
+    let depth_mm = within(20.0, 40.0).round();
+    let scanner = ScannerConfig { lag_s: within(-0.2, 0.2), ..ScannerConfig::default() };
+    let drawn: u64 = random.random();
+    let plan =
+        LateralPlan { id: RUN.to_owned(), depth_mm, axis: 0, levels_mm, hold_s: 3.0, ramp_mm_per_s: 1.0 };
+    let noisy =
+        Design { lateral: vec![plan], insertion: Vec::new(), noise: NoisePlan::default(), images: None };
+    let quiet = Design { noise: noisy.noise.none(), ..noisy.clone() };
+    let (noisy, quiet) = (worlds::session(&truth, &noisy, drawn), worlds::session(&truth, &quiet, drawn));
+    let (recorded, exact) = (run_of(&noisy)?, run_of(&quiet)?);
+    let needle = sweeps_of(exact);
+    let [straight, displaced, ..] = needle.as_slice() else { anyhow::bail!("fewer than two sweeps") };
+
+    let entry_mm = 1e3 * noisy.rig.entry_m;
+    let session = folder.join("images");
+    let mut frames = Vec::new();
+    for (name, (time_s, points)) in [("zero", straight), ("hold", displaced)] {
+        let scan = Scan {
+            scanner: scanner.clone(),
+            seed: random.random(),
+            needle_mm: NEEDLE_MM,
+            axis_mm: axis_mm(points, [entry_mm + MARGIN_MM, entry_mm + depth_mm - MARGIN_MM]),
+        };
+        let path = folder.join(format!("{name}.igs.mha"));
+        scan.write(&path).with_context(|| format!("{}: cannot write", path.display()))?;
+        frames.push((FrameSweep { time_s: *time_s, frames: path }, scan));
+    }
+    let of_frames: Vec<FrameSweep> = frames.iter().map(|(sweep, _)| sweep.clone()).collect();
+    write(&session, &noisy, recorded, &Shape::Frames(&of_frames))?;
+    let (of_truth, of_numbers) = (folder.join("truth"), folder.join("numbers"));
+    write(&of_truth, &noisy, recorded, &Shape::Exact(exact))?;
+    write(&of_numbers, &noisy, recorded, &Shape::Recorded)?;
+
+    let import = |start_mm: f64| {
+        let (start_mm, session) = (format!("{start_mm}"), session.display().to_string());
+        let options = ["--z-field", "ProbePosition", "--sweep-start-mm", &start_mm, "--json"];
+        json(guide, &[&["import", "ultrasound", "--run", RUN, "--out", &session][..], &options].concat())
+    };
+    import(entry_mm + MARGIN_MM + START_OFF_MM)?;
+    let of_shifted = identified(guide, &session)?;
+    let imported = import(entry_mm + MARGIN_MM)?;
+    let sweep = &imported["sweeps"][0];
+    let judged = judged(sweep, frames.last().map(|(_, scan)| scan).context("no scan")?);
+    let states = [sweep, &imported["straight"]].map(|sweep| &sweep["states"]);
+    let count = |is_used: bool| {
+        let counts = states.iter().filter_map(|states| states.as_object()).flatten();
+        counts
+            .filter(|(state, _)| (*state == "used") == is_used)
+            .filter_map(|(_, count)| count.as_u64())
+            .sum::<u64>() as usize
+    };
+    Ok(Imaged {
+        true_kpa: truth.k_kpa,
+        of_images: identified(guide, &session)?,
+        of_truth: identified(guide, &of_truth)?,
+        of_numbers: identified(guide, &of_numbers)?,
+        of_shifted,
+        used: count(true),
+        rejected: count(false),
+        wrong: judged.wrong,
+        squares: judged.squares,
+        normalised: judged.normalised,
+        lag_error_s: sweep["lag_s"].as_f64().context("no lag")? - scanner.lag_s,
+    })
+}
+
+/// What used frames show beside where the needle was.
+struct Judged {
+    wrong: usize,
+    squares: [f64; 2],
+    normalised: [f64; 2],
+}
+
+fn judged(sweep: &Value, scan: &Scan) -> Judged {
+    let number = |frame: &Value, field: &str| frame[field].as_f64();
+    let mut off: Vec<[(f64, f64); 2]> = Vec::new();
+    let mut wrong = 0;
+    for frame in sweep["per_frame"].as_array().into_iter().flatten().filter(|frame| frame["state"] == "used")
+    {
+        let place = ["x_mm", "y_mm", "z_mm", "sd_x_mm", "sd_y_mm"].map(|field| number(frame, field));
+        let [Some(x_mm), Some(y_mm), Some(z_mm), Some(sd_x_mm), Some(sd_y_mm)] = place else { continue };
+        let [true_x_mm, true_y_mm] = between(&scan.axis_mm, z_mm);
+        // From the corner of the picture, and from the probe's face to the near wall.
+        let half_mm = 0.5 * scan.scanner.size_px[0] as f64 * scan.scanner.pixel_mm;
+        let off_x_mm = x_mm - half_mm - true_x_mm;
+        let off_y_mm = y_mm + scan.scanner.distance_mm - 0.5 * scan.needle_mm - true_y_mm;
+        if off_x_mm.hypot(off_y_mm) > WRONG_MM {
+            wrong += 1;
+        } else {
+            off.push([(off_x_mm, sd_x_mm), (off_y_mm, sd_y_mm)]);
+        }
+    }
+    let count = off.len().max(1) as f64;
+    let per_axis = [0, 1].map(|axis: usize| {
+        let mean_mm = off.iter().map(|both| both[axis].0).sum::<f64>() / count;
+        let of = |scale: &dyn Fn(f64) -> f64| {
+            off.iter().map(|both| ((both[axis].0 - mean_mm) / scale(both[axis].1)).powi(2)).sum::<f64>()
+                / count
+        };
+        (of(&|_| 1.0), of(&|sd_mm| sd_mm))
+    });
+    Judged {
+        wrong,
+        squares: per_axis.map(|(squares, _)| squares),
+        normalised: per_axis.map(|(_, in_sd)| in_sd),
+    }
+}
+
+/// The run of a session that has one.
+fn run_of(session: &Session) -> Result<&LateralRun> {
+    session.lateral.first().context("the generator made no run")
+}
+
+/// Sweeps of a run: time, and z, x and y of their points, millimetres.
+fn sweeps_of(run: &LateralRun) -> Vec<(f64, Vec<[f64; 3]>)> {
+    let shape = &run.shape;
+    let mut sweeps: Vec<(f64, Vec<[f64; 3]>)> = Vec::new();
+    let times_s = shape.time_s.iter().flatten();
+    let x_m = shape.x_m.iter().flatten();
+    for (((time_s, z_m), y_m), x_m) in times_s.zip(&shape.z_m).zip(&shape.y_m).zip(x_m) {
+        let point = [1e3 * z_m, 1e3 * x_m, 1e3 * y_m];
+        match sweeps.last_mut() {
+            Some((last_s, points)) if last_s == time_s => points.push(point),
+            _ => sweeps.push((*time_s, vec![point])),
+        }
+    }
+    sweeps
+}
+
+/// The needle's axis in fine steps.
+fn axis_mm(points: &[[f64; 3]], [from_mm, to_mm]: [f64; 2]) -> Vec<[f64; 3]> {
+    let steps = ((to_mm - from_mm) / STEP_MM + 1e-9) as usize;
+    let at = |step: usize| {
+        let z_mm = from_mm + STEP_MM * step as f64;
+        let [x_mm, y_mm] = between(points, z_mm);
+        [z_mm, x_mm, y_mm]
+    };
+    (0..=steps).map(at).collect()
+}
+
+/// x and y at a position: on the line through the two nearest points, beyond the ends too.
+fn between(points: &[[f64; 3]], z_mm: f64) -> [f64; 2] {
+    let last = points.len().saturating_sub(2);
+    let from = points.partition_point(|point| point[0] <= z_mm).saturating_sub(1).min(last);
+    let (Some([a_mm, a_x, a_y]), Some([b_mm, b_x, b_y])) = (points.get(from), points.get(from + 1)) else {
+        return [f64::NAN; 2];
+    };
+    let share = (z_mm - a_mm) / (b_mm - a_mm);
+    [a_x + share * (b_x - a_x), a_y + share * (b_y - a_y)]
+}
+
+/// How the shape of a session is given.
+enum Shape<'a> {
+    Frames(&'a [FrameSweep]),
+    Exact(&'a LateralRun),
+    Recorded,
+}
+
+/// Writes a session with the recorded force.
+fn write(folder: &Path, session: &Session, run: &LateralRun, shape: &Shape<'_>) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make", folder.display()))?;
+    let mut noise = session.noise;
+    if matches!(shape, Shape::Exact(_)) {
+        noise.shape_m = Some(TRUE_SD_M);
+    }
+    let setup = Setup {
+        name: String::new(),
+        rig: session.rig.clone(),
+        fixture_mass_kg: None,
+        noise,
+        tissue: Default::default(),
+    };
+    let mut writer = SessionWriter::open(folder, &setup)?;
+    let mut rows = writer.lateral(RUN, run.depth_m)?;
+    let force = &run.force;
+    for ((time_s, displacement_y_m), force_y_n) in
+        force.time_s.iter().zip(&force.displacement_y_m).zip(&force.force_y_n)
+    {
+        rows.force(&ForceRow {
+            time_s: *time_s,
+            displacement_y_m: *displacement_y_m,
+            force_y_n: *force_y_n,
+            ..ForceRow::default()
+        })?;
+    }
+    let points = match shape {
+        Shape::Frames(frames) => {
+            for sweep in *frames {
+                rows.frames(sweep.clone())?;
+            }
+            Vec::new()
+        }
+        Shape::Exact(exact) => sweeps_of(exact),
+        Shape::Recorded => sweeps_of(run),
+    };
+    // Frames are taken of the straight needle and of the first displacement only.
+    for (time_s, points) in points.into_iter().take(2) {
+        for [z_mm, x_mm, y_mm] in points {
+            let [z_m, deflection_x_m, deflection_y_m] = [z_mm, x_mm, y_mm].map(|mm| 1e-3 * mm);
+            rows.shape(&ShapeRow { time_s, z_m, deflection_y_m, deflection_x_m, image: None })?;
+        }
+    }
+    Ok(rows.finish()?)
+}
+
+/// What `guide identify` finds by the likelihood.
+fn identified(guide: &Path, session: &Path) -> Result<Modulus> {
+    let found = json(guide, &["identify", &session.display().to_string(), "--json"])?;
+    let number = |field: &str| {
+        let value = found.pointer(&format!("/runs/0/methods/likelihood/{field}"));
+        value.and_then(Value::as_f64).with_context(|| format!("identify gave no {field}"))
+    };
+    Ok(Modulus { k_kpa: number("k_kpa")?, interval_kpa: [number("ci95_kpa/0")?, number("ci95_kpa/1")?] })
+}
+
+fn json(guide: &Path, arguments: &[&str]) -> Result<Value> {
+    let done = Command::new(guide).args(arguments).output().context("cannot run guide")?;
+    ensure!(done.status.success(), "guide {arguments:?}: {}", String::from_utf8_lossy(&done.stderr));
+    serde_json::from_slice(&done.stdout).context("guide printed no JSON")
+}
+
+fn table(all: &[Imaged]) -> String {
+    let count = all.len();
+    let of = |good: &dyn Fn(&Imaged) -> bool| all.iter().filter(|one| good(one)).count();
+    let mean = |value: &dyn Fn(&Imaged) -> f64| all.iter().map(value).sum::<f64>() / count.max(1) as f64;
+    let most = |value: &dyn Fn(&Imaged) -> f64| all.iter().map(value).fold(0.0, f64::max);
+    let error = |modulus: fn(&Imaged) -> &Modulus| {
+        100.0 * mean(&|one| (modulus(one).k_kpa / one.true_kpa - 1.0).powi(2)).sqrt()
+    };
+    let beside_truth = |one: &Imaged| one.of_images.width_kpa() / one.of_truth.width_kpa();
+    let beside_numbers = |one: &Imaged| one.of_images.width_kpa() / one.of_numbers.width_kpa();
+    let sum = |value: &dyn Fn(&Imaged) -> usize| all.iter().map(value).sum::<usize>();
+    let shifted = |one: &Imaged| 100.0 * (one.of_shifted.k_kpa / one.of_images.k_kpa - 1.0);
+    let root = |axis: usize| mean(&|one| one.squares[axis]).sqrt();
+    let rows = [
+        (
+            "true K in the interval of K from images",
+            format!("{} of {count}", of(&|one| one.of_images.holds(one.true_kpa))),
+        ),
+        (
+            "K from the true shape in the interval of K from images",
+            format!("{} of {count}", of(&|one| one.of_images.holds(one.of_truth.k_kpa))),
+        ),
+        (
+            "error of K, rms: images; true shape; shape as numbers, 0.025 mm a point",
+            format!(
+                "{:.2} %; {:.2} %; {:.2} %",
+                error(|one| &one.of_images),
+                error(|one| &one.of_truth),
+                error(|one| &one.of_numbers)
+            ),
+        ),
+        (
+            "interval beside that from the true shape, mean (largest)",
+            format!("{:.2} ({:.2})", mean(&beside_truth), most(&beside_truth)),
+        ),
+        (
+            "interval beside that from the shape as numbers, mean (largest)",
+            format!("{:.2} ({:.2})", mean(&beside_numbers), most(&beside_numbers)),
+        ),
+        (
+            "frames: used, rejected, used though they show something else",
+            format!("{}, {}, {}", sum(&|one| one.used), sum(&|one| one.rejected), sum(&|one| one.wrong)),
+        ),
+        (
+            "position in a used frame, rms across and along the beam, mm",
+            format!("{:.3}, {:.3}", root(0), root(1)),
+        ),
+        (
+            "its normalised squared error, across and along",
+            format!("{:.2}, {:.2}", mean(&|one| one.normalised[0]), mean(&|one| one.normalised[1])),
+        ),
+        ("lag, rms error, s", format!("{:.4}", mean(&|one| one.lag_error_s.powi(2)).sqrt())),
+        (
+            "K where the sweep's start is stated 0.1 mm too deep, mean (least to most)",
+            format!(
+                "{:+.2} % ({:+.2} to {:+.2})",
+                mean(&shifted),
+                all.iter().map(shifted).fold(f64::INFINITY, f64::min),
+                all.iter().map(shifted).fold(f64::NEG_INFINITY, f64::max)
+            ),
+        ),
+    ];
+    let rows: Vec<String> = rows.iter().map(|(what, value)| format!("| {what} | {value} |")).collect();
+    format!("| K from frames of the simulated scanner | {count} runs |\n|---|---|\n{}", rows.join("\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_show_something_else_are_counted_and_not_averaged() {
+        let scan = Scan {
+            scanner: ScannerConfig::default(),
+            seed: 1,
+            needle_mm: NEEDLE_MM,
+            axis_mm: axis_mm(&[[70.0, 0.0, 0.0], [80.0, 0.0, 1.0]], [70.0, 80.0]),
+        };
+        let frame = |state: &str, off_mm: f64, z_mm: f64| {
+            let y_mm = 0.1 * (z_mm - 70.0) + off_mm - 6.0 + 0.635;
+            serde_json::json!({"state": state, "x_mm": 6.0, "y_mm": y_mm, "z_mm": z_mm, "sd_x_mm": 0.02, "sd_y_mm": 0.01})
+        };
+        let frames = [
+            frame("used", 0.01, 71.0),
+            frame("used", -0.01, 75.3),
+            frame("used", 1.0, 76.0),
+            frame("outlier", 2.0, 77.0),
+        ];
+        let judged = judged(&serde_json::json!({ "per_frame": frames }), &scan);
+        assert_eq!(judged.wrong, 1);
+        assert!(judged.squares[0] < 1e-12 && (judged.squares[1] - 1e-4).abs() < 1e-9, "{:?}", judged.squares);
+        assert!((judged.normalised[1] - 1.0).abs() < 1e-6, "{:?}", judged.normalised);
+    }
+
+    #[test]
+    fn the_table_counts_what_intervals_hold() {
+        let modulus = |k_kpa: f64, half: f64| Modulus { k_kpa, interval_kpa: [k_kpa - half, k_kpa + half] };
+        let one = |k_kpa: f64| Imaged {
+            true_kpa: 10.0,
+            of_images: modulus(k_kpa, 0.2),
+            of_truth: modulus(10.0, 0.16),
+            of_numbers: modulus(10.0, 0.4),
+            of_shifted: modulus(1.01 * k_kpa, 0.2),
+            used: 100,
+            rejected: 5,
+            wrong: 0,
+            squares: [1e-4, 4e-4],
+            normalised: [1.0, 0.9],
+            lag_error_s: 0.001,
+        };
+        let table = table(&[one(10.1), one(10.3)]);
+        for row in ["images | 1 of 2", "1.25 (1.25)", "0.50 (0.50)", "200, 10, 0", "0.010, 0.020", "+1.00 %"]
+        {
+            assert!(table.contains(row), "{row}\n{table}");
+        }
+    }
+}
