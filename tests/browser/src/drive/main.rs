@@ -23,6 +23,7 @@ Usage: cargo xtask web --test [OPTIONS]
 
 Options:
   --test          run this test; without it the page is made and not tested
+  --manual        in place of --test: make the page and put it beside the pages of the manual
   --session DIR   compare the results of this session too: may be given more than once
   --only NAME     run the checks whose names contain this
   --no-pictures   take no pictures
