@@ -117,7 +117,7 @@ function traceOf(channel, style, label) {
   });
 }
 
-function liveRows({ device }, seen) {
+function liveRows({ device }, decoded) {
   const pair = (x, y, unit, digits = 4) => `${number(x, digits)}, ${number(y, digits)} ${unit}`;
   const stiffness = (one) => (one ? `${number(one.n_per_mm)} (${interval(one.ci95_n_per_mm)}) N/mm` : '-');
   const fault = device.fault ? `${device.fault.number}: ${device.fault.cause}; ${device.fault.remedy}` : 'none';
@@ -131,7 +131,7 @@ function liveRows({ device }, seen) {
     ['Position x, y', pair(device.position_x_mm, device.position_y_mm, 'mm')],
     ['Stiffness x', stiffness(device.stiffness_x)],
     ['Stiffness y', stiffness(device.stiffness_y)],
-    ['Decoded here', seen ? `${seen.samples} samples of ${seen.frames} frames; lost: ${seen.samples_missing} samples, ${seen.frames_missing + seen.frames_corrupt + seen.frames_unreadable} frames` : 'nothing yet'],
+    ['Decoded here', decoded ? `${decoded.samples} samples of ${decoded.frames} frames; lost: ${decoded.samples_missing} samples, ${decoded.frames_missing + decoded.frames_corrupt + decoded.frames_unreadable} frames` : 'nothing yet'],
     ['Link', `${number(counted.samples_per_s, 4)} samples/s, ${number(counted.bytes_per_s / 1e3)} kB/s; lost: ${counted.samples_missing} samples, ${lost} frames`],
   ];
 }

@@ -113,8 +113,9 @@ function responsive(into, draw) {
  */
 function cellMap(into, { title, columns, rows, cells, columnName }) {
   const width = Math.max(240, into.clientWidth || 360);
-  const [left, top, bottom] = [64, 6, 36];
-  const cell = (width - left - 4) / Math.max(1, columns.length);
+  // Names of columns are wider than narrow columns.
+  const [left, right, top, bottom] = [64, 18, 6, 36];
+  const cell = (width - left - right) / Math.max(1, columns.length);
   const line = 26;
   const height = top + bottom + line * rows.length;
   const drawn = h('svg:svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': title, class: 'plot map' });
@@ -132,7 +133,7 @@ function cellMap(into, { title, columns, rows, cells, columnName }) {
   columns.forEach((name, column) => {
     if (column % every === 0) drawn.append(h('svg:text', { x: left + cell * (column + 0.5), y: height - bottom + 15, 'text-anchor': 'middle' }, name));
   });
-  drawn.append(h('svg:text', { x: left + 0.5 * (width - left), y: height - 4, 'text-anchor': 'middle', class: 'axis' }, columnName));
+  drawn.append(h('svg:text', { x: left + 0.5 * (width - left - right), y: height - 4, 'text-anchor': 'middle', class: 'axis' }, columnName));
   into.replaceChildren(drawn);
 }
 

@@ -40,7 +40,8 @@ async function addSession() {
   announce(`The record of ${of} is being made ...`, () => engine.cancel('summarize'));
   const record = await engine.request('summarize', { do: 'summarize', dir: of });
   announce(null);
-  const line = [`${of}.jsonl`, new TextEncoder().encode(`${JSON.stringify(record)}\n`)];
+  // In a folder of its own: a file of records may have the name of the session.
+  const line = [`added/${of}.jsonl`, new TextEncoder().encode(`${JSON.stringify(record)}\n`)];
   const others = (state.records?.files ?? []).filter(([path]) => path !== line[0]);
   useRecords([...others, line].map(([path]) => path).join(', '), [...others, line]);
 }

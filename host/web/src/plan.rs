@@ -21,7 +21,7 @@ const LEVELS: [f64; 2] = [0.0, 1.0];
 const MAX_VALUES: usize = 40;
 const MM: f64 = 1e-3;
 
-/// What is asked.
+/// What to plan for: the range of the modulus, the runs of the map, and limits.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlanRequest {

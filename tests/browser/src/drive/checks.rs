@@ -1,6 +1,7 @@
 //! What is checked in the browser.
 
 use crate::driver::Browser;
+use crate::figures;
 use crate::live;
 use crate::program::{compare, document};
 use crate::served;
@@ -42,30 +43,40 @@ const WIDTHS: [u32; 3] = [768, 1280, 1920];
 /// A WebAssembly program that stops at once: as an engine that panics.
 const STOPS: &str = "new Uint8Array([0,97,115,109,1,0,0,0,1,4,1,96,0,0,3,2,1,0,5,3,1,0,1,7,19,2,6,95,115,116,97,114,116,0,0,6,109,101,109,111,114,121,2,0,10,5,1,3,0,0,11])";
 
+/// Which checks run, and what they write.
+#[derive(Debug, Default)]
+pub struct Options {
+    /// Checks whose names contain this.
+    pub only: String,
+    /// Without the pictures of the views.
+    pub no_pictures: bool,
+    /// Folder for the pictures of the manual's live figures.
+    pub figures: Option<PathBuf>,
+}
+
 /// The checks, on one browser.
 pub struct Checks<'a> {
     browser: &'a Browser,
     address: String,
     page: PathBuf,
     folder: PathBuf,
-    only: String,
+    options: Options,
     passed: usize,
     failed: usize,
 }
 
 impl<'a> Checks<'a> {
     /// Of this page; what is made goes into the folder.
-    pub fn new(browser: &'a Browser, page: &Path, folder: PathBuf) -> Self {
+    pub fn new(browser: &'a Browser, page: &Path, folder: PathBuf, options: Options) -> Self {
         let address = format!("file://{}", page.display());
-        Self { browser, address, page: page.to_owned(), folder, only: String::new(), passed: 0, failed: 0 }
+        Self { browser, address, page: page.to_owned(), folder, options, passed: 0, failed: 0 }
     }
 
     /// Runs all checks; returns how many failed.
     ///
     /// # Errors
     /// Where the browser itself fails.
-    pub fn all(&mut self, sessions: &[PathBuf], only: &str, pictures: bool) -> Result<usize> {
-        only.clone_into(&mut self.only);
+    pub fn all(&mut self, sessions: &[PathBuf]) -> Result<usize> {
         self.browser.appear(1280, 900, "light")?;
         self.check("opens from disk", Self::opens);
         self.check("no connection is possible", Self::connects_to_nothing);
@@ -97,8 +108,11 @@ impl<'a> Checks<'a> {
         self.check("live, with a device for tests", |checks| {
             live::check(checks.browser, &checks.page, &checks.folder)
         });
+        self.check("figures of the manual are live, and pictures without the page", |checks| {
+            figures::check(checks.browser, &checks.folder, checks.options.figures.as_deref())
+        });
         self.check("accessibility (axe-core)", Self::accessible);
-        if pictures {
+        if !self.options.no_pictures {
             self.check("pictures of every view", Self::pictures);
         }
         println!("{} passed, {} failed", self.passed, self.failed);
@@ -106,7 +120,7 @@ impl<'a> Checks<'a> {
     }
 
     fn check(&mut self, name: &str, run: impl FnOnce(&Self) -> Result<String>) {
-        if !name.contains(&self.only) {
+        if !name.contains(&self.options.only) {
             return;
         }
         match run(self) {

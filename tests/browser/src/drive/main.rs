@@ -5,13 +5,14 @@
 
 mod checks;
 mod driver;
+mod figures;
 mod live;
 mod program;
 mod served;
 mod views;
 
 use anyhow::{Context, Result, bail};
-use checks::Checks;
+use checks::{Checks, Options};
 use driver::Browser;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -22,21 +23,24 @@ Usage: cargo xtask web --test [OPTIONS]
 
 Options:
   --test          run this test; without it the page is made and not tested
+  --manual        in place of --test: make the page and put it beside the pages of the manual
   --session DIR   compare the results of this session too: may be given more than once
   --only NAME     run the checks whose names contain this
   --no-pictures   take no pictures
+  --figures DIR   write the pictures of the manual's live figures into this folder
 ";
 
 fn main() -> Result<ExitCode> {
     let mut arguments = std::env::args().skip(1);
-    let (mut page, mut sessions, mut only, mut pictures) = (None, Vec::new(), String::new(), true);
+    let (mut page, mut sessions, mut options) = (None, Vec::new(), Options::default());
     while let Some(argument) = arguments.next() {
         let mut value = || arguments.next().with_context(|| format!("{argument}: expected a value"));
         match argument.as_str() {
             "--page" => page = Some(PathBuf::from(value()?)),
             "--session" => sessions.push(PathBuf::from(value()?)),
-            "--only" => only = value()?,
-            "--no-pictures" => pictures = false,
+            "--only" => options.only = value()?,
+            "--no-pictures" => options.no_pictures = true,
+            "--figures" => options.figures = Some(PathBuf::from(value()?)),
             "--help" | "-h" => {
                 print!("{HELP}");
                 return Ok(ExitCode::SUCCESS);
@@ -49,8 +53,8 @@ fn main() -> Result<ExitCode> {
     let folder = page.parent().unwrap_or(Path::new("/")).to_owned();
     let profile = folder.join(format!("profile-{}", std::process::id()));
     let browser = Browser::start(&profile)?;
-    let mut checks = Checks::new(&browser, &page, folder);
-    let outcome = checks.all(&sessions, &only, pictures);
+    let mut checks = Checks::new(&browser, &page, folder, options);
+    let outcome = checks.all(&sessions);
     drop(browser);
     let _ = std::fs::remove_dir_all(&profile);
     Ok(if outcome? == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })

@@ -94,7 +94,7 @@ pub fn compares(browser: &Browser, address: &str, folder: &Path) -> Result<Strin
     Ok(format!("{} numbers within {:.0e}; the open session added", distance.numbers, distance.largest))
 }
 
-/// Saves a view by its buttons, with the keyboard; what is saved is what it says.
+/// Saves a view by its buttons, with the keyboard; what is saved is read again.
 ///
 /// # Errors
 /// What is otherwise.
@@ -130,11 +130,11 @@ pub fn saves(browser: &Browser, address: &str, folder: &Path) -> Result<String> 
             if (page.querySelector('script, button, input, select, link, img') || !page.querySelector('main svg') || page.querySelector('style').textContent.length < 1000) wrong.push('page'); \
             const bitmap = await createImageBitmap(of('image/png')); const canvas = new OffscreenCanvas(bitmap.width, bitmap.height); \
             const drawn = canvas.getContext('2d'); drawn.drawImage(bitmap, 0, 0); \
-            const seen = new Set(new Uint32Array(drawn.getImageData(0, 0, bitmap.width, Math.min(bitmap.height, 1500)).data.buffer)); \
-            if (bitmap.width < 300 || seen.size < 8) wrong.push('PNG'); \
+            const colours = new Set(new Uint32Array(drawn.getImageData(0, 0, bitmap.width, Math.min(bitmap.height, 1500)).data.buffer)); \
+            if (bitmap.width < 300 || colours.size < 8) wrong.push('PNG'); \
             return [wrong, of('image/svg+xml'), of('text/html')];";
         let found = browser.wait_for(sound, json!([])).with_context(|| (*name).to_owned())?;
-        ensure!(found[0] == json!([]), "{name}: {} is not as it should be", found[0]);
+        ensure!(found[0] == json!([]), "{name}: not saved correctly: {}", found[0]);
         for (content, ending) in [(&found[1], "svg"), (&found[2], "html")] {
             let text = content.as_str().context("no text")?;
             bytes += text.len();
