@@ -7,6 +7,7 @@
 mod build;
 mod check;
 mod circles;
+mod cluster;
 mod licences;
 mod setup;
 mod web;
@@ -49,6 +50,11 @@ const TASKS: [(&str, Needs, &str); 21] = [
         "Install what is missing: the microcontroller's Rust target, QEMU (--no-install: only name it)",
     ),
     ("wheel", Needs::Here, "Build the Python wheel and test it in a fresh virtual environment"),
+    (
+        "cluster",
+        Needs::Here,
+        "Run the workflow for many sessions on Slurm (installs it), with this machine as the only node",
+    ),
     (
         "bench",
         Needs::Nothing,
@@ -146,7 +152,8 @@ fn help() -> String {
 fn run(name: &str, needs: Needs, arguments: &[OsString]) -> Result<ExitCode> {
     let wants_help = arguments.iter().any(|argument| argument == "--help" || argument == "-h");
     match needs {
-        _ if wants_help && !["test", "lint", "setup", "study", "web", "wheel"].contains(&name) => {}
+        _ if wants_help && !["test", "lint", "setup", "study", "web", "wheel", "cluster"].contains(&name) => {
+        }
         Needs::Target => setup::ensure_target()?,
         Needs::Qemu => setup::ensure_all()?,
         Needs::Nothing => {}
@@ -164,10 +171,11 @@ fn here(name: &str, arguments: &[OsString]) -> Result<ExitCode> {
             build::system("demo", arguments)
         }
         "study" => build::study(arguments),
-        "wheel" if arguments.iter().any(|argument| argument == "--help" || argument == "-h") => {
-            print!("{}", wheel::HELP);
+        "wheel" | "cluster" if arguments.iter().any(|argument| argument == "--help" || argument == "-h") => {
+            print!("{}", if name == "wheel" { wheel::HELP } else { cluster::HELP });
             Ok(ExitCode::SUCCESS)
         }
+        "cluster" => cluster::cluster(arguments).map(|()| ExitCode::SUCCESS),
         "wheel" => wheel::wheel(arguments).map(|()| ExitCode::SUCCESS),
         "web" => web::web(arguments),
         "setup" => {

@@ -62,7 +62,10 @@ pub fn python() -> Result<PathBuf> {
 }
 
 /// Builds the wheel and returns its path.
-fn build(python: &Path, folder: &Path, profile: &str) -> Result<PathBuf> {
+///
+/// # Errors
+/// Where the build fails, or the wheel holds what its licences do not name.
+pub fn build(python: &Path, folder: &Path, profile: &str) -> Result<PathBuf> {
     let tools = folder.join("tools");
     if !tools.join("bin/maturin").exists() {
         environment(python, &tools)?;
@@ -149,16 +152,28 @@ fn check(python: &Path, folder: &Path, wheel: &Path) -> Result<()> {
         .arg(program("python")))
 }
 
-fn environment(python: &Path, folder: &Path) -> Result<()> {
+/// Makes a virtual environment.
+///
+/// # Errors
+/// Where the interpreter cannot.
+pub fn environment(python: &Path, folder: &Path) -> Result<()> {
     eprintln!("xtask: virtual environment {}", folder.display());
     run(Command::new(python).args(["-m", "venv"]).arg(folder))
 }
 
-fn pip(folder: &Path, packages: &[OsString]) -> Result<()> {
+/// Installs packages into a virtual environment.
+///
+/// # Errors
+/// Where pip fails.
+pub fn pip(folder: &Path, packages: &[OsString]) -> Result<()> {
     run(Command::new(folder.join("bin/pip")).args(["install", "--quiet"]).args(packages))
 }
 
-fn remove(folder: &Path) -> Result<()> {
+/// Removes a folder if it is there.
+///
+/// # Errors
+/// Where it cannot be removed.
+pub fn remove(folder: &Path) -> Result<()> {
     match fs::remove_dir_all(folder) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
             Err(error).with_context(|| format!("{}: cannot remove", folder.display()))
