@@ -44,6 +44,7 @@ mod misread;
 mod next;
 mod noise;
 mod posterior;
+mod predicted;
 mod remaining;
 mod report;
 mod results;

@@ -14,6 +14,7 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+mod answer;
 mod drawing;
 mod live;
 mod plan;
@@ -23,7 +24,8 @@ mod request;
 mod results;
 mod series;
 
-pub use request::{AnswerError, Request};
+pub use answer::AnswerError;
+pub use request::Request;
 
 use inference::diagnose::Workbench;
 use std::path::PathBuf;

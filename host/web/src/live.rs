@@ -1,7 +1,7 @@
 //! What the device sends, decoded in the page: raw frames of the link become extremes of force and position per short time, and losses are
 //! counted as the program counts them.
 
-use crate::request::AnswerError;
+use crate::answer::AnswerError;
 use protocol::{EnvelopeReceiver, Hello, Message, Order, Received, Sample, SequenceTracker};
 use serde::Serialize;
 use std::fs;

@@ -1,7 +1,7 @@
 //! What interval a run will give, over depth and displacement: the plan of the program for the rig of a session, or for a standard one.
 
+use crate::answer::AnswerError;
 use crate::drawing::Figure;
-use crate::request::AnswerError;
 use crate::results::json;
 use formats::session::{FoundationKind, Setup, template};
 use inference::diagnose::INCOMPRESSIBLE;

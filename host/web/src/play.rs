@@ -1,6 +1,6 @@
 //! A needle of one's own in a tissue of one's own: what the sensors would read by the forward model.
 
-use crate::request::AnswerError;
+use crate::answer::AnswerError;
 use mechanics::effects::{Effect, effect, neutral};
 use mechanics::{
     DriveSample, Experiment, Insertion, Lateral, Model, ModelError, Needle, Rig, ShapePoint, TipLaw, predict,

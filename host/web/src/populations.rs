@@ -1,7 +1,7 @@
 //! Statistics over the records of many sessions, and the record of one.
 
+use crate::answer::AnswerError;
 use crate::drawing::Figure;
-use crate::request::AnswerError;
 use crate::results::json;
 use population::{Options, analyse, read_summaries};
 use std::path::{Path, PathBuf};

@@ -2,13 +2,6 @@
 
 use crate::plan::PlanRequest;
 use crate::play::PlayInput;
-use formats::session::SessionError;
-use inference::diagnose::DiagnoseError;
-use inference::identify::IdentifyError;
-use inference::plan::PlanError;
-use inference::predict::PredictError;
-use mechanics::ModelError;
-use population::PopulationError;
 use serde::Deserialize;
 use serde::de::Error;
 use serde_json::{Map, Value};
@@ -104,46 +97,4 @@ impl Request {
         };
         serde_json::from_value(Value::Object(Map::from_iter([(name, Value::Object(fields))])))
     }
-}
-
-/// Why a request has no answer.
-#[derive(Debug, thiserror::Error)]
-pub enum AnswerError {
-    /// It is no request.
-    #[error("request: {0}")]
-    Request(#[from] serde_json::Error),
-    /// A value is out of range.
-    #[error("{name}: {value}, expected {expected}")]
-    Value {
-        /// Field of the request.
-        name: &'static str,
-        /// What it is.
-        value: String,
-        /// What is valid.
-        expected: String,
-    },
-    /// The session cannot be read.
-    #[error(transparent)]
-    Session(#[from] SessionError),
-    /// It cannot be identified.
-    #[error("cannot identify: {0}")]
-    Identify(#[from] IdentifyError),
-    /// It cannot be diagnosed.
-    #[error("cannot diagnose: {0}")]
-    Diagnose(#[from] DiagnoseError),
-    /// It cannot be predicted.
-    #[error("cannot predict: {0}")]
-    Predict(#[from] PredictError),
-    /// It cannot be planned.
-    #[error("cannot plan: {0}")]
-    Plan(#[from] PlanError),
-    /// The records cannot be analysed.
-    #[error("cannot analyse the population: {0}")]
-    Population(#[from] PopulationError),
-    /// The model cannot be evaluated.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    /// A figure cannot be drawn.
-    #[error(transparent)]
-    Figure(#[from] figures::FigureError),
 }

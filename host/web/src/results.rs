@@ -1,7 +1,7 @@
 //! Results with the program's own defaults, as its documents with their figures.
 
+use crate::answer::AnswerError;
 use crate::drawing::{self, Figure};
-use crate::request::AnswerError;
 use formats::model_file::ModelFile;
 use formats::session::Session;
 use inference::diagnose::{self, INCOMPRESSIBLE, Trial, Workbench, diagnose};

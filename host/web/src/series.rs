@@ -1,6 +1,6 @@
 //! What was measured, in as many points as a picture needs.
 
-use crate::request::AnswerError;
+use crate::answer::AnswerError;
 use formats::session::{InsertionRun, LateralRun, Session};
 use serde::Serialize;
 use std::path::Path;

@@ -164,9 +164,10 @@ pub fn run(args: &Args) -> Result<()> {
     println!(
         "another rig, which hides an effect; the firmware runs the diagnostic staircase at three depths:\n"
     );
-    let found = hidden::diagnosis(&this_program()?, args.seed, &args.out, &hidden::PLAN, &mut |text| {
-        print!("{text}")
-    })?;
+    let found =
+        hidden::diagnosis(&this_program()?, args.seed, &args.out, hidden::DEMONSTRATION, &mut |text| {
+            print!("{text}")
+        })?;
     println!("{}", found.summary(args.seed));
     println!("figures and the augmented model are in {}", args.out.display());
     println!("\na needle is steered to a target; the firmware moves guide 2, another program pushes:\n");

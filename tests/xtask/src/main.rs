@@ -32,7 +32,7 @@ enum Needs {
 }
 
 /// Tasks, with what they need and do.
-const TASKS: [(&str, Needs, &str); 21] = [
+const TASKS: [(&str, Needs, &str); 22] = [
     ("demo", Needs::Here, "Run the whole procedure on the firmware in QEMU with a simulated rig"),
     (
         "test",

@@ -42,9 +42,11 @@ const EFFECTS: [&str; 12] = [
 const OF_ONE_SESSION: [&str; 2] = ["sensor.force_drift", "sensor.shape_offset"];
 /// A parameter is identified whose standard deviation the runs reduce below this share of what was known of it before.
 const IDENTIFIED: f64 = 0.5;
-/// A delay beside friction or a clearance larger than this many standard deviations is known no better than the rows' spacing allows: the
-/// force jumps where guide 2 turns, its slope where the needle comes to the other side, and the model interpolates between rows.
-const JUMP_SDS: f64 = 2.0;
+/// A delay beside friction larger than this many standard deviations is known no better than the rows' spacing allows: the force jumps where
+/// guide 2 turns, and the model interpolates between rows.
+const FRICTION_SDS: f64 = 2.0;
+/// How well a row states when force and position were sampled, seconds: they have converters of their own.
+const CLOCK_SD_S: f64 = 5e-4;
 /// Expected scatter of the zero from tare to tare, newtons.
 const ZERO_N: f64 = 0.01;
 /// Expected drift of the zero after a tare that does not go evenly, newtons, and the times in which it does, seconds.
@@ -337,11 +339,12 @@ fn parameters(
             let stated = stated.iter().find(|known| known.is_of(effect.id(), info.name));
             let before = stated.map_or_else(|| prior(info), |known| known.prior(scale)).sd;
             let mut inside = fitted.sd(layout.first_of(number) + index);
-            let jumps = |one: &CharacterizedParameter| {
-                ["rig.friction", "rig.backlash"].contains(&one.effect) && one.value > JUMP_SDS * one.sd
+            let rubs = |one: &CharacterizedParameter| {
+                one.effect == "rig.friction" && one.value > FRICTION_SDS * one.sd
             };
-            if effect.id() == "sensor.delay" && found.iter().any(jumps) {
-                inside = inside.hypot(row_s / 12f64.sqrt());
+            if effect.id() == "sensor.delay" {
+                let row_sd_s = if found.iter().any(rubs) { row_s / 12f64.sqrt() } else { 0.0 };
+                inside = inside.hypot(row_sd_s).hypot(CLOCK_SD_S);
                 let half = NORMAL_975 * inside;
                 ci95 = [value - half, value + half].map(|end| end.clamp(info.range[0], info.range[1]));
             }

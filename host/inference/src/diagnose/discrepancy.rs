@@ -84,7 +84,7 @@ impl Around<'_> {
     ) -> Result<Vec<f64>, ModelError> {
         let (mut model, mut experiment) = (self.model.clone(), self.run.experiment.clone());
         change(&mut model, &mut experiment)?;
-        let moved = super::layout::predicted(self.run, &predict_with(&model, &experiment, self.cache)?);
+        let moved = super::predicted::predicted(self.run, &predict_with(&model, &experiment, self.cache)?);
         Ok(moved.iter().zip(&self.predicted).map(|(to, from)| (to - from) / step).collect())
     }
 
@@ -170,7 +170,7 @@ fn groups(layout: &Layout, values: &[f64], runs: &[Prepared]) -> Result<Vec<Grou
     let around = |prepared: &'_ Prepared| -> Result<_, ModelError> {
         let model = layout.model_of(values, prepared.run.kind, prepared.run.is_reference)?;
         let channels: Channels = predict_with(&model, &prepared.run.experiment, &layout.cache)?;
-        Ok((model, super::layout::predicted(&prepared.run, &channels)))
+        Ok((model, super::predicted::predicted(&prepared.run, &channels)))
     };
     let mut all = Vec::with_capacity(runs.len());
     for prepared in runs {

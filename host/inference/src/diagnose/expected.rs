@@ -3,9 +3,10 @@
 //! to them give the expected gain of chi-square and the expected log evidence over the nearest competing effect.
 
 use super::evidence::Patterns;
-use super::layout::{Layout, differences};
+use super::layout::Layout;
 use super::noise::Noise;
 use super::posterior::{self, Fitted, MAX_ROUNDS};
+use super::predicted::differences;
 use super::score::Scores;
 use super::search::{MAX_LEADERS, Search, one_sided};
 use super::{Multiples, Noises, Start, fit_start, runs_of, split};

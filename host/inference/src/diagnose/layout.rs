@@ -5,13 +5,14 @@
 //! too; where the needle turns in a way that is not known at its rear, how far; beside a reference, the ratio of the moduli. Then the parameters of the effects in the model. Inside the fits a ratio, a place or a time is
 //! its logarithm, everything else itself ([`Scale`]).
 
-use super::data::{Kind, Run, Source};
+use super::data::{Kind, Run};
 use super::known::KnownParameter;
+use super::predicted::differences;
 use super::whiten::Whitener;
 use crate::{Parameter, Prior};
 pub(super) use formats::NORMAL_975;
 use mechanics::effects::{Effect, ParameterInfo};
-use mechanics::{Cache, Channels, Guides, Model, ModelError, Rig, Support, TipLaw, predict_with};
+use mechanics::{Cache, Guides, Model, ModelError, Rig, Support, TipLaw, predict_with};
 use nalgebra::DMatrix;
 use std::sync::Arc;
 
@@ -372,33 +373,6 @@ fn depths_m(run: &Run) -> Vec<f64> {
 /// Whether there are lateral runs and insertions.
 pub(super) fn kinds(runs: &[Run]) -> [bool; 2] {
     [Kind::Lateral, Kind::Insertion].map(|kind| runs.iter().any(|run| run.kind == kind))
-}
-
-/// What a run's data should be, in SI, in their order.
-pub(super) fn predicted(run: &Run, channels: &Channels) -> Vec<f64> {
-    let of = |datum: &super::data::Datum| {
-        let plane = datum.channel.plane();
-        let values = |series: &mechanics::Series, index: usize| match plane {
-            0 => series.y.get(index).copied(),
-            _ => series.x.as_ref().and_then(|x| x.get(index)).copied(),
-        };
-        let value = match &datum.source {
-            Source::Force(cells) => {
-                let sum: Option<f64> = cells.iter().map(|i| values(&channels.force_n, *i)).sum();
-                sum.map(|sum| sum / cells.len() as f64)
-            }
-            Source::Shape(index) => values(&channels.shape_m, *index),
-            Source::Tip(index) => values(&channels.tip_m, *index),
-            Source::Direction(index) => values(&channels.tip_direction_rad, *index),
-        };
-        value.unwrap_or(f64::NAN)
-    };
-    run.data.iter().map(of).collect()
-}
-
-/// Measured less predicted, in SI, in the order of the run's data.
-pub(super) fn differences(run: &Run, channels: &Channels) -> Vec<f64> {
-    run.data.iter().zip(predicted(run, channels)).map(|(datum, value)| datum.measured - value).collect()
 }
 
 /// A run with what makes its residuals independent.

@@ -6,8 +6,8 @@
 //! singular values s of `L^-1 V = U S W^T`, the residual r becomes `x - U (1 - 1/sqrt(1 + s^2)) U^T x`, `x = L^-1 r`.
 
 use super::data::{Channel, Run, Source};
-use super::layout::predicted;
 use super::noise::Noise;
+use super::predicted::predicted;
 use mechanics::{Experiment, Model, ModelError, Plane, predict};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;

@@ -3,9 +3,10 @@
 //! What the search would accept plays no part here: any effect can be tried, and the result states what it is worth.
 
 use super::data::{Channel, Source};
-use super::layout::{Layout, Prepared, differences};
+use super::layout::{Layout, Prepared};
 use super::noise::Noise;
 use super::posterior::Fitted;
+use super::predicted::differences;
 use super::results::{Estimate, HeldOutMisfit, Misfit};
 use super::search::Search;
 use super::split::{Judge, Training, split};

@@ -23,6 +23,19 @@ const PROGRAM: &str = "quick-staircase";
 const CHARACTERIZED: &str = "characterized.toml";
 /// Depths of the needle, millimetres, and staircases at each.
 pub const PLAN: [(f64, usize); 3] = [(20.0, 1), (30.0, 2), (40.0, 1)];
+/// What the demonstration does: a rig that is known has no misfit to show where it is the rig that has changed.
+pub const DEMONSTRATION: (&[(f64, usize)], RigKnown) = (&PLAN, RigKnown::AsStated);
+/// The same after runs in air.
+pub const AFTER_AIR: (&[(f64, usize)], RigKnown) = (&PLAN, RigKnown::InAir);
+
+/// What the diagnosis has of the rig beside what is stated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RigKnown {
+    /// Nothing.
+    AsStated,
+    /// What the device's runs in air determine, before the rig hides its effect.
+    InAir,
+}
 
 /// What was hidden and what was found.
 #[derive(Debug, Clone, PartialEq)]
@@ -116,8 +129,8 @@ impl Found {
     }
 }
 
-/// Lets the firmware characterise the rig in air, then run the diagnostic staircase on rigs that hide the seed's effect behind small
-/// imperfections, one per depth, and diagnoses the session with what is known of the rig.
+/// Lets the firmware run the diagnostic staircase on rigs that hide the seed's effect behind small imperfections, one per depth, and
+/// diagnoses the session, with what is known of the rig.
 ///
 /// # Errors
 /// Where a command fails.
@@ -125,7 +138,7 @@ pub fn diagnosis(
     xtask: &Path,
     seed: u64,
     out: &Path,
-    plan: &[(f64, usize)],
+    (plan, known): (&[(f64, usize)], RigKnown),
     show: &mut dyn FnMut(&str),
 ) -> Result<Found> {
     let guide = images::build_guide()?;
@@ -140,13 +153,15 @@ pub fn diagnosis(
     let (rig_file, characterized) = (out.join("rig.toml"), out.join(CHARACTERIZED));
     let plain = rig_toml(&RigConfig::default().rig);
     fs::write(&rig_file, &plain)?;
-    // What a seed hides has come since: in air the rig has its imperfections only.
-    let mut config = RigConfig::default();
-    config.simulation.depth_mm = 0.0;
-    config.simulation.imperfections = Imperfections::of_seed(seed, air::START);
-    let files = [rig_file.as_path(), &in_air, &characterized];
-    air::characterized(xtask, seed, config, files, show)?;
-    fs::write(&rig_file, format!("{plain}characterized = \"{CHARACTERIZED}\"\n"))?;
+    if known == RigKnown::InAir {
+        // What a seed hides has come since: in air the rig has its imperfections only.
+        let mut config = RigConfig::default();
+        config.simulation.depth_mm = 0.0;
+        config.simulation.imperfections = Imperfections::of_seed(seed, air::START);
+        let files = [rig_file.as_path(), &in_air, &characterized];
+        air::characterized(xtask, seed, config, files, show)?;
+        fs::write(&rig_file, format!("{plain}characterized = \"{CHARACTERIZED}\"\n"))?;
+    }
     let (model_file, figures) = (out.join("model.toml"), out.join("figures"));
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let hidden = HiddenEffect::of_seed(seed);

@@ -2,7 +2,7 @@
 //! needles that its guide 2 steers.
 
 use super::air;
-use super::hidden::{Found, PLAN, diagnosis};
+use super::hidden::{AFTER_AIR, DEMONSTRATION, Found, diagnosis};
 use super::steered::{Steered, steered};
 use super::this_program;
 use anyhow::{Result, ensure};
@@ -19,8 +19,9 @@ pub struct Seeds {
     /// First of these seeds
     #[arg(long, default_value_t = 1)]
     pub from: u64,
-    /// Which part: rigs that hide an effect, rigs in air that the device characterises, or needles that are steered
-    #[arg(long, default_value = "hidden", value_parser = ["hidden", "air", "steered"])]
+    /// Which part: rigs that hide an effect, the same after the device has characterised them in air, rigs in air that the device
+    /// characterises, or needles that are steered
+    #[arg(long, default_value = "hidden", value_parser = ["hidden", "known", "air", "steered"])]
     pub part: String,
 }
 
@@ -44,10 +45,11 @@ pub fn run(options: &Seeds) -> Result<()> {
     if options.part == "air" {
         return air::study(&xtask, options.from..options.from.saturating_add(options.seeds), folder.path());
     }
+    let plan = if options.part == "known" { AFTER_AIR } else { DEMONSTRATION };
     let mut all = Vec::new();
     for seed in options.from..options.from.saturating_add(options.seeds) {
         let out = folder.path().join(seed.to_string());
-        let found = diagnosis(&xtask, seed, &out, &PLAN, &mut |_| {})?;
+        let found = diagnosis(&xtask, seed, &out, plan, &mut |_| {})?;
         let modulus = found.modulus_error().map_or("no modulus".to_owned(), |(error, holds)| {
             let interval = if holds { "in its interval" } else { "not in its interval" };
             format!("modulus off by {:+.1} %, the true one {interval}", 100.0 * error)

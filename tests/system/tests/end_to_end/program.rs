@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 use system::bench::Bench;
-use system::demo::hidden::{PLAN, diagnosis};
+use system::demo::hidden::{DEMONSTRATION, diagnosis};
 use system::demo::{Outcome, judgement, procedure};
 use system::images::build_guide;
 use system::qemu::HANGS;
@@ -105,14 +105,15 @@ fn a_hidden_effect_is_found_from_what_the_firmware_records() {
     let folder = tempfile::tempdir().unwrap();
     let (out, mut printed) = (readme::rig::out(folder.path()), String::new());
     let seed = readme::rig::SEED;
-    let found = diagnosis(Path::new(XTASK), seed, &out, &PLAN, &mut |text| printed.push_str(text)).unwrap();
+    let mut show = |text: &str| printed.push_str(text);
+    let found = diagnosis(Path::new(XTASK), seed, &out, DEMONSTRATION, &mut show).unwrap();
     printed.push_str(&found.summary(seed));
     readme::check_part("hidden", &readme::rig::as_shown(&printed, folder.path(), Path::new(XTASK))).unwrap();
     assert!(found.is_in_class(), "{found:#?}");
     assert!(found.removed().unwrap() > 0.9, "{found:#?}");
     assert!(out.join("model.toml").exists() && out.join("figures/residuals.svg").exists());
     for seed in HIDING_SEEDS {
-        let found = diagnosis(Path::new(XTASK), seed, &out, &PLAN, &mut |_| {}).unwrap();
+        let found = diagnosis(Path::new(XTASK), seed, &out, DEMONSTRATION, &mut |_| {}).unwrap();
         assert!(found.is_in_class(), "{}\n{found:#?}", found.summary(seed));
         assert!(found.further().is_empty(), "{}\n{found:#?}", found.summary(seed));
     }

@@ -3,7 +3,7 @@
 use super::{Around, Cause, GroupPatterns, Made, Scope};
 use crate::diagnose::data::{Kind, Source};
 use crate::diagnose::evidence::Group;
-use crate::diagnose::layout::predicted;
+use crate::diagnose::predicted::predicted;
 use mechanics::effects::effect;
 use mechanics::{Experiment, Foundation, Layer, ModelError, predict_with};
 use nalgebra::DMatrix;

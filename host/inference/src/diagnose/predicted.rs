@@ -1,0 +1,31 @@
+//! What a model expects of a run's data.
+
+use super::data::{Datum, Run, Source};
+use mechanics::Channels;
+
+/// What a run's data should be, in SI, in their order.
+pub(super) fn predicted(run: &Run, channels: &Channels) -> Vec<f64> {
+    let of = |datum: &Datum| {
+        let plane = datum.channel.plane();
+        let values = |series: &mechanics::Series, index: usize| match plane {
+            0 => series.y.get(index).copied(),
+            _ => series.x.as_ref().and_then(|x| x.get(index)).copied(),
+        };
+        let value = match &datum.source {
+            Source::Force(cells) => {
+                let sum: Option<f64> = cells.iter().map(|i| values(&channels.force_n, *i)).sum();
+                sum.map(|sum| sum / cells.len() as f64)
+            }
+            Source::Shape(index) => values(&channels.shape_m, *index),
+            Source::Tip(index) => values(&channels.tip_m, *index),
+            Source::Direction(index) => values(&channels.tip_direction_rad, *index),
+        };
+        value.unwrap_or(f64::NAN)
+    };
+    run.data.iter().map(of).collect()
+}
+
+/// Measured less predicted, in SI, in the order of the run's data.
+pub(super) fn differences(run: &Run, channels: &Channels) -> Vec<f64> {
+    run.data.iter().zip(predicted(run, channels)).map(|(datum, value)| datum.measured - value).collect()
+}
