@@ -9,7 +9,7 @@ use system::readme::check_quick;
 use system::readme::page::Page;
 
 /// Options of other programs that the pages name: cargo, cargo bench and cargo test, probe-rs, git, snakemake.
-const OF_OTHERS: [&str; 16] = [
+const OF_OTHERS: [&str; 20] = [
     "--path",
     "--bench",
     "--all-targets",
@@ -26,6 +26,10 @@ const OF_OTHERS: [&str; 16] = [
     "--snakefile",
     "--cores",
     "--rerun-incomplete",
+    "--slurm-status-command",
+    "--slurm-status-attempts",
+    "--container-image",
+    "--kubernetes-persistent-volumes",
 ];
 
 /// A command of cargo itself, whose options are cargo's and its programs' and not checked here.
