@@ -204,7 +204,10 @@ fn frames_of_the_device_are_decoded_and_what_is_missing_is_counted() {
     assert_eq!(found["samples"], 1_000);
     assert_eq!((&found["samples_missing"], &found["frames_missing"]), (&json!(0), &json!(0)));
     let columns = found["columns"].as_array().expect("a list");
-    assert!((10..=11).contains(&columns.len()), "{}: half a second in twentieths", columns.len());
+    // Twentieths of a second: from the one in which the first half ends, each once, to that of the last sample at 1.019 s.
+    let indices: Vec<i64> = columns.iter().filter_map(|one| one["index"].as_i64()).collect();
+    assert!(indices.windows(2).all(|pair| pair[1] == pair[0] + 1), "{indices:?}");
+    assert!((9..=10).contains(&indices[0]) && indices.last() == Some(&20), "{indices:?}");
     // A spike of one sample stays; counts of 50 micronewtons and 1 micrometre.
     assert!(columns.iter().all(|one| one["high"][1] == 3.0 && one["low"][1] == 1.0 && one["high"][3] == 1.0));
     // Three of fifty missing, one damaged.
