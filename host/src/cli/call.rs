@@ -2,7 +2,7 @@
 
 use super::output::{Memory, Output};
 use super::{Cli, run};
-use clap::{CommandFactory, FromArgMatches};
+use clap::FromArgMatches;
 use device::link::LinkError;
 use device::link::program::ProgramError;
 use formats::session::{Session, SessionError};
@@ -71,7 +71,7 @@ pub fn call(
     on_step: impl Fn(&str) + 'static,
 ) -> Result<Called, CallError> {
     let arguments = std::iter::once(OsString::from("guide")).chain(arguments);
-    let parsed = Cli::command().try_get_matches_from(arguments).and_then(|matches| {
+    let parsed = super::command().try_get_matches_from(arguments).and_then(|matches| {
         // Help and version are texts, which `Error` carries.
         Cli::from_arg_matches(&matches)
     });

@@ -44,7 +44,7 @@ pub struct CameraArgs {
     #[arg(long, value_name = "HZ", value_parser = rate)]
     fps: Option<f64>,
     /// When the first frame was taken, on the clock of the force series (default: with its first row)
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS")]
     start_s: Option<f64>,
 }
 

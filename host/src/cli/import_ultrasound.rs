@@ -47,10 +47,10 @@ pub struct FrameArgs {
     #[arg(long, value_name = "MM")]
     sweep_start_mm: Option<f64>,
     /// Distance from one frame to the next
-    #[arg(long, value_name = "MM", group = "place", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", group = "place")]
     step_mm: Option<f64>,
     /// Speed of the probe, with the time stamps of the file
-    #[arg(long, value_name = "MM_PER_S", group = "place", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM_PER_S", group = "place")]
     speed_mm_per_s: Option<f64>,
     /// Field of the file that is the probe's position in millimetres, such as ProbePosition
     #[arg(long, value_name = "NAME", group = "place")]
@@ -88,7 +88,7 @@ pub struct FrameArgs {
     lag_sd_s: Option<f64>,
     /// How much positions lag behind images with the same time stamp; negative where images lag (default: estimated, where the probe
     /// goes forth and back; otherwise 0)
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS")]
     lag_s: Option<f64>,
 }
 

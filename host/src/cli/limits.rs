@@ -14,11 +14,11 @@ pub struct Args {
     #[command(flatten)]
     port: PortArgs,
     /// Largest force along either axis relative to the tare, newtons, at most the sensor's rated range
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N")]
     force_n: Option<f64>,
     /// Longest time without a command from the host while a program waits or runs, seconds of the device's clock,
     /// 0.2 to 60
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS")]
     silence_s: Option<f64>,
 }
 

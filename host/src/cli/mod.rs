@@ -129,7 +129,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 /// As [`main()`], for programs that end themselves: 0 done, 1 failed, 2 wrong use.
 pub fn exit_code(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
-    let command = Cli::command().color(colour::requested(arguments.iter().skip(1).cloned()));
+    let command = command().color(colour::requested(arguments.iter().skip(1).cloned()));
     let parsed = command.try_get_matches_from(arguments).and_then(|matches| Cli::from_arg_matches(&matches));
     let cli = match parsed {
         Ok(cli) => cli,
@@ -149,6 +149,17 @@ pub fn exit_code(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             1
         }
     }
+}
+
+/// The command line. Every option takes a negative number: where it may not have one it says what it may, not "unexpected argument '-1'".
+fn command() -> clap::Command {
+    fn negative_too(command: clap::Command) -> clap::Command {
+        let of_value = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
+        command
+            .mut_args(|arg| if of_value(&arg) { arg.allow_negative_numbers(true) } else { arg })
+            .mut_subcommands(negative_too)
+    }
+    negative_too(Cli::command())
 }
 
 fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
@@ -193,5 +204,32 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Import(args) => import::run(args, out),
         Command::Completions(args) => shell::completions(args, out),
         Command::Man(args) => shell::man(args, out),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Options that take numbers, of all commands.
+    #[test]
+    fn no_option_takes_a_negative_number_for_an_option() {
+        fn each(command: &clap::Command, names: &[&str], seen: &mut usize) {
+            for part in command.get_subcommands() {
+                each(part, &[names, &[part.get_name()]].concat(), seen);
+            }
+            for arg in command.get_arguments().filter(|arg| arg.get_action().takes_values()) {
+                let Some(long) = arg.get_long() else { continue };
+                let option = format!("--{long}");
+                let line = names.iter().copied().chain([option.as_str(), "-1"]);
+                if let Err(error) = super::command().try_get_matches_from(line) {
+                    assert!(!error.to_string().contains("unexpected argument"), "{names:?}: {error}");
+                }
+                *seen += 1;
+            }
+        }
+        let mut seen = 0;
+        each(&command(), &["guide"], &mut seen);
+        assert!(seen > 100, "{seen}");
     }
 }

@@ -56,10 +56,10 @@ pub struct MoveArgs {
     #[command(flatten)]
     limit: ForceLimitArgs,
     /// Horizontal position, millimetres from where the needle is straight
-    #[arg(long, default_value_t = 0.0, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0.0, value_name = "MM")]
     x_mm: f64,
     /// Vertical position, millimetres from where the needle is straight
-    #[arg(long, default_value_t = 0.0, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0.0, value_name = "MM")]
     y_mm: f64,
     /// Speed along the path, millimetres per second
     #[arg(long, default_value_t = 1.0, value_name = "MM_PER_S")]
@@ -142,10 +142,10 @@ pub struct RetreatArgs {
     #[command(flatten)]
     port: PortArgs,
     /// Displacement along x, millimetres, -1 to 1
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = retreat_um)]
+    #[arg(long, value_name = "MM", value_parser = retreat_um)]
     x_mm: Option<i32>,
     /// Displacement along y, millimetres, -1 to 1
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = retreat_um)]
+    #[arg(long, value_name = "MM", value_parser = retreat_um)]
     y_mm: Option<i32>,
 }
 

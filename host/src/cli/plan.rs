@@ -54,7 +54,7 @@ pub struct Args {
     #[arg(long, default_value_t = 3.0, value_name = "S")]
     hold_s: f64,
     /// Holds of the run as multiples of the displacement; a hold at 0 determines the force sensor's zero
-    #[arg(long, num_args = 1.., value_name = "SHARE", default_values_t = [0.0, 1.0], allow_negative_numbers = true)]
+    #[arg(long, num_args = 1.., value_name = "SHARE", default_values_t = [0.0, 1.0])]
     levels: Vec<f64>,
     /// Largest lateral force, newtons
     #[arg(long, default_value_t = 4.0, value_name = "N")]

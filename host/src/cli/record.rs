@@ -27,7 +27,7 @@ pub(super) struct SessionArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Insertion depth of the needle, millimetres; 0 in air
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = run_depth_mm)]
+    #[arg(long, value_name = "MM", value_parser = run_depth_mm)]
     depth_mm: f64,
     /// Needle, guides and noise: a TOML file with `[needle]`, `[rig]`, `[noise]` as in a session (needed for a new session)
     #[arg(long, value_name = "FILE")]
@@ -119,7 +119,7 @@ pub struct RecordArgs {
     #[command(flatten)]
     session: SessionArgs,
     /// How long, seconds (default: until interrupted)
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = duration_s)]
+    #[arg(long, value_name = "SECONDS", value_parser = duration_s)]
     duration_s: Option<f64>,
     #[command(flatten)]
     tracker: TrackerArgs,

@@ -46,7 +46,7 @@ pub struct ExportArgs {
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
     /// csv: insertion depth of the needle, millimetres (default: as recorded)
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, value_parser = super::record::run_depth_mm)]
+    #[arg(long, value_name = "MM", value_parser = super::record::run_depth_mm)]
     depth_mm: Option<f64>,
     /// csv: needle, guides and noise (default: as recorded)
     #[arg(long, value_name = "FILE")]

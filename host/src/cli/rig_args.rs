@@ -33,7 +33,7 @@ pub struct StartArgs {
 #[derive(Args, Clone, Copy, Default)]
 pub struct ForceLimitArgs {
     /// Largest force along either axis relative to the tare, newtons: set before the motion, stays set (`guide limits`)
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N")]
     force_limit_n: Option<f64>,
 }
 
@@ -50,7 +50,11 @@ impl ForceLimitArgs {
 /// A time of the device's clock that a motion can start at, seconds.
 pub fn device_time(text: &str) -> Result<f64, String> {
     let time_s: f64 = text.parse().map_err(|_| "expected a number of seconds".to_owned())?;
-    if time_s > 0.0 && time_s < 1e9 { Ok(time_s) } else { Err("expected 0 to 1e9 seconds".to_owned()) }
+    if time_s > 0.0 && time_s < 1e9 {
+        Ok(time_s)
+    } else {
+        Err("expected more than 0, up to 1e9 seconds".to_owned())
+    }
 }
 
 /// The same in the device's unit, microseconds.

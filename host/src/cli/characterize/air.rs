@@ -27,7 +27,7 @@ pub struct AirArgs {
     #[arg(long, value_name = "FILE", requires = "port")]
     rig: Option<PathBuf>,
     /// Largest displacement on both sides of zero, millimetres (default: where the needle presses with 1 N, at most 4)
-    #[arg(long, value_name = "MM", requires = "port", allow_negative_numbers = true, value_parser = reach)]
+    #[arg(long, value_name = "MM", requires = "port", value_parser = reach)]
     reach_mm: Option<f64>,
     /// Runs of each axis
     #[arg(long, value_name = "N", requires = "port", default_value_t = RUNS, value_parser = clap::value_parser!(u8).range(1..=5))]
