@@ -65,6 +65,9 @@ pub struct Script {
     pub refusal: Option<Refusal>,
     /// Longest time of its own clock without a command while a program runs, milliseconds.
     pub silence_limit_ms: u32,
+    /// States that limit, and never ends a program for it: what a test of the host's times counts then does not depend on how often a
+    /// busy machine lets the host run.
+    pub is_patient: bool,
     /// Where its calibration comes from.
     pub source: CalibrationSource,
     /// Was tared since its start.
@@ -86,6 +89,7 @@ impl Default for Script {
             late_end: false,
             refusal: None,
             silence_limit_ms: 2_000,
+            is_patient: false,
             source: CalibrationSource::Stored,
             tared: true,
             keeps_no_calibration: false,
@@ -285,7 +289,8 @@ impl Device {
             for act in self.script.program.clone() {
                 self.act(act, far);
                 let silent_us = self.t_us.saturating_sub(self.last_command_us);
-                if self.state == State::Holding && silent_us > 1_000 * u64::from(self.limits[1]) {
+                let is_over = silent_us > 1_000 * u64::from(self.limits[1]) && !self.script.is_patient;
+                if self.state == State::Holding && is_over {
                     return self.act(Act::Fail(Fault::HostSilent), far);
                 }
             }
