@@ -162,12 +162,11 @@ pub fn run(args: &Args) -> Result<()> {
     print!("{}", judgement(&outcome, args.seed, &args.out)?);
     println!();
     println!(
-        "another rig, which hides an effect; the firmware runs the diagnostic staircase at three depths:\n"
+        "another rig, characterised in air; then it hides an effect, and the firmware runs the diagnostic staircase at three depths:\n"
     );
-    let found =
-        hidden::diagnosis(&this_program()?, args.seed, &args.out, hidden::DEMONSTRATION, &mut |text| {
-            print!("{text}")
-        })?;
+    let found = hidden::diagnosis(&this_program()?, args.seed, &args.out, hidden::AFTER_AIR, &mut |text| {
+        print!("{text}")
+    })?;
     println!("{}", found.summary(args.seed));
     println!("figures and the augmented model are in {}", args.out.display());
     println!("\na needle is steered to a target; the firmware moves guide 2, another program pushes:\n");

@@ -2,7 +2,7 @@
 //! needles that its guide 2 steers.
 
 use super::air;
-use super::hidden::{AFTER_AIR, DEMONSTRATION, Found, diagnosis};
+use super::hidden::{AFTER_AIR, AS_STATED, Found, diagnosis};
 use super::steered::{Steered, steered};
 use super::this_program;
 use anyhow::{Result, ensure};
@@ -45,7 +45,7 @@ pub fn run(options: &Seeds) -> Result<()> {
     if options.part == "air" {
         return air::study(&xtask, options.from..options.from.saturating_add(options.seeds), folder.path());
     }
-    let plan = if options.part == "known" { AFTER_AIR } else { DEMONSTRATION };
+    let plan = if options.part == "known" { AFTER_AIR } else { AS_STATED };
     let mut all = Vec::new();
     for seed in options.from..options.from.saturating_add(options.seeds) {
         let out = folder.path().join(seed.to_string());
@@ -153,6 +153,12 @@ mod tests {
             classed.summary(1).ends_with("found: one of tissue.layers or tissue.skin"),
             "{}",
             classed.summary(1)
+        );
+        let moved =
+            found(json!({"verdict": "adequate", "k_kpa": 10.0, "k_ci95_kpa": [9.9, 10.1], "effects": [],
+            "moved_since": [{"effect": "tissue.skin"}]}));
+        assert!(
+            moved.is_named() && moved.summary(1).ends_with("has changed by it since it was characterised")
         );
         assert!(further.summary(1).contains("not there: rig.backlash"), "{}", further.summary(1));
         assert!(
