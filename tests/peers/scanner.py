@@ -1,4 +1,4 @@
-"""A foreign scanner: serves frames over OpenIGTLink, stamped 30 a second, without those that are named.
+"""A foreign scanner: serves frames of 625 x 750 pixels over OpenIGTLink, 30 a second, without those that are named.
 
 Usage: scanner.py PORT FRAMES [WITHOUT...]
 """
@@ -19,8 +19,8 @@ while not server.is_connected():
 for number in range(frames):
     if number in without:
         continue
-    image = numpy.full((1, 60, 80), 40, dtype=numpy.uint8)
-    image[0, 30, number % 80] = 200
+    image = numpy.full((1, 750, 625), 40, dtype=numpy.uint8)
+    image[0, 30, number % 625] = 200
     message = pyigtl.ImageMessage(
         image, ijk_to_world_matrix=matrix, world_coordinate_system="ras", timestamp=1000 + number / RATE_HZ, device_name="Probe"
     )

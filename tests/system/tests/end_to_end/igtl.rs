@@ -276,7 +276,7 @@ fn captured(port: u16, out: &Path, more: &[&str]) -> Value {
     }
 }
 
-/// Frames of 30 a second by their stamps, of which some are never sent.
+/// Frames of 625 x 750 pixels, 30 a second, of which some are never sent.
 #[test]
 #[ignore = "needs programs of others: cargo xtask test runs it"]
 fn frames_of_a_foreign_scanner_become_a_sequence_and_lost_ones_are_counted() {
