@@ -148,7 +148,7 @@ fn contrast(integral: &Integral, x: usize, y: usize, [half_x, half_y]: [usize; 2
     let mut brightest = 0.0f64;
     for (x, y, width, height) in sides {
         brightest = brightest.max(integral.mean(x, y, width, height));
-        // Of most places the first side already tells that they are none.
+        // The first side already excludes most places.
         if own - brightest < MIN_CONTRAST {
             return 0.0;
         }
