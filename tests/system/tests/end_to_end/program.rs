@@ -74,7 +74,9 @@ fn the_procedure_finds_the_hidden_modulus_and_repeats_exactly() {
     assert_eq!((run.force.lost_before.is_some(), gaps), (true, 0), "a sample every millisecond");
     let mut sweeps_s = run.shape.time_s.clone().unwrap();
     sweeps_s.dedup();
-    assert_eq!(sweeps_s.len(), 2, "one sweep at rest, one at the push");
+    assert_eq!(sweeps_s.len(), 1, "the sweep at the push; the one at rest is the straight needle");
+    let frames = outcome.frames().unwrap();
+    assert!(frames.used >= 180 && frames.rejected >= 1, "{frames:?}");
 
     let (predicted_mm, quadratic_mm) =
         (outcome.path_error_mm(None), outcome.path_error_mm(Some("quadratic")));
