@@ -17,6 +17,8 @@ use std::sync::Arc;
 const MOVED_SD: f64 = 3.5;
 /// Share of the information on a parameter that has to come from the runs before they contradict anything.
 const MIN_SHARE: f64 = 0.05;
+/// A parameter is held by this share of its standard deviation.
+const HELD: f64 = 1e-3;
 
 /// A parameter of an effect that is known, in the unit of its name.
 #[derive(Debug, Clone, PartialEq)]
@@ -141,19 +143,20 @@ pub(super) struct Released {
     pub moved: Vec<Moved>,
 }
 
-/// A start with everything that was known, and what of that the runs contradict.
+/// A start with everything that was known, held at its values: free within what is left of their intervals, parameters that have not
+/// changed would take on what the changed one does.
 pub(super) struct AsKnown {
     start: Start,
-    contradicted: Vec<KnownParameter>,
+    known: Arc<[KnownParameter]>,
 }
 
 impl AsKnown {
-    /// On the foundation of another start. What is contradicted is held where it is: no misfit is explained by what it could be.
+    /// On the foundation of another start. No misfit is explained by what the held parameters could be.
     pub fn beside(self, other: &Start) -> Result<Start, FitError> {
         let support = other.fitted.layout.support;
         let is_there = self.start.fitted.layout.support == support;
         let mut start = if is_there { self.start } else { self.start.on(support)? };
-        for known in &self.contradicted {
+        for known in self.known.iter() {
             if let Some((at, _)) = place(known, &start.fitted) {
                 start.fitted.jacobian.iter_mut().for_each(|of_run| of_run.column_mut(at).fill(0.0));
             }
@@ -167,15 +170,18 @@ pub(super) fn released(
     layout: &mut Layout,
     fit: impl Fn(&Layout) -> Result<Start, DiagnoseError>,
 ) -> Result<Released, DiagnoseError> {
-    let as_known = fit(layout)?;
-    let contradicted = contradicted(&as_known.fitted);
+    let start = fit(layout)?;
+    let contradicted = contradicted(&start.fitted);
     if contradicted.is_empty() {
-        return Ok(Released { start: as_known, as_known: None, moved: Vec::new() });
+        return Ok(Released { start, as_known: None, moved: Vec::new() });
     }
+    let known = layout.known.iter().map(|one| KnownParameter { sd: HELD * one.sd, ..one.clone() }).collect();
+    let held = Layout { known, ..layout.clone() };
+    let as_known = AsKnown { start: fit(&held)?, known: held.known };
     layout.known = without(&layout.known, &contradicted);
     let start = fit(layout)?;
     let moved = moved(&contradicted, &start.fitted);
-    Ok(Released { start, as_known: Some(AsKnown { start: as_known, contradicted }), moved })
+    Ok(Released { start, as_known: Some(as_known), moved })
 }
 
 /// What of the known parameters the runs contradict: their own estimate, the prior taken off, is too far from it.
