@@ -153,7 +153,7 @@ pub fn exit_code(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     }
 }
 
-/// The command line. Every option takes a negative number: where it may not have one it says what it may, not "unexpected argument '-1'".
+/// The command line. Every option takes a negative number: where it may not have one the answer states what it may have, not "unexpected argument '-1'".
 fn command() -> clap::Command {
     fn negative_too(command: clap::Command) -> clap::Command {
         let of_value = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
@@ -217,9 +217,9 @@ mod tests {
     /// Options that take numbers, of all commands.
     #[test]
     fn no_option_takes_a_negative_number_for_an_option() {
-        fn each(command: &clap::Command, names: &[&str], seen: &mut usize) {
+        fn each(command: &clap::Command, names: &[&str], options: &mut usize) {
             for part in command.get_subcommands() {
-                each(part, &[names, &[part.get_name()]].concat(), seen);
+                each(part, &[names, &[part.get_name()]].concat(), options);
             }
             for arg in command.get_arguments().filter(|arg| arg.get_action().takes_values()) {
                 let Some(long) = arg.get_long() else { continue };
@@ -228,11 +228,11 @@ mod tests {
                 if let Err(error) = super::command().try_get_matches_from(line) {
                     assert!(!error.to_string().contains("unexpected argument"), "{names:?}: {error}");
                 }
-                *seen += 1;
+                *options += 1;
             }
         }
-        let mut seen = 0;
-        each(&command(), &["guide"], &mut seen);
-        assert!(seen > 100, "{seen}");
+        let mut options = 0;
+        each(&command(), &["guide"], &mut options);
+        assert!(options > 100, "{options}");
     }
 }
