@@ -21,7 +21,7 @@ const MAX_NOTES: usize = 16;
 /// Record ultrasound frames that a scanner or PLUS server sends over OpenIGTLink
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("end").args(["duration_s", "frames"]).required(true).multiple(true))]
-#[command(after_help = "Examples:\n  guide capture --igtl plus.local --duration-s 20 --out frames\n  \
+#[command(after_help = "Example:\n  guide capture --igtl plus.local --duration-s 20 --out frames\n  \
                         guide acquire --port /dev/ttyACM0 --out phantom-e --depth-mm 30 --rig rig.toml --program staircase \\\n    \
                         --frames-command 'guide capture --igtl plus.local --duration-s 2.5 --out phantom-e/frames'")]
 pub struct Args {
