@@ -134,7 +134,7 @@ impl Capture {
              ElementNumberOfChannels = {channels}\n{}ElementDataFile = {}\n",
             self.fields, self.pixel_file
         );
-        fs::write(&self.path, header)?;
+        formats::files::replace(&self.path, header.as_bytes())?;
         let (rate_hz, lost) = losses(&self.stamps_s);
         Ok(Some(Captured { path: self.path, frames, rate_hz, lost, other: self.other }))
     }
