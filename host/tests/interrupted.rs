@@ -47,8 +47,9 @@ const WRITERS: [(&str, Left); 25] = [
     ("export run.mcap --to csv --out made", Left::Nothing),
 ];
 
-/// Commands that write files and need a device or a plant for it: see `device` and `steer`; the result of the bring-up is tried through QEMU.
-const WITH_A_DEVICE: [&str; 5] = ["acquire", "bringup", "calibration", "record", "steer"];
+/// Commands that write files and need a device, a server or a plant for it: see `device` and `steer`; the result of the bring-up is tried
+/// through QEMU. What `capture` writes has its header last: without that it is no sequence.
+const WITH_A_DEVICE: [&str; 6] = ["acquire", "bringup", "calibration", "capture", "record", "steer"];
 
 /// Options that name what is written.
 const WRITING_OPTIONS: [&str; 4] = ["--out ", "--plots ", "--plot ", "--raw "];

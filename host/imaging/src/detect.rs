@@ -139,20 +139,22 @@ impl Detector {
 
 /// Brightness of a core above the brightest of what is left, right and above, over the scatter there.
 fn contrast(integral: &Integral, x: usize, y: usize, [half_x, half_y]: [usize; 2]) -> f64 {
-    let (own, _) = integral.mean(x - half_x, y - half_y, 2 * half_x + 1, 2 * half_y + 1);
+    let own = integral.mean(x - half_x, y - half_y, 2 * half_x + 1, 2 * half_y + 1);
     let sides = [
         (x - 3 * half_x - 1, y - half_y, 2 * half_x, 2 * half_y + 1),
         (x + half_x + 2, y - half_y, 2 * half_x, 2 * half_y + 1),
         (x - half_x, y - 3 * half_y - 1, 2 * half_x + 1, 2 * half_y),
     ];
-    let (mut brightest, mut variance) = (0.0f64, 0.0f64);
+    let mut brightest = 0.0f64;
     for (x, y, width, height) in sides {
-        let (mean, of_side) = integral.mean(x, y, width, height);
-        brightest = brightest.max(mean);
-        variance += of_side / 3.0;
+        brightest = brightest.max(integral.mean(x, y, width, height));
+        // The first side already excludes most places.
+        if own - brightest < MIN_CONTRAST {
+            return 0.0;
+        }
     }
-    let contrast = own - brightest;
-    if contrast < MIN_CONTRAST { 0.0 } else { contrast / (variance.sqrt() + FLOOR) }
+    let variances = sides.iter().map(|(x, y, width, height)| integral.variance(*x, *y, *width, *height));
+    (own - brightest) / ((variances.sum::<f64>() / 3.0).sqrt() + FLOOR)
 }
 
 #[cfg(test)]

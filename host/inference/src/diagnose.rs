@@ -85,6 +85,7 @@ use choice::{Choice, choose};
 use data::{Kind, Run};
 use formats::model_file::ModelFile;
 use formats::session::{LateralRun, Session};
+use known::Released;
 use layout::{Layout, kinds};
 use mechanics::effects::Effect;
 use mechanics::{Experiment, Insertion, ModelError};
@@ -240,16 +241,22 @@ fn workflow<T>(
         share_nodes(&mut runs);
     }
     let fit = |layout: &Layout| fit_start(layout, &runs, &noises, &options.given, &multiples);
-    let (start, moved_since) = known::released(&mut layout, fit)?;
+    let Released { start, as_known, moved: moved_since } = known::released(&mut layout, fit)?;
     let judge = held_out.judge(&start.fitted, &start.runs, &noise, &multiples)?;
     on_progress(&format!("{} effects are scored", mechanics::effects::EFFECTS.len() - layout.effects.len()));
     let Choice { foundation, start, found, beside: other_foundation } =
         choose(start, &judge, options, &mut on_progress)?;
     let more = beside(&start)?;
     let found = found.around_itself(&start, &judge, &multiples);
+    // Where the rig is not what it was known to be, model and measurement disagree by that: it is part of the gap, and no name is
+    // needed for what is in the model already.
+    let as_known = as_known.map(|known| known.beside(&start)).transpose()?;
+    let disagreement = as_known.as_ref().map(Start::adequacy).transpose()?;
+    let before = start.adequacy()?;
+    let compared = as_known.as_ref().unwrap_or(&start);
+    let where_before = regions(&compared.fitted, &compared.runs);
+    let compared = compared.fitted.clone();
     let Start { runs: prepared, patterns, fitted: start } = start;
-    let before = Adequacy::of(&start, &prepared, &patterns)?;
-    let where_before = regions(&start, &prepared);
     let after = Adequacy::of(&found.fitted, &prepared, &patterns)?;
 
     let verdict = verdict(&found, &before, judge.share(&start, &found.fitted));
@@ -259,7 +266,7 @@ fn workflow<T>(
     let is_named = matches!(verdict, Verdict::Named | Verdict::Ambiguous);
     let final_fit = if is_named { &found.fitted } else { &start };
     on_progress("the runs that were held out are compared");
-    let gap = judge.gap(&start, final_fit, options.seed)?;
+    let gap = judge.gap(&compared, final_fit, options.seed)?;
     let remaining =
         Remaining::of(if is_named { &after } else { &before }, final_fit, &patterns, gap.as_ref());
     let multiples = final_fit.multiples(&patterns);
@@ -275,6 +282,7 @@ fn workflow<T>(
         other_foundation,
         noise: &noise,
         adequacy: [&before, &after],
+        disagreement: disagreement.as_ref(),
         verdict,
         foundation,
         split: rule,

@@ -109,5 +109,5 @@ pub fn draw(
 pub fn keep(session: &Path, id: &str, sheet: Option<&[u8]>) -> anyhow::Result<()> {
     let Some(sheet) = sheet else { return Ok(()) };
     let path = session.join(format!("{id}.frames.png"));
-    fs::write(&path, sheet).with_context(|| format!("{}: cannot write", path.display()))
+    formats::files::replace(&path, sheet).with_context(|| format!("{}: cannot write", path.display()))
 }

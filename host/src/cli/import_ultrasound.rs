@@ -20,7 +20,6 @@ use imaging::sweep::{Deflection, Line, Settings, State, Sweep, deflections, meas
 use mechanics::ShapeImage;
 use recorded::RecordedRun;
 use reference::refer_to_zero;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// How frames show the needle.
@@ -252,7 +251,7 @@ pub fn run(
     }
     let record = to.join(format!("{id}.frames.json"));
     let text = serde_json::to_string_pretty(&document)?;
-    fs::write(&record, text).with_context(|| format!("{}: cannot write", record.display()))?;
+    formats::files::replace(&record, text.as_bytes()).with_context(|| format!("{}: cannot write", record.display()))?;
     frame_pictures::keep(to, &id, sheets.first().map(Vec::as_slice))?;
     if !has_force {
         out.note(format_args!(

@@ -12,6 +12,7 @@ mod calibrate;
 mod calibrate_image;
 mod calibration;
 mod call;
+mod capture;
 mod characterize;
 mod characterized;
 mod check;
@@ -96,6 +97,7 @@ enum Command {
     Characterize(characterize::Args),
     Record(record::RecordArgs),
     Acquire(record::AcquireArgs),
+    Capture(capture::Args),
     Info(recordings::InfoArgs),
     Recover(recordings::RecoverArgs),
     Export(recordings::ExportArgs),
@@ -181,6 +183,7 @@ fn run(command: &Command, out: &mut Output) -> anyhow::Result<()> {
         Command::Characterize(args) => characterize::run(args, out),
         Command::Record(args) => record::run_record(args, out),
         Command::Acquire(args) => record::run_acquire(args, out),
+        Command::Capture(args) => capture::run(args, out),
         Command::Info(args) => recordings::run_info(args, out),
         Command::Recover(args) => recordings::run_recover(args, out),
         Command::Export(args) => recordings::run_export(args, out),

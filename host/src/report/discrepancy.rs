@@ -21,7 +21,9 @@ pub(super) fn facts(found: &Diagnosis) -> Vec<Fact> {
             .map(|effect| [vec![effect.id.as_str()], effect.competing_effects()].concat().join(" or "));
         verdict = format!("{verdict}: {}", named.collect::<Vec<_>>().join("; "));
     }
-    if let Some(gap) = found.gap.as_ref().filter(|_| !found.effects.is_empty()) {
+    if let Some(gap) =
+        found.gap.as_ref().filter(|_| !found.effects.is_empty() || !found.moved_since.is_empty())
+    {
         verdict = format!("{verdict}; on held-out runs {}", removed(gap));
     }
     vec![Fact::new("Diagnosis", verdict)]

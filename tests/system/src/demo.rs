@@ -19,8 +19,8 @@ use device::link::Program;
 use formats::session::{InsertionRun, Noise, Session, SessionWriter, Setup};
 use mechanics::Rig;
 use serde_json::Value;
-use simulation::rig::Truth;
 use simulation::rig::config::RigConfig;
+use simulation::rig::{SCAN_MARGIN_MM, Truth};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -76,10 +76,21 @@ pub struct Outcome {
     pub predicted: Value,
     /// The session it recorded.
     pub session: Session,
+    /// What `guide import ultrasound` wrote of the frames.
+    pub imported: Value,
     /// What the rig really was.
     pub truth: Truth,
     /// From the start of QEMU to the result.
     pub elapsed: Duration,
+}
+
+/// What became of the ultrasound frames.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Frames {
+    /// In the shape, or in the straight needle.
+    pub used: u64,
+    /// In neither.
+    pub rejected: u64,
 }
 
 impl Outcome {
@@ -141,6 +152,23 @@ impl Outcome {
         self.session.lateral.iter().flat_map(|run| run.force.lost_before.iter().flatten()).sum()
     }
 
+    /// What became of the frames of all sweeps.
+    ///
+    /// # Errors
+    /// Where the import states no frames.
+    pub fn frames(&self) -> Result<Frames> {
+        let sweeps = self.imported["sweeps"].as_array().context("the import states no sweeps")?;
+        let mut frames = Frames::default();
+        for sweep in sweeps.iter().chain([&self.imported["straight"]]) {
+            let states = sweep["states"].as_object().context("a sweep states no frames")?;
+            for (state, count) in states {
+                let count = count.as_u64().context("a count is no number")?;
+                if state == "used" { frames.used += count } else { frames.rejected += count }
+            }
+        }
+        Ok(frames)
+    }
+
     /// The likelihood's 95 % interval, kilopascals.
     ///
     /// # Errors
@@ -162,12 +190,11 @@ pub fn run(args: &Args) -> Result<()> {
     print!("{}", judgement(&outcome, args.seed, &args.out)?);
     println!();
     println!(
-        "another rig, which hides an effect; the firmware runs the diagnostic staircase at three depths:\n"
+        "another rig, characterised in air; then it hides an effect, and the firmware runs the diagnostic staircase at three depths:\n"
     );
-    let found =
-        hidden::diagnosis(&this_program()?, args.seed, &args.out, hidden::DEMONSTRATION, &mut |text| {
-            print!("{text}")
-        })?;
+    let found = hidden::diagnosis(&this_program()?, args.seed, &args.out, hidden::AFTER_AIR, &mut |text| {
+        print!("{text}")
+    })?;
     println!("{}", found.summary(args.seed));
     println!("figures and the augmented model are in {}", args.out.display());
     println!("\na needle is steered to a target; the firmware moves guide 2, another program pushes:\n");
@@ -208,17 +235,21 @@ pub fn judgement(outcome: &Outcome, seed: u64, out: &Path) -> Result<String> {
     let true_kpa = outcome.truth.modulus_pa * 1e-3;
     let found_kpa = outcome.number("likelihood", "k_kpa")?;
     let [low_kpa, high_kpa] = outcome.interval_kpa()?;
+    let frames = outcome.frames()?;
     let verdict = if (low_kpa..=high_kpa).contains(&true_kpa) { "contains" } else { "misses" };
     Ok(format!(
         "ground truth, hidden from the estimator (seed {seed}):
   true K           {true_kpa:.2} kPa
   identified K     {found_kpa:.2} kPa, error {:+.1} %
   95 % interval    {low_kpa:.2} to {high_kpa:.2} kPa: {verdict} the true K
+  frames           {} used, {} rejected
   start of QEMU to K: {:.1} s
   tip beyond 50 mm: error {:.2} mm on average ({:.2} mm by a quadratic), {:.0} % inside the 95 % bands
 the session is in {}
 ",
         100.0 * outcome.error()?,
+        frames.used,
+        frames.rejected,
         outcome.elapsed.as_secs_f64(),
         outcome.path_error_mm(None),
         outcome.path_error_mm(Some("quadratic")),
@@ -228,6 +259,7 @@ the session is in {}
 }
 
 const SESSION: &str = "phantom";
+const RUN: &str = "d30-1";
 /// The motion program of the measurement.
 const PROGRAM: &str = "displace";
 
@@ -258,7 +290,7 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, show: &mut dyn FnMut(&str)
         Appointment::at_s(ACQUIRE_AT_S).with_sweeps(sweeps(PROGRAM)?),
     ]);
     let port = bench.port();
-    let sweep = sweep_command(xtask, &bench);
+    let frames = frames_command(xtask, &bench, &session)?;
     let (session, rig_file) = (path(&session)?, path(&rig_file)?);
     let mut guide = Typist { program: guide, show };
     let [home_at, tare_at, acquire_at] = [HOME_AT_S, TARE_AT_S, ACQUIRE_AT_S].map(|at_s| at_s.to_string());
@@ -266,8 +298,12 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, show: &mut dyn FnMut(&str)
     guide.shown(&["tare", "--port", &port, "--at-s", &tare_at])?;
     let acquire =
         ["acquire", "--port", &port, "--at-s", &acquire_at, "--program", PROGRAM, "--rig", rig_file];
-    let recording = ["--depth-mm", &depth_mm, "--out", session, "--sweep-command", &sweep];
+    let recording = ["--depth-mm", &depth_mm, "--out", session, "--id", RUN, "--frames-command", &frames];
     guide.shown(&[&acquire[..], &recording].concat())?;
+    (guide.show)("(the frames are simulated: a needle in speckle, some without contact or echo)\n\n");
+    let start_mm = (1e3 * user_rig.entry_m + SCAN_MARGIN_MM).to_string();
+    let place = ["--z-field", "ProbePosition", "--sweep-start-mm", &start_mm];
+    guide.shown(&[&["import", "ultrasound", "--run", RUN, "--out", session][..], &place].concat())?;
     let truth = bench.rig().rig(|rig| rig.truth());
     let insertions = bench.rig().rig(|rig| rig.insertions(&user_rig, seed, INSERTIONS))?;
     bench.stop()?;
@@ -282,7 +318,12 @@ pub fn procedure(xtask: &Path, seed: u64, out: &Path, show: &mut dyn FnMut(&str)
         .context("guide predict --json printed no JSON")?;
     let identified = serde_json::from_str(&guide.output(&["identify", session, "--json"])?)
         .context("guide identify --json printed no JSON")?;
-    Ok(Outcome { identified, predicted, session: Session::read(Path::new(session))?, truth, elapsed })
+    let frames_file = Path::new(session).join(format!("{RUN}.frames.json"));
+    let imported = fs::read_to_string(&frames_file)
+        .with_context(|| format!("{}: cannot read", frames_file.display()))
+        .and_then(|text| serde_json::from_str(&text).context("the import's record is no JSON"))?;
+    let session = Session::read(Path::new(session))?;
+    Ok(Outcome { identified, predicted, session, imported, truth, elapsed })
 }
 
 /// Adds the insertions to the session.
@@ -315,6 +356,12 @@ fn rig_toml(rig: &Rig) -> String {
 /// The command by which `guide acquire` takes a sweep.
 fn sweep_command(xtask: &Path, bench: &Bench) -> String {
     format!("'{}' sweep --socket '{}'", xtask.display(), bench.rig().ultrasound().display())
+}
+
+/// The command by which `guide acquire` takes the frames of a sweep, which are saved in the session's folder.
+fn frames_command(xtask: &Path, bench: &Bench, session: &Path) -> Result<String> {
+    let (socket, folder) = (bench.rig().scanner(), session.join("frames"));
+    Ok(format!("'{}' frames --socket '{}' --out '{}'", xtask.display(), socket.display(), path(&folder)?))
 }
 
 /// The steps of a motion program in which a sweep is taken.
@@ -352,7 +399,9 @@ impl Typist<'_> {
     fn echo(&mut self, arguments: &[&str]) {
         let quoted = arguments.iter().map(|argument| match *argument {
             // Long commands go on in the next line; which they are must not depend on how long paths are.
-            "--rig" | "--sweep-command" | "--tip" => format!("\\\n    {argument}"),
+            "--rig" | "--sweep-command" | "--frames-command" | "--z-field" | "--tip" => {
+                format!("\\\n    {argument}")
+            }
             text if text.contains(' ') => format!("\"{text}\""),
             text => text.to_owned(),
         });

@@ -133,12 +133,13 @@ fn imaged(guide: &Path, folder: &Path, seed: u64, number: u64) -> Result<Imaged>
     let (noisy, quiet) = (worlds::session(&truth, &noisy, drawn), worlds::session(&truth, &quiet, drawn));
     let (recorded, exact) = (run_of(&noisy)?, run_of(&quiet)?);
     let needle = sweeps_of(exact);
-    let [straight, displaced, ..] = needle.as_slice() else { anyhow::bail!("fewer than two sweeps") };
+    let [first, second, ..] = needle.as_slice() else { anyhow::bail!("fewer than two sweeps") };
 
     let entry_mm = 1e3 * noisy.rig.entry_m;
     let session = folder.join("images");
     let mut frames = Vec::new();
-    for (name, (time_s, points)) in [("zero", straight), ("hold", displaced)] {
+    // The generator images a rest before or after the displacement: which of the two is the straight needle is found by the import.
+    for (name, (time_s, points)) in [("first", first), ("second", second)] {
         let scan = Scan {
             scanner: scanner.clone(),
             seed: random.random(),
@@ -163,8 +164,8 @@ fn imaged(guide: &Path, folder: &Path, seed: u64, number: u64) -> Result<Imaged>
     import(entry_mm + MARGIN_MM + START_OFF_MM)?;
     let of_shifted = identified(guide, &session)?;
     let imported = import(entry_mm + MARGIN_MM)?;
+    let judged = judged(&imported, &frames)?;
     let sweep = &imported["sweeps"][0];
-    let judged = judged(sweep, frames.last().map(|(_, scan)| scan).context("no scan")?);
     let states = [sweep, &imported["straight"]].map(|sweep| &sweep["states"]);
     let count = |is_used: bool| {
         let counts = states.iter().filter_map(|states| states.as_object()).flatten();
@@ -195,7 +196,38 @@ struct Judged {
     normalised: [f64; 2],
 }
 
-fn judged(sweep: &Value, scan: &Scan) -> Judged {
+/// Frames of all sweeps, each beside the needle that its file shows.
+fn judged(imported: &Value, scans: &[(FrameSweep, Scan)]) -> Result<Judged> {
+    let mut off: Vec<[(f64, f64); 2]> = Vec::new();
+    let mut wrong = 0;
+    for sweep in imported["sweeps"].as_array().into_iter().flatten().chain([&imported["straight"]]) {
+        let path = sweep["path"].as_str().context("a sweep states no path")?;
+        let (_, scan) = scans
+            .iter()
+            .find(|(taken, _)| taken.frames == Path::new(path))
+            .with_context(|| format!("{path} is none of the scans"))?;
+        let (of_sweep, other) = off_mm(sweep, scan);
+        wrong += other;
+        // The same constant in all points of a sweep is one of the picture's corner, not of a frame.
+        let count = of_sweep.len().max(1) as f64;
+        let mean_mm = [0, 1].map(|axis: usize| of_sweep.iter().map(|both| both[axis].0).sum::<f64>() / count);
+        off.extend(of_sweep.into_iter().map(|[(x_mm, sd_x_mm), (y_mm, sd_y_mm)]| {
+            [(x_mm - mean_mm[0], sd_x_mm), (y_mm - mean_mm[1], sd_y_mm)]
+        }));
+    }
+    let count = off.len().max(1) as f64;
+    let mean_square = |axis: usize, scale: fn(f64) -> f64| {
+        off.iter().map(|both| (both[axis].0 / scale(both[axis].1)).powi(2)).sum::<f64>() / count
+    };
+    Ok(Judged {
+        wrong,
+        squares: [0, 1].map(|axis| mean_square(axis, |_| 1.0)),
+        normalised: [0, 1].map(|axis| mean_square(axis, |sd_mm| sd_mm)),
+    })
+}
+
+/// Errors of a sweep's used frames across and along the beam with their standard deviations, and how many show something else.
+fn off_mm(sweep: &Value, scan: &Scan) -> (Vec<[(f64, f64); 2]>, usize) {
     let number = |frame: &Value, field: &str| frame[field].as_f64();
     let mut off: Vec<[(f64, f64); 2]> = Vec::new();
     let mut wrong = 0;
@@ -214,20 +246,7 @@ fn judged(sweep: &Value, scan: &Scan) -> Judged {
             off.push([(off_x_mm, sd_x_mm), (off_y_mm, sd_y_mm)]);
         }
     }
-    let count = off.len().max(1) as f64;
-    let per_axis = [0, 1].map(|axis: usize| {
-        let mean_mm = off.iter().map(|both| both[axis].0).sum::<f64>() / count;
-        let of = |scale: &dyn Fn(f64) -> f64| {
-            off.iter().map(|both| ((both[axis].0 - mean_mm) / scale(both[axis].1)).powi(2)).sum::<f64>()
-                / count
-        };
-        (of(&|_| 1.0), of(&|sd_mm| sd_mm))
-    });
-    Judged {
-        wrong,
-        squares: per_axis.map(|(squares, _)| squares),
-        normalised: per_axis.map(|(_, in_sd)| in_sd),
-    }
+    (off, wrong)
 }
 
 /// The run of a session that has one.
@@ -413,28 +432,53 @@ fn table(all: &[Imaged]) -> String {
 mod tests {
     use super::*;
 
-    #[test]
-    fn frames_that_show_something_else_are_counted_and_not_averaged() {
+    /// A scan of a needle with this slope, kept in a file, and frames of it that are off by so much.
+    fn scan(file: &str, slope: f64) -> (FrameSweep, Scan) {
         let scan = Scan {
             scanner: ScannerConfig::default(),
             seed: 1,
             needle_mm: NEEDLE_MM,
-            axis_mm: axis_mm(&[[70.0, 0.0, 0.0], [80.0, 0.0, 1.0]], [70.0, 80.0]),
+            axis_mm: axis_mm(&[[70.0, 0.0, 0.0], [80.0, 0.0, 10.0 * slope]], [70.0, 80.0]),
         };
-        let frame = |state: &str, off_mm: f64, z_mm: f64| {
-            let y_mm = 0.1 * (z_mm - 70.0) + off_mm - 6.0 + 0.635;
-            serde_json::json!({"state": state, "x_mm": 6.0, "y_mm": y_mm, "z_mm": z_mm, "sd_x_mm": 0.02, "sd_y_mm": 0.01})
-        };
+        (FrameSweep { time_s: 1.0, frames: file.into() }, scan)
+    }
+
+    fn frame(slope: f64, state: &str, off_mm: f64, z_mm: f64) -> Value {
+        let y_mm = slope * (z_mm - 70.0) + off_mm - 6.0 + 0.635;
+        serde_json::json!({"state": state, "x_mm": 6.0, "y_mm": y_mm, "z_mm": z_mm, "sd_x_mm": 0.02, "sd_y_mm": 0.01})
+    }
+
+    #[test]
+    fn frames_that_show_something_else_are_counted_and_not_averaged() {
         let frames = [
-            frame("used", 0.01, 71.0),
-            frame("used", -0.01, 75.3),
-            frame("used", 1.0, 76.0),
-            frame("outlier", 2.0, 77.0),
+            frame(0.1, "used", 0.01, 71.0),
+            frame(0.1, "used", -0.01, 75.3),
+            frame(0.1, "used", 1.0, 76.0),
+            frame(0.1, "outlier", 2.0, 77.0),
         ];
-        let judged = judged(&serde_json::json!({ "per_frame": frames }), &scan);
-        assert_eq!(judged.wrong, 1);
-        assert!(judged.squares[0] < 1e-12 && (judged.squares[1] - 1e-4).abs() < 1e-9, "{:?}", judged.squares);
-        assert!((judged.normalised[1] - 1.0).abs() < 1e-6, "{:?}", judged.normalised);
+        let (off, wrong) = off_mm(&serde_json::json!({ "per_frame": frames }), &scan("a", 0.1).1);
+        assert_eq!((off.len(), wrong), (2, 1));
+        assert!(
+            off.iter().all(|[(x_mm, _), (y_mm, _)]| x_mm.abs() < 1e-6 && (y_mm.abs() - 0.01).abs() < 1e-6)
+        );
+    }
+
+    #[test]
+    fn each_sweep_is_judged_by_the_needle_that_its_own_file_shows() {
+        // The straight needle was imaged after the displaced one.
+        let scans = [scan("displaced", 0.2), scan("straight", 0.0)];
+        let sweep = |file: &str, slope: f64| {
+            let frames = [frame(slope, "used", 0.01, 75.0), frame(slope, "used", -0.01, 78.0)];
+            serde_json::json!({"path": file, "per_frame": frames})
+        };
+        let imported =
+            serde_json::json!({"straight": sweep("straight", 0.0), "sweeps": [sweep("displaced", 0.2)]});
+        let found = judged(&imported, &scans).expect("all files are scans");
+        assert_eq!(found.wrong, 0);
+        assert!(found.squares[0] < 1e-12 && (found.squares[1] - 1e-4).abs() < 1e-9, "{:?}", found.squares);
+        assert!((found.normalised[1] - 1.0).abs() < 1e-6, "{:?}", found.normalised);
+        let foreign = serde_json::json!({"straight": sweep("another", 0.0), "sweeps": []});
+        assert!(judged(&foreign, &scans).is_err());
     }
 
     #[test]

@@ -84,23 +84,32 @@ pub fn scripts() -> PathBuf {
 /// # Errors
 /// Why there is none.
 pub fn examples(names: &[&str]) -> Result<PathBuf, String> {
-    folder("openigtlink", |folder| {
+    let folder = folder("openigtlink", |folder| {
         run(Command::new("apt-get").args(["download", "--quiet"]).args(PACKAGES).current_dir(folder))?;
         for entry in fs::read_dir(folder).map_err(|error| error.to_string())?.flatten() {
             if entry.path().extension().is_some_and(|kind| kind == "deb") {
                 run(Command::new("dpkg-deb").arg("--extract").arg(entry.path()).arg(folder))?;
             }
         }
-        let library = folder.join("usr/lib/libOpenIGTLink.so.1.11");
-        for name in names {
-            let source =
-                folder.join("usr/share/doc/openigtlink-examples/examples").join(format!("{name}.cxx"));
-            let program = folder.join(Path::new(name).file_name().unwrap_or_default());
-            let mut compiler = Command::new("g++");
-            compiler.args(["-w", "-pthread", "-o"]).arg(program).arg(source).arg("-I");
-            compiler.arg(folder.join("usr/include/openigtlink")).arg(&library);
-            run(compiler.arg(format!("-Wl,-rpath,{}", folder.join("usr/lib").display())))?;
-        }
         Ok(())
-    })
+    })?;
+    let _turn = SET_UP.lock();
+    names.iter().try_for_each(|name| compiled(&folder, name))?;
+    Ok(folder)
+}
+
+/// Compiles an example, once.
+fn compiled(folder: &Path, name: &str) -> Result<(), String> {
+    let program = folder.join(Path::new(name).file_name().unwrap_or_default());
+    if program.exists() {
+        return Ok(());
+    }
+    let source = folder.join("usr/share/doc/openigtlink-examples/examples").join(format!("{name}.cxx"));
+    // Under another name until it is complete.
+    let unfinished = program.with_extension("unfinished");
+    let mut compiler = Command::new("g++");
+    compiler.args(["-w", "-pthread", "-o"]).arg(&unfinished).arg(source).arg("-I");
+    compiler.arg(folder.join("usr/include/openigtlink")).arg(folder.join("usr/lib/libOpenIGTLink.so.1.11"));
+    run(compiler.arg(format!("-Wl,-rpath,{}", folder.join("usr/lib").display())))?;
+    fs::rename(&unfinished, &program).map_err(|error| format!("{}: {error}", program.display()))
 }

@@ -11,8 +11,8 @@ pub fn announce_demo() {
     eprintln!(
         "xtask: 1. the Rust target and QEMU for the firmware, if they are missing\n\
          xtask: 2. builds `guide` and the simulated rig (minutes the first time, seconds after), then the firmware\n\
-         xtask: 3. the firmware in QEMU measures a simulated tissue; `guide` identifies its modulus K, predicts insertions, finds a hidden \
-         effect"
+         xtask: 3. the firmware in QEMU measures a simulated tissue, and simulated ultrasound frames the needle's shape; `guide` identifies the \
+         modulus K, predicts insertions, finds a hidden effect"
     );
 }
 

@@ -1,5 +1,6 @@
 //! The messages that are written and read, and their bytes: big-endian, texts padded with zeros, lengths in millimetres.
 
+use super::image::Image;
 use crc::{CRC_64_ECMA_182, Crc, Table};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion};
 use std::time::Duration;
@@ -47,6 +48,8 @@ pub enum Content {
     Text(String),
     /// SENSOR: values in newtons; what is read is not checked for its unit.
     Sensor(Vec<f64>),
+    /// IMAGE: a frame of a scanner.
+    Image(Image),
 }
 
 /// A frame in another.
@@ -109,6 +112,14 @@ pub enum MessageError {
         /// What is wrong, and what was expected.
         problem: &'static str,
     },
+    /// An image that cannot be read.
+    #[error("IMAGE `{device}`: {problem}")]
+    Image {
+        /// Device name.
+        device: String,
+        /// What is wrong, and what was expected.
+        problem: &'static str,
+    },
     /// The checksum does not fit.
     #[error("{kind} `{device}`: the checksum does not fit the body")]
     Checksum {
@@ -128,8 +139,8 @@ pub enum MessageError {
 }
 
 impl Content {
-    /// The types that are read.
-    pub const READ: [&'static str; 5] = ["TRANSFORM", "POSITION", "POINT", "STRING", "SENSOR"];
+    /// The types that are read; images only where they are wanted ([`super::wire::Decoder::with_images`]).
+    pub const READ: [&'static str; 6] = ["TRANSFORM", "POSITION", "POINT", "STRING", "SENSOR", "IMAGE"];
 
     /// Name of the type.
     pub fn kind(&self) -> &'static str {
@@ -139,6 +150,7 @@ impl Content {
             Self::Points(_) => "POINT",
             Self::Text(_) => "STRING",
             Self::Sensor(_) => "SENSOR",
+            Self::Image(_) => "IMAGE",
         }
     }
 
@@ -176,6 +188,9 @@ impl Content {
                 None => Err(length("136 for each of at most 1900 points")),
             },
             "STRING" => text(device, body).map(Self::Text),
+            "IMAGE" => Image::read(body)
+                .map(Self::Image)
+                .map_err(|problem| MessageError::Image { device: device.to_owned(), problem }),
             _ => sensor(body).map(Self::Sensor).ok_or_else(|| length("10 and 8 for each value")),
         })
     }
@@ -218,6 +233,7 @@ impl Content {
                 body.extend(NEWTON.to_be_bytes());
                 body.extend(values.iter().take(count).flat_map(|value| value.to_be_bytes()));
             }
+            Self::Image(image) => body.extend(image.write()),
         }
         body
     }

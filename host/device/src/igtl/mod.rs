@@ -2,6 +2,7 @@
 //! and tips come in.
 //!
 //! * [`message`]: the messages and their bytes; [`wire`]: what arrives on a connection, cut into messages.
+//! * [`image`]: frames of a scanner; [`capture`]: frames that become a sequence.
 //! * [`server`]: clients that receive every message, none of which is waited for.
 //! * [`source`]: a tracker that sends where the needle is; [`clock`]: when that was, on the device's clock; [`channel`]: both as the
 //!   ultrasound of a recording.
@@ -10,8 +11,10 @@
 //! middle of a message is left. Messages are written as protocol version 1 and 2 have them (header version 1, which every peer reads);
 //! header version 2 with its metadata is read too. Coordinates on the wire are millimetres.
 
+pub mod capture;
 pub mod channel;
 pub mod clock;
+pub mod image;
 pub mod message;
 pub mod server;
 pub mod source;

@@ -22,6 +22,8 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Most that waits to be taken: seconds of a quick tracker.
 const QUEUE: usize = 256;
+/// The same of images, each of up to 16 MB: half a second of a quick scanner.
+const IMAGE_QUEUE: usize = 16;
 
 /// What has happened on the connection.
 #[derive(Debug)]
@@ -75,16 +77,28 @@ impl Source {
     /// # Errors
     /// [`IgtlError`].
     pub fn connect(address: &str) -> Result<Self, IgtlError> {
+        Self::connect_as(address, false)
+    }
+
+    /// The same with images, which are passed over otherwise.
+    ///
+    /// # Errors
+    /// As [`Self::connect`].
+    pub fn connect_images(address: &str) -> Result<Self, IgtlError> {
+        Self::connect_as(address, true)
+    }
+
+    fn connect_as(address: &str, has_images: bool) -> Result<Self, IgtlError> {
         let (host, port) = host_and_port(address)?;
         let address = if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") };
         let cannot = |cause| IgtlError::Connect { address: address.clone(), cause };
         let stream = open(&host, port).map_err(cannot)?;
-        let (sender, news) = mpsc::sync_channel(QUEUE);
+        let (sender, news) = mpsc::sync_channel(if has_images { IMAGE_QUEUE } else { QUEUE });
         let shared = Arc::new(Shared::default());
         let own = shared.clone();
         let thread = std::thread::Builder::new()
             .name("igtl source".into())
-            .spawn(move || run(stream, &host, port, &sender, &own))
+            .spawn(move || run(stream, (&host, port), has_images, &sender, &own))
             .map_err(IgtlError::Thread)?;
         Ok(Self { address, news, shared, thread: Some(thread) })
     }
@@ -127,7 +141,13 @@ fn open(host: &str, port: u16) -> io::Result<TcpStream> {
 }
 
 /// Until it is not wanted any more.
-fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<ConnectionEvent>, shared: &Shared) {
+fn run(
+    stream: TcpStream,
+    (host, port): (&str, u16),
+    has_images: bool,
+    sender: &SyncSender<ConnectionEvent>,
+    shared: &Shared,
+) {
     let send = |news: ConnectionEvent| match sender.try_send(news) {
         Ok(()) => {}
         Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
@@ -136,7 +156,8 @@ fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<ConnectionE
     };
     let mut connection = Some(stream);
     while let Some(stream) = connection.take() {
-        match receive(stream, &send, shared) {
+        let decoder = if has_images { Decoder::with_images() } else { Decoder::default() };
+        match receive(stream, decoder, &send, shared) {
             Err(Gone::Unwanted) | Ok(()) => return,
             Err(gone) => send(ConnectionEvent::Lost(gone.to_string())),
         }
@@ -154,9 +175,13 @@ fn run(stream: TcpStream, host: &str, port: u16, sender: &SyncSender<ConnectionE
 }
 
 /// One connection, to its end.
-fn receive(mut stream: TcpStream, send: &impl Fn(ConnectionEvent), shared: &Shared) -> Result<(), Gone> {
+fn receive(
+    mut stream: TcpStream,
+    mut decoder: Decoder,
+    send: &impl Fn(ConnectionEvent),
+    shared: &Shared,
+) -> Result<(), Gone> {
     stream.set_read_timeout(Some(POLL_INTERVAL))?;
-    let mut decoder = Decoder::default();
     let mut bytes = vec![0; 1 << 16];
     let mut received = Instant::now();
     while !shared.ended.load(Ordering::Acquire) {

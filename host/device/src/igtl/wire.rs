@@ -1,9 +1,10 @@
 //! What arrives on a connection, cut into messages: has no socket, so that anything can be fed to it.
 
+use super::image;
 use super::message::{CRC, Content, HEADER_BYTES, MAX_POINTS, Message, MessageError, POINT_BYTES, unpadded};
 use std::time::Duration;
 
-/// Largest body that is kept. Larger ones (images) and those of other types are passed over without being kept.
+/// Largest body that is kept but for images that are wanted. Larger ones and those of other types are passed over without being kept.
 pub const MAX_BODY_BYTES: usize = MAX_POINTS * POINT_BYTES + 4_096;
 /// Largest body that is passed over: an image of a gigabyte is none.
 pub const MAX_SKIPPED_BYTES: u64 = 1 << 30;
@@ -36,6 +37,7 @@ pub struct Decoder {
     kept: Vec<u8>,
     /// Bytes that are passed over.
     skip: u64,
+    has_images: bool,
 }
 
 /// Content of a header.
@@ -103,6 +105,11 @@ fn within_extended(body: &[u8]) -> Option<&[u8]> {
 }
 
 impl Decoder {
+    /// One that reads images too; keeps at most one of [`image::MAX_PIXEL_BYTES`].
+    pub fn with_images() -> Self {
+        Self { has_images: true, ..Self::default() }
+    }
+
     /// Takes what has arrived and passes on what it completes, in order.
     ///
     /// # Errors
@@ -149,7 +156,10 @@ impl Decoder {
         if header.body_bytes > MAX_SKIPPED_BYTES {
             return Err(StreamError::Size(header.body_bytes));
         }
-        if header.body_bytes > MAX_BODY_BYTES as u64 || !Content::READ.contains(&header.kind.as_str()) {
+        let is_image = header.kind == "IMAGE";
+        let most_bytes = if is_image { image::MAX_BODY_BYTES } else { MAX_BODY_BYTES };
+        let is_read = Content::READ.contains(&header.kind.as_str()) && (self.has_images || !is_image);
+        if header.body_bytes > most_bytes as u64 || !is_read {
             self.skip = header.body_bytes;
             self.kept.clear();
             return Ok(Some(Arrival::Skipped(header.kind, header.device)));

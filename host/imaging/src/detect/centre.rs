@@ -101,18 +101,26 @@ pub(super) fn refine(
         let rows = span(y, reach[1], frame.height)?;
         let (mut sum, mut weights, mut clipped, mut inner) = (0.0, 0.0, 0.0, 0.0);
         let (mut first, mut second) = ([0.0; 2], [0.0; 2]);
+        // Distance, its square in standard deviations, and weight of every column: the same in all rows.
+        let across: Vec<[f64; 3]> = columns
+            .clone()
+            .map(|column| {
+                let dx = column as f64 - x;
+                [dx, (dx / sx).powi(2), (-0.5 * (dx / sx).powi(2)).exp()]
+            })
+            .collect();
         for row in rows {
             let dy = row as f64 - y;
             let start = row * frame.width;
             let pixels = frame.pixels.get(start + columns.start..start + columns.end)?;
             let of_row = (-0.5 * (dy / sy).powi(2)).exp();
-            for (column, pixel) in columns.clone().zip(pixels) {
-                let dx = column as f64 - x;
-                let squared = (dx / sx).powi(2) + (dy / sy).powi(2);
+            let along = (dy / sy).powi(2);
+            for ([dx, squared, of_column], pixel) in across.iter().zip(pixels) {
+                let squared = squared + along;
                 if squared > REACH {
                     continue;
                 }
-                let weight = of_row * (-0.5 * (dx / sx).powi(2)).exp();
+                let weight = of_row * of_column;
                 let bright = weight * (linear.of(*pixel) - beside);
                 sum += bright;
                 weights += weight * weight;

@@ -2,43 +2,73 @@
 
 use crate::frame::Frame;
 
-/// Sums of brightness and of its square over everything above and left of a pixel.
+/// Sums of brightness and of its square over everything above and left of a pixel, modulo 2^32: what a rectangle of up to 66 000 pixels
+/// has is below that, so that differences are exact, and half of the memory is read.
 pub(super) struct Integral {
     pub(super) width: usize,
     pub(super) height: usize,
-    sums: Vec<[u64; 2]>,
+    sums: Vec<[u32; 2]>,
 }
 
 impl Integral {
     pub(super) fn new(frame: &Frame) -> Self {
         let (width, height) = (frame.width, frame.height);
         let stride = width + 1;
-        let mut sums = vec![[0; 2]; stride * (height + 1)];
+        let mut sums = vec![[0u32; 2]; stride * (height + 1)];
         for (row, pixels) in frame.pixels.chunks_exact(width.max(1)).enumerate() {
             let (above, below) = sums.split_at_mut((row + 1) * stride);
             let above = above.get(row * stride + 1..).unwrap_or_default();
-            let mut of_row = [0u64; 2];
+            let mut of_row = [0u32; 2];
             for ((sum, above), pixel) in below.iter_mut().skip(1).zip(above).zip(pixels) {
-                let value = u64::from(*pixel);
-                of_row[0] += value;
-                of_row[1] += value * value;
-                *sum = [above[0] + of_row[0], above[1] + of_row[1]];
+                let value = u32::from(*pixel);
+                of_row[0] = of_row[0].wrapping_add(value);
+                of_row[1] = of_row[1].wrapping_add(value * value);
+                *sum = [above[0].wrapping_add(of_row[0]), above[1].wrapping_add(of_row[1])];
             }
         }
         Self { width, height, sums }
     }
 
-    /// Mean and variance of a rectangle inside the frame; zero for an empty one or one that is not inside.
-    pub(super) fn mean(&self, x: usize, y: usize, width: usize, height: usize) -> (f64, f64) {
+    /// Mean of brightness in a rectangle inside the frame; zero for an empty one or one that is not inside.
+    #[inline]
+    pub(super) fn mean(&self, x: usize, y: usize, width: usize, height: usize) -> f64 {
+        self.means(x, y, width, height).map_or(0.0, |[mean, _]| mean)
+    }
+
+    /// Its variance there.
+    pub(super) fn variance(&self, x: usize, y: usize, width: usize, height: usize) -> f64 {
+        self.means(x, y, width, height).map_or(0.0, |[mean, squares]| (squares - mean * mean).max(0.0))
+    }
+
+    /// Means of brightness and of its square.
+    #[inline]
+    fn means(&self, x: usize, y: usize, width: usize, height: usize) -> Option<[f64; 2]> {
         let stride = self.width + 1;
         let at = |x: usize, y: usize| self.sums.get(y * stride + x).copied();
-        let corners = (at(x, y), at(x + width, y), at(x, y + height), at(x + width, y + height));
-        let (Some(a), Some(b), Some(c), Some(d)) = corners else { return (0.0, 0.0) };
-        let count = (width * height) as f64;
-        if count == 0.0 || x + width > self.width {
-            return (0.0, 0.0);
+        let count = width * height;
+        if count == 0 || x + width > self.width {
+            return None;
         }
-        let [sum, squares] = [0, 1].map(|i| (d[i] + a[i]).wrapping_sub(b[i] + c[i]) as f64 / count);
-        (sum, (squares - sum * sum).max(0.0))
+        let (a, b) = (at(x, y)?, at(x + width, y)?);
+        let (c, d) = (at(x, y + height)?, at(x + width, y + height)?);
+        let sum = |i: usize| d[i].wrapping_add(a[i]).wrapping_sub(b[i]).wrapping_sub(c[i]);
+        Some([0, 1].map(|i: usize| f64::from(sum(i)) / count as f64))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_that_have_passed_the_largest_number_still_give_the_mean_of_a_rectangle() {
+        // 300 x 300 pixels of 250: the squares sum up to 5.6e9.
+        let mut frame = Frame { width: 300, height: 300, pixels: vec![250; 300 * 300] };
+        frame.pixels[299 * 300 + 299] = 50;
+        let integral = Integral::new(&frame);
+        assert_eq!((integral.mean(290, 290, 9, 9), integral.variance(290, 290, 9, 9)), (250.0, 0.0));
+        assert_eq!(integral.mean(298, 298, 2, 2), 200.0);
+        assert!((integral.variance(298, 298, 2, 2) - 7500.0).abs() < 1e-9);
+        assert_eq!(integral.mean(299, 0, 2, 1), 0.0, "not inside");
     }
 }

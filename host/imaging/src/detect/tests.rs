@@ -83,3 +83,84 @@ fn a_region_outside_the_frame_has_no_echo() {
     let detector = Detector::new(1.27, [0.051; 2], Some(region));
     assert_eq!(detector.candidates(&frame([140, 120], [70.0, 60.0], 400.0, 5.0, 3)), []);
 }
+
+/// Wires of a phantom across the plane of a real probe, in six frames: beside where PLUS finds them.
+#[test]
+fn dots_of_real_frames_are_where_another_program_finds_them() {
+    let of_plus: [[[f64; 2]; 6]; 6] = [
+        [
+            [197.23, 35.37],
+            [93.75, 28.21],
+            [27.51, 28.70],
+            [192.24, 114.85],
+            [129.35, 111.50],
+            [25.16, 107.78],
+        ],
+        [
+            [196.50, 35.22],
+            [93.31, 28.49],
+            [27.26, 29.11],
+            [192.15, 115.07],
+            [129.70, 111.87],
+            [24.87, 108.14],
+        ],
+        [
+            [196.71, 35.77],
+            [91.75, 29.05],
+            [27.59, 29.10],
+            [192.18, 115.62],
+            [130.46, 112.29],
+            [24.66, 108.18],
+        ],
+        [
+            [196.08, 35.90],
+            [90.63, 29.57],
+            [28.31, 29.47],
+            [192.27, 115.95],
+            [132.13, 113.19],
+            [24.98, 108.69],
+        ],
+        [
+            [197.58, 37.05],
+            [90.02, 29.77],
+            [28.03, 29.99],
+            [192.62, 116.50],
+            [133.56, 113.63],
+            [25.25, 108.72],
+        ],
+        [
+            [198.62, 37.14],
+            [89.63, 29.69],
+            [30.00, 29.15],
+            [193.36, 116.53],
+            [136.03, 113.64],
+            [26.28, 108.42],
+        ],
+    ];
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/plus-dots.mha");
+    let mut sequence = crate::read::Sequence::open(&path).expect("frames");
+    let detector = Detector::new(1.27, [0.15; 2], None);
+    let mut off_px: [Vec<[f64; 2]>; 6] = Default::default();
+    for dots in of_plus {
+        let frame = sequence.next_frame().expect("readable").expect("six frames");
+        let found = detector.candidates(&frame);
+        for ([x_px, y_px], off_px) in dots.into_iter().zip(&mut off_px) {
+            let off = found.iter().map(|echo| [echo.centre.x_px - x_px, echo.centre.y_px - y_px]);
+            let nearest = off.min_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1]))).expect("an echo");
+            off_px.push(nearest);
+        }
+    }
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let far = median(off_px.iter().flatten().map(|off| off[0].hypot(off[1])).collect());
+    // What is the same in all frames of a wire is how the middle of an echo that is not even is defined.
+    let own = off_px.iter().flat_map(|off_px| {
+        let mean =
+            [0, 1].map(|axis: usize| off_px.iter().map(|off| off[axis]).sum::<f64>() / off_px.len() as f64);
+        off_px.iter().map(move |off| (off[0] - mean[0]).hypot(off[1] - mean[1]))
+    });
+    let moved = median(own.collect());
+    assert!(far < 1.3 && moved < 0.2, "{far} {moved} px");
+}

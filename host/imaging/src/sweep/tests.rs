@@ -128,6 +128,36 @@ fn a_real_wire_is_straight_and_its_lag_is_found() {
     assert!((line.slope()[0] - 0.25).abs() < 0.01, "{:?}", line.slope());
 }
 
+/// Frames of another simulator, which solves for the waves of every element (`tests/data/pymust_needle.py`).
+#[test]
+fn a_needle_of_another_simulator_is_where_it_was_put() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/pymust-clean.mha");
+    let mut sequence = Sequence::open(&path).expect("frames");
+    let (width, height) = (sequence.header().width as f64, sequence.header().height as f64);
+    let place = Place::Step { start_mm: 0.0, step_mm: 2.0 };
+    let sweep = measure(&mut sequence, &Settings { place, ..settings() }, |_| {}).expect("a needle");
+    assert_eq!(sweep.count(State::Used), 20);
+    let off: Vec<[f64; 2]> = sweep
+        .frames
+        .iter()
+        .map(|frame| {
+            let [x_mm, y_mm, z_mm] = frame.place_mm.expect("a place");
+            // Its near wall, from the middle of the frame.
+            let wall_mm = -0.5 + 1.2 * (-z_mm / 20.0).exp() * (z_mm / 20.0).cos();
+            [
+                x_mm - 0.5 * (width - 1.0) * PX_MM - (-0.4 + 0.005 * z_mm),
+                -y_mm - 0.5 * (height - 1.0) * PX_MM - wall_mm,
+            ]
+        })
+        .collect();
+    for axis in 0..2 {
+        let mean = |of: &dyn Fn(f64) -> f64| off.iter().map(|off| of(off[axis])).sum::<f64>() / 20.0;
+        let constant_mm = mean(&|off_mm| off_mm);
+        let rms_mm = mean(&|off_mm| (off_mm - constant_mm).powi(2)).sqrt();
+        assert!(constant_mm.abs() < 0.006 && rms_mm < 0.001, "{axis}: {constant_mm} {rms_mm} mm");
+    }
+}
+
 #[test]
 fn a_file_without_the_size_of_a_pixel_is_refused() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/plus-wire5.igs.mha");

@@ -125,6 +125,11 @@ fn a_diagnosis_with_the_rig_known_reports_what_has_moved_since_and_nothing_where
     let first = grown.moved_since.first().expect("the play has grown");
     assert_eq!(first.effect, "rig.play");
     assert!((first.now - 0.16).abs() < 0.02, "{first:?}");
+    // What has changed is the gap: before is the rig as it was known.
+    let gap = grown.gap.expect("a gap");
+    assert!(gap.removed.is_some_and(|removed| removed > 0.9), "{gap:?}");
+    let [before, after] = grown.adequacy;
+    assert!(before.p < 1e-3 && after.p > 1e-3 && !grown.regions.is_empty(), "{before:?} {after:?}");
 }
 
 #[test]

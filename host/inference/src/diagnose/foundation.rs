@@ -3,7 +3,7 @@
 //! Noise, everyday discrepancy and evidence are those of a diagnosis, so that `guide identify` and `guide diagnose` agree on the same
 //! runs.
 
-use super::known::{self, KnownParameter, Moved};
+use super::known::{self, KnownParameter, Moved, Released};
 use super::layout::Scale;
 use super::posterior::Fitted;
 use super::score::{Score, Scores};
@@ -95,7 +95,7 @@ pub(crate) fn fit_with_discrepancy(
     layout.known = input.known.into();
     let noises = Noises { session: noise, reference: noise };
     let fit = |layout: &Layout| fit_start(layout, &runs, &noises, input.given, input.discrepancy);
-    let (springs, moved) = known::released(&mut layout, fit)?;
+    let Released { start: springs, moved, .. } = known::released(&mut layout, fit)?;
     let evidence = |poisson: f64| -> Result<_, DiagnoseError> {
         let body = springs.on(Support::Body { poisson })?;
         let gain = body.fitted.log_evidence - springs.fitted.log_evidence;

@@ -5,7 +5,7 @@ use super::characterize::Characterisation;
 use super::layout::{Layout, Scale};
 use super::posterior::Fitted;
 use super::start::Start;
-use crate::Prior;
+use crate::{FitError, Prior};
 use formats::NORMAL_975;
 use formats::model_file::{LearnedEffect, ModelFile};
 use mechanics::effects::Effect;
@@ -17,6 +17,8 @@ use std::sync::Arc;
 const MOVED_SD: f64 = 3.5;
 /// Share of the information on a parameter that has to come from the runs before they contradict anything.
 const MIN_SHARE: f64 = 0.05;
+/// A parameter is held by this share of its standard deviation.
+const HELD: f64 = 1e-3;
 
 /// A parameter of an effect that is known, in the unit of its name.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,19 +133,55 @@ pub fn moved_since(known: &[KnownParameter], found: &Characterisation) -> Vec<Mo
     sorted(known.iter().filter_map(of).collect())
 }
 
-/// Fits, and where the runs contradict what is known, fits again without that: the fit, and what has moved, the clearest change first.
+/// A start without what the runs contradict.
+pub(super) struct Released {
+    /// The fit.
+    pub start: Start,
+    /// The model before the change was known, where the runs contradict something.
+    pub as_known: Option<AsKnown>,
+    /// What has moved, the clearest change first.
+    pub moved: Vec<Moved>,
+}
+
+/// A start with everything that was known, held at its values: free within what is left of their intervals, parameters that have not
+/// changed would take on what the changed one does.
+pub(super) struct AsKnown {
+    start: Start,
+    known: Arc<[KnownParameter]>,
+}
+
+impl AsKnown {
+    /// On the foundation of another start. No misfit is explained by what the held parameters could be.
+    pub fn beside(self, other: &Start) -> Result<Start, FitError> {
+        let support = other.fitted.layout.support;
+        let is_there = self.start.fitted.layout.support == support;
+        let mut start = if is_there { self.start } else { self.start.on(support)? };
+        for known in self.known.iter() {
+            if let Some((at, _)) = place(known, &start.fitted) {
+                start.fitted.jacobian.iter_mut().for_each(|of_run| of_run.column_mut(at).fill(0.0));
+            }
+        }
+        Ok(start)
+    }
+}
+
+/// Fits, and where the runs contradict what is known, fits again without that.
 pub(super) fn released(
     layout: &mut Layout,
     fit: impl Fn(&Layout) -> Result<Start, DiagnoseError>,
-) -> Result<(Start, Vec<Moved>), DiagnoseError> {
-    let mut start = fit(layout)?;
+) -> Result<Released, DiagnoseError> {
+    let start = fit(layout)?;
     let contradicted = contradicted(&start.fitted);
-    if !contradicted.is_empty() {
-        layout.known = without(&layout.known, &contradicted);
-        start = fit(layout)?;
+    if contradicted.is_empty() {
+        return Ok(Released { start, as_known: None, moved: Vec::new() });
     }
+    let known = layout.known.iter().map(|one| KnownParameter { sd: HELD * one.sd, ..one.clone() }).collect();
+    let held = Layout { known, ..layout.clone() };
+    let as_known = AsKnown { start: fit(&held)?, known: held.known };
+    layout.known = without(&layout.known, &contradicted);
+    let start = fit(layout)?;
     let moved = moved(&contradicted, &start.fitted);
-    Ok((start, moved))
+    Ok(Released { start, as_known: Some(as_known), moved })
 }
 
 /// What of the known parameters the runs contradict: their own estimate, the prior taken off, is too far from it.

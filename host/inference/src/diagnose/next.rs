@@ -31,6 +31,8 @@ const WEIGHT_N: f64 = 1.0;
 const DISTANCE_M: f64 = 20e-3;
 /// A divergence below this separates nothing.
 const MIN_DIVERGENCE: f64 = 4.0;
+/// Divergences that differ by less than this share are the same: those of the two axes of a round needle differ by rounding.
+const SAME: f64 = 1e-3;
 
 /// What could be measured.
 enum Planned {
@@ -49,13 +51,14 @@ struct Item {
     planned: Planned,
 }
 
-/// The best measurement to separate the members of a class; nothing where none on the menu does.
+/// The best measurement to separate the members of a class; of several that do it equally well the first of the menu, nothing where none
+/// does.
 pub(super) fn next_measurement(
     class: &[(&'static dyn Effect, Fitted)],
     runs: &[Run],
     noise: &Noise,
 ) -> Option<NextMeasurement> {
-    let mut best: Option<(f64, Item)> = None;
+    let mut all: Vec<(f64, Item)> = Vec::new();
     let entry_m = class.first()?.1.layout.rig.entry_m;
     for item in menu(runs, entry_m) {
         let mut least = f64::INFINITY;
@@ -66,11 +69,13 @@ pub(super) fn next_measurement(
                 least = both.into_iter().fold(least, |least, d| least.min(d.unwrap_or(0.0)));
             }
         }
-        if least.is_finite() && best.as_ref().is_none_or(|(other, _)| least > *other) {
-            best = Some((least, item));
+        if least.is_finite() {
+            all.push((least, item));
         }
     }
-    let (divergence, Item { kind, what, .. }) = best.filter(|(least, _)| *least > MIN_DIVERGENCE)?;
+    let greatest = all.iter().map(|(least, _)| *least).fold(MIN_DIVERGENCE, f64::max);
+    let is_best = |least: f64| least > MIN_DIVERGENCE && least >= (1.0 - SAME) * greatest;
+    let (divergence, Item { kind, what, .. }) = all.into_iter().find(|(least, _)| is_best(*least))?;
     Some(NextMeasurement {
         kind: kind.to_owned(),
         what,
@@ -156,7 +161,7 @@ fn readings(
     Ok(DVector::from_vec(all.collect()))
 }
 
-/// What can be measured with the rig of a session.
+/// What can be measured with the rig of a session: runs that are imaged as before, then with the probe otherwise, then without the needle.
 fn menu(runs: &[Run], entry_m: f64) -> Vec<Item> {
     let lateral = || runs.iter().filter(|run| run.kind == Kind::Lateral);
     let insertions = || runs.iter().filter(|run| run.kind == Kind::Insertion);

@@ -39,6 +39,8 @@ pub(super) struct DiagnosisReport<'a> {
     pub other_foundation: Vec<Beside>,
     pub noise: &'a Noise,
     pub adequacy: [&'a Adequacy; 2],
+    /// How far the model with the rig as it was known disagrees, where the rig has changed.
+    pub disagreement: Option<&'a Adequacy>,
     pub verdict: Verdict,
     pub foundation: FoundationResult,
     pub split: String,
@@ -133,7 +135,7 @@ impl DiagnosisReport<'_> {
             remaining,
             multiples: self.multiples.clone(),
             alternatives: averaged.alternatives(),
-            adequacy: adequacy.map(adequacy_result),
+            adequacy: [self.disagreement.unwrap_or(adequacy[0]), adequacy[1]].map(adequacy_result),
             discrepancy: discrepancy
                 .iter()
                 .map(|(channel, sd)| {

@@ -73,7 +73,8 @@ pub struct Diagnosis {
     /// Other models that the data leave in question, for the model file.
     #[serde(skip)]
     pub alternatives: Vec<Alternative>,
-    /// What of the rig is not what it was known to be, the clearest change first.
+    /// What of the rig is not what it was known to be, the clearest change first. Where there is any, "where" and "before" are of the rig
+    /// as it was known.
     pub moved_since: Vec<Moved>,
     /// Effects that improve the fit without explaining it: no names.
     pub partial: Vec<String>,

@@ -302,7 +302,7 @@ impl Search<'_> {
         let needed = if *gain >= STRONG_GAIN { SHARE_OF_STRONG } else { SHARE };
         is_determined(fitted, fitted.layout.effects.len() - 1)
             && self.judge.share(current, fitted) >= needed
-            && self.judge.held_out_shrinks(current, fitted)
+            && self.judge.held_out_shrinks_in(current, fitted, candidate.score.effect.info().observable_in)
     }
 
     /// Log evidence over the fit without the effect, which may have a better one where the discrepancy has the sizes it has with the

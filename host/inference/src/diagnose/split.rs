@@ -12,6 +12,7 @@ use super::noise::Noise;
 use super::posterior::{self, Fitted};
 use super::predicted::differences;
 use super::results::{HeldOutMisfit, Misfit, ResidualPoint};
+use mechanics::effects::RunKinds;
 use mechanics::{ModelError, predict};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -88,7 +89,7 @@ impl Divided {
         let mut rule = ("of repeated", "the last");
         if whole.is_empty() && kind == Kind::Insertion && runs.len() >= EVERY {
             // Insertions are alike enough that whole ones can be spared.
-            whole = runs.iter().skip(EVERY / 2).step_by(EVERY).map(|(number, _)| *number).collect();
+            whole = one_in_four(runs);
             rule = ("of the", "one in four");
         }
         if whole.is_empty() {
@@ -124,13 +125,36 @@ impl Divided {
     }
 }
 
+/// Numbers of one run in [`EVERY`]. Where speeds were varied, each taken more than once, they are those next to the fastest and to the
+/// slowest: a model without an effect of the speed predicts the mean of the others, so that a run of mean speed can neither confirm nor
+/// refute such an effect. Speeds of a hand are all different.
+fn one_in_four(runs: &[&(usize, Run)]) -> Vec<usize> {
+    let mut by_speed = runs.to_vec();
+    by_speed.sort_by_key(|(_, run)| speed_number(run));
+    let same = by_speed.chunk_by(|(_, a), (_, b)| speed_number(a) == speed_number(b));
+    let taken = runs.iter().skip(EVERY / 2).step_by(EVERY);
+    if same.filter(|runs| runs.len() > 1).count() < 2 {
+        return taken.map(|(number, _)| *number).collect();
+    }
+    let place = |taken: usize| {
+        let inward = 1 + EVERY * (taken / 2);
+        if taken.is_multiple_of(2) { by_speed.len().checked_sub(1 + inward) } else { Some(inward) }
+    };
+    let places = (0..taken.count()).filter_map(|taken| by_speed.get(place(taken)?));
+    places.map(|(number, _)| *number).collect()
+}
+
+/// Speeds with the same number are the same.
+fn speed_number(run: &Run) -> i64 {
+    (run.speed_m_per_s / SAME_SPEED_M_PER_S).round() as i64
+}
+
 /// Numbers of the last runs of all groups of repeats.
 fn last_of_repeats(runs: &[&(usize, Run)]) -> Vec<usize> {
     let mut groups: BTreeMap<(i64, i64, bool), Vec<usize>> = BTreeMap::new();
     for (number, run) in runs {
         let depth = (run.depth_m / SAME_DEPTH_M).round() as i64;
-        let speed = (run.speed_m_per_s / SAME_SPEED_M_PER_S).round() as i64;
-        groups.entry((depth, speed, run.turned() > 0.0)).or_default().push(*number);
+        groups.entry((depth, speed_number(run), run.turned() > 0.0)).or_default().push(*number);
     }
     groups.values().filter(|group| group.len() > 1).filter_map(|group| group.last().copied()).collect()
 }
@@ -222,16 +246,33 @@ impl Judge {
 
     /// Misfit of what was held out to the physics of a fit, beside noise and instruments; nothing where nothing is held out.
     fn held_out_misfit(&self, fitted: &Fitted) -> Option<f64> {
-        if self.runs.is_empty() {
+        self.held_out_misfit_in(fitted, RunKinds::BOTH)
+    }
+
+    /// The same of runs of these kinds alone; no pattern is in both.
+    pub fn held_out_misfit_in(&self, fitted: &Fitted, kinds: RunKinds) -> Option<f64> {
+        let counts = |run: &Prepared| match run.run.kind {
+            Kind::Lateral => kinds.lateral,
+            Kind::Insertion => kinds.insertion,
+        };
+        if !self.runs.iter().any(counts) {
             return None;
         }
-        let residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
+        let mut residuals = posterior::residuals(&fitted.layout, &self.runs, fitted.values()).ok()?;
+        let others = residuals.iter_mut().zip(&self.runs).filter(|(_, run)| !counts(run));
+        others.for_each(|(residuals, _)| residuals.fill(0.0));
         posterior::misfit(&self.of_held_out, &self.of_held_out.everyday(), &residuals)
     }
 
     /// Whether the misfit of what was held out is smaller under the second model; nothing can be accepted where nothing is held out.
     pub fn held_out_shrinks(&self, before: &Fitted, after: &Fitted) -> bool {
-        let misfits = self.held_out_misfit(before).zip(self.held_out_misfit(after));
+        self.held_out_shrinks_in(before, after, RunKinds::BOTH)
+    }
+
+    /// The same of runs of these kinds alone. An effect that acts in insertions alone changes the modulus that both kinds share by a part of
+    /// its interval; in lateral runs, of which there are far more readings, that changes the misfit by chance.
+    pub fn held_out_shrinks_in(&self, before: &Fitted, after: &Fitted, kinds: RunKinds) -> bool {
+        let misfits = self.held_out_misfit_in(before, kinds).zip(self.held_out_misfit_in(after, kinds));
         misfits.is_some_and(|(before, after)| after < before)
     }
 
@@ -378,3 +419,7 @@ impl Tally {
         Misfit { chi2_reduced: sum / count as f64, rmse: rmse.collect() }
     }
 }
+
+#[cfg(test)]
+#[path = "split_tests.rs"]
+mod tests;

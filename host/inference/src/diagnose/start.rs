@@ -1,5 +1,6 @@
 //! The starting model: fitted before anything is searched for, on springs and from there on another foundation.
 
+use super::adequacy::Adequacy;
 use super::data::Run;
 use super::discrepancy::patterns;
 use super::evidence::Patterns;
@@ -109,6 +110,14 @@ impl Start {
         let same =
             Fitted::new(&layout, &self.runs, &self.patterns, &starts, &found.fitted.sizes, FIRST_ROUNDS);
         Ok(same.is_ok_and(|same| same.log_evidence < found.fitted.log_evidence - FAR_BEHIND))
+    }
+
+    /// How far model and measurement disagree.
+    ///
+    /// # Errors
+    /// Where the model cannot be evaluated.
+    pub fn adequacy(&self) -> Result<Adequacy, FitError> {
+        Adequacy::of(&self.fitted, &self.runs, &self.patterns)
     }
 
     /// The same runs on another foundation.

@@ -1,6 +1,8 @@
 //! What is checked in the browser.
 
+use crate::axe;
 use crate::driver::Browser;
+use crate::endurance;
 use crate::figures;
 use crate::live;
 use crate::program::{compare, document};
@@ -10,7 +12,6 @@ use anyhow::{Context, Result, ensure};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Instant;
 
 /// Results of page and program may differ by this share.
@@ -50,6 +51,8 @@ pub struct Options {
     pub only: String,
     /// Without the pictures of the views.
     pub no_pictures: bool,
+    /// For how long the live view is watched at the full rate of a device; not at all where it is zero.
+    pub minutes: u64,
     /// Folder for the pictures of the manual's live figures.
     pub figures: Option<PathBuf>,
 }
@@ -108,6 +111,11 @@ impl<'a> Checks<'a> {
         self.check("live, with a device for tests", |checks| {
             live::check(checks.browser, &checks.page, &checks.folder)
         });
+        if self.options.minutes > 0 {
+            self.check("live for a long time at the full rate of a device", |checks| {
+                endurance::check(checks.browser, &checks.page, &checks.folder, checks.options.minutes)
+            });
+        }
         self.check("figures of the manual are live, and pictures without the page", |checks| {
             figures::check(checks.browser, &checks.folder, checks.options.figures.as_deref())
         });
@@ -353,31 +361,17 @@ impl<'a> Checks<'a> {
 
     /// All rules of axe-core on every view, where npm can install it.
     fn accessible(&self) -> Result<String> {
-        let folder = self.folder.join("axe");
-        let script = folder.join("node_modules/axe-core/axe.min.js");
-        if !script.exists() {
-            eprintln!("installing axe-core with npm into {} (for this test only)", folder.display());
-            let npm = Command::new("npm")
-                .args(["install", "--no-save", "--silent", "axe-core", "--prefix"])
-                .arg(&folder)
-                .status();
-            if !npm.is_ok_and(|status| status.success()) {
-                return Ok("skipped: npm or axe-core is not available".to_owned());
-            }
-        }
-        let axe = fs::read_to_string(&script)?;
+        let Some(axe) = axe::script(&self.folder)? else {
+            return Ok("skipped: npm or axe-core is not available".to_owned());
+        };
         let mut violations = Vec::new();
         for scheme in ["light", "dark"] {
             self.browser.appear(1280, 900, scheme)?;
             for (name, mark, complete) in VIEWS {
                 self.open(mark)?;
                 self.browser.until(complete)?;
-                self.browser.run(&axe, json!([]))?;
-                let report = "const found = await axe.run(document); return found.violations.map((one) => `${one.id}: ${one.nodes.slice(0, 3).map((node) => node.html.slice(0, 120)).join(' | ')}`);";
-                let found = self.browser.wait_for(report, json!([]))?;
-                violations.extend(
-                    found.as_array().into_iter().flatten().map(|one| format!("{name} {scheme} {one}")),
-                );
+                let found = axe::violations(self.browser, &axe)?;
+                violations.extend(found.into_iter().map(|one| format!("{name} {scheme} {one}")));
             }
         }
         self.browser.appear(1280, 900, "light")?;

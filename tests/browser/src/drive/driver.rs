@@ -148,6 +148,32 @@ impl Browser {
         decoded(text).context("a picture that is no base 64")
     }
 
+    /// What the scripts of the page keep, after its garbage is collected.
+    ///
+    /// # Errors
+    /// Where the browser reports one.
+    pub fn heap_bytes(&self) -> Result<u64> {
+        self.devtools("HeapProfiler.collectGarbage", json!({}))?;
+        let usage = self.devtools("Runtime.getHeapUsage", json!({}))?;
+        usage["usedSize"].as_f64().map(|bytes| bytes as u64).context("no size of the heap")
+    }
+
+    /// Memory of all processes of the browser and its driver.
+    pub fn resident_bytes(&self) -> u64 {
+        let processes: Vec<(u32, u32, u64)> = std::fs::read_dir("/proc")
+            .into_iter()
+            .flatten()
+            .filter_map(|entry| process(&entry.ok()?.path().join("status")))
+            .collect();
+        let mut family = vec![self.driver.id()];
+        let mut at = 0;
+        while let Some(parent) = family.get(at).copied() {
+            family.extend(processes.iter().filter(|process| process.1 == parent).map(|process| process.0));
+            at += 1;
+        }
+        processes.iter().filter(|process| family.contains(&process.0)).map(|process| process.2).sum()
+    }
+
     /// What the page has logged since the last call.
     ///
     /// # Errors
@@ -208,6 +234,17 @@ impl Drop for Browser {
         let _ = self.driver.kill();
         let _ = self.driver.wait();
     }
+}
+
+/// Number, parent's number and resident bytes of a process, from its status as Linux states it.
+fn process(status: &Path) -> Option<(u32, u32, u64)> {
+    let text = std::fs::read_to_string(status).ok()?;
+    let field = |name: &str| {
+        let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+        line.split_whitespace().next()?.parse::<u64>().ok()
+    };
+    let number = |name| field(name).and_then(|value| u32::try_from(value).ok());
+    Some((number("Pid:")?, number("PPid:")?, 1024 * field("VmRSS:")?))
 }
 
 /// Bytes of base 64.

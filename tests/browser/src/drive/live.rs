@@ -1,5 +1,6 @@
 //! The view Live against a device for tests, which speaks the protocol at the far end of a pseudo terminal.
 
+use crate::axe;
 use crate::driver::Browser;
 use crate::served::Serving;
 use anyhow::{Context, Result, ensure};
@@ -73,8 +74,26 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path) -> Result<String> {
     // Another page in front: this one is hidden.
     browser.run("Object.defineProperty(document, 'visibilityState', { value: 'hidden', configurable: true }); document.dispatchEvent(new Event('visibilitychange'));", json!([]))?;
     browser.until("live.last && live.last.control === 'none'")?;
+
+    let mut accessible = "not checked by axe-core, which is not available";
+    if let Some(script) = axe::script(folder)? {
+        // With the motions on offer. What follows takes longer than a heartbeat may: control is lost, and nothing needs it any more.
+        browser.run(
+            "Object.defineProperty(document, 'visibilityState', { value: 'visible', configurable: true });",
+            json!([]),
+        )?;
+        browser.press("#live-take", ENTER)?;
+        browser.until("!document.querySelector('fieldset').disabled")?;
+        for scheme in ["light", "dark"] {
+            browser.appear(1280, 900, scheme)?;
+            let violations = axe::violations(browser, &script)?;
+            ensure!(violations.is_empty(), "accessibility, {scheme}:\n  {}", violations.join("\n  "));
+        }
+        browser.appear(1280, 900, "light")?;
+        accessible = "without violations of axe-core, light and dark";
+    }
     Ok(format!(
-        "{} samples of {} frames decoded in the page, the lost frame of {LOST} samples counted; control, home and stop by keyboard; hidden, it gives up control",
+        "{} samples of {} frames decoded in the page, the lost frame of {LOST} samples counted; control, home and stop by keyboard; hidden, it gives up control; {accessible}",
         counts["samples"], counts["frames"]
     ))
 }

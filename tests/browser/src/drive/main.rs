@@ -3,8 +3,10 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+mod axe;
 mod checks;
 mod driver;
+mod endurance;
 mod figures;
 mod live;
 mod program;
@@ -27,6 +29,7 @@ Options:
   --session DIR   compare the results of this session too: may be given more than once
   --only NAME     run the checks whose names contain this
   --no-pictures   take no pictures
+  --minutes N     watch the live view for so long, at the full rate of a device (default: not at all)
   --figures DIR   write the pictures of the manual's live figures into this folder
 ";
 
@@ -38,6 +41,11 @@ fn main() -> Result<ExitCode> {
         match argument.as_str() {
             "--page" => page = Some(PathBuf::from(value()?)),
             "--session" => sessions.push(PathBuf::from(value()?)),
+            "--minutes" => {
+                let text = value()?;
+                options.minutes =
+                    text.parse().with_context(|| format!("--minutes: {text}, expected a number"))?;
+            }
             "--only" => options.only = value()?,
             "--no-pictures" => options.no_pictures = true,
             "--figures" => options.figures = Some(PathBuf::from(value()?)),

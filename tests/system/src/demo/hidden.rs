@@ -23,9 +23,9 @@ const PROGRAM: &str = "quick-staircase";
 const CHARACTERIZED: &str = "characterized.toml";
 /// Depths of the needle, millimetres, and staircases at each.
 pub const PLAN: [(f64, usize); 3] = [(20.0, 1), (30.0, 2), (40.0, 1)];
-/// What the demonstration does: a rig that is known has no misfit to show where it is the rig that has changed.
-pub const DEMONSTRATION: (&[(f64, usize)], RigKnown) = (&PLAN, RigKnown::AsStated);
-/// The same after runs in air.
+/// The diagnosis of a rig of which nothing is known beside what is stated.
+pub const AS_STATED: (&[(f64, usize)], RigKnown) = (&PLAN, RigKnown::AsStated);
+/// That of the demonstration: after runs in air.
 pub const AFTER_AIR: (&[(f64, usize)], RigKnown) = (&PLAN, RigKnown::InAir);
 
 /// What the diagnosis has of the rig beside what is stated.
@@ -65,6 +65,12 @@ impl Found {
         classes
     }
 
+    /// Whether the diagnosis reports an effect of the rig as changed.
+    fn has_moved(&self, id: &str) -> bool {
+        let moved = self.diagnosis["moved_since"].as_array();
+        moved.into_iter().flatten().any(|one| one["effect"] == id)
+    }
+
     /// The verdict of the diagnosis.
     pub fn verdict(&self) -> &str {
         self.diagnosis["verdict"].as_str().unwrap_or("no verdict")
@@ -100,7 +106,9 @@ impl Found {
         let list = |classes: Vec<Vec<&str>>| {
             classes.iter().map(|class| class.join(" or ")).collect::<Vec<_>>().join("; ")
         };
-        let found = if self.is_named() {
+        let found = if self.is_named() && self.has_moved(&self.hidden.id) {
+            "found: the rig has changed by it since it was characterised".to_owned()
+        } else if self.is_named() {
             "found: named".to_owned()
         } else if self.is_in_class() {
             format!("found: one of {}", list(self.classes()))

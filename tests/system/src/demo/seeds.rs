@@ -1,10 +1,10 @@
-//! `cargo xtask study demo`: the last parts of the demonstration for many seeds: what the firmware itself records of rigs that hide an effect, and
-//! needles that its guide 2 steers.
+//! `cargo xtask study demo`: parts of the demonstration for many seeds: what the firmware itself records of rigs that hide an effect, K from
+//! simulated ultrasound frames, and needles that its guide 2 steers.
 
 use super::air;
-use super::hidden::{AFTER_AIR, DEMONSTRATION, Found, diagnosis};
+use super::hidden::{AFTER_AIR, AS_STATED, Found, diagnosis};
 use super::steered::{Steered, steered};
-use super::this_program;
+use super::{Frames, Outcome, procedure, this_program};
 use anyhow::{Result, ensure};
 
 /// The modulus is near the true one within this share.
@@ -20,8 +20,8 @@ pub struct Seeds {
     #[arg(long, default_value_t = 1)]
     pub from: u64,
     /// Which part: rigs that hide an effect, the same after the device has characterised them in air, rigs in air that the device
-    /// characterises, or needles that are steered
-    #[arg(long, default_value = "hidden", value_parser = ["hidden", "known", "air", "steered"])]
+    /// characterises, K from ultrasound frames, or needles that are steered
+    #[arg(long, default_value = "hidden", value_parser = ["hidden", "known", "air", "images", "steered"])]
     pub part: String,
 }
 
@@ -45,7 +45,18 @@ pub fn run(options: &Seeds) -> Result<()> {
     if options.part == "air" {
         return air::study(&xtask, options.from..options.from.saturating_add(options.seeds), folder.path());
     }
-    let plan = if options.part == "known" { AFTER_AIR } else { DEMONSTRATION };
+    if options.part == "images" {
+        let mut all = Vec::new();
+        for seed in options.from..options.from.saturating_add(options.seeds) {
+            let out = folder.path().join(seed.to_string());
+            let one = Imaged::of(&procedure(&xtask, seed, &out, &mut |_| {})?)?;
+            println!("{}", one.summary(seed));
+            all.push(one);
+        }
+        println!("{}", imaged_summary(&all));
+        return Ok(());
+    }
+    let plan = if options.part == "known" { AFTER_AIR } else { AS_STATED };
     let mut all = Vec::new();
     for seed in options.from..options.from.saturating_add(options.seeds) {
         let out = folder.path().join(seed.to_string());
@@ -59,6 +70,58 @@ pub fn run(options: &Seeds) -> Result<()> {
     }
     println!("{}", summary(&all));
     Ok(())
+}
+
+/// K from frames.
+struct Imaged {
+    true_kpa: f64,
+    found_kpa: f64,
+    interval_kpa: [f64; 2],
+    frames: Frames,
+}
+
+impl Imaged {
+    fn of(outcome: &Outcome) -> Result<Self> {
+        Ok(Self {
+            true_kpa: outcome.truth.modulus_pa * 1e-3,
+            found_kpa: outcome.number("likelihood", "k_kpa")?,
+            interval_kpa: outcome.interval_kpa()?,
+            frames: outcome.frames()?,
+        })
+    }
+
+    fn holds(&self) -> bool {
+        (self.interval_kpa[0]..=self.interval_kpa[1]).contains(&self.true_kpa)
+    }
+
+    /// Half the interval over the true K.
+    fn half_width(&self) -> f64 {
+        0.5 * (self.interval_kpa[1] - self.interval_kpa[0]) / self.true_kpa
+    }
+
+    fn summary(&self, seed: u64) -> String {
+        let Self { true_kpa, found_kpa, interval_kpa: [low_kpa, high_kpa], frames } = self;
+        let verdict = if self.holds() { "in its interval" } else { "not in its interval" };
+        format!(
+            "seed {seed}: K {found_kpa:.2} ({low_kpa:.2} to {high_kpa:.2}) kPa, true {true_kpa:.2}, {verdict}; frames: {} used, {} rejected",
+            frames.used, frames.rejected
+        )
+    }
+}
+
+/// K from frames as a table.
+fn imaged_summary(all: &[Imaged]) -> String {
+    let count = all.len();
+    let held = all.iter().filter(|one| one.holds()).count();
+    let mean = |of: &dyn Fn(&Imaged) -> f64| all.iter().map(of).sum::<f64>() / count.max(1) as f64;
+    let rms = mean(&|one| (one.found_kpa / one.true_kpa - 1.0).powi(2)).sqrt();
+    let [used, rejected] = [mean(&|one| one.frames.used as f64), mean(&|one| one.frames.rejected as f64)];
+    format!(
+        "| K from simulated ultrasound frames | rigs |\n|---|---|\n| true K in its 95 % interval | {held} of {count} |\n\
+         | error of K, rms | {:.2} % |\n| half width of the interval, mean | {:.2} % |\n| frames used, rejected, mean | {used:.0}, {rejected:.1} |",
+        100.0 * rms,
+        100.0 * mean(&Imaged::half_width),
+    )
 }
 
 /// Misses of needles as a table.
@@ -131,6 +194,21 @@ mod tests {
     }
 
     #[test]
+    fn intervals_that_hold_the_truth_are_counted() {
+        let one = |found_kpa: f64| Imaged {
+            true_kpa: 10.0,
+            found_kpa,
+            interval_kpa: [found_kpa - 0.2, found_kpa + 0.2],
+            frames: Frames { used: 200, rejected: 10 },
+        };
+        assert!(one(10.3).summary(7).contains("seed 7: K 10.30 (10.10 to 10.50) kPa, true 10.00, not in"));
+        let table = imaged_summary(&[one(10.1), one(9.9), one(10.3)]);
+        for row in ["interval | 2 of 3", "rms | 1.91 %", "mean | 2.00 %", "mean | 200, 10.0"] {
+            assert!(table.contains(row), "{row}\n{table}");
+        }
+    }
+
+    #[test]
     fn results_are_counted_and_worded_as_they_are() {
         let named = found(json!({"verdict": "named", "k_kpa": 10.2, "k_ci95_kpa": [9.9, 10.5],
             "effects": [{"id": "tissue.skin", "class": ["tissue.skin"]}]}));
@@ -153,6 +231,12 @@ mod tests {
             classed.summary(1).ends_with("found: one of tissue.layers or tissue.skin"),
             "{}",
             classed.summary(1)
+        );
+        let moved =
+            found(json!({"verdict": "adequate", "k_kpa": 10.0, "k_ci95_kpa": [9.9, 10.1], "effects": [],
+            "moved_since": [{"effect": "tissue.skin"}]}));
+        assert!(
+            moved.is_named() && moved.summary(1).ends_with("has changed by it since it was characterised")
         );
         assert!(further.summary(1).contains("not there: rig.backlash"), "{}", further.summary(1));
         assert!(

@@ -70,8 +70,7 @@ pub(super) fn all(blocks: &[Block]) -> Result<Vec<(&Block, String)>> {
     }
     eprintln!("the rig that hides an effect");
     let mut printed = String::new();
-    let found =
-        hidden::diagnosis(&xtask, SEED, &out, hidden::DEMONSTRATION, &mut |text| printed.push_str(text))?;
+    let found = hidden::diagnosis(&xtask, SEED, &out, hidden::AFTER_AIR, &mut |text| printed.push_str(text))?;
     printed.push_str(&found.summary(SEED));
     let printed = as_shown(&printed, folder.path(), &xtask);
     fresh.extend(of("hidden").map(|block| (block, printed.clone())));

@@ -1,6 +1,7 @@
 //! OpenIGTLink beside other people's implementations: what they receive is what the session holds, what they send becomes shapes.
 
 use formats::session::Session;
+use imaging::read::Sequence;
 use serde_json::Value;
 use simulation::rig::config::RigConfig;
 use std::fs::{self, File};
@@ -16,6 +17,9 @@ use system::qemu::HANGS;
 
 const RIG: &str = "[needle]\nyoungs_modulus_gpa = 200.0\nouter_diameter_mm = 1.27\ninner_diameter_mm = 1.0\n\
                    [rig]\nguide2_mm = 60.0\nentry_mm = 70.0\n";
+
+/// Programs of the C++ library that are compiled, all at once.
+const EXAMPLES: [&str; 3] = ["Receiver/ReceiveClient", "Tracker/TrackerServer", "Imager/ImagerServer"];
 
 /// A free port.
 fn free_port() -> u16 {
@@ -65,7 +69,7 @@ fn finished(child: Child) -> (bool, String) {
 #[ignore = "needs QEMU and programs of others: cargo xtask test runs it"]
 fn foreign_viewers_receive_what_the_session_holds_and_a_foreign_tracker_gives_its_shapes() {
     let Some(python) = had(peers::python()) else { return };
-    let receiver = had(peers::examples(&["Receiver/ReceiveClient", "Tracker/TrackerServer"]));
+    let receiver = had(peers::examples(&EXAMPLES));
     let bench = Bench::start(RigConfig::default(), 23, 1.0, HANGS).unwrap();
     let guide = build_guide().unwrap();
     let path = |name: &str| bench.folder().join(name);
@@ -250,6 +254,74 @@ fn sweep(path: &Path) -> Option<Vec<[f64; 3]>> {
         columns.map(|column| cells[column])
     };
     Some(lines.map(row).collect())
+}
+
+/// A sequence that was captured, as `guide capture --json` states it.
+fn captured(port: u16, out: &Path, more: &[&str]) -> Value {
+    let (guide, began) = (build_guide().unwrap(), Instant::now());
+    loop {
+        let mut capture = Command::new(&guide);
+        capture
+            .args(["capture", "--igtl", &format!("127.0.0.1:{port}"), "--json", "--out"])
+            .arg(out)
+            .args(more);
+        let output = capture.output().unwrap();
+        if output.status.success() {
+            return serde_json::from_slice(&output.stdout).unwrap();
+        }
+        // The server is not there yet. It takes who connects first for its client, so that this is no other connection.
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(stderr.contains("cannot connect") && began.elapsed() < HANGS, "{stderr}");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// Frames of 625 x 750 pixels, 30 a second, of which some are never sent.
+#[test]
+#[ignore = "needs programs of others: cargo xtask test runs it"]
+fn frames_of_a_foreign_scanner_become_a_sequence_and_lost_ones_are_counted() {
+    let Some(python) = had(peers::python()) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let port = free_port();
+    let mut scanner = Command::new(&python);
+    scanner.arg(peers::scripts().join("scanner.py")).arg(port.to_string()).args(["90", "7", "8", "40"]);
+    let _scanner = start(&mut scanner, &folder.path().join("scanner.txt"));
+    let frames = folder.path().join("frames");
+    let found = captured(port, &frames, &["--frames", "87"]);
+    assert_eq!((&found["image"], &found["frames"]), (&"Probe".into(), &87.into()), "{found}");
+    assert_eq!(found["lost"].as_u64().unwrap(), 3, "{found}");
+    assert!((found["rate_hz"].as_f64().unwrap() - 30.0).abs() < 0.1, "{found}");
+    let sequence = Sequence::open(Path::new(found["path"].as_str().unwrap())).unwrap();
+    let header = sequence.header();
+    let spacing_mm = header.spacing_mm.unwrap();
+    assert!((spacing_mm[0] - 0.1).abs() < 1e-6 && (spacing_mm[1] - 0.2).abs() < 1e-6, "{spacing_mm:?}");
+    let pose = header.frames[86].transforms["ImageToReference"];
+    for (at, expected) in [(0, 1.0), (5, -1.0), (10, -1.0), (3, -4.0), (7, 3.0), (11, 70.0)] {
+        assert!((pose[at] - expected).abs() < 1e-4, "{pose:?}");
+    }
+}
+
+/// The C++ library's own server of images.
+#[test]
+#[ignore = "needs programs of others: cargo xtask test runs it"]
+fn frames_of_the_library_s_own_server_become_a_sequence() {
+    let Some(examples) = had(peers::examples(&EXAMPLES)) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let port = free_port();
+    let images = examples.join("usr/share/doc/openigtlink-examples/examples/Imager/img");
+    let mut server = Command::new(examples.join("ImagerServer"));
+    server.arg(port.to_string()).arg("30").arg(&images);
+    let _server = start(&mut server, &folder.path().join("server.txt"));
+    let found = captured(port, &folder.path().join("frames"), &["--frames", "60"]);
+    assert_eq!(found["frames"].as_u64().unwrap(), 60, "{found}");
+    let mut sequence = Sequence::open(Path::new(found["path"].as_str().unwrap())).unwrap();
+    assert_eq!([sequence.header().width, sequence.header().height], [256, 256]);
+    let mut read = 0;
+    while let Some(frame) = sequence.next_frame().unwrap() {
+        assert!(frame.pixels.iter().any(|pixel| *pixel > 0));
+        read += 1;
+    }
+    assert_eq!(read, 60);
 }
 
 /// Results of a session, as a viewer that comes later receives them.

@@ -63,6 +63,7 @@ pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> 
     let mut lines = Vec::new();
     let (none, small) = (Imperfections::default(), Imperfections::small());
     let two_guides = |imperfections: Imperfections| Kind { imperfections, ..Kind::default() };
+    let one_guide = |imperfections: Imperfections| Kind { one_guide: true, ..two_guides(imperfections) };
     let worlds = [
         ("plain", two_guides(none)),
         ("imperfect", two_guides(small)),
@@ -73,8 +74,14 @@ pub fn run(sessions: usize, seed: u64, only: &str, verbose: bool) -> Result<()> 
         ("guide 2 off", two_guides(Imperfections { guide2_m: 2.0 * small.guide2_m, ..none })),
         ("surfaces apart", two_guides(Imperfections { entry_m: 2.0 * small.entry_m, ..none })),
         ("drifting tracker", two_guides(Imperfections { drift_m: 2.0 * small.drift_m, ..none })),
-        ("one guide", Kind { one_guide: true, ..Kind::default() }),
-        ("one guide, imperfect", Kind { one_guide: true, imperfections: small, ..Kind::default() }),
+        ("one guide", one_guide(none)),
+        ("one guide, imperfect", one_guide(small)),
+        ("one guide, tilted tracker", one_guide(Imperfections { tilt_rad: small.tilt_rad, ..none })),
+        ("one guide, guide off", one_guide(Imperfections { guide2_m: small.guide2_m, ..none })),
+        ("one guide, moduli apart", one_guide(Imperfections { modulus: small.modulus, ..none })),
+        ("one guide, loads apart", one_guide(Imperfections { load: small.load, ..none })),
+        ("one guide, surfaces apart", one_guide(Imperfections { entry_m: small.entry_m, ..none })),
+        ("one guide, drifting tracker", one_guide(Imperfections { drift_m: small.drift_m, ..none })),
     ];
     for (name, kind) in worlds {
         for until_mm in UNTIL_MM.into_iter().filter(|until_mm| format!("{name} {until_mm}").contains(only)) {

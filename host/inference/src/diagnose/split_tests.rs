@@ -1,0 +1,54 @@
+//! What is held out, and what judges.
+
+use super::super::tests::truth;
+use super::super::{Layout, Noises, data_split, fit_start, runs_of};
+use super::*;
+use worlds::{Design, session};
+
+/// The insertion of mean speed cannot distinguish an effect of the speed from none.
+#[test]
+fn of_insertions_at_different_speeds_a_fast_one_is_held_out() {
+    let session = session(&truth(Vec::new()), &Design::insertions(), 5);
+    let held_out = data_split(&session).expect("usable").held_out;
+    let insertions: Vec<&str> =
+        held_out.iter().map(String::as_str).filter(|id| id.starts_with("insertion")).collect();
+    assert_eq!(insertions, ["insertion8straight"]);
+}
+
+/// Twelve insertions at three speeds: one of each speed is held out.
+#[test]
+fn of_many_insertions_each_speed_has_one_that_is_held_out() {
+    let mut design = Design::insertions();
+    let more: Vec<_> = design.insertion.clone();
+    design.insertion.extend(more.into_iter().map(|mut plan| {
+        // Another depth: no repeat.
+        (plan.id, plan.depth_mm) = (format!("{}b", plan.id), 95.0);
+        plan
+    }));
+    let held_out = data_split(&session(&truth(Vec::new()), &design, 5)).expect("usable").held_out;
+    for speed in ["insertion2", "insertion5", "insertion8"] {
+        assert_eq!(held_out.iter().filter(|id| id.starts_with(speed)).count(), 1, "{speed}: {held_out:?}");
+    }
+}
+
+#[test]
+fn runs_of_a_kind_are_judged_by_themselves() {
+    let session = session(&truth(Vec::new()), &Design::insertions(), 5);
+    let (runs, _) = runs_of(&session).expect("runs");
+    let (Training { runs, .. }, held_out) = split(runs);
+    let noise = Noise::of(&runs, &session.stated_noise());
+    let layout = Layout::new(&session.rig, &runs, Vec::new());
+    let noises = Noises { session: noise, reference: noise };
+    let start = fit_start(&layout, &runs, &noises, &[], &Multiples::new()).expect("a fit");
+    let judge = held_out.judge(&start.fitted, &start.runs, &noise, &Multiples::new()).expect("a judge");
+    let misfit = |kinds| judge.held_out_misfit_in(&start.fitted, kinds).expect("held out");
+    let both = [(Kind::Lateral, RunKinds::LATERAL), (Kind::Insertion, RunKinds::INSERTION)];
+    for (kind, kinds) in both {
+        let of_kind = judge.runs.iter().filter(|run| run.run.kind == kind);
+        let readings: usize = of_kind.map(|run| run.run.data.len()).sum();
+        let per_reading = misfit(kinds) / readings as f64;
+        assert!((0.5..1.5).contains(&per_reading), "{kind:?}: {per_reading}");
+    }
+    let sum: f64 = both.iter().map(|(_, kinds)| misfit(*kinds)).sum();
+    assert!((sum / misfit(RunKinds::BOTH) - 1.0).abs() < 1e-9, "{sum}");
+}
