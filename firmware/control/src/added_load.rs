@@ -1,11 +1,14 @@
 //! What retreats have added to a load since its fault, so that many small ones are no way into it.
 
-use super::force::Loads;
+use super::force::{LOADS, Loads};
 use super::mutation::Mutation;
 use super::retreat::Bounds;
 
 /// Periods for which a motor may roll on after the end of a retreat: several times the lag of one.
 const ROLLS_ON_PERIODS: u16 = 50;
+/// Time constant of the loads that are compared, periods: single readings of a cell differ by a tenth of what a direction may add, and the
+/// largest of hundreds by half of it, so that retreats out of a load would use up their own direction.
+const SMOOTHED_PERIODS: f32 = 16.0;
 /// Bytes of a kept [`AddedLoad`].
 pub const ADDED_LOAD_BYTES: usize = 10;
 /// How far retreats without a force to follow may lead away from the straight needle in all, micrometres: tables of the wrong sign
@@ -15,12 +18,15 @@ const BLIND_UM: f32 = 100.0;
 /// What retreats have added to the load since the fault, force counts, in the directions +x, -x, +y, -y.
 ///
 /// What rises along an axis that a retreat moves is counted for that direction; what rises along the other one, by the coupling of
-/// both, for the same.
+/// both, for the same. What counts is how much more presses once the retreat has ended: on its way a rise ends it
+/// ([`LoadWatch`](super::retreat::LoadWatch)).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct AddedLoad {
     added: [u16; 4],
     /// What retreats without a force to follow have led away from the straight needle, micrometres.
     blind_um: f32,
+    /// Loads without most of their noise, force counts; nothing before the first reading.
+    smoothed: Option<[f32; LOADS]>,
     present: Option<Present>,
 }
 
@@ -30,8 +36,8 @@ struct Present {
     by_um: [i32; 2],
     from_um: [f32; 2],
     /// Nothing where there was no reading.
-    from: Option<Loads>,
-    /// Largest rise along each axis so far.
+    from: Option<[f32; LOADS]>,
+    /// By how much more each axis is loaded now.
     rise: [u16; 2],
     /// How far it has led away from the straight needle, micrometres; less than 0 where it has led to it.
     outward_um: f32,
@@ -58,7 +64,8 @@ impl AddedLoad {
             return false;
         }
         // Below the bound nothing is a load.
-        let from = loads.map(|loads| loads.map(|load| load.max(bounds.unloaded)));
+        let smoothed = self.smoothed.filter(|_| loads.is_some());
+        let from = smoothed.map(|loads| loads.map(|load| load.max(bounds.unloaded as f32)));
         self.present = Some(Present { by_um, from_um, from, rise: [0; 2], outward_um: 0.0, left: None });
         true
     }
@@ -72,21 +79,30 @@ impl AddedLoad {
 
     /// Takes the loads of a period, and where the guide is.
     pub fn follow(&mut self, loads: Option<Loads>, position_um: [f32; 2]) {
+        let smoothed = loads.map(|loads| self.smooth(loads.map(|load| load as f32)));
         let Some(present) = &mut self.present else { return };
         let outward_um = position_um.iter().zip(present.from_um).map(|(um, from)| um.abs() - from.abs());
         present.outward_um = outward_um.reduce(f32::max).unwrap_or(0.0);
-        if let (Some([x, y, tared_x, tared_y]), Some(from)) = (loads, present.from) {
+        if let (Some([x, y, tared_x, tared_y]), Some(from)) = (smoothed, present.from) {
             let [from_x, from_y, from_tared_x, from_tared_y] = from;
             let along = [(x - from_x).max(tared_x - from_tared_x), (y - from_y).max(tared_y - from_tared_y)];
-            for (rise, now) in present.rise.iter_mut().zip(along) {
-                *rise = u16::try_from(now.max(0)).unwrap_or(u16::MAX).max(*rise);
-            }
+            // From a float it is cut off at both ends.
+            present.rise = along.map(|more| more as u16);
         }
         match &mut present.left {
             Some(0) => self.close(),
             Some(left) => *left -= 1,
             None => {}
         }
+    }
+
+    fn smooth(&mut self, loads: [f32; LOADS]) -> [f32; LOADS] {
+        let mut smoothed = self.smoothed.unwrap_or(loads);
+        for (smoothed, load) in smoothed.iter_mut().zip(loads) {
+            *smoothed += (load - *smoothed) / SMOOTHED_PERIODS;
+        }
+        self.smoothed = Some(smoothed);
+        smoothed
     }
 
     /// The retreat has ended; its motor rolls on.
@@ -141,15 +157,21 @@ fn directions([x_um, y_um]: [i32; 2]) -> [Option<usize>; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::force::LOADS;
+    use super::super::campaign::acts::Random;
     use super::*;
 
     const BOUNDS: fn() -> Bounds = || Bounds::new(5_000, 5_000);
 
+    /// Long after a load is this one.
+    fn settle(added_load: &mut AddedLoad, loads: Option<Loads>) {
+        (0..400).for_each(|_| added_load.follow(loads, [0.0; 2]));
+    }
+
     /// A retreat that goes from these loads to those.
     fn retreat(added_load: &mut AddedLoad, by_um: [i32; 2], from: Loads, to: Option<Loads>) -> bool {
+        settle(added_load, Some(from));
         let begun = added_load.begin(by_um, [0.0; 2], Some(from), BOUNDS());
-        added_load.follow(to, [0.0; 2]);
+        settle(added_load, to);
         added_load.end();
         begun
     }
@@ -176,6 +198,22 @@ mod tests {
     }
 
     #[test]
+    fn the_noise_of_a_cell_uses_no_direction_up() {
+        let mut random = Random::new(7);
+        // The sum of twelve uniform numbers is nearly normal: 0.1 % of the range, 100 counts.
+        let mut noise = || (0..12).map(|_| random.below(2_001) as i32 - 1_000).sum::<i32>() / 20;
+        let mut added_load = AddedLoad::default();
+        let mut loads = || Some([40_000, 41_000, 40_500, 39_000].map(|load| load + noise()));
+        for turn in 0..24 {
+            for by_um in [[-1_000, 0], [0, -1_000]] {
+                assert!(added_load.begin(by_um, [0.0; 2], loads(), BOUNDS()), "turn {turn}: {by_um:?}");
+                (0..500).for_each(|_| added_load.follow(loads(), [0.0; 2]));
+                added_load.end();
+            }
+        }
+    }
+
+    #[test]
     fn a_larger_load_along_y_hides_nothing_that_rises_along_x() {
         let mut added_load = AddedLoad::default();
         let loads = |x: i32| [x, 110_000, x, 109_000];
@@ -189,13 +227,31 @@ mod tests {
         let load = |counts: i32| [counts, 0, 0, 0];
         let mut added_load = AddedLoad::default();
         assert!(retreat(&mut added_load, [10, 0], load(100_000), Some(load(100_000))));
-        added_load.follow(Some(load(101_000)), [0.0; 2]);
-        assert!(!added_load.begin([10, 0], [0.0; 2], Some(load(101_000)), BOUNDS()));
+        settle(&mut added_load, Some(load(101_500)));
+        assert!(!added_load.begin([10, 0], [0.0; 2], Some(load(101_500)), BOUNDS()));
         let mut added_load = AddedLoad::default();
         assert!(retreat(&mut added_load, [10, 0], load(100_000), Some(load(100_000))));
         (0..=ROLLS_ON_PERIODS).for_each(|_| added_load.follow(Some(load(100_000)), [0.0; 2]));
-        added_load.follow(Some(load(101_000)), [0.0; 2]);
-        assert!(added_load.begin([10, 0], [0.0; 2], Some(load(101_000)), BOUNDS()));
+        settle(&mut added_load, Some(load(101_500)));
+        assert!(added_load.begin([10, 0], [0.0; 2], Some(load(101_500)), BOUNDS()));
+    }
+
+    /// Each is ended at once and the next one begun before its motor is at rest.
+    #[test]
+    fn hasty_retreats_add_no_more_than_slow_ones() {
+        let mut added_load = AddedLoad::default();
+        let (mut counts, mut turns) = (100_000, 0);
+        settle(&mut added_load, Some([counts, 0, counts, 0]));
+        while added_load.begin([300, 0], [0.0; 2], Some([counts, 0, counts, 0]), BOUNDS()) {
+            for _ in 0..10 {
+                counts += 5;
+                added_load.follow(Some([counts, 0, counts, 0]), [0.0; 2]);
+            }
+            added_load.end();
+            turns += 1;
+            assert!(turns < 40, "no end of it");
+        }
+        assert!((101_000..101_200).contains(&counts), "{counts}");
     }
 
     #[test]
@@ -221,13 +277,9 @@ mod tests {
     #[test]
     fn what_rises_along_an_axis_at_rest_counts_for_the_one_that_moved() {
         let mut added_load = AddedLoad::default();
-        assert!(retreat(
-            &mut added_load,
-            [0, 300],
-            [100_000; LOADS],
-            Some([101_000, 99_000, 100_000, 99_000])
-        ));
-        assert!(added_load.begin([300, 0], [0.0; 2], Some([101_000; LOADS]), BOUNDS()));
-        assert!(!added_load.begin([0, 300], [0.0; 2], Some([101_000; LOADS]), BOUNDS()));
+        let to = [101_500, 99_000, 100_000, 99_000];
+        assert!(retreat(&mut added_load, [0, 300], [100_000; LOADS], Some(to)));
+        assert!(added_load.begin([300, 0], [0.0; 2], Some([101_500; LOADS]), BOUNDS()));
+        assert!(!added_load.begin([0, 300], [0.0; 2], Some([101_500; LOADS]), BOUNDS()));
     }
 }

@@ -99,7 +99,8 @@ fn a_retreat_ends_where_anything_else_is_wrong() {
     assert_eq!(ended(&mut bench, &[to_y(6_000)]), Outcome::Faulted);
     bench.push_n = [0.0, 0.4];
     bench.emergency_stop = true;
-    bench.periods(2);
+    // What presses more from then on counts as added by the retreat; this has pressed before it.
+    bench.periods(100);
     assert_eq!(bench.command(Request::Retreat { x_um: 0, y_um: -500 }), Err(Refusal::NotUnderLoad));
     bench.emergency_stop = false;
     bench.command(Request::Retreat { x_um: 0, y_um: -500 }).expect("starts");
