@@ -251,7 +251,8 @@ pub fn run(
     }
     let record = to.join(format!("{id}.frames.json"));
     let text = serde_json::to_string_pretty(&document)?;
-    formats::files::replace(&record, text.as_bytes()).with_context(|| format!("{}: cannot write", record.display()))?;
+    formats::files::replace(&record, text.as_bytes())
+        .with_context(|| format!("{}: cannot write", record.display()))?;
     frame_pictures::keep(to, &id, sheets.first().map(Vec::as_slice))?;
     if !has_force {
         out.note(format_args!(

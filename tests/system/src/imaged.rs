@@ -31,7 +31,7 @@ const TRUE_SD_M: f64 = 1e-6;
 pub struct Options {
     /// Runs, each with a sweep along the straight and one along the displaced needle
     #[arg(long, default_value_t = 40)]
-    sweeps: u64,
+    sessions: u64,
     /// What they are drawn from
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -81,10 +81,14 @@ struct Imaged {
 /// # Errors
 /// Where the program cannot be built, or a command fails.
 pub fn run(options: &Options) -> Result<()> {
-    ensure!((1..=10_000).contains(&options.sweeps), "--sweeps is {}, expected 1 to 10000", options.sweeps);
+    ensure!(
+        (1..=10_000).contains(&options.sessions),
+        "--sessions is {}, expected 1 to 10000",
+        options.sessions
+    );
     let guide = images::build_guide()?;
     let mut all = Vec::new();
-    for number in 0..options.sweeps {
+    for number in 0..options.sessions {
         let folder = tempfile::tempdir()?;
         let one = imaged(&guide, folder.path(), options.seed, number)?;
         if options.verbose {

@@ -114,6 +114,14 @@ fn a_hidden_effect_is_found_from_what_the_firmware_records() {
     assert!(found.is_in_class(), "{found:#?}");
     assert!(found.removed().unwrap() > 0.9, "{found:#?}");
     assert!(out.join("model.toml").exists() && out.join("figures/residuals.svg").exists());
+}
+
+/// The same where nothing more is known of the rig than what is stated.
+#[test]
+#[ignore = "needs QEMU: cargo xtask test runs it"]
+fn hidden_effects_are_found_from_what_is_stated_of_the_rig() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = readme::rig::out(folder.path());
     for seed in HIDING_SEEDS {
         let found = diagnosis(Path::new(XTASK), seed, &out, AS_STATED, &mut |_| {}).unwrap();
         assert!(found.is_in_class(), "{}\n{found:#?}", found.summary(seed));
