@@ -1,12 +1,15 @@
-"""What calls cost, and the forward model beside the same model in NumPy: processor time, one core.
+"""What calls cost, how soon Ctrl-C ends one, and the forward model beside the same model in NumPy: processor time, one core.
 
     OPENBLAS_NUM_THREADS=1 python host/python/benches/forward_model.py
 """
 
 from __future__ import annotations
 
+import os
 import resource
+import signal
 import statistics
+import threading
 import time
 from collections.abc import Callable
 
@@ -80,6 +83,24 @@ def elapsed_us(work: Callable[[], object], repeats: int) -> float:
     return 1e6 * statistics.median(taken)
 
 
+def interrupted_after_s(work: Callable[[], object], wait_s: float) -> float:
+    """Time from Ctrl-C to the end of a call, which would last longer than `wait_s`."""
+    sent: list[float] = []
+
+    def interrupt() -> None:
+        sent.append(time.perf_counter())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    timer = threading.Timer(wait_s, interrupt)
+    timer.start()
+    try:
+        work()
+    except KeyboardInterrupt:
+        return time.perf_counter() - sent[0]
+    timer.cancel()
+    raise SystemExit(f"the call has ended within {wait_s} s")
+
+
 def main() -> None:
     """Prints the figures."""
     few, many, one = np.linspace(5.0, 40.0, 2_000), np.linspace(5.0, 40.0, 20_000), np.array([12.0])
@@ -93,6 +114,10 @@ def main() -> None:
     print(f"NumPy, all sets at once:        {1e6 * batched:.2f} us, {batched / ours:.1f} times as long")
     print(f"NumPy, set by set:              {1e6 * single:.0f} us, {single / ours:.0f} times as long")
     print(f"call of the forward model:      {elapsed_us(lambda: forward.force_n(k_kpa=12.0, depth_mm=30.0), 300):.0f} us")
+    sets = np.linspace(5.0, 40.0, 3_000_000)
+    for wait_s in (0.05, 0.5):
+        taken_s = interrupted_after_s(lambda: forward.force_jacobian(forward.PARAMETERS, k_kpa=sets, depth_mm=30.0), wait_s)
+        print(f"Ctrl-C after {wait_s:.2f} s in 3 million sets:  {taken_s:.3f} s")
     effects = ["effects", "tissue.layers"]
     print(f"call of a command:              {elapsed_us(lambda: needle_guide.call(effects), 100):.0f} us")
 

@@ -135,13 +135,14 @@ type Arrays<'py> = (
 );
 
 /// Force (n) in newtons, deflection (n, places) in millimetres, and the derivatives by the named columns, (n, columns) and
-/// (n, columns, places).
+/// (n, columns, places). `first` is the number of the first of these sets, for errors.
 #[pyfunction]
 pub fn forward<'py>(
     py: Python<'py>,
     parameters: PyReadonlyArray2<'py, f64>,
     z_mm: PyReadonlyArray1<'py, f64>,
     columns: Vec<usize>,
+    first: usize,
 ) -> PyResult<Arrays<'py>> {
     if parameters.shape().get(1) != Some(&COUNT) {
         return Err(usage(py, &format!("parameters: expected {COUNT} columns")));
@@ -163,7 +164,7 @@ pub fn forward<'py>(
         |_| Ok(()),
         Leave::Behind,
     )?;
-    let results = found.map_err(|(number, error)| usage(py, &explain(number, &error)))?;
+    let results = found.map_err(|(number, error)| usage(py, &explain(first + number, &error)))?;
     let shaped = |error: numpy::ndarray::ShapeError| super::failure::internal(py, &error.to_string());
     Ok((
         results.force.into_pyarray(py),

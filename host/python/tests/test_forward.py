@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,6 +116,37 @@ def test_a_derivative_at_the_end_of_the_range_is_one_sided() -> None:
 def test_a_wrong_parameter_is_named(parameters: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         forward.force_n(**parameters)
+
+
+def test_many_sets_are_solved_in_parts_that_signals_can_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(forward, "_CHUNK", 4)
+    z_mm, k_kpa = [65.0, 90.0], np.linspace(5.0, 15.0, 10).reshape(2, 5)
+    values = {"k_kpa": k_kpa, "depth_mm": np.linspace(20.0, 40.0, 5)}
+    force, shape = forward.force_n(**values), forward.deflection_mm(z_mm, **values)
+    by = forward.deflection_jacobian(z_mm, ["k_kpa", "depth_mm"], **values)
+    assert (force.shape, shape.shape, by.shape) == ((2, 5), (2, 5, 2), (2, 5, 2, 2))
+    for i in range(2):
+        for j in range(5):
+            one = {"k_kpa": k_kpa[i, j], "depth_mm": values["depth_mm"][j]}
+            assert force[i, j] == forward.force_n(**one)
+            assert (shape[i, j] == forward.deflection_mm(z_mm, **one)).all()
+            assert (by[i, j] == forward.deflection_jacobian(z_mm, ["k_kpa", "depth_mm"], **one)).all()
+    with pytest.raises(UsageError, match=r"k_kpa\[9\]: -1 is out of range"):
+        forward.force_n(k_kpa=[12.0] * 9 + [-1.0], depth_mm=30.0)
+
+    calls: list[int] = []
+    compiled = forward._core.forward
+
+    def counting(sets: np.ndarray, *rest: Any) -> Any:
+        calls.append(len(sets))
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return compiled(sets, *rest)
+
+    monkeypatch.setattr(forward._core, "forward", counting)
+    with pytest.raises(KeyboardInterrupt):
+        forward.force_n(**values)
+    assert calls == [4, 4]
 
 
 def test_other_threads_run_meanwhile() -> None:

@@ -14,6 +14,7 @@ computation releases the interpreter lock and can be interrupted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -42,8 +43,12 @@ _DEFAULTS: dict[str, float] = {
 }
 
 
-def _sets(parameters: dict[str, ArrayLike]) -> tuple[FloatArray, tuple[int, ...]]:
-    """Sets of parameters, one row each, and the shape they were given in."""
+_CHUNK = 100_000
+"""Sets per call of the compiled part. Python looks for signals between two calls only, so that their preparation must be short."""
+
+
+def _broadcast(parameters: dict[str, ArrayLike]) -> tuple[list[FloatArray], tuple[int, ...]]:
+    """All parameters, broadcast against each other without copies, and their shape."""
     for name in parameters:
         if name not in PARAMETERS:
             raise UsageError(f"{name}: is not a parameter, expected one of {', '.join(PARAMETERS)}")
@@ -61,8 +66,30 @@ def _sets(parameters: dict[str, ArrayLike]) -> tuple[FloatArray, tuple[int, ...]
     except ValueError:
         shapes = ", ".join(f"{name} {column.shape}" for name, column in zip(PARAMETERS, columns, strict=True))
         raise UsageError(f"shapes do not fit each other: {shapes}") from None
-    rows = np.stack([np.broadcast_to(column, shape).reshape(-1) for column in columns], axis=1)
-    return np.ascontiguousarray(rows), shape
+    # A parameter that is the same in every set needs no iterator.
+    return [column.reshape(()) if column.size == 1 else np.broadcast_to(column, shape) for column in columns], shape
+
+
+def _solve(
+    parameters: dict[str, ArrayLike], places: FloatArray, wrt: list[int]
+) -> tuple[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+    """Shape of the parameters; force, deflection and their derivatives, set by set."""
+    columns, shape = _broadcast(parameters)
+    count = math.prod(shape)
+    results = (
+        np.empty(count),
+        np.empty((count, len(places))),
+        np.empty((count, len(wrt))),
+        np.empty((count, len(wrt), len(places))),
+    )
+    for first in range(0, count, _CHUNK):
+        chunk = slice(first, min(first + _CHUNK, count))
+        sets = np.empty((chunk.stop - first, len(PARAMETERS)))
+        for number, column in enumerate(columns):
+            sets[:, number] = column.flat[chunk] if column.ndim else column
+        for result, part in zip(results, _core.forward(sets, places, wrt, first), strict=True):
+            result[chunk] = part
+    return shape, results
 
 
 def _places(z_mm: ArrayLike) -> FloatArray:
@@ -100,8 +127,7 @@ def force_n(**parameters: Any) -> FloatArray:
     Raises:
         UsageError: a parameter that is missing, not known, of another shape or out of range: ``name[number of the set]``.
     """
-    sets, shape = _sets(parameters)
-    force, _, _, _ = _core.forward(sets, np.empty(0), [])
+    shape, (force, _, _, _) = _solve(parameters, np.empty(0), [])
     return force.reshape(shape)
 
 
@@ -115,9 +141,8 @@ def deflection_mm(z_mm: ArrayLike, **parameters: Any) -> FloatArray:
     Returns:
         Array of the shape of the parameters, with an axis for the places at the end.
     """
-    sets, shape = _sets(parameters)
     places = _places(z_mm)
-    _, deflection, _, _ = _core.forward(sets, places, [])
+    shape, (_, deflection, _, _) = _solve(parameters, places, [])
     return deflection.reshape(*shape, len(places))
 
 
@@ -134,9 +159,8 @@ def force_jacobian(wrt: Sequence[str] = ("k_kpa",), **parameters: Any) -> FloatA
     Returns:
         Array of the shape of the parameters, with an axis for ``wrt`` at the end.
     """
-    sets, shape = _sets(parameters)
     columns = _columns(wrt)
-    _, _, jacobian, _ = _core.forward(sets, np.empty(0), columns)
+    shape, (_, _, jacobian, _) = _solve(parameters, np.empty(0), columns)
     return jacobian.reshape(*shape, len(columns))
 
 
@@ -146,7 +170,6 @@ def deflection_jacobian(z_mm: ArrayLike, wrt: Sequence[str] = ("k_kpa",), **para
     Returns:
         Array of the shape of the parameters, with axes for the places and for ``wrt`` at the end.
     """
-    sets, shape = _sets(parameters)
     places, columns = _places(z_mm), _columns(wrt)
-    _, _, _, jacobian = _core.forward(sets, places, columns)
+    shape, (_, _, _, jacobian) = _solve(parameters, places, columns)
     return np.moveaxis(jacobian, 1, 2).reshape(*shape, len(places), len(columns))
