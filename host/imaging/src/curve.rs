@@ -21,11 +21,47 @@ pub struct Knot {
     pub sd_mm: f64,
 }
 
+/// Cubic B-splines over a stretch of the needle.
+#[derive(Debug, Clone, Copy)]
+pub struct Splines {
+    from_mm: f64,
+    step_mm: f64,
+    count: usize,
+}
+
+impl Splines {
+    /// With knots about as far apart as a needle in tissue bends, but no more than so many intervals; nothing for a stretch without a length.
+    pub fn over(from_mm: f64, to_mm: f64, most_intervals: usize) -> Option<Self> {
+        let length_mm = to_mm - from_mm;
+        if !length_mm.is_finite() || length_mm < 0.0 {
+            return None;
+        }
+        let most = most_intervals.clamp(1, MAX_INTERVALS);
+        let intervals = ((length_mm / KNOT_MM).ceil() as usize).clamp(1, most);
+        let step_mm = (length_mm / intervals as f64).max(1e-3);
+        Some(Self { from_mm, step_mm, count: intervals + 3 })
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The four that are not zero at a place, and the number of the first.
+    pub fn at(&self, z_mm: f64) -> (usize, [f64; 4]) {
+        let position = ((z_mm - self.from_mm) / self.step_mm).clamp(0.0, (self.count - 3) as f64);
+        let first = (position as usize).min(self.count - 4);
+        let t = position - first as f64;
+        let (t2, t3) = (t * t, t * t * t);
+        let values = [(1.0 - t).powi(3), 3.0 * t3 - 6.0 * t2 + 4.0, -3.0 * t3 + 3.0 * t2 + 3.0 * t + 1.0, t3];
+        (first, values.map(|value| value / 6.0))
+    }
+}
+
 /// A fitted curve.
 #[derive(Debug, Clone)]
 pub struct Curve {
-    from_mm: f64,
-    step_mm: f64,
+    splines: Splines,
     coefficients: DVector<f64>,
     covariance: DMatrix<f64>,
 }
@@ -37,16 +73,12 @@ impl Curve {
             points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), point| {
                 (least.min(point.z_mm), most.max(point.z_mm))
             });
-        if !(to_mm - from_mm).is_finite() {
-            return None;
-        }
-        let intervals = (((to_mm - from_mm) / KNOT_MM).ceil() as usize).clamp(1, MAX_INTERVALS);
-        let step_mm = ((to_mm - from_mm) / intervals as f64).max(1e-3);
-        let count = intervals + 3;
+        let splines = Splines::over(from_mm, to_mm, MAX_INTERVALS)?;
+        let count = splines.count();
         let mut normal = DMatrix::<f64>::zeros(count, count);
         let mut right = DVector::<f64>::zeros(count);
         for point in points {
-            let (first, basis) = basis(from_mm, step_mm, count, point.z_mm);
+            let (first, basis) = splines.at(point.z_mm);
             let weight = 1.0 / point.sd_mm.powi(2);
             for (i, a) in basis.iter().enumerate() {
                 right[first + i] += weight * a * point.value_mm;
@@ -56,7 +88,7 @@ impl Curve {
             }
         }
         // The second difference of coefficients over the square of the step is the curvature at a knot.
-        let weight = 1.0 / (CURVATURE_PER_MM * step_mm * step_mm).powi(2);
+        let weight = 1.0 / (CURVATURE_PER_MM * splines.step_mm.powi(2)).powi(2);
         for first in 0..count - 2 {
             for (i, a) in [1.0, -2.0, 1.0].iter().enumerate() {
                 for (j, b) in [1.0, -2.0, 1.0].iter().enumerate() {
@@ -69,18 +101,18 @@ impl Curve {
         let cholesky = normal.cholesky()?;
         let coefficients = cholesky.solve(&right);
         let finite = coefficients.iter().all(|value| value.is_finite());
-        finite.then(|| Self { from_mm, step_mm, coefficients, covariance: cholesky.inverse() })
+        finite.then(|| Self { splines, coefficients, covariance: cholesky.inverse() })
     }
 
     /// Value at a place; at its end beyond it.
     pub fn at(&self, z_mm: f64) -> f64 {
-        let (first, basis) = basis(self.from_mm, self.step_mm, self.coefficients.len(), z_mm);
+        let (first, basis) = self.splines.at(z_mm);
         basis.iter().zip(self.coefficients.iter().skip(first)).map(|(a, b)| a * b).sum()
     }
 
     /// Variance of the value at a place, for standard deviations as given.
     pub fn variance(&self, z_mm: f64) -> f64 {
-        let (first, basis) = basis(self.from_mm, self.step_mm, self.coefficients.len(), z_mm);
+        let (first, basis) = self.splines.at(z_mm);
         let mut sum = 0.0;
         for (i, a) in basis.iter().enumerate() {
             for (j, b) in basis.iter().enumerate() {
@@ -94,16 +126,6 @@ impl Curve {
     pub fn parameters(&self) -> usize {
         self.coefficients.len()
     }
-}
-
-/// The four cubic B-splines at a place, and the number of the first.
-fn basis(from_mm: f64, step_mm: f64, count: usize, z_mm: f64) -> (usize, [f64; 4]) {
-    let position = ((z_mm - from_mm) / step_mm).clamp(0.0, (count - 3) as f64);
-    let first = (position as usize).min(count - 4);
-    let t = position - first as f64;
-    let (t2, t3) = (t * t, t * t * t);
-    let values = [(1.0 - t).powi(3), 3.0 * t3 - 6.0 * t2 + 4.0, -3.0 * t3 + 3.0 * t2 + 3.0 * t + 1.0, t3];
-    (first, values.map(|value| value / 6.0))
 }
 
 #[cfg(test)]

@@ -356,7 +356,7 @@ fn result(
         motion: None,
         candidate: candidates.get(number).copied(),
         place_mm: echo.map(|echo| [echo.across_mm[0], echo.across_mm[1], echo.z_mm]),
-        sd_mm: echo.map(|echo| [0, 1].map(|axis: usize| echo.sd_mm[axis] * track.noise_scale[axis])),
+        sd_mm: echo.map(|echo| [0, 1].map(|axis: usize| echo.sd_mm[axis] * track.noise[axis].scale)),
         off_mm: echo
             .map(|echo| [0, 1].map(|axis: usize| echo.across_mm[axis] - track.curves[axis].at(echo.z_mm))),
     }

@@ -4,11 +4,15 @@
 //!    most of the sequence's echoes near it.
 //! 2. A spline with the prior of a beam ([`crate::curve`]) is fitted to the nearest candidates, with a gate that closes to what the
 //!    residuals need.
-//! 3. A second curve with about as many echoes is another needle, a wire or the screen: then nothing is decided.
+//! 3. The errors of the echoes are estimated with what neighbours share ([`noise`]).
+//! 4. A second curve with about as many echoes is another needle, a wire or the screen: then nothing is decided.
 
 use crate::curve::{Curve, Knot};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+mod noise;
+pub use noise::Noise;
 
 /// A candidate in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,10 +53,15 @@ pub struct Track {
     pub decisions: Vec<Decision>,
     /// Smooth curves through the used echoes, `[x, y]`.
     pub curves: [Curve; 2],
-    /// What standard deviations from images have to be multiplied with so that residuals are as large as they say, `[x, y]`.
-    pub noise_scale: [f64; 2],
-    /// Successive frames that share their error, since they have the same speckle.
-    pub correlated_frames: f64,
+    /// How large the errors of echoes are, `[x, y]`.
+    pub noise: [Noise; 2],
+}
+
+impl Track {
+    /// Successive frames that share their error, since they have the same speckle: along the axis where they are more.
+    pub fn correlated_frames(&self) -> f64 {
+        self.noise.iter().map(|noise| noise.correlated_frames).fold(1.0, f64::max)
+    }
 }
 
 /// Why there is no track.
@@ -141,8 +150,12 @@ pub fn follow(frames: &[Vec<Echo>], seed: u64) -> Result<Track, TrackError> {
     if used < least {
         return Err(none(used));
     }
-    let correlated_frames = correlated(frames, &decisions, &curves);
-    Ok(Track { decisions, curves, noise_scale: fitted.scale, correlated_frames })
+    let echoes = used_echoes(frames, &decisions);
+    let noise = [0, 1].map(|axis: usize| {
+        let alone = Noise { scale: fitted.scale[axis], correlated_frames: 1.0 };
+        Noise::of(&echoes, axis).unwrap_or(alone)
+    });
+    Ok(Track { decisions, curves, noise })
 }
 
 /// A curve of second order in both directions.
@@ -315,8 +328,8 @@ fn decide(echoes: &[Echo], curves: &[Curve; 2], gate_mm: [f64; 2]) -> Decision {
     }
 }
 
-/// Integrated autocorrelation of the residuals of used frames along the needle: frames that share their speckle share their error.
-fn correlated(frames: &[Vec<Echo>], decisions: &[Decision], curves: &[Curve; 2]) -> f64 {
+/// The echoes of used frames along the needle.
+fn used_echoes(frames: &[Vec<Echo>], decisions: &[Decision]) -> Vec<Echo> {
     let mut used: Vec<Echo> = frames
         .iter()
         .zip(decisions)
@@ -326,25 +339,7 @@ fn correlated(frames: &[Vec<Echo>], decisions: &[Decision], curves: &[Curve; 2])
         })
         .collect();
     used.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
-    let longest = [0, 1].map(|axis: usize| {
-        let off: Vec<f64> = used
-            .iter()
-            .map(|echo| (echo.across_mm[axis] - curves[axis].at(echo.z_mm)) / echo.sd_mm[axis])
-            .collect();
-        let squares: f64 = off.iter().map(|r| r * r).sum();
-        let mut length = 1.0;
-        for lag in 1..=off.len() / 5 {
-            let products: f64 = off.iter().zip(off.iter().skip(lag)).map(|(a, b)| a * b).sum();
-            let rho = products / squares.max(f64::MIN_POSITIVE) * off.len() as f64 / (off.len() - lag) as f64;
-            // Below twice its own standard deviation a correlation is none.
-            if rho < 2.0 / (off.len() as f64).sqrt() {
-                break;
-            }
-            length += 2.0 * rho;
-        }
-        length
-    });
-    longest[0].max(longest[1])
+    used
 }
 
 #[cfg(test)]

@@ -68,6 +68,6 @@ pub(super) fn estimate(track: &Track, poses: &Poses, echoes: &dyn Fn(f64) -> Vec
     }
     let lag_s = at.0 - slope / bend;
     // Minus twice the log likelihood, where the noise is estimated too; frames that share their error count once.
-    let sd_s = (2.0 * track.correlated_frames / bend).sqrt();
+    let sd_s = (2.0 * track.correlated_frames() / bend).sqrt();
     (sd_s < MAX_SD_S).then_some(Lag { lag_s, sd_s })
 }

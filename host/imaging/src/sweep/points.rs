@@ -30,7 +30,7 @@ const MAX_WIDTH_MM: f64 = 2.0;
 impl Sweep {
     /// Points of the shape, along the needle. Frames of one point were taken on the same way: a lag moves those forth and those back apart.
     pub fn points(&self) -> Vec<Point> {
-        let together = self.track.correlated_frames.ceil().max(1.0) as usize;
+        let together = self.track.correlated_frames().ceil() as usize;
         let mut used: Vec<Used> = self
             .frames
             .iter()
@@ -54,7 +54,7 @@ impl Sweep {
                     .count();
                 let (group, others) = rest.split_at(near.max(1));
                 rest = others;
-                points.extend(mean(group, self.track.correlated_frames));
+                points.extend(mean(group, self.track.noise.map(|noise| noise.correlated_frames)));
             }
         }
         points.sort_by(|a, b| a.z_mm.total_cmp(&b.z_mm));
@@ -63,7 +63,7 @@ impl Sweep {
 }
 
 /// Weighted mean of frames that share their error as far as they are neighbours.
-fn mean(group: &[Used], correlated: f64) -> Option<Point> {
+fn mean(group: &[Used], correlated: [f64; 2]) -> Option<Point> {
     let count = group.len() as f64;
     let weights = |axis: usize| group.iter().map(move |(_, sd_mm, _)| sd_mm[axis].powi(-2));
     let across_mm = [0, 1].map(|axis: usize| {
@@ -71,7 +71,7 @@ fn mean(group: &[Used], correlated: f64) -> Option<Point> {
             group.iter().zip(weights(axis)).map(|((place, ..), weight)| weight * place[axis]).sum();
         sum / weights(axis).sum::<f64>()
     });
-    let sd_mm = [0, 1].map(|axis: usize| (correlated.max(1.0) / weights(axis).sum::<f64>()).sqrt());
+    let sd_mm = [0, 1].map(|axis: usize| (correlated[axis].max(1.0) / weights(axis).sum::<f64>()).sqrt());
     let z_mm = group.iter().map(|(place, ..)| place[2]).sum::<f64>() / count;
     let beam = |part: fn(f64) -> f64| group.iter().map(|(.., motion)| part(motion.beam_rad)).sum::<f64>();
     let motion = Motion {

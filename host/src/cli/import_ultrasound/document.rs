@@ -123,7 +123,7 @@ impl SweepResult {
             sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
         };
         let states = State::ALL.into_iter().map(|state| (state.name(), sweep.count(state)));
-        let [noise_scale_x, noise_scale_y] = sweep.track.noise_scale;
+        let [noise_scale_x, noise_scale_y] = sweep.track.noise.map(|noise| noise.scale);
         Ok(Self {
             path: path.to_owned(),
             sha256: path.is_file().then(|| checksum(path)).transpose()?,
@@ -136,7 +136,7 @@ impl SweepResult {
             lag_sd_s: sweep.lag.map(|lag| lag.sd_s),
             noise_scale_x,
             noise_scale_y,
-            correlated_frames: sweep.track.correlated_frames,
+            correlated_frames: sweep.track.correlated_frames(),
             per_frame: sweep.frames.iter().map(FrameEntry::new).collect(),
         })
     }

@@ -1,0 +1,203 @@
+//! Errors of a sequence's echoes: how large they are beside what each image states, and how far along the needle neighbours share them.
+//!
+//! Frames that are closer than the beam is thick show the same speckle, so that they err together. A curve that is fitted to them follows a part
+//! of that, and neither the size of the residuals nor their correlation shows it. So both are estimated by restricted maximum likelihood,
+//! which counts what the curve takes (Patterson and Thompson, Recovery of inter-block information when block sizes are unequal, 1971): errors
+//! are the sum of one that is each frame's own and one that is correlated like the overlap of two beams, and the result is the mean over widths and
+//! shares, weighted by their likelihood.
+
+use super::Echo;
+use crate::curve::Splines;
+use nalgebra::{DMatrix, DVector};
+
+/// Widths of the correlation along the needle, millimetres: from a fraction of the step between frames to that of a beam 4 mm thick.
+const WIDTHS_MM: [f64; 6] = [0.2, 0.4, 0.6, 0.8, 1.2, 1.6];
+/// Shares of the variance that neighbours share. In speckle without noise nearly all of it is, and a frame's own part sets the scale of the
+/// rest: a share that ends at 95 % makes errors half as large as they are.
+const SHARES: [f64; 5] = [0.5, 0.8, 0.95, 0.99, 0.997];
+/// Frames for each interval between knots, at least.
+const FRAMES_PER_INTERVAL: usize = 4;
+/// Frames that are taken together: what is shared across the border of two blocks is left out, and the time grows with their number.
+const BLOCK: usize = 128;
+
+/// Errors along one axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    /// What standard deviations from images have to be multiplied with.
+    pub scale: f64,
+    /// Successive frames that share their error: by so much a mean of many has more variance than one of independent frames.
+    pub correlated_frames: f64,
+}
+
+/// One assumption about the errors, and what follows from it.
+struct Assumed {
+    log_likelihood: f64,
+    variance: f64,
+    correlated_frames: f64,
+}
+
+impl Noise {
+    /// Of echoes in the order of their positions along the needle; nothing where they are too few.
+    pub fn of(echoes: &[Echo], axis: usize) -> Option<Self> {
+        let (first, last) = (echoes.first()?, echoes.last()?);
+        let most = (echoes.len() / FRAMES_PER_INTERVAL).max(1);
+        let splines = Splines::over(first.z_mm, last.z_mm, most)?;
+        let columns = splines.count();
+        let freedom = echoes.len().checked_sub(columns + 2).filter(|freedom| *freedom > 0)?;
+        // The position and what the curve can be there, in standard deviations; the position is the last column.
+        let mut rows = DMatrix::<f64>::zeros(echoes.len(), columns + 1);
+        for (number, echo) in echoes.iter().enumerate() {
+            let (from, basis) = splines.at(echo.z_mm);
+            for (offset, value) in basis.into_iter().enumerate() {
+                rows[(number, from + offset)] = value / echo.sd_mm[axis];
+            }
+            rows[(number, columns)] = echo.across_mm[axis] / echo.sd_mm[axis];
+        }
+        let places_mm: Vec<f64> = echoes.iter().map(|echo| echo.z_mm).collect();
+        // As likely beforehand as that something is shared.
+        let mut own = assumed(&rows, &places_mm, freedom, WIDTHS_MM[0], 0.0);
+        let ways = (WIDTHS_MM.len() * SHARES.len()) as f64;
+        own.iter_mut().for_each(|own| own.log_likelihood += ways.ln());
+        let shared = WIDTHS_MM.into_iter().flat_map(|width_mm| SHARES.map(|share| (width_mm, share)));
+        let all: Vec<Assumed> = own
+            .into_iter()
+            .chain(shared.filter_map(|(mm, share)| assumed(&rows, &places_mm, freedom, mm, share)))
+            .collect();
+        let best = all.iter().map(|one| one.log_likelihood).reduce(f64::max)?;
+        let [weights, variance, correlated] =
+            all.iter().fold([0.0; 3], |[sum, variance, correlated], one| {
+                let weight = (one.log_likelihood - best).exp();
+                let weighted = weight * one.variance;
+                [sum + weight, variance + weighted, correlated + weighted * one.correlated_frames]
+            });
+        let noise =
+            Self { scale: (variance / weights).sqrt(), correlated_frames: (correlated / variance).max(1.0) };
+        (noise.scale.is_finite() && noise.scale > 0.0 && noise.correlated_frames.is_finite()).then_some(noise)
+    }
+}
+
+/// Fits the last column by the others, with errors of which neighbours share a part.
+fn assumed(
+    rows: &DMatrix<f64>,
+    places_mm: &[f64],
+    freedom: usize,
+    width_mm: f64,
+    share: f64,
+) -> Option<Assumed> {
+    let columns = rows.ncols() - 1;
+    let mut products = DMatrix::<f64>::zeros(columns + 1, columns + 1);
+    let (mut log_determinant, mut shared, mut from) = (0.0, 0.0, 0);
+    for places_mm in places_mm.chunks(BLOCK) {
+        let count = places_mm.len();
+        let alike =
+            |i: usize, j: usize| share * (-0.5 * ((places_mm[i] - places_mm[j]) / width_mm).powi(2)).exp();
+        let covariance = DMatrix::from_fn(count, count, |i, j| if i == j { 1.0 } else { alike(i, j) });
+        shared += covariance.sum();
+        let factor = covariance.cholesky()?;
+        log_determinant += 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
+        let block = rows.rows(from, count).into_owned();
+        products += block.transpose() * factor.solve(&block);
+        from += count;
+    }
+    let normal = products.view((0, 0), (columns, columns)).into_owned().cholesky()?;
+    let right: DVector<f64> = products.view((0, columns), (columns, 1)).column(0).into_owned();
+    let squares = products[(columns, columns)] - right.dot(&normal.solve(&right));
+    let curve_determinant: f64 = 2.0 * normal.l_dirty().diagonal().map(f64::ln).sum();
+    // With the variance integrated out under a prior that knows no scale.
+    let log_likelihood = -0.5 * (log_determinant + curve_determinant + (freedom + 2) as f64 * squares.ln());
+    log_likelihood.is_finite().then(|| Assumed {
+        log_likelihood,
+        variance: squares / freedom as f64,
+        correlated_frames: shared / places_mm.len() as f64,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const STEP_MM: f64 = 0.3;
+    const SD_MM: f64 = 0.02;
+
+    fn normal(random: &mut impl Rng) -> f64 {
+        StandardNormal.sample(random)
+    }
+
+    /// Errors of unit variance that neighbours share as speckle is shared, by the overlap of two beams: not as the estimator assumes it.
+    fn speckled(random: &mut impl Rng, count: usize, width_mm: f64) -> Vec<f64> {
+        let half = (4.0 * width_mm / STEP_MM).ceil() as usize;
+        let source: Vec<f64> = (0..count + 2 * half).map(|_| normal(random)).collect();
+        let beam: Vec<f64> = (0..=2 * half)
+            .map(|at| (-((at as f64 - half as f64) * STEP_MM / width_mm).powi(2)).exp())
+            .collect();
+        let size = beam.iter().map(|value| value * value).sum::<f64>().sqrt();
+        source
+            .windows(beam.len())
+            .take(count)
+            .map(|near| near.iter().zip(&beam).map(|(a, b)| a * b).sum::<f64>() / size)
+            .collect()
+    }
+
+    /// Squared errors of a mean over the sequence with a smooth weight, beside the variance that is stated for it, and the variance of single
+    /// frames beside the stated one; means over sequences.
+    fn calibration(width_mm: f64, own: f64, count: usize, seed: u64) -> [f64; 2] {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let sequences = 300;
+        let mut sums = [0.0; 2];
+        for _ in 0..sequences {
+            let shared = speckled(&mut random, count, width_mm);
+            let scale = 1.3;
+            let errors: Vec<f64> = shared
+                .into_iter()
+                .map(|shared| {
+                    scale * SD_MM * ((1.0 - own).sqrt() * shared + own.sqrt() * normal(&mut random))
+                })
+                .collect();
+            let echoes: Vec<Echo> = errors
+                .iter()
+                .enumerate()
+                .map(|(number, error)| {
+                    let z_mm = 30.0 + STEP_MM * number as f64;
+                    let across_mm = 5.0 + 1.2 * (-z_mm / 28.0).exp() * (z_mm / 28.0).cos() + error;
+                    Echo { across_mm: [across_mm, 0.0], z_mm, sd_mm: [SD_MM; 2], score: 3.0 }
+                })
+                .collect();
+            let noise = Noise::of(&echoes, 0).expect("enough frames");
+            let weight = |number: usize| (number as f64 / count as f64 * std::f64::consts::PI).sin();
+            let error: f64 = errors.iter().enumerate().map(|(number, error)| weight(number) * error).sum();
+            let squares: f64 = (0..count).map(|number| weight(number).powi(2)).sum();
+            let stated = (noise.scale * SD_MM).powi(2);
+            sums[0] += error * error / (stated * noise.correlated_frames * squares);
+            sums[1] += (scale * SD_MM).powi(2) / stated;
+        }
+        sums.map(|sum| sum / f64::from(sequences))
+    }
+
+    #[test]
+    fn errors_that_neighbours_share_are_as_large_as_stated() {
+        for (width_mm, own, count, seed) in
+            [(0.6, 0.3, 100, 1), (0.7, 0.003, 100, 2), (1.2, 0.1, 100, 3), (0.05, 0.5, 100, 4)]
+        {
+            let [mean, frame] = calibration(width_mm, own, count, seed);
+            println!("{width_mm} {own} {count}: mean {mean:.3} frame {frame:.3}");
+            assert!(
+                (0.6..1.4).contains(&mean),
+                "{width_mm} mm, {own}: a mean's squared error is {mean} of its variance"
+            );
+            assert!((0.8..1.2).contains(&frame), "{width_mm} mm, {own}: {frame}");
+        }
+    }
+
+    #[test]
+    fn too_few_frames_state_nothing() {
+        let echo = |z_mm: f64| Echo { across_mm: [0.0; 2], z_mm, sd_mm: [SD_MM; 2], score: 3.0 };
+        for count in 0..7 {
+            let echoes: Vec<Echo> = (0..count).map(|number| echo(f64::from(number))).collect();
+            assert_eq!(Noise::of(&echoes, 0), None, "{count}");
+        }
+        assert_eq!(Noise::of(&[echo(3.0); 40], 0), None, "all at one place");
+    }
+}
