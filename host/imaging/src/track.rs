@@ -329,7 +329,7 @@ fn decide(echoes: &[Echo], curves: &[Curve; 2], gate_mm: [f64; 2]) -> Decision {
 }
 
 /// The echoes of used frames along the needle.
-fn used_echoes(frames: &[Vec<Echo>], decisions: &[Decision]) -> Vec<Echo> {
+pub(crate) fn used_echoes(frames: &[Vec<Echo>], decisions: &[Decision]) -> Vec<Echo> {
     let mut used: Vec<Echo> = frames
         .iter()
         .zip(decisions)

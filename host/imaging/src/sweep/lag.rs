@@ -2,13 +2,15 @@
 
 use crate::curve::{Curve, Knot};
 use crate::pose::Poses;
-use crate::track::{Decision, Echo, Track};
+use crate::track::{Decision, Echo, Track, used_echoes};
 
 /// Lags that are tried, seconds.
 const RANGE_S: [f64; 2] = [-0.5, 0.5];
 const STEP_S: f64 = 0.01;
 /// A lag that is less certain is not identifiable from this motion.
 const MAX_SD_S: f64 = 0.03;
+/// Frames that are further apart share no speckle, millimetres.
+const SHARED_MM: f64 = 3.0;
 
 /// An estimated lag.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,14 +28,7 @@ pub(super) fn estimate(track: &Track, poses: &Poses, echoes: &dyn Fn(f64) -> Vec
     }
     let squares = |lag_s: f64| -> Option<f64> {
         let placed = echoes(lag_s);
-        let used: Vec<Echo> = placed
-            .iter()
-            .zip(&track.decisions)
-            .filter_map(|(echoes, decision)| match decision {
-                Decision::Used { echo } => echoes.get(*echo).copied(),
-                _ => None,
-            })
-            .collect();
+        let used = used_echoes(&placed, &track.decisions);
         let of_axis = |axis: usize| {
             let knots: Vec<Knot> = used
                 .iter()
@@ -67,7 +62,44 @@ pub(super) fn estimate(track: &Track, poses: &Poses, echoes: &dyn Fn(f64) -> Vec
         return None;
     }
     let lag_s = at.0 - slope / bend;
-    // Minus twice the log likelihood, where the noise is estimated too; frames that share their error count once.
-    let sd_s = (2.0 * track.correlated_frames() / bend).sqrt();
+    // Minus twice the log likelihood, where the noise is estimated too.
+    let sd_s = (2.0 * alike(track, poses, lag_s, &echoes(lag_s)) / bend).sqrt();
     (sd_s < MAX_SD_S).then_some(Lag { lag_s, sd_s })
+}
+
+/// By how much more a lag is uncertain than with frames whose errors are independent.
+///
+/// A lag moves frames of the way forth to one side and those of the way back to the other, so it is moved by the errors of both with opposite
+/// signs: what they share at one place, since speckle stays where it is, cancels, and what frames of one way share with their neighbours
+/// does not.
+fn alike(track: &Track, poses: &Poses, lag_s: f64, placed: &[Vec<Echo>]) -> f64 {
+    let used = placed.iter().zip(&track.decisions).enumerate().filter_map(|(number, (echoes, decision))| {
+        let Decision::Used { echo } = decision else { return None };
+        let way = poses.motion(number, lag_s).map_or(0.0, |motion| motion.mm_per_s.signum());
+        Some((*echoes.get(*echo)?, way))
+    });
+    let mut used: Vec<(Echo, f64)> = used.collect();
+    used.sort_by(|a, b| a.0.z_mm.total_cmp(&b.0.z_mm));
+    let longest = [0, 1].map(|axis: usize| {
+        let knot = |(echo, _): &(Echo, f64)| Knot {
+            z_mm: echo.z_mm,
+            value_mm: echo.across_mm[axis],
+            sd_mm: echo.sd_mm[axis],
+        };
+        let knots: Vec<Knot> = used.iter().map(knot).collect();
+        let Some(curve) = Curve::fit(&knots) else { return 1.0 };
+        let off: Vec<(f64, f64)> = knots
+            .iter()
+            .zip(&used)
+            .map(|(knot, (_, way))| (knot.z_mm, way * (knot.value_mm - curve.at(knot.z_mm)) / knot.sd_mm))
+            .collect();
+        let squares: f64 = off.iter().map(|(_, r)| r * r).sum();
+        let mut shared = 0.0;
+        for (number, (z_mm, r)) in off.iter().enumerate() {
+            let near = off.iter().skip(number + 1).take_while(|(other_mm, _)| other_mm - z_mm < SHARED_MM);
+            shared += near.map(|(_, other)| r * other).sum::<f64>();
+        }
+        1.0 + 2.0 * shared / squares.max(f64::MIN_POSITIVE)
+    });
+    longest[0].max(longest[1]).max(1.0)
 }
