@@ -17,7 +17,7 @@ const WIDTHS_MM: [f64; 6] = [0.2, 0.4, 0.6, 0.8, 1.2, 1.6];
 const SHARES: [f64; 5] = [0.5, 0.8, 0.95, 0.99, 0.997];
 /// Frames for each interval between knots, at least.
 const FRAMES_PER_INTERVAL: usize = 4;
-/// Frames that are taken together: what is shared across the border of two blocks is left out, and the time grows with their number.
+/// Frames that are taken together: what is shared across the border of two blocks is omitted, and the time grows with their number.
 const BLOCK: usize = 128;
 
 /// Errors along one axis.
@@ -103,7 +103,7 @@ fn assumed(
     let right: DVector<f64> = products.view((0, columns), (columns, 1)).column(0).into_owned();
     let squares = products[(columns, columns)] - right.dot(&normal.solve(&right));
     let curve_determinant: f64 = 2.0 * normal.l_dirty().diagonal().map(f64::ln).sum();
-    // With the variance integrated out under a prior that knows no scale.
+    // With the variance integrated out under a prior that has no scale.
     let log_likelihood = -0.5 * (log_determinant + curve_determinant + (freedom + 2) as f64 * squares.ln());
     log_likelihood.is_finite().then(|| Assumed {
         log_likelihood,
