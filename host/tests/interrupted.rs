@@ -349,7 +349,8 @@ fn a_name_that_cannot_be_written_is_reported_in_one_line_and_leaves_no_part_of_a
     });
 }
 
-/// A command that is killed has no time to clean up: hidden files may be left, and rows of a session's run that are whole.
+/// A command that is killed has no time to clean up: hidden files may be left, and rows of a session's run. A kill within a write cuts the
+/// last one, which a reader skips with a warning.
 #[test]
 #[ignore = "takes half a minute: cargo xtask test runs it"]
 fn a_command_that_is_killed_at_any_moment_leaves_whole_files_and_readable_sessions() {
@@ -388,12 +389,7 @@ fn a_command_that_is_killed_at_any_moment_leaves_whole_files_and_readable_sessio
                     continue;
                 }
                 let rows = whole.get(&name).is_some_and(|all| all.starts_with(&content));
-                let complete = content.is_empty() || content.ends_with(b"\n");
-                assert!(
-                    rows && complete && name.extension() == Some(OsStr::new("csv")),
-                    "{what}: {}",
-                    name.display()
-                );
+                assert!(rows && name.extension() == Some(OsStr::new("csv")), "{what}: {}", name.display());
             }
         }
     });
