@@ -20,7 +20,7 @@ function showIdentify() {
     const cell = (one) => (one.k_kpa === null ? h('td', {}, '-') : h('td', {},
       h('strong', {}, number(one.k_kpa)), one.ci95_kpa ? ` (${interval(one.ci95_kpa)})` : '',
       one.ci95_kpa ? whisker(one.ci95_kpa[0], one.k_kpa, one.ci95_kpa[1], axis) : ''));
-    const rows = found.runs.map((run) => h('tr', {}, h('th', { scope: 'row' }, run.id), h('td', {}, `${number(run.depth_mm)} mm`),
+    const rows = found.runs.map((run) => h('tr', {}, h('th', { scope: 'row' }, run.id), h('td', {}, `${number(run.depth_mm)}\u00a0mm`),
       ...(run.error || run.left_out ? [h('td', { colspan: methods.length }, `skipped: ${run.error || run.left_out}`)] : methods.map(([name]) => cell(run.methods[name])))));
     const youngs = h('p', { id: 'youngs', 'aria-live': 'polite' }, 'Young\u2019s modulus E is being computed for this needle and rig ...');
     const kept = h('div', {});
