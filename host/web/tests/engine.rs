@@ -48,6 +48,16 @@ fn documents_are_those_of_the_program_with_figures() {
     let found = ok(engine, &json!({"do": "identify", "dir": dir, "relation": "vesic"}));
     assert_eq!(found["document"]["pooled"]["runs"], 2);
     assert_eq!(found["figures"].as_array().map(Vec::len), Some(6));
+    // K that is shown first is the one that the document has.
+    let first =
+        ok(engine, &json!({"do": "identify", "dir": dir, "relation": "vesic", "foundation": "springs"}));
+    for shown in ["pooled", "runs"] {
+        assert_eq!(first["document"][shown], found["document"][shown]);
+    }
+    assert!(
+        first["document"]["foundation"]["body"].is_null()
+            && !found["document"]["foundation"]["body"].is_null()
+    );
     let path = ok(engine, &json!({"do": "predict", "dir": dir, "until_mm": 50}));
     assert_eq!(path["document"]["insertions"].as_array().map(Vec::len), Some(2));
     assert!(path["figures"][0]["svg"].as_str().is_some_and(|svg| svg.contains("<svg")));
@@ -236,6 +246,10 @@ fn wrong_requests_are_answered_with_one_line_that_names_what_is_valid() {
         (
             json!({"do": "try", "dir": "gone", "foundation": "body", "effects": ["x"]}),
             "expected the id of an effect",
+        ),
+        (
+            json!({"do": "identify", "dir": "gone", "foundation": "sand"}),
+            "foundation: sand, expected springs or body",
         ),
         (play, "k_kpa: 0, expected 0.1 to 1000"),
     ] {
