@@ -165,9 +165,9 @@ mod tests {
             correlation_per_mille: Vec::new(),
         };
         let mut data = Likelihoods::default();
-        for number in 0..15 {
-            data.push(&Summary { result: Some(result(number)), ..Summary::empty(number.to_string()) });
-        }
+        let record =
+            |number: u32| Summary { result: Some(result(number)), ..Summary::empty(number.to_string()) };
+        data.push_all((0..15).map(record).collect());
         spread(&data, &vec![Names::default(); 15]).first().map(|one| one.kind)
     }
 
