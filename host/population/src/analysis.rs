@@ -57,10 +57,7 @@ struct Row {
 /// # Errors
 /// [`PopulationError`] where nothing can be computed.
 pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Population, PopulationError> {
-    let Records { mut kept, kinds, .. } = records.into();
-    kept.sort_by(|a, b| a.summary.session.cmp(&b.summary.session));
-    let mut data = Likelihoods::default();
-    let summaries: Vec<Summary> = kept.into_iter().map(|one| data.push(one, &kinds)).collect();
+    let (summaries, mut data) = records.into().by_session().likelihoods();
     let known = known_names(&summaries);
     for (option, names) in
         [("--by", &options.by), ("--nested", &options.nested), ("--covariate", &options.covariates)]

@@ -1,26 +1,26 @@
 //! Records as they are kept in memory: what describes a parameter once, and not in every record.
 
-use crate::sharing::Likelihood;
+use crate::sharing::{Likelihood, Likelihoods};
 use crate::summary::{Amplitude, Summary};
 use std::collections::HashMap;
 
 /// Records of sessions for [`analyse`](crate::analyse): of a hundred thousand of them a few kilobytes each.
 #[derive(Debug, Clone, Default)]
 pub struct Records {
-    pub(crate) kept: Vec<Kept>,
+    kept: Vec<Kept>,
     /// What describes a parameter, without the numbers of a session.
-    pub(crate) kinds: Vec<Amplitude>,
+    kinds: Vec<Amplitude>,
     known: HashMap<Key, usize>,
 }
 
 /// A record without what its likelihood has.
 #[derive(Debug, Clone)]
-pub(crate) struct Kept {
-    pub summary: Summary,
+struct Kept {
+    summary: Summary,
     /// `None` without a result.
-    pub likelihood: Option<Likelihood>,
+    likelihood: Option<Likelihood>,
     /// Numbers of its parameters' kinds.
-    pub kinds: Vec<usize>,
+    kinds: Vec<usize>,
 }
 
 /// Everything that describes a parameter.
@@ -56,6 +56,23 @@ impl Records {
         }
         (summary.schema, summary.program) = (String::new(), String::new());
         self.kept.push(Kept { summary, likelihood, kinds });
+    }
+
+    /// The same in the order of the sessions' names.
+    pub(crate) fn by_session(mut self) -> Self {
+        self.kept.sort_by(|a, b| a.summary.session.cmp(&b.summary.session));
+        self
+    }
+
+    /// What is left of the records, and their likelihoods.
+    pub(crate) fn likelihoods(self) -> (Vec<Summary>, Likelihoods) {
+        let mut data = Likelihoods::default();
+        let of_one = |Kept { summary, likelihood, kinds }| {
+            data.push(&summary, likelihood, &kinds, &self.kinds);
+            summary
+        };
+        let summaries = self.kept.into_iter().map(of_one).collect();
+        (summaries, data)
     }
 
     /// Number of the kind of a parameter.

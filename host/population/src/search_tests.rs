@@ -1,6 +1,7 @@
 //! Simulated records: shared effects are named, with their dates, and nothing else is.
 
 use super::*;
+use crate::Records;
 use crate::patterns::LABELS;
 use crate::summary::{Amplitude, NamedEffect, SessionResult, Summary};
 use rand::SeedableRng;
@@ -75,8 +76,7 @@ fn record(number: usize, rig: &str, day: usize, truth: [f64; 4], random: &mut Ch
 }
 
 fn found(records: &[Summary]) -> (Vec<Found>, Likelihoods) {
-    let mut data = Likelihoods::default();
-    data.push_all(records.to_vec());
+    let (_, mut data) = Records::from(records.to_vec()).likelihoods();
     let label = |name: &str| records.iter().map(|record| record.label(name)).collect();
     let places = Places { labels: LABELS.map(label), days: records.iter().map(Summary::day).collect() };
     let (found, _) = search(&mut data, &places);
@@ -171,8 +171,7 @@ fn a_session_that_names_an_effect_by_itself_adds_no_evidence_for_others_through_
         result.named =
             vec![NamedEffect { id: "sensor.force_gain".to_owned(), parameters, log_evidence: 50.0, class }];
     }
-    let mut data = Likelihoods::default();
-    data.push_all(vec![one]);
+    let (_, data) = Records::from(vec![one]).likelihoods();
     let likelihood = data.sessions[0].as_ref().expect("a likelihood");
     let size = |number: usize| {
         let (b, g) = likelihood.block(&data.hypotheses[number]);

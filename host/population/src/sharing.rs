@@ -6,7 +6,6 @@
 //! `b^T (I + G)^-1 b / 2 - ln det(I + G) / 2`. Where sessions differ by more than their own errors (`Q` over its degrees of freedom above
 //! one) both are divided by that ratio (Birge).
 
-use crate::records::Kept;
 use crate::summary::{Amplitude, NamedEffect, SessionResult, Summary};
 use nalgebra::{SMatrix, SVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -97,21 +96,17 @@ pub(crate) struct Test {
 
 impl Likelihoods {
     /// Adds a session; those without a result have no likelihood. `kinds` are those of all records.
-    pub fn push(&mut self, kept: Kept, kinds: &[Amplitude]) -> Summary {
-        let Kept { summary, likelihood, kinds: own } = kept;
+    /// `own` are the numbers of those of its parameters.
+    pub fn push(
+        &mut self,
+        summary: &Summary,
+        likelihood: Option<Likelihood>,
+        own: &[usize],
+        kinds: &[Amplitude],
+    ) {
         let named = summary.result.iter().flat_map(|result| &result.named);
-        let placed = likelihood.map(|likelihood| self.placed(likelihood, &own, kinds, named));
+        let placed = likelihood.map(|likelihood| self.placed(likelihood, own, kinds, named));
         self.sessions.push(placed);
-        summary
-    }
-
-    /// Adds the sessions of records.
-    #[cfg(test)]
-    pub fn push_all(&mut self, records: Vec<Summary>) {
-        let crate::records::Records { kept, kinds, .. } = records.into();
-        kept.into_iter().for_each(|one| {
-            self.push(one, &kinds);
-        });
     }
 
     /// A likelihood with the columns of its parameters.
