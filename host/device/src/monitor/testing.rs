@@ -6,6 +6,8 @@ use protocol::{Counters, Fault, Hello, Load, ResetReason, State as Phase, Status
 
 pub fn hello(now_us: u64, last_panic: Option<&str>) -> Box<Hello> {
     Box::new(Hello {
+        firmware_version: Text::new("0.1.0"),
+        commit: Text::new("abc1234"),
         board: Text::new("B-L475E-IOT01A"),
         reset_reason: ResetReason::Watchdog,
         now_us,
