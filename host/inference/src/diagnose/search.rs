@@ -149,8 +149,10 @@ impl Search<'_> {
         let behind = BEHIND.max(BEHIND_SHARE * best);
         // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
         let least = |score: &Score| if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
+        // Scores are those of small effects: what has the evidence of a name by its score is fitted however far behind it is.
+        let near = (best - behind).min(MIN_GAIN);
         let is_promising =
-            |score: &Score| score.is_identifiable && score.log_evidence > (best - behind).max(least(score));
+            |score: &Score| score.is_identifiable && score.log_evidence > near.max(least(score));
         // Effects that the runs cannot show have a score of 0, above many that are worth a fit: they take no place among the leaders.
         let leaders: Vec<bool> = ranked
             .iter()
