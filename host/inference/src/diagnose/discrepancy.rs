@@ -200,25 +200,32 @@ fn whitened(groups: Vec<GroupPatterns>, runs: &[Prepared]) -> Patterns {
         }
         matrix
     };
-    let mut shared_groups = Vec::new();
-    for (number, group) in groups.iter().enumerate().filter(|(_, group)| group.scope == Scope::Shared) {
+    let shows = |pattern: &Vec<f64>| pattern.iter().any(|value| *value != 0.0);
+    // Which patterns of every group any run shows: the others, as of a plane that was not measured, have no amplitude to be found.
+    let shown = |group: &GroupPatterns| -> Vec<usize> {
         let count = group.of_runs.iter().map(Vec::len).max().unwrap_or(0);
-        shared_groups.extend(std::iter::repeat_n(number, count));
+        let is_shown = |j: &usize| group.of_runs.iter().any(|patterns| patterns.get(*j).is_some_and(shows));
+        (0..count).filter(is_shown).collect()
+    };
+    let groups_shown: Vec<Vec<usize>> = groups.iter().map(shown).collect();
+    let mut shared_groups = Vec::new();
+    let shared = groups.iter().zip(&groups_shown).enumerate();
+    for (number, (_, shown)) in shared.filter(|(_, (group, _))| group.scope == Scope::Shared) {
+        shared_groups.extend(std::iter::repeat_n(number, shown.len()));
     }
     let of_run = |(index, prepared): (usize, &Prepared)| {
         let rows = prepared.run.data.len();
         let (mut own_groups, mut own, mut shared) = (Vec::new(), Vec::new(), Vec::new());
-        for (number, group) in groups.iter().enumerate() {
+        for (number, (group, shown)) in groups.iter().zip(&groups_shown).enumerate() {
             let patterns = group.of_runs.get(index).map(Vec::as_slice).unwrap_or_default();
             match group.scope {
                 Scope::Own => {
-                    own_groups.extend(std::iter::repeat_n(number, patterns.len()));
-                    own.extend_from_slice(patterns);
+                    own.extend(patterns.iter().filter(|pattern| shows(pattern)).cloned());
+                    own_groups.resize(own.len(), number);
                 }
                 Scope::Shared => {
-                    let count = group.of_runs.iter().map(Vec::len).max().unwrap_or(0);
-                    shared.extend_from_slice(patterns);
-                    shared.extend(std::iter::repeat_n(vec![0.0; rows], count - patterns.len()));
+                    let of = |j: &usize| patterns.get(*j).cloned().unwrap_or_else(|| vec![0.0; rows]);
+                    shared.extend(shown.iter().map(of));
                 }
             }
         }

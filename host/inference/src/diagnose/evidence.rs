@@ -26,6 +26,8 @@ const LN_SD_BELOW: f64 = 1.5;
 const MIN_SHARE: f64 = 1e-4;
 /// Columns from which on a copy for products by blocks is worth its time.
 const MANY_COLUMNS: usize = 16;
+/// Columns of a block of products of which one triangle is needed.
+const BLOCK: usize = 32;
 
 /// Patterns whose amplitudes have one size.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,15 +61,26 @@ pub(super) struct RunPatterns {
     pub own: DMatrix<f64>,
     /// Readings by patterns that runs share.
     pub shared: DMatrix<f64>,
+    /// Which of these the run shows at all: no pattern is in lateral runs and in insertions.
+    shown: Vec<usize>,
     own_gram: DMatrix<f64>,
-    own_by_shared: DMatrix<f64>,
+    /// Patterns of this run by shared ones that it shows.
+    own_by_shown: DMatrix<f64>,
 }
 
 impl RunPatterns {
     /// Of whitened patterns.
     pub fn new(own_groups: Vec<usize>, own: DMatrix<f64>, shared: DMatrix<f64>) -> Self {
         let across = own.transpose();
-        Self { own_gram: &across * &own, own_by_shared: &across * &shared, own_groups, own, shared }
+        let is_shown = |j: &usize| shared.column(*j).iter().any(|value| *value != 0.0);
+        let shown: Vec<usize> = (0..shared.ncols()).filter(is_shown).collect();
+        let own_by_shown = &across * shared.select_columns(&shown);
+        Self { own_gram: &across * &own, own_by_shown, own_groups, own, shared, shown }
+    }
+
+    /// Where the columns of what is eliminated of this run are among shared patterns (so many) and columns (so many) behind them.
+    fn places(&self, shared: usize, columns: usize) -> Vec<usize> {
+        self.shown.iter().copied().chain(shared..shared + columns).collect()
     }
 }
 
@@ -215,18 +228,18 @@ impl Patterns {
             }
             let factor = matrix.cholesky()?;
             half_ln_determinant += ln_diagonal(&factor);
-            let mut right = DMatrix::zeros(own, own_side);
+            let shown = run.shown.len();
+            let mut right = DMatrix::zeros(own, shown + columns);
             for i in 0..own {
-                for j in 0..shared {
-                    right[(i, j)] = own_sizes[i] * run.own_by_shared[(i, j)] * shared_sizes[j];
+                for (j, of) in run.shown.iter().enumerate() {
+                    right[(i, j)] = own_sizes[i] * run.own_by_shown[(i, j)] * shared_sizes[*of];
                 }
                 for j in 0..columns {
-                    right[(i, shared + j)] = own_sizes[i] * own_products[(i, j)];
+                    right[(i, shown + j)] = own_sizes[i] * own_products[(i, j)];
                 }
             }
             factor.l_dirty().solve_lower_triangular_mut(&mut right);
-            // By blocks, as above.
-            all.gemm(-1.0, &right.transpose(), &right, 1.0);
+            take_off_products(&mut all, &right, &run.places(shared, columns));
             runs.push((factor, right));
         }
         let kept = shared + parameters;
@@ -249,22 +262,31 @@ impl Patterns {
         let parameters = products.among.ncols().checked_sub(1)?;
         let reduced = self.reduced(sizes, products, parameters)?;
         let shared = self.shared_groups.len();
+        let lower = reduced.factor.l_dirty();
         let root = inverse_root(&reduced.factor);
-        let covariance = root.transpose() * &root;
-        let amplitudes = &covariance * reduced.right.column(0);
+        let amplitudes = root.tr_mul(&(&root * reduced.right.column(0)));
         let (prior, mut gradient) = self.size_prior(sizes);
         for (j, group) in self.shared_groups.iter().enumerate() {
-            gradient[*group] += 1.0 - covariance[(j, j)] - amplitudes[j] * amplitudes[j];
+            gradient[*group] += 1.0 - root.column(j).norm_squared() - amplitudes[j] * amplitudes[j];
         }
+        let kept = shared + parameters;
         for (run, (factor, right)) in self.runs.iter().zip(&reduced.runs) {
+            let mut upper = right.clone();
+            factor.l_dirty().tr_solve_lower_triangular_mut(&mut upper);
+            let places = run.places(shared, parameters);
+            // What the patterns of the run have in common with what is left, in the space of its factor, which has zeros before the first.
+            let first = places.first().copied().unwrap_or(kept);
+            let mut across = DMatrix::zeros(kept - first, run.own_groups.len());
+            let mut own = upper.column(upper.ncols() - 1).into_owned();
+            for (column, place) in upper.column_iter().zip(&places) {
+                own.axpy(-amplitudes[*place], &column, 1.0);
+                across.row_mut(place - first).copy_from(&column.transpose());
+            }
+            let behind = lower.view((first, first), (kept - first, kept - first));
+            behind.solve_lower_triangular_mut(&mut across);
             let root = inverse_root(factor);
-            let upper = root.transpose() * right;
-            let kept = shared + parameters;
-            let by_shared = upper.columns(0, kept);
-            let own = upper.column(upper.ncols() - 1) - by_shared * &amplitudes;
-            let spread = by_shared * &covariance;
             for (j, group) in run.own_groups.iter().enumerate() {
-                let variance = root.column(j).norm_squared() + spread.row(j).dot(&by_shared.row(j));
+                let variance = root.column(j).norm_squared() + across.column(j).norm_squared();
                 gradient[*group] += 1.0 - variance - own[j] * own[j];
             }
         }
@@ -273,6 +295,7 @@ impl Patterns {
                 *slope = 0.0;
             }
         }
+        let of_parameters = root.columns(shared, parameters);
         let minus_ln = 0.5 * reduced.rest[(0, 0)] + reduced.half_ln_determinant + prior;
         Some(Evidence {
             minus_ln,
@@ -280,7 +303,7 @@ impl Patterns {
             size_prior: prior,
             gradient,
             mean: amplitudes.rows(shared, parameters).into_owned(),
-            covariance: covariance.view((shared, shared), (parameters, parameters)).into_owned(),
+            covariance: of_parameters.tr_mul(&of_parameters),
         })
     }
 
@@ -313,7 +336,7 @@ pub(super) struct Products {
 /// What is left once the patterns are eliminated.
 struct Reduced {
     half_ln_determinant: f64,
-    /// Factor and right-hand sides (in the factor's space) of every run's own patterns.
+    /// Factor and right-hand sides (in the factor's space) of every run's own patterns: shared patterns that the run shows, columns.
     runs: Vec<(Cholesky<f64, Dyn>, DMatrix<f64>)>,
     /// Of the shared patterns and parameters.
     factor: Cholesky<f64, Dyn>,
@@ -337,6 +360,23 @@ pub(super) struct Evidence {
     pub mean: DVector<f64>,
     /// Their posterior covariance.
     pub covariance: DMatrix<f64>,
+}
+
+/// Takes the scalar products of columns off the lower triangle of a matrix in which they have these places, in increasing order; block by
+/// block, as one product would compute both triangles.
+fn take_off_products(from: &mut DMatrix<f64>, columns: &DMatrix<f64>, places: &[usize]) {
+    let across = columns.transpose();
+    let mut start = 0;
+    while start < places.len() {
+        let width = BLOCK.min(places.len() - start);
+        let products = across.rows_range(start..) * columns.columns(start, width);
+        for (j, column) in products.column_iter().enumerate() {
+            for (value, row) in column.iter().zip(&places[start..]).skip(j) {
+                from[(*row, places[start + j])] -= value;
+            }
+        }
+        start += width;
+    }
 }
 
 fn ln_diagonal(factor: &Cholesky<f64, Dyn>) -> f64 {

@@ -42,10 +42,12 @@ impl Patterns {
             let (first, length) = (groups.len(), run.own_groups.len());
             let root = inverse_root(factor);
             let upper = root.transpose() * right;
-            let of_run = upper.columns(0, kept);
+            let mut of_run = by_shared.rows_mut(first, length);
+            for (column, place) in upper.column_iter().zip(run.places(shared, parameters)) {
+                of_run.set_column(place, &column);
+            }
             let own_mean = upper.column(upper.ncols() - 1) - of_run * &amplitudes;
             mean.rows_mut(first, length).copy_from(&own_mean);
-            by_shared.rows_mut(first, length).copy_from(&of_run);
             inverse.view_mut((first, first), (length, length)).gemm_tr(1.0, &root, &root, 0.0);
             groups.extend_from_slice(&run.own_groups);
         }
