@@ -57,7 +57,9 @@ struct Row {
 /// # Errors
 /// [`PopulationError`] where nothing can be computed.
 pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Population, PopulationError> {
-    let (summaries, mut data) = records.into().by_session().likelihoods();
+    let records: Records = records.into();
+    let discrepancy = records.median_sizes();
+    let (summaries, mut data) = records.by_session().likelihoods();
     let known = known_names(&summaries);
     for (option, names) in
         [("--by", &options.by), ("--nested", &options.nested), ("--covariate", &options.covariates)]
@@ -135,7 +137,7 @@ pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Populat
         listed,
         agreement: AGREEMENT.iter().flat_map(|label| agreement_of(label, &rows)).collect(),
         tip_load: tip_loads(&summaries),
-        discrepancy: discrepancy(&summaries),
+        discrepancy,
         rows: rows.iter().enumerate().map(|(index, row)| session_row(row, residuals.get(&index))).collect(),
         warnings,
     })
@@ -370,21 +372,6 @@ fn tip_loads(summaries: &[Summary]) -> Vec<TipLoadResult> {
         })
     };
     groups.into_iter().filter_map(of).collect()
-}
-
-/// Median over sessions of every size.
-fn discrepancy(summaries: &[Summary]) -> BTreeMap<String, f64> {
-    let mut all: BTreeMap<&String, Vec<f64>> = BTreeMap::new();
-    for (name, multiple) in
-        summaries.iter().filter_map(|summary| summary.result.as_ref()).flat_map(|result| &result.discrepancy)
-    {
-        all.entry(name).or_default().push(*multiple);
-    }
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    all.into_iter().map(|(name, values)| (name.clone(), median(values))).collect()
 }
 
 fn session_row(row: &Row, residual: Option<&Residual>) -> SessionRow {

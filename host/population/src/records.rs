@@ -2,7 +2,8 @@
 
 use crate::sharing::{Likelihood, Likelihoods};
 use crate::summary::{Amplitude, Summary};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
 
 /// Records of sessions for [`analyse`](crate::analyse): of a hundred thousand of them a few kilobytes each.
 #[derive(Debug, Clone, Default)]
@@ -11,16 +12,18 @@ pub struct Records {
     /// What describes a parameter, without the numbers of a session.
     kinds: Vec<Amplitude>,
     known: HashMap<Key, usize>,
+    /// Sizes of the discrepancy by name, of all records that have them.
+    sizes: BTreeMap<String, Vec<f64>>,
 }
 
-/// A record without what its likelihood has.
+/// A record without what its likelihood has, and without what is kept of all together.
 #[derive(Debug, Clone)]
 struct Kept {
     summary: Summary,
     /// `None` without a result.
     likelihood: Option<Likelihood>,
-    /// Numbers of its parameters' kinds.
-    kinds: Vec<usize>,
+    /// Numbers of its parameters' kinds: of most records those of the one before.
+    kinds: Arc<[usize]>,
 }
 
 /// Everything that describes a parameter.
@@ -37,7 +40,7 @@ impl Records {
     pub fn push(&mut self, mut summary: Summary) {
         let (mut likelihood, mut kinds) = (None, Vec::new());
         if let Some(result) = &mut summary.result {
-            let before = self.kept.last().map_or(&[][..], |kept| kept.kinds.as_slice());
+            let before = self.kept.last().map_or(&[][..], |kept| &kept.kinds);
             let before: Vec<Option<usize>> = (0..result.amplitudes.len())
                 .map(|place| {
                     // As in the record before it, mostly.
@@ -50,11 +53,16 @@ impl Records {
             for (one, number) in std::mem::take(&mut result.amplitudes).into_iter().zip(before) {
                 kinds.push(number.unwrap_or_else(|| self.kind(one)));
             }
+            for (name, multiple) in std::mem::take(&mut result.discrepancy) {
+                self.sizes.entry(name).or_default().push(multiple);
+            }
             // Nothing here is computed from these.
             result.log_evidence.clear();
             result.noise.clear();
         }
         (summary.schema, summary.program) = (String::new(), String::new());
+        let as_before = self.kept.last().filter(|kept| *kept.kinds == *kinds).map(|kept| kept.kinds.clone());
+        let kinds = as_before.unwrap_or_else(|| kinds.into());
         self.kept.push(Kept { summary, likelihood, kinds });
     }
 
@@ -62,6 +70,16 @@ impl Records {
     pub(crate) fn by_session(mut self) -> Self {
         self.kept.sort_by(|a, b| a.summary.session.cmp(&b.summary.session));
         self
+    }
+
+    /// Median over the records of every size of the discrepancy.
+    pub(crate) fn median_sizes(&self) -> BTreeMap<String, f64> {
+        let median = |values: &Vec<f64>| {
+            let mut values = values.clone();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied()
+        };
+        self.sizes.iter().filter_map(|(name, values)| Some((name.clone(), median(values)?))).collect()
     }
 
     /// What is left of the records, and their likelihoods.
