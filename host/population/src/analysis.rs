@@ -6,6 +6,7 @@ use crate::error::PopulationError;
 use crate::nested::{Nested, Observations};
 use crate::patterns::Places;
 use crate::random_effects::{RandomEffects, random_effects};
+use crate::records::Records;
 use crate::residuals::{Residual, residuals};
 use crate::results::*;
 use crate::search::{Found, search};
@@ -55,8 +56,8 @@ struct Row {
 ///
 /// # Errors
 /// [`PopulationError`] where nothing can be computed.
-pub fn analyse(mut summaries: Vec<Summary>, options: &Options) -> Result<Population, PopulationError> {
-    summaries.sort_by(|a, b| a.session.cmp(&b.session));
+pub fn analyse(records: impl Into<Records>, options: &Options) -> Result<Population, PopulationError> {
+    let (summaries, mut data) = records.into().by_session().likelihoods();
     let known = known_names(&summaries);
     for (option, names) in
         [("--by", &options.by), ("--nested", &options.nested), ("--covariate", &options.covariates)]
@@ -67,8 +68,6 @@ pub fn analyse(mut summaries: Vec<Summary>, options: &Options) -> Result<Populat
         }
     }
     let mut warnings = Vec::new();
-    let mut data = Likelihoods::default();
-    summaries.iter().for_each(|summary| data.push(summary));
     let label = |name: &str| summaries.iter().map(|summary| summary.label(name)).collect();
     let places = Places {
         labels: ["rig", "needle", "tissue", "day"].map(label),

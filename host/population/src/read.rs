@@ -1,6 +1,7 @@
 //! Records of sessions from files of lines.
 
 use crate::error::PopulationError;
+use crate::records::Records;
 use crate::summary::{SUMMARY_SCHEMA, Summary};
 use rayon::prelude::*;
 use std::collections::HashSet;
@@ -9,7 +10,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 /// Lines that are parsed at once, on all cores.
-const AT_ONCE: usize = 2048;
+const AT_ONCE: usize = 512;
 
 /// Passes the records of files on, in order, a few at a time, so that not all of them are in memory.
 ///
@@ -55,8 +56,8 @@ pub fn read_lines(paths: &[impl AsRef<Path>], mut pass: impl FnMut(Summary)) -> 
 ///
 /// # Errors
 /// As [`read_lines`].
-pub fn read_summaries(paths: &[impl AsRef<Path>]) -> Result<Vec<Summary>, PopulationError> {
-    let mut all = Vec::new();
+pub fn read_summaries(paths: &[impl AsRef<Path>]) -> Result<Records, PopulationError> {
+    let mut all = Records::default();
     read_lines(paths, |summary| all.push(summary))?;
     Ok(all)
 }

@@ -11,7 +11,7 @@ use crate::results::{Competing, HeldOut, SharedEffect, SharedKind, SharedParamet
 use crate::sharing::{Hypothesis, Likelihoods, MAX_PARAMETERS, Sum, Test, Vector};
 use crate::summary::{Interval, date_of};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 /// Probability that anything is named where nothing is shared.
 const FALSE_ALARMS: f64 = 0.01;
@@ -46,6 +46,7 @@ pub(crate) struct Found {
     pub result: SharedEffect,
     hypothesis: usize,
     pattern: usize,
+    /// Its sessions in order of their numbers, and how much of the effect each has.
     pub members: Vec<(usize, f64)>,
     mean: Vector,
     sd: Vector,
@@ -89,7 +90,9 @@ pub(crate) fn search(data: &mut Likelihoods, places: &Places) -> (Vec<Found>, us
         });
         let Some((candidate, held_out)) = accepted else { break };
         let class = class(data, &patterns, &candidates, &candidate);
-        let members = members(&patterns[candidate.pattern], candidate.start);
+        let mut members = members(&patterns[candidate.pattern], candidate.start);
+        // They come in order of their dates.
+        members.sort_unstable_by_key(|(index, _)| *index);
         subtract(data, candidate.hypothesis, &members, &candidate.test.mean);
         found.push(Found {
             result: result(data, &patterns[candidate.pattern], places, &candidate, tests, held_out, class),
@@ -169,7 +172,8 @@ fn candidate(
     }
     let (start, best) = tests.iter().max_by(|a, b| a.1.log_evidence.total_cmp(&b.1.log_evidence)).copied()?;
     let of_starts = pattern.starts.iter().map(|start| {
-        let of = tests.iter().find(|(place, _)| place == start);
+        // They are there from the last one backwards.
+        let of = tests.binary_search_by(|(place, _)| start.cmp(place)).ok().and_then(|of| tests.get(of));
         of.map_or(f64::NEG_INFINITY, |(_, test)| test.log_evidence)
     });
     let of_starts: Vec<f64> = of_starts.collect();
@@ -202,10 +206,11 @@ fn accepted(
 
 /// Effects and groups that explain the same sessions about as well.
 fn class(data: &Likelihoods, patterns: &[Pattern], all: &[Candidate], best: &Candidate) -> Vec<Competing> {
-    let own = members(&patterns[best.pattern], best.start);
+    let own: HashSet<usize> =
+        members(&patterns[best.pattern], best.start).into_iter().map(|(index, _)| index).collect();
     let overlaps = |other: &Candidate| {
         let theirs = members(&patterns[other.pattern], other.start);
-        let shared = theirs.iter().filter(|(index, _)| own.iter().any(|(mine, _)| mine == index)).count();
+        let shared = theirs.iter().filter(|(index, _)| own.contains(index)).count();
         2 * shared > own.len().max(theirs.len())
     };
     let near = all.iter().take_while(|other| other.log_evidence > best.log_evidence - COMPETING);

@@ -1,6 +1,7 @@
 //! Simulated records: shared effects are named, with their dates, and nothing else is.
 
 use super::*;
+use crate::Records;
 use crate::patterns::LABELS;
 use crate::summary::{Amplitude, NamedEffect, SessionResult, Summary};
 use rand::SeedableRng;
@@ -75,8 +76,7 @@ fn record(number: usize, rig: &str, day: usize, truth: [f64; 4], random: &mut Ch
 }
 
 fn found(records: &[Summary]) -> (Vec<Found>, Likelihoods) {
-    let mut data = Likelihoods::default();
-    records.iter().for_each(|record| data.push(record));
+    let (_, mut data) = Records::from(records.to_vec()).likelihoods();
     let label = |name: &str| records.iter().map(|record| record.label(name)).collect();
     let places = Places { labels: LABELS.map(label), days: records.iter().map(Summary::day).collect() };
     let (found, _) = search(&mut data, &places);
@@ -143,6 +143,25 @@ fn what_was_found_is_taken_off_the_scores_of_others_and_moves_k_back() {
 }
 
 #[test]
+fn k_of_every_session_of_the_rig_is_corrected_whatever_the_order_of_names_and_dates() {
+    let forth = three_rigs(120, 0.1, 0.0, 3);
+    let mut back = forth.clone();
+    back.iter_mut()
+        .enumerate()
+        .for_each(|(number, record)| record.session = format!("s{:04}", 9999 - number));
+    let corrected = |records: Vec<Summary>| {
+        let found = crate::analysis::analyse(records, &crate::Options::default()).expect("a population");
+        let of = |row: &crate::results::SessionRow| {
+            let shift = (row.k_recorded_kpa / row.k_kpa.value).ln();
+            (shift.abs() > 1e-9).then(|| row.rig.clone().expect("a rig"))
+        };
+        found.rows.iter().filter_map(of).collect::<Vec<_>>()
+    };
+    assert_eq!(corrected(forth), vec!["a"; 40]);
+    assert_eq!(corrected(back), vec!["a"; 40]);
+}
+
+#[test]
 fn a_session_that_names_an_effect_by_itself_adds_no_evidence_for_others_through_it() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let mut one = record(0, "a", 0, [0.3, 0.0, 0.0, 0.0], &mut random);
@@ -152,8 +171,7 @@ fn a_session_that_names_an_effect_by_itself_adds_no_evidence_for_others_through_
         result.named =
             vec![NamedEffect { id: "sensor.force_gain".to_owned(), parameters, log_evidence: 50.0, class }];
     }
-    let mut data = Likelihoods::default();
-    data.push(&one);
+    let (_, data) = Records::from(vec![one]).likelihoods();
     let likelihood = data.sessions[0].as_ref().expect("a likelihood");
     let size = |number: usize| {
         let (b, g) = likelihood.block(&data.hypotheses[number]);

@@ -6,7 +6,7 @@
 //! `b^T (I + G)^-1 b / 2 - ln det(I + G) / 2`. Where sessions differ by more than their own errors (`Q` over its degrees of freedom above
 //! one) both are divided by that ratio (Birge).
 
-use crate::summary::{SessionResult, Summary};
+use crate::summary::{Amplitude, NamedEffect, SessionResult, Summary};
 use nalgebra::{SMatrix, SVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use std::collections::{BTreeMap, HashMap};
@@ -59,6 +59,8 @@ pub(crate) struct Likelihood {
 pub(crate) struct Likelihoods {
     pub hypotheses: Vec<Hypothesis>,
     by_name: HashMap<(String, Option<String>), usize>,
+    /// Column of every kind of parameter that was there.
+    of_kinds: HashMap<usize, Option<usize>>,
     columns: usize,
     pub sessions: Vec<Option<Likelihood>>,
 }
@@ -93,71 +95,75 @@ pub(crate) struct Test {
 }
 
 impl Likelihoods {
-    /// Adds a session; those without a result have no likelihood.
-    pub fn push(&mut self, summary: &Summary) {
-        let of = summary.result.as_ref().map(|result| self.likelihood(result));
-        self.sessions.push(of);
+    /// Adds a session; those without a result have no likelihood. `kinds` are those of all records.
+    /// `own` are the numbers of those of its parameters.
+    pub fn push(
+        &mut self,
+        summary: &Summary,
+        likelihood: Option<Likelihood>,
+        own: &[usize],
+        kinds: &[Amplitude],
+    ) {
+        let named = summary.result.iter().flat_map(|result| &result.named);
+        let placed = likelihood.map(|likelihood| self.placed(likelihood, own, kinds, named));
+        self.sessions.push(placed);
     }
 
-    fn likelihood(&mut self, result: &SessionResult) -> Likelihood {
-        let mut columns = Vec::with_capacity(result.amplitudes.len());
-        for one in &result.amplitudes {
-            let at = one.at.as_ref().map(|(name, value)| format!("{name} {value}"));
-            let key = (one.effect.clone(), at);
-            let number = *self.by_name.entry(key).or_insert_with(|| {
-                self.hypotheses.push(Hypothesis {
-                    effect: one.effect.clone(),
-                    at: one.at.clone(),
-                    parameters: Vec::new(),
-                    columns: Vec::new(),
-                });
-                self.hypotheses.len() - 1
-            });
-            let hypothesis = &mut self.hypotheses[number];
-            let known = hypothesis.parameters.iter().position(|known| known.name == one.parameter);
-            let place = known.unwrap_or_else(|| {
-                hypothesis.parameters.push(Parameter {
-                    name: one.parameter.clone(),
-                    is_log: one.scale == "log",
-                    neutral: one.neutral,
-                    two_sided: one.two_sided,
-                    prior_sd: one.prior_sd,
-                });
-                hypothesis.columns.push(self.columns);
-                self.columns += 1;
-                hypothesis.parameters.len() - 1
-            });
-            // What is beyond the catalogue's largest effect is not added up.
-            columns.push(hypothesis.columns.get(place).copied().filter(|_| place < MAX_PARAMETERS));
-        }
+    /// A likelihood with the columns of its parameters.
+    fn placed<'a>(
+        &mut self,
+        mut likelihood: Likelihood,
+        own: &[usize],
+        kinds: &[Amplitude],
+        named: impl Iterator<Item = &'a NamedEffect>,
+    ) -> Likelihood {
+        let columns: Vec<Option<usize>> = own.iter().map(|kind| self.column(*kind, kinds)).collect();
         let mut position = vec![u16::MAX; self.columns];
-        for (local, column) in columns.iter().enumerate() {
+        for (local, column) in columns.into_iter().enumerate() {
             if let (Some(column), Ok(local)) = (column, u16::try_from(local)) {
-                position[*column] = local;
+                position[column] = local;
             }
         }
-        let count = result.amplitudes.len();
-        let mut correlation = result.correlation_per_mille.clone();
-        correlation.resize(count * count.saturating_sub(1) / 2, 0);
-        let sds = || result.amplitudes.iter().map(|one| one.prior_sd);
-        let mut likelihood = Likelihood {
-            position,
-            score: result.amplitudes.iter().zip(sds()).map(|(one, sd)| one.score * sd).collect(),
-            root: result
-                .amplitudes
-                .iter()
-                .zip(sds())
-                .map(|(one, sd)| one.information.max(0.0).sqrt() * sd)
-                .collect(),
-            slope: result.amplitudes.iter().zip(sds()).map(|(one, sd)| one.ln_k_slope * sd).collect(),
-            correlation,
-            named: result.named.iter().flat_map(|named| named.class.iter().cloned()).collect(),
-            is_explained: result.verdict != "unexplained",
-        };
-        for named in &result.named {
+        likelihood.position = position;
+        for named in named {
             self.explain(&mut likelihood, &named.id);
         }
         likelihood
+    }
+
+    /// Column of a kind of parameter; `None` for what is beyond the catalogue's largest effect, which is not added up.
+    fn column(&mut self, kind: usize, kinds: &[Amplitude]) -> Option<usize> {
+        if let Some(known) = self.of_kinds.get(&kind) {
+            return *known;
+        }
+        let one = kinds.get(kind)?;
+        let at = one.at.as_ref().map(|(name, value)| format!("{name} {value}"));
+        let number = *self.by_name.entry((one.effect.clone(), at)).or_insert_with(|| {
+            self.hypotheses.push(Hypothesis {
+                effect: one.effect.clone(),
+                at: one.at.clone(),
+                parameters: Vec::new(),
+                columns: Vec::new(),
+            });
+            self.hypotheses.len() - 1
+        });
+        let hypothesis = &mut self.hypotheses[number];
+        let known = hypothesis.parameters.iter().position(|known| known.name == one.parameter);
+        let place = known.unwrap_or_else(|| {
+            hypothesis.parameters.push(Parameter {
+                name: one.parameter.clone(),
+                is_log: one.scale == "log",
+                neutral: one.neutral,
+                two_sided: one.two_sided,
+                prior_sd: one.prior_sd,
+            });
+            hypothesis.columns.push(self.columns);
+            self.columns += 1;
+            hypothesis.parameters.len() - 1
+        });
+        let column = hypothesis.columns.get(place).copied().filter(|_| place < MAX_PARAMETERS);
+        self.of_kinds.insert(kind, column);
+        column
     }
 
     /// Takes off the other effects' scores what an effect that the session names by itself explains.
@@ -185,6 +191,25 @@ impl Likelihoods {
 }
 
 impl Likelihood {
+    /// Of a result, whose correlations it takes; without the columns of its parameters.
+    pub fn of(result: &mut SessionResult) -> Self {
+        let count = result.amplitudes.len();
+        let mut correlation = std::mem::take(&mut result.correlation_per_mille);
+        correlation.resize(count * count.saturating_sub(1) / 2, 0);
+        correlation.shrink_to_fit();
+        let sds = || result.amplitudes.iter().map(|one| one.prior_sd);
+        let each = || result.amplitudes.iter().zip(sds());
+        Self {
+            position: Vec::new(),
+            score: each().map(|(one, sd)| one.score * sd).collect(),
+            root: each().map(|(one, sd)| one.information.max(0.0).sqrt() * sd).collect(),
+            slope: each().map(|(one, sd)| one.ln_k_slope * sd).collect(),
+            correlation,
+            named: result.named.iter().flat_map(|named| named.class.iter().cloned()).collect(),
+            is_explained: result.verdict != "unexplained",
+        }
+    }
+
     fn local(&self, column: usize) -> Option<usize> {
         self.position.get(column).copied().filter(|local| *local != u16::MAX).map(usize::from)
     }
@@ -254,7 +279,7 @@ impl Sum {
         }
         self.b += *b * x;
         self.g += *g * (x * x);
-        self.squares += own.cholesky().map_or(0.0, |factor| b.dot(&factor.solve(b)));
+        self.squares += squares(&own, b);
         self.rank += rank;
         self.sessions += 1;
     }
@@ -335,6 +360,28 @@ impl Sum {
         let (q, freedom) = ((self.squares - chi_square).max(0.0), self.rank - count);
         (q, freedom, ChiSquared::new(freedom).map_or(1.0, |chi| chi.sf(q)))
     }
+}
+
+/// `b^T G^-1 b`; 0 where G is not positive definite. Written out, as it is computed for every effect in every session and group.
+fn squares(g: &Matrix, b: &Vector) -> f64 {
+    let mut factor = *g;
+    let mut rest = *b;
+    let mut sum = 0.0;
+    for i in 0..MAX_PARAMETERS {
+        let pivot = factor[(i, i)];
+        if pivot <= 0.0 || !pivot.is_finite() {
+            return 0.0;
+        }
+        sum += rest[i] * rest[i] / pivot;
+        for j in i + 1..MAX_PARAMETERS {
+            let share = factor[(j, i)] / pivot;
+            rest[j] -= share * rest[i];
+            for k in i + 1..=j {
+                factor[(j, k)] -= share * factor[(k, i)];
+            }
+        }
+    }
+    sum
 }
 
 /// Groups of a label: its values with the sessions that have them, in order.

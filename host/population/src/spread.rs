@@ -130,6 +130,7 @@ fn mixed(log: f64, share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Records;
     use crate::summary::{Amplitude, SessionResult, Summary};
 
     /// The kind of spread of an effect that cannot be negative and that every session measures at this size, in prior standard deviations.
@@ -164,10 +165,9 @@ mod tests {
             amplitudes: vec![amplitude(1e5 + 1e3 * f64::from(number))],
             correlation_per_mille: Vec::new(),
         };
-        let mut data = Likelihoods::default();
-        for number in 0..15 {
-            data.push(&Summary { result: Some(result(number)), ..Summary::empty(number.to_string()) });
-        }
+        let record =
+            |number: u32| Summary { result: Some(result(number)), ..Summary::empty(number.to_string()) };
+        let (_, data) = Records::from((0..15).map(record).collect::<Vec<_>>()).likelihoods();
         spread(&data, &vec![Names::default(); 15]).first().map(|one| one.kind)
     }
 

@@ -32,8 +32,8 @@ def write(record: dict[str, Any], path: pathlib.Path, count: int) -> None:
     with path.open("w", encoding="utf-8") as file:
         for number in range(count):
             tissue, k_kpa, spread = TISSUES[number % len(TISSUES)]
-            ln_k = float(np.log(k_kpa) + random.normal(0.0, spread))
             sd = float(random.uniform(0.03, 0.15))
+            ln_k = float(np.log(k_kpa) + random.normal(0.0, spread) + random.normal(0.0, sd))
             scores = random.normal(0.0, np.sqrt(informations))
             amplitudes = [{**one, "score": float(score)} for one, score in zip(result["amplitudes"], scores, strict=True)]
             changed = {"ln_k_kpa": ln_k, "ln_k_sd": sd, "k_kpa": float(np.exp(ln_k)), "verdict": "adequate", "named": [], "amplitudes": amplitudes}

@@ -96,7 +96,6 @@ fn derivative(row: &Row, column: usize, z_m: &[f64]) -> Result<(f64, Vec<f64>), 
 }
 
 /// Results over sets of parameters, set by set.
-#[derive(Default)]
 struct Results {
     force: Vec<f64>,
     shape: Vec<f64>,
@@ -110,7 +109,14 @@ fn all(
     columns: &[usize],
     is_left: &dyn Fn() -> bool,
 ) -> Result<Results, (usize, ModelError)> {
-    let mut results = Results::default();
+    let (sets, places) = (rows.len(), z_m.len());
+    // Growing them would write every result twice.
+    let mut results = Results {
+        force: Vec::with_capacity(sets),
+        shape: Vec::with_capacity(sets * places),
+        force_by: Vec::with_capacity(sets * columns.len()),
+        shape_by: Vec::with_capacity(sets * columns.len() * places),
+    };
     for (number, row) in rows.iter().enumerate() {
         if is_left() {
             break;

@@ -85,13 +85,24 @@ def describe(found: Population) -> str:
     return f"{group.k_kpa}; of a new one {low:.3g} to {high:.3g} kPa; {group.sessions} insertions"
 
 
+def sum_up(what: str, cells: list[tuple[Misses, Misses]]) -> str:
+    """How much smaller the errors of all cells are with something than by itself."""
+    if not cells:
+        return f"\n{what}: no cell"
+    smaller = sum(other.error_mm < alone.error_mm for alone, other in cells)
+    before_mm, after_mm = (float(np.mean([cell[part].error_mm for cell in cells])) for part in (0, 1))
+    covered = sum(other.inside for _, other in cells) / sum(other.readings for _, other in cells)
+    means = f"mean {after_mm:.2f} mm, by itself {before_mm:.2f} mm"
+    return f"\n{what}: smaller in {smaller} of {len(cells)} cells; {means}; {100 * covered:.0f} % of the readings in the band"
+
+
 def main() -> None:
     """Prints a row for every insertion and depth."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sessions", nargs="+", type=pathlib.Path)
     sessions: list[pathlib.Path] = parser.parse_args().sessions
-    smaller, cells, inside, readings = 0, 0, 0, 0
     rows: list[str] = []
+    cells: list[tuple[Misses, Misses, Misses | None]] = []
     with tempfile.TemporaryDirectory() as scratch:
         folder = pathlib.Path(scratch)
         print("| insertion | K by itself | prior from the others |\n|---|---|---|", flush=True)
@@ -117,12 +128,11 @@ def main() -> None:
                 rows.append(f"| {path.name} | {until_mm:.0f} mm | {alone} | {given}{'' if used else ' (prior not used)'} | {together} |")
                 print(rows[-1], file=sys.stderr, flush=True)
                 if alone and given:
-                    cells, smaller = cells + 1, smaller + (given.error_mm < alone.error_mm)
-                    inside, readings = inside + given.inside, readings + given.readings
+                    cells.append((alone, given, together))
     print("\n| insertion | from | by itself | with the prior | with the readings of the others |\n|---|---|---|---|---|")
     print("\n".join(rows))
-    if cells:
-        print(f"\nsmaller in {smaller} of {cells} cells; {100 * inside / readings:.0f} % of the readings in the band with the prior")
+    print(sum_up("with the prior", [(alone, given) for alone, given, _ in cells]))
+    print(sum_up("with the readings of the others", [(alone, together) for alone, _, together in cells if together]))
 
 
 if __name__ == "__main__":

@@ -236,10 +236,16 @@ def small_disk(folder: pathlib.Path) -> Iterator[None]:
         subprocess.run(["umount", "--lazy", folder], check=True)
 
 
+def exit_code(trial: Trial, process: subprocess.Popen[bytes]) -> int:
+    """Waits for the end of a run."""
+    wait(f"{trial.folder.name}: end of Snakemake", lambda: process.poll() is not None)
+    return process.wait()
+
+
 def timed(trial: Trial, process: subprocess.Popen[bytes]) -> float:
     """Seconds until a run has ended well."""
     begun = time.monotonic()
-    check(process.wait() == 0, f"{trial.folder.name}: Snakemake failed, see {trial.folder / 'snakemake.out'}")
+    check(exit_code(trial, process) == 0, f"{trial.folder.name}: Snakemake failed, see {trial.folder / 'snakemake.out'}")
     return time.monotonic() - begun
 
 
@@ -270,7 +276,7 @@ def interrupted(trial: Trial) -> str:
     process = trial.slurm()
     wait("a batch under way", lambda: bool(trial.under_way()))
     process.send_signal(signal.SIGINT)
-    check(process.wait() != 0, "interrupted: Snakemake ended as if nothing had happened")
+    check(exit_code(trial, process) != 0, "interrupted: Snakemake ended as if nothing had happened")
     wait("no job", lambda: not output("squeue", "-h").strip(), 60.0)
     before = sum(trial.counts("end-0").values())
     check(0 < before <= SESSIONS, f"interrupted: {before} batches were completed before")
@@ -285,7 +291,7 @@ def disk_full(trial: Trial, reference: Trial) -> str:
     # Room for four records of 14 kB.
     filler.write_bytes(bytes(4 * 2**20 - 60_000))
     process = trial.slurm("--retries", "0")
-    check(process.wait() != 0, "full disk: Snakemake ended as if nothing had happened")
+    check(exit_code(trial, process) != 0, "full disk: Snakemake ended as if nothing had happened")
     whole = {path.name: path.read_bytes() for path in (reference.out / "batches").iterdir()}
     written = {path.name: path.read_bytes() for path in (trial.out / "batches").glob("*.jsonl")}
     check(all(whole[name] == text for name, text in written.items()), "full disk: a batch was written in part")

@@ -53,6 +53,12 @@ def test_a_diagnosis_is_that_of_the_command_line(guide: str, example: Session) -
     assert set(found.plot()) == {"residuals", "gap", "ranking"}
 
 
+def test_a_record_is_that_of_the_command_line(guide: str, example: Session, tmp_path: pathlib.Path) -> None:
+    file = tmp_path / "all.jsonl"
+    subprocess.run([guide, "summarize", example.path, "--out", file], check=True, capture_output=True)
+    assert file.read_text(encoding="utf-8") == example.summarize().to_json() + "\n"
+
+
 def test_figures_are_those_of_the_command_line(guide: str, example: Session, tmp_path: pathlib.Path) -> None:
     found = example.identify(foundation="springs", profile=True)
     subprocess.run(

@@ -91,31 +91,10 @@ impl Tap for FramesTap {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::{
-        CalibrationId, EnvelopeReceiver, Hello, Order, Received, ResetReason, Scales, SequenceTracker, Text,
-    };
+    use protocol::{EnvelopeReceiver, Order, Received, SequenceTracker};
 
     fn hello(sequence: u32) -> Envelope {
-        let hello = Hello {
-            protocol_version: protocol::VERSION,
-            schema_hash: protocol::schema_hash(),
-            firmware_version: Text::new("0.1.0"),
-            commit: Text::new("abc1234"),
-            board: Text::new("board"),
-            reset_reason: ResetReason::PowerOn,
-            tick_hz: 1_000_000,
-            now_us: 0,
-            sample_period_us: 1_000,
-            scales: Scales {
-                position_nm_per_count: 1_000,
-                force_nn_per_count: 50_000,
-                travel_um: 10_000,
-                force_range_mn: 5_000,
-            },
-            calibration: CalibrationId { id: Text::new("simulated"), crc: 1 },
-            last_panic: None,
-        };
-        Envelope { boot_id: 7, sequence, message: Message::Hello(hello) }
+        Envelope { boot_id: 7, sequence, message: Message::Hello(fake_device::hello()) }
     }
 
     fn ack(sequence: u32) -> Envelope {

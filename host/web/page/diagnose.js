@@ -54,7 +54,7 @@ function showDiagnose() {
       const bar = h('svg:svg', { class: 'evidence', viewBox: '0 0 100 8', preserveAspectRatio: 'none', 'aria-hidden': 'true' },
         h('svg:rect', { x: 0, y: 1, height: 6, width: 100 * share, class: one.log_evidence_gain > found.margin ? 'enough' : '' }),
         h('svg:line', { x1: (100 * found.margin) / most, x2: (100 * found.margin) / most, y1: 0, y2: 8 }));
-      return h('li', {}, h('label', { for: input.id, title: about(one.id)?.physics }, input, h('code', {}, one.id)), bar, h('span', { class: 'gain' }, number(one.log_evidence_gain)),
+      return h('li', {}, h('label', { for: input.id, title: about(one.id)?.physics }, input, h('code', {}, one.id)), bar, h('span', { class: 'gain' }, `${one.refitted ? '' : '\u2248 '}${number(one.log_evidence_gain)}`),
         h('p', { class: 'note' }, about(one.id)?.physics));
     };
     const list = (some) => h('ul', { class: 'effects' }, ...some.map(row));
@@ -64,7 +64,7 @@ function showDiagnose() {
         ...found.effects.map((one) => reasons(one, found, about)), limits(found)),
       h('div', { class: 'two' },
         h('section', { class: 'controls' }, h('h2', {}, 'What: switch effects on and off'),
-          h('p', { class: 'note' }, `Bars: log evidence of the effect alone over the plain model; a name needs ${number(found.margin)} (line). Every switch fits the model again.`),
+          h('p', { class: 'note' }, `Bars: log evidence of the effect alone over the plain model; a name needs ${number(found.margin)} (line). Effects that were fitted come first; \u2248 is an estimate without a fit. Every switch fits the model again.`),
           h('p', { class: 'bar' }, named.length ? h('button', { type: 'button', id: 'use-found', onclick: () => choose(named) }, 'Switch on the effects that were found') : null,
             h('button', { type: 'button', id: 'use-none', onclick: () => choose([]) }, 'All off')),
           list(ranked.slice(0, 8)), ranked.length > 8 ? h('details', {}, h('summary', {}, `${ranked.length - 8} more effects`), list(ranked.slice(8))) : null,

@@ -10,8 +10,8 @@ function whisker(low, value, high, [least, most]) {
 
 function showIdentify() {
   within('identify', async (isHere) => {
-    // K does not depend on the relation, and by the quickest one it is there at once.
-    const { document: found, figures } = await result('identify', { relation: 'vesic' }, 'Identifying the modulus');
+    // K does not depend on relation and foundation, and with the quickest ones it is there at once.
+    const { document: found, figures } = await result('identify', { relation: 'vesic', foundation: 'springs' }, 'Identifying the modulus');
     if (!isHere()) return;
     const { pooled } = found;
     const methods = [['likelihood', 'Beam, all sensors'], ['likelihood_without_force', 'Beam without force'], ['energy', 'Energy balance'], ['energy_as_printed', 'Energy as printed']];
@@ -20,11 +20,15 @@ function showIdentify() {
     const cell = (one) => (one.k_kpa === null ? h('td', {}, '-') : h('td', {},
       h('strong', {}, number(one.k_kpa)), one.ci95_kpa ? ` (${interval(one.ci95_kpa)})` : '',
       one.ci95_kpa ? whisker(one.ci95_kpa[0], one.k_kpa, one.ci95_kpa[1], axis) : ''));
-    const rows = found.runs.map((run) => h('tr', {}, h('th', { scope: 'row' }, run.id), h('td', {}, `${number(run.depth_mm)} mm`),
+    const rows = found.runs.map((run) => h('tr', {}, h('th', { scope: 'row' }, run.id), h('td', {}, `${number(run.depth_mm)}\u00a0mm`),
       ...(run.error || run.left_out ? [h('td', { colspan: methods.length }, `skipped: ${run.error || run.left_out}`)] : methods.map(([name]) => cell(run.methods[name])))));
     const youngs = h('p', { id: 'youngs', 'aria-live': 'polite' }, 'Young\u2019s modulus E is being computed for this needle and rig ...');
     const kept = h('div', {});
-    const remarks = [...found.warnings, ...found.runs.flatMap((run) => run.warnings.map((text) => `${run.id}: ${text}`))];
+    const notes = h('div', {});
+    const note = ({ warnings, runs }) => {
+      const remarks = [...warnings, ...runs.flatMap((run) => run.warnings.map((text) => `${run.id}: ${text}`))];
+      notes.replaceChildren(remarks.length ? h('details', { open: notes.querySelector('details')?.open ?? false }, h('summary', {}, `Notes: ${remarks.length}`), h('ul', {}, ...remarks.map((text) => h('li', {}, text)))) : '');
+    };
     const made = h('div', { class: 'figures' });
     const ids = [...new Set(figures.map((one) => one.name.replace(/\.[a-z]+$/, '')))];
     const pick = h('select', { id: 'identify-run', onchange: () => draw() }, ...ids.map((id) => h('option', { value: id }, id)));
@@ -36,11 +40,13 @@ function showIdentify() {
         h('p', { class: 'bar' }, h('button', { type: 'button', class: 'primary', onclick: () => show('diagnose') }, 'Does the model miss something? Diagnose'))),
       section('By run and method, kPa', h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Modulus by run and method' }, h('table', {}, h('thead', {}, h('tr', {},
         ...['Run', 'Depth', ...methods.map(([, name]) => name)].map((name) => h('th', { scope: 'col' }, name)))), h('tbody', {}, ...rows))),
-      remarks.length ? h('details', {}, h('summary', {}, `Notes: ${remarks.length}`), h('ul', {}, ...remarks.map((text) => h('li', {}, text)))) : null),
+      notes),
       section('Shape and residuals', h('p', {}, h('label', { for: 'identify-run' }, 'Run '), pick), made), kept);
     draw();
+    note(found);
     const { document: whole } = await result('identify', {}, 'Young\u2019s modulus');
     if (!isHere()) return;
+    note(whole);
     const of = whole.youngs_modulus_kpa;
     youngs.textContent = of && Number.isFinite(of.value)
       ? `Young\u2019s modulus E ${number(of.value)} kPa (${interval(of.ci95)}), ${of.relation}; ${interval(of.range_kpa)} kPa over all relations`

@@ -131,8 +131,8 @@ function liveRows({ device }, decoded) {
     ['Position x, y', pair(device.position_x_mm, device.position_y_mm, 'mm')],
     ['Stiffness x', stiffness(device.stiffness_x)],
     ['Stiffness y', stiffness(device.stiffness_y)],
-    ['Decoded here', decoded ? `${decoded.samples} samples of ${decoded.frames} frames; lost: ${decoded.samples_missing} samples, ${decoded.frames_missing + decoded.frames_corrupt + decoded.frames_unreadable} frames` : 'nothing yet'],
-    ['Link', `${number(counted.samples_per_s, 4)} samples/s, ${number(counted.bytes_per_s / 1e3)} kB/s; lost: ${counted.samples_missing} samples, ${lost} frames`],
+    ['Decoded here', decoded ? `samples ${decoded.samples}, lost ${decoded.samples_missing}; frames ${decoded.frames}, lost ${decoded.frames_missing + decoded.frames_corrupt + decoded.frames_unreadable}` : 'nothing yet'],
+    ['Link', `${number(counted.samples_per_s, 4)} samples/s, ${number(counted.bytes_per_s / 1e3)} kB/s; samples lost ${counted.samples_missing}, frames lost ${lost}`],
   ];
 }
 

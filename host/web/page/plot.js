@@ -35,13 +35,19 @@ function rangeOf(lists, share = 0.06) {
   return [least - margin, most + margin];
 }
 
+/** Round values in a range, about so many; three at least, so that a scale is there to be read. */
 function ticks([least, most], count) {
   const raw = (most - least) / count;
   const power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((n) => n * power).find((size) => size >= raw);
-  const all = [];
-  for (let n = Math.ceil(least / step); n * step <= most; n += 1) all.push(Number((n * step).toPrecision(12)));
-  return all;
+  const by = (step) => {
+    const all = [];
+    for (let n = Math.ceil(least / step); n * step <= most; n += 1) all.push(Number((n * step).toPrecision(12)));
+    return all;
+  };
+  const steps = [0.5, 1, 2, 5, 10].map((n) => n * power);
+  const wide = steps.findIndex((size) => size >= raw);
+  const found = by(steps[wide]);
+  return found.length < 3 && wide > 0 ? by(steps[wide - 1]) : found;
 }
 
 /**

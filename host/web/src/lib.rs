@@ -61,7 +61,9 @@ impl Engine {
             Request::Effects {} => results::effects(),
             Request::Check { dir } => results::check(dir),
             Request::Session { dir } => series::session(dir),
-            Request::Identify { dir, relation } => results::identification(dir, relation.as_deref()),
+            Request::Identify { dir, relation, foundation } => {
+                results::identification(dir, relation.as_deref(), foundation.as_deref())
+            }
             Request::Diagnose { dir } => results::diagnosis(dir, on_progress),
             Request::Predict { dir, until_mm } => results::prediction(dir, *until_mm),
             Request::Try { dir, foundation, effects } => {

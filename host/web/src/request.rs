@@ -33,6 +33,10 @@ pub enum Request {
         /// Relation that converts K to Young's modulus; that of the program where it is not given, which takes longest of all.
         #[serde(default)]
         relation: Option<String>,
+        /// `springs` or `body`; that of the session, or by evidence, where it is not given. K is the same with each, and is there soonest with
+        /// springs.
+        #[serde(default)]
+        foundation: Option<String>,
     },
     /// What the model lacks.
     Diagnose {

@@ -3,7 +3,7 @@
 use crate::answer::AnswerError;
 use crate::drawing::{self, Figure};
 use formats::model_file::ModelFile;
-use formats::session::Session;
+use formats::session::{FoundationKind, Session};
 use inference::diagnose::{self, INCOMPRESSIBLE, Trial, Workbench, diagnose};
 use inference::identify::{self, YoungsMethod, identify};
 use inference::predict::{self, predict};
@@ -80,7 +80,12 @@ pub fn check(dir: &Path) -> Result<String, AnswerError> {
 }
 
 /// What `guide identify --relation` finds.
-pub fn identification(dir: &Path, relation: Option<&str>) -> Result<String, AnswerError> {
+pub fn identification(
+    dir: &Path,
+    relation: Option<&str>,
+    foundation: Option<&str>,
+) -> Result<String, AnswerError> {
+    let foundation = foundation.map(foundation_of).transpose()?.map(|kind| Some(kind).into());
     let session = Session::read(dir)?;
     let of_name = |name: &str| {
         let names = || YoungsMethod::ALL.map(YoungsMethod::name).join(", ");
@@ -88,10 +93,22 @@ pub fn identification(dir: &Path, relation: Option<&str>) -> Result<String, Answ
         YoungsMethod::ALL.into_iter().find(|one| one.name() == name).ok_or_else(fault)
     };
     let relation = relation.map(of_name).transpose()?.unwrap_or(YoungsMethod::Continuum(Contact::Bonded));
-    let options = identify::Options { relation, ..Default::default() };
+    let options = identify::Options { relation, foundation, ..Default::default() };
     let found = identify(&session, &options.with_rig(rig(dir)?.as_ref()))?;
     let drawn = drawing::identification(&session, &found)?;
     json(found, drawn)
+}
+
+/// What the tissue is taken for.
+fn foundation_of(name: &str) -> Result<FoundationKind, AnswerError> {
+    match name {
+        "springs" => Ok(FoundationKind::Springs),
+        "body" => Ok(FoundationKind::Body),
+        other => {
+            let expected = "springs or body".to_owned();
+            Err(AnswerError::Value { name: "foundation", value: other.to_owned(), expected })
+        }
+    }
 }
 
 /// What is known of the rig, where the session names a file of it.
@@ -155,14 +172,7 @@ pub fn trial(
     foundation: &str,
     effects: &[String],
 ) -> Result<String, AnswerError> {
-    let choice = match foundation {
-        "springs" => diagnose::FoundationChoice::Springs,
-        "body" => diagnose::FoundationChoice::Body,
-        other => {
-            let expected = "springs or body".to_owned();
-            return Err(AnswerError::Value { name: "foundation", value: other.to_owned(), expected });
-        }
-    };
+    let choice = Some(foundation_of(foundation)?).into();
     let mut wanted = Vec::new();
     for id in effects {
         let expected = || "the id of an effect".to_owned();

@@ -1,10 +1,7 @@
 //! Requests of the page, answered natively: documents of the program, trials, the needle to play with, and every kind of wrong request.
 
 use formats::session::{SessionWriter, Setup, template};
-use protocol::{
-    CalibrationId, Envelope, Hello, MAX_FRAME_TO_HOST, Message, Packer, ResetReason, Sample, Scales, State,
-    Text, encode_envelope,
-};
+use protocol::{Envelope, MAX_FRAME_TO_HOST, Message, Packer, Sample, State, encode_envelope};
 use serde_json::{Value, json};
 use simulation::simulate::{Sensors, SimulationPlan};
 use std::fs;
@@ -51,6 +48,16 @@ fn documents_are_those_of_the_program_with_figures() {
     let found = ok(engine, &json!({"do": "identify", "dir": dir, "relation": "vesic"}));
     assert_eq!(found["document"]["pooled"]["runs"], 2);
     assert_eq!(found["figures"].as_array().map(Vec::len), Some(6));
+    // K that is shown first is the one that the document has.
+    let first =
+        ok(engine, &json!({"do": "identify", "dir": dir, "relation": "vesic", "foundation": "springs"}));
+    for shown in ["pooled", "runs"] {
+        assert_eq!(first["document"][shown], found["document"][shown]);
+    }
+    assert!(
+        first["document"]["foundation"]["body"].is_null()
+            && !found["document"]["foundation"]["body"].is_null()
+    );
     let path = ok(engine, &json!({"do": "predict", "dir": dir, "until_mm": 50}));
     assert_eq!(path["document"]["insertions"].as_array().map(Vec::len), Some(2));
     assert!(path["figures"][0]["svg"].as_str().is_some_and(|svg| svg.contains("<svg")));
@@ -141,28 +148,6 @@ fn records_of_sessions_become_a_population_with_figures() {
     assert!(gone.contains("gone.jsonl"), "{gone}");
 }
 
-fn hello() -> Hello {
-    Hello {
-        protocol_version: protocol::VERSION,
-        schema_hash: protocol::schema_hash(),
-        firmware_version: Text::new("0.1.0"),
-        commit: Text::new("abc1234"),
-        board: Text::new("board"),
-        reset_reason: ResetReason::PowerOn,
-        tick_hz: 1_000_000,
-        now_us: 0,
-        sample_period_us: 1_000,
-        scales: Scales {
-            position_nm_per_count: 1_000,
-            force_nn_per_count: 50_000,
-            travel_um: 10_000,
-            force_range_mn: 5_000,
-        },
-        calibration: CalibrationId { id: Text::new("simulated"), crc: 1 },
-        last_panic: None,
-    }
-}
-
 /// Frames of a device as they go over the link: a greeting, then a batch of samples per number.
 fn frames(numbers: impl Iterator<Item = u32>) -> Vec<u8> {
     let mut bytes = Vec::new();
@@ -171,7 +156,7 @@ fn frames(numbers: impl Iterator<Item = u32>) -> Vec<u8> {
         let frame = encode_envelope(&Envelope { boot_id: 7, sequence, message }, &mut buffer);
         bytes.extend_from_slice(frame.expect("encoded"));
     };
-    push(0, Message::Hello(hello()));
+    push(0, Message::Hello(fake_device::hello()));
     for number in numbers {
         let mut packer = Packer::new(1_000);
         for i in 0..20 {
@@ -261,6 +246,10 @@ fn wrong_requests_are_answered_with_one_line_that_names_what_is_valid() {
         (
             json!({"do": "try", "dir": "gone", "foundation": "body", "effects": ["x"]}),
             "expected the id of an effect",
+        ),
+        (
+            json!({"do": "identify", "dir": "gone", "foundation": "sand"}),
+            "foundation: sand, expected springs or body",
         ),
         (play, "k_kpa: 0, expected 0.1 to 1000"),
     ] {

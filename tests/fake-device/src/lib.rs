@@ -423,22 +423,33 @@ impl Device {
         Hello {
             protocol_version: self.script.version,
             schema_hash: self.script.schema_hash,
-            firmware_version: Text::new("0.0.0"),
-            commit: Text::new("fake"),
-            board: Text::new("fake"),
-            reset_reason: ResetReason::PowerOn,
-            tick_hz: 1_000_000,
             now_us: self.t_us,
-            sample_period_us: PERIOD_US,
-            scales: Scales {
-                position_nm_per_count: 1_000,
-                force_nn_per_count: 50_000,
-                travel_um: 10_000,
-                force_range_mn: 5_000,
-            },
             calibration: CalibrationId { id: self.calibration.id.clone(), crc: self.calibration.crc() },
-            last_panic: None,
+            ..hello()
         }
+    }
+}
+
+/// The greeting of a device of this version that has just been switched on.
+pub fn hello() -> Hello {
+    Hello {
+        protocol_version: protocol::VERSION,
+        schema_hash: protocol::schema_hash(),
+        firmware_version: Text::new("0.0.0"),
+        commit: Text::new("fake"),
+        board: Text::new("fake"),
+        reset_reason: ResetReason::PowerOn,
+        tick_hz: 1_000_000,
+        now_us: 0,
+        sample_period_us: PERIOD_US,
+        scales: Scales {
+            position_nm_per_count: 1_000,
+            force_nn_per_count: 50_000,
+            travel_um: 10_000,
+            force_range_mn: 5_000,
+        },
+        calibration: CalibrationId { id: Text::new("simulated"), crc: 1 },
+        last_panic: None,
     }
 }
 

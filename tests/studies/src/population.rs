@@ -182,7 +182,7 @@ pub fn study(
         let records = draw(truth, templates, foreign.0, foreign.1, seed);
         let is_foreign: Vec<bool> = records.iter().map(|(_, foreign)| *foreign).collect();
         let options = Options { by: vec!["tissue".to_owned()], ..Options::default() };
-        let found = analyse(records.into_iter().map(|(record, _)| record).collect(), &options)?;
+        let found = analyse(records.into_iter().map(|(record, _)| record).collect::<Vec<_>>(), &options)?;
         outcome.add(&found, truth, &is_foreign, seed);
     }
     Ok(outcome)

@@ -2,29 +2,17 @@
 
 use device::link::{Batch, Point, Telemetry};
 use device::monitor::state::{Event, State};
-use protocol::{
-    CalibrationId, Counters, Fault, Hello, Load, ResetReason, Scales, State as Phase, Status, Stiffness, Text,
-};
+use protocol::{Counters, Fault, Hello, Load, ResetReason, State as Phase, Status, Stiffness, Text};
 
 pub fn hello(now_us: u64, last_panic: Option<&str>) -> Box<Hello> {
     Box::new(Hello {
-        protocol_version: protocol::VERSION,
-        schema_hash: protocol::schema_hash(),
         firmware_version: Text::new("0.1.0"),
         commit: Text::new("abc1234"),
         board: Text::new("B-L475E-IOT01A"),
         reset_reason: ResetReason::Watchdog,
-        tick_hz: 1_000_000,
         now_us,
-        sample_period_us: 1_000,
-        scales: Scales {
-            position_nm_per_count: 1_000,
-            force_nn_per_count: 50_000,
-            travel_um: 10_000,
-            force_range_mn: 5_000,
-        },
-        calibration: CalibrationId { id: Text::new("simulated"), crc: 1 },
         last_panic: last_panic.map(Text::new),
+        ..fake_device::hello()
     })
 }
 

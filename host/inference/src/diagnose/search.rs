@@ -147,14 +147,23 @@ impl Search<'_> {
         let ranked = scores.ranked();
         let best = ranked.first().map_or(0.0, |score| score.log_evidence);
         let behind = BEHIND.max(BEHIND_SHARE * best);
+        // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
+        let least = |score: &Score| if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
+        let is_promising =
+            |score: &Score| score.is_identifiable && score.log_evidence > (best - behind).max(least(score));
+        // Effects that the runs cannot show have a score of 0, above many that are worth a fit: they take no place among the leaders.
+        let leaders: Vec<bool> = ranked
+            .iter()
+            .scan(0, |places, score| {
+                let leads = is_promising(score) && *places < most;
+                *places += usize::from(leads);
+                Some(leads)
+            })
+            .collect();
         let mut candidates: Vec<Candidate> = ranked
             .into_par_iter()
-            .enumerate()
-            .map(|(rank, score)| {
-                // One of which every evaluation is an iteration at every depth is tried where its score is high enough.
-                let least = if score.effect.info().is_costly { 0.0 } else { MIN_SCORE };
-                let leads =
-                    rank < most && score.is_identifiable && score.log_evidence > (best - behind).max(least);
+            .zip(leaders)
+            .map(|(score, leads)| {
                 let refit = if leads { self.refit(base, &score) } else { None };
                 Candidate { score, refit }
             })

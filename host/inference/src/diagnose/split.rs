@@ -125,23 +125,32 @@ impl Divided {
     }
 }
 
-/// Numbers of one run in [`EVERY`]. Where speeds were varied, each taken more than once, they are those next to the fastest and to the
+/// Numbers of one run in [`EVERY`]. Where speeds were varied, each taken more than once, they are of those next to the fastest and to the
 /// slowest: a model without an effect of the speed predicts the mean of the others, so that a run of mean speed can neither confirm nor
-/// refute such an effect. Speeds of a hand are all different.
+/// refute such an effect. Speeds of a hand are all different. Of runs as fast the needle was turned in the first one taken, and in every
+/// other: what turns with it (a rolled bevel) and what stays with the room (a tilted tracker) do the same where it was not.
 fn one_in_four(runs: &[&(usize, Run)]) -> Vec<usize> {
     let mut by_speed = runs.to_vec();
     by_speed.sort_by_key(|(_, run)| speed_number(run));
     let same = by_speed.chunk_by(|(_, a), (_, b)| speed_number(a) == speed_number(b));
-    let taken = runs.iter().skip(EVERY / 2).step_by(EVERY);
+    let regular = runs.iter().skip(EVERY / 2).step_by(EVERY);
     if same.filter(|runs| runs.len() > 1).count() < 2 {
-        return taken.map(|(number, _)| *number).collect();
+        return regular.map(|(number, _)| *number).collect();
     }
-    let place = |taken: usize| {
-        let inward = 1 + EVERY * (taken / 2);
-        if taken.is_multiple_of(2) { by_speed.len().checked_sub(1 + inward) } else { Some(inward) }
-    };
-    let places = (0..taken.count()).filter_map(|taken| by_speed.get(place(taken)?));
-    places.map(|(number, _)| *number).collect()
+    let mut taken: Vec<usize> = Vec::new();
+    for place in 0..regular.count() {
+        let inward = 1 + EVERY * (place / 2);
+        let is_fast = place.is_multiple_of(2);
+        let at = if is_fast { by_speed.len().checked_sub(1 + inward) } else { Some(inward) };
+        let Some((_, at)) = at.and_then(|at| by_speed.get(at)) else { continue };
+        let as_fast =
+            |(number, run): &&&(usize, Run)| speed_number(run) == speed_number(at) && !taken.contains(number);
+        let is_preferred = |(_, run): &&&(usize, Run)| (run.turned() > 0.0) == is_fast;
+        let mut candidates = by_speed.iter().filter(as_fast);
+        let chosen = candidates.clone().find(is_preferred).or_else(|| candidates.next());
+        taken.extend(chosen.map(|(number, _)| *number));
+    }
+    taken
 }
 
 /// Speeds with the same number are the same.

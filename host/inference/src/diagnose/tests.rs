@@ -53,6 +53,26 @@ fn effects_of_every_family_are_named() {
     }
 }
 
+/// A bevel that is rolled turns with the needle: only an insertion in which it is turned distinguishes that from a tilted tracker, so that
+/// one has to be among those that confirm it.
+#[test]
+fn a_rolled_bevel_is_confirmed_by_an_insertion_in_which_the_needle_is_turned() {
+    let rolled = truth(vec![("tip.bevel_roll", vec![-0.14])]);
+    assert_named(&diagnosed(&rolled, &Design::insertions(), 3), "tip.bevel_roll", &[-0.14]);
+}
+
+/// Of the effects that insertions alone cannot show there are more than are fitted; they take nobody's place.
+#[test]
+fn effects_that_the_runs_cannot_show_take_no_place_among_those_that_are_fitted() {
+    let mut design = Design::insertions();
+    design.lateral.clear();
+    let found = diagnosed(&truth(vec![("tip.load_slope", vec![0.001])]), &design, 3);
+    let of =
+        |id: &str| found.ranking.iter().find(|ranked| ranked.id == id).expect("an effect of the catalogue");
+    assert!(found.not_identifiable.len() > 5, "{:?}", found.not_identifiable);
+    assert!(of("tip.load_slope").refitted, "{:?}", found.ranking);
+}
+
 #[test]
 fn the_diagnosis_does_not_depend_on_the_number_of_threads() {
     let session = session(&truth(vec![("rig.backlash", vec![0.06])]), &Design::four_runs(), 3);

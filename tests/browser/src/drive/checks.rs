@@ -5,20 +5,17 @@ use crate::driver::Browser;
 use crate::endurance;
 use crate::figures;
 use crate::live;
-use crate::program::{compare, document};
+use crate::program::document;
+use crate::results;
 use crate::served;
 use crate::views;
 use anyhow::{Context, Result, ensure};
-use serde_json::{Value, json};
-use std::fs;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Results of page and program may differ by this share.
 pub const SAME: f64 = 1e-9;
-/// The same where fits end as soon as a step is shorter than a twentieth of a standard deviation, whose end moves with the rounding of
-/// each processor. Chosen after the example's differences of 2e-3 were measured; other sessions may differ by more.
-const SAME_END: f64 = 5e-3;
 /// Views with the marks of their addresses, and what they show when they are complete.
 pub const VIEWS: [(&str, &str, &str); 8] = [
     ("start", "view=start", "document.querySelector('#open-example')"),
@@ -39,7 +36,7 @@ pub const VIEWS: [(&str, &str, &str); 8] = [
     ),
 ];
 /// Widths of a tablet, a laptop and a wall screen.
-const WIDTHS: [u32; 3] = [768, 1280, 1920];
+pub const WIDTHS: [u32; 3] = [768, 1280, 1920];
 
 /// A WebAssembly program that stops at once: as an engine that panics.
 const STOPS: &str = "new Uint8Array([0,97,115,109,1,0,0,0,1,4,1,96,0,0,3,2,1,0,5,3,1,0,1,7,19,2,6,95,115,116,97,114,116,0,0,6,109,101,109,111,114,121,2,0,10,5,1,3,0,0,11])";
@@ -53,6 +50,8 @@ pub struct Options {
     pub no_pictures: bool,
     /// For how long the live view is watched at the full rate of a device; not at all where it is zero.
     pub minutes: u64,
+    /// The program that results and times are compared with; that of the tests where it is not given.
+    pub program: Option<PathBuf>,
     /// Folder for the pictures of the manual's live figures.
     pub figures: Option<PathBuf>,
 }
@@ -84,13 +83,14 @@ impl<'a> Checks<'a> {
         self.check("opens from disk", Self::opens);
         self.check("no connection is possible", Self::connects_to_nothing);
         self.check("a newcomer opens the example and switches an effect on, by keyboard", Self::newcomer);
-        self.check("the example: results equal those of the program", |checks| {
-            let folder = checks.folder.clone();
-            checks.equals(&folder.join("example"))
-        });
-        for session in sessions {
-            let name = format!("{}: results equal those of the program", session.display());
-            self.check(&name, |checks| checks.equals(session));
+        let example = self.folder.join("example");
+        for (session, name) in std::iter::once((&example, "the example".to_owned()))
+            .chain(sessions.iter().map(|session| (session, session.display().to_string())))
+        {
+            self.check(&format!("{name}: results equal those of the program"), |checks| {
+                let program = checks.options.program.as_deref();
+                results::equal(checks.browser, &checks.address, session, program)
+            });
         }
         self.check("the prediction follows its slider", Self::predicts);
         self.check("a plan equals the program's and follows its keys", |checks| {
@@ -109,7 +109,7 @@ impl<'a> Checks<'a> {
             served::check(checks.browser, &checks.page, &checks.folder)
         });
         self.check("live, with a device for tests", |checks| {
-            live::check(checks.browser, &checks.page, &checks.folder)
+            live::check(checks.browser, &checks.page, &checks.folder, !checks.options.no_pictures)
         });
         if self.options.minutes > 0 {
             self.check("live for a long time at the full rate of a device", |checks| {
@@ -186,10 +186,10 @@ impl<'a> Checks<'a> {
     fn newcomer(&self) -> Result<String> {
         self.open("")?;
         self.browser.until("document.querySelector('#open-example')")?;
-        let began_ms = self.number("performance.now()")?;
+        let (began_ms, began_s) = (self.number("performance.now()")?, self.browser.engine_s());
         self.browser.press("#open-example", "\u{e007}")?;
         self.browser.until("document.querySelector('#pooled-k')")?;
-        let shown_ms = self.number("performance.now()")?;
+        let (shown_ms, shown_s) = (self.number("performance.now()")?, self.browser.engine_s());
         let k_kpa = self.number("document.querySelector('#pooled-k').dataset.k")?;
         let program = document(&self.folder, &["identify", "example"])?;
         let expected = program["pooled"]["k_kpa"].as_f64().context("the program has no K")?;
@@ -197,89 +197,28 @@ impl<'a> Checks<'a> {
         self.browser.press("#main .primary", "\u{e007}")?;
         self.browser.until("document.querySelector('#diagnose-numbers')?.dataset.after")?;
         let plain = self.number("document.querySelector('#diagnose-numbers').dataset.after")?;
-        self.browser.press("#effect-tissue\\.layers", " ")?;
-        self.browser
-            .until("document.querySelector('#diagnose-numbers').dataset.effects === 'tissue.layers'")?;
+        // What the view before has begun would count too.
+        self.browser.wait_for("await Promise.all(state.results.values());", json!([]))?;
+        let switched = |effect: &str, shown: &str| -> Result<String> {
+            let before_s = self.browser.engine_s();
+            self.browser.press(effect, " ")?;
+            self.browser
+                .until(&format!("document.querySelector('#diagnose-numbers').dataset.effects{shown}"))?;
+            let took_ms = self.number("document.querySelector('#diagnose-numbers').dataset.took")?;
+            let took_s = self.browser.engine_s() - before_s;
+            Ok(format!("{took_ms:.0} ms (processor {:.0} ms)", 1e3 * took_s))
+        };
+        let first = switched("#effect-tissue\\.layers", " === 'tissue.layers'")?;
         let after = self.number("document.querySelector('#diagnose-numbers').dataset.after")?;
-        let first_ms = self.number("document.querySelector('#diagnose-numbers').dataset.took")?;
         ensure!(after < 0.5 * plain, "chi-square per reading {plain} before and {after} after");
-        self.browser.press("#effect-tissue\\.entry_gap", " ")?;
-        self.browser.until("document.querySelector('#diagnose-numbers').dataset.effects.includes(',')")?;
-        let second_ms = self.number("document.querySelector('#diagnose-numbers').dataset.took")?;
-        self.browser.press("#effect-tissue\\.entry_gap", " ")?;
-        self.browser
-            .until("document.querySelector('#diagnose-numbers').dataset.effects === 'tissue.layers'")?;
-        let back_ms = self.number("document.querySelector('#diagnose-numbers').dataset.took")?;
+        let second = switched("#effect-tissue\\.entry_gap", ".includes(',')")?;
+        let back = switched("#effect-tissue\\.entry_gap", " === 'tissue.layers'")?;
         Ok(format!(
-            "K {k_kpa:.3} kPa {:.0} ms after the key; chi-square per reading {plain:.2} to {after:.2}; fitted again in {first_ms:.0} ms, \
-             with a second effect in {second_ms:.0} ms, without it again in {back_ms:.0} ms",
-            shown_ms - began_ms
+            "K {k_kpa:.3} kPa {:.0} ms after the key (processor {:.0} ms); chi-square per reading {plain:.2} to {after:.2}; fitted again \
+             in {first}, with a second effect in {second}, without it again in {back}",
+            shown_ms - began_ms,
+            1e3 * (shown_s - began_s)
         ))
-    }
-
-    /// Compares every result of a session, and the times.
-    fn equals(&self, session: &Path) -> Result<String> {
-        let session =
-            session.canonicalize().with_context(|| format!("{}: cannot read", session.display()))?;
-        let (parent, name) =
-            (session.parent().context("a folder")?, session.file_name().context("a folder")?);
-        let name = name.to_string_lossy().into_owned();
-        let mut files = Vec::new();
-        collect(&session, &name, &mut files)?;
-        self.open("")?;
-        self.browser.wait_for(
-            "await engine.ready; await engine.open(arguments[0].map(([name, text]) => [name, new TextEncoder().encode(text)]));",
-            json!([files]),
-        )?;
-        let mut found = Vec::new();
-        for (request, arguments, bound) in [
-            (json!({"do": "check", "dir": name}), vec!["check", name.as_str()], SAME),
-            (json!({"do": "identify", "dir": name}), vec!["identify", &name], SAME),
-            (json!({"do": "diagnose", "dir": name}), vec!["diagnose", &name], SAME_END),
-            (
-                json!({"do": "predict", "dir": name, "until_mm": 50}),
-                vec!["predict", &name, "--until", "50"],
-                SAME_END,
-            ),
-        ] {
-            let command = arguments[0];
-            let start = Instant::now();
-            let program = document(parent, &arguments);
-            let program_s = start.elapsed().as_secs_f64();
-            let timed = "const start = performance.now(); \
-                 const text = JSON.stringify((await engine.request('compared', arguments[0])).document); return [performance.now() - start, text];";
-            let page = self.browser.wait_for(timed, json!([request]));
-            match (page, program) {
-                (Ok(page), Ok(program)) => {
-                    // As text: the driver's own numbers have fewer digits.
-                    let document: Value = serde_json::from_str(page[1].as_str().unwrap_or_default())?;
-                    let distance = compare(&document, &program).with_context(|| command.to_owned())?;
-                    ensure!(
-                        distance.largest < bound,
-                        "{command}: {:.1e} apart at {}",
-                        distance.largest,
-                        distance.place
-                    );
-                    let page_s = 1e-3 * page[0].as_f64().unwrap_or(f64::NAN);
-                    found.push(format!(
-                        "{command} {} numbers within {:.0e} ({page_s:.2} s, program {program_s:.2} s)",
-                        distance.numbers, distance.largest
-                    ));
-                }
-                (Err(page), Err(program)) => {
-                    let (page, program) = (page.to_string(), program.to_string());
-                    // The program names the folder too.
-                    let reason = page.split_once(": ").map_or(page.as_str(), |(_, reason)| reason);
-                    ensure!(program.contains(reason), "{command}: \"{page}\", the program has \"{program}\"");
-                    found.push(format!("{command}: the same error"));
-                }
-                (Err(page), Ok(_)) => return Err(page.context(format!("{command}: the page alone fails"))),
-                (Ok(_), Err(program)) => {
-                    return Err(program.context(format!("{command}: the program alone fails")));
-                }
-            }
-        }
-        Ok(found.join("; "))
     }
 
     fn predicts(&self) -> Result<String> {
@@ -381,7 +320,6 @@ impl<'a> Checks<'a> {
 
     fn pictures(&self) -> Result<String> {
         let folder = self.folder.join("pictures");
-        fs::create_dir_all(&folder)?;
         let mut count = 0;
         for (name, mark, complete) in VIEWS {
             for scheme in ["light", "dark"] {
@@ -389,13 +327,7 @@ impl<'a> Checks<'a> {
                     self.browser.appear(width, width * 10 / 16, scheme)?;
                     self.open(mark)?;
                     self.browser.until(complete)?;
-                    let height = self.number("document.documentElement.scrollHeight")?.min(2600.0);
-                    let wide = self.number("document.documentElement.scrollWidth")?;
-                    ensure!(wide <= f64::from(width), "{name}: {wide} pixels wide on a screen of {width}");
-                    self.browser.appear(width, height as u32, scheme)?;
-                    // Bars and colours come to rest.
-                    self.browser.wait_for("await new Promise((yes) => setTimeout(yes, 600));", json!([]))?;
-                    fs::write(folder.join(format!("{name}-{scheme}-{width}.png")), self.browser.picture()?)?;
+                    views::picture(self.browser, &folder, name, width, scheme)?;
                     count += 1;
                 }
             }
@@ -403,18 +335,4 @@ impl<'a> Checks<'a> {
         self.browser.appear(1280, 900, "light")?;
         Ok(format!("{count} in {}", folder.display()))
     }
-}
-
-/// The text files of a session, with the names that the page gives them.
-fn collect(folder: &Path, prefix: &str, files: &mut Vec<(String, String)>) -> Result<()> {
-    for entry in fs::read_dir(folder)? {
-        let path = entry?.path();
-        let name = format!("{prefix}/{}", path.file_name().unwrap_or_default().to_string_lossy());
-        if path.is_dir() {
-            collect(&path, &name, files)?;
-        } else if let Ok(text) = fs::read_to_string(&path) {
-            files.push((name, text));
-        }
-    }
-    Ok(())
 }

@@ -11,6 +11,8 @@ use std::time::{Duration, Instant};
 /// How long the page may take for anything.
 const TIMEOUT: Duration = Duration::from_secs(240);
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// How the browser names the threads of workers.
+const WORKER: &str = "DedicatedWorker";
 /// Nothing that the browser does by itself.
 const ARGUMENTS: [&str; 9] = [
     "--headless",
@@ -160,6 +162,21 @@ impl Browser {
 
     /// Memory of all processes of the browser and its driver.
     pub fn resident_bytes(&self) -> u64 {
+        self.family().iter().map(|process| process.2).sum()
+    }
+
+    /// Processor time of the workers in which the engine runs, s: it depends less than the time that passes on what else the machine
+    /// does. Of what the browser does besides, as compiling and drawing, it has nothing.
+    pub fn engine_s(&self) -> f64 {
+        let of_process = |process: &(u32, u32, u64)| -> f64 {
+            let threads = std::fs::read_dir(format!("/proc/{}/task", process.0)).into_iter().flatten();
+            threads.filter_map(|thread| worker_s(&thread.ok()?.path())).sum()
+        };
+        self.family().iter().map(of_process).sum()
+    }
+
+    /// All processes of the browser and its driver, as [`process`] has them.
+    fn family(&self) -> Vec<(u32, u32, u64)> {
         let processes: Vec<(u32, u32, u64)> = std::fs::read_dir("/proc")
             .into_iter()
             .flatten()
@@ -171,7 +188,7 @@ impl Browser {
             family.extend(processes.iter().filter(|process| process.1 == parent).map(|process| process.0));
             at += 1;
         }
-        processes.iter().filter(|process| family.contains(&process.0)).map(|process| process.2).sum()
+        processes.into_iter().filter(|process| family.contains(&process.0)).collect()
     }
 
     /// What the page has logged since the last call.
@@ -234,6 +251,16 @@ impl Drop for Browser {
         let _ = self.driver.kill();
         let _ = self.driver.wait();
     }
+}
+
+/// Processor time of a thread that is a worker of a page, s.
+fn worker_s(thread: &Path) -> Option<f64> {
+    let read = |name: &str| std::fs::read_to_string(thread.join(name)).ok();
+    if !read("comm")?.starts_with(WORKER) {
+        return None;
+    }
+    let on_processor_ns: f64 = read("schedstat")?.split_whitespace().next()?.parse().ok()?;
+    Some(1e-9 * on_processor_ns)
 }
 
 /// Number, parent's number and resident bytes of a process, from its status as Linux states it.

@@ -1,8 +1,10 @@
 //! The view Live against a device for tests, which speaks the protocol at the far end of a pseudo terminal.
 
 use crate::axe;
+use crate::checks::WIDTHS;
 use crate::driver::Browser;
 use crate::served::Serving;
+use crate::views;
 use anyhow::{Context, Result, ensure};
 use fake_device::{Act, FakeDevice, Script};
 use protocol::Request;
@@ -21,7 +23,7 @@ const HANGS: Duration = Duration::from_secs(30);
 ///
 /// # Errors
 /// What is otherwise.
-pub fn check(browser: &Browser, page: &Path, folder: &Path) -> Result<String> {
+pub fn check(browser: &Browser, page: &Path, folder: &Path, is_pictured: bool) -> Result<String> {
     let device = FakeDevice::start(Script {
         program: vec![Act::Batch(32), Act::Lost(LOST), Act::Batch(32), Act::Complete],
         ..Script::default()
@@ -89,9 +91,15 @@ pub fn check(browser: &Browser, page: &Path, folder: &Path) -> Result<String> {
             let violations = axe::violations(browser, &script)?;
             ensure!(violations.is_empty(), "accessibility, {scheme}:\n  {}", violations.join("\n  "));
         }
-        browser.appear(1280, 900, "light")?;
         accessible = "without violations of axe-core, light and dark";
     }
+    for scheme in ["light", "dark"].into_iter().filter(|_| is_pictured) {
+        for width in WIDTHS {
+            browser.appear(width, width * 10 / 16, scheme)?;
+            views::picture(browser, &folder.join("pictures"), "live", width, scheme)?;
+        }
+    }
+    browser.appear(1280, 900, "light")?;
     Ok(format!(
         "{} samples of {} frames decoded in the page, the lost frame of {LOST} samples counted; control, home and stop by keyboard; hidden, it gives up control; {accessible}",
         counts["samples"], counts["frames"]

@@ -10,6 +10,7 @@ mod endurance;
 mod figures;
 mod live;
 mod program;
+mod results;
 mod served;
 mod views;
 
@@ -27,6 +28,7 @@ Options:
   --test          run this test; without it the page is made and not tested
   --manual        in place of --test: make the page and put it beside the pages of the manual
   --session DIR   compare the results of this session too: may be given more than once
+  --program FILE  compare results and times with this program, as guide of a release build (default: that of the tests)
   --only NAME     run the checks whose names contain this
   --no-pictures   take no pictures
   --minutes N     watch the live view for so long, at the full rate of a device (default: not at all)
@@ -45,6 +47,11 @@ fn main() -> Result<ExitCode> {
                 let text = value()?;
                 options.minutes =
                     text.parse().with_context(|| format!("--minutes: {text}, expected a number"))?;
+            }
+            "--program" => {
+                let text = value()?;
+                let file = Path::new(&text).canonicalize();
+                options.program = Some(file.with_context(|| format!("--program: {text}: cannot read"))?);
             }
             "--only" => options.only = value()?,
             "--no-pictures" => options.no_pictures = true,

@@ -2,20 +2,51 @@
 
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
+use std::ffi::OsString;
 use std::path::Path;
 use std::process::Command;
+
+/// Units of processor times in `/proc`, as Linux has them on every machine.
+const TICKS_PER_S: f64 = 100.0;
 
 /// The document that `guide ... --json` prints, run in the folder that holds the session.
 ///
 /// # Errors
 /// Where it prints none.
 pub fn document(folder: &Path, arguments: &[&str]) -> Result<Value> {
-    let program = std::env::var_os("NEEDLE_GUIDE_PROGRAM")
-        .context("NEEDLE_GUIDE_PROGRAM: expected the program guide")?;
-    let output = Command::new(program).args(arguments).arg("--json").current_dir(folder).output()?;
+    printed(Command::new(tested()?), folder, arguments)
+}
+
+/// The same on one thread, by another program where it is given, and the processor time that it took, s.
+///
+/// # Errors
+/// Where there is no program. What the program reports is in the result.
+pub fn timed(folder: &Path, arguments: &[&str], program: Option<&Path>) -> Result<(Result<Value>, f64)> {
+    let mut command = Command::new(program.map_or_else(tested, |program| Ok(program.into()))?);
+    command.env("RAYON_NUM_THREADS", "1");
+    let before_s = children_s();
+    let document = printed(command, folder, arguments);
+    Ok((document, children_s() - before_s))
+}
+
+fn tested() -> Result<OsString> {
+    std::env::var_os("NEEDLE_GUIDE_PROGRAM").context("NEEDLE_GUIDE_PROGRAM: expected the program guide")
+}
+
+fn printed(mut program: Command, folder: &Path, arguments: &[&str]) -> Result<Value> {
+    let output = program.args(arguments).arg("--json").current_dir(folder).output()?;
     let error = String::from_utf8_lossy(&output.stderr);
     ensure!(!output.stdout.is_empty(), "guide {}: {}", arguments.join(" "), error.trim());
     Ok(serde_json::from_slice(&output.stdout)?)
+}
+
+/// Processor time of all programs that this one has run to their ends, s.
+fn children_s() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The name in brackets may have blanks; cutime and cstime are the 14th and 15th field behind it.
+    let fields = text.rsplit_once(')').map_or("", |(_, fields)| fields).split_whitespace();
+    let ticks: f64 = fields.skip(13).take(2).filter_map(|field| field.parse::<f64>().ok()).sum();
+    ticks / TICKS_PER_S
 }
 
 /// How far two documents are apart.

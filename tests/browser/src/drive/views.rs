@@ -9,12 +9,37 @@ use std::fs;
 use std::path::Path;
 
 const ENTER: &str = "\u{e007}";
+/// Pictures are no higher.
+const HIGHEST: f64 = 2600.0;
 const DOWN: &str = "\u{e015}";
 
 /// A document of the engine that the page carries, as text: the driver's own numbers have fewer digits.
 fn of_engine(browser: &Browser, script: &str, arguments: Value) -> Result<Value> {
     let text = browser.wait_for(&format!("return JSON.stringify(({script}).document);"), arguments)?;
     Ok(serde_json::from_str(text.as_str().unwrap_or_default())?)
+}
+
+/// Takes a picture of the whole view that is shown on a screen of this width.
+///
+/// # Errors
+/// Where it is wider than the screen, or the picture cannot be written.
+pub fn picture(browser: &Browser, folder: &Path, name: &str, width: u32, scheme: &str) -> Result<()> {
+    let number = |expression: &str| {
+        let value = browser.run(&format!("return Number({expression});"), json!([]))?;
+        value.as_f64().with_context(|| format!("{expression}: no number"))
+    };
+    // Figures are drawn for the width, bars and colours come to rest.
+    let rest =
+        |ms: u32| browser.wait_for("await new Promise((yes) => setTimeout(yes, arguments[0]));", json!([ms]));
+    rest(600)?;
+    let height = number("document.documentElement.scrollHeight")?.min(HIGHEST);
+    let wide = number("document.documentElement.scrollWidth")?;
+    ensure!(wide <= f64::from(width), "{name}: {wide} pixels wide on a screen of {width}");
+    browser.appear(width, height as u32, scheme)?;
+    rest(200)?;
+    fs::create_dir_all(folder)?;
+    fs::write(folder.join(format!("{name}-{scheme}-{width}.png")), browser.picture()?)?;
+    Ok(())
 }
 
 /// The plan of the example's rig equals that of the program; another depth is chosen by keyboard.
